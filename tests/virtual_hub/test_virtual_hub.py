@@ -272,7 +272,7 @@ def test_program_has_modules_and_file_name() -> None:
     virtual = VirtualHub(make_body(TWO_WHEELER))
     arm = HubModule("arm", "arm.py", "def reach():\n    return 42\n")
     source = "import arm\nfrom pybricks.tools import wait\nprint(arm.reach())\nwait(100)\n1 / 0\n"
-    virtual.start(HubProgram(source, 0, name="wave.py", beside=(arm,)))
+    virtual.start(HubProgram(source, 0, name="wave.py", modules=(arm,)))
     assert virtual.read(1.0) == b"42\r\n"
     with pytest.raises(HubProgramError, match=r"ZeroDivisionError.*at line 5 \(1 / 0\)"):
         virtual.read(1.0)

@@ -163,10 +163,10 @@ def check_opencv() -> Answer:
 def check_bluetooth() -> Answer:
     """Check that hubs can be scanned for; on Linux also why not."""
     from bricksrl.hub.errors import BluetoothUnavailableError
-    from bricksrl.hub.transports.bluetooth import lack_of_bluetooth
+    from bricksrl.hub.transports.bluetooth import bluetooth_problem
     from bricksrl.hub.transports.scan import scan
 
-    fault = lack_of_bluetooth()
+    fault = bluetooth_problem()
     if fault is not None:
         return Outcome.WARNING, f"{fault[1]}; {_WITHOUT_ROBOT}"
     try:

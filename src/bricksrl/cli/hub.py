@@ -117,7 +117,7 @@ class Run:
             signal.signal(signal.SIGINT, previous_handler)
 
     def _run(self) -> int:
-        from bricksrl.hub.program.user_program import own_program, read_program
+        from bricksrl.hub.program.user_program import load_program, read_program
         from bricksrl.hub.transports.address import parse_hub
 
         address = parse_hub(self.hub)
@@ -147,7 +147,7 @@ class Run:
             )
         from bricksrl.hub.program.run import run_program
 
-        program = own_program(self.file)
+        program = load_program(self.file)
         source = None if stdin is None else stdin.buffer
         transport = address.transport()
         try:

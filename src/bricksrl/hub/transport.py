@@ -36,7 +36,7 @@ class HubProgram:
         source: source of the main file.
         hash: hash of the whole program, which its HELLO frame carries.
         pipe, name: channel for its input and output; name of its file in tracebacks.
-        beside: modules that it imports.
+        modules: modules that it imports.
         says_hello: whether it begins with a HELLO frame, by which a transport recognises it on the hub.
     """
 
@@ -44,7 +44,7 @@ class HubProgram:
     hash: int
     pipe: Pipe = Pipe.STDIN
     name: str = MAIN_FILE
-    beside: tuple[HubModule, ...] = ()
+    modules: tuple[HubModule, ...] = ()
     says_hello: bool = True
 
 

@@ -80,7 +80,7 @@ def completed(robot: Robot) -> tuple[tuple[Motor, ...], tuple[Sensor, ...], Driv
 
 
 def hub_sides(design: PlannedRobot) -> tuple[str, ...]:
-    """Where the top and the front of the plan's hub look; empty if it has none, or one at an angle."""
+    """Directions of the top and the front of the plan's hub; empty if it has none, or one at an angle."""
     for hub in design.plan.devices(DeviceKind.HUB):
         axes = (TO_TWIN @ hub.rotation @ np.array(side) for side in ((0.0, -1.0, 0.0), (0.0, 0.0, 1.0)))
         return tuple(name for axis in axes for name, look in LOOKS.items() if float(axis @ np.array(look)) > _ALIGNED_COSINE)

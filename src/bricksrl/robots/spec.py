@@ -348,11 +348,11 @@ class Robot:
 
     def motor(self, name: str) -> Motor:
         """The motor of that name. Raises DescriptionError if the robot has no such motor."""
-        return _by_name(self, "motor", self.motors, name)
+        return _find_device(self, "motor", self.motors, name)
 
     def sensor(self, name: str) -> Sensor:
         """The sensor of that name. Raises DescriptionError if the robot has no such sensor."""
-        return _by_name(self, "sensor", self.sensors, name)
+        return _find_device(self, "sensor", self.sensors, name)
 
 
 def _check_port(name: str, port: object) -> None:
@@ -365,7 +365,7 @@ def _check_name(name: str) -> None:
         raise DescriptionError(f"'{name}' is not a name; use letters, digits and underscores, not starting with a digit")
 
 
-def _by_name(robot: Robot, kind: str, devices: tuple[_Device, ...], name: str) -> _Device:
+def _find_device(robot: Robot, kind: str, devices: tuple[_Device, ...], name: str) -> _Device:
     for device in devices:
         if device.name == name:
             return device

@@ -90,7 +90,7 @@ class BenchBody:
         self._time_ms = 0
 
     def reset(self, rng: np.random.Generator) -> None:
-        """Does nothing."""
+        """No effect."""
 
     def advance_to(self, time_ms: int) -> None:
         friction_unm = _FRICTION_UNM * self.motor_friction_scale

@@ -54,7 +54,7 @@ class Body(Protocol):
         """Rotation about the vertical since the start, clockwise positive, not wrapped."""
 
     def rotation_deg(self) -> tuple[float, float, float]:
-        """Angular velocity in the hub's frame, summed up since the start."""
+        """Angular velocity in the hub's frame, integrated since the start."""
 
 
 @runtime_checkable

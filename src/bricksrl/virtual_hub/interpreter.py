@@ -10,7 +10,7 @@ from typing import Any
 from bricksrl.hub.transport import HubModule
 from bricksrl.virtual_hub.console import Console
 from bricksrl.virtual_hub.micropython.builtins import builtin_names
-from bricksrl.virtual_hub.micropython.compiler import compiled
+from bricksrl.virtual_hub.micropython.compiler import compile_source
 from bricksrl.virtual_hub.micropython.errors import class_name, reword
 from bricksrl.virtual_hub.micropython.text import uncaught_text
 
@@ -51,7 +51,7 @@ def execute(source: str, filename: str, modules: dict[str, ModuleType], console:
         SyntaxError: the hub's compiler refuses the program.
         OverflowError: a constant needs more than 31 bits.
     """
-    code = compiled(source, filename)
+    code = compile_source(source, filename)
     importable = modules if isinstance(modules, Modules) else Modules(modules)
     main = ModuleType("__main__")
     namespace = main.__dict__
@@ -67,7 +67,7 @@ def execute(source: str, filename: str, modules: dict[str, ModuleType], console:
                 raise ImportError(f"no module named '{name}'")
             importable[name] = ModuleType(name)
             importable[name].__dict__.update(__builtins__=namespace["__builtins__"])
-            exec(compiled(own_module.source, own_module.file), importable[name].__dict__)
+            exec(compile_source(own_module.source, own_module.file), importable[name].__dict__)
         return importable[name]
 
     hooks = importable.tick, importable.branch

@@ -13,7 +13,7 @@ from typing import BinaryIO, TextIO
 
 from bricksrl.errors import TwinError
 from bricksrl.hub.program.syntax import parse
-from bricksrl.hub.program.user_program import check_time_limit, folder_with_module, module_beside, own_program, read_program
+from bricksrl.hub.program.user_program import check_time_limit, folder_with_module, load_program, module_beside, read_program
 from bricksrl.hub.transport import HubProgram
 from bricksrl.robots import HubKind
 from bricksrl.virtual_hub.body import Body
@@ -136,7 +136,7 @@ def run_file(
 
 def _machine(body: Body | None, operation: Operation, path: Path, report: Callable[[str], object]) -> Machine:
     if body is None:
-        kind = _imported_hub(own_program(path))
+        kind = _imported_hub(load_program(path))
         bench = FittedBench(kind, operation.readings, operation.end_stops, report)
         return Machine(bench, Panel(kind, operation.presses, near=WIRELESS))
     if operation.readings or operation.end_stops:
@@ -147,7 +147,7 @@ def _machine(body: Body | None, operation: Operation, path: Path, report: Callab
 def _imported_hub(program: HubProgram) -> HubKind:
     """The kind of hub that a program imports; Prime by default."""
     classes = {kind.model.class_name: kind for kind in HubKind} | {"InventorHub": HubKind.PRIME}
-    for source in (program.source, *(module.source for module in program.beside)):
+    for source in (program.source, *(module.source for module in program.modules)):
         try:
             tree = parse(source)
         except (SyntaxError, ValueError):

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 MAX_WRITE_BYTES = 20
 _LONGEST_RUN_DOWN_MS = 1000
 _AT_REST_MDEG = 50  # for one piece: some 3 degrees a second
-HAND_MS = 1000
+PLACEMENT_MS = 1000
 """Duration of placing a robot: longer than the hub's watchdog."""
 
 
@@ -194,7 +194,7 @@ class VirtualHub:
 
         This takes longer than the hub's watchdog timeout.
         """
-        self.run_on_until(self.machine.time_ms + HAND_MS)
+        self.run_on_until(self.machine.time_ms + PLACEMENT_MS)
         self.body.reset(rng)
 
     # ---- between host and program
@@ -257,7 +257,7 @@ class VirtualHub:
     def _run(self, program: HubProgram) -> None:
         """Body of the greenlet."""
         importable = modules(self.machine, self._wire)
-        importable.find_module = {module.name: module for module in program.beside}.get
+        importable.find_module = {module.name: module for module in program.modules}.get
         try:
             interpreter.execute(program.source, program.name, importable, self._wire)
         except (SystemExit, SwitchedOff, _Stopped):

@@ -39,7 +39,7 @@ def test_missing_hub_compiler_raises(monkeypatch: pytest.MonkeyPatch, tmp_path: 
 
 def test_blob_has_program_and_modules() -> None:
     modules = compile_program(
-        HubProgram("import arm.hand\n", 0, name="wave.py", beside=(HubModule("arm.hand", "arm/hand.py", "x = 1\n"),))
+        HubProgram("import arm.hand\n", 0, name="wave.py", modules=(HubModule("arm.hand", "arm/hand.py", "x = 1\n"),))
     )
     main, hand = compile_mpy("import arm.hand\n", "wave.py"), compile_mpy("x = 1\n", "arm/hand.py")
     expected = struct.pack("<I", len(main)) + b"__main__\0" + main + struct.pack("<I", len(hand)) + b"arm.hand\0" + hand

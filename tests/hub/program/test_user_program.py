@@ -18,7 +18,7 @@ from bricksrl.errors import ProgramError
 from bricksrl.hub.errors import HubDisconnectedError
 from bricksrl.hub.program.compile import compile_program, program_blob
 from bricksrl.hub.program.run import Transcript, run_program
-from bricksrl.hub.program.user_program import own_program
+from bricksrl.hub.program.user_program import load_program
 from bricksrl.hub.transports.address import HubAddress
 from bricksrl.robots import HubKind, Motor, Robot
 
@@ -54,8 +54,8 @@ def unpacked(blob: bytes) -> dict[str, bytes]:
 def test_program_modules_match_pybricksdev(folder: Path) -> None:
     from pybricksdev.compile import compile_multi_file
 
-    program = own_program(folder / "main.py")
-    assert [module.name for module in program.beside] == ["parts.arm", "leg", "tools"]
+    program = load_program(folder / "main.py")
+    assert [module.name for module in program.modules] == ["parts.arm", "leg", "tools"]
     blob = program_blob(compile_program(program), HubKind.PRIME)
     assert unpacked(blob) == unpacked(asyncio.run(compile_multi_file(str(folder / "main.py"), (6, 1))))
     assert blob.index(b"__main__") == 4
@@ -64,18 +64,18 @@ def test_program_modules_match_pybricksdev(folder: Path) -> None:
 def test_circular_imports_terminate(tmp_path: Path) -> None:
     (tmp_path / "main.py").write_text("import other\n")
     (tmp_path / "other.py").write_text("import main, other\n")
-    assert [module.name for module in own_program(tmp_path / "main.py").beside] == ["other", "main"]
+    assert [module.name for module in load_program(tmp_path / "main.py").modules] == ["other", "main"]
 
 
 def test_unreadable_or_invalid_files_raise(folder: Path) -> None:
     with pytest.raises(ProgramError, match="cannot read the program"):
-        own_program(folder / "none.py")
+        load_program(folder / "none.py")
     (folder / "leg.py").write_bytes(b"\xff\xfe")
     with pytest.raises(ProgramError, match=r"leg\.py' is not a text file"):
-        own_program(folder / "main.py")
+        load_program(folder / "main.py")
     (folder / "leg.py").write_text("kick = = 2\n")
     with pytest.raises(ProgramError, match=r"^leg\.py, line 1: SyntaxError"):
-        compile_program(own_program(folder / "main.py"))
+        compile_program(load_program(folder / "main.py"))
 
 
 HEAD = "Traceback (most recent call last):\r\n"
@@ -106,7 +106,7 @@ def test_firmware_messages_are_distinguished(data: st.DataObject, written: str, 
     transcript, left = Transcript(stdout, stderr), written.encode()
     while left:
         size = data.draw(st.integers(1, len(left)))
-        transcript.take(left[:size])
+        transcript.feed(left[:size])
         left = left[size:]
     assert transcript.end() == code
     assert stdout.getvalue().decode() == out.replace("\r\n", "\n")
@@ -115,14 +115,14 @@ def test_firmware_messages_are_distinguished(data: st.DataObject, written: str, 
 
 def test_prompt_is_shown_immediately() -> None:
     stdout = io.BytesIO()
-    Transcript(stdout, io.StringIO()).take(b"a\r\nTicket: ")
+    Transcript(stdout, io.StringIO()).feed(b"a\r\nTicket: ")
     assert stdout.getvalue() == b"a\nTicket: "
 
 
 def run(world: World, path: Path, stdin: bytes | None = None, time_limit_s: float | None = None) -> tuple[int, str, str]:
-    program = own_program(path)
+    program = load_program(path)
     world.hub.files[program.name] = program.source
-    world.hub.files.update({module.file: module.source for module in program.beside})
+    world.hub.files.update({module.file: module.source for module in program.modules})
     transport = world.transport()
     transport.open()
     out, err = io.BytesIO(), io.StringIO()
@@ -176,7 +176,7 @@ def test_user_program_reads_input(world: World, folder: Path) -> None:
 
 def test_closed_input_is_empty(world: World, folder: Path) -> None:
     (folder / "main.py").write_text("print('runs')\n")
-    program = own_program(folder / "main.py")
+    program = load_program(folder / "main.py")
     world.hub.files[program.name] = program.source
     closed, out = io.BytesIO(), io.BytesIO()
     closed.close()
@@ -200,7 +200,7 @@ def test_lost_link_raises(world: World, folder: Path) -> None:
             world.hub.reboot()
             return super().write(data)
 
-    program = own_program(folder / "main.py")
+    program = load_program(folder / "main.py")
     world.hub.files[program.name] = program.source
     transport = world.transport()
     transport.open()

@@ -70,4 +70,4 @@ def test_other_systems_pass_message(monkeypatch: pytest.MonkeyPatch, told: Bleak
 def test_other_systems_have_their_own_remedies(monkeypatch: pytest.MonkeyPatch, platform: str, says: str) -> None:
     assert says in bluetooth.remedy(platform)
     monkeypatch.setattr("sys.platform", platform)
-    assert bluetooth.lack_of_bluetooth() is None
+    assert bluetooth.bluetooth_problem() is None

@@ -23,9 +23,9 @@ def test_read_returns_available_output_or_times_out() -> None:
     assert output.read(0.0) == b""
     output.put(b"ab")
     output.put(b"cd")
-    assert output.holds(b"bc") and not output.holds(b"x")
+    assert output.contains(b"bc") and not output.contains(b"x")
     assert output.read(0.0) == b"abcd"
-    assert not output.holds(b"bc")
+    assert not output.contains(b"bc")
 
 
 def test_reader_wakes_on_output() -> None:

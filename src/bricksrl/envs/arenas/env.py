@@ -15,9 +15,9 @@ from bricksrl.envs.arenas.task import ArenaState, ArenaTask
 from bricksrl.envs.connection import Reconnect
 from bricksrl.envs.options import PicklableEnv
 from bricksrl.errors import BricksError, HubError, StoppedError
-from bricksrl.hub.link.together import TeamLink
+from bricksrl.hub.link.team import TeamLink
 from bricksrl.twin.arena import ArenaWorld
-from bricksrl.virtual_hub.transport import HAND_MS, VirtualHub
+from bricksrl.virtual_hub.transport import PLACEMENT_MS, VirtualHub
 
 if TYPE_CHECKING:
     from bricksrl.hub.link.reading import Reading
@@ -103,7 +103,7 @@ class ArenaEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
             link.open()
         now_ms = max(hub.machine.time_ms for hub in self._hubs)
         for hub in self._hubs:  # placing the robots by hand takes time
-            hub.run_on_until(now_ms + HAND_MS)
+            hub.run_on_until(now_ms + PLACEMENT_MS)
         world.place(self._place_rng)
         self._angles = torch.tensor(np.stack([self._wheels(link.read()) for link in self._links]))
         self._state = ArenaState(self._poses(), torch.zeros(len(self._links), 2))

@@ -145,7 +145,7 @@ class HubLink:
         return self._exchange(self._next_frame(values), self._longest_move_s, self._known_move_s)
 
     def _next_frame(self, values: Sequence[float] | NDArray[np.floating]) -> bytes:
-        """Frame of the next commands. Raises the errors of `act` for which nothing is sent."""
+        """Frame of the next commands. Raises the errors of `act` that come before anything is sent."""
         payload = self.wire.encode_actions(values)
         self._require_open()
         self._seq = next_seq(self._seq)

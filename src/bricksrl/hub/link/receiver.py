@@ -73,8 +73,8 @@ class Listener:
             if isinstance(frame, ControlFrame) and frame.kind == Up.BYE:
                 raise bye_error(frame)
 
-    def timeout_error(self, what: str, waited_s: float) -> HubTimeoutError:
+    def timeout_error(self, problem: str, waited_s: float) -> HubTimeoutError:
         """Error for a timeout, with the last line that the program printed."""
         printed = self._decoder.text.strip().splitlines()
         last_line = f" (it printed: {printed[-1]})" if printed else ""
-        return HubTimeoutError(f"{what} within {waited_s:g} s{last_line}; check that it is on and near, then call open()")
+        return HubTimeoutError(f"{problem} within {waited_s:g} s{last_line}; check that it is on and near, then call open()")

@@ -27,16 +27,16 @@ def compile_mpy(source: str, name: str = MAIN_FILE) -> bytes:
         lines = [line.strip() for line in process.stderr.decode("utf-8", "replace").splitlines() if line.strip()]
         numbers = re.findall(r'File "<stdin>", line (\d+)', "\n".join(lines))
         where = f"{name}, line {numbers[-1]}" if numbers else name
-        what = lines[-1] if lines else f"mpy-cross ended with status {process.returncode}"
-        raise ProgramError(f"{where}: {what}; correct the program")
+        problem = lines[-1] if lines else f"mpy-cross ended with status {process.returncode}"
+        raise ProgramError(f"{where}: {problem}; correct the program")
     return mpy
 
 
 def compile_program(program: HubProgram) -> dict[str, bytes]:
     """Compile a program and the modules beside it to ``.mpy``, by their names on the hub. Raises ProgramError if one of them is
     not MicroPython, or the compiler could not be run."""
-    beside = {module.name: compile_mpy(module.source, module.file) for module in program.beside}
-    return {MAIN_MODULE: compile_mpy(program.source, program.name), **beside}
+    modules = {module.name: compile_mpy(module.source, module.file) for module in program.modules}
+    return {MAIN_MODULE: compile_mpy(program.source, program.name), **modules}
 
 
 def program_blob(modules: Mapping[str, bytes], hub: HubKind) -> bytes:

@@ -34,7 +34,7 @@ def run_program(
 
     Args:
         transport: transport to the hub.
-        program: from :func:`~bricksrl.hub.program.user_program.own_program`.
+        program: from :func:`~bricksrl.hub.program.user_program.load_program`.
         stdout: receives the program's output as it comes.
         stderr: receives the traceback, or the message that the program was stopped.
         stdin: input of the program; read in a thread, and passed on as the hub accepts it.
@@ -62,7 +62,7 @@ def run_program(
                     transport.write(data)
                 except HubBusyError:
                     reader.put_back(data)  # the program is not reading at present
-            transcript.take(transport.read(_READ_S if reader is None else _READ_BESIDE_INPUT_S))
+            transcript.feed(transport.read(_READ_S if reader is None else _READ_BESIDE_INPUT_S))
     except ProgramStoppedError:
         return transcript.end()
 
@@ -106,11 +106,11 @@ class Transcript:
         self._line = b""
         self._pending: list[str] = []
 
-    def take(self, data: bytes) -> None:
-        """Take further output of the hub."""
+    def feed(self, data: bytes) -> None:
+        """Process further output of the hub."""
         *lines, self._line = (self._line + data).replace(b"\r\n", b"\n").split(b"\n")
         for line in lines:
-            self._take_line(line)
+            self._feed_line(line)
         partial = self._line.removesuffix(b"\r")  # the "\n" of a line end may follow
         if not self._pending and not any(line.startswith(partial) for line in _CLOSING_LINES):
             self._print(partial)
@@ -125,7 +125,7 @@ class Transcript:
             self._stderr.write(f"{line}\n")
         return int(_TRACEBACK_HEAD in self._pending)
 
-    def _take_line(self, line: bytes) -> None:
+    def _feed_line(self, line: bytes) -> None:
         text = line.decode("utf-8", "replace")
         if self._pending and not self._continues_traceback(text):
             self._print_pending()

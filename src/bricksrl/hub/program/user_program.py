@@ -47,20 +47,20 @@ def folder_with_module(path: Path, name: str) -> Path | None:
     return next((folder for folder in above if module_beside(folder / path.name, name)), None)
 
 
-def own_program(path: Path) -> HubProgram:
+def load_program(path: Path) -> HubProgram:
     """A program for a hub, with all modules beside it that it may import. Raises ProgramError if a file cannot be read."""
     main = read_program(path)
-    beside: dict[str, HubModule] = {}
+    modules: dict[str, HubModule] = {}
     sources = [main]
     while sources:
         for name in _imported(sources.pop()):
-            module = None if name in beside else module_beside(path, name)
+            module = None if name in modules else module_beside(path, name)
             if module is not None:
-                beside[name] = module
+                modules[name] = module
                 sources.append(module.source)
-    text = "\0".join([main, *(f"{module.name}\0{module.source}" for module in beside.values())])
+    text = "\0".join([main, *(f"{module.name}\0{module.source}" for module in modules.values())])
     number = int.from_bytes(hashlib.sha256(text.encode()).digest()[:4], "little")
-    return HubProgram(main, number, name=path.name, beside=tuple(beside.values()), says_hello=False)
+    return HubProgram(main, number, name=path.name, modules=tuple(modules.values()), says_hello=False)
 
 
 def _imported(source: str) -> Iterator[str]:

@@ -82,8 +82,8 @@ class BlePort:
         with self._errors():
             await self._opened().start_notify(profile.COMMAND_EVENT_UUID, on_notification)
 
-    async def write(self, command: bytes, what: str) -> None:
-        with bleak_errors(what, HubDisconnectedError):
+    async def write(self, command: bytes, operation: str) -> None:
+        with bleak_errors(operation, HubDisconnectedError):
             await self._opened().write_gatt_char(profile.COMMAND_EVENT_UUID, command, response=True)
 
     async def close(self) -> None:

@@ -34,7 +34,7 @@ _REMEDIES = {
 }
 
 
-def lack_of_bluetooth() -> tuple[Reason, str] | None:
+def bluetooth_problem() -> tuple[Reason, str] | None:
     """Reason why Bluetooth is unavailable on Linux: adapter, switch or service. ``None`` if none is found."""
     if sys.platform != "linux":
         return None
@@ -55,10 +55,10 @@ def remedy(platform: str = sys.platform) -> str:
 
 
 @contextmanager
-def bleak_errors(what: str, otherwise: type[HubError]) -> Iterator[None]:
-    """Translate bleak's errors while it does ``what`` (e.g. ``"connect to the hub"``) into our errors.
+def bleak_errors(operation: str, default_error: type[HubError]) -> Iterator[None]:
+    """Translate bleak's errors during ``operation`` (e.g. ``"connect to the hub"``) into our errors.
 
-    ``otherwise`` is the type for errors that bleak does not specify further.
+    ``default_error`` is the type for errors that bleak does not specify further.
     """
     from bleak.exc import BleakBluetoothNotAvailableError, BleakDeviceNotFoundError, BleakError, BleakGATTProtocolError
 
@@ -67,24 +67,24 @@ def bleak_errors(what: str, otherwise: type[HubError]) -> Iterator[None]:
     except HubError:
         raise
     except BleakGATTProtocolError as error:
-        raise refusal(what, int(error.code)) from error
+        raise refusal(operation, int(error.code)) from error
     except BleakBluetoothNotAvailableError as error:
-        raise no_bluetooth(what, error) from error
+        raise no_bluetooth(operation, error) from error
     except BleakDeviceNotFoundError as error:
-        raise HubNotFoundError(f"could not {what}: it is not in reach any more; {_HUB_REMEDY}") from error
+        raise HubNotFoundError(f"could not {operation}: it is not in reach any more; {_HUB_REMEDY}") from error
     except TimeoutError as error:
-        raise HubTimeoutError(f"could not {what} in time; {_HUB_REMEDY}") from error
+        raise HubTimeoutError(f"could not {operation} in time; {_HUB_REMEDY}") from error
     except (BleakError, OSError, EOFError) as error:
-        if otherwise is BluetoothUnavailableError:
-            raise no_bluetooth(what, error) from error
-        raise otherwise(f"could not {what} ({_one_line(error)}); {_HUB_REMEDY}") from error
+        if default_error is BluetoothUnavailableError:
+            raise no_bluetooth(operation, error) from error
+        raise default_error(f"could not {operation} ({_one_line(error)}); {_HUB_REMEDY}") from error
 
 
-def no_bluetooth(what: str, error: BaseException) -> BluetoothUnavailableError:
+def no_bluetooth(operation: str, error: BaseException) -> BluetoothUnavailableError:
     """Error with the reason found on this computer, or else with bleak's."""
     name = getattr(getattr(error, "reason", None), "name", "")
-    reason, why = lack_of_bluetooth() or (_REASONS.get(name, Reason.UNKNOWN), f"{_one_line(error)}; {remedy()}")
-    return BluetoothUnavailableError(f"could not {what}: {why}", reason)
+    reason, why = bluetooth_problem() or (_REASONS.get(name, Reason.UNKNOWN), f"{_one_line(error)}; {remedy()}")
+    return BluetoothUnavailableError(f"could not {operation}: {why}", reason)
 
 
 def _text(path: Path) -> str:

@@ -77,16 +77,16 @@ class Framer:
         messages = []
         *ended, rest = data.split(bytes((END,)))
         for part in ended:
-            self._take(part)
+            self._append(part)
             message = self._message()
             if message:
                 messages.append(message)
             self._buffer.clear()
             self._is_too_long = False
-        self._take(rest)
+        self._append(rest)
         return messages
 
-    def _take(self, part: bytes) -> None:
+    def _append(self, part: bytes) -> None:
         self._is_too_long = self._is_too_long or len(self._buffer) + len(part) > self._longest_bytes
         if not self._is_too_long:
             self._buffer += part

@@ -49,8 +49,8 @@ class Port(Protocol):
     async def subscribe(self) -> None:
         """Subscribe to the hub's events."""
 
-    async def write(self, command: bytes, what: str) -> None:
-        """Write a command and wait for its acknowledgement; ``what`` describes it in error messages."""
+    async def write(self, command: bytes, operation: str) -> None:
+        """Write a command and wait for its acknowledgement; ``operation`` describes it in error messages."""
 
     async def close(self) -> None:
         """Disconnect."""
@@ -144,7 +144,7 @@ class HubConnection:
         except Exception as error:  # noqa: BLE001  a backend may raise anything; the hub notices by itself
             _log.debug("disconnecting from the hub: %s", error)
 
-    async def command(self, data: bytes, what: str) -> None:
+    async def command(self, data: bytes, operation: str) -> None:
         """Write a command; retry while the hub is busy.
 
         Raises:
@@ -158,7 +158,7 @@ class HubConnection:
         pause_s = _BUSY_PAUSE_S
         while True:
             try:
-                await self._write(data, what)
+                await self._write(data, operation)
             except HubBusyError:
                 if loop.time() + pause_s > deadline_s:
                     raise
@@ -219,8 +219,8 @@ class HubConnection:
 
     async def wait_for_output(self, data: bytes, timeout_s: float) -> bool:
         """True if the program writes these bytes in time; they remain in the buffer."""
-        await self._wait_for(lambda: self.output.holds(data) or not self.is_running, timeout_s)
-        return self.output.holds(data)
+        await self._wait_for(lambda: self.output.contains(data) or not self.is_running, timeout_s)
+        return self.output.contains(data)
 
     async def _identify(self) -> HubIdentity:
         version = profile.parse_version(await self._port.read(profile.PROFILE_VERSION_UUID))
@@ -235,20 +235,20 @@ class HubConnection:
             capabilities=profile.parse_capabilities(await self._port.read(profile.CAPABILITIES_UUID)),
         )
 
-    async def _write(self, data: bytes, what: str) -> None:
+    async def _write(self, data: bytes, operation: str) -> None:
         try:
             async with asyncio.timeout(self._answer_timeout_s) as timeout, self._write_lock:
                 self._check_connected()
                 self._write_timeout = timeout
                 try:
-                    await self._port.write(data, what)
+                    await self._port.write(data, operation)
                 finally:
                     self._write_timeout = None
         except TimeoutError:
             self._check_connected()
             self._lose("it did not acknowledge a command")
             raise HubTimeoutError(
-                f"could not {what}: the hub did not acknowledge it within {self._answer_timeout_s:g} s; open the link again"
+                f"could not {operation}: the hub did not acknowledge it within {self._answer_timeout_s:g} s; open the link again"
             ) from None
 
     async def _wait_for(self, condition: Callable[[], bool], timeout_s: float) -> bool:

@@ -23,26 +23,26 @@ class EventLoopThread:
         self._thread = threading.Thread(target=self._serve, name=name, daemon=True)
         self._thread.start()
 
-    def run(self, coroutine: Coroutine[Any, Any, _T], timeout_s: float, what: str) -> _T:
+    def run(self, coroutine: Coroutine[Any, Any, _T], timeout_s: float, operation: str) -> _T:
         """Run a coroutine and return its result; it is cancelled after ``timeout_s``.
 
         Raises:
-            HubTimeoutError: it took longer; ``what`` describes it in the message.
+            HubTimeoutError: it took longer; ``operation`` describes it in the message.
             HubError: the loop is closed.
         """
         try:
             future = asyncio.run_coroutine_threadsafe(coroutine, self._loop)
         except RuntimeError:
             coroutine.close()
-            raise HubError(f"could not {what}: the link is closed; open it again") from None
+            raise HubError(f"could not {operation}: the link is closed; open it again") from None
         try:
             return future.result(timeout_s)
         except concurrent.futures.CancelledError:
-            raise HubError(f"could not {what}: the link was closed meanwhile; open it again") from None
+            raise HubError(f"could not {operation}: the link was closed meanwhile; open it again") from None
         except concurrent.futures.TimeoutError:
             if future.done():
                 raise
-            raise HubTimeoutError(f"could not {what} within {timeout_s:g} s; switch the hub off and on") from None
+            raise HubTimeoutError(f"could not {operation} within {timeout_s:g} s; switch the hub off and on") from None
         finally:
             future.cancel()
 

@@ -225,11 +225,11 @@ def download(blob: bytes, max_write_bytes: int) -> Iterator[bytes]:
     yield _DATA_HEAD.pack(Command.WRITE_USER_PROGRAM_META, len(blob))
 
 
-def refusal(what: str, code: int) -> HubError:
-    """Error for a refused command ``what``, from its error code."""
+def refusal(operation: str, code: int) -> HubError:
+    """Error for a refused command ``operation``, from its error code."""
     if code == CommandError.BUSY:
-        return HubBusyError(f"could not {what}: the hub is busy; stop its program, or wait until it reads its input")
+        return HubBusyError(f"could not {operation}: the hub is busy; stop its program, or wait until it reads its input")
     name = CommandError(code).name.lower().replace("_", " ") if code in set(CommandError) else "unknown"
     return HubRefusedError(
-        f"could not {what}: the hub refused it (error 0x{code:02x}, {name}); update its firmware on code.pybricks.com"
+        f"could not {operation}: the hub refused it (error 0x{code:02x}, {name}); update its firmware on code.pybricks.com"
     )

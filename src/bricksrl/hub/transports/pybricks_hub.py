@@ -197,7 +197,7 @@ class ProfileTransport(ABC):
         blob = program_blob(modules, kind)
         if connection.is_running:
             await connection.stop_program()
-        if program.says_hello and self._record.get(location) == program.hash and await _start_present(connection, program):
+        if program.says_hello and self._record.get(location) == program.hash and await _start_stored_program(connection, program):
             return
         self._record.set(location, None)
         await connection.download(blob)
@@ -224,7 +224,7 @@ class ProfileTransport(ABC):
         return self._connection
 
 
-async def _start_present(connection: HubConnection, program: HubProgram) -> bool:
+async def _start_stored_program(connection: HubConnection, program: HubProgram) -> bool:
     """Start the program that is on the hub; True if it is the expected one, else it is stopped again."""
     hello = control_frame(Up.HELLO, hello_payload(program.hash))
     try:

@@ -40,7 +40,7 @@ class Output:
             self._end, self._reason = kind, reason
             self._changed.notify_all()
 
-    def holds(self, data: bytes) -> bool:
+    def contains(self, data: bytes) -> bool:
         """True if the unread output contains these bytes."""
         with self._changed:
             return data in self._data

@@ -157,13 +157,13 @@ class UsbPort:
     async def subscribe(self) -> None:
         await self._send(bytes((_SUBSCRIBE, 1)))
 
-    async def write(self, command: bytes, what: str) -> None:
+    async def write(self, command: bytes, operation: str) -> None:
         self._tag = (self._tag + 1) % 256
         self._response = self._loop.create_future()
         await self._send(bytes((_COMMAND, self._tag)) + command)
         code = await self._response
         if code:
-            raise refusal(what, code)
+            raise refusal(operation, code)
 
     async def close(self) -> None:
         serial, self._serial = self._serial, None
@@ -193,7 +193,7 @@ class UsbPort:
             except (OSError, TypeError, ValueError):  # the port is gone, or is being closed
                 break
             for message in self._framer.feed(data):
-                self._call_in_loop(self._take, message)
+                self._call_in_loop(self._handle, message)
         if not self._is_closing.is_set():
             self._call_in_loop(self._on_loss, reason)
 
@@ -201,7 +201,7 @@ class UsbPort:
         with contextlib.suppress(RuntimeError):  # the event loop has ended
             self._loop.call_soon_threadsafe(call, *arguments)
 
-    def _take(self, message: bytes) -> None:
+    def _handle(self, message: bytes) -> None:
         """Handle one message, in the event loop's thread; truncated ones are dropped."""
         kind, body = message[0], message[1:]
         if kind == _EVENT:
@@ -224,7 +224,7 @@ def _open_serial(device: str) -> SerialPort:
 
 
 @contextlib.contextmanager
-def _serial_errors(what: str) -> Iterator[None]:
+def _serial_errors(operation: str) -> Iterator[None]:
     """Translate pyserial's errors into ours."""
     try:
         yield
@@ -232,6 +232,6 @@ def _serial_errors(what: str) -> Iterator[None]:
         why = " ".join(str(error).split())
         if error.errno in (errno.EACCES, errno.EPERM):
             remedy = "allow it: on Linux, join the group dialout and log in again"
-            raise UsbUnavailableError(f"could not {what} ({why}); {remedy}", Reason.DENIED) from error
+            raise UsbUnavailableError(f"could not {operation} ({why}); {remedy}", Reason.DENIED) from error
         remedy = "plug the hub in, switch it on, and close other programs that use it"
-        raise HubDisconnectedError(f"could not {what} ({why}); {remedy}") from error
+        raise HubDisconnectedError(f"could not {operation} ({why}); {remedy}") from error

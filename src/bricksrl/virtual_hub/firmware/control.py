@@ -9,7 +9,7 @@ from math import trunc
 from bricksrl.virtual_hub.firmware import trajectory as trajectories
 from bricksrl.virtual_hub.firmware.integrators import LOOPS_PER_S, PositionIntegrator, SpeedIntegrator
 from bricksrl.virtual_hub.firmware.logger import Logger
-from bricksrl.virtual_hub.firmware.settings import ControlSettings, multiply_by_gain, wrapped
+from bricksrl.virtual_hub.firmware.settings import ControlSettings, multiply_by_gain, to_int32
 from bricksrl.virtual_hub.firmware.trajectory import FOREVER_MS, Command, Reference, Trajectory
 
 _FOREVER = FOREVER_MS * 10
@@ -296,7 +296,7 @@ class Controller:
         if target_error > far:
             return max(piecewise, low)
         # This product overflows 32 bits in the firmware, which goes on with the wrapped value.
-        product = wrapped(s.kp * (100 - s.kp_low_pct) * (far - target_error))
+        product = to_int32(s.kp * (100 - s.kp_low_pct) * (far - target_error))
         return max(piecewise, low + trunc(trunc(product / (far - near)) / 100))
 
     def _is_winding_up(self, proportional: int, speed: int, reference_speed: int, acceleration: int) -> bool:

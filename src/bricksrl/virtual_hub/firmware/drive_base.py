@@ -99,7 +99,7 @@ class DriveBaseControl:
         self.heading.start_position(time, state, settings.position_from_unit(target), 0, then)
 
     def _turn(self, start: Callable[[int, State], None], then: OnCompletion) -> None:
-        """Turn in place and hold the distance as long, even if coming to a stop takes longer."""
+        """Turn in place and hold the distance for the same time, even if stopping takes longer."""
         distance, heading, time = *self._begin(), self._clock.time_ticks
         self.distance.start_relative(time, distance, 0, 0, then, allow_shift=False)
         start(time, heading)

@@ -52,7 +52,7 @@ class Heading:
         return self._scaled(rates) if calibrated else rates
 
     def rotation_deg(self, *, calibrated: bool) -> _Vector:
-        """Angular velocity in the frame of the hub, summed up."""
+        """Angular velocity in the frame of the hub, integrated over time."""
         x, y, z = map(add, self._scaled(self._body.rotation_deg()), self._rotation_deg)
         scale_x, scale_y, scale_z = (360.0, 360.0, 360.0) if calibrated else self._gyro_deg
         return x * scale_x / 360.0, y * scale_y / 360.0, z * scale_z / 360.0
@@ -63,7 +63,7 @@ class Heading:
         return self._body.heading_deg() * scale + self._yaw_deg
 
     def calibrate(self, gyro_deg: _Vector) -> None:
-        """Set the reading of the gyroscope for a whole turn about each axis of the hub; what was summed up stays."""
+        """Set the reading of the gyroscope for a whole turn about each axis of the hub; earlier rotation stays."""
         yaw_deg, rotation_deg = self.yaw_deg(), self.rotation_deg(calibrated=True)
         self._gyro_deg = gyro_deg
         self._yaw_deg += yaw_deg - self.yaw_deg()

@@ -126,7 +126,7 @@ def multiply_by_gain(value: int, gain: int) -> int:
     return trunc(gain * value / 1000)
 
 
-def wrapped(value: int) -> int:
+def to_int32(value: int) -> int:
     """The value wrapped to a signed 32-bit integer."""
     return (value + 2**31) % 2**32 - 2**31
 

@@ -41,7 +41,7 @@ _HIDDEN_SPECIAL = frozenset(
 _FIRST_ARGUMENT = frozenset(["errno", "value"])
 """Attributes of all exceptions on a hub, not only ``OSError`` and ``StopIteration``."""
 _CLASS_ATTRIBUTES = ("__module__", "__qualname__")
-"""Attributes of a program's classes, the second without the places where they are."""
+"""Attributes of a program's classes; the second is the name without its enclosing scopes."""
 _FIRMWARE = "bricksrl."
 HIDDEN_NAMES = frozenset(["__class__", "__init__"]).union(_FIRST_ARGUMENT, *_HIDDEN.values(), _HIDDEN_SPECIAL)
 

@@ -14,7 +14,7 @@ from bricksrl.virtual_hub.console import Console
 from bricksrl.virtual_hub.micropython.attributes import HIDDEN_NAMES, directory, store_attribute, visible_attribute, with_keywords
 from bricksrl.virtual_hub.micropython.byte_array import HubBytearray
 from bricksrl.virtual_hub.micropython.classes import HubSuper, build_class
-from bricksrl.virtual_hub.micropython.compiler import compiled
+from bricksrl.virtual_hub.micropython.compiler import compile_source
 from bricksrl.virtual_hub.micropython.containers import HubDict, HubSet
 from bricksrl.virtual_hub.micropython.errors import EXCEPTIONS, HubOSError
 from bricksrl.virtual_hub.micropython.hash_table import hash_of
@@ -211,10 +211,10 @@ def _program_functions() -> dict[str, Any]:
         return source if isinstance(source, str) else bytes(source).decode()
 
     def eval_(source: Any, globals: dict[str, Any] | None = None, locals: Any = None) -> Any:
-        return run(compiled(decoded(source).strip(), "<string>", "eval"), globals, locals)
+        return run(compile_source(decoded(source).strip(), "<string>", "eval"), globals, locals)
 
     def exec_(source: Any, globals: dict[str, Any] | None = None, locals: Any = None) -> None:
-        run(compiled(decoded(source), "<string>"), globals, locals)
+        run(compile_source(decoded(source), "<string>"), globals, locals)
 
     def globals_() -> dict[str, Any]:
         return sys._getframe(1).f_globals

@@ -16,7 +16,7 @@ from bricksrl.virtual_hub.micropython.transform import transform
 
 
 @functools.lru_cache(maxsize=64)
-def compiled(source: str, filename: str, mode: str = "exec") -> CodeType:
+def compile_source(source: str, filename: str, mode: str = "exec") -> CodeType:
     """Code of a program, or of an expression (``mode="eval"``). Raises SyntaxError if the hub's compiler refuses it,
     OverflowError if a constant needs more than 31 bits."""
     _check_with_hub_compiler(source, filename)

@@ -184,5 +184,5 @@ _COPIES: dict[type, Callable[[Any], Any]] = {
     tuple: lambda v: tuple(tuple.__iter__(v)),
     HubDict: HubDict.copy,
     HubSet: HubSet.copy,
-}  # of an object of a class that a program made of them, whatever it has overridden
+}  # for objects of a program's subclasses, regardless of overridden methods
 _PRIVATE = (type, FunctionType, ModuleType)

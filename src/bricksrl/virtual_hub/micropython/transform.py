@@ -62,16 +62,16 @@ def _call(name: str, *args: ast.expr, at: ast.AST) -> ast.Call:
     return ast.copy_location(ast.Call(ast.Name(name, ast.Load()), list(args), []), at)
 
 
-def _folded(node: ast.expr) -> int | None:
+def _fold(node: ast.expr) -> int | None:
     """Constant folded by the hub's compiler, or ``None``; it runs on a PC, so only the result has to fit 31 bits."""
     if isinstance(node, ast.Constant):
         return node.value if type(node.value) is int else None
     if isinstance(node, ast.UnaryOp) and type(node.op) in _SIGNS:
-        value = _folded(node.operand)
+        value = _fold(node.operand)
         return None if value is None else int(_SIGNS[type(node.op)](value))
     if not isinstance(node, ast.BinOp) or type(node.op) not in _FOLDED:
         return None
-    kind, left, right = type(node.op), _folded(node.left), _folded(node.right)
+    kind, left, right = type(node.op), _fold(node.left), _fold(node.right)
     if left is None or right is None:
         return None
     if (kind in (ast.FloorDiv, ast.Mod) and right == 0) or (kind in (ast.Pow, ast.LShift, ast.RShift) and right < 0):
@@ -82,7 +82,7 @@ def _folded(node: ast.expr) -> int | None:
 
 
 def _constant(node: ast.expr) -> ast.expr:
-    """The 5 of ``const(5)``, which is for the hub's compiler and no name."""
+    """The argument of ``const(5)``, a directive to the hub's compiler; other nodes unchanged."""
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "const" and node.args:
         return node.args[0]
     return node
@@ -97,14 +97,14 @@ class _Transformer(ast.NodeTransformer):
         return node
 
     def visit_UnaryOp(self, node: ast.UnaryOp) -> ast.expr:
-        folded = _folded(node)
+        folded = _fold(node)
         if folded is not None:
             return self.visit_Constant(ast.copy_location(ast.Constant(folded), node))
         self.generic_visit(node)
         return node
 
     def visit_BinOp(self, node: ast.BinOp) -> ast.expr:
-        folded = _folded(node)
+        folded = _fold(node)
         if folded is not None:
             return self.visit_Constant(ast.copy_location(ast.Constant(folded), node))
         self.generic_visit(node)
@@ -117,7 +117,7 @@ class _Transformer(ast.NodeTransformer):
 
     def visit_Expr(self, node: ast.Expr) -> ast.AST:
         """The hub's compiler drops a number that stands alone, even a large one."""
-        if isinstance(node.value, ast.BinOp) and _folded(node.value) is not None:
+        if isinstance(node.value, ast.BinOp) and _fold(node.value) is not None:
             return ast.copy_location(ast.Pass(), node)
         self.generic_visit(node)
         return node
@@ -149,7 +149,7 @@ class _Transformer(ast.NodeTransformer):
 
     @staticmethod
     def _store_statement(node: ast.Assign) -> ast.stmt:
-        """``owner.name = value``; the owner may not accept attributes."""
+        """Statement for ``owner.name = value``, which fails if the owner accepts no attributes."""
         if len(node.targets) > 1 or not isinstance(node.targets[0], ast.Attribute):
             return node
         target = node.targets[0]

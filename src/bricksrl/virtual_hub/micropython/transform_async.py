@@ -39,7 +39,7 @@ _HELPERS = {"ANY": "@any", "ATTRIBUTE": "@attr"}
 def async_for(node: ast.AsyncFor) -> list[ast.stmt]:
     """Statements of an ``async for`` with transformed parts."""
     parts = {"VALUE": node.iter, "TARGET": node.target}
-    return _filled(_FOR, node, parts, {"BODY": node.body, "ELSE": node.orelse})
+    return _fill(_FOR, node, parts, {"BODY": node.body, "ELSE": node.orelse})
 
 
 def async_with(node: ast.AsyncWith) -> list[ast.stmt]:
@@ -47,11 +47,11 @@ def async_with(node: ast.AsyncWith) -> list[ast.stmt]:
     body = node.body
     for item in reversed(node.items):
         target = item.optional_vars or ast.Name("@unused", ast.Store())
-        body = _filled(_WITH, item.context_expr, {"VALUE": item.context_expr, "TARGET": target}, {"BODY": body})
+        body = _fill(_WITH, item.context_expr, {"VALUE": item.context_expr, "TARGET": target}, {"BODY": body})
     return body
 
 
-def _filled(
+def _fill(
     template: str, at: ast.expr | ast.stmt, parts: dict[str, ast.expr], blocks: dict[str, list[ast.stmt]]
 ) -> list[ast.stmt]:
     tree = ast.parse(template)

@@ -32,7 +32,7 @@ def acceleration_pair(value: Any, up: int, down: int) -> tuple[int, int]:
 
 
 def magnitude(value: Any, default: int) -> int:
-    """A size; ``None`` keeps the default."""
+    """Absolute value; ``None`` keeps the default."""
     return default if value is None else abs(get_int(value))
 
 

@@ -48,7 +48,7 @@ class DataType(enum.IntEnum):
 
 
 class Plug:
-    """A device on a port, and what it senses."""
+    """Device on a port, and its stimuli."""
 
     def __init__(self, machine: Machine, port: str) -> None:
         self.machine = machine

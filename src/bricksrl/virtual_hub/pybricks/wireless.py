@@ -86,7 +86,7 @@ class Wireless:
 
 
 class _Part:
-    """A part of a device."""
+    """Part of a device."""
 
     def __init__(self, device: Wireless) -> None:
         self._device = device
@@ -244,7 +244,7 @@ def _stick(down: frozenset[str], side: str, limit: int) -> tuple[int, int]:
 
 
 def _dpad(down: frozenset[str]) -> int:
-    """0 for nothing, 1 for up, and on clockwise."""
+    """Direction of the pad: 0 for none, 1 for up, then clockwise."""
     x, y = ("right" in down) - ("left" in down), ("up" in down) - ("down" in down)
     return {(0, 1): 1, (1, 1): 2, (1, 0): 3, (1, -1): 4, (0, -1): 5, (-1, -1): 6, (-1, 0): 7, (-1, 1): 8}.get((x, y), 0)
 
