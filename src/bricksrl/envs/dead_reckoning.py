@@ -84,7 +84,7 @@ class Target:
 def wheels(robot: Robot, interface: Interface) -> tuple[int, int]:
     """Indices of the left and the right wheel's angle among the channels. Raises DescriptionError if the robot has no drive base,
     or the angles are not observed."""
-    base, indices = robot.drive_base, interface.angle_places
+    base, indices = robot.drive_base, interface.angle_indices
     if base is None or not {base.left, base.right} <= set(indices):
         raise DescriptionError(
             f"robot '{robot.name}' cannot tell where its target is; give it a drive base and observe the MotorAngle of each wheel"

@@ -55,7 +55,7 @@ class SonarOdometer:
     """
 
     def __init__(self, interface: Interface) -> None:
-        self._column = interface.distance_place
+        self._column = interface.distance_index
         self._last_mm = Distance.FARTHEST_MM
 
     def start(self, _time_s: float) -> None:

@@ -71,7 +71,7 @@ class SimulatedEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
             raise DescriptionError(f"{task.id} cannot be simulated; kinematics obey at once, so there are no last commands")
         if task.camera is not None:
             raise DescriptionError(f"{task.id} cannot be simulated; kinematics have no picture for its camera")
-        angle_index = task.interface.angle_places
+        angle_index = task.interface.angle_indices
         turns = [command for command in commands if isinstance(command, RunAngle)]
         if len(turns) < len(commands) or {turn.motor for turn in turns} != set(angle_index):
             raise DescriptionError(f"{task.id} cannot be simulated; every motor needs a RunAngle command and an angle channel")
@@ -207,7 +207,7 @@ def _time_s(task: Task, kinematics: Kinematics) -> float | None:
     if kinematics.motion == "instant":
         return None
     interface = task.interface
-    wraps = all(interface.channels[place].wraps for place in interface.angle_places.values())
+    wraps = all(interface.channels[index].wraps for index in interface.angle_indices.values())
     if interface.settle.fixed_ms is None or not wraps:
         raise DescriptionError(
             f"{task.id} cannot be simulated with the firmware's motion; it needs a Wait, and motors without ends"

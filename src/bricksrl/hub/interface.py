@@ -332,11 +332,11 @@ class Interface:
     settle: Wait | UntilDone
 
     @property
-    def angle_places(self) -> dict[str, int]:
+    def angle_indices(self) -> dict[str, int]:
         """Index of each motor's angle among the channels, by motor name."""
         return {channel.motor: index for index, channel in enumerate(self.channels) if isinstance(channel, MotorAngle)}
 
     @property
-    def distance_place(self) -> int | None:
+    def distance_index(self) -> int | None:
         """Index of the first distance among the channels; ``None`` if there is none."""
         return next((index for index, channel in enumerate(self.channels) if isinstance(channel, Distance)), None)

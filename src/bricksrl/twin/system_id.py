@@ -221,8 +221,8 @@ def _bounds(name: str) -> Vector:
 
 def _scene(log: RunLog) -> Scene | None:
     """Scene with a wall at the distance that the robot measured at the start, if any."""
-    place = log.interface.distance_place
-    distance_mm = 0.0 if place is None else float(log.channels[0, place])
+    index = log.interface.distance_index
+    distance_mm = 0.0 if index is None else float(log.channels[0, index])
     is_wall = UltrasonicSensor.NEAREST_MM < distance_mm < UltrasonicSensor.FARTHEST_MM
     return Scene(wall_distance_mm=(distance_mm, distance_mm)) if is_wall else None
 

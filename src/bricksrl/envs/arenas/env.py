@@ -164,7 +164,7 @@ class ArenaEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
 
     def _wheels(self, reading: Reading) -> np.ndarray[Any, np.dtype[np.float32]]:
         """Angles of the left and the right wheel."""
-        indices = self.task.interfaces[0].angle_places
+        indices = self.task.interfaces[0].angle_indices
         return np.asarray([reading.values[indices[name]] for name in ("left", "right")], dtype=np.float32)
 
     def _poses(self) -> torch.Tensor:

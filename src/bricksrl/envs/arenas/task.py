@@ -76,7 +76,7 @@ class ArenaTask:
         if sorted(name for group in self.groups.values() for name in group) != sorted(names):
             raise DescriptionError(f"task {self.id}: each of {', '.join(names)} belongs to one group; name it there once")
         for interface in self.interfaces:
-            if len(interface.commands) != 2 or set(interface.angle_places) != {"left", "right"}:
+            if len(interface.commands) != 2 or set(interface.angle_indices) != {"left", "right"}:
                 raise DescriptionError(f"task {self.id}: each robot commands two wheels and reads the angles of both")
 
     @property

@@ -168,7 +168,7 @@ def check_imu(robot: Robot, result: Survey) -> Iterator[Finding]:
 
 def check_angles(robot: Robot, interface: Interface, values: NDArray[np.float32]) -> Iterator[Finding]:
     """Angle check: joints are within their ranges in the reading ``values [n_channels]``."""
-    for name, index in interface.angle_places.items():
+    for name, index in interface.angle_indices.items():
         range_deg = robot.motor(name).range_deg
         if range_deg is None:
             continue
@@ -238,5 +238,5 @@ def _check_move(link: HubLink, robot: Robot, interface: Interface, index: int, i
 
 def _angle(interface: Interface, values: NDArray[np.float32], motor: Motor) -> float | None:
     """Angle of a motor, if it is observed."""
-    index = interface.angle_places.get(motor.name)
+    index = interface.angle_indices.get(motor.name)
     return None if index is None else float(values[index])
