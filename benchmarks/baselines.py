@@ -44,9 +44,9 @@ def episode(env: Any, policy: Callable[[TensorDictBase], Tensor]) -> tuple[float
         done = bool(stepped["done"])
         state = stepped.exclude("reward")
     seen = torch.stack(observations)
-    judged = env.judged(seen) if hasattr(env, "judged") else seen
+    observed = env.task_observations(seen) if hasattr(env, "task_observations") else seen
     walk = env.walk_metrics() if hasattr(env, "walk_metrics") else {}
-    return total, bool(env.task.success(judged)), walk
+    return total, bool(env.task.success(observed)), walk
 
 
 def measure(env_id: str, policy: Callable[[TensorDictBase], Tensor], episodes: int) -> dict[str, Any]:

@@ -62,10 +62,10 @@ def episode(env: HubEnv, controller: Any) -> dict[str, float]:
         if bool(after["done"]):
             break
         state = step_mdp(state)
-    judged = env.judged(torch.stack(observations))
-    measures = {"return": total, **{name: float(value) for name, value in env.task.metrics(judged).items()}, **env.walk_metrics()}
+    seen = env.task_observations(torch.stack(observations))
+    measures = {"return": total, **{name: float(value) for name, value in env.task.metrics(seen).items()}, **env.walk_metrics()}
     if env.task.success is not None:
-        measures["success"] = float(env.task.success(judged))
+        measures["success"] = float(env.task.success(seen))
     return measures
 
 
