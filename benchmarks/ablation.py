@@ -1,10 +1,10 @@
-"""Where the default settings come from: each taken back by itself to what the paper trained with.
+"""Ablation of the default settings: each set back, one at a time, to the paper's value.
 
     python benchmarks/ablation.py
 
 An agent trains in a simulation with the default preset, with the paper's, and with the default one in which a single setting is
-the paper's, for `STEPS` robot steps in all. Means over the seeds of ``EVALUATED_EPISODES`` deterministic episodes, with 95 %
-bootstrap intervals over the seeds; the same seeds for each. What was found earlier about others stays in the file.
+the paper's, for `STEPS` robot steps in total. Means over the seeds of ``EVALUATED_EPISODES`` deterministic episodes, with 95 %
+bootstrap intervals over the seeds; all variants use the same seeds. Earlier results of other agents stay in the file.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def run(env: str, agent: str, settings: Settings, seed: int, steps: int) -> tupl
 
 
 def summary(outcomes: list[tuple[float, float | None]]) -> dict[str, Any]:
-    """Over the seeds."""
+    """Summary over the seeds."""
     from bricksrl.evaluation.statistics import mean, stratified_bootstrap_interval
 
     returns, successes = [value for value, _ in outcomes], [success for _, success in outcomes if success is not None]
@@ -80,7 +80,7 @@ def main() -> None:
     parser.add_argument("--envs", nargs="+", default=list(STEPS), choices=list(STEPS))
     parser.add_argument("--agent", default="sac", choices=AGENTS)
     parser.add_argument("--seeds", type=int, default=5)
-    parser.add_argument("--only", nargs="+", help="these of the variants")
+    parser.add_argument("--only", nargs="+", help="variants to train")
     parser.add_argument("--steps", type=int, help="robot steps, in place of those of each environment")
     parser.add_argument("--processes", type=int, default=os.cpu_count())
     args = parser.parse_args()

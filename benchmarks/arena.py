@@ -1,11 +1,11 @@
-"""Arena: a catcher that has learned, against a random and a scripted runner, and a film of it.
+"""Arena: trained catchers against a random and a scripted runner, and a film of one.
 
     python benchmarks/arena.py --seeds 5 --film docs/images/tag.mp4
 
-Each catcher learns Tag-v0 in the kinematic simulation, half of whose copies have the scripted runner and half the random one (who
-has learned with one of them alone does not catch the other), and is then evaluated in the arena itself: two
-virtual hubs in one MuJoCo world, some episodes a seed against each runner, whose starts differ from those of the training. The
-script of the catcher and a random one are measured beside it. The result keeps the agents that are not measured again.
+Each catcher learns Tag-v0 in the kinematic simulation, half of whose copies have the scripted runner and half the random one (a
+catcher trained against only one of them does not catch the other). It is then evaluated in the arena itself, two virtual hubs in
+one MuJoCo world, in some episodes per seed against each runner, with other starts than in training. The scripted and a random
+catcher are measured too. Agents that are not measured again stay in the file.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ EVALUATION_SEED = 7000
 
 
 def rate(played: list[TeamEpisode], *, seeds: int) -> dict[str, Any]:
-    """The share of episodes that the catcher has won, with its Wilson interval from five seeds on, and their mean length."""
+    """Share of episodes that the catcher won, with its Wilson interval from five seeds on, and their mean length."""
     successes = [episode.success for episode in played]
     result: dict[str, Any] = {"won": sum(successes), "episodes": len(successes)}
     result["rate"] = round(sum(successes) / len(successes), 3)
@@ -45,7 +45,7 @@ def rate(played: list[TeamEpisode], *, seeds: int) -> dict[str, Any]:
 
 
 def train_and_play(agent: str, seed: int, episodes: int, path: Path) -> dict[str, Any]:
-    """A catcher that learns, is kept in ``path``, and plays against each runner."""
+    """Train a catcher, save it to ``path``, and play against each runner."""
     started_s = time.process_time()
     config = TeamConfig(ENV, {"catcher": agent}, {"runner": ",".join(RUNNERS)}, FRAMES_OF[agent], COPIES, seed)
     train_team(config, SETTINGS[agent]).save(path)
@@ -60,14 +60,14 @@ def train_and_play(agent: str, seed: int, episodes: int, path: Path) -> dict[str
 
 
 def summary(runs: list[dict[str, Any]]) -> dict[str, Any]:
-    """All seeds of an algorithm together."""
+    """Summary of all seeds of an algorithm."""
     played = {runner: [episode for run in runs for episode in run["played"][runner]] for runner in RUNNERS}
     rates = {f"against_{runner}": rate(episodes, seeds=len(runs)) for runner, episodes in played.items()}
     return {"seeds": len(runs), "training_cpu_s": [run["training_cpu_s"] for run in runs], **rates}
 
 
 def scripts(episodes: int) -> dict[str, Any]:
-    """The catcher's script, and a random catcher, against each runner."""
+    """Rates of the scripted and of a random catcher against each runner."""
     env = make_arena(ENV)
     rates: dict[str, Any] = {}
     for catcher in ("chase", "random"):

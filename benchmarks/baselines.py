@@ -1,9 +1,9 @@
-"""Random actions and controllers written by hand on every environment, beside what the paper measured on its robots.
+"""Random actions and hand-written controllers in every environment, next to the paper's measurements on its robots.
 
     python benchmarks/baselines.py
 
-One process, one thread. The paper's numbers are means and standard deviations over five episodes on LEGO's robots (its tables 2
-and 3); those of its simulations come from the same robots.
+One process, one thread. The paper's numbers are means and standard deviations over five episodes on LEGO robots (its tables 2
+and 3); those of its simulations are from the same robots.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ SEED = 2000
 
 
 def episode(env: Any, policy: Callable[[TensorDictBase], Tensor]) -> tuple[float, bool, dict[str, float]]:
-    """Return, success and the way walked."""
+    """Return, success and walk metrics of an episode."""
     state, total, observations = env.reset(), 0.0, []
     done = False
     while not done:
@@ -44,13 +44,13 @@ def episode(env: Any, policy: Callable[[TensorDictBase], Tensor]) -> tuple[float
         done = bool(stepped["done"])
         state = stepped.exclude("reward")
     seen = torch.stack(observations)
-    judged = env.judged(seen) if hasattr(env, "judged") else seen
+    observed = env.task_observations(seen) if hasattr(env, "task_observations") else seen
     walk = env.walk_metrics() if hasattr(env, "walk_metrics") else {}
-    return total, bool(env.task.success(judged)), walk
+    return total, bool(env.task.success(observed)), walk
 
 
 def measure(env_id: str, policy: Callable[[TensorDictBase], Tensor], episodes: int) -> dict[str, Any]:
-    """So many episodes, each from a seed of its own."""
+    """Results over episodes, each with its own seed."""
     env = bricksrl.make(env_id, seed=SEED)
     torch.manual_seed(SEED)
     runs = []
@@ -76,7 +76,7 @@ def measure(env_id: str, policy: Callable[[TensorDictBase], Tensor], episodes: i
 
 
 def paper_of(env_id: str) -> dict[str, Any] | None:
-    """What random actions did on LEGO's robot."""
+    """The paper's results of random actions on the robot."""
     if env_id not in RETURNS or env_id.endswith("Sim-v0"):
         return None
     success = {"random_success": SUCCESS[env_id]["random"]} if env_id in SUCCESS else {}

@@ -1,10 +1,10 @@
-"""How fast agents learn to bring the ball to the disc that only the camera shows: success against episodes, steps and time.
+"""Learning speed in the camera task: success over episodes, steps and time.
 
     python benchmarks/camera_learning.py --seeds 5
     python benchmarks/camera_learning.py --preset paper --marks 100 250 --seeds 3
 
-Episodes of random actions at the start count. Each agent trains in one process on one thread, pauses at each mark, and is
-evaluated there on ``EVALUATED_EPISODES`` deterministic episodes. Medians and ranges over the seeds; times are those of training.
+Initial episodes of random actions are included. Each agent trains in one process on one thread, pauses at each mark, and is
+evaluated there on ``EVALUATED_EPISODES`` deterministic episodes. Medians and ranges over the seeds; times are training times.
 """
 
 from __future__ import annotations

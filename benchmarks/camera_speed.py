@@ -1,8 +1,8 @@
-"""How fast the camera task is, drawn with OpenGL and by rays, on one core, and what its replay and its learning cost.
+"""Speed of the camera task on one core, rendered with OpenGL and by ray casting, and cost of its replay and its learning.
 
     python benchmarks/camera_speed.py
 
-Random actions, several runs; the median counts. Needs a minute. MUJOCO_GL chooses what draws.
+Random actions; medians over several runs. Takes a minute. MUJOCO_GL selects the OpenGL library.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ REPLAY_STEPS, EPISODE_STEPS = 7500, 30
 
 
 def steps_per_second(env: HubEnv) -> tuple[float, float]:
-    """Of a wall clock, and of this process's time; resets included."""
+    """Steps per second of wall time and of CPU time, resets included."""
     state = env.reset()
     started_s, cpu_s = time.perf_counter(), time.process_time()
     for _ in range(STEPS):
@@ -44,7 +44,7 @@ def steps_per_second(env: HubEnv) -> tuple[float, float]:
 
 
 def cpu_ms(work: Callable[[], Any], repeats: int = REPEATS) -> float:
-    """Milliseconds of this process's time that it takes."""
+    """CPU milliseconds of a call."""
     work()
     started_s = time.process_time()
     for _ in range(repeats):
@@ -53,7 +53,7 @@ def cpu_ms(work: Callable[[], Any], repeats: int = REPEATS) -> float:
 
 
 def moving(env: HubEnv) -> Callable[[], None]:
-    """Moves the arm a little, so that no picture is the one before."""
+    """Function that moves the arm a little, so that all images differ."""
     assert env.twin is not None
     body, angle = env.twin.body, env.twin.body.model.jnt_qposadr[0]  # type: ignore[attr-defined]
 
@@ -64,7 +64,7 @@ def moving(env: HubEnv) -> Callable[[], None]:
 
 
 def speed() -> dict[str, Any]:
-    """Steps a second, and what it costs to draw a frame and to see the ball and the goal in it."""
+    """Steps per second, and the cost of rendering a frame and of finding the ball in it."""
     env = bricksrl.make(ENV, seed=0)
     assert isinstance(env, HubEnv)
     steps_per_second(env)  # the first run warms up
@@ -87,12 +87,12 @@ def speed() -> dict[str, Any]:
 
 
 def unavailable(*_args: Any, **_kwargs: Any) -> None:
-    """In place of OpenGL."""
-    raise RenderingUnavailableError("left away to measure without")
+    """Replacement for OpenGL's renderer."""
+    raise RenderingUnavailableError("omitted to measure without")
 
 
 def learning(name: str) -> dict[str, float]:
-    """What one update and one action of SAC cost, and the memory of a replay buffer of the paper's run."""
+    """Cost of an update and an action of SAC, and the size of a replay buffer of the paper's run."""
     env = bricksrl.make(ENV, seed=0)
     learner = make_learner("sac", env, preset(name, "sac", images=True))
     generator = torch.Generator().manual_seed(0)

@@ -1,7 +1,7 @@
-"""Who updates the same networks: our agents, the same agents written with TorchRL's losses, Stable-Baselines3, and SBX.
+"""Agents whose updates are compared: ours, the same ones written with TorchRL's losses, Stable-Baselines3, and SBX.
 
 Each function makes ``UPDATES`` updates of one agent: two layers of 256, batches of 256, an observation of 8 numbers and an action
-of 4, out of a replay buffer of its own with 10,000 random transitions.
+of 4, from its own replay buffer with 10,000 random transitions.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ Update = Callable[[], object]
 
 
 def bare_environment() -> Any:
-    """An environment that says only what there is to observe and to do."""
+    """An environment with specs only."""
     from torchrl.data import Bounded, Composite, Unbounded
     from torchrl.envs import EnvBase
 
     class Bare(EnvBase):  # type: ignore[misc]
-        """Specs alone: nothing is ever stepped."""
+        """Specs only; never stepped."""
 
         def __init__(self) -> None:
             super().__init__(batch_size=())
@@ -49,7 +49,7 @@ def bare_environment() -> Any:
 
 
 def learner_of(agent: str, **changes: Any) -> Any:
-    """Our learner with the paper's settings but for networks and batch, full of random transitions."""
+    """Our learner with the paper's settings except for networks and batch, filled with random transitions."""
     import torch
 
     from bricksrl.agents import make_learner, preset
@@ -83,11 +83,11 @@ def ours_compiled(agent: str) -> Update:
 
 
 def torchrl(agent: str, *, tuned: bool = False) -> Update:
-    """The agent as TorchRL's own examples have it: its loss on each batch, Adam, soft targets.
+    """The agent as in TorchRL's examples: its loss on each batch, Adam, soft targets.
 
     Args:
-        tuned: as somebody writes it who knows TorchRL: no vmap, fused Adam, one backward pass, and nothing of the actor's in
-            updates without it.
+        tuned: optimised: no vmap, fused Adam, one backward pass, and no computation of the actor's loss in updates without
+            the actor.
     """
     import torch
 
@@ -102,7 +102,7 @@ def torchrl(agent: str, *, tuned: bool = False) -> Update:
 
 
 def torchrl_tuned(agent: str) -> Update:
-    """TorchRL's losses at their fastest."""
+    """The agent with TorchRL's losses, optimised."""
     return torchrl(agent, tuned=True)
 
 
@@ -171,14 +171,14 @@ def stored() -> TensorDictReplayBuffer:
 
 
 def spec() -> Any:
-    """Of the actions."""
+    """Spec of the actions."""
     from torchrl.data import Bounded
 
     return Bounded(-1.0, 1.0, (ACTION,))
 
 
 def _torchrl_sac(norm: dict[str, Any], *, count: int, delay: int, tuned: bool) -> Update:
-    """SAC, or DroQ and REDQ where the actor learns in every ``delay``-th update."""
+    """SAC, or DroQ and REDQ with an actor that learns in every ``delay``-th update."""
     import torch
     from torchrl.objectives import SACLoss, SoftUpdate
 
@@ -285,7 +285,7 @@ def _baseline(algorithm: Any, options: dict[str, Any], policy: dict[str, Any]) -
     from stable_baselines3.common.logger import configure
 
     class Still(gymnasium.Env[Any, Any]):
-        """Says only what there is to observe and to do."""
+        """Spaces only; never stepped."""
 
         observation_space = Box(-1.0, 1.0, (OBSERVATION,), np.float32)
         action_space = Box(-1.0, 1.0, (ACTION,), np.float32)
@@ -308,4 +308,4 @@ CONTESTANTS: dict[str, tuple[Callable[[str], Update], tuple[str, ...]]] = {
     "sb3": (sb3, ("sac", "td3")),
     "sbx": (sbx, ("sac", "td3", "droq", "crossq")),
 }
-"""Each with the agents that it has."""
+"""Functions by name, with their agents."""

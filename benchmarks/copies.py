@@ -1,10 +1,10 @@
-"""Learning from many simulated copies at once: CPU seconds until the best actions are worth a goal on WalkerSim-v0.
+"""Learning from many simulated copies: CPU seconds until the deterministic policy reaches a return on WalkerSim-v0.
 
     python benchmarks/copies.py [--seeds 5] [--limit 120]
 
-PPO with 4,096 copies to -12, SAC with 256 copies to -10.5, one thread, each run in a process of its own, start-up included. After
-each round (as many steps of all copies as an episode has) the policy is evaluated on deterministic episodes, and the time of that
-counts too. A run that does not get there within ``--limit`` CPU seconds counts as that.
+PPO with 4,096 copies to -12, SAC with 256 copies to -10.5, one thread, each run in its own process, start-up included. After
+each round (as many steps of all copies as an episode has) the policy is evaluated on deterministic episodes, which is included in
+the time. A run that does not reach the return within ``--limit`` CPU seconds counts with this limit.
 """
 
 from __future__ import annotations

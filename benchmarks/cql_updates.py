@@ -1,10 +1,10 @@
-"""What an update of CQL costs: ours, with the gradient at drawn actions and at all of them, against TorchRL's ``CQLLoss``.
+"""Cost of a CQL update: ours, with the gradient at drawn actions and at all of them, and TorchRL's ``CQLLoss``.
 
     python benchmarks/cql_updates.py
 
 The paper's settings (10 sampled actions of each kind, networks of two layers of 256, batches of 256), an observation of 8 numbers
-and an action of 4, one thread. All take turns for ``ROUNDS`` rounds in one process; medians of the CPU time, and of each round's
-ratio, count.
+and an action of 4, one thread. All take turns for ``ROUNDS`` rounds in one process; medians of the CPU time and of the ratio in
+each round.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ def measure(update: Update) -> float:
 
 
 def ours(drawn_actions: int) -> Update:
-    """``UPDATES`` updates in one call."""
+    """``UPDATES`` updates of ours in one call."""
     learner = learner_of("cql", drawn_actions=drawn_actions, imitation_updates=0)
     return lambda: learner.make_updates(UPDATES)
 
 
 def torchrl() -> Update:
-    """The same with TorchRL's loss, without vmap and with fused Adam."""
+    """``UPDATES`` updates with TorchRL's loss, without vmap and with fused Adam."""
     actor = gaussian_policy(nn.Identity(), mlp(OBSERVATION, 2 * ACTION, HIDDEN), spec())
     loss = CQLLoss(
         actor,

@@ -1,10 +1,10 @@
-"""The datasets of the paper, made anew on the twins, and their table beside the paper's.
+"""The paper's datasets, recorded on the virtual robots, and their table next to the paper's.
 
     python benchmarks/datasets.py --out runs/datasets
 
 For each of the four tasks a SAC agent is trained, and two datasets are recorded: of the trained agent (expert) and of random
-actions, ``--episodes`` each. They lie in ``<out>/<task>-expert`` and ``<out>/<task>-random``, the runs in ``<out>/<task>-sac``;
-what is there already is not made again. Tasks run beside each other, one a core.
+actions, ``--episodes`` each. They are in ``<out>/<task>-expert`` and ``<out>/<task>-random``, the runs in ``<out>/<task>-sac``;
+existing ones are kept. Tasks run in parallel, one per core.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ SEED = 0
 
 
 def make(env_id: str, out: Path, episodes: int, trained: int) -> dict[str, Any]:
-    """Train, record both, and count."""
+    """Train, record both datasets, and summarise them."""
     from bricksrl.data.summary import summarise
     from bricksrl.training import TrainConfig, train
 
@@ -50,7 +50,7 @@ def make(env_id: str, out: Path, episodes: int, trained: int) -> dict[str, Any]:
 
 
 def record(env_id: str, path: Path, run: Path | None, episodes: int) -> None:
-    """A dataset of a run's agent, or of random actions; it gets its name when it is whole."""
+    """Record a dataset of a run's agent, or of random actions; it is renamed to ``path`` when it is complete."""
     import bricksrl
     from bricksrl.data import Recorder, describe
     from bricksrl.data.collect import collect, random_policy
@@ -72,7 +72,7 @@ def _job(job: tuple[str, Path, int, int]) -> tuple[str, dict[str, Any]]:
 
 
 def table(results: dict[str, dict[str, Any]]) -> list[str]:
-    """The paper's table and ours, a line a task."""
+    """The paper's table and ours, a line per task."""
     lines = [f"{'task':13}{'mean reward':>24}{'expert transitions':>22}{'random transitions':>22}{'random reward':>15}"]
     for env_id, result in results.items():
         paper = DATASETS[env_id]

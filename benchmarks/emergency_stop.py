@@ -1,11 +1,11 @@
-"""How long the motors go on after an emergency stop, over Bluetooth played by Bumble at several connection intervals.
+"""Time until the motors stop after an emergency stop, over Bluetooth simulated by Bumble at several connection intervals.
 
     python benchmarks/emergency_stop.py
 
-Two moments: in the middle of a step, when the computer waits for the answer and sends a sign of life now and then; and any
-moment of steps that follow each other at once, where a write always waits for its acknowledgement: Bluetooth lets no other
-write pass it, so that the stop comes with the third connection event at the latest. The events are counted too, since a loaded
-machine wakes its threads late. Needs the packages of the extra ``dev``.
+Two moments: in the middle of a step, when the computer waits for the answer and only sends keepalives; and any moment of short
+steps in close succession, where a write always waits for its acknowledgement. Bluetooth lets no other write overtake it, so the
+stop arrives with the third connection event at the latest. Events are counted too, since a loaded machine wakes its threads late.
+Needs the packages of the extra ``dev``.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from bricksrl.hub.link.lockstep import HubLink
 INTERVALS_MS = (7.5, 15.0, 30.0, 45.0)
 TRIALS = 30
 MOMENTS = {"in the middle of a step": 3000, "at any moment of short steps": 10}
-"""Milliseconds that a step takes."""
+"""Duration of a step in milliseconds."""
 
 
 def interface(step_ms: int) -> Interface:

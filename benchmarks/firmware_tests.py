@@ -1,12 +1,12 @@
-"""Programs with their expected output through the virtual hub, for instance the tests of the firmware.
+"""Programs with expected output, run on the virtual hub, such as the firmware's tests.
 
     git clone https://github.com/pybricks/pybricks-micropython
     python benchmarks/firmware_tests.py pybricks-micropython/tests/virtualhub
 
-Runs every program below the folder that has its expected output beside it (``x.py.exp`` or ``x.exp``), on the bench. What a
-program cannot show on a hub is counted apart, with the reason: it skips itself, or needs a module or long integers that no hub
-has. Other differences are listed by name, with the first line that differs. Two tests of the firmware need a motor with end
-stops, and some of MicroPython's own tests expect what is configured for a PC.
+Runs every program below the folder with a file of its expected output (``x.py.exp`` or ``x.exp``), on the bench. Programs that
+cannot run on a hub are counted separately, with the reason: they skip themselves, or need a module or long integers that no hub
+has. Other differences are listed by name, with the first differing line. Two tests of the firmware need a motor with end stops,
+and some of MicroPython's own tests expect the configuration for a PC.
 """
 
 from __future__ import annotations
@@ -34,13 +34,13 @@ _REASONS = (
 
 
 def expected_output(program: Path) -> Path | None:
-    """The file with what this program is to print."""
+    """The file with the expected output of a program."""
     candidates = (program.with_name(f"{program.name}.exp"), program.with_suffix(".exp"))
     return next((path for path in candidates if path.is_file()), None)
 
 
 def output(program: Path, robot: str, time_limit_s: float, timeout_s: float) -> str:
-    """What the program prints, and how it ends."""
+    """Output and errors of a program."""
     arguments = [sys.executable, "-c", _RUN, str(program), robot, str(time_limit_s)]
     try:
         process = subprocess.run(  # noqa: S603 - the programs run in the virtual hub
@@ -52,7 +52,7 @@ def output(program: Path, robot: str, time_limit_s: float, timeout_s: float) -> 
 
 
 def verdict(printed: str, expected: str) -> str:
-    """``passed``, ``differs: <the first line>``, or why the program shows nothing on a hub."""
+    """``passed``, ``differs: <the first line>``, or why the program cannot run on a hub."""
     if printed.rstrip() == expected.rstrip():
         return "passed"
     for pattern, reason in _REASONS:

@@ -1,14 +1,14 @@
-"""Fleet: several virtual robots in real time against one, and a link that is cut for half a minute.
+"""Fleet: four virtual robots in real time compared with one, and a link that is cut for half a minute.
 
     python benchmarks/fleet.py --seeds 5
 
-Each run is `bricksrl train RunAway-v0 --realtime` with SAC's default settings, with one robot and with four. Its time is that
-from the first robot's first step to the end of the last of three, and of ten, episodes in a row that return 20 of 20, on the
-wall's clock; what the processes take to start is left out: they begin together. Three in a row may be luck, and cost a single
-robot three episodes but four robots only one. Beside the time stand the steps of the robot that made the most until then, which
-depend on no clock; with ``--simulated`` they alone are measured, in simulated time. In one more run of four the first
-robot's link is cut for 30 seconds. Counted are then the frames that the replay buffer and the dataset hold, and the links between
-frames of the buffer that are not one robot's successive steps.
+Each run is `bricksrl train RunAway-v0 --realtime` with SAC's default settings, with one robot and with four. Measured is the wall
+time from the first robot's first step to the end of three, and of ten, consecutive episodes with a return of 20 of 20. Start-up
+of the processes is not included: all robots begin together. Three in a row may be luck, and take a single robot three episodes
+but four robots only one. The result also has the steps of the robot with the most steps until then, which depend on no clock;
+with ``--simulated`` only these are measured, in simulated time. In another run of four robots, the first robot's link is cut for
+30 seconds. Its result has the numbers of frames in the replay buffer and the dataset, and of links between frames of the buffer
+that are not successive steps of one robot.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ CUT_S, CUT_AFTER = 30.0, 4
 
 
 class UntilSolved(Callback):
-    """Notes when so many episodes in a row were perfect, and ends the run after the most."""
+    """Callback that records when enough episodes in a row were perfect, and ends the run after the largest number."""
 
     def __init__(self) -> None:
         self.in_a_row = 0
@@ -57,7 +57,7 @@ class UntilSolved(Callback):
 
 
 def race(robots: int, seed: int, episodes: int, *, realtime: bool) -> dict[str, Any]:
-    """One run; ends soon after it is solved."""
+    """Result of one run, which ends soon after it is solved."""
     notes = UntilSolved()
     with tempfile.TemporaryDirectory() as folder:
         config = TrainConfig(ENV, episodes=episodes, robots=robots, realtime=realtime, seed=seed, run_dir=Path(folder) / "run")
@@ -75,7 +75,7 @@ def race(robots: int, seed: int, episodes: int, *, realtime: bool) -> dict[str, 
 
 
 class Cut(Callback):
-    """Cuts the first robot's link after some episodes, and notes when it left and came back."""
+    """Callback that cuts the first robot's link after some episodes, and records when it left and came back."""
 
     def __init__(self) -> None:
         self.fleet: Any = None
@@ -108,7 +108,7 @@ class Cut(Callback):
 
 
 def with_a_cut(episodes: int) -> dict[str, Any]:
-    """A run of four robots, one of which is out of reach for a while, and what is left of it."""
+    """Result of a run of four robots, one of which is out of reach for a while."""
     import torch
 
     from bricksrl.data.reader import load
@@ -151,7 +151,7 @@ def _key(parts: Any) -> tuple[float, ...]:
 
 
 def summary_of(runs: list[dict[str, Any]], count: int) -> dict[str, Any]:
-    """What runs took to ``count`` perfect episodes in a row; an interval only of five or more that were all solved."""
+    """Time and steps until ``count`` perfect episodes in a row; with an interval if five or more runs were all solved."""
     solved = [run["in_a_row"][str(count)] for run in runs]
     summary: dict[str, Any] = {"solved": sum(run["steps"] is not None for run in solved)}
     for name in ("solved_s", "steps_of_a_robot"):
@@ -165,7 +165,7 @@ def summary_of(runs: list[dict[str, Any]], count: int) -> dict[str, Any]:
 
 
 def races(args: argparse.Namespace, known: dict[str, Any], on_result: Callable[[dict[str, Any]], object]) -> dict[str, Any]:
-    """One robot and four, each with all seeds in turn, and how many times as fast four are."""
+    """Results of one robot and of four, with all seeds in turn, and the speedup."""
     results: dict[str, Any] = {"1_robot": {}, "4_robots": {}}
     runs = {name: known.get(name, {}).get("runs", []) for name in results}
     for seed in range(args.seeds):

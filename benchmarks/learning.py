@@ -1,12 +1,11 @@
-"""How fast agents learn in the simulations: what was learned after so many robot steps in all, in how much time.
+"""Learning speed in the simulations: return and success over robot steps, CPU time and wall time.
 
     python benchmarks/learning.py --agents sac td3 --seeds 10 --episodes 25
 
-Episodes of random actions at the start count. Each run pauses at each mark, at the end of the episode that reaches it, is
-evaluated there on ``EVALUATED_EPISODES`` deterministic episodes, and goes on as if nothing had been: it is resumed from its
-checkpoint, bit for bit. Runs go through one process for each core, with one thread each. Intervals are 95 % bootstrap intervals
-of the mean over the seeds. Beside the JSON there is a picture: return against robot steps, CPU time and wall time. What was
-found earlier about other agents and environments stays in both.
+Initial episodes of random actions are included. Each run pauses at each mark, at the end of the episode that reaches it, is
+evaluated there on ``EVALUATED_EPISODES`` deterministic episodes, and is resumed from its checkpoint, bit for bit. One process per
+core, with one thread each. Intervals are 95 % bootstrap intervals of the mean over the seeds. A picture next to the JSON file
+shows the return over robot steps, CPU time and wall time. Earlier results of other agents and environments stay in both.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ from bricksrl.agents import AGENTS, preset
 from bricksrl.training import Episode, TrainConfig, resume, train
 
 LENGTH = 100
-"""Steps of an episode at most, in all of these environments."""
+"""Maximum number of steps of an episode, in all of these environments."""
 MARKS = {
     "WalkerSim-v0": (300, 500, 1000, 1500, 2000, 2500, 5000, 7500),
     "WalkerSim-v1": (300, 500, 1000, 1500, 2000, 2500, 5000, 7500),
@@ -50,12 +49,12 @@ class Job:
 
 
 def has_made(steps: int, episode: Episode) -> bool:
-    """Whether a run has made so many robot steps."""
+    """Whether a run has made this number of robot steps."""
     return episode.steps >= steps
 
 
 def run(job: Job) -> list[dict[str, Any]]:
-    """Train one agent from mark to mark; what it was worth at each, and the time that learning took until there."""
+    """Train one agent from mark to mark; returns its evaluation and the training time at each."""
     from bricksrl.evaluation import evaluate
 
     results: list[dict[str, Any]] = []
@@ -89,7 +88,7 @@ def run(job: Job) -> list[dict[str, Any]]:
 
 
 def summary(runs: list[list[dict[str, Any]]]) -> list[dict[str, Any]]:
-    """Over the seeds at each mark."""
+    """Summary over the seeds at each mark."""
     from bricksrl.evaluation.statistics import mean, stratified_bootstrap_interval
 
     summaries = []
@@ -113,7 +112,7 @@ def summary(runs: list[list[dict[str, Any]]]) -> list[dict[str, Any]]:
 
 
 def draw(path: Path, environments: dict[str, Any]) -> None:
-    """Curves of all agents with their intervals: a row an environment, against steps, CPU time and wall time."""
+    """Plot the curves of all agents with their intervals: a row per environment, over steps, CPU time and wall time."""
     from bricksrl.plotting import new_figure, save
 
     figure = new_figure(13, 4.2 * len(environments))
@@ -136,7 +135,7 @@ def draw(path: Path, environments: dict[str, Any]) -> None:
 
 
 def pin(cores: Any) -> None:
-    """Keep this process on a core of its own, with one thread."""
+    """Pin this process to its own core, with one thread."""
     import torch
 
     torch.set_num_threads(1)

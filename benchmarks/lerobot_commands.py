@@ -1,12 +1,12 @@
-"""LeRobot's own commands on virtual robots: record and replay the Walker; record the RoboArm, train policies, drive it by them.
+"""LeRobot's commands on virtual robots: record and replay the Walker; record the RoboArm, train policies, record with them.
 
     python benchmarks/lerobot_commands.py --lerobot PYTHON
 
-PYTHON is that of an environment with LeRobot, this package and its plugin (`plugins/lerobot_robot_bricksrl/README.md` says how to
-make one). The commands run as they are, in processes of their own; a note of what the robot was sent and what it then measured is
-taken on their way out. Counted are the frames that LeRobot's dataset holds, the actions of the replay that are those of the
-recording, and how far the replayed robot was from the recorded one. LeRobot's ACT and diffusion policy need images, so they drive
-the arm of `RoboArm_mixed-v0`, which has a camera. Networks are tiny and steps few: the commands run, no task is learnt.
+PYTHON is the interpreter of an environment with LeRobot, this package and its plugin (see
+`plugins/lerobot_robot_bricksrl/README.md`). The commands run unchanged, in their own processes, which log the actions sent to the
+robot and the following observations. The result has the number of frames in LeRobot's dataset, the number of replayed actions
+that equal the recorded ones, and the largest difference of the replayed observations. LeRobot's ACT and diffusion policy need
+images, so they drive the arm of `RoboArm_mixed-v0`, which has a camera. Networks are tiny and steps few: no task is learned.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ Noted = list[dict[str, list[float]]]
 
 
 def run(python: str, folder: Path, name: str, *arguments: str) -> tuple[float, Noted]:
-    """One of LeRobot's commands; seconds on the wall, and what the robot was sent and measured then.
+    """Run one of LeRobot's commands; returns the wall time in seconds, and the logged actions and observations.
 
     Raises:
         RuntimeError: it failed.
@@ -80,7 +80,7 @@ def run(python: str, folder: Path, name: str, *arguments: str) -> tuple[float, N
 
 
 def record(python: str, root: Path, *arguments: str, episodes: int = EPISODES) -> tuple[dict[str, Any], Noted, list[Any]]:
-    """Episodes recorded into the folder ``root``; counts, what the robot was sent, and the frames of the dataset."""
+    """Record episodes into the folder ``root``; returns counts, the logged actions, and the frames of the dataset."""
     args = ["--dataset.single_task=move", f"--dataset.fps={FPS}", f"--dataset.num_episodes={episodes}", "--dataset.vcodec=h264"]
     args += [f"--dataset.episode_time_s={EPISODE_S}", "--dataset.reset_time_s=0", "--dataset.push_to_hub=false"]
     wall_s, sent = run(python, root.parent, "record", *data(root), "--play_sounds=false", *args, *arguments)
@@ -90,17 +90,17 @@ def record(python: str, root: Path, *arguments: str, episodes: int = EPISODES) -
 
 
 def data(root: Path) -> list[str]:
-    """The dataset in the folder ``root``, as LeRobot's commands are told of it."""
+    """Arguments of LeRobot's commands for the dataset in the folder ``root``."""
     return [f"--dataset.repo_id=me/{root.name}", f"--dataset.root={root}"]
 
 
-def hand(env: str) -> list[str]:
-    """Random commands for an environment."""
+def random_teleoperator(env: str) -> list[str]:
+    """Arguments for random teleoperation of an environment."""
     return ["--teleop.type=bricksrl_random", "--teleop.id=h", f"--teleop.env={env}"]
 
 
 def matching_actions(sent: Noted, rows: list[Any]) -> int:
-    """How many of the actions that were sent are those of the dataset."""
+    """Number of logged actions that equal those of the dataset."""
     pairs = zip(sent, rows, strict=False)
     return sum(max(abs(a - b) for a, b in zip(note["action"], row["action"], strict=True)) < CLOSE for note, row in pairs)
 
@@ -108,7 +108,7 @@ def matching_actions(sent: Noted, rows: list[Any]) -> int:
 def replay(python: str, folder: Path) -> dict[str, Any]:
     """Record the Walker and replay it."""
     root = folder / "walker"
-    recorded, _, rows = record(python, root, *WALKER, *hand("Walker-v0"))
+    recorded, _, rows = record(python, root, *WALKER, *random_teleoperator("Walker-v0"))
     first = [row for row in rows if row["episode_index"] == 0]
     wall_s, replayed = run(python, folder, "replay", *WALKER, *data(root), "--play_sounds=false", "--dataset.episode=0")
     pairs = [(note["observation"], row["observation.state"]) for note, row in zip(replayed, first[1:], strict=False)]
@@ -127,9 +127,9 @@ def replay(python: str, folder: Path) -> dict[str, Any]:
 
 
 def policies(python: str, folder: Path) -> dict[str, Any]:
-    """Record the RoboArm with its camera, train each policy on that, and record an episode that the policy drives."""
+    """Record the RoboArm with its camera, train each policy on that, and record an episode of the policy."""
     root = folder / "arm"
-    recorded, _, rows = record(python, root, *ARM, *hand("RoboArm_mixed-v0"))
+    recorded, _, rows = record(python, root, *ARM, *random_teleoperator("RoboArm_mixed-v0"))
     ranges = [(min(values) - CLOSE, max(values) + CLOSE) for values in zip(*(row["action"] for row in rows), strict=True)]
     results = {"record": recorded}
     for name, networks in POLICIES.items():
@@ -151,10 +151,10 @@ def policies(python: str, folder: Path) -> dict[str, Any]:
 
 
 def read(python: str, root: Path) -> int:
-    """Episodes of which LeRobot's own reader gives every frame.
+    """Number of episodes that LeRobot's own reader reads completely.
 
     Raises:
-        RuntimeError: it gives none.
+        RuntimeError: it reads none.
     """
     line = [python, "-I", str(READER)]
     process = subprocess.run(line, input=f"{root}\n", check=True, capture_output=True, text=True)  # noqa: S603

@@ -1,7 +1,7 @@
-"""LeRobot's own reader, in the environment where it is installed; `record_kill.py --lerobot` asks it.
+"""LeRobot's own reader, run in the environment where it is installed by `record_kill.py --lerobot`.
 
-Reads the folder of a dataset from each line of its standard input, and answers with a line of JSON: what `LeRobotDataset` made of
-it, frame for frame, or the error that it raised.
+Each line of its standard input is the folder of a dataset. It answers with a line of JSON: digests of all frames that
+`LeRobotDataset` read, or the error that it raised.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ NUMBERS = ("observation.state", "action", "next.reward")
 
 
 def declare_operators() -> None:
-    """Let a torchvision be imported that was built for another torch: its operators do not load then; none is used here."""
+    """Declare torchvision's operators, so that one built for another torch can be imported; none is used here."""
     try:
         import torchvision  # noqa: F401
     except RuntimeError:
@@ -30,12 +30,12 @@ def declare_operators() -> None:
 
 
 def digest(values: Any) -> str:
-    """Of the bytes of an array."""
+    """SHA-256 of the bytes of an array."""
     return hashlib.sha256(np.ascontiguousarray(values).tobytes()).hexdigest()
 
 
 def read(root: str) -> dict[str, Any]:
-    """Every frame of every episode: digests of states, actions and rewards, where there are any, and of images as bytes."""
+    """Digests of the states, actions, rewards (if any) and images of all frames, by episode."""
     from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
     dataset = LeRobotDataset("local/dataset", root=root)

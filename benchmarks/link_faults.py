@@ -1,10 +1,10 @@
-"""Seeded faults on the link while a robot over the played radio is being trained; ends with an error at the first that harms.
+"""Seeded faults on the link while a robot is trained over a simulated radio; fails at the first harmful one.
 
     python benchmarks/link_faults.py --faults 1000
     python benchmarks/link_faults.py --faults 3 --end-ms 10000 --workers 1      # with the second stage of a real hub
 
-Everything runs in real time: some seconds a fault, and several hubs at once; the result is written after each of them. The hub
-ends its program half a second after it has stopped its motors, not ten seconds as a real one, so that a thousand take minutes.
+Everything runs in real time: some seconds per fault, and several hubs in parallel; the result is written after each hub. The hub
+ends its program half a second after it has stopped its motors, not after ten as a real one, so that a thousand take minutes.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _LONGEST = (
 
 
 def course(job: tuple[int, int, int]) -> dict[str, Any]:
-    """Faults on one hub, in a process of its own."""
+    """Report of the faults on one hub, run in its own process."""
     faults, seed, end_ms = job
     sys.path.insert(0, str(TESTS))
     program = importlib.import_module("bricksrl.hub.program.generate")
@@ -45,11 +45,11 @@ def course(job: tuple[int, int, int]) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Run the courses and write what they saw."""
+    """Run the courses and write their summary."""
     parser = command(__doc__)
     parser.add_argument("--faults", type=int, default=1000)
     parser.add_argument("--workers", type=int, default=4)
-    parser.add_argument("--course", type=int, default=25, help="faults on one hub, after each other")
+    parser.add_argument("--course", type=int, default=25, help="consecutive faults on one hub")
     parser.add_argument("--end-ms", type=int, default=500)
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args()
@@ -69,7 +69,7 @@ def main() -> None:
 
 
 def summary(reports: list[dict[str, Any]]) -> dict[str, Any]:
-    """All courses so far, in numbers."""
+    """Summary of all courses so far."""
     result: dict[str, Any] = {"faults_in_all": sum(report["faults"].total() for report in reports)}
     for name in _COUNTED:
         total: Counter[str] = sum((report[name] for report in reports), Counter())

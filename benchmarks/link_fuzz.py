@@ -1,9 +1,9 @@
-"""Damaged streams through the decoders of frames: any bytes, no exception but ours, back in step within two frames.
+"""Fuzzing of the frame decoders: for any bytes, only our exceptions, and resynchronisation within two frames.
 
     python benchmarks/link_fuzz.py --seconds 600
 
-Every stream is checked against what was sent. A checksum of 8 bits cannot see everything: of streams that are damaged in several
-places, about one frame in 256 candidates passes; they are counted. One flipped bit, and a burst within a byte, it sees always.
+Every decoded stream is compared with what was sent. A checksum of 8 bits misses some damage: of streams damaged in several
+places, about one frame in 256 candidates passes; these are counted. It always detects one flipped bit, and a burst within a byte.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ PAYLOAD_BYTES = 16
 
 
 def frames(rng: random.Random, count: int) -> list[bytes]:
-    """What a hub sends."""
+    """Frames as a hub sends them."""
     result = []
     for _ in range(count):
         if rng.random() < 0.1:
@@ -53,13 +53,13 @@ def damage(rng: random.Random, stream: bytes) -> bytes:
 
 
 def pieces(rng: random.Random, stream: bytes) -> list[bytes]:
-    """The stream as notifications bring it."""
+    """The stream, split into notifications."""
     cuts = sorted(rng.randrange(len(stream) + 1) for _ in range(rng.randint(0, 12)))
     return [stream[start:end] for start, end in zip([0, *cuts], [*cuts, len(stream)], strict=True)]
 
 
 def fuzz_frames(rng: random.Random, counts: Counter[str]) -> None:
-    """Our frames: what comes after the damage is heard from the second frame on."""
+    """Fuzz our frames: after the damage they are received from the second one on."""
     decoder = FrameDecoder(PAYLOAD_BYTES, UP_PAYLOAD_BYTES)
     sent = frames(rng, rng.randint(1, 8))
     received = [frame for piece in pieces(rng, damage(rng, b"".join(sent))) for frame in decoder.feed(piece)]
@@ -71,11 +71,11 @@ def fuzz_frames(rng: random.Random, counts: Counter[str]) -> None:
         data_frame(2, rng.randbytes(PAYLOAD_BYTES)),
         data_frame(3, bytes(PAYLOAD_BYTES)),
     ]
-    heard = [frame for data in after for frame in decoder.feed(data)]
+    received_after = [frame for data in after for frame in decoder.feed(data)]
     expected = DataFrame(2, after[1][2:-1])
-    fooled = any(isinstance(f, DataFrame) and data_frame(f.seq, f.payload) not in after for f in heard)
-    assert expected in heard or fooled, "not back in step with the second frame"
-    counts["fooled on the way back"] += fooled
+    undetected = any(isinstance(f, DataFrame) and data_frame(f.seq, f.payload) not in after for f in received_after)
+    assert expected in received_after or undetected, "not back in step with the second frame"
+    counts["fooled on the way back"] += undetected
     flipped = bytearray(after[1])
     flipped[rng.randrange(len(flipped))] ^= 1 << rng.randrange(8)
     lone = FrameDecoder(PAYLOAD_BYTES, UP_PAYLOAD_BYTES).feed(bytes(flipped))
@@ -83,19 +83,19 @@ def fuzz_frames(rng: random.Random, counts: Counter[str]) -> None:
 
 
 def fuzz_cobs(rng: random.Random, counts: Counter[str]) -> None:
-    """Frames over USB."""
+    """Fuzz frames over USB."""
     framer = cobs.Framer()
     messages = [rng.randbytes(rng.randint(1, 200)) for _ in range(4)]
     for piece in pieces(rng, damage(rng, b"".join(map(cobs.encode, messages)))):
         framer.feed(piece)
     last = [rng.randbytes(20), rng.randbytes(20)]
-    heard = [message for frame in map(cobs.encode, last) for message in framer.feed(frame)]
-    assert heard[-1] == last[1], "not back in step with the second frame"
+    received = [message for frame in map(cobs.encode, last) for message in framer.feed(frame)]
+    assert received[-1] == last[1], "not back in step with the second frame"
     counts["frames over USB that were damaged"] += framer.damaged
 
 
 def fuzz_profile(rng: random.Random, counts: Counter[str]) -> None:
-    """What a hub says of itself."""
+    """Fuzz the parsers of a hub's properties."""
     for parse in (parse_event, parse_capabilities, parse_version, parse_hub_kind, cobs.decode):
         try:
             parse(rng.randbytes(rng.randint(0, 40)))

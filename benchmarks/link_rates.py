@@ -1,9 +1,9 @@
-"""Rates of the link: lock-step and streaming over the played radio, and our own overhead without a radio.
+"""Rates of the link: lock-step and streaming over a simulated radio, and our own overhead without a radio.
 
     python benchmarks/link_rates.py
 
-Takes about a minute. The hub is played (Bumble delivers at connection events; the generated program runs inside), so this
-measures our side and the protocol; on a real hub the radio's own losses come on top.
+Takes about a minute. The hub is simulated (Bumble delivers at connection events; the generated program runs in it), so this
+measures our side and the protocol; a real hub adds the radio's losses.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ OVERHEAD_EXCHANGES = 5000
 
 
 class EchoTransport:
-    """A hub without a radio and without a program: each frame is answered at once. What remains is our own work."""
+    """A hub without radio and program that answers each frame at once, to measure our own overhead."""
 
     def __init__(self, link_wire: Any, hello: bytes) -> None:
         self._wire, self._hello = link_wire, hello
@@ -68,7 +68,7 @@ def spread(values_ms: list[float]) -> dict[str, float]:
 
 
 def lock_step(world: Any, link: HubLink, interval_ms: float) -> dict[str, Any]:
-    """Readings, one after the other: nothing but the link."""
+    """Rate and round trips of consecutive readings."""
     world.set_interval(interval_ms)
     link.read()
     times_ms: list[float] = []
@@ -81,7 +81,7 @@ def lock_step(world: Any, link: HubLink, interval_ms: float) -> dict[str, Any]:
 
 
 def stream(world: Any, link: StreamingLink, interval_ms: float) -> dict[str, Any]:
-    """Steps of the Spinning task at their own rate of 10 Hz."""
+    """Rate of steps of the Spinning task, nominally 10 Hz, and age of the observations."""
     world.set_interval(interval_ms)
     link.act([0.0, 0.0])
     start_s = time.monotonic()
@@ -90,7 +90,7 @@ def stream(world: Any, link: StreamingLink, interval_ms: float) -> dict[str, Any
 
 
 def overhead() -> dict[str, Any]:
-    """Our own time for one exchange, from the numbers of an action to those of an observation."""
+    """Our own time for one exchange, from an action to an observation."""
     task = get_task("Walker-v0")
     probe = HubLink(EchoTransport(None, b""), WALKER, task.interface)
     hello = control_frame(Up.HELLO, hello_payload(probe.program.hash))

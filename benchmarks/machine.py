@@ -1,6 +1,6 @@
-"""What all benchmarks share: the command line, and what a result was measured with.
+"""Shared by all benchmarks: the command line, and a description of the machine and the versions.
 
-That is enough to judge a time by, and nothing that names a machine or a person.
+The description contains no name of a machine or a person.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 RESULTS = Path(os.environ.get("BRICKSRL_RESULTS", Path(__file__).parent / "results"))
-"""Where results are written; `bricksrl study` has its quick forms written elsewhere."""
+"""Folder of the results; `bricksrl study` sets another one for its quick forms."""
 ONE_THREAD = {
     "OMP_NUM_THREADS": "1",
     "MKL_NUM_THREADS": "1",
@@ -25,12 +25,12 @@ ONE_THREAD = {
     "RL_LOGGING_LEVEL": "WARNING",
     "TF_CPP_MIN_LOG_LEVEL": "3",
 }
-"""Environment of a process that computes on one thread, whichever library does it; set before torch or JAX is loaded."""
+"""Environment variables for one thread in any library; to be set before torch or JAX is loaded."""
 _PACKAGES = ("bricksrl", "torch", "torchrl", "tensordict", "mujoco", "numpy", "greenlet")
 
 
 def command(description: str | None) -> argparse.ArgumentParser:
-    """A command line whose ``--help`` is what a benchmark's file says at its top."""
+    """A command line whose ``--help`` is the benchmark's docstring."""
     return argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
 
 
@@ -43,7 +43,7 @@ def describe() -> dict[str, Any]:
 
 
 def write(name: str, result: dict[str, Any]) -> Path:
-    """Write a result, with what it was measured with, to ``results/<name>.json``."""
+    """Write a result, with machine and versions, to ``results/<name>.json``."""
     RESULTS.mkdir(exist_ok=True)
     path = RESULTS / f"{name}.json"
     path.write_text(json.dumps({**result, **describe()}, indent=2) + "\n")

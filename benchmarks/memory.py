@@ -1,8 +1,8 @@
-"""How much memory a training run takes: the peak of a short run, and of an agent whose replay buffer is full.
+"""Peak memory of a short training run, and of an agent with a full replay buffer.
 
     python benchmarks/memory.py
 
-Each in a process of its own, in MiB of resident memory. A full buffer is a million transitions, and is saved once.
+Each runs in its own process; MiB of resident memory. A full buffer has a million transitions, and is saved once.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ ENV = "WalkerSim-v0"
 
 
 def short_run() -> None:
-    """Three episodes, from nothing to the last checkpoint."""
+    """Three episodes with the last checkpoint."""
     from bricksrl.training import TrainConfig, train
 
     with tempfile.TemporaryDirectory() as folder:
@@ -28,7 +28,7 @@ def short_run() -> None:
 
 
 def full_buffer() -> None:
-    """The default buffer, filled; an update from it, and a checkpoint of it."""
+    """A full default buffer, an update from it, and its checkpoint."""
     import torch
 
     import bricksrl
@@ -48,7 +48,7 @@ def full_buffer() -> None:
 
 
 def peak(work: Callable[[], None], connection: Connection) -> None:
-    """Do it, and tell the peak of resident memory in MiB."""
+    """Run ``work``, and send the peak of resident memory in MiB."""
     import resource  # Windows has none
 
     work()

@@ -1,10 +1,10 @@
-"""Small moving pictures of robots before and after learning, for the README: a GIF of each run's films.
+"""GIFs of robots before and after learning, for the README, from the films of runs.
 
     bricksrl train Walker-v1 --episodes 20 --seed 0 --run runs/walker
     python benchmarks/moving_pictures.py runs/walker
 
-Writes ``docs/images/<environment>_learning.gif``, each below a megabyte: where one is larger, it gets fewer pixels and colours. A
-film itself may be named too, and becomes a GIF of its name.
+Writes ``docs/images/<environment>_learning.gif``, with as many pixels and colours as fit into a megabyte. A film may be given
+instead of a run.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ FPS, LONGEST_S = 6.0, 9.0
 
 
 def frames(video: Path) -> Iterator[Image.Image]:
-    """Pictures of a film, :data:`FPS` a second, of its first :data:`LONGEST_S` seconds."""
+    """Images of a film, :data:`FPS` per second, of its first :data:`LONGEST_S` seconds."""
     reader = imageio_ffmpeg.read_frames(str(video))
     video_info = next(reader)
     width, height = video_info["size"]
@@ -42,14 +42,14 @@ def frames(video: Path) -> Iterator[Image.Image]:
 
 
 def _palette(picture: Image.Image, colours: int) -> Image.Image:
-    """A picture in the best colours for another, in which a rare colour counts for more than its area."""
+    """An image with the best palette for a picture, in which rare colours have more weight than their area."""
     colours_found, counts = np.unique(np.asarray(picture).reshape(-1, 3) >> 2, axis=0, return_counts=True)
     pixels = np.repeat(colours_found << 2, np.ceil(counts**0.5).astype(int), axis=0)
     return Image.fromarray(pixels[None].astype(np.uint8)).quantize(colours, dither=Image.Dither.NONE, kmeans=2)
 
 
 def gif(pictures: list[Image.Image], width: int, colours: int) -> bytes:
-    """A GIF that repeats for ever, all of its pictures in the same colours: what does not move costs nothing."""
+    """An endless GIF with one palette for all images, so that unchanged pixels cost nothing."""
     small = [image.resize((width, round(width * image.height / image.width)), Image.Resampling.LANCZOS) for image in pictures]
     palette = _palette(small[len(small) // 2], colours)
     flat = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in small]

@@ -1,6 +1,6 @@
-"""Odd inputs at the command line: options, files, environments, signals. No traceback, nothing lost, no wrong verdict.
+"""Odd inputs at the command line (options, files, environments, signals): no traceback, no lost data, no wrong verdict.
 
-Most run in this process. The seed draws them all; the same seed gives the same inputs.
+Most run in this process. The same seed gives the same inputs.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ ENVIRONMENTS: tuple[dict[str, str], ...] = (
 
 @dataclass(frozen=True)
 class Outcome:
-    """Outcome of one command: its exit code and what it wrote; ``fault`` says what went wrong, if anything did."""
+    """Outcome of one command: its exit code, its output, and its fault, if any."""
 
     code: int
     out: str
@@ -90,7 +90,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Case:
-    """One input: its kind, what it is in words, and the trial, which returns a fault or an empty text."""
+    """One input: its kind, its description, and the trial, which returns a fault or an empty text."""
 
     kind: str
     about: str
@@ -98,11 +98,11 @@ class Case:
 
 
 class TookTooLong(BaseException):
-    """The alarm rang."""
+    """The time limit of a command was exceeded."""
 
 
 def run(arguments: list[str]) -> Outcome:
-    """The command in this process."""
+    """Run a command in this process."""
     from bricksrl.cli import main
 
     def ring(_signum: int, _frame: FrameType | None) -> None:
@@ -120,7 +120,7 @@ def run(arguments: list[str]) -> Outcome:
                 code = int(end.code or 0)
     except TookTooLong:
         fault = f"took more than {LONGEST_S} s"
-    except BaseException as error:  # noqa: BLE001  that is what is looked for
+    except BaseException as error:  # noqa: BLE001  any error is a fault
         fault = f"traceback: {type(error).__name__}: {error} {traceback.format_tb(error.__traceback__)[-1].strip()}"[:400]
     finally:
         signal.alarm(0)
@@ -142,7 +142,7 @@ def verdict(code: int, err: str) -> str:
 
 
 def digest(root: Path) -> str:
-    """Of all files of a folder."""
+    """SHA-256 of all files of a folder."""
     hash_ = hashlib.sha256()
     for path in sorted(root.rglob("*")):
         if path.is_file():
@@ -152,7 +152,7 @@ def digest(root: Path) -> str:
 
 @dataclass(frozen=True)
 class Workshop:
-    """A folder with a run and a dataset that every trial may damage copies of."""
+    """A folder with a run and a dataset, of which trials damage copies."""
 
     root: Path
 
@@ -196,7 +196,7 @@ def in_folder(trial: Callable[[Path], str]) -> Callable[[], str]:
 
 
 def option_cases(shop: Workshop, rng: random.Random, count: int) -> Iterator[Case]:
-    """Odd values of options, and odd places."""
+    """Odd values of options, and odd paths."""
     pairs = [(f"{base} {flag}", value) for base, flags in FLAGS.items() for flag in flags for value in VALUES]
     pairs += [(place, value) for place in PLACES for value in VALUES]
     for command, value in rng.sample(pairs, count):
@@ -259,7 +259,7 @@ def file_cases(shop: Workshop, rng: random.Random, count: int) -> Iterator[Case]
 
 
 def _same_json(before: bytes, after: bytes) -> bool:
-    """True where nothing but white space, or the last digits of a number, differ."""
+    """True if two JSON files differ at most in white space or the last digits of a number."""
     try:
         first, second = (re.sub(r"(\d\.\d{5})\d+", r"\1", json.dumps(json.loads(data))) for data in (before, after))
     except (ValueError, RecursionError):
@@ -268,7 +268,7 @@ def _same_json(before: bytes, after: bytes) -> bool:
 
 
 def _same_table(before: bytes, after: bytes) -> bool:
-    """True where two Parquet files hold the same table: a bit that nobody reads may differ."""
+    """True if two Parquet files hold the same table; an unused bit may differ."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -280,7 +280,7 @@ def _same_table(before: bytes, after: bytes) -> bool:
 
 
 def mutant_cases(rng: random.Random, count: int) -> Iterator[Case]:
-    """Files of one's own with a line too few, a word too many."""
+    """Mutants of the templates of user files: a line removed, a value replaced."""
     from bricksrl.cli import templates
 
     folder = Path(templates.__file__).parent
@@ -308,7 +308,7 @@ def mutant_cases(rng: random.Random, count: int) -> Iterator[Case]:
 
 
 def process(arguments: list[str], variables: dict[str, str], folder: Path) -> subprocess.Popen[str]:
-    """The command in a process of its own."""
+    """Start a command in its own process."""
     command = [sys.executable, "-m", "bricksrl", *arguments]
     env = {**os.environ, "MUJOCO_GL": "disable", **variables}
     return subprocess.Popen(  # noqa: S603  our own interpreter
@@ -331,7 +331,7 @@ def environment_cases(shop: Workshop, rng: random.Random, count: int) -> Iterato
 
 
 def signal_cases(rng: random.Random, count: int) -> Iterator[Case]:
-    """Signals at random moments; what was begun is then absent, or in order."""
+    """Signals at random moments; the run or dataset is then absent or intact."""
     for _ in range(count):
         which, delay_s = rng.choice([signal.SIGINT, signal.SIGTERM, signal.SIGKILL]), rng.uniform(0.3, 12.0)
         command = rng.choice(["train RoboArmSim-v0 --episodes 500 --run made", "record RunAway-v0 --episodes 500 --out made"])
@@ -371,7 +371,7 @@ def cases(shop: Workshop, seed: int, scale: float) -> Iterator[Case]:
 
 
 def main() -> int:
-    """Try them, print faults, write the result."""
+    """Try all inputs, print faults, write the result."""
     parser = command_line(__doc__)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--scale", type=float, default=1.0, help="share of the 500 inputs")

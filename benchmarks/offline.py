@@ -1,12 +1,12 @@
-"""The paper's table of offline learning, made anew on the twins: what agents learn from datasets, beside the paper's numbers.
+"""The paper's table of offline learning, measured on the virtual robots, next to the paper's numbers.
 
     python benchmarks/datasets.py --out runs/datasets
     python benchmarks/offline.py --seeds 5
 
 Each agent learns from each dataset with the paper's settings and number of updates, and is evaluated on ``EVALUATED`` episodes of
-the twin. Finished runs are kept in ``--work`` and not made again, so that the command can be stopped and goes on, or called for
-a part at a time: the table has all of them, and keeps the other cells that the file has. One thread a process; the most
-expensive runs come first. Means over the seeds of the mean returns, with 95 % bootstrap intervals over seeds.
+the virtual robot. Finished runs are kept in ``--work`` and not repeated, so that the command can be interrupted and resumed, or
+run in parts: the table has all of them, and keeps other cells of the file. One thread per process; the most expensive runs come
+first. Means over the seeds of the mean returns, with 95 % bootstrap intervals over seeds.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class Job:
 
     @property
     def name(self) -> str:
-        """Of the file of its result."""
+        """Name of the file of its result."""
         return f"{self.preset}-{self.env}-{self.kind}-{self.agent}-{self.updates}-{self.seed}"
 
 
@@ -88,8 +88,8 @@ def run_job(job: Job) -> dict[str, Any]:
     }
 
 
-def keep(work: Path, job: Job) -> dict[str, Any]:
-    """The result of a job, made now or earlier."""
+def cached_result(work: Path, job: Job) -> dict[str, Any]:
+    """Result of a job, from its file if it was run earlier."""
     path = work / f"{job.name}.json"
     if not path.exists():
         result = run_job(job)
@@ -102,17 +102,17 @@ def keep(work: Path, job: Job) -> dict[str, Any]:
 
 
 def updates_of(env: str, kind: str, share: float) -> int:
-    """So many updates as the paper made, or a share of them."""
+    """The paper's number of updates, or a share of it."""
     return max(1, round(share * OFFLINE_UPDATES[env][kind]))
 
 
 def cell_of(run: dict[str, Any]) -> tuple[str, str, str]:
-    """Where in the table a run belongs."""
+    """Cell of the table that a run belongs to."""
     return run["env"], run["kind"], run["agent"]
 
 
 def finished(work: Path, preset: str, share: float) -> list[dict[str, Any]]:
-    """All runs of these settings that are there, of this call and of earlier ones, in the order of the table."""
+    """All finished runs of these settings, also of earlier calls, in the order of the table."""
     runs = [json.loads(path.read_text()) for path in work.glob(f"{preset}-*.json")]
     matching = [run for run in runs if run["updates"] == updates_of(run["env"], run["kind"], share)]
     tasks = list(OFFLINE_UPDATES)
@@ -150,7 +150,7 @@ def table(cells: dict[str, dict[str, dict[str, Any]]]) -> str:
 
 
 def main() -> None:
-    """Make all runs and write the table."""
+    """Run all jobs and write the table."""
     parser = command(__doc__)
     parser.add_argument("--data", type=Path, default=Path("runs/datasets"), help="folder with the datasets <env>-<kind>")
     parser.add_argument("--work", type=Path, default=Path("runs/offline-benchmark"), help="folder for finished runs")
@@ -176,7 +176,7 @@ def main() -> None:
         for agent, env, kind, seed in itertools.product(args.agents, args.envs, args.kinds, range(args.seeds))
     ]
     with multiprocessing.get_context("spawn").Pool(args.processes) as pool:
-        pool.starmap(keep, [(args.work, job) for job in jobs], chunksize=1)
+        pool.starmap(cached_result, [(args.work, job) for job in jobs], chunksize=1)
     name = "offline" if args.preset == "paper" else f"offline_{args.preset}"
     path = RESULTS / f"{name}.json"
     cells: dict[str, dict[str, dict[str, Any]]] = json.loads(path.read_text())["datasets"] if path.exists() else {}

@@ -1,10 +1,9 @@
-"""Cost of the live page for a run that learns as fast as it goes: CPU time and time on the wall of each step.
+"""Cost of the live page for a run in simulated time: CPU time and wall time per step.
 
     python benchmarks/page_cost.py
 
-Walker-v1, the same episodes each time, in turn without a page, with a page that nobody looks at, and with one that a browser's
-connection reads all the time (in a process of its own, which draws nothing). One thread learns; the page's own thread counts in
-the CPU time.
+Walker-v1, the same episodes each time, in turn without a page, with a page without visitors, and with one that a connection reads
+all the time (in its own process, which draws nothing). One thread learns; the page's own thread is included in the CPU time.
 """
 
 from __future__ import annotations
@@ -47,7 +46,7 @@ except Exception:
 
 
 def run(episodes: int, folder: Path, kind: str) -> dict[str, float]:
-    """CPU and wall seconds of a run, and frames and bytes a second of who looked."""
+    """CPU and wall seconds of a run, and frames and bytes per second of the reader."""
     config = TrainConfig(ENV, episodes=episodes, settings=settings_for(ENV, "default", "sac"), run_dir=folder, record=False)
     result: dict[str, float] = {}
     if kind == "without":

@@ -1,9 +1,9 @@
-"""Memory of the live page over ten minutes: of the process that plays and serves, and of a browser tab that draws.
+"""Memory of the live page over ten minutes: of the process that plays and serves, and of a browser tab.
 
     python benchmarks/page_memory.py --minutes 10
 
-A Walker plays at the speed of a real robot in a page that a headless Chromium shows. Resident memory and the tab's heap (after a
-collection of garbage) are read every half minute; growth is the slope of a line through them without the first two minutes.
+A Walker plays in real time on a page that a headless Chromium shows. Resident memory and the tab's heap (after a garbage
+collection) are read every half minute; growth is the slope of a line through them without the first two minutes.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ WARM_S = 120.0
 
 
 def resident_mb() -> float:
-    """Of this process."""
+    """Resident memory of this process."""
     status = Path("/proc/self/status")
     if status.exists():
         line = next(line for line in status.read_text().splitlines() if line.startswith("VmRSS"))

@@ -28,7 +28,7 @@ EPISODES = 12
 
 @contextmanager
 def served(folder: str, *arguments: str) -> Iterator[str]:
-    """Address of the page of a ``bricksrl`` command that works in a folder, and is ended afterwards."""
+    """Address of the page of a ``bricksrl`` command, run in a folder until the end of this context."""
     words = [sys.executable, "-m", "bricksrl", *arguments]
     process = subprocess.Popen(words, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)  # noqa: S603  our own command
     try:

@@ -1,10 +1,10 @@
-"""How long a physics step may be: the robots at steps of 2.5 and of 5 ms, side by side, from the same seeds.
+"""Length of the physics step: the robots at steps of 2.5 and of 5 ms, from the same seeds.
 
     python benchmarks/physics_step.py
 
-Each controller of ``scripted.py``, and random actions, drive each robot through the same episodes; beside the returns stand the
-task's own measures and the way of those that walk, each with the error of its mean. The longer step is good enough where all of
-it stays. Needs about two minutes.
+Each controller of ``scripted.py``, and random actions, drive each robot through the same episodes. The result has returns, task
+metrics and walk metrics, each with the standard error of its mean. The longer step is good enough if none of them changes. Takes
+about two minutes.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _mj_step = mujoco.mj_step
 
 
 class Stepper:
-    """In the place of ``mj_step``: goes through the time that the body asks for in steps of another length."""
+    """Replacement for ``mj_step`` that advances by the requested time in steps of another length."""
 
     def __init__(self, step_ms: float) -> None:
         self._step_ms, self._owed_ms, self.cpu_s = step_ms, 0.0, 0.0
@@ -51,7 +51,7 @@ class Stepper:
 
 
 def episode(env: HubEnv, controller: Any) -> dict[str, float]:
-    """One episode's return and measures."""
+    """Return and metrics of one episode."""
     state, observations, total = env.reset(), [], 0.0
     while True:
         state["action"] = controller(state)
@@ -62,15 +62,15 @@ def episode(env: HubEnv, controller: Any) -> dict[str, float]:
         if bool(after["done"]):
             break
         state = step_mdp(state)
-    judged = env.judged(torch.stack(observations))
-    measures = {"return": total, **{name: float(value) for name, value in env.task.metrics(judged).items()}, **env.walk_metrics()}
+    seen = env.task_observations(torch.stack(observations))
+    measures = {"return": total, **{name: float(value) for name, value in env.task.metrics(seen).items()}, **env.walk_metrics()}
     if env.task.success is not None:
-        measures["success"] = float(env.task.success(judged))
+        measures["success"] = float(env.task.success(seen))
     return measures
 
 
 def measure(env_id: str, name: str, step_ms: float) -> dict[str, Any]:
-    """Means, and the error of each mean, over the episodes of one controller at one step."""
+    """Means with standard errors over the episodes of one controller at one step."""
     torch.manual_seed(0)
     stepper = Stepper(step_ms)
     mujoco_body._compiled.cache_clear()
@@ -91,7 +91,7 @@ def measure(env_id: str, name: str, step_ms: float) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Measure all and write it down."""
+    """Measure all and write the results."""
     command(__doc__).parse_args()
     torch.set_num_threads(1)
     results: dict[str, Any] = {}

@@ -1,8 +1,8 @@
-"""Plans that others have drawn: how many are read, how many of their parts are known, how many joints move.
+"""Plans by others: how many are read, how many of their parts are known, how many joints move.
 
     python benchmarks/plans_of_others.py FOLDER
 
-Looks at every .ldr, .mpd and .io file below the folder. The result has counts only: no file, name or part of anybody's.
+Reads every .ldr, .mpd and .io file below the folder. The result has counts only, nothing of the files themselves.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def look(path: Path) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Look at all and write the counts."""
+    """Read all and write the counts."""
     parser = command(__doc__)
     parser.add_argument("folder", type=Path)
     folder: Path = parser.parse_args().folder

@@ -1,10 +1,10 @@
-"""The virtual hub beside what Pybricks documents: which classes, methods and arguments it lacks, for each kind of hub.
+"""Comparison of the virtual hub with Pybricks' documentation: missing classes, methods and arguments, for each kind of hub.
 
     pip install --no-deps --target STUBS pybricks
     python benchmarks/pybricks_api.py STUBS
 
-The package ``pybricks`` on PyPI is the documentation in the form of Python files without code; they are read, not run. What only
-EV3 and NXT bricks have is left out (``LEFT_OUT``), and so is what a kind of hub does not have (``ONLY_ON``).
+The package ``pybricks`` on PyPI is the documentation in the form of Python files without code; they are parsed, not run. What
+only EV3 and NXT bricks have is omitted (``LEFT_OUT``), and so is what a kind of hub does not have (``ONLY_ON``).
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Documented:
 
 
 class Stubs:
-    """What the files of the documentation define."""
+    """Definitions in the files of the documentation."""
 
     def __init__(self, folder: Path) -> None:
         files = [folder / "pybricks" / f"{name}.py" for name in ("_common", *MODULES)]
@@ -97,7 +97,7 @@ class _Silence:
 
 
 def missing_names(path: str, documented: Documented, actual: Any) -> Iterator[str]:
-    """What one of our classes or objects lacks."""
+    """Documented names that one of our classes or objects lacks."""
     for name, arguments in documented.methods.items():
         method = actual if name == "__init__" else getattr(actual, name, None)
         if method is None:
@@ -111,7 +111,7 @@ def missing_names(path: str, documented: Documented, actual: Any) -> Iterator[st
 
 
 def compared(stubs: Stubs, kind: HubKind) -> tuple[int, list[str]]:
-    """How many names are documented for a hub, and those that ours lacks."""
+    """Number of names documented for a hub, and those that ours lacks."""
     robot = Robot("any", kind)
     hub_modules = modules(Machine(BenchBody(robot)), _Silence())
     count, missing = 0, []

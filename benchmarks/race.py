@@ -2,13 +2,13 @@
 
     python benchmarks/race.py [--seeds 5] [--limit 4000]
 
-Each contestant trains in a process of its own with one thread, start-up (imports, compilation) included, and is evaluated after
-every 100 steps on 40 deterministic episodes, whose time does not count; it is there once their mean return is -20. The others run
-twice: with our features and the values of our default settings (learning rate, discount, temperature, networks, layer
-normalisation where they have it, updates a step, random episodes at the start), and with their own defaults on raw
-observations. One seed of each runs after the other, so that all of them see the machine alike; medians over the seeds count. A
-contestant that is not there after ``--limit`` steps counts as that. What the result holds already is not run again, so the script
-goes on where it was ended, and with ``--contestants`` some get more seeds than others.
+Each contestant trains in its own process with one thread, start-up (imports, compilation) included, and is evaluated after every
+100 steps on 40 deterministic episodes, whose time is not included; it has reached the goal once their mean return is -20. The
+others run twice: with our features and the values of our default settings (learning rate, discount, temperature, networks, layer
+normalisation where they have it, updates per step, initial random episodes), and with their own defaults on raw observations. The
+contestants take turns seed by seed, so that all run under the same load; the result is the median over the seeds. A contestant
+that does not reach the goal within ``--limit`` steps counts with this limit. Runs in the result are not repeated: an interrupted
+script resumes, and with ``--contestants`` some get more seeds than others.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ CONTESTANTS = {
 
 
 class Race:
-    """One contestant on its way: evaluated after every hundred steps, the clock stopped meanwhile."""
+    """Evaluations of one contestant after every hundred steps, with the clock stopped meanwhile."""
 
     def __init__(self, limit: int) -> None:
         import torch
@@ -55,7 +55,7 @@ class Race:
         self._env = bricksrl.make(ENV, batch_size=EVALUATED, seed=1000)
 
     def is_over(self, steps: int, act: Callable[[Any], Any]) -> bool:
-        """Note how good ``act``, observations ``[40, n]`` to actions ``[40, m]``, is after so many steps; true at the goal."""
+        """Evaluate ``act``, observations ``[40, n]`` to actions ``[40, m]``, after ``steps``; true at the goal or limit."""
         import torch
 
         started_s = time.process_time()

@@ -1,12 +1,11 @@
-"""How fast the virtual robot is: simulated seconds per CPU second on one core, hub program, link and environment included.
+"""Speed of the virtual robots: simulated seconds per CPU second on one core, hub program, link and environment included.
 
     python benchmarks/realtime_factor.py
     python benchmarks/realtime_factor.py --envs Walker-v1 RunAway-v0
 
-Beside it stands how fast MuJoCo is alone in the same run: the very steps of ``mj_step``, from the same states and with the same
-voltages, done over again with nothing in between; and the ratio, what the whole costs for each second of its physics. Random
-actions, in pieces that are run and then done over at once, so that a computer that is busy with other things slows both down; the
-median of the pieces counts. Needs about a minute.
+The result also has the speed of MuJoCo alone, from a replay of the same ``mj_step`` calls with the same states and voltages, and
+the ratio of the total time to it. Random actions, in pieces that are replayed immediately, so that other load affects both;
+medians over the pieces. Takes about a minute.
 """
 
 from __future__ import annotations
@@ -35,7 +34,7 @@ _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS | mujoco.mjtState.mjSTATE_WARMSTART
 
 
 class Steps:
-    """What a body asked of ``mj_step``, to be done over again."""
+    """Recorder of calls of ``mj_step``, for a replay."""
 
     def __init__(self, body: Any) -> None:
         self._model, self._data = body.model, body.data
@@ -43,7 +42,7 @@ class Steps:
         self._after: NDArray[Any] | None = None
 
     def __call__(self, model: Any, data: Any, nstep: int = 1) -> None:
-        """In the place of ``mj_step``: notes down the state, where it is another than the last step left, and the voltages."""
+        """Replacement for ``mj_step``: records the voltages, and the state if it was changed since the last step."""
         before = self._state()
         moved = self._after is None or not np.array_equal(before, self._after)
         self._calls.append((before if moved else None, data.ctrl.copy(), model.opt.disableactuator, nstep))
@@ -51,7 +50,7 @@ class Steps:
         self._after = self._state()
 
     def again(self) -> float:
-        """CPU seconds that the steps take with nothing in between."""
+        """CPU seconds of a replay of the steps alone."""
         model, data = self._model, copy.copy(self._data)
         control, open_circuits = data.ctrl, model.opt.disableactuator
         started_s = time.process_time()
@@ -76,7 +75,7 @@ _mj_step = mujoco.mj_step
 
 
 class Runner:
-    """An environment and its random actions; two of the same seed do the same, bit for bit."""
+    """An environment and its random actions; equal seeds give equal runs, bit for bit."""
 
     def __init__(self, env_id: str) -> None:
         self.env: HubEnv = bricksrl.make(env_id, seed=0)
@@ -84,7 +83,7 @@ class Runner:
         self.simulated_s = 0.0
 
     def run(self, actions: list[torch.Tensor]) -> float:
-        """CPU seconds that it takes."""
+        """CPU seconds of these actions."""
         assert self.env.twin is not None
         started_s, simulated_s = time.process_time(), self.env.twin.now_s()
         for action in actions:
@@ -117,7 +116,7 @@ def measure(env_id: str) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Measure every environment and write what was found."""
+    """Measure every environment and write the results."""
     virtual = [env_id for env_id in list_envs() if "Sim-" not in env_id]
     parser = command(__doc__)
     parser.add_argument("--envs", nargs="+", default=virtual, choices=virtual)

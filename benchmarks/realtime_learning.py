@@ -1,10 +1,10 @@
-"""Learning beside a robot in real time: how long the robot takes against its own motion, and how many updates were made.
+"""Asynchronous learning in real time: wall time relative to the robot's motion, and number of updates.
 
     python benchmarks/realtime_learning.py --episodes 4
 
-Trains each agent on `Walker-v0 --realtime` (100 steps of 250 ms an episode) with its default settings. Motion is what the same
-steps take on the robot's own clock, in simulated time, where the computer costs nothing: the step and the two connection events
-of its command and its answer. Updates are counted until the robot's last step; what was made up for afterwards is told apart.
+Trains each agent on `Walker-v0 --realtime` (100 steps of 250 ms per episode) with its default settings. Motion is the duration of
+the same steps in simulated time, where the computer costs nothing: the step and the two connection events of its command and its
+answer. Updates are counted until the robot's last step; those after it are reported separately.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ AGENTS = ("sac", "td3", "crossq", "droq")
 
 
 class Clock(Callback):
-    """Notes when each step was made."""
+    """Callback that records the time of each step."""
 
     def __init__(self) -> None:
         self.at_s: dict[int, list[float]] = {}
@@ -35,12 +35,12 @@ class Clock(Callback):
         self.at_s.setdefault(episode, []).append(time.perf_counter())
 
     def steps_s(self) -> list[float]:
-        """What each step took but the first of each episode, those of the random start left out."""
+        """Duration of each step except the first of each episode, without the initial random episode."""
         return [later - before for times in list(self.at_s.values())[1:] for before, later in pairwise(times)]
 
 
 def motion_s() -> float:
-    """What a step takes on the robot's clock."""
+    """Mean duration of a step in simulated time."""
     env: Any = make(ENV, seed=0)
     times: list[float] = []
     state = env.reset()
@@ -53,7 +53,7 @@ def motion_s() -> float:
 
 
 def run(agent: str, episodes: int, motion: float) -> dict[str, Any]:
-    """Train one agent, and compare."""
+    """Train one agent, and compare its steps with their motion."""
     clock = Clock()
     cpu_s = time.process_time()
     with tempfile.TemporaryDirectory() as folder:

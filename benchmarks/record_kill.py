@@ -1,11 +1,11 @@
-"""What is left of a recording whose process is killed with SIGKILL at a random moment.
+"""Recordings after their process was killed with SIGKILL at random moments.
 
     python benchmarks/record_kill.py --kills 200 [--lerobot PYTHON]
 
-A process records episodes of known content, one after the other, and says after each commit that it has ended. It is killed,
-everything is opened again and compared, and another process goes on recording into the same folder: ``KILLS_PER_FOLDER`` kills a
-folder, every second folder with images. Lost is an episode that was said to be committed and is not there any more, or not as it
-was recorded. Opened with our reader, with pyarrow alone, and with LeRobot where it is installed.
+A process records episodes of known content and reports each commit. It is killed, the dataset is read and compared, and another
+process continues recording into the same folder: ``KILLS_PER_FOLDER`` kills per folder, every second folder with images. An
+episode is lost if its commit was reported and it is missing or differs. The dataset is read with our reader, with pyarrow alone,
+and with LeRobot if it is installed.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from bricksrl.entry import Entry
 
 KILLS_PER_FOLDER = 20
 LONGEST_S = 0.15
-"""An episode takes about as long to record."""
+"""Longest delay of a kill; recording an episode takes about as long."""
 STEPS = 20
 _CHANNELS = (Entry("angle", 0.0, 360.0, "deg", wraps=True), Entry("distance", unit="mm"))
 BLIND = Description("Toy-v0", 4.0, _CHANNELS, (Entry("motor", -100.0, 100.0, "deg"),), {"name": "toy"})
@@ -38,7 +38,7 @@ SEEING = Description(BLIND.env, 4.0, _CHANNELS, BLIND.action, BLIND.robot, camer
 
 
 def steps(number: int, side: int) -> list[Step]:
-    """Those of episode ``number``; from the number alone."""
+    """Steps of episode ``number``, which depend on the number only."""
     rng = np.random.default_rng(number)
     states = rng.normal(size=(STEPS + 1, 2)).astype(np.float32)
     images = rng.integers(0, 256, (STEPS + 1, side, side, 3), dtype=np.uint8)
@@ -58,7 +58,7 @@ def steps(number: int, side: int) -> list[Step]:
 
 
 def record(root: Path, description: Description) -> None:
-    """Record for ever, and say the number of episodes that are committed, first when it is ready."""
+    """Record endlessly; print the number of committed episodes when ready and after each commit."""
     from bricksrl.data.recorder import Recorder
 
     with Recorder(root, description) as recorder:
@@ -71,7 +71,7 @@ def record(root: Path, description: Description) -> None:
 
 
 def killed_after(root: Path, kind: str, commits: int, delay_s: float) -> int:
-    """Let a process record, kill it so long after so many commits, and return how many episodes it said are committed."""
+    """Start a recording, kill it ``delay_s`` after so many commits; returns the last reported number of episodes."""
     command = [sys.executable, __file__, "--record", str(root), "--kind", kind]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:  # noqa: S603
         assert process.stdout is not None
@@ -85,7 +85,7 @@ def killed_after(root: Path, kind: str, commits: int, delay_s: float) -> int:
 
 
 def opened(root: Path, committed: int) -> dict[str, Any]:
-    """What is found: episodes beyond those that were committed, lost or wrong ones, and who could open it."""
+    """Numbers of episodes, of lost ones and of unreported ones, and whether pyarrow reads the dataset."""
     if not committed and not (root / "meta/info.json").exists():
         return {"episodes": 0, "lost": 0, "beyond": 0, "pyarrow": True}
     import pyarrow.dataset
@@ -114,7 +114,7 @@ def opened(root: Path, committed: int) -> dict[str, Any]:
 
 
 class LeRobot:
-    """Its reader, in the process of a Python that has it."""
+    """LeRobot's reader, in a process of the Python where it is installed."""
 
     def __init__(self, python: str) -> None:
         command = [python, "-I", str(Path(__file__).with_name("lerobot_reader.py"))]  # our modules are not its
@@ -132,7 +132,7 @@ class LeRobot:
         self._process.communicate(timeout=30)
 
     def opens(self, root: Path, committed: int) -> bool:
-        """Whether it finds the committed episodes, and all that it finds as they were recorded."""
+        """Whether it reads all committed episodes, and each as it was recorded."""
         assert self._process.stdin is not None
         self._process.stdin.write(f"{root}\n")
         self._process.stdin.flush()
@@ -149,13 +149,13 @@ class LeRobot:
         assert self._process.stdout is not None
         line = self._process.stdout.readline()
         if not line:
-            raise RuntimeError("LeRobot's process ended; what it said is above")
+            raise RuntimeError("LeRobot's process ended; its output is above")
         answer: dict[str, Any] = json.loads(line)
         return answer
 
 
 def recorded(number: int, side: int) -> dict[str, str]:
-    """What LeRobot's reader should say of episode ``number``."""
+    """Expected answer of LeRobot's reader for episode ``number``."""
     from lerobot_reader import digest
 
     expected = steps(number, side)
@@ -170,7 +170,7 @@ def recorded(number: int, side: int) -> dict[str, str]:
 
 
 def measure(kills: int, seed: int, lerobot: LeRobot | None) -> dict[str, Any]:
-    """Kill so often, at moments drawn from ``seed``."""
+    """Results of ``kills`` kills at moments drawn from ``seed``."""
     rng = random.Random(seed)
     results: list[dict[str, Any]] = []
     with tempfile.TemporaryDirectory() as folder:
@@ -213,7 +213,7 @@ def main() -> None:
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--lerobot", metavar="PYTHON", help="the Python of an environment that has LeRobot")
-    parser.add_argument("--record", type=Path, help="be the process that is killed, in this folder")
+    parser.add_argument("--record", type=Path, help="run as the process that is killed, recording into this folder")
     parser.add_argument("--kind", choices=("blind", "seeing"), default="blind")
     args = parser.parse_args()
     if args.record is not None:

@@ -1,9 +1,9 @@
-"""A run that was interrupted and resumed again and again, on top of one that never was.
+"""A run that was interrupted and resumed several times, compared with an uninterrupted one.
 
     python benchmarks/resume.py
 
-Trains SAC on `WalkerSim-v0` twice with one seed: in one go, and stopped in the middle of an episode three times. The returns must
-be equal to the last bit; both curves are drawn into `results/resume.png`.
+Trains SAC on `WalkerSim-v0` twice with one seed: uninterrupted, and stopped within an episode three times. The returns must be
+equal to the last bit; `results/resume.png` shows both curves.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ STOPS = ((3, 57), (5, 2), (8, 99))
 
 
 class StopAt(Callback):
-    """Interrupts a run at a step."""
+    """Callback that interrupts a run at a step."""
 
     def __init__(self, at: tuple[int, int] | None) -> None:
         self.stop = threading.Event()
@@ -36,13 +36,13 @@ class StopAt(Callback):
 
 
 def weights(run_dir: Path) -> list[torch.Tensor]:
-    """The actor's, at the end."""
+    """Final tensors of the actor."""
     actor = load_checkpoint(run_dir / "checkpoint.bin")["agent"]["policy"]
     return [tensor for tensor in actor.values() if isinstance(tensor, torch.Tensor)]
 
 
 def draw(path: Path, whole: list[float], parts: list[float]) -> None:
-    """Both curves, and where the second was interrupted."""
+    """Plot both curves, and the interruptions of the second."""
     figure = new_figure()
     axes = figure.add_subplot()
     episodes = range(1, len(whole) + 1)

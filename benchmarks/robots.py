@@ -1,11 +1,11 @@
-"""What SAC learns on each robot, in the paper's number of episodes where it has the task, over seeds, beside the paper.
+"""SAC on each robot over several seeds, with the paper's number of episodes if it has the task, next to the paper's results.
 
     python benchmarks/robots.py
     python benchmarks/robots.py --envs Walker-v1 --seeds 3
 
-Each seed trains with the default preset in a process of its own, on one thread, as many at once as there are cores; what was
-learned is then evaluated on episodes that no training saw. Results of other environments stay in the file, and with ``--keep``
-those of the same environment's seeds too.
+Each seed trains with the default preset in its own process, on one thread, as many in parallel as there are cores, and is then
+evaluated on other episodes than those of the training. Results of other environments stay in the file, and with ``--keep`` those
+of the same environment's seeds too.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ def run(env_id: str, agent: str, episodes: int, seed: int, folder: str) -> dict[
 
 
 def summary(runs: list[dict[str, Any]]) -> dict[str, Any]:
-    """Over the seeds: interquartile mean, mean and deviation of the returns, and the share of successes, with intervals."""
+    """Summary over the seeds: interquartile mean, mean and deviation of the returns, and success rate, with intervals."""
     strata = [run["returns"] for run in runs]
     means = [run["return_mean"] for run in runs]
     interval = stratified_bootstrap_interval([means], mean)
@@ -86,7 +86,7 @@ def summary(runs: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def paper_of(env_id: str) -> dict[str, Any] | None:
-    """Its means and standard deviations on LEGO's robots, and the success of its SAC where it names one."""
+    """The paper's means and standard deviations on LEGO robots, and the success rate of its SAC if it has one."""
     if env_id not in RETURNS:
         return None
     success = {"sac_success_rate": SUCCESS[env_id]["sac"]} if env_id in SUCCESS else {}

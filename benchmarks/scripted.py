@@ -1,6 +1,6 @@
-"""Controllers written by hand, one an environment: what somebody who knows the robot gets without learning.
+"""Hand-written controllers, one per environment, as references for learned policies.
 
-Each is a function from what the agent sees, a TensorDict without batch dimensions, to an action ``[m]`` in -1..1.
+Each is a function from the agent's input, a TensorDict without batch dimensions, to an action ``[m]`` in -1..1.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ def run_away(_state: TensorDictBase) -> Tensor:
 
 
 def spin(state: TensorDictBase) -> Tensor:
-    """Both wheels against each other at full speed, in the direction that was drawn."""
+    """Both wheels in opposite directions at full speed, in the drawn direction."""
     turn = torch.tensor([-1.0, 1.0])
     return turn if state["observation"][5] < 0.5 else -turn
 
 
 def trot(state: TensorDictBase) -> Tensor:
-    """All legs on, those that are behind their phase faster: walks, and brings the legs into step."""
+    """All legs forward, those behind their phase faster: walks, and synchronises the legs."""
     phase = state["observation"][:4] - TROT_DEG
     mean = torch.rad2deg(torch.atan2(phase.deg2rad().sin().mean(), phase.deg2rad().cos().mean()))
     action: Tensor = (-0.8 - 1.2 * _signed_deg(phase - mean).deg2rad()).clamp(-1.0, 1.0)
@@ -47,7 +47,7 @@ def trot(state: TensorDictBase) -> Tensor:
 
 
 def into_step(state: TensorDictBase) -> Tensor:
-    """The paper's reward of the Walker, climbed over one step and the way that is left: the best of all phases to come to."""
+    """Action towards the trot phase with the best reward of this step, less a cost of the remaining turns."""
     angle = state["observation"][:4]
     target = torch.arange(0.0, 360.0, 4.0)[:, None] + TROT_DEG
     remaining_deg = torch.remainder(angle - target, 360.0)  # legs turn backwards only
@@ -60,7 +60,7 @@ def into_step(state: TensorDictBase) -> Tensor:
 
 
 def reach(state: TensorDictBase) -> Tensor:
-    """Each joint by what it lacks, the rotation the shorter way around."""
+    """Each joint by its error, the rotation the shorter way around."""
     observation = state["observation"]
     error_deg = observation[4:] - observation[:4]
     error_deg[0] = _signed_deg(error_deg[0])
@@ -69,7 +69,7 @@ def reach(state: TensorDictBase) -> Tensor:
 
 
 def bring(state: TensorDictBase) -> Tensor:
-    """Turn and stretch the arm to where the image is green; 0 degrees are downwards in the image."""
+    """Turn and stretch the arm to the green disc in the image; 0 degrees are downwards."""
     rotation, _, high = state["observation"].tolist()
     image = state["image"].float()
     green = (image[..., 1] > 140) & (image[..., 0] < 120) & (image[..., 2] < 120)
@@ -84,14 +84,14 @@ def bring(state: TensorDictBase) -> Tensor:
 
 
 def follow(state: TensorDictBase) -> Tensor:
-    """Half speed; a turn in proportion to how far the brightness is from that of the line's edge."""
+    """Half speed, with a turn proportional to the difference of the brightness from that of the edge."""
     off_pct = state["observation"][0] - EDGE_PCT
     action: Tensor = torch.stack([torch.zeros(()), 0.8 * off_pct / 45.0]).clamp(-1.0, 1.0)
     return action
 
 
 def park(state: TensorDictBase) -> Tensor:
-    """Into the heading in which an arc of a circle begins that ends straight in the bay; along it; straight in the bay."""
+    """Turn to the start of an arc that ends in the bay with its heading, follow it, and align in the bay."""
     ahead_mm, left_mm, turn_deg = state["observation"][-5:-2]
     distance_mm = torch.hypot(ahead_mm, left_mm)
     heading_error_deg = _signed_deg(-2.0 * torch.atan2(left_mm, ahead_mm).rad2deg() - turn_deg)

@@ -1,10 +1,10 @@
-"""Many seeds at once: one program that trains stacked networks, or processes side by side?
+"""Training of several seeds: one program with stacked networks, compared with parallel processes.
 
     python benchmarks/seeds.py
 
 Part one: updates of three networks of two layers of 256 (two critics and an actor, as in SAC) on batches of 256, for five seeds:
 one after the other, and as one batched matrix product for all; on one thread and on all. The products are most of an update.
-Part two: five seeds of SAC on `WalkerSim-v0`, a process for each, as many at a time as there are cores, against one at a time.
+Part two: five seeds of SAC on `WalkerSim-v0`, each in a process, as many in parallel as there are cores, and one at a time.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ ROUNDS, UPDATES = 7, 10
 
 
 def updates_of(stacked: int) -> Callable[[], None]:
-    """``UPDATES`` updates of so many stacked networks."""
+    """``UPDATES`` updates of ``stacked`` networks."""
     shapes = [(stacked, a, b) for a, b in ((INPUTS, HIDDEN), (HIDDEN, HIDDEN), (HIDDEN, 1))]
     weights = [(torch.randn(shape) / shape[1] ** 0.5).requires_grad_() for shape in shapes]
     optimiser = torch.optim.Adam(weights, fused=True)
@@ -52,7 +52,7 @@ def updates_of(stacked: int) -> Callable[[], None]:
 
 
 def stacked_or_not(threads: int) -> dict[str, float]:
-    """Milliseconds on the wall for an update of all seeds: one after the other, and stacked."""
+    """Wall milliseconds of an update of all seeds: one after the other, and stacked."""
     torch.set_num_threads(threads)
     singles, together = [updates_of(NETWORKS) for _ in range(SEEDS)], updates_of(SEEDS * NETWORKS)
     times_ms: dict[str, list[float]] = {"one_after_the_other_ms": [], "stacked_ms": []}
@@ -66,7 +66,7 @@ def stacked_or_not(threads: int) -> dict[str, float]:
 
 
 def processes(jobs: int, episodes: int) -> float:
-    """Seconds on the wall for all seeds."""
+    """Wall seconds for all seeds."""
     with tempfile.TemporaryDirectory() as folder:
         config = TrainConfig("WalkerSim-v0", episodes=episodes, record=False, run_dir=Path(folder) / "all")
         started_s = time.perf_counter()

@@ -1,9 +1,9 @@
-"""How fast the batched simulations are: environment steps a second through ``EnvBase``, copies that end started anew.
+"""Speed of the batched simulations: environment steps per second through ``EnvBase``, resets of ended copies included.
 
     python benchmarks/simulation_speed.py
 
-Every batch size runs with the same random actions, on one thread and on all cores; the median of several runs counts. The CPU
-time tells what the machine would do if nothing else ran on it. Needs about two minutes.
+Every batch size runs with the same random actions, on one thread and on all cores; medians over several runs. The rate per CPU
+second is independent of other load. Takes about two minutes.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ SECONDS = 0.7
 
 
 def measure(env: EnvBase, action: torch.Tensor) -> dict[str, float]:
-    """Step for ``SECONDS``."""
+    """Rates over ``SECONDS`` of steps."""
     state, calls = env.reset(), 0
     started_s, started_cpu_s = time.perf_counter(), time.process_time()
     while (wall_s := time.perf_counter() - started_s) < SECONDS:

@@ -1,10 +1,9 @@
-"""How long commands take until they do what they are asked: from the call of a new process to its end.
+"""Start-up time of commands: from the start of a new process to its end.
 
     python benchmarks/startup.py
 
-Each command runs several times in a process of its own; the median of the wall times counts, and the CPU time beside it tells
-what the machine would do if nothing else ran on it. The program that is run prints one word. `hub check` without a hub ends when
-it has found out that this computer reaches none. Needs about a minute.
+Each command runs several times in its own process; medians of wall time and of CPU time, which is independent of other load. The
+program prints one word. `hub check` without a hub ends when it has found none. Takes about a minute.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ COMMANDS = (
 
 
 def measure(arguments: list[str], runs: int) -> dict[str, Any]:
-    """Medians over so many runs, after one that warms up."""
+    """Median times over ``runs`` runs, after one that warms up."""
     wall_s, cpu_s = [], []
     for _ in range(runs + 1):
         before, start_s = _children_s(), time.perf_counter()

@@ -1,4 +1,4 @@
-"""Ends a training run at the end of the first episode that fulfils a condition."""
+"""Callback that ends a training run after the first episode that meets a condition."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from bricksrl.training import Callback, Episode, Progress
 
 
 class StopWhen(Callback):
-    """Give it to a run as its callback, and its ``stop`` as the run's."""
+    """Callback of a run; pass its ``stop`` to the run too."""
 
     def __init__(self, condition: Callable[[Episode], bool]) -> None:
         self.stop = threading.Event()

@@ -1,10 +1,10 @@
-"""What an update costs: our agents against TorchRL's losses, Stable-Baselines3 and SBX, in CPU time and wall time.
+"""Cost of an update: our agents, TorchRL's losses, Stable-Baselines3 and SBX, in CPU time and wall time.
 
     python benchmarks/updates.py [--agents sac td3] [--contestants ours sb3] [--rounds 9]
 
-Every contestant runs in a process of its own with one thread, and all take turns for ``--rounds`` rounds; medians count, and so
-do the medians of each round's ratios. An update is one of the critics; DroQ and REDQ make 20 of them for one of the actor. What
-`contestants` says of each is what it is. The time to the first update has the imports in it, and SBX's compilation.
+Every contestant runs in its own process with one thread, and all take turns for ``--rounds`` rounds; medians of the times and of
+the ratios in each round. An update is one of the critics; DroQ and REDQ make 20 of them for one of the actor. `contestants`
+describes each contestant. The time to the first update includes the imports, and SBX's compilation.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ NEEDS = {"sb3": "stable_baselines3", "sbx": "sbx"}
 
 
 def work(name: str, agent: str, connection: Connection) -> None:
-    """A contestant's process: makes its agent, updates once, then whenever it is asked to; tells the times."""
+    """A contestant's process: builds its agent, updates once, then at each request; sends the times."""
     from contestants import CONTESTANTS, UPDATES
 
     if hasattr(os, "sched_setaffinity"):
@@ -42,7 +42,7 @@ def work(name: str, agent: str, connection: Connection) -> None:
 
 
 class Contestant:
-    """One of them, in its process."""
+    """A contestant in its process."""
 
     def __init__(self, name: str, agent: str) -> None:
         self.name, self.agent = name, agent
@@ -57,7 +57,7 @@ class Contestant:
         self.rounds: list[tuple[float, float]] = []
 
     def take_turn(self) -> None:
-        """Update, and note CPU and wall milliseconds of one update."""
+        """Update, and record CPU and wall milliseconds of one update."""
         self._connection.send(True)
         self.rounds.append(tuple(self._connection.recv()))
 
@@ -73,7 +73,7 @@ class Contestant:
 
 
 def available() -> list[str]:
-    """The contestants that can run here; says why the others cannot."""
+    """Contestants that can run here; prints why the others cannot."""
     from contestants import CONTESTANTS
 
     names = []
@@ -86,7 +86,7 @@ def available() -> list[str]:
 
 
 def race(agent: str, names: list[str], rounds: int) -> dict[str, Any]:
-    """All contestants that have the agent, in turns."""
+    """Times of all contestants that have the agent, in turns."""
     from contestants import CONTESTANTS
 
     contestants = [Contestant(name, agent) for name in names if agent in CONTESTANTS[name][1]]
@@ -105,7 +105,7 @@ def race(agent: str, names: list[str], rounds: int) -> dict[str, Any]:
 
 
 def overhead_share(agent: str) -> float:
-    """Share of our updates' CPU time that goes into what surrounds them: drawing, relabelling and cutting batches."""
+    """Share of the CPU time of our updates for drawing, relabelling and splitting batches."""
     import torch
     from contestants import UPDATES, learner_of
 

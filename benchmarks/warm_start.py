@@ -3,10 +3,10 @@
     python benchmarks/datasets.py --out runs/datasets
     python benchmarks/warm_start.py --data runs/datasets/Walker-v0-expert
 
-Four ways, each from ``--seeds`` seeds, on the twin: SAC from nothing; SAC with half of each batch from the dataset; IQL that has
-learned from the dataset alone before and goes on; SAC that goes on from the policy of a BC that has, with the dataset beside it.
-The first episode whose own return (the agent explores in it) is -25 or more counts; an agent that does not get there counts with
-``--episodes`` and one more.
+Four methods, each with ``--seeds`` seeds, on the virtual robot: SAC from scratch; SAC with half of each batch from the dataset;
+IQL that was trained on the dataset and continues; SAC that continues from the policy of a BC agent trained on the dataset, with
+the dataset. The result is the first episode with a return, exploration included, of -25 or more; an agent that does not reach it
+counts with ``--episodes`` and one more.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from bricksrl.training.offline import settings_like
 
 ENV, GOAL = "Walker-v0", -25.0
 WAYS = {"alone": ("sac", None), "data": ("sac", None), "start": ("iql", "iql"), "policy": ("sac", "bc")}
-"""Who learns on the robot, and from whom it goes on."""
+"""Agent that learns on the robot, and agent that it continues from."""
 
 
 def run(way: str, data: str, seed: int, episodes: int, updates: int) -> dict[str, Any]:
@@ -57,7 +57,7 @@ def run(way: str, data: str, seed: int, episodes: int, updates: int) -> dict[str
 
 
 def main() -> None:
-    """Make all runs and write them."""
+    """Run all and write the results."""
     parser = command(__doc__)
     parser.add_argument("--data", type=Path, default=Path("runs/datasets/Walker-v0-expert"))
     parser.add_argument("--ways", nargs="+", default=list(WAYS), choices=list(WAYS))

@@ -11,15 +11,15 @@ from bricksrl.envs.vision.camera import CameraView
 from bricksrl.envs.vision.encoders import encode_images
 from bricksrl.errors import EncoderError
 
-SEEN = replace(get_task("Spinning-v0"), id="SeenSpinning-v0", camera=CameraView("chase", width_px=128, height_px=96, image_px=64))
+TASK = replace(get_task("Spinning-v0"), id="SeenSpinning-v0", camera=CameraView("chase", width_px=128, height_px=96, image_px=64))
 
 
 def main() -> None:
-    bricksrl.register(SEEN)
+    bricksrl.register(TASK)
     env = bricksrl.make("SeenSpinning-v0", seed=0)
     print("on the robot:", env.observation_spec["image"].dtype, list(env.observation_spec["image"].shape))
 
-    seen = TransformedEnv(
+    transformed = TransformedEnv(
         env,
         Compose(
             FrameSkipTransform(2),
@@ -28,7 +28,7 @@ def main() -> None:
             CatFrames(2, dim=-3, in_keys=["image"], out_keys=["stack"]),
         ),
     )
-    steps = seen.rollout(6)
+    steps = transformed.rollout(6)
     print("stacked:", list(steps["stack"].shape), "of mean", round(steps["stack"].mean().item(), 2))
     assert torch.equal(steps["stack"][3, :3], steps["image"][2])
 

@@ -38,7 +38,7 @@ def distance_mm(angles: dict[str, float]) -> float:
 
 def test_it_stops_before_the_wall(tmp_path: Path) -> None:
     (tmp_path / "main.py").write_text(PROGRAM)
-    said = io.BytesIO()
-    assert run_file(tmp_path / "main.py", BenchBody(ROVER, {"eyes": distance_mm}), stdout=said, time_limit_s=30) == 0
-    words = said.getvalue().decode().split()
+    output = io.BytesIO()
+    assert run_file(tmp_path / "main.py", BenchBody(ROVER, {"eyes": distance_mm}), stdout=output, time_limit_s=30) == 0
+    words = output.getvalue().decode().split()
     assert words[0] == "stopped" and 120 <= int(words[1]) <= 150

@@ -160,7 +160,7 @@ def test_two_wheeler_parks_by_dead_reckoning() -> None:
         while not observations or not bool(state["done"]):
             state = env.step(state.set("action", CONTROLLERS["Park-v0"](state)))["next"]
             observations.append(state["observation"])
-        reckoned, truth = torch.stack(observations), env.judged(torch.stack(observations))
+        reckoned, truth = torch.stack(observations), env.task_observations(torch.stack(observations))
         assert bool(state["terminated"]) and PARK.success(reckoned) and PARK.success(truth)
         assert not torch.equal(reckoned, truth) and torch.allclose(reckoned, truth, rtol=0, atol=10)
         errors = env.walk_metrics()
@@ -175,7 +175,7 @@ def test_success_uses_true_position_of_twin(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(TargetTracker, "entries", lambda _self: (1.0, 2.0, 3.0, 0.0, 0.0))
     monkeypatch.setattr(bricksrl.envs.dead_reckoning, "floor_pose", lambda _pose: FloorPose(30.0, 0.0, 0.0))
     state = env.step(state.set("action", torch.zeros(2)))["next"]
-    seen_by_it, truth = state["observation"][None], env.judged(state["observation"][None])
+    seen_by_it, truth = state["observation"][None], env.task_observations(state["observation"][None])
     assert bool(state["terminated"]) and PARK.success(seen_by_it), "it takes itself for parked"
     assert truth[0, 2:5].tolist() == [-30.0, 0.0, 0.0] and not PARK.success(truth)
     env.close()

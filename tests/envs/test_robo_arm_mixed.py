@@ -125,7 +125,7 @@ def test_scripted_policy_brings_ball_to_goal() -> None:
     for _ in range(6):
         steps = env.rollout(30, steer(env))
         rewards = steps["next", "reward"][:, 0]
-        judged = env.judged(steps["next", "observation"])
+        judged = env.task_observations(steps["next", "observation"])
         assert torch.allclose(rewards, -judged[:, -2] / 100)
         gains.append((rewards[-1] - rewards[0]).item())
         arrived.append(bool(env.task.success(judged)))

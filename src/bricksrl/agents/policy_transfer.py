@@ -69,7 +69,7 @@ def anchor(learner: Learner) -> None:
 
 
 class PolicyAnchor(nn.Module):
-    """A decreasing pull of an actor's mean towards the current policy of ``actor``, until it is free after so many ``updates``.
+    """A decreasing pull of an actor's mean towards the current policy of ``actor``, until it is free after ``updates`` updates.
     ``actor``: features to outputs; the first ``action_size`` are the mean before the tanh."""
 
     def __init__(self, actor: nn.Module, action_size: int, updates: int) -> None:

@@ -248,7 +248,7 @@ class HubEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
             "link_lost": torch.zeros(1, dtype=torch.bool),
         }
         if task.has_hidden_entries:
-            episode.judged.append(with_truth(observation, episode.tracker, self._entries))
+            episode.task_observations.append(with_truth(observation, episode.tracker, self._entries))
         if episode.watch is not None:
             out["observation"] = observation[: self._entries].clone()
             out["image"] = torch.from_numpy(episode.watch.image)
@@ -292,7 +292,7 @@ class HubEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
         episode.watch.see(self._guarded(self._camera.frame))
         return with_numbers(observation, episode.watch)
 
-    def judged(self, observations: torch.Tensor) -> torch.Tensor:
+    def task_observations(self, observations: torch.Tensor) -> torch.Tensor:
         """Input of the task's success and metrics for the observations ``[steps, n]`` of the whole current episode. Raises
         BricksError if the number of observations is not that of the current episode's steps.
 
@@ -301,10 +301,10 @@ class HubEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
         """
         if not self.task.has_hidden_entries:
             return observations
-        judged = self._episode.judged if self._episode is not None else []
-        if len(judged) != len(observations):
+        stored = self._episode.task_observations if self._episode is not None else []
+        if len(stored) != len(observations):
             raise BricksError(f"{self.task.id} judges an episode before the next reset, and not {len(observations)} other steps")
-        return torch.stack(judged)
+        return torch.stack(stored)
 
     @property
     def timing(self) -> Timing:

@@ -37,7 +37,7 @@ class EpisodeState:
         commands: the last ones, where they are observed.
         watch: the camera's view; ``None`` for a task without a camera.
         tracker: position of the target; ``None`` for a task without a target.
-        judged: observations after each step, as the task's functions get them; only with a camera or a target.
+        task_observations: observations after each step, as the task's functions get them; only with a camera or a target.
         is_cut: whether a pause truncated the episode.
         measured_s: the link's clock when the last observation was measured; ``hub_time_s`` is the hub's.
         age_s: age of the observation that the last action was chosen for.
@@ -50,7 +50,7 @@ class EpisodeState:
     step_count: int = 0
     watch: Watch | None = None
     tracker: TargetTracker | None = None
-    judged: list[torch.Tensor] = field(default_factory=list)
+    task_observations: list[torch.Tensor] = field(default_factory=list)
     is_cut: bool = False
     hub_time_s: float = 0.0
     age_s: float = 0.0

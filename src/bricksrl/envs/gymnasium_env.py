@@ -118,7 +118,7 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
     def _info(self, *, ended: bool) -> dict[str, Any]:
         episode = torch.stack(self._observations)
         if self.env.task.has_hidden_entries:
-            episode = self.env.judged(episode)
+            episode = self.env.task_observations(episode)
         info: dict[str, Any] = {name: float(value) for name, value in self.env.task.metrics(episode).items()}
         if ended:
             info["success"] = bool(self.env.task.success(episode))

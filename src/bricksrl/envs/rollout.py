@@ -114,22 +114,22 @@ class Rollout:
     def success(self, env: EnvBase) -> bool | None:
         """Success by the task, for the last episode of ``env``; ``None`` if ``env`` has no task or the episode no step."""
         task = getattr(env, "task", None)
-        return None if task is None or not self.rewards else bool(task.success(self._judged(env)))
+        return None if task is None or not self.rewards else bool(task.success(self._task_observations(env)))
 
     def metrics(self, env: EnvBase) -> dict[str, float]:
         """Metrics by the task, for the last episode of ``env``; empty if ``env`` has no task or the episode no step."""
         task = getattr(env, "task", None)
         if task is None or not self.rewards:
             return {}
-        metrics = {name: float(value) for name, value in task.metrics(self._judged(env)).items()}
+        metrics = {name: float(value) for name, value in task.metrics(self._task_observations(env)).items()}
         walk = getattr(env, "walk_metrics", None)
         return metrics if walk is None else {**metrics, **walk()}
 
-    def _judged(self, env: EnvBase) -> Tensor:
+    def _task_observations(self, env: EnvBase) -> Tensor:
         """Observations ``[steps, n]`` as the task's functions get them."""
         observations = torch.stack(self.observations)
-        judged = getattr(env, "judged", None)
-        return observations if judged is None else judged(observations)
+        convert = getattr(env, "task_observations", None)
+        return observations if convert is None else convert(observations)
 
 
 @dataclass(frozen=True)

@@ -294,7 +294,7 @@ def test_any_task_takes_a_camera() -> None:
     steps = env.rollout(3)
     assert steps["image"].shape == (3, 32, 32, 3)
     assert (steps["next", "image"] != steps["image"]).any()
-    assert torch.equal(env.judged(steps["next", "observation"]), steps["next", "observation"])
+    assert torch.equal(env.task_observations(steps["next", "observation"]), steps["next", "observation"])
     env.close()
     with pytest.raises(DescriptionError, match="simulated"):
         SimulatedEnv(task, Kinematics(noise=0.0))
@@ -344,10 +344,10 @@ def test_camera_findings_are_for_task_only() -> None:
     assert [numbers[-2:].tolist() for numbers in seen] == [[0, 100], [10, 10], [10, 10], [10, 100]]
     assert steps[0]["observation"].shape == (6,)
     assert steps[0]["image"].dtype == torch.uint8
-    judged = env.judged(torch.stack([step["observation"] for step in steps]))
+    judged = env.task_observations(torch.stack([step["observation"] for step in steps]))
     assert judged[:, 6:].tolist() == [[10, 10], [10, 100]]
     with pytest.raises(BricksError, match="before the next reset"):
-        env.judged(torch.zeros(5, 6))
+        env.task_observations(torch.zeros(5, 6))
 
 
 def test_failing_camera_stops_robot() -> None:
