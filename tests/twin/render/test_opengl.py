@@ -110,7 +110,7 @@ def test_static_culling_gives_same_picture(
             arm.set_voltage(port, volts)
             arm.advance_to(now_ms)
             with monkeypatch.context() as patched:
-                patched.setattr(opengl, "stands_still", lambda model, camera: False)
+                patched.setattr(opengl, "is_fixed_camera", lambda model, camera: False)
                 whole = picture(arm, 160, 120, camera, smooth=smooth)
             part = renderer.render()
             assert renderer._moving is not None
