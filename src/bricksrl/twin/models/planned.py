@@ -130,14 +130,16 @@ class _Builder:
     def _subtree_kg(self) -> dict[int, float]:
         """Mass of each body with all its descendants, kg."""
         mass = {number: body.mass_kg for number, body in enumerate(self.articulation.bodies)}
-        turns = [joint.turn for joint in (*self.articulation.drives, *self.articulation.geared)] + list(self.articulation.swings)
+        driven = [drive.turn for drive in self.articulation.drives] + [geared.turn for geared in self.articulation.geared]
+        turns = [*driven, *self.articulation.swings]
         for turn in sorted(turns, key=lambda turn: -turn.child):
             mass[turn.parent] += mass[turn.child]
         return mass
 
     def _ports(self) -> dict[int, str]:
         """Port of the motor that moves each body."""
-        ports = {joint.turn.child: joint.port for joint in (*self.articulation.drives, *self.articulation.geared)}
+        ports = {drive.turn.child: drive.port for drive in self.articulation.drives}
+        ports |= {geared.turn.child: geared.port for geared in self.articulation.geared}
         for turn in sorted(self.articulation.swings, key=lambda turn: turn.child):
             if turn.parent in ports:
                 ports[turn.child] = ports[turn.parent]
@@ -271,7 +273,8 @@ class _Builder:
 
     def _draw(self) -> None:
         plan = self.planned.plan
-        drawn_apart = {part for group in (*self.articulation.followers, *self.articulation.rods) for part in group.parts}
+        drawn_apart = {part for follower in self.articulation.followers for part in follower.parts}
+        drawn_apart |= {part for rod in self.articulation.rods for part in rod.parts}
         for number, body in self.bodies.items():
             parts = tuple(part for part in self.articulation.bodies[number].parts if part not in drawn_apart)
             ports = [drive.port for drive in self.articulation.drives if drive.turn.child == number and not drive.teeth]
