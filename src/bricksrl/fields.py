@@ -48,7 +48,8 @@ def _matches(value: Any, hint: Any) -> bool:
         return True
     if cls in (int, float) and isinstance(value, bool):
         return False
-    if not isinstance(value, int | float if cls is float else cls):
+    is_instance = isinstance(value, int | float if cls is float else cls)
+    if not is_instance:
         return False
     if cls is not tuple or not parts:
         return True

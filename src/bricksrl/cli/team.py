@@ -127,8 +127,9 @@ class TrainTeam:
         env = make_arena(team.config.env)
         episodes = play_team(env, team.policy, self.episodes, _EVALUATION_SEED + self.seed)
         succeeded = sum(episode.success for episode in episodes)
-        steps = sum(episode.length for episode in episodes) / len(episodes)
-        print_line(f"success         {succeeded} of {counted(len(episodes), 'episode')} in the arena, {steps:.1f} steps on average")
+        mean_steps = sum(episode.length for episode in episodes) / len(episodes)
+        count = counted(len(episodes), "episode")
+        print_line(f"success         {succeeded} of {count} in the arena, {mean_steps:.1f} steps on average")
         if folder is not None:
             print_line(f"team            {folder / TEAM_FILE}")
             try:
