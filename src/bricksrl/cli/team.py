@@ -30,6 +30,7 @@ class TrainTeam:
 
     They learn in a kinematic simulation of their arena or, with --copies 0 or without such a simulation, in the arena itself:
     virtual hubs in one physics world, where they also play afterwards. The folder gets team.bin and, with OpenGL, a film.
+    Algorithms: mappo has a critic of the whole group, ippo a critic of each robot, sac learns from each robot independently.
 
     Examples:
       bricksrl team Tag-v0
@@ -41,8 +42,7 @@ class TrainTeam:
     env: Annotated[Positional[str | None], option(metavar="ARENA")] = None
     """Arena; `bricksrl list` shows them."""
     agent: Annotated[Literal["mappo", "ippo", "sac"] | None, option(metavar="NAME")] = None
-    """Algorithm: mappo, with a critic of the whole group, ippo, with a critic of each robot, or sac. By default ippo in the
-    simulation, and sac, which needs fewer steps, in the arena itself."""
+    """Algorithm; by default ippo in the simulation, and sac, which needs fewer steps, in the arena itself."""
     learn: Annotated[UseAppendAction[tuple[str, ...]], option(metavar="GROUP")] = ()
     """Group of robots that learns; the others follow their scripts. May be repeated. By default the arena's first group."""
     frames: Annotated[int | None, option(metavar="N")] = None

@@ -100,8 +100,8 @@ def _stand(model: mujoco.MjModel, data: mujoco.MjData, tilt_deg: tuple[float, fl
     """Tilt the chassis, and put the robot's lowest drawn point on the floor."""
     pitch, roll = (math.radians(angle) / 2 for angle in tilt_deg)
     quaternion = np.empty(4)
-    by_pitch = np.array([math.cos(pitch), 0.0, math.sin(pitch), 0.0])
-    mujoco.mju_mulQuat(quaternion, by_pitch, np.array([math.cos(roll), math.sin(roll), 0.0, 0.0]))
+    pitch_quaternion = np.array([math.cos(pitch), 0.0, math.sin(pitch), 0.0])
+    mujoco.mju_mulQuat(quaternion, pitch_quaternion, np.array([math.cos(roll), math.sin(roll), 0.0, 0.0]))
     data.qpos[0:7] = (0.0, 0.0, 1.0, *quaternion)
     mujoco.mj_kinematics(model, data)
     drawn = np.flatnonzero((model.body_weldid[model.geom_bodyid] != 0) & (model.geom_group != SHAPE_GROUP))
