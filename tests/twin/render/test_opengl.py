@@ -114,7 +114,7 @@ def test_static_culling_gives_same_picture(
                 whole = picture(arm, 160, 120, camera, smooth=smooth)
             part = renderer.render()
             assert renderer._moving is not None
-            assert renderer._puts_over is (not smooth and alpha is None)
+            assert renderer._is_composited is (not smooth and alpha is None)
             assert 0 < renderer._moving.box(arm.data).width < 160
             apart = np.abs(part.astype(int) - whole).max(-1)
             # Where surfaces of moving and still parts meet in a pixel, rounding decides which one is seen.
