@@ -1,7 +1,7 @@
 """BricksRL: reinforcement learning on LEGO robots that run Pybricks.
 
 The public names load what they need when they are first used, so that ``import bricksrl`` and ``bricksrl --help`` take no time.
-Whoever imports Gymnasium too, before or after, finds our environments there as ``bricksrl/<id>``;
+If Gymnasium is imported too, before or after, the environments are registered there as ``bricksrl/<id>``;
 ``gymnasium.make("bricksrl:bricksrl/<id>")`` imports this package by itself.
 """
 
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import sys
 
-TYPE_CHECKING = False  # typing's own costs more than all the rest here, and a Ctrl-C meanwhile ends in a traceback
+TYPE_CHECKING = False  # importing it from typing takes longer than all the rest here
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from importlib.machinery import ModuleSpec
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 __all__ = ["TrainConfig", "__version__", "evaluate", "list_envs", "load_policy", "make", "register", "robots", "train"]
 
-_HOME = {
+_MODULES = {
     "TrainConfig": "bricksrl.training",
     "evaluate": "bricksrl.evaluation",
     "list_envs": "bricksrl.envs",
@@ -43,40 +43,40 @@ _PACKAGES = ("agents", "envs", "evaluation", "policies", "robots", "training")
 def __getattr__(name: str) -> Any:
     import importlib
 
-    if name in _HOME:
-        return getattr(importlib.import_module(_HOME[name]), name)
+    if name in _MODULES:
+        return getattr(importlib.import_module(_MODULES[name]), name)
     if name in _PACKAGES:
         return importlib.import_module(f"bricksrl.{name}")
     raise AttributeError(f"module 'bricksrl' has no attribute '{name}'")
 
 
-class _OfferToGymnasium:
-    """Registers our environments right after an import of Gymnasium, which is not imported otherwise."""
+class _GymnasiumHook:
+    """Import hook that registers the environments right after an import of Gymnasium, which is not imported otherwise."""
 
     def __init__(self) -> None:
-        self._is_looking = False
+        self._is_searching = False
 
     def find_spec(self, name: str, path: Sequence[str] | None, target: ModuleType | None = None) -> ModuleSpec | None:
-        if name != "gymnasium" or self._is_looking:
+        if name != "gymnasium" or self._is_searching:
             return None
         from importlib import util
 
-        self._is_looking = True  # all other finders, without this one
+        self._is_searching = True  # so that only the other finders search
         try:
             spec = util.find_spec(name)
         finally:
-            self._is_looking = False
-        if spec is not None and spec.loader is not None:  # not loaded by a test whether it is installed
+            self._is_searching = False
+        if spec is not None and spec.loader is not None:  # a mere test whether Gymnasium is installed does not load it
             execute = spec.loader.exec_module
 
-            def execute_and_offer(module: ModuleType) -> None:
+            def execute_and_register(module: ModuleType) -> None:
                 import importlib
 
                 execute(module)
                 sys.meta_path.remove(self)
                 importlib.import_module("bricksrl.envs.registry").register_with_gymnasium()
 
-            spec.loader.exec_module = execute_and_offer  # type: ignore[method-assign]
+            spec.loader.exec_module = execute_and_register  # type: ignore[method-assign]
         return spec
 
 
@@ -85,4 +85,4 @@ if "gymnasium" in sys.modules:
 
     importlib.import_module("bricksrl.envs.registry").register_with_gymnasium()
 else:
-    sys.meta_path.insert(0, _OfferToGymnasium())
+    sys.meta_path.insert(0, _GymnasiumHook())

@@ -1,4 +1,4 @@
-"""Entries of vectors: one number of an observation or of an action, wherever it is described."""
+"""Entries of vectors: single numbers of an observation or an action."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Entry:
-    """One number of an observation, or the physical meaning of one of an action.
+    """One number of an observation, or the physical quantity of one of an action.
 
     Attributes:
-        low, high: the range that tables state; infinite where there is none.
-        limits: ends of what can occur, where the range is only nominal: a fast turn is reported as it is. ``None`` for the range.
-        wraps: an angle that runs around from 360 to 0.
+        low, high: nominal range; infinite if there is none.
+        limits: lowest and highest possible value if the range is only nominal, as for a rate of turn; ``None`` for the range.
+        wraps: whether it is an angle that wraps from 360 to 0.
     """
 
     name: str
@@ -25,5 +25,5 @@ class Entry:
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """Ends of what can occur."""
+        """Lowest and highest possible value."""
         return (self.low, self.high) if self.limits is None else self.limits

@@ -1,4 +1,4 @@
-"""One tree of exceptions. Each message is one line: what happened, and what to do."""
+"""Exceptions, all derived from one. Each message is one line: what happened, and what to do."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class DescriptionError(BricksError, ValueError):
 
 
 class UnknownOptionError(DescriptionError, TypeError):
-    """An option that an environment does not have: a ``TypeError``, which libraries that try options out expect."""
+    """An option that an environment does not have; also a ``TypeError``, as expected by libraries that try options out."""
 
 
 class PlanError(BricksError):
@@ -23,7 +23,7 @@ class PlanError(BricksError):
 
 
 class UnknownNameError(BricksError, LookupError):
-    """A name (environment, agent, robot, option) that nothing is registered under."""
+    """A name of an environment, agent, robot or option that is not registered."""
 
 
 class ProgramError(BricksError):
@@ -39,7 +39,7 @@ class HubTimeoutError(HubError, TimeoutError):
 
 
 class HubProtocolError(HubError):
-    """The hub answered something that is not ours."""
+    """The hub's answer is not of our protocol."""
 
 
 class HubProgramError(HubError):
@@ -51,7 +51,7 @@ class StoppedError(BricksError):
 
 
 class TwinError(BricksError):
-    """The virtual robot cannot do what was asked."""
+    """A virtual robot or its scene cannot be built, or cannot do what is requested."""
 
 
 class SceneError(TwinError):
@@ -59,15 +59,15 @@ class SceneError(TwinError):
 
 
 class RenderingUnavailableError(TwinError):
-    """No OpenGL library is here to draw with."""
+    """No OpenGL library works on this computer."""
 
 
 class CameraError(BricksError):
-    """A real camera that shows nothing, or cannot be read here."""
+    """A real camera that shows nothing, or cannot be read on this computer."""
 
 
 class EncoderError(BricksError):
-    """An image encoder whose weights are not here."""
+    """An image encoder whose weights are not on this computer."""
 
 
 class RunError(BricksError):
@@ -92,7 +92,7 @@ class PageError(BricksError):
 
 def hint(name: str, known: Iterable[str]) -> str:
     """``" (did you mean 'x'?)"``, with the known name that is most like ``name`` in any case, or ``""``."""
-    by_lower = {one.lower(): one for one in known}
+    by_lower = {candidate.lower(): candidate for candidate in known}
     close = difflib.get_close_matches(name.lower(), by_lower, n=1)
     return f" (did you mean '{by_lower[close[0]]}'?)" if close else ""
 

@@ -1,4 +1,4 @@
-"""Fields of dataclasses, checked against their annotations, as values from files and command lines may be of any type."""
+"""Check of dataclass fields against their annotations, as values from files and command lines may be of any type."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from typing import Any, Literal
 from bricksrl.errors import DescriptionError
 
 
-def check_fields(kind: type, values: dict[str, Any]) -> None:
-    """Check values against the annotations of a dataclass's fields of these names; any other name passes. Raises DescriptionError
-    if one is not of those that its annotation allows."""
-    for name, hint in typing.get_type_hints(kind, include_extras=True).items():
+def check_fields(cls: type, values: dict[str, Any]) -> None:
+    """Check values against the annotations of a dataclass's fields, by name; unknown names are ignored. Raises DescriptionError
+    if an annotation does not allow a value."""
+    for name, hint in typing.get_type_hints(cls, include_extras=True).items():
         if name in values:
             check_value(name, values[name], hint)
 
 
 def check_value(name: str, value: Any, hint: Any) -> None:
-    """Check a value against an annotation, whose limits are a container of the numbers that it may be. Raises DescriptionError if
-    it is not one of the values that the annotation allows."""
-    limits = next((one for one in getattr(hint, "__metadata__", ()) if isinstance(one, Container)), None)
+    """Check a value against an annotation; limits in it are a container of the allowed numbers. Raises DescriptionError if the
+    annotation does not allow the value."""
+    limits = next((item for item in getattr(hint, "__metadata__", ()) if isinstance(item, Container)), None)
     hint = hint.__origin__ if limits is not None else hint
-    if value is None and _is(value, hint):
+    if value is None and _matches(value, hint):
         return
     if limits is not None:
         if isinstance(value, float) and not math.isfinite(value):
@@ -34,40 +34,40 @@ def check_value(name: str, value: Any, hint: Any) -> None:
             raise DescriptionError(f"{name} is {value!r}; give {limits}")
     if typing.get_origin(hint) is Literal and value not in typing.get_args(hint):
         raise DescriptionError(f"{name} is '{value}'; choose {_either(map(str, typing.get_args(hint)))}")
-    if not _is(value, hint):
-        shown = repr(value) if len(repr(value)) <= _LONGEST else f"of type {type(value).__name__}"
-        raise DescriptionError(f"{name} is {shown}; give {_wanted(hint)}")
+    if not _matches(value, hint):
+        text = repr(value) if len(repr(value)) <= _MAX_SHOWN else f"of type {type(value).__name__}"
+        raise DescriptionError(f"{name} is {text}; give {_describe(hint)}")
 
 
-def _is(value: Any, hint: Any) -> bool:
+def _matches(value: Any, hint: Any) -> bool:
     """Whether a value is of the annotated type; True for an annotation that is no type."""
-    kind, parts = typing.get_origin(hint) or hint, typing.get_args(hint)
-    if kind in _UNIONS:
-        return any(_is(value, part) for part in parts)
-    if kind is Any or not isinstance(kind, type):
+    cls, parts = typing.get_origin(hint) or hint, typing.get_args(hint)
+    if cls in _UNIONS:
+        return any(_matches(value, part) for part in parts)
+    if cls is Any or not isinstance(cls, type):
         return True
-    if kind in (int, float) and isinstance(value, bool):
+    if cls in (int, float) and isinstance(value, bool):
         return False
-    is_kind = isinstance(value, int | float if kind is float else kind)
-    if not is_kind:
+    is_instance = isinstance(value, int | float if cls is float else cls)
+    if not is_instance:
         return False
-    if kind is not tuple or not parts:
+    if cls is not tuple or not parts:
         return True
     if parts[-1] is ...:
-        return all(_is(part, parts[0]) for part in value)
-    return len(value) == len(parts) and all(map(_is, value, parts))
+        return all(_matches(part, parts[0]) for part in value)
+    return len(value) == len(parts) and all(map(_matches, value, parts))
 
 
-def _wanted(hint: Any) -> str:
+def _describe(hint: Any) -> str:
     """The values that an annotation allows, in words."""
-    kind, parts = typing.get_origin(hint) or hint, typing.get_args(hint)
-    if kind in _UNIONS:
-        return _either(_wanted(part) for part in parts if part is not type(None))
-    if kind is tuple and parts:
-        return f"{'several' if parts[-1] is ... else len(parts)} values, each {_wanted(parts[0])}"
-    if issubclass(kind, enum.Enum):
-        return _either(map(str, kind))
-    return _NAMES.get(kind, f"{kind.__name__}(...)")
+    cls, parts = typing.get_origin(hint) or hint, typing.get_args(hint)
+    if cls in _UNIONS:
+        return _either(_describe(part) for part in parts if part is not type(None))
+    if cls is tuple and parts:
+        return f"{'several' if parts[-1] is ... else len(parts)} values, each {_describe(parts[0])}"
+    if issubclass(cls, enum.Enum):
+        return _either(map(str, cls))
+    return _NAMES.get(cls, f"{cls.__name__}(...)")
 
 
 def _either(words: Iterable[str]) -> str:
@@ -77,8 +77,8 @@ def _either(words: Iterable[str]) -> str:
 
 
 _UNIONS = (types.UnionType, typing.Union)
-_LONGEST = 40
-"""Characters of a value that a message shows."""
+_MAX_SHOWN = 40
+"""Maximum length of a value that a message shows."""
 _NAMES: dict[Any, str] = {
     int: "a whole number",
     float: "a number",

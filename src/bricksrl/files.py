@@ -1,4 +1,4 @@
-"""Durable files: written whole or not at all, and on the disk when the call returns."""
+"""Durable files: written completely or not at all, and on the disk when the call returns. Locks of folders."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ def refuse_existing(path: Path, error: type[BricksError]) -> None:
 
 
 def write_durably(path: Path, data: bytes) -> None:
-    """Write ``data`` beside ``path``, bring it to the disk, rename it to ``path``, and bring the name to the disk.
+    """Write ``data`` to a temporary file, sync it, rename it to ``path``, and sync the folder.
 
-    Whoever opens ``path`` finds what was there before or all of ``data``, also when the process is killed or the power fails.
+    ``path`` always has either its previous content or all of ``data``, even if the process is killed or the power fails.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=TEMPORARY_PREFIX)
@@ -53,10 +53,10 @@ def write_durably(path: Path, data: bytes) -> None:
 
 
 @contextlib.contextmanager
-def whole_folder(path: Path) -> Iterator[Path]:
-    """A new folder beside ``path``, which becomes ``path`` when all is well inside and is removed otherwise.
+def atomic_folder(path: Path) -> Iterator[Path]:
+    """A temporary folder, which is renamed to ``path`` at the end of the context, or removed after an exception.
 
-    Whoever finds ``path`` finds all of it, also when the process is killed; a remnant then begins with `TEMPORARY_PREFIX`.
+    ``path`` is always complete, even if the process is killed; a remnant then has a name that begins with `TEMPORARY_PREFIX`.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     folder = Path(tempfile.mkdtemp(dir=path.parent, prefix=TEMPORARY_PREFIX))
@@ -71,7 +71,7 @@ def whole_folder(path: Path) -> Iterator[Path]:
 
 
 def _sync_folder(path: Path) -> None:
-    if sys.platform == "win32":  # it has no handles of folders, and keeps names by itself
+    if sys.platform == "win32":  # folders cannot be opened there, and names are kept without
         return
     handle = os.open(path, os.O_RDONLY)
     try:
@@ -80,14 +80,14 @@ def _sync_folder(path: Path) -> None:
         os.close(handle)
 
 
-def holds_nothing(root: Path) -> bool:
-    """True if a folder is empty but for what a killed writer left at its very start."""
+def is_unused(root: Path) -> bool:
+    """Whether a folder is empty, except for remnants of a writer that was killed before it wrote anything."""
     files = (path for path in root.rglob("*") if not path.is_dir())
     return all(path.name.startswith((TEMPORARY_PREFIX, LOCK)) for path in files)
 
 
 def remove_unfinished(root: Path) -> int:
-    """Remove what killed writers left unfinished below ``root``; returns how many files. Only for the one who may write."""
+    """Remove the unfinished files of killed writers below ``root``, and return their number; only for the folder's writer."""
     unfinished = list(root.rglob(f"{TEMPORARY_PREFIX}*"))
     for path in unfinished:
         path.unlink(missing_ok=True)
@@ -96,8 +96,8 @@ def remove_unfinished(root: Path) -> int:
 
 @contextlib.contextmanager
 def only_writer(root: Path) -> Iterator[None]:
-    """Inside, no other process gets past this for the same folder. A killed process lets go by itself. Raises DataError if
-    somebody else writes to it."""
+    """Exclusive lock of a folder for one writer, released at the end of the process too. Raises DataError if another process
+    holds it."""
     root.mkdir(parents=True, exist_ok=True)
     with (root / LOCK).open("a+b") as file:
         try:
@@ -110,8 +110,8 @@ def only_writer(root: Path) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def one_after_the_other(root: Path, timeout_s: float = 60.0) -> Iterator[None]:
-    """Inside, other processes that come to this for the same folder wait; for ``timeout_s`` at most, then they go on."""
+def serialized(root: Path, timeout_s: float = 60.0) -> Iterator[None]:
+    """Lock of a folder that other processes wait for; after ``timeout_s`` they continue without it."""
     root.mkdir(parents=True, exist_ok=True)
     end_s = time.monotonic() + timeout_s
     with (root / LOCK).open("a+b") as file:

@@ -1,4 +1,4 @@
-"""Findings of checks: of a hub program, a building plan, a robot, an environment, this computer."""
+"""Findings of checks of a hub program, a building plan, a robot, an environment or this computer."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ class Outcome(enum.Enum):
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that was checked.
+    """Result of one check.
 
     Attributes:
         name: a word or two, such as ``battery`` or ``collision``.
-        detail: what was found, and what to do if it is not well.
-        line: of a plan's file; 0 for the whole.
+        detail: what was found and, unless it is ok, what to do.
+        line: line of a plan's file; 0 for the whole plan.
     """
 
     name: str
@@ -34,5 +34,5 @@ class Finding:
         return f"{self.name}: {self.detail}"
 
     def to_dict(self) -> dict[str, str]:
-        """Plain values, fit for JSON."""
+        """The finding as a dict for JSON."""
         return {"name": self.name, "outcome": self.outcome.value, "detail": self.detail}

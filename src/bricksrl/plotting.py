@@ -41,7 +41,7 @@ def new_figure(width_in: float = 8.0, height_in: float = 4.5) -> Figure:
 
 
 def import_matplotlib() -> None:
-    """Import Matplotlib, also where ``MPLBACKEND`` names a window system that there is not: none is opened here."""
+    """Import Matplotlib, even if ``MPLBACKEND`` names an unavailable window system, as no window is opened."""
     if "matplotlib" in sys.modules:
         return
     backend = os.environ.pop("MPLBACKEND", None)
@@ -56,7 +56,7 @@ def import_matplotlib() -> None:
 
 
 def check_picture(path: Path) -> Path:
-    """The path, if it names a PNG file, which is what `save` writes. Raises DescriptionError if it has another ending."""
+    """The path, if it names a PNG file, as `save` writes. Raises DescriptionError if it has another suffix."""
     if path.suffix.lower() != ".png":
         raise DescriptionError(f"'{path}' is not a name of a picture; end it in .png")
     return path
@@ -74,14 +74,14 @@ def style(axes: Axes, title: str = "", x: str = "", y: str = "") -> None:
 
 
 def save(figure: Figure, path: Path, dots_per_inch: int = 150) -> None:
-    """Write a figure into a PNG file, whole or not at all."""
+    """Write a figure to a PNG file, completely or not at all."""
     png = io.BytesIO()
     figure.savefig(png, format="png", dpi=dots_per_inch)
     write_durably(path, png.getvalue())
 
 
 def save_image(path: Path, image: NDArray[np.uint8]) -> None:
-    """Write an image, uint8 [height, width, 3], into a PNG file, whole or not at all."""
+    """Write an image, uint8 [height, width, 3], to a PNG file, completely or not at all."""
     import_matplotlib()
     from matplotlib.image import imsave
 
@@ -91,18 +91,18 @@ def save_image(path: Path, image: NDArray[np.uint8]) -> None:
 
 
 def number(value: float) -> str:
-    """A value as pictures and tables show it: three digits, thousands with commas, never an exponent below a billion."""
+    """Text of a value in pictures and tables: three digits, thousands with commas, no exponent below a billion."""
     if abs(value) >= 1e9:
         return f"{value:.2e}"
     return f"{value:,.0f}" if abs(value) >= 100 else f"{value:.3g}"
 
 
 def finish(axes: Axes, lines: Mapping[str, float] | None = None, *, legend: bool = True) -> None:
-    """Last touches: plain numbers, whole episodes, reference lines named at the right edge, the legend below the picture.
+    """Finish a plot: plain numbers, whole episodes, reference lines named at the right edge, the legend below the picture.
 
     Args:
         lines: values of reference lines by their labels.
-        legend: draw one, unless the figure gets one for all its axes.
+        legend: whether to draw a legend; not if the figure gets one for all its axes.
     """
     from matplotlib.ticker import FuncFormatter, MaxNLocator
 
@@ -120,13 +120,13 @@ def _reference_lines(axes: Axes, lines: Mapping[str, float]) -> None:
     for value in lines.values():
         axes.axhline(value, color=MUTED, linewidth=1, linestyle=(0, (4, 3)), zorder=1)
     low, high = axes.get_ylim()
-    places = sorted((value - low) / (high - low) for value in lines.values())
-    for index in range(1, len(places)):
-        places[index] = max(places[index], places[index - 1] + _LABEL_GAP)
-    for (label, value), place in zip(sorted(lines.items(), key=lambda item: item[1]), places, strict=True):
+    positions = sorted((value - low) / (high - low) for value in lines.values())
+    for index in range(1, len(positions)):
+        positions[index] = max(positions[index], positions[index - 1] + _LABEL_GAP)
+    for (label, value), position in zip(sorted(lines.items(), key=lambda item: item[1]), positions, strict=True):
         axes.annotate(
             f"{label} {number(value)}",
-            (1.0, place),
+            (1.0, position),
             xycoords="axes fraction",
             xytext=(6, 0),
             textcoords="offset points",

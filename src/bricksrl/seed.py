@@ -1,4 +1,4 @@
-"""Range of seeds that all random generators accept."""
+"""Seeds: the range that all random generators accept, and derived seeds."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ import hashlib
 from bricksrl.errors import DescriptionError
 
 LARGEST_SEED = 2**32 - 1
-"""NumPy's and Optuna's older generators take no larger one."""
+"""NumPy's and Optuna's older generators accept no larger seed."""
 
 
 def check_seed(seed: int | None) -> None:
-    """Nothing happens for a seed, or for ``None``, another one every time. Raises DescriptionError if it cannot be a seed."""
+    """Check a seed; ``None`` stands for a random one. Raises DescriptionError if it is invalid."""
     if seed is not None and not (hasattr(seed, "__index__") and 0 <= seed <= LARGEST_SEED):
         raise DescriptionError(f"seed is {seed}; give a whole number from 0 to {LARGEST_SEED}")
 

@@ -44,7 +44,7 @@ def test_board_image() -> None:
 
 def test_late_reader_gets_bounded_series() -> None:
     board = Board()
-    series = board.new_series("return", ("return",), kept=5)
+    series = board.new_series("return", ("return",), max_rows=5)
     reader = Reader(board)
     reader.changes(numbers=True)
     for value in range(12):

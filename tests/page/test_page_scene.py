@@ -88,7 +88,7 @@ def test_twin_scene(robot, surroundings) -> None:
     assert len(twin.scene.to_bytes()) < 2_000_000
     mirror = Mirror.of(robot, surroundings)
     body.data.qpos[-1] += 0.1
-    body.pose_looks()
+    body.update_visuals()
     assert np.allclose(mirror.poses(body.data.qpos), twin.poses(body.data))
 
 
@@ -100,7 +100,7 @@ def test_pose_follows_sensors(robot) -> None:
         body.set_voltage(port, voltage)
     for time_ms in range(10, 600, 10):
         body.advance_to(time_ms)
-    body.pose_looks()
+    body.update_visuals()
     angles = {m.name: body.angle_mdeg(m.port) / 1000 * m.direction.value * m.turn_deg / 360 for m in robot.motors}
     seen = sensed_qpos(mirror.body, angles, body.tilt_deg())
     for joint in range(body.model.njnt):

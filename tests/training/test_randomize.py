@@ -38,7 +38,7 @@ def test_randomisation_redraws_physics_each_episode() -> None:
     drawn = physics_of_episodes(config)
     for name, parameter in PARAMETERS.items():
         values = {getattr(physics, name) for physics in drawn}
-        assert len(values) == (1 if parameter.drawn[0] == parameter.drawn[1] else len(drawn)), name
+        assert len(values) == (1 if parameter.random_range[0] == parameter.random_range[1] else len(drawn)), name
     assert drawn == physics_of_episodes(config), "a seed repeats them"
 
 

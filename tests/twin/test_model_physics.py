@@ -12,7 +12,7 @@ import pytest
 from bricksrl.errors import TwinError
 from bricksrl.robots import ROBO_ARM, TWO_WHEELER, WALKER, Robot
 from bricksrl.twin.arena import Arena, ArenaWorld, Contestant, Place
-from bricksrl.twin.model_physics import SIDE_LOAD_AT_M
+from bricksrl.twin.model_physics import SIDE_LOAD_OFFSET_M
 from bricksrl.twin.models.load import load_model
 from bricksrl.twin.models.mjcf import motor_constants
 from bricksrl.twin.mujoco_body import MujocoBody
@@ -60,7 +60,7 @@ def test_a_side_load_is_a_point_mass(robot: Robot) -> None:
     nominal = load_model(robot, OPEN_FLOOR).compile()
     spec = load_model(robot, OPEN_FLOOR)
     chassis = int(nominal.jnt_bodyid[0])
-    place = nominal.body_ipos[chassis] + np.array(SIDE_LOAD_AT_M)
+    place = nominal.body_ipos[chassis] + np.array(SIDE_LOAD_OFFSET_M)
     load = spec.body(nominal.body(chassis).name).add_body(pos=place.tolist())
     load.mass, load.ipos, load.inertia, load.explicitinertial = 0.1, [0.0] * 3, [1e-12] * 3, True
     with_load = spec.compile()

@@ -17,13 +17,13 @@ def test_every_field_says_its_unit_range_and_source() -> None:
     for name, parameter in PARAMETERS.items():
         assert parameter.unit
         assert parameter.source
-        low, high = parameter.drawn
-        assert parameter.accepted[0] <= low <= getattr(Physics(), name) <= high <= parameter.accepted[1]
+        low, high = parameter.random_range
+        assert parameter.allowed_range[0] <= low <= getattr(Physics(), name) <= high <= parameter.allowed_range[1]
 
 
 @pytest.mark.parametrize("name", list(PARAMETERS))
 def test_invalid_physics_name_parameter(name: str) -> None:
-    low, high = PARAMETERS[name].accepted
+    low, high = PARAMETERS[name].allowed_range
     for value in (low - 1e-6, high + 1e-6, math.nan, math.inf):
         with pytest.raises(TwinError, match=name):
             dataclasses.replace(Physics(), **{name: value})
@@ -36,7 +36,7 @@ def test_draws_stay_within_their_ranges(seed: int, width: float) -> None:
     physics = RandomPhysics(width).sample(np.random.default_rng(seed))
     for name, parameter in PARAMETERS.items():
         default, value = getattr(Physics(), name), getattr(physics, name)
-        low, high = (default + width * (bound - default) for bound in parameter.drawn)
+        low, high = (default + width * (bound - default) for bound in parameter.random_range)
         assert low - 1e-9 <= value <= high + 1e-9
 
 
@@ -44,7 +44,7 @@ def test_draws_cover_ranges() -> None:
     rng = np.random.default_rng(0)
     draws = [RandomPhysics().sample(rng) for _ in range(400)]
     for name, parameter in PARAMETERS.items():
-        low, high = parameter.drawn
+        low, high = parameter.random_range
         share = np.ptp([getattr(physics, name) for physics in draws]) / (high - low) if high > low else 1.0
         assert share > 0.95, name
 

@@ -64,7 +64,7 @@ def test_hidden_parameters_are_found(log: RunLog) -> None:
     assert {"battery_v", "motor_friction_scale", "mass_scale", "backlash_deg"} <= set(found.identified)
     for name in found.identified:
         off = abs(getattr(found.physics, name) - getattr(HIDDEN, name))
-        assert off < TOLERANCE * np.ptp(PARAMETERS[name].drawn), name
+        assert off < TOLERANCE * np.ptp(PARAMETERS[name].random_range), name
     for name in found.unidentified:
         assert getattr(found.physics, name) == getattr(Physics(), name)
 

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 
-_NARROWEST = 20
+_MIN_COLUMNS = 20
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -23,7 +23,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stderr.write("error: Python leaves docstrings out (-OO); unset PYTHONOPTIMIZE or set it to 1\n")
         return 2
     columns = os.environ.get("COLUMNS", "")
-    if columns.isdecimal() and int(columns) < _NARROWEST:
+    if columns.isdecimal() and int(columns) < _MIN_COLUMNS:
         del os.environ["COLUMNS"]  # tables this narrow are unreadable
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:  # closed by the caller

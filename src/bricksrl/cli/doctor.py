@@ -20,10 +20,10 @@ from bricksrl.cli.terminal import print_line
 from bricksrl.errors import DescriptionError
 from bricksrl.finding import Finding, Outcome
 
-_OLDEST_PYTHON = (3, 11)
-_LITTLE_ROOM_GB, _NO_ROOM_GB = 5.0, 0.5
+_MIN_PYTHON = (3, 11)
+_LOW_SPACE_GB, _NO_SPACE_GB = 5.0, 0.5
 _SCAN_S = 1.0
-_LONGEST_S = 3600.0
+_MAX_TIMEOUT_S = 3600.0
 _DRAW = """
 from bricksrl import robots
 from bricksrl.twin.make_body import make_body
@@ -55,8 +55,8 @@ class Doctor:
 
     def execute(self) -> int:
         """Check and print."""
-        if not 0 < self.timeout_s <= _LONGEST_S:
-            raise DescriptionError(f"timeout-s is {self.timeout_s:g}; give a positive number of up to {_LONGEST_S:g}")
+        if not 0 < self.timeout_s <= _MAX_TIMEOUT_S:
+            raise DescriptionError(f"timeout-s is {self.timeout_s:g}; give a positive number of up to {_MAX_TIMEOUT_S:g}")
         findings = []
         for name, check in CHECKS.items():
             finding = run_check(name, check, self.timeout_s)
@@ -89,7 +89,7 @@ def run_check(name: str, check: Callable[[], Answer], timeout_s: float) -> Findi
 def check_python() -> Answer:
     """Check the version of Python."""
     version = f"{platform.python_version()}, {platform.system()} {platform.machine()}"
-    if sys.version_info < _OLDEST_PYTHON:
+    if sys.version_info < _MIN_PYTHON:
         return Outcome.ERROR, f"{version}; install Python 3.11 or later"
     return Outcome.OK, version
 
@@ -189,14 +189,14 @@ def check_disk() -> Answer:
     """Check free space and write permission in the working folder."""
     folder = Path.cwd()
     free_gb = shutil.disk_usage(folder).free / 1e9
-    room = f"{free_gb:.1f} GB free in {folder}"
+    space = f"{free_gb:.1f} GB free in {folder}"
     if not os.access(folder, os.W_OK):
         return Outcome.WARNING, f"{folder} cannot be written to; go to another folder, or give --run a path elsewhere"
-    if free_gb < _NO_ROOM_GB:
-        return Outcome.ERROR, f"{room}; make room, a run takes some hundred megabytes"
-    if free_gb < _LITTLE_ROOM_GB:
-        return Outcome.WARNING, f"{room}; runs with pictures take several gigabytes"
-    return Outcome.OK, room
+    if free_gb < _NO_SPACE_GB:
+        return Outcome.ERROR, f"{space}; make room, a run takes some hundred megabytes"
+    if free_gb < _LOW_SPACE_GB:
+        return Outcome.WARNING, f"{space}; runs with pictures take several gigabytes"
+    return Outcome.OK, space
 
 
 CHECKS: dict[str, Callable[[], Answer]] = {

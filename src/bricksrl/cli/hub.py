@@ -67,7 +67,7 @@ class Run:
     Files that it imports from its folder are included. The program can read standard input. Ctrl-C stops it and its motors.
 
     Without --robot, the virtual hub adapts to the program: its kind is the one that the program imports, and each port has the
-    device that the program expects there.
+    device that the program expects there. With --video or --page, the robot is the two-wheeler by default.
 
     Examples:
       bricksrl hub run main.py
@@ -83,8 +83,7 @@ class Run:
     file: Annotated[Positional[Path], option(metavar="FILE")]
     """Pybricks program."""
     robot: Annotated[str | None, option(metavar="ROBOT")] = None
-    """Robot of a virtual hub: two-wheeler, walker, robo-arm or bench; an environment such as RunAway-v0, for its robot and scene;
-    or a Python file with your own robot. By default bench, or two-wheeler for a video or a page."""
+    """Virtual robot: two-wheeler, walker, robo-arm or bench; RunAway-v0, with its scene, or another environment; my_robot.py."""
     hub: Annotated[str, option(metavar="HUB")] = "virtual"
     """Which hub: virtual, in simulated time, or ble, ble:NAME, ble:ADDRESS, usb, usb:PORT."""
     time_limit_s: Annotated[float | None, option(metavar="SECONDS")] = None

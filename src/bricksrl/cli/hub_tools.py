@@ -62,10 +62,10 @@ class Scan:
             print_line(json.dumps([{**dataclasses.asdict(hub), "kind": hub.kind and hub.kind.value} for hub in hubs], indent=2))
         elif hubs:
             print_line(f"{'name':16}  {'address':36}  {'signal':>8}  kind")
-        for hub in [] if self.json else hubs:
-            kind = hub.kind.value if hub.kind else "unknown"
-            print_line(f"{hub.name:16}  {hub.address:36}  {hub.rssi_dbm:>4} dBm  {kind}")
-        if not hubs and not self.json:
+            for hub in hubs:
+                kind = hub.kind.value if hub.kind else "unknown"
+                print_line(f"{hub.name:16}  {hub.address:36}  {hub.rssi_dbm:>4} dBm  {kind}")
+        else:
             print_line("no hub with Pybricks advertises itself; switch one on, end its program, and disconnect it elsewhere")
         return 0 if hubs else 1
 

@@ -20,7 +20,7 @@ TEAM_FILE, FILM_FILE = "team.bin", "film.mp4"
 _SIMULATED_FRAMES, _ARENA_FRAMES = 300_000, 10_000
 _EVALUATION_SEED = 7000
 _FILMED_EPISODES = 2
-_LINES = 20
+_MAX_LINES = 20
 """Maximum number of lines on the progress of a training."""
 
 
@@ -28,8 +28,9 @@ _LINES = 20
 class TrainTeam:
     """Train robots that share one world, let them play, and film them.
 
-    They learn in a kinematic simulation of their arena or, with --copies 0 and where there is no simulation, in the arena itself:
+    They learn in a kinematic simulation of their arena or, with --copies 0 or without such a simulation, in the arena itself:
     virtual hubs in one physics world, where they also play afterwards. The folder gets team.bin and, with OpenGL, a film.
+    Algorithms: mappo has a critic of the whole group, ippo a critic of each robot, sac learns from each robot independently.
 
     Examples:
       bricksrl team Tag-v0
@@ -41,14 +42,13 @@ class TrainTeam:
     env: Annotated[Positional[str | None], option(metavar="ARENA")] = None
     """Arena; `bricksrl list` shows them."""
     agent: Annotated[Literal["mappo", "ippo", "sac"] | None, option(metavar="NAME")] = None
-    """Algorithm: mappo, with a critic of the whole group, ippo, with a critic of each robot, or sac. Default: ippo in the
-    simulation; in the arena itself sac, which needs fewer steps."""
+    """Algorithm; by default ippo in the simulation, and sac, which needs fewer steps, in the arena itself."""
     learn: Annotated[UseAppendAction[tuple[str, ...]], option(metavar="GROUP")] = ()
-    """Group of robots that learns; the others follow their scripts. May be repeated. Default: the arena's first group."""
+    """Group of robots that learns; the others follow their scripts. May be repeated. By default the arena's first group."""
     frames: Annotated[int | None, option(metavar="N")] = None
     """Steps of all copies together; by default 300,000 in the simulation, 10,000 in the arena itself."""
     copies: Annotated[int | None, option(metavar="N")] = None
-    """Copies of the simulation; 0 for the arena itself. Default: 256 where there is a simulation."""
+    """Copies of the simulation; 0 for the arena itself. By default 256 if there is a simulation."""
     seed: Annotated[int, option(metavar="N")] = 0
     """Seed of all random numbers: the same seed gives the same team."""
     episodes: Annotated[int, option(metavar="N")] = 20
@@ -88,17 +88,17 @@ class TrainTeam:
         learning = ", ".join(f"{group} by {agent}" for group, agent in config.agents.items())
         print_line(f"{config.env}, seed {config.seed}: {learning}; {folder}")
 
-        shown = 0
+        lines = 0
 
-        def show(progress: TeamProgress) -> None:
-            nonlocal shown
-            if progress.episodes and progress.frames * _LINES >= (shown + 1) * config.frames:
-                shown = progress.frames * _LINES // config.frames
+        def report(progress: TeamProgress) -> None:
+            nonlocal lines
+            if progress.episodes and progress.frames * _MAX_LINES >= (lines + 1) * config.frames:
+                lines = progress.frames * _MAX_LINES // config.frames
                 returns = "  ".join(f"{group} {value:.4g}" for group, value in progress.returns.items())
                 line = f"step {progress.frames}/{config.frames}  {counted(progress.episodes, 'episode')}  return {returns}"
                 print_line(f"{line}  success {100 * progress.success:.0f} %")
 
-        team = train_team(config, on_progress=show)
+        team = train_team(config, on_progress=report)
         folder.mkdir(parents=True)
         team.save(folder / TEAM_FILE)
         return team
@@ -125,10 +125,11 @@ class TrainTeam:
         from bricksrl.training.teams.team import play_team
 
         env = make_arena(team.config.env)
-        played = play_team(env, team.policy, self.episodes, _EVALUATION_SEED + self.seed)
-        succeeded = sum(episode.success for episode in played)
-        steps = sum(episode.length for episode in played) / len(played)
-        print_line(f"success         {succeeded} of {counted(len(played), 'episode')} in the arena, {steps:.1f} steps on average")
+        episodes = play_team(env, team.policy, self.episodes, _EVALUATION_SEED + self.seed)
+        succeeded = sum(episode.success for episode in episodes)
+        mean_steps = sum(episode.length for episode in episodes) / len(episodes)
+        count = counted(len(episodes), "episode")
+        print_line(f"success         {succeeded} of {count} in the arena, {mean_steps:.1f} steps on average")
         if folder is not None:
             print_line(f"team            {folder / TEAM_FILE}")
             try:

@@ -25,7 +25,7 @@ from bricksrl.data.parquet import from_table, read_verified, statistics, tasks_t
 from bricksrl.data.reader import read_file
 from bricksrl.data.schema import Description
 from bricksrl.errors import DataError, counted
-from bricksrl.files import refuse_existing, whole_folder, write_durably
+from bricksrl.files import atomic_folder, refuse_existing, write_durably
 from bricksrl.seed import check_seed
 
 STEPS_PER_FILE = 20_000
@@ -139,7 +139,7 @@ def read_episodes(index: Index, rows: Iterable[EpisodeRow]) -> Iterator[EpisodeD
 def write_dataset(out: Path, description: Description, episodes: Iterable[EpisodeData]) -> Index:
     """Write a dataset atomically. Raises DataError if ``out`` exists, or there are no episodes."""
     refuse_existing(out, DataError)
-    with whole_folder(out) as folder:
+    with atomic_folder(out) as folder:
         rows: list[EpisodeRow] = []
         layout = Layout(folder)
         at = FileIndex()

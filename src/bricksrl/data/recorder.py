@@ -18,7 +18,7 @@ from bricksrl.data.parquet import tasks_table, to_parquet, to_table
 from bricksrl.data.repair import recover
 from bricksrl.data.schema import Description
 from bricksrl.errors import DataError
-from bricksrl.files import holds_nothing, only_writer, write_durably
+from bricksrl.files import is_unused, only_writer, write_durably
 
 if TYPE_CHECKING:
     from bricksrl.data.episode import EpisodeRow
@@ -50,7 +50,7 @@ class Recorder:
             raise DataError(f"{root} is a file; choose a folder for the dataset")
         if not self._is_new:
             self._append()
-        elif root.exists() and not holds_nothing(root):
+        elif root.exists() and not is_unused(root):
             raise DataError(f"{root} holds something else than a dataset; choose a new folder")
 
     def _append(self) -> None:

@@ -19,7 +19,7 @@ from bricksrl.data.layout import CODEBASE_VERSION
 from bricksrl.data.reader import dataset_folder
 from bricksrl.data.summary import summarise
 from bricksrl.errors import DataError
-from bricksrl.files import LOCK, TEMPORARY_PREFIX, refuse_existing, whole_folder
+from bricksrl.files import LOCK, TEMPORARY_PREFIX, atomic_folder, refuse_existing
 
 if TYPE_CHECKING:
     from huggingface_hub import HfApi
@@ -69,7 +69,7 @@ def pull_dataset(repo: str, out: Path, *, revision: str | None = None) -> Path:
 def downloaded(repo: str, repo_type: str, out: Path, patterns: list[str], revision: str | None) -> Iterator[Path]:
     """Download a repository into a temporary folder, which is renamed to ``out`` on success and removed on an error."""
     refuse_existing(out, DataError)
-    with whole_folder(out) as folder:
+    with atomic_folder(out) as folder:
         with hub_client(repo) as api:
             api.snapshot_download(
                 repo, repo_type=repo_type, revision=revision, local_dir=str(folder), allow_patterns=patterns, max_workers=2

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bricksrl.errors import RunError
-from bricksrl.files import one_after_the_other, write_durably
+from bricksrl.files import serialized, write_durably
 from bricksrl.seed import LARGEST_SEED, check_seed
 from bricksrl.training.callbacks import Callback, Episode, Progress
 from bricksrl.training.config import TrainConfig, settings_for
@@ -142,7 +142,7 @@ def tune(
     goals = _has_goals(tuning.env)
     optuna.logging.set_verbosity(logging.ERROR)  # a failed trial raises: one message is enough
     _check_trains(tuning)
-    with one_after_the_other(folder):  # several commands may begin with the same study at once
+    with serialized(folder):  # several commands may begin with the same study at once
         study = optuna.create_study(
             study_name=f"{tuning.env} {tuning.agent}",
             storage=f"sqlite:///{(folder / STUDY).absolute()}",

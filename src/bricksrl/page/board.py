@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from bricksrl.page.scene import Floats, Scene
 
-KEPT_STEPS, KEPT_EPISODES = 400, 4000
+MAX_STEPS, MAX_EPISODES = 400, 4000
 """Maximum numbers of values that are kept, for browsers that connect later."""
 Poses = Floats | Callable[[], Floats]
 """Poses ``[bodies, 7]``, or a function that computes them on demand, in the thread that serves the page."""
@@ -32,16 +32,17 @@ class Series:
 
     Attributes:
         names: names of the columns.
+        max_rows: number of rows to keep.
         count: number of rows since the start, including dropped ones.
     """
 
     names: tuple[str, ...]
-    kept: int = KEPT_STEPS
+    max_rows: int = MAX_STEPS
     count: int = 0
     rows: deque[Sequence[float]] = field(default_factory=deque)
 
     def __post_init__(self) -> None:
-        self.rows = deque(maxlen=self.kept)
+        self.rows = deque(maxlen=self.max_rows)
 
     def add(self, row: Sequence[float]) -> None:
         """Append a row."""
@@ -86,9 +87,9 @@ class Board:
             if any(name not in status or status[name] != value for name, value in parts.items()):
                 self.status = (version + 1, {**status, **parts})
 
-    def new_series(self, name: str, columns: Sequence[str], *, kept: int = KEPT_STEPS) -> Series:
+    def new_series(self, name: str, columns: Sequence[str], *, max_rows: int = MAX_STEPS) -> Series:
         """Add a series to plot; one of the same name is replaced."""
-        series = Series(tuple(columns), kept)
+        series = Series(tuple(columns), max_rows)
         self.series = {**self.series, name: series}
         return series
 
@@ -140,4 +141,4 @@ class Reader:
         first, rows = series.since(max(count, 0))
         self._series[name] = (id(series), first + len(rows))
         changes: dict[str, Any] = {"first": first, "rows": [[round(float(value), 4) for value in row] for row in rows]}
-        return changes if count >= 0 else {**changes, "names": series.names, "kept": series.kept}
+        return changes if count >= 0 else {**changes, "names": series.names, "kept": series.max_rows}

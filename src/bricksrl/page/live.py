@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bricksrl.errors import BricksError
-from bricksrl.page.board import KEPT_EPISODES, Board
+from bricksrl.page.board import MAX_EPISODES, Board
 from bricksrl.page.clock import SPEEDS
 from bricksrl.page.driver import PageDriver, stick_map
 from bricksrl.page.robot_view import NUMBERS_S, RobotView
@@ -86,7 +86,7 @@ class LivePage:
         self.view = RobotView(self.board, self._halted, lambda: self._speed_factor)
         self._server = PageServer(self.board, self._press, self.stop, options)
         self._task = task
-        self._returns = self.board.new_series("return", ("return of each episode",), kept=KEPT_EPISODES)
+        self._returns = self.board.new_series("return", ("return of each episode",), max_rows=MAX_EPISODES)
         self._rewards = self.board.new_series("reward", ("reward of each step",))
         entries = task.entries if task is not None else ()
         channels = [f"{entry.name} ({entry.unit})" if entry.unit else entry.name for entry in entries]

@@ -51,7 +51,7 @@ class Mirror:
     def poses(self, qpos: NDArray[np.float64]) -> Floats:
         """Poses ``[bodies, 7]`` of the scene's bodies at these joint positions."""
         self.body.data.qpos[:] = qpos
-        self.body.pose_looks()
+        self.body.update_visuals()
         return self.twin.poses(self.body.data)
 
 

@@ -36,7 +36,7 @@ class TwinScene:
     bodies: tuple[int, ...]
 
     def poses(self, data: mujoco.MjData) -> Floats:
-        """Poses ``[bodies, 7]`` from ``data``; to be called in the thread that steps it, after ``pose_looks``."""
+        """Poses ``[bodies, 7]`` from ``data``; to be called in the thread that steps it, after ``update_visuals``."""
         indices = list(self.bodies)
         return poses(data.xpos[indices], data.xquat[indices])
 

@@ -338,15 +338,15 @@ def _sliding(parts: Sequence[Placed], links: Sequence[_Link], groups: _Groups) -
             fixed_to[link.male].append(link.connection)
     stops: dict[frozenset[int], list[int]] = defaultdict(lambda: [0, 0])
     for link in links:
-        first, second, hole = groups.find(link.male), groups.find(link.female), link.connection
+        first, second, connection = groups.find(link.male), groups.find(link.female), link.connection
         if not link.is_axle or first == second:
             continue
         ends = stops[frozenset((first, second))]
         # Parallel axles have the same two directions, whichever of the bodies has the axle.
-        sign = float(np.sign(hole.axis[int(np.argmax(np.abs(hole.axis)))])) * (1 if first < second else -1)
-        low, high = _span(parts[hole.female], hole.female_site, hole)
+        sign = float(np.sign(connection.axis[int(np.argmax(np.abs(connection.axis)))])) * (1 if first < second else -1)
+        low, high = _span(parts[connection.female], connection.female_site, connection)
         for fixed in fixed_to[link.male]:
-            start, end = _span(parts[fixed.female], fixed.female_site, hole)
+            start, end = _span(parts[fixed.female], fixed.female_site, connection)
             ends[0 if sign > 0 else 1] += _STOP_LOW < start - high < _STOP_HIGH
             ends[1 if sign > 0 else 0] += _STOP_LOW < low - end < _STOP_HIGH
     return {pair for pair, ends in stops.items() if not all(ends)}

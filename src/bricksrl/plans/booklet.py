@@ -189,8 +189,8 @@ def _hidden_fasteners(new: list[Placed], present: list[Placed], view: View, canv
     alone = Canvas(canvas.size, view, present)
     for placed in fasteners:
         alone.add(placed)
-    shares = {part: alone.visible({part}) * _MIN_FASTENER_VISIBLE for part in (placed.index for placed in fasteners)}
-    hidden = [placed for placed in fasteners if canvas.visible({placed.index}) < shares[placed.index]]
+    visible = {placed.index: (canvas.visible({placed.index}), alone.visible({placed.index})) for placed in fasteners}
+    hidden = [placed for placed in fasteners if visible[placed.index][0] < _MIN_FASTENER_VISIBLE * visible[placed.index][1]]
     outlines = Canvas(canvas.size, view, present)
     for placed in hidden:
         outlines.add(placed)

@@ -127,7 +127,7 @@ def _tube_outward(triangles: Floats, outer: float, inner: float) -> Floats:
 
 
 def _facing(triangles: Floats, directions: Floats) -> Floats:
-    """Triangles turned to face the directions ``directions`` [n, 3]."""
+    """Triangles turned to face ``directions`` [n, 3]."""
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     is_turned = np.einsum("ij,ij->i", normals, directions) < 0.0
     return np.where(is_turned[:, None, None], triangles[:, ::-1], triangles)

@@ -12,7 +12,7 @@ from bricksrl.data.cards import policy_card
 from bricksrl.data.share import CARD, downloaded, hub_client
 from bricksrl.envs.trust import remember, require_trusted
 from bricksrl.errors import CheckpointError, RunError
-from bricksrl.files import refuse_existing, whole_folder, write_durably
+from bricksrl.files import atomic_folder, refuse_existing, write_durably
 from bricksrl.training.config import TrainConfig
 from bricksrl.training.run_folder import RunFolder
 
@@ -54,7 +54,7 @@ def export_policy(run_dir: Path, out: Path, *, licence: str = "mit") -> Path:
     }
     card = policy_card(config.env, config.agent, trained.episodes, _evaluation(folder), licence)
     try:
-        with whole_folder(out) as new:
+        with atomic_folder(out) as new:
             write_durably(new / TENSORS, save(tensors))
             text = (json.dumps(about, indent=1, default=str) + "\n").encode()
             remember(text)

@@ -16,7 +16,7 @@ from typing import Any
 from bricksrl.envs.trust import code_in, remember, require_trusted
 from bricksrl.errors import RunError
 from bricksrl.fields import check_value
-from bricksrl.files import TEMPORARY_PREFIX, whole_folder, write_durably
+from bricksrl.files import TEMPORARY_PREFIX, atomic_folder, write_durably
 from bricksrl.training.callbacks import Episode, Phase
 from bricksrl.training.config import TrainConfig
 
@@ -47,7 +47,7 @@ class RunFolder:
             if path.exists():
                 continue
             try:
-                with whole_folder(path) as temporary:
+                with atomic_folder(path) as temporary:
                     folder = cls(temporary)
                     folder.write_config(config)
                     folder.write_episodes([], losses)

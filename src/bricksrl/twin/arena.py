@@ -18,7 +18,7 @@ import numpy as np
 
 from bricksrl.errors import TwinError
 from bricksrl.robots import Robot
-from bricksrl.twin.imu import FloatingBase, Turns, mounted
+from bricksrl.twin.imu import FloatingBase, Turns, hub_mount
 from bricksrl.twin.model_physics import RobotPart, set_physics, up
 from bricksrl.twin.models.load import load_model
 from bricksrl.twin.models.mjcf import (
@@ -35,10 +35,10 @@ from bricksrl.twin.mujoco_body import MujocoBody, Pose
 from bricksrl.twin.physics import Physics
 from bricksrl.twin.scene import OPEN_FLOOR
 
-_STEPS_PER_LOOK = 20
+_STEPS_PER_UPDATE = 20
 _SETTLING_STEPS = 400
 _WALL_HALF_HEIGHT_M, _WALL_HALF_WIDTH_M = 0.04, 0.012
-_MOST_MOTORS = 31
+_MAX_MOTORS = 31
 """Number of actuator groups that MuJoCo can disable."""
 
 Range = tuple[float, float]
@@ -94,11 +94,11 @@ class Arena:
     gap_m: float = 0.3
 
     def __post_init__(self) -> None:
-        names = [*(one.name for one in self.robots), *(load.name for load in self.loads)]
+        names = [*(contestant.name for contestant in self.robots), *(load.name for load in self.loads)]
         if not self.robots or len(set(names)) < len(names):
             raise TwinError(f"an arena of {', '.join(names) or 'nothing'}; give each robot and each load a name of its own")
-        if sum(len(one.robot.motors) for one in self.robots) > _MOST_MOTORS:
-            raise TwinError(f"the robots of an arena have more than {_MOST_MOTORS} motors; take fewer robots")
+        if sum(len(contestant.robot.motors) for contestant in self.robots) > _MAX_MOTORS:
+            raise TwinError(f"the robots of an arena have more than {_MAX_MOTORS} motors; take fewer robots")
 
 
 @functools.lru_cache(maxsize=4)
@@ -110,23 +110,23 @@ def _compiled(arena: Arena) -> mujoco.MjModel:
     add_camera(world, "arena", (0.0, 0.0, 0.0), (0.0, -0.75, 1.0), 2.6 * max(arena.half_size_m or (0.7,)) + 0.4)
     if arena.half_size_m is not None:
         _add_walls(world, *arena.half_size_m)
-    for number, one in enumerate(arena.robots):
-        child = load_model(one.robot, OPEN_FLOOR, alone=False)
+    for number, contestant in enumerate(arena.robots):
+        child = load_model(contestant.robot, OPEN_FLOOR, alone=False)
         chassis = child.body("chassis")
         if chassis is None or not chassis.joints or chassis.joints[0].type != mujoco.mjtJoint.mjJNT_FREE:
-            raise TwinError(f"robot '{one.robot.name}' stands on a fixed base; an arena is for robots that move about")
+            raise TwinError(f"robot '{contestant.robot.name}' stands on a fixed base; an arena is for robots that move about")
         for geom in child.geoms:
             if geom.contype:  # robots collide with one another and with their surroundings
                 others = sum(2 << other for other in range(len(arena.robots)) if other != number)
                 geom.contype, geom.conaffinity = 1 | 2 << number, others
         for light in list(child.lights):
             child.delete(light)
-        world.add_frame().attach_body(chassis, f"{one.name}/", "")
-        spec.body(f"{one.name}/chassis").add_geom(
+        world.add_frame().attach_body(chassis, f"{contestant.name}/", "")
+        spec.body(f"{contestant.name}/chassis").add_geom(
             type=mujoco.mjtGeom.mjGEOM_CYLINDER,
             pos=[-0.016, 0.0, 0.062],
             size=[0.022, 0.004, 0.0],
-            rgba=[*one.color, 1.0],
+            rgba=[*contestant.color, 1.0],
             mass=0.0,
             **LOOKS,
         )
@@ -194,10 +194,11 @@ class ArenaWorld:
         self.open_circuits = 0
         self.runners: list[Callable[[int], None]] = []
         self.on_time: Callable[[int], None] = lambda _: None
-        self._wanted_ms: dict[int, int] = {}
+        self._target_ms: dict[int, int] = {}
         seeds = np.random.SeedSequence(seed).spawn(len(arena.robots))
+        robots = zip(arena.robots, seeds, strict=True)
         physics = physics or Physics()
-        self.bodies = [ArenaBody(self, one, physics, own) for one, own in zip(arena.robots, seeds, strict=True)]
+        self.bodies = [ArenaBody(self, contestant, physics, noise_seed) for contestant, noise_seed in robots]
         self._apply(physics)
         self._loads = [int(self.model.joint(load.name).qposadr[0]) for load in arena.loads]
         self._settle()
@@ -215,57 +216,58 @@ class ArenaWorld:
         mujoco.mj_step(self.model, self.data, _SETTLING_STEPS)
         self.model.opt.gravity[:] = slope
         for body in self.bodies:
-            body.note_standing()
+            body.record_stance()
 
     def place(self, rng: np.random.Generator) -> None:
         """Place robots and loads for the start of an episode; motors keep their angles, the clock is not reset."""
         starts: list[Pose] = []
-        for one in self.arena.robots:
-            start = one.place.draw(rng)
+        for contestant in self.arena.robots:
+            start = contestant.place.draw(rng)
             while any(math.hypot(start.x_m - other.x_m, start.y_m - other.y_m) < self.arena.gap_m for other in starts):
-                start = one.place.draw(rng)
+                start = contestant.place.draw(rng)
             starts.append(start)
         self.data.qvel[:] = 0.0
         for body, start in zip(self.bodies, starts, strict=True):
-            body.put(start)
+            body.place_at(start)
         for load, address in zip(self.arena.loads, self._loads, strict=True):
             start = load.place.draw(rng)
-            self.data.qpos[address : address + 7] = (start.x_m, start.y_m, load.half_size_m[2], *_turned(start.heading_deg))
+            quaternion = _heading_quaternion(start.heading_deg)
+            self.data.qpos[address : address + 7] = (start.x_m, start.y_m, load.half_size_m[2], *quaternion)
         self.data.qacc_warmstart[:] = 0.0
         mujoco.mj_forward(self.model, self.data)
         for body in self.bodies:
-            body.look()
+            body.update_turns()
 
     def poses(self) -> list[Pose]:
         """True poses of the robots, then of the loads."""
-        found = [body.pose() for body in self.bodies]
+        poses = [body.pose() for body in self.bodies]
         for address in self._loads:
             x_m, y_m, _, w, x, y, z = self.data.qpos[address : address + 7].tolist()
             heading = math.atan2(-2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-            found.append(Pose(x_m, y_m, math.degrees(heading)))
-        return found
+            poses.append(Pose(x_m, y_m, math.degrees(heading)))
+        return poses
 
-    def want(self, number: int, time_ms: int) -> None:
+    def advance_for(self, number: int, time_ms: int) -> None:
         """Advance the world to ``time_ms`` for robot ``number``, after running all other hubs up to that time."""
-        self._wanted_ms[number] = time_ms
+        self._target_ms[number] = time_ms
         while self.time_ms < time_ms:
-            nearest_ms = min(self._wanted_ms.values())
+            next_ms = min(self._target_ms.values())
             for other, run in enumerate(self.runners):
-                if other not in self._wanted_ms and self.time_ms < nearest_ms:
-                    run(nearest_ms)
-            if self.time_ms < nearest_ms:
-                self._advance_to(nearest_ms)
-        del self._wanted_ms[number]
+                if other not in self._target_ms and self.time_ms < next_ms:
+                    run(next_ms)
+            if self.time_ms < next_ms:
+                self._advance_to(next_ms)
+        del self._target_ms[number]
 
     def _advance_to(self, time_ms: int) -> None:
-        left = time_ms * 2 // 5 - self._steps
-        while left > 0:
-            steps = min(left, _STEPS_PER_LOOK)
+        remaining = time_ms * 2 // 5 - self._steps
+        while remaining > 0:
+            steps = min(remaining, _STEPS_PER_UPDATE)
             mujoco.mj_step(self.model, self.data, steps)
-            left -= steps
+            remaining -= steps
             self._steps += steps
             for body in self.bodies:
-                body.look()
+                body.update_turns()
         self.time_ms = time_ms
         self.on_time(time_ms)
 
@@ -273,16 +275,16 @@ class ArenaWorld:
 class ArenaBody(MujocoBody):
     """Part of an arena's world that belongs to one robot; implements :class:`bricksrl.virtual_hub.body.Body`."""
 
-    def __init__(self, world: ArenaWorld, one: Contestant, physics: Physics, seed: np.random.SeedSequence) -> None:
-        self.robot, self.scene, self.physics = one.robot, OPEN_FLOOR, physics
+    def __init__(self, world: ArenaWorld, contestant: Contestant, physics: Physics, seed: np.random.SeedSequence) -> None:
+        self.robot, self.scene, self.physics = contestant.robot, OPEN_FLOOR, physics
         self._up = up(physics)
         self._arena = world
         self.model, self.data = world.model, world.data
-        self._number = world.arena.robots.index(one)
+        self._number = world.arena.robots.index(contestant)
         self._noise = np.random.default_rng(seed)
         self.battery_mv = round(physics.battery_v * 1000)
         self._encoder_step_mdeg = round(physics.encoder_resolution_deg * 1000)
-        self._bind_part(f"{one.name}/")
+        self._bind_part(f"{contestant.name}/")
         self._turns, self._heading_at_start_deg = Turns(), 0.0
         for port in self._terminals:
             self.set_voltage(port, None)
@@ -296,26 +298,26 @@ class ArenaBody(MujocoBody):
         self.base_address, self._base_dof = int(model.jnt_qposadr[root]), int(model.jnt_dofadr[root])
         self._base = _PartBase(model, data, self.base_address, self._base_dof, f"{prefix}imu")
         self._bind_sonars(prefix, int(chassis.id))
-        self._seen_groups = np.zeros(6, np.uint8)
-        self._seen_groups[[OBSTACLE_GROUP, SHAPE_GROUP]] = 1  # other robots too
+        self._detected_groups = np.zeros(6, np.uint8)
+        self._detected_groups[[OBSTACLE_GROUP, SHAPE_GROUP]] = 1  # other robots too
         self._qpos, self._qvel = data.qpos, data.qvel
         self._bind_values()
 
     # ---- called by the world
 
-    def note_standing(self) -> None:
+    def record_stance(self) -> None:
         """Record the stance, after the robot has settled on the floor."""
         self._standing = self._qpos[self.base_address + 2 : self.base_address + 7].copy()
 
-    def put(self, start: Pose) -> None:
+    def place_at(self, start: Pose) -> None:
         """Place the robot at a start pose, in its stance."""
         quaternion = np.empty(4)
-        mujoco.mju_mulQuat(quaternion, np.array(_turned(start.heading_deg)), self._standing[1:])
+        mujoco.mju_mulQuat(quaternion, np.array(_heading_quaternion(start.heading_deg)), self._standing[1:])
         self._qpos[self.base_address : self.base_address + 7] = (start.x_m, start.y_m, self._standing[0], *quaternion)
 
-    def look(self) -> None:
-        """Look at the turns since the last look."""
-        self._look_at_turns()
+    def update_turns(self) -> None:
+        """Add the turn since the last call; to be called before the robot has turned by half a turn."""
+        self._update_turns()
 
     # ---- called by the hub, where it differs from a robot alone
 
@@ -325,7 +327,7 @@ class ArenaBody(MujocoBody):
 
     def advance_to(self, time_ms: int) -> None:
         """Advance the world to this time, and all other robots with it."""
-        self._arena.want(self._number, time_ms)
+        self._arena.advance_for(self._number, time_ms)
 
     def set_voltage(self, port: str, voltage_mv: int | None) -> None:
         """Apply a voltage; the set of open circuits is shared by the world."""
@@ -333,7 +335,7 @@ class ArenaBody(MujocoBody):
         super().set_voltage(port, voltage_mv)
         self._arena.open_circuits = self._open_circuits
 
-    def pose_looks(self) -> None:
+    def update_visuals(self) -> None:
         """Update the drawn geometry to the joint positions."""
         mujoco.mj_kinematics(self.model, self.data)
         mujoco.mj_camlight(self.model, self.data)
@@ -344,14 +346,14 @@ class _PartBase(FloatingBase):
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, position: int, dof: int, imu: str) -> None:
         self._gravity = model.opt.gravity
-        self._hub, self._to_hub = mounted(model, imu)
+        self._hub, self._to_hub = hub_mount(model, imu)
         self._position = data.qpos[position : position + 3]
         self._orientation = data.qpos[position + 3 : position + 7]
         self._spin = data.qvel[dof + 3 : dof + 6]
         self._qacc = data.qacc[dof : dof + 6]
 
 
-def _turned(heading_deg: float) -> tuple[float, float, float, float]:
+def _heading_quaternion(heading_deg: float) -> tuple[float, float, float, float]:
     """Quaternion of a heading, clockwise positive seen from above."""
     half = -math.radians(heading_deg) / 2.0
     return math.cos(half), 0.0, 0.0, math.sin(half)

@@ -10,15 +10,15 @@ import numpy as np
 Vector = np.ndarray[tuple[int], np.dtype[np.float64]]
 
 
-def mounted(model: mujoco.MjModel, site: str) -> tuple[Vector, Vector]:
-    """Place [3] of a hub on its chassis, and the quaternion [4] from the chassis' axes to the hub's."""
+def hub_mount(model: mujoco.MjModel, site: str) -> tuple[Vector, Vector]:
+    """Position [3] of a hub on its chassis, and the quaternion [4] from the chassis' axes to the hub's."""
     to_hub = np.empty(4)
     mujoco.mju_negQuat(to_hub, model.site(site).quat)
     return model.site(site).pos.copy(), to_hub
 
 
 class Turns:
-    """Turns of a hub, summed up from its orientations, which must be seen before it has turned by half a turn.
+    """Turns of a hub, summed up from its orientations; updates must be less than half a turn apart.
 
     Attributes:
         heading_deg: about the vertical, clockwise positive seen from above, 0 along x, not wrapped.
@@ -30,7 +30,7 @@ class Turns:
         self.rotation_rad: Vector = np.zeros(3)
         self._last: Vector = np.array([1.0, 0.0, 0.0, 0.0])
 
-    def see(self, orientation: Vector) -> None:
+    def update(self, orientation: Vector) -> None:
         """Add the turn to an orientation, a quaternion [4]."""
         w, x, y, z = orientation.tolist()
         clockwise_deg = math.degrees(math.atan2(-2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
@@ -49,7 +49,7 @@ class FloatingBase:
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         self._gravity = model.opt.gravity
-        self._hub, self._to_hub = mounted(model, "imu")
+        self._hub, self._to_hub = hub_mount(model, "imu")
         self._position: Vector = data.qpos[0:3]
         self._orientation: Vector = data.qpos[3:7]
         self._spin: Vector = data.qvel[3:6]
@@ -65,10 +65,10 @@ class FloatingBase:
 
     def up(self, vertical: Vector) -> Vector:
         """A direction [3] of the world in the hub's axes."""
-        from_world, turned = np.empty(4), np.empty(3)
+        from_world, rotated = np.empty(4), np.empty(3)
         mujoco.mju_negQuat(from_world, self._orientation)
-        mujoco.mju_rotVecQuat(turned, vertical, from_world)
-        return self.in_hub(turned)
+        mujoco.mju_rotVecQuat(rotated, vertical, from_world)
+        return self.in_hub(rotated)
 
     def angular_velocity(self) -> Vector:
         """Angular velocity in the hub's axes [3], rad/s."""
@@ -85,9 +85,9 @@ class FloatingBase:
 
     def in_hub(self, vector: Vector) -> Vector:
         """A vector of the chassis' axes, in the hub's."""
-        turned = np.empty(3)
-        mujoco.mju_rotVecQuat(turned, vector, self._to_hub)
-        return turned
+        rotated = np.empty(3)
+        mujoco.mju_rotVecQuat(rotated, vector, self._to_hub)
+        return rotated
 
 
 class FixedBase:
@@ -100,7 +100,7 @@ class FixedBase:
         self._model, self._data = model, data
         self._site = int(model.site("imu").id)
         self._body = int(model.site_bodyid[self._site])
-        self._to_hub = mounted(model, "imu")[1]
+        self._to_hub = hub_mount(model, "imu")[1]
 
     def position(self) -> Vector:
         """Origin of the base [3] in the world, m."""
@@ -113,9 +113,9 @@ class FixedBase:
 
     def in_hub(self, vector: Vector) -> Vector:
         """A vector [3] of the axes of the part that carries the hub, in the hub's."""
-        turned = np.empty(3)
-        mujoco.mju_rotVecQuat(turned, vector, self._to_hub)
-        return turned
+        rotated = np.empty(3)
+        mujoco.mju_rotVecQuat(rotated, vector, self._to_hub)
+        return rotated
 
     def up(self, vertical: Vector) -> Vector:
         """A direction [3] of the world in the hub's axes."""

@@ -58,11 +58,11 @@ class _File:
 
 def folder() -> Path | None:
     """Folder of an installed LDraw library: ``LDRAWDIR``, else a system folder; ``None`` if there is none."""
-    given = os.environ.get("LDRAWDIR")
-    if given and not _is_library(Path(given)):
-        _log.warning("LDRAWDIR=%s is not an LDraw library (a folder with LDConfig.ldr, parts and p); using our own parts", given)
+    path = os.environ.get("LDRAWDIR")
+    if path and not _is_library(Path(path)):
+        _log.warning("LDRAWDIR=%s is not an LDraw library (a folder with LDConfig.ldr, parts and p); using our own parts", path)
         return None
-    candidates = (given,) if given else _SYSTEM_FOLDERS
+    candidates = (path,) if path else _SYSTEM_FOLDERS
     return next((Path(candidate) for candidate in candidates if _is_library(Path(candidate))), None)
 
 
@@ -95,11 +95,11 @@ class Library:
         not have the part, or it is empty or too large."""
         if self._path(name) is None:
             raise TwinError(f"the LDraw library in {self._root} has no part '{name}'; install a newer one")
-        harvest = _Harvest(self._file)
+        collector = _Collector(self._file)
         with np.errstate(all="ignore"):
-            harvest.collect(name, MAIN_COLOUR, np.eye(3), np.zeros(3), False, ())
-        merged = {colour: np.concatenate(pieces) for colour, pieces in harvest.pieces.items()}
-        if harvest.is_full or not merged or not all(np.isfinite(triangles).all() for triangles in merged.values()):
+            collector.collect(name, MAIN_COLOUR, np.eye(3), np.zeros(3), False, ())
+        merged = {colour: np.concatenate(pieces) for colour, pieces in collector.pieces.items()}
+        if collector.is_full or not merged or not all(np.isfinite(triangles).all() for triangles in merged.values()):
             raise TwinError(f"'{name}' of the LDraw library in {self._root} cannot be drawn; reinstall the library")
         return merged
 
@@ -114,12 +114,12 @@ class Library:
         parts = PurePosixPath(name).parts
         if not parts or any(part == ".." or ":" in part or part.startswith("/") for part in parts):
             return None
-        places = (self._root / place / Path(*parts) for place in ("parts", "p"))
-        return next((path for path in places if path.is_file()), None)
+        candidates = (self._root / folder / Path(*parts) for folder in ("parts", "p"))
+        return next((path for path in candidates if path.is_file()), None)
 
 
 @dataclass
-class _Harvest:
+class _Collector:
     """Collector of a part's triangles from its files, bounded against deep or cyclic references."""
 
     file: Callable[[str], _File]
@@ -131,21 +131,22 @@ class _Harvest:
     def is_full(self) -> bool:
         return self.triangles > _MAX_TRIANGLES or self.visits > _MAX_VISITS
 
-    def collect(self, name: str, colour: int, matrix: Floats, offset: Floats, inverted: bool, above: tuple[str, ...]) -> None:
+    def collect(self, name: str, colour: int, matrix: Floats, offset: Floats, inverted: bool, ancestors: tuple[str, ...]) -> None:
         """Add the triangles of a file and its references, transformed by ``matrix`` [3, 3] and ``offset`` [3]."""
         self.visits += 1
-        if self.is_full or name in above or len(above) >= _MAX_DEPTH:
+        if self.is_full or name in ancestors or len(ancestors) >= _MAX_DEPTH:
             return
         file = self.file(name)
         flipped = inverted != bool(np.linalg.det(matrix) < 0)
-        for own, triangles in file.triangles.items():
-            moved = triangles @ matrix.T + offset
-            self.triangles += len(moved)
-            self.pieces.setdefault(colour if own == MAIN_COLOUR else own, []).append(moved[:, ::-1] if flipped else moved)
+        for code, local in file.triangles.items():
+            triangles = local @ matrix.T + offset
+            self.triangles += len(triangles)
+            pieces = self.pieces.setdefault(colour if code == MAIN_COLOUR else code, [])
+            pieces.append(triangles[:, ::-1] if flipped else triangles)
         for ref in file.references:
-            own = colour if ref.colour == MAIN_COLOUR else ref.colour
-            moved, place = matrix @ ref.matrix, matrix @ ref.offset + offset
-            self.collect(ref.name, own, moved, place, inverted != ref.inverted, (*above, name))
+            code = colour if ref.colour == MAIN_COLOUR else ref.colour
+            ref_offset = matrix @ ref.offset + offset
+            self.collect(ref.name, code, matrix @ ref.matrix, ref_offset, inverted != ref.inverted, (*ancestors, name))
 
 
 def parse(text: str) -> _File:

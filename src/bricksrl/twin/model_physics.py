@@ -14,8 +14,8 @@ from bricksrl.robots import MotorKind
 from bricksrl.twin.models.mjcf import motor_constants
 from bricksrl.twin.physics import Physics
 
-SIDE_LOAD_AT_M = (0.0, 0.048, 0.0)
-"""Place of the side load from the chassis' centre of mass: 6 modules of LEGO to the left, in the hub's axes."""
+SIDE_LOAD_OFFSET_M = (0.0, 0.048, 0.0)
+"""Position of the side load relative to the chassis' centre of mass: 6 modules of LEGO to the left, in the hub's axes."""
 
 
 def backlash_joints(model: mujoco.MjModel) -> list[int]:
@@ -72,7 +72,7 @@ def _add_side_load(model: mujoco.MjModel, nominal: mujoco.MjModel, body: int, lo
     model.body_ipos[body], model.body_iquat[body] = nominal.body_ipos[body], nominal.body_iquat[body]
     if load_kg == 0.0:
         return
-    mass_kg, offset = float(model.body_mass[body]), np.array(SIDE_LOAD_AT_M)
+    mass_kg, offset = float(model.body_mass[body]), np.array(SIDE_LOAD_OFFSET_M)
     frame = np.empty(9)
     mujoco.mju_quat2Mat(frame, nominal.body_iquat[body])
     axes = frame.reshape(3, 3)

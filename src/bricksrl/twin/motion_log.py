@@ -95,16 +95,16 @@ def identification_commands(interface: Interface, steps: int, rng: np.random.Gen
     """
     shares = np.zeros((steps, len(interface.commands)))
     moving = shares[_REST_STEPS:]
-    there_and_back = 2 * _RUN_STEPS
-    run_steps = round(_RUN_SHARE * len(moving) / there_and_back) * there_and_back
+    round_trip_steps = 2 * _RUN_STEPS
+    run_steps = round(_RUN_SHARE * len(moving) / round_trip_steps) * round_trip_steps
     jerks = max(0, len(moving) - run_steps) // 2
     moving[: 2 * jerks : 2] = rng.uniform(-1.0, 1.0, (jerks, moving.shape[1])) ** 3
     moving[1 : 2 * jerks : 2] = -moving[: 2 * jerks : 2]
-    for start in range(len(moving) - run_steps, len(moving), there_and_back):
+    for start in range(len(moving) - run_steps, len(moving), round_trip_steps):
         signs = rng.choice([-1.0, 1.0], moving.shape[1])
         moving[start : start + _RUN_STEPS] = signs
         moving[start + _RUN_STEPS : start + 2 * _RUN_STEPS] = -signs
-    low, high = np.array([c.low for c in interface.commands]), np.array([c.high for c in interface.commands])
+    low, high = np.array([(command.low, command.high) for command in interface.commands]).reshape(-1, 2).T
     values: NDArray[np.float64] = np.round(np.where(shares > 0, shares * high, -shares * low))
     return values
 
@@ -136,7 +136,7 @@ def write_log(path: Path, log: RunLog) -> None:
 def read_log(path: Path) -> RunLog:
     """Read a log. Raises TwinError if the file cannot be read, or is no motion log."""
     try:
-        header, first, *rest = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+        header, first, *lines = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
         if header["bricksrl_log"] != _FORMAT:
             raise ValueError(f"format {header['bricksrl_log']} is unknown")
         interface = Interface(
@@ -148,11 +148,11 @@ def read_log(path: Path) -> RunLog:
             header["robot"],
             interface,
             int(header["program"], 16),
-            np.array([line["command"] for line in rest], dtype=np.float64).reshape(len(rest), len(interface.commands)),
-            np.array([line["gap_ms"] for line in rest], dtype=np.float64),
-            np.array([line["time_ms"] for line in (first, *rest)], dtype=np.int64),
-            np.array([line["channels"] for line in (first, *rest)], dtype=np.float64).reshape(
-                len(rest) + 1, len(interface.channels)
+            np.array([line["command"] for line in lines], dtype=np.float64).reshape(len(lines), len(interface.commands)),
+            np.array([line["gap_ms"] for line in lines], dtype=np.float64),
+            np.array([line["time_ms"] for line in (first, *lines)], dtype=np.int64),
+            np.array([line["channels"] for line in (first, *lines)], dtype=np.float64).reshape(
+                len(lines) + 1, len(interface.channels)
             ),
         )
         if not np.isfinite(log.channels).all() or (np.diff(log.times_ms) < 0).any():

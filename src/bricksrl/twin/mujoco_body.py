@@ -31,14 +31,14 @@ from bricksrl.virtual_hub.stimuli import Sense, Sensed, senses
 
 _NEAREST_MM, _FARTHEST_MM = UltrasonicSensor.NEAREST_MM, UltrasonicSensor.FARTHEST_MM
 _CONE_DEG = (-12.0, -6.0, 0.0, 6.0, 12.0)
-_SEES_NO_FARTHER_MM = {SensorKind.COLOR_DISTANCE: 100.0, SensorKind.INFRARED: 150.0}
+_INFRARED_RANGE_MM = {SensorKind.COLOR_DISTANCE: 100.0, SensorKind.INFRARED: 150.0}
 """Distance that an infrared sensor reports as 100 %; estimates."""
 _SETTLING_STEPS = 400
 _FAR_M = 100.0
-# Steps between two looks at the turns: few enough that no robot turns by half a turn.
-_STEPS_PER_LOOK = 20
+# Steps between two updates of the turns: few enough that no robot turns by half a turn.
+_STEPS_PER_UPDATE = 20
 # A smaller torque of gravity is rounding, as on a vertical joint.
-_LEAST_PULL_NM = 1e-3
+_MIN_PULL_NM = 1e-3
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ class MujocoBody:
         self._apply(Physics() if isinstance(physics, RandomPhysics) else physics)
         noise_seed, start_seed = np.random.SeedSequence(seed).spawn(2)
         self._noise = np.random.default_rng(noise_seed)
-        self._steps = self._steps_unseen = 0
+        self._steps = self._steps_since_update = 0
         self._turns, self._heading_at_start_deg = Turns(), 0.0
         self._settle()
         self.reset(np.random.default_rng(start_seed))
@@ -119,14 +119,14 @@ class MujocoBody:
         self._base = FloatingBase(model, data) if self._moves else FixedBase(model, data)
         self._rods, self._spinners = Rods(model), Spinners(model)
         self._bind_sonars()
-        others = [one for one in self.robot.sensors if isinstance(one, PoweredUpSensor) and senses(one)]
-        self._kinds_of_sensors = {one.port: one.kind for one in others}
-        self._eyes = {one.port: self._site(f"sensor_{one.port}") for one in others}
+        sensors = [sensor for sensor in self.robot.sensors if isinstance(sensor, PoweredUpSensor) and senses(sensor)]
+        self._sensor_kinds = {sensor.port: sensor.kind for sensor in sensors}
+        self._sensor_frames = {sensor.port: self._site(f"sensor_{sensor.port}") for sensor in sensors}
         self._world = WorldSenses(model, data, self.scene)
         # A pushable block has a free joint, after the robot's joints.
-        self._pushed = [int(model.joint(f"object_{number}").qposadr[0]) for number in self._pushable()]
-        self._seen_groups = np.zeros(6, np.uint8)
-        self._seen_groups[OBSTACLE_GROUP] = 1
+        self._block_addresses = [int(model.joint(f"object_{number}").qposadr[0]) for number in self._pushable()]
+        self._detected_groups = np.zeros(6, np.uint8)
+        self._detected_groups[OBSTACLE_GROUP] = 1
         self._qpos, self._qvel = data.qpos, data.qvel
         self._bind_values()
 
@@ -144,19 +144,19 @@ class MujocoBody:
         self._shaft = {port: (int(joints[port].qposadr[0]), gear * math.degrees(1000.0)) for port, gear in self._gears.items()}
         self._terminals = {port: (index, 1 << int(model.actuator_group[index])) for port, index in actuators.items()}
 
-    def _bind_sonars(self, prefix: str = "", unseen_body: int = -1) -> None:
-        """Look up the ultrasonic sensors, which do not detect ``unseen_body``."""
+    def _bind_sonars(self, prefix: str = "", undetected_body: int = -1) -> None:
+        """Look up the ultrasonic sensors, which do not detect ``undetected_body``."""
         rays = np.array([(math.cos(math.radians(angle)), math.sin(math.radians(angle)), 0.0) for angle in _CONE_DEG])
-        ports = [one.port for one in self.robot.sensors if isinstance(one, UltrasonicSensor)]
+        ports = [sensor.port for sensor in self.robot.sensors if isinstance(sensor, UltrasonicSensor)]
         sites = {port: self._site(f"{prefix}ultrasonic_{port}") for port in ports}
-        self._sonar = {port: (place, rays @ frame.T) for port, (place, frame) in sites.items()}
-        self._unseen_body = unseen_body
+        self._sonars = {port: (position, rays @ frame.T) for port, (position, frame) in sites.items()}
+        self._undetected_body = undetected_body
 
     def _site(self, name: str) -> tuple[Vector, NDArray[np.float64]]:
         """Position of a site on the chassis [3], and its axes as columns [3, 3]. Raises TwinError if there is no such site."""
         index = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_SITE, name)
         if index < 0:
-            sensor = next(one for one in self.robot.sensors if one.port == name[-1])
+            sensor = next(sensor for sensor in self.robot.sensors if sensor.port == name[-1])
             raise TwinError(
                 f"the model of robot '{self.robot.name}' has no place for '{sensor.name}' (a site '{name}'); give it one, or the "
                 "robot no model and the scene what the sensor reads"
@@ -167,8 +167,8 @@ class MujocoBody:
 
     def _pushable(self) -> dict[int, Block]:
         """Pushable blocks of the scene, by their number among its solids."""
-        solids = [one for one in self.scene.objects if isinstance(one, Solid)]
-        return {number: one for number, one in enumerate(solids) if isinstance(one, Block) and one.mass_g is not None}
+        solids = [item for item in self.scene.objects if isinstance(item, Solid)]
+        return {number: item for number, item in enumerate(solids) if isinstance(item, Block) and item.mass_g is not None}
 
     # ---------------------------------------------------------------- physics and start
 
@@ -207,18 +207,18 @@ class MujocoBody:
         if self._random_physics is not None:
             self._apply(self._random_physics.sample(rng))
         self._qvel[:] = 0.0
-        self._put_back(rng)
+        self._reset_blocks(rng)
         if self._moves:
             self._place(rng)
         else:
-            self._take_up_play()
+            self._take_up_backlash()
         self.data.qacc_warmstart[:] = 0.0
         mujoco.mj_forward(self.model, self.data)
-        self._look_at_turns()
+        self._update_turns()
 
-    def _put_back(self, rng: np.random.Generator) -> None:
+    def _reset_blocks(self, rng: np.random.Generator) -> None:
         """Put pushable blocks back to their start positions."""
-        for address, block in zip(self._pushed, self._pushable().values(), strict=True):
+        for address, block in zip(self._block_addresses, self._pushable().values(), strict=True):
             self._qpos[address : address + 7] = self.model.qpos0[address : address + 7]
             if any(block.spread_mm):
                 spread = np.array(block.spread_mm) / 1000
@@ -236,9 +236,9 @@ class MujocoBody:
         if self.scene.wall_distance_mm is not None:
             distance_m = float(rng.uniform(*self.scene.wall_distance_mm)) / 1000
             wall = self.model.geom("wall")
-            eyes = self._in_world(next(iter(self._sonar.values()))[0])
-            self._qpos[0] = wall.pos[0] - wall.size[0] - distance_m - eyes[0]
-            self._qpos[1] = -eyes[1]
+            sonar_m = self._in_world(next(iter(self._sonars.values()))[0])
+            self._qpos[0] = wall.pos[0] - wall.size[0] - distance_m - sonar_m[0]
+            self._qpos[1] = -sonar_m[1]
 
     def _stand(self) -> tuple[Vector, float]:
         """Orientation and height of the standing robot: constant on wheels, derived from the present leg angles on legs."""
@@ -255,21 +255,21 @@ class MujocoBody:
         quaternion, height_m = standing_pose((balls - origin) @ frame, (data.subtree_com[chassis] - origin) @ frame)
         return quaternion, height_m + float(model.geom_size[self._feet[0], 0])
 
-    def _take_up_play(self) -> None:
+    def _take_up_backlash(self) -> None:
         """Move each joint to the end of its backlash to which gravity pulls it, so that no arm drops at a start."""
         mujoco.mj_forward(self.model, self.data)
         for joint in self._backlash:
             pull_nm = -float(self.data.qfrc_bias[self.model.jnt_dofadr[joint]])
-            end = np.sign(pull_nm) if abs(pull_nm) > _LEAST_PULL_NM else 0.0
+            end = np.sign(pull_nm) if abs(pull_nm) > _MIN_PULL_NM else 0.0
             self._qpos[self.model.jnt_qposadr[joint]] = end * self.model.jnt_range[joint, 1]
 
     def pose(self) -> Pose:
         """True pose of the robot: for metrics, not for agents."""
-        self._look_at_turns()
+        self._update_turns()
         x_m, y_m, _ = self._base.position().tolist()
         return Pose(x_m, y_m, self._turns.heading_deg)
 
-    def pose_looks(self) -> None:
+    def update_visuals(self) -> None:
         """Update the drawn geometry to the joint positions, for renderers; physics steps do not."""
         mujoco.mj_kinematics(self.model, self.data)
         self._spinners.turn(self.model, self.data)
@@ -280,19 +280,19 @@ class MujocoBody:
 
     def advance_to(self, time_ms: int) -> None:
         """Integrate whole steps up to this simulated time."""
-        left = time_ms * 2 // 5 - self._steps
-        while left > 0:
-            steps = left if left <= _STEPS_PER_LOOK else _STEPS_PER_LOOK
+        remaining = time_ms * 2 // 5 - self._steps
+        while remaining > 0:
+            steps = remaining if remaining <= _STEPS_PER_UPDATE else _STEPS_PER_UPDATE
             mujoco.mj_step(self.model, self.data, steps)
-            left -= steps
+            remaining -= steps
             self._steps += steps
-            self._steps_unseen += steps
-            if self._steps_unseen >= _STEPS_PER_LOOK:
-                self._look_at_turns()
+            self._steps_since_update += steps
+            if self._steps_since_update >= _STEPS_PER_UPDATE:
+                self._update_turns()
 
-    def _look_at_turns(self) -> None:
-        self._steps_unseen = 0
-        self._turns.see(self._base.orientation())
+    def _update_turns(self) -> None:
+        self._steps_since_update = 0
+        self._turns.update(self._base.orientation())
 
     # ---------------------------------------------------------------- motors
 
@@ -317,15 +317,17 @@ class MujocoBody:
     # ---------------------------------------------------------------- sensors
 
     def distance_mm(self, port: str) -> int:
-        """Nearest obstacle, or other robot, that one of five rays in a cone of 24 degrees meets, with noise; 40..2000."""
-        place, rays = self._sonar[port]
-        eyes = self._in_world(place) + self._base.position()
+        """Distance to the nearest obstacle or robot that one of five rays in a cone of 24 degrees hits, with noise; 40..2000."""
+        position, rays = self._sonars[port]
+        origin = self._in_world(position) + self._base.position()
         nearest_mm = math.inf
         for ray in rays:
-            sight = self._in_world(ray)
-            metres = mujoco.mj_ray(self.model, self.data, eyes, sight, self._seen_groups, True, self._unseen_body, None)
-            if metres >= 0.0:
-                nearest_mm = min(nearest_mm, metres * 1000.0)
+            direction = self._in_world(ray)
+            distance_m = mujoco.mj_ray(
+                self.model, self.data, origin, direction, self._detected_groups, True, self._undetected_body, None
+            )
+            if distance_m >= 0.0:
+                nearest_mm = min(nearest_mm, distance_m * 1000.0)
         if nearest_mm >= _FARTHEST_MM:
             return _FARTHEST_MM
         deviation_mm = self.physics.distance_noise_mm + self.physics.distance_noise_ratio * nearest_mm
@@ -334,17 +336,17 @@ class MujocoBody:
 
     def sensed(self, port: str, sense: Sense) -> Sensed:
         """Present stimulus of a sensor, from the world around it; reflected light has noise."""
-        kind = self._kinds_of_sensors[port]
+        kind = self._sensor_kinds[port]
         if sense is Sense.TILT:
             return self.tilt_deg()
         if sense is Sense.FORCE:
             return float(self.data.sensor(f"force_{port}").data[0])
         if sense is Sense.COUNT:
             return 0.0
-        place, frame = self._eyes[port]
-        eye, gaze = self._in_world(place) + self._base.position(), self._in_world(frame[:, 0].copy())
+        position, frame = self._sensor_frames[port]
+        eye, gaze = self._in_world(position) + self._base.position(), self._in_world(frame[:, 0].copy())
         if sense is Sense.DISTANCE:
-            return percent(self._world.distance_mm(eye, gaze), _SEES_NO_FARTHER_MM[kind])
+            return percent(self._world.distance_mm(eye, gaze), _INFRARED_RANGE_MM[kind])
         if sense is Sense.AMBIENT:
             return self._world.ambient(eye, gaze)
         hue, saturation, value = self._world.surface(eye, gaze)
@@ -376,17 +378,17 @@ class MujocoBody:
 
     def heading_deg(self) -> float:
         """Rotation about the vertical since the start, clockwise positive, not wrapped."""
-        self._look_at_turns()
+        self._update_turns()
         return self._turns.heading_deg - self._heading_at_start_deg
 
     def rotation_deg(self) -> tuple[float, float, float]:
         """Angular velocity in the frame of the hub, summed up since the start, without noise."""
-        self._look_at_turns()
+        self._update_turns()
         x, y, z = np.degrees(self._base.in_hub(self._turns.rotation_rad)).tolist()
         return x, y, z
 
     def _in_world(self, vector: Vector) -> Vector:
         """A vector of the chassis' frame, rotated to world axes."""
-        turned = np.empty(3)
-        mujoco.mju_rotVecQuat(turned, vector, self._base.orientation())
-        return turned
+        rotated = np.empty(3)
+        mujoco.mju_rotVecQuat(rotated, vector, self._base.orientation())
+        return rotated

@@ -63,10 +63,10 @@ class Line:
     def covers(self, points_mm: Floats) -> NDArray[np.bool_]:
         """Whether points ``[n, 2]`` are on it; ``[n]``."""
         starts, ends = self.ends_mm
-        along = ends - starts
-        away = points_mm[:, None] - starts
-        share = np.clip((away * along).sum(-1) / np.maximum((along**2).sum(-1), 1e-9), 0.0, 1.0)
-        distance = np.linalg.norm(away - share[..., None] * along, axis=-1)
+        directions = ends - starts
+        offsets = points_mm[:, None] - starts
+        fraction = np.clip((offsets * directions).sum(-1) / np.maximum((directions**2).sum(-1), 1e-9), 0.0, 1.0)
+        distance = np.linalg.norm(offsets - fraction[..., None] * directions, axis=-1)
         covered: NDArray[np.bool_] = distance.min(1) <= self.width_mm / 2
         return covered
 
@@ -94,8 +94,8 @@ class Field:
         """Whether points ``[n, 2]`` are on it; ``[n]``."""
         yaw = -math.radians(self.heading_deg)
         turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
-        inside = np.abs((points_mm - np.array(self.at_mm)) @ turn) / (np.array(self.size_mm) / 2)
-        covered: NDArray[np.bool_] = (inside**2).sum(-1) <= 1.0 if self.round else inside.max(-1) <= 1.0
+        scaled = np.abs((points_mm - np.array(self.at_mm)) @ turn) / (np.array(self.size_mm) / 2)
+        covered: NDArray[np.bool_] = (scaled**2).sum(-1) <= 1.0 if self.round else scaled.max(-1) <= 1.0
         return covered
 
 
@@ -198,10 +198,10 @@ def oval(length_mm: float, width_mm: float) -> tuple[Point, ...]:
     return tuple((float(x), float(y)) for x, y in points)
 
 
-def _check(color: str, what: str, sizes: tuple[float, ...], places: tuple[Point, ...]) -> None:
+def _check(color: str, noun: str, sizes: tuple[float, ...], points: tuple[Point, ...]) -> None:
     if color not in COLORS:
         raise TwinError(f"scene: there is no color '{color}'; choose {', '.join(COLORS)}")
     if not all(math.isfinite(size) and size > 0 for size in sizes):
-        raise TwinError(f"scene: {what} of {', '.join(f'{size:g}' for size in sizes)} mm; give positive sizes")
-    if not all(math.isfinite(value) for place in places for value in place):
-        raise TwinError(f"scene: {what} at {places}; give finite places and headings")
+        raise TwinError(f"scene: {noun} of {', '.join(f'{size:g}' for size in sizes)} mm; give positive sizes")
+    if not all(math.isfinite(value) for point in points for value in point):
+        raise TwinError(f"scene: {noun} at {points}; give finite places and headings")

@@ -14,6 +14,8 @@ from bricksrl.errors import TwinError
 if TYPE_CHECKING:
     import numpy as np
 
+Range = tuple[float, float]
+
 
 @dataclass(frozen=True)
 class Parameter:
@@ -21,25 +23,25 @@ class Parameter:
 
     Attributes:
         unit: unit of the value; "1" for a factor.
-        drawn: lowest and highest value of domain randomization.
-        accepted: lowest and highest allowed value.
+        random_range: lowest and highest value of domain randomization.
+        allowed_range: lowest and highest allowed value.
         source: source of the default and the range.
     """
 
     unit: str
-    drawn: tuple[float, float]
-    accepted: tuple[float, float]
+    random_range: Range
+    allowed_range: Range
     source: str
 
 
-def _parameter(default: float, unit: str, drawn: tuple[float, float], accepted: tuple[float, float], source: str) -> Any:
-    return dataclasses.field(default=default, metadata={"parameter": Parameter(unit, drawn, accepted, source)})
+def _parameter(default: float, unit: str, random_range: Range, allowed_range: Range, source: str) -> Any:
+    return dataclasses.field(default=default, metadata={"parameter": Parameter(unit, random_range, allowed_range, source)})
 
 
 @dataclass(frozen=True)
 class Physics:
     """Parameters of a twin; the defaults are a freshly charged robot on a smooth floor. Raises TwinError if a value is outside of
-    its accepted range.
+    its allowed range.
 
     Attributes:
         battery_v: voltage of the battery, which limits the motors'.
@@ -87,7 +89,7 @@ class Physics:
 
     def __post_init__(self) -> None:
         for name, parameter in PARAMETERS.items():
-            value, (low, high) = getattr(self, name), parameter.accepted
+            value, (low, high) = getattr(self, name), parameter.allowed_range
             if not (math.isfinite(value) and low <= value <= high):
                 unit = "" if parameter.unit == "1" else f" {parameter.unit}"
                 raise TwinError(f"physics: {name} is {value}{unit}; give a value from {low} to {high}")
@@ -148,6 +150,6 @@ class RandomPhysics:
         nominal, values = Physics(), {}
         for name, parameter in PARAMETERS.items():
             default = getattr(nominal, name)
-            low, high = (default + self.width * (bound - default) for bound in parameter.drawn)
+            low, high = (default + self.width * (bound - default) for bound in parameter.random_range)
             values[name] = float(rng.uniform(low, high))
         return Physics(**values)

@@ -12,7 +12,7 @@ from bricksrl.virtual_hub.stimuli import Reading
 
 FLOOR = (0.82, 0.82, 0.84)
 """Reflectance of red, green and blue light of the bare floor."""
-_MOST_HEADING_AT_WALL_DEG = 60.0
+_MAX_HEADING_AT_WALL_DEG = 60.0
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class Scene:
                 )
         if self.wall_distance_mm is not None:
             _check_range("wall_distance_mm", self.wall_distance_mm, 20.0, 5000.0)
-            _check_range("heading_deg before a wall", self.heading_deg, -_MOST_HEADING_AT_WALL_DEG, _MOST_HEADING_AT_WALL_DEG)
+            _check_range("heading_deg before a wall", self.heading_deg, -_MAX_HEADING_AT_WALL_DEG, _MAX_HEADING_AT_WALL_DEG)
 
 
 def _check_range(name: str, bounds: tuple[float, float], lowest: float, highest: float) -> None:

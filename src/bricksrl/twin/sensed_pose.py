@@ -13,9 +13,9 @@ from bricksrl.twin.models.mjcf import SHAPE_GROUP
 from bricksrl.twin.mujoco_body import MujocoBody
 
 _STEP_DEG = 15.0
-_ROUNDS = 8
-_CLOSED = 1e-5
-_STEP_RAD, _NUDGE_RAD = 0.3, 1e-5
+_MAX_STEPS = 8
+_TOLERANCE = 1e-5
+_STEP_RAD, _DIFFERENCE_RAD = 0.3, 1e-5
 """Largest rotation of a joint per Gauss-Newton step, and step of its finite differences."""
 
 
@@ -29,16 +29,16 @@ def sensed_qpos(body: MujocoBody, angles_deg: dict[str, float], tilt_deg: tuple[
     model, data = body.model, body.data
     motors = [motor for motor in body.robot.motors if motor.name in angles_deg]
     joints = [model.joint(f"motor_{motor.port}") for motor in motors]
-    places = [int(joint.qposadr[0]) for joint in joints]
+    addresses = [int(joint.qposadr[0]) for joint in joints]
     factors = np.array([_joint_per_output(model, motor) for motor in motors])
-    turns_deg = np.array([angles_deg[motor.name] for motor in motors]) - np.degrees(data.qpos[places]) / factors
+    turns_deg = np.array([angles_deg[motor.name] for motor in motors]) - np.degrees(data.qpos[addresses]) / factors
     turns_deg = (turns_deg + 180.0) % 360.0 - 180.0
-    loose = _loose(model, {int(joint.id) for joint in joints})
+    passive = _passive_hinges(model, {int(joint.id) for joint in joints})
     steps = max(1, math.ceil(np.abs(turns_deg).max(initial=0.0) / _STEP_DEG))
     for _ in range(steps):  # in small steps, so that a linkage does not flip
-        data.qpos[places] += np.radians(turns_deg * factors) / steps
-        if loose:
-            _close_loops(model, data, loose)
+        data.qpos[addresses] += np.radians(turns_deg * factors) / steps
+        if passive:
+            _close_loops(model, data, passive)
     if model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE:
         _stand(model, data, tilt_deg)
     qpos: NDArray[np.float64] = data.qpos.copy()
@@ -51,7 +51,7 @@ def _joint_per_output(model: mujoco.MjModel, motor: Motor) -> float:
     return motor.direction.value * 360.0 / motor.turn_deg / gear
 
 
-def _loose(model: mujoco.MjModel, driven: set[int]) -> list[int]:
+def _passive_hinges(model: mujoco.MjModel, driven: set[int]) -> list[int]:
     """Position indices of passive hinges, which are neither driven nor backlash."""
     if not model.neq:
         return []
@@ -63,22 +63,22 @@ def _loose(model: mujoco.MjModel, driven: set[int]) -> list[int]:
     ]
 
 
-def _close_loops(model: mujoco.MjModel, data: mujoco.MjData, loose: list[int]) -> None:
+def _close_loops(model: mujoco.MjModel, data: mujoco.MjData, passive: list[int]) -> None:
     """Solve the passive hinges for the rods' lengths and the gear constraints, by Gauss-Newton."""
-    start = data.qpos[loose].copy()
-    for _ in range(_ROUNDS):
+    start = data.qpos[passive].copy()
+    for _ in range(_MAX_STEPS):
         error = _gaps(model, data)
-        if np.abs(error).max() < _CLOSED:
+        if np.abs(error).max() < _TOLERANCE:
             return
-        slopes = np.empty((len(error), len(loose)))
-        for column, place in enumerate(loose):
-            data.qpos[place] += _NUDGE_RAD
-            slopes[:, column] = (_gaps(model, data) - error) / _NUDGE_RAD
-            data.qpos[place] -= _NUDGE_RAD
+        slopes = np.empty((len(error), len(passive)))
+        for column, address in enumerate(passive):
+            data.qpos[address] += _DIFFERENCE_RAD
+            slopes[:, column] = (_gaps(model, data) - error) / _DIFFERENCE_RAD
+            data.qpos[address] -= _DIFFERENCE_RAD
         step = np.linalg.lstsq(slopes, -error, rcond=1e-6)[0]
-        data.qpos[loose] += np.clip(step, -_STEP_RAD, _STEP_RAD)
-    if np.abs(_gaps(model, data)).max() > 100 * _CLOSED:
-        data.qpos[loose] = start  # not converged: keep the previous pose
+        data.qpos[passive] += np.clip(step, -_STEP_RAD, _STEP_RAD)
+    if np.abs(_gaps(model, data)).max() > 100 * _TOLERANCE:
+        data.qpos[passive] = start  # not converged: keep the previous pose
 
 
 def _gaps(model: mujoco.MjModel, data: mujoco.MjData) -> NDArray[np.float64]:
@@ -90,9 +90,9 @@ def _gaps(model: mujoco.MjModel, data: mujoco.MjData) -> NDArray[np.float64]:
     gaps = np.empty(model.ntendon + len(followers))
     gaps[: model.ntendon] = data.ten_length - model.tendon_length0
     for row, number in enumerate(followers, model.ntendon):
-        one, other = (model.jnt_qposadr[ids[number]] for ids in (model.eq_obj1id, model.eq_obj2id))
-        wanted = np.polyval(model.eq_data[number, 4::-1], data.qpos[other] - model.qpos0[other])
-        gaps[row] = 0.01 * (data.qpos[one] - model.qpos0[one] - wanted)
+        follower, leader = (model.jnt_qposadr[ids[number]] for ids in (model.eq_obj1id, model.eq_obj2id))
+        target = np.polyval(model.eq_data[number, 4::-1], data.qpos[leader] - model.qpos0[leader])
+        gaps[row] = 0.01 * (data.qpos[follower] - model.qpos0[follower] - target)
     return gaps
 
 
@@ -100,8 +100,8 @@ def _stand(model: mujoco.MjModel, data: mujoco.MjData, tilt_deg: tuple[float, fl
     """Tilt the chassis, and put the robot's lowest drawn point on the floor."""
     pitch, roll = (math.radians(angle) / 2 for angle in tilt_deg)
     quaternion = np.empty(4)
-    by_pitch = np.array([math.cos(pitch), 0.0, math.sin(pitch), 0.0])
-    mujoco.mju_mulQuat(quaternion, by_pitch, np.array([math.cos(roll), math.sin(roll), 0.0, 0.0]))
+    pitch_quaternion = np.array([math.cos(pitch), 0.0, math.sin(pitch), 0.0])
+    mujoco.mju_mulQuat(quaternion, pitch_quaternion, np.array([math.cos(roll), math.sin(roll), 0.0, 0.0]))
     data.qpos[0:7] = (0.0, 0.0, 1.0, *quaternion)
     mujoco.mj_kinematics(model, data)
     drawn = np.flatnonzero((model.body_weldid[model.geom_bodyid] != 0) & (model.geom_group != SHAPE_GROUP))

@@ -24,7 +24,7 @@ _SPOT_MM, _SPOT_RATIO = 1.0, 0.3
 _POINTS = 19
 _FULL_LIGHT_MM = 20.0
 _LAMP_MM = 300.0
-_FARTHEST_M = 3.0
+_MAX_DISTANCE_M = 3.0
 _WALL_COLOR = (0.78, 0.16, 0.12)
 
 
@@ -38,10 +38,10 @@ class WorldSenses:
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, scene: Scene) -> None:
         self._model, self._data, self._scene = model, data, scene
-        self._marks = [one for one in reversed(scene.objects) if isinstance(one, (Line, Field))]
-        self._lamps = [one for one in scene.objects if isinstance(one, Lamp)]
-        solids = [one for one in scene.objects if isinstance(one, Solid)]
-        self._colors = {int(model.geom(f"object_{number}").id): COLORS[one.color] for number, one in enumerate(solids)}
+        self._marks = [item for item in reversed(scene.objects) if isinstance(item, (Line, Field))]
+        self._lamps = [item for item in scene.objects if isinstance(item, Lamp)]
+        solids = [item for item in scene.objects if isinstance(item, Solid)]
+        self._colors = {int(model.geom(f"object_{number}").id): COLORS[solid.color] for number, solid in enumerate(solids)}
         self._obstacles = np.zeros(6, np.uint8)
         self._obstacles[OBSTACLE_GROUP] = 1
         # Sunflower pattern: points that fill a disc evenly (Vogel 1979).
@@ -59,18 +59,18 @@ class WorldSenses:
             rgb = np.array(self._colors.get(geom, _WALL_COLOR))
         else:
             return 0.0, 0.0, 0.0
-        lit = min(1.0, (_FULL_LIGHT_MM / max(distance_m * 1000.0, 1e-6)) ** 2)
-        hue, saturation, value = colorsys.rgb_to_hsv(*np.clip(rgb * lit, 0.0, 1.0).tolist())
+        brightness = min(1.0, (_FULL_LIGHT_MM / max(distance_m * 1000.0, 1e-6)) ** 2)
+        hue, saturation, value = colorsys.rgb_to_hsv(*np.clip(rgb * brightness, 0.0, 1.0).tolist())
         return hue * 360.0, saturation * 100.0, value * 100.0
 
     def ambient(self, eye_m: Floats, gaze: Floats) -> float:
         """Ambient light at a sensor, %: that of the room, and that of each visible lamp."""
         light_pct = self._scene.light_pct
         for lamp in self._lamps:
-            way = np.array(lamp.at_mm) / 1000.0 - eye_m
-            distance_m = float(np.linalg.norm(way))
-            cosine = float(way @ gaze) / max(distance_m, 1e-9)
-            if cosine > 0.0 and self._ray(eye_m, way / distance_m)[0] >= distance_m:
+            offset_m = np.array(lamp.at_mm) / 1000.0 - eye_m
+            distance_m = float(np.linalg.norm(offset_m))
+            cosine = float(offset_m @ gaze) / max(distance_m, 1e-9)
+            if cosine > 0.0 and self._ray(eye_m, offset_m / distance_m)[0] >= distance_m:
                 light_pct += lamp.light_pct * cosine * (_LAMP_MM / max(distance_m * 1000.0, _LAMP_MM / 10)) ** 2
         return min(light_pct, 100.0)
 
@@ -79,18 +79,18 @@ class WorldSenses:
         distance_m, _ = self._ray(eye_m, gaze)
         floor_m = -eye_m[2] / gaze[2] if gaze[2] < -1e-6 else math.inf
         nearest_m = min(distance_m, floor_m)
-        return nearest_m * 1000.0 if nearest_m < _FARTHEST_M else math.inf
+        return nearest_m * 1000.0 if nearest_m < _MAX_DISTANCE_M else math.inf
 
     def _ray(self, eye_m: Floats, gaze: Floats) -> tuple[float, int]:
         """Distance (m) and geometry of the first obstacle along a ray; infinite and -1 if there is none."""
-        met = np.full(1, -1, np.int32)
-        distance_m = mujoco.mj_ray(self._model, self._data, eye_m, gaze, self._obstacles, True, -1, met)
-        return (math.inf, -1) if distance_m < 0 else (float(distance_m), int(met[0]))
+        geom = np.full(1, -1, np.int32)
+        distance_m = mujoco.mj_ray(self._model, self._data, eye_m, gaze, self._obstacles, True, -1, geom)
+        return (math.inf, -1) if distance_m < 0 else (float(distance_m), int(geom[0]))
 
-    def _floor(self, at_m: Floats, distance_m: float) -> Floats:
-        """Mean colour of the spot on the floor at ``at_m`` that is seen from a distance."""
+    def _floor(self, point_m: Floats, distance_m: float) -> Floats:
+        """Mean colour of the spot on the floor at ``point_m`` that is seen from a distance."""
         radius_mm = _SPOT_MM + _SPOT_RATIO * distance_m * 1000.0
-        points_mm = at_m[:2] * 1000.0 + radius_mm * self._disc
+        points_mm = point_m[:2] * 1000.0 + radius_mm * self._disc
         rgb, open_points = np.tile(np.array(FLOOR), (_POINTS, 1)), np.ones(_POINTS, bool)
         for mark in self._marks:  # the uppermost first
             covered = open_points & mark.covers(points_mm)
@@ -102,6 +102,6 @@ class WorldSenses:
         return mean
 
 
-def percent(distance_mm: float, most_mm: float) -> float:
+def percent(distance_mm: float, max_mm: float) -> float:
     """Distance as a percentage of the largest one that is detected, at most 100."""
-    return 100.0 * min(distance_mm / most_mm, 1.0)
+    return 100.0 * min(distance_mm / max_mm, 1.0)

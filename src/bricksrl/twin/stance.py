@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
-_INSIDE = -1e-9
+_MIN_INSIDE = -1e-9
 
 
 def standing_pose(points: Floats, centre: Floats) -> tuple[Floats, float]:
@@ -35,12 +35,12 @@ def standing_pose(points: Floats, centre: Floats) -> tuple[Floats, float]:
     clearance = np.min((points[None] - first[:, None]) @ normal[:, :, None], axis=(1, 2))
     inside = np.full(len(triples), math.inf)
     for start, end in ((first, second), (second, third), (third, first)):
-        turn = np.einsum("ij,ij->i", np.cross(end - start, centre - start), normal)
+        side = np.einsum("ij,ij->i", np.cross(end - start, centre - start), normal)
         orientation = np.einsum("ij,ij->i", np.cross(second - first, third - first), normal)
-        inside = np.minimum(inside, turn * np.sign(orientation))
+        inside = np.minimum(inside, side * np.sign(orientation))
     # If more than three points lie in one plane, rounding makes some triples fail slightly: take the best one.
-    fault = np.where(usable, np.maximum(-clearance, 0.0) + np.maximum(_INSIDE - inside, 0.0), math.inf)
-    best = int(np.argmin(fault))
+    violation = np.where(usable, np.maximum(-clearance, 0.0) + np.maximum(_MIN_INSIDE - inside, 0.0), math.inf)
+    best = int(np.argmin(violation))
     up = normal[best]
     return _upright(up), float(-up @ first[best])
 

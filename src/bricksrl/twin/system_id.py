@@ -38,14 +38,14 @@ FITTED = ("battery_v", "friction_scale", "motor_friction_scale", "mass_scale", "
 _STRONG = ("battery_v", "motor_friction_scale", "mass_scale")
 _STARTS = 2
 _WIDE, _NARROW = 0.15, 0.06  # of a parameter's range
-_LOOKS, _LONG, _SHORT = 21, 20, 16  # replays per parameter
-_OFF = 0.25  # share of the randomization range: a parameter is identified if a deviation by this
-_LEAST_RISE = 0.15  # raises the error by this share or more
-_EXACT = 0.01  # error, in roughnesses, that counts as zero
-_LEAST_REST = 4
-_SOFT = 3.0  # differences beyond this many roughnesses count linearly rather than quadratically
+_SCAN, _LONG, _SHORT = 21, 20, 16  # replays per parameter
+_DEVIATION = 0.25  # share of the randomization range: a parameter is identified if a deviation by this
+_MIN_RISE = 0.15  # raises the error by this share or more
+_MIN_ERROR = 0.01  # smaller errors, in roughnesses, count as this
+_MIN_REST_STEPS = 4
+_HUBER_DELTA = 3.0  # differences beyond this many roughnesses count linearly rather than quadratically
 _NOISES = tuple(name for name in PARAMETERS if "noise" in name)
-_SILENT = dict.fromkeys((*_NOISES, "link_interval_ms"), 0.0)
+_NOISE_FREE = dict.fromkeys((*_NOISES, "link_interval_ms"), 0.0)
 # The hub's program receives a command of the host one millisecond later.
 _LEAD_MS = 1
 
@@ -76,7 +76,7 @@ def replay(log: RunLog, physics: Physics, robot: Robot | None = None) -> Vector:
     """Channels ``[n + 1, n_channels]`` of a noise-free twin that gets a log's commands at the same times. Raises UnknownNameError
     or TwinError if there is no such robot, or it has no twin."""
     robot = robots.get(log.robot) if robot is None else robot
-    hub = VirtualHub(make_body(robot, scene=_scene(log), physics=replace(physics, **_SILENT)))
+    hub = VirtualHub(make_body(robot, scene=_scene(log), physics=replace(physics, **_NOISE_FREE)))
     rows = []
     with HubLink(hub, robot, log.interface) as link:
         first = link.read()
@@ -106,9 +106,9 @@ def fit(
         DescriptionError: the seed is invalid.
     """
     check_seed(seed)
-    wrong = sorted(set(names) - set(FITTED))
-    if wrong or not names:
-        raise TwinError(f"motion does not tell {', '.join(wrong) or 'nothing'}; choose from {', '.join(FITTED)}")
+    unknown = sorted(set(names) - set(FITTED))
+    if unknown or not names:
+        raise TwinError(f"motion does not tell {', '.join(unknown) or 'nothing'}; choose from {', '.join(FITTED)}")
     if len(log.commands) < 2 * len(names):
         raise TwinError(
             f"the log has {len(log.commands)} steps; record {2 * len(names)} or more, `bricksrl twin record` makes 160"
@@ -119,7 +119,7 @@ def fit(
     if log.commands.any():
         physics = search.find(tuple(names), seed)
         rises = search.rises(physics, tuple(names))
-    identified = {name: rise for name, rise in rises.items() if rise >= _LEAST_RISE}
+    identified = {name: rise for name, rise in rises.items() if rise >= _MIN_RISE}
     default = Physics()
     unidentified = tuple(name for name in names if name not in identified)
     physics = replace(physics, **{name: getattr(default, name) for name in unidentified})
@@ -135,13 +135,13 @@ class _Search:
         self._log, self._robot, self._on_replay = log, robot, on_replay
         self._lowest = np.inf
         channels = log.interface.channels
-        self._turns = np.array([channel.wraps for channel in channels])
-        self._sigma = np.array([np.hypot(c.roughness, noise.get(c.noise or "", 0.0)) for c in channels])
+        self._wraps = np.array([channel.wraps for channel in channels])
+        self._sigma = np.array([np.hypot(channel.roughness, noise.get(channel.noise or "", 0.0)) for channel in channels])
 
     def difference(self, physics: Physics) -> Vector:
         """Channels of twin minus robot, ``[n, n_channels]``; wrapped angles are compared relative to the start."""
         difference = replay(self._log, physics, self._robot) - self._log.channels
-        difference = np.where(self._turns, (difference - difference[0] + 180.0) % 360.0 - 180.0, difference)[1:]
+        difference = np.where(self._wraps, (difference - difference[0] + 180.0) % 360.0 - 180.0, difference)[1:]
         self.replays += 1
         self._lowest = min(self._lowest, float(np.sqrt(np.mean((difference / self._sigma) ** 2))))
         if self._on_replay is not None:
@@ -156,7 +156,7 @@ class _Search:
     def error(self, physics: Physics) -> float:
         """Objective: a robust root mean square (pseudo-Huber loss) of the scaled differences."""
         squares = (self.difference(physics) / self._sigma) ** 2
-        return float(np.sqrt(np.mean(2.0 * _SOFT**2 * (np.sqrt(1.0 + squares / _SOFT**2) - 1.0))))
+        return float(np.sqrt(np.mean(2.0 * _HUBER_DELTA**2 * (np.sqrt(1.0 + squares / _HUBER_DELTA**2) - 1.0))))
 
     def find(self, names: tuple[str, ...], seed: int) -> Physics:
         """Fit the strong parameters, then the weak ones, then the strong ones again."""
@@ -164,18 +164,18 @@ class _Search:
         weak = tuple(name for name in names if name not in _STRONG)
         best = Physics(**self.noise)
         if strong:
-            starts = self.look(best, strong, seed)
-            best = min((self.polish(start, strong, _WIDE, _LONG) for start in starts), key=self.error)
+            starts = self.scan(best, strong, seed)
+            best = min((self.refine(start, strong, _WIDE, _LONG) for start in starts), key=self.error)
         if weak:
-            best = self.polish(best, weak, _WIDE, _SHORT)
-        return self.polish(best, strong, _NARROW, _SHORT) if strong else best
+            best = self.refine(best, weak, _WIDE, _SHORT)
+        return self.refine(best, strong, _NARROW, _SHORT) if strong else best
 
-    def look(self, base: Physics, names: tuple[str, ...], seed: int) -> list[Physics]:
+    def scan(self, base: Physics, names: tuple[str, ...], seed: int) -> list[Physics]:
         """The best of quasi-random points spread over all ranges."""
-        points = qmc.Halton(len(names), rng=seed).random(_LOOKS * len(names))
+        points = qmc.Halton(len(names), rng=seed).random(_SCAN * len(names))
         return sorted((base, *(self._physics(base, names, point) for point in points)), key=self.error)[:_STARTS]
 
-    def polish(self, start: Physics, names: tuple[str, ...], width: float, replays: int) -> Physics:
+    def refine(self, start: Physics, names: tuple[str, ...], width: float, replays: int) -> Physics:
         """Local search with Nelder-Mead, without gradients, as these vanish in the rounding of the angles.
 
         Args:
@@ -185,24 +185,24 @@ class _Search:
         shares = np.array([(getattr(start, name) - _bounds(name)[0]) / np.ptp(_bounds(name)) for name in names])
         # Away from the nearer bound, where the initial simplex would be clipped flat.
         corners = shares + np.diag(np.where(shares > 0.5, -width, width))
-        found = minimize(
+        result = minimize(
             lambda shares: self.error(self._physics(start, names, shares)),
             shares,
             method="Nelder-Mead",
             bounds=[(0.0, 1.0)] * len(names),
             options={"initial_simplex": np.vstack((shares, corners)), "maxfev": replays * len(names)},
         )
-        return self._physics(start, names, found.x)
+        return self._physics(start, names, result.x)
 
     def rises(self, best: Physics, names: tuple[str, ...]) -> dict[str, float]:
         """Relative rise of the error when one parameter is off, averaged over both sides."""
-        lowest, found = max(self.error(best), _EXACT), {}
+        lowest, rises = max(self.error(best), _MIN_ERROR), {}
         for name in names:
-            away, (low, high) = _OFF * np.ptp(PARAMETERS[name].drawn), PARAMETERS[name].accepted
-            beside = [getattr(best, name) + side * away for side in (-1.0, 1.0)]
-            errors = [self.error(replace(best, **{name: float(value)})) for value in beside if low <= value <= high]
-            found[name] = sum(errors) / len(errors) / lowest - 1.0
-        return found
+            deviation, (low, high) = _DEVIATION * np.ptp(PARAMETERS[name].random_range), PARAMETERS[name].allowed_range
+            values = [getattr(best, name) + sign * deviation for sign in (-1.0, 1.0)]
+            errors = [self.error(replace(best, **{name: float(value)})) for value in values if low <= value <= high]
+            rises[name] = sum(errors) / len(errors) / lowest - 1.0
+        return rises
 
     def _physics(self, base: Physics, names: tuple[str, ...], shares: Vector) -> Physics:
         """Parameters at shares 0..1 of their search ranges."""
@@ -213,8 +213,8 @@ class _Search:
 
 def _bounds(name: str) -> Vector:
     """Search range of a parameter: its randomization range, extended by half to either side."""
-    low, high = PARAMETERS[name].drawn
-    lowest, highest = PARAMETERS[name].accepted
+    low, high = PARAMETERS[name].random_range
+    lowest, highest = PARAMETERS[name].allowed_range
     margin = (high - low) / 2
     return np.array([max(lowest, low - margin), min(highest, high + margin)])
 
@@ -239,7 +239,7 @@ def _noise(log: RunLog) -> dict[str, float]:
     """Sensor noise, from the rest at the start; only for sensors in the log."""
     moving = np.flatnonzero(log.commands.any(axis=1))
     rest = log.channels[: (int(moving[0]) if len(moving) else len(log.commands)) + 1]
-    if len(rest) <= _LEAST_REST:
+    if len(rest) <= _MIN_REST_STEPS:
         return {}
     deviation = rest.std(axis=0, ddof=1)
     squares: dict[str, list[float]] = {}
@@ -248,5 +248,5 @@ def _noise(log: RunLog) -> dict[str, float]:
             continue
         share = 0.0 if channel.noise_share is None else getattr(Physics(), channel.noise_share)
         squares.setdefault(channel.noise, []).append(max(0.0, float(value) - share * mean) ** 2)
-    found = {name: float(np.sqrt(np.mean(of))) for name, of in squares.items()}
-    return {name: min(value, PARAMETERS[name].accepted[1]) for name, value in found.items()}
+    deviations = {name: float(np.sqrt(np.mean(values))) for name, values in squares.items()}
+    return {name: min(value, PARAMETERS[name].allowed_range[1]) for name, value in deviations.items()}

@@ -104,4 +104,4 @@ def test_ldraw_part_of_other_size_is_rejected(
     monkeypatch.setenv("LDRAWDIR", str(root))
     assert [colour for colour, _ in lego.hub().shapes] == [colour for colour, _ in ours.shapes]
     assert "unknown size" in caplog.text
-    assert looks.dressed("no such part", "white", ours) is ours
+    assert looks.from_library("no such part", "white", ours) is ours

@@ -93,7 +93,7 @@ def test_visual_shafts_turn() -> None:
     one = body(ROBO_ARM)
     one.set_voltage("B", 3000)
     one.advance_to(400)
-    one.pose_looks()
+    one.update_visuals()
     turned = math.radians(one.angle_mdeg("B") / 1000)
     name = next(
         one.model.body(number).name for number in range(one.model.nbody) if one.model.body(number).name.startswith("spin_B")

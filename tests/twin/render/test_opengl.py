@@ -110,11 +110,11 @@ def test_static_culling_gives_same_picture(
             arm.set_voltage(port, volts)
             arm.advance_to(now_ms)
             with monkeypatch.context() as patched:
-                patched.setattr(opengl, "stands_still", lambda model, camera: False)
+                patched.setattr(opengl, "is_fixed_camera", lambda model, camera: False)
                 whole = picture(arm, 160, 120, camera, smooth=smooth)
             part = renderer.render()
             assert renderer._moving is not None
-            assert renderer._puts_over is (not smooth and alpha is None)
+            assert renderer._is_composited is (not smooth and alpha is None)
             assert 0 < renderer._moving.box(arm.data).width < 160
             apart = np.abs(part.astype(int) - whole).max(-1)
             # Where surfaces of moving and still parts meet in a pixel, rounding decides which one is seen.

@@ -36,10 +36,10 @@ _TYRE_WIDTH_MM = 14.0
 _FRAME_KG, _CASTER_KG = 0.040, 0.010
 _WHEEL_KG, _WHEEL_MM = 0.018, 56.0
 """Mass of a wheel of this diameter; other wheels are scaled by area."""
-_BEHIND_MM = -16.0
-_GROUND_MM = 3.0
+_HUB_X_MM = -16.0
+_CLEARANCE_MM = 3.0
 _UNKNOWN_HUB: tuple[Triple, float] = ((64.0, 40.0, 32.0), 100.0)
-_TURNED_ALIKE = {MotorKind.TECHNIC_M_ANGULAR: MotorKind.SPIKE_MEDIUM, MotorKind.TECHNIC_L_ANGULAR: MotorKind.SPIKE_LARGE}
+_EQUIVALENT_MOTORS = {MotorKind.TECHNIC_M_ANGULAR: MotorKind.SPIKE_MEDIUM, MotorKind.TECHNIC_L_ANGULAR: MotorKind.SPIKE_LARGE}
 
 
 @dataclass(frozen=True)
@@ -88,20 +88,20 @@ def _measure(robot: Robot, base: DriveBase) -> _Frame:
     axle, half_track = base.wheel_diameter_mm / 2, base.axle_track_mm / 2
     motor_size, _ = _motor_case(robot.motor(base.left).kind)
     hub_size, _ = _hub_case(robot.hub)
-    room = half_track - _TYRE_WIDTH_MM / 2
-    if axle < _CASTER_RADIUS_MM or room < motor_size[2] / 2:
+    space = half_track - _TYRE_WIDTH_MM / 2
+    if axle < _CASTER_RADIUS_MM or space < motor_size[2] / 2:
         raise TwinError(
             f"robot '{robot.name}': wheels of {base.wheel_diameter_mm:g} mm, {base.axle_track_mm:g} mm apart, leave no room for "
             f"its motors; give wheels of {2 * _CASTER_RADIUS_MM:g} mm or more and a wider axle track"
         )
-    motor_height = max(0.0, motor_size[1] / 2 + _GROUND_MM - axle)
+    motor_height = max(0.0, motor_size[1] / 2 + _CLEARANCE_MM - axle)
     hub_z = motor_height + motor_size[1] / 2 + 8.0 + hub_size[2] / 2
-    hub_x, hub_y = robot.chassis.hub_mm or (_BEHIND_MM, 0.0)
+    hub_x, hub_y = robot.chassis.hub_mm or (_HUB_X_MM, 0.0)
     return _Frame(axle, half_track, motor_size, motor_height, (hub_x, hub_y, hub_z), hub_size)
 
 
 def _motor_case(kind: MotorKind) -> tuple[Triple, float]:
-    case = case_of(DeviceKind.MOTOR, _TURNED_ALIKE.get(kind, kind).value)
+    case = case_of(DeviceKind.MOTOR, _EQUIVALENT_MOTORS.get(kind, kind).value)
     assert case is not None  # noqa: S101 - the catalogue has every kind of motor, which a test checks
     return case
 
@@ -123,8 +123,8 @@ def _add_masses(chassis: mujoco.MjsBody, robot: Robot, frame: _Frame) -> None:
         size, mass_g = _motor_case(motor.kind)
         if base is not None and motor.name in (base.left, base.right):
             side = 1.0 if motor.name == base.left else -1.0
-            place = (12.0 - size[0] / 2, side * _motor_y(frame), frame.motor_height)
-            _add_case(chassis, place, (size[0], size[2], size[1]), mass_g)
+            centre = (12.0 - size[0] / 2, side * _motor_y(frame), frame.motor_height)
+            _add_case(chassis, centre, (size[0], size[2], size[1]), mass_g)
         else:
             _add_case(chassis, (frame.hub[0], 0.0, frame.hub[2] + 30.0), (size[0], size[2], size[1]), mass_g)
     frame_z = frame.motor_height + frame.motor_size[1] / 2 + 4.0
@@ -185,8 +185,8 @@ def _holder(at_mm: Triple, frame: _Frame, top: float) -> Part:
     """Strut from the frame to a sensor."""
     ahead, left, up = at_mm[0] - 12.0, at_mm[1], at_mm[2] - frame.axle
     length, height = max(abs(ahead) - 20.0, 8.0), max(abs(top - up) - 8.0, 8.0)
-    way = 1.0 if ahead >= 0 else -1.0
-    bar = box(length, 7.6, 7.6, radius=1.0).at(way * (20.0 + length / 2), left, top)
+    sign = 1.0 if ahead >= 0 else -1.0
+    bar = box(length, 7.6, 7.6, radius=1.0).at(sign * (20.0 + length / 2), left, top)
     post = box(7.6, 7.6, height, radius=1.0).at(ahead, left, (top + up) / 2)
     return Part((("dark_grey", bar), ("dark_grey", post)))
 

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import mujoco
 
-from bricksrl.twin.models.looks import dressed
+from bricksrl.twin.models.looks import from_library
 from bricksrl.twin.models.meshes import (
     X_AXIS,
     Y_AXIS,
@@ -60,8 +60,8 @@ def beam(holes: int, colour: str) -> Part:
     length = holes * MODULE
     bar = extruded(rounded_rectangle(length - 0.2, 7.6, 3.2), 7.4, bevel=0.5)
     centres = [(index - (holes - 1) / 2) * MODULE for index in range(holes)]
-    ours = Part(((colour, bar), ("dim", merge([discs(2.5, 7.5).at(x, 0, 0) for x in centres]))))
-    return dressed(f"beam {holes}", colour, ours)
+    part = Part(((colour, bar), ("dim", merge([discs(2.5, 7.5).at(x, 0, 0) for x in centres]))))
+    return from_library(f"beam {holes}", colour, part)
 
 
 def hub() -> Part:
@@ -83,7 +83,7 @@ def hub() -> Part:
     usb = box(1.2, 9, 3.6, radius=0.5, arc=1).at(43.8, 0, 5)
     holes = [discs(2.5, 55.2).along(Y_AXIS).at(x, 0, -10.5) for x in (-32, -24, -16, 16, 24, 32)]
     speaker = [discs(1.0, 88.4, 6).along(X_AXIS).at(-0.1, y, z) for y in (-8, -4, 0, 4, 8) for z in (3, 7)]
-    ours = Part(
+    part = Part(
         (
             ("white", merge([upper, button, *steering])),
             ("turquoise", lower),
@@ -93,7 +93,7 @@ def hub() -> Part:
             ("azure", merge([light, bluetooth])),
         )
     )
-    return dressed("hub", "white", ours)
+    return from_library("hub", "white", part)
 
 
 def medium_motor(width: float = 31.0) -> Part:
@@ -109,8 +109,8 @@ def medium_motor_case(width: float = 23.8) -> Part:
     cap = box(16, width + 1, 24.4, radius=2.2).at(-53, 0, 0)
     stripe = box(26, width + 1, 6, radius=0.8).at(-28, 0, 3)
     holes = [discs(2.5, width + 1.2).along(Y_AXIS).at(x, 0, -7) for x in (-16, -40)]
-    ours = Part((("white", merge([front, housing])), ("dark_grey", cap), ("light_grey", stripe), ("dim", merge(holes))))
-    return dressed("motor", "white", ours)
+    part = Part((("white", merge([front, housing])), ("dark_grey", cap), ("light_grey", stripe), ("dim", merge(holes))))
+    return from_library("motor", "white", part)
 
 
 def axle(length: float) -> Part:
@@ -128,14 +128,14 @@ def wheel(diameter: float) -> Part:
     rim = [ring(inner, inner - 3.2, 12.6), cylinder(6.4, 13, bevel=0.8)]
     spokes = [box(inner - 5, 4.2, 9.4, radius=0.8).at((inner + 3) / 2, 0, 0).turned(Z_AXIS, 60 * step) for step in range(6)]
     shade = cylinder(inner - 1, 3)
-    ours = Part(
+    part = Part(
         (
             ("black", merge([tyre, *treads]).along(Y_AXIS)),
             ("light_grey", merge([*rim, *spokes]).along(Y_AXIS)),
             ("dim", shade.along(Y_AXIS)),
         )
     )
-    return dressed("wheel", "light_grey", ours)
+    return from_library("wheel", "light_grey", part)
 
 
 def ultrasonic_sensor() -> Part:
@@ -146,8 +146,8 @@ def ultrasonic_sensor() -> Part:
     membrane = turned([(0, 1.6), (3.5, 1.2), (7.8, 0), (7.8, -1), (0, -1)]).along(X_AXIS)
     membranes = [membrane.at(11.2, side * 15.5, 0) for side in (1, -1)]
     pupils = [cylinder(2.6, 1.0, bevel=0.3).along(X_AXIS).at(12.6, side * 15.5, 0) for side in (1, -1)]
-    ours = Part((("white", merge([case, *rims])), ("black", merge([face, *pupils])), ("dim", merge(membranes))))
-    return dressed("ultrasonic", "white", ours)
+    part = Part((("white", merge([case, *rims])), ("black", merge([face, *pupils])), ("dim", merge(membranes))))
+    return from_library("ultrasonic", "white", part)
 
 
 def ball_caster(radius: float) -> Part:

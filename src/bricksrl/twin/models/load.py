@@ -25,18 +25,18 @@ def load_model(robot: Robot, scene: Scene, *, alone: bool = True) -> mujoco.MjSp
 
     ``alone``: whether the robot can touch nothing but this scene's obstacles.
     """
-    place = robot.model or robot.plan
-    plan = None if place is None else plan_file(place)
-    is_ours = plan is not None or place is None
+    source = robot.model or robot.plan
+    plan = None if source is None else plan_file(source)
+    is_generated = plan is not None or source is None
     if plan is not None:
         spec = from_plan(plan, robot, scene)
-    elif place is None:
+    elif source is None:
         spec = driving_robot(robot, scene)
-    elif place.endswith(".xml"):
-        spec = from_file(Path(place), robot, scene)
+    elif source.endswith(".xml"):
+        spec = from_file(Path(source), robot, scene)
     else:
-        spec = _built(robot, place, scene)
-    if scene.wall_distance_mm is not None and not any(isinstance(one, UltrasonicSensor) for one in robot.sensors):
+        spec = _from_function(robot, source, scene)
+    if scene.wall_distance_mm is not None and not any(isinstance(sensor, UltrasonicSensor) for sensor in robot.sensors):
         raise TwinError(f"robot '{robot.name}' has no ultrasonic sensor to place it before a wall with; omit the wall")
     if scene.ball and spec.geom("ball") is None:
         raise TwinError(
@@ -44,12 +44,12 @@ def load_model(robot: Robot, scene: Scene, *, alone: bool = True) -> mujoco.MjSp
             "(0 !BRICKSRL BALL X Y Z)"
         )
     add_objects(spec, scene)
-    if is_ours and alone and not any(isinstance(one, Block) and one.mass_g is not None for one in scene.objects):
+    if is_generated and alone and not any(isinstance(item, Block) and item.mass_g is not None for item in scene.objects):
         pair_contacts(spec)
     return spec
 
 
-def _built(robot: Robot, model: str, scene: Scene) -> mujoco.MjSpec:
+def _from_function(robot: Robot, model: str, scene: Scene) -> mujoco.MjSpec:
     """Model from the function ``module:name``."""
     module, _, name = model.partition(":")
     try:
@@ -60,6 +60,6 @@ def _built(robot: Robot, model: str, scene: Scene) -> mujoco.MjSpec:
         ) from error
     spec = build(robot, scene) if callable(build) else build
     if not isinstance(spec, mujoco.MjSpec):
-        found = type(spec).__name__
-        raise TwinError(f"the model '{model}' of robot '{robot.name}' gives {found}; let it be a function that returns an MjSpec")
+        name = type(spec).__name__
+        raise TwinError(f"the model '{model}' of robot '{robot.name}' gives {name}; let it be a function that returns an MjSpec")
     return spec

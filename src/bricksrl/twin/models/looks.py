@@ -24,51 +24,51 @@ _SIZE_MM, _SIZE_RATIO = 6.0, 0.15
 
 
 @dataclass(frozen=True)
-class _Look:
-    """LDraw files of a part, the best first, and their signed axes that are our x, y and z (1 is their x)."""
+class _LibraryPart:
+    """LDraw files of a part, the best first, and the signed axes of the file that are our x, y and z (1 is the file's x)."""
 
     files: tuple[str, ...]
     axes: tuple[int, int, int]
 
 
 _BEAM = (3, -1, -2)
-_LOOKS = {
-    "hub": _Look(("67718p01.dat", "67718.dat"), (3, -1, -2)),
-    "motor": _Look(("u9364c02.dat", "54696p02.dat"), (-3, -2, -1)),
-    "ultrasonic": _Look(("37316.dat",), (-3, 1, -2)),
-    "wheel": _Look(("39367p02.dat", "39367p01.dat"), (-1, -3, -2)),
-    "beam 3": _Look(("32523.dat",), _BEAM),
-    "beam 5": _Look(("32316.dat",), _BEAM),
-    "beam 7": _Look(("32524.dat",), _BEAM),
-    "beam 9": _Look(("40490.dat",), _BEAM),
-    "beam 11": _Look(("32525.dat",), _BEAM),
-    "beam 13": _Look(("41239.dat",), _BEAM),
-    "beam 15": _Look(("32278.dat",), _BEAM),
+_LIBRARY_PARTS = {
+    "hub": _LibraryPart(("67718p01.dat", "67718.dat"), (3, -1, -2)),
+    "motor": _LibraryPart(("u9364c02.dat", "54696p02.dat"), (-3, -2, -1)),
+    "ultrasonic": _LibraryPart(("37316.dat",), (-3, 1, -2)),
+    "wheel": _LibraryPart(("39367p02.dat", "39367p01.dat"), (-1, -3, -2)),
+    "beam 3": _LibraryPart(("32523.dat",), _BEAM),
+    "beam 5": _LibraryPart(("32316.dat",), _BEAM),
+    "beam 7": _LibraryPart(("32524.dat",), _BEAM),
+    "beam 9": _LibraryPart(("40490.dat",), _BEAM),
+    "beam 11": _LibraryPart(("32525.dat",), _BEAM),
+    "beam 13": _LibraryPart(("41239.dat",), _BEAM),
+    "beam 15": _LibraryPart(("32278.dat",), _BEAM),
 }
 
 
-def dressed(kind: str, colour: str, ours: Part) -> Part:
-    """The part from the installed LDraw library, with ``colour`` as its main colour; ``ours`` if it has none."""
-    root, look = ldraw.folder(), _LOOKS.get(kind)
-    if root is None or look is None:
-        return ours
-    points = np.concatenate([shape.points for _, shape in ours.shapes])
+def from_library(kind: str, colour: str, fallback: Part) -> Part:
+    """The part from the installed LDraw library, with ``colour`` as its main colour; ``fallback`` if it has none."""
+    root, library_part = ldraw.folder(), _LIBRARY_PARTS.get(kind)
+    if root is None or library_part is None:
+        return fallback
+    points = np.concatenate([shape.points for _, shape in fallback.shapes])
     low, high = points.min(axis=0), points.max(axis=0)
-    for name in look.files:
+    for name in library_part.files:
         try:
-            shapes = _shapes(root, name, look.axes)
+            shapes = _shapes(root, name, library_part.axes)
         except TwinError as error:
             _log.debug("%s", error)
             continue
-        theirs = np.concatenate([shape.points for _, shape in shapes])
-        their_low, their_high = theirs.min(axis=0), theirs.max(axis=0)
+        library_points = np.concatenate([shape.points for _, shape in shapes])
+        library_low, library_high = library_points.min(axis=0), library_points.max(axis=0)
         size = high - low
-        if np.any(np.abs((their_high - their_low) - size) > _SIZE_MM + _SIZE_RATIO * size):
+        if np.any(np.abs((library_high - library_low) - size) > _SIZE_MM + _SIZE_RATIO * size):
             _log.warning("'%s' of the LDraw library in %s has an unknown size; drawing our own", name, root)
             continue
-        x, y, z = ((low + high) - (their_low + their_high)) / 2
-        return Part(tuple((own or colour, shape) for own, shape in shapes)).at(float(x), float(y), float(z))
-    return ours
+        x, y, z = ((low + high) - (library_low + library_high)) / 2
+        return Part(tuple((name or colour, shape) for name, shape in shapes)).at(float(x), float(y), float(z))
+    return fallback
 
 
 @functools.lru_cache(maxsize=64)
@@ -80,7 +80,7 @@ def _shapes(root: Path, name: str, axes: tuple[int, int, int]) -> tuple[tuple[st
         turn[row, abs(axis) - 1] = np.sign(axis)
     by_colour: dict[str, list[Shape]] = {}
     for code, triangles in library.part(name).items():
-        colour = "" if code == ldraw.MAIN_COLOUR else "#" + "".join(f"{round(part * 255):02x}" for part in library.rgba(code))
+        colour = "" if code == ldraw.MAIN_COLOUR else "#" + "".join(f"{round(value * 255):02x}" for value in library.rgba(code))
         if (shape := shape_of(triangles @ turn.T * ldraw.MM_PER_UNIT)) is not None:
             by_colour.setdefault(colour, []).append(shape)
     if not by_colour:
@@ -90,16 +90,16 @@ def _shapes(root: Path, name: str, axes: tuple[int, int, int]) -> tuple[tuple[st
 
 def shape_of(triangles: Floats) -> Shape | None:
     """Mesh of triangles [n, 3, 3], smooth where they meet at small angles; ``None`` if none has an area."""
-    across = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    area = np.linalg.norm(across, axis=1)
-    triangles, across, area = triangles[area > 1e-6], across[area > 1e-6], area[area > 1e-6]
+    cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    area = np.linalg.norm(cross, axis=1)
+    triangles, cross, area = triangles[area > 1e-6], cross[area > 1e-6], area[area > 1e-6]
     if not len(triangles):
         return None
     points = triangles.reshape(-1, 3)
-    flat = np.repeat(across / area[:, None], 3, axis=0)
+    flat = np.repeat(cross / area[:, None], 3, axis=0)
     _, corner = np.unique(np.round(points, 3), axis=0, return_inverse=True)
     mean = np.zeros((corner.max() + 1, 3))
-    np.add.at(mean, corner.ravel(), np.repeat(across, 3, axis=0))
+    np.add.at(mean, corner.ravel(), np.repeat(cross, 3, axis=0))
     length = np.linalg.norm(mean, axis=1, keepdims=True)
     smooth = (mean / np.maximum(length, 1e-12))[corner.ravel()]
     is_smooth = np.einsum("ij,ij->i", smooth, flat) > _SHARP

@@ -214,7 +214,8 @@ def draw(spec: mujoco.MjSpec, body: mujoco.MjsBody, parts: Sequence[Part]) -> No
             by_colour.setdefault(colour, []).append(shape)
     for colour, shapes in by_colour.items():
         if colour.startswith("#") and spec.material(colour) is None:
-            spec.add_material(name=colour, rgba=[part / 255 for part in bytes.fromhex(colour[1:])], specular=0.35, shininess=0.5)
+            rgba = [value / 255 for value in bytes.fromhex(colour[1:])]
+            spec.add_material(name=colour, rgba=rgba, specular=0.35, shininess=0.5)
         shape, name = merge(shapes), f"{body.name}_{colour}"
         spec.add_mesh(
             name=name,

@@ -216,28 +216,29 @@ def add_surroundings(spec: mujoco.MjSpec, scene: Scene) -> None:
             material="bricks",
             **LOOKS,
         )
-    sight, distance_m = ((-0.62, 0.1, 0.0), 1.95) if scene.wall_distance_mm is not None else ((0.0, 0.0, 0.0), 1.1)
+    target, distance_m = ((-0.62, 0.1, 0.0), 1.95) if scene.wall_distance_mm is not None else ((0.0, 0.0, 0.0), 1.1)
     if scene.objects:
-        sight, distance_m = _sight_of(scene)
-    add_camera(world, "overview", sight, (-0.18, -1.0, 0.72), distance_m)
+        target, distance_m = _overview_of(scene)
+    add_camera(world, "overview", target, (-0.18, -1.0, 0.72), distance_m)
 
 
-def _sight_of(scene: Scene) -> tuple[Triple, float]:
+def _overview_of(scene: Scene) -> tuple[Triple, float]:
     """Centre of the objects and the robot's start area (m), and a camera distance that shows all of them."""
-    points = np.array([*zip(*scene.start_mm, strict=True), *(point for one in scene.objects for point in _points_mm(one))]) / 1000
+    points_mm = [point for item in scene.objects for point in _points_mm(item)]
+    points = np.array([*zip(*scene.start_mm, strict=True), *points_mm]) / 1000
     low, high = points.min(0), points.max(0)
     x, y = ((low + high) / 2).tolist()
     return (x, y, 0.0), max(1.1, 1.25 * float(np.linalg.norm(high - low)))
 
 
-def _points_mm(one: Object) -> list[tuple[float, float]]:
+def _points_mm(item: Object) -> list[tuple[float, float]]:
     """Points that bound an object's extent on the floor."""
-    if isinstance(one, Line):
-        return list(one.points_mm)
-    if isinstance(one, (Field, Block, Ramp)):
-        reach = max(one.size_mm[:2]) / 2 if isinstance(one, (Field, Block)) else one.length_mm
-        return [(one.at_mm[0] + side * reach, one.at_mm[1] + side * reach) for side in (-1, 1)]
-    return [one.at_mm[:2]] if isinstance(one, Lamp) else [one.from_mm, one.to_mm]
+    if isinstance(item, Line):
+        return list(item.points_mm)
+    if isinstance(item, (Field, Block, Ramp)):
+        reach = max(item.size_mm[:2]) / 2 if isinstance(item, (Field, Block)) else item.length_mm
+        return [(item.at_mm[0] + side * reach, item.at_mm[1] + side * reach) for side in (-1, 1)]
+    return [item.at_mm[:2]] if isinstance(item, Lamp) else [item.from_mm, item.to_mm]
 
 
 def pair_contacts(spec: mujoco.MjSpec) -> None:
@@ -258,16 +259,16 @@ def pair_contacts(spec: mujoco.MjSpec) -> None:
         geom.contype = geom.conaffinity = 0
 
 
-def add_camera(body: mujoco.MjsBody, name: str, sight: Triple, direction: Triple, distance_m: float) -> None:
+def add_camera(body: mujoco.MjsBody, name: str, target: Triple, direction: Triple, distance_m: float) -> None:
     """Add a camera that looks at a point of a body's frame from a direction; on a moving body it follows without turning."""
     backward = np.array(direction) / np.linalg.norm(direction)
     right = np.cross((0.0, 0.0, 1.0), backward)
     right /= np.linalg.norm(right)
     quaternion = np.empty(4)
     mujoco.mju_mat2Quat(quaternion, np.column_stack([right, np.cross(backward, right), backward]).ravel())
-    moving = body.name != "world"
-    mode = mujoco.mjtCamLight.mjCAMLIGHT_TRACK if moving else mujoco.mjtCamLight.mjCAMLIGHT_FIXED
-    position = np.array(sight) + distance_m * backward
+    is_moving = body.name != "world"
+    mode = mujoco.mjtCamLight.mjCAMLIGHT_TRACK if is_moving else mujoco.mjtCamLight.mjCAMLIGHT_FIXED
+    position = np.array(target) + distance_m * backward
     body.add_camera(name=name, pos=position.tolist(), quat=quaternion.tolist(), fovy=40, mode=mode)
 
 
@@ -330,8 +331,8 @@ def _add_tiles(spec: mujoco.MjSpec, name: str, image: NDArray[np.uint8], size_m:
 def _floor_tile() -> NDArray[np.uint8]:
     """Floor texture of 2 x 2 squares of 100 mm in two light greys, separated by fine lines, which makes motion visible."""
     index = np.arange(256) // 128
-    even = (index[:, None] + index) % 2 == 0
-    tone = np.where(even, 214, 204)
+    is_even = (index[:, None] + index) % 2 == 0
+    tone = np.where(is_even, 214, 204)
     line = np.arange(256) % 128 < 1
     tone[line, :] = tone[:, line] = 186
     return np.stack([tone, tone + 2, tone + 5], axis=-1).astype(np.uint8)

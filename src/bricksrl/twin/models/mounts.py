@@ -67,7 +67,7 @@ def mount_sensor(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, sensor: Sensor, a
     depth = min(size)
     middle = eye - gaze * depth / 2
     turn = _quaternion(gaze)
-    add_eye(spec, chassis, sensor, eye / 1000, turn)
+    add_sensor_site(spec, chassis, sensor, eye / 1000, turn)
     if isinstance(sensor, PoweredUpSensor) and sensor.kind is SensorKind.FORCE:
         middle = eye - gaze * (max(size) / 2 + _BUTTON_MM)
         _add_box(chassis, eye - gaze * _BUTTON_MM / 2, (_BUTTON_MM, 16.0, 16.0), turn, 0.002, collides=True)
@@ -80,19 +80,19 @@ def mount_sensor(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, sensor: Sensor, a
     return _aimed(_small_sensor(size), gaze).at(*eye.tolist())
 
 
-def add_eye(
+def add_sensor_site(
     spec: mujoco.MjSpec, chassis: mujoco.MjsBody, sensor: Sensor, at_m: np.ndarray[tuple[int, ...], Any], turn: list[float]
 ) -> None:
     """Add a sensor's site, whose x axis is the viewing direction; that of a force sensor measures the contacts near it."""
-    place = {"pos": at_m.tolist(), "quat": turn}
+    pose = {"pos": at_m.tolist(), "quat": turn}
     if not isinstance(sensor, PoweredUpSensor):
-        chassis.add_site(name=f"ultrasonic_{sensor.port}", group=SHAPE_GROUP, **place)
+        chassis.add_site(name=f"ultrasonic_{sensor.port}", group=SHAPE_GROUP, **pose)
     elif sensor.kind is SensorKind.FORCE:
         box = mujoco.mjtGeom.mjGEOM_BOX
-        chassis.add_site(name=f"sensor_{sensor.port}", type=box, size=[0.012] * 3, group=5, **place)
+        chassis.add_site(name=f"sensor_{sensor.port}", type=box, size=[0.012] * 3, group=5, **pose)
         add_touch(spec, sensor)
     else:
-        chassis.add_site(name=f"sensor_{sensor.port}", group=SHAPE_GROUP, **place)
+        chassis.add_site(name=f"sensor_{sensor.port}", group=SHAPE_GROUP, **pose)
 
 
 def add_touch(spec: mujoco.MjSpec, sensor: Sensor) -> None:
@@ -105,11 +105,11 @@ def add_touch(spec: mujoco.MjSpec, sensor: Sensor) -> None:
 
 def _quaternion(gaze: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> list[float]:
     """Quaternion that rotates x to a direction along an axis."""
-    quaternion, across = np.array([1.0, 0.0, 0.0, 0.0]), np.cross(X_AXIS, gaze)
+    quaternion, cross = np.array([1.0, 0.0, 0.0, 0.0]), np.cross(X_AXIS, gaze)
     if gaze[0] < -0.5:
         quaternion = np.array([0.0, 0.0, 0.0, 1.0])
-    elif np.linalg.norm(across) > 0.5:
-        mujoco.mju_axisAngle2Quat(quaternion, across, np.pi / 2)
+    elif np.linalg.norm(cross) > 0.5:
+        mujoco.mju_axisAngle2Quat(quaternion, cross, np.pi / 2)
     turn: list[float] = quaternion.tolist()
     return turn
 
@@ -118,8 +118,8 @@ def _aimed(part: Part, gaze: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) 
     """A part facing x, rotated to face another axis."""
     if gaze[0] < -0.5:
         return part.turned(Z_AXIS, 180.0)
-    across = np.cross(X_AXIS, gaze)
-    return part if not across.any() else part.turned((float(across[0]), float(across[1]), float(across[2])), 90.0)
+    cross = np.cross(X_AXIS, gaze)
+    return part if not cross.any() else part.turned((float(cross[0]), float(cross[1]), float(cross[2])), 90.0)
 
 
 def _add_box(
@@ -145,11 +145,11 @@ def _add_box(
 
 def _small_sensor(size: Triple) -> Part:
     """Sensor with one round eye, facing x; its eye is the origin."""
-    depth, wide, high = min(size), size[0], size[1]
+    depth, width, height = min(size), size[0], size[1]
     rim = ring(8.6, 6.2, 2.0).along(X_AXIS).at(-0.8, 0, 0)
     return Part(
         (
-            ("white", box(depth - 2, wide, high, radius=2.0).at(-depth / 2 - 1, 0, 0)),
+            ("white", box(depth - 2, width, height, radius=2.0).at(-depth / 2 - 1, 0, 0)),
             ("black", cylinder(8.8, 1.6, bevel=0.4).along(X_AXIS).at(-1.4, 0, 0)),
             ("azure", rim),
         )
@@ -158,11 +158,11 @@ def _small_sensor(size: Triple) -> Part:
 
 def _force_sensor(size: Triple) -> Part:
     """Force sensor facing x, with its button at the end; the button's front is the origin."""
-    long, wide, high = size
+    length, width, height = size
     return Part(
         (
-            ("white", box(long, wide, high, radius=2.0).at(-_BUTTON_MM - long / 2, 0, 0)),
+            ("white", box(length, width, height, radius=2.0).at(-_BUTTON_MM - length / 2, 0, 0)),
             ("black", cylinder(8.0, _BUTTON_MM, bevel=1.0).along(X_AXIS).at(-_BUTTON_MM / 2, 0, 0)),
-            ("light_grey", box(long * 0.4, wide + 0.4, 6, radius=0.8).at(-_BUTTON_MM - long / 2, 0, 3)),
+            ("light_grey", box(length * 0.4, width + 0.4, 6, radius=0.8).at(-_BUTTON_MM - length / 2, 0, 3)),
         )
     )

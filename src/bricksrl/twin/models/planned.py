@@ -33,7 +33,7 @@ from bricksrl.twin.models.mjcf import (
     add_webcam,
     new_spec,
 )
-from bricksrl.twin.models.mounts import add_eye, add_hub_site, mount_sensor
+from bricksrl.twin.models.mounts import add_hub_site, add_sensor_site, mount_sensor
 from bricksrl.twin.models.planned_looks import cables_of, draw_spinners, looks_of
 from bricksrl.twin.models.planned_shapes import add_shapes, lowest_m
 from bricksrl.twin.models.rods import add_rod
@@ -65,7 +65,7 @@ def from_plan(path: Path, robot: Robot, scene: Scene) -> mujoco.MjSpec:
         raise TwinError(f"robot '{robot.name}' stands still and sees no wall; omit wall_distance_mm and heading_deg")
     spec = new_spec(robot.name)
     add_surroundings(spec, scene)
-    _Build(spec, robot, planned, holds_ball=scene.ball).all()
+    _Builder(spec, robot, planned, holds_ball=scene.ball).build()
     # All constraints share one body: searching for independent islands would take a tenth of the time in vain.
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND
     if planned.articulation.rods or planned.articulation.loops:
@@ -74,38 +74,39 @@ def from_plan(path: Path, robot: Robot, scene: Scene) -> mujoco.MjSpec:
     return spec
 
 
-class _Build:
+class _Builder:
     """Builder of a model."""
 
     def __init__(self, spec: mujoco.MjSpec, robot: Robot, planned: PlannedRobot, *, holds_ball: bool) -> None:
         self.spec, self.robot, self.planned, self.holds_ball = spec, robot, planned, holds_ball
-        self.made: Articulation = planned.articulation
+        self.articulation: Articulation = planned.articulation
         self.motors = {motor.port: motor for motor in robot.motors}
         self.bodies: dict[int, mujoco.MjsBody] = {}
         self.origins: dict[int, Floats] = {0: self._origin()}
-        self.carried = self._carried()
+        self.subtree_kg = self._subtree_kg()
         self.ports = self._ports()
-        self.added: list[meshes.Part] = []
+        self.mounted_parts: list[meshes.Part] = []
         """Drawn parts of the first body that are not in the plan."""
 
-    def all(self) -> None:
+    def build(self) -> None:
         """Build everything except the surroundings."""
-        self._add_first()
-        turns: list[tuple[Turn, str | None]] = [(drive.turn, drive.port) for drive in self.made.drives]
-        turns += [(one.turn, None) for one in self.made.geared] + [(turn, None) for turn in self.made.swings]
-        for turn, port in sorted(turns, key=lambda one: one[0].child):
+        self._add_base()
+        turns: list[tuple[Turn, str | None]] = [(drive.turn, drive.port) for drive in self.articulation.drives]
+        turns += [(geared.turn, None) for geared in self.articulation.geared]
+        turns += [(turn, None) for turn in self.articulation.swings]
+        for turn, port in sorted(turns, key=lambda item: item[0].child):
             if port is not None and port in self.motors:
                 self._add_drive(turn, port)
             else:
                 self._add_turn(turn)
         self._couple()
-        for number, rod in enumerate(self.made.rods):
+        for number, rod in enumerate(self.articulation.rods):
             near = (self.bodies[rod.near], self._local(rod.near, rod.near_m))
             far = (self.bodies[rod.far], self._local(rod.far, rod.far_m))
             name = self.ports.get(rod.far) or self.ports.get(rod.near) or str(number)
-            drawn = add_rod(self.spec, name, near, far)
+            body = add_rod(self.spec, name, near, far)
             axes = _axes_along(rod.far_m - rod.near_m)
-            meshes.draw(self.spec, drawn, [looks_of(self.planned.plan, rod.parts, rod.near_m, axes=axes)])
+            meshes.draw(self.spec, body, [looks_of(self.planned.plan, rod.parts, rod.near_m, axes=axes)])
         self._close_loops()
         add_shapes(self.spec, self.planned, self.bodies, self.origins, self.ports)
         lego.add_colours(self.spec)
@@ -116,84 +117,84 @@ class _Build:
 
     def _origin(self) -> Floats:
         """Origin of the first body, in the plan's frame."""
-        if self.made.is_fixed:
+        if self.articulation.is_fixed:
             return np.zeros(3)
-        hub = next((one for one in self.made.mounted if one.port is None), None)
-        place = np.zeros(3) if hub is None else np.array([hub.point_m[0], hub.point_m[1], 0.0])
+        hub = next((device for device in self.articulation.mounted if device.port is None), None)
+        origin = np.zeros(3) if hub is None else np.array([hub.point_m[0], hub.point_m[1], 0.0])
         rolling = self.planned.rolling
         if rolling:
-            place = np.mean([wheel.centre_m for wheel in rolling], axis=0)
-            place[1] = 0.0 if hub is None else hub.point_m[1]
-        return np.round(place, 6)
+            origin = np.mean([wheel.centre_m for wheel in rolling], axis=0)
+            origin[1] = 0.0 if hub is None else hub.point_m[1]
+        return np.round(origin, 6)
 
-    def _carried(self) -> dict[int, float]:
+    def _subtree_kg(self) -> dict[int, float]:
         """Mass of each body with all its descendants, kg."""
-        mass = {number: body.mass_kg for number, body in enumerate(self.made.bodies)}
-        made = self.made
-        turns = [*(one.turn for one in made.drives), *(one.turn for one in made.geared), *made.swings]
-        for turn in sorted(turns, key=lambda one: -one.child):
+        mass = {number: body.mass_kg for number, body in enumerate(self.articulation.bodies)}
+        driven = [drive.turn for drive in self.articulation.drives] + [geared.turn for geared in self.articulation.geared]
+        turns = [*driven, *self.articulation.swings]
+        for turn in sorted(turns, key=lambda turn: -turn.child):
             mass[turn.parent] += mass[turn.child]
         return mass
 
     def _ports(self) -> dict[int, str]:
         """Port of the motor that moves each body."""
-        made, ports = self.made, {drive.turn.child: drive.port for drive in self.made.drives}
-        ports |= {one.turn.child: one.port for one in made.geared}
-        for turn in sorted(made.swings, key=lambda one: one.child):
+        ports = {drive.turn.child: drive.port for drive in self.articulation.drives}
+        ports |= {geared.turn.child: geared.port for geared in self.articulation.geared}
+        for turn in sorted(self.articulation.swings, key=lambda turn: turn.child):
             if turn.parent in ports:
                 ports[turn.child] = ports[turn.parent]
         return ports
 
-    def _local(self, body: int, place: Floats) -> tuple[float, float, float]:
+    def _local(self, body: int, point_m: Floats) -> tuple[float, float, float]:
         """A position in a body's frame."""
-        x, y, z = (place - self.origins[body]).tolist()
+        x, y, z = (point_m - self.origins[body]).tolist()
         return x, y, z
 
-    def _weigh(self, body: mujoco.MjsBody, number: int) -> None:
+    def _set_inertia(self, body: mujoco.MjsBody, number: int) -> None:
         """Set mass and inertia of a body."""
-        link = self.made.bodies[number]
+        link = self.articulation.bodies[number]
         xx, yy, zz = np.diag(link.inertia)
         body.explicitinertial, body.mass = True, link.mass_kg
         body.ipos = self._local(number, link.centre_m)
         body.fullinertia = [xx, yy, zz, link.inertia[0, 1], link.inertia[0, 2], link.inertia[1, 2]]
 
-    def _add_first(self) -> None:
+    def _add_base(self) -> None:
         """Add the root body: free, or fixed to the floor."""
         height = float(self.origins[0][2]) - lowest_m(self.planned)
-        body = self.spec.worldbody.add_body(name="base" if self.made.is_fixed else "chassis", pos=[0.0, 0.0, height])
-        if not self.made.is_fixed:
+        body = self.spec.worldbody.add_body(name="base" if self.articulation.is_fixed else "chassis", pos=[0.0, 0.0, height])
+        if not self.articulation.is_fixed:
             body.add_freejoint(name="root")
         self.bodies[0] = body
-        self._weigh(body, 0)
+        self._set_inertia(body, 0)
 
     def _add_drive(self, turn: Turn, port: str) -> None:
         """Add what a motor drives: a body on the geared shaft and, with backlash, the driven body on it."""
-        drive = next(one for one in self.made.drives if one.port == port)
+        drive = next(drive for drive in self.articulation.drives if drive.port == port)
         motor, start = self.motors[port], self._start_deg(self.motors[port])
-        turned = math.radians(start - self._plan_deg(port)) / drive.gear
+        angle = math.radians(start - self._plan_deg(port)) / drive.gear
         friction = _TRAIN_FRICTION_NM * abs(drive.gear) if drive.teeth else 0.0
         x, y, z = turn.axis.tolist()
         at_m = self._local(turn.parent, turn.point_m)
         rotor = add_rotor(self.spec, self.bodies[turn.parent], motor, at_m, (x, y, z), drive.gear, friction)
-        rotor.quat, rotor.mass, rotor.inertia = _turned(turn.axis, turned), _ROTOR_KG, [_ROTOR_KG_M2] * 3
-        is_heavy = self.carried[turn.child] > _HEAVY_KG
+        rotor.quat, rotor.mass, rotor.inertia = _quaternion(turn.axis, angle), _ROTOR_KG, [_ROTOR_KG_M2] * 3
+        is_heavy = self.subtree_kg[turn.child] > _HEAVY_KG
         shaft = rotor.joints[0]
         shaft.damping[0], shaft.ref = 1e-3 if is_heavy else 0.0, math.radians(start) / drive.gear
         shaft.armature += drive.armature
         self._limit(shaft, motor, drive.gear)
         body = add_driven(rotor, f"driven_{port}", port, (x, y, z), is_heavy=is_heavy)
-        self._take(turn, body)
+        self._register(turn, body)
 
     def _add_turn(self, turn: Turn) -> None:
         """Add a body that turns freely on a pin, an axle or a ball, or that is driven by a motor missing in the description."""
         body = self.bodies[turn.parent].add_body(name=f"part_{turn.child}", pos=self._local(turn.parent, turn.point_m))
         kind = _BALL if turn.is_ball else _HINGE
         body.add_joint(name=f"turn_{turn.child}", type=kind, axis=turn.axis.tolist(), damping=2e-4, armature=1e-6)
-        self._take(turn, body)
+        self._register(turn, body)
 
-    def _take(self, turn: Turn, body: mujoco.MjsBody) -> None:
+    def _register(self, turn: Turn, body: mujoco.MjsBody) -> None:
         self.bodies[turn.child], self.origins[turn.child] = body, turn.point_m
-        self._weigh(body, turn.child)
+        self._set_inertia(body, turn.child)
 
     def _plan_deg(self, port: str) -> float:
         """Angle of a motor's shaft in the plan."""
@@ -203,7 +204,7 @@ class _Build:
     def _start_deg(self, motor: Motor) -> float:
         """Angle of a motor's shaft at start: the middle of its range, or as in the plan without a range or with linkages."""
         ends = _range_of_shaft(motor)
-        return self._plan_deg(motor.port) if ends is None or self.made.rods or self.made.loops else sum(ends) / 2
+        return self._plan_deg(motor.port) if ends is None or self.articulation.rods or self.articulation.loops else sum(ends) / 2
 
     def _limit(self, shaft: mujoco.MjsJoint, motor: Motor, gear: float) -> None:
         """Set the end stops of a motor with a range: where parts of the robot collide, or a little beyond the range."""
@@ -216,21 +217,21 @@ class _Build:
 
     def _couple(self) -> None:
         """Couple bodies that are geared to a motor's joint."""
-        for one in self.made.geared:
-            if one.port not in self.motors:
+        for geared in self.articulation.geared:
+            if geared.port not in self.motors:
                 continue
+            turn, port = geared.turn, geared.port
             equal = self.spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT)
-            equal.name, equal.name1, equal.name2 = f"geared_{one.turn.child}", f"turn_{one.turn.child}", f"motor_{one.port}"
-            equal.data[:5] = [0.0, one.ratio, 0.0, 0.0, 0.0]
+            equal.name, equal.name1, equal.name2 = f"geared_{turn.child}", f"turn_{turn.child}", f"motor_{port}"
+            equal.data[:5] = [0.0, geared.ratio, 0.0, 0.0, 0.0]
             # Its start angle relative to the plan follows from the motor's.
-            drive = next(drive for drive in self.made.drives if drive.port == one.port)
-            start = self._start_deg(self.motors[one.port]) - self._plan_deg(one.port)
-            turned = one.ratio * math.radians(start) / drive.gear
-            self.bodies[one.turn.child].quat = _turned(one.turn.axis, turned)
+            drive = next(drive for drive in self.articulation.drives if drive.port == port)
+            start = self._start_deg(self.motors[port]) - self._plan_deg(port)
+            self.bodies[turn.child].quat = _quaternion(turn.axis, geared.ratio * math.radians(start) / drive.gear)
 
     def _close_loops(self) -> None:
         """Close kinematic loops: connect bodies at pins that are not tree joints."""
-        for number, loop in enumerate(self.made.loops):
+        for number, loop in enumerate(self.articulation.loops):
             equal = self.spec.add_equality(type=mujoco.mjtEq.mjEQ_CONNECT, objtype=mujoco.mjtObj.mjOBJ_BODY)
             equal.name, equal.name1, equal.name2 = f"loop_{number}", self.bodies[loop.parent].name, self.bodies[loop.child].name
             equal.data[:3] = self._local(loop.parent, loop.point_m)
@@ -238,10 +239,10 @@ class _Build:
 
     def _add_sensors(self) -> None:
         """Add the sites of hub and sensors; sensors that are not in the plan are mounted on the first body."""
-        mounted = {one.port: one for one in self.made.mounted}
+        mounted = {device.port: device for device in self.articulation.mounted}
         hub = mounted.get(None)
         if hub is not None:
-            if self.robot.needs_imu and hub.link != 0 and not self.made.is_fixed:
+            if self.robot.needs_imu and hub.link != 0 and not self.articulation.is_fixed:
                 raise TwinError(
                     f"{self.planned.plan.path}: the hub moves against the chassis; fix it there, or say needs_imu=False"
                 )
@@ -249,49 +250,50 @@ class _Build:
             add_hub_site(self.bodies[hub.link], axes, self._local(hub.link, hub.point_m))
         base = self.bodies[0]
         for sensor in self.robot.sensors:
-            place = mounted.get(sensor.port)
-            if place is None and sensor.mount is None and self.robot.drive_base is None:
+            device = mounted.get(sensor.port)
+            if device is None and sensor.mount is None and self.robot.drive_base is None:
                 raise TwinError(
                     f"there is no place for '{sensor.name}' in {self.planned.plan.path}; add it there or give a mount"
                 )
-            if place is None:
-                self.added.append(mount_sensor(self.spec, base, sensor, float(base.pos[2])))
+            if device is None:
+                self.mounted_parts.append(mount_sensor(self.spec, base, sensor, float(base.pos[2])))
                 continue
-            if place.link != 0:
-                raise TwinError(f"{self.planned.plan.path}: '{place.name}' moves against the chassis; put it on the chassis")
-            add_eye(self.spec, base, sensor, np.array(self._local(0, place.point_m)), _facing(place.looks))
+            if device.link != 0:
+                raise TwinError(f"{self.planned.plan.path}: '{device.name}' moves against the chassis; put it on the chassis")
+            add_sensor_site(self.spec, base, sensor, np.array(self._local(0, device.point_m)), _facing(device.looks))
 
     def _add_ball(self) -> None:
         """Add the ball at the place that the plan names."""
         holder = next((placed for placed in self.planned.plan.parts if placed.ball is not None), None)
         if holder is None or holder.ball is None:
             return
-        number = next(number for number, body in enumerate(self.made.bodies) if holder.index in body.parts)
-        place = TO_TWIN @ holder.to_plan(np.array([holder.ball]))[0] * MM_PER_LDU / 1000
-        add_ball(self.bodies[number], self._local(number, place))
+        number = next(number for number, body in enumerate(self.articulation.bodies) if holder.index in body.parts)
+        centre_m = TO_TWIN @ holder.to_plan(np.array([holder.ball]))[0] * MM_PER_LDU / 1000
+        add_ball(self.bodies[number], self._local(number, centre_m))
 
     def _draw(self) -> None:
-        plan, taken = self.planned.plan, {part for one in self.made.followers for part in one.parts}
-        taken |= {part for rod in self.made.rods for part in rod.parts}
+        plan = self.planned.plan
+        drawn_apart = {part for follower in self.articulation.followers for part in follower.parts}
+        drawn_apart |= {part for rod in self.articulation.rods for part in rod.parts}
         for number, body in self.bodies.items():
-            parts = tuple(part for part in self.made.bodies[number].parts if part not in taken)
-            ports = [drive.port for drive in self.made.drives if drive.turn.child == number and not drive.teeth]
+            parts = tuple(part for part in self.articulation.bodies[number].parts if part not in drawn_apart)
+            ports = [drive.port for drive in self.articulation.drives if drive.turn.child == number and not drive.teeth]
             shafts = tuple(motor.index for motor in map(self.planned.device, ports) if motor is not None)
             cables = cables_of(plan, parts, self.origins[number])
-            added = self.added if number == 0 else []
-            meshes.draw(self.spec, body, [looks_of(plan, parts, self.origins[number], shafts=shafts), *cables, *added])
+            mounted = self.mounted_parts if number == 0 else []
+            meshes.draw(self.spec, body, [looks_of(plan, parts, self.origins[number], shafts=shafts), *cables, *mounted])
         draw_spinners(self.spec, self.planned, self.bodies, self.origins)
         corners = np.concatenate([np.stack(placed.part.bounds) @ placed.rotation.T + placed.position for placed in plan.parts])
         size_m = float(np.linalg.norm(np.ptp(corners, axis=0))) * 0.4 / 1000
         base = self.bodies[0]
-        middle = tuple((self.made.bodies[0].centre_m - self.origins[0]).tolist())
-        at = self.spec.worldbody if self.made.is_fixed else base
-        sight = (middle[0], middle[1], 0.4 * size_m) if self.made.is_fixed else middle
-        add_light(at)
-        add_camera(at, "chase", sight, (-0.62, -0.62, 0.55), 1.6 * size_m)
-        add_camera(at, "portrait", sight, (0.75, -0.55, 0.42), 1.55 * size_m)
-        if self.made.is_fixed:
-            add_webcam(at)
+        middle = tuple((self.articulation.bodies[0].centre_m - self.origins[0]).tolist())
+        parent = self.spec.worldbody if self.articulation.is_fixed else base
+        target = (middle[0], middle[1], 0.4 * size_m) if self.articulation.is_fixed else middle
+        add_light(parent)
+        add_camera(parent, "chase", target, (-0.62, -0.62, 0.55), 1.6 * size_m)
+        add_camera(parent, "portrait", target, (0.75, -0.55, 0.42), 1.55 * size_m)
+        if self.articulation.is_fixed:
+            add_webcam(parent)
 
 
 def _range_of_shaft(motor: Motor) -> tuple[float, float] | None:
@@ -303,7 +305,7 @@ def _range_of_shaft(motor: Motor) -> tuple[float, float] | None:
     return min(first, second), max(first, second)
 
 
-def _turned(axis: Floats, angle: float) -> list[float]:
+def _quaternion(axis: Floats, angle: float) -> list[float]:
     """Quaternion of a rotation about an axis."""
     return [math.cos(angle / 2), *(math.sin(angle / 2) * axis).tolist()]
 
@@ -316,9 +318,9 @@ def _facing(looks: Floats) -> list[float]:
     return [float(value) for value in quaternion / np.linalg.norm(quaternion)]
 
 
-def _axes_along(along: Floats) -> Floats:
+def _axes_along(direction: Floats) -> Floats:
     """Axes, as rows [3, 3], of the frame in which MuJoCo's shortest rotation takes z to a direction."""
     quaternion, matrix = np.empty(4), np.empty(9)
-    mujoco.mju_quatZ2Vec(quaternion, along)
+    mujoco.mju_quatZ2Vec(quaternion, direction)
     mujoco.mju_quat2Mat(matrix, quaternion)
     return matrix.reshape(3, 3).T

@@ -53,23 +53,23 @@ def looks_of(
     """
     frame = (np.eye(3) if axes is None else axes) @ TO_TWIN
     shift = (np.eye(3) if axes is None else axes) @ origin_m * 1000
-    drawn: list[tuple[str, Shape]] = []
+    shapes: list[tuple[str, Shape]] = []
     placed_parts = [plan.parts[part] for part in parts]
     motors = [plan.parts[motor] for motor in shafts]
     for placed, is_shaft in [*((part, False) for part in placed_parts), *((motor, True) for motor in motors)]:
         turn = frame @ placed.rotation
-        is_ours = not is_shaft and ldraw.folder() is None  # the shapes of a library are not those of our solids
-        near = [one for one in placed_parts if is_ours and _touch(one.bounds, placed.bounds)]
+        can_hide = not is_shaft and ldraw.folder() is None  # the shapes of a library are not those of our solids
+        near = [part for part in placed_parts if can_hide and _touch(part.bounds, placed.bounds)]
         for colour, shape in _shapes(placed, only_turning=is_shaft):
-            seen = _uncovered(placed, shape, [one for one in near if one is not placed])
-            points = (seen.points @ turn.T + frame @ placed.position) * _MM - shift
-            if len(seen.faces):
-                drawn.append((colour, Shape(points, seen.normals @ turn.T, seen.faces)))
-    return meshes.Part(tuple(drawn))
+            visible = _uncovered(placed, shape, [part for part in near if part is not placed])
+            points = (visible.points @ turn.T + frame @ placed.position) * _MM - shift
+            if len(visible.faces):
+                shapes.append((colour, Shape(points, visible.normals @ turn.T, visible.faces)))
+    return meshes.Part(tuple(shapes))
 
 
-def _touch(one: tuple[Floats, Floats], other: tuple[Floats, Floats]) -> bool:
-    return bool((one[0] <= other[1]).all() and (other[0] <= one[1]).all())
+def _touch(first: tuple[Floats, Floats], second: tuple[Floats, Floats]) -> bool:
+    return bool((first[0] <= second[1]).all() and (second[0] <= first[1]).all())
 
 
 def _uncovered(placed: Placed, shape: Shape, others: list[Placed]) -> Shape:
@@ -80,22 +80,22 @@ def _uncovered(placed: Placed, shape: Shape, others: list[Placed]) -> Shape:
         points = other.to_part(samples.reshape(-1, 3))
         for solid in other.part.solids:
             covered |= solid.contains(points, 0.0).reshape(covered.shape)
-    kept = shape.faces[~covered.all(axis=1)]
-    used, faces = np.unique(kept, return_inverse=True)
-    return Shape(shape.points[used], shape.normals[used], faces.reshape(kept.shape).astype(np.int32))
+    visible = shape.faces[~covered.all(axis=1)]
+    used, faces = np.unique(visible, return_inverse=True)
+    return Shape(shape.points[used], shape.normals[used], faces.reshape(visible.shape).astype(np.int32))
 
 
 def _shapes(placed: Placed, *, only_turning: bool) -> list[tuple[str, Shape]]:
     """Coloured shapes of a part in its frame, in LDraw units."""
     main = "#" + "".join(f"{round(255 * value):02x}" for value in colour_of(placed.colour).rgb) + "ff"
-    if not only_turning and (root := ldraw.folder()) is not None and (theirs := _of_library(placed.part, root)):
-        return [(colour or main, shape) for colour, shape in theirs]
+    if not only_turning and (root := ldraw.folder()) is not None and (shapes := _of_library(placed.part, root)):
+        return [(colour or main, shape) for colour, shape in shapes]
     device = placed.part.device
     is_motor = device is not None and device.kind is DeviceKind.MOTOR
-    if not only_turning and (own := _detailed(placed.part)):
-        return own
-    ours = _of_catalogue(placed.part).items()
-    return [(_TINTS.get(tint, main), one) for tint, one in ours if not is_motor or only_turning is (tint is Tint.TURNING)]
+    if not only_turning and (detailed := _detailed(placed.part)):
+        return detailed
+    by_tint = _of_catalogue(placed.part).items()
+    return [(_TINTS.get(tint, main), shape) for tint, shape in by_tint if not is_motor or only_turning is (tint is Tint.TURNING)]
 
 
 @functools.lru_cache(maxsize=512)
@@ -103,8 +103,8 @@ def _of_catalogue(part: Part) -> dict[Tint, Shape]:
     """Our shapes of a part."""
     surface = surface_of(part, COARSE)
     triangles = surface.triangles * _less_clearance(*part.bounds)
-    found = {tint: shape_of(triangles[surface.tints == int(tint)]) for tint in Tint}
-    return {tint: shape for tint, shape in found.items() if shape is not None}
+    shapes = {tint: shape_of(triangles[surface.tints == int(tint)]) for tint in Tint}
+    return {tint: shape for tint, shape in shapes.items() if shape is not None}
 
 
 def _less_clearance(low: Floats, high: Floats) -> Floats:
@@ -117,21 +117,22 @@ def _detailed(part: Part) -> list[tuple[str, Shape]]:
     """Our detailed shapes of a hub, motor, sensor or wheel, without a motor's output; empty if there are none."""
     device = part.device.name if part.device is not None else ""
     if device in _DETAILED:
-        drawn, axes = _DETAILED[device]
-        made = drawn()
+        make, axes = _DETAILED[device]
+        drawing = make()
     elif part.wheel_mm > _SPOKED_MM:
-        made, axes = lego.wheel(part.wheel_mm), (-1, -3, -2)
+        drawing, axes = lego.wheel(part.wheel_mm), (-1, -3, -2)
     else:
         return []
     turn = np.zeros((3, 3))  # from our axes to the part's
     for row, axis in enumerate(axes):
         turn[abs(axis) - 1, row] = np.sign(axis)
-    points = np.concatenate([shape.points for _, shape in made.shapes]) @ turn.T / _MM
+    points = np.concatenate([shape.points for _, shape in drawing.shapes]) @ turn.T / _MM
     low, high = part.bounds
     case = part.solids[0].corners()
     low, high = (case.min(axis=0), case.max(axis=0)) if device else (low, high)
     shift = (low + high - points.min(axis=0) - points.max(axis=0)) / 2
-    return [(colour, Shape(one.points @ turn.T / _MM + shift, one.normals @ turn.T, one.faces)) for colour, one in made.shapes]
+    shapes = drawing.shapes
+    return [(colour, Shape(shape.points @ turn.T / _MM + shift, shape.normals @ turn.T, shape.faces)) for colour, shape in shapes]
 
 
 @functools.lru_cache(maxsize=256)
@@ -146,23 +147,23 @@ def _of_library(part: Part, root: Path) -> list[tuple[str, Shape]]:
             continue
     else:
         return []
-    hexed = {code: "#" + "".join(f"{round(255 * value):02x}" for value in library.rgba(code)) for code in triangles}
+    names = {code: "#" + "".join(f"{round(255 * value):02x}" for value in library.rgba(code)) for code in triangles}
     shapes = {code: shape_of(faces) for code, faces in triangles.items()}
-    return [("" if code == ldraw.MAIN_COLOUR else hexed[code], shape) for code, shape in shapes.items() if shape is not None]
+    return [("" if code == ldraw.MAIN_COLOUR else names[code], shape) for code, shape in shapes.items() if shape is not None]
 
 
 def cables_of(plan: Plan, parts: Iterable[int], origin_m: Floats) -> list[meshes.Part]:
     """Cables between the hub and the motors and sensors on the same body, in that body's frame, mm."""
-    placed = [plan.parts[part] for part in parts]
-    hub = next((one for one in placed if one.part.device is not None and one.part.device.kind is DeviceKind.HUB), None)
+    devices = [(plan.parts[part], plan.parts[part].part.device) for part in parts]
+    hub = next((placed for placed, device in devices if device is not None and device.kind is DeviceKind.HUB), None)
     sockets = dict(hub.part.device.ports) if hub is not None and hub.part.device is not None else {}
     cables = []
-    for one in placed:
-        if hub is None or one is hub or one.part.device is None or one.port not in sockets:
+    for placed, device in devices:
+        if hub is None or placed is hub or device is None or placed.port not in sockets:
             continue
-        socket, plug = np.array(sockets[one.port]), np.array(one.part.device.plug)
+        socket, plug = np.array(sockets[placed.port]), np.array(device.plug)
         outward, back = np.sign(socket) * [_BEND, 0.0, 0.0], np.sign(plug) * [0.0, 0.0, _BEND]
-        line = np.concatenate([hub.to_plan(np.stack([socket, socket + outward])), one.to_plan(np.stack([plug + back, plug]))])
+        line = np.concatenate([hub.to_plan(np.stack([socket, socket + outward])), placed.to_plan(np.stack([plug + back, plug]))])
         cables.append(lego.cable([(x, y, z) for x, y, z in (line @ TO_TWIN.T * _MM - origin_m * 1000).tolist()]))
     return cables
 
@@ -171,13 +172,13 @@ def draw_spinners(
     spec: mujoco.MjSpec, planned: PlannedRobot, bodies: dict[int, mujoco.MjsBody], origins: dict[int, Floats]
 ) -> None:
     """Draw shafts and gears that turn visually only: massless bodies, and their ratio and axis as numerics of the model."""
-    for number, one in enumerate(planned.articulation.followers):
-        if one.body not in bodies:
+    for number, follower in enumerate(planned.articulation.followers):
+        if follower.body not in bodies:
             continue
-        name = f"{_PREFIX}{one.port}_{number}"
-        body = bodies[one.body].add_body(name=name, pos=(one.point_m - origins[one.body]).tolist())
-        meshes.draw(spec, body, [looks_of(planned.plan, one.parts, one.point_m)])
-        spec.add_numeric(name=name, size=4, data=[one.ratio, *(-one.axis).tolist()])
+        name = f"{_PREFIX}{follower.port}_{number}"
+        body = bodies[follower.body].add_body(name=name, pos=(follower.point_m - origins[follower.body]).tolist())
+        meshes.draw(spec, body, [looks_of(planned.plan, follower.parts, follower.point_m)])
+        spec.add_numeric(name=name, size=4, data=[follower.ratio, *(-follower.axis).tolist()])
 
 
 class Spinners:
@@ -185,13 +186,14 @@ class Spinners:
 
     def __init__(self, model: mujoco.MjModel) -> None:
         names = {body: str(model.body(body).name) for body in range(model.nbody)}
-        self._spun = [(body, name, model.numeric(name).data.copy()) for body, name in names.items() if name.startswith(_PREFIX)]
+        spinners = ((body, name) for body, name in names.items() if name.startswith(_PREFIX))
+        self._spinners = [(body, name, model.numeric(name).data.copy()) for body, name in spinners]
 
     def turn(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         """Turn each with its motor's joint; positions must be up to date, and are so afterwards."""
-        if not self._spun:
+        if not self._spinners:
             return
-        for body, name, (ratio, *axis) in self._spun:
+        for body, name, (ratio, *axis) in self._spinners:
             joint = model.joint(f"motor_{name.split('_')[1]}")
             address = int(joint.qposadr[0])
             angle = float(ratio * (data.qpos[address] - model.qpos0[address]))

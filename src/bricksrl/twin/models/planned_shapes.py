@@ -36,36 +36,36 @@ class Foot:
 
 def lowest_m(planned: PlannedRobot) -> float:
     """Height of the robot's lowest point in the plan."""
-    made = planned.articulation
+    articulation = planned.articulation
     lowest = [float(wheel.centre_m[2]) - wheel.diameter_mm / 2000 for wheel in _rolling(planned)]
     lowest += [float(foot.start_m[2]) - foot.radius_m for foot in feet(planned)]
     lowest += [_ball(planned, wheel)[2] - _ball(planned, wheel)[3] for wheel in _casters(planned)]
-    if made.is_fixed or not lowest:
-        lowest += [float(_corners(planned.plan.parts[part])[:, 2].min()) for body in made.bodies for part in body.parts]
+    if articulation.is_fixed or not lowest:
+        lowest += [float(_corners(planned.plan.parts[part])[:, 2].min()) for body in articulation.bodies for part in body.parts]
     return min(lowest)
 
 
 def feet(planned: PlannedRobot) -> tuple[Foot, ...]:
     """Feet of a robot without wheels; empty for others."""
-    made = planned.articulation
-    if made.is_fixed or made.wheels:
+    articulation = planned.articulation
+    if articulation.is_fixed or articulation.wheels:
         return ()
-    found = []
-    for number, body in enumerate(made.bodies):
-        rounds = [one for part in body.parts for one in _rounds(planned.plan.parts[part])]
-        if number == 0 or not rounds:
+    legs = []
+    for number, body in enumerate(articulation.bodies):
+        cylinders = [cylinder for part in body.parts for cylinder in _cylinders(planned.plan.parts[part])]
+        if number == 0 or not cylinders:
             continue
-        centre, axis, _, radius = min(rounds, key=lambda one: one[0][2] - one[3])
+        centre, axis, _, radius = min(cylinders, key=lambda cylinder: cylinder[0][2] - cylinder[3])
         ends = [
-            one[0] + axis * sign * one[2]
-            for one in rounds
+            other + axis * sign * half_length
+            for other, other_axis, half_length, _ in cylinders
             for sign in (-1.0, 1.0)
-            if np.linalg.norm(np.cross(one[0] - centre, axis)) < _SAME_AXIS_M and abs(float(one[1] @ axis)) > 0.99
+            if np.linalg.norm(np.cross(other - centre, axis)) < _SAME_AXIS_M and abs(float(other_axis @ axis)) > 0.99
         ]
         along = np.array([float((end - centre) @ axis) for end in ends])
-        found.append(Foot(number, centre + axis * along.min(), centre + axis * along.max(), radius))
-    low = min((foot.start_m[2] - foot.radius_m for foot in found), default=0.0)
-    standing = tuple(foot for foot in found if foot.start_m[2] - foot.radius_m < low + _FOOT_REACH_M)
+        legs.append(Foot(number, centre + axis * along.min(), centre + axis * along.max(), radius))
+    low = min((foot.start_m[2] - foot.radius_m for foot in legs), default=0.0)
+    standing = tuple(foot for foot in legs if foot.start_m[2] - foot.radius_m < low + _FOOT_REACH_M)
     return standing if len(standing) > 1 else ()  # nothing stands on one
 
 
@@ -110,7 +110,7 @@ def add_shapes(
 def _free_name(spec: mujoco.MjSpec, name: str) -> str:
     """The name, or with a number if it is taken."""
     numbered = itertools.chain([name], (f"{name}_{number}" for number in itertools.count(2)))
-    return next(one for one in numbered if spec.geom(one) is None)
+    return next(candidate for candidate in numbered if spec.geom(candidate) is None)
 
 
 def _add_tyre(planned: PlannedRobot, wheel: Wheel, name: str, body: mujoco.MjsBody, origin: Floats) -> None:
@@ -141,22 +141,22 @@ def _add_hull(spec: mujoco.MjSpec, planned: PlannedRobot, number: int, body: muj
     if np.ptp(points, axis=0).min() < 0.001:
         return
     # Corners closer than 2 mm make no difference in a collision.
-    kept = points[np.unique(np.round(points / 0.002), axis=0, return_index=True)[1]]
+    corners = points[np.unique(np.round(points / 0.002), axis=0, return_index=True)[1]]
     name = f"hull_{number}"
-    spec.add_mesh(name=name, uservert=kept.ravel().tolist(), inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL)
+    spec.add_mesh(name=name, uservert=corners.ravel().tolist(), inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL)
     body.add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, mass=0, **COLLIDING)
 
 
 def _rolling(planned: PlannedRobot) -> list[Wheel]:
     """Wheels that roll on the floor: the largest of those at one position, without casters."""
     wheels = sorted(planned.articulation.wheels, key=lambda wheel: -wheel.diameter_mm)
-    kept: list[Wheel] = []
+    rolling: list[Wheel] = []
     for wheel in wheels:
         if _is_caster(planned, wheel):
             continue
-        if all(one.link != wheel.link or np.linalg.norm(one.centre_m - wheel.centre_m) > 0.008 for one in kept):
-            kept.append(wheel)
-    return kept
+        if all(other.link != wheel.link or np.linalg.norm(other.centre_m - wheel.centre_m) > 0.008 for other in rolling):
+            rolling.append(wheel)
+    return rolling
 
 
 def _casters(planned: PlannedRobot) -> list[Wheel]:
@@ -171,25 +171,25 @@ def _ball(planned: PlannedRobot, wheel: Wheel) -> tuple[float, float, float, flo
     """Centre and radius of a caster's ball."""
     placed = planned.plan.parts[wheel.part]
     ball = next(solid for solid in placed.part.solids if solid.form is Form.BALL)
-    x, y, z = _placed(placed, np.array([ball.centre]))[0].tolist()
+    x, y, z = _in_twin(placed, np.array([ball.centre]))[0].tolist()
     return x, y, z, ball.half[0] * _M
 
 
-def _rounds(placed: Placed) -> list[tuple[Floats, Floats, float, float]]:
+def _cylinders(placed: Placed) -> list[tuple[Floats, Floats, float, float]]:
     """Centre [3], axis [3], half length and radius of each horizontal cylinder of a part."""
-    found = []
+    cylinders = []
     for solid in placed.part.solids:
         if solid.form is Form.CYLINDER:
             axis = TO_TWIN @ placed.rotation @ np.array(solid.axes[2])
             if abs(float(axis[2])) < 0.1:
-                found.append((_placed(placed, np.array([solid.centre]))[0], axis, solid.half[2] * _M, solid.half[0] * _M))
-    return found
+                cylinders.append((_in_twin(placed, np.array([solid.centre]))[0], axis, solid.half[2] * _M, solid.half[0] * _M))
+    return cylinders
 
 
 def _corners(placed: Placed) -> Floats:
     """Corner points [n, 3] of a part's solids."""
-    return _placed(placed, placed.part.corners)
+    return _in_twin(placed, placed.part.corners)
 
 
-def _placed(placed: Placed, points: Floats) -> Floats:
+def _in_twin(placed: Placed, points: Floats) -> Floats:
     return np.asarray(placed.to_plan(points) @ TO_TWIN.T * _M)

@@ -24,15 +24,15 @@ def add_rod(
         The body to draw the rod on: its origin is the near pin, its z axis points to the far one.
     """
     name = _PREFIX + name
-    length = spec.add_tendon(name=name, group=SHAPE_GROUP)
-    for end, (body, pin) in {"near": near, "far": far}.items():
-        length.wrap_site(body.add_site(name=f"{name}_{end}", pos=list(pin), group=SHAPE_GROUP).name)
-    kept = spec.add_equality(name=name, type=mujoco.mjtEq.mjEQ_TENDON, objtype=mujoco.mjtObj.mjOBJ_TENDON)
-    kept.name1, kept.data[:5] = name, 0.0
+    tendon = spec.add_tendon(name=name, group=SHAPE_GROUP)
+    for end, (carrier, pin) in {"near": near, "far": far}.items():
+        tendon.wrap_site(carrier.add_site(name=f"{name}_{end}", pos=list(pin), group=SHAPE_GROUP).name)
+    constraint = spec.add_equality(name=name, type=mujoco.mjtEq.mjEQ_TENDON, objtype=mujoco.mjtObj.mjOBJ_TENDON)
+    constraint.name1, constraint.data[:5] = name, 0.0
     # Stiff: with MuJoCo's default the ends of a light rod separate by fractions of a millimetre.
-    kept.solref, kept.solimp = [2 * spec.option.timestep, 1.0], [0.99, 0.99, 0.001, 0.5, 2.0]
-    drawn: mujoco.MjsBody = near[0].add_body(name=name, pos=list(near[1]))
-    return drawn
+    constraint.solref, constraint.solimp = [2 * spec.option.timestep, 1.0], [0.99, 0.99, 0.001, 0.5, 2.0]
+    body: mujoco.MjsBody = near[0].add_body(name=name, pos=list(near[1]))
+    return body
 
 
 class Rods:

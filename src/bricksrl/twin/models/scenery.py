@@ -1,4 +1,4 @@
-"""Scenery: the objects of a scene in MuJoCo. Marks on the floor are drawn only; robots and ultrasound meet the other ones."""
+"""Scenery: the objects of a scene in MuJoCo. Marks on the floor are drawn only; robots and ultrasound hit the others."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ _FRICTION = 0.4
 
 def add_objects(spec: mujoco.MjSpec, scene: Scene) -> None:
     """Add the scene's objects to a model, after the robot."""
-    solids = [one for one in scene.objects if isinstance(one, (Wall, Block, Ramp))]
+    solids = [item for item in scene.objects if isinstance(item, (Wall, Block, Ramp))]
     world = spec.worldbody
-    marks = [one for one in scene.objects if isinstance(one, (Line, Field))]
+    marks = [item for item in scene.objects if isinstance(item, (Line, Field))]
     if marks:
         draw(spec, world, [_mark_part(mark, (number + 1) * _LAYER_MM) for number, mark in enumerate(marks)])
     for number, solid in enumerate(solids):
@@ -46,23 +46,23 @@ def _add_wall(world: mujoco.MjsBody, name: str, wall: Wall) -> None:
 def _add_ramp(world: mujoco.MjsBody, name: str, ramp: Ramp) -> None:
     """Add a plate whose upper side rises from the floor to the ramp's height."""
     rise, yaw = math.atan2(ramp.height_mm, ramp.length_mm), -math.radians(ramp.heading_deg)
-    half_length, half_thick = math.hypot(ramp.length_mm, ramp.height_mm) / 2000, _RAMP_MM / 2000
-    ahead = half_length * math.cos(rise) + half_thick * math.sin(rise)
-    up = half_length * math.sin(rise) - half_thick * math.cos(rise)
+    half_length, half_thickness = math.hypot(ramp.length_mm, ramp.height_mm) / 2000, _RAMP_MM / 2000
+    ahead = half_length * math.cos(rise) + half_thickness * math.sin(rise)
+    up = half_length * math.sin(rise) - half_thickness * math.cos(rise)
     x, y = ramp.at_mm[0] / 1000 + ahead * math.cos(yaw), ramp.at_mm[1] / 1000 + ahead * math.sin(yaw)
     tilt, quaternion = np.array([math.cos(rise / 2), 0.0, -math.sin(rise / 2), 0.0]), np.empty(4)
     mujoco.mju_mulQuat(quaternion, np.array(_yaw(yaw)), tilt)
-    _add_geom(world, name, [x, y, up], [half_length, ramp.width_mm / 2000, half_thick], ramp.color, quaternion.tolist())
+    _add_geom(world, name, [x, y, up], [half_length, ramp.width_mm / 2000, half_thickness], ramp.color, quaternion.tolist())
 
 
 def _add_block(world: mujoco.MjsBody, name: str, block: Block) -> None:
     half = [side / 2000 for side in block.size_mm]
-    place = [block.at_mm[0] / 1000, block.at_mm[1] / 1000, half[2]]
+    position = [block.at_mm[0] / 1000, block.at_mm[1] / 1000, half[2]]
     quaternion = _yaw(-math.radians(block.heading_deg))
     if block.mass_g is None:
-        _add_geom(world, name, place, half, block.color, quaternion, is_round=block.round)
+        _add_geom(world, name, position, half, block.color, quaternion, is_round=block.round)
         return
-    body = world.add_body(name=name, pos=place, quat=quaternion)
+    body = world.add_body(name=name, pos=position, quat=quaternion)
     body.add_freejoint(name=name)
     _add_geom(body, name, [0.0] * 3, half, block.color, [1.0, 0.0, 0.0, 0.0], is_round=block.round, mass_kg=block.mass_g / 1000)
 
@@ -70,7 +70,7 @@ def _add_block(world: mujoco.MjsBody, name: str, block: Block) -> None:
 def _add_geom(
     body: mujoco.MjsBody,
     name: str,
-    place: list[float],
+    position: list[float],
     half: list[float],
     color: str,
     quaternion: list[float],
@@ -78,11 +78,11 @@ def _add_geom(
     is_round: bool = False,
     mass_kg: float = 0.0,
 ) -> None:
-    kind = mujoco.mjtGeom.mjGEOM_CYLINDER if is_round else mujoco.mjtGeom.mjGEOM_BOX
+    shape = mujoco.mjtGeom.mjGEOM_CYLINDER if is_round else mujoco.mjtGeom.mjGEOM_BOX
     body.add_geom(
         name=name,
-        type=kind,
-        pos=place,
+        type=shape,
+        pos=position,
         size=[half[0], half[2], 0.0] if is_round else half,
         quat=quaternion,
         rgba=[*COLORS[color], 1.0],
@@ -120,8 +120,8 @@ def _line(line: Line) -> Shape:
     """Shape of a line: a rectangle per segment, and a disc at each corner."""
     pieces = [discs(line.width_mm / 2, 0.01, 24).at(x, y, 0.0) for x, y in line.points_mm]
     for start, end in zip(*line.ends_mm, strict=True):
-        along = (end - start) / max(float(np.linalg.norm(end - start)), 1e-9)
-        side = np.array([-along[1], along[0]]) * line.width_mm / 2
+        direction = (end - start) / max(float(np.linalg.norm(end - start)), 1e-9)
+        side = np.array([-direction[1], direction[0]]) * line.width_mm / 2
         pieces.append(_flat(np.array([end + side, start + side, start - side, end - side])))
     return merge(pieces)
 

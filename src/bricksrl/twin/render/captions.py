@@ -13,7 +13,7 @@ from PIL import Image, ImageDraw, ImageFont
 from bricksrl.plotting import import_matplotlib
 
 Pixels = NDArray[np.uint8]
-_INK, _PALE, _BACK, _OPACITY = (31, 36, 48), (73, 81, 94), (255, 255, 255), 205
+_INK, _MUTED, _BACKGROUND, _OPACITY = (31, 36, 48), (73, 81, 94), (255, 255, 255), 205
 
 
 @functools.lru_cache(maxsize=8)
@@ -33,16 +33,16 @@ def captioned(image: Pixels, title: str, line: str, labels: Iterable[tuple[int, 
     picture = Image.fromarray(image)
     pen = ImageDraw.Draw(picture)
     for column, row, text in labels:
-        pen.text((column, row), text, _PALE, _font(small, False), anchor="mm")
+        pen.text((column, row), text, _MUTED, _font(small, False), anchor="mm")
     lines = [(text, _font(size, bold)) for text, size, bold in ((title, large, True), (line, small, False)) if text]
     if lines:
         margin = height // 45
         width = 2 * margin + round(max(pen.textlength(text, font) for text, font in lines))
-        rise = 2 * margin + round(sum(font.size for _, font in lines)) + margin // 2 * (len(lines) - 1)
+        box_height = 2 * margin + round(sum(font.size for _, font in lines)) + margin // 2 * (len(lines) - 1)
         # Only the area behind the text is blended: the whole image would take longer than drawing the robot.
-        mask = Image.new("L", (width, rise), 0)
-        ImageDraw.Draw(mask).rounded_rectangle((0, 0, width - 1, rise - 1), margin // 2, _OPACITY)
-        picture.paste(_BACK, (margin, margin, margin + width, margin + rise), mask)
+        mask = Image.new("L", (width, box_height), 0)
+        ImageDraw.Draw(mask).rounded_rectangle((0, 0, width - 1, box_height - 1), margin // 2, _OPACITY)
+        picture.paste(_BACKGROUND, (margin, margin, margin + width, margin + box_height), mask)
         top = 2.0 * margin
         for text, font in lines:
             pen.text((2 * margin, top), text, _INK, font)

@@ -20,17 +20,17 @@ from numpy.typing import NDArray
 from bricksrl.errors import RenderingUnavailableError, TwinError
 from bricksrl.files import TEMPORARY_PREFIX
 from bricksrl.twin.mujoco_body import MujocoBody
-from bricksrl.twin.render.view import Box, MovingParts, aim, is_opaque, stands_still
+from bricksrl.twin.render.view import Box, MovingParts, aim, is_fixed_camera, is_opaque
 
 Image = NDArray[np.uint8]
 
 _REMEDY = "install one (Debian: apt install libegl1 libgl1-mesa-dri, or libosmesa6) or set MUJOCO_GL to one that works"
 _LIBRARIES = {"egl": ("libEGL.so.1",), "osmesa": ("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so")}
-_SWITCHED_OFF = ("disable", "disabled", "off", "false", "0")
+_DISABLED = ("disable", "disabled", "off", "false", "0")
 """Values of MUJOCO_GL that disable MuJoCo's rendering."""
 _MAX_GEOMS = 1000
 _PIXEL = np.dtype("V3")
-"""Pixels are copied whole, several times as fast as by colour."""
+"""A pixel is copied as one value, several times as fast as by colour."""
 
 Decorate = Callable[[mujoco.MjvScene], None]
 """Adds decorations to a scene before each rendering."""
@@ -84,9 +84,9 @@ class Renderer:
         self._background: tuple[Image, NDArray[np.float32]] | None = None
         self._moving: MovingParts | None = None
         is_free = not isinstance(camera, str)
-        if not shadows and not is_free and decorate is None and stands_still(model, self._camera.fixedcamid):
+        if not shadows and not is_free and decorate is None and is_fixed_camera(model, self._camera.fixedcamid):
             self._moving = MovingParts(model, self._camera.fixedcamid, width, height, self._option.geomgroup)
-            self._puts_over = not smooth and is_opaque(model, self._option.geomgroup)
+            self._is_composited = not smooth and is_opaque(model, self._option.geomgroup)
         model.vis.global_.offwidth, model.vis.global_.offheight = width, height
         model.vis.quality.offsamples = 4 if smooth else 0
         self._gl, self._context = _open_context(model, width, height)
@@ -103,25 +103,25 @@ class Renderer:
         if not self._free.alive:
             raise TwinError("this renderer is closed; make a new one")
         data = self._body.data
-        self._body.pose_looks()
+        self._body.update_visuals()
         self._gl.make_current()
         if self._moving is None:
             return self._draw(self._whole, mujoco.mjtCatBit.mjCAT_ALL)[0].copy()
         if self._background is None:
             self._background = self._draw(self._whole, mujoco.mjtCatBit.mjCAT_STATIC)
-        still, still_depth = self._background
-        image, box = still.copy(), self._moving.box(data)
+        background, background_depth = self._background
+        image, box = background.copy(), self._moving.box(data)
         if box.width and box.height:
             part = slice(box.top, box.bottom), slice(box.left, box.right)
-            pixels, depth = self._draw(box, mujoco.mjtCatBit.mjCAT_DYNAMIC if self._puts_over else mujoco.mjtCatBit.mjCAT_ALL)
-            nearer = (depth < still_depth[part])[..., None] if self._puts_over else np.True_
+            pixels, depth = self._draw(box, mujoco.mjtCatBit.mjCAT_DYNAMIC if self._is_composited else mujoco.mjtCatBit.mjCAT_ALL)
+            nearer = (depth < background_depth[part])[..., None] if self._is_composited else np.True_
             np.copyto(image.view(_PIXEL)[part], pixels.view(_PIXEL), where=nearer)
         return image
 
-    def _draw(self, box: Box, what: int) -> tuple[Image, NDArray[np.float32]]:
-        """Part of the image and its depth, 0 (near) to 1; ``what`` selects all, static or moving geometry."""
-        mujoco.mjv_updateScene(self._body.model, self._body.data, self._option, None, self._camera, what, self._scene)
-        self._scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = what != mujoco.mjtCatBit.mjCAT_DYNAMIC
+    def _draw(self, box: Box, categories: int) -> tuple[Image, NDArray[np.float32]]:
+        """Part of the image and its depth, 0 (near) to 1; ``categories`` selects all, static or moving geometry."""
+        mujoco.mjv_updateScene(self._body.model, self._body.data, self._option, None, self._camera, categories, self._scene)
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = categories != mujoco.mjtCatBit.mjCAT_DYNAMIC
         if self._decorate is not None:
             self._decorate(self._scene)
         aim(self._scene, box, self._whole.width, self._whole.height)
@@ -188,14 +188,14 @@ class VideoWriter:
         )
         self._file.send(None)
 
-    def close(self, *, whole: bool = True) -> None:
-        """Finish and rename the file, or delete it if it is not ``whole``; closing twice does nothing."""
+    def close(self, *, complete: bool = True) -> None:
+        """Finish and rename the file, or delete it if it is not ``complete``; closing twice does nothing."""
         file, self._file = self._file, None
         if file is None or self._part is None:
             return
         try:
             file.close()
-            if whole:
+            if complete:
                 self._part.chmod(0o644)
                 self._part.replace(self.path)
         finally:
@@ -205,7 +205,7 @@ class VideoWriter:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        self.close(whole=kind is None)
+        self.close(complete=kind is None)
 
 
 def _named_camera(model: mujoco.MjModel, name: str) -> mujoco.MjvCamera:
@@ -230,7 +230,7 @@ def _open_context(model: mujoco.MjModel, width: int, height: int) -> tuple[Any, 
     if backend:
         # MuJoCo's library reads this when it loads OpenGL's functions.
         os.environ["MUJOCO_GL"] = backend
-    if backend in _SWITCHED_OFF:
+    if backend in _DISABLED:
         raise RenderingUnavailableError(f"nothing is drawn with MUJOCO_GL={backend}; unset it, or {_REMEDY}")
     try:
         module = importlib.import_module(f"mujoco.{backend}") if backend in ("egl", "osmesa", "glfw", "cgl") else mujoco

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from bricksrl.errors import TwinError
 from bricksrl.twin.mujoco_body import MujocoBody
-from bricksrl.twin.render.view import MovingParts, stands_still
+from bricksrl.twin.render.view import MovingParts, is_fixed_camera
 
-_SHOWN = np.array([1, 1, 1, 0, 0, 0], np.uint8)  # the groups that MuJoCo draws by default
+_DRAWN_GROUPS = np.array([1, 1, 1, 0, 0, 0], np.uint8)  # the groups that MuJoCo draws by default
 _SKY = (0.50, 0.59, 0.69)
 
 Image = NDArray[np.uint8]
@@ -48,12 +48,12 @@ class RayCaster:
         rays = np.stack([across, -down, np.full_like(across, -1.0)], -1)
         self._rays = rays / np.linalg.norm(rays, axis=-1, keepdims=True)  # [rows, columns, 3], in the frame of the camera
         self._colours, self._textures = _colours(model)
-        self._moves = model.body_weldid[model.geom_bodyid] != 0
+        self._is_moving = model.body_weldid[model.geom_bodyid] != 0
         self._image = np.empty(rays.shape, np.uint8)
         self._stale = np.ones(rays.shape[:2], bool)  # squares that show geometry which may have moved since
         self._moving: MovingParts | None = None
-        if stands_still(model, self._camera):
-            self._moving = MovingParts(model, self._camera, width, height, _SHOWN)
+        if is_fixed_camera(model, self._camera):
+            self._moving = MovingParts(model, self._camera, width, height, _DRAWN_GROUPS)
 
     def render(self) -> Image:
         """Draw the present image.
@@ -62,14 +62,14 @@ class RayCaster:
             RGB image, uint8 [height, width, 3].
         """
         data = self._body.data
-        self._body.pose_looks()
+        self._body.update_visuals()
         if self._moving is not None:
             self._stale |= self._moving.mask(data, self._spot_px)
         rays = self._rays[self._stale] @ data.cam_xmat[self._camera].reshape(3, 3).T
-        met, normals = self._cast(rays)
-        self._image[self._stale] = self._shade(met, normals, rays)
+        hits, normals = self._cast(rays)
+        self._image[self._stale] = self._shade(hits, normals, rays)
         if self._moving is not None:
-            self._stale[self._stale] = (met >= 0) & self._moves[met]
+            self._stale[self._stale] = (hits >= 0) & self._is_moving[hits]
         return self._image.repeat(self._spot_px, 0).repeat(self._spot_px, 1)[: self._height, : self._width]
 
     def close(self) -> None:
@@ -78,25 +78,25 @@ class RayCaster:
     def _cast(self, rays: NDArray[np.float64]) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
         """First geometry that each ray ``[rays, 3]`` hits, or -1, and the surface normal there."""
         model, data = self._body.model, self._body.data
-        eye, met, normals = data.cam_xpos[self._camera], np.empty((len(rays), 1), np.int32), np.empty_like(rays)
+        eye, hits, normals = data.cam_xpos[self._camera], np.empty((len(rays), 1), np.int32), np.empty_like(rays)
         # One at a time: the function for many rays misses geometries that do not collide (MuJoCo 4.0.0).
-        for ray, geom, normal in zip(rays, met, normals, strict=True):
-            mujoco.mj_ray(model, data, eye, ray, _SHOWN, True, -1, geom, normal)
-        return met[:, 0], normals
+        for ray, geom, normal in zip(rays, hits, normals, strict=True):
+            mujoco.mj_ray(model, data, eye, ray, _DRAWN_GROUPS, True, -1, geom, normal)
+        return hits[:, 0], normals
 
-    def _shade(self, met: NDArray[np.int32], normals: NDArray[np.float64], rays: NDArray[np.float64]) -> NDArray[np.uint8]:
+    def _shade(self, hits: NDArray[np.int32], normals: NDArray[np.float64], rays: NDArray[np.float64]) -> NDArray[np.uint8]:
         """Colours ``[rays, 3]`` under the headlight and the lights of the scene, without specular light."""
         model, data = self._body.model, self._body.data
         lamp = model.vis.headlight
         facing = np.clip(-(normals * rays).sum(-1, keepdims=True), 0.0, 1.0)
         light = lamp.ambient + facing * lamp.diffuse
         for number in range(model.nlight):
-            towards = np.clip(-normals @ data.light_xdir[number], 0.0, 1.0)[:, None]
-            light = light + model.light_ambient[number] + towards * model.light_diffuse[number]
-        light[met < 0] = 1.0  # the sky is not lit
+            cosine = np.clip(-normals @ data.light_xdir[number], 0.0, 1.0)[:, None]
+            light = light + model.light_ambient[number] + cosine * model.light_diffuse[number]
+        light[hits < 0] = 1.0  # the sky is not lit
         # As in OpenGL, the lit colour is clipped to white before the texture is applied.
-        lit = np.clip(self._colours[met] * light, 0.0, 1.0) * self._textures[met]
-        shaded: NDArray[np.uint8] = np.rint(lit * 255).astype(np.uint8)
+        colours = np.clip(self._colours[hits] * light, 0.0, 1.0) * self._textures[hits]
+        shaded: NDArray[np.uint8] = np.rint(colours * 255).astype(np.uint8)
         return shaded
 
 
@@ -106,11 +106,11 @@ def _colours(model: mujoco.MjModel) -> tuple[NDArray[np.float64], NDArray[np.flo
     for geom, material in enumerate(model.geom_matid):
         if material >= 0:
             colours[geom] = model.mat_rgba[material, :3]
-            textures[geom] = _mean_of_texture(model, int(model.mat_texid[material].max()))
+            textures[geom] = _texture_mean(model, int(model.mat_texid[material].max()))
     return colours, textures
 
 
-def _mean_of_texture(model: mujoco.MjModel, texture: int) -> NDArray[np.float64]:
+def _texture_mean(model: mujoco.MjModel, texture: int) -> NDArray[np.float64]:
     if texture < 0:
         return np.ones(3)
     start, channels = int(model.tex_adr[texture]), int(model.tex_nchannel[texture])

@@ -42,8 +42,8 @@ class Room:
         self._moves = body.model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE
         self.camera.distance = 0.62 if self._moves else 0.72
         self.camera.azimuth, self.camera.elevation = 62.0, -21.0  # from behind, so that no wall ahead hides the robot
-        self._look = np.array(self._robot())
-        self.camera.lookat[:] = self._look
+        self._target = np.array(self._robot())
+        self.camera.lookat[:] = self._target
         self._ghost = MujocoBody(body.robot, body.scene, Physics(), 0) if goal_deg else None
         self._option = mujoco.MjvOption()
         self.aim_for(goal_deg or {})
@@ -52,12 +52,12 @@ class Room:
         """Set the goal that the ghost shows."""
         if self._ghost is not None:
             self._ghost.data.qpos[:] = sensed_qpos(self._ghost, goal_deg, (0.0, 0.0))
-            self._ghost.pose_looks()
+            self._ghost.update_visuals()
 
     def follow(self) -> None:
         """Move the camera's target towards the robot, smoothly."""
-        self._look += _LAG * (np.array(self._robot()) - self._look)
-        self.camera.lookat[:] = self._look
+        self._target += _LAG * (np.array(self._robot()) - self._target)
+        self.camera.lookat[:] = self._target
 
     def _robot(self) -> tuple[float, float, float]:
         if not self._moves:
@@ -67,7 +67,7 @@ class Room:
 
     def decorate(self, scene: mujoco.MjvScene) -> None:
         """Add walls, metre lines and ghost to a scene."""
-        middle = round(float(self._look[0]))
+        middle = round(float(self._target[0]))
         _box(scene, (middle, _BACK_M + 0.01, _HEIGHT_M / 2), (6.0, 0.01, _HEIGHT_M / 2), _WALL)
         _box(scene, (middle, _BACK_M - 0.008, _SKIRTING_M / 2), (6.0, 0.008, _SKIRTING_M / 2), _BOARD)
         for metre in range(middle - 3, middle + 4):
@@ -79,8 +79,8 @@ class Room:
 
     def _add_ghost(self, scene: mujoco.MjvScene, ghost: MujocoBody) -> None:
         first = scene.ngeom
-        what = mujoco.mjtCatBit.mjCAT_DYNAMIC
-        mujoco.mjv_addGeoms(ghost.model, ghost.data, self._option, mujoco.MjvPerturb(), what, scene)
+        category = mujoco.mjtCatBit.mjCAT_DYNAMIC
+        mujoco.mjv_addGeoms(ghost.model, ghost.data, self._option, mujoco.MjvPerturb(), category, scene)
         for number in range(first, scene.ngeom):
             scene.geoms[number].rgba[:] = _GHOST
             scene.geoms[number].matid = -1
@@ -88,10 +88,10 @@ class Room:
     def metre_marks(self, width: int, height: int) -> list[tuple[int, int, str]]:
         """Labels of the metre lines in an image of that size in px: column, row, text."""
         marks = []
-        for metre in range(round(float(self._look[0])) - 2, round(float(self._look[0])) + 3):
-            at = self._project(np.array([metre, -0.28, 0.0]), width, height)
-            if at is not None and 0 < at[0] < width and 0 < at[1] < height:
-                marks.append((*at, f"{metre} m"))
+        for metre in range(round(float(self._target[0])) - 2, round(float(self._target[0])) + 3):
+            pixel = self._project(np.array([metre, -0.28, 0.0]), width, height)
+            if pixel is not None and 0 < pixel[0] < width and 0 < pixel[1] < height:
+                marks.append((*pixel, f"{metre} m"))
         return marks
 
     def _project(self, point: NDArray[np.float64], width: int, height: int) -> tuple[int, int] | None:
@@ -101,22 +101,23 @@ class Room:
         )
         right = np.array([math.sin(azimuth), -math.cos(azimuth), 0.0])
         up = np.cross(right, forward)
-        away = point - (np.array(self.camera.lookat) - self.camera.distance * forward)
-        depth = float(away @ forward)
+        offset = point - (np.array(self.camera.lookat) - self.camera.distance * forward)
+        depth = float(offset @ forward)
         if depth < 0.05:
             return None
         focal_px = height / 2 / math.tan(math.radians(float(self._body.model.vis.global_.fovy)) / 2)
-        return round(width / 2 + focal_px * float(away @ right) / depth), round(height / 2 - focal_px * float(away @ up) / depth)
+        x, y = float(offset @ right), float(offset @ up)
+        return round(width / 2 + focal_px * x / depth), round(height / 2 - focal_px * y / depth)
 
 
 def _box(
-    scene: mujoco.MjvScene, place: tuple[float, float, float], half: tuple[float, float, float], rgba: tuple[float, ...]
+    scene: mujoco.MjvScene, position: tuple[float, float, float], half: tuple[float, float, float], rgba: tuple[float, ...]
 ) -> None:
     if scene.ngeom >= scene.maxgeom:
         return
     geom = scene.geoms[scene.ngeom]
     mujoco.mjv_initGeom(
-        geom, mujoco.mjtGeom.mjGEOM_BOX, np.array(half), np.array(place), np.eye(3).ravel(), np.array(rgba, np.float32)
+        geom, mujoco.mjtGeom.mjGEOM_BOX, np.array(half), np.array(position), np.eye(3).ravel(), np.array(rgba, np.float32)
     )
     geom.category = mujoco.mjtCatBit.mjCAT_DECOR
     geom.segid = -1

@@ -16,7 +16,7 @@ SIZE = (480, 360)
 _FRAME_MS = 40
 
 
-class Draws(Protocol):
+class Drawable(Protocol):
     """Renderer of the present image of a robot."""
 
     def render(self) -> Image: ...
@@ -25,19 +25,19 @@ class Draws(Protocol):
 class Filmed:
     """Proxy of a body that takes an image every ``frame_ms`` of simulated time."""
 
-    def __init__(self, body: Any, renderer: Draws, frame_ms: int, time_ms: int, take: Callable[[Image], None]) -> None:
+    def __init__(self, body: Any, renderer: Drawable, frame_ms: int, time_ms: int, on_image: Callable[[Image], None]) -> None:
         self._body = body
         self._renderer = renderer
         self._frame_ms = frame_ms
         self._due_ms = time_ms
-        self._take = take
+        self._on_image = on_image
 
     def advance_to(self, time_ms: int) -> None:
         """Advance the body; then take an image if one is due."""
         self._body.advance_to(time_ms)
         if time_ms >= self._due_ms:
             self._due_ms += self._frame_ms
-            self._take(self._renderer.render())
+            self._on_image(self._renderer.render())
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._body, name)
