@@ -88,18 +88,15 @@ def film(
                 take.install(twin.machine)
                 for frame in play(env, act, start, reset_policy=reset):
                     take.add(frame)
-                    _write(video, take.images())
-                _write(video, take.ending())
+                    for image in take.images():
+                        video.add(image)
+                for image in take.ending():
+                    video.add(image)
             finally:
                 take.close()
             returns.append(take.total)
             distances_m.append(take.forward_m)
     return Filmed(path, tuple(returns), tuple(distances_m))
-
-
-def _write(video: Any, images: Iterator[Image]) -> None:
-    for image in images:
-        video.add(image)
 
 
 @dataclass

@@ -133,13 +133,15 @@ def tune(
         DescriptionError: the seed is invalid.
         UnknownNameError: there is no such environment or agent.
     """
+    from bricksrl.envs.registry import get_task
+
     try:
         import optuna
     except ImportError:
         raise RunError("optuna is not installed; run `pip install optuna`") from None
     check_seed(seed)
     start = settings_for(tuning.env, "default", tuning.agent)
-    goals = _has_goals(tuning.env)
+    goals = any(entry.name.endswith("_goal") for entry in get_task(tuning.env).entries)
     optuna.logging.set_verbosity(logging.ERROR)  # a failed trial raises: one message is enough
     _check_trains(tuning)
     with serialized(folder):  # several commands may begin with the same study at once
@@ -233,12 +235,6 @@ def _check_trains(tuning: Tuning) -> None:
         env.close(raise_if_closed=False)
     if learner.imitates or learner.loss is None:
         raise RunError(f"{tuning.agent} does not learn from a robot, and tuning gives it nothing else; choose another agent")
-
-
-def _has_goals(env: str) -> bool:
-    from bricksrl.envs.registry import get_task
-
-    return any(entry.name.endswith("_goal") for entry in get_task(env).entries)
 
 
 def _as_proposed(settings: Any, *, goals: bool) -> dict[str, Any]:
