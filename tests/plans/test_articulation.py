@@ -123,7 +123,7 @@ def test_walker_legs_turn_fully():
     made = robot("walker")
     poser = Poser(made.articulation)
     assert poser.free == ()
-    leg = next(drive.turn.child for drive in made.articulation.drives if drive.port == "C")
+    leg = next(drive.joint.child for drive in made.articulation.drives if drive.port == "C")
     leg = next(swing.child for swing in made.articulation.swings if swing.parent == leg)
     foot = np.array([0.0674, -0.056, -0.0840])
     places = []
@@ -146,7 +146,7 @@ def test_visual_gears_counter_rotate():
     (motor_gear,) = [one for one in made.articulation.followers if one.port == "A"]
     shaft_turn = of_parts[motor_gear.parts[0]].turn
     drive = next(one for one in made.articulation.drives if one.port == "A")
-    forearm = motions[drive.turn.child].turn
+    forearm = motions[drive.joint.child].turn
     assert np.allclose(shaft_turn @ [0, 1, 0], [0, 1, 0])
     # The motor turns by 90 degrees, the forearm by half of that the other way.
     first, second = (math.degrees(math.atan2(turn[0, 2], turn[0, 0])) for turn in (shaft_turn, forearm))

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import Positional
 
 from bricksrl.cli.options import Flag, option
-from bricksrl.cli.terminal import is_terminal, print_line, yes
+from bricksrl.cli.terminal import confirm, is_terminal, print_line
 from bricksrl.errors import BricksError, DescriptionError, HubError
 
 if TYPE_CHECKING:
@@ -208,8 +208,8 @@ class CheckHub:
             transport,
             task.robot,
             task.interface,
-            may_move=lambda: self.yes or yes(f"The {task.robot.name} needs some room to move each motor a little. Move it now?"),
-            is_right=(lambda move: yes(f"{move}: was it this motor, and in the right direction?")) if is_watched else None,
+            may_move=lambda: self.yes or confirm(f"The {task.robot.name} needs room to move each motor a little. Move it now?"),
+            is_right=(lambda move: confirm(f"{move}: was it this motor, and in the right direction?")) if is_watched else None,
             calibrate=calibration_of(lambda: _hub_id(transport), self.calibrations),
         ):
             findings.append(finding)
@@ -300,7 +300,7 @@ class Calibrate:
         if not joints:
             return zeros_deg
         names = ", ".join(motor.name for motor in joints)
-        if not self.yes and not yes(f"The joints {names} need room to turn slowly to their stops. Move them now?"):
+        if not self.yes and not confirm(f"The joints {names} need room to turn slowly to their stops. Move them now?"):
             raise CalibrationError("nothing was moved and nothing calibrated; clear the way and say yes, or add --yes")
         for name, stops in find_stops(transport, uncalibrated).items():
             if stops is None:

@@ -85,7 +85,7 @@ class LineProgress(Callback):
     def on_end(self, result: RunResult) -> None:
         self.close()
 
-    def tell(self, line: str) -> None:
+    def note(self, line: str) -> None:
         """Print a line for the user, apart from the results."""
         print_note(line)
 
@@ -134,7 +134,7 @@ class LiveProgress(LineProgress):
             rate=f"{progress.steps_per_s:.3g} steps/s  {clock(progress.remaining_s)} left{self._learning(episode)}",
         )
 
-    def tell(self, line: str) -> None:
+    def note(self, line: str) -> None:
         self._bar.console.print(line, markup=False, highlight=False)
 
     def place(self, rng: np.random.Generator) -> None:

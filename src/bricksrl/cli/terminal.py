@@ -44,7 +44,7 @@ def is_terminal() -> bool:
     return sys.stdin is not None and sys.stdin.isatty() and sys.stderr.isatty()
 
 
-def yes(question: str) -> bool:
+def confirm(question: str) -> bool:
     """Ask a question on standard error; True if the answer is yes, False without a terminal."""
     if not is_terminal():
         return False

@@ -260,7 +260,7 @@ def run_training(
         load_learning()
         with (
             run_on_page(address, config.env, config.options, on_stop=stop.set, can_drive=config.num_envs == 1) as page,
-            EmergencyStop(stop, progress.tell, keys=keys) as emergency_stop,
+            EmergencyStop(stop, progress.note, keys=keys) as emergency_stop,
         ):
             progress.on_ready, progress.quiet = emergency_stop.attach, emergency_stop.quiet
             result = start(Displays(progress, stop, page))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import Positional
 
 from bricksrl.cli.options import Flag, option
-from bricksrl.cli.terminal import print_line, yes
+from bricksrl.cli.terminal import confirm, print_line
 from bricksrl.errors import TwinError, counted
 from bricksrl.seed import check_seed
 
@@ -89,7 +89,7 @@ class Record:
             return HubLink(VirtualHub(make_body(robot, physics=physics, seed=self.seed)), robot, interface)
         if self.physics is not None:
             raise TwinError("a real robot has its own physics; omit --physics")
-        if not (self.yes or yes(f"The {robot.name} needs a metre of room to move at full speed. Move it now?")):
+        if not (self.yes or confirm(f"The {robot.name} needs a metre of room to move at full speed. Move it now?")):
             raise TwinError(f"nobody said that the {robot.name} may move; answer y in a terminal, or give --yes")
         transport = address.transport()
         calibrate = calibration_of(lambda: transport.identity.address if transport.identity else "")

@@ -39,7 +39,7 @@ class Guard:
         """Name of the cookie, with the port, as cookies are shared by all ports of a host."""
         return f"bricksrl_{self.port}"
 
-    def knows_host(self, host: str | None) -> bool:
+    def accepts_host(self, host: str | None) -> bool:
         """Whether the Host header names this server: a loopback name or, for an open page, an IP address."""
         if host is None:
             return False
@@ -48,26 +48,26 @@ class Guard:
             return False
         return name.lower() in LOOPBACK or (self.is_open and _is_ip_address(name))
 
-    def knows_token(self, path: str, cookies: str | None) -> bool:
+    def accepts_token(self, path: str, cookies: str | None) -> bool:
         """Whether the address or the cookie has the token."""
         query = urllib.parse.parse_qs(urllib.parse.urlsplit(path).query)
         jar = _parse_cookies(cookies)
         tokens = (*query.get("token", ()), *((jar[self.cookie],) if self.cookie in jar else ()))
         return any(secrets.compare_digest(token.encode(), self.token.encode()) for token in tokens)
 
-    def knows_origin(self, origin: str | None, host: str | None) -> bool:
+    def accepts_origin(self, origin: str | None, host: str | None) -> bool:
         """Whether the Origin header is a page of this server."""
         return origin is not None and origin == f"http://{host}"
 
     def refusal(self, path: str, headers: Mapping[str, str], *, is_socket: bool) -> str | None:
         """Reason to refuse a request; ``None`` to accept it."""
         host = headers.get("Host")
-        if not self.knows_host(host):
+        if not self.accepts_host(host):
             return "this page has another address; open the one that the terminal shows"
-        if not self.knows_token(path, headers.get("Cookie")):
+        if not self.accepts_token(path, headers.get("Cookie")):
             return "this page needs its token; open the address that the terminal shows"
         origin = headers.get("Origin")
-        if (is_socket or origin is not None) and not self.knows_origin(origin, host):
+        if (is_socket or origin is not None) and not self.accepts_origin(origin, host):
             return "another web page has asked for this; open the address that the terminal shows"
         return None
 

@@ -23,7 +23,7 @@ _PATH_LDU = (5.0, 11.0, 17.0, 24.0, 34.0, 46.0, 70.0, 110.0, 170.0)
 """Distances at which a path is checked; 5 LDU is more than the tolerance of the collision test."""
 
 
-class Trouble(enum.Enum):
+class Fault(enum.Enum):
     """Reasons why a step fails."""
 
     UNCONNECTED = "is not connected to the assembly"
@@ -32,15 +32,15 @@ class Trouble(enum.Enum):
 
 
 @dataclass(frozen=True)
-class StepTrouble:
+class StepFault:
     """Parts of a step that cannot be placed."""
 
     step: Step
     parts: tuple[int, ...]
-    kind: Trouble
+    kind: Fault
 
 
-def step_troubles(plan: Plan, connections: Sequence[Connection], occupancy: Occupancy) -> list[StepTrouble]:
+def step_faults(plan: Plan, connections: Sequence[Connection], occupancy: Occupancy) -> list[StepFault]:
     """All steps that fail. Parts with unmodelled connections, such as tyres, count as connected."""
     neighbours: dict[int, set[int]] = defaultdict(set)
     axes: dict[int, list[Floats]] = defaultdict(list)
@@ -49,26 +49,26 @@ def step_troubles(plan: Plan, connections: Sequence[Connection], occupancy: Occu
         neighbours[link.female].add(link.male)
         axes[link.male].append(link.axis)
         axes[link.female].append(link.axis)
-    troubles: list[StepTrouble] = []
+    faults: list[StepFault] = []
     built: dict[tuple[str, ...], set[int]] = defaultdict(set)
     for step in plan.steps:
         before = set(built[step.assembly])
         items = [(part,) for part in step.new] + list(step.joined)
         after = before | {part for item in items for part in item}
         built[step.assembly] = after
-        troubles += _unconnected(plan, step, items, before, after, neighbours)
+        faults += _unconnected(plan, step, items, before, after, neighbours)
         if len(items) > _MAX_ITEMS or occupancy.queries > _MAX_QUERIES:
-            troubles.append(StepTrouble(step, items[0][:1], Trouble.UNCHECKED))
+            faults.append(StepFault(step, items[0][:1], Fault.UNCHECKED))
             continue
         blocked = _blocked(items, after, occupancy, axes, neighbours, len(plan.parts))
         if blocked:
-            troubles.append(StepTrouble(step, blocked, Trouble.BLOCKED))
-    return troubles
+            faults.append(StepFault(step, blocked, Fault.BLOCKED))
+    return faults
 
 
 def _unconnected(
     plan: Plan, step: Step, items: Sequence[tuple[int, ...]], before: set[int], after: set[int], neighbours: dict[int, set[int]]
-) -> list[StepTrouble]:
+) -> list[StepFault]:
     """Parts that are not connected to the rest after the step."""
     start = (
         min(before) if before else max((part for item in items for part in item), key=lambda part: plan.parts[part].part.mass_g)
@@ -79,7 +79,7 @@ def _unconnected(
         seen |= unseen
         queue += unseen
     unconnected = tuple(part for item in items for part in item if part not in seen and not plan.parts[part].part.is_loose)
-    return [StepTrouble(step, unconnected, Trouble.UNCONNECTED)] if unconnected else []
+    return [StepFault(step, unconnected, Fault.UNCONNECTED)] if unconnected else []
 
 
 def _blocked(

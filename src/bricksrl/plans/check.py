@@ -9,7 +9,7 @@ import numpy as np
 
 from bricksrl.finding import Finding, Outcome
 from bricksrl.plans.bodies import MAX_BODIES, RATE_LENGTH, Bodies, find_bodies
-from bricksrl.plans.building import Trouble, step_troubles
+from bricksrl.plans.building import Fault, step_faults
 from bricksrl.plans.chains import chain_meshes
 from bricksrl.plans.connections import Connection, Mesh, connections, meshes
 from bricksrl.plans.contact import Occupancy
@@ -20,9 +20,9 @@ from bricksrl.plans.wiring import wiring
 _MAX_NAMES = 5
 _MIN_RATE = 0.02
 _REMEDIES = {
-    Trouble.UNCONNECTED: "connect it, or add it later",
-    Trouble.BLOCKED: "add it in an earlier step",
-    Trouble.UNCHECKED: "split the step",
+    Fault.UNCONNECTED: "connect it, or add it later",
+    Fault.BLOCKED: "add it in an earlier step",
+    Fault.UNCHECKED: "split the step",
 }
 
 
@@ -183,12 +183,12 @@ def _names(placed: list[Placed]) -> str:
 def _check_steps(plan: Plan, structure: Structure, occupancy: Occupancy, pairs: list[tuple[int, int]]) -> list[Finding]:
     findings = []
     colliding = {part for pair in pairs for part in pair}
-    for trouble in step_troubles(plan, structure.connections, occupancy):
-        parts = tuple(part for part in trouble.parts if trouble.kind is not Trouble.BLOCKED or part not in colliding)
+    for fault in step_faults(plan, structure.connections, occupancy):
+        parts = tuple(part for part in fault.parts if fault.kind is not Fault.BLOCKED or part not in colliding)
         if not parts:
             continue
         placed = [plan.parts[part] for part in parts]
-        remedy = _REMEDIES[trouble.kind]
-        text = f"step {trouble.step.index + 1}: {_names(placed)} {trouble.kind.value}; {remedy}"
+        remedy = _REMEDIES[fault.kind]
+        text = f"step {fault.step.index + 1}: {_names(placed)} {fault.kind.value}; {remedy}"
         findings.append(Finding("step", Outcome.ERROR, text, placed[0].line))
     return findings

@@ -52,11 +52,11 @@ class PlannedRobot:
         """The motors that drive wheels; of several wheels of one motor, the leftmost counts."""
         rolling = []
         for drive in self.articulation.drives:
-            wheels = [wheel for wheel in self.articulation.wheels if wheel.link == drive.turn.child]
+            wheels = [wheel for wheel in self.articulation.wheels if wheel.link == drive.joint.child]
             if wheels:
                 wheel = max(wheels, key=lambda wheel: float(wheel.centre_m[1]))
                 # Turning about +y, to the left, rolls forwards.
-                forward = float(drive.turn.axis[1]) * drive.gear > 0
+                forward = float(drive.joint.axis[1]) * drive.gear > 0
                 rolling.append(Rolling(drive.port, wheel.diameter_mm, wheel.centre_m, forward))
         return tuple(rolling)
 

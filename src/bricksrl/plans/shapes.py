@@ -18,7 +18,7 @@ DETAILED, COARSE = 0.1, 0.3
 """Largest distance of a circle from the polygon that is drawn for it: of parts in a booklet, and of moving robots."""
 _ON_AXIS = 1e-9
 """Radii of a profile below this lie on its axis, where triangles have no area."""
-_WITHIN, _BESIDE = 0.9, 0.05
+_SPREAD, _OFFSET = 0.9, 0.05
 """Sample points around a triangle: share of the way from its middle to its corners, and distance from it, LDU."""
 _STUD_RADIUS = 6.0
 _TOOTH_HEIGHT = 2.2
@@ -91,7 +91,7 @@ def _without_hidden(solids: Sequence[Solid], surfaces: list[Floats]) -> list[Flo
     """
     visible = []
     for number, triangles in enumerate(surfaces):
-        outer, inner = (beside(triangles, distance).reshape(-1, 3) for distance in (_BESIDE, -_BESIDE))
+        outer, inner = (offset_points(triangles, distance).reshape(-1, 3) for distance in (_OFFSET, -_OFFSET))
         covered, duplicate = np.zeros(len(outer), dtype=bool), np.zeros(len(outer), dtype=bool)
         for other, solid in enumerate(solids):
             if other != number:
@@ -103,12 +103,12 @@ def _without_hidden(solids: Sequence[Solid], surfaces: list[Floats]) -> list[Flo
     return visible
 
 
-def beside(triangles: Floats, distance: float) -> Floats:
+def offset_points(triangles: Floats, distance: float) -> Floats:
     """Points [n, 4, 3] at a distance from triangles [n, 3, 3], on their outer side: over the middle, and near the corners."""
     centres = triangles.mean(axis=1, keepdims=True)
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
-    return np.concatenate([centres, centres + _WITHIN * (triangles - centres)], axis=1) + distance * normals[:, None]
+    return np.concatenate([centres, centres + _SPREAD * (triangles - centres)], axis=1) + distance * normals[:, None]
 
 
 def _outward(triangles: Floats) -> Floats:

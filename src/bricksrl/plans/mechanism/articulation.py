@@ -21,7 +21,7 @@ _ROD_KG = 0.010
 
 
 @dataclass(frozen=True, eq=False)
-class Turn:
+class Joint:
     """A hinge: bodies ``parent`` and ``child`` (indices), a point [3], an axis [3]; or a ball joint."""
 
     parent: int
@@ -33,7 +33,7 @@ class Turn:
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """A motor and the turn that it drives.
+    """A motor and the joint that it drives.
 
     Attributes:
         gear: turns of the motor's shaft, clockwise from outside, per turn of the child.
@@ -41,7 +41,7 @@ class Drive:
     """
 
     port: str
-    turn: Turn
+    joint: Joint
     gear: float
     armature: float
     teeth: tuple[int, ...]
@@ -49,10 +49,10 @@ class Drive:
 
 @dataclass(frozen=True, eq=False)
 class Geared:
-    """A turn geared to a motor; ``ratio`` is turns per turn of the drive."""
+    """A joint geared to a motor; ``ratio`` is turns per turn of the drive."""
 
     port: str
-    turn: Turn
+    joint: Joint
     ratio: float
 
 
@@ -88,8 +88,8 @@ class Articulation:
 
     Attributes:
         is_fixed: whether the base is fixed.
-        swings: turns without a motor.
-        loops: turns between bodies that are already connected.
+        swings: joints without a motor.
+        loops: joints between bodies that are already connected.
         wheels, mounted: as in the mechanism; their ``link`` is the index of a body.
     """
 
@@ -97,8 +97,8 @@ class Articulation:
     is_fixed: bool
     drives: tuple[Drive, ...]
     geared: tuple[Geared, ...]
-    swings: tuple[Turn, ...]
-    loops: tuple[Turn, ...]
+    swings: tuple[Joint, ...]
+    loops: tuple[Joint, ...]
     followers: tuple[Follower, ...]
     rods: tuple[Rod, ...]
     wheels: tuple[Wheel, ...]
@@ -236,7 +236,7 @@ class _Simplifier:
             tree.append(number)
         roots = {link: self.find(link) for link in range(len(mechanism.links))}
         body_of = {link: order.index(root) for link, root in roots.items() if root in order}
-        turns = {number: self._turn(self.hinges[number], body_of) for number in (*tree, *loops)}
+        joints = {number: self._joint(self.hinges[number], body_of) for number in (*tree, *loops)}
         rods = tuple(_rod(mechanism.links[link], first, second, link, body_of) for link, first, second in self.rods)
         pieces = {number: [mechanism.links[link] for link in body_of if body_of[link] == number] for number in range(len(order))}
         for rod, (link, _, _) in zip(rods, self.rods, strict=True):
@@ -246,10 +246,10 @@ class _Simplifier:
         return Articulation(
             bodies,
             mechanism.fixed is not None,
-            self._drives(turns),
-            self._geared(turns),
-            tuple(turns[number] for number in tree if number not in self.coupled),
-            tuple(turns[number] for number in loops),
+            self._drives(joints),
+            self._geared(joints),
+            tuple(joints[number] for number in tree if number not in self.coupled),
+            tuple(joints[number] for number in loops),
             tuple(
                 Follower(body_of[link], mechanism.links[link].parts, hinge.point_m, hinge.axis, port, ratio)
                 for link, hinge, port, ratio in self.followers
@@ -259,30 +259,30 @@ class _Simplifier:
             tuple(replace(device, link=body_of[device.link]) for device in mechanism.mounted),
         )
 
-    def _turn(self, hinge: Hinge, body_of: dict[int, int]) -> Turn:
-        """A hinge as a turn; the child is the later body, and the axis is reversed if that was the parent."""
+    def _joint(self, hinge: Hinge, body_of: dict[int, int]) -> Joint:
+        """A hinge as a joint; the child is the later body, and the axis is reversed if that was the parent."""
         parent, child = body_of[hinge.parent], body_of[hinge.child]
         if parent < child:
-            return Turn(parent, child, hinge.point_m, hinge.axis, hinge.is_ball)
-        return Turn(child, parent, hinge.point_m, -hinge.axis, hinge.is_ball)
+            return Joint(parent, child, hinge.point_m, hinge.axis, hinge.is_ball)
+        return Joint(child, parent, hinge.point_m, -hinge.axis, hinge.is_ball)
 
-    def _drives(self, turns: dict[int, Turn]) -> tuple[Drive, ...]:
+    def _drives(self, joints: dict[int, Joint]) -> tuple[Drive, ...]:
         """The motors; seen from outside, a clockwise turn is against the shaft's direction."""
         drives = []
         for train in self.trains:
-            turn = turns[train.output]
-            flipped = Turn(turn.parent, turn.child, turn.point_m, -turn.axis)
+            joint = joints[train.output]
+            flipped = Joint(joint.parent, joint.child, joint.point_m, -joint.axis)
             drives.append(Drive(train.port, flipped, 1.0 / train.ratio, self.armature[train.port], train.teeth))
         return tuple(drives)
 
-    def _geared(self, turns: dict[int, Turn]) -> tuple[Geared, ...]:
-        """Bodies geared to a motor's output; the sign follows the turn's axis."""
+    def _geared(self, joints: dict[int, Joint]) -> tuple[Geared, ...]:
+        """Bodies geared to a motor's output; the sign follows the joint's axis."""
         geared = []
         for train in self.trains:
             for number, ratio in train.others:
-                if number in turns:
-                    turn = turns[number]
-                    flipped = Turn(turn.parent, turn.child, turn.point_m, -turn.axis)
+                if number in joints:
+                    joint = joints[number]
+                    flipped = Joint(joint.parent, joint.child, joint.point_m, -joint.axis)
                     geared.append(Geared(train.port, flipped, ratio / train.ratio))
         return tuple(geared)
 

@@ -46,11 +46,11 @@ class _Sweep:
         number = None if motor is None else motor.index
         self._parts = tuple(_case(part) if part.index == number else part for part in planned.plan.parts)
         self._axis, self._point = _in_plan(drive)
-        self._moved = {part for body in _carried(articulation, drive.turn.child) for part in articulation.bodies[body].parts}
+        self._moved = {part for body in _carried(articulation, drive.joint.child) for part in articulation.bodies[body].parts}
         self._others = np.ones(len(self._parts), dtype=bool)
         self._others[list(self._moved)] = False
         # Geared parts and rods move away, so they are not tested.
-        coupled = [articulation.bodies[geared.turn.child].parts for geared in articulation.geared if geared.port == drive.port]
+        coupled = [articulation.bodies[geared.joint.child].parts for geared in articulation.geared if geared.port == drive.port]
         for parts in (*coupled, *(rod.parts for rod in articulation.rods)):
             self._others[list(parts)] = False
         self._is_clear_at_start = self._is_clear(0.0)
@@ -91,15 +91,15 @@ def _case(motor: Placed) -> Placed:
 
 def _in_plan(drive: Drive) -> tuple[Floats, Floats]:
     """Axis and point of a drive in the plan's frame, LDU."""
-    return TO_TWIN.T @ drive.turn.axis, TO_TWIN.T @ drive.turn.point_m / _LDU_M
+    return TO_TWIN.T @ drive.joint.axis, TO_TWIN.T @ drive.joint.point_m / _LDU_M
 
 
 def _carried(articulation: Articulation, body: int) -> set[int]:
     """A body and all its descendants."""
-    driven = [drive.turn for drive in articulation.drives] + [joint.turn for joint in articulation.geared]
-    turns = [*driven, *articulation.swings]
+    driven = [drive.joint for drive in articulation.drives] + [geared.joint for geared in articulation.geared]
+    joints = [*driven, *articulation.swings]
     carried = {body}
-    for turn in sorted(turns, key=lambda turn: turn.child):
-        if turn.parent in carried:
-            carried.add(turn.child)
+    for joint in sorted(joints, key=lambda joint: joint.child):
+        if joint.parent in carried:
+            carried.add(joint.child)
     return carried

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bricksrl.plans.geometry import Floats, rotation
-from bricksrl.plans.mechanism.articulation import Articulation, Turn
+from bricksrl.plans.mechanism.articulation import Articulation, Joint
 
 _MAX_STEPS, _TOLERANCE_M, _ANGLE_STEP = 30, 1e-7, 1e-6
 _REGULARIZATION_M = 0.01
@@ -49,7 +49,7 @@ class Poser:
 
     def __init__(self, articulation: Articulation) -> None:
         self._articulation = articulation
-        self._swings = [turn for swing in articulation.swings for turn in _turns_of(swing)]
+        self._swings = [hinge for swing in articulation.swings for hinge in _hinges_of(swing)]
         self._angles = np.zeros(len(self._swings))
         self._constrained = self._find_constrained()
         self.free = tuple(number for number in range(len(self._swings)) if number not in self._constrained)
@@ -85,13 +85,14 @@ class Poser:
 
     def _forward(self, shafts: Mapping[str, float], angles: Floats) -> tuple[Motion, ...]:
         articulation = self._articulation
-        turns: list[tuple[Turn, float]] = list(zip(self._swings, (float(angle) for angle in angles), strict=True))
+        joints: list[tuple[Joint, float]] = list(zip(self._swings, (float(angle) for angle in angles), strict=True))
         drives = {drive.port: shafts.get(drive.port, 0.0) / drive.gear for drive in articulation.drives}
-        turns += [(drive.turn, drives[drive.port]) for drive in articulation.drives]
-        turns += [(geared.turn, geared.ratio * drives[geared.port]) for geared in articulation.geared]
+        joints += [(drive.joint, drives[drive.port]) for drive in articulation.drives]
+        joints += [(geared.joint, geared.ratio * drives[geared.port]) for geared in articulation.geared]
         motions = {0: STILL}
-        for turn, angle in sorted(turns, key=lambda item: item[0].child):
-            motions[turn.child] = motions.get(turn.child, motions[turn.parent]).after(turning(turn.axis, turn.point_m, angle))
+        for joint, angle in sorted(joints, key=lambda item: item[0].child):
+            parent = motions.get(joint.child, motions[joint.parent])
+            motions[joint.child] = parent.after(turning(joint.axis, joint.point_m, angle))
         return tuple(motions[number] for number in range(len(articulation.bodies)))
 
     def _residuals(self, shafts: Mapping[str, float], angles: Floats) -> Floats:
@@ -135,7 +136,7 @@ class Poser:
             self._angles = start
 
 
-def _turns_of(swing: Turn) -> list[Turn]:
+def _hinges_of(swing: Joint) -> list[Joint]:
     """A hinge, or the three hinges of a ball joint, which moves by less than the quarter turn at which two of them align."""
     return [replace(swing, axis=axis) for axis in np.eye(3)] if swing.is_ball else [swing]
 

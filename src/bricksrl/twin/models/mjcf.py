@@ -127,7 +127,7 @@ LOOKS: dict[str, Any] = {"group": LOOKS_GROUP, "contype": 0, "conaffinity": 0}
 """Attributes of visual shapes."""
 
 
-def supporting(friction: float, mass_kg: float = 0.0) -> dict[str, Any]:
+def contact_attributes(friction: float, mass_kg: float = 0.0) -> dict[str, Any]:
     """Attributes of wheels and feet."""
     return {"mass": mass_kg, "friction": [friction, 0.005, 0.0001], "priority": 1, "solref": STIFF, **COLLIDING}
 
@@ -167,7 +167,7 @@ def add_driven(rotor: mujoco.MjsBody, name: str, port: str, axis: Triple, *, is_
 def add_tyre(wheel: mujoco.MjsBody, port: str, radius_m: float, half_width_m: float, mass_kg: float) -> None:
     """Add a tyre. An ellipsoid touches in one point, which takes the solver half the time of a cylinder."""
     shape, size = mujoco.mjtGeom.mjGEOM_ELLIPSOID, [radius_m, half_width_m, radius_m]
-    wheel.add_geom(name=f"tyre_{port}", type=shape, size=size, **supporting(1.0, mass_kg))
+    wheel.add_geom(name=f"tyre_{port}", type=shape, size=size, **contact_attributes(1.0, mass_kg))
 
 
 def add_caster(chassis: mujoco.MjsBody, centre: Triple, radius_m: float, mass_kg: float) -> None:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from bricksrl.errors import TwinError
 from bricksrl.plans.geometry import MM_PER_LDU
-from bricksrl.plans.mechanism.articulation import Articulation, Turn
+from bricksrl.plans.mechanism.articulation import Articulation, Joint
 from bricksrl.plans.mechanism.end_stops import free_deg
 from bricksrl.plans.mechanism.kinematics import TO_TWIN
 from bricksrl.plans.planned_robot import PlannedRobot, planned_robot
@@ -91,14 +91,14 @@ class _Builder:
     def build(self) -> None:
         """Build everything except the surroundings."""
         self._add_base()
-        turns: list[tuple[Turn, str | None]] = [(drive.turn, drive.port) for drive in self.articulation.drives]
-        turns += [(geared.turn, None) for geared in self.articulation.geared]
-        turns += [(turn, None) for turn in self.articulation.swings]
-        for turn, port in sorted(turns, key=lambda item: item[0].child):
+        joints: list[tuple[Joint, str | None]] = [(drive.joint, drive.port) for drive in self.articulation.drives]
+        joints += [(geared.joint, None) for geared in self.articulation.geared]
+        joints += [(joint, None) for joint in self.articulation.swings]
+        for joint, port in sorted(joints, key=lambda item: item[0].child):
             if port is not None and port in self.motors:
-                self._add_drive(turn, port)
+                self._add_drive(joint, port)
             else:
-                self._add_turn(turn)
+                self._add_passive(joint)
         self._couple()
         for number, rod in enumerate(self.articulation.rods):
             near = (self.bodies[rod.near], self._local(rod.near, rod.near_m))
@@ -130,19 +130,19 @@ class _Builder:
     def _subtree_kg(self) -> dict[int, float]:
         """Mass of each body with all its descendants, kg."""
         mass = {number: body.mass_kg for number, body in enumerate(self.articulation.bodies)}
-        driven = [drive.turn for drive in self.articulation.drives] + [geared.turn for geared in self.articulation.geared]
-        turns = [*driven, *self.articulation.swings]
-        for turn in sorted(turns, key=lambda turn: -turn.child):
-            mass[turn.parent] += mass[turn.child]
+        driven = [drive.joint for drive in self.articulation.drives] + [geared.joint for geared in self.articulation.geared]
+        joints = [*driven, *self.articulation.swings]
+        for joint in sorted(joints, key=lambda joint: -joint.child):
+            mass[joint.parent] += mass[joint.child]
         return mass
 
     def _ports(self) -> dict[int, str]:
         """Port of the motor that moves each body."""
-        ports = {drive.turn.child: drive.port for drive in self.articulation.drives}
-        ports |= {geared.turn.child: geared.port for geared in self.articulation.geared}
-        for turn in sorted(self.articulation.swings, key=lambda turn: turn.child):
-            if turn.parent in ports:
-                ports[turn.child] = ports[turn.parent]
+        ports = {drive.joint.child: drive.port for drive in self.articulation.drives}
+        ports |= {geared.joint.child: geared.port for geared in self.articulation.geared}
+        for joint in sorted(self.articulation.swings, key=lambda joint: joint.child):
+            if joint.parent in ports:
+                ports[joint.child] = ports[joint.parent]
         return ports
 
     def _local(self, body: int, point_m: Floats) -> tuple[float, float, float]:
@@ -167,34 +167,34 @@ class _Builder:
         self.bodies[0] = body
         self._set_inertia(body, 0)
 
-    def _add_drive(self, turn: Turn, port: str) -> None:
+    def _add_drive(self, joint: Joint, port: str) -> None:
         """Add what a motor drives: a body on the geared shaft and, with backlash, the driven body on it."""
         drive = next(drive for drive in self.articulation.drives if drive.port == port)
         motor, start = self.motors[port], self._start_deg(self.motors[port])
         angle = math.radians(start - self._plan_deg(port)) / drive.gear
         friction = _TRAIN_FRICTION_NM * abs(drive.gear) if drive.teeth else 0.0
-        x, y, z = turn.axis.tolist()
-        at_m = self._local(turn.parent, turn.point_m)
-        rotor = add_rotor(self.spec, self.bodies[turn.parent], motor, at_m, (x, y, z), drive.gear, friction)
-        rotor.quat, rotor.mass, rotor.inertia = _quaternion(turn.axis, angle), _ROTOR_KG, [_ROTOR_KG_M2] * 3
-        is_heavy = self.subtree_kg[turn.child] > _HEAVY_KG
+        x, y, z = joint.axis.tolist()
+        at_m = self._local(joint.parent, joint.point_m)
+        rotor = add_rotor(self.spec, self.bodies[joint.parent], motor, at_m, (x, y, z), drive.gear, friction)
+        rotor.quat, rotor.mass, rotor.inertia = _quaternion(joint.axis, angle), _ROTOR_KG, [_ROTOR_KG_M2] * 3
+        is_heavy = self.subtree_kg[joint.child] > _HEAVY_KG
         shaft = rotor.joints[0]
         shaft.damping[0], shaft.ref = 1e-3 if is_heavy else 0.0, math.radians(start) / drive.gear
         shaft.armature += drive.armature
         self._limit(shaft, motor, drive.gear)
         body = add_driven(rotor, f"driven_{port}", port, (x, y, z), is_heavy=is_heavy)
-        self._register(turn, body)
+        self._register(joint, body)
 
-    def _add_turn(self, turn: Turn) -> None:
+    def _add_passive(self, joint: Joint) -> None:
         """Add a body that turns freely on a pin, an axle or a ball, or that is driven by a motor missing in the description."""
-        body = self.bodies[turn.parent].add_body(name=f"part_{turn.child}", pos=self._local(turn.parent, turn.point_m))
-        kind = _BALL if turn.is_ball else _HINGE
-        body.add_joint(name=f"turn_{turn.child}", type=kind, axis=turn.axis.tolist(), damping=2e-4, armature=1e-6)
-        self._register(turn, body)
+        body = self.bodies[joint.parent].add_body(name=f"part_{joint.child}", pos=self._local(joint.parent, joint.point_m))
+        kind = _BALL if joint.is_ball else _HINGE
+        body.add_joint(name=f"turn_{joint.child}", type=kind, axis=joint.axis.tolist(), damping=2e-4, armature=1e-6)
+        self._register(joint, body)
 
-    def _register(self, turn: Turn, body: mujoco.MjsBody) -> None:
-        self.bodies[turn.child], self.origins[turn.child] = body, turn.point_m
-        self._set_inertia(body, turn.child)
+    def _register(self, joint: Joint, body: mujoco.MjsBody) -> None:
+        self.bodies[joint.child], self.origins[joint.child] = body, joint.point_m
+        self._set_inertia(body, joint.child)
 
     def _plan_deg(self, port: str) -> float:
         """Angle of a motor's shaft in the plan."""
@@ -220,14 +220,14 @@ class _Builder:
         for geared in self.articulation.geared:
             if geared.port not in self.motors:
                 continue
-            turn, port = geared.turn, geared.port
+            joint, port = geared.joint, geared.port
             equal = self.spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT)
-            equal.name, equal.name1, equal.name2 = f"geared_{turn.child}", f"turn_{turn.child}", f"motor_{port}"
+            equal.name, equal.name1, equal.name2 = f"geared_{joint.child}", f"turn_{joint.child}", f"motor_{port}"
             equal.data[:5] = [0.0, geared.ratio, 0.0, 0.0, 0.0]
             # Its start angle relative to the plan follows from the motor's.
             drive = next(drive for drive in self.articulation.drives if drive.port == port)
             start = self._start_deg(self.motors[port]) - self._plan_deg(port)
-            self.bodies[turn.child].quat = _quaternion(turn.axis, geared.ratio * math.radians(start) / drive.gear)
+            self.bodies[joint.child].quat = _quaternion(joint.axis, geared.ratio * math.radians(start) / drive.gear)
 
     def _close_loops(self) -> None:
         """Close kinematic loops: connect bodies at pins that are not tree joints."""
@@ -277,7 +277,7 @@ class _Builder:
         drawn_apart |= {part for rod in self.articulation.rods for part in rod.parts}
         for number, body in self.bodies.items():
             parts = tuple(part for part in self.articulation.bodies[number].parts if part not in drawn_apart)
-            ports = [drive.port for drive in self.articulation.drives if drive.turn.child == number and not drive.teeth]
+            ports = [drive.port for drive in self.articulation.drives if drive.joint.child == number and not drive.teeth]
             shafts = tuple(motor.index for motor in map(self.planned.device, ports) if motor is not None)
             cables = cables_of(plan, parts, self.origins[number])
             mounted = self.mounted_parts if number == 0 else []

@@ -16,7 +16,7 @@ from bricksrl.plans.mechanism.kinematics import TO_TWIN
 from bricksrl.plans.part import DeviceKind, Part
 from bricksrl.plans.plan import Placed, Plan
 from bricksrl.plans.planned_robot import PlannedRobot
-from bricksrl.plans.shapes import COARSE, Tint, beside, surface_of
+from bricksrl.plans.shapes import COARSE, Tint, offset_points, surface_of
 from bricksrl.twin import ldraw
 from bricksrl.twin.models import lego, meshes
 from bricksrl.twin.models.looks import shape_of
@@ -74,7 +74,7 @@ def _touch(first: tuple[Floats, Floats], second: tuple[Floats, Floats]) -> bool:
 
 def _uncovered(placed: Placed, shape: Shape, others: list[Placed]) -> Shape:
     """A shape of a part without the triangles that other parts hide, which have material just outside."""
-    samples = beside(placed.to_plan(shape.points)[shape.faces], _CLEARANCE)
+    samples = offset_points(placed.to_plan(shape.points)[shape.faces], _CLEARANCE)
     covered = np.zeros(samples.shape[:2], dtype=bool)
     for other in others:
         points = other.to_part(samples.reshape(-1, 3))

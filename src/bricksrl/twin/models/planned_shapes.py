@@ -13,7 +13,7 @@ from bricksrl.plans.geometry import Form
 from bricksrl.plans.mechanism.kinematics import TO_TWIN, Wheel
 from bricksrl.plans.plan import Placed
 from bricksrl.plans.planned_robot import PlannedRobot
-from bricksrl.twin.models.mjcf import COLLIDING, supporting
+from bricksrl.twin.models.mjcf import COLLIDING, contact_attributes
 
 Floats = NDArray[np.float64]
 _M = 0.4 / 1000
@@ -94,14 +94,15 @@ def add_shapes(
             pos=(np.array([x, y, z]) - origins[wheel.link]).tolist(),
             size=[radius, 0, 0],
             condim=1,
-            **supporting(1.0),
+            **contact_attributes(1.0),
         )
     standing = feet(planned)
     for number, foot in enumerate(standing):
         ends = [*(foot.start_m - origins[foot.body]).tolist(), *(foot.end_m - origins[foot.body]).tolist()]
         shape = mujoco.mjtGeom.mjGEOM_CAPSULE
         name = _free_name(spec, f"foot_{ports.get(foot.body, number)}")
-        bodies[foot.body].add_geom(name=name, type=shape, fromto=ends, size=[foot.radius_m, 0, 0], **supporting(PLASTIC_FRICTION))
+        size, attributes = [foot.radius_m, 0, 0], contact_attributes(PLASTIC_FRICTION)
+        bodies[foot.body].add_geom(name=name, type=shape, fromto=ends, size=size, **attributes)
     for number, body in bodies.items():
         if number not in {foot.body for foot in standing} | {wheel.link for wheel in _rolling(planned)} or number == 0:
             _add_hull(spec, planned, number, body, origins[number])
@@ -127,7 +128,7 @@ def _add_tyre(planned: PlannedRobot, wheel: Wheel, name: str, body: mujoco.MjsBo
         pos=(wheel.centre_m - origin).tolist(),
         quat=quaternion.tolist(),
         size=[radius, radius, half_width],
-        **supporting(TYRE_FRICTION),
+        **contact_attributes(TYRE_FRICTION),
     )
 
 
