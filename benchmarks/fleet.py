@@ -1,6 +1,6 @@
 """Fleet: four virtual robots in real time compared with one, and a link that is cut for half a minute.
 
-    python benchmarks/fleet.py --seeds 5
+    python benchmarks/fleet.py --seeds 10
 
 Each run is `bricksrl train RunAway-v0 --realtime` with SAC's default settings, with one robot and with four. Measured is the wall
 time from the first robot's first step to the end of three, and of ten, consecutive episodes with a return of 20 of 20. Start-up
@@ -187,7 +187,7 @@ def races(args: argparse.Namespace, known: dict[str, Any], on_result: Callable[[
 def main() -> None:
     """Measure all and write the results."""
     parser = command(__doc__)
-    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--episodes", type=int, default=60, help="at most, of each run")
     parser.add_argument("--go-on", action="store_true", help="keep the runs that the results hold")
     parser.add_argument("--cut-episodes", type=int, default=150, help="at most, of the run with a cut")

@@ -42,7 +42,7 @@ The agents were rewritten on TorchRL's parts. Measured with the earlier ones: le
 REDQ in the simulations, and five seeds at once.
 
 The virtual robots are made from their building plans since November 2026. Measured on the earlier twins, which were written by
-hand and a little heavier: learning from datasets (offline, warm start), and the fleet.
+hand and a little heavier: learning from datasets (offline, warm start).
 """
 
 STUDIES_HEAD = """# Studies
