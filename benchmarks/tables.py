@@ -51,7 +51,8 @@ A study is a table of trainings with several seeds. `bricksrl study` lists the s
 `--quick` it takes a few minutes, to check that everything works. This page is written by `python benchmarks/tables.py` from the
 studies that were run at full length (`benchmarks/results/study_*.json`) and from the results of the benchmarks. A study
 without a table here has not been run. `agents` was run on the earlier twins of the robots, which were written by hand and a
-little heavier; [plans.md](plans.md) compares them with those of today.
+little heavier; [plans.md](plans.md) compares them with those of today. Minutes of computing are wall time, in `sim-to-robot`
+and `communication` beside other work on the same cores.
 """
 
 

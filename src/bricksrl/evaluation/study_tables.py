@@ -80,6 +80,7 @@ _STOPPED = (
     "Training stops as soon as five consecutive episodes reach, on average, the return of the paper's best agent. Some do so by "
     "luck: the policy is then worse than that return when it is evaluated, as some of the camera task are."
 )
+_RATES = "An episode takes the same time at every rate, and has more steps at a higher one: compare speeds, not returns, between rates."
 ON_THE_ROBOT = ("RunAway-v0", "Spinning-v0", "Walker-v0", "RoboArm-v0", "RoboArm_mixed-v0")
 IN_SIMULATION = {"WalkerSim-v0": "Walker-v0", "RoboArmSim-v0": "RoboArm-v0"}
 PAPER_AGENTS = ("td3", "sac", "droq", "random")
@@ -203,7 +204,16 @@ STUDIES = {
     for study in (
         Study("agents", "Agents of the paper, on the robot and from simulation", 60.0, 5.0, 5, _agents, ("episode_steps",)),
         Study("sim-to-robot", "From simulation to robots with other physics", 12.0, 4.0, 5, _sim_to_robot, _WALK),
-        Study("communication", "Steps a second and the link's interval, streaming or not", 3.0, 4.0, 5, _communication, _WALK),
+        Study(
+            "communication",
+            "Steps a second and the link's interval, streaming or not",
+            3.0,
+            4.0,
+            5,
+            _communication,
+            _WALK,
+            _RATES,
+        ),
         Study("strategies", "Strategies on RunAway-v0", 0.5, 2.0, 5, _strategies, _STRATEGY),
         Study("robot-time", "Robot minutes to a working policy", 0.5, 2.0, 5, _robot_time, ("episode_steps",), _STOPPED),
     )
