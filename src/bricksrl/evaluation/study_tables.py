@@ -80,7 +80,7 @@ _STOPPED = (
     "Training stops as soon as five consecutive episodes reach, on average, the return of the paper's best agent. Some do so by "
     "luck: the policy is then worse than that return when it is evaluated, as some of the camera task are."
 )
-_RATES = "An episode takes the same time at every rate, and has more steps at a higher one: compare speeds, not returns, between rates."
+_RATES = "An episode takes the same time at every rate, and has more steps at a higher one: compare speeds, not returns."
 ON_THE_ROBOT = ("RunAway-v0", "Spinning-v0", "Walker-v0", "RoboArm-v0", "RoboArm_mixed-v0")
 IN_SIMULATION = {"WalkerSim-v0": "Walker-v0", "RoboArmSim-v0": "RoboArm-v0"}
 PAPER_AGENTS = ("td3", "sac", "droq", "random")
