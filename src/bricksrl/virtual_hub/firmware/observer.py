@@ -56,9 +56,7 @@ class Observer:
         gain, negligible_mv = motor.observer_gain, trunc(model.voltage_mv(model.friction_unm) * 5 / 2)
         stall = (stall_speed, stall_time, negligible_mv, _STALL_RATIO_PCT)
         self.tune(ObserverSettings(*stall, gain, gain * _HIGH_GAIN_FACTOR, _GAIN_THRESHOLD_MDEG, _FRICTION_CUTOFF))
-        columns = list(zip(model.angle, model.speed, model.current, strict=True))
-        (a0, s0, c0), *others = columns[:3]
-        self._columns = (a0, s0, -c0), *others  # back-EMF reduces the current: its entry is negative
+        self._rows = *model.angle[:3], *model.speed[:3], *model.current[:3]
         self._friction_unm = model.friction_unm
         self._friction_columns = model.angle[3], model.speed[3], model.current[3]
         self._full_friction = self._friction(model.friction_unm)
@@ -109,39 +107,11 @@ class Observer:
             slip, friction, drop = self._full_friction
         if speed < 0:
             slip, friction, drop = -slip, -friction, -drop
-        # Integer division rounds towards zero for magnitudes only, and is the fastest.
-        (a0, s0, c0), (a1, s1, c1), (a2, s2, c2) = self._columns
-        angle_change, next_speed, current = slip, friction, drop
-        n = PRESCALE_SPEED * speed
-        if n >= 0:
-            angle_change += n // a0
-            next_speed += n // s0
-            current -= n // c0
-        else:
-            n = -n
-            angle_change -= n // a0
-            next_speed -= n // s0
-            current += n // c0
-        n = PRESCALE_CURRENT * self._current
-        current += trunc(n / c1)
-        if n >= 0:
-            angle_change += n // a1
-            next_speed += n // s1
-        else:
-            n = -n
-            angle_change -= n // a1
-            next_speed -= n // s1
-        n = PRESCALE_VOLTAGE * voltage
-        if n >= 0:
-            angle_change += n // a2
-            next_speed += n // s2
-            current += n // c2
-        else:
-            n = -n
-            angle_change -= n // a2
-            next_speed -= n // s2
-            current -= n // c2
-        self.angle += angle_change
+        ps, pc, pv = PRESCALE_SPEED * speed, PRESCALE_CURRENT * self._current, PRESCALE_VOLTAGE * voltage
+        a0, a1, a2, s0, s1, s2, c0, c1, c2 = self._rows
+        self.angle += trunc(ps / a0) + trunc(pc / a1) + trunc(pv / a2) + slip
+        next_speed = trunc(ps / s0) + trunc(pc / s1) + trunc(pv / s2) + friction
+        current = trunc(ps / c0) + trunc(pc / c1) + trunc(pv / c2) + drop
         if (speed < 0) is not (next_speed < 0):
             next_speed -= friction  # friction brakes to rest, not beyond
         self.speed = MAX_SPEED if next_speed > MAX_SPEED else -MAX_SPEED if next_speed < -MAX_SPEED else next_speed
