@@ -65,6 +65,8 @@ class TrainTeam:
 
         if self.episodes < 1:
             raise RunError(f"episodes is {self.episodes}; give 1 or more")
+        if self.play is not None and self.env is not None:
+            raise RunError("a team that only plays has an arena; omit ARENA or --play")
         load_learning()
         if self.play is not None:
             return self._play(load_team(self.play / TEAM_FILE), None)
@@ -76,11 +78,10 @@ class TrainTeam:
         if folder.exists():
             raise RunError(f"{folder} exists already; choose another folder with --run")
         try:
-            team = self._train(config, folder)
+            return self._play(self._train(config, folder), folder)
         except KeyboardInterrupt:
-            print_interrupted("nothing was kept")
+            print_interrupted(f"the team is in {folder}" if folder.exists() else "nothing was kept")
             return INTERRUPTED
-        return self._play(team, folder)
 
     def _train(self, config: TeamConfig, folder: Path) -> Team:
         from bricksrl.training.teams.team import train_team
@@ -115,7 +116,8 @@ class TrainTeam:
         learning = self.learn or tuple(task.groups)[:1]
         scripts = {group: task.opponents.get(group, "random") for group in task.groups if group not in learning}
         copies = self.copies if self.copies is not None else 0 if task.arena.loads else 256
-        frames = self.frames or (_SIMULATED_FRAMES if copies else _ARENA_FRAMES)
+        default_frames = _SIMULATED_FRAMES if copies else _ARENA_FRAMES
+        frames = default_frames if self.frames is None else self.frames
         agent = self.agent or ("ippo" if copies else "sac")
         return TeamConfig(env, dict.fromkeys(learning, agent), scripts, frames, copies, self.seed)
 
