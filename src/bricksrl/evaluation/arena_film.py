@@ -5,8 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bricksrl.training.teams.team import play_team
-
 if TYPE_CHECKING:
     from tensordict.nn import TensorDictModuleBase
     from torchrl.envs import EnvBase
@@ -16,24 +14,31 @@ _FRAME_MS = 50
 
 def film_arena(env: EnvBase, policy: TensorDictModuleBase, path: Path, episodes: int, seed: int) -> int:
     """Film episodes of an arena into an mp4 file, without exploration; returns the number of images. Raises
-    RenderingUnavailableError if no OpenGL library works here, HubError if a link broke."""
+    RenderingUnavailableError if no OpenGL library works here."""
+    import torch
+    from torchrl.envs.utils import ExplorationType, set_exploration_type
+
     from bricksrl.twin.render.opengl import Renderer, VideoWriter
 
-    images = due_ms = 0
-    with VideoWriter(path, 1000 / _FRAME_MS) as video, Renderer(env.world.bodies[0], 480, 360, "arena", shadows=True) as renderer:
-
-        def draw(time_ms: int) -> None:
-            nonlocal due_ms, images
-            if time_ms >= due_ms:
-                due_ms, images = time_ms + _FRAME_MS, images + 1
-                video.add(renderer.render())
-
-        def begin() -> None:
-            nonlocal due_ms
-            due_ms, env.world.on_time = 0, draw
-
-        not_drawing = env.world.on_time
+    images = 0
+    with VideoWriter(path, 1000 / _FRAME_MS) as video:
         for episode in range(episodes):
-            play_team(env, policy, 1, seed + episode, begin)
-            env.world.on_time = not_drawing
+            env.set_seed(seed + episode)
+            with Renderer(env.world.bodies[0], 480, 360, "arena", shadows=True) as renderer:
+                due_ms = 0
+
+                def draw(time_ms: int, renderer: Renderer = renderer) -> None:
+                    nonlocal due_ms, images
+                    if time_ms >= due_ms:
+                        due_ms, images = time_ms + _FRAME_MS, images + 1
+                        video.add(renderer.render())
+
+                state = env.reset()
+                env.world.on_time = draw
+                with torch.no_grad(), set_exploration_type(ExplorationType.DETERMINISTIC):
+                    while True:
+                        frame = env.step(policy(state))
+                        if bool(frame["next", "done"]):
+                            break
+                        state = env.step_mdp(frame)
     return images

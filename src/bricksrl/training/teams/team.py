@@ -159,9 +159,7 @@ class TeamEpisode:
     returns: dict[str, float]
 
 
-def play_team(
-    env: EnvBase, policy: TensorDictModuleBase, episodes: int, seed: int, on_reset: Callable[[], None] = lambda: None
-) -> list[TeamEpisode]:
+def play_team(env: EnvBase, policy: TensorDictModuleBase, episodes: int, seed: int) -> list[TeamEpisode]:
     """Run episodes in an arena with its hubs; episode ``k`` depends on ``seed``, ``k`` and the policy only. Raises HubError if a
     link broke."""
     import torch
@@ -172,7 +170,6 @@ def play_team(
         env.set_seed(derive_seed(seed, "evaluation", number))
         torch.manual_seed(derive_seed(seed, "policy", number))
         state, length, returns = env.reset(), 0, dict.fromkeys(env.task.groups, 0.0)
-        on_reset()
         with torch.no_grad(), set_exploration_type(ExplorationType.DETERMINISTIC):
             while True:
                 frame = env.step(policy(state))
