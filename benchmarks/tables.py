@@ -12,11 +12,13 @@ import json
 import re
 import statistics
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from formatting import LEAST_SEEDS, number, percent, table, within
 from machine import RESULTS, command
+from summary import summary
 
 from bricksrl.evaluation.study_benchmarks import BENCHMARK_STUDIES, result_of
 from bricksrl.evaluation.study_page import page as study_page
@@ -29,8 +31,6 @@ STUDIES_PAGE = ROOT / "docs" / "studies.md"
 README = ROOT / "README.md"
 SHOWN_MARKS = (250, 500, 1000, 2500, 7500)
 """Robot steps that the page shows; the results have more."""
-LEAST_SEEDS = 5
-"""The fewest seeds with an interval."""
 BLOCK = re.compile(r"(?<=<!-- benchmarks/tables.py -->\n).*?(?=<!-- end -->)", re.DOTALL)
 HEAD = """# Results
 
@@ -54,33 +54,6 @@ without a table here has not been run. `agents` was run on the earlier twins of 
 little heavier; [plans.md](plans.md) compares them with those of today. Minutes of computing are wall time, in `sim-to-robot`
 and `communication` beside other work on the same cores.
 """
-
-
-def number(value: float | None) -> str:
-    """Three or four significant digits; an empty string for ``None``."""
-    if value is None:
-        return ""
-    return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
-
-
-def percent(rate: float | None) -> str:
-    """A share in whole percent."""
-    return "" if rate is None else f"{100 * rate:.0f} %"
-
-
-def within(value: float, interval: Iterable[float], seeds: int = LEAST_SEEDS) -> str:
-    """A mean and its interval, which fewer seeds than `LEAST_SEEDS` do not have."""
-    if seeds < LEAST_SEEDS:
-        return number(value)
-    low, high = interval
-    return f"{number(value)} [{number(low)}, {number(high)}]"
-
-
-def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
-    """Markdown."""
-    columns = list(head)
-    lines = [columns, ["---"] * len(columns), *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
 
 
 def robots(result: Result) -> str:
@@ -437,9 +410,9 @@ def studies() -> str:
 
 
 def readme(text: str) -> str:
-    """The README with the current table of the robots."""
+    """The README with the current table of the robots and summary."""
     robots_table = robots(json.loads((RESULTS / "robots.json").read_text()))
-    return BLOCK.sub(lambda _: f"\n{robots_table}\n", text)
+    return BLOCK.sub(lambda _: f"\n{robots_table}\n{summary()}\n", text)
 
 
 def main() -> None:

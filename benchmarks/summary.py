@@ -1,0 +1,180 @@
+"""Summary of the results, one line each, for the README; written by `benchmarks/tables.py`."""
+
+from __future__ import annotations
+
+import json
+import statistics
+from collections.abc import Callable
+from typing import Any, TypeAlias
+
+import numpy as np
+from formatting import number, percent, table
+from machine import RESULTS
+
+from bricksrl.evaluation.statistics import interquartile_mean
+
+Result: TypeAlias = dict[str, Any]
+AGENTS = {"sac": "SAC", "td3": "TD3", "droq": "DroQ", "crossq": "CrossQ"}
+_EPISODE_STEPS = 100
+_RELEASED_CODE_STEPS = 4000
+"""Robot steps that the code released with the paper needs in `RoboArmSim-v0`."""
+
+
+def robot_arm(result: Result) -> str:
+    """Robot steps until all 40 evaluated episodes of all seeds reach the goal."""
+    arm = result["environments"]["RoboArmSim-v0"]
+    steps = {
+        name: next(f"{name} {mark['mark']}" for mark in arm[agent]["summary"] if mark["success_mean"] == 1)
+        for agent, name in AGENTS.items()
+    }
+    return f"{', '.join(steps.values())}; the released code needed {_RELEASED_CODE_STEPS:,}"
+
+
+def walker(result: Result) -> str:
+    """Returns after 5 and 25 episodes."""
+    agents = result["environments"]["WalkerSim-v0"]
+    parts = []
+    for episodes in (5, 25):
+        means = {
+            name: mark["return_mean"]
+            for agent, name in AGENTS.items()
+            for mark in agents[agent]["summary"]
+            if mark["mark"] == episodes * _EPISODE_STEPS
+        }
+        parts.append(f"after {episodes}: {', '.join(f'{name} {number(mean)}' for name, mean in means.items())}")
+    return "; ".join(parts)
+
+
+def race(result: Result) -> str:
+    """Median CPU seconds, robot steps and number of seeds of the contestants with the same settings."""
+    names = {
+        "ours_sac": "SAC",
+        "ours_td3": "TD3",
+        "sb3_sac_like_ours": "Stable-Baselines3's SAC",
+        "sbx_sac_like_ours": "SBX's SAC",
+    }
+    parts = []
+    for key, name in names.items():
+        entry = result["contestants"][key]
+        parts.append(f"{name} {entry['cpu_s']:.0f} s, {entry['steps']:.0f} steps (n={len(entry['runs'])})")
+    return f"{'; '.join(parts[:2])}; with the same features and settings {'; '.join(parts[2:])}"
+
+
+def robot_time(result: Result) -> str:
+    """Robot minutes (interquartile mean) to the return of the paper's best agent, and the paper's training time."""
+    cells = []
+    for cell in result["cells"]:
+        minutes = interquartile_mean(np.array(cell["robot_s"])) / 60
+        cells.append(f"{cell['column'].removesuffix('-v0')} {minutes:.1f} ({cell['paper']['minutes']:.0f})")
+    return ", ".join(cells)
+
+
+def camera(result: Result) -> str:
+    """Median success rates."""
+    marks = {mark["episodes"]: mark["success_median"] for mark in result["agents"]["sac"]["summary"]}
+    return f"{percent(marks[50])} and {percent(marks[100])}"
+
+
+def warm_start(result: Result) -> str:
+    """Median number of episodes."""
+    alone, data = (result["ways"][way]["episodes_median"] for way in ("alone", "data"))
+    return f"SAC alone {alone:g}, SAC with a dataset {data:g}"
+
+
+def realtime_learning(result: Result) -> str:
+    """Share of the updates asked for that SAC made."""
+    sac = result["agents"]["sac"]
+    return f"{100 * sac['updates_per_step_reached'] / sac['updates_per_step_asked']:.1f} % of those asked for"
+
+
+def realtime_factor(result: Result) -> str:
+    """Times real time, and times the cost of the physics."""
+    cells = [
+        f"{env.removesuffix('-v0')} {entry['realtime_factor']:.0f} ({entry['ratio']:.2f})"
+        for env, entry in result["environments"].items()
+        if env.endswith("-v0")
+    ]
+    return ", ".join(cells)
+
+
+def simulation_speed(result: Result) -> str:
+    """Steps per second of the best batch."""
+    return f"{min(result['best_steps_per_s'].values()) / 1e6:.0f} million steps per second"
+
+
+def link_rates(result: Result) -> str:
+    """Median duration of an exchange at an interval of 15 ms."""
+    return f"{result['lock_step']['15 ms']['p50_ms']:.0f} ms, which is two connection intervals of 15 ms"
+
+
+def link_faults(result: Result) -> str:
+    """Longest time that motors ran without a link."""
+    drive_ms, watchdog_ms = result["longest_silent_drive_ms"], result["watchdog_ms"]
+    return f"the motors ran for {drive_ms} ms at most (watchdog: {watchdog_ms} ms); training continued after each"
+
+
+def fleet(result: Result) -> str:
+    """Times as fast."""
+    return ", ".join(f"{times:g} times as fast to {count} in a row" for count, times in result["times_as_fast"].items())
+
+
+def arena(result: Result) -> str:
+    """Rate of won episodes and CPU seconds of the best agent."""
+    entry = result["agents"]["mappo"]
+    script, random = (percent(entry[f"against_{runner}"]["rate"]) for runner in ("flee", "random"))
+    cpu_s = statistics.median(entry["training_cpu_s"])
+    return f"{script} against the script, {random} against a random runner, after {cpu_s:.0f} s"
+
+
+def sim_to_robot(result: Result) -> str:
+    """Speed and return on other robots."""
+    conditions = result["cells"][0]["conditions"]
+    parts = []
+    for name in ("nominal twin", "drawn twins"):
+        entry = conditions[name]
+        parts.append(f"{name}: {entry['metrics']['forward_speed_m_s']:.3f} m/s, return {number(entry['return_iqm'])}")
+    return "; ".join(parts)
+
+
+ROWS: tuple[tuple[str, str, Callable[[Result], str], str], ...] = (
+    ("learning", "robot steps until 40 of 40 episodes reach the goal in `RoboArmSim-v0`, ten seeds", robot_arm, ""),
+    ("learning", "return in `WalkerSim-v0` after so many episodes, ten seeds", walker, ""),
+    ("race", "CPU time until a return of -20 in `WalkerSim-v0`, start-up included, median", race, ""),
+    (
+        "study_robot-time",
+        "robot minutes until five consecutive episodes reach the return of the paper's best agent (the paper's training time)",
+        robot_time,
+        "bricksrl study robot-time",
+    ),
+    (
+        "study_sim-to-robot",
+        "walking on virtual robots after training in `WalkerSim-v0` alone, five seeds",
+        sim_to_robot,
+        "bricksrl study sim-to-robot",
+    ),
+    ("camera_learning", "success rate of the camera task after 50 and 100 episodes, median of five seeds", camera, ""),
+    ("warm_start", "episodes until the Walker reaches a return of -25", warm_start, ""),
+    ("realtime_learning", "updates done while the robot moves (`Walker-v0 --realtime`)", realtime_learning, ""),
+    ("fleet", "four robots with one learner instead of one robot, until perfect episodes of RunAway", fleet, ""),
+    ("arena", "Tag: episodes that the catcher wins after training (MAPPO, CPU time)", arena, ""),
+    (
+        "realtime_factor",
+        "speed of the virtual robots on one core, times real time (total cost over that of the physics)",
+        realtime_factor,
+        "",
+    ),
+    ("simulation_speed", "speed of the batched simulations", simulation_speed, ""),
+    ("link_rates", "one exchange over a simulated radio link", link_rates, ""),
+    ("link_faults", "1,000 faults injected into that link, including killed processes", link_faults, ""),
+)
+"""Name of the result, what it is, its text, and its command if that is not the script of the same name."""
+
+
+def summary() -> str:
+    """The table of all rows whose results exist."""
+    rows = [
+        [what, render(json.loads(path.read_text())), f"`{command or f'python benchmarks/{name}.py'}`"]
+        for name, what, render, command in ROWS
+        if (path := RESULTS / f"{name}.json").exists()
+    ]
+    return table(["what", "result", "command"], rows)
