@@ -159,6 +159,15 @@ def test_on_policy_passes_use_each_row_once(passes: int, rows: int, batches: int
         assert len(learner.memory) == 0  # type: ignore[arg-type]
 
 
+def test_running_episodes_do_not_go_on_after_loading() -> None:
+    learner, restored = make("sac", n_step=2), make("sac", n_step=2)
+    learner.remember(steps(3), robot=0)
+    restored.load_state_dict(learner.state_dict())
+    restored.remember(steps(3), robot=0)
+    none = restored.memory.storage.max_size
+    assert restored.memory.links()["successor"].tolist() == [1, 2, none, 4, 5, none]
+
+
 def test_half_of_each_batch_comes_from_the_dataset() -> None:
     learner = make("sac", hindsight=0.0, new_goals=0.0, batch_size=11)
     frames = steps(40)

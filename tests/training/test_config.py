@@ -119,3 +119,10 @@ def test_invalid_numbers_raise(change: dict[str, int]) -> None:
 def test_numpy_numbers_become_plain() -> None:
     config = TrainConfig("RunAway-v0", seed=np.int64(3), episodes=np.int32(5))  # type: ignore[arg-type]
     assert (type(config.seed), config.seed, config.episodes) == (int, 3, 5)
+
+
+def test_numpy_numbers_in_settings_become_plain() -> None:
+    settings = preset("default", "sac")
+    for rate in np.logspace(-4, -3, 2):
+        config = TrainConfig("RunAway-v0", settings=replace(settings, learning_rate=rate))
+        assert (type(config.settings.learning_rate), config.settings.learning_rate) == (float, rate)

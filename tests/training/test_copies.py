@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 import torch
+from tensordict import TensorDictBase
+from tensordict.nn import TensorDictModule
 from test_run_loop import Recorder, assert_same_run, ctrl_c, rows
 
+import bricksrl
 from bricksrl.agents import preset
+from bricksrl.envs.rollout import play_episodes
 from bricksrl.errors import RunError
 from bricksrl.evaluation import evaluate
 from bricksrl.training import Phase, TrainConfig, resume, train
@@ -98,6 +103,14 @@ except FileExistsError:
 """
 
 
+PARKING = """
+from dataclasses import replace
+from bricksrl.envs.tasks.park import PARK
+
+TASK = replace(PARK, id="ShortPark-v0", doc="Parks, in short.", max_steps=4)
+"""
+
+
 @pytest.mark.slow
 def test_parallel_robots_learn_and_lost_one_returns(tmp_path: Path) -> None:
     (tmp_path / "losing.py").write_text(LOSING)
@@ -114,3 +127,43 @@ def test_parallel_robots_learn_and_lost_one_returns(tmp_path: Path) -> None:
     kept = load_checkpoint(tmp_path / "run" / "checkpoint.bin")["agent"]["memory"]["rows"]
     assert len(kept["action"]) == 36 - 1, "the step without an outcome is not remembered"
     assert evaluate(tmp_path / "run", episodes=1, save=False).episodes == 1
+
+
+class Chunked(TensorDictModule):
+    """A policy with a state that only `reset` makes new."""
+
+    def __init__(self) -> None:
+        super().__init__(lambda observation: observation.new_zeros(*observation.shape[:-1], 4), ["observation"], ["action"])
+        self.resets: list[int] = []
+        self.made = 0
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        self.made += 1
+        return super().forward(tensordict)
+
+    def reset(self) -> None:
+        self.resets.append(self.made)
+
+
+def test_policy_is_reset_before_each_round_of_evaluated_copies() -> None:
+    policy, env = Chunked(), bricksrl.make(ENV, batch_size=2, seed=0)
+    assert len(list(play_episodes(env, policy, 5, seed=1, reset_policy=policy.reset))) == 5
+    assert policy.resets == [0, ROUND, 2 * ROUND]
+
+
+@pytest.mark.slow
+def test_parallel_robots_are_evaluated_during_training(tmp_path: Path) -> None:
+    (tmp_path / "parking.py").write_text(PARKING)
+    run = TrainConfig(
+        f"{tmp_path / 'parking.py'}:TASK",
+        episodes=1,
+        num_envs=2,
+        eval_every=1,
+        eval_episodes=3,
+        settings=config("sac", tmp_path).settings,
+        run_dir=tmp_path / "run",
+    )
+    result = train(run)
+    evaluation = result.episodes[0].evaluation
+    assert evaluation is not None and math.isfinite(evaluation)
+    assert evaluate(tmp_path / "run", episodes=1, which="best", save=False).success_rate is not None

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
+from tensordict import TensorDictBase
 from test_run_loop import Recorder, assert_same_run, ctrl_c, rows
 from toys import Cart, LosingCart
 
@@ -66,6 +68,38 @@ def test_resumed_run_keeps_best_checkpoint(config: TrainConfig, tmp_path: Path) 
 def test_run_stops_at_target_return(config: TrainConfig, stop_at: float, eval_every: int, ends: int) -> None:
     result = train(replace(config, episodes=8, stop_at=stop_at, eval_every=eval_every), env=Cart())
     assert (len(result.episodes), result.interrupted) == (ends, False)
+
+
+class Worthless(Cart):
+    """All its rewards are 0."""
+
+    def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
+        return super()._step(tensordict).set("reward", torch.zeros(1))
+
+
+def test_evaluation_of_zero_reaches_target_of_zero(config: TrainConfig) -> None:
+    assert len(train(replace(config, stop_at=0.0), env=Worthless()).episodes) == 2
+
+
+class Costly(LosingCart):
+    """Each step costs 1, so an episode that a lost link cuts off looks good. It never falls."""
+
+    def _reset(self, tensordict: TensorDictBase | None = None, **kwargs: Any) -> TensorDictBase:
+        state = super()._reset()
+        self.position_mm = torch.full((1,), 1000.0)
+        return state
+
+    def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
+        return super()._step(tensordict).set("reward", -torch.ones(1))
+
+    def _is_lost(self) -> bool:
+        return self.step_count >= 2 and self.resets <= 7
+
+
+def test_episodes_with_lost_link_do_not_reach_target_return(config: TrainConfig) -> None:
+    result = train(replace(config, episodes=14, eval_every=0, stop_at=-5.0), env=Costly(8))
+    whole = [episode for episode in result.episodes if not episode.link_lost]
+    assert len(result.episodes) == 14 and len(whole) == 7 and {episode.return_ for episode in whole} <= {-8.0}
 
 
 def test_stopped_run_stays_stopped(config: TrainConfig) -> None:

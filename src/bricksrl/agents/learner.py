@@ -229,7 +229,8 @@ class Learner:
         return state
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Restore `state_dict`, on any device. Raises CheckpointError if the state is of another algorithm, network or buffer."""
+        """Restore `state_dict`, on any device; episodes that were running then do not go on. Raises CheckpointError if the state is
+        of another algorithm, network or buffer."""
         try:
             self.policy.load_state_dict(state["policy"])
             self.updates, self.due = int(state["updates"]), float(state["due"])
@@ -244,6 +245,7 @@ class Learner:
                 self.memory.empty()
                 if "memory" in state:
                     load_memory_state(self.memory, state["memory"], self.device)
+            self.end_episodes()
         except (AssertionError, AttributeError, LookupError, OverflowError, RuntimeError, TypeError, ValueError) as error:
             reason = (str(error) or type(error).__name__).splitlines()[0]
             raise CheckpointError(f"the checkpoint does not fit this agent ({reason}); resume with the settings it had") from None

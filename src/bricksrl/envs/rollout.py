@@ -149,7 +149,7 @@ def play_episodes(
     """Play whole episodes; episode ``k`` depends only on ``seed``, ``k`` and the policy. Copies of a simulation run in parallel.
     Raises HubError if the link to the robot broke."""
     if env.batch_size:
-        yield from _play_copies(env, policy, episodes, seed)
+        yield from _play_copies(env, policy, episodes, seed, reset_policy)
         return
     for number in range(1, episodes + 1):
         episode: Rollout | None = None
@@ -163,18 +163,23 @@ def play_episodes(
         yield EpisodeScore(episode.return_, len(episode.rewards), episode.action_size, episode.success(env), episode.metrics(env))
 
 
-def _play_copies(env: EnvBase, policy: Policy, episodes: int, seed: int) -> Iterator[EpisodeScore]:
-    """The first episode of each copy, repeated until ``episodes`` are played."""
-    copies = env.batch_size.numel()
+def _play_copies(
+    env: EnvBase, policy: Policy, episodes: int, seed: int, reset_policy: Callable[[], None]
+) -> Iterator[EpisodeScore]:
+    """The first episode of each copy, repeated until ``episodes`` are played. A task that judges more than the agent sees, such
+    as the true pose of a robot in another process, gives no success and no metrics."""
+    copies, task = env.batch_size.numel(), env.task
     for start in range(0, episodes, copies):
         seed_episode(env, seed, "evaluation", 1 + start)
-        rollout = env.rollout(env.task.max_steps, policy, break_when_any_done=False).cpu()
+        reset_policy()
+        rollout = env.rollout(task.max_steps, policy, break_when_any_done=False).cpu()
         frames, sizes = rollout["next"], rollout["action"].abs().mean(-1)
         done = frames["done"].squeeze(-1)
         lengths = torch.where(done.any(-1), done.int().argmax(-1) + 1, done.shape[-1])
         for copy in range(min(copies, episodes - start)):
             episode = frames[copy, : int(lengths[copy])]
-            success, metrics = env.task.success(episode["observation"]), env.task.metrics(episode["observation"])
-            numbers = {name: float(value) for name, value in metrics.items()}
+            judged = None if task.has_hidden_entries else episode["observation"]
+            success = None if judged is None else bool(task.success(judged))
+            numbers = {} if judged is None else {name: float(value) for name, value in task.metrics(judged).items()}
             size = float(sizes[copy, : len(episode)].mean())
-            yield EpisodeScore(float(episode["reward"].sum()), len(episode), size, bool(success), numbers)
+            yield EpisodeScore(float(episode["reward"].sum()), len(episode), size, success, numbers)

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from bricksrl.agents import algorithm, preset
 from bricksrl.agents.settings import LARGEST
 from bricksrl.envs.options import EnvOptions
@@ -93,6 +95,9 @@ class TrainConfig(EnvOptions):
             object.__setattr__(self, "settings", settings_for(self.env, "default", self.agent))
         if not dataclasses.is_dataclass(self.settings):
             raise DescriptionError(f"settings is {self.settings!r}; give those of the agent, such as preset('paper', 'sac')")
+        given = {name: value.item() for name, value in vars(self.settings).items() if isinstance(value, np.generic)}
+        if given:  # NumPy numbers, such as rates from an array, have no place in files
+            object.__setattr__(self, "settings", dataclasses.replace(self.settings, **given))
 
     @property
     def hubs(self) -> tuple[str, ...]:

@@ -16,6 +16,7 @@ from torchrl.envs import EnvBase
 from torchrl.modules import RandomPolicy
 
 from bricksrl.agents.learner import means
+from bricksrl.envs.connection import Reconnect
 from bricksrl.envs.reference_returns import reference_lines
 from bricksrl.envs.rollout import Driver, Rollout, play, play_episodes, seed_episode
 from bricksrl.errors import BricksError, DescriptionError, HubError
@@ -109,7 +110,7 @@ class RunLoop:
     def reset(self) -> TensorDictBase | None:
         """Start the next episode, which depends on config, number and actions only."""
         number = len(self.episodes) + 1
-        reconnect = None if self.env.batch_size else getattr(self.env, "reconnect", None)
+        reconnect = self._reconnect
         if reconnect is not None:
             reconnect.patience_s, reconnect.wait = self.config.patience_s, self.signals.wait
             reconnect.on_error = lambda error: self.callback.on_link_lost(len(self.episodes) + 1, self._length, error)
@@ -118,6 +119,11 @@ class RunLoop:
             seed_episode(self.env, self.config.seed, "episode", number)
             state: TensorDictBase = self.env.reset()
         return state
+
+    @property
+    def _reconnect(self) -> Reconnect | None:
+        """Reconnection of a single robot; attributes of copies in processes cannot be set from here."""
+        return None if self.env.batch_size else getattr(self.env, "reconnect", None)
 
     def _episode(self, start: TensorDictBase | None) -> None:
         """One episode (or a round of all copies) with its checkpoint and evaluation."""
@@ -221,8 +227,9 @@ class RunLoop:
     def _evaluated(self, episode: Episode) -> Episode:
         """The episode with the mean return of an evaluation, unless its link broke. Saves the best checkpoint."""
         generator = torch.get_rng_state()
-        if hasattr(self.env, "reconnect"):
-            self.env.reconnect.on_error = lambda _: None  # no episode of the run is affected
+        reconnect = self._reconnect
+        if reconnect is not None:
+            reconnect.on_error = lambda _: None  # no episode of the run is affected
         config, actor = self.config, self.actor
         try:
             episodes = play_episodes(self.env, actor.exploit, config.eval_episodes, config.seed, reset_policy=actor.reset_policy)
@@ -244,8 +251,10 @@ class RunLoop:
         if self.config.stop_at is None or not self.episodes:
             return False
         if self.config.eval_every:
-            return (self.episodes[-1].evaluation or float("-inf")) >= self.config.stop_at
-        recent = [episode.return_ for episode in self.episodes[-WINDOW:] if episode.phase is Phase.TRAIN]
+            evaluation = self.episodes[-1].evaluation
+            return evaluation is not None and evaluation >= self.config.stop_at
+        whole = [episode for episode in self.episodes if not episode.link_lost]
+        recent = [episode.return_ for episode in whole[-WINDOW:] if episode.phase is Phase.TRAIN]
         return len(recent) == WINDOW and sum(recent) / WINDOW >= self.config.stop_at
 
     def save(self) -> None:
