@@ -179,6 +179,21 @@ def test_half_of_each_batch_comes_from_the_dataset() -> None:
         assert (batch["next", "reward"][:, 0] == 7.0).tolist() == [False] * 6 + [True] * 5
 
 
+@pytest.mark.parametrize("batch_size", [10, 11])
+def test_goals_are_replaced_beside_a_dataset(batch_size: int) -> None:
+    learner = make("sac", hindsight=0.5, new_goals=0.5, batch_size=batch_size)
+    learner.remember(steps(30))
+    learner.dataset = learner.memory.empty_like(40)  # type: ignore[union-attr]
+    learner.dataset.extend(steps(40))
+    for count in (1, 2, 3):
+        assert [len(batch) for batch in learner.batches(count)] == [batch_size] * count
+
+
+def test_shift_is_ignored_without_images() -> None:
+    learner = taught(make("sac", shift_px=2))
+    assert learner.updates == 3
+
+
 def test_batches_drawn_together_are_complete() -> None:
     learner = make("sac", batch_size=256, hindsight=0.0, new_goals=0.0)
     learner.remember(steps(300, length=50))

@@ -276,6 +276,14 @@ def test_buffer_state_continues(made: int, memory_mapped: bool) -> None:
     assert (batches[0] == batches[1]).all()
 
 
+@pytest.mark.parametrize("n_step", [1, 3])
+def test_samples_of_a_file_are_on_the_device(n_step: int) -> None:
+    buffer = memory(n_step=n_step, memory_mapped=True, device="meta")
+    for first in (0, 4):
+        buffer.extend(numbered(first, 4, done=(3,)))
+    assert buffer.sample()["next", "reward"].device.type == "meta"
+
+
 @pytest.mark.parametrize("made", [0, 3, 12])
 def test_buffer_state_replaces_content(made: int) -> None:
     one, other = memory(capacity=16), memory(capacity=16)

@@ -13,7 +13,7 @@ from toys import Cart
 import bricksrl
 from bricksrl.agents import algorithm, preset
 from bricksrl.cli import main
-from bricksrl.errors import CheckpointError, DescriptionError, UnknownNameError
+from bricksrl.errors import CheckpointError, DescriptionError, RunError, UnknownNameError
 from bricksrl.evaluation import evaluate
 from bricksrl.evaluation.tuning import BEST, Tuning, tune
 from bricksrl.policies import load_policy
@@ -88,6 +88,19 @@ def test_user_loss_trains_and_resumes_exactly(redq: str, tmp_path: Path) -> None
     assert_same_run(tmp_path / "whole", tmp_path / "run")
     assert RunFolder(tmp_path / "run").read_config().agent == redq
     assert evaluate(tmp_path / "run", Cart(), episodes=2).agent == redq
+
+
+def test_dataset_beside_the_users_buffer(redq: str, tmp_path: Path) -> None:
+    """Ours is mixed with a dataset, whatever the settings are; any other is refused."""
+    train(TrainConfig("Cart", redq, episodes=2, run_dir=tmp_path / "first"), env=Cart())
+    config = TrainConfig("Cart", redq, episodes=2, data=str(tmp_path / "first"), run_dir=tmp_path / "second")
+    with pytest.raises(RunError, match="has a replay buffer that cannot be mixed with a dataset; give it a"):
+        train(config, env=Cart())
+    buffer = "TransitionReplayBuffer(40, 8, ['observation'])"
+    text = REDQ.replace("TensorDictReplayBuffer(storage=LazyTensorStorage(40), batch_size=8)", buffer)
+    (tmp_path / "own.py").write_text(f"from bricksrl.agents.replay import TransitionReplayBuffer\n{text}")
+    result = train(config, env=Cart())
+    assert result.episodes[-1].losses
 
 
 def test_asynchronous_user_algorithm(redq: str, tmp_path: Path) -> None:

@@ -23,6 +23,7 @@ class CrossQSettings(EntropySettings):
 
     actor_q: ClassVar[str] = "min"
     """The actor maximises the minimum of the critics."""
+    batch_size: Annotated[int, Range(2)] = 256
     adam_beta: Annotated[float, ShareBelowOne] = 0.5
     actor_delay: Annotated[int, Range(1)] = 3
     alpha_init: Annotated[float, Positive] = 0.1

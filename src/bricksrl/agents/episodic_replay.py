@@ -13,6 +13,7 @@ from typing import Any
 import torch
 from tensordict import TensorDictBase
 from torch import Tensor
+from torchrl.data import TensorDictReplayBuffer
 
 from bricksrl.agents.images import shift_images
 from bricksrl.agents.replay import TransitionReplayBuffer, link_lost
@@ -37,8 +38,9 @@ class GoalRelabelling:
         """Relabel shares of rows ``[n, batch]`` with the ``index`` ``[batch]``; ``batch`` may be several batches of ``size``.
         ``observed_later``: indices ``[*some]`` to later observations ``[*some, o]``."""
         count = len(index) // size
+        index, rows = index[: count * size], rows[:, : count * size]
         in_hindsight = round(size * self.hindsight)
-        end = in_hindsight + round(size * self.new_goals)
+        end = min(size, in_hindsight + round(size * self.new_goals))
         if not end:
             return
         goals = [self.draw(count, end - in_hindsight, device=index.device)]
@@ -128,14 +130,18 @@ class EpisodicReplayBuffer(TransitionReplayBuffer):
 
     def sample(self, batch_size: int | None = None, **_: Any) -> TensorDictBase:
         """Uniformly drawn transitions, relabelled, summed over n steps, images shifted."""
-        batch = super().sample(batch_size)
+        batch = TensorDictReplayBuffer.sample(self, batch_size or self._rows)
         index = batch.pop("index")
         if self._goals is not None or self._n_step > 1:
             batch = self._augmented(batch, index)
         if self._shift_px:
             for part in (batch, batch["next"]):
                 part["image"] = shift_images(part["image"], self._shift_px)
-        return batch
+        return self._on_device(batch)
+
+    def empty_like(self, capacity: int) -> EpisodicReplayBuffer:
+        kind: dict[str, Any] = {"gamma": self._gamma, "n_step": self._n_step, "goals": self._goals, "shift_px": self._shift_px}
+        return EpisodicReplayBuffer(capacity, self._rows, self._observed, device=self._sampled_to, **kind)
 
     def _augmented(self, batch: TensorDictBase, index: Tensor) -> TensorDictBase:
         chain, known = [index], [torch.ones_like(index, dtype=torch.bool)]

@@ -229,8 +229,8 @@ class Learner:
         return state
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Restore `state_dict`, on any device; episodes that were running then do not go on. Raises CheckpointError if the state is
-        of another algorithm, network or buffer."""
+        """Restore `state_dict`, on any device; the episodes of that time do not go on. Raises CheckpointError if the state is of
+        another algorithm, network or buffer."""
         try:
             self.policy.load_state_dict(state["policy"])
             self.updates, self.due = int(state["updates"]), float(state["due"])

@@ -18,13 +18,14 @@ from bricksrl.errors import DescriptionError
 
 class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
     """Uniform replay of ``capacity`` transitions with observations of ``keys``; the oldest are overwritten first.
-    ``memory_mapped``: store in a temporary file."""
+    ``memory_mapped``: store in a temporary file; ``device``: of the samples, and of the transitions that are not in a file."""
 
     def __init__(
         self, capacity: int, batch_size: int, keys: Sequence[str], memory_mapped: bool = False, device: torch.device | str = "cpu"
     ) -> None:
         super().__init__(storage=LazyMemmapStorage(capacity) if memory_mapped else LazyTensorStorage(capacity, device=device))
-        self._capacity, self._rows, self._device = capacity, batch_size, torch.device(device)
+        self._capacity, self._rows, self._observed, self._sampled_to = capacity, batch_size, keys, torch.device(device)
+        self._device = torch.device("cpu") if memory_mapped else self._sampled_to
         self._keys = [*keys, "action", *(("next", key) for key in (*keys, "reward", "terminated"))]
 
     @property
@@ -46,8 +47,14 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
 
     def sample(self, batch_size: int | None = None, **_: Any) -> TensorDictBase:
         """Uniformly drawn transitions with "index"."""
-        batch: TensorDictBase = super().sample(batch_size or self._rows)
-        return batch
+        return self._on_device(super().sample(batch_size or self._rows))
+
+    def empty_like(self, capacity: int) -> TransitionReplayBuffer:
+        """An empty buffer of the same kind for ``capacity`` transitions, not in a file."""
+        return TransitionReplayBuffer(capacity, self._rows, self._observed, device=self._sampled_to)
+
+    def _on_device(self, batch: TensorDictBase) -> TensorDictBase:
+        return batch if self._device == self._sampled_to else batch.to(self._sampled_to)
 
 
 def link_lost(frames: TensorDictBase) -> Tensor | None:
@@ -67,9 +74,10 @@ def make_replay_buffer(env: EnvBase, settings: OffPolicySettings, device: torch.
     keys = ("observation", "image") if layout.image_px else ("observation",)
     args = (settings.buffer_size, settings.batch_size, keys, settings.memory_mapped, device)
     has_goals = bool(layout.goals) and settings.hindsight + settings.new_goals > 0
-    if not has_goals and settings.n_step == 1 and not settings.shift_px:
+    shift_px = settings.shift_px if layout.image_px else 0
+    if not has_goals and settings.n_step == 1 and not shift_px:
         return TransitionReplayBuffer(*args)
     from bricksrl.agents.episodic_replay import EpisodicReplayBuffer, GoalRelabelling
 
     goals = GoalRelabelling(env.task, layout, settings.hindsight, settings.new_goals) if has_goals else None
-    return EpisodicReplayBuffer(*args, gamma=settings.gamma, n_step=settings.n_step, goals=goals, shift_px=settings.shift_px)
+    return EpisodicReplayBuffer(*args, gamma=settings.gamma, n_step=settings.n_step, goals=goals, shift_px=shift_px)

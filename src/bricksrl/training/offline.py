@@ -35,7 +35,7 @@ def attach_dataset(config: TrainConfig, learner: Learner, env: EnvBase) -> None:
     """Give a learner the config's dataset; also needed when a run resumes. Raises DataError if the dataset cannot be used,
     RunError if the agent cannot use a dataset, or needs one."""
     from bricksrl.agents.imitation.chunks import recorded_memory
-    from bricksrl.agents.replay import TransitionReplayBuffer, make_replay_buffer
+    from bricksrl.agents.replay import TransitionReplayBuffer
 
     if learner.imitates and config.data is None:
         raise RunError(f"{config.agent} needs a dataset; give its folder as data")
@@ -43,13 +43,15 @@ def attach_dataset(config: TrainConfig, learner: Learner, env: EnvBase) -> None:
         return
     if learner.loss is None or learner.on_policy:
         raise RunError(f"the agent {config.agent} cannot use a dataset; choose another agent, or omit the data")
+    if not (learner.memory is None or isinstance(learner.memory, TransitionReplayBuffer) or config.updates):
+        remedy = "give it a bricksrl.agents.replay.TransitionReplayBuffer, or omit the data"
+        raise RunError(f"{config.agent} has a replay buffer that cannot be mixed with a dataset; {remedy}")
     data = read_for(config.data, env, images="image" in learner.policy.in_keys)
     frames = data.to_tensordict()
     frames["next", "done"][:-1] |= (data.episode[1:] != data.episode[:-1])[:, None]
     frames["next", "done"][-1] = True
     if isinstance(learner.memory, TransitionReplayBuffer):
-        settings = dataclasses.replace(config.settings, buffer_size=max(2, len(frames)), memory_mapped=False)
-        learner.dataset = make_replay_buffer(env, settings, learner.device)
+        learner.dataset = learner.memory.empty_like(max(2, len(frames)))
         learner.dataset.extend(frames)
     else:
         size, keys = getattr(config.settings, "batch_size", 256), learner.policy.in_keys
