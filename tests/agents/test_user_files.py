@@ -181,3 +181,18 @@ def test_invalid_network_factory_raises(tmp_path: Path, monkeypatch: pytest.Monk
     with pytest.raises(BricksError, match=says) as caught:
         make_learner("sac", ENV, replace(settings("sac"), network=network))
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("code", "says"),
+    [
+        ("nn.Linear(i, 5)", r"makes a network from \[2, 14\] to \[2, 5\]; let it give \[2, 8\]"),
+        ("nn.Linear(i, o).double()", "fails on .* \\(RuntimeError: .*dtype"),
+        ("nn.Linear(i, o).requires_grad_(False)", "td3 cannot be built .*empty parameter list"),
+    ],
+)
+def test_unsuitable_network_raises(tmp_path: Path, code: str, says: str) -> None:
+    path = tmp_path / "nets.py"
+    path.write_text(f"from torch import nn\ndef make_network(i, o): return {code}\n")
+    with pytest.raises(DescriptionError, match=says):
+        make("td3" if "td3" in says else "sac", network=str(path))

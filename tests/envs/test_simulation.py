@@ -216,3 +216,13 @@ def test_making_without_seed_keeps_generator_of_torch() -> None:
     torch.manual_seed(1)
     bricksrl.make("WalkerSim-v0")
     assert torch.rand(1) == expected
+
+
+def test_state_is_unchanged_by_a_caller_in_place() -> None:
+    after = []
+    for divisor in (1.0, 100.0):
+        env = bricksrl.make("WalkerSim-v0", seed=1)
+        state = env.reset()
+        state["observation"] /= divisor
+        after.append(env.step(state.set("action", torch.zeros(4)))["next", "observation"])
+    assert torch.equal(*after)

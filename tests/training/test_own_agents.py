@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import optuna
 import pytest
 import torch
 from test_run_loop import Recorder, assert_same_run, ctrl_c
@@ -15,7 +16,7 @@ from bricksrl.agents import algorithm, preset
 from bricksrl.cli import main
 from bricksrl.errors import CheckpointError, DescriptionError, RunError, UnknownNameError
 from bricksrl.evaluation import evaluate
-from bricksrl.evaluation.tuning import BEST, Tuning, tune
+from bricksrl.evaluation.tuning import BEST, Tuning, propose, tune
 from bricksrl.policies import load_policy
 from bricksrl.training import RunFolder, TrainConfig, resume, train
 from bricksrl.training.checkpoint import load_checkpoint
@@ -140,6 +141,7 @@ def test_example_agent_reaches_goals(tmp_path: Path) -> None:
     [
         ("1 / 0", DescriptionError, "cannot be loaded .*ZeroDivisionError"),
         ("", UnknownNameError, "there is no 'build'"),
+        ("import sys; sys.exit(3)", DescriptionError, "cannot be loaded .*SystemExit: 3"),
         ("def build(env, device): pass", DescriptionError, "takes no settings; write build"),
         ("def build(env, settings, device): pass", DescriptionError, "has no type for its settings"),
     ],
@@ -168,3 +170,33 @@ def test_user_policy_keys(tmp_path: Path) -> None:
         torch.testing.assert_close(torch.from_numpy(many[2]), one)
         copies = bricksrl.make("RoboArmSim-v0", batch_size=3, seed=1)
         assert copies.rollout(4, policy, break_when_any_done=False)["action"].shape == (3, 4, 4)
+
+
+def test_users_settings_need_defaults(tmp_path: Path) -> None:
+    text = "from dataclasses import dataclass\n@dataclass(frozen=True)\nclass Mine:\n    rate: float\ndef build(env, settings: Mine, device): 1"
+    (tmp_path / "own.py").write_text(text)
+    with pytest.raises(DescriptionError, match="have no default for rate; give it one"):
+        preset("default", str(tmp_path / "own.py"))
+
+
+LIMITED = """
+from dataclasses import dataclass
+from bricksrl.agents import ppo
+
+@dataclass(frozen=True)
+class Settings(ppo.PPOSettings):
+    offset: float = -2.0
+
+def build(env, settings: Settings, device="cpu"):
+    return ppo.build(env, settings, device)
+"""
+
+
+def test_tuning_stays_within_ranges_of_the_users_settings(tmp_path: Path) -> None:
+    (tmp_path / "own.py").write_text(LIMITED)
+    start = preset("default", str(tmp_path / "own.py"))
+    study = optuna.create_study(sampler=optuna.samplers.RandomSampler(seed=1))
+    for _ in range(20):
+        proposed = propose(study.ask(), start, goals=False)
+        assert 0.095 <= proposed.gae_lambda <= 1.0
+        assert -20.0 <= proposed.offset <= -0.2

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 import inspect
-from dataclasses import dataclass, is_dataclass
+from dataclasses import MISSING, dataclass, fields, is_dataclass
 from typing import TYPE_CHECKING, Any
 
 from bricksrl.envs.user_files import is_reference, load_object
@@ -73,6 +73,11 @@ def preset(name: str = "default", agent: str = "sac", *, images: bool = False) -
     if is_reference(agent):
         if name != "default":
             raise UnknownNameError(f"{agent} has no preset '{name}'; it has its own defaults")
+        missing = [
+            field.name for field in fields(settings_type) if field.init and field.default is field.default_factory is MISSING
+        ]
+        if missing:
+            raise DescriptionError(f"the settings of {agent} have no default for {', '.join(missing)}; give it one")
         return settings_type()
     from bricksrl.agents.presets import values
 
@@ -98,7 +103,7 @@ def make_learner(agent: str, env: EnvBase, settings: Any = None, device: str = "
     except BricksError:
         raise
     except Exception as error:
-        if not is_reference(agent):
+        if not (is_reference(agent) or getattr(settings, "network", "")):
             raise
         reason = f"{type(error).__name__}: {error}".splitlines()[0]
         raise DescriptionError(f"{agent} cannot be built ({reason}); correct it") from error

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 from typing import Any
 
+import torch
 from tensordict.nn import NormalParamExtractor, TensorDictModule, TensorDictSequential
 from torch import Tensor, nn
 from torchrl.data import Composite, TensorSpec
@@ -33,7 +35,7 @@ def mlp(in_size: int, out_size: int, hidden: tuple[int, ...], *, layer_norm: boo
 
 def make_body(settings: Settings, in_size: int, out_size: int, **kwargs: Any) -> nn.Module:
     """The network of the settings: an `mlp`, or the result of the user's factory. Raises DescriptionError if the user's factory
-    cannot be loaded, raises, or returns no network."""
+    cannot be loaded, raises, or returns no network of these sizes."""
     if not settings.network:
         return mlp(in_size, out_size, settings.hidden, **kwargs)
     from bricksrl.envs.user_files import load_object
@@ -46,6 +48,17 @@ def make_body(settings: Settings, in_size: int, out_size: int, **kwargs: Any) ->
         raise DescriptionError(f"{settings.network} makes no network ({reason}); correct it") from error
     if not isinstance(network, nn.Module):
         raise DescriptionError(f"{settings.network} makes a {type(network).__name__}; let it return a torch.nn.Module")
+    try:
+        with torch.no_grad(), torch.random.fork_rng(devices=[]):
+            out = copy.deepcopy(network).eval()(torch.zeros(2, in_size))
+    except Exception as error:
+        reason = f"{type(error).__name__}: {error}".splitlines()[0]
+        raise DescriptionError(
+            f"{settings.network} makes a network that fails on [2, {in_size}] ({reason}); correct it"
+        ) from error
+    if not isinstance(out, Tensor) or out.shape != (2, out_size):
+        actual = list(out.shape) if isinstance(out, Tensor) else type(out).__name__
+        raise DescriptionError(f"{settings.network} makes a network from [2, {in_size}] to {actual}; let it give [2, {out_size}]")
     return network
 
 

@@ -181,7 +181,7 @@ class SimulatedEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
         self._speed = self._speed.index_fill(1, copies, 0.0)
 
     def _out(self, batch: Tensor) -> Tensor:
-        return batch if self.batch_size else batch[0]
+        return batch if self.batch_size else batch[0].clone()  # a caller's in-place change must not alter the state
 
 
 def resolve_device(name: str | torch.device) -> torch.device:

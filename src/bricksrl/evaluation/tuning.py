@@ -10,12 +10,14 @@ import json
 import logging
 import tempfile
 import threading
+import typing
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from bricksrl.agents.settings import Range
 from bricksrl.errors import RunError
 from bricksrl.files import serialized, write_durably
 from bricksrl.seed import LARGEST_SEED, check_seed
@@ -102,22 +104,30 @@ def propose(trial: optuna.trial.BaseTrial, start: Any, *, goals: bool) -> Any:
     for name, choices in _CHOICES.items():
         if name in names:
             values[name] = trial.suggest_categorical(name, list(choices))
-    for name, value in _others(start):
-        low, high = (value / 10.0, value * 10.0) if value > 0 else (0.0, 1.0)
-        values[name] = trial.suggest_float(name, low, high, log=value > 0)
+    for name, _, low, high in _others(start):
+        values[name] = trial.suggest_float(name, low, high, log=low > 0)
     if "hidden" in values:
         values["hidden"] = tuple(int(part) for part in values["hidden"].split(","))
     proposed: Any = replace(start, **values)
     return proposed
 
 
-def _others(start: Any) -> list[tuple[str, float]]:
-    """Float settings of a user's algorithm that the tables above do not name."""
+def _others(start: Any) -> list[tuple[str, float, float, float]]:
+    """Float settings of a user's algorithm that the tables above do not name: name, default, and limits of the search, which lie
+    in the setting's `Range`."""
     if type(start).__module__.startswith("bricksrl."):
         return []
     known = {*_NUMBERS, *_GOAL_NUMBERS, *_CHOICES}
-    fields = [(field.name, getattr(start, field.name)) for field in dataclasses.fields(start) if field.name not in known]
-    return [(name, value) for name, value in fields if isinstance(value, float)]
+    hints = typing.get_type_hints(type(start), include_extras=True)
+    found = []
+    for name, value in vars(start).items():
+        if name not in known and isinstance(value, float):
+            low, high = sorted((value / 10.0, value * 10.0)) if value else (0.0, 1.0)
+            for limits in getattr(hints.get(name), "__metadata__", ()):
+                if isinstance(limits, Range):
+                    low, high = max(low, limits.low), min(high, limits.high)
+            found.append((name, value, low, high))
+    return found
 
 
 def tune(
@@ -249,7 +259,7 @@ def _as_proposed(settings: Any, *, goals: bool) -> dict[str, Any]:
         value = ",".join(map(str, value)) if isinstance(value, tuple) else value
         if value in choices:
             parameters[name] = value
-    return {**parameters, **dict(_others(settings))}
+    return {**parameters, **{name: value for name, value, _, _ in _others(settings)}}
 
 
 def _check_same(study: optuna.Study, tuning: Tuning, folder: Path) -> None:

@@ -36,10 +36,13 @@ class Policy(TensorDictModuleBase):  # type: ignore[misc]
 
     def act(self, observation: Any, image: Any = None) -> Any:
         """Action ``[*batch, m]``, in -1..1, for an observation ``[*batch, n]``: an array for an array, a tensor for a tensor.
-        ``image``: uint8 ``[*batch, side, side, 3]``, for a policy that uses images. Raises DescriptionError for another n."""
+        ``image``: uint8 ``[*batch, side, side, 3]``, for a policy that uses images. Raises DescriptionError for another n, or
+        without the image that the policy needs."""
         values = torch.as_tensor(observation, dtype=torch.float32)
         if values.shape[-1:] != (self.size,):
             raise DescriptionError(f"the policy takes observations of {self.size} numbers; give [*batch, {self.size}]")
+        if image is None and "image" in self.in_keys:
+            raise DescriptionError("the policy uses images; give one too")
         inputs = {"observation": values} if image is None else {"observation": values, "image": torch.as_tensor(image)}
         action: Tensor = self(TensorDict(inputs, values.shape[:-1]))["action"]
         return action if isinstance(observation, Tensor) else np.asarray(action)

@@ -101,6 +101,8 @@ def _run(
     """A new run, or one from the checkpoint in ``folder``."""
     if len(config.hubs) > 1 and (env is not None or driver is not None):
         raise RunError("a fleet takes no env and no driver; omit them")
+    if env is not None and env.batch_size and not {"episode_reward", "step_count"} <= set(env.full_observation_spec.keys()):
+        raise RunError("copies of your own need TorchRL's RewardSum and StepCounter; add them, or omit env and give num_envs")
     from bricksrl.seed import derive_seed
     from bricksrl.training.seeding import reproducible
 
