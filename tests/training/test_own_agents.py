@@ -172,9 +172,19 @@ def test_user_policy_keys(tmp_path: Path) -> None:
         assert copies.rollout(4, policy, break_when_any_done=False)["action"].shape == (3, 4, 4)
 
 
+NO_DEFAULT = """
+from dataclasses import dataclass
+
+@dataclass(frozen=True)
+class Mine:
+    rate: float
+
+def build(env, settings: Mine, device): ...
+"""
+
+
 def test_users_settings_need_defaults(tmp_path: Path) -> None:
-    text = "from dataclasses import dataclass\n@dataclass(frozen=True)\nclass Mine:\n    rate: float\ndef build(env, settings: Mine, device): 1"
-    (tmp_path / "own.py").write_text(text)
+    (tmp_path / "own.py").write_text(NO_DEFAULT)
     with pytest.raises(DescriptionError, match="have no default for rate; give it one"):
         preset("default", str(tmp_path / "own.py"))
 

@@ -103,7 +103,7 @@ def make_learner(agent: str, env: EnvBase, settings: Any = None, device: str = "
     except BricksError:
         raise
     except Exception as error:
-        if not (is_reference(agent) or getattr(settings, "network", "")):
+        if not (is_reference(agent) or vars(settings).get("network")):
             raise
         reason = f"{type(error).__name__}: {error}".splitlines()[0]
         raise DescriptionError(f"{agent} cannot be built ({reason}); correct it") from error

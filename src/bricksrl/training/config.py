@@ -95,9 +95,10 @@ class TrainConfig(EnvOptions):
             object.__setattr__(self, "settings", settings_for(self.env, "default", self.agent))
         if not dataclasses.is_dataclass(self.settings):
             raise DescriptionError(f"settings is {self.settings!r}; give those of the agent, such as preset('paper', 'sac')")
-        given = {name: value.item() for name, value in vars(self.settings).items() if isinstance(value, np.generic)}
-        if given:  # NumPy numbers, such as rates from an array, have no place in files
-            object.__setattr__(self, "settings", dataclasses.replace(self.settings, **given))
+        settings: Any = self.settings
+        plain = {name: value.item() for name, value in vars(settings).items() if isinstance(value, np.generic)}
+        if plain:  # NumPy numbers, such as rates from an array, have no place in files
+            object.__setattr__(self, "settings", dataclasses.replace(settings, **plain))
 
     @property
     def hubs(self) -> tuple[str, ...]:
