@@ -78,6 +78,8 @@ def test_mistakes_print_one_line(fails: Callable[..., None], monkeypatch: pytest
     monkeypatch.setattr(VideoCamera, "frame", unplugged)
     fails("camera", "calibrate", says="camera 0 shows nothing")
     fails("camera", "calibrate", "--twin", says="--out")
+    fails("camera", "calibrate", "--twin", "--camera", "1", "--out", "x.json", says="--camera has no effect with --twin; omit it")
+    fails("camera", "calibrate", "--out", "x.png", says="the name of the picture that is written too")
     fails("camera", "calibrate", "--frames", "0", says="frames is 0")
     fails("camera", "calibrate", "Walker-v0", says="Walker-v0 has no camera")
     fails("camera", "calibrate", "--twin", "--at", "3", "3", "--out", str(tmp_path / "red.json"), says="nothing is red")

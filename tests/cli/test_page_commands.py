@@ -42,6 +42,12 @@ def test_program_on_page(tmp_path, capfd):
         (("drive", "RunAway-v0", "--page-host", "256.0.0.1"), "name another host"),
         (("hub", "run", __file__, "--page", "--hub", "ble"), "only a program on a virtual hub"),
         (("record", "RunAway-v0", "--out", "x", "--video", "x.gif"), "end it in .mp4"),
+        (("play", "RunAway-v0", "--page-host", "::1"), "--page-host has no effect without --page; omit it"),
+        (("play", "RunAway-v0", "--page", "--episodes", "0"), "episodes is 0; give 1 or more"),
+        (("record", "RunAway-v0", "--out", "x", "--page-port", "1"), "--page-port has no effect without --page; omit it"),
+        (("record", "RunAway-v0", "--out", "x", "--explore"), "--explore has no effect with the policy 'random'"),
+        (("record", "RunAway-v0", "--out", "x", "--policy", "gamepad", "--take-over", "keyboard"), "omit --take-over"),
+        (("train-offline", "RunAway-v0", "--data", "x", "--page-port", "1"), "--page-port has no effect without --page"),
         (("evaluate", "x", "--video", "x.gif"), "end it in .mp4"),
     ],
 )

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from bricksrl.cli import main
 from bricksrl.robots import plans
 
 PLAN = str(Path(plans.__path__[0]) / "two_wheeler.ldr")
@@ -23,6 +24,13 @@ def test_robots_have_plans(bricksrl):
     assert bricksrl("plan", "check", "two-wheeler").stdout == bricksrl("plan", "check", PLAN).stdout
     assert "there is no robot 'two-wheels'; choose one of" in bricksrl("plan", "check", "two-wheels").stderr
     assert "bench has no building plan; name an LDraw file" in bricksrl("plan", "check", "bench").stderr
+
+
+def test_folder_of_the_name_of_a_robot_is_no_plan(tmp_path, monkeypatch, capsys):
+    (tmp_path / "walker").mkdir()
+    monkeypatch.chdir(tmp_path)
+    assert main(["plan", "check", "walker"]) == 0
+    assert capsys.readouterr().out.endswith("all is well\n")
 
 
 def test_plan_of_one_part(bricksrl, tmp_path):
@@ -65,6 +73,7 @@ def test_the_catalogue(bricksrl):
     [
         (["check", "no.ldr"], "error: no.ldr: No such file or directory; name an LDraw file (.ldr, .mpd or .io)"),
         (["steps", PLAN, "--out", "plan.doc"], "error: plan.doc: a booklet is a .pdf or .html file; name one of these"),
+        (["parts", PLAN, "--format", "bricklink"], "error: --format has no effect without --out; omit it"),
         (["parts", "--out", "parts.csv"], "error: --out needs a plan; name an LDraw file"),
     ],
 )

@@ -54,6 +54,9 @@ def test_invalid_teams_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert run(["team"]) == 2 and "name an arena to train in (Tag-v0, Carry-v0)" in capsys.readouterr().err
     assert run(["team", "--play", str(tmp_path)]) == 2 and "team.bin" in capsys.readouterr().err
     assert run(["team", "Tag-v0", "--play", str(tmp_path)]) == 2 and "omit ARENA or --play" in capsys.readouterr().err
+    for option in (["--agent", "sac"], ["--learn", "runner"], ["--frames", "7"], ["--copies", "0"], ["--run", "x"]):
+        assert run(["team", "--play", str(tmp_path), *option]) == 2
+        assert capsys.readouterr().err == f"error: {option[0]} has no effect with --play; omit it\n"
     assert run(["team", "Tag-v0", "--frames", "0"]) == 2 and "1 frame or more" in capsys.readouterr().err
     assert run(["team", "Tag-v0", "--copies", "-1"]) == 2 and "0 copies or more" in capsys.readouterr().err
     assert run(["list", "--json"]) == 0 and json.loads(capsys.readouterr().out)["arenas"] == ["Tag-v0", "Carry-v0"]

@@ -210,6 +210,10 @@ def test_existing_folder_is_unchanged(fails, trained):
         (("RunAway-v0", "--patience", "-1"), "patience"),
         (("RunAway-v0", "--seeds", "1"), "seeds"),
         (("RunAway-v0", "--resume", "runs/spin"), "--resume"),
+        (("RunAway-v0", "--page-port", "9000"), "--page-port has no effect without --page; omit it"),
+        (("RunAway-v0", "--seeds", "2", "--page"), "omit --seeds, or --page"),
+        (("RunAway-v0", "--seeds", "2", "--take-over", "keyboard"), "omit --seeds, or --page and --take-over"),
+        (("RunAway-v0", "--eval-episodes", "9"), "--eval-episodes has no effect without --eval-every"),
         ((), "environment"),
     ],
 )
@@ -217,6 +221,28 @@ def test_wrong_names_and_numbers_print_one_line(fails, tmp_path, arguments, says
     run_dir = tmp_path / "run"
     fails("train", *arguments, "--run", str(run_dir), says=says)
     assert not run_dir.exists()
+
+
+@pytest.mark.parametrize(
+    "option",
+    [
+        ("--agent", "td3"),
+        ("--set", "gamma=0.9"),
+        ("--from", "runs/other"),
+        ("--seed", "3"),
+        ("--option", "sparse=true"),
+        ("--take-over", "keyboard"),
+        ("--page-port", "9000"),
+    ],
+)
+def test_resume_ignores_no_option(fails, option):
+    fails("train", "--resume", "runs/spin", *option, says=f"{option[0]} has no effect with")
+
+
+def test_fleet_learns_on_a_page(tmp_path, capfd):
+    command = ["train", "RunAway-v0", "--agent", "random", "--robots", "2", "--episodes", "2", "--run", str(tmp_path / "run")]
+    assert main([*command, "--page"]) == 0
+    assert len(RunFolder(tmp_path / "run").read_episodes()) == 2
 
 
 def test_ctrl_c_saves_and_resume_continues(start, fails, tmp_path):

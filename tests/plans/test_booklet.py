@@ -77,6 +77,17 @@ def test_new_parts_are_coloured_others_faded():
     assert red(faded) == 0
 
 
+def test_step_of_many_kinds_has_its_parts_on_pages_before(tmp_path):
+    kinds = [part for part in catalogue.parts() if part.family != "hubs"][:20]
+    plan = plan_of(*(f"1 4 {100 * at} 0 0 1 0 0 0 1 0 0 0 1 {part.number}.dat" for at, part in enumerate(kinds)))
+    assert [(page.head, len(page.items)) for page in pages_of(plan)][3:6] == [("1", 16), ("1", 4), ("1", 0)]
+    write_booklet(plan, tmp_path / "robot.pdf")
+
+
+def test_title_with_dollars_is_no_formula(tmp_path):
+    assert write_booklet(plan_of("0 Robot for $_$", BEAM), tmp_path / "robot.pdf") == 3
+
+
 def test_repeated_steps_share_a_page():
     turned = "1 16 100 0 0 -1 0 0 0 1 0 0 0 -1 wheel.ldr"
     plan = plan_of(

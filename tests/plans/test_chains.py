@@ -52,6 +52,11 @@ def test_chained_gears_turn_the_same_way_at_the_ratio_of_their_teeth(first, seco
     assert {found.name for found in check(plan)} <= {"half-held"}  # the gears turn freely
 
 
+def test_gear_in_the_place_of_another_is_a_finding():
+    number = next(number for number, line in enumerate(DRIVEN) if "3648b" in line)
+    assert [found.name for found in check(plan_of(*DRIVEN[: number + 1], *DRIVEN[number:]))] == ["collision"]
+
+
 def test_motor_drives_twin_through_chain(tmp_path):
     plan = plan_of(*DRIVEN)
     assert check(plan) == []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import random
+import time
 import zipfile
 from contextlib import suppress
 
@@ -25,6 +26,27 @@ def test_steps_and_notes():
     assert plan.title == "A beam"
     assert [(step.new, step.note) for step in plan.steps] == [((0,), "First a beam."), ((1,), "Then a pin.")]
     assert plan.mass_g == pytest.approx(1.226 + 0.193, abs=0.01)
+
+
+def test_lines_after_the_end_of_a_model_belong_to_none():
+    plan = plan_of("0 FILE a.ldr", "0 Name: a.ldr", "0 Author: somebody", BEAM, "0 NOFILE", BEAM, "0 FILE b.ldr", BEAM)
+    assert (plan.title, len(plan.parts)) == ("try", 1)
+
+
+def test_colour_with_a_leading_zero_is_decimal():
+    colours = [placed.colour for placed in plan_of(BEAM.replace("1 4", "1 014"), BEAM.replace("1 4", "1 0x2FF0000")).parts]
+    assert colours == [14, 0x2FF0000]
+
+
+def test_time_does_not_grow_with_empty_steps():
+    start_s = time.process_time()
+    assert (
+        len(
+            plan_of("0 FILE a.ldr", *[BEAM.replace("32316.dat", "b.ldr")] * 300, "0 FILE b.ldr", BEAM, *["0 STEP"] * 20_000).parts
+        )
+        == 300
+    )
+    assert time.process_time() - start_s < 3.0
 
 
 def test_sub_assembly_is_built_before_joining():

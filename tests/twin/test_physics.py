@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bricksrl.errors import TwinError
-from bricksrl.twin.physics import PARAMETERS, Physics, RandomPhysics
+from bricksrl.twin.physics import PARAMETERS, Physics, RandomPhysics, read_physics, write_physics
 
 
 def test_every_field_says_its_unit_range_and_source() -> None:
@@ -58,3 +58,8 @@ def test_draws_are_reproducible_zero_width_is_default() -> None:
 def test_width_outside_0_to_1_raises(width: float) -> None:
     with pytest.raises(TwinError, match="width"):
         RandomPhysics(width)
+
+
+def test_physics_is_written_into_a_new_folder(tmp_path):
+    write_physics(tmp_path / "new" / "robot.json", Physics(battery_v=7.4))
+    assert read_physics(tmp_path / "new" / "robot.json") == Physics(battery_v=7.4)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional
 
-from bricksrl.cli.options import Flag, option
+from bricksrl.cli.options import Flag, option, refuse_ignored
 from bricksrl.cli.terminal import print_line
 from bricksrl.errors import CameraError
 
@@ -56,6 +56,10 @@ class CalibrateCamera:
             raise CameraError(f"frames is {self.frames}; look at 1 or more")
         if self.twin and self.out is None:
             raise CameraError("a virtual robot finds no calibration by itself; name a file with --out")
+        if self.twin:
+            refuse_ignored(self, ("--env", "--twin", "--at", "--frames", "--out"), "with --twin")
+        if self.out is not None and self.out.suffix.lower() == ".png":
+            raise CameraError(f"'{self.out}' is the name of the picture that is written too; end it in .json")
         task = get_task(self.env)
         if task.camera is None:
             raise CameraError(f"{self.env} has no camera; choose an environment that has one")

@@ -55,6 +55,7 @@ class TrainOffline:
         from bricksrl.training.config import settings_for
         from bricksrl.training.run_folder import file_name
 
+        address = self.live_page.shown(self.page)
         if self.updates < 1:
             raise RunError(f"updates is {self.updates}; make at least 1")
         load_learning()  # algorithms are registered when their modules are imported
@@ -69,5 +70,6 @@ class TrainOffline:
             updates=self.updates,
             run_dir=self.run or Path("runs") / f"{file_name(self.env)}-{file_name(self.agent)}-{self.seed}-{time}",
         )
-        address = self.live_page if self.page else None
-        return run_training(lambda displays: train(config, displays.callback, stop=displays.stop), config, address)
+        return run_training(
+            lambda displays: train(config, displays.callback, stop=displays.stop), config, address, can_drive=False
+        )

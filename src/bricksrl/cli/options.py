@@ -1,11 +1,16 @@
-"""Annotations of command-line options, for all commands."""
+"""Annotations of command-line options, for all commands, and the refusal of options that a command would ignore."""
 
 from __future__ import annotations
 
+import dataclasses
+import typing
+from collections.abc import Container, Iterator
 from functools import partial
-from typing import Annotated
+from typing import Annotated, Any
 
 from tyro.conf import arg
+
+from bricksrl.errors import DescriptionError
 
 
 def _default(value: str) -> str:
@@ -19,3 +24,22 @@ Flag = Annotated[bool, option()]
 """An option without a value."""
 PageFlag = Annotated[bool, option(help="Show it live in the browser: the robot in 3D, curves, buttons, and sliders to drive it.")]
 """``--page``."""
+
+
+def changed_options(command: Any) -> Iterator[str]:
+    """Options of a command that differ from their defaults, as they are written."""
+    hints = typing.get_type_hints(type(command), include_extras=True)
+    for field in dataclasses.fields(command):
+        value = getattr(command, field.name)
+        if dataclasses.is_dataclass(value):
+            yield from changed_options(value)
+        elif value != field.default:
+            names = (getattr(item, "name", None) for item in getattr(hints[field.name], "__metadata__", ()))
+            yield f"--{next(filter(None, names), field.name).replace('_', '-')}"
+
+
+def refuse_ignored(command: Any, kept: Container[str], mode: str) -> None:
+    """Raise DescriptionError if an option of a command is set that has no effect in a mode, such as ``with --resume``."""
+    ignored = next((name for name in changed_options(command) if name not in kept), None)
+    if ignored is not None:
+        raise DescriptionError(f"{ignored} has no effect {mode}; omit it")

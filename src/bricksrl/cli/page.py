@@ -10,11 +10,11 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Self
 
 from tyro.conf import OmitArgPrefixes, Positional
 
-from bricksrl.cli.options import PageFlag, option
+from bricksrl.cli.options import PageFlag, option, refuse_ignored
 from bricksrl.cli.robot_flags import RobotFlags, RobotGroup
 from bricksrl.cli.terminal import INTERRUPTED, load_learning, place_robot, print_line, print_note
 from bricksrl.errors import DescriptionError, StoppedError, counted
@@ -41,6 +41,12 @@ class PageAddress:
         from bricksrl.page.server import PageOptions
 
         return PageOptions(self.page_host, self.page_port)
+
+    def shown(self, page: bool) -> Self | None:
+        """This address if the page is to be shown, else ``None``. Raises DescriptionError if it is given without ``--page``."""
+        if not page:
+            refuse_ignored(self, (), "without --page")
+        return self if page else None
 
 
 LivePageGroup = Annotated[PageAddress, OmitArgPrefixes]
@@ -96,6 +102,9 @@ class Play:
         """Play."""
         from bricksrl.policies.named import named_policies, random_player
 
+        address = self.live_page.shown(self.page)
+        if self.episodes is not None and self.episodes < 1:
+            raise DescriptionError(f"episodes is {self.episodes}; give 1 or more")
         load_learning()
         folder = Path(self.target)
         is_run = folder.is_dir()
@@ -105,9 +114,9 @@ class Play:
             if policy not in players:
                 raise DescriptionError(f"{self.target} has no policy '{policy}'; choose {', '.join(players)}")
             players[policy] = players.pop(policy)  # the page begins with the last one
-            if self.page:
+            if address is not None:
                 subtitle = self.target if is_run else ""
-                return _on_page(self.live_page, env, env_id, players, subtitle=subtitle, episodes=self.episodes)
+                return _on_page(address, env, env_id, players, subtitle=subtitle, episodes=self.episodes)
             return _in_terminal(env, players[policy](), self.episodes)
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import Positional
 
-from bricksrl.cli.options import option
+from bricksrl.cli.options import option, refuse_ignored
 from bricksrl.cli.page import LivePageGroup, PageAddress, announce
 from bricksrl.cli.terminal import INTERRUPTED, print_line
 from bricksrl.errors import PlanError, counted
@@ -24,7 +24,7 @@ def _read(path: Path) -> Plan:
     from bricksrl.plans.plan import read_plan
     from bricksrl.robots.planned import plan_file
 
-    if path.exists() or path.suffix:
+    if path.is_file() or path.suffix:
         return read_plan(path)
     robot = robots.get(str(path))
     file = plan_file(robot.model or "")
@@ -91,6 +91,8 @@ class PlanParts:
         from bricksrl.plans.parts_list import as_text, parts_list
         from bricksrl.plans.sets import purchases
 
+        if self.out is None:
+            refuse_ignored(self, ("--plan",), "without --out")
         if self.plan is None:
             if self.out is not None:
                 raise PlanError("--out needs a plan; name an LDraw file")

@@ -79,6 +79,8 @@ class Record:
         if self.episodes < 1:
             raise DataError(f"episodes is {self.episodes}; record at least 1")
         check_seed(self.seed)
+        self._check_policy()
+        address = self.live_page.shown(self.page)
         load_learning()
         count = 0
 
@@ -100,7 +102,7 @@ class Record:
                 self._environment(options, human, emergency_stop) as env,
                 filmed_env(env, self.video, f"{self.env}: {self.policy}"),
                 Recorder(self.out, describe(env, options.options)) as recorder,
-                run_on_page(self.live_page if self.page else None, self.env, options.options) as page,
+                run_on_page(address, self.env, options.options, can_drive=human is None) as page,
             ):
                 emergency_stop.attach(env)
                 self._collect(env, recorder, human, report, page)
@@ -112,6 +114,13 @@ class Record:
             print_line(f"video           {self.video}")
         print_line(f"look at it      bricksrl data info {quoted(self.out)}")
         return 0
+
+    def _check_policy(self) -> None:
+        """Refuse options that the policy ignores."""
+        if self.policy in DEVICES and self.take_over is not None:
+            raise DescriptionError("a human drives from the start; omit --take-over, or name another --policy")
+        if self.explore and self.policy in ("random", *DEVICES):
+            raise DescriptionError(f"--explore has no effect with the policy '{self.policy}'; omit it, or name a run")
 
     @contextmanager
     def _environment(self, options: EnvOptions, human: Driver | None, emergency_stop: EmergencyStop) -> Iterator[EnvBase]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import Positional, UseAppendAction
 
-from bricksrl.cli.options import option
+from bricksrl.cli.options import option, refuse_ignored
 from bricksrl.cli.terminal import INTERRUPTED, load_learning, print_interrupted, print_line
 from bricksrl.errors import RenderingUnavailableError, RunError, UnknownNameError, counted
 
@@ -67,6 +67,8 @@ class TrainTeam:
             raise RunError(f"episodes is {self.episodes}; give 1 or more")
         if self.play is not None and self.env is not None:
             raise RunError("a team that only plays has an arena; omit ARENA or --play")
+        if self.play is not None:
+            refuse_ignored(self, ("--play", "--seed", "--episodes"), "with --play")
         load_learning()
         if self.play is not None:
             return self._play(load_team(self.play / TEAM_FILE), None)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional, UseAppendAction
 
-from bricksrl.cli.options import Flag, PageFlag, option
+from bricksrl.cli.options import Flag, PageFlag, option, refuse_ignored
 from bricksrl.cli.page import LivePageGroup, PageAddress, run_on_page
 from bricksrl.cli.robot_flags import RobotFlags, RobotGroup
 from bricksrl.cli.terminal import INTERRUPTED, load_learning, print_interrupted, print_line
@@ -119,9 +119,17 @@ class Train:
         if self.resume is not None:
             if self.env is not None:
                 raise DescriptionError("a run that is resumed has an environment; omit ENV or --resume")
+            refuse_ignored(self, ("--resume", "--episodes", "--page", "--page-host", "--page-port"), "with --resume")
             return Resume(self.resume, self.episodes, self.page, self.live_page).execute()
         if self.env is None:
             raise DescriptionError("name an environment to train in, or a run to --resume; `bricksrl list` shows environments")
+        address = self.live_page.shown(self.page)
+        if self.seeds is not None and (self.page or self.take_over is not None):
+            raise DescriptionError(
+                "several seeds have no page and nobody who takes over; omit --seeds, or --page and --take-over"
+            )
+        if self.eval_episodes != type(self).eval_episodes and not self.eval_every:
+            raise DescriptionError("--eval-episodes has no effect without --eval-every; omit it, or give both")
         load_learning()  # algorithms are registered when their modules are imported
         config = self.config(self.env)
         if self.seeds is not None:
@@ -132,7 +140,6 @@ class Train:
             raise DescriptionError("a single run needs no cluster; give --seeds, or omit --on")
         from bricksrl.training import train
 
-        address = self.live_page if self.page else None
         if self.take_over is None:
             return run_training(lambda displays: train(config, displays.callback, **displays.kwargs()), config, address)
         from bricksrl.cli.teleop import driving, quiet
@@ -149,7 +156,7 @@ class Train:
                 return train(config, displays.callback, place=place, driver=driver, stop=displays.stop)
 
             keys = False if self.take_over == "keyboard" else None  # all keys of a keyboard are for driving
-            return run_training(start, config, address, keys=keys)
+            return run_training(start, config, address, keys=keys, can_drive=False)
 
     def config(self, env: str) -> TrainConfig:
         """Configuration of the run from the flags."""
@@ -217,7 +224,7 @@ class Resume:
         """Resume, evaluate, report."""
         from bricksrl.training import RunFolder, resume
 
-        config, address = RunFolder(self.run).read_config(), self.live_page if self.page else None
+        address, config = self.live_page.shown(self.page), RunFolder(self.run).read_config()
         return run_training(
             lambda displays: resume(self.run, displays.callback, episodes=self.episodes, **displays.kwargs()), config, address
         )
@@ -249,17 +256,24 @@ class Displays:
 
 
 def run_training(
-    start: Callable[[Displays], RunResult], config: TrainConfig, address: PageAddress | None, *, keys: bool | None = None
+    start: Callable[[Displays], RunResult],
+    config: TrainConfig,
+    address: PageAddress | None,
+    *,
+    keys: bool | None = None,
+    can_drive: bool = True,
 ) -> int:
-    """Run, evaluate and report a training with its displays; returns the exit code. ``keys`` is for :class:`EmergencyStop`."""
+    """Run, evaluate and report a training with its displays; returns the exit code. ``keys`` is for :class:`EmergencyStop`,
+    ``can_drive`` says whether a human at the page may drive."""
     from bricksrl.cli.emergency_stop import EmergencyStop
     from bricksrl.cli.progress import make_progress
 
     progress, stop = make_progress(), threading.Event()
+    can_drive = can_drive and config.num_envs == len(config.hubs) == 1
     try:
         load_learning()
         with (
-            run_on_page(address, config.env, config.options, on_stop=stop.set, can_drive=config.num_envs == 1) as page,
+            run_on_page(address, config.env, config.options, on_stop=stop.set, can_drive=can_drive) as page,
             EmergencyStop(stop, progress.note, keys=keys) as emergency_stop,
         ):
             progress.on_ready, progress.quiet = emergency_stop.attach, emergency_stop.quiet

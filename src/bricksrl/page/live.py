@@ -187,7 +187,10 @@ class LivePage:
         if env.batch_size:  # robots of other processes, or none
             self.board.update_status(no_scene=f"{env.batch_size.numel()} copies learn at once; their returns are below.")
         elif hasattr(env, "watch"):
+            self.board.update_status(no_scene="")
             self._unwatch = env.watch(self._show_connection)
+        elif hasattr(env, "stop"):
+            self.board.update_status(no_scene="Several robots learn at once; their returns are below.")
         else:
             self.board.update_status(no_scene="This is a simulation without a robot; its numbers are below.")
         self._publish()

@@ -36,7 +36,7 @@ _PART_ZOOM = 2.4
 _NOTE_WIDTH = 120
 """Characters per line of a note."""
 _COLOURS = 64
-_PARTS_PER_PAGE = 16
+_PARTS_PER_PAGE, _PARTS_BESIDE_PICTURE = 16, 8
 _MODULE_IN = 8 / 25.4
 _CABLE = "#c2410c"
 FORMATS = (".pdf", ".html")
@@ -63,7 +63,7 @@ class Cable:
 
 @dataclass(frozen=True)
 class Page:
-    """A page: a picture or ``None``, and items or lines of text."""
+    """A page: a picture or ``None``, items or lines of text, cables, and lengths of axles in modules, drawn at 1:1."""
 
     head: str
     note: str
@@ -71,6 +71,7 @@ class Page:
     items: tuple[Item, ...]
     lines: tuple[str, ...] = ()
     cables: tuple[Cable, ...] = ()
+    axles: tuple[int, ...] = ()
 
 
 def write_booklet(plan: Plan, path: Path) -> int:
@@ -99,7 +100,7 @@ def pages_of(plan: Plan) -> Iterator[Page]:
     for step in plan.steps:
         if times[_kind(step)] > 0:
             number += 1
-            yield _step_page(plan, step, number, times[_kind(step)] if step.assembly else 1)
+            yield from _step_pages(plan, step, number, times[_kind(step)] if step.assembly else 1)
         if step.assembly:
             times[_kind(step)] = 0
     canvas = Canvas(_STEP_SIZE, VIEWS[3], plan.parts)
@@ -137,8 +138,8 @@ def _part_picture(part: Part, colour: int) -> Pixels:
     return canvas.picture()
 
 
-def _step_page(plan: Plan, step: Step, number: int, times: int) -> Page:
-    """Page of a step; repeated steps share one page, so pages have their own numbers."""
+def _step_pages(plan: Plan, step: Step, number: int, times: int) -> Iterator[Page]:
+    """Page of a step, after pages of its parts if they are many; repeated steps share one, so pages have their own numbers."""
     new = [plan.parts[index] for index in step.new]
     joined = [plan.parts[index] for group in step.joined for index in group]
     bright = {placed.index for placed in (*new, *joined)}
@@ -155,7 +156,12 @@ def _step_page(plan: Plan, step: Step, number: int, times: int) -> Page:
         name = _title(parts[0].assembly[len(step.assembly)])
         if name in titles:
             items.append(Item(draw(parts, _PART_SIZE), titles.pop(name), name))
-    return Page(f"{number}{title}", step.note + hint, picture, tuple(items))
+    axles = tuple(sorted({item.axle for item in items if 0 < item.axle <= 16}))
+    if len(items) > _PARTS_BESIDE_PICTURE:
+        for start in range(0, len(items), _PARTS_PER_PAGE):
+            yield Page(f"{number}{title}", "", None, tuple(items[start : start + _PARTS_PER_PAGE]))
+        items = []
+    yield Page(f"{number}{title}", step.note + hint, picture, tuple(items), axles=axles)
 
 
 def _title(assembly: str) -> str:
@@ -218,11 +224,12 @@ def _cables(plan: Plan, canvas: Canvas) -> tuple[Cable, ...]:
 
 def _pdf(plan: Plan, pages: Iterable[Page]) -> bytes:
     import_matplotlib()
+    from matplotlib import rc_context
     from matplotlib.backends.backend_pdf import PdfPages
     from matplotlib.figure import Figure
 
-    buffer = io.BytesIO()
-    with PdfPages(buffer, metadata={"Title": plan.title, "Creator": "BricksRL", "CreationDate": None}) as pdf:
+    buffer, metadata = io.BytesIO(), {"Title": plan.title, "Creator": "BricksRL", "CreationDate": None}
+    with rc_context({"text.parse_math": False}), PdfPages(buffer, metadata=metadata) as pdf:
         for number, page in enumerate(pages, 1):
             figure = Figure(figsize=(8.27, 5.83), dpi=110)
             _lay_out(figure, page, number)
@@ -269,8 +276,7 @@ def _lay_out(figure: object, page: Page, number: int) -> None:
             va="center",
             linespacing=1.1,
         )
-    axles = sorted({item.axle for item in page.items if 0 < item.axle <= 16}) if not is_list else []
-    for row, length in enumerate(axles):
+    for row, length in enumerate(page.axles):
         width = length * _MODULE_IN / 8.27
         figure.add_artist(Rectangle((0.97 - width, 0.92 - 0.05 * row), width, 0.024, facecolor="0.25", edgecolor="none"))
         figure.text(0.96 - width, 0.932 - 0.05 * row, f"{length}, 1:1", fontsize=8, ha="right", va="center")

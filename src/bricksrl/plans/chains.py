@@ -25,7 +25,8 @@ def chain_meshes(parts: Sequence[Placed]) -> list[Mesh]:
     meshes = []
     for points, axis in _loops(parts):
         driven = [(placed, gear) for placed, gear in gears if _is_driven(placed, gear, points, axis)]
-        meshes += [_mesh(*first, *second, axis) for first, second in pairwise(driven)]
+        pairs = (_mesh(*first, *second, axis) for first, second in pairwise(driven))
+        meshes += [mesh for mesh in pairs if mesh is not None]
     return meshes
 
 
@@ -61,11 +62,14 @@ def _is_driven(placed: Placed, gear: Gear, points: Floats, axis: Floats) -> bool
     return bool(is_level and np.count_nonzero(touching) >= 2 and abs(winding) > math.pi)
 
 
-def _mesh(first: Placed, gear: Gear, second: Placed, other: Gear, axis: Floats) -> Mesh:
-    """Two gears in a chain: where its straight part touches them, both move equally fast along it."""
+def _mesh(first: Placed, gear: Gear, second: Placed, other: Gear, axis: Floats) -> Mesh | None:
+    """Two gears in a chain: where its straight part touches them, both move equally fast along it; ``None`` if one is inside
+    the other."""
     start, end = first.to_plan(np.array([gear.centre]))[0], second.to_plan(np.array([other.centre]))[0]
     offset = (end - start) - ((end - start) @ axis) * axis
     distance = float(np.linalg.norm(offset))
+    if distance <= abs(gear.pitch_radius - other.pitch_radius) + _TOLERANCE:
+        return None
     sine = (gear.pitch_radius - other.pitch_radius) / distance
     outward = sine * offset / distance + math.sqrt(1 - sine**2) * np.cross(axis, offset / distance)
     tangent = np.cross(axis, outward)

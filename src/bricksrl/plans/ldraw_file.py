@@ -162,6 +162,9 @@ class _Parser:
         self._next: dict[str, tuple[str, ...]] = {}
         self._handlers: dict[str, Callable[[int, list[str]], None]] = {
             "FILE": self._file,
+            "NOFILE": self._end_of_file,
+            "Name:": self._ignore,
+            "Author:": self._ignore,
             "STEP": self._step,
             "ROTSTEP": self._step,
             "//": self._note,
@@ -202,6 +205,13 @@ class _Parser:
             )
         self._model = self.models[key] = Model(name, number)
 
+    def _end_of_file(self, number: int, _words: list[str]) -> None:
+        """The end of a model: what follows, up to the next one, belongs to none."""
+        self._model = Model("", number)
+
+    def _ignore(self, _number: int, _words: list[str]) -> None:
+        """A line of the header that is not the title."""
+
     def _step(self, number: int, _words: list[str]) -> None:
         self._current(number).step += 1
 
@@ -240,7 +250,7 @@ class _Parser:
 
     def _reference(self, number: int, words: list[str]) -> None:
         try:
-            colour = int(words[1], 0)
+            colour = int(words[1], 16 if words[1].lower().startswith("0x") else 10)  # "04" is decimal
             numbers = [float(word) for word in words[2:14]]
         except (ValueError, IndexError):
             numbers = []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -161,8 +162,8 @@ class _Builder:
                 f"{self.document.path}, line {model.line}: '{model.name}' is nested more than {MAX_DEPTH} deep or in itself"
             )
         first = len(self.parts)
-        for number in range(model.step + 1):
-            references = [reference for reference in model.references if reference.step == number]
+        for number, group in itertools.groupby(model.references, lambda reference: reference.step):
+            references = tuple(group)
             joined = tuple(filter(None, (self._join(ref, colour, matrix, offset, assembly) for ref in references)))
             step = len(self.steps)
             new = tuple(filter(None, (self._place(ref, colour, matrix, offset, step, assembly) for ref in references)))

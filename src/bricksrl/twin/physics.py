@@ -123,7 +123,8 @@ def read_physics(path: Path) -> Physics:
 
 
 def write_physics(path: Path, physics: Physics) -> None:
-    """Write all parameters to a JSON file."""
+    """Write all parameters to a JSON file; its folder is created."""
+    path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(dataclasses.asdict(physics), indent=2) + "\n", encoding="utf-8")
 
 
