@@ -128,12 +128,13 @@ class EpisodicReplayBuffer(TransitionReplayBuffer):
         for ended in list(self._last) if robot is None else [robot]:
             self._last.pop(ended, None)
 
-    def sample(self, batch_size: int | None = None, **_: Any) -> TensorDictBase:
-        """Uniformly drawn transitions, relabelled, summed over n steps, images shifted."""
+    def sample(self, batch_size: int | None = None, *, batches: int = 0, **_: Any) -> TensorDictBase:
+        """Uniformly drawn transitions, relabelled, summed over n steps, images shifted. ``batches``: number of equal
+        batches; by default those of the settings' size."""
         batch = TensorDictReplayBuffer.sample(self, batch_size or self._rows)
         index = batch.pop("index")
         if self._goals is not None or self._n_step > 1:
-            batch = self._augmented(batch, index)
+            batch = self._augmented(batch, index, len(index) // batches if batches else min(self._rows, len(index)))
         if self._shift_px:
             for part in (batch, batch["next"]):
                 part["image"] = shift_images(part["image"], self._shift_px)
@@ -143,14 +144,14 @@ class EpisodicReplayBuffer(TransitionReplayBuffer):
         kind: dict[str, Any] = {"gamma": self._gamma, "n_step": self._n_step, "goals": self._goals, "shift_px": self._shift_px}
         return EpisodicReplayBuffer(capacity, self._rows, self._observed, device=self._sampled_to, **kind)
 
-    def _augmented(self, batch: TensorDictBase, index: Tensor) -> TensorDictBase:
+    def _augmented(self, batch: TensorDictBase, index: Tensor, size: int) -> TensorDictBase:
         chain, known = [index], [torch.ones_like(index, dtype=torch.bool)]
         for _ in range(1, self._n_step):
             chain.append(self._successor[chain[-1]])
             known.append(chain[-1] != self._none)
         rows = batch[None] if self._n_step == 1 else self._storage.get(torch.stack(chain).clamp_max(len(self) - 1))
         if self._goals is not None:  # each of several batches drawn at once gets its share
-            self._goals.relabel_batch(rows, index, min(self._rows, len(index)), self._observed_later)
+            self._goals.relabel_batch(rows, index, size, self._observed_later)
         return batch if self._n_step == 1 else self._summed(rows, torch.stack(known))
 
     def _observed_later(self, index: Tensor) -> Tensor:

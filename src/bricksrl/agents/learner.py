@@ -187,7 +187,7 @@ class Learner:
         at_once = max(1, MAX_ROWS // size)
         for start in range(0, count, at_once):
             n = min(at_once, count - start)
-            parts = [source.sample(n * share).view(n, share) for source, share in zip(sources, shares, strict=True)]
+            parts = [source.sample(n * share, batches=n).view(n, share) for source, share in zip(sources, shares, strict=True)]
             yield from (parts[0] if len(parts) == 1 else torch.cat(parts, 1)).unbind(0)
 
     def update(self, batch: TensorDictBase) -> dict[str, Tensor]:
@@ -229,8 +229,7 @@ class Learner:
         return state
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Restore `state_dict`, on any device; the episodes of that time do not go on. Raises CheckpointError if the state is of
-        another algorithm, network or buffer."""
+        """Restore `state_dict`, on any device. Raises CheckpointError if the state is of another algorithm, network or buffer."""
         try:
             self.policy.load_state_dict(state["policy"])
             self.updates, self.due = int(state["updates"]), float(state["due"])
@@ -245,7 +244,6 @@ class Learner:
                 self.memory.empty()
                 if "memory" in state:
                     load_memory_state(self.memory, state["memory"], self.device)
-            self.end_episodes()
         except (AssertionError, AttributeError, LookupError, OverflowError, RuntimeError, TypeError, ValueError) as error:
             reason = (str(error) or type(error).__name__).splitlines()[0]
             raise CheckpointError(f"the checkpoint does not fit this agent ({reason}); resume with the settings it had") from None

@@ -98,14 +98,18 @@ def _key(parts: tuple[torch.Tensor, ...]) -> tuple[float, ...]:
     return tuple(torch.cat(parts).tolist())
 
 
-def test_successors_stay_within_robot_and_episode(run: tuple[Path, Harm]) -> None:
-    path, _ = run
+def check_successors(path: Path) -> None:
+    """Assert that the stored transitions are linked within an episode of one robot."""
     memory = load_checkpoint(path / "checkpoint.bin")["agent"]["memory"]
     rows, successor = memory["rows"], memory["successor"]
     linked = [(place, int(after)) for place, after in enumerate(successor) if after < SMALL.buffer_size]
     assert len(linked) >= len(successor) // 2
     for place, after in linked:
         assert torch.equal(rows["next.observation"][place], rows["observation"][after])
+
+
+def test_successors_stay_within_robot_and_episode(run: tuple[Path, Harm]) -> None:
+    check_successors(run[0])
 
 
 def test_fleet_resumes_and_stops_without_robots(run: tuple[Path, Harm]) -> None:
@@ -125,6 +129,7 @@ def test_fleet_resumes_and_stops_without_robots(run: tuple[Path, Harm]) -> None:
         resume(path, Cut(), episodes=20)
     numbers = [episode.episode for episode in folder.read_episodes()]
     assert numbers == list(range(1, len(numbers) + 1)) and len(numbers) > 7
+    check_successors(path)
 
 
 def test_rows_of_different_robots_are_not_linked() -> None:

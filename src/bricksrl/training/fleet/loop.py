@@ -80,6 +80,7 @@ class FleetLoop(RunLoop):
             return
         self._is_started = True
         self._episodes_started = len(self.episodes)
+        self.learner.end_episodes()  # those that ran when the fleet was stopped do not go on
         self.env.start()
         weights = self.learner.new_weights()
         if weights is not None:
