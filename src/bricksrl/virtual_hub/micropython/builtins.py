@@ -17,9 +17,10 @@ from bricksrl.virtual_hub.micropython.classes import HubSuper, build_class
 from bricksrl.virtual_hub.micropython.compiler import compile_source
 from bricksrl.virtual_hub.micropython.containers import HubDict, HubSet
 from bricksrl.virtual_hub.micropython.errors import EXCEPTIONS, HubOSError
+from bricksrl.virtual_hub.micropython.floats import SMALL_MAX, int_from_float
 from bricksrl.virtual_hub.micropython.hash_table import hash_of
 from bricksrl.virtual_hub.micropython.numbers import module
-from bricksrl.virtual_hub.micropython.operators import SMALL_MAX, int_from_float, operators, to_float, to_int, to_str
+from bricksrl.virtual_hub.micropython.operators import operators, to_float, to_int, to_str
 from bricksrl.virtual_hub.micropython.text import representation, text
 
 _UNCHANGED = """
@@ -86,7 +87,10 @@ def _number_functions(normalize: Callable[[Any], Any], power: Callable[[Any, Any
         if isinstance(value, int):
             raise NotImplementedError
         scale = 10.0**digits
-        return normalize(round(normalize(value * scale)) / scale) if math.isfinite(value) else value
+        scaled = normalize(value * scale)
+        if math.isfinite(scaled):
+            scaled = math.copysign(round(scaled), scaled)
+        return normalize(scaled / scale)
 
     def divmod_(a: Any, b: Any, /) -> tuple[Any, Any]:
         quotient, rest = divmod(a, b)

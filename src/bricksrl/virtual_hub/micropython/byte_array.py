@@ -32,6 +32,14 @@ class HubBytearray(bytearray):
         item = super().__getitem__(index)
         return HubBytearray(item) if isinstance(index, slice) else item
 
+    def __delitem__(self, index: Any) -> None:
+        raise TypeError("'bytearray' object doesn't support item deletion")
+
+    def __mul__(self, other: Any) -> Any:
+        return NotImplemented
+
+    __rmul__ = __imul__ = __mul__
+
     def __add__(self, other: Any) -> HubBytearray:
         return HubBytearray(super().__add__(_buffer(other)))
 

@@ -11,7 +11,7 @@ from types import CodeType
 import mpy_cross_v6
 
 from bricksrl.hub.program.syntax import parse
-from bricksrl.virtual_hub.micropython.operators import SMALL_MAX
+from bricksrl.virtual_hub.micropython.floats import SMALL_MAX
 from bricksrl.virtual_hub.micropython.transform import transform
 
 

@@ -1,4 +1,4 @@
-"""Single precision floats, and their parsing on a hub."""
+"""Single precision floats on a hub, their parsing, and their conversion to its 31-bit integers."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import math
 import re
 import struct
 
+SMALL_MAX = 2**30 - 1
+SMALL_MIN = -(2**30)
 _SINGLE, _BITS = struct.Struct("<f"), struct.Struct("<I")
 _EXPONENT_BITS = 0x7F800000
 _EXACT_POWERS_OF_FIVE = 10
@@ -20,6 +22,17 @@ def to_single(x: float) -> float:
         return float(_SINGLE.unpack(_SINGLE.pack(x))[0])
     except OverflowError:
         return math.copysign(math.inf, x)
+
+
+def int_from_float(value: float) -> int:
+    """``int(value)``."""
+    if math.isinf(value):
+        raise OverflowError("can't convert inf to int")
+    if math.isnan(value):
+        raise ValueError("can't convert NaN to int")
+    if not SMALL_MIN <= value <= SMALL_MAX:
+        raise ValueError("float too big")
+    return int(value)
 
 
 def scaled(x: float, exponent: int) -> float:

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from bricksrl.virtual_hub.micropython.float_text import format_float
-from bricksrl.virtual_hub.micropython.floats import to_single
+from bricksrl.virtual_hub.micropython.floats import int_from_float, to_single
 from bricksrl.virtual_hub.micropython.text import representation, text
 
 _DEFAULT_PRECISION = 6
@@ -33,9 +33,13 @@ def format_value(value: object, spec: str) -> str:
     """``format(value, spec)``; the hub ignores ``__format__``."""
     if not spec:
         return text(value)
+    code, name = spec[-1] if spec[-1] in "bcdeEfFgGnosxX%" else "", type(value).__name__
     if not isinstance(value, int | float | str):
-        value = text(value)
-    code = spec[-1] if spec[-1] in "bcdeEfFgGnosxX%" else ""
+        if code not in ("", "s"):
+            raise ValueError(f"unknown format code '{code}' for object of type '{name}'")
+        if not isinstance(value, bytes):
+            raise TypeError(f"can't convert '{name}' object to str implicitly")
+        value = value.decode("latin-1")
     if isinstance(value, bool):
         value = int(value)
     if isinstance(value, str):
@@ -47,7 +51,7 @@ def format_value(value: object, spec: str) -> str:
             raise ValueError(f"unknown format code '{code}' for object of type 'float'")
         return _format_float(value, spec)
     if code == "s":
-        raise ValueError("unknown format code 's' for object of type 'int'")
+        raise ValueError(f"unknown format code 's' for object of type '{name}'")
     return _format_float(to_single(value), spec) if code and code in "eEfFgG%" else format(value, spec)
 
 
@@ -117,7 +121,7 @@ def percent(template: Any, values: object) -> Any:
 
     def replace(match: re.Match[str]) -> str:
         code = match["code"]
-        if code == "%":
+        if match[0] == "%%":
             return "%"
         if code is None:
             raise ValueError("incomplete format")
@@ -151,7 +155,7 @@ def _format_argument(value: Any, match: re.Match[str], width: str, precision: st
             raise TypeError("integer needed")
         return (spec + "c") % value
     if code in "diuxXo":
-        return (spec + code) % int(to_number(value, "int"))
+        return _format_int(value, code, spec, flags)
     if code in "eEfFgG":
         sign = next((mark for mark in "+ " if mark in flags), "")
         digits = _DEFAULT_PRECISION if precision is None else int(precision)
@@ -159,3 +163,15 @@ def _format_argument(value: Any, match: re.Match[str], width: str, precision: st
         align = "<" if "-" in flags else "=" if "0" in flags else ">"
         return _padded(formatted, "0" if align == "=" else " ", align, int(width or 0))
     raise ValueError(f"unsupported format character '{code}' (0x{ord(code):x}) at index {match.end() - 1}")
+
+
+def _format_int(value: Any, code: str, spec: str, flags: str) -> str:
+    number = to_number(value, "int")
+    if isinstance(number, float):
+        if code not in "diu":
+            raise TypeError("can't convert float to int")
+        number = int_from_float(number)
+    if "-" in flags and "0" in flags:  # zeros at the right
+        plain = str((spec.replace("0", "", 1) + code) % number)
+        return plain.rstrip(" ").ljust(len(plain), "0")
+    return str((spec + code) % number)

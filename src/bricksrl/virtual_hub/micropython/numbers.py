@@ -9,9 +9,9 @@ from collections.abc import Callable, Sequence
 from types import ModuleType
 from typing import Any
 
-from bricksrl.virtual_hub.micropython.floats import to_single
+from bricksrl.virtual_hub.micropython.floats import int_from_float, to_single
 from bricksrl.virtual_hub.micropython.formatting import to_number
-from bricksrl.virtual_hub.micropython.operators import int_from_float, small
+from bricksrl.virtual_hub.micropython.operators import small
 from bricksrl.virtual_hub.micropython.streams import as_bytes
 
 _MASK = 0xFFFFFFFF

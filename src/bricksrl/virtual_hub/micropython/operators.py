@@ -13,12 +13,10 @@ from typing import Any
 
 from bricksrl.virtual_hub.micropython.containers import HubDict, HubSet
 from bricksrl.virtual_hub.micropython.errors import reword
-from bricksrl.virtual_hub.micropython.floats import read_float, to_single
+from bricksrl.virtual_hub.micropython.floats import SMALL_MAX, SMALL_MIN, int_from_float, read_float, to_single
 from bricksrl.virtual_hub.micropython.formatting import format_text, format_value, percent, to_number
 from bricksrl.virtual_hub.micropython.text import representation, text
 
-SMALL_MAX = 2**30 - 1
-SMALL_MIN = -(2**30)
 _EXACT_INT_MAX = 2**24
 _BASES = {"0b": 2, "0o": 8, "0x": 16}
 _FLOAT_MAX = 3.4028234663852886e38
@@ -58,15 +56,9 @@ def _single_int(value: Any) -> Any:
     return to_single(value) if type(value) is int and not -_EXACT_INT_MAX <= value <= _EXACT_INT_MAX else value
 
 
-def int_from_float(value: float) -> int:
-    """``int(value)``."""
-    if math.isinf(value):
-        raise OverflowError("can't convert inf to int")
-    if math.isnan(value):
-        raise ValueError("can't convert NaN to int")
-    if not SMALL_MIN <= value <= SMALL_MAX:
-        raise ValueError("float too big")
-    return int(value)
+def _operands(a: Any, b: Any) -> tuple[Any, Any]:
+    """The operands; beside a float, an integer as a float."""
+    return (_single_int(a), _single_int(b)) if float in (type(a), type(b)) else (a, b)
 
 
 def to_int(kind: type, *args: Any, **kwargs: Any) -> Any:
@@ -159,10 +151,10 @@ def _slice(container: Any, start: Any, stop: Any, step: Any) -> Any:
 
 
 def _sliced(container: Any, step: Any) -> Any:
-    """The container of an assigned or deleted slice: only lists, without a step."""
+    """The container of an assigned or deleted slice: only lists, without another step than 1."""
     if isinstance(container, bytearray | memoryview):
         raise TypeError(f"'{type(container).__name__}' object doesn't support item assignment")
-    if step is not None and isinstance(container, list):
+    if step is not None and step != 1 and isinstance(container, list):
         raise NotImplementedError
     return container
 
@@ -217,10 +209,14 @@ def operators(names: Mapping[str, object]) -> dict[str, Any]:
         return normalize(a / b)
 
     def floor_divide(a: Any, b: Any) -> Any:
+        a, b = _operands(a, b)
         return normalize(a // b)
 
     def modulo(a: Any, b: Any) -> Any:
-        return percent(a, b) if isinstance(a, str | bytes) else normalize(a % b)
+        if isinstance(a, str | bytes):
+            return percent(a, b)
+        a, b = _operands(a, b)
+        return normalize(a % b)
 
     def power(a: Any, b: Any) -> Any:
         if type(a) is int and type(b) is int and b > 0 and a not in (-1, 0, 1) and b > 30:

@@ -11,8 +11,7 @@ import operator
 from collections.abc import Callable
 
 from bricksrl.virtual_hub.micropython.attributes import HIDDEN_NAMES
-from bricksrl.virtual_hub.micropython.floats import read_float
-from bricksrl.virtual_hub.micropython.operators import SMALL_MAX, SMALL_MIN
+from bricksrl.virtual_hub.micropython.floats import SMALL_MAX, SMALL_MIN, read_float
 from bricksrl.virtual_hub.micropython.transform_async import async_for, async_with
 
 _FOLDED: dict[type[ast.operator], Callable[[int, int], int]] = {
