@@ -13,11 +13,13 @@ from toys import Cart
 from bricksrl.agents.sac import SACSettings
 from bricksrl.cli.evaluate import describe
 from bricksrl.envs.task import Entry
-from bricksrl.errors import CheckpointError, RunError
+from bricksrl.errors import CheckpointError, RenderingUnavailableError, RunError
 from bricksrl.evaluation import evaluate
+from bricksrl.evaluation.film import FilmOptions, film_run
 from bricksrl.evaluation.statistics import wilson_interval
 from bricksrl.hub.interface import Interface, Wait
 from bricksrl.training import TrainConfig, train
+from bricksrl.twin.physics import Physics
 
 
 @pytest.fixture(scope="module")
@@ -129,3 +131,19 @@ def test_few_episodes_have_no_interval(run_dir: Path) -> None:
     result = evaluate(str(run_dir), Cart(), episodes=4, save=False)
     assert result.return_interval is None
     assert "interval of the mean" not in "\n".join(describe(result))
+
+
+def test_film_shows_the_evaluated_episodes(tmp_path: Path) -> None:
+    settings = SACSettings(hidden=(8,), batch_size=8)
+    run = train(TrainConfig("Spinning-v0", episodes=1, settings=settings, record=False, run_dir=tmp_path / "run")).run_dir
+    options = FilmOptions(episodes=1, size=(64, 48), seed=1000)
+    seen = set()
+    for changes in ({}, {"physics": Physics(friction_scale=0.1, slope_deg=10.0)}, {"randomize": True}):
+        result = evaluate(run, episodes=1, save=False, **changes)
+        try:
+            filmed = film_run(run, "last", tmp_path / "film.mp4", options, **changes)
+        except RenderingUnavailableError as error:
+            pytest.skip(str(error))
+        assert filmed.returns == pytest.approx(result.returns)
+        seen.add(result.returns)
+    assert len(seen) == 3

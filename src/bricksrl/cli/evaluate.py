@@ -68,9 +68,9 @@ class Evaluate:
                 raise TwinError("only the virtual robot of the run itself can be filmed; leave out --video, or --env and --hub")
         film_options = FilmOptions(episodes=min(self.episodes, _FILMED_EPISODES), seed=self.seed)
         load_learning()
-        options: dict[str, Any] = {"realtime": self.realtime, "randomize": self.randomize}
-        options |= {} if self.hub is None else {"hub": self.hub}
-        options |= {} if self.physics is None else {"physics": read_physics(self.physics)}
+        physics: dict[str, Any] = {"randomize": self.randomize}
+        physics |= {} if self.physics is None else {"physics": read_physics(self.physics)}
+        options = {"realtime": self.realtime, **physics} | ({} if self.hub is None else {"hub": self.hub})
 
         def report(episode: int, return_: float) -> None:
             if not self.json:
@@ -97,7 +97,7 @@ class Evaluate:
             print_line(line)
         result.save()
         if self.video is not None:
-            film = film_run(self.run, "best" if self.best else "last", self.video, film_options)
+            film = film_run(self.run, "best" if self.best else "last", self.video, film_options, **physics)
             print_note(f"video    {film.path}")
         return 0
 

@@ -236,16 +236,17 @@ def _duration_s(path: Path) -> float:
     return float(seconds) if frames else 0.0
 
 
-def film_run(run_dir: Path, which: str, path: Path, options: FilmOptions) -> Filmed:
-    """Film the policy of a run: ``first`` (untrained), ``best``, ``last``, or ``random`` actions. Raises RunError or
-    CheckpointError if there is no such run or policy, RenderingUnavailableError or TwinError as :func:`film`."""
+def film_run(run_dir: Path, which: str, path: Path, options: FilmOptions, **changes: Any) -> Filmed:
+    """Film the policy of a run: ``first`` (untrained), ``best``, ``last``, or ``random`` actions. ``changes``: fields of
+    `EnvOptions` that differ from the training. Raises RunError or CheckpointError if there is no such run or policy,
+    RenderingUnavailableError or TwinError as :func:`film`."""
     from bricksrl.policies.named import named_policies
     from bricksrl.training.restore import one_robot
     from bricksrl.training.run import make_env
     from bricksrl.training.run_folder import RunFolder
 
     config = RunFolder(run_dir).read_config()
-    env = make_env(replace(one_robot(config), hub="virtual", realtime=False, randomize=False))
+    env = make_env(replace(one_robot(config), **{"hub": "virtual", "realtime": False, "randomize": False, **changes}))
     try:
         policy = named_policies(run_dir, env)[which]()
         return film(env, policy.act, path, options, reset=policy.reset)
