@@ -54,6 +54,12 @@ def test_invalid_settings_text_raises(change: str, says: str) -> None:
     assert "\n" not in str(caught.value)
 
 
+def test_settings_file_of_any_editor_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "settings.json"
+    path.write_bytes('{"network": "n\u00e4tze.py", "batch_size": 7}'.encode("utf-8-sig"))
+    assert read_settings(path, SACSettings()) == SACSettings(network="n\u00e4tze.py", batch_size=7)
+
+
 def test_invalid_settings_file_raises(tmp_path: Path) -> None:
     path = tmp_path / "settings.json"
     with pytest.raises(DescriptionError, match="cannot read"):

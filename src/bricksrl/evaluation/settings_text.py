@@ -32,7 +32,7 @@ def read_settings(path: Path, settings: S) -> S:
     """A copy of the settings with the values of a JSON file, such as `bricksrl tune` writes; others are unchanged. Raises
     DescriptionError if the file cannot be read, or names an unknown setting or an invalid value."""
     try:
-        data = json.loads(path.read_text())
+        data = json.loads(path.read_bytes())
     except OSError as error:
         raise DescriptionError(f"cannot read the settings {path} ({error.strerror}); give a JSON file") from None
     except (ValueError, RecursionError):
