@@ -41,6 +41,7 @@ def test_program_on_page(tmp_path, capfd):
         (("play", "RunAway-v0", "--page", "--page-port", "70000"), "is not a port"),
         (("drive", "RunAway-v0", "--page-host", "256.0.0.1"), "name another host"),
         (("hub", "run", __file__, "--page", "--hub", "ble"), "only a program on a virtual hub"),
+        (("hub", "run", __file__, "--page-port", "9000"), "--page-port has no effect without --page; omit it"),
         (("record", "RunAway-v0", "--out", "x", "--video", "x.gif"), "end it in .mp4"),
         (("play", "RunAway-v0", "--page-host", "::1"), "--page-host has no effect without --page; omit it"),
         (("play", "RunAway-v0", "--page", "--episodes", "0"), "episodes is 0; give 1 or more"),

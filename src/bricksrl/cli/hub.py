@@ -120,6 +120,7 @@ class Run:
         from bricksrl.hub.transports.address import parse_hub
 
         address = parse_hub(self.hub)
+        self.live_page.shown(self.page)
         out, err, stdin = sys.stdout.buffer, sys.stderr, sys.stdin
         if address.is_virtual:
             from bricksrl.virtual_hub.run import run_file
