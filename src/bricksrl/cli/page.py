@@ -44,9 +44,10 @@ class PageAddress:
 
     def shown(self, page: bool) -> Self | None:
         """This address if the page is to be shown, else ``None``. Raises DescriptionError if it is given without ``--page``."""
-        if not page:
-            refuse_ignored(self, (), "without --page")
-        return self if page else None
+        if page:
+            return self
+        refuse_ignored(self, (), "without --page")
+        return None
 
 
 LivePageGroup = Annotated[PageAddress, OmitArgPrefixes]

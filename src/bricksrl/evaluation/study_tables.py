@@ -204,7 +204,7 @@ STUDIES = {
     study.name: study
     for study in (
         Study(
-            "agents", "Agents of the paper, on the robot and from simulation", 20.0, 5.0, 5, _agents, ("episode_steps",), _PAPER
+            "agents", "Agents of the paper, on the robot and from simulation", 6.0, 5.0, 5, _agents, ("episode_steps",), _PAPER
         ),
         Study("sim-to-robot", "From simulation to robots with other physics", 12.0, 4.0, 5, _sim_to_robot, _WALK),
         Study(

@@ -23,7 +23,7 @@ from bricksrl.data.episode_index import read_index
 from bricksrl.data.reader import load
 from bricksrl.errors import HubError, RunError, UnknownNameError
 from bricksrl.training import Callback, Episode, Progress, RobotState, RunFolder, TrainConfig, resume, train
-from bricksrl.training.checkpoint import load_checkpoint
+from bricksrl.training.checkpoint import load_checkpoint, save_checkpoint
 from bricksrl.training.fleet.loop import FleetLoop
 from bricksrl.training.fleet.robots import Fleet, Member, members_of
 
@@ -116,6 +116,10 @@ def test_fleet_resumes_and_stops_without_robots(run: tuple[Path, Harm]) -> None:
     path, _ = run
     folder = RunFolder(path)
     folder.write_config(replace(folder.read_config(), patience_s=0.5))
+    state = load_checkpoint(folder.checkpoint_path)
+    unlinked = state["agent"]["memory"]["successor"] >= SMALL.buffer_size
+    state["agent"]["memory"]["last"] = unlinked.nonzero()[-1]  # as if the first robot's episode had been running
+    save_checkpoint(folder.checkpoint_path, state)
 
     class Cut(Callback):
         def on_env(self, env: Any) -> None:
