@@ -8,10 +8,11 @@ from collections.abc import Callable
 from typing import Any, TypeAlias
 
 import numpy as np
-from formatting import number, percent, table
+from formatting import table
 from machine import RESULTS
 
 from bricksrl.evaluation.statistics import interquartile_mean
+from bricksrl.evaluation.study_page import number, percent
 
 Result: TypeAlias = dict[str, Any]
 AGENTS = {"sac": "SAC", "td3": "TD3", "droq": "DroQ", "crossq": "CrossQ"}

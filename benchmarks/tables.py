@@ -16,11 +16,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from formatting import LEAST_SEEDS, number, percent, table, within
+from formatting import table, within
 from machine import RESULTS, command
 from summary import summary
 
+from bricksrl.evaluation.statistics import FEWEST_SEEDS
 from bricksrl.evaluation.study_benchmarks import BENCHMARK_STUDIES, result_of
+from bricksrl.evaluation.study_page import number, percent
 from bricksrl.evaluation.study_page import page as study_page
 from bricksrl.evaluation.study_tables import STUDIES
 
@@ -38,11 +40,11 @@ This page is written by `python benchmarks/tables.py` from `benchmarks/results/`
 the versions it was measured with. Square brackets are 95 % bootstrap intervals over seeds (for rates: Wilson intervals). All
 robots are virtual; nobody here has run this on LEGO's yet.
 
-The agents were rewritten on TorchRL's parts. Measured with the earlier ones: learning from datasets (offline, warm start),
-REDQ in the simulations, and five seeds at once.
+The agents were rewritten on TorchRL's parts. Measured with the earlier ones: learning from datasets alone (offline), REDQ in the
+simulations, and five seeds at once.
 
 The virtual robots are made from their building plans since November 2026. Measured on the earlier twins, which were written by
-hand and a little heavier: learning from datasets (offline, warm start).
+hand and a little heavier: learning from datasets alone (offline).
 """
 
 STUDIES_HEAD = """# Studies
@@ -65,7 +67,7 @@ def robots(result: Result) -> str:
         summary, paper, steps = entry["summary"], entry["paper"] or {}, entry["seeds"][0]["steps"]
         paper_return = paper.get(result["agent"])
         metrics = summary["metrics"]
-        walks, is_enough = env.startswith("Walker"), len(entry["seeds"]) >= LEAST_SEEDS
+        walks, is_enough = env.startswith("Walker"), len(entry["seeds"]) >= FEWEST_SEEDS
         note = f"walks {metrics['forward_speed_m_s']:.3f} m/s" if walks else ""
         if summary.get("success_rate") is not None and not walks:
             low, high = summary["success_interval"]

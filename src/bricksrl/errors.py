@@ -86,8 +86,22 @@ class LearnerError(BricksError):
     """The process that learns beside a robot failed or died."""
 
 
+class DivergedError(BricksError):
+    """An agent whose weights are no longer finite."""
+
+
 class PageError(BricksError):
     """The live page cannot be served, or cannot show something."""
+
+
+def first_line(error: BaseException) -> str:
+    """Type of an error in a user's code or settings, which says more than its message, and the first line of the message."""
+    return f"{type(error).__name__}: {error}".splitlines()[0]
+
+
+def message_of(error: BaseException, characters: int | None = None) -> str:
+    """Message of another library's error in one line, at most of so many characters; its type if it has none."""
+    return " ".join(str(error).split())[:characters] or type(error).__name__
 
 
 def hint(name: str, known: Iterable[str]) -> str:

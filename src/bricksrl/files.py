@@ -13,7 +13,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from bricksrl.errors import BricksError, DataError
+from bricksrl.errors import BricksError
 
 TEMPORARY_PREFIX = ".part-"
 """Prefix of the names of incomplete files and folders."""
@@ -35,19 +35,24 @@ def refuse_existing(path: Path, error: type[BricksError]) -> None:
 def write_durably(path: Path, data: bytes) -> None:
     """Write ``data`` to a temporary file, sync it, rename it to ``path``, and sync the folder.
 
-    ``path`` always has either its previous content or all of ``data``, even if the process is killed or the power fails.
+    ``path`` always has either its previous content or all of ``data``, even if the process is killed or the power fails. An
+    OSError names ``path``.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=TEMPORARY_PREFIX)
+    temporary = None
     try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=TEMPORARY_PREFIX)
         with os.fdopen(handle, "wb") as file:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
         Path(temporary).chmod(0o644)
         Path(temporary).replace(path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
+    except BaseException as error:
+        if temporary is not None:
+            Path(temporary).unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            error.filename = str(path)
         raise
     _sync_folder(path.parent)
 
@@ -95,17 +100,15 @@ def remove_unfinished(root: Path) -> int:
 
 
 @contextlib.contextmanager
-def only_writer(root: Path) -> Iterator[None]:
-    """Exclusive lock of a folder for one writer, released at the end of the process too. Raises DataError if another process
+def only_writer(root: Path, error: type[BricksError]) -> Iterator[None]:
+    """Exclusive lock of a folder for one writer, released at the end of the process too. Raises ``error`` if another process
     holds it."""
     root.mkdir(parents=True, exist_ok=True)
     with (root / LOCK).open("a+b") as file:
         try:
             _lock(file.fileno())
         except OSError:
-            raise DataError(
-                f"something else records into {root} at this moment; wait for its end or choose another folder"
-            ) from None
+            raise error(f"another program writes into {root} at this moment; wait for its end or choose another folder") from None
         yield
 
 

@@ -59,6 +59,13 @@ def test_unread_output_ends_quietly(command, output):
     assert (done.stdout, done.stderr) == ("", "")
 
 
+def test_second_ctrl_c_at_the_end_is_quiet():
+    interrupted = "import atexit, os, signal; atexit.register(os.kill, os.getpid(), signal.SIGINT); "
+    program = f"{interrupted}from bricksrl.cli import main; raise SystemExit(main(['--version']))"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 def test_missing_docstrings_print_one_line():
     command = [sys.executable, "-OO", "-m", "bricksrl", "settings", "sac"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)

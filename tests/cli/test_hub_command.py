@@ -94,6 +94,14 @@ def test_run_passes_stdin(tmp_path):
     assert (done.returncode, done.stdout, done.stderr) == (0, "abc\n", "")
 
 
+def test_run_passes_bytes_that_are_no_text(tmp_path):
+    path = tmp_path / "main.py"
+    path.write_text("from usys import stdin\nprint(stdin.buffer.read(3) == b'\\xff\\xfeA')\n")
+    command = [sys.executable, "-m", "bricksrl", "hub", "run", str(path), "--robot", "bench"]
+    done = subprocess.run(command, input=b"\xff\xfeA", capture_output=True, timeout=60, check=False)
+    assert (done.returncode, done.stdout.strip(), done.stderr) == (0, b"True", b"")
+
+
 def test_run_does_not_wait_for_unused_input(tmp_path):
     path = tmp_path / "main.py"
     path.write_text("print('done')\n")

@@ -8,7 +8,7 @@ import pytest
 
 from bricksrl.cli.seeds import SeedsProgress
 from bricksrl.cli.study import StudyCommand
-from bricksrl.errors import RunError, UnknownNameError
+from bricksrl.errors import DescriptionError, RunError, UnknownNameError
 
 
 def test_progress_lines_show_episodes_and_lost_workers(capsys: pytest.CaptureFixture[str]) -> None:
@@ -36,9 +36,17 @@ def test_studies_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
         StudyCommand("agents", jobs=0).execute()
 
 
-def test_benchmark_study_has_no_cells_to_choose() -> None:
-    with pytest.raises(RunError, match="--only has no meaning for 'datasets'"):
-        StudyCommand("datasets", only=("bc-*",)).execute()
+@pytest.mark.parametrize(
+    ("command", "says"),
+    [
+        (StudyCommand(quick=True), "--quick has no effect without a study's name"),
+        (StudyCommand("datasets", only=("bc-*",)), "--only has no effect on 'datasets'"),
+        (StudyCommand("agents", benchmarks=Path("elsewhere")), "--benchmarks has no effect on 'agents'"),
+    ],
+)
+def test_study_ignores_no_option(command: StudyCommand, says: str) -> None:
+    with pytest.raises(DescriptionError, match=says):
+        command.execute()
 
 
 def test_benchmark_study_uses_results(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -14,13 +14,15 @@ import warnings
 import imageio_ffmpeg
 import numpy as np
 import pytest
+import torch
 
 from bricksrl.cli import main
 from bricksrl.cli.app import parse
 from bricksrl.cli.progress import LineProgress, clock, sparkline
 from bricksrl.cli.train import Train
-from bricksrl.cli.video import report
+from bricksrl.cli.video import filmed_env, report
 from bricksrl.data import load
+from bricksrl.envs import make
 from bricksrl.errors import RunError
 from bricksrl.evaluation import evaluate
 from bricksrl.hub.errors import HubNotFoundError
@@ -172,6 +174,15 @@ def test_recording_names_its_film(tmp_path, monkeypatch, capsys):
     assert main(["record", "RunAway-v0", "--episodes", "1", "--out", str(out), "--video", str(video)]) == 0
     written = capsys.readouterr().out
     assert f"\nvideo           {video}\n" in written and f"\nlook at it      bricksrl data info '{out}'\n" in written
+
+
+def test_interrupted_recording_keeps_its_film(tmp_path):
+    video = tmp_path / "film.mp4"
+    env = make("RunAway-v0", seed=0)
+    with contextlib.closing(env), contextlib.suppress(KeyboardInterrupt), filmed_env(env, video, "run away"):
+        env.step(env.reset().set("action", torch.zeros(1)))
+        raise KeyboardInterrupt
+    assert video.stat().st_size > 10_000
 
 
 def test_train_with_streaming(tmp_path, pipes, monkeypatch):

@@ -8,9 +8,13 @@ import pytest
 import torch
 from toy_data import SEEING, record
 
+import bricksrl
 from bricksrl.data import load
+from bricksrl.data.collect import collect, random_policy
 from bricksrl.data.export import export_minari, export_numpy, export_parquet
+from bricksrl.data.recorder import Recorder
 from bricksrl.data.replay import replay
+from bricksrl.data.schema import describe
 from bricksrl.data.summary import plot, summarise
 from bricksrl.errors import DataError
 
@@ -53,6 +57,23 @@ def test_minari_reads_export(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     assert second.truncations.tolist() == episodes.truncated[at].tolist()
     with pytest.raises(DataError, match="end the path like"):
         export_minari(tmp_path / "set", tmp_path / "minari/bricksrl/no version")
+
+
+@pytest.mark.filterwarnings("ignore")  # of Minari's own
+def test_minari_recovers_environment_of_export(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import minari
+
+    env = bricksrl.make("RoboArmSim-v0", sparse=True, seed=0)
+    with Recorder(tmp_path / "set", describe(env, {"sparse": True})) as recorder:
+        collect(env, random_policy(env, 0), recorder, 1, name="random")
+    export_minari(tmp_path / "set", tmp_path / "minari/bricksrl/arm-v0")
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "minari"))
+    dataset = minari.load_dataset("bricksrl/arm-v0")
+    episode, env = dataset[0], dataset.recover_environment()
+    observation, _ = env.reset(seed=int(next(iter(dataset.storage.get_episode_metadata([0])))["seed"]))
+    assert np.array_equal(observation, episode.observations[0])
+    replayed = [env.step(action)[1] for action in episode.actions]
+    assert np.array_equal(replayed, episode.rewards) and set(replayed) <= {0.0, 1.0}, "the reward is sparse"
 
 
 def test_torchrl_samples_from_dataset(tmp_path: Path) -> None:

@@ -122,6 +122,10 @@ def test_foreign_folder_is_unchanged(tmp_path: Path) -> None:
         Recorder(tmp_path / "letters", TOY)
     with pytest.raises(DataError, match="is a file"):
         Recorder(tmp_path / "letters/love.txt", TOY)
+    (tmp_path / "lerobot/meta").mkdir(parents=True)
+    (tmp_path / "lerobot/meta/info.json").write_text('{"codebase_version": "v3.0"}')
+    with pytest.raises(DataError, match="was not made by BricksRL"):
+        Recorder(tmp_path / "lerobot", TOY)
 
 
 def test_single_recorder_at_a_time(tmp_path: Path) -> None:
@@ -139,7 +143,7 @@ except DataError as error:
 """
     with Recorder(root, TOY):
         said = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    assert "records into" in said.stdout
+    assert "another program writes into" in said.stdout
 
 
 def test_aborted_episode_is_marked(tmp_path: Path) -> None:

@@ -34,8 +34,20 @@ def test_simulation_offers_no_pictures() -> None:
     env = gymnasium.make("bricksrl/WalkerSim-v1").unwrapped
     check_env(env)
     env.close()
-    with pytest.raises(RenderingUnavailableError, match="WalkerSim-v1 simulates no body that could be drawn; omit render_mode"):
-        gymnasium.make("bricksrl/WalkerSim-v1", render_mode="rgb_array")
+    with pytest.raises(TypeError, match="WalkerSim-v1 simulates no body that could be drawn; omit render_mode"):
+        gymnasium.make("bricksrl/WalkerSim-v1", render_mode="rgb_array")  # Stable-Baselines3 tries it out
+
+
+def test_simulation_is_one_environment() -> None:
+    with pytest.raises(TypeError, match="WalkerSim-v1 is one environment; omit batch_size, or use bricksrl.make"):
+        gymnasium.make("bricksrl/WalkerSim-v1", batch_size=8)
+
+
+@pytest.mark.parametrize(("env_id", "fps"), [("Walker-v1", 4), ("Park-v0", 5), ("LineFollow-v0", 17), ("RunAway-v0", 1)])
+def test_recorded_films_take_as_long_as_the_robot(env_id: str, fps: int) -> None:
+    env = gymnasium.make(f"bricksrl/{env_id}")
+    assert env.metadata["render_fps"] == fps
+    env.close()
 
 
 @IDS

@@ -53,3 +53,11 @@ def test_transforms() -> None:
     assert len(steps) <= 12
     assert steps["observation"].shape == (len(steps), 3 * 8)
     assert torch.allclose(steps["next", "episode_reward"], steps["next", "reward"].cumsum(0))
+
+
+@pytest.mark.parametrize("env_id", ["RunAway-v0", "WalkerSim-v0"])
+def test_missing_action_is_named(env_id: str) -> None:
+    env = bricksrl.make(env_id, seed=0)
+    with pytest.raises(KeyError, match='"action" not found'):
+        env.step(env.reset())
+    env.close()

@@ -29,7 +29,8 @@ def write_run(path: Path, config: TrainConfig, returns: list[float], evaluation:
     episodes = [Episode(k, Phase.TRAIN, 10 * k, 10, value, None) for k, value in enumerate(returns, 1)]
     folder.write_episodes(episodes, ())
     if evaluation is not None:
-        folder.evaluation_path.write_text(json.dumps({"return_mean": evaluation, "trained_episodes": len(returns)}))
+        data = {"env": config.env, "return_mean": evaluation, "trained_episodes": len(returns)}
+        folder.evaluation_path.write_text(json.dumps(data))
     return path
 
 
@@ -65,8 +66,11 @@ def test_missing_evaluation_scores_all_by_training(runs: list[Path]) -> None:
     assert found.groups[2].scores == (-105.0, -105.0)
 
 
-def test_outdated_evaluation_is_ignored(runs: list[Path]) -> None:
-    (runs[0] / "evaluation.json").write_text(json.dumps({"return_mean": 0.0, "trained_episodes": 1}))
+@pytest.mark.parametrize("change", [{"trained_episodes": 1}, {"env": "WalkerSim-v0"}])
+def test_evaluation_of_fewer_episodes_or_another_environment_is_ignored(runs: list[Path], change: dict[str, object]) -> None:
+    path = runs[0] / "evaluation.json"
+    assert compare(runs[:1]).scored_by == "evaluation"
+    path.write_text(json.dumps({**json.loads(path.read_text()), **change}))
     assert compare(runs[:1]).scored_by != "evaluation"
 
 

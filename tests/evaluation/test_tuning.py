@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 
 import pytest
+import torch
 
 from bricksrl.agents import preset
+from bricksrl.agents.learner import Learner
 from bricksrl.errors import RunError, UnknownNameError
 from bricksrl.evaluation import tuning
 from bricksrl.evaluation.settings_text import read_settings
@@ -39,6 +42,21 @@ def test_a_trial_trains_and_evaluates(tmp_path: Path) -> None:
     best = tune(Tuning("RoboArmSim-v0", "td3", steps=30, seeds=1, episodes=1), tmp_path, 1)
     assert best.settings == preset("default", "td3")
     assert best.value < 0
+
+
+def test_diverged_trial_does_not_end_the_study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    make_updates, trials = Learner.make_updates, []
+
+    def diverge(learner: Learner, count: int) -> dict[str, torch.Tensor]:
+        metrics = make_updates(learner, count)
+        if not trials:
+            torch.nn.utils.vector_to_parameters(torch.full((10**6,), math.nan), learner.policy.parameters())
+        return metrics
+
+    monkeypatch.setattr(Learner, "make_updates", diverge)
+    tuned = Tuning("RoboArmSim-v0", "td3", steps=130, seeds=1, episodes=1)
+    best = tune(tuned, tmp_path, 2, on_trial=lambda number, value, _: trials.append(value))
+    assert trials[0] is None and trials[1] == best.value < 0
 
 
 def test_hopeless_trials_are_pruned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -16,6 +16,7 @@ from plan_lines import BEAM, PLANS, pin, plan_of
 
 from bricksrl.errors import PlanError
 from bricksrl.plans import ldraw_file
+from bricksrl.plans.part import DeviceKind
 from bricksrl.plans.plan import MAX_PARTS, read_plan
 
 WHEEL = ("0 FILE wheel.ldr", "1 16 0 0 10 1 0 0 0 1 0 0 0 1 39367p02.dat", "0 STEP", "1 71 0 0 30 1 0 0 0 1 0 0 0 1 3713.dat")
@@ -36,6 +37,12 @@ def test_lines_after_the_end_of_a_model_belong_to_none():
 def test_colour_with_a_leading_zero_is_decimal():
     colours = [placed.colour for placed in plan_of(BEAM.replace("1 4", "1 014"), BEAM.replace("1 4", "1 0x2FF0000")).parts]
     assert colours == [14, 0x2FF0000]
+
+
+def test_time_grows_linearly_with_notes():
+    start_s = time.process_time()
+    assert len(plan_of(*["0 // word word word word"] * 40_000, BEAM).steps[0].note) == 40_000 * 20 - 1
+    assert time.process_time() - start_s < 3.0
 
 
 def test_time_does_not_grow_with_empty_steps():
@@ -181,6 +188,43 @@ def test_damaged_zip_is_read_or_raises(tmp_path):
 def test_invalid_angle_raises(angle):
     with pytest.raises(PlanError, match="is not understood"):
         plan_of(f"0 !BRICKSRL PORT A left {angle}", BEAM)
+
+
+def test_mirrored_half_is_made_of_turned_parts():
+    half = ["1 16 0 20 0 1 0 0 0 1 0 0 0 1 32316.dat", pin(0, 10, 20), "1 0 40 20 30 0 0 1 0 1 0 -1 0 0 32140.dat"]
+    lines = ["1 4 0 0 0 1 0 0 0 1 0 0 0 1 half.ldr", "1 4 0 0 0 -1 0 0 0 1 0 0 0 1 half.ldr", "0 FILE half.ldr", *half]
+    parts = plan_of(*lines).parts
+    for part, mirrored in zip(parts[:3], parts[3:], strict=True):
+        assert np.linalg.det(mirrored.rotation) == pytest.approx(1.0)
+        points = part.to_plan(part.part.samples) * (-1, 1, 1)
+        assert mirrored.part.contains(mirrored.to_part(points), -0.2).all()
+
+
+def test_equal_sub_models_have_ports_of_their_own():
+    place = "1 4 {} 0 0 1 0 0 0 1 0 0 0 1 leg.ldr"
+    leg = ["0 FILE leg.ldr", BEAM, "1 4 0 0 0 1 0 0 0 1 0 0 0 1 54696p02.dat"]
+    plan = plan_of("0 !BRICKSRL PORT A left 30", place.format(0), "0 !BRICKSRL PORT B right", place.format(400), *leg)
+    motors = plan.devices(DeviceKind.MOTOR)
+    assert [(motor.port, motor.device, motor.angle_deg) for motor in motors] == [("A", "left", 30.0), ("B", "right", 0.0)]
+
+
+@pytest.mark.parametrize(
+    ("comment", "says"),
+    [
+        ("PORT A", "line 2: 'legs.ldr' has 2 motors and sensors; write PORT before a motor or sensor in it"),
+        ("FREE", "line 2: 'legs.ldr' is no part; write FREE, FIXED and BALL before a part in it"),
+    ],
+)
+def test_comment_before_sub_model_is_not_dropped(comment, says):
+    motor = "1 4 {} 0 0 1 0 0 0 1 0 0 0 1 54696p02.dat"
+    legs = ["1 4 0 0 0 1 0 0 0 1 0 0 0 1 legs.ldr", "0 FILE legs.ldr", motor.format(0), motor.format(400)]
+    with pytest.raises(PlanError, match=says):
+        plan_of(f"0 !BRICKSRL {comment}", *legs)
+
+
+def test_mirrored_hub_is_refused():
+    with pytest.raises(PlanError, match="line 1: '67718.dat' is mirrored, and .* has a left and a right; turn it"):
+        plan_of("1 4 0 0 0 -1 0 0 0 1 0 0 0 1 67718.dat")
 
 
 def test_only_unknown_parts_may_be_stretched():

@@ -42,7 +42,7 @@ def test_exported_policy_acts_without_bricksrl(trained: Path, tmp_path: Path, ca
         f"observation = torch.load({str(tmp_path / 'observation.pt')!r})\n"
         f"action = torch.export.load({str(out)!r}).module()(observation)\n"
         "assert not {name for name in sys.modules if name.startswith(('bricksrl', 'torchrl', 'tensordict'))}\n"
-        f"torch.save(action, {str(tmp_path / 'action.pt')!r})\n"
+        f"torch.save(torch.from_numpy(action.numpy()), {str(tmp_path / 'action.pt')!r})\n"
     )
     subprocess.run([sys.executable, "-c", program], check=True, timeout=120)
     torch.testing.assert_close(torch.load(tmp_path / "action.pt"), load_policy(trained).act(observation))

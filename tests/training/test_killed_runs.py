@@ -15,6 +15,7 @@ import pytest
 from test_run_loop import assert_same_run
 
 from bricksrl.agents import preset
+from bricksrl.files import TEMPORARY_PREFIX
 from bricksrl.training import RunFolder, TrainConfig, resume, train
 from bricksrl.training.checkpoint import load_checkpoint
 
@@ -62,7 +63,7 @@ def test_repeatedly_killed_run_equals_uninterrupted(tmp_path: Path) -> None:
     assert saved < EPISODES
     resume(run_dir)
     assert_same_run(tmp_path / "whole", run_dir)
-    assert not list(run_dir.glob(".*")), "nothing half written is left"
+    assert not list(run_dir.glob(f"{TEMPORARY_PREFIX}*")), "nothing half written is left"
 
 
 @pytest.mark.slow

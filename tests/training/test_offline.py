@@ -50,7 +50,7 @@ def test_offline_run_writes_files(config: TrainConfig) -> None:
     listener = Listener()
     result = train(config, listener, env=Cart())
     assert not result.interrupted
-    assert names(result.run_dir) == ["checkpoint.bin", "config.json", "learning_curve.png", "metrics.csv"]
+    assert names(result.run_dir) == [".lock", "checkpoint.bin", "config.json", "learning_curve.png", "metrics.csv"]
     folder = RunFolder(result.run_dir)
     assert folder.read_config() == config
     assert [episode.phase for episode in folder.read_episodes()] == [Phase.OFFLINE] * 3

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import threading
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from toys import Cart, LosingCart
 from bricksrl.agents import preset
 from bricksrl.data import load
 from bricksrl.data.integrity import check
+from bricksrl.errors import RunError
 from bricksrl.training import Callback, TrainConfig, resume, train
 
 
@@ -47,6 +49,18 @@ def test_interrupted_run_records_last_steps(tmp_path: Path) -> None:
     result = resume(tmp_path / "run", env=Cart())
     after = [(row.length, row.about.whole) for row in load(tmp_path / "run").rows]
     assert after == [*before, *((episode.length, True) for episode in result.episodes[1:])] and len(after) == 5
+
+
+@pytest.mark.parametrize("first_by_hand", [0, 3])
+def test_on_policy_agent_refuses_intervention(tmp_path: Path, first_by_hand: int) -> None:
+    steps = itertools.count()
+
+    def driver(observation: torch.Tensor) -> torch.Tensor | None:
+        return torch.ones(1) if next(steps) >= first_by_hand else None
+
+    ppo = TrainConfig("Cart", "ppo", 2, run_dir=tmp_path / "run", settings=preset("default", "ppo"))
+    with pytest.raises(RunError, match="learns from its own actions only"):
+        train(ppo, env=Cart(), driver=driver)
 
 
 def test_lost_episode_is_recorded_as_aborted(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@ from __future__ import annotations
 import csv
 import itertools
 import json
+import math
 import os
 import signal
 import threading
@@ -15,8 +16,9 @@ import torch
 from tensordict import TensorDictBase
 from toys import Cart, assert_equal
 
+from bricksrl.agents.learner import Learner
 from bricksrl.agents.sac import SACSettings
-from bricksrl.errors import CheckpointError, HubTimeoutError, RunError, UnknownNameError
+from bricksrl.errors import CheckpointError, DivergedError, HubTimeoutError, RunError, UnknownNameError
 from bricksrl.training import Callback, Episode, Phase, Progress, RunFolder, RunResult, TrainConfig, resume, train
 from bricksrl.training.checkpoint import load_checkpoint, save_checkpoint
 
@@ -81,7 +83,7 @@ def test_run_writes_files(config: TrainConfig) -> None:
     assert not result.interrupted
     assert len(result.episodes) == 6
     folder = RunFolder(result.run_dir)
-    assert names(result.run_dir) == ["checkpoint.bin", "config.json", "data", "learning_curve.png", "metrics.csv"]
+    assert names(result.run_dir) == [".lock", "checkpoint.bin", "config.json", "data", "learning_curve.png", "metrics.csv"]
     assert folder.read_config() == config
     assert "torchrl" in json.loads(folder.config_path.read_text())["versions"]
     columns = "episode,phase,steps,length,return,success,loss_qvalue,loss_actor,loss_alpha,alpha,entropy,seconds"
@@ -97,6 +99,35 @@ def test_run_writes_files(config: TrainConfig) -> None:
     assert observer.episodes[-1][1].remaining_s == 0.0
     assert observer.episodes[2][1].remaining_s > 0.0
     assert all(progress.steps_per_s > 0.0 for _, progress in observer.episodes)
+
+
+def test_diverged_agent_is_told(config: TrainConfig) -> None:
+    class Diverging(Callback):
+        def on_learner(self, learner: Learner) -> None:
+            self.learner = learner
+
+        def on_episode(self, episode: Episode, progress: Progress) -> None:
+            if episode.episode == 3:
+                for parameter in self.learner.policy.parameters():
+                    parameter.data.fill_(math.nan)
+
+    with pytest.raises(DivergedError, match="smaller learning_rate"):
+        train(config, Diverging(), env=Cart())
+
+
+def test_run_has_one_writer(config: TrainConfig) -> None:
+    errors: list[str] = []
+
+    def interfere() -> None:
+        with pytest.raises(RunError) as caught:
+            resume(config.run_dir, env=Cart(), episodes=9)
+        errors.append(str(caught.value))
+
+    train(config, Recorder((3, 2), interfere), env=Cart())
+    resume(config.run_dir, Recorder((8, 2), interfere), env=Cart(), episodes=8)
+    said = f"another program writes into {config.run_dir} at this moment; wait for its end or choose another folder"
+    assert errors == [said, said]
+    assert [row["episode"] for row in rows(config.run_dir)] == [str(number) for number in range(1, 9)]
 
 
 class Listener(Callback):

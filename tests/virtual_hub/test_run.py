@@ -22,12 +22,12 @@ from bricksrl.virtual_hub.run import Operation, run_file
 
 
 def run(
-    folder: Path, source: str, robot: str = "bench", stdin: bytes | None = None, time_limit_s: float | None = None
+    folder: Path, source: str, robot: str = "bench", stdin: bytes | str | None = None, time_limit_s: float | None = None
 ) -> tuple[int, str, str]:
     path = folder / "main.py"
     path.write_text(source)
     out, err = io.BytesIO(), io.StringIO()
-    data = io.BytesIO(stdin) if stdin is not None else None
+    data = io.StringIO(stdin) if isinstance(stdin, str) else io.BytesIO(stdin) if stdin is not None else None
     code = run_file(
         path,
         None if robot == "bench" else make_body(robots.get(robot)),
@@ -81,9 +81,20 @@ def test_program_may_exit(tmp_path: Path) -> None:
     assert run(tmp_path, source.format("Over")) == (0, "1\n", "The program was stopped (Over).\n")
 
 
+_CALM_LOOP = """
+    class Calm:
+        def __enter__(self):
+            pass
+        def __exit__(self, *error):
+            return True
+    with Calm():
+        wait(10)
+"""
+
+
 @pytest.mark.parametrize(
     "loop",
-    ["wait(100)", "pass", "watch.time()", "print(end='')", "try:\n        wait(10)\n    except:\n        pass"],
+    ["wait(100)", "pass", "watch.time()", "print(end='')", "try:\n        wait(10)\n    except:\n        pass", _CALM_LOOP],
 )
 def test_the_time_limit_stops_any_loop(tmp_path: Path, loop: str) -> None:
     source = f"from pybricks.tools import wait, StopWatch\nwatch = StopWatch()\nprint('go')\nwhile True:\n    {loop}\n"
@@ -92,10 +103,29 @@ def test_the_time_limit_stops_any_loop(tmp_path: Path, loop: str) -> None:
 
 def test_input_is_passed(tmp_path: Path) -> None:
     source = "import usys\nprint(usys.stdin.buffer.read(3))\nprint(input())"
-    assert run(tmp_path, source, stdin=b"abcdef\n") == (0, "b'abc'\ndef\ndef\n", "")
+    assert run(tmp_path, source, stdin=b"abcdef\r") == (0, "b'abc'\ndef\ndef\n", "")
     code, _, err = run(tmp_path, source)
     assert code == 1
     assert "EOFError: the program waits for input" in err
+
+
+@pytest.mark.parametrize(
+    ("source", "typed", "read"),
+    [
+        ("print([input(), input()])", "ab\ncd\n", "['ab', 'cd']"),
+        ("print([input(), input()])", b"ab\r\ncd\r\n", "['ab', 'cd']"),
+        ("print(repr(input()))", "abc\x7f\x08d\xe4e\n", "'ade'"),
+        ("try:\n    input()\nexcept KeyboardInterrupt:\n    print('interrupt')", "ab\x03", "abinterrupt"),
+        ("try:\n    input()\nexcept EOFError:\n    print('end')", "\x04", "end"),
+        ("import usys\nprint([usys.stdin.readline(), usys.stdin.read(3)])", "ab\ncd\n", "['ab\\n', 'cd\\n']"),
+        ("import usys\nprint(len(usys.stdin.read(2)), usys.stdin.buffer.read(2))", "\xe4bcd", "2 b'cd'"),
+        ("import usys\nprint(usys.stdin.buffer.read(3))", b"a\nb", "b'a\\nb'"),
+    ],
+)
+def test_typed_input(tmp_path: Path, source: str, typed: bytes | str, read: str) -> None:
+    """By ``shared/readline/readline.c`` and ``sys_stdio_mphal.c`` of MicroPython 1.26."""
+    code, out, err = run(tmp_path, source, stdin=typed)
+    assert (code, out.splitlines()[-1], err) == (0, read, "")
 
 
 def test_syntax_error(tmp_path: Path) -> None:
@@ -177,7 +207,7 @@ print(both.color(), both.distance(), infrared.distance())
 
 
 def test_readings_from_file_over_time(tmp_path: Path) -> None:
-    (tmp_path / "colors.csv").write_text("# seconds, color\n0, red\n1.5, green\n3, 240,100,100\n")
+    (tmp_path / "colors.csv").write_text("0, red\n# seconds, color\n1.5, green\n3, 240,100,100\n", "utf-8-sig")
     source = "color = ColorSensor(Port.A)\nfor i in range(4):\n    print(color.color())\n    wait(1000)"
     done = fitted(tmp_path, source, reading=f"A=@{tmp_path / 'colors.csv'}")
     assert done == (0, "Color.RED\nColor.RED\nColor.GREEN\nColor.BLUE\n", "")

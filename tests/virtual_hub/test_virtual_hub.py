@@ -5,11 +5,12 @@ from __future__ import annotations
 import itertools
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
 
-from bricksrl.errors import HubError, HubProgramError
+from bricksrl.errors import HubError, HubProgramError, TwinError
 from bricksrl.hub.transport import HubModule, HubProgram
 from bricksrl.robots import BENCH, TWO_WHEELER
 from bricksrl.twin.make_body import make_body
@@ -185,6 +186,17 @@ def test_realtime_robot_does_not_wait_for_host() -> None:
     assert virtual.now_s() - before_s >= 0.2
 
 
+def test_other_thread_is_told() -> None:
+    virtual = hub("from pybricks.tools import wait\nwait(100000)")
+    virtual.read(0.1)
+    with ThreadPoolExecutor(1) as pool:
+        with pytest.raises(TwinError, match="started in another thread"):
+            pool.submit(virtual.read, 0.1).result()
+        pool.submit(virtual.close).result()
+    with pytest.raises(HubError, match="no program runs"):
+        virtual.read(0.1)
+
+
 def test_realtime_advances_in_steps_and_stops_soon(monkeypatch: pytest.MonkeyPatch) -> None:
     virtual = hub("from pybricks.tools import wait\nwait(100000)", realtime=True)
     seen = []
@@ -258,7 +270,7 @@ def test_app_data_refusals_equal_hub() -> None:
     lines = output.replace(bytes((0, 0, 1)), b"").decode().splitlines()
     assert lines == [
         "modes must be a list of (mode, size) tuples",
-        "modes must be a list of (mode, size) tuples",
+        "can't convert tuple to list",
         "mode numbers must be unique",
         "Invalid argument",
         "invalid mode",

@@ -8,7 +8,7 @@ from dataclasses import MISSING, dataclass, fields, is_dataclass
 from typing import TYPE_CHECKING, Any
 
 from bricksrl.envs.user_files import is_reference, load_object
-from bricksrl.errors import BricksError, DescriptionError, UnknownNameError, hint
+from bricksrl.errors import BricksError, DescriptionError, UnknownNameError, first_line, hint
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -105,8 +105,7 @@ def make_learner(agent: str, env: EnvBase, settings: Any = None, device: str = "
     except Exception as error:
         if not (is_reference(agent) or vars(settings).get("network")):
             raise
-        reason = f"{type(error).__name__}: {error}".splitlines()[0]
-        raise DescriptionError(f"{agent} cannot be built ({reason}); correct it") from error
+        raise DescriptionError(f"{agent} cannot be built ({first_line(error)}); correct it") from error
     if not isinstance(learner, Learner):
         raise DescriptionError(f"{agent} builds a {type(learner).__name__}; let it return a bricksrl.agents.learner.Learner")
     return learner

@@ -22,7 +22,7 @@ from bricksrl.agents.episodic_replay import EpisodicReplayBuffer
 from bricksrl.agents.learner_state import load_loss, load_memory_state, memory_state
 from bricksrl.agents.replay import TransitionReplayBuffer, link_lost, make_replay_buffer, with_outcome
 from bricksrl.agents.settings import OffPolicySettings, Settings
-from bricksrl.errors import CheckpointError
+from bricksrl.errors import CheckpointError, first_line
 
 MAX_ROWS = 8192
 """Maximum number of transitions drawn at once for several updates."""
@@ -245,8 +245,8 @@ class Learner:
                 if "memory" in state:
                     load_memory_state(self.memory, state["memory"], self.device)
         except (AssertionError, AttributeError, LookupError, OverflowError, RuntimeError, TypeError, ValueError) as error:
-            reason = (str(error) or type(error).__name__).splitlines()[0]
-            raise CheckpointError(f"the checkpoint does not fit this agent ({reason}); resume with the settings it had") from None
+            remedy = "resume with the settings it had"
+            raise CheckpointError(f"the checkpoint does not fit this agent ({first_line(error)}); {remedy}") from None
 
 
 def off_policy_learner(

@@ -5,7 +5,9 @@ torch and MuJoCo are imported only by commands that need them, so that help is p
 
 from __future__ import annotations
 
+import atexit
 import os
+import signal
 import sys
 
 TYPE_CHECKING = False
@@ -38,3 +40,5 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         sys.stderr.write("interrupted: nothing was saved\n")
         return 130
+    finally:  # another Ctrl-C would show a traceback of what libraries do at the end of the process
+        atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -65,11 +66,8 @@ class CalibrateCamera:
             raise CameraError(f"{self.env} has no camera; choose an environment that has one")
         device = int(self.camera) if self.camera.isdecimal() else self.camera
         view = replace(task.camera, device=device)
-        camera = self._open(task, view)
-        try:
+        with closing(self._open(task, view)) as camera:
             frames = [camera.frame() for _ in range(self.frames)]
-        finally:
-            camera.close()
         calibrations = [calibrate_red(frame, self.at) for frame in frames[len(frames) // 2 :]]
         ball = FoundRed(spanning([calibration.window for calibration in calibrations]), calibrations[-1].mask)
         path = self.out or saved_path(device)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional
 
-from bricksrl.cli.options import Flag, option
+from bricksrl.cli.options import JsonFlag, option
 from bricksrl.cli.terminal import print_line
 
 if TYPE_CHECKING:
@@ -32,8 +32,7 @@ class Compare:
     """Folders of runs."""
     out: Annotated[Path | None, option(metavar="FILE")] = None
     """PNG file for the learning curves."""
-    json: Flag = False
-    """Print only one JSON object on standard output."""
+    json: JsonFlag = False
 
     def execute(self) -> int:
         """Compare, print, draw."""

@@ -16,6 +16,8 @@ from bricksrl.files import quoted
 if TYPE_CHECKING:
     from bricksrl.data.episode_index import Index
 
+DatasetArgument = Annotated[Positional[Path], option(metavar="DIR", help="Folder of the dataset.")]
+
 
 @dataclass(frozen=True)
 class Info:
@@ -65,8 +67,7 @@ class Check:
       bricksrl data check datasets/walker_expert
     """
 
-    dataset: Annotated[Positional[Path], option(metavar="DIR")]
-    """Folder of the dataset."""
+    dataset: DatasetArgument
 
     def execute(self) -> int:
         """Check and print."""
@@ -91,8 +92,7 @@ class Repair:
       bricksrl data repair datasets/damaged --out datasets/saved
     """
 
-    dataset: Annotated[Positional[Path], option(metavar="DIR")]
-    """Folder of the dataset."""
+    dataset: DatasetArgument
     out: Annotated[Path | None, option(metavar="DIR")] = None
     """Folder for the intact episodes of a damaged dataset, which must not exist."""
 
@@ -114,7 +114,7 @@ class Repair:
             return 0
         if not Layout(root).description.exists():
             raise DataError(f"there is no dataset of ours in {root}; choose another folder")
-        with only_writer(root):
+        with only_writer(root, DataError):
             recovery = recover(root, rebuild=True)
         print_line(
             f"{counted(len(recovery.index.rows), 'episode')}; {recovery.adopted} new in the index, "
@@ -159,8 +159,7 @@ class Split:
       bricksrl data split datasets/walker --share 0.8 --out datasets/train --rest datasets/test
     """
 
-    dataset: Annotated[Positional[Path], option(metavar="DIR")]
-    """Folder of the dataset."""
+    dataset: DatasetArgument
     out: Annotated[Path, option(metavar="DIR")]
     """Folder for the drawn share, which must not exist."""
     rest: Annotated[Path, option(metavar="DIR")]
@@ -189,8 +188,7 @@ class Plot:
       bricksrl data plot datasets/walker_expert --out walker.png
     """
 
-    dataset: Annotated[Positional[Path], option(metavar="DIR")]
-    """Folder of the dataset."""
+    dataset: DatasetArgument
     out: Annotated[Path, option(metavar="FILE")]
     """PNG file to write."""
 
@@ -238,10 +236,9 @@ class Export:
       bricksrl data export datasets/walker --format minari --out ~/.minari/datasets/bricksrl/walker-v0
     """
 
-    dataset: Annotated[Positional[Path], option(metavar="DIR")]
-    """Folder of the dataset."""
+    dataset: DatasetArgument
     format: Literal["numpy", "parquet", "minari"]
-    """Format to write."""
+    """Format to write. A Parquet file has no images."""
     out: Annotated[Path, option(metavar="PATH")]
     """File or folder to write, which must not exist."""
 

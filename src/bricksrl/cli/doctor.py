@@ -15,7 +15,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Annotated
 
-from bricksrl.cli.options import Flag, option
+from bricksrl.cli.options import JsonFlag, option
 from bricksrl.cli.terminal import print_line
 from bricksrl.errors import DescriptionError
 from bricksrl.finding import Finding, Outcome
@@ -50,8 +50,7 @@ class Doctor:
 
     timeout_s: Annotated[float, option(metavar="SECONDS")] = 60.0
     """Timeout of each check."""
-    json: Flag = False
-    """Print only one JSON object on standard output."""
+    json: JsonFlag = False
 
     def execute(self) -> int:
         """Check and print."""

@@ -7,7 +7,7 @@ import queue
 import signal
 import threading
 from collections.abc import Callable, Iterator
-from types import FrameType, TracebackType
+from types import FrameType
 from typing import TYPE_CHECKING, Any, Self
 
 from bricksrl.cli.key_listener import KeyListener, can_listen, interrupt_main
@@ -69,7 +69,7 @@ class EmergencyStop:
             self._notify(LEGEND)
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         self._listener.close()
         self._handlers.close()
         self._requests.put("end")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import Positional
 
-from bricksrl.cli.options import Flag, option
+from bricksrl.cli.options import Flag, JsonFlag, option
 from bricksrl.cli.terminal import INTERRUPTED, load_learning, print_interrupted, print_line, print_note
 from bricksrl.cli.video import check_film
 from bricksrl.errors import StoppedError, TwinError, counted
@@ -52,8 +52,7 @@ class Evaluate:
     """Use the checkpoint of the best evaluation during training instead of the last one."""
     video: Annotated[Path | None, option(metavar="FILE")] = None
     """Film up to three of the episodes into this mp4 file."""
-    json: Flag = False
-    """Print only one JSON object on standard output."""
+    json: JsonFlag = False
 
     def execute(self) -> int:
         """Evaluate and print."""

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import re
 import signal
 import sys
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
@@ -14,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, UseAppendAction
 
-from bricksrl.cli.options import Flag, PageFlag, option
+from bricksrl.cli.options import EnvArgument, Flag, PageFlag, option
 from bricksrl.cli.page import LivePageGroup, PageAddress, announce
 from bricksrl.cli.terminal import INTERRUPTED, print_interrupted, print_line
 from bricksrl.errors import DescriptionError, UnknownNameError, counted
@@ -37,8 +38,7 @@ class Program:
       bricksrl hub program RunAway-v0 --out run_away.py
     """
 
-    env: Annotated[Positional[str], option(metavar="ENV")]
-    """Environment; `bricksrl list` shows them."""
+    env: EnvArgument
     out: Annotated[Path | None, option(metavar="FILE")] = None
     """The .py file to write; by default the program is printed."""
 
@@ -122,10 +122,12 @@ class Run:
         address = parse_hub(self.hub)
         self.live_page.shown(self.page)
         out, err, stdin = sys.stdout.buffer, sys.stderr, sys.stdin
+        if isinstance(stdin, io.TextIOWrapper):
+            stdin.reconfigure(errors="surrogateescape")  # a program may be given any bytes
         if address.is_virtual:
             from bricksrl.virtual_hub.run import run_file
 
-            source = None if stdin is None or stdin.isatty() else stdin.buffer
+            source = None if stdin is None or stdin.isatty() else stdin
             read_program(self.file)  # raises before a film begins
             with ExitStack() as stack:
                 return run_file(
@@ -148,12 +150,8 @@ class Run:
         from bricksrl.hub.program.run import run_program
 
         program = load_program(self.file)
-        source = None if stdin is None else stdin.buffer
-        transport = address.transport()
-        try:
-            return run_program(transport, program, stdout=out, stderr=err, stdin=source, time_limit_s=self.time_limit_s)
-        finally:
-            transport.close()
+        with closing(address.transport()) as transport:
+            return run_program(transport, program, stdout=out, stderr=err, stdin=stdin, time_limit_s=self.time_limit_s)
 
     def _body(self, stack: ExitStack) -> Body | None:
         """Body of the robot, filmed on request; ``None`` for the bench that adapts to the program."""

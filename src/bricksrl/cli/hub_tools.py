@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional
 
-from bricksrl.cli.options import Flag, option
+from bricksrl.cli.options import EnvArgument, Flag, JsonFlag, option
 from bricksrl.cli.terminal import confirm, is_terminal, print_line
 from bricksrl.errors import BricksError, DescriptionError, HubError
 
@@ -23,8 +23,7 @@ if TYPE_CHECKING:
 _NAME_BYTES = 15
 _SCAN_S = 5.0
 
-Env = Annotated[Positional[str], option(metavar="ENV")]
-Hub = Annotated[str, option(metavar="HUB")]
+Hub = Annotated[str, option(metavar="HUB", help="Which hub: ble, ble:NAME, ble:ADDRESS, usb, usb:PORT, or virtual.")]
 Folder = Annotated[Path | None, option(metavar="DIR")]
 
 
@@ -40,7 +39,7 @@ class Scan:
       bricksrl hub scan --hub virtual
     """
 
-    hub: Hub = "ble"
+    hub: Annotated[str, option(metavar="HUB")] = "ble"
     """Where to scan: ble, or virtual for the virtual hub, which is always present."""
     seconds: Annotated[float, option(metavar="SECONDS")] = _SCAN_S
     """Duration of the scan."""
@@ -104,7 +103,6 @@ class Stop:
     """
 
     hub: Hub = "ble"
-    """Which hub: ble, ble:NAME, ble:ADDRESS, usb, usb:PORT, or virtual."""
 
     def execute(self) -> int:
         """Stop the program."""
@@ -140,14 +138,12 @@ class Latency:
       bricksrl hub latency RunAway-v0 --hub virtual --json
     """
 
-    env: Env
+    env: Annotated[Positional[str], option(metavar="ENV")]
     """Environment, whose program runs on the hub."""
     hub: Hub = "ble"
-    """Which hub: ble, ble:NAME, ble:ADDRESS, usb, usb:PORT, or virtual."""
     exchanges: Annotated[int, option(metavar="N")] = 100
     """Number of readings to time."""
-    json: Flag = False
-    """Print only one JSON object on standard output."""
+    json: JsonFlag = False
 
     def execute(self) -> int:
         """Measure and print."""
@@ -183,16 +179,13 @@ class CheckHub:
       bricksrl hub check RoboArm-v0 --hub ble:Arm --json
     """
 
-    env: Env
-    """Environment; `bricksrl list` shows them."""
+    env: EnvArgument
     hub: Hub = "ble"
-    """Which hub: ble, ble:NAME, ble:ADDRESS, usb, usb:PORT, or virtual."""
     yes: Flag = False
     """Make the test moves without asking for permission, or whether they were right."""
     calibrations: Folder = None
     """Folder of calibrations; by default that in your settings folder."""
-    json: Flag = False
-    """Print only one JSON object on standard output."""
+    json: JsonFlag = False
 
     def execute(self) -> int:
         """Check and print one line per finding."""
@@ -240,10 +233,8 @@ class Calibrate:
       bricksrl hub calibrate RoboArm-v0 --forget
     """
 
-    env: Env
-    """Environment; `bricksrl list` shows them."""
+    env: EnvArgument
     hub: Hub = "ble"
-    """Which hub: ble, ble:NAME, ble:ADDRESS, usb, usb:PORT, or virtual."""
     by_hand: Flag = False
     """Set the zeros of motors without a range to their present angles; put legs and turntable at their zeros first."""
     reverse: Annotated[tuple[str, ...], option(metavar="MOTOR ...")] = ()

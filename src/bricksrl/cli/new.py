@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from tyro.conf import Positional
 
@@ -31,56 +31,53 @@ def write_template(kind: str, path: Path) -> None:
 
 
 @dataclass(frozen=True)
-class NewTask:
+class _New:
+    """Command that writes the template of a ``kind``; ``train`` is the command to train with a file."""
+
+    kind: ClassVar[str]
+    train: ClassVar[str] = "bricksrl train {} --episodes 30"
+
+    file: Annotated[Positional[Path], option(metavar="FILE")]
+    """The Python file to write, which must not exist."""
+
+    def execute(self) -> int:
+        """Write the file and print the next commands."""
+        write_template(self.kind, self.file)
+        print_line(f"{self.kind:8}{self.file}")
+        print_line(f"check   bricksrl check {quoted(self.file)}")
+        print_line(f"train   {self.train.format(quoted(self.file))}")
+        return 0
+
+
+@dataclass(frozen=True)
+class NewTask(_New):
     """Write a commented template of a task, which can be trained as it is.
 
     Examples:
       bricksrl new task my_task.py
     """
 
-    file: Annotated[Positional[Path], option(metavar="FILE")]
-    """The Python file to write, which must not exist."""
-
-    def execute(self) -> int:
-        """Write the file and print the next commands."""
-        return _write("task", self.file, f"bricksrl train {quoted(self.file)} --episodes 30")
+    kind = "task"
 
 
 @dataclass(frozen=True)
-class NewRobot:
+class NewRobot(_New):
     """Write a commented template of a robot with a first task, which can be trained as it is.
 
     Examples:
       bricksrl new robot my_robot.py
     """
 
-    file: Annotated[Positional[Path], option(metavar="FILE")]
-    """The Python file to write, which must not exist."""
-
-    def execute(self) -> int:
-        """Write the file and print the next commands."""
-        return _write("robot", self.file, f"bricksrl train {quoted(self.file)} --episodes 30")
+    kind = "robot"
 
 
 @dataclass(frozen=True)
-class NewAgent:
+class NewAgent(_New):
     """Write a commented template of an algorithm, which learns as it is.
 
     Examples:
       bricksrl new agent my_agent.py
     """
 
-    file: Annotated[Positional[Path], option(metavar="FILE")]
-    """The Python file to write, which must not exist."""
-
-    def execute(self) -> int:
-        """Write the file and print the next commands."""
-        return _write("agent", self.file, f"bricksrl train WalkerSim-v0 --agent {quoted(self.file)} --episodes 20")
-
-
-def _write(kind: str, path: Path, train: str) -> int:
-    write_template(kind, path)
-    print_line(f"{kind:8}{path}")
-    print_line(f"check   bricksrl check {quoted(path)}")
-    print_line(f"train   {train}")
-    return 0
+    kind = "agent"
+    train = "bricksrl train WalkerSim-v0 --agent {} --episodes 20"

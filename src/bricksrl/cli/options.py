@@ -8,7 +8,7 @@ from collections.abc import Container, Iterator
 from functools import partial
 from typing import Annotated, Any
 
-from tyro.conf import arg
+from tyro.conf import Positional, arg
 
 from bricksrl.errors import DescriptionError
 
@@ -22,8 +22,12 @@ option = partial(arg, help_behavior_hint=_default)
 """Annotation of an option: its name and the placeholder of its value, as tyro's ``arg``."""
 Flag = Annotated[bool, option()]
 """An option without a value."""
+JsonFlag = Annotated[bool, option(help="Print only one JSON object on standard output.")]
+"""``--json``."""
 PageFlag = Annotated[bool, option(help="Show it live in the browser: the robot in 3D, curves, buttons, and sliders to drive it.")]
 """``--page``."""
+EnvArgument = Annotated[Positional[str], option(metavar="ENV", help="Environment; `bricksrl list` shows them.")]
+"""Positional argument ``ENV``."""
 
 
 def changed_options(command: Any) -> Iterator[str]:

@@ -7,7 +7,7 @@ import sys
 import threading
 import webbrowser
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Self
@@ -160,11 +160,8 @@ def _environment(flags: Play | Drive, target: str, run: Path | None) -> Iterator
         config = config_of(run)
         env_id = config.env
         options = options.changed(**config.options | options.options)
-    env = make(env_id, options, seed=flags.seed, place=place_robot)
-    try:
+    with closing(make(env_id, options, seed=flags.seed, place=place_robot)) as env:
         yield env, env_id
-    finally:
-        env.close(raise_if_closed=False)
 
 
 def _on_page(

@@ -17,6 +17,9 @@ from bricksrl.errors import PlanError, counted
 if TYPE_CHECKING:
     from bricksrl.plans.plan import Plan
 
+_PLAN = "An LDraw file (.ldr, .mpd), Studio's .io, or a robot: two-wheeler, walker, robo-arm."
+PlanArgument = Annotated[Positional[Path], option(metavar="FILE", help=_PLAN)]
+
 
 def _read(path: Path) -> Plan:
     """The plan in a file, or that of a robot of this package."""
@@ -44,8 +47,7 @@ class CheckPlan:
       bricksrl plan check my_robot.mpd
     """
 
-    plan: Annotated[Positional[Path], option(metavar="FILE")]
-    """An LDraw file (.ldr, .mpd), Studio's .io, or a robot: two-wheeler, walker, robo-arm."""
+    plan: PlanArgument
 
     def execute(self) -> int:
         """Check and print."""
@@ -77,8 +79,7 @@ class PlanParts:
       bricksrl plan parts
     """
 
-    plan: Annotated[Positional[Path | None], option(metavar="FILE")] = None
-    """An LDraw file (.ldr, .mpd), Studio's .io, or a robot: two-wheeler, walker, robo-arm."""
+    plan: Annotated[Positional[Path | None], option(metavar="FILE", help=_PLAN)] = None
     out: Annotated[Path | None, option(metavar="FILE")] = None
     """File to write."""
     format: Literal["csv", "rebrickable", "bricklink"] = "csv"
@@ -124,8 +125,7 @@ class PlanSteps:
       bricksrl plan steps my_robot.mpd --out my_robot.html
     """
 
-    plan: Annotated[Positional[Path], option(metavar="FILE")]
-    """An LDraw file (.ldr, .mpd), Studio's .io, or a robot: two-wheeler, walker, robo-arm."""
+    plan: PlanArgument
     out: Annotated[Path, option(metavar="FILE")]
     """The .pdf or .html to write."""
 
@@ -147,8 +147,7 @@ class ShowPlan:
       bricksrl plan show my_robot.mpd --page-host 0.0.0.0
     """
 
-    plan: Annotated[Positional[Path], option(metavar="FILE")]
-    """An LDraw file (.ldr, .mpd), Studio's .io, or a robot: two-wheeler, walker, robo-arm."""
+    plan: PlanArgument
     live_page: LivePageGroup = PageAddress()
 
     def execute(self) -> int:

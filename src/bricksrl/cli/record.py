@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -137,10 +137,8 @@ class Record:
             if not is_driven or self.robot.realtime:
                 raise
             env = make(self.env, options, seed=self.seed, place=place)  # a kinematic simulation: `_collect` paces the driver
-        try:
+        with closing(env):
             yield env
-        finally:
-            env.close(raise_if_closed=False)
 
     def _collect(
         self, env: EnvBase, recorder: Recorder, human: Driver | None, report: Callable[[Collected], None], page: LivePage | None

@@ -9,7 +9,7 @@ from typing import Annotated
 
 from tyro.conf import Positional
 
-from bricksrl.cli.options import Flag, option
+from bricksrl.cli.options import Flag, option, refuse_ignored
 from bricksrl.cli.terminal import INTERRUPTED, load_learning, print_interrupted, print_line
 
 
@@ -52,6 +52,7 @@ class StudyCommand:
         from bricksrl.evaluation.study_tables import STUDIES, Study
 
         if self.name is None:
+            refuse_ignored(self, (), "without a study's name")
             studies: list[Study | BenchmarkStudy] = [*STUDIES.values(), *BENCHMARK_STUDIES.values()]
             for study in studies:
                 note = "" if study.name in STUDIES else ", less if results exist"
@@ -66,10 +67,12 @@ class StudyCommand:
                 raise RunError(f"{name} is {value}; give 1 or more")
         folder = self.folder or Path("studies") / (f"{self.name}-quick" if self.quick else self.name)
         if self.name in BENCHMARK_STUDIES:
-            if unknown := [f"--{name}" for name in ("seeds", "jobs", "on", "only") if getattr(self, name)]:
-                raise RunError(f"{unknown[0]} has no meaning for '{self.name}', whose runs are those of benchmarks; leave it out")
+            mode = f"on '{self.name}', whose runs are those of benchmarks"
+            refuse_ignored(self, ("--name", "--quick", "--folder", "--benchmarks"), mode)
             self._print(run_benchmark_study(BENCHMARK_STUDIES[self.name], folder, self.benchmarks, quick=self.quick))
             return 0
+        kept = ("--name", "--quick", "--seeds", "--jobs", "--on", "--only", "--folder")
+        refuse_ignored(self, kept, f"on '{self.name}', whose runs need no benchmark")
         study = STUDIES[self.name]
         load_learning()
         from bricksrl.evaluation.study import run_study

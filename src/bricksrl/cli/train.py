@@ -15,8 +15,8 @@ from bricksrl.cli.options import Flag, PageFlag, option, refuse_ignored
 from bricksrl.cli.page import LivePageGroup, PageAddress, run_on_page
 from bricksrl.cli.robot_flags import RobotFlags, RobotGroup
 from bricksrl.cli.terminal import INTERRUPTED, load_learning, print_interrupted, print_line
-from bricksrl.errors import DescriptionError, StoppedError, counted
-from bricksrl.files import quoted
+from bricksrl.errors import DescriptionError, RunError, StoppedError, counted
+from bricksrl.files import only_writer, quoted
 
 if TYPE_CHECKING:
     import numpy as np
@@ -280,7 +280,8 @@ def run_training(
             result = start(Displays(progress, stop, page))
             progress.close()
             if not result.interrupted:
-                _report(result, emergency_stop, page)
+                with only_writer(result.run_dir, RunError):
+                    _report(result, emergency_stop, page)
                 return 0
     except (KeyboardInterrupt, StoppedError):  # before or after the training, or a second time during it
         pass

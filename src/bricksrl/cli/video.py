@@ -56,8 +56,8 @@ def check_film(path: Path) -> None:
 
 @contextmanager
 def filmed_env(env: EnvBase, path: Path | None, title: str) -> Iterator[None]:
-    """Film the virtual robot of an environment inside this context; without a path do nothing. Raises TwinError if there is no
-    virtual robot to film, or the file is no mp4, RenderingUnavailableError if no OpenGL library works here."""
+    """Film the virtual robot of an environment inside this context, however it ends; without a path do nothing. Raises TwinError
+    if there is no virtual robot to film, or the file is no mp4, RenderingUnavailableError if no OpenGL library works here."""
     if path is None:
         yield
         return
@@ -71,33 +71,34 @@ def filmed_env(env: EnvBase, path: Path | None, title: str) -> Iterator[None]:
     size, episodes, open_renderers = (1280, 720), 0, list[Renderer]()
     if not hasattr(env, "watch"):
         raise TwinError(f"{env.task.id} has no virtual robot to film; leave out --video")
-    with VideoWriter(path, 1000 / _FRAME_MS) as video:
+    video = VideoWriter(path, 1000 / _FRAME_MS)
 
-        def install(connection: Connection) -> None:
-            nonlocal episodes
-            body = None if connection.twin is None else connection.twin.body
-            if connection.twin is None or not isinstance(body, MujocoBody):
-                raise TwinError(f"{env.task.id} has no virtual robot to film; leave out --video")
-            while open_renderers:
-                open_renderers.pop().close()
-            episodes, machine, room = episodes + 1, connection.twin.machine, Room(body)
-            number, renderer = episodes, Renderer(body, *size, room.camera, smooth=False, decorate=room.decorate)
-            open_renderers.append(renderer)
+    def install(connection: Connection) -> None:
+        nonlocal episodes
+        body = None if connection.twin is None else connection.twin.body
+        if connection.twin is None or not isinstance(body, MujocoBody):
+            raise TwinError(f"{env.task.id} has no virtual robot to film; leave out --video")
+        while open_renderers:
+            open_renderers.pop().close()
+        episodes, machine, room = episodes + 1, connection.twin.machine, Room(body)
+        number, renderer = episodes, Renderer(body, *size, room.camera, smooth=False, decorate=room.decorate)
+        open_renderers.append(renderer)
 
-            class Camera:
-                """Renderer with captions."""
+        class Camera:
+            """Renderer with captions."""
 
-                def render(self) -> Image:
-                    room.follow()
-                    caption = f"episode {number}   {machine.time_ms / 1000:.1f} s"
-                    return captioned(renderer.render(), title, caption, room.metre_marks(*size))
+            def render(self) -> Image:
+                room.follow()
+                caption = f"episode {number}   {machine.time_ms / 1000:.1f} s"
+                return captioned(renderer.render(), title, caption, room.metre_marks(*size))
 
-            machine.body = Filmed(machine.body, Camera(), _FRAME_MS, machine.time_ms, video.add)
+        machine.body = Filmed(machine.body, Camera(), _FRAME_MS, machine.time_ms, video.add)
 
-        unwatch = env.watch(install)
-        try:
-            yield
-        finally:
-            unwatch()
-            while open_renderers:
-                open_renderers.pop().close()
+    unwatch = env.watch(install)
+    try:
+        yield
+    finally:
+        unwatch()
+        while open_renderers:
+            open_renderers.pop().close()
+        video.close()

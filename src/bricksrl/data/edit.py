@@ -5,23 +5,19 @@ The datasets written here have few large files, as LeRobot prefers, where a reco
 
 from __future__ import annotations
 
-import dataclasses
-import hashlib
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from bricksrl.data.episode import EpisodeRow
+from bricksrl.data.episode import EpisodeData, EpisodeRow, write_episodes
 from bricksrl.data.episode_index import Index, read_description, read_index, read_rows, rows_table, task_instruction, write_index
-from bricksrl.data.images import decode, encode
+from bricksrl.data.images import decode
 from bricksrl.data.layout import FileIndex, Layout, numbers
-from bricksrl.data.parquet import from_table, read_verified, statistics, tasks_table, to_parquet, to_table
+from bricksrl.data.parquet import from_table, read_verified, tasks_table, to_parquet
 from bricksrl.data.reader import read_file
 from bricksrl.data.schema import Description
 from bricksrl.errors import DataError, counted
@@ -30,15 +26,6 @@ from bricksrl.seed import check_seed
 
 STEPS_PER_FILE = 20_000
 """Steps after which a new file begins."""
-
-
-@dataclass(frozen=True)
-class EpisodeData:
-    """Complete episode: its row, columns ``[length, ...]`` and images."""
-
-    row: EpisodeRow
-    columns: dict[str, NDArray[Any]]
-    images: NDArray[np.uint8] | None
 
 
 def merge(sources: Sequence[Path], out: Path) -> Index:
@@ -144,7 +131,8 @@ def write_dataset(out: Path, description: Description, episodes: Iterable[Episod
         layout = Layout(folder)
         at = FileIndex()
         for group in _groups(episodes):
-            rows += _write_group(layout, description, group, len(rows), rows[-1].start + rows[-1].length if rows else 0, at)
+            start = rows[-1].start + rows[-1].length if rows else 0
+            rows += write_episodes(layout, description, group, len(rows), start, at)
             at = at.next()
         if not rows:
             raise DataError(f"there are no episodes to write to {out}; choose others")
@@ -166,33 +154,3 @@ def _groups(episodes: Iterable[EpisodeData]) -> Iterator[list[EpisodeData]]:
             group, steps = [], 0
     if group:
         yield group
-
-
-def _write_group(
-    layout: Layout, description: Description, group: Sequence[EpisodeData], episode: int, start: int, at: FileIndex
-) -> list[EpisodeRow]:
-    """Write one data file and one video file; returns the new rows of the episodes."""
-    rows, tables = [], []
-    video_s = 0.0
-    for number, item in enumerate(group, episode):
-        length = item.row.length
-        columns = {
-            **item.columns,
-            "episode_index": np.full(length, number, np.int64),
-            "index": np.arange(start, start + length, dtype=np.int64),
-        }
-        tables.append(to_table(columns, description))
-        joined = {**item.row.statistics, **statistics(columns)}
-        row = dataclasses.replace(item.row, episode=number, start=start, data_file=at, statistics=joined)
-        rows.append(dataclasses.replace(row, video_file=at, video_start_s=video_s) if item.images is not None else row)
-        start += length
-        video_s += length / description.rate_hz
-    data = to_parquet(pa.concat_tables(tables))
-    write_durably(layout.data(at), data)
-    rows = [dataclasses.replace(row, data_sha256=hashlib.sha256(data).hexdigest()) for row in rows]
-    images = [item.images for item in group if item.images is not None]
-    if description.image_key is not None and images:
-        video = encode(np.concatenate(images), description.rate_hz)
-        write_durably(layout.video(description.image_key, at), video)
-        rows = [dataclasses.replace(row, video_sha256=hashlib.sha256(video).hexdigest()) for row in rows]
-    return rows

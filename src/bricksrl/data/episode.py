@@ -1,17 +1,22 @@
-"""Episode to be written: its steps and its row in ``meta/episodes``."""
+"""Episodes to be written: their steps, and their rows in ``meta/episodes``."""
 
 from __future__ import annotations
 
 import dataclasses
+import hashlib
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import ArrayLike, NDArray
 
-from bricksrl.data.layout import ACTION, NEXT, OBSERVATION, FileIndex
-from bricksrl.data.parquet import Statistics, image_statistics, statistics
+from bricksrl.data.images import encode
+from bricksrl.data.layout import ACTION, NEXT, OBSERVATION, FileIndex, Layout
+from bricksrl.data.parquet import Statistics, image_statistics, statistics, to_parquet, to_table
 from bricksrl.data.schema import Description
+from bricksrl.files import write_durably
 
 Image = NDArray[np.uint8]
 
@@ -71,8 +76,8 @@ class About:
     physics: dict[str, float] = field(default_factory=dict)
 
 
-def columns_of(steps: list[Step], description: Description, episode: int, start: int) -> dict[str, NDArray[Any]]:
-    """Columns of episode number ``episode``, which begins at row ``start`` of the dataset."""
+def _columns(steps: list[Step], description: Description) -> dict[str, NDArray[Any]]:
+    """Columns of the first episode of a dataset."""
     n = len(steps)
     terminated = np.array([step.terminated for step in steps], bool)
     truncated = np.array([step.truncated for step in steps], bool)
@@ -90,8 +95,8 @@ def columns_of(steps: list[Step], description: Description, episode: int, start:
         "hub_time_s": np.array([step.hub_time_s for step in steps], np.float64),
         "timestamp": (frames / description.rate_hz).astype(np.float32),
         "frame_index": frames,
-        "episode_index": np.full(n, episode, np.int64),
-        "index": frames + start,
+        "episode_index": np.zeros(n, np.int64),
+        "index": frames,
         "task_index": np.zeros(n, np.int64),
     }
 
@@ -129,24 +134,66 @@ class EpisodeRow:
     final_image: bytes | None = None
 
 
-def row_of(columns: dict[str, NDArray[Any]], about: About, at: FileIndex, digest: str) -> EpisodeRow:
-    """Row of an episode that is alone in the file ``at``."""
-    return EpisodeRow(
-        episode=int(columns["episode_index"][0]),
-        length=len(columns["index"]),
-        start=int(columns["index"][0]),
+@dataclass(frozen=True)
+class EpisodeData:
+    """Complete episode: its row, columns ``[length, ...]`` and images."""
+
+    row: EpisodeRow
+    columns: dict[str, NDArray[Any]]
+    images: NDArray[np.uint8] | None
+
+
+def new_episode(steps: list[Step], about: About, description: Description) -> EpisodeData:
+    """Episode of these steps, as the first one of a dataset; `write_episodes` gives it another number and its files."""
+    columns = _columns(steps, description)
+    key, final, images = description.image_key, steps[-1].next_image, None
+    if key is not None and final is not None:
+        images = np.stack([step.image for step in steps if step.image is not None])
+    row = EpisodeRow(
+        episode=0,
+        length=len(steps),
+        start=0,
         return_=float(columns["next.reward"].sum(dtype=np.float64)),
         terminated=bool(columns["next.terminated"][-1]),
         interventions=int(columns["intervention"].sum()),
-        data_file=at,
-        data_sha256=digest,
-        statistics=statistics(columns),
+        data_file=FileIndex(),
+        data_sha256=None,
+        statistics={} if key is None or images is None else {key: image_statistics(images)},
         about=about,
+        final_image=None if images is None else np.ascontiguousarray(final).tobytes(),
     )
+    return EpisodeData(row, columns, images)
 
 
-def with_images(row: EpisodeRow, images: NDArray[np.uint8], final: Image, key: str, at: FileIndex, digest: str) -> EpisodeRow:
-    """The row extended by the images ``[length, side, side, 3]``, which are alone in the video file ``at``."""
-    joined = {**row.statistics, key: image_statistics(images)}
-    final_image = np.ascontiguousarray(final).tobytes()
-    return dataclasses.replace(row, statistics=joined, video_file=at, video_sha256=digest, final_image=final_image)
+def write_episodes(
+    layout: Layout, description: Description, episodes: Sequence[EpisodeData], number: int, start: int, at: FileIndex
+) -> list[EpisodeRow]:
+    """Write one data file and one video file; returns the new rows of the episodes, which are numbered from ``number``, and their
+    steps from ``start``."""
+    rows, tables, key = [], [], description.image_key
+    video_s = 0.0
+    for item in episodes:
+        length = item.row.length
+        columns = {
+            **item.columns,
+            "episode_index": np.full(length, number, np.int64),
+            "index": np.arange(start, start + length, dtype=np.int64),
+        }
+        tables.append(to_table(columns, description))
+        row = dataclasses.replace(item.row, episode=number, start=start, data_file=at, statistics=statistics(columns))
+        if key is not None and item.images is not None:
+            row.statistics[key] = item.row.statistics[key]
+            row = dataclasses.replace(row, video_file=at, video_start_s=video_s)
+        rows.append(row)
+        number += 1
+        start += length
+        video_s += length / description.rate_hz
+    data = to_parquet(pa.concat_tables(tables))
+    write_durably(layout.data(at), data)
+    rows = [dataclasses.replace(row, data_sha256=hashlib.sha256(data).hexdigest()) for row in rows]
+    images = [item.images for item in episodes if item.images is not None]
+    if key is not None and images:
+        video = encode(np.concatenate(images), description.rate_hz)
+        write_durably(layout.video(key, at), video)
+        rows = [dataclasses.replace(row, video_sha256=hashlib.sha256(video).hexdigest()) for row in rows]
+    return rows

@@ -53,8 +53,6 @@ def read_index(root: Path) -> Index:
     layout = Layout(root)
     if not layout.info.exists():
         raise DataError(f"there is no dataset in {root}; choose a folder with a meta/info.json")
-    if not layout.description.exists():
-        raise DataError(f"the dataset in {root} was not made by BricksRL: it has no meta/bricksrl.json; choose another")
     description = read_description(layout)
     episodes = read_episode_count(layout, description)
     rows, last = read_all_rows(layout, description)
@@ -64,9 +62,13 @@ def read_index(root: Path) -> Index:
 
 
 def read_description(layout: Layout) -> Description:
-    """Read the description in ``meta/bricksrl.json``."""
+    """Read the description in ``meta/bricksrl.json``. Raises DataError if it is damaged or missing."""
     try:
         return Description.from_json(layout.description.read_bytes(), str(layout.description))
+    except FileNotFoundError:
+        raise DataError(
+            f"the dataset in {layout.root} was not made by BricksRL: it has no meta/bricksrl.json; choose another"
+        ) from None
     except OSError as error:
         raise DataError(f"cannot read {layout.description} ({error.strerror}); restore it from a copy") from None
 

@@ -9,6 +9,7 @@ import shutil
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -56,7 +57,8 @@ def export_parquet(path: Path, out: Path) -> None:
 def export_minari(path: Path, out: Path) -> None:
     """Write a Minari dataset into the folder ``out``, named as Minari requires: ``namespace/name-v0`` below any folder.
 
-    `minari.load_dataset` finds it if ``MINARI_DATASETS_PATH`` is that folder.
+    `minari.load_dataset` finds it if ``MINARI_DATASETS_PATH`` is that folder. `recover_environment` makes the environment with a
+    virtual robot, if it is one that comes with BricksRL.
 
     Raises:
         DataError: as in `export_numpy`; also if Minari is not installed, or ``out`` does not end like ``bricksrl/walker-v0``.
@@ -76,6 +78,7 @@ def export_minari(path: Path, out: Path) -> None:
             minari.create_dataset_from_buffers(
                 name,
                 buffers,
+                env=_environment(episodes),
                 observation_space=_observation_space(episodes),
                 action_space=_box(-1.0, 1.0, episodes.action.shape[-1]),
                 algorithm_name=", ".join(dict.fromkeys(row.about.policy for row in episodes.rows)),
@@ -105,6 +108,14 @@ def _minari_episode(episodes: Episodes, episode: int) -> dict[str, Any]:
         "truncations": episodes.truncated[at].tolist(),
         "infos": {"intervention": [False, *episodes.intervention[at].tolist()]},
     }
+
+
+def _environment(episodes: Episodes) -> Any:
+    """Gymnasium's specification of the environment, with its options; ``None`` if it is not registered."""
+    import gymnasium
+
+    spec = gymnasium.registry.get(f"bricksrl/{episodes.description.env}")
+    return None if spec is None else replace(spec, kwargs=spec.kwargs | episodes.description.options)
 
 
 def _box(low: float, high: float, n: int) -> Any:

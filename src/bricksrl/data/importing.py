@@ -21,9 +21,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bricksrl.data.edit import EpisodeData, write_dataset
-from bricksrl.data.episode import About, Step, columns_of, row_of
-from bricksrl.data.layout import FileIndex
+from bricksrl.data.edit import write_dataset
+from bricksrl.data.episode import About, EpisodeData, Step, new_episode
 from bricksrl.data.schema import describe_task
 from bricksrl.entry import Entry
 from bricksrl.errors import DataError
@@ -132,8 +131,7 @@ def _episodes(
     jumps: NDArray[np.bool_],
 ) -> Iterator[EpisodeData]:
     start = 0
-    ends = np.flatnonzero(done | jumps)
-    for number, end in enumerate(ends):
+    for end in np.flatnonzero(done | jumps):
         steps = []
         for i in range(start, end + 1):
             last = i == end
@@ -141,9 +139,7 @@ def _episodes(
             steps.append(
                 Step(observation[i], action[i], float(reward[i]), after[i], terminated=ended, truncated=last and not ended)
             )
-        columns = columns_of(steps, description, number, start)
-        about = About(policy=policy, whole=bool(done[end]))
-        yield EpisodeData(replace(row_of(columns, about, FileIndex(), ""), data_sha256=None), columns, None)
+        yield new_episode(steps, About(policy=policy, whole=bool(done[end])), description)
         start = int(end) + 1
 
 

@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import contextlib
-import hashlib
 from dataclasses import replace
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
-import numpy as np
-
-from bricksrl.data.episode import About, Step, columns_of, row_of, with_images
+from bricksrl.data.episode import About, Step, new_episode, write_episodes
 from bricksrl.data.episode_index import is_dataset, rows_table, task_instruction, write_index
 from bricksrl.data.layout import FileIndex, Layout
-from bricksrl.data.parquet import tasks_table, to_parquet, to_table
+from bricksrl.data.parquet import tasks_table, to_parquet
 from bricksrl.data.repair import recover
 from bricksrl.data.schema import Description
 from bricksrl.errors import DataError
@@ -54,12 +50,12 @@ class Recorder:
             raise DataError(f"{root} holds something else than a dataset; choose a new folder")
 
     def _append(self) -> None:
-        self._lock.enter_context(only_writer(self.root))
+        self._lock.enter_context(only_writer(self.root, DataError))
         try:
             index = recover(self.root).index
             differences = index.description.differences(self.description)
             if differences:
-                raise DataError(f"{self.root} holds other data: {'; '.join(differences)}; record into another folder")
+                raise DataError(f"{self.root} holds other data: {'; '.join(differences)}; move it away, or choose another folder")
         except BaseException:
             self._lock.close()
             raise
@@ -106,7 +102,7 @@ class Recorder:
         write_index(self._layout, self.description, self._rows)
 
     def _create(self) -> None:
-        self._lock.enter_context(only_writer(self.root))
+        self._lock.enter_context(only_writer(self.root, DataError))
         if is_dataset(self.root):
             raise DataError(f"somebody else began a dataset in {self.root} meanwhile; choose another folder")
         write_durably(self._layout.description, self.description.to_json())
@@ -115,28 +111,14 @@ class Recorder:
 
     def _write(self, about: About) -> EpisodeRow:
         """Write all of the episode except the index."""
+        steps, camera = self._steps, self.description.camera
+        if camera is not None and (steps[-1].next_image is None or any(step.image is None for step in steps)):
+            raise DataError(f"{self.root} is to hold images of {camera}, and a step has none; add them to each")
         start = self._rows[-1].start + self._rows[-1].length if self._rows else 0
-        columns = columns_of(self._steps, self.description, len(self._rows), start)
-        data = to_parquet(to_table(columns, self.description))
-        write_durably(self._layout.data(self._next), data)
-        row = row_of(columns, about, self._next, hashlib.sha256(data).hexdigest())
-        key = self.description.image_key
-        if key is not None:
-            row = self._write_images(row, key)
+        episode = new_episode(steps, about, self.description)
+        [row] = write_episodes(self._layout, self.description, [episode], len(self._rows), start, self._next)
         write_durably(self._layout.episodes(self._next), to_parquet(rows_table([row], self.description, self._next)))
         return row
-
-    def _write_images(self, row: EpisodeRow, key: str) -> EpisodeRow:
-        from bricksrl.data.images import encode
-
-        images = [step.image for step in self._steps if step.image is not None]
-        final = self._steps[-1].next_image
-        if len(images) != len(self._steps) or final is None:
-            raise DataError(f"{self.root} is to hold images of {self.description.camera}, and a step has none; add them to each")
-        stacked = np.stack(images)
-        video = encode(stacked, self.description.rate_hz)
-        write_durably(self._layout.video(key, self._next), video)
-        return with_images(row, stacked, final, key, self._next, hashlib.sha256(video).hexdigest())
 
     def close(self) -> None:
         """Commit the unfinished episode as an interrupted one, and release the folder."""
@@ -148,5 +130,5 @@ class Recorder:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, exc_type: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()

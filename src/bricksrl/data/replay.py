@@ -6,8 +6,8 @@ import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bricksrl.data.layout import ACTION, NEXT, OBSERVATION
-from bricksrl.data.reader import load
+from bricksrl.data.layout import NEXT, OBSERVATION
+from bricksrl.data.reader import COLUMNS, load
 
 if TYPE_CHECKING:
     from torchrl.data.datasets import LeRobotExperienceReplay
@@ -30,18 +30,8 @@ def replay(path: Path | str, *, batch_size: int, slice_len: int | None = None) -
         from torchrl.data.datasets import LeRobotExperienceReplay
 
     episodes = load(path)
-    columns = {
-        OBSERVATION: episodes.observation,
-        ACTION: episodes.action,
-        NEXT: episodes.next_observation,
-        "next.reward": episodes.reward,
-        "next.terminated": episodes.terminated,
-        "next.truncated": episodes.truncated,
-        "next.done": episodes.terminated | episodes.truncated,
-        "episode_index": episodes.episode,
-        "intervention": episodes.intervention,
-    }
-    keys = dict(_KEYS)
+    columns = {column: getattr(episodes, name) for name, column in COLUMNS.items() if name not in ("age_s", "hub_time_s")}
+    columns["next.done"] = episodes.terminated | episodes.truncated
     if episodes.image is not None and episodes.next_image is not None:
         columns |= {"image": episodes.image, "next.image": episodes.next_image}
-    return LeRobotExperienceReplay.from_columns(columns, key_map=keys, batch_size=batch_size, slice_len=slice_len)
+    return LeRobotExperienceReplay.from_columns(columns, key_map=dict(_KEYS), batch_size=batch_size, slice_len=slice_len)

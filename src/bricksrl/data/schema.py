@@ -125,11 +125,10 @@ def describe(env: EnvBase, options: dict[str, Any] | None = None, *, name: str |
 
 def describe_task(task: Task, options: dict[str, Any] | None = None) -> Description:
     """Description of data recorded in a task."""
-    settle = task.interface.settle
     camera = task.camera
     return Description(
         env=task.id,
-        rate_hz=1.0 if settle.fixed_ms is None else 1000.0 / settle.fixed_ms,
+        rate_hz=task.rate_hz,
         observation=tuple(Entry(e.name, e.low, e.high, e.unit, wraps=e.wraps) for e in task.entries),
         action=tuple(command.entry for command in task.interface.commands),
         robot={

@@ -18,7 +18,7 @@ from bricksrl.data.integrity import check
 from bricksrl.data.layout import CODEBASE_VERSION
 from bricksrl.data.reader import dataset_folder
 from bricksrl.data.summary import summarise
-from bricksrl.errors import DataError
+from bricksrl.errors import DataError, message_of
 from bricksrl.files import LOCK, TEMPORARY_PREFIX, atomic_folder, refuse_existing
 
 if TYPE_CHECKING:
@@ -84,14 +84,6 @@ def hub_client(repo: str) -> Iterator[HfApi]:
     installed, the hub is out of reach, or it refuses."""
     try:
         from huggingface_hub import HfApi, errors
-        from huggingface_hub.errors import (
-            HfHubHTTPError,
-            HFValidationError,
-            LocalTokenNotFoundError,
-            OfflineModeIsEnabled,
-            RepositoryNotFoundError,
-            RevisionNotFoundError,
-        )
         from huggingface_hub.utils.tqdm import disable_progress_bars
     except ImportError as error:
         raise DataError("no huggingface_hub is here to share with; install it: pip install 'bricksrl[data]'") from error
@@ -100,24 +92,20 @@ def hub_client(repo: str) -> Iterator[HfApi]:
     api = HfApi(endpoint=os.environ.get("HF_ENDPOINT"))
     try:
         yield api
-    except LocalTokenNotFoundError:
+    except errors.LocalTokenNotFoundError:
         raise DataError("the hub does not know who you are; log in with `hf auth login`, or set HF_TOKEN") from None
-    except HFValidationError:
+    except errors.HFValidationError:
         raise DataError(f"'{repo}' is not a name on the hub; give one like name/dataset") from None
-    except (RepositoryNotFoundError, RevisionNotFoundError):
+    except (errors.RepositoryNotFoundError, errors.RevisionNotFoundError):
         raise DataError(f"the hub shows no {repo} to you; check its name and revision, or log in with `hf auth login`") from None
-    except HfHubHTTPError as error:
+    except errors.HfHubHTTPError as error:
         raise DataError(_refusal(repo, error)) from None
-    except (OfflineModeIsEnabled, transport_error, OSError) as error:
-        raise DataError(f"the hub at {api.endpoint} cannot be reached ({_first_line(error)}); try again with a network") from None
+    except (errors.OfflineModeIsEnabled, transport_error, OSError) as error:
+        raise DataError(f"the hub at {api.endpoint} cannot be reached ({message_of(error)}); try again with a network") from None
 
 
 def _refusal(repo: str, error: Any) -> str:
     status = getattr(getattr(error, "response", None), "status_code", None)
     if status in (401, 403):
         return f"the hub does not let you at {repo}; log in with `hf auth login` or set HF_TOKEN, as somebody who may"
-    return f"the hub refuses {repo} ({_first_line(error)}); try again later"
-
-
-def _first_line(error: Exception) -> str:
-    return (str(error).strip() or type(error).__name__).splitlines()[0]
+    return f"the hub refuses {repo} ({message_of(error, 200)}); try again later"

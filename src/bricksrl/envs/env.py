@@ -215,7 +215,7 @@ class HubEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
         return TensorDict({**out, "truncated": yes, "done": yes.clone(), "link_lost": yes.clone()}, batch_size=())
 
     def _act(self, tensordict: TensorDictBase) -> TensorDictBase:
-        action = tensordict.get("action").detach().clamp(-1.0, 1.0)  # a copy: the agent's tensor is not changed
+        action = tensordict["action"].detach().clamp(-1.0, 1.0)  # a copy: the agent's tensor is not changed
         commands = self._commands(action)
         task, episode = self.task, self._episode
         if episode is None:

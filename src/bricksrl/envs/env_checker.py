@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from typing import TYPE_CHECKING
 
 from bricksrl.envs.registry import get_task, make
@@ -117,24 +118,18 @@ def _program(task: Task) -> str:
 def _specs(env_id: str) -> str:
     from torchrl.envs import check_env_specs
 
-    env = make(env_id, seed=_SEED)
-    try:
+    with closing(make(env_id, seed=_SEED)) as env:
         with warnings.catch_warnings(action="ignore"):
             check_env_specs(env, seed=_SEED)
         return f"observation {list(env.observation_spec['observation'].shape)}, action {list(env.action_spec.shape)}"
-    finally:
-        env.close()
 
 
 def _reset(env_id: str) -> str:
     import torch
 
-    env = make(env_id, seed=_SEED)
-    try:
+    with closing(make(env_id, seed=_SEED)) as env:
         first = env.reset()["observation"]
         again = env.reset()["observation"]
-    finally:
-        env.close()
     for observation in (first, again):
         if not bool(torch.isfinite(observation).all()):
             raise Broken(f"the observation holds {observation.tolist()}; all entries have to be numbers")
@@ -152,20 +147,15 @@ def _rollout(env_id: str) -> TensorDictBase:
     """A few random steps, the same on every call."""
     import torch
 
-    env = make(env_id, seed=_SEED)
-    try:
-        with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(_SEED)
-            return env.rollout(_STEPS)
-    finally:
-        env.close()
+    with closing(make(env_id, seed=_SEED)) as env, torch.random.fork_rng(devices=[]):
+        torch.manual_seed(_SEED)
+        return env.rollout(_STEPS)
 
 
 def _twin(env_id: str) -> str:
     import torch
 
-    env = make(env_id, seed=_SEED)
-    try:
+    with closing(make(env_id, seed=_SEED)) as env:
         if getattr(env, "twin", None) is None:
             raise Skip("it is simulated without a robot")
         state = env.reset()
@@ -176,8 +166,6 @@ def _twin(env_id: str) -> str:
             stepped, state = env.step_and_maybe_reset(state)
             changed |= stepped["next", "observation"] != before
         elapsed_s = env.twin.now_s() - started_s
-    finally:
-        env.close()
     if not bool(changed.any()):
         raise Broken("nothing that it observes changed in five steps; let the observation show what the commands do")
     return f"five steps in {elapsed_s:.2f} simulated seconds, {int(changed.sum())} of {len(changed)} entries changed"

@@ -17,7 +17,7 @@ from tensordict import TensorDict, TensorDictBase
 from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.registry import is_simulation, make
 from bricksrl.envs.rollout import link_lost
-from bricksrl.errors import RenderingUnavailableError
+from bricksrl.errors import RenderingUnavailableError, UnknownOptionError
 
 if TYPE_CHECKING:
     from bricksrl.envs.env import HubEnv
@@ -41,14 +41,17 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
         options, named: as in :func:`bricksrl.make`.
     """
 
-    metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012 - as Gymnasium declares it
+    metadata = {"render_modes": ["rgb_array"]}  # noqa: RUF012 - as Gymnasium declares it
 
     def __init__(self, env_id: str, render_mode: str | None = None, options: EnvOptions | None = None, **named: Any) -> None:
-        self.env: HubEnv | SimulatedEnv = make(env_id, options, **named)
         if is_simulation(env_id):
-            self.metadata = {**self.metadata, "render_modes": []}
             if render_mode is not None:
-                raise RenderingUnavailableError(f"{env_id} simulates no body that could be drawn; omit render_mode")
+                raise UnknownOptionError(f"{env_id} simulates no body that could be drawn; omit render_mode")
+            if named.get("batch_size"):
+                raise UnknownOptionError(f"Gymnasium's {env_id} is one environment; omit batch_size, or use bricksrl.make")
+            self.metadata = {"render_modes": []}
+        self.env: HubEnv | SimulatedEnv = make(env_id, options, **named)
+        self.metadata = {**self.metadata, "render_fps": max(1, round(self.env.task.rate_hz))}
         self.render_mode = render_mode
         self._observations: list[torch.Tensor] = []
         self._renderer: Renderer | None = None

@@ -146,8 +146,8 @@ class EpisodeScore:
 def play_episodes(
     env: EnvBase, policy: Policy, episodes: int, seed: int, *, reset_policy: Callable[[], None] = lambda: None
 ) -> Iterator[EpisodeScore]:
-    """Play whole episodes; episode ``k`` depends only on ``seed``, ``k`` and the policy. Copies of a simulation run in parallel.
-    Raises HubError if the link to the robot broke."""
+    """Play whole episodes; episode ``k`` depends only on ``seed``, ``k`` and the policy, and on the number of copies if the
+    environment has some, which run in parallel. Raises HubError if the link to the robot broke."""
     if env.batch_size:
         yield from _play_copies(env, policy, episodes, seed, reset_policy)
         return

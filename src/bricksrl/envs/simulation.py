@@ -135,7 +135,7 @@ class SimulatedEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
         return TensorDict({"observation": self._out(self._state.t())}, self.batch_size, device=self.device)
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
-        action = tensordict.get("action").detach().view(self._copies, -1).clamp(-1.0, 1.0).t().contiguous()
+        action = tensordict["action"].detach().view(self._copies, -1).clamp(-1.0, 1.0).t().contiguous()
         before, (self._state, self._speed) = self._state, self._move(self._state, action)
         self._steps = self._steps + 1
         observation = self._state.t()

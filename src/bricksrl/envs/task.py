@@ -109,6 +109,12 @@ class Task:
         return self.doc.strip().partition("\n")[0]
 
     @property
+    def rate_hz(self) -> float:
+        """Nominal steps per second; 1 if they have no fixed time."""
+        step_ms = self.interface.settle.fixed_ms
+        return 1.0 if step_ms is None else 1000.0 / step_ms
+
+    @property
     def observed_channels(self) -> tuple[int, ...]:
         """Indices of the channels that are in the observation."""
         wheel_angles = () if self.target is None else wheels(self.robot, self.interface)

@@ -108,7 +108,8 @@ def _load(location: str, reference: str) -> ModuleType:
     path = Path(location)
     is_file = location.endswith(".py")
     if is_file and not path.is_file():
-        raise UnknownNameError(f"there is no file {location}; give the path of a Python file")
+        folder = "" if path.is_absolute() else f" in {Path.cwd()}"
+        raise UnknownNameError(f"there is no file {location}{folder}; give the path of a Python file, or go to the right folder")
     try:
         with _importable(str(path.resolve().parent if is_file else Path.cwd())):
             return _run_file(path) if is_file else importlib.import_module(location)
@@ -166,6 +167,8 @@ def _only(type_: type[Task | Robot], module: ModuleType, reference: str) -> str:
     # An object does not record the module that defines it, so imported ones count too; aliases of one object count once.
     names = {id(value): name for name, value in vars(module).items() if isinstance(value, type_)}
     if len(names) != 1:
-        known, noun = ", ".join(names.values()) or "none", type_.__name__
-        raise UnknownNameError(f"{reference} has {len(names)} {noun.lower()}s ({known}); name one: {reference}:{noun.upper()}")
+        known, noun = ", ".join(names.values()), type_.__name__.lower()
+        if not names:
+            raise UnknownNameError(f"{reference} has no {noun}; `bricksrl new {noun} FILE` writes a file with one")
+        raise UnknownNameError(f"{reference} has {len(names)} {noun}s ({known}); name one: {reference}:{noun.upper()}")
     return next(iter(names.values()))

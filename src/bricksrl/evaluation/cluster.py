@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from bricksrl.errors import BricksError, RunError
+from bricksrl.errors import BricksError, RunError, message_of
 from bricksrl.files import write_durably
 
 _POLL_S = 0.5
@@ -61,7 +61,7 @@ def connected(address: str | None, cpus: int | None = None) -> Iterator[Any]:
         ray.init(**options)
     except (ConnectionError, OSError, RuntimeError, ValueError) as error:
         cluster = "a cluster here" if address is None else f"the cluster at {address}"
-        raise RunError(f"{cluster} does not start or answer ({' '.join(str(error).split())[:200]}); see `ray status`") from None
+        raise RunError(f"{cluster} does not start or answer ({message_of(error, 200)}); see `ray status`") from None
     try:
         yield ray
     finally:
@@ -189,8 +189,7 @@ def train_on_cluster(
         return errors
 
 
-def map_on_cluster(ray: Any, function: Callable[..., Any], orders: Sequence[tuple[Any, ...]]) -> list[Any]:
-    """Map a function over argument tuples in parallel; a lost worker is replaced."""
+def map_on_cluster(ray: Any, function: Callable[..., Any], orders: Sequence[tuple[Any, ...]]) -> Iterator[Any]:
+    """Map a function over argument tuples in parallel, and yield the results in order; a lost worker is replaced."""
     remote = ray.remote(function).options(num_cpus=1, max_retries=_RETRIES)
-    results: list[Any] = ray.get([remote.remote(*order) for order in orders])
-    return results
+    yield from map(ray.get, [remote.remote(*order) for order in orders])

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bricksrl.envs.reference_returns import reference_lines
+from bricksrl.envs.user_files import is_reference
 from bricksrl.errors import RunError
 from bricksrl.evaluation.statistics import (
     FEWEST_SEEDS,
@@ -24,7 +25,6 @@ from bricksrl.evaluation.statistics import (
     stratified_bootstrap_interval,
 )
 from bricksrl.plotting import PALETTE, check_picture, finish, new_figure, save, style
-from bricksrl.training.callbacks import Episode
 from bricksrl.training.curve import WINDOW, moving_mean
 from bricksrl.training.run_folder import RunFolder
 
@@ -131,7 +131,7 @@ class _Run:
         if not episodes:
             raise RunError(f"the run in {path} has no episode yet; omit it")
         curve = tuple(moving_mean([episode.return_ for episode in episodes], WINDOW))
-        return cls(config, curve, episodes[-1].steps, _evaluation(folder, episodes))
+        return cls(config, curve, episodes[-1].steps, _evaluation(folder, config.env, len(episodes)))
 
     @property
     def shared_config(self) -> str:
@@ -142,11 +142,12 @@ class _Run:
         return json.dumps(data, sort_keys=True, default=str)
 
 
-def _evaluation(folder: RunFolder, episodes: Sequence[Episode]) -> float | None:
-    """Mean return of the run's evaluation; ``None`` if there is none, or it was made after fewer episodes."""
+def _evaluation(folder: RunFolder, env: str, episodes: int) -> float | None:
+    """Mean return of the run's evaluation; ``None`` if there is none after its last episode in its own environment."""
     try:
         data = json.loads(folder.evaluation_path.read_bytes())
-        return float(data["return_mean"]) if data["trained_episodes"] == len(episodes) else None
+        same_env = data["env"] == env or is_reference(env)  # the task of a user's file has an id of its own
+        return float(data["return_mean"]) if same_env and data["trained_episodes"] == episodes else None
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
 

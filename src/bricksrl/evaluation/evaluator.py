@@ -109,6 +109,7 @@ def evaluate(
         RunError: there is no run in the folder, or ``episodes`` is below 1.
         DescriptionError: the seed is invalid.
         CheckpointError: the checkpoint is damaged, or ``env`` has other observations or actions than the training.
+        DivergedError: the weights of the agent are not finite.
     """
     if episodes < 1:
         raise RunError(f"episodes is {episodes}; evaluate at least 1")

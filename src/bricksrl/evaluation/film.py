@@ -5,7 +5,7 @@ from __future__ import annotations
 import subprocess
 import time
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -83,8 +83,7 @@ def film(
             twin = getattr(env, "twin", None)
             if twin is None or not isinstance(twin.body, MujocoBody):
                 raise TwinError(f"{env.task.id} has no virtual robot to film")
-            take = _Take(env, twin.body, options, number, start)
-            try:
+            with closing(_Take(env, twin.body, options, number, start)) as take:
                 take.install(twin.machine)
                 for frame in play(env, act, start, reset_policy=reset):
                     take.add(frame)
@@ -92,8 +91,6 @@ def film(
                         video.add(image)
                 for image in take.ending():
                     video.add(image)
-            finally:
-                take.close()
             returns.append(take.total)
             distances_m.append(take.forward_m)
     return Filmed(path, tuple(returns), tuple(distances_m))
@@ -119,11 +116,11 @@ class _Take:
 
         self.room: Room = Room(self.body, goals_of(self.env, self.start))
         self.renderer, cost_s = self._renderer()
-        expected_ms = self.env.task.max_steps * _step_ms(self.env)
-        self.speed = _SPEED if expected_ms > _NORMAL_SPEED_S * 1000 else 1.0
+        expected_s = self.env.task.max_steps / self.env.task.rate_hz
+        self.speed = _SPEED if expected_s > _NORMAL_SPEED_S else 1.0
         affordable = max(1.0, self.options.budget_s / self.options.episodes / cost_s)
         # At 25 images/s, an image covers 40 ms at speed 1; if that is too many to draw in the budget, each is held for longer.
-        self.hold = next((n for n in _HOLDS if expected_ms / (40 * n * self.speed) <= affordable), _HOLDS[-1])
+        self.hold = next((n for n in _HOLDS if expected_s * 25 / (n * self.speed) <= affordable), _HOLDS[-1])
         self.frame_ms = round(40 * self.speed * self.hold)
 
     def _renderer(self) -> tuple[Renderer, float]:
@@ -204,15 +201,6 @@ def goals_of(env: EnvBase, start: Any) -> dict[str, float]:
     return {n.removesuffix("_goal"): v for n, v in zip(names, values, strict=False) if n.endswith("_goal")}
 
 
-def _step_ms(env: EnvBase) -> float:
-    """Approximate duration of a step."""
-    from bricksrl.data.schema import describe_task
-
-    with suppress(AttributeError, ZeroDivisionError):
-        return 1000.0 / describe_task(env.task).rate_hz
-    return 300.0
-
-
 def side_by_side(left: Path, right: Path, path: Path, height: int = 540) -> Path:
     """Join two films side by side, each ``height`` px high, for the duration of the longer one. Raises TwinError if they cannot
     be joined."""
@@ -246,9 +234,7 @@ def film_run(run_dir: Path, which: str, path: Path, options: FilmOptions, **chan
     from bricksrl.training.run_folder import RunFolder
 
     config = RunFolder(run_dir).read_config()
-    env = make_env(replace(one_robot(config), **{"hub": "virtual", "realtime": False, "randomize": False, **changes}))
-    try:
+    config = replace(one_robot(config), **{"hub": "virtual", "realtime": False, "randomize": False, **changes})
+    with closing(make_env(config)) as env:
         policy = named_policies(run_dir, env)[which]()
         return film(env, policy.act, path, options, reset=policy.reset)
-    finally:
-        env.close(raise_if_closed=False)

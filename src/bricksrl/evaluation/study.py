@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from bricksrl.errors import BricksError, DataError, RunError
-from bricksrl.evaluation.cluster import connected, parse_on
+from bricksrl.evaluation.cluster import connected, map_on_cluster, parse_on
 from bricksrl.evaluation.statistics import ends, interquartile_mean, probability_of_improvement, seeds_interval, wilson_interval
 from bricksrl.evaluation.study_page import page
 from bricksrl.evaluation.study_tables import Cell, Condition, Study
@@ -212,9 +212,7 @@ def _outcomes(orders: Sequence[tuple[Cell, int, str]], jobs: int | None, on: str
     """Outcomes of the orders, in order, each as soon as it is ready."""
     if on is not None:
         with connected(parse_on(on), jobs) as ray:
-            remote = ray.remote(run_seed).options(num_cpus=1, max_retries=3)  # single-threaded, by its environment variables
-            for job in [remote.remote(*order) for order in orders]:
-                yield ray.get(job)
+            yield from map_on_cluster(ray, run_seed, orders)
         return
     workers = min(jobs or os.cpu_count() or 1, len(orders))
     if workers == 1:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -21,15 +21,15 @@ def page(result: Numbers) -> str:
     rows = [(cell, name, values) for cell in result["cells"] for name, values in cell["conditions"].items()]
     columns = [(head, [text_of(*row) for row in rows]) for head, text_of in _columns(result).items()]
     shown = [(head, cells) for head, cells in columns if any(cells)]
-    lines += _table([head for head, _ in shown], list(zip(*(cells for _, cells in shown), strict=True)))
+    lines += markdown_table([head for head, _ in shown], list(zip(*(cells for _, cells in shown), strict=True)))
     if result.get("improvements"):
         pairs = [
             (pair["column"], pair["row"], pair["over"], f"{pair['probability']:.2f}{_within(pair['probability_95'])}")
             for pair in result["improvements"]
         ]
-        lines += ["", *_table(("column", "row", "over", "probability of improvement"), pairs)]
+        lines += ["", *markdown_table(("column", "row", "over", "probability of improvement"), pairs)]
     for table in result.get("tables", ()):
-        lines += ["", f"## {table['title']}", "", *_table(table["head"], table["rows"])]
+        lines += ["", f"## {table['title']}", "", *markdown_table(table["head"], table["rows"])]
     for note in result.get("notes", ()):
         lines += ["", note]
     machine, versions = result["machine"], result["versions"]
@@ -47,22 +47,23 @@ def _columns(result: Numbers) -> dict[str, Callable[[Numbers, str, Numbers], str
         "condition": lambda cell, name, values: name,
         "return": lambda cell, name, values: f"{values['return_iqm']:.4g}{_within(values['return_95'])}",
         "the paper's return": lambda cell, name, values: _spread(cell.get("paper", {}).get("return")),
-        "success": lambda cell, name, values: _percent(values.get("success_rate")) + _within(values.get("success_95"), 100),
-        "the paper's success": lambda cell, name, values: _percent(cell.get("paper", {}).get("success")),
+        "success": lambda cell, name, values: percent(values.get("success_rate")) + _within(values.get("success_95"), 100),
+        "the paper's success": lambda cell, name, values: percent(cell.get("paper", {}).get("success")),
         **metrics,
         "steps": lambda cell, name, values: _over_seeds(cell.get("steps", ()), 1.0, ".0f"),
         "minutes of computing": lambda cell, name, values: _over_seeds(cell.get("wall_s", ()), 60.0, ".1f"),
         "robot minutes": lambda cell, name, values: _over_seeds(cell.get("robot_s", ()), 60.0, ".1f"),
         "reached": lambda cell, name, values: _count(cell.get("reached", ())),
-        "the paper's minutes": lambda cell, name, values: _number(cell.get("paper", {}).get("minutes")),
+        "the paper's minutes": lambda cell, name, values: number(cell.get("paper", {}).get("minutes")),
     }
 
 
 def _metric(name: str) -> Callable[[Numbers, str, Numbers], str]:
-    return lambda cell, condition, values: _number(values.get("metrics", {}).get(name))
+    return lambda cell, condition, values: number(values.get("metrics", {}).get(name))
 
 
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+def markdown_table(head: Sequence[str], rows: Iterable[Iterable[str]]) -> list[str]:
+    """Lines of a table; ``head`` are the names of its columns."""
     return ["| " + " | ".join(line) + " |" for line in (head, ["---"] * len(head), *rows)]
 
 
@@ -70,13 +71,15 @@ def _within(interval: Sequence[float] | None, factor: float = 1.0) -> str:
     return "" if interval is None else f" [{factor * interval[0]:.4g}, {factor * interval[1]:.4g}]"
 
 
-def _number(value: float | None) -> str:
+def number(value: float | None) -> str:
+    """Three or four significant digits; an empty string for ``None``."""
     if value is None:
         return ""
     return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
 
 
-def _percent(rate: float | None) -> str:
+def percent(rate: float | None) -> str:
+    """A share in whole percent; an empty string for ``None``."""
     return "" if rate is None else f"{100 * rate:.0f} %"
 
 

@@ -8,17 +8,18 @@ from __future__ import annotations
 import dataclasses
 import json
 import logging
+import math
 import tempfile
 import threading
 import typing
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bricksrl.agents.settings import Range
-from bricksrl.errors import RunError
+from bricksrl.errors import DivergedError, RunError
 from bricksrl.files import serialized, write_durably
 from bricksrl.seed import LARGEST_SEED, check_seed
 from bricksrl.training.callbacks import Callback, Episode, Progress
@@ -30,7 +31,10 @@ if TYPE_CHECKING:
 STUDY = "study.db"
 BEST = "best.json"
 
-_NUMBERS: dict[str, tuple[float, float, bool]] = {
+_Space = dict[str, tuple[float, float, bool] | list[Any]]
+"""Settings to tune: least and greatest value, and whether the scale is logarithmic; or choices."""
+
+_NUMBERS: _Space = {
     "learning_rate": (1e-4, 3e-3, True),
     "gamma": (0.9, 0.995, False),
     "tau": (2e-3, 5e-2, True),
@@ -42,20 +46,20 @@ _NUMBERS: dict[str, tuple[float, float, bool]] = {
     "exploration_noise": (0.05, 0.5, False),
     "target_noise": (0.05, 0.4, False),
 }
-"""Least and greatest value, and whether the scale is logarithmic. A user's other floats are tuned around their default."""
+"""A user's other floats are tuned around their default."""
 
-_GOAL_NUMBERS: dict[str, tuple[float, float, bool]] = {"hindsight": (0.0, 0.5, False), "new_goals": (0.0, 0.5, False)}
+_GOAL_NUMBERS: _Space = {"hindsight": (0.0, 0.5, False), "new_goals": (0.0, 0.5, False)}
 """Further ranges, for tasks with goals only."""
 
-_CHOICES: dict[str, tuple[Any, ...]] = {
-    "hidden": ("64,64", "128,128", "256,256"),
-    "batch_size": (64, 128, 256, 512),
-    "updates_per_step": (1.0, 2.0, 4.0, 8.0, 20.0),
-    "actor_delay": (1, 2, 3),
-    "prefill_episodes": (1, 2, 3),
-    "adam_beta": (0.5, 0.9),
-    "critic_layer_norm": (True, False),
-    "n_step": (1, 3),
+_CHOICES: _Space = {
+    "hidden": ["64,64", "128,128", "256,256"],
+    "batch_size": [64, 128, 256, 512],
+    "updates_per_step": [1.0, 2.0, 4.0, 8.0, 20.0],
+    "actor_delay": [1, 2, 3],
+    "prefill_episodes": [1, 2, 3],
+    "adam_beta": [0.5, 0.9],
+    "critic_layer_norm": [True, False],
+    "n_step": [1, 3],
 }
 
 
@@ -96,38 +100,34 @@ OnTrial = Callable[[int, float | None, float | None], None]
 
 def propose(trial: optuna.trial.BaseTrial, start: Any, *, goals: bool) -> Any:
     """Settings ``start`` with the values that the trial proposes."""
-    names = {field.name for field in dataclasses.fields(start)}
     values: dict[str, Any] = {}
-    for name, (low, high, log) in {**_NUMBERS, **(_GOAL_NUMBERS if goals else {})}.items():
-        if name in names:
+    for name, limits in _space(start, goals=goals).items():
+        if isinstance(limits, list):
+            values[name] = trial.suggest_categorical(name, limits)
+        else:
+            low, high, log = limits
             values[name] = trial.suggest_float(name, low, high, log=log)
-    for name, choices in _CHOICES.items():
-        if name in names:
-            values[name] = trial.suggest_categorical(name, list(choices))
-    for name, _, low, high in _others(start):
-        values[name] = trial.suggest_float(name, low, high, log=low > 0)
     if "hidden" in values:
         values["hidden"] = tuple(int(part) for part in values["hidden"].split(","))
     proposed: Any = replace(start, **values)
     return proposed
 
 
-def _others(start: Any) -> list[tuple[str, float, float, float]]:
-    """Float settings of a user's algorithm that the tables above do not name: name, default, and limits of the search, which lie
-    in the setting's `Range`."""
+def _space(start: Any, *, goals: bool) -> _Space:
+    """Search space of settings: the tables above, and other floats of a user's algorithm, within their `Range`."""
+    known = _NUMBERS | _GOAL_NUMBERS | _CHOICES
+    space = {name: known[name] for name in known if name in vars(start) and (goals or name not in _GOAL_NUMBERS)}
     if type(start).__module__.startswith("bricksrl."):
-        return []
-    known = {*_NUMBERS, *_GOAL_NUMBERS, *_CHOICES}
+        return space
     hints = typing.get_type_hints(type(start), include_extras=True)
-    found = []
     for name, value in vars(start).items():
         if name not in known and isinstance(value, float):
             low, high = sorted((value / 10.0, value * 10.0)) if value else (0.0, 1.0)
             for limits in getattr(hints.get(name), "__metadata__", ()):
                 if isinstance(limits, Range):
                     low, high = max(low, limits.low), min(high, limits.high)
-            found.append((name, value, low, high))
-    return found
+            space[name] = (low, high, low > 0)
+    return space
 
 
 def tune(
@@ -171,6 +171,8 @@ def tune(
         settings = propose(trial, start, goals=goals)
         values: list[float] = []
         for index, value in enumerate(evaluated(settings)):
+            if math.isnan(value):
+                raise optuna.TrialPruned
             values.append(value)
             mean = sum(values) / len(values)
             trial.report(mean, index)
@@ -212,12 +214,12 @@ def _evaluations(tuning: Tuning, on: str | None) -> Iterator[Callable[[Any], Ite
     from bricksrl.evaluation.cluster import connected, map_on_cluster, parse_on
 
     with connected(parse_on(on)) as ray:
-        yield lambda settings: map_on_cluster(
-            ray, _train_and_evaluate, [(tuning, settings, seed) for seed in range(tuning.seeds)]
-        )
+        seeds = range(tuning.seeds)
+        yield lambda settings: list(map_on_cluster(ray, _train_and_evaluate, [(tuning, settings, seed) for seed in seeds]))
 
 
 def _train_and_evaluate(tuning: Tuning, settings: Any, seed: int) -> float:
+    """Mean return of a trained agent; not a number if it diverged."""
     from bricksrl.evaluation.evaluator import evaluate
     from bricksrl.training.run import train
 
@@ -227,10 +229,13 @@ def _train_and_evaluate(tuning: Tuning, settings: Any, seed: int) -> float:
         config = TrainConfig(
             tuning.env, tuning.agent, episodes=tuning.steps, seed=seed, settings=settings, run_dir=run_dir, asynchronous=False
         )
-        result = train(config, observer, stop=observer.stop)
-        if result.interrupted and not (result.episodes and result.episodes[-1].steps >= tuning.steps):
-            raise KeyboardInterrupt
-        return evaluate(run_dir, episodes=tuning.episodes, save=False).return_mean
+        try:
+            result = train(config, observer, stop=observer.stop)
+            if result.interrupted and not (result.episodes and result.episodes[-1].steps >= tuning.steps):
+                raise KeyboardInterrupt
+            return evaluate(run_dir, episodes=tuning.episodes, save=False).return_mean
+        except DivergedError:
+            return math.nan
 
 
 def _check_trains(tuning: Tuning) -> None:
@@ -238,11 +243,8 @@ def _check_trains(tuning: Tuning) -> None:
     from bricksrl.agents import make_learner
     from bricksrl.envs import make
 
-    env = make(tuning.env)
-    try:
+    with closing(make(tuning.env)) as env:
         learner = make_learner(tuning.agent, env)
-    finally:
-        env.close(raise_if_closed=False)
     if learner.imitates or learner.loss is None:
         raise RunError(f"{tuning.agent} does not learn from a robot, and tuning gives it nothing else; choose another agent")
 
@@ -250,16 +252,12 @@ def _check_trains(tuning: Tuning) -> None:
 def _as_proposed(settings: Any, *, goals: bool) -> dict[str, Any]:
     """Trial parameters that propose these settings, as far as they lie in the search space."""
     parameters: dict[str, Any] = {}
-    for name, (low, high, _) in {**_NUMBERS, **(_GOAL_NUMBERS if goals else {})}.items():
-        value = getattr(settings, name, None)
-        if value is not None and low <= value <= high:
-            parameters[name] = value
-    for name, choices in _CHOICES.items():
-        value = getattr(settings, name, None)
+    for name, limits in _space(settings, goals=goals).items():
+        value: Any = getattr(settings, name)
         value = ",".join(map(str, value)) if isinstance(value, tuple) else value
-        if value in choices:
+        if value in limits if isinstance(limits, list) else value is not None and limits[0] <= value <= limits[1]:
             parameters[name] = value
-    return {**parameters, **{name: value for name, value, _, _ in _others(settings)}}
+    return parameters
 
 
 def _check_same(study: optuna.Study, tuning: Tuning, folder: Path) -> None:

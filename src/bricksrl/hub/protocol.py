@@ -10,10 +10,9 @@ from __future__ import annotations
 
 import enum
 import struct
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -144,14 +143,6 @@ class ControlFrame:
 Frame = DataFrame | ControlFrame
 
 
-class _Scaled(Protocol):
-    @property
-    def name(self) -> str: ...
-
-    @property
-    def scale(self) -> int: ...
-
-
 @dataclass(frozen=True)
 class WireFormat:
     """Format of an interface's data frames.
@@ -173,13 +164,11 @@ class WireFormat:
     @classmethod
     def of(cls, interface: Interface) -> WireFormat:
         """Format of an interface."""
-        commands: Sequence[_Scaled] = interface.commands
-        channels: Sequence[_Scaled] = interface.channels
         return cls(
-            tuple(command.name for command in commands),
-            tuple(command.scale for command in commands),
-            tuple(channel.name for channel in channels),
-            tuple(channel.scale for channel in channels),
+            tuple(command.name for command in interface.commands),
+            tuple(command.scale for command in interface.commands),
+            tuple(channel.name for channel in interface.channels),
+            tuple(channel.scale for channel in interface.channels),
         )
 
     @cached_property

@@ -19,6 +19,12 @@ class Pipe(enum.Enum):
     """AppData: a buffer that every write overwrites, so that nothing queues."""
 
 
+def as_typed(data: bytes | str) -> bytes:
+    """Bytes of input; lines of text end with the Enter key, CR, for which ``input()`` waits on a hub. Bytes that are no UTF-8 are
+    surrogate escapes in text."""
+    return data.replace("\n", "\r").encode(errors="surrogateescape") if isinstance(data, str) else data
+
+
 @dataclass(frozen=True)
 class HubModule:
     """Module of a program: its name on the hub (``parts.arm``), its file (``parts/arm.py``), its source."""

@@ -21,7 +21,6 @@ from bricksrl.page.robot_view import NUMBERS_S, RobotView
 from bricksrl.page.server import PageOptions, PageServer
 
 if TYPE_CHECKING:
-    from types import TracebackType
     from typing import Self
 
     from tensordict import TensorDictBase
@@ -109,7 +108,7 @@ class LivePage:
         self._server.__enter__()
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         self._unwatch()
         self._server.close()
 

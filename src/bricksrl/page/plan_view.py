@@ -7,22 +7,21 @@ import threading
 from dataclasses import replace
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from bricksrl.errors import PlanError
 from bricksrl.page.board import Board
 from bricksrl.page.scene import HIDDEN, Floats, Mesh, Scene, SceneBody, Shape, View, flat_mesh, poses
 from bricksrl.plans.colours import colour_of
-from bricksrl.plans.geometry import MM_PER_LDU
+from bricksrl.plans.geometry import M_PER_LDU
 from bricksrl.plans.mechanism.kinematics import TO_TWIN
 from bricksrl.plans.mechanism.posing import STILL, Motion, Poser
 from bricksrl.plans.part import Part
 from bricksrl.plans.plan import Plan
 from bricksrl.plans.planned_robot import PlannedRobot, planned
-from bricksrl.plans.shapes import Tint, surface_of
+from bricksrl.plans.shapes import TINTS, Tint, surface_of
 
-_METRES = MM_PER_LDU / 1000
-_TINTS = {Tint.DARK: (0.16, 0.17, 0.19, 1.0), Tint.TURNING: (0.45, 0.47, 0.50, 1.0), Tint.FACE: (0.10, 0.11, 0.13, 1.0)}
 _MAX_DEG = 360
 
 
@@ -115,13 +114,14 @@ class PlanView:
         motions: dict[int, Motion] = {}
         if self._robot is not None and self._poser is not None:
             motions = self._poser.of_parts(self._shafts, self._poser.motions(self._shafts, self._swings))
-        visible, positions, turns = self._plan.present_parts(self._plan.steps[self._step - 1]), [], []
-        for placed in self._plan.parts:
+        visible, positions = self._plan.present_parts(self._plan.steps[self._step - 1]), []
+        turns = np.empty((len(self._plan.parts), 4))
+        for turn, placed in zip(turns, self._plan.parts, strict=True):
             motion = motions.get(placed.index, STILL)
-            turns.append(_quaternion(motion.turn @ TO_TWIN @ placed.rotation))
-            position = motion.of(TO_TWIN @ placed.position * _METRES)
+            mujoco.mju_mat2Quat(turn, (motion.turn @ TO_TWIN @ placed.rotation).ravel())
+            position = motion.of(TO_TWIN @ placed.position * M_PER_LDU)
             positions.append(position if placed.index in visible else np.array([HIDDEN, 0.0, 0.0]))
-        return poses(np.array(positions), np.array(turns))
+        return poses(np.array(positions), turns)
 
 
 def _scene(plan: Plan) -> Scene:
@@ -133,34 +133,15 @@ def _scene(plan: Plan) -> Scene:
         if part not in pieces:
             surface = surface_of(part)
             by_tint = {tint: surface.triangles[surface.tints == int(tint)] for tint in Tint}
-            pieces[part] = {tint: flat_mesh(triangles * _METRES) for tint, triangles in by_tint.items() if len(triangles)}
-        main = (*colour_of(placed.colour).rgb, 1.0)
-        shapes = tuple(Shape(mesh, _TINTS.get(tint, main)) for tint, mesh in pieces[part].items())
+            pieces[part] = {tint: flat_mesh(triangles * M_PER_LDU) for tint, triangles in by_tint.items() if len(triangles)}
+        main = colour_of(placed.colour).rgb
+        shapes = tuple(Shape(mesh, (*TINTS.get(tint, main), 1.0)) for tint, mesh in pieces[part].items())
         bodies.append(SceneBody(f"{placed.index}", shapes))
         low, high = part.bounds
         corners += [TO_TWIN @ placed.to_plan(np.array([low]))[0], TO_TWIN @ placed.to_plan(np.array([high]))[0]]
-    points = np.array(corners) * _METRES
+    points = np.array(corners) * M_PER_LDU
     lowest, highest = points.min(axis=0), points.max(axis=0)
     x, y, z = ((lowest + highest) / 2).tolist()
     size = float(np.linalg.norm(highest - lowest))
     view = replace(View(), target=(x, y, z), distance_m=1.8 * size, yaw_deg=35.0)
     return Scene(tuple(bodies), floor_m=float(lowest[2]), view=view)
-
-
-def _quaternion(matrix: Floats) -> Floats:
-    """Quaternion (w, x, y, z) of a rotation [3, 3], by the largest of its four components (Shepperd)."""
-    trace = float(np.trace(matrix))
-    squares = np.array([trace, *np.diag(matrix)])
-    largest = int(np.argmax(squares))
-    parts: list[float]
-    if largest == 0:
-        parts = [1 + trace, matrix[2, 1] - matrix[1, 2], matrix[0, 2] - matrix[2, 0], matrix[1, 0] - matrix[0, 1]]
-    else:
-        i, j, k = largest - 1, largest % 3, (largest + 1) % 3
-        parts = [0.0] * 4
-        parts[0] = matrix[k, j] - matrix[j, k]
-        parts[1 + i] = 1 + 2 * matrix[i, i] - trace
-        parts[1 + j] = matrix[j, i] + matrix[i, j]
-        parts[1 + k] = matrix[k, i] + matrix[i, k]
-    quaternion = np.array(parts, dtype=np.float64)
-    return np.asarray(quaternion / np.linalg.norm(quaternion))

@@ -14,6 +14,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from PIL import Image
@@ -26,6 +27,9 @@ from bricksrl.plans.parts_list import Entry, parts_list
 from bricksrl.plans.picture import VIEWS, Canvas, Pixels, View, draw
 from bricksrl.plans.plan import Placed, Plan, Step
 from bricksrl.plotting import import_matplotlib
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _STEP_SIZE, _COVER_SIZE, _PART_SIZE = (760, 540), (820, 560), (150, 110)
 _MIN_VISIBLE = 0.35
@@ -120,12 +124,9 @@ def _kind(step: Step) -> tuple[str, int]:
 
 
 def _item(entry: Entry) -> Item:
-    return Item(
-        _part_picture(entry.part, entry.colour.code),
-        entry.count,
-        f"{entry.part.name}\n{entry.part.number} · {entry.colour.name}",
-        entry.part.length,
-    )
+    part, colour = entry.part, entry.colour
+    text = f"{part.name}\n{part.number} · {colour.name}"
+    return Item(_part_picture(part, colour.code), entry.count, text, part.length)
 
 
 def _part_picture(part: Part, colour: int) -> Pixels:
@@ -237,13 +238,10 @@ def _pdf(plan: Plan, pages: Iterable[Page]) -> bytes:
     return buffer.getvalue()
 
 
-def _lay_out(figure: object, page: Page, number: int) -> None:
+def _lay_out(figure: Figure, page: Page, number: int) -> None:
     """Draw a page on an A5 landscape figure."""
-    from matplotlib.figure import Figure
     from matplotlib.patches import Rectangle
 
-    if not isinstance(figure, Figure):
-        raise TypeError("a page is laid out on a Figure")
     is_list = page.picture is None
     figure.text(0.03, 0.93, page.head, fontsize=24 if len(page.head) < 20 else 16, weight="bold", va="center")
     figure.text(0.03, 0.045, textwrap.fill(page.note, _NOTE_WIDTH), fontsize=9, va="center")

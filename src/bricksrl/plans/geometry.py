@@ -14,6 +14,7 @@ Bools = NDArray[np.bool_]
 Triple = tuple[float, float, float]
 
 MM_PER_LDU = 0.4
+M_PER_LDU = MM_PER_LDU / 1000
 _MIN_SIDES = 10
 AXES: dict[str, Triple] = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 

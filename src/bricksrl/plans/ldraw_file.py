@@ -68,7 +68,7 @@ class Model:
     """One model of a document.
 
     Attributes:
-        notes: text by step.
+        notes: words by step.
         is_shape: whether it has geometry or is declared a part, and so is no assembly.
     """
 
@@ -76,7 +76,7 @@ class Model:
     line: int
     title: str = ""
     references: list[Reference] = field(default_factory=list)
-    notes: dict[int, str] = field(default_factory=dict)
+    notes: dict[int, list[str]] = field(default_factory=dict)
     is_shape: bool = False
     step: int = 0
 
@@ -227,7 +227,7 @@ class _Parser:
 
     def _note(self, number: int, words: list[str]) -> None:
         model = self._current(number)
-        model.notes[model.step] = " ".join([*([model.notes[model.step]] if model.step in model.notes else []), *words])
+        model.notes.setdefault(model.step, []).extend(words)
 
     def _own_comment(self, number: int, words: list[str]) -> None:
         key, values = (words[0], tuple(words[1:])) if words else ("", ())

@@ -191,6 +191,34 @@ class Part:
         return inside
 
     @functools.cached_property
+    def mirror(self) -> Floats | None:
+        """Signs [3] of a reflection along an axis that maps the part onto itself; ``None`` for a part with a left and a right."""
+        for signs in 1.0 - 2.0 * np.eye(3):
+            if self._features(signs) == self._features(np.ones(3)) and self.contains(self.samples * signs, -0.2).all():
+                return np.asarray(signs)
+        return None
+
+    def _features(self, signs: Floats) -> list[tuple[object, ...]]:
+        """Sites, gears and device after a reflection; axes without their directions."""
+
+        def point(values: Triple | None) -> tuple[float, ...]:
+            return () if values is None else tuple((np.array(values) * signs).round(2) + 0.0)
+
+        def line(values: Triple | None) -> tuple[float, ...]:
+            return max(point(values), point(None if values is None else (-values[0], -values[1], -values[2])))
+
+        sites = [(s.fit.value, point(s.centre), line(s.axis), s.length, s.turns, line(s.arm)) for s in self.sites]
+        gears = [(g.form.value, point(g.centre), line(g.axis), g.width, g.teeth, point(g.up)) for g in self.gears]
+        if self.device is None:
+            return [*sorted(sites), *sorted(gears)]
+        ports = sorted((name, point(at)) for name, at in self.device.ports)
+        return [
+            *sorted(sites),
+            *sorted(gears),
+            (ports, point(self.device.plug), point(self.device.shaft), point(self.device.looks)),
+        ]
+
+    @functools.cached_property
     def corners(self) -> Floats:
         """Corners [n, 3] of the bounding boxes of all solids."""
         return np.concatenate([solid.corners() for solid in (*self.solids, *self.turning)])

@@ -12,14 +12,13 @@ from numpy.typing import NDArray
 from bricksrl.plans.colours import colour_of
 from bricksrl.plans.geometry import Bools, Floats
 from bricksrl.plans.plan import Placed
-from bricksrl.plans.shapes import Tint, surface_of
+from bricksrl.plans.shapes import TINTS, Tint, surface_of
 
 Pixels = NDArray[np.uint8]
 Ints = NDArray[np.int64]
 _SCALE = 2
 """Supersampling per axis."""
 _LIGHT = np.array([-0.35, -0.85, -0.40])
-_TINTS = {Tint.DARK: (0.16, 0.17, 0.19), Tint.TURNING: (0.45, 0.47, 0.50), Tint.FACE: (0.10, 0.11, 0.13)}
 _FADED = 0.72
 _EDGE, _FADED_EDGE = 0.12, 0.62
 _GHOST = (0.93, 0.38, 0.08)
@@ -93,7 +92,7 @@ class Canvas:
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
         normals *= -np.sign(normals[:, 2:] + 1e-12)
         main = np.array(colour_of(placed.colour).rgb)
-        palette = np.stack([main if tint is Tint.MAIN else np.array(_TINTS[tint]) for tint in Tint])
+        palette = np.stack([main if tint is Tint.MAIN else np.array(TINTS[tint]) for tint in Tint])
         depth = (triangles[:, 2].reshape(-1, 3) - self._near) / self._deep
         self._draw(corners[..., :2], depth, self._count)
         self._owners.append(np.full(len(flat), placed.index, dtype=np.int64))

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import functools
 import itertools
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from bricksrl.errors import PlanError
 from bricksrl.plans import catalogue, ldraw_file
-from bricksrl.plans.geometry import Floats, Triple
+from bricksrl.plans.geometry import Floats, Triple, triple
 from bricksrl.plans.ldraw_file import Document, Model, Reference
 from bricksrl.plans.part import DeviceKind, Part
 
@@ -168,7 +169,7 @@ class _Builder:
             step = len(self.steps)
             new = tuple(filter(None, (self._place(ref, colour, matrix, offset, step, assembly) for ref in references)))
             if new or joined:
-                note = model.notes.get(number, "")
+                note = " ".join(model.notes.get(number, ()))
                 self.steps.append(Step(step, tuple(placed.index for placed in new), joined, assembly, number, note))
         return tuple(range(first, len(self.parts)))
 
@@ -194,7 +195,22 @@ class _Builder:
         self._check(reference)
         colour = colour if reference.colour == _MAIN_COLOUR else reference.colour
         offset = matrix @ reference.offset + offset
-        return self.build(model, colour, matrix @ reference.matrix, offset, (*assembly, f"{model.name}:{reference.line}"))
+        parts = self.build(model, colour, matrix @ reference.matrix, offset, (*assembly, f"{model.name}:{reference.line}"))
+        if reference.is_free or reference.is_fixed or reference.ball is not None:
+            raise self._fault(reference, f"'{reference.name}' is no part; write FREE, FIXED and BALL before a part in it")
+        if reference.port is not None:
+            self._plug(reference, parts)
+        return parts
+
+    def _plug(self, reference: Reference, parts: Iterable[int]) -> None:
+        """Give the port of a sub-model to its motor or sensor: of two equal sub-models, each has its own."""
+        devices = [self.parts[index] for index in parts]
+        devices = [placed for placed in devices if placed.part.device and placed.part.device.kind is not DeviceKind.HUB]
+        if len(devices) != 1:
+            text = f"'{reference.name}' has {len(devices)} motors and sensors; write PORT before a motor or sensor in it"
+            raise self._fault(reference, text)
+        port, device, angle_deg = reference.port, reference.device, reference.angle_deg
+        self.parts[devices[0].index] = replace(devices[0], port=port, device=device, angle_deg=angle_deg)
 
     def _place(
         self, reference: Reference, colour: int, matrix: Floats, offset: Floats, step: int, assembly: tuple[str, ...]
@@ -207,11 +223,17 @@ class _Builder:
             self.unknown.setdefault(reference.name.lower().removesuffix(".dat"), []).append(reference.line)
             return None
         self._check(reference)
+        rotation, ball = matrix @ reference.matrix, reference.ball
+        if np.linalg.det(rotation) < 0.0:  # editors mirror halves of a model; a symmetric part can be turned instead
+            if part.mirror is None:
+                raise self._fault(reference, f"'{reference.name}' is mirrored, and {part.name} has a left and a right; turn it")
+            rotation = rotation * part.mirror
+            ball = None if ball is None else triple(np.array(ball) * part.mirror)
         placed = Placed(
             len(self.parts),
             part,
             colour if reference.colour == _MAIN_COLOUR else reference.colour,
-            matrix @ reference.matrix,
+            rotation,
             matrix @ reference.offset + offset,
             step,
             reference.line,
@@ -221,7 +243,7 @@ class _Builder:
             reference.angle_deg,
             reference.is_free,
             reference.is_fixed,
-            reference.ball,
+            ball,
         )
         self.parts.append(placed)
         return placed
@@ -229,10 +251,12 @@ class _Builder:
     def _check(self, reference: Reference) -> None:
         """Refuse stretched known parts; unknown ones, such as pieces of a hose, may be stretched."""
         if reference.is_stretched:
-            location = f"{self.document.path}, line {reference.line}"
-            raise PlanError(f"{location}: '{reference.name}' is stretched; place it without scaling")
+            raise self._fault(reference, f"'{reference.name}' is stretched; place it without scaling")
 
     def _count(self, reference: Reference) -> None:
         self._visits += 1
         if self._visits > MAX_PARTS:
-            raise PlanError(f"{self.document.path}, line {reference.line}: more than {MAX_PARTS} parts; split the plan")
+            raise self._fault(reference, f"more than {MAX_PARTS} parts; split the plan")
+
+    def _fault(self, reference: Reference, text: str) -> PlanError:
+        return PlanError(f"{self.document.path}, line {reference.line}: {text}")

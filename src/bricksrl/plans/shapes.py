@@ -36,6 +36,10 @@ class Tint(enum.IntEnum):
     FACE = 3
 
 
+TINTS = {Tint.DARK: (0.16, 0.17, 0.19), Tint.TURNING: (0.45, 0.47, 0.50), Tint.FACE: (0.10, 0.11, 0.13)}
+"""Red, green and blue, in 0..1, of the materials that do not have the part's colour."""
+
+
 @dataclass(frozen=True)
 class Surface:
     """Triangles [n, 3, 3], counter-clockwise from outside, and their tints [n]."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -34,13 +35,9 @@ def load_policy(path: Path | str, env: EnvBase | None = None, *, which: Which = 
 
     check_value("path", path, Path | str)
     path = Path(path)
-    run_env = make_env(one_robot(config_of(path))) if env is None else env
-    try:
-        learner = load_shared(path, run_env) if is_policy(path) else load_learner(path, run_env, which=which).learner
-        return Policy(learner.policy, run_env.observation_spec["observation"].shape[-1])
-    finally:
-        if env is None:
-            run_env.close(raise_if_closed=False)
+    with closing(make_env(one_robot(config_of(path)))) if env is None else nullcontext(env) as env:
+        learner = load_shared(path, env) if is_policy(path) else load_learner(path, env, which=which).learner
+        return Policy(learner.policy, env.observation_spec["observation"].shape[-1])
 
 
 def config_of(path: Path) -> TrainConfig:

@@ -7,6 +7,7 @@ import io
 import logging
 import warnings
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -15,7 +16,7 @@ from tensordict import TensorDict
 from torch import Tensor, nn
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
-from bricksrl.errors import RunError
+from bricksrl.errors import RunError, message_of
 from bricksrl.files import refuse_existing, write_durably
 from bricksrl.policies import config_of, load_policy
 from bricksrl.training.restore import Which, one_robot
@@ -60,7 +61,7 @@ def export_model(path: Path | str, out: Path, format_: Format = "torch-export", 
     if missing:
         raise RunError(f"{' and '.join(missing)} is not installed; run `pip install 'bricksrl[onnx]'`, or export as torch-export")
     policy, inputs = load_policy(path, which=which), _observations(path)
-    acting = BestAction(policy).eval()
+    acting = BestAction(policy).eval().requires_grad_(False)
     with torch.no_grad():
         expected = _best(policy, acting, inputs)
         data = _program(acting, inputs, format_)
@@ -94,9 +95,8 @@ def _observations(path: Path | str) -> tuple[Tensor, ...]:
     from bricksrl.envs.specs import ObservationLayout
     from bricksrl.training.run import make_env
 
-    env = make_env(one_robot(config_of(Path(path))))
-    layout = ObservationLayout.of(env)
-    env.close(raise_if_closed=False)
+    with closing(make_env(one_robot(config_of(Path(path))))) as env:
+        layout = ObservationLayout.of(env)
     generator = torch.Generator().manual_seed(0)
     low, high = (torch.tensor(end).nan_to_num(posinf=1.0, neginf=-1.0) for end in (layout.low, layout.high))
     observation = low + (high - low) * torch.rand(_OBSERVATIONS, len(low), generator=generator)
@@ -121,8 +121,7 @@ def _program(acting: BestAction, inputs: tuple[Tensor, ...], format_: Format) ->
                 write: Any = torch.onnx.export  # it accepts buffers too, contrary to its annotations
                 write(program, (), buffer, input_names=acting.names, output_names=["action"], verbose=False)
     except Exception as error:  # noqa: BLE001  torch may raise anything on a user's network
-        reason = (str(error) or type(error).__name__).splitlines()[0]
-        raise RunError(f"torch cannot export this policy ({reason}); use it through bricksrl.load_policy") from None
+        raise RunError(f"torch cannot export this policy ({message_of(error)}); use it through bricksrl.load_policy") from None
     finally:
         logger.setLevel(level)
     return buffer.getvalue()

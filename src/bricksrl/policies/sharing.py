@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import tempfile
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -41,11 +42,8 @@ def export_policy(run_dir: Path, out: Path, *, licence: str = "mit") -> Path:
     refuse_existing(out, RunError)
     folder = RunFolder(run_dir)
     config = folder.read_config()
-    env = make_env(one_robot(config))
-    try:
+    with closing(make_env(one_robot(config))) as env:
         trained = load_learner(run_dir, env)
-    finally:
-        env.close(raise_if_closed=False)
     tensors = {name: tensor.contiguous() for name, tensor in trained.learner.policy_state().items()}
     about = {
         "bricksrl_policy": _VERSION,

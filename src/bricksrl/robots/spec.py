@@ -110,6 +110,12 @@ class Motor:
         """Output angle per turn of the motor's shaft; absolute angles are ambiguous beyond it."""
         return 360.0 * self.gears[0] / self.gears[-1] if self.gears else 360.0
 
+    @property
+    def shaft_turns(self) -> float:
+        """Clockwise turns of the motor's shaft per turn of the output; negative if the motor counts up counterclockwise."""
+        ratio = self.gears[-1] / self.gears[0] if self.gears else 1.0
+        return ratio * self.direction.value
+
     def __post_init__(self) -> None:
         _check_name(self.name)
         _check_port(self.name, self.port)

@@ -6,7 +6,6 @@ import contextlib
 import signal
 import sys
 from collections.abc import Iterator, Sequence
-from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 import torch
@@ -68,7 +67,7 @@ class KeyboardDriver:
         self._raw_mode.enter_context(self._source.raw_mode())
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         self._raw_mode.close()
         self._source.close()
 

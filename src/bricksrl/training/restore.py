@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from bricksrl.agents import make_learner
-from bricksrl.errors import BricksError, CheckpointError, DescriptionError, RunError
+from bricksrl.errors import BricksError, CheckpointError, DescriptionError, DivergedError, RunError
 from bricksrl.fields import check_fields
 from bricksrl.training.callbacks import Episode
 from bricksrl.training.config import TrainConfig
@@ -33,14 +33,21 @@ class Trained:
 
 def load_learner(run_dir: Path | str, env: EnvBase, *, which: Which = "last") -> Trained:
     """The learner of a run, on the CPU, for ``env``. Raises RunError if there is no run in the folder, CheckpointError if it is
-    damaged, or the observation or action of ``env`` differs."""
+    damaged, or the observation or action of ``env`` differs, DivergedError if its weights are not finite."""
     folder = RunFolder(run_dir)
     config = folder.read_config()
     learner = make_learner_for(config, env, device="cpu")
     state = load_state(folder, config, env, which=which)
     learner.load_state_dict({key: value for key, value in state["agent"].items() if key != "memory"})
+    check_weights(learner)
     learner.policy.eval()
     return Trained(learner, len(state["episodes"]))
+
+
+def check_weights(learner: Learner) -> None:
+    """Raise DivergedError if a weight of the acting policy is not finite."""
+    if not all(bool(tensor.isfinite().all()) for tensor in learner.acting.state_dict().values()):
+        raise DivergedError("the agent has diverged: its weights are not finite; train it with a smaller learning_rate")
 
 
 def one_robot(config: TrainConfig) -> TrainConfig:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bricksrl.errors import DescriptionError, RunError, counted
 from bricksrl.fields import check_value
+from bricksrl.files import only_writer
 from bricksrl.training.callbacks import Callback, CallbackList, RunResult
 from bricksrl.training.config import TrainConfig
 from bricksrl.training.offline import attach_dataset, warm_start
@@ -52,6 +53,7 @@ def train(
         UnknownNameError: there is no such environment, hub or agent.
         HubError: the robot is out of reach; earlier progress is saved.
         LearnerError: the process of an asynchronous learner failed; earlier progress is saved.
+        DivergedError: the weights of the agent are not finite any more.
         KeyboardInterrupt: Ctrl-C before the robot was connected; nothing was created.
     """
     check_value("config", config, TrainConfig)
@@ -74,7 +76,7 @@ def resume(
     total number, if more than before; ``env, place, driver``: as in `train`.
 
     Raises:
-        RunError: there is no run in the folder.
+        RunError: there is no run in the folder, or another process works on it.
         CheckpointError: its checkpoint is damaged or of another run.
         HubError, LearnerError: as in `train`.
     """
@@ -86,7 +88,8 @@ def resume(
         )
     if config.updates and episodes not in (None, config.episodes):
         raise RunError(f"the run in {run_dir} learned from data; train on the robot from there with start='{run_dir}'")
-    return _run(replace(config, episodes=episodes or config.episodes), folder, callback, env, place, stop, driver)
+    with only_writer(folder.path, RunError):
+        return _run(replace(config, episodes=episodes or config.episodes), folder, callback, env, place, stop, driver)
 
 
 def _run(
@@ -141,7 +144,7 @@ def _run_in(
         state = load_state(folder, config, env)
     listener.on_env(env)
     listener.on_learner(learner)
-    with _learning(config, env, learner, state, signals) as side:
+    with ExitStack() as lock, _learning(config, env, learner, state, signals) as side:
         torch.set_rng_state(state["generator"])
         make = FleetLoop if isinstance(env, Fleet) else RunLoop
         loop = make(config, env, side, listener, signals, state, driver)
@@ -150,6 +153,7 @@ def _run_in(
         with signals.held_back():
             if folder is None:
                 folder = RunFolder.create(config, state, losses)
+                lock.enter_context(only_writer(folder.path, RunError))
             else:
                 folder.write_episodes(loop.episodes, losses)
                 folder.write_config(config)

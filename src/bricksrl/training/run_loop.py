@@ -28,6 +28,7 @@ from bricksrl.training.config import TrainConfig
 from bricksrl.training.curve import WINDOW, draw_learning_curve
 from bricksrl.training.learner_side import InLoopLearner, Pace
 from bricksrl.training.recording import Recording, open_recorder
+from bricksrl.training.restore import check_weights
 from bricksrl.training.run_folder import RunFolder
 from bricksrl.training.signals import StopSignals
 
@@ -73,7 +74,8 @@ class RunLoop:
 
     def run(self, folder: RunFolder, start: TensorDictBase | None = None) -> RunResult:
         """Train to the last episode or an interruption. Raises HubError if the robot was out of reach for too long, LearnerError
-        if the process of an asynchronous learner failed. ``start``: reset of the first episode, if already done."""
+        if the process of an asynchronous learner failed, DivergedError if the agent's weights are not finite. ``start``: reset of
+        the first episode, if already done."""
         self.folder = folder
         with self._recorded():
             self.callback.on_start(self.config, folder.path, len(self.episodes))
@@ -89,6 +91,7 @@ class RunLoop:
                 self.learner.finish(lambda: False)
             except (KeyboardInterrupt, BricksError):
                 if not self.signals.requested:
+                    check_weights(self.actor)  # rather than an error that follows from them
                     raise
             finally:
                 with self.signals.held_back():

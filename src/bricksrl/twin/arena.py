@@ -16,9 +16,9 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from bricksrl.errors import TwinError
+from bricksrl.errors import TwinError, message_of
 from bricksrl.robots import Robot
-from bricksrl.twin.imu import FloatingBase, Turns, hub_mount
+from bricksrl.twin.imu import FloatingBase, Turns
 from bricksrl.twin.model_physics import RobotPart, set_physics, up
 from bricksrl.twin.models.load import load_model
 from bricksrl.twin.models.mjcf import (
@@ -30,6 +30,7 @@ from bricksrl.twin.models.mjcf import (
     add_light,
     add_surroundings,
     new_spec,
+    yaw_quaternion,
 )
 from bricksrl.twin.mujoco_body import MujocoBody, Pose
 from bricksrl.twin.physics import Physics
@@ -137,7 +138,7 @@ def _compiled(arena: Arena) -> mujoco.MjModel:
     try:
         return spec.compile()
     except ValueError as error:
-        raise TwinError(f"the arena does not compile ({' '.join(str(error).split())}); correct its parts") from error
+        raise TwinError(f"the arena does not compile ({message_of(error)}); correct its parts") from error
 
 
 def _add_walls(world: mujoco.MjsBody, half_x_m: float, half_y_m: float) -> None:
@@ -199,14 +200,11 @@ class ArenaWorld:
         robots = zip(arena.robots, seeds, strict=True)
         physics = physics or Physics()
         self.bodies = [ArenaBody(self, contestant, physics, noise_seed) for contestant, noise_seed in robots]
-        self._apply(physics)
+        loads = [int(self.model.body(load.name).id) for load in arena.loads]
+        scaled = [body for body in range(self.model.nbody) if body not in loads]
+        set_physics(self.model, self._nominal, physics, [body.part for body in self.bodies], scaled)
         self._loads = [int(self.model.joint(load.name).qposadr[0]) for load in arena.loads]
         self._settle()
-
-    def _apply(self, physics: Physics) -> None:
-        loads = [int(self.model.body(load.name).id) for load in self.arena.loads]
-        robots = [body for body in range(self.model.nbody) if body not in loads]
-        set_physics(self.model, self._nominal, physics, [body.part for body in self.bodies], robots)
 
     def _settle(self) -> None:
         """Let all robots settle on the floor, far from one another, and record their stances."""
@@ -231,7 +229,7 @@ class ArenaWorld:
             body.place_at(start)
         for load, address in zip(self.arena.loads, self._loads, strict=True):
             start = load.place.draw(rng)
-            quaternion = _heading_quaternion(start.heading_deg)
+            quaternion = yaw_quaternion(-math.radians(start.heading_deg))
             self.data.qpos[address : address + 7] = (start.x_m, start.y_m, load.half_size_m[2], *quaternion)
         self.data.qacc_warmstart[:] = 0.0
         mujoco.mj_forward(self.model, self.data)
@@ -296,7 +294,7 @@ class ArenaBody(MujocoBody):
         self.part = RobotPart([(self._terminals[motor.port][0], motor.kind) for motor in self.robot.motors], int(chassis.id))
         root = int(chassis.jntadr[0])
         self.base_address, self._base_dof = int(model.jnt_qposadr[root]), int(model.jnt_dofadr[root])
-        self._base = _PartBase(model, data, self.base_address, self._base_dof, f"{prefix}imu")
+        self._base = FloatingBase(model, data, self.base_address, self._base_dof, f"{prefix}imu")
         self._bind_sonars(prefix, int(chassis.id))
         self._detected_groups = np.zeros(6, np.uint8)
         self._detected_groups[[OBSTACLE_GROUP, SHAPE_GROUP]] = 1  # other robots too
@@ -312,7 +310,7 @@ class ArenaBody(MujocoBody):
     def place_at(self, start: Pose) -> None:
         """Place the robot at a start pose, in its stance."""
         quaternion = np.empty(4)
-        mujoco.mju_mulQuat(quaternion, np.array(_heading_quaternion(start.heading_deg)), self._standing[1:])
+        mujoco.mju_mulQuat(quaternion, np.array(yaw_quaternion(-math.radians(start.heading_deg))), self._standing[1:])
         self._qpos[self.base_address : self.base_address + 7] = (start.x_m, start.y_m, self._standing[0], *quaternion)
 
     def update_turns(self) -> None:
@@ -339,21 +337,3 @@ class ArenaBody(MujocoBody):
         """Update the drawn geometry to the joint positions."""
         mujoco.mj_kinematics(self.model, self.data)
         mujoco.mj_camlight(self.model, self.data)
-
-
-class _PartBase(FloatingBase):
-    """Floating base of one robot among several, with its slice of the world's coordinates."""
-
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, position: int, dof: int, imu: str) -> None:
-        self._gravity = model.opt.gravity
-        self._hub, self._to_hub = hub_mount(model, imu)
-        self._position = data.qpos[position : position + 3]
-        self._orientation = data.qpos[position + 3 : position + 7]
-        self._spin = data.qvel[dof + 3 : dof + 6]
-        self._qacc = data.qacc[dof : dof + 6]
-
-
-def _heading_quaternion(heading_deg: float) -> tuple[float, float, float, float]:
-    """Quaternion of a heading, clockwise positive seen from above."""
-    half = -math.radians(heading_deg) / 2.0
-    return math.cos(half), 0.0, 0.0, math.sin(half)

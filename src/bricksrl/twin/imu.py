@@ -42,18 +42,20 @@ class Turns:
 
 
 class FloatingBase:
-    """Floating base, a freely moving chassis: the first body of the model, with the hub at the site "imu".
+    """Floating base, a freely moving chassis; all values come from the joint coordinates, which are up to date after each step.
 
-    All values come from the joint coordinates, which are up to date after each step.
+    Args:
+        position, dof: indices of the first position and of the first velocity of its free joint.
+        imu: site of the hub.
     """
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, position: int = 0, dof: int = 0, imu: str = "imu") -> None:
         self._gravity = model.opt.gravity
-        self._hub, self._to_hub = hub_mount(model, "imu")
-        self._position: Vector = data.qpos[0:3]
-        self._orientation: Vector = data.qpos[3:7]
-        self._spin: Vector = data.qvel[3:6]
-        self._qacc = data.qacc
+        self._hub, self._to_hub = hub_mount(model, imu)
+        self._position: Vector = data.qpos[position : position + 3]
+        self._orientation: Vector = data.qpos[position + 3 : position + 7]
+        self._spin: Vector = data.qvel[dof + 3 : dof + 6]
+        self._qacc: Vector = data.qacc[dof : dof + 6]
 
     def position(self) -> Vector:
         """Origin of the chassis [3] in the world, m."""

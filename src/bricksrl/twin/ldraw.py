@@ -16,15 +16,13 @@ from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bricksrl.errors import TwinError
+from bricksrl.plans.geometry import Floats
 
-Floats = NDArray[np.float64]
 Triangles = dict[int, Floats]
 """Triangles [n, 3, 3] by colour code, counter-clockwise seen from outside."""
 
-MM_PER_UNIT = 0.4
 MAIN_COLOUR = 16
 """Code of the colour that is chosen where the part is used."""
 

@@ -13,13 +13,13 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from bricksrl.errors import TwinError
+from bricksrl.errors import TwinError, message_of
 from bricksrl.robots import MotorKind, PoweredUpSensor, Robot, SensorKind, UltrasonicSensor
 from bricksrl.twin import ldraw
 from bricksrl.twin.imu import FixedBase, FloatingBase, Turns, Vector
 from bricksrl.twin.model_physics import RobotPart, backlash_joints, set_physics, up
 from bricksrl.twin.models.load import load_model
-from bricksrl.twin.models.mjcf import OBSTACLE_GROUP
+from bricksrl.twin.models.mjcf import OBSTACLE_GROUP, yaw_quaternion
 from bricksrl.twin.models.planned_looks import Spinners
 from bricksrl.twin.models.rods import Rods
 from bricksrl.twin.objects import Block, Solid
@@ -62,9 +62,7 @@ def _compiled(robot: Robot, scene: Scene, _looks: Path | None) -> mujoco.MjModel
     try:
         return spec.compile()
     except ValueError as error:
-        raise TwinError(
-            f"the model of robot '{robot.name}' does not compile ({' '.join(str(error).split())}); correct it"
-        ) from error
+        raise TwinError(f"the model of robot '{robot.name}' does not compile ({message_of(error)}); correct it") from error
 
 
 class MujocoBody:
@@ -228,7 +226,7 @@ class MujocoBody:
         """Place the robot on the floor, in front of the wall if there is one."""
         yaw = -math.radians(float(rng.uniform(*self.scene.heading_deg)))
         standing, height_m = self._stand()
-        turn, quaternion = np.array([math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)]), np.empty(4)
+        turn, quaternion = np.array(yaw_quaternion(yaw)), np.empty(4)
         mujoco.mju_mulQuat(quaternion, turn, standing)
         x_mm, y_mm = (low if low == high else float(rng.uniform(low, high)) for low, high in self.scene.start_mm)
         self._qpos[0:3] = (x_mm / 1000, y_mm / 1000, height_m)

@@ -11,13 +11,11 @@ import math
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from bricksrl.plans.geometry import Floats
 from bricksrl.twin.models.mjcf import OBSTACLE_GROUP
 from bricksrl.twin.objects import COLORS, Field, Lamp, Line, Solid
 from bricksrl.twin.scene import FLOOR, Scene
-
-Floats = NDArray[np.float64]
 
 _SPOT_MM, _SPOT_RATIO = 1.0, 0.3
 """Radius of the spot that a colour sensor sees: at zero distance, and its increase per millimetre."""

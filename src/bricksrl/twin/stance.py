@@ -9,7 +9,8 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from bricksrl.plans.geometry import Floats
+
 _MIN_INSIDE = -1e-9
 
 

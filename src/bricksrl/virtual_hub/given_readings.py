@@ -95,7 +95,7 @@ def _value(value: str, text: str) -> tuple[Sensed, Sense | None]:
 
 def _from_file(path: Path) -> tuple[tuple[float, ...], tuple[Sensed, ...]]:
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise TwinError(f"cannot read the readings in '{path}' ({error}); give a file with lines such as: 2.5, red") from None
     times, values = [], []

@@ -23,6 +23,7 @@ class Modules(dict[str, ModuleType]):
         branch: called with the value on which a program branches, and returns it.
         missing_builtins: builtin names that the hub does not have.
         find_module: returns a module of the program by its name, or ``None``.
+        namespaces: globals of the program and of its modules, added while it runs.
     """
 
     def __init__(
@@ -30,12 +31,14 @@ class Modules(dict[str, ModuleType]):
         modules: dict[str, ModuleType],
         tick: Callable[[], None] = lambda: None,
         branch: Callable[[Any], Any] = lambda value: value,
+        namespaces: list[dict[str, Any]] | None = None,
         missing_builtins: Collection[str] = (),
     ) -> None:
         super().__init__(modules)
         self.tick, self.branch = tick, branch
         self.missing_builtins = missing_builtins
         self.find_module: Callable[[str], HubModule | None] = lambda name: None
+        self.namespaces = [] if namespaces is None else namespaces
 
 
 def execute(source: str, filename: str, modules: dict[str, ModuleType], console: Console) -> None:
@@ -57,6 +60,7 @@ def execute(source: str, filename: str, modules: dict[str, ModuleType], console:
     namespace = main.__dict__
     namespace.clear()
     namespace["__name__"] = "__main__"
+    importable.namespaces.append(namespace)
 
     def find_module(name: str) -> ModuleType:
         if name == "__main__":
@@ -67,6 +71,7 @@ def execute(source: str, filename: str, modules: dict[str, ModuleType], console:
                 raise ImportError(f"no module named '{name}'")
             importable[name] = ModuleType(name)
             importable[name].__dict__.update(__builtins__=namespace["__builtins__"])
+            importable.namespaces.append(importable[name].__dict__)
             exec(compile_source(own_module.source, own_module.file), importable[name].__dict__)
         return importable[name]
 

@@ -13,6 +13,7 @@ from bricksrl.virtual_hub.body import Body, FittingBody
 from bricksrl.virtual_hub.firmware.drive_base import DriveBaseControl
 from bricksrl.virtual_hub.firmware.heading import Heading
 from bricksrl.virtual_hub.firmware.servo import Servo
+from bricksrl.virtual_hub.micropython.errors import SwitchedOff
 from bricksrl.virtual_hub.pace import Pace
 from bricksrl.virtual_hub.panel import Panel
 
@@ -24,10 +25,6 @@ _CALLS_PER_MS = 100
 _AFTER_LOOP_TICKS = 10
 
 
-class SwitchedOff(BaseException):
-    """The hub was switched off: ends a program past its exception handlers."""
-
-
 class Machine:
     """Clock, servos and drive bases of one virtual hub.
 
@@ -37,6 +34,7 @@ class Machine:
         panel: buttons, light, display and loudspeaker.
         heading: heading of the robot by the gyroscope.
         modes: mode of each device that has modes, by port.
+        check_memory: returns the number of branches until its next call. Raises MemoryError if the program does not fit.
         time_ms: simulated time since the hub was switched on.
         time_ticks: the same for the motor control, in ticks of 0.1 ms. After the control loop the firmware sleeps until its next
             event, at most 1 ms, before it resumes the program: commands are that much later than the loop of the same ms.
@@ -58,6 +56,8 @@ class Machine:
         self.servos = {motor.port: Servo(motor.kind, motor.port, body, self) for motor in body.robot.motors}
         self.drive_bases: list[DriveBaseControl] = []
         self.modes: dict[str, str] = {}
+        self.check_memory: Callable[[], int] = lambda: 1 << 30
+        self._branches_to_check = 0
         self._calls = 0
         self._is_ahead = self._is_stopping = False
 
@@ -146,6 +146,9 @@ class Machine:
         time_ms, time_ticks = self.time_ms, self.time_ticks
         self._run_to(time_ms + 1)
         self.time_ms, self.time_ticks, self._is_ahead = time_ms, time_ticks, True
+        self._branches_to_check -= 1
+        if self._branches_to_check < 0:
+            self._branches_to_check = self.check_memory()
 
     def branch(self, value: Any) -> Any:
         """``value``, on which the program branches; the rest of the hub catches up first."""
@@ -166,6 +169,9 @@ class Machine:
         """One iteration of a loop that may not wait."""
         self.branch(None)
         self.charge_call()
+        self._branches_to_check -= 1
+        if self._branches_to_check < 0:
+            self._branches_to_check = self.check_memory()
 
     def advance_to_control(self) -> None:
         """Let time pass until the next control loop, at which moves end."""

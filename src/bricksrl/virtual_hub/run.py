@@ -14,14 +14,14 @@ from typing import BinaryIO, TextIO
 from bricksrl.errors import TwinError
 from bricksrl.hub.program.syntax import parse
 from bricksrl.hub.program.user_program import check_time_limit, folder_with_module, load_program, module_beside, read_program
-from bricksrl.hub.transport import HubProgram
+from bricksrl.hub.transport import HubProgram, as_typed
 from bricksrl.robots import HubKind
 from bricksrl.virtual_hub.body import Body
 from bricksrl.virtual_hub.fitted_bench import FittedBench
 from bricksrl.virtual_hub.given_readings import GivenReading
 from bricksrl.virtual_hub.interpreter import execute, format_traceback
-from bricksrl.virtual_hub.machine import Machine, SwitchedOff
-from bricksrl.virtual_hub.micropython.errors import class_name
+from bricksrl.virtual_hub.machine import Machine
+from bricksrl.virtual_hub.micropython.errors import SwitchedOff, class_name
 from bricksrl.virtual_hub.micropython.system import is_program_error
 from bricksrl.virtual_hub.pace import Pace
 from bricksrl.virtual_hub.panel import WIRELESS, Panel, Press
@@ -35,7 +35,7 @@ class _ProgramStopped(BaseException):
 class StreamConsole:
     """A console on binary streams with ``\\n`` line ends; AppData is discarded, as without a host."""
 
-    def __init__(self, machine: Machine, stdin: BinaryIO | None, stdout: BinaryIO) -> None:
+    def __init__(self, machine: Machine, stdin: BinaryIO | TextIO | None, stdout: BinaryIO) -> None:
         self._machine = machine
         self._stdout = stdout
         self._stdin = stdin
@@ -45,7 +45,7 @@ class StreamConsole:
     @cached_property
     def _input(self) -> bytes:
         # Read everything, as simulated time waits for nobody, and only on demand, as a pipe without a writer would block.
-        return self._stdin.read() if self._stdin is not None else b""
+        return as_typed(self._stdin.read() if self._stdin is not None else b"")
 
     def available(self) -> int:
         return len(self._input) - self._position
@@ -92,7 +92,7 @@ def run_file(
     *,
     stdout: BinaryIO | None = None,
     stderr: TextIO | None = None,
-    stdin: BinaryIO | None = None,
+    stdin: BinaryIO | TextIO | None = None,
     time_limit_s: float | None = None,
     operation: Operation | None = None,
 ) -> int:
@@ -103,7 +103,7 @@ def run_file(
         body: the robot; ``None`` for a bench with the hub and devices that the program uses.
         stdout: for prints; ``None`` for this process's.
         stderr: for the hub's traceback or stop message; ``None`` for this process's.
-        stdin: input, read completely at once; ``None`` for none.
+        stdin: input, read completely at once: bytes, or text as if it were typed; ``None`` for none.
         time_limit_s: simulated seconds until the program is stopped, as by the button.
         operation: buttons, readings and pace.
 

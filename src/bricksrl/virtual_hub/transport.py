@@ -15,13 +15,14 @@ from typing import TYPE_CHECKING
 
 from greenlet import getcurrent, greenlet
 
-from bricksrl.errors import HubError, HubProgramError
+from bricksrl.errors import HubError, HubProgramError, TwinError
 from bricksrl.hub.program.traceback import describe_traceback
 from bricksrl.hub.protocol import app_data_slot
 from bricksrl.hub.transport import HubProgram, Pipe
 from bricksrl.virtual_hub import interpreter
 from bricksrl.virtual_hub.body import Body
-from bricksrl.virtual_hub.machine import Machine, SwitchedOff
+from bricksrl.virtual_hub.machine import Machine
+from bricksrl.virtual_hub.micropython.errors import SwitchedOff
 from bricksrl.virtual_hub.micropython.system import is_program_error
 from bricksrl.virtual_hub.pace import MAX_STEP_MS, Pace
 from bricksrl.virtual_hub.pybricks import modules
@@ -220,7 +221,12 @@ class VirtualHub:
             self.machine.advance(max(0, time_ms - self.machine.time_ms))
             return
         self._host = getcurrent()
-        program.parent = self._host
+        try:
+            program.parent = self._host
+        except ValueError:
+            raise TwinError(
+                "the virtual hub was started in another thread; use an environment in one thread, or make one in each"
+            ) from None
         self.machine.alarm_ms = max(time_ms, self.machine.time_ms + 1)
         program.switch(*(() if new_program is None else (new_program,)))
         self.machine.alarm_ms = None

@@ -52,6 +52,7 @@ def test_pettingzoo_checks_its_interface(name: str) -> None:
         parallel_api_test(env, num_cycles=15)
     first, _ = env.reset(seed=5)
     again, _ = env.reset(seed=5)
+    assert env.render_mode is None
     assert first.keys() == set(get_arena_task(name).robots)
     assert all(np.array_equal(first[robot], again[robot]) for robot in first)
     env.close()

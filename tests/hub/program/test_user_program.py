@@ -61,6 +61,12 @@ def test_program_modules_match_pybricksdev(folder: Path) -> None:
     assert blob.index(b"__main__") == 4
 
 
+def test_byte_order_mark_is_no_code(tmp_path: Path) -> None:
+    """Some editors on Windows write one."""
+    (tmp_path / "main.py").write_bytes(b"\xef\xbb\xbfprint(1)\r\n")
+    assert load_program(tmp_path / "main.py").source == "print(1)\n"
+
+
 def test_circular_imports_terminate(tmp_path: Path) -> None:
     (tmp_path / "main.py").write_text("import other\n")
     (tmp_path / "other.py").write_text("import main, other\n")
@@ -71,7 +77,7 @@ def test_unreadable_or_invalid_files_raise(folder: Path) -> None:
     with pytest.raises(ProgramError, match="cannot read the program"):
         load_program(folder / "none.py")
     (folder / "leg.py").write_bytes(b"\xff\xfe")
-    with pytest.raises(ProgramError, match=r"leg\.py' is not a text file"):
+    with pytest.raises(ProgramError, match=r"leg\.py' is no text in UTF-8 .*; save it as UTF-8"):
         load_program(folder / "main.py")
     (folder / "leg.py").write_text("kick = = 2\n")
     with pytest.raises(ProgramError, match=r"^leg\.py, line 1: SyntaxError"):
@@ -119,14 +125,14 @@ def test_prompt_is_shown_immediately() -> None:
     assert stdout.getvalue() == b"a\nTicket: "
 
 
-def run(world: World, path: Path, stdin: bytes | None = None, time_limit_s: float | None = None) -> tuple[int, str, str]:
+def run(world: World, path: Path, stdin: str | None = None, time_limit_s: float | None = None) -> tuple[int, str, str]:
     program = load_program(path)
     world.hub.files[program.name] = program.source
     world.hub.files.update({module.file: module.source for module in program.modules})
     transport = world.transport()
     transport.open()
     out, err = io.BytesIO(), io.StringIO()
-    typed = io.BytesIO(stdin) if stdin is not None else None
+    typed = io.StringIO(stdin) if stdin is not None else None
     code = run_program(transport, program, stdout=out, stderr=err, stdin=typed, time_limit_s=time_limit_s)
     transport.close()
     return code, out.getvalue().decode(), err.getvalue()
@@ -168,7 +174,7 @@ def test_user_program_is_always_downloaded(world: World, folder: Path) -> None:
 
 
 def test_user_program_reads_input(world: World, folder: Path) -> None:
-    lines = b"".join(b"%d\n" % n for n in range(100))
+    lines = "".join(f"{n}\n" for n in range(100))
     (folder / "main.py").write_text("total = 0\nfor _ in range(100):\n    total += int(input())\nprint()\nprint('sum', total)\n")
     code, out, _ = run(world, folder / "main.py", stdin=lines)
     assert code == 0 and out.endswith("\nsum 4950\n")

@@ -209,3 +209,21 @@ def test_dropped_renderer_does_not_affect_next() -> None:
     first = renderer.render()
     renderer = Renderer(body, 64, 48)
     assert np.array_equal(renderer.render(), first)
+
+
+def test_renderer_is_silently_collected_at_the_end_of_the_process() -> None:
+    """After MuJoCo has closed the display; libraries collect garbage there."""
+    program = (
+        "import atexit, gc\n"
+        "import torch\n"  # registers the end of all finalizers, which must be later
+        "atexit.register(gc.collect)\n"
+        "from bricksrl.robots import TWO_WHEELER\n"
+        "from bricksrl.twin.make_body import make_body\n"
+        "from bricksrl.twin.render.opengl import Renderer\n"
+        "gc.disable()\n"
+        "renderer = Renderer(make_body(TWO_WHEELER), 16, 16)\n"
+        "renderer.itself = renderer\n"
+        "del renderer\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120, check=False)
+    assert (done.returncode, done.stderr) == (0, "")

@@ -12,7 +12,7 @@ from bricksrl.virtual_hub.run import Operation, run_file
 
 HEAD = """from pybricks.hubs import PrimeHub
 from pybricks.parameters import Button, Color, Icon
-from pybricks.tools import StopWatch, hub_menu, wait
+from pybricks.tools import StopWatch, hub_menu, run_task, wait
 hub = PrimeHub()
 s = StopWatch()
 """
@@ -24,6 +24,7 @@ class Watcher:
     def __init__(self) -> None:
         self.lights: list[tuple[int, int | None]] = []
         self.displays: list[tuple[int, int]] = []
+        self.sounds: list[tuple[int, int]] = []
 
     def __call__(self, panel: Panel) -> None:
         panel.on_change = self.look
@@ -34,6 +35,8 @@ class Watcher:
             self.lights.append((panel.clock_ms(), hue))
         if not self.displays or self.displays[-1][1] != sum(panel.display):
             self.displays.append((panel.clock_ms(), sum(panel.display)))
+        if not self.sounds or self.sounds[-1][1] != panel.sound_hz:
+            self.sounds.append((panel.clock_ms(), panel.sound_hz))
 
 
 def run(tmp_path: Path, source: str, *presses: str) -> tuple[str, Watcher]:
@@ -107,3 +110,18 @@ def test_pictures_follow_each_other_until_something_else_is_shown(tmp_path: Path
     assert seen.displays == [(0, 250), (101, 500), (201, 250), (250, 0), (250, 100), (450, 0)]
     _, seen = run(tmp_path, source + "hub.display.on(1)\nwait(200)")
     assert seen.displays == [(0, 250), (101, 500), (201, 250), (250, 25), (450, 0)]
+
+
+def test_a_beep_begins_at_once_and_ends_for_whoever_waits(tmp_path: Path) -> None:
+    source = """
+async def main():
+    await wait(20)
+    beep = hub.speaker.beep(500, 100)
+    await wait(50)
+    await beep
+    hub.speaker.beep(600, 10)
+    await wait(100)
+run_task(main())
+"""
+    _, seen = run(tmp_path, source)
+    assert seen.sounds == [(20, 500), (120, 0), (120, 600), (220, 0)]

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
-from tensordict import TensorDict, TensorDictBase
+from tensordict import TensorDictBase
 from torchrl.envs import EnvBase
 
-from bricksrl.envs.arenas.specs import joined_actions, set_specs, split_by_group
+from bricksrl.envs.arenas.specs import frame, joined_actions, set_specs
 from bricksrl.envs.arenas.task import ArenaState, ArenaTask
 from bricksrl.envs.connection import Reconnect
 from bricksrl.envs.options import PicklableEnv
@@ -147,20 +147,9 @@ class ArenaEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
         self._close_links()
         return out
 
-    def _out(
-        self,
-        lost: torch.Tensor,
-        reward: torch.Tensor | None = None,
-        terminated: torch.Tensor | None = None,
-        truncated: torch.Tensor | None = None,
-    ) -> TensorDictBase:
+    def _out(self, lost: torch.Tensor, *outcome: torch.Tensor) -> TensorDictBase:
         assert self._state is not None  # noqa: S101  callers have checked it
-        per_robot = {"observation": self.task.observe(self._state)}
-        out: dict[str, Any] = {"link_lost": lost}
-        if reward is not None and terminated is not None and truncated is not None:
-            per_robot["reward"] = reward
-            out |= {"terminated": terminated, "truncated": truncated, "done": terminated | truncated}
-        return TensorDict({**out, **split_by_group(self.task, torch.Size(()), **per_robot)}, ())
+        return frame(self.task, self._state, lost, *outcome)
 
     def _wheels(self, reading: Reading) -> np.ndarray[Any, np.dtype[np.float32]]:
         """Angles of the left and the right wheel."""

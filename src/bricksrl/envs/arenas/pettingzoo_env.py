@@ -36,7 +36,8 @@ class ArenaParallelEnv(ParallelEnv):  # type: ignore[misc]
     def __init__(self, env: str | ArenaTask, **named: Any) -> None:
         self._env: ArenaEnv = make_arena(env, **named)
         task = self._env.task
-        self.metadata = {"name": task.id, "is_parallelizable": True}
+        self.metadata = {"name": task.id, "is_parallelizable": True, "render_modes": []}
+        self.render_mode = None
         self.possible_agents = list(task.robots)
         self.agents: list[str] = []
         n = (len(task.entries),)

@@ -9,10 +9,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import torch
-from tensordict import TensorDict, TensorDictBase
+from tensordict import TensorDictBase
 from torchrl.envs import EnvBase
 
-from bricksrl.envs.arenas.specs import joined_actions, set_specs, split_by_group
+from bricksrl.envs.arenas.specs import frame, joined_actions, set_specs
 from bricksrl.envs.arenas.task import ArenaState, ArenaTask
 from bricksrl.envs.options import PicklableEnv
 from bricksrl.errors import DescriptionError
@@ -112,12 +112,6 @@ class ArenaSimulation(PicklableEnv, EnvBase):  # type: ignore[misc]
         truncated = self._step_count >= task.max_steps
         return self._out(task.reward(before, self._state), terminated, truncated)
 
-    def _out(
-        self, reward: Tensor | None = None, terminated: Tensor | None = None, truncated: Tensor | None = None
-    ) -> TensorDictBase:
-        per_robot = {"observation": self.task.observe(self._state)}
-        out: dict[str, Any] = {"link_lost": torch.zeros(*self.batch_size, 1, dtype=torch.bool, device=self.device)}
-        if reward is not None and terminated is not None and truncated is not None:
-            per_robot["reward"] = reward
-            out |= {"terminated": terminated, "truncated": truncated, "done": terminated | truncated}
-        return TensorDict({**out, **split_by_group(self.task, self.batch_size, **per_robot)}, self.batch_size, device=self.device)
+    def _out(self, *outcome: Tensor) -> TensorDictBase:
+        link_lost = torch.zeros(*self.batch_size, 1, dtype=torch.bool, device=self.device)
+        return frame(self.task, self._state, link_lost, *outcome, device=self.device)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import torch
 from tensordict import TensorDict, TensorDictBase
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from torch import Tensor
     from torchrl.envs import EnvBase
 
-    from bricksrl.envs.arenas.task import ArenaTask
+    from bricksrl.envs.arenas.task import ArenaState, ArenaTask
 
 
 def set_specs(env: EnvBase, task: ArenaTask) -> None:
@@ -43,6 +43,15 @@ def set_specs(env: EnvBase, task: ArenaTask) -> None:
     env.reward_spec = Composite(**rewards, shape=batch, device=env.device)
     ends = {name: flag.clone() for name in ("done", "terminated", "truncated")}
     env.done_spec = Composite(**ends, shape=batch, device=env.device)
+
+
+def frame(task: ArenaTask, state: ArenaState, link_lost: Tensor, *outcome: Tensor, device: Any = None) -> TensorDictBase:
+    """Output of a reset or, with the outcome of a step (reward, terminated, truncated), of a step."""
+    batch, per_robot, ends = link_lost.shape[:-1], {"observation": task.observe(state)}, {}
+    if outcome:
+        per_robot["reward"], terminated, truncated = outcome
+        ends = {"terminated": terminated, "truncated": truncated, "done": terminated | truncated}
+    return TensorDict({"link_lost": link_lost, **ends, **split_by_group(task, batch, **per_robot)}, batch, device=device)
 
 
 def split_by_group(task: ArenaTask, batch: torch.Size, **per_robot: Tensor) -> dict[str, TensorDictBase]:

@@ -75,7 +75,7 @@ _DISTANCE = slice(6, 7)
 def shortest_angle_deg(first: Tensor, second: Tensor) -> Tensor:
     """Angle between two directions, in 0..180 degrees."""
     turn = second - first
-    return (turn - 360.0 * (turn / 360.0).round()).abs()
+    return turn.sub((turn / 360.0).round_(), alpha=360.0).abs_()
 
 
 def gait_reward(observation: Tensor) -> Tensor:

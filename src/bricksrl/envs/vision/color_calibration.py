@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 
 from bricksrl.envs.vision.frames import Frame, Place, RedWindow
 from bricksrl.errors import BricksError, CameraError
+from bricksrl.files import write_durably
 from bricksrl.hub.diagnostics.calibration import calibration_folder
 
 _AROUND_RED_DEG = 60.0
@@ -138,10 +138,7 @@ def saved_path(device: int | str, folder: Path | None = None) -> Path:
 def write_red(path: Path, window: RedWindow) -> None:
     """Write a window atomically. Raises CameraError if the file cannot be written."""
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        draft = path.with_name(f"{path.name}.{os.getpid()}")
-        draft.write_text(json.dumps({"red": dataclasses.asdict(window)}, indent=2) + "\n", encoding="utf-8")
-        draft.replace(path)
+        write_durably(path, (json.dumps({"red": dataclasses.asdict(window)}, indent=2) + "\n").encode())
     except OSError as error:
         raise CameraError(f"cannot write the calibration to {path} ({error.strerror}); choose another file") from None
 

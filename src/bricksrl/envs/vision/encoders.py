@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from bricksrl.errors import EncoderError
+from bricksrl.errors import EncoderError, message_of
 
 if TYPE_CHECKING:
     from torchrl.envs import EnvBase
@@ -35,7 +35,7 @@ def encode_images(env: EnvBase, encoder: Literal["vip", "r3m"], *, weights_dir: 
     except ImportError:
         raise EncoderError(f"{encoder} needs torchvision; install it: pip install 'bricksrl[encoders]'") from None
     except (OSError, RuntimeError) as error:  # no connection, no disk space, invalid weights
-        reason = " ".join(str(error).split())[:120]
+        reason = message_of(error, 120)
         message = f"the weights of {encoder} cannot be fetched ({reason}); go online once, or name a weights_dir"
         raise EncoderError(message) from error
     return envs.TransformedEnv(env, encode)

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from bricksrl.errors import BricksError, DescriptionError
+from bricksrl.files import write_durably
 from bricksrl.robots import Direction, Motor, Robot
 
 _OPPOSITE = {Direction.CLOCKWISE: Direction.COUNTERCLOCKWISE, Direction.COUNTERCLOCKWISE: Direction.CLOCKWISE}
@@ -103,10 +104,7 @@ def save_calibration(hub_id: str, robot: Robot, calibration: Calibration, folder
     path = _path(hub_id, robot, folder)
     data = {"hub": hub_id, "zeros_deg": calibration.zeros_deg, "reversed": sorted(calibration.reversed)}
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        draft = path.with_name(f"{path.name}.{os.getpid()}")
-        draft.write_text(json.dumps(data, indent=2) + "\n", encoding="utf-8")
-        draft.replace(path)
+        write_durably(path, (json.dumps(data, indent=2) + "\n").encode())
     except OSError as error:
         raise CalibrationError(f"cannot write the calibration to {path} ({error.strerror}); choose another folder") from None
     return path

@@ -16,6 +16,7 @@ from bricksrl.hub.interface import Interface
 from bricksrl.hub.kinds import Command
 from bricksrl.hub.link.lockstep import HubLink
 from bricksrl.hub.transport import Transport
+from bricksrl.hub.transports.connection import HubIdentity
 from bricksrl.robots import HubKind, Motor, Robot
 
 TEST_MOVE = 30.0
@@ -91,18 +92,16 @@ def _check_with_program(
         yield Finding("program", Outcome.ERROR, str(error))
 
 
-def check_hub(identity: object, robot: Robot) -> Iterator[Finding]:
+def check_hub(identity: HubIdentity | None, robot: Robot) -> Iterator[Finding]:
     """Kind and versions of a connected hub; empty for one without an identity, such as the virtual hub."""
-    kind = getattr(identity, "kind", None)
-    if kind is None:
+    if identity is None:
         return
-    version = ".".join(map(str, getattr(identity, "profile_version", ())))
-    firmware = getattr(identity, "firmware", "unknown")
+    kind, firmware, version = identity.kind, identity.firmware, ".".join(map(str, identity.profile_version))
     if kind is not robot.hub:
         detail = f"it is a {kind.value} hub, '{robot.name}' has a {robot.hub.value} hub; take that one, or describe your robot"
         yield Finding("hub", Outcome.ERROR, detail)
     else:
-        yield Finding("hub", Outcome.OK, f"'{getattr(identity, 'name', '')}', {kind.value}, {getattr(identity, 'address', '')}")
+        yield Finding("hub", Outcome.OK, f"'{identity.name}', {kind.value}, {identity.address}")
     if firmware.partition(".")[0] in ("2", "3"):
         detail = f"Pybricks {firmware}, profile {version}; BricksRL was written for version 4, update it on code.pybricks.com"
         yield Finding("firmware", Outcome.WARNING, detail)

@@ -11,9 +11,10 @@ from typing import BinaryIO, TextIO
 from bricksrl.hub.errors import HubBusyError, ProgramStoppedError
 from bricksrl.hub.program.user_program import check_time_limit
 from bricksrl.hub.protocol import WRITE_BYTES
-from bricksrl.hub.transport import HubProgram, Transport
+from bricksrl.hub.transport import HubProgram, Transport, as_typed
 
 _READ_S = 0.25
+_LONGEST_READ = 1024
 _READ_BESIDE_INPUT_S = 0.02
 _TRACEBACK_HEAD = "Traceback (most recent call last):"
 _LOCATION = "  File "
@@ -27,7 +28,7 @@ def run_program(
     *,
     stdout: BinaryIO,
     stderr: TextIO,
-    stdin: BinaryIO | None = None,
+    stdin: BinaryIO | TextIO | None = None,
     time_limit_s: float | None = None,
 ) -> int:
     """Start a program over a transport, connecting it if necessary, and wait until it ends.
@@ -37,7 +38,7 @@ def run_program(
         program: from :func:`~bricksrl.hub.program.user_program.load_program`.
         stdout: receives the program's output as it comes.
         stderr: receives the traceback, or the message that the program was stopped.
-        stdin: input of the program; read in a thread, and passed on as the hub accepts it.
+        stdin: input of the program, bytes, or text as if it were typed; read in a thread, and passed on as the hub accepts it.
         time_limit_s: seconds after which the program is stopped.
 
     Returns:
@@ -70,17 +71,18 @@ def run_program(
 class _InputReader:
     """Non-blocking standard input, read in a separate thread."""
 
-    def __init__(self, stream: BinaryIO) -> None:
+    def __init__(self, stream: BinaryIO | TextIO) -> None:
         self._stream = stream
         self._pieces: queue.SimpleQueue[bytes] = queue.SimpleQueue()
         self._returned = b""
         threading.Thread(target=self._read, name="standard input", daemon=True).start()
 
     def _read(self) -> None:
-        read = getattr(self._stream, "read1", self._stream.read)
+        read = getattr(self._stream, "read1", self._stream.readline)
         with contextlib.suppress(OSError, ValueError):  # the stream was closed
-            while data := read(WRITE_BYTES):
-                self._pieces.put(data)
+            while data := as_typed(read(_LONGEST_READ)):
+                for start in range(0, len(data), WRITE_BYTES):
+                    self._pieces.put(data[start : start + WRITE_BYTES])
 
     def next(self) -> bytes:
         """Next bytes; ``b""`` while there are none."""

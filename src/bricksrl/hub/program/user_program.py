@@ -18,11 +18,11 @@ _MAX_FOLDERS_ABOVE = 5
 def read_program(path: Path) -> str:
     """Source of a program. Raises ProgramError if the file cannot be read."""
     try:
-        return path.read_text(encoding="utf-8")
+        return path.read_text(encoding="utf-8-sig")
     except OSError as error:
         raise ProgramError(f"cannot read the program '{path}' ({error.strerror}); give the path of a Python file") from error
     except UnicodeDecodeError as error:
-        raise ProgramError(f"the program '{path}' is not a text file ({error.reason}); give the path of a Python file") from error
+        raise ProgramError(f"the program '{path}' is no text in UTF-8 ({error.reason}); save it as UTF-8") from error
 
 
 def check_time_limit(time_limit_s: float | None) -> None:

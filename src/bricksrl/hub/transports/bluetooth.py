@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from bricksrl.errors import HubError, HubTimeoutError
+from bricksrl.errors import HubError, HubTimeoutError, message_of
 from bricksrl.hub.errors import BluetoothUnavailableError, HubNotFoundError, Reason
 from bricksrl.hub.transports.profile import refusal
 
@@ -77,13 +77,13 @@ def bleak_errors(operation: str, default_error: type[HubError]) -> Iterator[None
     except (BleakError, OSError, EOFError) as error:
         if default_error is BluetoothUnavailableError:
             raise no_bluetooth(operation, error) from error
-        raise default_error(f"could not {operation} ({_one_line(error)}); {_HUB_REMEDY}") from error
+        raise default_error(f"could not {operation} ({message_of(error)}); {_HUB_REMEDY}") from error
 
 
 def no_bluetooth(operation: str, error: BaseException) -> BluetoothUnavailableError:
     """Error with the reason found on this computer, or else with bleak's."""
     name = getattr(getattr(error, "reason", None), "name", "")
-    reason, why = bluetooth_problem() or (_REASONS.get(name, Reason.UNKNOWN), f"{_one_line(error)}; {remedy()}")
+    reason, why = bluetooth_problem() or (_REASONS.get(name, Reason.UNKNOWN), f"{message_of(error)}; {remedy()}")
     return BluetoothUnavailableError(f"could not {operation}: {why}", reason)
 
 
@@ -92,7 +92,3 @@ def _text(path: Path) -> str:
         return path.read_text(encoding="ascii").strip()
     except OSError:
         return ""
-
-
-def _one_line(error: BaseException) -> str:
-    return " ".join(str(error).split()) or type(error).__name__

@@ -7,6 +7,8 @@ import logging
 import os
 from pathlib import Path
 
+from bricksrl.files import write_durably
+
 _log = logging.getLogger(__name__)
 
 
@@ -14,7 +16,8 @@ class ProgramRecord:
     """File with the hash of the program on each hub, by address and slot; ``None`` for the file in the user's cache."""
 
     def __init__(self, path: Path | None) -> None:
-        self._path = path or _cache_folder() / "programs.json"
+        cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+        self._path = path or cache / "bricksrl" / "programs.json"
 
     def get(self, address: str) -> int | None:
         """Hash of the program on a hub, if known."""
@@ -25,10 +28,7 @@ class ProgramRecord:
         hashes = self._load()
         hashes[address] = program_hash
         try:
-            self._path.parent.mkdir(parents=True, exist_ok=True)
-            draft = self._path.with_name(f"{self._path.name}.{os.getpid()}")
-            draft.write_text(json.dumps(hashes), encoding="utf-8")
-            draft.replace(self._path)
+            write_durably(self._path, json.dumps(hashes).encode())
         except OSError as error:
             _log.debug("cannot note which program is on the hub: %s", error)
 
@@ -38,7 +38,3 @@ class ProgramRecord:
         except (OSError, ValueError, RecursionError):
             return {}
         return hashes if isinstance(hashes, dict) else {}
-
-
-def _cache_folder() -> Path:
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "bricksrl"

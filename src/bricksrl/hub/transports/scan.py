@@ -61,11 +61,8 @@ _Seen: TypeAlias = "dict[str, tuple[BLEDevice, FoundHub]]"
 def scan(timeout_s: float = 5.0, *, backend: BleBackend | None = None) -> list[FoundHub]:
     """Advertising Pybricks hubs, found within ``timeout_s``, the strongest signal first. Raises BluetoothUnavailableError if
     Bluetooth is not available on this computer."""
-    loop = EventLoopThread("bricksrl-scan")
-    try:
+    with contextlib.closing(EventLoopThread("bricksrl-scan")) as loop:
         return loop.run(_scan(timeout_s, backend), timeout_s + 10.0, "look for hubs")
-    finally:
-        loop.close()
 
 
 async def _scan(timeout_s: float, backend: BleBackend | None) -> list[FoundHub]:

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
+from bricksrl.errors import message_of
 from bricksrl.hub.errors import AmbiguousHubError, HubDisconnectedError, HubNotFoundError, Reason, UsbUnavailableError
 from bricksrl.hub.transports import cobs, profile
 from bricksrl.hub.transports.connection import Port
@@ -229,7 +230,7 @@ def _serial_errors(operation: str) -> Iterator[None]:
     try:
         yield
     except OSError as error:  # serial.SerialException is one
-        why = " ".join(str(error).split())
+        why = message_of(error)
         if error.errno in (errno.EACCES, errno.EPERM):
             remedy = "allow it: on Linux, join the group dialout and log in again"
             raise UsbUnavailableError(f"could not {operation} ({why}); {remedy}", Reason.DENIED) from error

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
 from bricksrl.plans.geometry import AXES, Solid, Triple, bar, cylinder
-from bricksrl.plans.part import Device, Fit, Gear, MassSource, Part, Site
+from bricksrl.plans.part import Device, Fit, MassSource, Part, Site
 
 _FITS = {
     "o": Fit.HOLE,
@@ -72,28 +73,22 @@ def part(
     solids: tuple[Solid, ...] | None = None,
     more: tuple[Solid, ...] = (),
     source: MassSource = MassSource.VOLUME,
-    aliases: tuple[str, ...] = (),
-    turning: tuple[Solid, ...] = (),
-    gears: tuple[Gear, ...] = (),
-    device: Device | None = None,
-    length: int = 0,
-    wheel_mm: float = 0.0,
-    is_loose: bool = False,
+    **properties: Any,
 ) -> Part:
-    """A part; by default its solids are tubes around its sites."""
-    return Part(
-        number,
-        name,
-        family,
-        part_sites,
-        (*(tubes(site for site in part_sites if not site.turns) if solids is None else solids), *more),
-        mass_g,
-        source,
-        aliases,
-        turning,
-        gears,
-        device,
-        length,
-        wheel_mm,
-        is_loose,
-    )
+    """A part, with further fields of `Part` by name; by default its solids are tubes around its sites."""
+    body = tubes(site for site in part_sites if not site.turns) if solids is None else solids
+    return Part(number, name, family, part_sites, (*body, *more), mass_g, source, **properties)
+
+
+def electric_part(
+    number: str,
+    name: str,
+    mass_g: float,
+    device: Device,
+    holes: tuple[Site, ...],
+    solids: tuple[Solid, ...],
+    **properties: Any,
+) -> Part:
+    """A hub, motor or sensor, with further fields of `Part` by name."""
+    family, source = f"{device.kind.value}s", MassSource.ESTIMATE
+    return part(number, name, family, mass_g, holes, solids=solids, source=source, device=device, **properties)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from bricksrl.plans.catalogue.build import part, sites
+from bricksrl.plans.catalogue.build import electric_part, sites
 from bricksrl.plans.geometry import Solid, Triple, box, cylinder
-from bricksrl.plans.part import Device, DeviceKind, MassSource, Part, Site
+from bricksrl.plans.part import Device, DeviceKind, Part, Site
 
 _SPIKE_CABLE_MM = 250.0
 """Motors and sensors of SPIKE Prime; source: LEGO Education's technical sheets."""
-_ESTIMATE = MassSource.ESTIMATE
 _DOWN_Y: Triple = (0.0, -1.0, 0.0)
 
 
@@ -26,8 +25,8 @@ def _hubs() -> list[Part]:
         "| o z20: -40,-50,-100 -40,-30,-100 -40,-10,-100 40,-50,-100 40,-30,-100 40,-10,-100"
         " -40,-50,100 -40,-30,100 -40,-10,100 40,-50,100 40,-30,100 40,-10,100"
     )
-    prime_ports = _ports({"A": (-70, -68, 40), "C": (-70, -68, 0), "E": (-70, -68, -40)})
-    prime_ports += _ports({"B": (70, -68, 40), "D": (70, -68, 0), "F": (70, -68, -40)})
+    prime_ports: dict[str, Triple] = {"A": (-70, -68, 40), "C": (-70, -68, 0), "E": (-70, -68, -40)}
+    prime_ports |= {"B": (70, -68, 40), "D": (70, -68, 0), "F": (70, -68, -40)}
     technic = sites(
         "o x20: -80,0,-60 -80,0,60 80,0,-60 80,0,60"
         "| o y20: -80,0,-80 -80,0,-40 -80,0,40 -80,0,80 80,0,-80 80,0,-40 80,0,40 80,0,80"
@@ -36,27 +35,17 @@ def _hubs() -> list[Part]:
         "+ x20: -50,66,140 50,66,140"
         "| o x20: -50,66,-140 -50,66,-120 -50,66,-100 -50,66,-20 50,66,-140 50,66,-120 50,66,-100 50,66,-20"
     )
-    technic_ports = _ports({"A": (-40, -20, -89), "B": (40, -20, -89), "C": (-40, -20, 89), "D": (40, -20, 89)})
-    move_ports, city_ports = (
-        _ports({"C": (-30, 20, -160), "D": (30, 20, -160)}),
-        _ports({"A": (-20, 26, -80), "B": (20, 26, -80)}),
-    )
-    shell = (box((0, -40, 0), (140, 80, 220)),)
+    technic_ports: dict[str, Triple] = {"A": (-40, -20, -89), "B": (40, -20, -89), "C": (-40, -20, 89), "D": (40, -20, 89)}
+    move_ports: dict[str, Triple] = {"C": (-30, 20, -160), "D": (30, 20, -160)}
+    city_ports: dict[str, Triple] = {"A": (-20, 26, -80), "B": (20, 26, -80)}
+    shell, inventor = box((0, -40, 0), (140, 80, 220)), ("45601p01", "45601p02", "45601c01")
     return [
         _hub("67718", "Prime hub with battery", 230.0, "prime", prime, shell, prime_ports, ("67718p01", "67718c01", "bb1142c01")),
-        _hub(
-            "45601", "Inventor hub with battery", 230.0, "prime", prime, shell, prime_ports, ("45601p01", "45601p02", "45601c01")
-        ),
-        _hub("22127", "Technic hub with batteries", 228.0, "technic", technic, (box((0, 0, 0), (180, 100, 178)),), technic_ports),
-        _hub("26910", "Move hub with batteries", 213.0, "move", move, (box((0, 46, 0), (120, 100, 320)),), move_ports),
-        _hub(
-            "28738", "City hub with batteries", 135.0, "city", (), (box((0, 46, 0), (80, 100, 160)),), city_ports, is_loose=True
-        ),
+        _hub("45601", "Inventor hub with battery", 230.0, "prime", prime, shell, prime_ports, inventor),
+        _hub("22127", "Technic hub with batteries", 228.0, "technic", technic, box((0, 0, 0), (180, 100, 178)), technic_ports),
+        _hub("26910", "Move hub with batteries", 213.0, "move", move, box((0, 46, 0), (120, 100, 320)), move_ports),
+        _hub("28738", "City hub with batteries", 135.0, "city", (), box((0, 46, 0), (80, 100, 160)), city_ports),
     ]
-
-
-def _ports(positions: dict[str, tuple[float, float, float]]) -> tuple[tuple[str, Triple], ...]:
-    return tuple(positions.items())
 
 
 def _hub(
@@ -65,16 +54,13 @@ def _hub(
     mass_g: float,
     kind: str,
     holes: tuple[Site, ...],
-    solids: tuple[Solid, ...],
-    ports: tuple[tuple[str, Triple], ...],
+    case: Solid,
+    ports: dict[str, Triple],
     aliases: tuple[str, ...] = (),
-    *,
-    is_loose: bool = False,
 ) -> Part:
-    device = Device(DeviceKind.HUB, kind, solids[0].centre, ports=ports)
-    return part(
-        number, name, "hubs", mass_g, holes, solids=solids, device=device, aliases=aliases, source=_ESTIMATE, is_loose=is_loose
-    )
+    """A hub; one without holes sits on studs, which are not modelled, so it counts as connected."""
+    device = Device(DeviceKind.HUB, kind, case.centre, ports=tuple(ports.items()))
+    return electric_part(number, name, mass_g, device, holes, (case,), aliases=aliases, is_loose=not holes)
 
 
 def _angular_motors() -> list[Part]:
@@ -98,41 +84,17 @@ def _angular_motors() -> list[Part]:
     small = sites(
         f"o x20:{sides} | o y20: -20,-20,60 20,-20,60 -20,20,60 20,20,60 -20,20,0 20,20,0 0,20,-20 | o z20: -20,0,60 20,0,60"
     )
-    medium_case, large_case = (box((0, 0, 60.5), (60, 60, 179)),), (box((0, 0, 60), (100, 60, 180)),)
+    medium_case, large_case = box((0, 0, 60.5), (60, 60, 179)), box((0, 0, 60), (100, 60, 180))
+    small_case = box((0, 0, 20.5), (60, 60, 99))
+    medium_names, large_names = ("54696", "54696p01", "54696p01c01", "54696p02c01", "54696c01"), ("54675c01", "69730", "69730c01")
+    rows = [
+        ("54696p02", "Medium angular motor", 60.0, "spike-medium", (*medium, *disc, *back), medium_case, 150.0, medium_names),
+        ("54675", "Large angular motor", 95.0, "spike-large", (*large, *disc, *back), large_case, 150.0, large_names),
+        ("68488", "Small angular motor", 33.0, "spike-small", (*small, *disc), small_case, 70.0, ("68488c01",)),
+    ]
     return [
-        _motor(
-            "54696p02",
-            "Medium angular motor",
-            60.0,
-            "spike-medium",
-            (*medium, *disc, *back),
-            medium_case,
-            turning,
-            150.0,
-            ("54696", "54696p01", "54696p01c01", "54696p02c01", "54696c01"),
-        ),
-        _motor(
-            "54675",
-            "Large angular motor",
-            95.0,
-            "spike-large",
-            (*large, *disc, *back),
-            large_case,
-            turning,
-            150.0,
-            ("54675c01", "69730", "69730c01"),
-        ),
-        _motor(
-            "68488",
-            "Small angular motor",
-            33.0,
-            "spike-small",
-            (*small, *disc),
-            (box((0, 0, 20.5), (60, 60, 99)),),
-            turning,
-            70.0,
-            ("68488c01",),
-        ),
+        _motor(number, name, mass, kind, holes, (case,), turning, rear, aliases)
+        for number, name, mass, kind, holes, case, rear, aliases in rows
     ]
 
 
@@ -149,9 +111,7 @@ def _motor(
     shaft: Triple = _DOWN_Y,
 ) -> Part:
     device = Device(DeviceKind.MOTOR, kind, (0.0, 0.0, rear), _SPIKE_CABLE_MM, shaft=shaft)
-    return part(
-        number, name, "motors", mass_g, holes, solids=solids, turning=turning, device=device, aliases=aliases, source=_ESTIMATE
-    )
+    return electric_part(number, name, mass_g, device, holes, solids, turning=turning, aliases=aliases)
 
 
 def _other_motors() -> list[Part]:
@@ -207,15 +167,4 @@ def _sensor(
 ) -> Part:
     """A sensor; those of WeDo and Boost sit on studs, which are not modelled, so they count as connected."""
     device = Device(DeviceKind.SENSOR, kind, (0.0, 0.0, 10.0), _SPIKE_CABLE_MM, looks=looks)
-    return part(
-        number,
-        name,
-        "sensors",
-        mass_g,
-        holes,
-        solids=solids,
-        device=device,
-        aliases=(f"{number}c01",),
-        source=_ESTIMATE,
-        is_loose=not holes,
-    )
+    return electric_part(number, name, mass_g, device, holes, solids, aliases=(f"{number}c01",), is_loose=not holes)

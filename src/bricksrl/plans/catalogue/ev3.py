@@ -5,9 +5,9 @@ No hub of ``bricksrl.robots`` supports them: their plans are checked, listed and
 
 from __future__ import annotations
 
-from bricksrl.plans.catalogue.build import part, sites
+from bricksrl.plans.catalogue.build import electric_part, sites
 from bricksrl.plans.geometry import Solid, Triple, box, cylinder
-from bricksrl.plans.part import Device, DeviceKind, MassSource, Part, Site
+from bricksrl.plans.part import Device, DeviceKind, Part, Site
 
 _CABLE_MM = 500.0
 """Longest of its cables."""
@@ -21,12 +21,7 @@ def ev3() -> list[Part]:
 def _device(
     number: str, name: str, mass_g: float, device: Device, holes: tuple[Site, ...], solids: tuple[Solid, ...], *turning: Solid
 ) -> Part:
-    family = f"{device.kind.value}s"
-    aliases = (f"{number}c01",)
-    source = MassSource.ESTIMATE
-    return part(
-        number, name, family, mass_g, holes, solids=solids, device=device, turning=turning, aliases=aliases, source=source
-    )
+    return electric_part(number, name, mass_g, device, holes, solids, turning=turning, aliases=(f"{number}c01",))
 
 
 def _brick() -> Part:

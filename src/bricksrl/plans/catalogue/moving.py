@@ -184,43 +184,20 @@ def _wheels() -> list[Part]:
     ]
     cross = " ".join(f"{x},0,0 0,{x},0" for x in (-80, -60, -40, -20, 20, 40, 60, 80))
     corners = " ".join(f"{x},{y},0" for x in (-60, -40, 40, 60) for y in (-60, -40, 40, 60) if abs(x) + abs(y) > 80)
+    wheel_88 = sites(f"+ z20: 0,0,0 | o z20: {cross} {corners}")
+    tyre_88 = (ring(_CENTRE, _Z, 35.0, 109.8, 95.0), cylinder(_CENTRE, _Z, 20.0, 96.0))
+    tyre_43 = (ring(_CENTRE, _Z, 54.0, 54.0, 37.0), cylinder(_CENTRE, _Z, 50.0, 38.0))
+    rim_63 = sites(f"+ z20: 0,0,0 | o z20: {holes}")
+    tyre_63 = (ring((0.0, 0.0, -9.5), _Z, 50.0, 78.3, 54.0), cylinder(_CENTRE, _Z, 26.0, 55.0))
+    tyred = [
+        ("39367p02", "Wheel 56 x 14 with tyre", 13.187, motor_wheel, tyre, 56.0, ("39367p01", "39367", "39367pb01", "39367pb02")),
+        ("49295p02", "Wheel 88 x 14 with tyre", 27.1, wheel_88, tyre_88, 87.8, ("49295p01", "49295", "49295c01")),
+        ("56145c01", "Rim 30 x 20 with tyre 43", 10.261, sites("+ z20: 0,0,-10"), tyre_43, 43.2, ("bl_56145c01",)),
+        ("86652c01", "Rim 18 x 37 with tyre 63", 26.7, rim_63, tyre_63, 62.6, ("32020c01",)),
+    ]
     with_tyres = [
-        _tyred(
-            "39367p02",
-            "Wheel 56 x 14 with tyre",
-            13.187,
-            motor_wheel,
-            tyre,
-            56.0,
-            ("39367p01", "39367", "39367pb01", "39367pb02"),
-        ),
-        _tyred(
-            "49295p02",
-            "Wheel 88 x 14 with tyre",
-            27.1,
-            sites(f"+ z20: 0,0,0 | o z20: {cross} {corners}"),
-            (ring(_CENTRE, _Z, 35.0, 109.8, 95.0), cylinder(_CENTRE, _Z, 20.0, 96.0)),
-            87.8,
-            ("49295p01", "49295", "49295c01"),
-        ),
-        _tyred(
-            "56145c01",
-            "Rim 30 x 20 with tyre 43",
-            10.261,
-            sites("+ z20: 0,0,-10"),
-            (ring(_CENTRE, _Z, 54.0, 54.0, 37.0), cylinder(_CENTRE, _Z, 50.0, 38.0)),
-            43.2,
-            ("bl_56145c01",),
-        ),
-        _tyred(
-            "86652c01",
-            "Rim 18 x 37 with tyre 63",
-            26.7,
-            sites(f"+ z20: 0,0,0 | o z20: {holes}"),
-            (ring((0.0, 0.0, -9.5), _Z, 50.0, 78.3, 54.0), cylinder(_CENTRE, _Z, 26.0, 55.0)),
-            62.6,
-            ("32020c01",),
-        ),
+        part(number, name, "wheels", mass, part_sites, solids=solids, wheel_mm=wheel_mm, aliases=aliases)
+        for number, name, mass, part_sites, solids, wheel_mm, aliases in tyred
     ]
     disc = (cylinder((0.0, 5.0, 0.0), "y", 10.0, 30.0),)
     flat = part("2723", "Disc 3 x 3", "wheels", 0.765, sites("+ y10: 0,5,0"), solids=disc, aliases=("2958", "52901", "4218868"))
@@ -261,19 +238,6 @@ def _wheels() -> list[Part]:
         )
     ]
     return [*with_tyres, *parts, flat, knobs, *tyres]
-
-
-def _tyred(
-    number: str,
-    name: str,
-    mass_g: float,
-    part_sites: tuple[Site, ...],
-    solids: tuple[Solid, ...],
-    wheel_mm: float,
-    aliases: tuple[str, ...],
-) -> Part:
-    """A wheel with its tyre."""
-    return part(number, name, "wheels", mass_g, part_sites, solids=solids, aliases=aliases, wheel_mm=wheel_mm)
 
 
 def _tyre(number: str, name: str, wheel_mm: float, width: float, mass_g: float) -> Part:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bricksrl.plans.geometry import Floats
-from bricksrl.plans.mechanism.kinematics import Hinge, Link, Mechanism, Mounted, Wheel
+from bricksrl.plans.mechanism.kinematics import Hinge, Link, Mechanism, Mounted, Wheel, merged
 from bricksrl.plans.mechanism.trains import Train, is_balanced, is_coaxial
 
 _BALANCED_KG_M = 1.2e-5
@@ -108,6 +108,12 @@ class Articulation:
     def mass_kg(self) -> float:
         """Total mass."""
         return sum(body.mass_kg for body in self.bodies)
+
+    @property
+    def joints(self) -> list[Joint]:
+        """All joints of the tree, parents first."""
+        joints = [*(drive.joint for drive in self.drives), *(geared.joint for geared in self.geared), *self.swings]
+        return sorted(joints, key=lambda joint: joint.child)
 
 
 def articulation(mechanism: Mechanism, trains: tuple[Train, ...]) -> Articulation:
@@ -292,14 +298,3 @@ def _rod(link: Link, first: Hinge, second: Hinge, number: int, body_of: dict[int
     near, far = (hinge.parent if hinge.child == number else hinge.child for hinge in (first, second))
     shift = 0.0 if first.is_ball else float((second.point_m - first.point_m) @ first.axis)
     return Rod(body_of[near], first.point_m, body_of[far], second.point_m - shift * first.axis, link.parts)
-
-
-def merged(links: list[Link]) -> Link:
-    """Links merged into one rigid body."""
-    mass = sum(link.mass_kg for link in links)
-    centre = np.asarray(sum(link.mass_kg * link.centre_m for link in links) / mass)
-    inertia = np.zeros((3, 3))
-    for link in links:
-        offset = link.centre_m - centre
-        inertia += link.inertia + link.mass_kg * (float(offset @ offset) * np.eye(3) - np.outer(offset, offset))
-    return Link(tuple(part for link in links for part in link.parts), mass, centre, inertia)

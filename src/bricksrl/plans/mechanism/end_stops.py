@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from bricksrl.plans.contact import Occupancy
-from bricksrl.plans.geometry import Floats, rotation
+from bricksrl.plans.geometry import M_PER_LDU, Floats, rotation
 from bricksrl.plans.mechanism.articulation import Articulation, Drive
 from bricksrl.plans.mechanism.kinematics import TO_TWIN
 from bricksrl.plans.plan import Placed
@@ -17,7 +17,6 @@ from bricksrl.plans.planned_robot import PlannedRobot
 
 _STEP_DEG, _FINE_DEG = 5.0, 0.5
 """Steps of the search, degrees of the driven part: coarse and fine."""
-_LDU_M = 0.4 / 1000
 
 
 @functools.lru_cache(maxsize=64)
@@ -45,7 +44,8 @@ class _Sweep:
         motor = planned.device(drive.port)
         number = None if motor is None else motor.index
         self._parts = tuple(_case(part) if part.index == number else part for part in planned.plan.parts)
-        self._axis, self._point = _in_plan(drive)
+        # In the plan's frame, LDU.
+        self._axis, self._point = TO_TWIN.T @ drive.joint.axis, TO_TWIN.T @ drive.joint.point_m / M_PER_LDU
         self._moved = {part for body in _carried(articulation, drive.joint.child) for part in articulation.bodies[body].parts}
         self._others = np.ones(len(self._parts), dtype=bool)
         self._others[list(self._moved)] = False
@@ -89,17 +89,10 @@ def _case(motor: Placed) -> Placed:
     return replace(motor, part=replace(motor.part, turning=(), sites=sites))
 
 
-def _in_plan(drive: Drive) -> tuple[Floats, Floats]:
-    """Axis and point of a drive in the plan's frame, LDU."""
-    return TO_TWIN.T @ drive.joint.axis, TO_TWIN.T @ drive.joint.point_m / _LDU_M
-
-
 def _carried(articulation: Articulation, body: int) -> set[int]:
     """A body and all its descendants."""
-    driven = [drive.joint for drive in articulation.drives] + [geared.joint for geared in articulation.geared]
-    joints = [*driven, *articulation.swings]
     carried = {body}
-    for joint in sorted(joints, key=lambda joint: joint.child):
+    for joint in articulation.joints:
         if joint.parent in carried:
             carried.add(joint.child)
     return carried

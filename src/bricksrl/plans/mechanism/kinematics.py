@@ -12,13 +12,12 @@ import numpy as np
 
 from bricksrl.errors import PlanError
 from bricksrl.plans.bodies import MAX_BODIES, Bodies, Joint
-from bricksrl.plans.geometry import MM_PER_LDU, Floats
+from bricksrl.plans.geometry import M_PER_LDU, Floats
 from bricksrl.plans.part import DeviceKind, GearForm, Part
 from bricksrl.plans.plan import Placed, Plan
 
 TO_TWIN = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """Rotation from a plan's frame to the twin's."""
-_METRES = MM_PER_LDU / 1000
 _SPACING = 2.5
 """LDU: minimum spacing of the points that carry a part's mass."""
 _MAX_POINTS = 30_000
@@ -215,7 +214,7 @@ def _rate(joint: Joint, parent: int, child: int, motions: Floats) -> Floats:
 
 
 def _point_m(point: Floats) -> Floats:
-    return np.asarray(TO_TWIN @ point * _METRES)
+    return np.asarray(TO_TWIN @ point * M_PER_LDU)
 
 
 def _mounted(plan: Plan, link_of: dict[int, int]) -> tuple[Mounted, ...]:
@@ -243,21 +242,26 @@ def _bare_shaft(plan: Plan, motor: int) -> Link:
 
 
 def _link(plan: Plan, parts: tuple[int, ...]) -> Link:
-    pieces = [_mass_of(plan.parts[part]) for part in parts]
-    mass = sum(piece[0] for piece in pieces)
-    centre = np.asarray(sum(piece[0] * piece[1] for piece in pieces) / mass)
+    return merged([_part_link(plan.parts[part]) for part in parts])
+
+
+def merged(links: list[Link]) -> Link:
+    """Links merged into one rigid body."""
+    mass = sum(link.mass_kg for link in links)
+    centre = np.asarray(sum(link.mass_kg * link.centre_m for link in links) / mass)
     inertia = np.zeros((3, 3))
-    for piece_mass, piece_centre, piece_inertia in pieces:
-        inertia += piece_inertia + _parallel_axis(piece_mass, piece_centre - centre)
-    return Link(parts, mass, centre, inertia)
+    for link in links:
+        offset = link.centre_m - centre
+        inertia += link.inertia + link.mass_kg * (float(offset @ offset) * np.eye(3) - np.outer(offset, offset))
+    return Link(tuple(part for link in links for part in link.parts), mass, centre, inertia)
 
 
-def _mass_of(placed: Placed) -> tuple[float, Floats, Floats]:
-    """Mass, centre and inertia of a part of uniform density."""
+def _part_link(placed: Placed) -> Link:
+    """A part of uniform density."""
     mass = placed.part.mass_g / 1000
     centre, inertia = _unit_inertia(placed.part)
     turn = TO_TWIN @ placed.rotation
-    return mass, _point_m(placed.to_plan(centre[None, :])[0]), mass * turn @ inertia @ turn.T
+    return Link((placed.index,), mass, _point_m(placed.to_plan(centre[None, :])[0]), mass * turn @ inertia @ turn.T)
 
 
 @functools.lru_cache(maxsize=512)
@@ -271,11 +275,7 @@ def _unit_inertia(part: Part) -> tuple[Floats, Floats]:
     points = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 3)
     points = points[part.contains(points, 0.0)]
     centre = points.mean(axis=0)
-    offset = (points - centre) * _METRES
+    offset = (points - centre) * M_PER_LDU
     # Each point is a small box with an inertia of its own.
-    squares = offset.T @ offset / len(points) + np.diag((cell * _METRES) ** 2 / 12)
+    squares = offset.T @ offset / len(points) + np.diag((cell * M_PER_LDU) ** 2 / 12)
     return centre, np.asarray(np.trace(squares) * np.eye(3) - squares)
-
-
-def _parallel_axis(mass: float, offset: Floats) -> Floats:
-    return np.asarray(mass * (float(offset @ offset) * np.eye(3) - np.outer(offset, offset)))

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bricksrl.errors import CheckpointError, RunError
+from bricksrl.errors import CheckpointError, RunError, message_of
 from bricksrl.seed import check_seed, derive_seed
 
 if TYPE_CHECKING:
@@ -85,7 +85,7 @@ def load_team(path: Path, scripts: Mapping[str, str] | None = None) -> Team:
         for group, learner in team.learners.items():
             learner.load_state_dict(state["groups"][group])
     except (KeyError, TypeError, RuntimeError) as error:
-        raise CheckpointError(f"{path} has no team ({' '.join(str(error).split())}); train one") from None
+        raise CheckpointError(f"{path} has no team ({message_of(error)}); train one") from None
     return team
 
 

@@ -12,12 +12,12 @@ from dataclasses import dataclass
 import mujoco
 
 from bricksrl.errors import TwinError
+from bricksrl.plans.geometry import Triple
 from bricksrl.plans.part import DeviceKind
 from bricksrl.robots import DriveBase, HubKind, Motor, MotorKind, Robot
 from bricksrl.twin.models import lego
 from bricksrl.twin.models.meshes import X_AXIS, Y_AXIS, Z_AXIS, Part, box, cylinder, draw
 from bricksrl.twin.models.mjcf import (
-    Triple,
     add_box,
     add_camera,
     add_caster,
@@ -73,7 +73,7 @@ def driving_robot(robot: Robot, scene: Scene) -> mujoco.MjSpec:
         _add_wheel(spec, chassis, motor, side, frame)
     for motor in robot.motors:
         if motor not in wheels:
-            _add_idle_motor(spec, chassis, motor)
+            add_rotor(spec, chassis, motor, (0.0, 0.0, 0.08), gear=motor.shaft_turns)  # without load
     lego.add_colours(spec)
     sensors = [mount_sensor(spec, chassis, sensor, axle_m) for sensor in robot.sensors]
     draw(spec, chassis, [*_parts(robot, frame), *sensors])
@@ -117,50 +117,32 @@ def _motor_y(frame: _Frame) -> float:
 
 def _add_masses(chassis: mujoco.MjsBody, robot: Robot, frame: _Frame) -> None:
     """Add the masses of hub, motors, frame, ballast and caster."""
-    _add_case(chassis, frame.hub, frame.hub_size, _hub_case(robot.hub)[1])
+    add_box(chassis, frame.hub, frame.hub_size, _hub_case(robot.hub)[1] / 1000)
     base = robot.drive_base
     for motor in robot.motors:
         size, mass_g = _motor_case(motor.kind)
         if base is not None and motor.name in (base.left, base.right):
             side = 1.0 if motor.name == base.left else -1.0
             centre = (12.0 - size[0] / 2, side * _motor_y(frame), frame.motor_height)
-            _add_case(chassis, centre, (size[0], size[2], size[1]), mass_g)
+            add_box(chassis, centre, (size[0], size[2], size[1]), mass_g / 1000)
         else:
-            _add_case(chassis, (frame.hub[0], 0.0, frame.hub[2] + 30.0), (size[0], size[2], size[1]), mass_g)
+            add_box(chassis, (frame.hub[0], 0.0, frame.hub[2] + 30.0), (size[0], size[2], size[1]), mass_g / 1000)
     frame_z = frame.motor_height + frame.motor_size[1] / 2 + 4.0
-    add_box(
-        chassis, (frame.hub[0] / 1000, 0.0, frame_z / 1000), (0.044, 0.024, 0.004), _FRAME_KG + robot.chassis.ballast_g / 1000
-    )
+    add_box(chassis, (frame.hub[0], 0.0, frame_z), (88.0, 48.0, 8.0), _FRAME_KG + robot.chassis.ballast_g / 1000)
     x, y = robot.chassis.caster_mm
     centre = (x / 1000, y / 1000, (_CASTER_RADIUS_MM - frame.axle) / 1000)
     add_caster(chassis, centre, _CASTER_RADIUS_MM / 1000, _CASTER_KG)
 
 
-def _add_case(chassis: mujoco.MjsBody, centre_mm: Triple, size_mm: Triple, mass_g: float) -> None:
-    (x, y, z), (length, width, height) = centre_mm, size_mm
-    add_box(chassis, (x / 1000, y / 1000, z / 1000), (length / 2000, width / 2000, height / 2000), mass_g / 1000)
-
-
-def _gear(motor: Motor, ahead: float = 1.0) -> float:
-    """Clockwise turns of the motor's shaft per turn of the joint."""
-    ratio = motor.gears[-1] / motor.gears[0] if motor.gears else 1.0
-    return ratio * motor.direction.value * ahead
-
-
 def _add_wheel(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, motor: Motor, side: float, frame: _Frame) -> None:
     """Add a motor's geared output and the wheel on it with backlash; a positive turn of both drives forward."""
-    rotor = add_rotor(spec, chassis, motor, (0.0, side * frame.half_track / 1000, 0.0), gear=_gear(motor))
+    rotor = add_rotor(spec, chassis, motor, (0.0, side * frame.half_track / 1000, 0.0), gear=motor.shaft_turns)
     mass_kg = _WHEEL_KG * (2 * frame.axle / _WHEEL_MM) ** 2
     wheel = add_driven(rotor, f"wheel_{motor.port}", motor.port, (0.0, 1.0, 0.0))
     add_tyre(wheel, motor.port, frame.axle / 1000, _TYRE_WIDTH_MM / 2000, mass_kg)
     length = frame.half_track - _motor_y(frame)
     draw(spec, rotor, [lego.axle(max(length, 16.0)).at(0, -side * length / 2, 0)])
     draw(spec, wheel, [lego.wheel(2 * frame.axle)])
-
-
-def _add_idle_motor(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, motor: Motor) -> None:
-    """Add a motor that drives no wheel, without load."""
-    add_rotor(spec, chassis, motor, (0.0, 0.0, 0.08), gear=_gear(motor))
 
 
 def _parts(robot: Robot, frame: _Frame) -> list[Part]:

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 import mujoco
 
+from bricksrl.plans.geometry import Triple
 from bricksrl.twin.models.looks import from_library
 from bricksrl.twin.models.meshes import (
     X_AXIS,
@@ -17,7 +18,6 @@ from bricksrl.twin.models.meshes import (
     Z_AXIS,
     Part,
     Shape,
-    Triple,
     block,
     box,
     cylinder,

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bricksrl.errors import TwinError
+from bricksrl.plans.geometry import MM_PER_LDU, Floats
 from bricksrl.twin import ldraw
-from bricksrl.twin.models.meshes import Floats, Part, Shape, merge
+from bricksrl.twin.models.meshes import Part, Shape, colour_name
 
 _log = logging.getLogger(__name__)
 _SHARP = np.cos(np.radians(38.0))
@@ -74,18 +75,27 @@ def from_library(kind: str, colour: str, fallback: Part) -> Part:
 @functools.lru_cache(maxsize=64)
 def _shapes(root: Path, name: str, axes: tuple[int, int, int]) -> tuple[tuple[str, Shape], ...]:
     """Shapes of a library part in mm and our axes, by colour name ("" for the main colour)."""
-    library = ldraw.library(root)
+    shapes = library_shapes(root, name, signed_axes(axes) * MM_PER_LDU)
+    if not shapes:
+        raise TwinError(f"'{name}' of the LDraw library in {root} has no surface; reinstall the library")
+    return shapes
+
+
+def signed_axes(axes: tuple[int, int, int]) -> Floats:
+    """Matrix [3, 3] that turns another frame's points into ours, from the signed axes there that are our x, y and z."""
     turn = np.zeros((3, 3))
     for row, axis in enumerate(axes):
         turn[row, abs(axis) - 1] = np.sign(axis)
-    by_colour: dict[str, list[Shape]] = {}
-    for code, triangles in library.part(name).items():
-        colour = "" if code == ldraw.MAIN_COLOUR else "#" + "".join(f"{round(value * 255):02x}" for value in library.rgba(code))
-        if (shape := shape_of(triangles @ turn.T * ldraw.MM_PER_UNIT)) is not None:
-            by_colour.setdefault(colour, []).append(shape)
-    if not by_colour:
-        raise TwinError(f"'{name}' of the LDraw library in {root} has no surface; reinstall the library")
-    return tuple((colour, merge(shapes)) for colour, shapes in by_colour.items())
+    return turn
+
+
+def library_shapes(root: Path, name: str, turn: Floats) -> tuple[tuple[str, Shape], ...]:
+    """Shapes of a part in an LDraw library, turned by a matrix [3, 3], by colour name ("" for the main colour). Raises TwinError
+    if the library does not have the part."""
+    library = ldraw.library(root)
+    shapes = {code: shape_of(triangles @ turn.T) for code, triangles in library.part(name).items()}
+    names = {code: "" if code == ldraw.MAIN_COLOUR else colour_name(library.rgba(code)) for code in shapes}
+    return tuple((names[code], shape) for code, shape in shapes.items() if shape is not None)
 
 
 def shape_of(triangles: Floats) -> Shape | None:

@@ -8,18 +8,15 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from bricksrl.plans.geometry import circle_sides, rotation
+from bricksrl.plans.geometry import Floats, Triple, circle_sides, rotation
 from bricksrl.twin.models.mjcf import LOOKS_GROUP
-
-Floats = NDArray[np.float64]
-Triple = tuple[float, float, float]
 
 _CHORD_ERROR_MM = 0.12
 """Less than a pixel of the cameras, which are half a metre away."""
@@ -201,6 +198,11 @@ class Part:
     def turned(self, axis: Triple, angle_deg: float) -> Part:
         """The part, rotated about an axis through the origin."""
         return Part(tuple((colour, shape.turned(axis, angle_deg)) for colour, shape in self.shapes))
+
+
+def colour_name(rgba: Iterable[float]) -> str:
+    """Name ``"#rrggbbaa"`` of a colour, from red, green, blue and opacity in 0..1; opaque by default."""
+    return f"#{''.join(f'{round(255 * value):02x}' for value in rgba):f<8}"
 
 
 def draw(spec: mujoco.MjSpec, body: mujoco.MjsBody, parts: Sequence[Part]) -> None:

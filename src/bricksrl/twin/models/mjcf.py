@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +16,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from bricksrl.plans.geometry import Floats, Triple
 from bricksrl.robots import Motor, MotorKind
 from bricksrl.twin.objects import Block, Field, Lamp, Line, Object, Ramp
 from bricksrl.twin.scene import Scene
@@ -29,7 +31,6 @@ WEBCAM_HEIGHT_M = 0.68
 BALL_RADIUS_M, _BALL_KG = 0.024, 0.006
 _WALL_HALF_SIZE = (0.012, 1.5, 0.096)
 _BRICK = (0.78, 0.16, 0.12)
-Triple = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -106,17 +107,6 @@ def add_motor(
     joint.solimp_friction = [0.999, 0.999, 0.001, 0.5, 2.0]
 
 
-def add_box(body: mujoco.MjsBody, centre: Triple, half_size: Triple, mass_kg: float, *, collides: bool = True) -> None:
-    """Add an invisible box with mass; metres."""
-    body.add_geom(
-        type=mujoco.mjtGeom.mjGEOM_BOX,
-        pos=list(centre),
-        size=list(half_size),
-        mass=mass_kg,
-        **{**COLLIDING, "contype": int(collides)},
-    )
-
-
 STIFF = [0.006, 1.0]
 """``solref`` of a hard contact: its time constant (s; 20 ms, MuJoCo's default, lets a robot sink in) and damping ratio."""
 COLLIDING: dict[str, Any] = {"group": SHAPE_GROUP, "contype": 1, "conaffinity": 0}
@@ -125,6 +115,26 @@ OBSTACLE: dict[str, Any] = {"group": OBSTACLE_GROUP, "contype": 0, "conaffinity"
 """Attributes of fixed obstacles."""
 LOOKS: dict[str, Any] = {"group": LOOKS_GROUP, "contype": 0, "conaffinity": 0}
 """Attributes of visual shapes."""
+
+
+def add_box(
+    body: mujoco.MjsBody,
+    middle_mm: Triple | Floats,
+    size_mm: Triple,
+    mass_kg: float,
+    *,
+    turn: Sequence[float] = (1.0, 0.0, 0.0, 0.0),
+    collides: bool = True,
+) -> None:
+    """Add an invisible box with mass; ``turn`` is its quaternion."""
+    body.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        pos=[float(value) / 1000 for value in middle_mm],
+        size=[side / 2000 for side in size_mm],
+        quat=list(turn),
+        mass=mass_kg,
+        **{**COLLIDING, "contype": int(collides)},
+    )
 
 
 def contact_attributes(friction: float, mass_kg: float = 0.0) -> dict[str, Any]:
@@ -282,6 +292,11 @@ def add_ball(body: mujoco.MjsBody, at_m: Triple) -> None:
     """Add the red ball that a gripper holds."""
     shape, size = mujoco.mjtGeom.mjGEOM_SPHERE, [BALL_RADIUS_M, 0, 0]
     body.add_geom(name="ball", type=shape, pos=list(at_m), size=size, mass=_BALL_KG, material="red", **LOOKS)
+
+
+def yaw_quaternion(angle: float) -> list[float]:
+    """Quaternion of a rotation about the vertical, counter-clockwise seen from above, in radians."""
+    return [math.cos(angle / 2), 0.0, 0.0, math.sin(angle / 2)]
 
 
 def add_light(body: mujoco.MjsBody) -> None:

@@ -16,8 +16,8 @@ from pathlib import Path
 
 import mujoco
 
-from bricksrl.errors import TwinError
-from bricksrl.robots import Motor, Robot, SensorKind, UltrasonicSensor
+from bricksrl.errors import TwinError, message_of
+from bricksrl.robots import Robot, SensorKind, UltrasonicSensor
 from bricksrl.twin.models.mjcf import LOOKS_GROUP, OBSTACLE_GROUP, add_camera, add_light, add_motor, add_surroundings, set_options
 from bricksrl.twin.models.mounts import add_hub_site, add_touch, hub_axes
 from bricksrl.twin.scene import Scene
@@ -33,7 +33,7 @@ def from_file(path: Path, robot: Robot, scene: Scene) -> mujoco.MjSpec:
     try:
         spec = mujoco.MjSpec.from_file(str(path))
     except ValueError as error:
-        raise TwinError(f"{path} is not an MJCF file ({' '.join(str(error).split())}); correct it") from error
+        raise TwinError(f"{path} is not an MJCF file ({message_of(error)}); correct it") from error
     set_options(spec)
     base = spec.worldbody.first_body()
     if base is None:
@@ -44,7 +44,7 @@ def from_file(path: Path, robot: Robot, scene: Scene) -> mujoco.MjSpec:
     for motor in robot.motors:
         joint = _named(spec.joints, motor.name, "hinge", path, robot)
         joint.name = f"motor_{motor.port}"
-        add_motor(spec, joint, motor.port, motor.kind, gear=_gear(motor))
+        add_motor(spec, joint, motor.port, motor.kind, gear=motor.shaft_turns)
     for sensor in robot.sensors:
         site = _named(spec.sites, sensor.name, "site", path, robot)
         if site.parent.name != base.name:
@@ -63,12 +63,6 @@ def from_file(path: Path, robot: Robot, scene: Scene) -> mujoco.MjSpec:
     add_light(base)
     add_camera(base, "chase", (0.0, 0.0, 0.0), (-0.62, -0.62, 0.55), _CHASE_DISTANCE_M)
     return spec
-
-
-def _gear(motor: Motor) -> float:
-    """Clockwise turns of the motor's shaft per turn of its joint."""
-    ratio = motor.gears[-1] / motor.gears[0] if motor.gears else 1.0
-    return ratio * motor.direction.value
 
 
 def _named(elements: list[mujoco.MjsElement], name: str, kind: str, path: Path, robot: Robot) -> mujoco.MjsElement:

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import functools
-from typing import Any
 
 import mujoco
 import numpy as np
 
 from bricksrl.plans import catalogue
+from bricksrl.plans.geometry import MM_PER_LDU, Floats, Triple
 from bricksrl.plans.part import DeviceKind
 from bricksrl.robots import Mount, PoweredUpSensor, Sensor, SensorKind
 from bricksrl.robots.spec import LOOKS
 from bricksrl.twin.models import lego
 from bricksrl.twin.models.meshes import X_AXIS, Z_AXIS, Part, box, cylinder, ring
-from bricksrl.twin.models.mjcf import SHAPE_GROUP, Triple
+from bricksrl.twin.models.mjcf import SHAPE_GROUP, add_box
 
-_MM_PER_LDU = 0.4
 _DEFAULT = Mount((60.0, 0.0, 40.0), "ahead")
 _MOUNTS = {
     SensorKind.COLOR: Mount((60.0, 0.0, 12.0), "down"),
@@ -32,18 +31,18 @@ def case_of(kind: DeviceKind, name: str) -> tuple[Triple, float] | None:
     """Size of an electric part's case, the longest side first (mm), and its mass (g); ``None`` if not in the catalogue."""
     for part in catalogue.parts():
         if part.device is not None and (part.device.kind, part.device.name) == (kind, name):
-            sides = sorted((2.0 * _MM_PER_LDU * half for half in part.solids[0].half), reverse=True)
+            sides = sorted((2.0 * MM_PER_LDU * half for half in part.solids[0].half), reverse=True)
             return (sides[0], sides[1], sides[2]), part.mass_g
     return None
 
 
-def hub_axes(sides: tuple[str, ...]) -> np.ndarray[tuple[int, ...], Any]:
+def hub_axes(sides: tuple[str, ...]) -> Floats:
     """Rotation matrix [3, 3] from the axes of a hub, whose top and front look to these sides of the robot, to the robot's."""
     top, front = (np.array(LOOKS[side]) for side in sides)
     return np.column_stack([front, np.cross(top, front), top])
 
 
-def add_hub_site(body: mujoco.MjsBody, axes: np.ndarray[tuple[int, ...], Any], at_m: Triple = (0.0, 0.0, 0.0)) -> None:
+def add_hub_site(body: mujoco.MjsBody, axes: Floats, at_m: Triple = (0.0, 0.0, 0.0)) -> None:
     """Add the site of a hub. ``axes``: rotation matrix [3, 3] from the hub's axes to the body's."""
     quaternion = np.empty(4)
     mujoco.mju_mat2Quat(quaternion, axes.ravel())
@@ -70,19 +69,17 @@ def mount_sensor(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, sensor: Sensor, a
     add_sensor_site(spec, chassis, sensor, eye / 1000, turn)
     if isinstance(sensor, PoweredUpSensor) and sensor.kind is SensorKind.FORCE:
         middle = eye - gaze * (max(size) / 2 + _BUTTON_MM)
-        _add_box(chassis, eye - gaze * _BUTTON_MM / 2, (_BUTTON_MM, 16.0, 16.0), turn, 0.002, collides=True)
-        _add_box(chassis, middle, size, turn, mass_g / 1000 - 0.002, collides=False)
+        add_box(chassis, eye - gaze * _BUTTON_MM / 2, (_BUTTON_MM, 16.0, 16.0), 0.002, turn=turn)
+        add_box(chassis, middle, size, mass_g / 1000 - 0.002, turn=turn, collides=False)
         return _aimed(_force_sensor(size), gaze).at(*eye.tolist())
     if not isinstance(sensor, PoweredUpSensor):
-        _add_box(chassis, middle, (size[2], size[0], size[1]), turn, mass_g / 1000, collides=True)
+        add_box(chassis, middle, (size[2], size[0], size[1]), mass_g / 1000, turn=turn)
         return _aimed(lego.ultrasonic_sensor().at(-13.0, 0, 0), gaze).at(*eye.tolist())
-    _add_box(chassis, middle, (depth, size[0], size[1]), turn, mass_g / 1000, collides=False)
+    add_box(chassis, middle, (depth, size[0], size[1]), mass_g / 1000, turn=turn, collides=False)
     return _aimed(_small_sensor(size), gaze).at(*eye.tolist())
 
 
-def add_sensor_site(
-    spec: mujoco.MjSpec, chassis: mujoco.MjsBody, sensor: Sensor, at_m: np.ndarray[tuple[int, ...], Any], turn: list[float]
-) -> None:
+def add_sensor_site(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, sensor: Sensor, at_m: Floats, turn: list[float]) -> None:
     """Add a sensor's site, whose x axis is the viewing direction; that of a force sensor measures the contacts near it."""
     pose = {"pos": at_m.tolist(), "quat": turn}
     if not isinstance(sensor, PoweredUpSensor):
@@ -103,7 +100,7 @@ def add_touch(spec: mujoco.MjSpec, sensor: Sensor) -> None:
     )
 
 
-def _quaternion(gaze: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> list[float]:
+def _quaternion(gaze: Floats) -> list[float]:
     """Quaternion that rotates x to a direction along an axis."""
     quaternion, cross = np.array([1.0, 0.0, 0.0, 0.0]), np.cross(X_AXIS, gaze)
     if gaze[0] < -0.5:
@@ -114,33 +111,12 @@ def _quaternion(gaze: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> list
     return turn
 
 
-def _aimed(part: Part, gaze: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> Part:
+def _aimed(part: Part, gaze: Floats) -> Part:
     """A part facing x, rotated to face another axis."""
     if gaze[0] < -0.5:
         return part.turned(Z_AXIS, 180.0)
     cross = np.cross(X_AXIS, gaze)
     return part if not cross.any() else part.turned((float(cross[0]), float(cross[1]), float(cross[2])), 90.0)
-
-
-def _add_box(
-    body: mujoco.MjsBody,
-    middle_mm: np.ndarray[tuple[int, ...], np.dtype[np.float64]],
-    size_mm: Triple,
-    turn: list[float],
-    mass_kg: float,
-    *,
-    collides: bool,
-) -> None:
-    body.add_geom(
-        type=mujoco.mjtGeom.mjGEOM_BOX,
-        pos=(middle_mm / 1000).tolist(),
-        size=[side / 2000 for side in size_mm],
-        quat=turn,
-        mass=mass_kg,
-        group=SHAPE_GROUP,
-        contype=int(collides),
-        conaffinity=0,
-    )
 
 
 def _small_sensor(size: Triple) -> Part:

@@ -12,11 +12,10 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from bricksrl.errors import TwinError
-from bricksrl.plans.geometry import MM_PER_LDU
-from bricksrl.plans.mechanism.articulation import Articulation, Joint
+from bricksrl.plans.geometry import MM_PER_LDU, Floats
+from bricksrl.plans.mechanism.articulation import Articulation, Drive, Joint
 from bricksrl.plans.mechanism.end_stops import free_deg
 from bricksrl.plans.mechanism.kinematics import TO_TWIN
 from bricksrl.plans.planned_robot import PlannedRobot, planned_robot
@@ -39,7 +38,6 @@ from bricksrl.twin.models.planned_shapes import add_shapes, lowest_m
 from bricksrl.twin.models.rods import add_rod
 from bricksrl.twin.scene import Scene
 
-Floats = NDArray[np.float64]
 _HINGE, _BALL = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_BALL
 _ROTOR_KG, _ROTOR_KG_M2 = 1e-4, 1e-8
 """Mass and inertia of the body between a motor's joint and its backlash; the rotor's inertia is the joint's armature."""
@@ -91,12 +89,10 @@ class _Builder:
     def build(self) -> None:
         """Build everything except the surroundings."""
         self._add_base()
-        joints: list[tuple[Joint, str | None]] = [(drive.joint, drive.port) for drive in self.articulation.drives]
-        joints += [(geared.joint, None) for geared in self.articulation.geared]
-        joints += [(joint, None) for joint in self.articulation.swings]
-        for joint, port in sorted(joints, key=lambda item: item[0].child):
-            if port is not None and port in self.motors:
-                self._add_drive(joint, port)
+        driven = {drive.joint.child: drive for drive in self.articulation.drives if drive.port in self.motors}
+        for joint in self.articulation.joints:
+            if joint.child in driven:
+                self._add_drive(driven[joint.child])
             else:
                 self._add_passive(joint)
         self._couple()
@@ -130,9 +126,7 @@ class _Builder:
     def _subtree_kg(self) -> dict[int, float]:
         """Mass of each body with all its descendants, kg."""
         mass = {number: body.mass_kg for number, body in enumerate(self.articulation.bodies)}
-        driven = [drive.joint for drive in self.articulation.drives] + [geared.joint for geared in self.articulation.geared]
-        joints = [*driven, *self.articulation.swings]
-        for joint in sorted(joints, key=lambda joint: -joint.child):
+        for joint in reversed(self.articulation.joints):
             mass[joint.parent] += mass[joint.child]
         return mass
 
@@ -167,9 +161,9 @@ class _Builder:
         self.bodies[0] = body
         self._set_inertia(body, 0)
 
-    def _add_drive(self, joint: Joint, port: str) -> None:
+    def _add_drive(self, drive: Drive) -> None:
         """Add what a motor drives: a body on the geared shaft and, with backlash, the driven body on it."""
-        drive = next(drive for drive in self.articulation.drives if drive.port == port)
+        joint, port = drive.joint, drive.port
         motor, start = self.motors[port], self._start_deg(self.motors[port])
         angle = math.radians(start - self._plan_deg(port)) / drive.gear
         friction = _TRAIN_FRICTION_NM * abs(drive.gear) if drive.teeth else 0.0
@@ -284,7 +278,7 @@ class _Builder:
             meshes.draw(self.spec, body, [looks_of(plan, parts, self.origins[number], shafts=shafts), *cables, *mounted])
         draw_spinners(self.spec, self.planned, self.bodies, self.origins)
         corners = np.concatenate([np.stack(placed.part.bounds) @ placed.rotation.T + placed.position for placed in plan.parts])
-        size_m = float(np.linalg.norm(np.ptp(corners, axis=0))) * 0.4 / 1000
+        size_m = float(np.linalg.norm(np.ptp(corners, axis=0))) * MM_PER_LDU / 1000
         base = self.bodies[0]
         middle = tuple((self.articulation.bodies[0].centre_m - self.origins[0]).tolist())
         parent = self.spec.worldbody if self.articulation.is_fixed else base
@@ -300,9 +294,8 @@ def _range_of_shaft(motor: Motor) -> tuple[float, float] | None:
     """Lowest and highest angle of a motor's shaft; ``None`` if it is unlimited."""
     if motor.range_deg is None:
         return None
-    scale = motor.gears[-1] / motor.gears[0] if motor.gears else 1.0
-    first, second = (angle * scale * motor.direction.value for angle in motor.range_deg)
-    return min(first, second), max(first, second)
+    first, second = sorted(angle * motor.shaft_turns for angle in motor.range_deg)
+    return first, second
 
 
 def _quaternion(axis: Floats, angle: float) -> list[float]:

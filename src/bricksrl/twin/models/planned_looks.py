@@ -4,31 +4,29 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from pathlib import Path
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from bricksrl.errors import TwinError
 from bricksrl.plans.colours import colour_of
+from bricksrl.plans.geometry import MM_PER_LDU, Floats
 from bricksrl.plans.mechanism.kinematics import TO_TWIN
 from bricksrl.plans.part import DeviceKind, Part
 from bricksrl.plans.plan import Placed, Plan
 from bricksrl.plans.planned_robot import PlannedRobot
-from bricksrl.plans.shapes import COARSE, Tint, offset_points, surface_of
+from bricksrl.plans.shapes import COARSE, TINTS, Tint, offset_points, surface_of
 from bricksrl.twin import ldraw
 from bricksrl.twin.models import lego, meshes
-from bricksrl.twin.models.looks import shape_of
-from bricksrl.twin.models.meshes import Shape
+from bricksrl.twin.models.looks import library_shapes, shape_of, signed_axes
+from bricksrl.twin.models.meshes import Shape, colour_name
 
-Floats = NDArray[np.float64]
-_MM = 0.4
 _CLEARANCE = 0.5
 """LDU: 0.1 mm on each side of a part."""
 _BEND = 80.0
 """LDU: how far a cable's curve is pulled away from its ends."""
-_TINTS = {Tint.DARK: "#292b30ff", Tint.TURNING: "#737880ff", Tint.FACE: "#1a1c21ff"}
 _PREFIX = "spin_"
 _SPOKED_MM = 40.0
 """Diameter from which a wheel is drawn with spokes."""
@@ -62,7 +60,7 @@ def looks_of(
         near = [part for part in placed_parts if can_hide and _touch(part.bounds, placed.bounds)]
         for colour, shape in _shapes(placed, only_turning=is_shaft):
             visible = _uncovered(placed, shape, [part for part in near if part is not placed])
-            points = (visible.points @ turn.T + frame @ placed.position) * _MM - shift
+            points = (visible.points @ turn.T + frame @ placed.position) * MM_PER_LDU - shift
             if len(visible.faces):
                 shapes.append((colour, Shape(points, visible.normals @ turn.T, visible.faces)))
     return meshes.Part(tuple(shapes))
@@ -87,15 +85,16 @@ def _uncovered(placed: Placed, shape: Shape, others: list[Placed]) -> Shape:
 
 def _shapes(placed: Placed, *, only_turning: bool) -> list[tuple[str, Shape]]:
     """Coloured shapes of a part in its frame, in LDraw units."""
-    main = "#" + "".join(f"{round(255 * value):02x}" for value in colour_of(placed.colour).rgb) + "ff"
+    main = colour_of(placed.colour).rgb
     if not only_turning and (root := ldraw.folder()) is not None and (shapes := _of_library(placed.part, root)):
-        return [(colour or main, shape) for colour, shape in shapes]
+        return [(colour or colour_name(main), shape) for colour, shape in shapes]
     device = placed.part.device
     is_motor = device is not None and device.kind is DeviceKind.MOTOR
     if not only_turning and (detailed := _detailed(placed.part)):
         return detailed
     by_tint = _of_catalogue(placed.part).items()
-    return [(_TINTS.get(tint, main), shape) for tint, shape in by_tint if not is_motor or only_turning is (tint is Tint.TURNING)]
+    shown = [(tint, shape) for tint, shape in by_tint if not is_motor or only_turning is (tint is Tint.TURNING)]
+    return [(colour_name(TINTS.get(tint, main)), shape) for tint, shape in shown]
 
 
 @functools.lru_cache(maxsize=512)
@@ -123,33 +122,25 @@ def _detailed(part: Part) -> list[tuple[str, Shape]]:
         drawing, axes = lego.wheel(part.wheel_mm), (-1, -3, -2)
     else:
         return []
-    turn = np.zeros((3, 3))  # from our axes to the part's
-    for row, axis in enumerate(axes):
-        turn[abs(axis) - 1, row] = np.sign(axis)
-    points = np.concatenate([shape.points for _, shape in drawing.shapes]) @ turn.T / _MM
+    turn = signed_axes(axes)  # from the part's axes to ours
+    points = np.concatenate([shape.points for _, shape in drawing.shapes]) @ turn / MM_PER_LDU
     low, high = part.bounds
     case = part.solids[0].corners()
     low, high = (case.min(axis=0), case.max(axis=0)) if device else (low, high)
     shift = (low + high - points.min(axis=0) - points.max(axis=0)) / 2
-    shapes = drawing.shapes
-    return [(colour, Shape(shape.points @ turn.T / _MM + shift, shape.normals @ turn.T, shape.faces)) for colour, shape in shapes]
+    return [
+        (colour, Shape(shape.points @ turn / MM_PER_LDU + shift, shape.normals @ turn, shape.faces))
+        for colour, shape in drawing.shapes
+    ]
 
 
 @functools.lru_cache(maxsize=256)
-def _of_library(part: Part, root: Path) -> list[tuple[str, Shape]]:
+def _of_library(part: Part, root: Path) -> tuple[tuple[str, Shape], ...]:
     """Shapes of a part in an LDraw library by colour, "" for its main colour; empty if it has none."""
-    library = ldraw.library(root)
     for number in (part.number, *part.aliases):
-        try:
-            triangles = library.part(f"{number}.dat")
-            break
-        except TwinError:
-            continue
-    else:
-        return []
-    names = {code: "#" + "".join(f"{round(255 * value):02x}" for value in library.rgba(code)) for code in triangles}
-    shapes = {code: shape_of(faces) for code, faces in triangles.items()}
-    return [("" if code == ldraw.MAIN_COLOUR else names[code], shape) for code, shape in shapes.items() if shape is not None]
+        with suppress(TwinError):
+            return library_shapes(root, f"{number}.dat", np.eye(3))
+    return ()
 
 
 def cables_of(plan: Plan, parts: Iterable[int], origin_m: Floats) -> list[meshes.Part]:
@@ -164,7 +155,7 @@ def cables_of(plan: Plan, parts: Iterable[int], origin_m: Floats) -> list[meshes
         socket, plug = np.array(sockets[placed.port]), np.array(device.plug)
         outward, back = np.sign(socket) * [_BEND, 0.0, 0.0], np.sign(plug) * [0.0, 0.0, _BEND]
         line = np.concatenate([hub.to_plan(np.stack([socket, socket + outward])), placed.to_plan(np.stack([plug + back, plug]))])
-        cables.append(lego.cable([(x, y, z) for x, y, z in (line @ TO_TWIN.T * _MM - origin_m * 1000).tolist()]))
+        cables.append(lego.cable([(x, y, z) for x, y, z in (line @ TO_TWIN.T * MM_PER_LDU - origin_m * 1000).tolist()]))
     return cables
 
 

@@ -7,16 +7,13 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
-from bricksrl.plans.geometry import Form
+from bricksrl.plans.geometry import M_PER_LDU, Floats, Form
 from bricksrl.plans.mechanism.kinematics import TO_TWIN, Wheel
 from bricksrl.plans.plan import Placed
 from bricksrl.plans.planned_robot import PlannedRobot
 from bricksrl.twin.models.mjcf import COLLIDING, contact_attributes
 
-Floats = NDArray[np.float64]
-_M = 0.4 / 1000
 TYRE_FRICTION, PLASTIC_FRICTION = 1.0, 0.8
 """Sliding friction of rubber and of plastic on a smooth floor; estimates."""
 _FOOT_REACH_M = 0.015
@@ -118,7 +115,7 @@ def _add_tyre(planned: PlannedRobot, wheel: Wheel, name: str, body: mujoco.MjsBo
     """Add a tyre as an ellipsoid: it touches in one point, which takes the solver half the time of a cylinder."""
     placed = planned.plan.parts[wheel.part]
     low, high = placed.part.bounds
-    radius, half_width = wheel.diameter_mm / 2000, float(high[2] - low[2]) / 2 * _M
+    radius, half_width = wheel.diameter_mm / 2000, float(high[2] - low[2]) / 2 * M_PER_LDU
     axis = TO_TWIN @ placed.rotation[:, 2]
     quaternion = np.empty(4)
     mujoco.mju_quatZ2Vec(quaternion, axis)
@@ -173,7 +170,7 @@ def _ball(planned: PlannedRobot, wheel: Wheel) -> tuple[float, float, float, flo
     placed = planned.plan.parts[wheel.part]
     ball = next(solid for solid in placed.part.solids if solid.form is Form.BALL)
     x, y, z = _in_twin(placed, np.array([ball.centre]))[0].tolist()
-    return x, y, z, ball.half[0] * _M
+    return x, y, z, ball.half[0] * M_PER_LDU
 
 
 def _cylinders(placed: Placed) -> list[tuple[Floats, Floats, float, float]]:
@@ -183,7 +180,9 @@ def _cylinders(placed: Placed) -> list[tuple[Floats, Floats, float, float]]:
         if solid.form is Form.CYLINDER:
             axis = TO_TWIN @ placed.rotation @ np.array(solid.axes[2])
             if abs(float(axis[2])) < 0.1:
-                cylinders.append((_in_twin(placed, np.array([solid.centre]))[0], axis, solid.half[2] * _M, solid.half[0] * _M))
+                cylinders.append(
+                    (_in_twin(placed, np.array([solid.centre]))[0], axis, solid.half[2] * M_PER_LDU, solid.half[0] * M_PER_LDU)
+                )
     return cylinders
 
 
@@ -193,4 +192,4 @@ def _corners(placed: Placed) -> Floats:
 
 
 def _in_twin(placed: Placed, points: Floats) -> Floats:
-    return np.asarray(placed.to_plan(points) @ TO_TWIN.T * _M)
+    return np.asarray(placed.to_plan(points) @ TO_TWIN.T * M_PER_LDU)

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import mujoco
 
-from bricksrl.twin.models.mjcf import SHAPE_GROUP, Triple
+from bricksrl.plans.geometry import Triple
+from bricksrl.twin.models.mjcf import SHAPE_GROUP
 
 _PREFIX = "rod_"
 

@@ -7,8 +7,9 @@ import math
 import mujoco
 import numpy as np
 
-from bricksrl.twin.models.meshes import Part, Shape, discs, draw, merge
-from bricksrl.twin.models.mjcf import OBSTACLE_GROUP
+from bricksrl.plans.geometry import Floats
+from bricksrl.twin.models.meshes import Part, Shape, colour_name, discs, draw, merge
+from bricksrl.twin.models.mjcf import OBSTACLE_GROUP, yaw_quaternion
 from bricksrl.twin.objects import COLORS, Block, Field, Line, Mark, Point, Ramp, Wall
 from bricksrl.twin.scene import Scene
 
@@ -40,7 +41,7 @@ def _add_wall(world: mujoco.MjsBody, name: str, wall: Wall) -> None:
     start, end = np.array(wall.from_mm) / 1000, np.array(wall.to_mm) / 1000
     (x, y), (along_x, along_y) = (start + end) / 2, end - start
     half = [float(np.hypot(along_x, along_y)) / 2, wall.thickness_mm / 2000, wall.height_mm / 2000]
-    _add_geom(world, name, [float(x), float(y), half[2]], half, wall.color, _yaw(math.atan2(along_y, along_x)))
+    _add_geom(world, name, [float(x), float(y), half[2]], half, wall.color, yaw_quaternion(math.atan2(along_y, along_x)))
 
 
 def _add_ramp(world: mujoco.MjsBody, name: str, ramp: Ramp) -> None:
@@ -51,14 +52,14 @@ def _add_ramp(world: mujoco.MjsBody, name: str, ramp: Ramp) -> None:
     up = half_length * math.sin(rise) - half_thickness * math.cos(rise)
     x, y = ramp.at_mm[0] / 1000 + ahead * math.cos(yaw), ramp.at_mm[1] / 1000 + ahead * math.sin(yaw)
     tilt, quaternion = np.array([math.cos(rise / 2), 0.0, -math.sin(rise / 2), 0.0]), np.empty(4)
-    mujoco.mju_mulQuat(quaternion, np.array(_yaw(yaw)), tilt)
+    mujoco.mju_mulQuat(quaternion, np.array(yaw_quaternion(yaw)), tilt)
     _add_geom(world, name, [x, y, up], [half_length, ramp.width_mm / 2000, half_thickness], ramp.color, quaternion.tolist())
 
 
 def _add_block(world: mujoco.MjsBody, name: str, block: Block) -> None:
     half = [side / 2000 for side in block.size_mm]
     position = [block.at_mm[0] / 1000, block.at_mm[1] / 1000, half[2]]
-    quaternion = _yaw(-math.radians(block.heading_deg))
+    quaternion = yaw_quaternion(-math.radians(block.heading_deg))
     if block.mass_g is None:
         _add_geom(world, name, position, half, block.color, quaternion, is_round=block.round)
         return
@@ -95,17 +96,12 @@ def _add_geom(
     )
 
 
-def _yaw(angle: float) -> list[float]:
-    return [math.cos(angle / 2), 0.0, 0.0, math.sin(angle / 2)]
-
-
 # ---------------------------------------------------------------- on the floor
 
 
 def _mark_part(mark: Mark, height_mm: float) -> Part:
-    red, green, blue = (round(share * 255) for share in COLORS[mark.color])
     shape = _field(mark) if isinstance(mark, Field) else _line(mark)
-    return Part(((f"#{red:02x}{green:02x}{blue:02x}ff", shape.at(0.0, 0.0, height_mm)),))
+    return Part(((colour_name(COLORS[mark.color]), shape.at(0.0, 0.0, height_mm)),))
 
 
 def _field(field: Field) -> Shape:
@@ -126,7 +122,7 @@ def _line(line: Line) -> Shape:
     return merge(pieces)
 
 
-def _flat(outline: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> Shape:
+def _flat(outline: Floats) -> Shape:
     """Flat mesh of a convex outline ``[n, 2]``, counter-clockwise, with 0.01 mm thickness, as a mesh needs a volume."""
     count = len(outline)
     points = np.concatenate([np.column_stack([outline, np.full(count, height)]) for height in (0.005, -0.005)])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import importlib
 import os
@@ -10,14 +11,13 @@ import tempfile
 import weakref
 from collections.abc import Callable
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from bricksrl.errors import RenderingUnavailableError, TwinError
+from bricksrl.errors import RenderingUnavailableError, TwinError, message_of
 from bricksrl.files import TEMPORARY_PREFIX
 from bricksrl.twin.mujoco_body import MujocoBody
 from bricksrl.twin.render.view import Box, MovingParts, aim, is_fixed_camera, is_opaque
@@ -140,7 +140,7 @@ class Renderer:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
 
@@ -204,7 +204,7 @@ class VideoWriter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         self.close(complete=kind is None)
 
 
@@ -219,9 +219,10 @@ def _named_camera(model: mujoco.MjModel, name: str) -> mujoco.MjvCamera:
 
 
 def _free_context(gl: Any, context: Any) -> None:
-    gl.make_current()
-    context.free()
-    gl.free()
+    with contextlib.suppress(Exception):  # fails while the process ends and MuJoCo has closed the display: all of it is freed
+        gl.make_current()
+        context.free()
+        gl.free()
 
 
 def _open_context(model: mujoco.MjModel, width: int, height: int) -> tuple[Any, Any]:
@@ -242,7 +243,7 @@ def _open_context(model: mujoco.MjModel, width: int, height: int) -> tuple[Any, 
     except Exception as error:
         # Libraries raise different errors: ImportError, AttributeError, RuntimeError, errors of ctypes or of GL.
         name = backend or "the system's OpenGL"
-        raise RenderingUnavailableError(f"nothing can be drawn with {name} ({_one_line(error)}); {_REMEDY}") from error
+        raise RenderingUnavailableError(f"nothing can be drawn with {name} ({message_of(error, 120)}); {_REMEDY}") from error
     mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, context)
     return gl, context
 
@@ -263,7 +264,3 @@ def _loads(name: str) -> bool:
     except OSError:
         return False
     return True
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())[:120] or type(error).__name__

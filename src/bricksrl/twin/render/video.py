@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -55,10 +55,7 @@ def filmed(body: Body, path: Path) -> Iterator[Body]:
         raise TwinError(f"there is nothing to see of robot '{body.robot.name}'; film one with a MuJoCo model")
     if path.suffix.lower() != ".mp4":
         raise TwinError(f"'{path}' is not a name of a film; end it in .mp4")
-    with Renderer(body, *SIZE) as renderer:
-        video = VideoWriter(path, 1000 / _FRAME_MS)
-        try:
-            video.add(renderer.render())
-            yield Filmed(body, renderer, _FRAME_MS, _FRAME_MS, video.add)
-        finally:  # keep the film even if the program raised
-            video.close()
+    # The writer is closed, not entered: the film is kept even if the program raises.
+    with Renderer(body, *SIZE) as renderer, closing(VideoWriter(path, 1000 / _FRAME_MS)) as video:
+        video.add(renderer.render())
+        yield Filmed(body, renderer, _FRAME_MS, _FRAME_MS, video.add)

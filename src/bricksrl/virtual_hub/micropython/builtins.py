@@ -11,22 +11,33 @@ from types import FrameType, ModuleType
 from typing import Any
 
 from bricksrl.virtual_hub.console import Console
-from bricksrl.virtual_hub.micropython.attributes import HIDDEN_NAMES, directory, store_attribute, visible_attribute, with_keywords
+from bricksrl.virtual_hub.micropython.attributes import (
+    Manager,
+    directory,
+    may_be_hidden,
+    store_attribute,
+    visible_attribute,
+    with_keywords,
+)
 from bricksrl.virtual_hub.micropython.byte_array import HubBytearray
 from bricksrl.virtual_hub.micropython.classes import HubSuper, build_class
 from bricksrl.virtual_hub.micropython.compiler import compile_source
 from bricksrl.virtual_hub.micropython.containers import HubDict, HubSet
-from bricksrl.virtual_hub.micropython.errors import EXCEPTIONS, HubOSError
+from bricksrl.virtual_hub.micropython.errors import EXCEPTIONS, HubOSError, ProgramInterrupt
 from bricksrl.virtual_hub.micropython.floats import SMALL_MAX, int_from_float
+from bricksrl.virtual_hub.micropython.formatting import to_number
 from bricksrl.virtual_hub.micropython.hash_table import hash_of
 from bricksrl.virtual_hub.micropython.numbers import module
 from bricksrl.virtual_hub.micropython.operators import operators, to_float, to_int, to_str
+from bricksrl.virtual_hub.micropython.streams import as_bytes, write_text
 from bricksrl.virtual_hub.micropython.text import representation, text
 
 _UNCHANGED = """
     all any bin bool bytes callable chr classmethod complex enumerate float hex int iter len list max memoryview min
     object oct ord range reversed setattr slice sorted staticmethod str tuple type zip
 """.split()  # noqa: SIM905  a list would take a line for each
+
+_ENTER, _CTRL_C, _CTRL_D, _BACKSPACES = "\r", "\x03", "\x04", "\b\x7f"
 
 
 def cooked(data: bytes) -> bytes:
@@ -48,6 +59,7 @@ def builtin_names(
     result.update(
         {"@tick": tick, "@branch": branch, "@attr": visible_attribute, "@store": store_attribute, "@keywords": with_keywords}
     )
+    result["@with"] = Manager
     result.update({"Ellipsis": ..., "__debug__": True, "OSError": HubOSError, "super": HubSuper, "dict": HubDict, "set": HubSet})
     result["bytearray"] = HubBytearray
     result["__build_class__"] = build_class
@@ -80,8 +92,7 @@ def _number_functions(normalize: Callable[[Any], Any], power: Callable[[Any, Any
         return start
 
     def round_(value: Any, digits: int | None = None, /) -> Any:
-        if not isinstance(value, int | float):
-            raise TypeError(f"can't convert {type(value).__name__} to float")
+        value = to_number(value, "float")
         if digits is None:
             return int_from_float(round(value)) if math.isfinite(value) else int_from_float(value)
         if isinstance(value, int):
@@ -122,21 +133,32 @@ def _number_functions(normalize: Callable[[Any], Any], power: Callable[[Any, Any
 
 def _stream_functions(console: Console) -> dict[str, Any]:
     def print_(*values: Any, sep: str = " ", end: str = "\n", file: Any = None) -> None:
-        line = sep.join(map(text, values)) + end
         if file is None:
-            console.write(cooked(line.encode()))
-        else:
-            file.write(line)
+            console.write(cooked((sep.join(map(text, values)) + end).encode()))
+            return
+        for index, value in enumerate(values):
+            if index:
+                write_text(file, sep)
+            write_text(file, text(value))
+        write_text(file, end)
 
-    def input_(prompt: object = "") -> str:
-        """Echoes the input, as the hub's line editor does."""
+    def input_(prompt: object = "", /) -> str:
+        """A line of the hub's editor, which echoes, deletes backwards, and knows no characters outside ASCII."""
         console.write(cooked(text(prompt).encode()))
-        line = bytearray()
-        while (byte := console.read(1)) not in (b"\r", b"\n"):
-            line += byte
-            console.write(byte)
+        line = ""
+        while (key := console.read(1).decode("latin-1")) != _ENTER:
+            if key == _CTRL_C:
+                raise ProgramInterrupt
+            if key == _CTRL_D and not line:
+                raise EOFError
+            if " " <= key <= "~":
+                line += key
+                console.write(key.encode())
+            elif key in _BACKSPACES and line:
+                line = line[:-1]
+                console.write(b"\b\x1b[K")
         console.write(b"\r\n")
-        return line.decode()
+        return line
 
     def open_(*args: object, **kwargs: object) -> None:
         raise HubOSError(2)
@@ -157,8 +179,10 @@ def _identity_functions() -> dict[str, Any]:
 
 def _attribute_functions() -> dict[str, Any]:
     def getattr_(value: Any, name: str, *default: Any) -> Any:
+        if not isinstance(name, str):
+            raise TypeError(f"can't convert '{type(name).__name__}' object to str implicitly")
         try:
-            return visible_attribute(value, name) if name in HIDDEN_NAMES else getattr(value, name)
+            return visible_attribute(value, name) if may_be_hidden(name) else getattr(value, name)
         except AttributeError:
             if default:
                 return default[0]
@@ -212,7 +236,7 @@ def _program_functions() -> dict[str, Any]:
                 globals.update((name, value) for name, value in names.items() if name != "__builtins__")
 
     def decoded(source: Any) -> str:
-        return source if isinstance(source, str) else bytes(source).decode()
+        return source if isinstance(source, str) else as_bytes(source).decode()
 
     def eval_(source: Any, globals: dict[str, Any] | None = None, locals: Any = None) -> Any:
         return run(compile_source(decoded(source).strip(), "<string>", "eval"), globals, locals)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import operator
 from typing import Any
 
+from bricksrl.virtual_hub.micropython.errors import check_allocation
+
 
 def _low_bytes(values: Any) -> Any:
     """Numbers as bytes; a size and a buffer, unchanged."""
@@ -23,6 +25,8 @@ class HubBytearray(bytearray):
     __slots__ = ()
 
     def __init__(self, source: Any = b"", *encoding: Any) -> None:
+        if isinstance(source, int):
+            check_allocation(source)
         super().__init__(_low_bytes(source), *encoding)
 
     def __setitem__(self, index: Any, value: Any) -> None:

@@ -8,7 +8,15 @@ from types import FunctionType
 from typing import Any
 
 _MIRRORED = {"__lt__": "__gt__", "__gt__": "__lt__", "__le__": "__ge__", "__ge__": "__le__"}
-_UNUSED = ("__setattr__", "__delattr__", "__getattribute__", "__del__", "__get__", "__set__", "__delete__", "__set_name__")
+_UNUSED = (
+    *("__setattr__", "__delattr__", "__getattribute__", "__del__", "__get__", "__set__", "__delete__", "__set_name__"),
+    *("__iand__", "__ior__", "__ixor__"),
+)
+_MADE_BY_CPYTHON = frozenset(
+    ["__dict__", "__weakref__", "__doc__", "__module__", "__qualname__", "__slotnames__", "__annotations__"]
+)
+FIRMWARE = "bricksrl."
+"""Beginning of the names of modules with native classes."""
 
 
 def build_class(body: Any, class_name: str, *bases: Any, **keywords: Any) -> Any:
@@ -20,7 +28,7 @@ def build_class(body: Any, class_name: str, *bases: Any, **keywords: Any) -> Any
         if method in cls.__dict__:
             delattr(cls, method)
     for name, value in list(cls.__dict__.items()):
-        if isinstance(value, FunctionType) and value.__module__.startswith("bricksrl."):
+        if isinstance(value, FunctionType) and value.__module__.startswith(FIRMWARE):
             setattr(cls, name, staticmethod(value))  # builtins do not become methods
     for method, mirrored in _MIRRORED.items():
         if getattr(cls, mirrored) is not getattr(object, mirrored) and getattr(cls, method) is getattr(object, method):
@@ -48,10 +56,18 @@ def _refusal(method: str) -> Callable[[Any, Any], Any]:
     return refuse
 
 
-def has_initializer(kind: type) -> bool:
-    """Whether ``kind.__init__`` can be named: only that of a program's class can."""
-    initializer = kind.__init__  # type: ignore[misc]
-    return initializer is not _ignore_arguments and hasattr(initializer, "__code__")
+def is_native(kind: type) -> bool:
+    """Whether a class is not a program's."""
+    return kind.__module__.startswith((FIRMWARE, "builtins", "_io"))
+
+
+def defines(kind: type, name: str) -> bool:
+    """Whether a name stands in the body of a program's class."""
+    if is_native(kind) or name in _MADE_BY_CPYTHON or name not in kind.__dict__:
+        return False
+    value = kind.__dict__[name]
+    is_own = not (isinstance(value, FunctionType) and value.__module__.startswith(FIRMWARE))
+    return is_own and not (name == "__hash__" and value is None)
 
 
 class HubSuper(super):
@@ -61,7 +77,7 @@ class HubSuper(super):
         instance, owner = super().__getattribute__("__self__"), super().__getattribute__("__thisclass__")
         ancestors = (instance if isinstance(instance, type) else type(instance)).__mro__
         for kind in ancestors[ancestors.index(owner) + 1 : -1]:
-            if name in kind.__dict__ and kind.__dict__[name] is not _ignore_arguments:
+            if defines(kind, name) or (is_native(kind) and name in kind.__dict__ and (name == "__init__" or name[:2] != "__")):
                 return super().__getattribute__(name)
         raise AttributeError(f"'super' object has no attribute '{name}'")
 

@@ -23,6 +23,31 @@ ERROR_NAMES = {
 }
 
 
+CATCHABLE = (Exception, SystemExit, KeyboardInterrupt, GeneratorExit)
+"""What a program can catch: not what stops it from outside."""
+
+
+LARGEST_HEAP_BYTES = 272 * 1024
+"""Memory of a Prime hub for a program's objects; other hubs have less."""
+
+
+def check_allocation(size_bytes: int) -> None:
+    """Raise MemoryError for an object that fits on no hub."""
+    if size_bytes > LARGEST_HEAP_BYTES:
+        raise MemoryError(f"memory allocation failed, allocating {size_bytes} bytes")
+
+
+class SwitchedOff(BaseException):
+    """The hub was switched off: ends a program past its exception handlers."""
+
+
+class ProgramInterrupt(KeyboardInterrupt):
+    """The hub's KeyboardInterrupt, unrelated to this computer's keyboard."""
+
+
+ProgramInterrupt.__name__ = "KeyboardInterrupt"
+
+
 class HubOSError(OSError):
     """``OSError`` of a hub: ``errno`` is the first argument, there are no subclasses."""
 
@@ -39,8 +64,8 @@ HubOSError.__name__ = HubOSError.__qualname__ = "OSError"
 _OPERATORS = {
     "+": "__add__", "-": "__sub__", "*": "__mul__", "/": "__truediv__", "//": "__floordiv__", "%": "__mod__",
     "** or pow()": "__pow__", "<<": "__lshift__", ">>": "__rshift__", "&": "__and__", "|": "__or__", "^": "__xor__",
-    "@": "__matmul__", "<": "__lt__", "<=": "__le__", ">": "__gt__", ">=": "__ge__", "+=": "__iadd__", "-=": "__isub__",
-    "*=": "__imul__", "<<=": "__ilshift__", "divmod()": "__divmod__",
+    "@": "__matmul__", "<": "__lt__", "<=": "__le__", ">": "__gt__", ">=": "__ge__", "+=": "__add__", "-=": "__sub__",
+    "&=": "__and__", "|=": "__or__", "^=": "__xor__", "divmod()": "__divmod__",
 }  # fmt: skip
 _UNARY = {"-": "__neg__", "+": "__pos__", "~": "__invert__", "abs()": "__abs__"}
 
@@ -61,8 +86,9 @@ _RULES: tuple[_Rule, ...] = (
     (TypeError, r"'\w+' is an invalid keyword argument for sort\(\)", lambda m: "extra keyword arguments given"),
     (TypeError, r".*takes no keyword arguments|.*positional-only arguments passed as keyword.*",
      lambda m: "function doesn't take keyword arguments"),
-    (TypeError, r".*argument after \* must be an iterable, not (.*)|argument of type '(.*)' is not iterable",
+    (TypeError, r".*(?:argument|Value) after \* must be an iterable, not (.*)|argument of type '(.*)' is not iterable",
      lambda m: f"'{m[1] or m[2]}' object isn't iterable"),
+    (TypeError, r"type\(\) (takes 1 or 3 arguments)", lambda m: f"type {m[1]}"),
     (TypeError, r"\w+\(\) argument \d+ must be str, not (\w+)|ord\(\) expected string of length 1, but (\w+) found",
      lambda m: f"can't convert '{m[1] or m[2]}' object to str implicitly"),
     (ValueError, r"slice step cannot be zero", lambda m: "slice step can't be zero"),
@@ -77,6 +103,7 @@ _RULES: tuple[_Rule, ...] = (
     (TypeError, r"unsupported operand type\(s\) for (.*): '(.*)' and '(.*)'", lambda m: _types(m[1], m[2], m[3])),
     (TypeError, r"'(.*)' not supported between instances of '(.*)' and '(.*)'", lambda m: _types(m[1], m[2], m[3])),
     (TypeError, r"can only concatenate (.*) \(not \"(.*)\"\) to .*", lambda m: _types("+", m[1], m[2])),
+    (TypeError, r"can't concat (.*) to bytes", lambda m: _types("+", "bytes", m[1])),
     (TypeError, r"bad operand type for (?:unary )?(.*): '(.*)'", lambda m: f"unsupported type for {_UNARY[m[1]]}: '{m[2]}'"),
     (TypeError, r"cannot unpack non-iterable (.*) object", lambda m: f"'{m[1]}' object isn't iterable"),
     (TypeError, r"(.*) indices must be integers or slices, not (.*)", lambda m: f"{m[1]} indices must be integers, not {m[2]}"),
@@ -87,6 +114,10 @@ _RULES: tuple[_Rule, ...] = (
     (IndexError, r"(list) assignment index out of range|pop index out of range", lambda m: "list index out of range"),
     (IndexError, r"range object index out of range", lambda m: "range index out of range"),
     (IndexError, r"Matrix index out of range", lambda m: "index out of range"),
+    (IndexError, r"index out of bounds on dimension 1", lambda m: "memoryview index out of range"),
+    (TypeError, r"cannot (modify read-only|delete) memory",
+     lambda m: f"'memoryview' object doesn't support item {'deletion' if m[1] == 'delete' else 'assignment'}"),
+    (TypeError, r"memoryview: a bytes-like object is required, .*", lambda m: "object with buffer protocol required"),
     (IndexError, r"index out of range", lambda m: "bytes index out of range"),
     (IndexError, r"Replacement index \d+ out of range.*", lambda m: "tuple index out of range"),
     (ValueError, r"not enough values to unpack \(expected .*, got (.*)\)", lambda m: f"need more than {m[1]} values to unpack"),
@@ -116,7 +147,9 @@ _RULES: tuple[_Rule, ...] = (
     (TypeError, r"sequence item \d+: expected .*",
      lambda m: "join expects a list of str/bytes objects consistent with self object"),
     (TypeError, r"'(.*)' object cannot be interpreted as an integer", lambda m: f"can't convert {m[1]} to int"),
-    (TypeError, r"must be str or None, not (.*)", lambda m: f"can't convert '{m[1]}' object to str implicitly"),
+    (TypeError, r"argument should be integer or None, not '(.*)'", lambda m: f"can't convert {m[1]} to int"),
+    (TypeError, r"(?:\w+ first arg )?must be str(?: or None| or a tuple of str)?, not (.*)",
+     lambda m: f"can't convert '{m[1]}' object to str implicitly"),
     (TypeError, r"(\w+)\(\) takes exactly one argument \((\d+) given\)",
      lambda m: f"function takes 1 positional arguments but {m[2]} were given"),
     (TypeError, r"\w+\.\w+\(\) takes exactly one argument \((\d+) given\)",
@@ -132,9 +165,11 @@ _RULES: tuple[_Rule, ...] = (
 
 def reword(error: BaseException, names: Mapping[str, object]) -> BaseException:
     """Replace CPython's message by the hub's; ``names`` are the program's globals. Returns the error."""
+    if isinstance(error, UnicodeError):
+        error.args = ()
     if len(error.args) != 1 or not isinstance(error.args[0], str) or not isinstance(error, Exception):
         return error
-    message = error.args[0]
+    message = error.args[0].replace("builtin_function_or_method", "function")
     for kind, pattern, text in _RULES:
         if isinstance(error, kind) and (match := re.fullmatch(pattern, message, re.DOTALL)):
             reworded = text(match)
@@ -168,7 +203,7 @@ def _call_message(message: str, names: Mapping[str, object], error: BaseExceptio
         return f"'{first}' argument required"
     if function is None and "multiple values for argument" in problem:
         return "extra keyword arguments given"
-    if multiple := re.fullmatch(r"got multiple values for argument '(.*)'", problem):
+    if multiple := re.fullmatch(r"got multiple values for (?:keyword )?argument '(.*)'", problem):
         return f"function got multiple values for argument '{multiple[1]}'"
     if function is None and name.endswith("<lambda>") and (given := re.match(r"takes (\d+) positional .* but (\d+) w", problem)):
         return f"<lambda>() takes {given[1]} positional arguments but {given[2]} were given"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import string
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from bricksrl.virtual_hub.micropython.float_text import format_float
@@ -24,9 +24,10 @@ def to_number(value: Any, kind: str) -> Any:
     if isinstance(value, int | float):
         return value
     convert = getattr(type(value), f"__{kind}__", None)
-    if convert is None or isinstance(value, str | bytes):
-        raise TypeError(f"can't convert {type(value).__name__} to {kind}")
-    return convert(value)
+    number = None if convert is None or isinstance(value, str | bytes) else convert(value)
+    if type(number).__name__ == kind:
+        return number
+    raise TypeError(*(() if kind == "int" and number is not None else (f"can't convert {type(value).__name__} to {kind}",)))
 
 
 def format_value(value: object, spec: str) -> str:
@@ -52,6 +53,8 @@ def format_value(value: object, spec: str) -> str:
         return _format_float(value, spec)
     if code == "s":
         raise ValueError(f"unknown format code 's' for object of type '{name}'")
+    if code == "c":
+        value &= 0xFF
     return _format_float(to_single(value), spec) if code and code in "eEfFgG%" else format(value, spec)
 
 
@@ -89,6 +92,8 @@ class _Formatter(string.Formatter):
     def convert_field(self, value: Any, conversion: str | None) -> Any:
         if conversion is None:
             return value
+        if conversion not in "rs":
+            raise ValueError(f"unknown conversion specifier {conversion}")
         return representation(value) if conversion == "r" else text(value)
 
     def get_value(self, key: int | str, args: Any, kwargs: Any) -> Any:
@@ -123,22 +128,29 @@ def percent(template: Any, values: object) -> Any:
         code = match["code"]
         if match[0] == "%%":
             return "%"
-        if code is None:
-            raise ValueError("incomplete format")
-        width, precision = (str(next_value()) if match[name] == "*" else match[name] for name in ("width", "precision"))
-        if match["key"] is not None:
+        if code is None or code == "(":
+            raise ValueError("incomplete format" if code is None else "incomplete format key")
+        key = match["key"]
+        if key is not None:
             queue.clear()
             if not isinstance(values, dict):
                 raise TypeError("format needs a dict")
-            value = values[match["key"]]
-        else:
-            value = next_value()
+        width, precision = (_given(next_value) if match[name] == "*" else match[name] for name in ("width", "precision"))
+        value = next_value() if key is None else values[key]  # type: ignore[index]
         return _format_argument(value, match, width or "", precision, is_bytes)
 
     result = _PERCENT.sub(replace, template)
     if queue and not isinstance(values, dict):
         raise TypeError("format string didn't convert all arguments")
     return result.encode("latin-1") if is_bytes else result
+
+
+def _given(next_value: Callable[[], Any]) -> str:
+    """Width or precision from the arguments; none if negative."""
+    number = next_value()
+    if not isinstance(number, int):
+        raise TypeError(f"can't convert {type(number).__name__} to int")
+    return str(max(0, number))
 
 
 def _format_argument(value: Any, match: re.Match[str], width: str, precision: str | None, is_bytes: bool) -> str:
@@ -149,11 +161,11 @@ def _format_argument(value: Any, match: re.Match[str], width: str, precision: st
             return (spec + "s") % value.decode("latin-1")
         return (spec + "s") % (text(value) if code == "s" else representation(value))
     if code == "c":
-        if isinstance(value, str) and len(value) != 1:
+        if isinstance(value, str) and len(value.encode()) != 1:
             raise TypeError("%c needs int or char")
         if not isinstance(value, int | str):
             raise TypeError("integer needed")
-        return (spec + "c") % value
+        return (spec + "c") % (value & 0xFF if isinstance(value, int) else value)
     if code in "diuxXo":
         return _format_int(value, code, spec, flags)
     if code in "eEfFgG":
@@ -161,7 +173,7 @@ def _format_argument(value: Any, match: re.Match[str], width: str, precision: st
         digits = _DEFAULT_PRECISION if precision is None else int(precision)
         formatted = format_float(to_single(to_number(value, "float")), code, digits, sign)
         align = "<" if "-" in flags else "=" if "0" in flags else ">"
-        return _padded(formatted, "0" if align == "=" else " ", align, int(width or 0))
+        return _padded(formatted, "0" if "0" in flags else " ", align, int(width or 0))
     raise ValueError(f"unsupported format character '{code}' (0x{ord(code):x}) at index {match.end() - 1}")
 
 
@@ -171,7 +183,7 @@ def _format_int(value: Any, code: str, spec: str, flags: str) -> str:
         if code not in "diu":
             raise TypeError("can't convert float to int")
         number = int_from_float(number)
-    if "-" in flags and "0" in flags:  # zeros at the right
+    if "-" in flags and "0" in flags and "." not in spec:  # zeros at the right
         plain = str((spec.replace("0", "", 1) + code) % number)
         return plain.rstrip(" ").ljust(len(plain), "0")
     return str((spec + code) % number)

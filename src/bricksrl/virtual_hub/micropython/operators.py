@@ -8,18 +8,25 @@ from __future__ import annotations
 import math
 import operator
 import re
+import sys
 from collections.abc import Callable, Mapping
 from typing import Any
 
 from bricksrl.virtual_hub.micropython.containers import HubDict, HubSet
-from bricksrl.virtual_hub.micropython.errors import reword
+from bricksrl.virtual_hub.micropython.errors import CATCHABLE, SwitchedOff, check_allocation, reword
 from bricksrl.virtual_hub.micropython.floats import SMALL_MAX, SMALL_MIN, int_from_float, read_float, to_single
 from bricksrl.virtual_hub.micropython.formatting import format_text, format_value, percent, to_number
 from bricksrl.virtual_hub.micropython.text import representation, text
 
 _EXACT_INT_MAX = 2**24
 _BASES = {"0b": 2, "0o": 8, "0x": 16}
+ASCII_METHODS = (
+    *("lower", "upper", "isalpha", "isdigit", "islower", "isupper", "isspace"),
+    *("strip", "lstrip", "rstrip", "split", "rsplit"),
+)
 _FLOAT_MAX = 3.4028234663852886e38
+_ITEM_BYTES: dict[Any, int] = {str: 1, bytes: 1, list: 4, tuple: 4}
+"""Sizes of the items of what operators make longer."""
 
 
 def small(value: int) -> int:
@@ -46,6 +53,8 @@ def normalizer() -> Callable[[Any], Any]:
             return to_single(value)
         if kind is complex:
             return complex(to_single(value.real), to_single(value.imag))
+        if kind in _ITEM_BYTES:
+            check_allocation(len(value) * _ITEM_BYTES[kind])
         return value
 
     return normalize
@@ -72,11 +81,11 @@ def to_int(kind: type, *args: Any, **kwargs: Any) -> Any:
         value = args[0]
         if type(value) is float:
             return int_from_float(value)
-        if isinstance(value, int):
-            return int(value)
+        if not isinstance(value, str | bytes | bytearray):
+            return small(int(to_number(value, "int")))
     try:
-        if args and isinstance(args[0], bytes | bytearray):
-            args = (args[0].decode(), *args[1:])
+        if args and isinstance(args[0], str | bytes | bytearray):
+            args = (_digits(args[0]), *args[1:])
         value = int(*args)
     except ValueError:
         base = args[1] if len(args) > 1 else 10
@@ -94,6 +103,11 @@ def to_int(kind: type, *args: Any, **kwargs: Any) -> Any:
     return value
 
 
+def _digits(value: str | bytes | bytearray) -> str:
+    """Text of a number, in which digits and spaces outside ASCII are none."""
+    return (value.encode() if isinstance(value, str) else value).decode("latin-1")
+
+
 def to_float(kind: type, *args: Any, **kwargs: Any) -> Any:
     """``float(...)``, named ``kind`` in the program."""
     if kind is not float:
@@ -105,7 +119,7 @@ def to_float(kind: type, *args: Any, **kwargs: Any) -> Any:
     if not isinstance(value, str | bytes | bytearray):
         return to_single(float(to_number(value, "float")))
     try:
-        return read_float(value if isinstance(value, str) else value.decode())
+        return read_float(_digits(value))
     except ValueError:
         raise ValueError("invalid syntax for number") from None
 
@@ -143,9 +157,26 @@ def _from_bytes(kind: Any, *args: Any, **kwargs: Any) -> Any:
     return small(int.from_bytes(args[0], "little" if is_little else "big") & 0xFFFFFFFF)
 
 
+def _ascii_method(name: str) -> Callable[..., Any]:
+    """A method of text that knows only the letters, digits and spaces of ASCII."""
+    method = getattr(bytes, name)
+
+    def call(value: Any, *args: Any, **kwargs: Any) -> Any:
+        if isinstance(value, str | bytes):
+            _refuse_keywords(kwargs)
+        if not isinstance(value, str) or value.isascii():
+            return getattr(value, name)(*args, **kwargs)
+        result = method(value.encode(), *(arg.encode() if isinstance(arg, str) else arg for arg in args))
+        if isinstance(result, list):
+            return [part.decode() for part in result]
+        return result.decode(errors="replace") if isinstance(result, bytes) else result
+
+    return call
+
+
 def _slice(container: Any, start: Any, stop: Any, step: Any) -> Any:
     """``container[start:stop:step]``; only lists support a step."""
-    if step is not None and step != 1 and isinstance(container, str | bytes | bytearray | tuple):
+    if step is not None and step != 1 and isinstance(container, str | bytes | bytearray | memoryview | tuple):
         raise NotImplementedError("only slices with step=1 (aka None) are supported")
     return container[start:stop:step]
 
@@ -199,6 +230,13 @@ def _keyword_arguments(names: dict[str, Any]) -> HubDict:
     return HubDict.sized(len(names), names.items())
 
 
+def _format(obj: Any, *args: Any, **kwargs: Any) -> Any:
+    """``obj.format(...)``, which bytes have too."""
+    if isinstance(obj, bytes):
+        return format_text(obj.decode("latin-1"), args, kwargs).encode("latin-1")
+    return format_text(obj, args, kwargs) if isinstance(obj, str) else obj.format(*args, **kwargs)
+
+
 def operators(names: Mapping[str, object]) -> dict[str, Any]:
     """Functions for the transformed program, by names that programs cannot write. ``names``: the program's globals."""
     normalize = normalizer()
@@ -231,9 +269,6 @@ def operators(names: Mapping[str, object]) -> dict[str, Any]:
     def in_place(operation: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
         return lambda a, b: normalize(operation(a, b))
 
-    def format_call(obj: Any, *args: Any, **kwargs: Any) -> Any:
-        return format_text(obj, args, kwargs) if isinstance(obj, str) else obj.format(*args, **kwargs)
-
     def f_string(value: Any, conversion: int, spec: str) -> str:
         if conversion == ord("r"):
             value = representation(value)
@@ -249,8 +284,6 @@ def operators(names: Mapping[str, object]) -> dict[str, Any]:
         "@pow": power,
         "@iadd": in_place(operator.iadd),
         "@isub": in_place(operator.isub),
-        "@imul": in_place(operator.imul),
-        "@ilshift": in_place(operator.ilshift),
         "@and": _bitwise(operator.and_),
         "@or": _bitwise(operator.or_),
         "@xor": _bitwise(operator.xor),
@@ -260,7 +293,7 @@ def operators(names: Mapping[str, object]) -> dict[str, Any]:
         "@int": to_int,
         "@float": to_float,
         "@str": to_str,
-        "@format": format_call,
+        "@format": _format,
         "@to_bytes": _to_bytes,
         "@from_bytes": _from_bytes,
         "@f": f_string,
@@ -272,6 +305,8 @@ def operators(names: Mapping[str, object]) -> dict[str, Any]:
         "@set": _set_display,
         "@setof": HubSet,
         "@named": _keyword_arguments,
-        "@any": (Exception, SystemExit, KeyboardInterrupt, GeneratorExit),
+        **{f"@{name}": _ascii_method(name) for name in ASCII_METHODS},
+        "@any": CATCHABLE,
+        "@is_on": lambda: not isinstance(sys.exc_info()[1], SwitchedOff),
         "@reword": lambda error: reword(error, names),
     }

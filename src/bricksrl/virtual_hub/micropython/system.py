@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import traceback
 from collections.abc import Callable, Iterator
@@ -14,25 +15,21 @@ from bricksrl.errors import SceneError
 from bricksrl.virtual_hub.console import Console
 from bricksrl.virtual_hub.micropython.builtins import cooked
 from bricksrl.virtual_hub.micropython.containers import HubDict
-from bricksrl.virtual_hub.micropython.errors import ERROR_NAMES, HubOSError, class_name
+from bricksrl.virtual_hub.micropython.errors import ERROR_NAMES, HubOSError, ProgramInterrupt, class_name
 from bricksrl.virtual_hub.micropython.floats import to_single
 from bricksrl.virtual_hub.micropython.json_text import read_json
 from bricksrl.virtual_hub.micropython.numbers import module
-from bricksrl.virtual_hub.micropython.streams import BytesIO, StringIO, as_bytes
-from bricksrl.virtual_hub.micropython.text import text
+from bricksrl.virtual_hub.micropython.streams import BytesIO, IOBase, Stream, StringIO, as_bytes, part_of, write_text
+from bricksrl.virtual_hub.micropython.text import representation, text
 
 _POLLIN, _POLLOUT, _POLLERR, _POLLHUP = 1, 4, 8, 16
+_STDIN = 0
 _CTRL_C = 3
 _ENOENT = 2
-_STACK_BYTES, _BLOCK_BYTES = 8 * 1024, 16
+BLOCK_BYTES = 16
+"""Unit of allocation on the heap."""
+_STACK_BYTES = 8 * 1024
 _FOREVER_MS = 1000  # polling interval
-
-
-class ProgramInterrupt(KeyboardInterrupt):
-    """The hub's KeyboardInterrupt, unrelated to this computer's keyboard."""
-
-
-ProgramInterrupt.__name__ = "KeyboardInterrupt"
 
 
 def is_program_error(error: BaseException) -> bool:
@@ -56,17 +53,17 @@ class Keyboard:
         return data
 
 
-class FileIO:
-    """Standard input (0) or output (1) as bytes."""
+class FileIO(Stream):
+    """Standard input and output as bytes."""
 
     def __init__(self, number: int, console: Console, keyboard: Keyboard, tick: Callable[[], None]) -> None:
-        self.number = number
+        self._number = number
         self._console = console
         self._keyboard = keyboard
         self._tick = tick
 
     def __repr__(self) -> str:
-        return f"<io.{type(self).__name__} {self.number}>"
+        return f"<io.{type(self).__name__} {self._number}>"
 
     def __enter__(self) -> FileIO:
         return self
@@ -77,57 +74,72 @@ class FileIO:
     def close(self) -> None:
         pass
 
-    def flush(self) -> None:
-        pass
-
     def events(self) -> int:
         # Standard output is never ready: programs register standard input without a mask and rely on it.
         return _POLLIN if self._console.available() else 0
 
     def read(self, size: int = -1) -> Any:
         self._tick()
-        if size < 0:
-            return self._keyboard.check(self._console.read(1 << 20))
-        return self._keyboard.check(self._console.read(size)) if size else b""
+        return self._take(1 << 20 if size < 0 else size) if size else b""
 
     def readinto(self, buffer: bytearray, size: int = -1) -> int:
-        data = self._keyboard.check(self._console.read(len(buffer) if size < 0 else min(size, len(buffer))))
+        if not isinstance(buffer, bytearray | memoryview):
+            raise TypeError("object with buffer protocol required")
+        data = self._take(len(buffer) if size < 0 else min(size, len(buffer)))
         buffer[: len(data)] = data
         return len(data)
 
     def readline(self, size: int = -1) -> Any:
         line = bytearray()
         while len(line) != size:
-            byte = self._keyboard.check(self._console.read(1))
+            byte = self._take(1)
             line += byte
             if byte == b"\n":
                 break
         return bytes(line)
 
-    def write(self, data: Any) -> int:
-        if isinstance(data, str):
-            data = data.encode()
-        self._console.write(bytes(data))
+    def _take(self, count: int) -> bytes:
+        """Read bytes, and look for the one that interrupts."""
+        return self._keyboard.check(self._console.read(count))
+
+    def write(self, data: Any, *part: int) -> int:
+        """Write :func:`part_of` a buffer; returns the number of bytes."""
+        return self._write(part_of(data, *part))
+
+    def _write(self, data: bytes) -> int:
+        self._console.write(data)
         return len(data)
 
 
 class TextIOWrapper(FileIO):
-    """Standard input or output as text; ``buffer`` is the byte stream."""
+    """Standard input or output as text; ``buffer`` is the byte stream. The Enter key, CR, is read as LF."""
 
     def __init__(self, number: int, console: Console, keyboard: Keyboard, tick: Callable[[], None]) -> None:
         super().__init__(number, console, keyboard, tick)
-        self.buffer = FileIO(number, console, keyboard, tick)
+        self.buffer = FileIO(0, console, keyboard, tick)
+
+    def _take(self, count: int) -> bytes:
+        if self._number != _STDIN:
+            raise HubOSError(errno.EPERM)
+        return super()._take(count).replace(b"\r", b"\n")
 
     def read(self, size: int = -1) -> str:
-        return super().read(size).replace(b"\r", b"\n").decode()  # type: ignore[no-any-return]
+        """Read a number of characters."""
+        self._tick()
+        return self._take(1 << 20).decode() if size < 0 else "".join(self._character() for _ in range(size))
+
+    def _character(self) -> str:
+        first = self._take(1)
+        others = (first >= b"\xc0") + (first >= b"\xe0") + (first >= b"\xf0")
+        return (first + self._take(others)).decode()
 
     def readline(self, size: int = -1) -> str:
         return super().readline(size).decode()  # type: ignore[no-any-return]
 
-    def write(self, data: Any) -> int:
-        if isinstance(data, str):
-            data = data.encode()
-        self._console.write(cooked(bytes(data)))
+    def _write(self, data: bytes) -> int:
+        if self._number == _STDIN:
+            raise HubOSError(errno.EPERM)
+        self._console.write(cooked(data))
         return len(data)
 
 
@@ -185,13 +197,17 @@ def _pollable(stream: Any) -> FileIO:
 def sys_module(console: Console, keyboard: Keyboard, tick: Callable[[], None], version: str, machine: str) -> ModuleType:
     stdout = TextIOWrapper(1, console, keyboard, tick)
 
-    def print_exception(error: BaseException, file: Any = stdout) -> None:
-        file.write("Traceback (most recent call last):\n")
+    def print_exception(error: object, file: Any = stdout) -> None:
+        if not isinstance(error, BaseException):
+            write_text(file, f"{representation(error)}\n")
+            return
+        if error.__traceback__ is not None:
+            write_text(file, "Traceback (most recent call last):\n")
         for frame, line in traceback.walk_tb(error.__traceback__):
             name = frame.f_code.co_filename
             if "@n" in frame.f_builtins:
-                file.write(f'  File "{name}", line {line}, in {frame.f_code.co_name}\n')
-        file.write(f"{class_name(type(error))}: {text(error)}\n")
+                write_text(file, f'  File "{name}", line {line}, in {frame.f_code.co_name}\n')
+        write_text(file, f"{class_name(type(error))}: {text(error)}\n")
 
     return module(
         "sys",
@@ -230,8 +246,8 @@ def select_module(advance: Callable[[int], int], tick: Callable[[], None]) -> Mo
     return module("select", {"poll": lambda: Poll(advance, tick), "select": select, **flags})
 
 
-def micropython_module(keyboard: Keyboard, console: Console, heap_bytes: int) -> ModuleType:
-    """Memory statistics: the whole heap counts as free."""
+def micropython_module(keyboard: Keyboard, console: Console, memory: Callable[[], tuple[int, int]]) -> ModuleType:
+    """``memory`` returns the bytes in use and the free ones."""
     state = {"level": 0, "locks": 0}
 
     def kbd_intr(character: int) -> None:
@@ -251,10 +267,11 @@ def micropython_module(keyboard: Keyboard, console: Console, heap_bytes: int) ->
         return state["locks"]
 
     def mem_info(verbose: Any = None) -> None:
+        used_bytes, free_bytes = memory()
         lines = (
             f"stack: 0 out of {_STACK_BYTES}",
-            f"GC: total: {heap_bytes}, used: 0, free: {heap_bytes}",
-            f" No. of 1-blocks: 0, 2-blocks: 0, max blk sz: 0, max free sz: {heap_bytes // _BLOCK_BYTES}",
+            f"GC: total: {used_bytes + free_bytes}, used: {used_bytes}, free: {free_bytes}",
+            f" No. of 1-blocks: 0, 2-blocks: 0, max blk sz: 0, max free sz: {free_bytes // BLOCK_BYTES}",
         )
         console.write(cooked("".join(f"{line}\n" for line in lines).encode()))
 
@@ -271,7 +288,7 @@ def micropython_module(keyboard: Keyboard, console: Console, heap_bytes: int) ->
     return module("micropython", {**names, "heap_lock": heap_lock, "heap_unlock": heap_unlock, "stack_use": lambda: 0})
 
 
-def gc_module(heap_bytes: int) -> ModuleType:
+def gc_module(memory: Callable[[], tuple[int, int]]) -> ModuleType:
     state = {"on": True}
     limit = [-1]
 
@@ -289,7 +306,7 @@ def gc_module(heap_bytes: int) -> ModuleType:
 
     names: dict[str, Any] = {"enable": switch(True), "disable": switch(False), "isenabled": lambda: state["on"]}
     names["threshold"] = threshold
-    return module("gc", {**names, "collect": lambda: None, "mem_alloc": lambda: 0, "mem_free": lambda: heap_bytes})
+    return module("gc", {**names, "collect": lambda: None, "mem_alloc": lambda: memory()[0], "mem_free": lambda: memory()[1]})
 
 
 def errno_module() -> ModuleType:
@@ -297,7 +314,7 @@ def errno_module() -> ModuleType:
 
 
 def io_module() -> ModuleType:
-    return module("io", {"BytesIO": BytesIO, "StringIO": StringIO})
+    return module("io", {"BytesIO": BytesIO, "IOBase": IOBase, "StringIO": StringIO})
 
 
 def json_module() -> ModuleType:
@@ -324,6 +341,6 @@ def json_module() -> ModuleType:
         return read_json(source if isinstance(source, str) else as_bytes(source).decode())
 
     def dump(value: Any, stream: Any, /, *, separators: tuple[str, str] | None = None) -> None:
-        stream.write(dumps(value, separators=separators))
+        write_text(stream, dumps(value, separators=separators))
 
     return module("json", {"dumps": dumps, "loads": loads, "dump": dump, "load": lambda stream: loads(stream.read())})

@@ -39,8 +39,13 @@ def text(value: Any) -> str:
     if isinstance(value, BaseException) and kind.__str__ in _PLAIN:
         return _exception_text(value)
     if kind.__str__ is not object.__str__ and kind not in _REPRESENTATIONS and not isinstance(value, _PRIVATE):
-        return str(value)
+        return _returned(kind.__str__(value))
     return representation(value)
+
+
+def _returned(result: Any) -> str:
+    """Text that ``__str__`` or ``__repr__`` returns; on a hub they may return anything."""
+    return result if isinstance(result, str) else text(result)
 
 
 def representation(value: object) -> str:
@@ -59,7 +64,7 @@ def representation(value: object) -> str:
         return f"<{kind.__name__}>" if is_native else f"<{kind.__name__} object at {_address(value)}>"
     native: Any = next((base for base in _COPIES if isinstance(value, base)), None)
     if native is None or kind.__repr__ is not native.__repr__:
-        return repr(value)
+        return _returned(kind.__repr__(value))
     return _REPRESENTATIONS[native](_COPIES[native](value))
 
 

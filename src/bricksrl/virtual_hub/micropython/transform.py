@@ -7,11 +7,13 @@ write.
 from __future__ import annotations
 
 import ast
+import copy
 import operator
 from collections.abc import Callable
 
-from bricksrl.virtual_hub.micropython.attributes import HIDDEN_NAMES
+from bricksrl.virtual_hub.micropython.attributes import may_be_hidden
 from bricksrl.virtual_hub.micropython.floats import SMALL_MAX, SMALL_MIN, read_float
+from bricksrl.virtual_hub.micropython.operators import ASCII_METHODS
 from bricksrl.virtual_hub.micropython.transform_async import async_for, async_with
 
 _FOLDED: dict[type[ast.operator], Callable[[int, int], int]] = {
@@ -37,19 +39,11 @@ _MAX_BITS = 4096
 _WRAPPED = (ast.Add, ast.Sub, ast.Mult, ast.LShift)
 _ARITHMETIC = {ast.Div: "@div", ast.FloorDiv: "@floordiv", ast.Mod: "@mod", ast.Pow: "@pow"}
 _CALLED = {**_ARITHMETIC, ast.BitAnd: "@and", ast.BitOr: "@or", ast.BitXor: "@xor"}
-_IN_PLACE = {
-    **_ARITHMETIC,
-    ast.Add: "@iadd",
-    ast.Sub: "@isub",
-    ast.Mult: "@imul",
-    ast.LShift: "@ilshift",
-    ast.BitAnd: "@iand",
-    ast.BitOr: "@ior",
-    ast.BitXor: "@ixor",
-}
+_IN_PLACE = {ast.Add: "@iadd", ast.Sub: "@isub", ast.BitAnd: "@iand", ast.BitOr: "@ior", ast.BitXor: "@ixor"}
+"""Operators that can change a value in place on a hub; for others ``a *= b`` is ``a = a * b``."""
 _CONVERSIONS = ("int", "float", "str")
-_METHODS = ("format", "to_bytes", "from_bytes")
-_EMITTERS = ("native", "viper", "bytecode")
+_METHODS = ("format", "to_bytes", "from_bytes", *ASCII_METHODS)
+_EMITTERS = ("micropython.native", "micropython.viper", "micropython.bytecode")
 
 
 def transform(tree: ast.Module | ast.Expression) -> ast.Module | ast.Expression:
@@ -88,6 +82,14 @@ def _constant(node: ast.expr) -> ast.expr:
 
 
 class _Transformer(ast.NodeTransformer):
+    def __init__(self) -> None:
+        self._private: dict[str, ast.expr] = {}
+        """Values of names such as ``_SPEED = const(100)``, which exist for the hub's compiler only."""
+
+    def visit_Name(self, node: ast.Name) -> ast.expr:
+        is_private = node.id in self._private and isinstance(node.ctx, ast.Load)
+        return copy.deepcopy(self._private[node.id]) if is_private else node
+
     def visit_Constant(self, node: ast.Constant) -> ast.expr:
         if type(node.value) is float:
             node.value = read_float(repr(node.value))
@@ -124,27 +126,31 @@ class _Transformer(ast.NodeTransformer):
     def visit_AugAssign(self, node: ast.AugAssign) -> ast.AST | list[ast.stmt]:
         self.generic_visit(node)
         kind, target = type(node.op), node.target
-        if kind not in _IN_PLACE:
-            return node
-        helper = _IN_PLACE[kind]
         if isinstance(target, ast.Name):
-            if kind in _WRAPPED:
-                check = ast.Assign([target], _call("@n", ast.Name(target.id, ast.Load()), at=node))
-                return [node, ast.copy_location(check, node)]
-            value = _call(helper, ast.Name(target.id, ast.Load()), node.value, at=node)
-            return ast.copy_location(ast.Assign([target], value), node)
+            read: ast.expr = ast.Name(target.id, ast.Load())
+            if kind in (ast.Add, ast.Sub):
+                return [node, ast.copy_location(ast.Assign([target], _call("@n", read, at=node)), node)]
+            return ast.copy_location(ast.Assign([target], self._operate(read, node)), node)
         statements: list[ast.stmt] = [self._assign_temporary("@owner", target.value, node)]
         owner: ast.expr = ast.Name("@owner", ast.Load())
         if isinstance(target, ast.Attribute):
-            read: ast.expr = ast.Attribute(owner, target.attr, ast.Load())
+            read = ast.Attribute(owner, target.attr, ast.Load())
             write: ast.expr = ast.Attribute(owner, target.attr, ast.Store())
         else:
             statements.append(self._assign_temporary("@index", target.slice, node))
             index = ast.Name("@index", ast.Load())
             read, write = ast.Subscript(owner, index, ast.Load()), ast.Subscript(owner, index, ast.Store())
-        assign = ast.copy_location(ast.Assign([write], _call(helper, read, node.value, at=node)), node)
+        assign = ast.copy_location(ast.Assign([write], self._operate(read, node)), node)
         statements.append(self._store_statement(assign))
         return statements
+
+    @staticmethod
+    def _operate(read: ast.expr, node: ast.AugAssign) -> ast.expr:
+        """The new value of the target of ``a += b``."""
+        kind = type(node.op)
+        if helper := _IN_PLACE.get(kind) or _ARITHMETIC.get(kind):
+            return _call(helper, read, node.value, at=node)
+        return _call("@n", ast.copy_location(ast.BinOp(read, node.op, node.value), node), at=node)
 
     @staticmethod
     def _store_statement(node: ast.Assign) -> ast.stmt:
@@ -180,7 +186,7 @@ class _Transformer(ast.NodeTransformer):
 
     def visit_Attribute(self, node: ast.Attribute) -> ast.expr:
         self.generic_visit(node)
-        if isinstance(node.ctx, ast.Load) and node.attr in HIDDEN_NAMES:
+        if isinstance(node.ctx, ast.Load) and may_be_hidden(node.attr):
             return _call("@attr", node.value, ast.Constant(node.attr), at=node)
         return node
 
@@ -195,7 +201,11 @@ class _Transformer(ast.NodeTransformer):
     def visit_Assign(self, node: ast.Assign) -> ast.AST:
         target = node.targets[0]
         if len(node.targets) == 1 and isinstance(target, ast.Name):
-            node.value = _constant(node.value)
+            constant = _constant(node.value)
+            if constant is not node.value and target.id.startswith("_"):
+                self._private[target.id] = self.visit(constant)
+                return ast.copy_location(ast.Pass(), node)
+            node.value = constant
         self.generic_visit(node)
         if len(node.targets) == 1 and isinstance(target, ast.Subscript) and isinstance(target.slice, ast.Slice):
             bounds = [bound or ast.Constant(None) for bound in (target.slice.lower, target.slice.upper, target.slice.step)]
@@ -291,6 +301,20 @@ class _Transformer(ast.NodeTransformer):
             node.body.insert(0, ast.copy_location(reword, node))
         return node
 
+    def visit_Try(self, node: ast.Try) -> ast.AST:
+        """A hub that is switched off runs no ``finally``."""
+        self.generic_visit(node)
+        if node.finalbody:
+            at = node.finalbody[0]
+            node.finalbody = [ast.copy_location(ast.If(_call("@is_on", at=at), node.finalbody, []), at)]
+        return node
+
+    def visit_With(self, node: ast.With) -> ast.AST:
+        self.generic_visit(node)
+        for item in node.items:
+            item.context_expr = _call("@with", item.context_expr, ast.Name("@reword", ast.Load()), at=item.context_expr)
+        return node
+
     def visit_If(self, node: ast.If | ast.IfExp) -> ast.AST:
         self.generic_visit(node)
         node.test = _call("@branch", node.test, at=node.test)
@@ -369,13 +393,4 @@ class _Transformer(ast.NodeTransformer):
     @staticmethod
     def _strip_emitters(node: ast.FunctionDef | ast.AsyncFunctionDef) -> None:
         """Remove ``@micropython.native`` and the like, which are directives to the compiler."""
-        node.decorator_list = [
-            d
-            for d in node.decorator_list
-            if not (
-                isinstance(d, ast.Attribute)
-                and isinstance(d.value, ast.Name)
-                and d.value.id == "micropython"
-                and d.attr in _EMITTERS
-            )
-        ]
+        node.decorator_list = [d for d in node.decorator_list if ast.unparse(d) not in _EMITTERS]

@@ -6,6 +6,7 @@ from types import ModuleType
 
 from bricksrl.robots import HubKind
 from bricksrl.virtual_hub.console import Console
+from bricksrl.virtual_hub.heap import Heap
 from bricksrl.virtual_hub.interpreter import Modules
 from bricksrl.virtual_hub.machine import Machine
 from bricksrl.virtual_hub.micropython.numbers import math_module, module, random_module, struct_module
@@ -30,7 +31,6 @@ from bricksrl.virtual_hub.pybricks.tools import tools_module
 
 FIRMWARE_VERSION = "4.0.1"
 FIRMWARE_BUILD = "v4.0.1 on 2026-06-23"
-_HEAP_BYTES = {HubKind.PRIME: 64 * 1024, HubKind.ESSENTIAL: 64 * 1024}
 _MACHINES = {
     HubKind.PRIME: "SPIKE Prime Hub with STM32F413VG",
     HubKind.ESSENTIAL: "SPIKE Essential Hub with STM32F413RG",
@@ -74,28 +74,29 @@ def modules(machine: Machine, console: Console) -> Modules:
     result["pybricks"] = module("pybricks", {"version": (f"{hub.value}hub", FIRMWARE_VERSION, FIRMWARE_BUILD)})
     if hub.model.has_float:
         result["pybricks.geometry"] = pybricks["tools"]
-    language = _language_modules(machine, console)
+    heap = Heap(hub)
+    machine.check_memory = heap.check
+    language = _language_modules(machine, console, heap)
     result.update(language)
     result.update({f"u{name}": language[name] for name in _U_PREFIXED if name in language})
     machine.branch(None)
-    return Modules(result, machine.turn_loop, machine.branch, missing_builtins=_MISSING_BUILTINS.get(hub, ()))
+    return Modules(result, machine.turn_loop, machine.branch, heap.namespaces, missing_builtins=_MISSING_BUILTINS.get(hub, ()))
 
 
-def _language_modules(machine: Machine, console: Console) -> dict[str, ModuleType]:
+def _language_modules(machine: Machine, console: Console, heap: Heap) -> dict[str, ModuleType]:
     hub = machine.robot.hub
     if hub is HubKind.MOVE:
         return {"errno": errno_module()}
     keyboard = Keyboard()
-    heap_bytes = _HEAP_BYTES.get(hub, 16 * 1024)
     return {
         "errno": errno_module(),
-        "micropython": micropython_module(keyboard, console, heap_bytes),
+        "micropython": micropython_module(keyboard, console, heap.statistics),
         "math": math_module(),
         "random": random_module(machine.time_ms * 1000),
         "struct": struct_module(),
         "json": json_module(),
         "io": io_module(),
-        "gc": gc_module(heap_bytes),
+        "gc": gc_module(heap.statistics),
         "select": select_module(machine.advance_to_alarm, machine.charge_call),
         "sys": sys_module(console, keyboard, machine.charge_call, FIRMWARE_VERSION, _MACHINES[hub]),
     }

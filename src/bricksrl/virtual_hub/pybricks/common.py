@@ -158,6 +158,9 @@ class Log:
         self._console.write(f"{line}\r\n".encode())
 
 
+Log.__name__ = Log.__qualname__ = "Logger"
+
+
 class MotorModel:
     """State of the observer, at the motor's own shaft: gears do not count (``pb_type_motor_model.c``)."""
 

@@ -114,11 +114,16 @@ def expect_type(value: Any, kind: type) -> None:
 class Async:
     """Awaitable of a method in the run loop; completes with a value when ``is_done``."""
 
-    __slots__ = ("_is_done", "_on_close", "_result", "_state")
+    __slots__ = ("_is_done", "_loop", "_on_close", "_result", "_state")
 
     def __init__(
-        self, is_done: Callable[[], bool], result: Callable[[], Any] | None, on_close: Callable[[], None] | None
+        self,
+        loop: RunLoop,
+        is_done: Callable[[], bool],
+        result: Callable[[], Any] | None = None,
+        on_close: Callable[[], None] | None = None,
     ) -> None:
+        self._loop = loop
         self._is_done = is_done
         self._result = result
         self._on_close = on_close
@@ -130,11 +135,13 @@ class Async:
     def __next__(self) -> None:
         if self._state != "running":
             raise StopIteration
+        self._loop.is_waiting = True
         if self._is_done():
+            self._loop.is_waiting = False
             self._state = "done"
             raise StopIteration(self._result() if self._result is not None else None)
 
-    def cancel(self) -> None:
+    def _cancel(self) -> None:
         """Complete early, as another command replaced this one."""
         self._state = "cancelled"
 
@@ -147,20 +154,25 @@ class Async:
 
 
 class RunLoop:
-    """State of ``run_task``, and waiting inside and outside of it."""
+    """State of ``run_task``, and waiting inside and outside of it.
+
+    Attributes:
+        is_active: whether tasks run.
+        is_waiting: whether the task that has just yielded waits for something; otherwise it only lets others run.
+    """
 
     def __init__(self, machine: Machine) -> None:
         self.machine = machine
         self.is_active = False
-        self.is_busy = False
+        self.is_waiting = False
 
     def advance_turn(self) -> None:
         """Advance one turn of ``run_task``; almost nothing if a task only yielded."""
-        if self.is_busy:
-            self.is_busy = False
-            self.machine.charge_call()
-        else:
+        if self.is_waiting:
             self.machine.advance(1)
+        else:
+            self.machine.charge_call()
+        self.is_waiting = False
         self.machine.branch(None)
 
     def yield_once(self) -> Async:
@@ -169,10 +181,10 @@ class RunLoop:
 
         def is_done() -> bool:
             done = next(checks)
-            self.is_busy = self.is_busy or not done
+            self.is_waiting = False
             return done
 
-        return Async(is_done, None, None)
+        return Async(self, is_done)
 
     def assert_blocking(self) -> None:
         if self.is_active:
@@ -187,7 +199,7 @@ class RunLoop:
     ) -> Any:
         """Wait now, or return an awaitable. ``poll_ms``: time between checks; 0 for the next control loop."""
         if self.is_active:
-            return Async(is_done, result, on_close)
+            return Async(self, is_done, result, on_close)
         while not is_done():
             if poll_ms:
                 self.machine.advance(poll_ms)
@@ -198,14 +210,14 @@ class RunLoop:
     def wait_until(self, end_ms: int, on_close: Callable[[], None] | None = None) -> Any:
         """Wait for a simulated time."""
         if self.is_active:
-            return Async(lambda: self.machine.time_ms >= end_ms, None, on_close)
+            return Async(self, lambda: self.machine.time_ms >= end_ms, None, on_close)
         if end_ms > self.machine.time_ms:
             self.machine.advance(end_ms - self.machine.time_ms)
         return None
 
     def value(self, get: Callable[[], Any]) -> Any:
         """A sensor's value, now or as an awaitable."""
-        return Async(lambda: True, get, None) if self.is_active else get()
+        return Async(self, lambda: True, get) if self.is_active else get()
 
     def done(self) -> Any:
         """A command that completes immediately."""
@@ -221,7 +233,7 @@ class Awaited:
 
     def cancel(self) -> None:
         if self._current is not None:
-            self._current.cancel()
+            self._current._cancel()
             self._current = None
 
     def finish(

@@ -8,8 +8,9 @@ from collections.abc import Iterator
 from typing import Any
 
 from bricksrl.robots import HubKind
-from bricksrl.virtual_hub.machine import Machine, SwitchedOff
+from bricksrl.virtual_hub.machine import Machine
 from bricksrl.virtual_hub.micropython.containers import HubDict
+from bricksrl.virtual_hub.micropython.errors import SwitchedOff
 from bricksrl.virtual_hub.micropython.numbers import expect_int
 from bricksrl.virtual_hub.micropython.streams import as_bytes
 from bricksrl.virtual_hub.pybricks.context import Awaited, Context, charged, expect_type, get_array, get_int, get_text, percentage
@@ -211,11 +212,9 @@ class Speaker(_Part):
 
     @charged
     def beep(self, frequency: Any = 500, duration: Any = 100) -> Any:
-        sound_hz, duration_ms = get_int(frequency), get_int(duration)
-        if duration_ms < 0:
-            self._panel.sound_hz = sound_hz
-            return None
-        return self._play(self._sound(sound_hz, duration_ms, duration_ms))
+        """Play a tone at once; whoever waits for its end also ends it."""
+        self._panel.sound_hz, duration_ms = get_int(frequency), get_int(duration)
+        return None if duration_ms < 0 else self._play(self._rest_of_tone(self._machine.time_ms + duration_ms))
 
     @charged
     def play_notes(self, notes: Any, tempo: Any = 120) -> Any:
@@ -223,6 +222,11 @@ class Speaker(_Part):
 
     def _play(self, sounds: Iterator[bool]) -> Any:
         return self._awaited.finish(lambda: next(sounds, True), None, self._silence, poll_ms=1)
+
+    def _rest_of_tone(self, end_ms: int) -> Iterator[bool]:
+        while self._machine.time_ms < end_ms:
+            yield False
+        self._silence()
 
     def _silence(self) -> None:
         self._panel.sound_hz = 0
@@ -234,9 +238,7 @@ class Speaker(_Part):
     def _sound(self, frequency_hz: int, sound_ms: int, total_ms: int) -> Iterator[bool]:
         """Play a note with the silence at its end; yields False until it is over."""
         start_ms, self._panel.sound_hz = self._machine.time_ms, frequency_hz
-        while self._machine.time_ms < start_ms + sound_ms:
-            yield False
-        self._silence()
+        yield from self._rest_of_tone(start_ms + sound_ms)
         while self._machine.time_ms < start_ms + total_ms:
             yield False
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from bricksrl.virtual_hub.micropython.floats import to_single
-from bricksrl.virtual_hub.pybricks.context import get_array, get_number
+from bricksrl.virtual_hub.pybricks.context import get_array, get_exact_int, get_number
 
 
 def _invalid() -> ValueError:
@@ -50,7 +50,7 @@ class Matrix:
         if isinstance(index, int):
             position = index + len(flat) if index < 0 else index
         elif len(get_array(index)) == 2:
-            row, column = (i + n if i < 0 else i for i, n in zip(index, (rows, columns), strict=True))
+            row, column = (i + n if get_exact_int(i) < 0 else i for i, n in zip(index, (rows, columns), strict=True))
             if 0 <= row < rows and 0 <= column < columns:
                 position = row * columns + column
         if not 0 <= position < len(flat):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from bricksrl.virtual_hub.pybricks.context import Context, RunLoop, charged, get_int
+from bricksrl.virtual_hub.pybricks.context import Context, RunLoop, charged, get_exact_int
 
 _LAST_CHANNEL = 255
 _MAX_PAYLOAD_BYTES = 26
@@ -18,9 +18,9 @@ class Radio:
 
     def __init__(self, context: Context, broadcast_channel: Any = None, observe_channels: Any = ()) -> None:
         self._machine, self._loop = context.machine, context.loop
-        if broadcast_channel is not None and not 0 <= get_int(broadcast_channel) <= _LAST_CHANNEL:
+        if broadcast_channel is not None and not 0 <= get_exact_int(broadcast_channel) <= _LAST_CHANNEL:
             raise ValueError("Broadcast channel must be 0 to 255 or None")
-        channels = [get_int(observe_channels[index]) for index in range(len(observe_channels))]
+        channels = [get_exact_int(observe_channels[index]) for index in range(len(observe_channels))]
         if not all(0 <= channel <= _LAST_CHANNEL for channel in channels):
             raise ValueError("observe channel must be 0 to 255")
         self._broadcast_channel = broadcast_channel
@@ -50,7 +50,7 @@ class Radio:
         return "v1.0"
 
     def _check(self, channel: Any) -> None:
-        if get_int(channel) not in self._observed:
+        if get_exact_int(channel) not in self._observed:
             raise ValueError("channel not configured")
 
 
@@ -64,7 +64,7 @@ def _encoded_bytes(value: Any) -> int:
         return 5
     if isinstance(value, str):
         return 1 + len(value.encode())
-    if isinstance(value, bytes | bytearray):
+    if isinstance(value, bytes | bytearray | memoryview):
         return 1 + len(value)
     raise TypeError("must be True, False, int, float, str or bytes")
 

@@ -10,7 +10,7 @@ from typing import Any
 from bricksrl.errors import TwinError
 from bricksrl.virtual_hub.machine import Machine
 from bricksrl.virtual_hub.micropython.numbers import module
-from bricksrl.virtual_hub.pybricks.context import Async, Context, bind, get_int
+from bricksrl.virtual_hub.pybricks.context import Async, Context, RunLoop, bind, get_int
 from bricksrl.virtual_hub.pybricks.hub_parts import LightMatrix
 from bricksrl.virtual_hub.pybricks.matrix import Matrix, cross, vector
 from bricksrl.virtual_hub.pybricks.parameters import Axis
@@ -21,7 +21,7 @@ class StopWatch:
 
     _machine: Machine
 
-    def __init__(self, *_unused: Any) -> None:
+    def __init__(self, *_unused: Any, **_named: Any) -> None:
         self._start = self._machine.time_ms
         self._pause: int | None = None
 
@@ -51,19 +51,24 @@ class StopWatch:
 class Task:
     """``multitask(...)``: tasks in turns until all, or with ``race`` one, are done."""
 
-    def __init__(self, *tasks: Any, race: Any = False) -> None:
+    _loop: RunLoop
+
+    def __init__(self, *tasks: Any, **race: Any) -> None:
         self._tasks = tasks
         self._iterators: list[Iterator[Any]] = [_iterator(task) for task in tasks]
         self._results: list[Any] = [None] * len(tasks)
         self._open = list(range(len(tasks)))
-        self._required = 1 if race else len(tasks)
+        is_race = len(race) == 1 and all(race.values())  # whatever its name is
+        self._required = 1 if is_race else len(tasks)
 
     def __iter__(self) -> Task:
         return self
 
     def __next__(self) -> None:
+        loop, all_wait = self._loop, True
         try:
             for index in tuple(self._open):
+                loop.is_waiting = False
                 try:
                     next(self._iterators[index])
                 except StopIteration as stop:
@@ -71,12 +76,16 @@ class Task:
                     self._open.remove(index)
                     if len(self._tasks) - len(self._open) >= self._required:
                         break
+                else:
+                    all_wait = all_wait and loop.is_waiting
         except BaseException:
             self.close()
             raise
         if len(self._tasks) - len(self._open) >= self._required:
             self.close()
+            loop.is_waiting = False
             raise StopIteration(tuple(self._results))
+        loop.is_waiting = all_wait
 
     def close(self) -> None:
         for index in self._open:
@@ -108,14 +117,14 @@ def tools_module(context: Context, has_display: bool, app_data: type[Any]) -> Mo
         if duration == 0:
             return loop.yield_once()
         end_ms = machine.time_ms + duration
-        return Async(lambda: machine.time_ms >= end_ms, None, None)
+        return Async(loop, lambda: machine.time_ms >= end_ms)
 
     def run_task(task: Any = None) -> bool | None:
         if task is None:
             return loop.is_active
         if loop.is_active:
             raise RuntimeError("Run loop already active.")
-        loop.is_active = True
+        loop.is_active, loop.is_waiting = True, False
         try:
             iterator = _iterator(task)
             while next(iterator, _DONE) is not _DONE:
@@ -140,7 +149,9 @@ def tools_module(context: Context, has_display: bool, app_data: type[Any]) -> Mo
         return _menu(context, entries)
 
     names: dict[str, Any] = {"wait": wait, "run_task": run_task, "read_input_byte": read_input_byte, "AppData": app_data}
-    names.update({"StopWatch": bind(StopWatch, context), "multitask": Task}, **_geometry(machine.robot.hub.model.has_float))
+    names.update(
+        {"StopWatch": bind(StopWatch, context), "multitask": bind(Task, context)}, **_geometry(machine.robot.hub.model.has_float)
+    )
     if has_display:
         names["hub_menu"] = hub_menu
     return module("pybricks.tools", names)

@@ -1,6 +1,6 @@
 """Bluetooth devices. Only a remote control and an Xbox controller can be near: searches for others time out.
 
-Names and errors: ``pybricks`` 4.0 on PyPI, and the firmware's ``pb_type_pupdevices_remote.c``.
+Names and errors: ``pybricks`` 4.0 on PyPI, ``pb_type_iodevices_lwp3device.c`` and ``pb_type_iodevices_xbox_controller.c``, v4.
 """
 
 from __future__ import annotations
@@ -10,17 +10,29 @@ from collections.abc import Callable
 from typing import Any
 
 from bricksrl.virtual_hub.machine import Machine
-from bricksrl.virtual_hub.pybricks.context import Context, RunLoop, bind, charged, expect_type, get_int, os_error
+from bricksrl.virtual_hub.micropython.streams import as_bytes
+from bricksrl.virtual_hub.pybricks.context import (
+    Context,
+    RunLoop,
+    bind,
+    charged,
+    expect_type,
+    get_exact_int,
+    get_int,
+    get_text,
+    os_error,
+)
 from bricksrl.virtual_hub.pybricks.parameters import Color, buttons
 
 _MAX_NAME_BYTES = 14
 _SEARCH_MS = 500  # until a switched-on device is found
-_REMOTE_BUTTONS = ("left_plus", "left_minus", "right_plus", "right_minus", "left", "right", "center")
+_REMOTE_BUTTONS = ("left_plus", "left", "left_minus", "right_plus", "right", "right_minus", "center")
 _XBOX_BUTTONS = ("a", "b", "", "x", "y", "", "lb", "rb", "", "", "view", "menu", "guide", "lj", "rj")
 """By their bit."""
 _XBOX_EXTRAS = ("upload", "p1", "p2", "p3", "p4")
+_RUMBLE_MOTORS = 4
 _STICK_MAX, _TRIGGER_MAX = 2**15 - 1, 1023
-_MAX_MESSAGE_BYTES = 20
+_MESSAGE_BYTES = range(3, 21)
 
 
 def _unavailable(name: str) -> Callable[..., Any]:
@@ -41,16 +53,14 @@ class Wireless:
     _loop: RunLoop
     _machine: Machine
     _is_connected = False
+    _pause_ms: int | None = None
+    """Pause before the second search; ``None`` if there is none."""
 
     def __init__(self, name: Any = None, timeout: Any = 10000, connect: Any = True) -> None:
         self._loop.assert_blocking()
-        if name is not None:
-            expect_type(name, str)
-            if len(name.encode()) > _MAX_NAME_BYTES:
-                raise ValueError("Name too long")
-        self._timeout_ms = None if timeout is None else get_int(timeout) + 1
-        if self._timeout_ms is not None and self._timeout_ms < 1:
-            raise ValueError("Invalid argument")
+        if name is not None and len(get_text(name).encode()) > _MAX_NAME_BYTES:
+            raise ValueError("Name too long")
+        self._timeout_ms = None if timeout is None else max(0, get_int(timeout)) + 1
         if connect:
             self.connect()
 
@@ -58,11 +68,14 @@ class Wireless:
         self._machine.charge_call()
         start_ms = self._machine.time_ms
         is_near = self._kind in self._machine.panel.near
+        longest_ms = self._timeout_ms
+        if longest_ms is not None and self._pause_ms is not None:
+            longest_ms = 2 * longest_ms + self._pause_ms
 
         def is_done() -> bool:
             waited_ms = self._machine.time_ms - start_ms
             self._is_connected = is_near and waited_ms >= _SEARCH_MS
-            if not is_near and self._timeout_ms is not None and waited_ms >= self._timeout_ms:
+            if not is_near and longest_ms is not None and waited_ms >= longest_ms:
                 raise os_error(errno.ETIMEDOUT)
             return self._is_connected
 
@@ -116,15 +129,17 @@ class LWP3Device(Wireless):
         num_notifications: Any = 8,
         connect: Any = True,
     ) -> None:
-        for number in (hub_kind, num_notifications):
-            if not 0 <= get_int(number) <= 255:
-                raise ValueError("Invalid argument")
+        for number in (num_notifications, hub_kind):
+            get_exact_int(number)
         super().__init__(name, timeout, connect)
 
     @charged
-    def write(self, buf: Any) -> Any:
-        if len(buf) > _MAX_MESSAGE_BYTES:
-            raise ValueError("message too long")
+    def write(self, buf: Any, /) -> Any:
+        message = as_bytes(buf)
+        if len(message) not in _MESSAGE_BYTES:
+            raise ValueError("bad length")
+        if message[0] != len(message):
+            raise ValueError("length in header wrong")
         raise os_error(errno.ENODEV)
 
     read = _unavailable("read")
@@ -152,13 +167,13 @@ class Remote(Wireless):
         super().__init__(name, timeout, connect)
 
     @charged
-    def name(self, name: Any = None) -> Any:
+    def name(self, *name: Any) -> Any:
+        text = get_text(name[0]) if name else self._name
+        if not 1 <= len(text.encode()) <= _MAX_NAME_BYTES:
+            raise ValueError("bad name length")
         self._check_connected()
-        if name is None:
-            return self._name
-        expect_type(name, str)
-        self._name = name
-        return self._loop.done()
+        self._name = text
+        return self._loop.done() if name else text
 
 
 class TechnicMoveHub(Wireless):
@@ -183,6 +198,7 @@ class XboxController(Wireless):
     """The game controller, near if the panel has one."""
 
     _kind = "xbox"
+    _pause_ms = 2000
 
     def __init__(self, joystick_deadzone: Any = 10, name: Any = None, timeout: Any = 10000, connect: Any = True) -> None:
         get_int(joystick_deadzone)
@@ -231,7 +247,10 @@ class XboxController(Wireless):
 
     @charged
     def rumble(self, power: Any = 100, duration: Any = 200, count: Any = 1, delay: Any = 100) -> Any:
-        for number in (duration, count, delay):
+        powers = power if isinstance(power, list | tuple) else (power,) * _RUMBLE_MOTORS
+        if len(powers) != _RUMBLE_MOTORS:
+            raise ValueError(f"expected 1 number or tuple of {_RUMBLE_MOTORS} values")
+        for number in (duration, delay, count, *powers):
             get_int(number)
         self._check_connected()
         return self._loop.done()

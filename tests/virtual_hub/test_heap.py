@@ -1,0 +1,120 @@
+"""Memory of a hub: what programs occupy, and that it runs out."""
+
+from __future__ import annotations
+
+import pytest
+from hub_programs import output
+
+from bricksrl.robots import HubKind, Robot
+from bricksrl.virtual_hub import heap
+from bricksrl.virtual_hub.micropython import errors
+
+FILL = """
+class Point:
+    def __init__(self, x, y):
+        self.x = x
+        self.y = y
+
+def fill(kept):
+    try:
+        while True:
+            kept.append({item})
+    except MemoryError:
+        return len(kept)
+
+print(fill([]))
+"""
+
+
+@pytest.mark.parametrize(
+    ("item", "firmware"),
+    [
+        ("5", 65536),
+        ("0.5 * len(kept)", 16384),
+        ("(len(kept), 5)", 16384),
+        ("[1, 2, 3]", 10414),
+        ("[len(kept), [0.5]]", 5717),
+        ("'abc' + str(len(kept))", 8192),
+        ("{'a': 1, 'b': 2}", 10411),
+        ("{len(kept)}", 10414),
+        ("bytearray(100)", 2986),
+        ("bytes(50)", 4574),
+        ("Point(1, 2)", 10413),
+        ("lambda: kept", 10410),
+        ("[0] * 50", 1525),
+        ("(len(kept) * 2.5, 'x' * (30 + len(kept) % 2))", 4574),
+    ],
+)
+def test_memory_runs_out_as_in_the_firmware(item: str, firmware: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The firmware's code with 400 KiB of memory; a list that grows needs a piece twice as long as itself there."""
+    monkeypatch.setitem(heap._RAM_BYTES, HubKind.PRIME, 400 * 1024)
+    monkeypatch.setattr(errors, "LARGEST_HEAP_BYTES", 400 * 1024)
+    count = int(output(FILL.replace("{item}", item)))
+    assert 0.97 * firmware <= count <= 1.4 * firmware
+
+
+def test_program_goes_on_with_freed_memory() -> None:
+    source = """
+kept = []
+for turn in range(3):
+    try:
+        while True:
+            kept.append(bytearray(1000))
+    except MemoryError as error:
+        print(200 < len(kept) < 300, "memory allocation failed, allocating" in str(error))
+        kept.clear()
+"""
+    assert output(source) == "\n".join(["True True"] * 3)
+
+
+@pytest.mark.parametrize(
+    ("kind", "fits", "fits_not"), [(HubKind.PRIME, 260, 275), (HubKind.TECHNIC, 30, 33), (HubKind.CITY, 18, 20)]
+)
+def test_each_hub_has_its_memory(kind: HubKind, fits: int, fits_not: int) -> None:
+    source = "from pybricks.tools import wait\nkept = [bytearray(1000) for _ in range({})]\nfor _ in range(3):\n    wait(10)"
+    robot = Robot("it", kind)
+    assert output(source.format(fits), robot=robot) == ""
+    with pytest.raises(MemoryError, match="memory allocation failed"):
+        output(source.format(fits_not), robot=robot)
+
+
+@pytest.mark.parametrize("expression", ["bytearray(300000)", "'x' * 300000", "[0] * 70000", "(0,) * 70000"])
+def test_no_hub_has_memory_for_long_objects(expression: str) -> None:
+    with pytest.raises(MemoryError, match="memory allocation failed, allocating [23]"):
+        output(f"a = {expression}")
+
+
+def test_statistics_follow_local_variables_generators_and_attributes() -> None:
+    source = """
+import gc
+
+class Box:
+    pass
+
+def used(function):
+    before = gc.mem_free()
+    return before - function()
+
+def local():
+    kept = bytearray(1600)
+    return gc.mem_free()
+
+def generated():
+    def generate():
+        kept = bytearray(1600)
+        yield kept
+        yield None
+    generator = generate()
+    next(generator)
+    return gc.mem_free()
+
+def stored():
+    box = Box()
+    box.kept = bytearray(1600)
+    return gc.mem_free()
+
+for function in (local, generated, stored):
+    print(1600 <= used(function) <= 1900)
+print(gc.mem_free() + gc.mem_alloc() > 265000, gc.mem_alloc() < 2000)
+"""
+    assert output(source) == "True\n" * 3 + "True True"
