@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import json
-import warnings
 from pathlib import Path
 
-import imageio_ffmpeg
 import numpy as np
 import pytest
+from videos import read_video
 
 from bricksrl.cli.app import run
 from bricksrl.cli.team import TrainTeam
@@ -24,9 +23,8 @@ def test_team_is_trained_played_and_played_again(tmp_path: Path, capsys: pytest.
     film = tmp_path / "tag" / "film.mp4"
     assert film.exists() or "film            none:" in shown
     if film.exists():
-        with warnings.catch_warnings(action="ignore", category=ResourceWarning):  # the reader leaves its pipes open
-            _, *frames = imageio_ffmpeg.read_frames(str(film))
-        first, later = (np.frombuffer(frames[index], np.uint8).astype(int) for index in (0, len(frames) // 4))
+        frames = read_video(film)
+        first, later = (frames[index].astype(int) for index in (0, len(frames) // 4))
         assert np.count_nonzero(np.abs(later - first) > 60) > 200, "the robots move"
     success = next(line for line in shown.splitlines() if line.startswith("success"))
     assert run(["team", "--play", str(tmp_path / "tag"), "--episodes", "1"]) == 0

@@ -9,6 +9,7 @@ from pathlib import Path
 import imageio_ffmpeg
 import numpy as np
 import pytest
+from videos import read_video
 
 from bricksrl.cli import main
 from bricksrl.errors import RenderingUnavailableError, TwinError
@@ -16,7 +17,7 @@ from bricksrl.robots import TWO_WHEELER
 from bricksrl.twin.make_body import make_body
 from bricksrl.twin.mujoco_body import MujocoBody
 from bricksrl.twin.physics import Physics
-from bricksrl.twin.render.opengl import Image, Renderer
+from bricksrl.twin.render.opengl import Renderer
 from bricksrl.twin.render.video import filmed
 from bricksrl.twin.scene import Scene
 from bricksrl.virtual_hub.run import run_file
@@ -50,21 +51,12 @@ def film(folder: Path, source: str, video: Path | None, time_limit_s: float | No
     return code, out.getvalue().decode(), err.getvalue()
 
 
-def frames(video: Path) -> list[Image]:
-    count, _ = imageio_ffmpeg.count_frames_and_secs(str(video))
-    reader = imageio_ffmpeg.read_frames(str(video))
-    width, height = next(reader)["size"]
-    read = [np.frombuffer(next(reader), np.uint8).reshape(height, width, 3) for _ in range(count)]
-    reader.close()
-    return read
-
-
 def test_program_video_has_simulated_speed(tmp_path: Path) -> None:
     video = tmp_path / "films" / "drive.mp4"
     assert film(tmp_path, DRIVE, video) == film(tmp_path, DRIVE, None)
     count, seconds = imageio_ffmpeg.count_frames_and_secs(str(video))
     assert count == 26 and seconds == pytest.approx(1.04, abs=0.05)
-    first, *_, last = frames(video)
+    first, *_, last = read_video(video)
     assert first.shape == (360, 480, 3) and np.abs(first.astype(int) - last).max() > 50, "it turned"
 
 
@@ -78,7 +70,7 @@ def test_video_is_complete_however_program_ends(
 ) -> None:
     video = tmp_path / "end.mp4"
     assert film(tmp_path, source, video, time_limit_s)[0] == code
-    assert len(frames(video)) == count
+    assert len(read_video(video)) == count
 
 
 def test_unfilmable_program_raises(tmp_path: Path, capsys) -> None:
