@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bricksrl.virtual_hub.interpreter import Modules, execute, format_traceback
+from bricksrl.virtual_hub.micropython.errors import reword
 from bricksrl.virtual_hub.micropython.float_text import float_text
 from bricksrl.virtual_hub.micropython.floats import to_single
 from bricksrl.virtual_hub.micropython.numbers import struct_module
@@ -489,3 +490,22 @@ wait(504)
 print(m.angle())
 """
     assert (output(source.format("()")), output(source.format(loop))) == ("251", "252")
+
+
+@pytest.mark.parametrize(
+    ("error", "message"),
+    [
+        (ValueError("min() iterable argument is empty"), "arg is an empty sequence"),
+        (TypeError("argument of type 'int' is not a container or iterable"), "'int' object isn't iterable"),
+        (TypeError("cannot use 'list' as a dict key (unhashable type: 'list')"), "unsupported type for __hash__: 'list'"),
+        (TypeError("f() got an unexpected keyword argument 'blue'. Did you mean 'glue'?"), "unexpected keyword argument 'blue'"),
+        (
+            TypeError("Motor.run() got an unexpected keyword argument 'sped'. Did you mean 'speed'?"),
+            "extra keyword arguments given",
+        ),
+    ],
+)
+def test_messages_of_newer_python_are_understood(error: Exception, message: str) -> None:
+    names: dict[str, object] = {}
+    exec("def f(glue): pass", names)
+    assert reword(error, names).args == (message,)

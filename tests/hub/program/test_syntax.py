@@ -21,6 +21,10 @@ from bricksrl.hub.program.syntax import parse
         ("f(1, (2, [3]), a for a in\n  b)\n", "f(1, (2, [3]), (a for a in\n  b))\n"),
         ("s = '\x1c'\nx = max(abs(a) for a in b, default=0)\n", "s = '\x1c'\nx = max((abs(a) for a in b), default=0)\n"),
         (
+            """s = f"{a["b"]} {{c}} {d}" + f'{e['f']:>{g['h']}}' + f"{i}" + 'f"j"'\n""",
+            """s = f"{a['b']} {{c}} {d}" + f'{e["f"]:>{g["h"]}}' + f"{i}" + 'f"j"'\n""",
+        ),
+        (
             'from a import b,\nx = """\n\tfrom here to there,\n007"""\ny = "007"  # 007\n',
             'from a import b\nx = """\n\tfrom here to there,\n007"""\ny = "007"\n',
         ),

@@ -10,8 +10,12 @@ import tokenize
 from typing import Any
 
 _TEXT = r'"""(?:\\.|[^\\])*?"""|' + r"'''(?:\\.|[^\\])*?'''|" + r'"(?:\\.|[^"\\\n])*"|' + r"'(?:\\.|[^'\\\n])*'|#[^\n]*"
+_FORMATTED = (
+    r"(?<!\w)(?P<f>[fF])(?P<quote>[\"'])"
+    r"(?P<body>(?:\\.|\{\{|\{(?!\{)[^{}\n]*(?:\{[^{}\n]*\}[^{}\n]*)*\}|(?!(?P=quote))[^\\{\n])*)(?P=quote)(?!(?P=quote))"
+)
 _HUB_ONLY = re.compile(
-    rf"(?P<text>{_TEXT})|^(?P<imports>[ \t]*from[ \t][^\n#\"'(;]*),(?=[ \t\r]*(?:#|$))|^(?P<indent>[ \t]+)|(?<![\w.])0+(?=[1-9])",
+    rf"{_FORMATTED}|(?P<text>{_TEXT})|^(?P<imports>[ \t]*from[ \t][^\n#\"'(;]*),(?=[ \t\r]*(?:#|$))|^(?P<indent>[ \t]+)|(?<![\w.])0+(?=[1-9])",
     re.MULTILINE | re.DOTALL,
 )
 _TAB = 8
@@ -20,8 +24,8 @@ _TAB = 8
 def parse(source: str, filename: str = "<unknown>", mode: str = "exec") -> Any:
     """Syntax tree of a program, or of an expression (``mode="eval"``); its line numbers are those of the source.
 
-    Accepts what the hub's compiler does: tabs among spaces, ``from a import b,``, numbers such as ``007``, and a generator
-    expression among other arguments.
+    Accepts what the hub's compiler does: tabs among spaces, ``from a import b,``, numbers such as ``007``, a generator
+    expression among other arguments, and (CPython: from 3.12) the quotes of an f-string inside its braces.
 
     Raises:
         SyntaxError: CPython cannot read it.
@@ -38,6 +42,8 @@ def parse(source: str, filename: str = "<unknown>", mode: str = "exec") -> Any:
 
 def _as_cpython(match: re.Match[str]) -> str:
     """Matched syntax as CPython accepts it."""
+    if match["f"]:
+        return match["f"] + 3 * match["quote"] + match["body"] + 3 * match["quote"]
     return match["text"] or (match["imports"] or match["indent"] or "").expandtabs(_TAB)
 
 

@@ -86,7 +86,7 @@ _RULES: tuple[_Rule, ...] = (
     (TypeError, r"'\w+' is an invalid keyword argument for sort\(\)", lambda m: "extra keyword arguments given"),
     (TypeError, r".*takes no keyword arguments|.*positional-only arguments passed as keyword.*",
      lambda m: "function doesn't take keyword arguments"),
-    (TypeError, r".*(?:argument|Value) after \* must be an iterable, not (.*)|argument of type '(.*)' is not iterable",
+    (TypeError, r".*(?:argument|Value) after \* must be an iterable, not (.*)|argument of type '(.*)' is not (?:a container or )?iterable",
      lambda m: f"'{m[1] or m[2]}' object isn't iterable"),
     (TypeError, r"type\(\) (takes 1 or 3 arguments)", lambda m: f"type {m[1]}"),
     (TypeError, r"\w+\(\) argument \d+ must be str, not (\w+)|ord\(\) expected string of length 1, but (\w+) found",
@@ -110,7 +110,7 @@ _RULES: tuple[_Rule, ...] = (
     (TypeError, r"string indices must be integers, not '(.*)'", lambda m: f"string indices must be integers, not {m[1]}"),
     (TypeError, r"('.*' object) is not (callable|iterable|subscriptable|an iterator)", lambda m: f"{m[1]} isn't {m[2]}"),
     (TypeError, r"('.*' object) does(?: not|n't) support item (.*)", lambda m: f"{m[1]} doesn't support item {m[2]}"),
-    (TypeError, r"unhashable type: '(.*)'", lambda m: f"unsupported type for __hash__: '{m[1]}'"),
+    (TypeError, r"(?:cannot use .* \()?unhashable type: '(.*?)'\)?", lambda m: f"unsupported type for __hash__: '{m[1]}'"),
     (IndexError, r"(list) assignment index out of range|pop index out of range", lambda m: "list index out of range"),
     (IndexError, r"range object index out of range", lambda m: "range index out of range"),
     (IndexError, r"Matrix index out of range", lambda m: "index out of range"),
@@ -122,7 +122,7 @@ _RULES: tuple[_Rule, ...] = (
     (IndexError, r"Replacement index \d+ out of range.*", lambda m: "tuple index out of range"),
     (ValueError, r"not enough values to unpack \(expected .*, got (.*)\)", lambda m: f"need more than {m[1]} values to unpack"),
     (ValueError, r"list.remove\(x\): x not in list|.* is not in list|tuple.index.*", lambda m: "object not in sequence"),
-    (ValueError, r"(?:max|min)\(\) arg is an empty sequence", lambda m: "arg is an empty sequence"),
+    (ValueError, r"(?:max|min)\(\) (?:iterable argument|arg) is (?:an )?empty(?: sequence)?", lambda m: "arg is an empty sequence"),
     (ValueError, r"bytes? must be in range\(0, 256\)", lambda m: "bytes value out of range"),
     (ValueError, r"range\(\) arg 3 must not be zero", lambda m: "zero step"),
     (ValueError, r"negative count", lambda m: ""),
@@ -194,7 +194,7 @@ def _locals_within(error: BaseException) -> list[object]:
 
 def _call_message(message: str, names: Mapping[str, object], error: BaseException) -> str:
     """Message for a call with wrong arguments, which differs between program and firmware functions."""
-    match = re.fullmatch(r"(.*?)\(\) (.*)", message)
+    match = re.fullmatch(r"(.*?)\(\) (.*?)(?:\. Did you mean '\w+'\?)?", message)
     if match is None:
         return message
     name, problem = match[1], match[2]
@@ -232,7 +232,7 @@ def _first_missing(error: BaseException) -> str | None:
     while trace is not None and trace.tb_next is not None:
         trace = trace.tb_next
     frame_locals: Mapping[str, Any] = trace.tb_frame.f_locals if trace is not None else {}
-    if not {"method", "args", "kwargs"} <= frame_locals.keys():
+    if not all(name in frame_locals for name in ("method", "args", "kwargs")):
         return None
     method, args, kwargs = (frame_locals[name] for name in ("method", "args", "kwargs"))
     code = method.__code__
