@@ -15,7 +15,8 @@ _FORMATTED = (
     r"(?P<body>(?:\\.|\{\{|\{(?!\{)[^{}\n]*(?:\{[^{}\n]*\}[^{}\n]*)*\}|(?!(?P=quote))[^\\{\n])*)(?P=quote)(?!(?P=quote))"
 )
 _HUB_ONLY = re.compile(
-    rf"{_FORMATTED}|(?P<text>{_TEXT})|^(?P<imports>[ \t]*from[ \t][^\n#\"'(;]*),(?=[ \t\r]*(?:#|$))|^(?P<indent>[ \t]+)|(?<![\w.])0+(?=[1-9])",
+    rf"{_FORMATTED}|(?P<text>{_TEXT})|^(?P<imports>[ \t]*from[ \t][^\n#\"'(;]*),(?=[ \t\r]*(?:#|$))|"
+    r"^(?P<indent>[ \t]+)|(?<![\w.])0+(?=[1-9])",
     re.MULTILINE | re.DOTALL,
 )
 _TAB = 8

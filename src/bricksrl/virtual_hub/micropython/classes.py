@@ -13,9 +13,11 @@ _UNUSED = (
     *("__iand__", "__ior__", "__ixor__"),
 )
 _MADE_BY_CPYTHON = frozenset(
-    ["__dict__", "__weakref__", "__doc__", "__module__", "__qualname__", "__slotnames__", "__annotations__"]
-    + ["__firstlineno__", "__static_attributes__"]  # since Python 3.13
-    + ["__annotate__", "__annotate_func__", "__annotations_cache__"]  # since Python 3.14
+    (
+        *("__dict__", "__weakref__", "__doc__", "__module__", "__qualname__", "__slotnames__", "__annotations__"),
+        *("__firstlineno__", "__static_attributes__"),  # since Python 3.13
+        *("__annotate__", "__annotate_func__", "__annotations_cache__"),  # since Python 3.14
+    )
 )
 FIRMWARE = "bricksrl."
 """Beginning of the names of modules with native classes."""
