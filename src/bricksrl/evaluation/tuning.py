@@ -148,7 +148,7 @@ def tune(
     try:
         import optuna
     except ImportError:
-        raise RunError("optuna is not installed; run `pip install optuna`") from None
+        raise RunError("Optuna is not installed; run `pip install 'bricksrl[tune]'`") from None
     check_seed(seed)
     start = settings_for(tuning.env, "default", tuning.agent)
     goals = any(entry.name.endswith("_goal") for entry in get_task(tuning.env).entries)

@@ -59,7 +59,8 @@ def export_model(path: Path | str, out: Path, format_: Format = "torch-export", 
     refuse_existing(out, RunError)
     missing = [name for name in _ONNX if format_ == "onnx" and importlib.util.find_spec(name) is None]
     if missing:
-        raise RunError(f"{' and '.join(missing)} is not installed; run `pip install 'bricksrl[onnx]'`, or export as torch-export")
+        names = " and ".join(missing)
+        raise RunError(f"export as onnx needs {names}; run `pip install 'bricksrl[onnx]'`, or export as torch-export")
     policy, inputs = load_policy(path, which=which), _observations(path)
     acting = BestAction(policy).eval().requires_grad_(False)
     with torch.no_grad():
