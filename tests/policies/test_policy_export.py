@@ -68,7 +68,7 @@ def test_wrong_export_is_removed(trained: Path, tmp_path: Path, monkeypatch: pyt
 
 def test_missing_onnx_raises(trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(export.importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(RunError, match=r"onnx and onnxscript is not installed; run `pip install 'bricksrl\[onnx\]'`"):
+    with pytest.raises(RunError, match=r"export as onnx needs onnx and onnxscript; run `pip install 'bricksrl\[onnx\]'`"):
         export_model(trained, tmp_path / "arm.onnx", "onnx")
     assert list(tmp_path.iterdir()) == []
 
