@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import subprocess
 import sys
 from dataclasses import replace
@@ -73,7 +72,6 @@ def test_missing_onnx_raises(trained: Path, tmp_path: Path, monkeypatch: pytest.
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.skipif(importlib.util.find_spec("onnxscript") is None, reason="onnxscript is an extra")
 def test_onnx_equals_policy(trained: Path, tmp_path: Path) -> None:
     assert export_model(trained, tmp_path / "arm.onnx", "onnx") < 1e-4
 

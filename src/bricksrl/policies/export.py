@@ -144,6 +144,7 @@ def _reader(path: Path, format_: Format) -> Callable[[tuple[Tensor, ...]], Tenso
 
     def evaluate(inputs: tuple[Tensor, ...]) -> Tensor:
         feed = {name: value.numpy() for name, value in zip(evaluator.input_names, inputs, strict=True)}
-        return torch.from_numpy(evaluator.run(None, feed)[0])
+        outputs: Any = evaluator.run(None, feed)
+        return torch.from_numpy(outputs[0])
 
     return evaluate
