@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def clamped(action: Tensor, env_id: str) -> Tensor:
-    """A batch of actions, clamped to -1..1. Raises BricksError if one is not a number; not on a GPU, as steps would wait for it."""
+    """A batch of actions, clamped to -1..1. Raises BricksError for one that is not a number; a GPU is not waited for to look."""
     action = action.detach().clamp(-1.0, 1.0)
     if action.device.type == "cpu" and isnan(action.sum()):
         raise BricksError(f"{env_id} got an action that is not a number (NaN); look for what computed it")
