@@ -56,6 +56,7 @@ def test_parts_for_shops(bricksrl, tmp_path):
     bricksrl("plan", "parts", PLAN, "--out", str(wanted), "--format", "bricklink")
     bricksrl("plan", "parts", PLAN, "--out", str(sets), "--format", "rebrickable")
     rows = list(csv.DictReader(table.read_text(encoding="utf-8").splitlines()))
+    assert list(rows[0]) == ["number", "name", "colour", "count", "mass_g", "mass_source"]
     assert sum(int(row["count"]) for row in rows) == 36
     assert sum(float(row["mass_g"]) for row in rows) == pytest.approx(428, abs=0.5)
     counts = re.findall(r"<MINQTY>(\d+)</MINQTY>", wanted.read_text(encoding="utf-8"))

@@ -124,3 +124,48 @@ def test_gymnasium_make_by_both_names() -> None:
         [sys.executable, "-W", "error", "-c", program], capture_output=True, text=True, check=False, timeout=120
     )
     assert (done.stdout.strip(), done.stderr) == ("fine", "")
+
+
+def test_simulation_is_vectorized_as_one_batch() -> None:
+    envs = gymnasium.make_vec("bricksrl/RoboArmSim-v0", num_envs=64)
+    reference = bricksrl.make("RoboArmSim-v0", seed=3, batch_size=64)
+    assert type(envs.unwrapped.env) is type(reference) and envs.observation_space.shape == (64, 8)
+    observation, info = envs.reset(seed=3)
+    state, ended, rng, successes = reference.reset(), np.zeros(64, bool), np.random.default_rng(0), 0
+    assert info == {} and np.array_equal(observation, state["observation"].numpy())
+    for _ in range(250):
+        action = rng.uniform(-1, 1, (64, 4)).astype(np.float32)
+        before = ended
+        observation, reward, terminated, truncated, info = envs.step(action)
+        assert envs.observation_space.contains(observation) and reward.shape == terminated.shape == truncated.shape == (64,)
+        state["action"] = torch.from_numpy(action)
+        result = reference.step(state)["next"]
+        if before.any():
+            result = reference.maybe_reset(result.set("done", torch.from_numpy(before)[:, None]))
+            assert not reward[before].any() and not terminated[before].any() and not truncated[before].any()
+        assert np.array_equal(observation, result["observation"].numpy())
+        assert np.array_equal(reward[~before], result["reward"][:, 0].numpy()[~before])
+        ended = terminated | truncated
+        assert np.array_equal(info.get("_success", np.zeros(64, bool)), ended)
+        assert not ended.any() or np.array_equal(info["success"], terminated)
+        successes += terminated.sum()
+        state = result.exclude("reward", "done", "terminated", "truncated")
+    assert successes > 0
+    envs.close()
+
+
+def test_vector_environment_has_a_time_limit() -> None:
+    envs = gymnasium.make_vec("bricksrl/WalkerSim-v1", num_envs=2, max_episode_steps=3)
+    envs.reset()
+    truncated = [envs.step(envs.action_space.sample())[3].tolist() for _ in range(8)]
+    assert truncated == [[step in (2, 6)] * 2 for step in range(8)]  # a step between episodes resets
+    robots = gymnasium.make_vec("bricksrl/RunAway-v0", num_envs=2)
+    assert isinstance(robots, gymnasium.vector.SyncVectorEnv)
+    robots.close()
+
+
+def test_vector_environment_refuses_what_a_batch_cannot_do() -> None:
+    with pytest.raises(TypeError, match="omit render_mode"):
+        gymnasium.make_vec("bricksrl/WalkerSim-v1", 4, render_mode="rgb_array")
+    with pytest.raises(TypeError, match="one seed"):
+        gymnasium.make_vec("bricksrl/WalkerSim-v1", 4).reset(seed=[1, 2, 3, 4])

@@ -16,7 +16,7 @@ from bricksrl.envs.registry import get_task
 from bricksrl.envs.simulation import SimulatedEnv
 from bricksrl.envs.tasks.robo_arm import error_deg
 from bricksrl.envs.tasks.spinning import SPINNING
-from bricksrl.errors import DescriptionError
+from bricksrl.errors import BricksError, DescriptionError
 
 SIMULATIONS = ("WalkerSim-v0", "WalkerSim-v1", "RoboArmSim-v0")
 QUIET = Kinematics(noise=0.0)
@@ -226,3 +226,14 @@ def test_state_is_unchanged_by_a_caller_in_place() -> None:
         state["observation"] /= divisor
         after.append(env.step(state.set("action", torch.zeros(4)))["next", "observation"])
     assert torch.equal(*after)
+
+
+@pytest.mark.parametrize("batch_size", [0, 3])
+def test_action_that_is_no_number_raises(batch_size: int) -> None:
+    env = bricksrl.make("WalkerSim-v0", seed=0, batch_size=batch_size)
+    frame = env.reset()
+    frame["action"] = torch.full_like(env.action_spec.rand(), torch.inf)
+    assert env.step(frame)["next", "observation"].isfinite().all()  # clamped, as on a robot
+    frame["action"][..., 1] = torch.nan
+    with pytest.raises(BricksError, match=r"WalkerSim-v0 got an action that is not a number \(NaN\)"):
+        env.step(frame)

@@ -63,7 +63,7 @@ def test_task_function_with_options(folder: Path) -> None:
     ("reference", "error", "says"),
     [
         ("nowhere.py:TASK", UnknownNameError, "no file nowhere.py in .*, or go to the right folder"),
-        ("/nowhere.py:TASK", UnknownNameError, "no file /nowhere.py; give the path"),
+        ("/nowhere.py:TASK", UnknownNameError, "no file /nowhere.py; put it there"),
         ("nowhere:TASK", UnknownNameError, "no module 'nowhere'"),
         ("mine.py:YOURS", UnknownNameError, "no 'YOURS' in mine.py"),
         ("broken.py:TASK", DescriptionError, "no_such_module"),

@@ -8,7 +8,7 @@ import struct
 import numpy as np
 
 from bricksrl.entry import Entry
-from bricksrl.page.board import IMAGE, POSES, Board, Reader, Series
+from bricksrl.page.board import IMAGE, POSES, Board, Reader, Series, to_json
 from bricksrl.page.driver import PageDriver, stick_map
 from bricksrl.page.scene import Scene, SceneBody, Shape, box, poses
 
@@ -89,3 +89,12 @@ def test_driver_stick() -> None:
     assert stick_map([Entry("drive", -1.0, 1.0)]) == [[0.0, 1.0]]
     arm = [Entry(name, -1.0, 1.0) for name in ("rotation", "low", "high", "grab")]
     assert stick_map(arm) == [[1.0, 0.0], [0.0, 1.0], [0.0, 0.0], [0.0, 0.0]]
+
+
+def test_numbers_that_json_lacks_are_null() -> None:
+    board = Board()
+    board.update_status(facts={"reward": float("nan"), "episode": "1/2"})
+    board.new_series("reward", ("reward",)).add((float("inf"),))
+    status, series = (json.loads(to_json(message), parse_constant=float) for message in Reader(board).changes(numbers=True))
+    assert status == {"status": {"facts": {"reward": None, "episode": "1/2"}}}
+    assert series["series"]["reward"]["rows"] == [[None]]

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import io
+import socket
 import threading
 import time
+import urllib.request
 from pathlib import Path
 
 import pytest
@@ -67,3 +69,17 @@ def test_used_port_raises() -> None:
     for bad in (PageOptions("256.0.0.1"), PageOptions(port=70000), PageOptions(port=-1)):
         with pytest.raises(PageError), ProgramPage("bad", bad):
             pass
+
+
+@pytest.mark.skipif(not socket.has_dualstack_ipv6(), reason="this computer has no IPv6")
+def test_page_on_all_addresses_is_where_it_says() -> None:
+    with ProgramPage("all", PageOptions("::", 0)) as page, urllib.request.urlopen(page.url, timeout=10) as answer:
+        assert answer.status == 200
+
+
+def test_unknown_host_raises() -> None:
+    with (
+        pytest.raises(PageError, match=r"on no\.invalid:8090 \([^()]+\); name another host or port"),
+        ProgramPage("nowhere", PageOptions("no.invalid")),
+    ):
+        pass

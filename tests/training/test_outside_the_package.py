@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,9 +16,16 @@ import bricksrl
 from bricksrl.data import load
 from bricksrl.entry import Entry
 from bricksrl.envs.env_checker import check_env
+from bricksrl.envs.trust import trust
+from bricksrl.errors import RunError
+from bricksrl.evaluation import evaluate
 from bricksrl.finding import Outcome
 from bricksrl.hub.program.generate import generate
-from bricksrl.training import TrainConfig, train
+from bricksrl.policies import load_policy
+from bricksrl.policies.sharing import export_policy
+from bricksrl.training import TrainConfig, resume, train
+from bricksrl.training.checkpoint import load_checkpoint, save_checkpoint
+from bricksrl.training.config import settings_from
 from bricksrl.twin.motion_log import RunLog, read_log, write_log
 
 SENSOR = """
@@ -161,3 +170,35 @@ def test_motion_log_of_user_channels_round_trip(folder: Path) -> None:
     log = RunLog("spinner", task.interface, 7, np.zeros((1, 1)), np.zeros(1), np.array([0, 100]), np.ones((2, 3)))
     write_log(folder / "log.jsonl", log)
     assert read_log(folder / "log.jsonl").interface == task.interface
+
+
+def test_run_of_user_files_can_be_used_in_any_folder(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (folder / "my_network.py").write_text("import torch\ndef make_network(m, n):\n    return torch.nn.Linear(m, n)\n")
+    (folder / "elsewhere").mkdir()
+    monkeypatch.chdir(folder)
+    settings = settings_from("my_agent.py", {"network": "my_network.py"})
+    run = train(TrainConfig("my_task.py:FAST", agent="my_agent.py", episodes=2, settings=settings)).run_dir.absolute()
+    assert run.name == "my_task.py-FAST-my_agent.py-seed-0"
+    export_policy(run, folder / "policy")
+    monkeypatch.chdir(folder / "elsewhere")
+    assert evaluate(run, episodes=1).env == "Fast-v0"
+    assert len(resume(run, episodes=3).episodes) == 3
+    assert load_policy(run).act(np.zeros(3)).shape == (1,)
+    shared = json.loads((folder / "policy" / "policy.json").read_text())["config"]
+    names = (shared["env"], shared["agent"], shared["settings"]["network"])
+    assert names == ("my_task.py:FAST", "my_agent.py", "my_network.py")  # nobody else has the folders of this computer
+    (folder / "my_agent.py").rename(folder / "renamed.py")
+    with pytest.raises(RunError, match=rf"there is no file {re.escape(str(folder / 'my_agent.py'))}; put it there"):
+        evaluate(run, episodes=1)
+
+
+def test_run_with_relative_paths_of_an_earlier_version(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(folder)
+    run = train(TrainConfig("my_task.py:FAST", agent="my_agent.py", episodes=2)).run_dir
+    config, state = json.loads((run / "config.json").read_text()), load_checkpoint(run / "checkpoint.bin")
+    for values in (config["config"], state["identity"]):
+        values |= {"env": "my_task.py:FAST", "agent": "my_agent.py"}
+    (run / "config.json").write_text(json.dumps(config))
+    save_checkpoint(run / "checkpoint.bin", state)
+    trust(run)
+    assert len(resume(run, episodes=3).episodes) == 3

@@ -15,8 +15,10 @@ from bricksrl.agents.replay import TransitionReplayBuffer
 
 def load_loss(loss: LossModule, state: dict[str, Any]) -> None:
     """Restore a loss's ``state_dict``. Raises RuntimeError if it is of another loss."""
+    if any(name.startswith("_value_estimator.") for name in state):
+        _ = loss.value_estimator  # TorchRL's losses create it lazily, and some buffers
     for name in state.keys() - loss.state_dict().keys():
-        if getattr(loss, name, state) is None:  # TorchRL's losses create some buffers lazily
+        if getattr(loss, name, state) is None:
             delattr(loss, name)
             loss.register_buffer(name, state[name])
     loss.load_state_dict(state)

@@ -82,19 +82,20 @@ def _print(comparison: Comparison) -> None:
     from rich.console import Console
     from rich.table import Table
 
+    from bricksrl.envs.user_files import without_folder
     from bricksrl.plotting import number
 
     table = Table("environment", "agent", "seeds", "episodes", "robot steps", "score", "95 % interval", box=None, pad_edge=False)
     for group in comparison.groups:
         episodes = max(map(len, group.curves))
         cells = (str(len(group.seeds)), str(episodes), f"{group.steps:,}", number(group.score), _interval(group))
-        table.add_row(group.env, group.agent, *cells)
+        table.add_row(without_folder(group.env), group.agent, *cells)
     console = Console()
     console.print(table)
     console.print(f"\nscore: return, interquartile mean over the seeds; of each run its {comparison.scored_by}", highlight=False)
     for pair in comparison.improvements:
         bounds = "" if pair.interval is None else f" (95 % interval: {pair.interval.low:.0%} to {pair.interval.high:.0%})"
-        line = f"{pair.env}: {pair.agent} beats {pair.other} with probability {pair.probability:.0%}{bounds}"
+        line = f"{without_folder(pair.env)}: {pair.agent} beats {pair.other} with probability {pair.probability:.0%}{bounds}"
         console.print(line, highlight=False)
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bricksrl.cli.terminal import place_robot, print_line, print_note
+from bricksrl.envs.user_files import without_folder
 from bricksrl.errors import counted
 from bricksrl.files import quoted
 from bricksrl.training.callbacks import Callback, Episode, Phase, Progress, RobotState, RunResult
@@ -46,7 +47,7 @@ class LineProgress(Callback):
     def on_start(self, config: TrainConfig, run_dir: Path, episodes_done: int) -> None:
         self.run_dir, self.episodes_done = run_dir, episodes_done
         self._asynchronous = bool(config.asynchronous)
-        print_line(f"{config.agent} on {config.env}, seed {config.seed}: {run_dir}")
+        print_line(f"{without_folder(config.agent)} on {without_folder(config.env)}, seed {config.seed}: {run_dir}")
 
     def on_episode(self, episode: Episode, progress: Progress) -> None:
         self.episodes_done = episode.episode

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 import gymnasium
 import numpy as np
 import torch
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 from tensordict import TensorDict, TensorDictBase
 
@@ -22,6 +24,7 @@ from bricksrl.errors import RenderingUnavailableError, UnknownOptionError
 if TYPE_CHECKING:
     from bricksrl.envs.env import HubEnv
     from bricksrl.envs.simulation import SimulatedEnv
+    from bricksrl.envs.task import Task
     from bricksrl.twin.render.opengl import Renderer
 
 Array = NDArray[np.float32]
@@ -55,8 +58,7 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
         self.render_mode = render_mode
         self._observations: list[torch.Tensor] = []
         self._renderer: Renderer | None = None
-        limits = np.array([entry.bounds for entry in self.env.task.entries], dtype=np.float32)
-        vector = gymnasium.spaces.Box(limits[:, 0], limits[:, 1])
+        vector = _box(self.env.task)
         camera = self.env.task.camera
         self.observation_space: gymnasium.Space[Any] = vector
         if camera is not None:
@@ -126,3 +128,81 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
         if ended:
             info["success"] = bool(self.env.task.success(episode))
         return info
+
+
+class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
+    """Copies of a simulation as one batch: ``gymnasium.make_vec("bricksrl/WalkerSim-v0", 1024)``.
+
+    The step after the end of an episode resets its copy, ignores the action and has no reward. ``info`` holds the task's metrics
+    and ``success`` of the episodes that just ended. A seed is that of all copies. Arguments are those of `GymnasiumEnv`.
+    """
+
+    metadata = {"autoreset_mode": AutoresetMode.NEXT_STEP, "render_modes": []}  # noqa: RUF012 - as Gymnasium declares it
+
+    def __init__(
+        self,
+        env_id: str,
+        num_envs: int = 1,
+        max_episode_steps: int | None = None,
+        render_mode: str | None = None,
+        options: EnvOptions | None = None,
+        **named: Any,
+    ) -> None:
+        if render_mode is not None:
+            raise UnknownOptionError(f"{env_id} simulates no body that could be drawn; omit render_mode")
+        self.env: SimulatedEnv = make(env_id, options, batch_size=num_envs, **named)
+        self.num_envs, self._max_steps = num_envs, max_episode_steps or self.env.task.max_steps
+        self.single_observation_space = _box(self.env.task)
+        self.single_action_space = gymnasium.spaces.Box(-1.0, 1.0, self.env.action_spec.shape[1:])
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._episodes = torch.zeros(num_envs, self._max_steps, len(self.env.task.entries))
+        self._copies = torch.arange(num_envs)
+
+    def reset(
+        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Array, dict[str, Any]]:
+        """Start an episode of all copies. A seed makes these and all later episodes reproducible."""
+        if isinstance(seed, list):
+            raise UnknownOptionError(f"{self.env.task.id} has one seed for all copies; give a whole number")
+        super().reset(seed=seed)
+        if seed is not None:
+            self.env.set_seed(seed)
+        self._steps, self._ended = torch.zeros_like(self._copies), torch.zeros(self.num_envs, dtype=torch.bool)
+        return self.env.reset()["observation"].cpu().numpy().copy(), {}
+
+    def step(self, actions: Array) -> tuple[Array, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
+        """Take one step in all copies; returns observations, rewards, terminated, truncated and info."""
+        starts = self._ended
+        sent = TensorDict({"action": torch.as_tensor(actions, dtype=torch.float32)}, self.env.batch_size, device=self.env.device)
+        result = self.env.step(sent)["next"]
+        names = ("reward", "terminated", "truncated")
+        reward, terminated, truncated = (result[name].squeeze(-1).cpu().masked_fill(starts, 0) for name in names)
+        result["done"] = starts[:, None].to(self.env.device)
+        observation = self.env.maybe_reset(result)["observation"].cpu()
+        self._steps = self._steps.masked_fill(starts, 0)
+        self._episodes[self._copies, self._steps] = observation
+        self._steps += ~starts  # the first step overwrites the start
+        truncated |= self._steps >= self._max_steps
+        self._ended = terminated | truncated
+        return observation.numpy().copy(), reward.numpy(), terminated.numpy(), truncated.numpy(), self._info()
+
+    def _info(self) -> dict[str, Any]:
+        """Metrics and success of the episodes that just ended, each with a mask of their copies, as in Gymnasium."""
+        info: dict[str, Any] = {}
+        for steps in self._steps[self._ended].unique().tolist():
+            copies = (self._ended & (self._steps == steps)).nonzero().squeeze(-1)
+            episodes = self._episodes[copies, :steps]
+            for name, value in {**self.env.task.metrics(episodes), "success": self.env.task.success(episodes)}.items():
+                info.setdefault(name, torch.zeros(self.num_envs, dtype=value.dtype).numpy())[copies] = value
+        return info | {f"_{name}": self._ended.numpy() for name in info}
+
+    def close_extras(self, **_kwargs: Any) -> None:
+        """Close the simulation."""
+        self.env.close(raise_if_closed=False)
+
+
+def _box(task: Task) -> gymnasium.spaces.Box:
+    """Space of a task's observation, without an image."""
+    limits = np.array([entry.bounds for entry in task.entries], dtype=np.float32)
+    return gymnasium.spaces.Box(limits[:, 0], limits[:, 1])

@@ -21,7 +21,7 @@ from torchrl.envs import EnvBase
 from bricksrl.envs.kinematics import Kinematics
 from bricksrl.envs.motor_profile import turned_angle
 from bricksrl.envs.options import PicklableEnv
-from bricksrl.envs.specs import NominalBounded
+from bricksrl.envs.specs import NominalBounded, clamped
 from bricksrl.envs.task import Task
 from bricksrl.errors import DescriptionError, RunError
 from bricksrl.hub.interface import RunAngle
@@ -135,7 +135,7 @@ class SimulatedEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
         return TensorDict({"observation": self._out(self._state.t())}, self.batch_size, device=self.device)
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
-        action = tensordict["action"].detach().view(self._copies, -1).clamp(-1.0, 1.0).t().contiguous()
+        action = clamped(tensordict["action"].view(self._copies, -1), self.task.id).t().contiguous()
         before, (self._state, self._speed) = self._state, self._move(self._state, action)
         self._steps = self._steps + 1
         observation = self._state.t()

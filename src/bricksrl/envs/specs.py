@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import inf
+from math import inf, isnan
 from typing import TYPE_CHECKING, Any
 
 import torch
@@ -17,6 +17,14 @@ from bricksrl.errors import BricksError
 
 if TYPE_CHECKING:
     from bricksrl.envs.task import Task
+
+
+def clamped(action: Tensor, env_id: str) -> Tensor:
+    """A batch of actions, clamped to -1..1. Raises BricksError for one that is not a number; a GPU is not waited for to look."""
+    action = action.detach().clamp(-1.0, 1.0)
+    if action.device.type == "cpu" and isnan(action.sum()):
+        raise BricksError(f"{env_id} got an action that is not a number (NaN); look for what computed it")
+    return action
 
 
 class _KeepClass(type(Bounded)):  # type: ignore[misc]

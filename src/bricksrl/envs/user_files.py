@@ -25,6 +25,17 @@ def is_reference(env_id: str) -> bool:
     return ":" in env_id or env_id.endswith(".py")
 
 
+def with_absolute_file(reference: str) -> str:
+    """A reference with the absolute path of its file, for use in any folder; names and modules as they are."""
+    location, name = _parts(reference)
+    return ":".join(filter(None, (str(Path(location).absolute()), name))) if location.endswith(".py") else reference
+
+
+def without_folder(reference: str) -> str:
+    """A reference with only the name of its file, for display and for other computers; names and modules as they are."""
+    return Path(reference).name if _parts(reference)[0].endswith(".py") else reference
+
+
 def load_object(reference: str, default: str) -> Any:
     """Object of that name in the user's code.
 
@@ -108,8 +119,10 @@ def _load(location: str, reference: str) -> ModuleType:
     path = Path(location)
     is_file = location.endswith(".py")
     if is_file and not path.is_file():
-        folder = "" if path.is_absolute() else f" in {Path.cwd()}"
-        raise UnknownNameError(f"there is no file {location}{folder}; give the path of a Python file, or go to the right folder")
+        if path.is_absolute():
+            raise UnknownNameError(f"there is no file {location}; put it there, or give the path of another Python file")
+        remedy = "give the path of a Python file, or go to the right folder"
+        raise UnknownNameError(f"there is no file {location} in {Path.cwd()}; {remedy}")
     try:
         with _importable(str(path.resolve().parent if is_file else Path.cwd())):
             return _run_file(path) if is_file else importlib.import_module(location)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bricksrl.envs.reference_returns import reference_lines
-from bricksrl.envs.user_files import is_reference
+from bricksrl.envs.user_files import is_reference, without_folder
 from bricksrl.errors import RunError
 from bricksrl.evaluation.statistics import (
     FEWEST_SEEDS,
@@ -168,12 +168,13 @@ def _run_folders(paths: Sequence[Path | str]) -> Iterator[Path]:
 
 def _label(run: _Run, runs: Sequence[_Run]) -> str:
     """Name of the agent, and the settings in which it differs from others of that name in the environment."""
-    same = [other for other in runs if other.config.agent == run.config.agent]
+    agent = without_folder(run.config.agent)
+    same = [other for other in runs if without_folder(other.config.agent) == agent]
     if len(same) == 1:
-        return run.config.agent
+        return agent
     own, others = _flat(run.config), [_flat(other.config) for other in same]
     differing = [name for name in own if any(other.get(name) != own[name] for other in others)]
-    return ", ".join([run.config.agent, *(f"{name}={own[name]}" for name in differing)])
+    return ", ".join([agent, *(f"{name}={own[name]}" for name in differing)])
 
 
 def _flat(config: TrainConfig) -> dict[str, Any]:
@@ -208,7 +209,7 @@ def draw(path: Path, groups: Sequence[Group]) -> None:
             label = f"{group.agent} ({_seeds(groups, group.agent)})"
             _draw_group(axes, group, colours[group.agent], None if group.agent in drawn else label)
             drawn.add(group.agent)
-        style(axes, env, "episode", f"return (mean of {WINDOW} episodes)")
+        style(axes, without_folder(env), "episode", f"return (mean of {WINDOW} episodes)")
         finish(axes, next(group.lines for group in groups if group.env == env), legend=False)
     for unused in panels[len(envs) :]:
         unused.set_visible(False)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bricksrl.envs.user_files import with_absolute_file
 from bricksrl.errors import RunError
 from bricksrl.evaluation.statistics import Interval, interquartile_mean, mean, seeds_interval, wilson_interval
 from bricksrl.files import write_durably
@@ -150,7 +151,7 @@ def evaluate(
 
 def _evaluation_config(config: TrainConfig, env: str, **named: Any) -> TrainConfig:
     """The config for an evaluation: one robot, without physics or options that belong to another environment or hub."""
-    same_env, hub = env == config.env, named.get("hub", config.hub)
+    same_env, hub = with_absolute_file(env) == config.env, named.get("hub", config.hub)
     keeps_physics = same_env and hub == "virtual" and not named.get("randomize", False)
     physics, options = config.physics if keeps_physics else None, config.options if same_env else {}
     config = replace(one_robot(config), env=env, realtime=False, randomize=False, physics=physics, options=options)

@@ -6,6 +6,8 @@ thread may write and read.
 
 from __future__ import annotations
 
+import json
+import math
 import struct
 import threading
 from collections import deque
@@ -142,3 +144,19 @@ class Reader:
         self._series[name] = (id(series), first + len(rows))
         changes: dict[str, Any] = {"first": first, "rows": [[round(float(value), 4) for value in row] for row in rows]}
         return changes if count >= 0 else {**changes, "names": series.names, "kept": series.max_rows}
+
+
+def to_json(message: dict[str, Any]) -> str:
+    """A message as JSON, with ``null`` for numbers that JSON lacks, such as a reward that is NaN."""
+    try:
+        return json.dumps(message, allow_nan=False)
+    except ValueError:
+        return json.dumps(_finite(message))
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {name: _finite(item) for name, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self
 
 from bricksrl.errors import PageError
-from bricksrl.page.board import Board, Reader
+from bricksrl.page.board import Board, Reader, to_json
 from bricksrl.page.guard import HEADERS, Guard, new_token
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ class PageOptions:
     """Address of the page's server.
 
     Attributes:
-        host: address to listen on; 127.0.0.1 for this computer only, 0.0.0.0 for others too.
+        host: address to listen on; 127.0.0.1 for this computer only, 0.0.0.0 or :: for others too.
         port: port to listen on; ``None`` for the first free one of :data:`PORTS`, 0 for any.
     """
 
@@ -192,7 +192,7 @@ class PageServer:
             numbers = now_s >= due_s
             due_s = now_s + NUMBERS_S if numbers else due_s
             for message in reader.changes(numbers=numbers):
-                await connection.send(message if isinstance(message, bytes) else json.dumps(message))
+                await connection.send(message if isinstance(message, bytes) else to_json(message))
             await asyncio.sleep(FRAME_S)
 
     def _receive(self, message: str | bytes) -> None:
@@ -222,13 +222,15 @@ def _listen(options: PageOptions) -> socket.socket:
     if options.port is not None and not 0 <= options.port < 65536:
         raise PageError(f"{options.port} is not a port; give one in 0 to 65535, or none")
     last_error: OSError | None = None
+    family = socket.AF_INET6 if ":" in options.host else socket.AF_INET
+    is_dual = options.host == "::" and socket.has_dualstack_ipv6()  # all addresses, also those of IPv4
     for port in PORTS if options.port is None else (options.port,):
         try:
-            return socket.create_server((options.host, port), family=socket.AF_INET6 if ":" in options.host else socket.AF_INET)
+            return socket.create_server((options.host, port), family=family, dualstack_ipv6=is_dual)
         except OSError as error:
             last_error = error
     address = f"{options.host}:{PORTS.start if options.port is None else options.port}"
-    reason = (last_error and last_error.strerror) or last_error
+    reason = str((last_error and last_error.strerror) or last_error).partition(" (while attempting")[0]
     raise PageError(f"cannot serve the page on {address} ({reason}); name another host or port")
 
 

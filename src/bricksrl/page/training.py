@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from bricksrl.envs.user_files import without_folder
 from bricksrl.files import quoted
 from bricksrl.page.live import LivePage
 from bricksrl.training.callbacks import Callback, Episode, Phase, Progress, RunResult
@@ -41,7 +42,9 @@ class PageCallback(Callback):
 
     def on_start(self, config: TrainConfig, run_dir: Path, episodes_done: int) -> None:
         self._episodes = config.episodes
-        self._page.update_status(title=config.env, subtitle=f"{config.agent}, seed {config.seed} · {run_dir}")
+        self._page.update_status(
+            title=without_folder(config.env), subtitle=f"{without_folder(config.agent)}, seed {config.seed} · {run_dir}"
+        )
         self._page.begin()
 
     def on_transition(self, episode: int, step: int, phase: Phase, transition: TensorDictBase) -> None:

@@ -1,4 +1,4 @@
-"""LDraw colours: names, RGB values and numbers in shops. Rebrickable uses LDraw's numbers."""
+"""LDraw colours: names, RGB values and numbers in shops."""
 
 from __future__ import annotations
 
@@ -20,6 +20,11 @@ class Colour:
     name: str
     rgb: tuple[float, float, float]
     bricklink: int
+
+    @property
+    def rebrickable(self) -> int:
+        """Rebrickable's number: LDraw's, or that of any colour for a direct colour of LDraw."""
+        return self.code if self.code < _DIRECT else 9999
 
 
 _TABLE = {

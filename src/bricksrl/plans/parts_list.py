@@ -1,4 +1,6 @@
-"""Parts lists: CSV, Rebrickable's CSV, BrickLink's XML."""
+"""Parts lists: CSV, Rebrickable's CSV, BrickLink's XML.
+
+Parts have LDraw's numbers; the shops number some of them otherwise. Colours have the shops' numbers."""
 
 from __future__ import annotations
 
@@ -17,7 +19,7 @@ FORMATS = ("csv", "rebrickable", "bricklink")
 
 @dataclass(frozen=True)
 class Entry:
-    """Parts of entry kind and colour."""
+    """Parts of one kind and colour."""
 
     part: Part
     colour: Colour
@@ -39,12 +41,14 @@ def parts_list(plan: Plan) -> list[Entry]:
 
 
 def as_text(entries: list[Entry], kind: str) -> str:
-    """A parts list in entry of ``FORMATS``."""
+    """A parts list in one of ``FORMATS``."""
     if kind == "bricklink":
         return _bricklink(entries)
     if kind == "rebrickable":
-        return _table(["Part", "Color", "Quantity"], [[entry.part.number, entry.colour.code, entry.count] for entry in entries])
-    heads = ["number", "name", "colour", "count", "mass_g", "mass_source", "bricklink", "rebrickable"]
+        return _table(
+            ["Part", "Color", "Quantity"], [[entry.part.number, entry.colour.rebrickable, entry.count] for entry in entries]
+        )
+    heads = ["number", "name", "colour", "count", "mass_g", "mass_source"]
     rows = [
         [
             entry.part.number,
@@ -53,8 +57,6 @@ def as_text(entries: list[Entry], kind: str) -> str:
             entry.count,
             round(entry.mass_g, 3),
             entry.part.mass_source.value,
-            entry.part.number,
-            entry.part.number,
         ]
         for entry in entries
     ]

@@ -14,7 +14,7 @@ from bricksrl.data.share import CARD, downloaded, hub_client
 from bricksrl.envs.trust import remember, require_trusted
 from bricksrl.errors import CheckpointError, RunError
 from bricksrl.files import atomic_folder, refuse_existing, write_durably
-from bricksrl.training.config import TrainConfig
+from bricksrl.training.config import TrainConfig, portable
 from bricksrl.training.run_folder import RunFolder
 
 if TYPE_CHECKING:
@@ -45,12 +45,9 @@ def export_policy(run_dir: Path, out: Path, *, licence: str = "mit") -> Path:
     with closing(make_env(one_robot(config))) as env:
         trained = load_learner(run_dir, env)
     tensors = {name: tensor.contiguous() for name, tensor in trained.learner.policy_state().items()}
-    about = {
-        "bricksrl_policy": _VERSION,
-        "episodes": trained.episodes,
-        "config": replace(one_robot(config), data=None, updates=0, start=None, compile=False).to_dict(),
-    }
-    card = policy_card(config.env, config.agent, trained.episodes, _evaluation(folder), licence)
+    shared = portable(replace(one_robot(config), data=None, updates=0, start=None, compile=False).to_dict())
+    about = {"bricksrl_policy": _VERSION, "episodes": trained.episodes, "config": shared}
+    card = policy_card(shared["env"], shared["agent"], trained.episodes, _evaluation(folder), licence)
     try:
         with atomic_folder(out) as new:
             write_durably(new / TENSORS, save(tensors))

@@ -12,6 +12,7 @@ import numpy as np
 from bricksrl.agents import algorithm, preset
 from bricksrl.agents.settings import LARGEST
 from bricksrl.envs.options import EnvOptions
+from bricksrl.envs.user_files import with_absolute_file, without_folder
 from bricksrl.errors import BricksError, DescriptionError, RunError, counted
 from bricksrl.fields import check_fields
 from bricksrl.seed import check_seed
@@ -75,6 +76,8 @@ class TrainConfig(EnvOptions):
             if isinstance(getattr(self, name), Path | str):
                 object.__setattr__(self, name, type_(getattr(self, name)))
         super().__post_init__()
+        for name in ("env", "agent"):  # the run can then be used in any folder
+            object.__setattr__(self, name, with_absolute_file(getattr(self, name)))
         for name, least in _LEAST.items():
             if not least <= getattr(self, name) <= LARGEST:
                 raise RunError(f"{name} is {getattr(self, name)}; give {least} or more, and up to {LARGEST:,}")
@@ -95,10 +98,7 @@ class TrainConfig(EnvOptions):
             object.__setattr__(self, "settings", settings_for(self.env, "default", self.agent))
         if not dataclasses.is_dataclass(self.settings):
             raise DescriptionError(f"settings is {self.settings!r}; give those of the agent, such as preset('paper', 'sac')")
-        settings: Any = self.settings
-        plain = {name: value.item() for name, value in vars(settings).items() if isinstance(value, np.generic)}
-        if plain:  # NumPy numbers, such as rates from an array, have no place in files
-            object.__setattr__(self, "settings", dataclasses.replace(settings, **plain))
+        object.__setattr__(self, "settings", _plain(self.settings))
 
     @property
     def hubs(self) -> tuple[str, ...]:
@@ -136,6 +136,20 @@ class TrainConfig(EnvOptions):
             return cls(**data, run_dir=run_dir)
         except (BricksError, TypeError) as error:
             raise RunError(f"the config is invalid: {error}; restore the file or start a new run") from None
+
+
+def _plain(settings: Any) -> Any:
+    """Settings for a file: NumPy numbers, such as rates from an array, as Python's; the network by its absolute path."""
+    changed = {name: value.item() for name, value in vars(settings).items() if isinstance(value, np.generic)}
+    if isinstance(network := getattr(settings, "network", None), str):
+        changed["network"] = with_absolute_file(network)
+    return dataclasses.replace(settings, **changed) if changed else settings
+
+
+def portable(data: dict[str, Any]) -> dict[str, Any]:
+    """A config as plain values with only the names of the user's files: it is the same on all computers."""
+    settings = {name: without_folder(value) if name == "network" else value for name, value in data["settings"].items()}
+    return {**data, "env": without_folder(data["env"]), "agent": without_folder(data["agent"]), "settings": settings}
 
 
 def settings_from(agent: str, given: dict[str, Any]) -> Any:

@@ -11,6 +11,7 @@ from torchrl.envs import EnvBase
 from bricksrl.data.recorder import Recorder
 from bricksrl.data.schema import describe
 from bricksrl.data.transitions import about, step_of
+from bricksrl.envs.user_files import without_folder
 from bricksrl.errors import BricksError
 from bricksrl.seed import derive_seed
 from bricksrl.training.callbacks import Callback, Episode, Phase, Progress
@@ -36,7 +37,7 @@ class Recording(Callback):
 
     def on_transition(self, episode: int, step: int, phase: Phase, transition: TensorDictBase) -> None:
         if step == 1:
-            policy = "random" if phase is Phase.PREFILL else self._config.agent
+            policy = "random" if phase is Phase.PREFILL else without_folder(self._config.agent)
             seed = derive_seed(self._config.seed, "episode", episode)
             self._recorder.begin(about(self._env, policy, seed=seed, hub=self._config.hub))
         self._recorder.add(step_of(transition, self._env, intervention=bool(transition.get("intervention", False))))

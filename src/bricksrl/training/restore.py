@@ -11,7 +11,7 @@ from bricksrl.agents import make_learner
 from bricksrl.errors import BricksError, CheckpointError, DescriptionError, DivergedError, RunError
 from bricksrl.fields import check_fields
 from bricksrl.training.callbacks import Episode
-from bricksrl.training.config import TrainConfig
+from bricksrl.training.config import TrainConfig, portable
 from bricksrl.training.run_folder import RunFolder
 
 if TYPE_CHECKING:
@@ -111,8 +111,9 @@ def _differences(saved: Any, identity: dict[str, Any], config: TrainConfig) -> s
         defaults = TrainConfig(config.env, config.agent, settings=type(config.settings)()).to_dict()["settings"]
         saved = {**saved, "settings": {**defaults, **saved["settings"]}}
     try:
+        saved, identity = portable(saved), portable(identity)
         return {key for key, value in identity.items() if value != saved[key]}
-    except (LookupError, RuntimeError, TypeError):  # a part is missing, or a tensor in place of a number
+    except (AttributeError, LookupError, RuntimeError, TypeError):  # a part is missing, or a tensor in place of a number
         return set(identity)
 
 

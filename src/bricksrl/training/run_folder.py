@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from bricksrl.envs.trust import code_in, remember, require_trusted
+from bricksrl.envs.user_files import without_folder
 from bricksrl.errors import RunError
 from bricksrl.fields import check_value
 from bricksrl.files import TEMPORARY_PREFIX, atomic_folder, write_durably
@@ -109,8 +110,8 @@ class RunFolder:
 
 
 def file_name(env_id: str) -> str:
-    """An environment's id, or a task's path, as part of a file name."""
-    return re.sub(r"[^\w.-]+", "-", env_id).strip("-.")
+    """An environment's id, or the file of a user's task, as part of a file name."""
+    return re.sub(r"[^\w.-]+", "-", without_folder(env_id)).strip("-.")
 
 
 def _losses(columns: Iterable[str]) -> tuple[str, ...]:

@@ -19,6 +19,7 @@ from bricksrl.agents.learner import means
 from bricksrl.envs.connection import Reconnect
 from bricksrl.envs.reference_returns import reference_lines
 from bricksrl.envs.rollout import Driver, Rollout, play, play_episodes, seed_episode
+from bricksrl.envs.user_files import without_folder
 from bricksrl.errors import BricksError, DescriptionError, HubError
 from bricksrl.files import quoted
 from bricksrl.training.async_learner import AsyncLearner
@@ -95,7 +96,7 @@ class RunLoop:
                     raise
             finally:
                 with self.signals.held_back():
-                    title = f"{self.config.env} · {self.config.agent} · seed {self.config.seed}"
+                    title = f"{without_folder(self.config.env)} · {without_folder(self.config.agent)} · seed {self.config.seed}"
                     lines = reference_lines(self.config.env, self.config.options)
                     draw_learning_curve(folder.curve_path, self.episodes, title, lines)
             result = RunResult(folder.path, tuple(self.episodes), not self._is_over(), updates_per_step, caught_up)

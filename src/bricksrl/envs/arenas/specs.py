@@ -8,6 +8,8 @@ import torch
 from tensordict import TensorDict, TensorDictBase
 from torchrl.data import Binary, Bounded, Composite, Unbounded
 
+from bricksrl.envs.specs import clamped
+
 if TYPE_CHECKING:
     from torch import Tensor
     from torchrl.envs import EnvBase
@@ -65,9 +67,9 @@ def split_by_group(task: ArenaTask, batch: torch.Size, **per_robot: Tensor) -> d
 
 
 def joined_actions(task: ArenaTask, tensordict: TensorDictBase) -> Tensor:
-    """Actions ``[*batch, robots, 2]`` in the arena's order, clamped to -1..1."""
+    """Actions ``[*batch, robots, 2]`` in the arena's order, `clamped`."""
     parts: list[Tensor] = [torch.empty(0)] * len(task.robots)
     for group in task.groups:
         for index, action in zip(task.places(group), tensordict[group, "action"].unbind(-2), strict=True):
             parts[index] = action
-    return torch.stack(parts, -2).detach().clamp(-1.0, 1.0)
+    return clamped(torch.stack(parts, -2), task.id)

@@ -24,7 +24,7 @@ export class Chart {
   add({ first, rows, kept }) {
     if (kept) [this.kept, this.first, this.rows] = [kept, first, []];
     if (first !== this.first + this.rows.length) [this.first, this.rows] = [first, []];
-    this.rows.push(...rows);
+    this.rows.push(...rows.map((row) => row.map((value) => value ?? NaN))); // a gap where there is no number
     const excess = this.rows.length - this.kept;
     if (excess > 0) {
       this.rows.splice(0, excess);

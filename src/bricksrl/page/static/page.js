@@ -141,7 +141,7 @@ function showFacts() {
   });
   facts.forEach(([name, value], i) => {
     const output = $("facts").children[i].lastChild;
-    output.textContent = typeof value === "number" ? short(value) : value;
+    output.textContent = typeof value === "string" ? value : short(value);
     output.dataset.fact = name;
   });
 }

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from tensordict import TensorDict
 
+from bricksrl.envs.user_files import without_folder
 from bricksrl.errors import HubError, RunError
 from bricksrl.seed import derive_seed
 from bricksrl.training.callbacks import Episode, Phase, RobotState
@@ -191,7 +192,7 @@ class FleetLoop(RunLoop):
         self._running[member.number] = RunningEpisode(member.name, number, phase)
         is_random = phase is Phase.PREFILL
         assignment = {"seed": derive_seed(self.config.seed, "episode", number), "is_random": is_random}
-        self.env.order(member, {**assignment, "policy": "random" if is_random else self.config.agent})
+        self.env.order(member, {**assignment, "policy": "random" if is_random else without_folder(self.config.agent)})
 
     def _frame(self, member: Member, rows: dict[str, Any], step: Step | None) -> None:
         """Store a step, learn from it, and distribute the weights."""
