@@ -12,6 +12,7 @@ from bricksrl.virtual_hub.console import Console
 from bricksrl.virtual_hub.micropython.builtins import builtin_names
 from bricksrl.virtual_hub.micropython.compiler import compile_source
 from bricksrl.virtual_hub.micropython.errors import class_name, reword
+from bricksrl.virtual_hub.micropython.numbers import module
 from bricksrl.virtual_hub.micropython.text import uncaught_text
 
 
@@ -56,10 +57,8 @@ def execute(source: str, filename: str, modules: dict[str, ModuleType], console:
     """
     code = compile_source(source, filename)
     importable = modules if isinstance(modules, Modules) else Modules(modules)
-    main = ModuleType("__main__")
+    main = module("__main__", {})
     namespace = main.__dict__
-    namespace.clear()
-    namespace["__name__"] = "__main__"
     importable.namespaces.append(namespace)
 
     def find_module(name: str) -> ModuleType:
@@ -69,18 +68,17 @@ def execute(source: str, filename: str, modules: dict[str, ModuleType], console:
             own_module = importable.find_module(name)
             if own_module is None:
                 raise ImportError(f"no module named '{name}'")
-            importable[name] = ModuleType(name)
-            importable[name].__dict__.update(__builtins__=namespace["__builtins__"])
+            importable[name] = module(name, {"__builtins__": namespace["__builtins__"]})
             importable.namespaces.append(importable[name].__dict__)
             exec(compile_source(own_module.source, own_module.file), importable[name].__dict__)
         return importable[name]
 
     hooks = importable.tick, importable.branch
-    namespace["__builtins__"] = builtin_names(namespace, find_module, console, *hooks, importable.missing_builtins)
+    namespace["__builtins__"] = builtin_names(importable.namespaces, find_module, console, *hooks, importable.missing_builtins)
     try:
         exec(code, namespace)
     except Exception as error:
-        reword(error, namespace)
+        reword(error, importable.namespaces)
         raise
 
 

@@ -13,7 +13,7 @@ from typing import BinaryIO, TextIO
 
 from bricksrl.errors import TwinError
 from bricksrl.hub.program.syntax import parse
-from bricksrl.hub.program.user_program import check_time_limit, folder_with_module, load_program, module_beside, read_program
+from bricksrl.hub.program.user_program import check_time_limit, folder_with_module, load_program, read_program
 from bricksrl.hub.transport import HubProgram, as_typed
 from bricksrl.robots import HubKind
 from bricksrl.virtual_hub.body import Body
@@ -163,7 +163,7 @@ def _imported_hub(program: HubProgram) -> HubKind:
 def _run(source: str, path: Path, machine: Machine, console: StreamConsole, stdout: BinaryIO, stderr: TextIO) -> int:
     try:
         importable = modules(machine, console)
-        importable.find_module = lambda name: module_beside(path, name)
+        importable.find_module = {module.name: module for module in load_program(path).modules}.get
         execute(source, path.name, importable, console)
     except (SystemExit, _ProgramStopped) as end:
         name = class_name(type(end)) if isinstance(end, SystemExit) else SystemExit.__name__

@@ -108,6 +108,8 @@ def store_attribute(value: Any, owner: Any, name: str) -> None:
 
 def directory(value: Any) -> list[str]:
     """``dir(value)``."""
+    if isinstance(value, ModuleType):
+        return sorted(name for name in vars(value) if name != "__builtins__" and "@" not in name)
     kind = value if isinstance(value, type) else type(value)
     if any("__dir__" in base.__dict__ for base in kind.__mro__[:-1]) and kind is not value:
         return list(value.__dir__())
@@ -116,8 +118,6 @@ def directory(value: Any) -> list[str]:
         if not is_native(base):
             names |= {name for name in base.__dict__ if defines(base, name)} | {*_CLASS_ATTRIBUTES}
             names |= getattr(value, "__dict__", {}).keys() if base is kind and value is not kind else set()
-    if isinstance(value, ModuleType):
-        names.add("__name__")
     return sorted(name for name in names if "@" not in name)
 
 

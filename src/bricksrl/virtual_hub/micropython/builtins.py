@@ -6,7 +6,7 @@ import builtins
 import inspect
 import math
 import sys
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from types import FrameType, ModuleType
 from typing import Any
 
@@ -46,16 +46,17 @@ def cooked(data: bytes) -> bytes:
 
 
 def builtin_names(
-    names: dict[str, Any],
+    namespaces: Sequence[Mapping[str, Any]],
     find_module: Callable[[str], ModuleType],
     console: Console,
     tick: Callable[[], None],
     branch: Callable[[Any], Any],
     missing_builtins: Collection[str],
 ) -> dict[str, Any]:
-    """Builtin names for a program with the globals ``names`` without ``missing_builtins``. ``find_module`` raises ImportError."""
+    """Builtin names for a program without ``missing_builtins``. ``namespaces``: globals of its modules. ``find_module`` raises
+    ImportError."""
     result: dict[str, Any] = {name: getattr(builtins, name) for name in (*_UNCHANGED, *EXCEPTIONS)}
-    result.update(operators(names))
+    result.update(operators(namespaces))
     result.update(
         {"@tick": tick, "@branch": branch, "@attr": visible_attribute, "@store": store_attribute, "@keywords": with_keywords}
     )
@@ -80,7 +81,10 @@ def _importer(find_module: Callable[[str], ModuleType]) -> Callable[..., ModuleT
     def find(name: str, globals: object = None, locals: object = None, fromlist: object = (), level: int = 0) -> ModuleType:
         if level:
             raise NotImplementedError("relative import")
-        return find_module(name)
+        found = find_module(name)
+        if fromlist == ("*",):  # a hub does not know `__all__`
+            return module(name, {key: value for key, value in vars(found).items() if not key.startswith("_")})
+        return found
 
     return find
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import builtins
 import errno
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from types import FunctionType
-from typing import Any
+from typing import Any, TypeGuard
 
 EXCEPTIONS = """
     ArithmeticError AssertionError AttributeError BaseException EOFError Exception GeneratorExit ImportError
@@ -165,8 +165,8 @@ _RULES: tuple[_Rule, ...] = (
 )  # fmt: skip
 
 
-def reword(error: BaseException, names: Mapping[str, object]) -> BaseException:
-    """Replace CPython's message by the hub's; ``names`` are the program's globals. Returns the error."""
+def reword(error: BaseException, namespaces: Sequence[Mapping[str, object]]) -> BaseException:
+    """Replace CPython's message by the hub's; ``namespaces`` are the globals of the program's modules. Returns the error."""
     if isinstance(error, UnicodeError):
         error.args = ()
     if len(error.args) != 1 or not isinstance(error.args[0], str) or not isinstance(error, Exception):
@@ -180,7 +180,7 @@ def reword(error: BaseException, names: Mapping[str, object]) -> BaseException:
                 error.msg = reworded
             return error
     if isinstance(error, TypeError) and "()" in message:
-        error.args = (_call_message(message, names, error),)
+        error.args = (_call_message(message, namespaces, error),)
     return error
 
 
@@ -194,13 +194,15 @@ def _locals_within(error: BaseException) -> list[object]:
     return values
 
 
-def _call_message(message: str, names: Mapping[str, object], error: BaseException) -> str:
+def _call_message(message: str, namespaces: Sequence[Mapping[str, object]], error: BaseException) -> str:
     """Message for a call with wrong arguments, which differs between program and firmware functions."""
     match = re.fullmatch(r"(.*?)\(\) (.*?)(?:\. Did you mean '\w+'\?)?", message)
     if match is None:
         return message
     name, problem = match[1], match[2]
-    function = _find(name, names) or _find_among(name, names, _locals_within(error))
+    values = [value for names in namespaces for value in names.values()]
+    function = next(filter(None, (_find(name, names) for names in namespaces)), None)
+    function = function or _find_among(name, [*_locals_within(error), *values])
     if function is None and "keyword argument" in problem and (first := _first_missing(error)):
         return f"'{first}' argument required"
     if function is None and "multiple values for argument" in problem:
@@ -266,16 +268,17 @@ def _find(qualified_name: str, names: Mapping[str, object]) -> FunctionType | No
     if isinstance(value, type):
         value = value.__dict__.get("__init__")
     value = getattr(value, "__func__", value)
-    is_own = isinstance(value, FunctionType) and value.__globals__ is names
-    return value if is_own else None  # type: ignore[return-value]
+    return value if _is_own(value) else None
 
 
-def _find_among(qualified_name: str, names: Mapping[str, object], values: list[object]) -> FunctionType | None:
+def _find_among(qualified_name: str, values: list[object]) -> FunctionType | None:
     """A function that is not in the globals: a lambda or an inner function."""
-    for value in (*values, *names.values()):
-        if isinstance(value, FunctionType) and value.__qualname__ == qualified_name and value.__globals__ is names:
-            return value
-    return None
+    return next((value for value in values if _is_own(value) and value.__qualname__ == qualified_name), None)
+
+
+def _is_own(value: object) -> TypeGuard[FunctionType]:
+    """Whether a value is a function of the program."""
+    return isinstance(value, FunctionType) and "@n" in value.__builtins__
 
 
 def class_name(kind: type) -> str:

@@ -9,7 +9,7 @@ import math
 import operator
 import re
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from bricksrl.virtual_hub.micropython.containers import HubDict, HubSet
@@ -237,8 +237,8 @@ def _format(obj: Any, *args: Any, **kwargs: Any) -> Any:
     return format_text(obj, args, kwargs) if isinstance(obj, str) else obj.format(*args, **kwargs)
 
 
-def operators(names: Mapping[str, object]) -> dict[str, Any]:
-    """Functions for the transformed program, by names that programs cannot write. ``names``: the program's globals."""
+def operators(namespaces: Sequence[Mapping[str, object]]) -> dict[str, Any]:
+    """Functions for the transformed program, by names that programs cannot write. ``namespaces``: globals of its modules."""
     normalize = normalizer()
 
     def divide(a: Any, b: Any) -> Any:
@@ -308,5 +308,5 @@ def operators(names: Mapping[str, object]) -> dict[str, Any]:
         **{f"@{name}": _ascii_method(name) for name in ASCII_METHODS},
         "@any": CATCHABLE,
         "@is_on": lambda: not isinstance(sys.exc_info()[1], SwitchedOff),
-        "@reword": lambda error: reword(error, names),
+        "@reword": lambda error: reword(error, namespaces),
     }

@@ -67,4 +67,4 @@ def hubs_module(context: Context, kind: HubKind) -> ModuleType:
     names = {kind.model.class_name: hub, "ThisHub": hub}
     if kind is HubKind.PRIME:
         names["InventorHub"] = hub
-    return module("pybricks.hubs", names)
+    return module("hubs", names)

@@ -220,4 +220,4 @@ def iodevices_module(context: Context, parameters: Parameters) -> ModuleType:
         subclass: Any = bind(kind, context)
         subclass._parameters = parameters
         names[kind.__name__] = subclass
-    return module("pybricks.iodevices", names)
+    return module("iodevices", names)

@@ -80,4 +80,4 @@ def messaging_module(context: Context) -> ModuleType:
         def close(self) -> None:
             self._console.inbox = bytearray()
 
-    return module("pybricks.messaging", {"AppData": AppData, "BLERadio": radio_class(context)})
+    return module("messaging", {"AppData": AppData, "BLERadio": radio_class(context)})

@@ -225,4 +225,4 @@ class Parameters:
         names.update({"Port": self.Port, "Side": Side, "Stop": Stop})
         if self._has_display:
             names["Icon"] = Icon()
-        return module("pybricks.parameters", names)
+        return module("parameters", names)

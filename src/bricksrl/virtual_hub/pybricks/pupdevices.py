@@ -254,4 +254,4 @@ def pupdevices_module(context: Context, parameters: Parameters) -> ModuleType:
         names[kind.__name__] = subclass
     if not hub.model.has_float:
         hide_attributes(names["Motor"], "control", "log", "model")
-    return module("pybricks.pupdevices", names)
+    return module("pupdevices", names)

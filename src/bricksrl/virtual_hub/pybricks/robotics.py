@@ -224,4 +224,4 @@ def robotics_module(context: Context) -> ModuleType:
         hide_attributes(subclass, "use_gyro")
     if not model.has_float:
         hide_attributes(subclass, "distance_control", "heading_control", "move_by")
-    return module("pybricks.robotics", {"DriveBase": subclass, "Car": bind(Car, context)})
+    return module("robotics", {"DriveBase": subclass, "Car": bind(Car, context)})

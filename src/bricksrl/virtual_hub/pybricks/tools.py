@@ -154,7 +154,7 @@ def tools_module(context: Context, has_display: bool, app_data: type[Any]) -> Mo
     )
     if has_display:
         names["hub_menu"] = hub_menu
-    return module("pybricks.tools", names)
+    return module("tools", names)
 
 
 def _geometry(has_float: bool) -> dict[str, Any]:
