@@ -508,4 +508,4 @@ print(m.angle())
 def test_messages_of_newer_python_are_understood(error: Exception, message: str) -> None:
     names: dict[str, object] = {}
     exec("def f(glue): pass", names)  # noqa: S102  its globals are those of a program
-    assert reword(error, names).args == (message,)
+    assert reword(error, [names]).args == (message,)

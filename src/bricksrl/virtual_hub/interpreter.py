@@ -22,6 +22,7 @@ class Modules(dict[str, ModuleType]):
     Attributes:
         tick: called at each iteration of a ``while`` loop, so that simulated time passes in one that does not wait.
         branch: called with the value on which a program branches, and returns it.
+        callee: called with a function that may be calling itself, and returns it. Raises RuntimeError if the stack is full.
         missing_builtins: builtin names that the hub does not have.
         find_module: returns a module of the program by its name, or ``None``.
         namespaces: globals of the program and of its modules, added while it runs.
@@ -32,11 +33,12 @@ class Modules(dict[str, ModuleType]):
         modules: dict[str, ModuleType],
         tick: Callable[[], None] = lambda: None,
         branch: Callable[[Any], Any] = lambda value: value,
+        callee: Callable[[Any], Any] = lambda function: function,
         namespaces: list[dict[str, Any]] | None = None,
         missing_builtins: Collection[str] = (),
     ) -> None:
         super().__init__(modules)
-        self.tick, self.branch = tick, branch
+        self.tick, self.branch, self.callee = tick, branch, callee
         self.missing_builtins = missing_builtins
         self.find_module: Callable[[str], HubModule | None] = lambda name: None
         self.namespaces = [] if namespaces is None else namespaces
@@ -73,8 +75,8 @@ def execute(source: str, filename: str, modules: dict[str, ModuleType], console:
             exec(compile_source(own_module.source, own_module.file), importable[name].__dict__)
         return importable[name]
 
-    hooks = importable.tick, importable.branch
-    namespace["__builtins__"] = builtin_names(importable.namespaces, find_module, console, *hooks, importable.missing_builtins)
+    hooks: dict[str, Callable[..., Any]] = {"@tick": importable.tick, "@branch": importable.branch, "@callee": importable.callee}
+    namespace["__builtins__"] = builtin_names(importable.namespaces, find_module, console, hooks, importable.missing_builtins)
     try:
         exec(code, namespace)
     except Exception as error:

@@ -49,18 +49,15 @@ def builtin_names(
     namespaces: Sequence[Mapping[str, Any]],
     find_module: Callable[[str], ModuleType],
     console: Console,
-    tick: Callable[[], None],
-    branch: Callable[[Any], Any],
+    hooks: Mapping[str, Callable[..., Any]],
     missing_builtins: Collection[str],
 ) -> dict[str, Any]:
     """Builtin names for a program without ``missing_builtins``. ``namespaces``: globals of its modules. ``find_module`` raises
     ImportError."""
     result: dict[str, Any] = {name: getattr(builtins, name) for name in (*_UNCHANGED, *EXCEPTIONS)}
     result.update(operators(namespaces))
-    result.update(
-        {"@tick": tick, "@branch": branch, "@attr": visible_attribute, "@store": store_attribute, "@keywords": with_keywords}
-    )
-    result["@with"] = Manager
+    result.update(hooks)
+    result.update({"@attr": visible_attribute, "@store": store_attribute, "@keywords": with_keywords, "@with": Manager})
     result.update({"Ellipsis": ..., "__debug__": True, "OSError": HubOSError, "super": HubSuper, "dict": HubDict, "set": HubSet})
     result["bytearray"] = HubBytearray
     result["__build_class__"] = build_class

@@ -268,17 +268,17 @@ def _find(qualified_name: str, names: Mapping[str, object]) -> FunctionType | No
     if isinstance(value, type):
         value = value.__dict__.get("__init__")
     value = getattr(value, "__func__", value)
-    return value if _is_own(value) else None
+    return value if is_own(value) else None
 
 
 def _find_among(qualified_name: str, values: list[object]) -> FunctionType | None:
     """A function that is not in the globals: a lambda or an inner function."""
-    return next((value for value in values if _is_own(value) and value.__qualname__ == qualified_name), None)
+    return next((value for value in values if is_own(value) and value.__qualname__ == qualified_name), None)
 
 
-def _is_own(value: object) -> TypeGuard[FunctionType]:
+def is_own(value: object) -> TypeGuard[FunctionType]:
     """Whether a value is a function of the program."""
-    return isinstance(value, FunctionType) and "@n" in value.__builtins__
+    return isinstance(value, FunctionType) and "@n" in getattr(value, "__builtins__", ())
 
 
 def class_name(kind: type) -> str:

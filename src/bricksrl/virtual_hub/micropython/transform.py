@@ -48,7 +48,28 @@ _EMITTERS = ("micropython.native", "micropython.viper", "micropython.bytecode")
 
 def transform(tree: ast.Module | ast.Expression) -> ast.Module | ast.Expression:
     """The transformed program. Raises OverflowError if a constant needs more than 31 bits."""
-    return ast.fix_missing_locations(_Transformer().visit(tree))  # type: ignore[no-any-return]
+    return ast.fix_missing_locations(_Transformer(_recursive_names(tree)).visit(tree))  # type: ignore[no-any-return]
+
+
+def _recursive_names(tree: ast.AST) -> set[str]:
+    """Names of functions that may call themselves, directly or through others; those of methods begin with a point."""
+    methods = {part for node in ast.walk(tree) if isinstance(node, ast.ClassDef) for part in node.body}
+    functions = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)]
+    names = [f".{function.name}" if function in methods else function.name for function in functions]
+    calls: dict[str, set[str]] = {name: set() for name in names}
+    for name, function in zip(names, functions, strict=True):
+        called = {_called_name(node) for node in ast.walk(function) if isinstance(node, ast.Call)}
+        calls[name] |= called & calls.keys()
+    for through, beyond in calls.items():  # Warshall's algorithm
+        for reached in calls.values():
+            if through in reached:
+                reached |= beyond
+    return {name for name, reached in calls.items() if name in reached}
+
+
+def _called_name(node: ast.Call) -> str:
+    function = node.func
+    return function.id if isinstance(function, ast.Name) else f".{function.attr}" if isinstance(function, ast.Attribute) else ""
 
 
 def _call(name: str, *args: ast.expr, at: ast.AST) -> ast.Call:
@@ -82,7 +103,8 @@ def _constant(node: ast.expr) -> ast.expr:
 
 
 class _Transformer(ast.NodeTransformer):
-    def __init__(self) -> None:
+    def __init__(self, recursive: set[str]) -> None:
+        self._recursive = recursive
         self._private: dict[str, ast.expr] = {}
         """Values of names such as ``_SPEED = const(100)``, which exist for the hub's compiler only."""
 
@@ -179,9 +201,12 @@ class _Transformer(ast.NodeTransformer):
             node.args.insert(0, function.value)
             node.func = ast.copy_location(ast.Name("@" + function.attr, ast.Load()), function)
             return node
+        is_recursive = _called_name(node) in self._recursive
         self.generic_visit(node)
         if node.keywords:
             node.func = _call("@keywords", node.func, at=node)
+        if is_recursive:
+            node.func = _call("@callee", node.func, at=node)
         return node
 
     def visit_Attribute(self, node: ast.Attribute) -> ast.expr:

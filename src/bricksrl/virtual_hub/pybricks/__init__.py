@@ -5,6 +5,7 @@ from __future__ import annotations
 from types import ModuleType
 
 from bricksrl.robots import HubKind
+from bricksrl.virtual_hub.call_stack import check_of_calls, most_nested_calls
 from bricksrl.virtual_hub.console import Console
 from bricksrl.virtual_hub.heap import Heap
 from bricksrl.virtual_hub.interpreter import Modules
@@ -80,7 +81,8 @@ def modules(machine: Machine, console: Console) -> Modules:
     result.update(language)
     result.update({f"u{name}": language[name] for name in _U_PREFIXED if name in language})
     machine.branch(None)
-    return Modules(result, machine.turn_loop, machine.branch, heap.namespaces, missing_builtins=_MISSING_BUILTINS.get(hub, ()))
+    hooks = machine.turn_loop, machine.branch, check_of_calls(most_nested_calls(hub))
+    return Modules(result, *hooks, heap.namespaces, missing_builtins=_MISSING_BUILTINS.get(hub, ()))
 
 
 def _language_modules(machine: Machine, console: Console, heap: Heap) -> dict[str, ModuleType]:
