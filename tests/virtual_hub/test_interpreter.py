@@ -506,6 +506,6 @@ print(m.angle())
     ],
 )
 def test_messages_of_newer_python_are_understood(error: Exception, message: str) -> None:
-    names: dict[str, object] = {}
+    names: dict[str, object] = {"__builtins__": {"@n": None}}
     exec("def f(glue): pass", names)  # noqa: S102  its globals are those of a program
     assert reword(error, [names]).args == (message,)

@@ -12,7 +12,7 @@ import mpy_cross_v6
 
 from bricksrl.hub.program.syntax import parse
 from bricksrl.virtual_hub.micropython.floats import SMALL_MAX
-from bricksrl.virtual_hub.micropython.transform import transform
+from bricksrl.virtual_hub.micropython.transform import called_name, transform
 
 
 @functools.lru_cache(maxsize=64)
@@ -24,12 +24,28 @@ def compile_source(source: str, filename: str, mode: str = "exec") -> CodeType:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SyntaxWarning)
         warnings.simplefilter("ignore", DeprecationWarning)
-        code = compile(transform(tree), filename, mode, dont_inherit=True)
+        code = compile(transform(tree, _recursive_names(tree)), filename, mode, dont_inherit=True)
     classes = {node.name.lstrip("_") for node in ast.walk(tree) if isinstance(node, ast.ClassDef)} - {""}
     if not classes or "__" not in source:
         return code
     words = frozenset(re.findall(r"\w+", source))
     return _unmangled(code, re.compile(f"_(?:{'|'.join(sorted(classes))})(__\\w+)"), words)
+
+
+def _recursive_names(tree: ast.AST) -> set[str]:
+    """Names of functions that may call themselves, directly or through others; those of methods begin with a point."""
+    methods = {part for node in ast.walk(tree) if isinstance(node, ast.ClassDef) for part in node.body}
+    functions = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)]
+    names = [f".{function.name}" if function in methods else function.name for function in functions]
+    calls: dict[str, set[str]] = {name: set() for name in names}
+    for name, function in zip(names, functions, strict=True):
+        called = {called_name(node) for node in ast.walk(function) if isinstance(node, ast.Call)}
+        calls[name] |= called & calls.keys()
+    for through, beyond in calls.items():  # Warshall's algorithm
+        for reached in calls.values():
+            if through in reached:
+                reached |= beyond
+    return {name for name, reached in calls.items() if name in reached}
 
 
 def _unmangled(code: CodeType, mangled: re.Pattern[str], words: frozenset[str]) -> CodeType:

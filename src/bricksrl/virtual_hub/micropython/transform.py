@@ -9,7 +9,7 @@ from __future__ import annotations
 import ast
 import copy
 import operator
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 
 from bricksrl.virtual_hub.micropython.attributes import may_be_hidden
 from bricksrl.virtual_hub.micropython.floats import SMALL_MAX, SMALL_MIN, read_float
@@ -17,18 +17,10 @@ from bricksrl.virtual_hub.micropython.operators import ASCII_METHODS
 from bricksrl.virtual_hub.micropython.transform_async import async_for, async_with
 
 _FOLDED: dict[type[ast.operator], Callable[[int, int], int]] = {
-    ast.Add: operator.add,
-    ast.Sub: operator.sub,
-    ast.Mult: operator.mul,
-    ast.LShift: operator.lshift,
-    ast.RShift: operator.rshift,
-    ast.BitOr: operator.or_,
-    ast.BitAnd: operator.and_,
-    ast.BitXor: operator.xor,
-    ast.FloorDiv: operator.floordiv,
-    ast.Mod: operator.mod,
-    ast.Pow: operator.pow,
-}
+    ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.FloorDiv: operator.floordiv,
+    ast.Mod: operator.mod, ast.Pow: operator.pow, ast.LShift: operator.lshift, ast.RShift: operator.rshift,
+    ast.BitOr: operator.or_, ast.BitAnd: operator.and_, ast.BitXor: operator.xor,
+}  # fmt: skip
 _SIGNS: dict[type[ast.unaryop], Callable[[int], int]] = {
     ast.USub: operator.neg,
     ast.UAdd: operator.pos,
@@ -46,28 +38,14 @@ _METHODS = ("format", "to_bytes", "from_bytes", *ASCII_METHODS)
 _EMITTERS = ("micropython.native", "micropython.viper", "micropython.bytecode")
 
 
-def transform(tree: ast.Module | ast.Expression) -> ast.Module | ast.Expression:
-    """The transformed program. Raises OverflowError if a constant needs more than 31 bits."""
-    return ast.fix_missing_locations(_Transformer(_recursive_names(tree)).visit(tree))  # type: ignore[no-any-return]
+def transform(tree: ast.Module | ast.Expression, recursive: Collection[str] = ()) -> ast.Module | ast.Expression:
+    """The transformed program. ``recursive``: `called_name` of functions that may call themselves. Raises OverflowError if a
+    constant needs more than 31 bits."""
+    return ast.fix_missing_locations(_Transformer(recursive).visit(tree))  # type: ignore[no-any-return]
 
 
-def _recursive_names(tree: ast.AST) -> set[str]:
-    """Names of functions that may call themselves, directly or through others; those of methods begin with a point."""
-    methods = {part for node in ast.walk(tree) if isinstance(node, ast.ClassDef) for part in node.body}
-    functions = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)]
-    names = [f".{function.name}" if function in methods else function.name for function in functions]
-    calls: dict[str, set[str]] = {name: set() for name in names}
-    for name, function in zip(names, functions, strict=True):
-        called = {_called_name(node) for node in ast.walk(function) if isinstance(node, ast.Call)}
-        calls[name] |= called & calls.keys()
-    for through, beyond in calls.items():  # Warshall's algorithm
-        for reached in calls.values():
-            if through in reached:
-                reached |= beyond
-    return {name for name, reached in calls.items() if name in reached}
-
-
-def _called_name(node: ast.Call) -> str:
+def called_name(node: ast.Call) -> str:
+    """Name of the called function; that of a method begins with a point."""
     function = node.func
     return function.id if isinstance(function, ast.Name) else f".{function.attr}" if isinstance(function, ast.Attribute) else ""
 
@@ -103,7 +81,7 @@ def _constant(node: ast.expr) -> ast.expr:
 
 
 class _Transformer(ast.NodeTransformer):
-    def __init__(self, recursive: set[str]) -> None:
+    def __init__(self, recursive: Collection[str]) -> None:
         self._recursive = recursive
         self._private: dict[str, ast.expr] = {}
         """Values of names such as ``_SPEED = const(100)``, which exist for the hub's compiler only."""
@@ -201,7 +179,7 @@ class _Transformer(ast.NodeTransformer):
             node.args.insert(0, function.value)
             node.func = ast.copy_location(ast.Name("@" + function.attr, ast.Load()), function)
             return node
-        is_recursive = _called_name(node) in self._recursive
+        is_recursive = called_name(node) in self._recursive
         self.generic_visit(node)
         if node.keywords:
             node.func = _call("@keywords", node.func, at=node)
