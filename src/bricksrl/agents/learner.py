@@ -22,7 +22,7 @@ from bricksrl.agents.episodic_replay import EpisodicReplayBuffer
 from bricksrl.agents.learner_state import load_loss, load_memory_state, memory_state
 from bricksrl.agents.replay import TransitionReplayBuffer, link_lost, make_replay_buffer, with_outcome
 from bricksrl.agents.settings import OffPolicySettings, Settings
-from bricksrl.errors import CheckpointError, first_line
+from bricksrl.errors import CheckpointError, message_of
 
 MAX_ROWS = 8192
 """Maximum number of transitions drawn at once for several updates."""
@@ -246,7 +246,7 @@ class Learner:
                     load_memory_state(self.memory, state["memory"], self.device)
         except (AssertionError, AttributeError, LookupError, OverflowError, RuntimeError, TypeError, ValueError) as error:
             remedy = "resume with the settings it had"
-            raise CheckpointError(f"the checkpoint does not fit this agent ({first_line(error)}); {remedy}") from None
+            raise CheckpointError(f"the checkpoint does not fit this agent ({message_of(error, typed=True)}); {remedy}") from None
 
 
 def off_policy_learner(

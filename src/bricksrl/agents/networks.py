@@ -14,7 +14,7 @@ from torchrl.modules import MLP, AdditiveGaussianModule, ProbabilisticActor, Tan
 
 from bricksrl.agents.encoder import encoder_keys
 from bricksrl.agents.settings import Settings
-from bricksrl.errors import DescriptionError, first_line
+from bricksrl.errors import DescriptionError, message_of
 
 
 def mlp(in_size: int, out_size: int, hidden: tuple[int, ...], *, layer_norm: bool = False, dropout: float = 0.0) -> nn.Sequential:
@@ -44,14 +44,14 @@ def make_body(settings: Settings, in_size: int, out_size: int, **kwargs: Any) ->
     try:
         network = factory(in_size, out_size)
     except Exception as error:
-        raise DescriptionError(f"{settings.network} makes no network ({first_line(error)}); correct it") from error
+        raise DescriptionError(f"{settings.network} makes no network ({message_of(error, typed=True)}); correct it") from error
     if not isinstance(network, nn.Module):
         raise DescriptionError(f"{settings.network} makes a {type(network).__name__}; let it return a torch.nn.Module")
     try:
         with torch.no_grad(), torch.random.fork_rng(devices=[]):
             out = copy.deepcopy(network).eval()(torch.zeros(2, in_size))
     except Exception as error:
-        fault = f"makes a network that fails on [2, {in_size}] ({first_line(error)})"
+        fault = f"makes a network that fails on [2, {in_size}] ({message_of(error, typed=True)})"
         raise DescriptionError(f"{settings.network} {fault}; correct it") from error
     if not isinstance(out, Tensor) or out.shape != (2, out_size):
         actual = list(out.shape) if isinstance(out, Tensor) else type(out).__name__
