@@ -94,14 +94,11 @@ class PageError(BricksError):
     """The live page cannot be served, or cannot show something."""
 
 
-def first_line(error: BaseException) -> str:
-    """Type of an error in a user's code or settings, which says more than its message, and the first line of the message."""
-    return f"{type(error).__name__}: {error}".splitlines()[0]
-
-
-def message_of(error: BaseException, characters: int | None = None) -> str:
-    """Message of another library's error in one line, at most of so many characters; its type if it has none."""
-    return " ".join(str(error).split())[:characters] or type(error).__name__
+def message_of(error: BaseException, characters: int = 200, *, typed: bool = False) -> str:
+    """Message of a library's or user's error in one line, at most of so many characters; with its type if it has none, or
+    ``typed``: the type of an error in somebody's code says more than its message."""
+    message, name = " ".join(str(error).split())[:characters], type(error).__name__
+    return message if message and not typed else f"{name}: {message}".removesuffix(": ")
 
 
 def hint(name: str, known: Iterable[str]) -> str:

@@ -197,3 +197,12 @@ def test_reset_reaches_the_policy_that_acts_on_another_device() -> None:
         learner.reset_policy()
         learner.exploit(TensorDict({"observation": torch.zeros(8, device="meta")}, []))
     assert len(predictions) == 2
+
+
+@pytest.mark.parametrize("agent", ["act", "diffusion"])
+def test_another_number_of_observations_begins_anew(agent: str) -> None:
+    learner = make(agent)
+    observations = torch.rand(3, ENV.observation_spec["observation"].shape[-1])
+    for batch in (observations, observations[0], observations[:2], observations[:2]):
+        action = learner.exploit(TensorDict({"observation": batch}, batch.shape[:-1]))["action"]
+        assert action.shape[:-1] == batch.shape[:-1]

@@ -196,3 +196,27 @@ def test_unsuitable_network_raises(tmp_path: Path, code: str, says: str) -> None
     path.write_text(f"from torch import nn\ndef make_network(i, o): return {code}\n")
     with pytest.raises(DescriptionError, match=says):
         make("td3" if "td3" in says else "sac", network=str(path))
+
+
+def test_network_that_needs_a_batch_raises(tmp_path: Path) -> None:
+    path = tmp_path / "batch.py"
+    path.write_text(
+        "from torch import nn\ndef make_network(m, n):\n    return nn.Sequential(nn.BatchNorm1d(m), nn.Linear(m, n))\n"
+    )
+    with pytest.raises(DescriptionError, match=r"fails on \[\d+\] \(ValueError: .*\); a policy acts on one .* with LayerNorm"):
+        make("sac", network=str(path))
+
+
+@pytest.mark.parametrize("agent", ["sac", "td3", "crossq"])
+def test_batch_normalisation_acts_by_running_statistics(agent: str, tmp_path: Path) -> None:
+    path = tmp_path / "normalised.py"
+    lines = ["from torch import nn", "from bricksrl.agents.crossq import BatchNorm", "def make_network(m, n):"]
+    path.write_text("\n".join([*lines, "    return nn.Sequential(BatchNorm(m), nn.Linear(m, n))", ""]))
+    learner = make(agent, network=str(path))
+    frame = ENV.reset()
+    before = {name: value.clone() for name, value in learner.policy.state_dict().items()}
+    learner.explore(frame.clone())
+    action = learner.exploit(frame.clone())["action"]
+    assert action.isfinite().all() and all(
+        torch.equal(before[name], value) for name, value in learner.policy.state_dict().items()
+    )

@@ -6,8 +6,7 @@ import pytest
 from hub_programs import output
 
 from bricksrl.robots import HubKind, Robot
-from bricksrl.virtual_hub import heap
-from bricksrl.virtual_hub.micropython import errors
+from bricksrl.virtual_hub.memory import RAM_BYTES
 
 FILL = """
 class Point:
@@ -47,8 +46,7 @@ print(fill([]))
 )
 def test_memory_runs_out_as_in_the_firmware(item: str, firmware: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """The firmware's code with 400 KiB of memory; a list that grows needs a piece twice as long as itself there."""
-    monkeypatch.setitem(heap._RAM_BYTES, HubKind.PRIME, 400 * 1024)
-    monkeypatch.setattr(errors, "LARGEST_HEAP_BYTES", 400 * 1024)
+    monkeypatch.setitem(RAM_BYTES, HubKind.PRIME, 400 * 1024)
     count = int(output(FILL.replace("{item}", item)))
     assert 0.97 * firmware <= count <= 1.4 * firmware
 

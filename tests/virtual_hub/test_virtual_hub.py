@@ -10,7 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from bricksrl.errors import HubError, HubProgramError, TwinError
+from bricksrl.errors import HubError, HubProgramError, SceneError, TwinError
 from bricksrl.hub.transport import HubModule, HubProgram
 from bricksrl.robots import BENCH, TWO_WHEELER
 from bricksrl.twin.make_body import make_body
@@ -289,3 +289,29 @@ def test_program_has_modules_and_file_name() -> None:
     with pytest.raises(HubProgramError, match=r"ZeroDivisionError.*at line 5 \(1 / 0\)"):
         virtual.read(1.0)
     virtual.close()
+
+
+def is_driven(virtual: VirtualHub) -> bool:
+    return any(servo.control.is_active for servo in virtual.machine.servos.values())
+
+
+def test_motors_stop_when_the_world_fails() -> None:
+    virtual = hub(DRIVE)
+    assert virtual.read(5.0) == b"up" and is_driven(virtual)
+
+    def fail() -> bool:
+        raise SceneError("the scene fails")
+
+    virtual.machine.branch = lambda _: fail()
+    with pytest.raises(SceneError, match="the scene fails"):
+        virtual.read(5.0)
+    assert not is_driven(virtual)
+
+
+def test_start_in_another_thread_stops_motors_of_the_earlier_program() -> None:
+    virtual = hub(DRIVE)
+    assert virtual.read(5.0) == b"up"
+    with ThreadPoolExecutor(1) as pool:
+        pool.submit(virtual.start, HubProgram(ECHO, 0)).result()
+        assert pool.submit(virtual.read, 1.0).result() == b"hello" and not is_driven(virtual)
+        pool.submit(virtual.stop).result()

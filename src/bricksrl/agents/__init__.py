@@ -8,7 +8,7 @@ from dataclasses import MISSING, dataclass, fields, is_dataclass
 from typing import TYPE_CHECKING, Any
 
 from bricksrl.envs.user_files import is_reference, load_object
-from bricksrl.errors import BricksError, DescriptionError, UnknownNameError, first_line, hint
+from bricksrl.errors import BricksError, DescriptionError, UnknownNameError, hint, message_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -105,7 +105,7 @@ def make_learner(agent: str, env: EnvBase, settings: Any = None, device: str = "
     except Exception as error:
         if not (is_reference(agent) or vars(settings).get("network")):
             raise
-        raise DescriptionError(f"{agent} cannot be built ({first_line(error)}); correct it") from error
+        raise DescriptionError(f"{agent} cannot be built ({message_of(error, typed=True)}); correct it") from error
     if not isinstance(learner, Learner):
         raise DescriptionError(f"{agent} builds a {type(learner).__name__}; let it return a bricksrl.agents.learner.Learner")
     return learner

@@ -5,7 +5,8 @@ from __future__ import annotations
 import copy
 import math
 from collections import defaultdict, deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -13,6 +14,8 @@ import torch
 from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
+from torch.nn.modules.batchnorm import _BatchNorm
+from torch.nn.modules.dropout import _DropoutNd
 from torchrl.data import ReplayBuffer
 from torchrl.envs import EnvBase
 from torchrl.envs.utils import ExplorationType, set_exploration_type
@@ -22,7 +25,7 @@ from bricksrl.agents.episodic_replay import EpisodicReplayBuffer
 from bricksrl.agents.learner_state import load_loss, load_memory_state, memory_state
 from bricksrl.agents.replay import TransitionReplayBuffer, link_lost, make_replay_buffer, with_outcome
 from bricksrl.agents.settings import OffPolicySettings, Settings
-from bricksrl.errors import CheckpointError, first_line
+from bricksrl.errors import CheckpointError, message_of
 
 MAX_ROWS = 8192
 """Maximum number of transitions drawn at once for several updates."""
@@ -44,6 +47,19 @@ def means(metrics: Iterable[dict[str, Tensor]]) -> dict[str, Tensor]:
         for name, value in update.items():
             values[name].append(value)
     return {name: torch.stack(series).mean() for name, series in values.items()}
+
+
+@contextmanager
+def _not_training(policy: TensorDictModuleBase) -> Iterator[None]:
+    """Batch normalisation by running statistics, and no dropout; a loss may share these modules, and trains them."""
+    modules = [module for module in policy.modules() if module.training and isinstance(module, _BatchNorm | _DropoutNd)]
+    for module in modules:
+        module.eval()
+    try:
+        yield
+    finally:
+        for module in modules:
+            module.train()
 
 
 @dataclass
@@ -134,7 +150,7 @@ class Learner:
     def _act(self, tensordict: TensorDictBase, exploration: ExplorationType) -> TensorDictBase:
         if self.weights:
             self.acting.load_state_dict(self.weights.pop())
-        with torch.no_grad(), set_exploration_type(exploration):
+        with torch.no_grad(), set_exploration_type(exploration), _not_training(self.acting):
             acted: TensorDictBase = self.acting(tensordict)
         return acted
 
@@ -246,7 +262,7 @@ class Learner:
                     load_memory_state(self.memory, state["memory"], self.device)
         except (AssertionError, AttributeError, LookupError, OverflowError, RuntimeError, TypeError, ValueError) as error:
             remedy = "resume with the settings it had"
-            raise CheckpointError(f"the checkpoint does not fit this agent ({first_line(error)}); {remedy}") from None
+            raise CheckpointError(f"the checkpoint does not fit this agent ({message_of(error, typed=True)}); {remedy}") from None
 
 
 def off_policy_learner(

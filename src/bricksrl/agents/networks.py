@@ -14,7 +14,7 @@ from torchrl.modules import MLP, AdditiveGaussianModule, ProbabilisticActor, Tan
 
 from bricksrl.agents.encoder import encoder_keys
 from bricksrl.agents.settings import Settings
-from bricksrl.errors import DescriptionError, first_line
+from bricksrl.errors import DescriptionError, message_of
 
 
 def mlp(in_size: int, out_size: int, hidden: tuple[int, ...], *, layer_norm: bool = False, dropout: float = 0.0) -> nn.Sequential:
@@ -44,18 +44,21 @@ def make_body(settings: Settings, in_size: int, out_size: int, **kwargs: Any) ->
     try:
         network = factory(in_size, out_size)
     except Exception as error:
-        raise DescriptionError(f"{settings.network} makes no network ({first_line(error)}); correct it") from error
+        raise DescriptionError(f"{settings.network} makes no network ({message_of(error, typed=True)}); correct it") from error
     if not isinstance(network, nn.Module):
         raise DescriptionError(f"{settings.network} makes a {type(network).__name__}; let it return a torch.nn.Module")
-    try:
-        with torch.no_grad(), torch.random.fork_rng(devices=[]):
-            out = copy.deepcopy(network).eval()(torch.zeros(2, in_size))
-    except Exception as error:
-        fault = f"makes a network that fails on [2, {in_size}] ({first_line(error)})"
-        raise DescriptionError(f"{settings.network} {fault}; correct it") from error
-    if not isinstance(out, Tensor) or out.shape != (2, out_size):
+    for batch in ((2,), ()):
+        size, wanted = [*batch, in_size], [*batch, out_size]
+        try:
+            with torch.no_grad(), torch.random.fork_rng(devices=[]):
+                out = copy.deepcopy(network).eval()(torch.zeros(size))
+        except Exception as error:
+            fault = f"makes a network that fails on {size} ({message_of(error, typed=True)})"
+            remedy = "correct it" if batch else "a policy acts on one observation at a time; normalise with LayerNorm"
+            raise DescriptionError(f"{settings.network} {fault}; {remedy}") from error
         actual = list(out.shape) if isinstance(out, Tensor) else type(out).__name__
-        raise DescriptionError(f"{settings.network} makes a network from [2, {in_size}] to {actual}; let it give [2, {out_size}]")
+        if actual != wanted:
+            raise DescriptionError(f"{settings.network} makes a network from {size} to {actual}; let it give {wanted}")
     return network
 
 

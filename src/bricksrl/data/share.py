@@ -108,4 +108,4 @@ def _refusal(repo: str, error: Any) -> str:
     status = getattr(getattr(error, "response", None), "status_code", None)
     if status in (401, 403):
         return f"the hub does not let you at {repo}; log in with `hf auth login` or set HF_TOKEN, as somebody who may"
-    return f"the hub refuses {repo} ({message_of(error, 200)}); try again later"
+    return f"the hub refuses {repo} ({message_of(error)}); try again later"

@@ -61,7 +61,7 @@ def connected(address: str | None, cpus: int | None = None) -> Iterator[Any]:
         ray.init(**options)
     except (ConnectionError, OSError, RuntimeError, ValueError) as error:
         cluster = "a cluster here" if address is None else f"the cluster at {address}"
-        raise RunError(f"{cluster} does not start or answer ({message_of(error, 200)}); see `ray status`") from None
+        raise RunError(f"{cluster} does not start or answer ({message_of(error)}); see `ray status`") from None
     try:
         yield ray
     finally:

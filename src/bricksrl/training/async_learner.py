@@ -23,7 +23,7 @@ from torchrl.envs import EnvBase
 from bricksrl.agents.learner import Learner, means
 from bricksrl.envs.registry import get_task
 from bricksrl.envs.specs import SpecsEnv
-from bricksrl.errors import BricksError, LearnerError, first_line
+from bricksrl.errors import BricksError, LearnerError, message_of
 from bricksrl.seed import derive_seed
 from bricksrl.training.config import TrainConfig
 from bricksrl.training.learner_side import InLoopLearner, Pace
@@ -177,7 +177,7 @@ def main() -> None:
         pass
     except Exception as error:  # noqa: BLE001  reported to the user by the robot's side
         with contextlib.suppress(BrokenPipeError):
-            send("failed", f"failed ({first_line(error)})")
+            send("failed", f"failed ({message_of(error, typed=True)})")
     leave()
 
 

@@ -13,18 +13,9 @@ from types import CellType, CoroutineType, FrameType, FunctionType, GeneratorTyp
 from typing import Any
 
 from bricksrl.robots import HubKind
+from bricksrl.virtual_hub.memory import BLOCK_BYTES, RAM_BYTES
 from bricksrl.virtual_hub.micropython.classes import FIRMWARE, is_native
-from bricksrl.virtual_hub.micropython.errors import LARGEST_HEAP_BYTES
-from bricksrl.virtual_hub.micropython.system import BLOCK_BYTES
 
-_RAM_BYTES = {
-    HubKind.PRIME: LARGEST_HEAP_BYTES,
-    HubKind.ESSENTIAL: 258 * 1024,
-    HubKind.TECHNIC: 32 * 1024,
-    HubKind.CITY: 20 * 1024,
-    HubKind.MOVE: 7 * 1024,
-}
-"""Memory for stored data and the heap (``PBDRV_CONFIG_BLOCK_DEVICE_RAM_SIZE`` of Pybricks 4)."""
 _STORED_BYTES = {HubKind.PRIME: 600, HubKind.ESSENTIAL: 600}
 """User data, settings and slots; on other hubs 200."""
 _TABLES_SHARE = 12 / 524
@@ -44,7 +35,7 @@ class Heap:
     """
 
     def __init__(self, hub: HubKind) -> None:
-        self.size_bytes = int((_RAM_BYTES[hub] - _STORED_BYTES.get(hub, 200)) * (1.0 - _TABLES_SHARE))
+        self.size_bytes = int((RAM_BYTES[hub] - _STORED_BYTES.get(hub, 200)) * (1.0 - _TABLES_SHARE))
         self.namespaces: list[dict[str, Any]] = []
         self._used_bytes, self._interval = 0, 1
 

@@ -122,6 +122,8 @@ class VirtualHub:
     def start(self, program: HubProgram) -> None:
         """Start a program; a running one is stopped first."""
         self.stop()
+        if self._program is not None:  # another thread started it, and cannot be made to end it
+            self.machine.stop_motors()
         self._pipe = program.pipe
         self._stop_requested = False  # an earlier stop request was for the previous program
         self._error = None
@@ -178,10 +180,12 @@ class VirtualHub:
         self._stop_requested = False
         if self._program is not None:
             program, self._program = self._program, None
-            if not program.dead:
-                with self.machine.stopping():  # no time may pass: other hubs of the same world do not run now
-                    program.throw(_Stopped)
-            self.machine.stop_motors()
+            try:
+                if not program.dead:
+                    with self.machine.stopping():  # no time may pass: other hubs of the same world do not run now
+                        program.throw(_Stopped)
+            finally:
+                self.machine.stop_motors()
             self._come_to_rest()
 
     def close(self) -> None:
@@ -272,7 +276,9 @@ class VirtualHub:
             if not is_program_error(error):
                 raise
             self._error = describe_traceback(interpreter.format_traceback(error, program.name), program.source, program.name)
-        self.machine.stop_motors()
+        finally:
+            if getcurrent() is self._program:  # neither stopped, nor replaced by another thread's program
+                self.machine.stop_motors()
 
     def _check_reach(self) -> None:
         if not self.in_reach():

@@ -359,6 +359,10 @@ def test_watchdog_grows_with_delay() -> None:
         assert link.statistics.watchdog_s == pytest.approx(1.2, abs=0.05)
         watchdogs = [write for write in hub.writes if write[2] == Down.WATCHDOG and write[1] == 0]
         assert len(watchdogs) == 2
+        link.stop()
+        hub.writes.clear()
+        link.open()  # the new program has its own short watchdog, which a slow link would never outlive
+        assert hub.writes[0] == watchdogs[1]
 
 
 class DelayedWrites:

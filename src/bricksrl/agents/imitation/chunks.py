@@ -53,6 +53,7 @@ class ChunkPolicy(TensorDictModuleBase):  # type: ignore[misc]
         self.encoder, self.network = encoder, network
         self._executed, self._ensemble = settings.executed, settings.ensemble
         self._step = 0
+        self._shape: torch.Size | None = None
         self._chunks: list[tuple[int, Tensor]] = []
 
     def reset(self) -> None:
@@ -61,6 +62,10 @@ class ChunkPolicy(TensorDictModuleBase):  # type: ignore[misc]
         self._chunks.clear()
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        shape = tensordict[self.in_keys[0]].shape
+        if shape != self._shape:  # another batch: its observations do not follow
+            self.reset()
+            self._shape = shape
         if self._step % self._executed == 0:
             chunk = self.network(self.encoder(*(tensordict[key] for key in self.in_keys)))
             self._chunks.append((self._step, chunk))

@@ -256,8 +256,9 @@ class HubLink:
             self._transport.stop()
             raise _stopped()
         self._expect_hello()
-        if self._least_watchdog_ms != WATCHDOG_MS:
-            self._set_watchdog(self._least_watchdog_ms)
+        watchdog_ms = max(self._least_watchdog_ms, self._needed_watchdog_ms())
+        if watchdog_ms != WATCHDOG_MS:
+            self._set_watchdog(watchdog_ms)
         self._begin()
         self.state = after(self.state, Cause.OPENED)
 
@@ -356,9 +357,12 @@ class HubLink:
     def _adapt_watchdog(self) -> None:
         if self._meter.exchanges % _EXCHANGES_PER_WATCHDOG_CHECK:
             return
-        needed_ms = _watchdog_ms(_WATCHDOG_ROUND_TRIPS * self._meter.delay_p99_s())
+        needed_ms = self._needed_watchdog_ms()
         if needed_ms > self._watchdog_ms:
             self._set_watchdog(needed_ms)
+
+    def _needed_watchdog_ms(self) -> int:
+        return _watchdog_ms(_WATCHDOG_ROUND_TRIPS * self._meter.delay_p99_s())
 
     def _set_watchdog(self, watchdog_ms: int) -> None:
         self._transport.write(control_frame(Down.WATCHDOG, struct.pack("<H", watchdog_ms)))

@@ -36,7 +36,10 @@ class TeamLink(HubLink):
         with self._fault_with_cause():
             left_s = None if known_s is None else max(0.0, self._sent_s + known_s - self.now_s())
             window_s = self._longest_move_s + self._timeout_s / 2
-            answer = self._await_answer(window_s, left_s) or self._send_and_wait(self._frame, self._longest_move_s, known_s)
+            answer = self._await_answer(window_s, left_s)
+            if answer is None:
+                self._meter.resends += 1
+                answer = self._send_and_wait(self._frame, self._longest_move_s, known_s)
             if answer is None:
                 raise self._listener.timeout_error("the hub did not answer", self._longest_move_s + self._timeout_s)
             reading = self._reading(answer, self._sent_s, known_s or 0.0)

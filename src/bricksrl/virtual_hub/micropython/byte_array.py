@@ -5,7 +5,7 @@ from __future__ import annotations
 import operator
 from typing import Any
 
-from bricksrl.virtual_hub.micropython.errors import check_allocation
+from bricksrl.virtual_hub.memory import check_allocation
 
 
 def _low_bytes(values: Any) -> Any:

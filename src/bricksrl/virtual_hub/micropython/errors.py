@@ -27,16 +27,6 @@ CATCHABLE = (Exception, SystemExit, KeyboardInterrupt, GeneratorExit)
 """What a program can catch: not what stops it from outside."""
 
 
-LARGEST_HEAP_BYTES = 272 * 1024
-"""Memory of a Prime hub for a program's objects; other hubs have less."""
-
-
-def check_allocation(size_bytes: int) -> None:
-    """Raise MemoryError for an object that fits on no hub."""
-    if size_bytes > LARGEST_HEAP_BYTES:
-        raise MemoryError(f"memory allocation failed, allocating {size_bytes} bytes")
-
-
 class SwitchedOff(BaseException):
     """The hub was switched off: ends a program past its exception handlers."""
 

@@ -12,8 +12,9 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from bricksrl.virtual_hub.memory import check_allocation
 from bricksrl.virtual_hub.micropython.containers import HubDict, HubSet
-from bricksrl.virtual_hub.micropython.errors import CATCHABLE, SwitchedOff, check_allocation, reword
+from bricksrl.virtual_hub.micropython.errors import CATCHABLE, SwitchedOff, reword
 from bricksrl.virtual_hub.micropython.floats import SMALL_MAX, SMALL_MIN, int_from_float, read_float, to_single
 from bricksrl.virtual_hub.micropython.formatting import format_text, format_value, percent, to_number
 from bricksrl.virtual_hub.micropython.text import representation, text

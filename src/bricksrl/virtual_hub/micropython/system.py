@@ -13,6 +13,7 @@ from greenlet import GreenletExit
 
 from bricksrl.errors import SceneError
 from bricksrl.virtual_hub.console import Console
+from bricksrl.virtual_hub.memory import BLOCK_BYTES
 from bricksrl.virtual_hub.micropython.builtins import cooked
 from bricksrl.virtual_hub.micropython.containers import HubDict
 from bricksrl.virtual_hub.micropython.errors import ERROR_NAMES, HubOSError, ProgramInterrupt, class_name
@@ -26,8 +27,6 @@ _POLLIN, _POLLOUT, _POLLERR, _POLLHUP = 1, 4, 8, 16
 _STDIN = 0
 _CTRL_C = 3
 _ENOENT = 2
-BLOCK_BYTES = 16
-"""Unit of allocation on the heap."""
 _STACK_BYTES = 8 * 1024
 _FOREVER_MS = 1000  # polling interval
 
