@@ -509,3 +509,23 @@ def test_messages_of_newer_python_are_understood(error: Exception, message: str)
     names: dict[str, object] = {"__builtins__": {"@n": None}}
     exec("def f(glue): pass", names)  # noqa: S102  its globals are those of a program
     assert reword(error, [names]).args == (message,)
+
+
+def test_list_comprehensions_are_functions_of_their_own() -> None:
+    source = """
+numbers = iter([1, 2])
+try:
+    print([next(numbers) for _ in range(3)])
+except StopIteration:
+    print('stopped')
+n = 5
+print([n for n in range(3) if all(n % d for d in range(2, n))], n, [m + n for m in (1, 2) if [n for n in ()] == []])
+class A:
+    x = 3
+    y = [i for i in range(x)]
+print(A.y)
+def f(k):
+    return [lambda: k for k in range(2)], k
+print([g() for g in f(7)[0]], f(7)[1])
+"""
+    assert printed(source) == "stopped\n[0, 1, 2] 5 [6, 7]\n[0, 1, 2]\n[1, 1] 7"

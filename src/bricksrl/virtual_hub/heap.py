@@ -15,6 +15,7 @@ from typing import Any
 from bricksrl.robots import HubKind
 from bricksrl.virtual_hub.memory import BLOCK_BYTES, RAM_BYTES
 from bricksrl.virtual_hub.micropython.classes import FIRMWARE, is_native
+from bricksrl.virtual_hub.micropython.errors import local_values
 
 _STORED_BYTES = {HubKind.PRIME: 600, HubKind.ESSENTIAL: 600}
 """User data, settings and slots; on other hubs 200."""
@@ -61,8 +62,8 @@ def _locals_of_program() -> list[Any]:
     values: list[Any] = []
     frame: FrameType | None = sys._getframe()
     while frame is not None:
-        if "@n" in frame.f_builtins and frame.f_locals is not frame.f_globals:
-            values += frame.f_locals.values()
+        if "@n" in frame.f_builtins:
+            values += local_values(frame)
         frame = frame.f_back
     return values
 

@@ -75,7 +75,8 @@ def execute(source: str, filename: str, modules: dict[str, ModuleType], console:
             exec(compile_source(own_module.source, own_module.file), importable[name].__dict__)
         return importable[name]
 
-    hooks: dict[str, Callable[..., Any]] = {"@tick": importable.tick, "@branch": importable.branch, "@callee": importable.callee}
+    hooks: dict[str, Callable[..., Any]] = {"@tick": importable.tick, "@callee": importable.callee}
+    hooks |= dict.fromkeys(("@branch", "@element"), importable.branch)
     namespace["__builtins__"] = builtin_names(importable.namespaces, find_module, console, hooks, importable.missing_builtins)
     try:
         exec(code, namespace)

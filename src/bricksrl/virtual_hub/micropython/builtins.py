@@ -216,7 +216,8 @@ def _without_int(kinds: Any) -> Any:
 
 def _namespace(frame: FrameType) -> Any:
     """Names of the module or class around a frame; on a hub the locals of a function have no names."""
-    return frame.f_globals if frame.f_code.co_flags & inspect.CO_OPTIMIZED else frame.f_locals
+    is_class = not frame.f_code.co_flags & inspect.CO_OPTIMIZED and frame.f_code.co_name != "<module>"
+    return frame.f_locals if is_class else frame.f_globals
 
 
 def _program_functions() -> dict[str, Any]:

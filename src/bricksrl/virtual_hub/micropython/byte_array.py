@@ -39,6 +39,11 @@ class HubBytearray(bytearray):
     def __delitem__(self, index: Any) -> None:
         raise TypeError("'bytearray' object doesn't support item deletion")
 
+    def __contains__(self, item: Any) -> bool:
+        if isinstance(item, int | float):
+            raise NotImplementedError
+        return isinstance(item, str | bytes | bytearray | memoryview) and super().__contains__(_buffer(item))
+
     def __mul__(self, other: Any) -> Any:
         return NotImplemented
 

@@ -25,6 +25,7 @@ def compile_source(source: str, filename: str, mode: str = "exec") -> CodeType:
         warnings.simplefilter("ignore", SyntaxWarning)
         warnings.simplefilter("ignore", DeprecationWarning)
         code = compile(transform(tree, _recursive_names(tree)), filename, mode, dont_inherit=True)
+    code = _with_names_of_hub(code)
     classes = {node.name.lstrip("_") for node in ast.walk(tree) if isinstance(node, ast.ClassDef)} - {""}
     if not classes or "__" not in source:
         return code
@@ -46,6 +47,13 @@ def _recursive_names(tree: ast.AST) -> set[str]:
             if through in reached:
                 reached |= beyond
     return {name for name, reached in calls.items() if name in reached}
+
+
+def _with_names_of_hub(code: CodeType) -> CodeType:
+    """Name list comprehensions, which `transform` makes generators, as a hub does."""
+    constants = tuple(_with_names_of_hub(part) if isinstance(part, CodeType) else part for part in code.co_consts)
+    name = "<listcomp>" if "@element" in code.co_names else code.co_name
+    return code.replace(co_consts=constants, co_name=name)
 
 
 def _unmangled(code: CodeType, mangled: re.Pattern[str], words: frozenset[str]) -> CodeType:

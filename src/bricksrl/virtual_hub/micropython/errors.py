@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import builtins
+import dis
 import errno
+import inspect
 import re
 from collections.abc import Callable, Mapping, Sequence
-from types import FunctionType
+from types import FrameType, FunctionType, TracebackType
 from typing import Any, TypeGuard
 
 EXCEPTIONS = """
@@ -99,6 +101,7 @@ _RULES: tuple[_Rule, ...] = (
     (TypeError, r"cannot unpack non-iterable (.*) object", lambda m: f"'{m[1]}' object isn't iterable"),
     (TypeError, r"(.*) indices must be integers or slices, not (.*)", lambda m: f"{m[1]} indices must be integers, not {m[2]}"),
     (TypeError, r"string indices must be integers, not '(.*)'", lambda m: f"string indices must be integers, not {m[1]}"),
+    (TypeError, r"type '.*' is not subscriptable", lambda m: "'type' object isn't subscriptable"),
     (TypeError, r"('.*' object) is not (callable|iterable|subscriptable|an iterator)", lambda m: f"{m[1]} isn't {m[2]}"),
     (TypeError, r"('.*' object) does(?: not|n't) support item (.*)", lambda m: f"{m[1]} doesn't support item {m[2]}"),
     (TypeError, r"(?:cannot use .* \()?unhashable type: '(.*?)'\)?", lambda m: f"unsupported type for __hash__: '{m[1]}'"),
@@ -118,8 +121,6 @@ _RULES: tuple[_Rule, ...] = (
     (ValueError, r"bytes? must be in range\(0, 256\)", lambda m: "bytes value out of range"),
     (ValueError, r"range\(\) arg 3 must not be zero", lambda m: "zero step"),
     (ValueError, r"negative count", lambda m: ""),
-    (ValueError, r"Invalid format specifier.*|.* not allowed .*in string format specifier|Cannot specify .*",
-     lambda m: "invalid format specifier"),
     (TypeError, r"is(?:instance|subclass)\(\) arg 2 must be .*",
      lambda m: "issubclass() arg 2 must be a class or a tuple of classes"),
     (TypeError, r"\w+(?: expected|\(\) takes) at least (\d+) arguments?(?:, got | \()(\d+)(?: given\))?",
@@ -174,12 +175,17 @@ def reword(error: BaseException, namespaces: Sequence[Mapping[str, object]]) -> 
     return error
 
 
+def local_values(frame: FrameType) -> list[Any]:
+    """Values of the local variables of a function; none of a module, which has globals."""
+    return [*frame.f_locals.values()] if frame.f_code.co_flags & inspect.CO_OPTIMIZED else []
+
+
 def _locals_within(error: BaseException) -> list[object]:
-    """Values of all local variables in the traceback."""
+    """Values of local variables in the traceback."""
     values: list[object] = []
     trace = error.__traceback__
     while trace is not None:
-        values += trace.tb_frame.f_locals.values()
+        values += local_values(trace.tb_frame)
         trace = trace.tb_next
     return values
 
@@ -205,26 +211,45 @@ def _call_message(message: str, namespaces: Sequence[Mapping[str, object]], erro
         return _builtin_call_message(problem, name.startswith("tools_module")) or message
     if keyword := re.fullmatch(r"got an unexpected keyword argument '(.*)'", problem):
         return f"unexpected keyword argument '{keyword[1]}'"
-    if re.match(r"missing \d+ required keyword-only", problem):
-        return "function missing keyword-only argument"
-    total = function.__code__.co_argcount
+    code = function.__code__
+    checks_each = function.__kwdefaults__ or _has_keywords(error)  # the firmware looks for each argument separately
+    if missing := re.match(r"missing \d+ required keyword-only arguments?: '(\w+)'", problem):
+        return (
+            f"function missing required keyword argument '{missing[1]}'"
+            if checks_each
+            else "function missing keyword-only argument"
+        )
+    cells = len(code.co_freevars)  # on a hub the first arguments of an inner function
+    total = code.co_argcount + cells
     required = total - len(function.__defaults__ or ())
     if given := re.search(r"but (\d+) (?:positional arguments? .*)?(?:was|were) given", problem):
-        return f"{function.__name__}() takes {total} positional arguments but {given[1]} were given"
-    if missing := re.match(r"missing (\d+) required positional arguments?: '(\w+)'", problem):
-        count = required - int(missing[1])
-        index = function.__code__.co_varnames.index(missing[2])
-        if index < count or function.__kwdefaults__:  # with keywords, the firmware looks for each argument separately
-            return f"function missing required positional argument #{index}"
-        return f"{function.__name__}() takes {required} positional arguments but {count} were given"
+        return f"{function.__name__}() takes {total} positional arguments but {int(given[1]) + cells} were given"
+    if missing := re.match(r"missing (\d+) required positional arguments?: .*?'(\w+)'$", problem):
+        if checks_each:
+            return f"function missing required positional argument #{code.co_varnames.index(missing[2]) + cells}"
+        return f"{function.__name__}() takes {required} positional arguments but {required - int(missing[1])} were given"
     return message
+
+
+def _innermost(error: BaseException) -> TracebackType | None:
+    trace = error.__traceback__
+    while trace is not None and trace.tb_next is not None:
+        trace = trace.tb_next
+    return trace
+
+
+def _has_keywords(error: BaseException) -> bool:
+    """Whether the call that failed names an argument."""
+    trace = _innermost(error)
+    if trace is None:
+        return False
+    names = [step.opname for step in dis.get_instructions(trace.tb_frame.f_code) if step.offset <= trace.tb_lasti]
+    return any("KW" in name for name in names[-3:])
 
 
 def _first_missing(error: BaseException) -> str | None:
     """First missing argument of a firmware method, or ``None`` if there is no such call."""
-    trace = error.__traceback__
-    while trace is not None and trace.tb_next is not None:
-        trace = trace.tb_next
+    trace = _innermost(error)
     frame_locals: Mapping[str, Any] = trace.tb_frame.f_locals if trace is not None else {}
     if not all(name in frame_locals for name in ("method", "args", "kwargs")):
         return None
@@ -258,7 +283,7 @@ def _find(qualified_name: str, names: Mapping[str, object]) -> FunctionType | No
     if isinstance(value, type):
         value = value.__dict__.get("__init__")
     value = getattr(value, "__func__", value)
-    return value if is_own(value) else None
+    return value if is_own(value) and value.__qualname__.startswith(qualified_name) else None
 
 
 def _find_among(qualified_name: str, values: list[object]) -> FunctionType | None:
@@ -268,7 +293,7 @@ def _find_among(qualified_name: str, values: list[object]) -> FunctionType | Non
 
 def is_own(value: object) -> TypeGuard[FunctionType]:
     """Whether a value is a function of the program."""
-    return isinstance(value, FunctionType) and "@n" in getattr(value, "__builtins__", ())
+    return isinstance(value, FunctionType) and "@n" in value.__globals__.get("__builtins__", ())
 
 
 def class_name(kind: type) -> str:

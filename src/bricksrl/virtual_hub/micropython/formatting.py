@@ -13,10 +13,12 @@ from bricksrl.virtual_hub.micropython.text import representation, text
 
 _DEFAULT_PRECISION = 6
 _SPEC = re.compile(
-    r"(?:(?P<fill>.)?(?P<align>[<>=^]))?(?P<sign>[-+ ])?#?(?P<zero>0)?(?P<width>\d+)?,?"
-    r"(?:\.(?P<precision>\d+))?(?P<code>[bcdeEfFgGnosxX%])?",
+    r"(?:(?P<fill>[^<>=^\x80-\U0010ffff])?(?P<align>[<>=^]))?(?P<sign>[-+ ])?(?P<prefix>#?)(?P<zero>0)?(?P<width>\d+)?"
+    r"(?P<separator>[,_])?(?:\.(?P<precision>\d+)?)?(?P<code>[bcdeEfFgGnosxX%])?",
     re.DOTALL,
 )
+_INTEGER_CODES = ("", *"bcdnoxX")
+_FLOAT_CODES = ("", *"eEfFgGn%")
 
 
 def to_number(value: Any, kind: str) -> Any:
@@ -34,50 +36,58 @@ def format_value(value: object, spec: str) -> str:
     """``format(value, spec)``; the hub ignores ``__format__``."""
     if not spec:
         return text(value)
-    code, name = spec[-1] if spec[-1] in "bcdeEfFgGnosxX%" else "", type(value).__name__
-    if not isinstance(value, int | float | str):
-        if code not in ("", "s"):
-            raise ValueError(f"unknown format code '{code}' for object of type '{name}'")
-        if not isinstance(value, bytes):
-            raise TypeError(f"can't convert '{name}' object to str implicitly")
-        value = value.decode("latin-1")
-    if isinstance(value, bool):
-        value = int(value)
-    if isinstance(value, str):
-        if code not in ("", "s"):
-            raise ValueError(f"unknown format code '{code}' for object of type 'str'")
-        return format(value, spec)
-    if isinstance(value, float):
-        if code in ("b", "c", "d", "o", "s", "x", "X"):
-            raise ValueError(f"unknown format code '{code}' for object of type 'float'")
-        return _format_float(value, spec)
-    if code == "s":
-        raise ValueError(f"unknown format code 's' for object of type '{name}'")
-    if code == "c":
-        value &= 0xFF
-    return _format_float(to_single(value), spec) if code and code in "eEfFgG%" else format(value, spec)
-
-
-def _format_float(value: float, spec: str) -> str:
     match = _SPEC.fullmatch(spec)
     if match is None:
         raise ValueError("invalid format specifier")
-    code = match["code"] or "g"
-    is_percent = code == "%"
-    if is_percent:
-        value, code = to_single(value * 100), "f"
-    precision = _DEFAULT_PRECISION if match["precision"] is None else int(match["precision"])
-    sign = match["sign"] if match["sign"] in ("+", " ") else ""
-    formatted = format_float(value, "g" if code == "n" else code, precision, sign or "") + "%" * is_percent
-    align = match["align"] or ("=" if match["zero"] else ">")
-    return _padded(formatted, match["fill"] or match["zero"] or " ", align, int(match["width"] or 0))
+    code, sign = match["code"] or "", (match["sign"] or "").replace("-", "")
+    if sign and code in ("s", "c"):
+        kind = "in string format specifier" if code == "s" else "with integer format specifier 'c'"
+        raise ValueError(f"sign not allowed {kind}")
+    is_number = isinstance(value, int | float)
+    align = match["align"] or ("=" if match["zero"] and is_number else ">" if is_number else "<")
+    padding = match["fill"] or match["zero"] or " ", align, int(match["width"] or 0)
+    if isinstance(value, int) and code in _INTEGER_CODES:
+        return _format_integer(int(value), code, sign + match["prefix"], match["separator"] or "", *padding)
+    if isinstance(value, int | float) and code in _FLOAT_CODES:
+        return _padded(_format_float(value, code or "g", sign, match["precision"]), *padding)
+    if not is_number and align == "=":
+        raise ValueError("'=' alignment not allowed in string format specifier")
+    if is_number or code not in ("", "s"):
+        raise ValueError(f"unknown format code '{code}' for object of type '{type(value).__name__}'")
+    if not isinstance(value, str | bytes):
+        raise TypeError(f"can't convert '{type(value).__name__}' object to str implicitly")
+    characters = value if isinstance(value, str) else value.decode("latin-1")
+    return _padded(characters if match["precision"] is None else characters[: int(match["precision"])], *padding)
+
+
+def _format_integer(value: int, code: str, flags: str, separator: str, fill: str, align: str, width: int) -> str:
+    if code == "c":
+        return _padded(chr(value & 0xFF), fill, align, width)
+    if code in ("b", "o", "x", "X"):  # in groups of four digits, whatever separates them
+        digits = format(value, f"{flags}{separator and '_'}{code}").replace("_", separator)
+    else:
+        digits = format(value, f"{flags}{separator}{code.replace('n', 'd')}")
+    return _padded(digits, fill, align, width)
+
+
+def _format_float(value: float, code: str, sign: str, precision: str | None) -> str:
+    digits = _DEFAULT_PRECISION if precision is None else int(precision)
+    value = to_single(value)
+    if code == "%":
+        return format_float(to_single(value * 100), "f", digits, sign) + "%"
+    return format_float(value, "g" if code == "n" else code, digits, sign)
 
 
 def _padded(formatted: str, fill: str, align: str, width: int) -> str:
     if align == "=":
-        sign = formatted[:1] if formatted[:1] in ("+", "-", " ") else ""
+        sign = re.match("[-+ ]?(?:0[xXob])?", formatted)[0]  # type: ignore[index]
         return sign + formatted[len(sign) :].rjust(width - len(sign), fill)
-    return format(formatted, f"{fill}{align}{width}")
+    return format(formatted, f"{fill}{align}{_in_characters(width, formatted)}")
+
+
+def _in_characters(width: int, formatted: str) -> int:
+    """A width in bytes, as a hub counts, in characters."""
+    return max(0, width - len(formatted.encode()) + len(formatted))
 
 
 class _Formatter(string.Formatter):
@@ -155,11 +165,13 @@ def _given(next_value: Callable[[], Any]) -> str:
 
 def _format_argument(value: Any, match: re.Match[str], width: str, precision: str | None, is_bytes: bool) -> str:
     code, flags = match["code"], match["flags"]
-    spec = f"%{flags}{width}" + (f".{precision}" if precision is not None else "")
+    limit = "" if precision is None else f".{precision}"
+    spec = f"%{flags}{width}{limit}"
     if code in "sr":
         if code == "s" and is_bytes and isinstance(value, bytes):
             return (spec + "s") % value.decode("latin-1")
-        return (spec + "s") % (text(value) if code == "s" else representation(value))
+        characters = text(value) if code == "s" else representation(value)
+        return f"%{flags}{_in_characters(int(width or 0), characters)}{limit}s" % characters
     if code == "c":
         if isinstance(value, str) and len(value.encode()) != 1:
             raise TypeError("%c needs int or char")

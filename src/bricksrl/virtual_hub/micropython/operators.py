@@ -9,7 +9,7 @@ import math
 import operator
 import re
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 from bricksrl.virtual_hub.memory import check_allocation
@@ -217,6 +217,14 @@ def _dict_display(*parts: Any) -> HubDict:
     return HubDict.sized(len(keys), zip(keys, values, strict=True))
 
 
+def _list_comprehension(elements: Iterator[Any]) -> list[Any]:
+    """The elements; a StopIteration in one of them is not that of a generator."""
+    try:
+        return list(elements)
+    except RuntimeError as error:
+        raise (error.__cause__ if isinstance(error.__cause__, StopIteration) else error) from None
+
+
 def _dict_comprehension(pairs: list[tuple[Any, Any]]) -> HubDict:
     """``{key: value for ...}`` from pairs of value and key."""
     return HubDict.sized(0, ((key, value) for value, key in pairs))
@@ -305,6 +313,7 @@ def operators(namespaces: Sequence[Mapping[str, object]]) -> dict[str, Any]:
         "@dictof": _dict_comprehension,
         "@set": _set_display,
         "@setof": HubSet,
+        "@list": _list_comprehension,
         "@named": _keyword_arguments,
         **{f"@{name}": _ascii_method(name) for name in ASCII_METHODS},
         "@any": CATCHABLE,

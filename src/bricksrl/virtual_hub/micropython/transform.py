@@ -22,10 +22,8 @@ _FOLDED: dict[type[ast.operator], Callable[[int, int], int]] = {
     ast.BitOr: operator.or_, ast.BitAnd: operator.and_, ast.BitXor: operator.xor,
 }  # fmt: skip
 _SIGNS: dict[type[ast.unaryop], Callable[[int], int]] = {
-    ast.USub: operator.neg,
-    ast.UAdd: operator.pos,
-    ast.Invert: operator.invert,
-}
+    ast.USub: operator.neg, ast.UAdd: operator.pos, ast.Invert: operator.invert,
+}  # fmt: skip
 _MAX_BITS = 4096
 """Limit of a folded power or shift: larger ones take time, and no result of that size fits."""
 _WRAPPED = (ast.Add, ast.Sub, ast.Mult, ast.LShift)
@@ -118,10 +116,8 @@ class _Transformer(ast.NodeTransformer):
 
     def visit_Expr(self, node: ast.Expr) -> ast.AST:
         """The hub's compiler drops a number that stands alone, even a large one."""
-        if isinstance(node.value, ast.BinOp) and _fold(node.value) is not None:
-            return ast.copy_location(ast.Pass(), node)
-        self.generic_visit(node)
-        return node
+        is_number = isinstance(node.value, ast.BinOp) and _fold(node.value) is not None
+        return ast.copy_location(ast.Pass(), node) if is_number else self.generic_visit(node)
 
     def visit_AugAssign(self, node: ast.AugAssign) -> ast.AST | list[ast.stmt]:
         self.generic_visit(node)
@@ -224,13 +220,18 @@ class _Transformer(ast.NodeTransformer):
         self.generic_visit(node)
         return _call("@set", *node.elts, at=node)
 
-    def visit_ListComp(self, node: ast.ListComp | ast.GeneratorExp) -> ast.expr:
+    def visit_GeneratorExp(self, node: ast.GeneratorExp | ast.ListComp, branch: str = "@branch") -> ast.expr:
         """A loop: it branches after each element, and at each condition."""
         self.generic_visit(node)
-        node.elt = _call("@branch", node.elt, at=node.elt)
+        node.elt = _call(branch, node.elt, at=node.elt)
         return node
 
-    visit_GeneratorExp = visit_ListComp
+    def visit_ListComp(self, node: ast.ListComp) -> ast.expr:
+        """A function of its own as on a hub, which a list comprehension of CPython is no more from 3.12 on."""
+        if any(isinstance(part, ast.Await) for part in ast.walk(node)):
+            return self.visit_GeneratorExp(node)
+        generator = ast.copy_location(ast.GeneratorExp(node.elt, node.generators), node)
+        return _call("@list", self.visit_GeneratorExp(generator, "@element"), at=node)
 
     def visit_DictComp(self, node: ast.DictComp) -> ast.expr:
         pairs = ast.ListComp(ast.Tuple([node.value, node.key], ast.Load()), node.generators)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from bricksrl.robots import HubKind
@@ -183,10 +183,16 @@ def _pixels(icon: Any) -> list[int]:
         if icon.shape != (_SIZE, _SIZE):
             raise ValueError("Invalid argument")
         return [int(max(0.0, min(float(_MAX_BRIGHTNESS), value))) for value in icon]
-    rows = [get_array(row) for row in get_array(icon)]
-    if len(rows) != _SIZE or any(len(row) != _SIZE for row in rows):
+    pixels: list[int] = []
+    for row in _five(icon):
+        pixels += map(percentage, _five(row))
+    return pixels
+
+
+def _five(values: Any) -> Sequence[Any]:
+    if len(get_array(values)) != _SIZE:
         raise ValueError("Invalid argument")
-    return [percentage(value) for row in rows for value in row]
+    return get_array(values)
 
 
 _NOTE = re.compile(r"(?:R|([A-G])([#b]?)([0-9])?)(/)?(\d\d?)?(\.?)(_?)")
