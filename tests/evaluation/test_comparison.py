@@ -29,7 +29,8 @@ def write_run(path: Path, config: TrainConfig, returns: list[float], evaluation:
     episodes = [Episode(k, Phase.TRAIN, 10 * k, 10, value, None) for k, value in enumerate(returns, 1)]
     folder.write_episodes(episodes, ())
     if evaluation is not None:
-        data = {"env": config.env, "return_mean": evaluation, "trained_episodes": len(returns)}
+        scores = {"return_mean": evaluation, "return_std": 0.0, "episodes": 5}
+        data = {"env": config.env, "trained_episodes": len(returns), **scores}
         folder.evaluation_path.write_text(json.dumps(data))
     return path
 

@@ -54,6 +54,9 @@ def test_study_writes_tables_and_reuses_runs(tmp_path: Path) -> None:
     before = untouched.stat().st_mtime_ns
     (folder / "outcome.json").unlink()  # as if it was killed before it had evaluated
     run_study(TOY, tmp_path / "toy", quick=True, jobs=1)
+    times_s = result["cells"][0]["cpu_s"]
+    assert all(0.0 < time_s < 600.0 for time_s in times_s)
+    times_s[0] = None  # of a resumed run, only the last part is known
     assert json.loads((tmp_path / "toy" / "study.json").read_text())["cells"] == result["cells"]
     assert untouched.stat().st_mtime_ns == before
     assert len((folder / "metrics.csv").read_text().splitlines()) == 3, "the run was not made again, only evaluated"
@@ -138,6 +141,18 @@ def test_study_page_compares_with_paper() -> None:
     assert row["success"] == "100 % [56.55, 100]" and row["x_m"] == "2" and row["reached"] == "5 of 5"
     assert row["robot minutes"] == "2.0" and row["the paper's minutes"] == "15"
     assert "robot minutes" not in page({**found, "cells": [{**found["cells"][0], "robot_s": [None] * 5}]})
+
+
+def test_study_page_shows_cpu_time_where_all_seeds_have_it() -> None:
+    cell = Cell("sac", "Robot-v0", {}, (Condition("same"),))
+    earlier = [outcome(seed, [2.0], 1) for seed in range(5)]  # of a study before CPU times were measured
+    later = [{**one, "cpu_s": 90.0} for one in earlier]
+    result = {"title": "T", "study": "t", "quick": False, "machine": {"processor": "P", "cores": 2}, "versions": {}}
+    heads = []
+    for outcomes in (earlier, later, [*earlier[:4], later[4]]):
+        text = page({**result, "cells": [summary(cell, outcomes)]})
+        heads.append([head for head in ("CPU minutes", "wall minutes") if head in text])
+    assert heads == [["wall minutes"], ["CPU minutes"], ["wall minutes"]]
 
 
 def test_fine_tuning_leaves_original_run(tmp_path: Path) -> None:

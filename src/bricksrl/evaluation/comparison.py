@@ -144,12 +144,11 @@ class _Run:
 
 def _evaluation(folder: RunFolder, env: str, episodes: int) -> float | None:
     """Mean return of the run's evaluation; ``None`` if there is none after its last episode in its own environment."""
-    try:
-        data = json.loads(folder.evaluation_path.read_bytes())
-        same_env = data["env"] == env or is_reference(env)  # the task of a user's file has an id of its own
-        return float(data["return_mean"]) if same_env and data["trained_episodes"] == episodes else None
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+    data = folder.read_evaluation()
+    if data is None or data["trained_episodes"] != episodes:
         return None
+    same_env = data.get("env") == env or is_reference(env)  # the task of a user's file has an id of its own
+    return float(data["return_mean"]) if same_env else None
 
 
 def _run_folders(paths: Sequence[Path | str]) -> Iterator[Path]:

@@ -205,7 +205,7 @@ def summarise(run_dirs: Sequence[Path]) -> SeedsSummary:
 
 
 def _evaluated(folder: RunFolder) -> float:
-    try:
-        return float(json.loads(folder.evaluation_path.read_bytes())["return_mean"])
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
-        raise RunError(f"{folder.path} has no evaluation; run `bricksrl evaluate {quoted(folder.path)}` first") from None
+    data = folder.read_evaluation()
+    if data is None:
+        raise RunError(f"{folder.path} has no evaluation; run `bricksrl evaluate {quoted(folder.path)}` first")
+    return float(data["return_mean"])

@@ -54,6 +54,7 @@ class Outcome:
 
     Attributes:
         steps, wall_s: number of steps and duration of the training.
+        cpu_s: CPU time of the training; ``None`` if it was resumed.
         robot_s: time of the training's steps by the hub's clock; ``None`` without a hub.
         reached: whether the training stopped early, at its ``stop_at`` return; ``None`` without one.
     """
@@ -62,6 +63,7 @@ class Outcome:
     judged: tuple[ConditionResult, ...]
     steps: int
     wall_s: float
+    cpu_s: float | None
     robot_s: float | None
     reached: bool | None
 
@@ -81,20 +83,29 @@ def run_seed(cell: Cell, seed: int, folder: str) -> dict[str, Any] | str:
     if done.exists():
         return dict(json.loads(done.read_bytes()))
     try:
+        cpu_s = None
         if RunFolder(path).checkpoint_path.exists():
             resume(path)
         else:
+            before_s = _cpu_s()
             train(TrainConfig(**{**cell.config, "seed": seed, "run_dir": path, "asynchronous": False}))
+            cpu_s = _cpu_s() - before_s
         results = [_evaluate_condition(path, seed, number, condition) for number, condition in enumerate(cell.conditions)]
         episodes = RunFolder(path).read_episodes()
         goal, last = cell.config.get("stop_at"), [episode.return_ for episode in episodes[-WINDOW:]]
         reached = None if goal is None else len(last) == WINDOW and sum(last) / WINDOW >= goal
-        outcome = Outcome(seed, tuple(results), episodes[-1].steps, episodes[-1].seconds, robot_seconds(path), reached)
+        last_episode = episodes[-1]
+        outcome = Outcome(seed, tuple(results), last_episode.steps, last_episode.seconds, cpu_s, robot_seconds(path), reached)
     except BricksError as error:
         return str(error)
     text = json.dumps(asdict(outcome), indent=2)
     write_durably(done, (text + "\n").encode())
     return dict(json.loads(text))
+
+
+def _cpu_s() -> float:
+    """CPU time of this process, with its threads and its ended children."""
+    return sum(os.times()[:4])
 
 
 def _evaluate_condition(run: Path, seed: int, number: int, condition: Condition) -> ConditionResult:
@@ -246,6 +257,7 @@ def summary(cell: Cell, outcomes: Sequence[dict[str, Any]]) -> dict[str, Any]:
         "seeds": len(outcomes),
         "steps": [outcome["steps"] for outcome in outcomes],
         "wall_s": [round(outcome["wall_s"], 1) for outcome in outcomes],
+        "cpu_s": [outcome.get("cpu_s") for outcome in outcomes],
         "robot_s": [outcome["robot_s"] for outcome in outcomes],
         "reached": [outcome["reached"] for outcome in outcomes],
         "paper": dict(cell.paper),

@@ -51,8 +51,9 @@ def _columns(result: Numbers) -> dict[str, Callable[[Numbers, str, Numbers], str
         "the paper's success": lambda cell, name, values: percent(cell.get("paper", {}).get("success")),
         **metrics,
         "steps": lambda cell, name, values: _over_seeds(cell.get("steps", ()), 1.0, ".0f"),
-        "minutes of computing": lambda cell, name, values: _over_seeds(cell.get("wall_s", ()), 60.0, ".1f"),
-        "robot minutes": lambda cell, name, values: _over_seeds(cell.get("robot_s", ()), 60.0, ".1f"),
+        "CPU minutes": lambda cell, name, values: _minutes(cell, "cpu_s"),
+        "wall minutes": lambda cell, name, values: "" if _minutes(cell, "cpu_s") else _minutes(cell, "wall_s"),
+        "robot minutes": lambda cell, name, values: _minutes(cell, "robot_s"),
         "reached": lambda cell, name, values: _count(cell.get("reached", ())),
         "the paper's minutes": lambda cell, name, values: number(cell.get("paper", {}).get("minutes")),
     }
@@ -92,6 +93,10 @@ def _spread(value: Sequence[float] | float | None) -> str:
 
 def _count(reached: Sequence[bool | None]) -> str:
     return "" if None in reached or not reached else f"{sum(map(bool, reached))} of {len(reached)}"
+
+
+def _minutes(cell: Numbers, name: str) -> str:
+    return _over_seeds(cell.get(name, ()), 60.0, ".1f")
 
 
 def _over_seeds(values: Sequence[float | None], unit: float, form: str) -> str:

@@ -47,7 +47,7 @@ def export_policy(run_dir: Path, out: Path, *, licence: str = "mit") -> Path:
     tensors = {name: tensor.contiguous() for name, tensor in trained.learner.policy_state().items()}
     shared = portable(replace(one_robot(config), data=None, updates=0, start=None, compile=False).to_dict())
     about = {"bricksrl_policy": _VERSION, "episodes": trained.episodes, "config": shared}
-    card = policy_card(shared["env"], shared["agent"], trained.episodes, _evaluation(folder), licence)
+    card = policy_card(shared["env"], shared["agent"], trained.episodes, folder.read_evaluation(), licence)
     try:
         with atomic_folder(out) as new:
             write_durably(new / TENSORS, save(tensors))
@@ -58,14 +58,6 @@ def export_policy(run_dir: Path, out: Path, *, licence: str = "mit") -> Path:
     except OSError as error:
         raise RunError(f"cannot write the policy to {out} ({error.strerror}); make room or choose another folder") from None
     return out
-
-
-def _evaluation(folder: RunFolder) -> dict[str, Any] | None:
-    try:
-        data = json.loads(folder.evaluation_path.read_bytes())
-    except (OSError, ValueError, RecursionError):
-        return None
-    return data if isinstance(data, dict) and {"return_mean", "return_std", "episodes"} <= data.keys() else None
 
 
 @dataclass(frozen=True)

@@ -84,6 +84,16 @@ class RunFolder:
         require_trusted(self.config_path, text, data["config"])
         return TrainConfig.from_dict(data["config"], run_dir=self.path)
 
+    def read_evaluation(self) -> dict[str, Any] | None:
+        """The latest evaluation, as `EvaluationResult` wrote it; ``None`` if there is none, or it is damaged."""
+        try:
+            data = json.loads(self.evaluation_path.read_bytes())
+            for name in ("return_mean", "return_std", "episodes", "trained_episodes"):
+                float(data[name])
+        except (OSError, ValueError, LookupError, TypeError, RecursionError):
+            return None
+        return dict(data)
+
     def append(self, episode: Episode) -> None:
         """Append an episode to the metrics."""
         with self.metrics_path.open("r+b") as file:
