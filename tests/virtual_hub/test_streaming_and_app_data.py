@@ -165,3 +165,11 @@ def test_streaming_episode_is_reproducible() -> None:
         returns.append(env.rollout(20)["next", "observation"])
         env.close()
     assert torch.equal(*returns)
+
+
+def test_streaming_returns_the_newest_of_several_observations() -> None:
+    """A step of 60 ms ends at a connection event, which brings two observations."""
+    env = bricksrl.make("LineFollow-v0", seed=0, streaming=True)
+    env.rollout(10)
+    assert env._connection.link.statistics.age_p50_s == pytest.approx(0.005, abs=0.001)
+    env.close()

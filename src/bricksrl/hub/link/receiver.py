@@ -32,6 +32,11 @@ class Listener:
         self._decoder = FrameDecoder(self._wire.answer_bytes, UP_PAYLOAD_BYTES)
         self._frames: deque[Frame] = deque()
 
+    @property
+    def has_frames(self) -> bool:
+        """Whether frames have arrived that were not looked at yet."""
+        return bool(self._frames)
+
     def wait_for(self, is_wanted: Callable[[Frame], bool], window_s: float) -> Frame | None:
         """The first wanted frame that comes in time. The number of reads is bounded too, in case the clock stands still."""
         deadline_s = self._transport.now_s() + window_s

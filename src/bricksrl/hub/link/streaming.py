@@ -89,7 +89,7 @@ class StreamingLink(HubLink):
         next_send_s = started_s
         for _ in range(_WAITS_PER_STEP):  # bounded, in case the transport's clock stands still
             now_s = self.now_s() + _TICK_S
-            if newest is not None and now_s >= self._due_s:
+            if newest is not None and now_s >= self._due_s and not self._listener.has_frames:
                 return replace(newest, age_s=self._clock.age_s(newest.hub_time_ms, self.now_s()))
             if now_s >= give_up_s:
                 break
