@@ -134,6 +134,20 @@ def test_syntax_error(tmp_path: Path) -> None:
     assert err.splitlines()[1:] == ['  File "main.py", line 2', "SyntaxError: invalid syntax"]
 
 
+def test_syntax_error_in_a_module_is_found_before_the_program_runs(tmp_path: Path) -> None:
+    (tmp_path / "arm.py").write_text("x = 1\ny = = 2\n", encoding="utf-8")
+    code, out, err = run(tmp_path, "print(1)\nimport arm")
+    assert (code, out) == (1, "")
+    assert err == 'Traceback (most recent call last):\n  File "arm.py", line 2\nSyntaxError: invalid syntax\n'
+
+
+def test_long_integer_in_a_module_is_found_when_it_is_imported(tmp_path: Path) -> None:
+    (tmp_path / "arm.py").write_text("x = 12345678901\n", encoding="utf-8")
+    code, out, err = run(tmp_path, "print(1)\nimport arm")
+    assert (code, out) == (1, "1\n")
+    assert err.endswith("OverflowError: long int not supported in this build\n")
+
+
 def test_missing_program_file_raises(tmp_path: Path) -> None:
     with pytest.raises(ProgramError, match="nowhere.py"):
         run_file(tmp_path / "nowhere.py", stdout=io.BytesIO(), stderr=io.StringIO())

@@ -6,6 +6,7 @@ import ast
 import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -21,6 +22,7 @@ from bricksrl.virtual_hub.fitted_bench import FittedBench
 from bricksrl.virtual_hub.given_readings import GivenReading
 from bricksrl.virtual_hub.interpreter import execute, format_traceback
 from bricksrl.virtual_hub.machine import Machine
+from bricksrl.virtual_hub.micropython.compiler import compile_source
 from bricksrl.virtual_hub.micropython.errors import SwitchedOff, class_name
 from bricksrl.virtual_hub.micropython.system import is_program_error
 from bricksrl.virtual_hub.pace import Pace
@@ -163,7 +165,11 @@ def _imported_hub(program: HubProgram) -> HubKind:
 def _run(source: str, path: Path, machine: Machine, console: StreamConsole, stdout: BinaryIO, stderr: TextIO) -> int:
     try:
         importable = modules(machine, console)
-        importable.find_module = {module.name: module for module in load_program(path).modules}.get
+        own = {module.name: module for module in load_program(path).modules}
+        importable.find_module = own.get
+        for module in own.values():  # packed with the program, before it runs
+            with suppress(OverflowError):  # which a hub finds when it loads the module
+                compile_source(module.source, module.file)
         execute(source, path.name, importable, console)
     except (SystemExit, _ProgramStopped) as end:
         name = class_name(type(end)) if isinstance(end, SystemExit) else SystemExit.__name__

@@ -31,6 +31,12 @@ def test_an_error_names_its_line() -> None:
         compile_mpy("x = 1\n\ny = = 2\n")
 
 
+@pytest.mark.parametrize("line", ["x = [*range(3)]", "return 5", "def f(): continue"])
+def test_error_of_a_statement_names_its_line(line: str) -> None:
+    with pytest.raises(ProgramError, match="^main.py, line 3: SyntaxError"):
+        compile_mpy(f"x = 1\n\n{line}\n")
+
+
 def test_missing_hub_compiler_raises(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr("mpy_cross_v6.MPY_CROSS_PATH", str(tmp_path / "mpy-cross"))
     with pytest.raises(ProgramError, match="reinstall mpy-cross-v6"):

@@ -25,7 +25,7 @@ def compile_mpy(source: str, name: str = MAIN_FILE) -> bytes:
         raise ProgramError(f"the compiler mpy-cross could not be run ({error}); reinstall mpy-cross-v6") from error
     if mpy is None:
         lines = [line.strip() for line in process.stderr.decode("utf-8", "replace").splitlines() if line.strip()]
-        numbers = re.findall(r'File "<stdin>", line (\d+)', "\n".join(lines))
+        numbers = re.findall(r'File ".*", line (\d+)', "\n".join(lines))
         where = f"{name}, line {numbers[-1]}" if numbers else name
         problem = lines[-1] if lines else f"mpy-cross ended with status {process.returncode}"
         raise ProgramError(f"{where}: {problem}; correct the program")

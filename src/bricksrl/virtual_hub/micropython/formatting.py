@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import re
 import string
 from collections.abc import Callable, Mapping
@@ -17,6 +18,7 @@ _SPEC = re.compile(
     r"(?P<separator>[,_])?(?:\.(?P<precision>\d+)?)?(?P<code>[bcdeEfFgGnosxX%])?",
     re.DOTALL,
 )
+_parsed = functools.lru_cache(maxsize=256)(_SPEC.fullmatch)
 _INTEGER_CODES = ("", *"bcdnoxX")
 _FLOAT_CODES = ("", *"eEfFgGn%")
 
@@ -36,7 +38,7 @@ def format_value(value: object, spec: str) -> str:
     """``format(value, spec)``; the hub ignores ``__format__``."""
     if not spec:
         return text(value)
-    match = _SPEC.fullmatch(spec)
+    match = _parsed(spec)
     if match is None:
         raise ValueError("invalid format specifier")
     code, sign = match["code"] or "", (match["sign"] or "").replace("-", "")
