@@ -57,6 +57,9 @@ beside other work on the same cores.
 
 In `agents`, one cell is below the paper's: TD3 on Spinning-v0. One of the five seeds came to spin one way only, whatever the
 goal, and another to stand still at one of the two goals; its actor explores by small noise, and 750 steps are few for that.
+
+In `communication`, the rows of streaming are from before it took the newest of several observations that arrive together: with
+intervals of 30 and 45 ms, observations were 10 ms older than now.
 """
 
 
