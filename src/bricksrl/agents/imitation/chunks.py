@@ -63,9 +63,9 @@ class ChunkPolicy(TensorDictModuleBase):  # type: ignore[misc]
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         shape = tensordict[self.in_keys[0]].shape
-        if shape != self._shape:  # another batch: its observations do not follow
+        if self._chunks and shape != self._shape:  # another batch: its observations do not follow
             self.reset()
-            self._shape = shape
+        self._shape = shape
         if self._step % self._executed == 0:
             chunk = self.network(self.encoder(*(tensordict[key] for key in self.in_keys)))
             self._chunks.append((self._step, chunk))
