@@ -58,6 +58,10 @@ beside other work on the same cores.
 In `agents`, one cell is below the paper's: TD3 on Spinning-v0. One of the five seeds came to spin one way only, whatever the
 goal, and another to stand still at one of the two goals; its actor explores by small noise, and 750 steps are few for that.
 
+In `sim-to-robot`, training with randomised physics (Walker-v1) walks fastest on robots that it has not seen. Outside of the
+ranges it was trained in, no policy fails; a link of 100 ms costs each a third of its speed, which five episodes there do not
+bring back.
+
 In `communication`, the rows of streaming are from before it took the newest of several observations that arrive together: with
 intervals of 30 and 45 ms, observations were 10 ms older than now.
 """
