@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import pytest
 from hub_programs import Console, output
 
@@ -38,6 +41,11 @@ def test_stack_holds_as_many_calls_as_that_of_the_hub(hub: HubKind) -> None:
 def test_larger_stacks_hold_more_calls() -> None:
     deepest = [most_nested_calls(hub) for hub in (HubKind.MOVE, HubKind.CITY, HubKind.PRIME, HubKind.TECHNIC, HubKind.ESSENTIAL)]
     assert deepest == sorted(deepest) and deepest[0] > 5 and deepest[-1] < 200
+
+
+def test_page_says_how_many() -> None:
+    text = " ".join((Path(__file__).parents[2] / "docs" / "virtual_hub.md").read_text(encoding="utf-8").split())
+    assert all(re.search(rf"\b{most_nested_calls(hub)} on an? {hub.value.capitalize()}\b", text) for hub in HubKind)
 
 
 @pytest.mark.parametrize("source", RECURSIVE.values(), ids=RECURSIVE)
