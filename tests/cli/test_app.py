@@ -93,6 +93,13 @@ def test_wrong_arguments_have_plain_messages(fails, arguments, says):
     fails(*arguments.split(), says=f"error: {says}; see")
 
 
+@pytest.mark.parametrize("environment", [{"PYTHONIOENCODING": "cp1252"}, {"PYTHONIOENCODING": "ascii"}, {"COLUMNS": "30"}])
+def test_wrong_arguments_have_plain_messages_on_any_console(bricksrl, environment):
+    done = bricksrl("train", "RunAway-v0", "--agnet", "sac", **environment)
+    says = "error: there is no option or argument --agnet, sac (did you mean --agent?); see `bricksrl train --help`\n"
+    assert (done.returncode, done.stdout, done.stderr) == (2, "", says)
+
+
 def test_help_names_every_command(bricksrl):
     done = bricksrl("--help")
     for command in ("list", "train", "train-offline", "resume", "evaluate", "hub"):

@@ -273,6 +273,16 @@ def test_ctrl_c_saves_and_resume_continues(start, fails, tmp_path):
     fails("resume", str(run_dir), "--episodes", "2", says="500")
 
 
+def test_ctrl_c_while_robot_is_out_of_reach(start, tmp_path):
+    child = start("train", "RunAway-v0", "--hub", "usb:COM99", "--run", str(tmp_path / "run"))
+    assert child.stdout.readline().startswith("the robot is out of reach (")
+    child.send_signal(signal.SIGINT)
+    _, stderr = child.communicate(timeout=60)
+    ended = "interrupted: no episode was finished, so nothing was saved\n"
+    assert (child.returncode, stderr) == (130, f"connecting to the robot (usb:COM99)\n{ended}")
+    assert not (tmp_path / "run").exists()
+
+
 def test_resume_extends_finished_run(bricksrl, trained, tmp_path):
     run_dir = tmp_path / "run"
     shutil.copytree(trained[0], run_dir)

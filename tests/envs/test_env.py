@@ -27,6 +27,7 @@ from bricksrl.envs.odometry import SonarOdometer
 from bricksrl.envs.tasks.run_away import RUN_AWAY
 from bricksrl.envs.tasks.spinning import SPINNING
 from bricksrl.errors import BricksError, HubError
+from bricksrl.hub.errors import BluetoothUnavailableError, Reason
 from bricksrl.hub.link.lockstep import HubLink
 from bricksrl.twin.make_body import make_body
 from bricksrl.virtual_hub.transport import VirtualHub
@@ -269,6 +270,32 @@ def test_reset_retries_within_patience() -> None:
     env.reset()
     assert waits_s == [0.5, 1.0, 2.0], "at once, then after pauses that grow"
     assert len(told) == 4 and "answer" in told[0] and all("hello" in text for text in told[1:])
+
+
+@pytest.mark.parametrize("answered", [False, True])
+@pytest.mark.parametrize("reason", Reason)
+def test_errors_that_last_are_raised_before_the_first_answer(reason: Reason, answered: bool, monkeypatch) -> None:
+    env = run_away_env(Deaf)
+    pauses_s: list[float] = []
+
+    def fail() -> None:
+        raise BluetoothUnavailableError("could not look for hubs: why", reason)
+
+    def wait(duration_s: float) -> None:
+        pauses_s.append(duration_s)
+        monkeypatch.undo()
+
+    env.reconnect.patience_s, env.reconnect.wait = 300.0, wait
+    if answered:
+        env.reset()
+    monkeypatch.setattr(env, "_start", fail)
+    if not answered and reason not in (Reason.UNKNOWN, Reason.NOT_FOUND):
+        with pytest.raises(BluetoothUnavailableError, match="why"):
+            env.reset()
+        assert not pauses_s
+    else:
+        env.reset()
+        assert pauses_s == [0.5]
 
 
 def test_robot_answering_only_resets_is_given_up() -> None:

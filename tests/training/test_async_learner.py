@@ -7,6 +7,7 @@ import itertools
 import os
 import signal
 import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -188,3 +189,16 @@ def test_real_time_runs_are_asynchronous_by_default() -> None:
     for config, chosen in itertools.product((TrainConfig("Walker-v0"), TrainConfig("Walker-v0", realtime=True)), (True, False)):
         told = replace(config, asynchronous=chosen)
         assert TrainConfig.from_dict(told.to_dict()) == told
+
+
+def test_error_of_a_callback_is_the_last_line(tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(
+        "from bricksrl.training import Callback, TrainConfig, train\n"
+        "class Faulty(Callback):\n"
+        "    def on_episode(self, episode, progress):\n"
+        "        raise ValueError('mine')\n"
+        "train(TrainConfig('RunAway-v0', episodes=2, asynchronous=True), Faulty())\n"
+    )
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=100, cwd=tmp_path, check=False)
+    assert (done.returncode, done.stderr.splitlines()[-1]) == (1, "ValueError: mine")

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+import re
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -175,3 +178,12 @@ def test_own_copies_without_counters_raise(tmp_path: Path) -> None:
         train(config("sac", tmp_path / "run", num_envs=1), env=bricksrl.make(ENV, batch_size=2))
     own = make_copies(ENV, config("sac", tmp_path), 2, seed=0)
     assert train(config("sac", tmp_path / "run", num_envs=1, episodes=1), env=own).episodes[0].steps == 2 * ROUND
+
+
+def test_script_without_main_guard_is_told_to_have_one(tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    script.write_text("from bricksrl.training import TrainConfig, train\ntrain(TrainConfig('RunAway-v0', num_envs=2))\n")
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=100, cwd=tmp_path, check=False)
+    *_, last = done.stderr.splitlines()
+    assert done.returncode == 1
+    assert re.search(r"RunError: the 2 processes cannot start; .*__main__", last)

@@ -32,17 +32,24 @@ class LineProgress(Callback):
         run_dir: folder of the run; ``None`` before it started.
         episodes_done: whole episodes in the folder.
         on_ready: called with the environment before the robot moves.
+
+    Args:
+        hub: how the robot is reached; finding a real one may take half a minute.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, hub: str = "virtual") -> None:
+        self._hub = hub
         self.run_dir: Path | None = None
         self.episodes_done = 0
         self.on_ready: Callable[[EnvBase], None] = lambda env: None
         self.quiet: Callable[[], AbstractContextManager[None]] = nullcontext
         self._asynchronous = False
+        self._trouble = ""
 
     def on_env(self, env: EnvBase) -> None:
         self.on_ready(env)
+        if self._hub != "virtual":
+            self.note(f"connecting to the robot ({self._hub})")
 
     def on_start(self, config: TrainConfig, run_dir: Path, episodes_done: int) -> None:
         self.run_dir, self.episodes_done = run_dir, episodes_done
@@ -67,7 +74,10 @@ class LineProgress(Callback):
 
     def on_link_lost(self, episode: int, length: int, error: BricksError) -> None:
         event = f"the link broke in episode {episode} after {counted(length, 'step')}" if length else "the robot is out of reach"
-        print_line(f"{event} ({error}); trying to reach it again")
+        line = f"{event} ({error}); trying to reach it again"
+        if line != self._trouble:  # each try may fail for the same reason
+            print_line(line)
+        self._trouble = line
 
     def on_robot(self, robot: str, state: RobotState, reason: str) -> None:
         if state is RobotState.PLACED:
@@ -105,11 +115,11 @@ class LineProgress(Callback):
 class LiveProgress(LineProgress):
     """Progress as a bar, with a sparkline of the last returns."""
 
-    def __init__(self) -> None:
+    def __init__(self, hub: str = "virtual") -> None:
         from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
         from rich.progress import Progress as Bar
 
-        super().__init__()
+        super().__init__(hub)
         self._returns: list[float] = []
         self._bar = Bar(
             TextColumn("episode"),
@@ -150,9 +160,9 @@ class LiveProgress(LineProgress):
         self._bar.stop()
 
 
-def make_progress() -> LineProgress:
+def make_progress(hub: str) -> LineProgress:
     """Progress display for standard output: live on a terminal, else lines."""
-    return LiveProgress() if sys.stdout.isatty() else LineProgress()
+    return LiveProgress(hub) if sys.stdout.isatty() else LineProgress(hub)
 
 
 def clock(seconds: float) -> str:

@@ -268,7 +268,7 @@ def run_training(
     from bricksrl.cli.emergency_stop import EmergencyStop
     from bricksrl.cli.progress import make_progress
 
-    progress, stop = make_progress(), threading.Event()
+    progress, stop = make_progress(config.hub), threading.Event()
     can_drive = can_drive and config.num_envs == len(config.hubs) == 1
     try:
         load_learning()

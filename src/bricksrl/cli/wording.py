@@ -10,9 +10,10 @@ _EXPECTED = {"INT": "a whole number", "FLOAT": "a number", "INT INT": "two whole
 
 
 def one_line(box: str, command: str = "bricksrl") -> str:
-    """One line from the parser's boxed message: its first paragraph, and the command with the help."""
-    lines = [line.strip("│╭╮╰╯─ ") for line in box.splitlines()[1:]]
-    message, *more = [" ".join(part.split()) for part in "\n".join(lines).split("\n\n")] or [""]
+    """One line from the parser's boxed message: its first paragraph, and the command with the help. The box is drawn with hyphens
+    if the console has no line-drawing characters."""
+    lines = [re.sub(r"^-+$", "", line.strip("│╭╮╰╯─ ")) for line in box.splitlines()[1:]]
+    message, *more = [" ".join(part.split()) for part in "\n".join(lines).split("\n\n") if part.strip()] or [""]
     return f"{plain(message.removesuffix('.'))}{_suggestion(message, more)}; see `{command} --help`"
 
 

@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bricksrl.errors import HubError
+from bricksrl.hub.errors import HubNotFoundError, MediumUnavailableError
+
 if TYPE_CHECKING:
     from bricksrl.envs.odometry import Odometer
     from bricksrl.envs.vision.camera import Camera
-    from bricksrl.errors import HubError
     from bricksrl.hub.link.lockstep import HubLink
     from bricksrl.virtual_hub.transport import VirtualHub
 
@@ -43,7 +45,8 @@ class Connection:
 
 @dataclass
 class Reconnect:
-    """Reconnection after the link broke: at once, then with exponential backoff.
+    """Reconnection after the link broke: at once, then with exponential backoff. An error that lasts until a person acts, such as
+    Bluetooth that is switched off, is raised at once if the robot has never answered.
 
     Attributes:
         patience_s: time to retry before the error is raised; 0 raises it at once.
@@ -54,17 +57,22 @@ class Reconnect:
     patience_s: float = 0.0
     wait: Callable[[float], object] = time.sleep
     on_error: Callable[[HubError], None] = lambda _: None
+    _has_answered: bool = False
     _error: HubError | None = None
     _since_s: float = 0.0
     _tries: int = 0
 
     def answered(self, *, to_step: bool) -> None:
         """Record an answer of the robot. After an error, only an answer to a step counts as recovery, not one to a reset."""
+        self._has_answered = True
         if to_step or self._error is None:
             self._error, self._tries = None, 0
 
     def failed(self, error: HubError) -> None:
-        """Record that the link broke in a step or a reset."""
+        """Record that the link broke in a step or a reset. Raises the error if trying again is useless."""
+        if not self._has_answered and isinstance(error, MediumUnavailableError | HubNotFoundError) and error.reason.is_lasting:
+            self._tries = 0
+            raise error
         self.on_error(error)
         self._since_s = time.monotonic() if self._error is None else self._since_s
         self._error = error

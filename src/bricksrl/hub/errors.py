@@ -19,6 +19,11 @@ class Reason(enum.Enum):
     SEVERAL = "several hubs are in reach, and none was named"
     UNKNOWN = "the message says what is known"
 
+    @property
+    def is_lasting(self) -> bool:
+        """Whether it lasts until a person acts."""
+        return self not in (Reason.NOT_FOUND, Reason.UNKNOWN)
+
 
 class MediumUnavailableError(HubError):
     """This computer cannot reach hubs this way: ``reason`` says why."""

@@ -32,7 +32,7 @@ from bricksrl.training.process import END, ChildProcess, Message, Send, leave, p
 from bricksrl.training.restore import make_learner_for
 
 _CHECK_S = 0.1
-_END_TIMEOUT_S = 120.0
+_END_TIMEOUT_S, _INTERRUPTED_TIMEOUT_S = 120.0, 5.0
 _SLACK_STEPS = 4
 """Maximum lead of a simulated robot over its learner, steps."""
 
@@ -67,12 +67,11 @@ class AsyncLearner:
         return self
 
     def __exit__(self, exc_type: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        """End the process: after its pending work, or at once after an unexpected error."""
+        """End the process after its pending work; soon, after Ctrl-C or an unexpected error."""
         in_order = error is None or isinstance(error, BricksError)
-        if in_order:
-            with contextlib.suppress(OSError):
-                self._process.send(*END)
-        self._process.end(_END_TIMEOUT_S if in_order else 0.0)
+        with contextlib.suppress(OSError):
+            self._process.send(*END)
+        self._process.end(_END_TIMEOUT_S if in_order else _INTERRUPTED_TIMEOUT_S)
 
     @property
     def pace(self) -> Pace:

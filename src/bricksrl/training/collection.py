@@ -14,16 +14,21 @@ from torchrl.envs.utils import ExplorationType
 
 from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.registry import get_task, is_simulation, make
+from bricksrl.errors import RunError
 
 
 def make_copies(env_id: str, options: EnvOptions, copies: int, *, seed: int | None, device: str = "cpu") -> EnvBase:
     """Environment with batch ``[copies]`` that tracks return and length of episodes: a batched simulation, or one process per
-    virtual robot."""
+    virtual robot. Raises RunError if these processes cannot be started."""
     if is_simulation(env_id):
         env = make(env_id, options, batch_size=copies, seed=seed, device=device)
     else:
         make_one = functools.partial(make, env_id, options.env_options, seed=seed)
         env = ParallelEnv(copies, make_one, mp_start_method="spawn")
+        try:
+            env.start()
+        except EOFError:  # it ended at once, as it imports the script that starts it
+            raise RunError(f"the {copies} processes cannot start; put your script under `if __name__ == '__main__':`") from None
     tracked = TransformedEnv(env, Compose(RewardSum(), StepCounter()))
     tracked.task = get_task(env_id, **options.options)  # attributes do not cross process boundaries
     return tracked

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import sys
 import threading
 from collections import deque
 from collections.abc import Callable
@@ -181,7 +182,7 @@ class VirtualHub:
         if self._program is not None:
             program, self._program = self._program, None
             try:
-                if not program.dead:
+                if not program.dead and not sys.is_finalizing():  # then greenlets cannot switch any more
                     with self.machine.stopping():  # no time may pass: other hubs of the same world do not run now
                         program.throw(_Stopped)
             finally:

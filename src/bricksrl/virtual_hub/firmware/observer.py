@@ -61,12 +61,12 @@ class Observer:
         self._friction_columns = model.angle[3], model.speed[3], model.current[3]
         self._full_friction = self._friction(model.friction_unm)
         self._history: deque[int] = deque(maxlen=_HISTORY + 1)
+        self.measured_speed = 0
         self.reset(0)
 
     def reset(self, angle: int) -> None:
-        """Restart at rest at a measured angle (mdeg)."""
+        """Restart at rest at a measured angle (mdeg). As in the firmware, the measured speed stays until the next step."""
         self.angle, self.speed, self._current = angle, 0, 0
-        self.measured_speed = 0
         self._stalled_since: int | None = None
         self._history.clear()
         self._history.extend([angle] * (_HISTORY + 1))

@@ -33,7 +33,6 @@ class Servo:
     ENODEV if it is not in use.
 
     Attributes:
-        is_open: whether its control loop runs.
         is_plain: whether it lacks a rotation sensor.
         is_taken: whether it must be closed before the next :meth:`setup`. A setup that is refused for this still ends the
             control loop, and the motor keeps its voltage.
@@ -44,7 +43,7 @@ class Servo:
         self.port = port
         self.type = MOTOR_TYPES[kind]
         self._drive_mv = self.type.model.drive_mv
-        self.is_open = self.is_taken = False
+        self.is_taken = self._is_updated = False
         self.is_plain = False
         self.parent: Parent | None = None
         self.body = body
@@ -60,6 +59,12 @@ class Servo:
     @property
     def settings(self) -> ControlSettings:
         return self.control.settings
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it takes commands. Its control loop runs, also after :meth:`close`, until something first asks this."""
+        self._is_updated = self._is_updated and self.is_taken
+        return self._is_updated
 
     @property
     def direction(self) -> int:
@@ -84,7 +89,7 @@ class Servo:
     def setup(self, direction: Direction, gear_ratio_milli: int, reset_angle: bool, profile_deg: int) -> None:
         """Take the motor into use; ``gear_ratio_milli`` is 1000 times the motor's turns for one of the output. Raises OSError
         (EBUSY) if it is in use, ValueError if the gear ratio or the profile is out of range."""
-        self.is_open = False
+        self._is_updated = False
         if reset_angle:
             self._set_zero(difference(split(self._shaft_mdeg()), (0, self._absolute_mdeg())))
         if self.is_taken:
@@ -95,9 +100,10 @@ class Servo:
         self._max_voltage_mv = self.type.max_voltage_mv
         self.control.reset()
         self.control = Controller(servo_settings(self.type, gear_ratio_milli, profile_deg))
-        self.observer = self._new_observer()
+        measured_speed, self.observer = self.observer.measured_speed, self._new_observer()
+        self.observer.measured_speed = measured_speed  # until the next step
         self.observer.reset(self.position())
-        self.is_open = True
+        self._is_updated = True
 
     def setup_plain(self, direction: Direction) -> None:
         """Take it into use as a motor without rotation sensor: voltage only."""
@@ -111,7 +117,7 @@ class Servo:
         self.set_voltage(None)
         self._end_control()
         self.parent = None
-        self.is_open = self.is_taken = False
+        self.is_taken = False
 
     def check_open(self) -> None:
         """Raise OSError (ENODEV) unless its control loop runs."""
@@ -257,7 +263,7 @@ class Servo:
 
     def update(self) -> None:
         """One control step: controller, voltage, observer."""
-        if not self.is_open:
+        if not self._is_updated:
             return
         time, position = self.clock.time_ms * 10, (self.body.angle_mdeg(self.port) - self._zero_mdeg) * self._sign
         control, observer = self.control, self.observer

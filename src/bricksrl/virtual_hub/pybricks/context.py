@@ -116,6 +116,8 @@ class Async:
 
     __slots__ = ("_is_done", "_loop", "_on_close", "_result", "_state")
 
+    _NEW, _RUNNING, _CANCELLED, _DONE = range(4)
+
     def __init__(
         self,
         loop: RunLoop,
@@ -127,28 +129,29 @@ class Async:
         self._is_done = is_done
         self._result = result
         self._on_close = on_close
-        self._state = "running"
+        self._state = self._NEW
 
     def __iter__(self) -> Async:
         return self
 
     def __next__(self) -> None:
-        if self._state != "running":
+        if self._state > self._RUNNING:
             raise StopIteration
-        self._loop.is_waiting = True
+        self._loop.is_waiting = self._state == self._RUNNING
+        self._state = self._RUNNING
         if self._is_done():
             self._loop.is_waiting = False
-            self._state = "done"
+            self._state = self._DONE
             raise StopIteration(self._result() if self._result is not None else None)
 
     def _cancel(self) -> None:
         """Complete early, as another command replaced this one."""
-        self._state = "cancelled"
+        self._state = self._CANCELLED
 
     def close(self) -> None:
         """Abort: stop what was started."""
-        if self._state == "running":
-            self._state = "cancelled"
+        if self._state <= self._RUNNING:
+            self._state = self._CANCELLED
             if self._on_close is not None:
                 self._on_close()
 
@@ -158,7 +161,8 @@ class RunLoop:
 
     Attributes:
         is_active: whether tasks run.
-        is_waiting: whether the task that has just yielded waits for something; otherwise it only lets others run.
+        is_waiting: whether the task that has just yielded has been waiting since its last turn. Otherwise it only lets others
+            run, or has done something for which others may wait.
     """
 
     def __init__(self, machine: Machine) -> None:

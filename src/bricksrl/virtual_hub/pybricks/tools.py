@@ -72,6 +72,7 @@ class Task:
                 try:
                     next(self._iterators[index])
                 except StopIteration as stop:
+                    all_wait = False
                     self._results[index] = stop.value
                     self._open.remove(index)
                     if len(self._tasks) - len(self._open) >= self._required:

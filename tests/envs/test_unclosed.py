@@ -1,0 +1,23 @@
+"""Scripts that end without closing what they opened."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+ENV = "import bricksrl\nenv = bricksrl.make('RunAway-v0', seed=0)\nenv.rollout(3)\n"
+SCRIPTS = {
+    "env": ENV,
+    "real time": ENV.replace("seed=0", "realtime=True"),
+    "cycle": f"{ENV}env.policy = lambda tensordict: env.rand_action(tensordict)\n",
+    "arena": "from bricksrl.envs.arenas import make_arena\nenv = make_arena('Tag-v0', seed=0)\nenv.rollout(3)\n",
+    "gymnasium": "import bricksrl, gymnasium\nenv = gymnasium.make('bricksrl/Spinning-v0')\nenv.reset(seed=0)\n",
+}
+
+
+@pytest.mark.parametrize("script", SCRIPTS.values(), ids=SCRIPTS)
+def test_script_ends_without_a_message(script: str) -> None:
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=100, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
