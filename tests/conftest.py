@@ -17,7 +17,10 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
+import pytest
 from hypothesis import settings
+
+from bricksrl.envs import registry
 
 atexit.register(shutil.rmtree, os.environ["XDG_CONFIG_HOME"], ignore_errors=True)
 
@@ -26,3 +29,9 @@ atexit.register(shutil.rmtree, os.environ["XDG_CONFIG_HOME"], ignore_errors=True
 settings.register_profile("fixed", derandomize=True, deadline=None)
 settings.register_profile("explore", derandomize=False, deadline=None, max_examples=2000)
 settings.load_profile("fixed")
+
+
+@pytest.fixture(autouse=True)
+def _registered_environments(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Environments that a test registers are unknown to the next one."""
+    monkeypatch.setattr(registry, "_specs", dict(registry._specs))

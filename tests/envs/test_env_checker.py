@@ -9,7 +9,6 @@ import pytest
 import torch
 
 import bricksrl
-from bricksrl.envs import registry
 from bricksrl.envs.env_checker import check_env
 from bricksrl.envs.task import Task
 from bricksrl.envs.tasks.run_away import RUN_AWAY
@@ -19,11 +18,6 @@ from bricksrl.hub.interface import Interface, MotorAngle, RunAngle, Wait
 from bricksrl.robots import HubKind, Motor, Robot
 
 MINE = replace(SPINNING, id="Mine-v0", doc="Spins.", max_steps=4)
-
-
-@pytest.fixture(autouse=True)
-def _forget(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(registry, "_specs", dict(registry._specs))
 
 
 def outcomes(task: Task) -> dict[str, tuple[Outcome, str]]:

@@ -81,3 +81,10 @@ def test_arenas_are_made_elsewhere() -> None:
         UnknownNameError, match="has several robots; train it with `bricksrl team .*`, make it with envs.arenas.make_arena"
     ):
         bricksrl.make("Tag-v0")
+
+
+@pytest.mark.parametrize("attempt", range(2))
+def test_environments_of_another_test_are_unknown(attempt: int) -> None:
+    with pytest.raises(UnknownNameError):
+        get_task("Leaked-v0")
+    bricksrl.register(dataclasses.replace(RUN_AWAY, id="Leaked-v0"))

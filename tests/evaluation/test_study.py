@@ -89,7 +89,7 @@ def test_workers_end_with_a_study_that_is_killed(tmp_path: Path) -> None:
     study = ["study", "strategies", "--only", "sac-*", "--jobs", "2", "--folder", str(tmp_path)]
     with subprocess.Popen([sys.executable, "-m", "bricksrl", *study], stdout=subprocess.DEVNULL) as process:
         try:
-            while len(metrics := list(tmp_path.rglob("metrics.csv"))) < 2:
+            while len(metrics := list(tmp_path.rglob("seed-*/metrics.csv"))) < 2:
                 assert process.poll() is None
                 time.sleep(0.1)
         finally:

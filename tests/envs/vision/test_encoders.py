@@ -15,7 +15,7 @@ from torchrl.data import Unbounded
 from torchrl.envs import Transform
 
 import bricksrl
-from bricksrl.envs.registry import _BUILT_IN, register
+from bricksrl.envs.registry import register
 from bricksrl.envs.tasks.spinning import SPINNING
 from bricksrl.envs.vision.camera import CameraView
 from bricksrl.envs.vision.encoders import encode_images
@@ -27,8 +27,7 @@ SEEN = dataclasses.replace(
 
 
 @pytest.fixture
-def env(monkeypatch: pytest.MonkeyPatch) -> Any:
-    monkeypatch.setattr("bricksrl.envs.registry._specs", dict(_BUILT_IN))
+def env() -> Any:
     register(SEEN)
     return bricksrl.make("SeenSpinning-v0", seed=0)
 
