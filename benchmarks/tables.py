@@ -1,4 +1,4 @@
-"""Tables of docs/results.md, docs/studies.md and the README, written from the results in `benchmarks/results/`.
+"""Tables of the README and of results.md, studies.md and virtual_hub.md in docs/, written from `benchmarks/results/`.
 
     python benchmarks/tables.py            # write them
     python benchmarks/tables.py --check    # check that they match the results
@@ -31,8 +31,16 @@ ROOT = Path(__file__).parent.parent
 PAGE = ROOT / "docs" / "results.md"
 STUDIES_PAGE = ROOT / "docs" / "studies.md"
 README = ROOT / "README.md"
+VIRTUAL_HUB_PAGE = ROOT / "docs" / "virtual_hub.md"
 SHOWN_MARKS = (250, 500, 1000, 2500, 7500)
 """Robot steps that the page shows; the results have more."""
+PROGRAMS = {
+    "tasks": "tasks that interrupt each other's motors and drive base",
+    "motors": "commands and settings of two motors, in any order",
+    "motors-branching": "the same, with a branch after each line that takes time",
+    "drives": "commands and settings of a drive base, in any order",
+    "drives-branching": "the same, with a branch after each line that takes time",
+}
 BLOCK = re.compile(r"(?<=<!-- benchmarks/tables.py -->\n).*?(?=<!-- end -->)", re.DOTALL)
 HEAD = """# Results
 
@@ -59,9 +67,9 @@ studies that were run at full length (`benchmarks/results/study_*.json`) and fro
 without a table here has not been run. Minutes of computing are wall time, in `agents`, `sim-to-robot` and `communication`
 beside other work on the same cores.
 
-In `agents`, DroQ has four seeds on Walker-v0, and is missing from simulation to Walker-v0: a seed computes for 40 minutes. One
-cell is below the paper's: TD3 on Spinning-v0. One of the five seeds came to spin one way only, whatever the goal, and another to
-stand still at one of the two goals; its actor explores by small noise, and 750 steps are few for that.
+In `agents`, DroQ is missing from simulation to Walker-v0: a seed computes for 40 minutes. One cell is below the paper's: TD3 on
+Spinning-v0. One of the five seeds came to spin one way only, whatever the goal, and another to stand still at one of the two
+goals; its actor explores by small noise, and 750 steps are few for that.
 
 In `sim-to-robot`, training with randomised physics (Walker-v1) walks fastest on robots that it has not seen. Outside of the
 ranges it was trained in, no policy fails; a link of 100 ms costs each a third of its speed, which five episodes there do not
@@ -431,12 +439,20 @@ def readme(text: str) -> str:
     return BLOCK.sub(lambda _: f"\n{robots_table}\n{summary()}\n", text)
 
 
+def virtual_hub(text: str) -> str:
+    """The page of the virtual hub with the current comparison with the firmware."""
+    kinds = json.loads((RESULTS / "firmware_programs.json").read_text())["kinds"]
+    rows = [[PROGRAMS[kind], str(counts["programs"]), str(counts["same"])] for kind, counts in kinds.items()]
+    return BLOCK.sub(lambda _: f"\n{table(['random programs', 'number', 'print the same'], rows)}\n", text)
+
+
 def main() -> None:
     """Write, or check."""
     parser = command(__doc__)
     parser.add_argument("--check", action="store_true")
     args = parser.parse_args()
     pages = {PAGE: page(), STUDIES_PAGE: studies(), README: readme(README.read_text(encoding="utf-8"))}
+    pages[VIRTUAL_HUB_PAGE] = virtual_hub(VIRTUAL_HUB_PAGE.read_text(encoding="utf-8"))
     for path, text in pages.items():
         if not args.check:
             path.write_text(text, encoding="utf-8")
