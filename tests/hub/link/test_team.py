@@ -34,18 +34,18 @@ def test_lost_frame_is_sent_again_and_is_no_delay(direction: str) -> None:
         chunks += 1
         return b"" if chunks % 4 == 0 else data
 
-    with TeamLink(hub, TWO_WHEELER, SPINNING) as link:
+    with TeamLink(hub, TWO_WHEELER, SPINNING, watchdog_s=0.6) as link:
         link.send([1, 1])
         link.receive()
         watchdog_s = link.statistics.watchdog_s
         setattr(hub, direction, lose_some)
-        sent = [[angle, -angle] for angle in range(1, 41)]
+        sent = [[angle, -angle] for angle in range(1, 121)]
         readings = []
         for values in sent:
             link.send(values)
             readings.append(link.receive())
         setattr(hub, direction, lambda data: data)
-        assert link.statistics.resends >= 8
+        assert link.statistics.resends >= 20
         assert link.statistics.watchdog_s == watchdog_s, "waiting for a lost frame is no delay of the link"
         np.testing.assert_allclose(np.array([reading.values[:2] for reading in readings]), (np.cumsum(sent, axis=0) + 1) % 360)
 
