@@ -39,7 +39,7 @@ def test_lost_frame_is_sent_again_and_is_no_delay(direction: str) -> None:
         link.receive()
         watchdog_s = link.statistics.watchdog_s
         setattr(hub, direction, lose_some)
-        sent = [[angle, -angle] for angle in range(1, 121)]
+        sent = [[1 + number % 30, -1 - number % 30] for number in range(120)]
         readings = []
         for values in sent:
             link.send(values)
