@@ -75,8 +75,8 @@ In `sim-to-robot`, training with randomised physics (Walker-v1) walks fastest on
 ranges it was trained in, no policy fails; a link of 100 ms costs each a third of its speed, which five episodes there do not
 bring back.
 
-In `communication`, the rows of streaming at 11 Hz and with 7.5 ms are from before it took the newest of several
-observations that arrive together, which are then up to 10 ms older.
+In `communication`, the row of streaming with 7.5 ms is from before it took the newest of several observations that arrive
+together, which are then up to 10 ms older.
 """
 
 
