@@ -74,9 +74,6 @@ goals; its actor explores by small noise, and 750 steps are few for that.
 In `sim-to-robot`, training with randomised physics (Walker-v1) walks fastest on robots that it has not seen. Outside of the
 ranges it was trained in, no policy fails; a link of 100 ms costs each a third of its speed, which five episodes there do not
 bring back.
-
-In `communication`, the row of streaming with 7.5 ms is from before it took the newest of several observations that arrive
-together, which are then up to 10 ms older.
 """
 
 
