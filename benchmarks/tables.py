@@ -21,7 +21,6 @@ from machine import RESULTS, command
 from summary import summary
 
 from bricksrl.evaluation.statistics import FEWEST_SEEDS
-from bricksrl.evaluation.study_benchmarks import BENCHMARK_STUDIES, result_of
 from bricksrl.evaluation.study_page import number, percent
 from bricksrl.evaluation.study_page import page as study_page
 from bricksrl.evaluation.study_tables import STUDIES
@@ -63,9 +62,8 @@ STUDIES_HEAD = """# Studies
 
 A study is a table of trainings with several seeds. `bricksrl study` lists the studies, and `bricksrl study NAME` runs one. With
 `--quick` it takes a few minutes, to check that everything works. This page is written by `python benchmarks/tables.py` from the
-studies that were run at full length (`benchmarks/results/study_*.json`) and from the results of the benchmarks. A study
-without a table here has not been run. Minutes of computing are wall time, in `agents`, `sim-to-robot` and `communication`
-beside other work on the same cores.
+studies that were run at full length (`benchmarks/results/study_*.json`). The studies `offline`, `datasets` and `ablation` show
+results of benchmarks, which are in [results.md](results.md). Wall minutes are those of a computer that had other work, too.
 
 In `agents`, DroQ is missing from simulation to Walker-v0: a seed computes for 40 minutes. One cell is below the paper's: TD3 on
 Spinning-v0. One of the five seeds came to spin one way only, whatever the goal, and another to stand still at one of the two
@@ -419,14 +417,9 @@ def page() -> str:
 
 
 def studies() -> str:
-    """All of docs/studies.md: the studies that were made, and those whose numbers the benchmarks have."""
-    parts = []
-    for name in (*STUDIES, *BENCHMARK_STUDIES):
-        path = RESULTS / f"study_{name}.json"
-        if name in BENCHMARK_STUDIES:
-            parts.append(study_page(result_of(BENCHMARK_STUDIES[name], RESULTS)))
-        elif path.exists():
-            parts.append(study_page(json.loads(path.read_text())))
+    """All of docs/studies.md: the studies that were made."""
+    paths = [RESULTS / f"study_{name}.json" for name in STUDIES]
+    parts = [study_page(json.loads(path.read_text())) for path in paths if path.exists()]
     return "\n".join((STUDIES_HEAD, *(re.sub("^#", "##", part, flags=re.MULTILINE) for part in parts)))
 
 

@@ -48,7 +48,8 @@ def test_study_writes_tables_and_reuses_runs(tmp_path: Path) -> None:
     assert found["same"]["episodes"] == 4 and found["twin"]["episodes"] == 2
     assert found["same"]["return_95"] is None and result["improvements"][0]["probability_95"] is None
     assert {"processor", "cores", "system"} == set(result["machine"]) and "torch" in result["versions"]
-    assert "| sac | WalkerSim-v0 | 2 | same |" in page.read_text()
+    text = page.read_text()
+    assert "| agent | environment | seeds | return, same | return, twin |" in text and "| sac | WalkerSim-v0 | 2 | -" in text
     folder = tmp_path / "toy" / name_of(cells(True)[0]) / "seed-0"
     untouched = folder.with_name("seed-1") / "outcome.json"
     before = untouched.stat().st_mtime_ns
@@ -138,9 +139,39 @@ def test_study_page_compares_with_paper() -> None:
     names = [name.strip() for name in lines[5].strip("|").split("|")]
     row = dict(zip(names, (value.strip() for value in lines[7].strip("|").split("|")), strict=True))
     assert row["return"] == "2 [2, 2]" and row["the paper's return"] == "1 ± 0.5" and row["the paper's success"] == "70 %"
-    assert row["success"] == "100 % [56.55, 100]" and row["x_m"] == "2" and row["reached"] == "5 of 5"
+    assert row["success"] == "100 % [57, 100]" and row["x m"] == "2" and row["reached"] == "5 of 5"
     assert row["robot minutes"] == "2.0" and row["the paper's minutes"] == "15"
     assert "robot minutes" not in page({**found, "cells": [{**found["cells"][0], "robot_s": [None] * 5}]})
+
+
+def test_study_page_has_a_table_for_each_measure_of_many_conditions() -> None:
+    names = ("same", "slope", "carpet")
+    outcomes = [
+        {
+            **outcome(seed, [], 0),
+            "judged": [{**outcome(seed, [k, k], 2 - k % 2)["judged"][0], "condition": name} for k, name in enumerate(names)],
+        }
+        for seed in range(5)
+    ]
+    cells = [summary(Cell("sac", column, {}, tuple(map(Condition, names))), outcomes) for column in ("A-v0", "B-v0")]
+    about = {"title": "T", "study": "t", "quick": False, "heads": ["agent", "environment"], "metrics": ["speed_m_s"]}
+    text = page({**about, "machine": {"processor": "P", "cores": 2}, "versions": {}, "cells": cells})
+    assert "| agent | environment | seeds |" in text and "| sac | B-v0 | 5 |" in text
+    assert "Return:\n\n| condition | A-v0 | B-v0 |" in text and "| carpet | 2 [2, 2] | 2 [2, 2] |" in text
+    assert "| slope | 50 % [24, 76] |" in text and "| carpet | 100 %" not in text and "Success, which is 100 %" in text
+    without_failures = {**cells[0], "conditions": {name: {**cells[0]["conditions"]["same"]} for name in names}}
+    text = page({**about, "machine": {"processor": "P", "cores": 2}, "versions": {}, "cells": [without_failures]})
+    assert "Success: 100 % under all conditions." in text
+
+
+def test_study_page_joins_cells_and_names_units() -> None:
+    cell = Cell("bc", "A-v0", {}, (Condition("same"),))
+    paper, default = (summary(cell, [outcome(seed, [value], None) for seed in range(5)]) for value in (1.0, 2.0))
+    default["conditions"] = {"other": {**default["conditions"]["same"], "metrics": {"pitch_deg": 3.0}}}
+    about = {"title": "T", "study": "t", "quick": False, "metrics": ["pitch_deg"], "machine": {"processor": "P", "cores": 2}}
+    lines = page({**about, "versions": {}, "cells": [paper, default]}).splitlines()
+    assert lines[5].startswith("| row | column | seeds | return, same | return, other | pitch, degrees |")
+    assert lines[7].startswith("| bc | A-v0 | 5 | 1 [1, 1] | 2 [2, 2] | 3 |") and not lines[8]
 
 
 def test_study_page_shows_cpu_time_where_all_seeds_have_it() -> None:
@@ -207,7 +238,7 @@ def test_study_uses_benchmark_results_and_adds_missing(tmp_path: Path) -> None:
     (folder / "small.py").write_text(BENCHMARK)
     (folder / "large.py").write_text("raise SystemExit('no room')")
     quick = run_benchmark_study(study, tmp_path / "quick", folder, quick=True)
-    assert "| r | c | 1 | x | 2.5 |" in quick.read_text() and "small: old" in quick.read_text()
+    assert "| r | c | 1 | 2.5 |" in quick.read_text() and "small: old" in quick.read_text()
     assert not (folder / "results" / "small.json").exists()
     with pytest.raises(RunError, match="large.py failed: no room"):
         run_benchmark_study(study, tmp_path / "study", folder)

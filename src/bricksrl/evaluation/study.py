@@ -202,7 +202,8 @@ def _result(study: Study, cells: Sequence[Cell], folder: Path, seeds: int, *, qu
     """Numbers of a study, of the seeds that are done."""
     done = {name_of(cell): [folder / name_of(cell) / f"seed-{seed}" / OUTCOME for seed in range(seeds)] for cell in cells}
     outcomes_of = {name: [json.loads(path.read_bytes()) for path in paths if path.exists()] for name, paths in done.items()}
-    result = {"study": study.name, "title": study.title, "quick": quick, "metrics": study.metrics, **_machine()}
+    result = {"study": study.name, "title": study.title, "quick": quick, "heads": study.heads, "metrics": study.metrics}
+    result |= _machine()
     result["cells"] = [summary(cell, outcomes_of[name_of(cell)]) for cell in cells if outcomes_of[name_of(cell)]]
     result["improvements"] = improvements(cells, outcomes_of)
     missing = [name for name, outcomes in outcomes_of.items() if not outcomes]

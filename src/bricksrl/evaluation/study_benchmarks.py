@@ -123,7 +123,7 @@ def _offline(results: dict[str, Numbers]) -> Numbers:
                 value = paper.OFFLINE[env, kind].get(agent)
                 paper_numbers = {} if value is None else {"return": value}
                 cells.append(_cell(agent, data, f"{result['preset']} settings", outcome["seeds"], paper_numbers))
-    return {"cells": cells}
+    return {"cells": cells, "heads": ("agent", "dataset")}
 
 
 def _datasets(results: dict[str, Numbers]) -> Numbers:
@@ -136,7 +136,8 @@ def _datasets(results: dict[str, Numbers]) -> Numbers:
             metrics = {"transitions": dataset["transitions"], "the paper's transitions": paper_numbers[f"{kind}_transitions"]}
             cells.append(_cell(kind, env, f"{dataset['episodes']} episodes", [dataset["mean_reward"]], returns, metrics=metrics))
     notes = ["One dataset of each kind: no interval over seeds."]
-    return {"cells": cells, "metrics": ["transitions", "the paper's transitions"], "notes": notes}
+    metrics = ["transitions", "the paper's transitions"]
+    return {"cells": cells, "heads": ("policy", "environment"), "metrics": metrics, "notes": notes}
 
 
 def _ablation(results: dict[str, Numbers]) -> Numbers:
@@ -145,15 +146,17 @@ def _ablation(results: dict[str, Numbers]) -> Numbers:
         for agent, result in agents.items():
             for name, variant in result["variants"].items():
                 label = name if name in ("default", "paper") else f"{name} = {variant['setting'][name]}"
-                condition = f"{result['steps']} steps"
+                column = f"{env}, {result['steps']} steps"
                 success = variant["success_mean"]
                 numbers = {} if success is None or env.startswith("Walker") else {"success_rate": success}
-                cells.append(_cell(f"{agent}, {label}", env, condition, variant["returns"], {}, **numbers))
+                cells.append(_cell(f"{agent}, {label}", column, "default", variant["returns"], {}, **numbers))
     tables = [_costs(results["updates"])] if "updates" in results else []
+    notes = []
     if "race" in results:
-        return {"cells": cells, "tables": [*tables, _race(results["race"])], "notes": []}
-    note = "CPU seconds to a goal against Stable-Baselines3 and SBX: `benchmarks/race.py` was not run."
-    return {"cells": cells, "tables": tables, "notes": [note]}
+        tables.append(_race(results["race"]))
+    else:
+        notes = ["CPU seconds to a goal against Stable-Baselines3 and SBX: `benchmarks/race.py` was not run."]
+    return {"cells": cells, "heads": ("settings", "environment"), "tables": tables, "notes": notes}
 
 
 def _costs(result: Numbers) -> Numbers:

@@ -64,6 +64,7 @@ class Study:
         cells: returns the cells of the study, or of its quick form, a smoke test with few episodes.
         metrics: metrics of the evaluated episodes that its page shows.
         note: how to read its table.
+        heads: what the rows and the columns of its cells are.
     """
 
     name: str
@@ -74,6 +75,7 @@ class Study:
     cells: Callable[[bool], tuple[Cell, ...]]
     metrics: tuple[str, ...] = ()
     note: str = ""
+    heads: tuple[str, str] = ("agent", "environment")
 
 
 _PAPER = "Success on RunAway-v0, where the paper has none, is a final distance of 1 m; the greatest return, 20, needs less."
@@ -216,6 +218,7 @@ STUDIES = {
             _communication,
             _WALK,
             _RATES,
+            ("exchange", "rate and interval of the link"),
         ),
         Study("strategies", "Strategies on RunAway-v0", 0.5, 2.0, 5, _strategies, _STRATEGY),
         Study("robot-time", "Robot minutes to a working policy", 0.5, 2.0, 5, _robot_time, ("episode_steps",), _STOPPED),
