@@ -151,7 +151,7 @@ def _ablation(results: dict[str, Numbers]) -> Numbers:
                 numbers = {} if success is None or env.startswith("Walker") else {"success_rate": success}
                 cells.append(_cell(f"{agent}, {label}", column, "default", variant["returns"], {}, **numbers))
     tables = [_costs(results["updates"])] if "updates" in results else []
-    notes = []
+    notes: list[str] = []
     if "race" in results:
         tables.append(_race(results["race"]))
     else:
