@@ -8,14 +8,14 @@ from collections.abc import Mapping
 from bricksrl.errors import UnknownNameError
 from bricksrl.plans import part_notation
 from bricksrl.plans.part import Device, DeviceKind, MassSource, Part
-from bricksrl.plans.tables import read_table
+from bricksrl.tables import read_table
 
 
 @functools.cache
 def parts() -> tuple[Part, ...]:
     """All parts by family."""
-    devices = {row["number"]: row for row in read_table("devices")}
-    return tuple(_part(row, devices.get(row["number"])) for row in read_table("parts"))
+    devices = {row["number"]: row for row in read_table(__package__, "devices")}
+    return tuple(_part(row, devices.get(row["number"])) for row in read_table(__package__, "parts"))
 
 
 @functools.cache

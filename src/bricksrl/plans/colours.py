@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from dataclasses import dataclass
 
-from bricksrl.plans.tables import read_table
+from bricksrl.tables import read_table
 
 _DIRECT = 0x2000000
 
@@ -32,7 +32,7 @@ class Colour:
 
 @functools.cache
 def _known() -> dict[int, Colour]:
-    rows = read_table("colours")
+    rows = read_table(__package__, "colours")
     return {int(row["code"]): Colour(int(row["code"]), row["name"], _rgb(row["rgb"]), int(row["bricklink"])) for row in rows}
 
 

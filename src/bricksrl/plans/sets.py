@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from bricksrl.plans import catalogue
 from bricksrl.plans.part import Part
 from bricksrl.plans.plan import Plan
-from bricksrl.plans.tables import read_table
+from bricksrl.tables import read_table
 
 NAMES = {
     "45678": "SPIKE Prime",
@@ -73,7 +73,7 @@ class Purchase:
 @functools.cache
 def sets() -> tuple[LegoSet, ...]:
     """The sets of ``inventories.csv``, which also names the sources."""
-    rows = read_table("inventories")
+    rows = read_table(__package__, "inventories")
     counts = {number: Counter({_key(catalogue.get(row["part"])): int(row[number]) for row in rows}) for number in NAMES}
     return tuple(LegoSet(number, NAMES[number], +count, number not in _ELECTRONICS_ONLY) for number, count in counts.items())
 
