@@ -294,11 +294,17 @@ class HubLink:
             self._adapt_watchdog()
             started_s, resends = self.now_s(), self._meter.resends
             answer = self._send_and_wait(frame, longest_move_s, known_move_s)
-            if answer is None:
-                raise self._listener.timeout_error("the hub did not answer", longest_move_s + self._timeout_s)
-            reading = self._reading(answer, started_s, known_move_s or 0.0)
-        # Waiting for a lost frame is no delay of the link: if counted, it would raise the watchdog's time ever further.
-        self._meter.record(reading.round_trip_s, known_move_s if self._meter.resends == resends else None, reading.age_s)
+            return self._answered(answer, started_s, longest_move_s, known_move_s, resends)
+
+    def _answered(
+        self, answer: DataFrame | None, started_s: float, longest_move_s: float, known_move_s: float | None, resends: int
+    ) -> Reading:
+        """Reading of an exchange that began at ``started_s``, when ``resends`` frames had been sent again. Raises
+        HubTimeoutError if there was no answer."""
+        if answer is None:
+            raise self._listener.timeout_error("the hub did not answer", longest_move_s + self._timeout_s)
+        reading = self._reading(answer, started_s, known_move_s or 0.0)
+        self._meter.record(reading.round_trip_s, reading.age_s, known_move_s, resends)
         return reading
 
     def _reading(self, answer: DataFrame, started_s: float, move_s: float) -> Reading:
