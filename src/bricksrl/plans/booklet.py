@@ -132,7 +132,7 @@ def _item(entry: Entry) -> Item:
 def _part_picture(part: Part, colour: int) -> Pixels:
     """Picture of one part, at most as large as in the assembly."""
     turn = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]) if part.family == "beams" else np.eye(3)
-    placed = Placed(0, part, colour, turn, np.zeros(3), 0, 0, (), None, None)
+    placed = Placed(0, part, colour, turn, np.zeros(3), 0, 0, ())
     canvas = Canvas(_PART_SIZE, VIEWS[0], [placed])
     canvas.limit_zoom(_PART_ZOOM)
     canvas.add(placed)
@@ -207,18 +207,17 @@ def _hidden_fasteners(new: list[Placed], present: list[Placed], view: View, canv
 def _cables(plan: Plan, canvas: Canvas) -> tuple[Cable, ...]:
     """Cables of all motors and sensors."""
     hubs = plan.devices(DeviceKind.HUB)
-    positions = dict(hubs[0].part.device.ports) if hubs and hubs[0].part.device else {}
+    positions = dict(hubs[0].electric.ports) if hubs else {}
     cables = []
-    for placed in sorted(plan.devices(DeviceKind.MOTOR) + plan.devices(DeviceKind.SENSOR), key=lambda placed: placed.port or ""):
-        device = placed.part.device
-        if device is None or placed.port is None or placed.port not in positions:
+    for placed in sorted(plan.devices(DeviceKind.MOTOR, DeviceKind.SENSOR), key=lambda placed: placed.port or ""):
+        if placed.port is None or placed.port not in positions:
             continue
-        ends = hubs[0].to_plan(np.array([positions[placed.port]]))[0], placed.to_plan(np.array([device.plug]))[0]
-        distance_mm = float(np.linalg.norm(ends[0] - ends[1])) * MM_PER_LDU
+        device, socket = placed.electric, hubs[0].point(positions[placed.port])
+        distance_mm = float(np.linalg.norm(socket - placed.point(device.plug))) * MM_PER_LDU
         name = f" '{placed.device}'" if placed.device else ""
         text = f"Port {placed.port}: {placed.part.name}{name}, {distance_mm:.0f} mm away; its cable has {device.cable_mm:.0f} mm"
-        middle = placed.to_plan(np.mean(placed.part.bounds, axis=0)[None, :])[0]
-        (x, y), (x2, y2) = canvas.pixel_of(np.stack([ends[0], middle])).tolist()
+        middle = placed.point(np.mean(placed.part.bounds, axis=0))
+        (x, y), (x2, y2) = canvas.pixel_of(np.stack([socket, middle])).tolist()
         cables.append(Cable(placed.port, text, ((x, y), (x2, y2))))
     return tuple(cables)
 

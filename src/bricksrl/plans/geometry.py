@@ -32,6 +32,12 @@ def rotation(axis: Triple | Floats, angle: float) -> Floats:
     return np.asarray(np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * cross @ cross)
 
 
+def lines_coincide(point: Floats, axis: Floats, other: Floats, other_axis: Floats, *, offset: float, sine: float) -> bool:
+    """Whether two lines, each a point [3] and a unit direction [3], are closer and more parallel than these limits."""
+    distance = np.linalg.norm(np.cross(other - point, axis))
+    return bool(distance < offset and np.linalg.norm(np.cross(axis, other_axis)) < sine)
+
+
 class Form(enum.Enum):
     """Kinds of solids."""
 

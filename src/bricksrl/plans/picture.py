@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -210,11 +211,7 @@ def _gradients(corners: Floats, depth: Floats) -> tuple[Floats, Floats]:
 
 
 def _corners(placed: Placed) -> Floats:
-    low, high = placed.part.bounds
-    corners = np.array(
-        [[(low, high)[i][0], (low, high)[j][1], (low, high)[k][2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)]
-    )
-    return placed.to_plan(corners)
+    return placed.to_plan(np.array(list(itertools.product(*np.stack(placed.part.bounds).T))))
 
 
 def draw(parts: Sequence[Placed], size: tuple[int, int], view: View = VIEWS[0], bright: set[int] | None = None) -> Pixels:

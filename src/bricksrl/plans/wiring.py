@@ -16,14 +16,14 @@ _SLACK_MM = 30.0
 def wiring(plan: Plan) -> list[Finding]:
     """Findings about hub, ports and cables."""
     hubs = plan.devices(DeviceKind.HUB)
-    devices = plan.devices(DeviceKind.MOTOR) + plan.devices(DeviceKind.SENSOR)
+    devices = plan.devices(DeviceKind.MOTOR, DeviceKind.SENSOR)
     findings = []
     if len(hubs) != 1:
         if devices or len(hubs) > 1:
             fault = "has no hub; add one" if not hubs else f"has {len(hubs)} hubs; leave one"
             findings.append(Finding("wiring", Outcome.ERROR, f"the plan {fault}", hubs[-1].line if hubs else 0))
         return findings
-    positions = dict(hubs[0].part.device.ports) if hubs[0].part.device else {}
+    positions = dict(hubs[0].electric.ports)
     used: dict[str, Placed] = {}
     for placed in devices:
         if placed.port is None:
@@ -44,14 +44,9 @@ def wiring(plan: Plan) -> list[Finding]:
 
 
 def _cable(hub: Placed, position: tuple[float, float, float], placed: Placed) -> list[Finding]:
-    device = placed.part.device
-    if device is None:
+    length_mm = placed.electric.cable_mm
+    needed = float(np.linalg.norm(hub.point(position) - placed.point(placed.electric.plug))) * MM_PER_LDU + _SLACK_MM
+    if needed <= length_mm:
         return []
-    ends = hub.to_plan(np.array([position]))[0], placed.to_plan(np.array([device.plug]))[0]
-    needed = float(np.linalg.norm(ends[0] - ends[1])) * MM_PER_LDU + _SLACK_MM
-    if needed <= device.cable_mm:
-        return []
-    text = (
-        f"the cable of {placed.name} has {device.cable_mm:.0f} mm, but port {placed.port} needs {needed:.0f}; use a nearer port"
-    )
+    text = f"the cable of {placed.name} has {length_mm:.0f} mm, but port {placed.port} needs {needed:.0f}; use a nearer port"
     return [Finding("wiring", Outcome.ERROR, text, placed.line)]

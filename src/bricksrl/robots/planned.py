@@ -105,8 +105,8 @@ def _check_hub_sides(name: str, sides: tuple[str, ...], design: PlannedRobot) ->
 def _require_known_devices(robot: Robot, design: PlannedRobot) -> None:
     """Refuse motors and sensors that no hub of ours runs, as those of EV3."""
     kinds = {kind.value for kind in (*MotorKind, *SensorKind)} | {UltrasonicSensor.class_name}
-    for part in design.plan.devices(DeviceKind.MOTOR) + design.plan.devices(DeviceKind.SENSOR):
-        if part.part.device is not None and part.part.device.name not in kinds:
+    for part in design.plan.devices(DeviceKind.MOTOR, DeviceKind.SENSOR):
+        if part.electric.name not in kinds:
             where = f"{robot.plan}, line {part.line}"
             raise DescriptionError(f"{where}: no hub of ours runs {part.name}; take a motor or sensor of Powered Up or SPIKE")
 
@@ -117,11 +117,11 @@ def _motors(robot: Robot, design: PlannedRobot) -> tuple[Motor, ...]:
     motors = [replace(motor, port=motor.port or _port_of(motor.name, parts, robot)) for motor in robot.motors]
     forward = {wheel.port: wheel.is_clockwise_forward for wheel in design.rolling}
     for part in parts:
-        if part.port is not None and part.port not in {motor.port for motor in motors} and part.part.device is not None:
+        if part.port is not None and part.port not in {motor.port for motor in motors}:
             # Motors that only the plan has count up when the robot rolls forward.
             direction = Direction.CLOCKWISE if forward.get(part.port, True) else Direction.COUNTERCLOCKWISE
             name = part.device or f"motor_{part.port.lower()}"
-            motors.append(Motor(name, part.port, MotorKind(part.part.device.name), direction))
+            motors.append(Motor(name, part.port, MotorKind(part.electric.name), direction))
     gears = {train.port: train.gears for train in design.trains}
     return tuple(replace(motor, gears=motor.gears or gears.get(motor.port, ())) for motor in motors)
 
@@ -131,8 +131,8 @@ def _sensors(robot: Robot, design: PlannedRobot) -> tuple[Sensor, ...]:
     sensors: list[Sensor] = [replace(sensor, port=sensor.port or _port_of(sensor.name, parts, robot)) for sensor in robot.sensors]
     for part in parts:
         port = part.port
-        if port is not None and port not in {sensor.port for sensor in sensors} and part.part.device is not None:
-            name, kind = part.device or f"sensor_{port.lower()}", part.part.device.name
+        if port is not None and port not in {sensor.port for sensor in sensors}:
+            name, kind = part.device or f"sensor_{port.lower()}", part.electric.name
             is_sonar = kind == UltrasonicSensor.class_name
             sensors.append(UltrasonicSensor(name, port) if is_sonar else PoweredUpSensor(name, port, SensorKind(kind)))
     return tuple(sensors)
@@ -153,10 +153,10 @@ def disagreements(
     name: str, hub: str, devices: Sequence[Motor | Sensor], base: DriveBase | None, design: PlannedRobot
 ) -> list[Finding]:
     """Findings on contradictions between a description and a plan."""
-    parts = {part.port: part for kind in (DeviceKind.MOTOR, DeviceKind.SENSOR) for part in design.plan.devices(kind)}
+    parts = {part.port: part for part in design.plan.devices(DeviceKind.MOTOR, DeviceKind.SENSOR)}
     findings = []
     for hub_part in design.plan.devices(DeviceKind.HUB):
-        if hub_part.part.device is not None and hub_part.part.device.name != hub:
+        if hub_part.electric.name != hub:
             text = f"{hub_part.name} is not a {hub} hub, which the robot {name} has; make both agree"
             findings.append(Finding("wiring", Outcome.ERROR, text, hub_part.line))
     for device in devices:
@@ -180,7 +180,7 @@ def _check_device(name: str, device: Motor | Sensor, part: Placed, design: Plann
     """Findings on name, kind and gears of a motor or sensor."""
     kind = device.kind.value if isinstance(device, Motor) else device.class_name
     label = f"port {device.port} has {part.name} '{part.device or ''}'"
-    if part.part.device is None or part.part.device.name != kind:
+    if part.electric.name != kind:
         text = f"{label}, but for the robot {name} '{device.name}', a {kind}; make both agree"
         return [Finding("wiring", Outcome.ERROR, text, part.line)]
     if part.device is not None and part.device != device.name:
