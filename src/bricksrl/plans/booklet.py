@@ -107,11 +107,9 @@ def pages_of(plan: Plan) -> Iterator[Page]:
             yield from _step_pages(plan, step, number, times[_kind(step)] if step.assembly else 1)
         if step.assembly:
             times[_kind(step)] = 0
-    canvas = Canvas(_STEP_SIZE, VIEWS[3], plan.parts)
+    canvas = Canvas(_STEP_SIZE, VIEWS[3], plan.parts, plan.parts)
     cables = _cables(plan, canvas)
     if cables:
-        for placed in plan.parts:
-            canvas.add(placed)
         note = "Plug in the cables last, and keep them away from moving parts."
         yield Page("Cables", note, canvas.picture(set()), (), tuple(cable.text for cable in cables), cables)
 
@@ -174,11 +172,8 @@ def _best_view(present: list[Placed], bright: set[int], new: set[int]) -> tuple[
     """The default view, or the one that shows the new parts best if they are hidden there."""
     best: tuple[float, View, Canvas, Canvas] | None = None
     for view in VIEWS:
-        canvas, ghosts = Canvas(_STEP_SIZE, view, present), Canvas(_STEP_SIZE, view, present)
-        for placed in present:
-            canvas.add(placed)
-            if placed.index in bright:
-                ghosts.add(placed)
+        canvas = Canvas(_STEP_SIZE, view, present, present)
+        ghosts = Canvas(_STEP_SIZE, view, present, [placed for placed in present if placed.index in bright])
         share = canvas.visible(bright) / max(ghosts.visible(bright), 1)
         if best is None or share > best[0] + 0.05:
             best = (share, view, canvas, ghosts)
@@ -193,15 +188,10 @@ def _best_view(present: list[Placed], bright: set[int], new: set[int]) -> tuple[
 def _hidden_fasteners(new: list[Placed], present: list[Placed], view: View, canvas: Canvas) -> tuple[Canvas, ...]:
     """The barely visible fasteners on a canvas of their own, if any."""
     fasteners = [placed for placed in new if placed.part.family in _FASTENERS]
-    alone = Canvas(canvas.size, view, present)
-    for placed in fasteners:
-        alone.add(placed)
+    alone = Canvas(canvas.size, view, present, fasteners)
     visible = {placed.index: (canvas.visible({placed.index}), alone.visible({placed.index})) for placed in fasteners}
     hidden = [placed for placed in fasteners if visible[placed.index][0] < _MIN_FASTENER_VISIBLE * visible[placed.index][1]]
-    outlines = Canvas(canvas.size, view, present)
-    for placed in hidden:
-        outlines.add(placed)
-    return (outlines,) if hidden else ()
+    return (Canvas(canvas.size, view, present, hidden),) if hidden else ()
 
 
 def _cables(plan: Plan, canvas: Canvas) -> tuple[Cable, ...]:

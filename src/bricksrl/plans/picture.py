@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,9 +58,10 @@ class Canvas:
     Args:
         size: width and height in pixels.
         fitted: parts that must fit into the picture.
+        drawn: parts to draw at once.
     """
 
-    def __init__(self, size: tuple[int, int], view: View, fitted: Sequence[Placed]) -> None:
+    def __init__(self, size: tuple[int, int], view: View, fitted: Sequence[Placed], drawn: Iterable[Placed] = ()) -> None:
         self.size, self._axes = size, view.axes
         self._width, self._height = size[0] * _SCALE, size[1] * _SCALE
         corners = [self._axes @ _corners(placed).T for placed in fitted]
@@ -76,6 +77,8 @@ class Canvas:
         self._normals: list[Floats] = []
         self._colours: list[Floats] = []
         self._count = 0
+        for placed in drawn:
+            self.add(placed)
 
     def limit_zoom(self, zoom: float) -> None:
         """Set an upper limit of the zoom (points per LDU)."""
@@ -216,7 +219,4 @@ def _corners(placed: Placed) -> Floats:
 
 def draw(parts: Sequence[Placed], size: tuple[int, int], view: View = VIEWS[0], bright: set[int] | None = None) -> Pixels:
     """A picture [height, width, 3] of parts."""
-    canvas = Canvas(size, view, parts)
-    for placed in parts:
-        canvas.add(placed)
-    return canvas.picture(bright)
+    return Canvas(size, view, parts, parts).picture(bright)

@@ -55,6 +55,11 @@ class Placed(Marks):
         return np.asarray((points - self.position) @ self.rotation)
 
     @functools.cached_property
+    def samples(self) -> Floats:
+        """Points [n, 3] in the material, in the plan's frame."""
+        return self.to_plan(self.part.samples)
+
+    @functools.cached_property
     def bounds(self) -> tuple[Floats, Floats]:
         """Lowest and highest coordinates [3] in the plan's frame."""
         corners = self.to_plan(self.part.corners)

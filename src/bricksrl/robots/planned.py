@@ -70,12 +70,8 @@ def completed(robot: Robot) -> tuple[tuple[Motor, ...], tuple[Sensor, ...], Driv
             wheel_diameter_mm=base.wheel_diameter_mm or left.diameter_mm,
             axle_track_mm=base.axle_track_mm or round(abs(float(left.centre_m[1] - right.centre_m[1])) * 1000, 3),
         )
-    findings = disagreements(robot.name, robot.hub.value, (*motors, *sensors), base, design)
-    sides = robot.hub_sides
-    if robot.needs_imu:
-        sides = sides or hub_sides(design)
-        findings += _check_hub_sides(robot.name, sides, design)
-    _raise_first(findings, robot.plan)
+    sides = (robot.hub_sides or hub_sides(design)) if robot.needs_imu else robot.hub_sides
+    _raise_first(disagreements(robot, (*motors, *sensors), base, sides, design), robot.plan)
     return motors, sensors, base, sides
 
 
@@ -150,9 +146,10 @@ def _port_of(name: str, parts: Sequence[Placed], robot: Robot) -> str:
 
 
 def disagreements(
-    name: str, hub: str, devices: Sequence[Motor | Sensor], base: DriveBase | None, design: PlannedRobot
+    robot: Robot, devices: Sequence[Motor | Sensor], base: DriveBase | None, sides: tuple[str, ...], design: PlannedRobot
 ) -> list[Finding]:
-    """Findings on contradictions between a description and a plan."""
+    """Findings on contradictions between a description, with these devices, drive base and hub sides, and a plan."""
+    name, hub = robot.name, robot.hub.value
     parts = {part.port: part for part in design.plan.devices(DeviceKind.MOTOR, DeviceKind.SENSOR)}
     findings = []
     for hub_part in design.plan.devices(DeviceKind.HUB):
@@ -173,7 +170,7 @@ def disagreements(
     if base is not None:
         ports = {device.name: device.port for device in devices}
         findings += _check_wheels(name, base, ports, parts, design)
-    return findings
+    return findings + (_check_hub_sides(name, sides, design) if robot.needs_imu else [])
 
 
 def _check_device(name: str, device: Motor | Sensor, part: Placed, design: PlannedRobot) -> list[Finding]:
@@ -233,8 +230,7 @@ def check_named(plan: Plan) -> list[Finding]:
         return [Finding("wiring", Outcome.ERROR, str(error))]
     except PlanError:
         return []
-    findings = disagreements(robot.name, robot.hub.value, (*robot.motors, *robot.sensors), robot.drive_base, design)
-    return findings + (_check_hub_sides(robot.name, robot.hub_sides, design) if robot.needs_imu else [])
+    return disagreements(robot, (*robot.motors, *robot.sensors), robot.drive_base, robot.hub_sides, design)
 
 
 def check_description(robot: Robot, path: Path) -> None:
@@ -243,9 +239,7 @@ def check_description(robot: Robot, path: Path) -> None:
     design = planned_robot(path)
     ports = {part.port for part in design.plan.devices(DeviceKind.SENSOR)}
     sensors = [sensor for sensor in robot.sensors if sensor.port in ports]
-    findings = disagreements(robot.name, robot.hub.value, (*robot.motors, *sensors), robot.drive_base, design)
-    findings += _check_hub_sides(robot.name, robot.hub_sides, design) if robot.needs_imu else []
-    _raise_first(findings, path)
+    _raise_first(disagreements(robot, (*robot.motors, *sensors), robot.drive_base, robot.hub_sides, design), path)
 
 
 def _raise_first(findings: list[Finding], plan: Path | str | None) -> None:
