@@ -60,10 +60,6 @@ class Bodies:
     joints: tuple[Joint, ...]
     meshes: tuple[tuple[int, int, Mesh], ...]
 
-    def body_of(self, part: int) -> int:
-        """Index of the body with a part or a motor's case."""
-        return next(number for number, members in enumerate(self.members) if part in members)
-
     def motions(self, *, locked: Iterable[int] = ()) -> Floats:
         """Possible motions [6 x bodies, n], orthonormal; the first body is at rest, the motors in ``locked`` are braked."""
         rows = [_constraint_rows(np.eye(6), 0, None, len(self.members))]

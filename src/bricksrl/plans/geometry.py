@@ -91,17 +91,6 @@ class Solid:
             local = local[np.hypot(local[:, 0], local[:, 1]) > self.half[1] + depth]
         return np.asarray(local @ np.array(self.axes) + np.array(self.centre))
 
-    @property
-    def volume(self) -> float:
-        """LDU³."""
-        first, second, third = self.half
-        if self.form is Form.BOX:
-            return 8 * first * second * third
-        if self.form is Form.BALL:
-            return float(4 / 3 * np.pi * first**3)
-        inner = second if self.form is Form.RING else 0.0
-        return float(2 * np.pi * (first**2 - inner**2) * third)
-
     def corners(self) -> Floats:
         """Corners [8, 3] of the bounding box along ``axes``."""
         signs = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)], dtype=float)

@@ -64,7 +64,8 @@ class Canvas:
     def __init__(self, size: tuple[int, int], view: View, fitted: Sequence[Placed], drawn: Iterable[Placed] = ()) -> None:
         self.size, self._axes = size, view.axes
         self._width, self._height = size[0] * _SCALE, size[1] * _SCALE
-        corners = [self._axes @ _corners(placed).T for placed in fitted]
+        boxes = [placed.to_plan(np.array(list(itertools.product(*np.stack(placed.part.bounds).T)))) for placed in fitted]
+        corners = [self._axes @ box.T for box in boxes]
         low = np.min([corner.min(axis=1) for corner in corners], axis=0)
         high = np.max([corner.max(axis=1) for corner in corners], axis=0)
         span = np.maximum(high - low, 1.0)
@@ -211,10 +212,6 @@ def _gradients(corners: Floats, depth: Floats) -> tuple[Floats, Floats]:
     area = np.where(is_flat, 1.0, area)
     slope_x, slope_y = (du * vy - dv * uy) / area, (dv * ux - du * vx) / area
     return np.where(is_flat, 0.0, slope_x), np.where(is_flat, 0.0, slope_y)
-
-
-def _corners(placed: Placed) -> Floats:
-    return placed.to_plan(np.array(list(itertools.product(*np.stack(placed.part.bounds).T))))
 
 
 def draw(parts: Sequence[Placed], size: tuple[int, int], view: View = VIEWS[0], bright: set[int] | None = None) -> Pixels:

@@ -38,10 +38,6 @@ class PlannedRobot:
     trains: tuple[Train, ...]
     articulation: Articulation
 
-    def train(self, port: str) -> Train:
-        """The train of the motor on a port."""
-        return next(train for train in self.trains if train.port == port)
-
     def device(self, port: str) -> Placed | None:
         """The motor or sensor on a port."""
         devices = self.plan.devices(DeviceKind.MOTOR, DeviceKind.SENSOR)

@@ -255,7 +255,8 @@ class HubLink:
         if self._halted.is_set():  # an emergency stop during the start may have stopped only the previous program
             self._transport.stop()
             raise _stopped()
-        self._expect_hello()
+        # The program sends a HELLO at its start; it is requested if that one does not come.
+        check_hello(self._receive_hello() or self._request_hello(), self.program.hash)
         watchdog_ms = max(self._least_watchdog_ms, self._needed_watchdog_ms())
         if watchdog_ms != WATCHDOG_MS:
             self._set_watchdog(watchdog_ms)
@@ -264,11 +265,6 @@ class HubLink:
 
     def _begin(self) -> None:
         """Hook: set up a program that has just sent its HELLO."""
-
-    def _expect_hello(self) -> None:
-        """Wait for the HELLO that the program sends at its start, and request it if it does not come."""
-        hello = self._receive_hello() or self._request_hello()
-        check_hello(hello, self.program.hash)
 
     def _receive_hello(self) -> ControlFrame | None:
         frame = self._listener.wait_for(is_hello, self._timeout_s / _SENDS_PER_TIMEOUT)

@@ -54,7 +54,7 @@ def lint(source: str, hub: HubKind) -> tuple[Finding, ...]:
         line = error.lineno if isinstance(error, SyntaxError) else None
         return (_finding(line or 1, f"this is not Python ({error}); correct the program"),)
     checker = _Checker(tree, hub)
-    messages = {pair for node in ast.walk(tree) for pair in checker.check(node)}
+    messages = {(getattr(node, "lineno", 1), message) for node in ast.walk(tree) for message in checker.messages(node)}
     return tuple(_finding(line, message) for line, message in sorted(messages))
 
 
@@ -84,13 +84,8 @@ class _Checker:
         if hub in _HUBS_WITH_MEMORYVIEW:
             self._builtins.add("memoryview")
 
-    def check(self, node: ast.AST) -> Iterator[tuple[int, str]]:
-        """Lines and messages of the findings in one node, without its children."""
-        line = getattr(node, "lineno", 1)
-        for message in self._messages(node):
-            yield line, message
-
-    def _messages(self, node: ast.AST) -> Iterator[str]:
+    def messages(self, node: ast.AST) -> Iterator[str]:
+        """Findings in one node, without its children."""
         match node:
             case ast.Import(names=names):
                 for alias in names:

@@ -105,11 +105,6 @@ class Articulation:
     mounted: tuple[Mounted, ...]
 
     @property
-    def mass_kg(self) -> float:
-        """Total mass."""
-        return sum(body.mass_kg for body in self.bodies)
-
-    @property
     def joints(self) -> list[Joint]:
         """All joints of the tree, parents first."""
         joints = [*(drive.joint for drive in self.drives), *(geared.joint for geared in self.geared), *self.swings]

@@ -52,7 +52,6 @@ class Hinge:
         axis: direction [3]; of a motor's hinge the outward direction of the shaft (reversed if the child is the case).
         port: of the motor that drives it, else ``None``.
         closes_loop: whether other hinges already connect the two links.
-        slides: whether they also slide along the axis.
         turns_child: of a motor: whether the child is the rotor's side.
     """
 
@@ -62,7 +61,6 @@ class Hinge:
     axis: Floats
     port: str | None
     closes_loop: bool
-    slides: bool
     turns_child: bool = True
     is_ball: bool = False
 
@@ -122,16 +120,6 @@ class Mechanism:
     gears: tuple[Teeth, ...]
     fixed: int | None
 
-    @property
-    def mass_kg(self) -> float:
-        """Total mass."""
-        return sum(link.mass_kg for link in self.links)
-
-    @property
-    def centre_m(self) -> Floats:
-        """Centre of mass of the robot [3]."""
-        return np.asarray(sum(link.mass_kg * link.centre_m for link in self.links) / self.mass_kg)
-
 
 def mechanism(plan: Plan, bodies: Bodies) -> Mechanism:
     """The mechanism of a plan from its rigid bodies. Raises PlanError if there are too many bodies to be one robot."""
@@ -141,7 +129,7 @@ def mechanism(plan: Plan, bodies: Bodies) -> Mechanism:
     members = bodies.members
     link_of = {part: number for number, parts in enumerate(members) for part in parts}
     links = tuple(
-        _link(plan, parts) if parts else _bare_shaft(plan, rotors[0])
+        merged([_part_link(plan.parts[part]) for part in parts]) if parts else _bare_shaft(plan, rotors[0])
         for parts, rotors in zip(members, bodies.rotors, strict=True)
     )
     ordered = _hinges(plan, bodies)
@@ -185,7 +173,7 @@ def _hinges(plan: Plan, bodies: Bodies) -> list[tuple[Joint, Hinge]]:
         # If a motor is held by its shaft, its case turns; reversing the axis keeps the direction.
         sign = -1.0 if port is not None and parent != first else 1.0
         point_m, axis = _point_m(joint.point), sign * TO_TWIN @ joint.axis
-        hinge = Hinge(parent, child, point_m, axis, port, not open_ends, joint.slides, parent == first, joint.is_ball)
+        hinge = Hinge(parent, child, point_m, axis, port, not open_ends, parent == first, joint.is_ball)
         hinges.append((joint, hinge))
         reached |= {first, second}
     return hinges
@@ -234,10 +222,6 @@ def _bare_shaft(plan: Plan, motor: int) -> Link:
     placed = plan.parts[motor]
     site = next(site for site in placed.part.sites if site.turns)
     return Link((), _SHAFT_KG, _point_m(placed.point(site.centre)), np.eye(3) * _SHAFT_KG * _SHAFT_RADIUS_M**2)
-
-
-def _link(plan: Plan, parts: tuple[int, ...]) -> Link:
-    return merged([_part_link(plan.parts[part]) for part in parts])
 
 
 def merged(links: list[Link]) -> Link:
