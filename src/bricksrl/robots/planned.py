@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from importlib import resources
 from pathlib import Path
@@ -83,19 +83,19 @@ def hub_sides(design: PlannedRobot) -> tuple[str, ...]:
     return ()
 
 
-def _check_hub_sides(name: str, sides: tuple[str, ...], design: PlannedRobot) -> list[Finding]:
+def _check_hub_sides(name: str, sides: tuple[str, ...], design: PlannedRobot) -> Iterator[Finding]:
     """Findings on the orientation of a hub whose IMU is read."""
     hub = next(iter(design.plan.devices(DeviceKind.HUB)), None)
     plan_sides = hub_sides(design)
     if hub is None or plan_sides == sides:
-        return []
+        return
     if len(plan_sides) < 2:
         text = "the hub is at an angle, so its IMU cannot be read; turn it, or say needs_imu=False"
     else:
         top, front = plan_sides
         text = f"the hub's top looks {top} and its front {front}, but for the robot {name} {sides[0]} and {sides[1]}"
         text += f"; turn it, or say hub_sides={plan_sides}"
-    return [Finding("wiring", Outcome.ERROR, text, hub.line)]
+    yield Finding("wiring", Outcome.ERROR, text, hub.line)
 
 
 def _require_known_devices(robot: Robot, design: PlannedRobot) -> None:
@@ -147,30 +147,30 @@ def _port_of(name: str, parts: Sequence[Placed], robot: Robot) -> str:
 
 def disagreements(
     robot: Robot, devices: Sequence[Motor | Sensor], base: DriveBase | None, sides: tuple[str, ...], design: PlannedRobot
-) -> list[Finding]:
+) -> Iterator[Finding]:
     """Findings on contradictions between a description, with these devices, drive base and hub sides, and a plan."""
     name, hub = robot.name, robot.hub.value
     parts = {part.port: part for part in design.plan.devices(DeviceKind.MOTOR, DeviceKind.SENSOR)}
-    findings = []
     for hub_part in design.plan.devices(DeviceKind.HUB):
         if hub_part.electric.name != hub:
             text = f"{hub_part.name} is not a {hub} hub, which the robot {name} has; make both agree"
-            findings.append(Finding("wiring", Outcome.ERROR, text, hub_part.line))
+            yield Finding("wiring", Outcome.ERROR, text, hub_part.line)
     for device in devices:
         part = parts.get(device.port)
         if part is None:
             text = f"the robot {name} has '{device.name}' on port {device.port}, the plan nothing; add it with 0 !BRICKSRL PORT"
-            findings.append(Finding("wiring", Outcome.ERROR, text))
+            yield Finding("wiring", Outcome.ERROR, text)
         else:
-            findings += _check_device(name, device, part, design)
+            yield from _check_device(name, device, part, design)
     for port, part in parts.items():
         if port not in {device.port for device in devices}:
             text = f"port {port} has {part.name} '{part.device or ''}', but for the robot {name} nothing; make both agree"
-            findings.append(Finding("wiring", Outcome.ERROR, text, part.line))
+            yield Finding("wiring", Outcome.ERROR, text, part.line)
     if base is not None:
         ports = {device.name: device.port for device in devices}
-        findings += _check_wheels(name, base, ports, parts, design)
-    return findings + (_check_hub_sides(name, sides, design) if robot.needs_imu else [])
+        yield from _check_wheels(name, base, ports, parts, design)
+    if robot.needs_imu:
+        yield from _check_hub_sides(name, sides, design)
 
 
 def _check_device(name: str, device: Motor | Sensor, part: Placed, design: PlannedRobot) -> list[Finding]:
@@ -230,7 +230,7 @@ def check_named(plan: Plan) -> list[Finding]:
         return [Finding("wiring", Outcome.ERROR, str(error))]
     except PlanError:
         return []
-    return disagreements(robot, (*robot.motors, *robot.sensors), robot.drive_base, robot.hub_sides, design)
+    return list(disagreements(robot, (*robot.motors, *robot.sensors), robot.drive_base, robot.hub_sides, design))
 
 
 def check_description(robot: Robot, path: Path) -> None:
@@ -242,8 +242,8 @@ def check_description(robot: Robot, path: Path) -> None:
     _raise_first(disagreements(robot, (*robot.motors, *sensors), robot.drive_base, robot.hub_sides, design), path)
 
 
-def _raise_first(findings: list[Finding], plan: Path | str | None) -> None:
+def _raise_first(findings: Iterator[Finding], plan: Path | str | None) -> None:
     """Raise DescriptionError for the first finding, if there is one."""
-    if findings:
-        where = f", line {findings[0].line}" if findings[0].line else ""
-        raise DescriptionError(f"{plan}{where}: {findings[0].detail}")
+    for finding in findings:
+        where = f", line {finding.line}" if finding.line else ""
+        raise DescriptionError(f"{plan}{where}: {finding.detail}")
