@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 import bricksrl
+from bricksrl.envs.user_files import load_robot
 from bricksrl.errors import DescriptionError, UnknownNameError
 
 FILE = """
@@ -79,3 +80,8 @@ def test_invalid_task_reference_raises(folder: Path, reference: str, error: type
     with pytest.raises(error, match=says) as caught:
         bricksrl.make(reference)
     assert "\n" not in str(caught.value)
+
+
+def test_robot_that_is_not_in_the_file_is_named_so(folder: Path) -> None:
+    with pytest.raises(UnknownNameError, match=r"no 'ROBOT' in mine\.py; name a robot that is written there"):
+        load_robot("mine.py:ROBOT")

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 from bricksrl.finding import Finding
 from bricksrl.plans import ldraw_file
+from bricksrl.plans.bodies import Bodies
 from bricksrl.plans.check import check
+from bricksrl.plans.geometry import Form
+from bricksrl.plans.part import Part
 from bricksrl.plans.plan import Plan, make_plan
 from bricksrl.robots import plans
 from bricksrl.robots.planned import check_named
@@ -29,3 +33,22 @@ def plan_of(*lines: str) -> Plan:
 def findings_of(plan: Plan) -> list[Finding]:
     """All findings, including those against the robot's description."""
     return check(plan) + check_named(plan)
+
+
+def body_of(bodies: Bodies, part: int) -> int:
+    """Index of the body with a part or a motor's case."""
+    return next(number for number, members in enumerate(bodies.members) if part in members)
+
+
+def solid_volume(part: Part) -> float:
+    """Volume of a part's solids, LDU³; they may overlap."""
+    volume = 0.0
+    for solid in (*part.solids, *part.turning):
+        first, second, third = solid.half
+        volume += {
+            Form.BOX: 8 * first * second * third,
+            Form.BALL: 4 / 3 * math.pi * first**3,
+            Form.CYLINDER: 2 * math.pi * first**2 * third,
+            Form.RING: 2 * math.pi * (first**2 - second**2) * third,
+        }[solid.form]
+    return volume

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from plan_lines import plan_of
+from plan_lines import body_of, plan_of
 
 from bricksrl.plans.check import Structure, structure_of
 from bricksrl.plans.mechanism.kinematics import mechanism
@@ -48,7 +48,7 @@ def test_gear_ratio_follows_teeth(first, second, distance):
     motions = structure.bodies.motions()
     assert motions.shape[1] == 1
     teeth = [plan.parts[mesh].part.gears[0].teeth for mesh in (structure.meshes[0].first, structure.meshes[0].second)]
-    one, two = (structure.bodies.body_of(structure.meshes[0].first), structure.bodies.body_of(structure.meshes[0].second))
+    one, two = (body_of(structure.bodies, structure.meshes[0].first), body_of(structure.bodies, structure.meshes[0].second))
     rates = [float(motions[6 * body + 4, 0]) for body in (one, two)]
     assert rates[0] * teeth[0] == pytest.approx(-rates[1] * teeth[1])
 
@@ -57,7 +57,7 @@ def test_ratio_follows_teeth_with_small_distance_error():
     # 12 and 24 teeth, 2 modules along and 1 across: 17.9 mm instead of 18.
     _, structure = solved(PLATE, *shaft(0, 0, "32270"), *shaft(40, 20, "3648b"))
     motions = structure.bodies.motions()
-    bodies = [structure.bodies.body_of(part) for part in (structure.meshes[0].first, structure.meshes[0].second)]
+    bodies = [body_of(structure.bodies, part) for part in (structure.meshes[0].first, structure.meshes[0].second)]
     first, second = (float(motions[6 * body + 4, 0]) for body in bodies)
     assert first == pytest.approx(-2 * second)
 
@@ -110,7 +110,7 @@ def test_differential_averages_axles():
     bodies = structure.bodies
     assert sum(mesh.is_good for mesh in structure.meshes) == 2
     motions = bodies.motions()
-    left, right = (motions[6 * bodies.body_of(part) + 5] for part in (1, 2))
+    left, right = (motions[6 * body_of(bodies, part) + 5] for part in (1, 2))
     assert np.abs(left).max() > 0.1
     assert np.allclose(left, -right, atol=1e-6)  # the first body, at rest, is the differential itself
     assert [plan.parts[part].part.name for part in bodies.members[0]] == ["Differential 28"]

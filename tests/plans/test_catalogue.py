@@ -6,10 +6,12 @@ from collections import Counter
 
 import numpy as np
 import pytest
+from plan_lines import solid_volume
 
 from bricksrl.errors import UnknownNameError
-from bricksrl.plans import catalogue
+from bricksrl.plans import catalogue, part_notation
 from bricksrl.plans.part import DeviceKind, Fit, Part
+from bricksrl.tables import read_table
 
 PARTS = catalogue.parts()
 
@@ -36,7 +38,7 @@ def test_parts_have_mass_size_and_samples(part: Part):
 def test_mass_is_below_solid_plastic():
     for part in PARTS:
         if part.device is None:
-            full_g = sum(solid.volume for solid in (*part.solids, *part.turning)) * 0.4**3 * 1.05e-3
+            full_g = solid_volume(part) * 0.4**3 * 1.05e-3
             assert part.mass_g < 1.35 * full_g, part.number
 
 
@@ -83,3 +85,23 @@ def test_parts_are_found_by_number_suffix_or_alias():
 def test_unknown_part_number_raises():
     with pytest.raises(UnknownNameError, match=r"^part '99999' is not in the catalogue; .*`bricksrl plan parts`"):
         catalogue.get("99999")
+
+
+def test_notation_of_points_ranges_and_sets():
+    assert part_notation.points("0,0,-20 ±40,0..20,1") == [(0, 0, -20), (-40, 0, 1), (-40, 20, 1), (40, 0, 1), (40, 20, 1)]
+    assert [z for _, _, z in part_notation.points("0,0,40..0 0,0,-80..80/80 0,0,5;±10")] == [40, 20, 0, -80, 0, 80, 5, -10, 10]
+
+
+def test_chains_of_a_beam_share_a_hole_and_skip_none():
+    holes, solids = part_notation.beam("chain y20 o-+: -20..20,0,0 | chain y20 +o: 20,0,0..20")
+    assert [(hole.fit, hole.centre) for hole in holes] == [
+        (Fit.HOLE, (-20, 0, 0)),
+        (Fit.AXLE_HOLE, (20, 0, 0)),
+        (Fit.HOLE, (20, 0, 20)),
+    ]
+    assert len(solids) == 3 + 3
+
+
+def test_every_device_is_a_row_of_the_parts():
+    rows = {row["number"]: row["family"] for row in read_table("bricksrl.plans", "parts")}
+    assert all(rows[row["number"]] == f"{row['kind']}s" for row in read_table("bricksrl.plans", "devices"))

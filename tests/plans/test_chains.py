@@ -6,7 +6,7 @@ import math
 
 import pytest
 from chain_lines import chain
-from plan_lines import plan_of
+from plan_lines import body_of, plan_of
 from test_bodies import PLATE, shaft
 
 from bricksrl.plans.chains import chain_meshes
@@ -47,7 +47,7 @@ def test_chained_gears_turn_the_same_way_at_the_ratio_of_their_teeth(first, seco
     (mesh,) = structure.meshes
     motions = structure.bodies.motions()
     assert motions.shape[1] == 1
-    one, two = (float(motions[6 * structure.bodies.body_of(part) + 4, 0]) for part in (mesh.first, mesh.second))
+    one, two = (float(motions[6 * body_of(structure.bodies, part) + 4, 0]) for part in (mesh.first, mesh.second))
     assert one * teeth[0] == pytest.approx(two * teeth[1])
     assert {found.name for found in check(plan)} <= {"half-held"}  # the gears turn freely
 
@@ -61,7 +61,7 @@ def test_motor_drives_twin_through_chain(tmp_path):
     plan = plan_of(*DRIVEN)
     assert check(plan) == []
     made = planned(plan)
-    assert made.train("A").gears == (24, 40)
+    assert [train.gears for train in made.trains if train.port == "A"] == [(24, 40)]
     assert sorted(part for body in made.articulation.bodies for part in body.parts) == list(range(len(plan.parts)))
     path = tmp_path / "driven.ldr"
     path.write_text("\n".join(DRIVEN))

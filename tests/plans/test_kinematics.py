@@ -36,7 +36,7 @@ def test_single_part_has_mass_and_inertia_of_bar():
     made = mechanism(plan, structure_of(plan).bodies)
     (link,) = made.links
     assert (made.hinges, made.ports) == ((), ())
-    assert made.mass_kg == pytest.approx(0.001226, abs=1e-6)
+    assert link.mass_kg == pytest.approx(0.001226, abs=1e-6)
     assert np.allclose(link.centre_m, 0, atol=1e-9)
     length, width = 0.0392, 0.008
     full = link.mass_kg * (length**2 + width**2) / 12

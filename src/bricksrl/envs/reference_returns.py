@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from bricksrl.tables import read_table
+
 
 @dataclass(frozen=True)
 class Reference:
@@ -23,19 +25,11 @@ class Reference:
         return lines if self.paper is None else {**lines, "paper's SAC": self.paper}
 
 
-REFERENCES = {
-    "RunAway-v0": Reference(0.44, 17.96, 8.72),
-    "Spinning-v0": Reference(75.12, 8519.5, 7407.2),
-    "Walker-v0": Reference(-197.09, -12.89, -52.04),
-    "Walker-v1": Reference(15.62, 93.22),
-    "WalkerSim-v0": Reference(-198.51, -4.95),
-    "WalkerSim-v1": Reference(-197.18, 5.53),
-    "LineFollow-v0": Reference(-42.91, 50.93),
-    "Park-v0": Reference(-62.93, 9.13),
-    "RoboArm-v0": Reference(-152.87, -1.47, -27.77),
-    "RoboArmSim-v0": Reference(-162.96, -0.55),
-    "RoboArm_mixed-v0": Reference(-57.36, -1.36),
-}
+def _reference(row: dict[str, str]) -> Reference:
+    return Reference(float(row["random"]), float(row["scripted"]), float(row["paper"]) if row["paper"] else None)
+
+
+REFERENCES = {row["env"]: _reference(row) for row in read_table(__package__, "reference_returns")}
 
 
 def reference_lines(env: str, options: dict[str, object] | None = None) -> dict[str, float]:

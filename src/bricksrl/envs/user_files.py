@@ -36,12 +36,12 @@ def without_folder(reference: str) -> str:
     return Path(reference).name if _parts(reference)[0].endswith(".py") else reference
 
 
-def load_object(reference: str, default: str) -> Any:
+def load_object(reference: str, default: str | type[Task | Robot]) -> Any:
     """Object of that name in the user's code.
 
     Args:
         reference: a Python file or an importable module, a colon, and the name; for a file the name may be omitted.
-        default: the name where it is omitted.
+        default: the name where it is omitted, or the type of the file's only object of that type.
 
     Raises:
         UnknownNameError: there is no such file, module or name.
@@ -49,10 +49,12 @@ def load_object(reference: str, default: str) -> Any:
     """
     location, name = _parts(reference)
     module = _load(location, reference)
+    name = name or (default if isinstance(default, str) else _only(default, module, reference))
     try:
-        return getattr(module, name or default)
+        return getattr(module, name)
     except AttributeError:
-        raise UnknownNameError(f"there is no '{name or default}' in {location}; name what is written there") from None
+        wanted = "what" if isinstance(default, str) else f"a {default.__name__.lower()} that"
+        raise UnknownNameError(f"there is no '{name}' in {location}; name {wanted} is written there") from None
 
 
 def _parts(reference: str) -> tuple[str, str]:
@@ -72,14 +74,7 @@ def load_builder(reference: str) -> Callable[..., Task]:
         UnknownNameError: there is no such file, module or name.
         DescriptionError: the named object is no task, or the code raised.
     """
-    location, name = _parts(reference)
-    module = _load(location, reference)
-    if not name:
-        name = _only(Task, module, reference)
-    try:
-        builder = getattr(module, name)
-    except AttributeError:
-        raise UnknownNameError(f"there is no '{name}' in {location}; name a task that is written there") from None
+    builder = load_object(reference, Task)
     if isinstance(builder, Task):
         return lambda: builder
     if not callable(builder):
@@ -105,9 +100,7 @@ def load_robot(reference: str) -> tuple[Robot, Scene | None]:
         UnknownNameError: there is no such file, module or name, or the file has no single robot.
         DescriptionError: the named object is no robot, or the code raised.
     """
-    location, name = _parts(reference)
-    module = _load(location, reference)
-    value = getattr(module, name or _only(Robot, module, reference), None)
+    value = load_object(reference, Robot)
     if isinstance(value, Task):
         return value.robot, value.scene
     if not isinstance(value, Robot):

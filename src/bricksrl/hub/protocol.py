@@ -197,20 +197,10 @@ class WireFormat:
     def up_frame_bytes(self) -> int:
         return DATA_OVERHEAD + self.answer_bytes
 
-    @property
-    def notifications(self) -> int:
-        """Number of Bluetooth notifications of one answer."""
-        return -(-self.up_frame_bytes // NOTIFICATION_BYTES)
-
     def encode_actions(self, values: Iterable[float]) -> bytes:
         """Payload for the actions ``[n_commands]`` in the units of their names; values out of range saturate. Raises
         EncodingError for a wrong number of values, or one that is not a number."""
         return struct.pack(self.action_format, *_to_int16(values, self.command_scales, self.command_names))
-
-    def decode_actions(self, payload: bytes) -> tuple[float, ...]:
-        """Actions as the hub decodes them, in the units of their names. Raises HubProtocolError for another length."""
-        numbers = _unpack(self.action_format, payload)
-        return tuple(number / scale for number, scale in zip(numbers, self.command_scales, strict=True))
 
     def encode_answer(self, time_ms: int, values: Iterable[float]) -> bytes:
         """Payload of an answer with the channels ``[n_channels]``; the clock wraps at 65536 ms. Raises EncodingError if the wrong

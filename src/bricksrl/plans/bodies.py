@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bricksrl.plans.connections import Connection, Mesh
-from bricksrl.plans.geometry import Floats
+from bricksrl.plans.geometry import Floats, lines_coincide
 from bricksrl.plans.part import DeviceKind, Fit, Site
 from bricksrl.plans.plan import Placed
 
@@ -59,10 +59,6 @@ class Bodies:
     rotors: tuple[tuple[int, ...], ...]
     joints: tuple[Joint, ...]
     meshes: tuple[tuple[int, int, Mesh], ...]
-
-    def body_of(self, part: int) -> int:
-        """Index of the body with a part or a motor's case."""
-        return next(number for number, members in enumerate(self.members) if part in members)
 
     def motions(self, *, locked: Iterable[int] = ()) -> Floats:
         """Possible motions [6 x bodies, n], orthonormal; the first body is at rest, the motors in ``locked`` are braked."""
@@ -239,10 +235,8 @@ def _line_of(bundle: Sequence[_Link]) -> tuple[Floats, Floats]:
 
 
 def _is_coaxial(first: Connection, second: Connection) -> bool:
-    if first.is_ball or second.is_ball:
-        return False
-    offset = np.linalg.norm(np.cross(second.point - first.point, first.axis))
-    return bool(offset < _AXIS_TOLERANCE and np.linalg.norm(np.cross(first.axis, second.axis)) < 0.05)
+    is_ball = first.is_ball or second.is_ball
+    return not is_ball and lines_coincide(first.point, first.axis, second.point, second.axis, offset=_AXIS_TOLERANCE, sine=0.05)
 
 
 def _shaft(placed: Placed) -> tuple[Floats, Floats]:
@@ -250,7 +244,7 @@ def _shaft(placed: Placed) -> tuple[Floats, Floats]:
     site = next(site for site in placed.part.sites if site.turns and site.fit is Fit.AXLE_HOLE)
     device = placed.part.device
     shaft = device.shaft if device is not None and device.kind is DeviceKind.MOTOR and device.shaft else site.axis
-    return placed.to_plan(np.array([site.centre]))[0], placed.rotation @ np.array(shaft)
+    return placed.point(site.centre), placed.rotation @ np.array(shaft)
 
 
 def _join_fasteners(parts: Sequence[Placed], links: Sequence[_Link], groups: _Groups) -> None:
@@ -354,5 +348,5 @@ def _sliding(parts: Sequence[Placed], links: Sequence[_Link], groups: _Groups) -
 
 def _span(placed: Placed, site: Site, link: Connection) -> tuple[float, float]:
     """Ends of a hole along an axle, from the middle of the connection."""
-    middle = float((placed.to_plan(np.array([site.centre]))[0] - link.point) @ link.axis)
+    middle = float((placed.point(site.centre) - link.point) @ link.axis)
     return middle - site.length / 2, middle + site.length / 2

@@ -107,11 +107,9 @@ def pages_of(plan: Plan) -> Iterator[Page]:
             yield from _step_pages(plan, step, number, times[_kind(step)] if step.assembly else 1)
         if step.assembly:
             times[_kind(step)] = 0
-    canvas = Canvas(_STEP_SIZE, VIEWS[3], plan.parts)
+    canvas = Canvas(_STEP_SIZE, VIEWS[3], plan.parts, plan.parts)
     cables = _cables(plan, canvas)
     if cables:
-        for placed in plan.parts:
-            canvas.add(placed)
         note = "Plug in the cables last, and keep them away from moving parts."
         yield Page("Cables", note, canvas.picture(set()), (), tuple(cable.text for cable in cables), cables)
 
@@ -132,7 +130,7 @@ def _item(entry: Entry) -> Item:
 def _part_picture(part: Part, colour: int) -> Pixels:
     """Picture of one part, at most as large as in the assembly."""
     turn = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]) if part.family == "beams" else np.eye(3)
-    placed = Placed(0, part, colour, turn, np.zeros(3), 0, 0, (), None, None)
+    placed = Placed(0, part, colour, turn, np.zeros(3), 0, 0, ())
     canvas = Canvas(_PART_SIZE, VIEWS[0], [placed])
     canvas.limit_zoom(_PART_ZOOM)
     canvas.add(placed)
@@ -174,11 +172,8 @@ def _best_view(present: list[Placed], bright: set[int], new: set[int]) -> tuple[
     """The default view, or the one that shows the new parts best if they are hidden there."""
     best: tuple[float, View, Canvas, Canvas] | None = None
     for view in VIEWS:
-        canvas, ghosts = Canvas(_STEP_SIZE, view, present), Canvas(_STEP_SIZE, view, present)
-        for placed in present:
-            canvas.add(placed)
-            if placed.index in bright:
-                ghosts.add(placed)
+        canvas = Canvas(_STEP_SIZE, view, present, present)
+        ghosts = Canvas(_STEP_SIZE, view, present, [placed for placed in present if placed.index in bright])
         share = canvas.visible(bright) / max(ghosts.visible(bright), 1)
         if best is None or share > best[0] + 0.05:
             best = (share, view, canvas, ghosts)
@@ -193,32 +188,26 @@ def _best_view(present: list[Placed], bright: set[int], new: set[int]) -> tuple[
 def _hidden_fasteners(new: list[Placed], present: list[Placed], view: View, canvas: Canvas) -> tuple[Canvas, ...]:
     """The barely visible fasteners on a canvas of their own, if any."""
     fasteners = [placed for placed in new if placed.part.family in _FASTENERS]
-    alone = Canvas(canvas.size, view, present)
-    for placed in fasteners:
-        alone.add(placed)
+    alone = Canvas(canvas.size, view, present, fasteners)
     visible = {placed.index: (canvas.visible({placed.index}), alone.visible({placed.index})) for placed in fasteners}
     hidden = [placed for placed in fasteners if visible[placed.index][0] < _MIN_FASTENER_VISIBLE * visible[placed.index][1]]
-    outlines = Canvas(canvas.size, view, present)
-    for placed in hidden:
-        outlines.add(placed)
-    return (outlines,) if hidden else ()
+    return (Canvas(canvas.size, view, present, hidden),) if hidden else ()
 
 
 def _cables(plan: Plan, canvas: Canvas) -> tuple[Cable, ...]:
     """Cables of all motors and sensors."""
     hubs = plan.devices(DeviceKind.HUB)
-    positions = dict(hubs[0].part.device.ports) if hubs and hubs[0].part.device else {}
+    positions = dict(hubs[0].electric.ports) if hubs else {}
     cables = []
-    for placed in sorted(plan.devices(DeviceKind.MOTOR) + plan.devices(DeviceKind.SENSOR), key=lambda placed: placed.port or ""):
-        device = placed.part.device
-        if device is None or placed.port is None or placed.port not in positions:
+    for placed in sorted(plan.devices(DeviceKind.MOTOR, DeviceKind.SENSOR), key=lambda placed: placed.port or ""):
+        if placed.port is None or placed.port not in positions:
             continue
-        ends = hubs[0].to_plan(np.array([positions[placed.port]]))[0], placed.to_plan(np.array([device.plug]))[0]
-        distance_mm = float(np.linalg.norm(ends[0] - ends[1])) * MM_PER_LDU
+        device, socket = placed.electric, hubs[0].point(positions[placed.port])
+        distance_mm = float(np.linalg.norm(socket - placed.point(device.plug))) * MM_PER_LDU
         name = f" '{placed.device}'" if placed.device else ""
         text = f"Port {placed.port}: {placed.part.name}{name}, {distance_mm:.0f} mm away; its cable has {device.cable_mm:.0f} mm"
-        middle = placed.to_plan(np.mean(placed.part.bounds, axis=0)[None, :])[0]
-        (x, y), (x2, y2) = canvas.pixel_of(np.stack([ends[0], middle])).tolist()
+        middle = placed.point(np.mean(placed.part.bounds, axis=0))
+        (x, y), (x2, y2) = canvas.pixel_of(np.stack([socket, middle])).tolist()
         cables.append(Cable(placed.port, text, ((x, y), (x2, y2))))
     return tuple(cables)
 

@@ -52,7 +52,7 @@ def _loops(parts: Sequence[Placed]) -> list[tuple[Floats, Floats]]:
 
 def _is_driven(placed: Placed, gear: Gear, points: Floats, axis: Floats) -> bool:
     """Whether a gear is inside a chain, and links lie on its teeth."""
-    offset = points - placed.to_plan(np.array([gear.centre]))[0]
+    offset = points - placed.point(gear.centre)
     projected = offset - np.outer(offset @ axis, axis)
     radius = PITCH / 2 / math.sin(2 * math.pi / gear.teeth)  # a link is the chord of two teeth
     touching = np.abs(np.linalg.norm(projected, axis=1) - radius) < _TOLERANCE
@@ -65,7 +65,7 @@ def _is_driven(placed: Placed, gear: Gear, points: Floats, axis: Floats) -> bool
 def _mesh(first: Placed, gear: Gear, second: Placed, other: Gear, axis: Floats) -> Mesh | None:
     """Two gears in a chain: where its straight part touches them, both move equally fast along it; ``None`` if one is inside
     the other."""
-    start, end = first.to_plan(np.array([gear.centre]))[0], second.to_plan(np.array([other.centre]))[0]
+    start, end = first.point(gear.centre), second.point(other.centre)
     offset = (end - start) - ((end - start) @ axis) * axis
     distance = float(np.linalg.norm(offset))
     if distance <= abs(gear.pitch_radius - other.pitch_radius) + _TOLERANCE:

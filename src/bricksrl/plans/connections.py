@@ -104,7 +104,7 @@ def connections(parts: Sequence[Placed]) -> list[Connection]:
     joints: list[_Placed] = []
     for placed in parts:
         for site in placed.part.sites:
-            entry = (placed.index, site, placed.to_plan(np.array([site.centre]))[0], placed.rotation @ np.array(site.axis))
+            entry = (placed.index, site, placed.point(site.centre), placed.rotation @ np.array(site.axis))
             (joints if site.fit in _JOINTS else males if site.fit.is_male else females).append(entry)
     result = _coinciding(joints)
     if not females:
@@ -167,7 +167,7 @@ def _coinciding(joints: list[_Placed]) -> list[Connection]:
 def meshes(parts: Sequence[Placed]) -> list[Mesh]:
     """Pairs of gears that mesh, or are nearly close enough."""
     gears = [(placed, gear) for placed in parts for gear in placed.part.gears]
-    centres = np.array([_centre(placed, gear) for placed, gear in gears]).reshape(-1, 3)
+    centres = np.array([placed.point(gear.centre) for placed, gear in gears]).reshape(-1, 3)
     reach = np.array([max(gear.pitch_radius, gear.width, 4.0 * gear.teeth) for _, gear in gears])
     result: list[Mesh] = []
     compared = 0
@@ -197,12 +197,8 @@ def _mesh(first: Placed, gear: Gear, second: Placed, other: Gear) -> Mesh | None
     return None
 
 
-def _centre(placed: Placed, gear: Gear) -> Floats:
-    return np.asarray(placed.to_plan(np.array([gear.centre]))[0])
-
-
 def _parallel(first: Placed, gear: Gear, second: Placed, other: Gear, axis: Floats) -> Mesh | None:
-    offset = _centre(second, other) - _centre(first, gear)
+    offset = second.point(other.centre) - first.point(gear.centre)
     along = float(offset @ axis)
     across = offset - along * axis
     distance = float(np.linalg.norm(across))
@@ -212,14 +208,14 @@ def _parallel(first: Placed, gear: Gear, second: Placed, other: Gear, axis: Floa
         return None
     # Dividing the distance by the teeth gives the exact ratio, even if the pitch circles do not quite touch.
     fraction = gear.pitch_radius / (gear.pitch_radius + other.pitch_radius)
-    point = _centre(first, gear) + across * fraction + axis * along / 2
+    point = first.point(gear.centre) + across * fraction + axis * along / 2
     tangent = np.cross(axis, across / distance)
     return _make_mesh(first, gear, second, other, error, overlap / min(gear.width, other.width), point, tangent)
 
 
 def _right_angle(first: Placed, gear: Gear, second: Placed, other: Gear, axis: Floats, axis2: Floats) -> Mesh | None:
     """Bevel gears with intersecting axes."""
-    offset = _centre(second, other) - _centre(first, gear)
+    offset = second.point(other.centre) - first.point(gear.centre)
     normal = np.cross(axis, axis2)
     along, along2 = float(offset @ axis), float(offset @ axis2)
     # Each gear's distance from the intersection of the axes is the other's pitch radius.
@@ -227,13 +223,13 @@ def _right_angle(first: Placed, gear: Gear, second: Placed, other: Gear, axis: F
     if abs(float(offset @ normal)) > _NEAR_TOLERANCE or abs(error) > _NEAR_TOLERANCE:
         return None
     error += abs(float(offset @ normal))
-    point = _centre(first, gear) + axis2 * np.sign(along2) * gear.pitch_radius
+    point = first.point(gear.centre) + axis2 * np.sign(along2) * gear.pitch_radius
     return _make_mesh(first, gear, second, other, error, 1.0, point, normal)
 
 
 def _worm(first: Placed, worm: Gear, second: Placed, gear: Gear) -> Mesh | None:
     axis, axis2 = first.rotation @ np.array(worm.axis), second.rotation @ np.array(gear.axis)
-    offset = _centre(second, gear) - _centre(first, worm)
+    offset = second.point(gear.centre) - first.point(worm.centre)
     if (
         abs(float(axis @ axis2)) > _MAX_TILT
         or abs(float(offset @ axis2)) > gear.width / 2
@@ -245,7 +241,7 @@ def _worm(first: Placed, worm: Gear, second: Placed, gear: Gear) -> Mesh | None:
     error = distance - _WORM_PITCH_RADIUS - gear.pitch_radius
     if abs(error) > _NEAR_TOLERANCE or distance < 1.0:
         return None
-    point = _centre(second, gear) - across / distance * gear.pitch_radius
+    point = second.point(gear.centre) - across / distance * gear.pitch_radius
     mesh = _make_mesh(first, worm, second, gear, error, 1.0, point, axis)
     motion = mesh.motion.copy()
     # The thread is right-handed: turning it also moves the teeth along the axis.
@@ -256,14 +252,14 @@ def _worm(first: Placed, worm: Gear, second: Placed, gear: Gear) -> Mesh | None:
 def _rack(first: Placed, rack: Gear, second: Placed, gear: Gear) -> Mesh | None:
     along, up = first.rotation @ np.array(rack.axis), first.rotation @ np.array(rack.up)
     axis = second.rotation @ np.array(gear.axis)
-    offset = _centre(second, gear) - _centre(first, rack)
+    offset = second.point(gear.centre) - first.point(rack.centre)
     error = float(offset @ up) - gear.pitch_radius
     half = rack.teeth * 7.854 / 2
     if abs(float(axis @ along)) > _MAX_TILT or abs(float(axis @ up)) > _MAX_TILT or abs(error) > _NEAR_TOLERANCE:
         return None
     if abs(float(offset @ along)) > half or abs(float(offset @ axis)) > 0.3 * rack.width:
         return None
-    return _make_mesh(first, rack, second, gear, error, 1.0, _centre(second, gear) - up * gear.pitch_radius, along)
+    return _make_mesh(first, rack, second, gear, error, 1.0, second.point(gear.centre) - up * gear.pitch_radius, along)
 
 
 def _make_mesh(

@@ -27,7 +27,6 @@ class Occupancy:
 
     def __init__(self, parts: Sequence[Placed]) -> None:
         self._parts = parts
-        self._samples: dict[int, Floats] = {}
         self.queries = 0
         self.low: Floats = np.array([placed.bounds[0] for placed in parts]).reshape(-1, 3)
         self.high: Floats = np.array([placed.bounds[1] for placed in parts]).reshape(-1, 3)
@@ -66,7 +65,7 @@ class Occupancy:
 
     def _inside(self, index: int, other: int, shift: Floats) -> bool:
         """Whether points of a part, moved, lie in another."""
-        points = self._points(index) + shift
+        points = self._parts[index].samples + shift
         near = ((points > self.low[other]) & (points < self.high[other])).all(axis=1)
         if np.count_nonzero(near) < _MIN_POINTS:
             return False
@@ -74,9 +73,3 @@ class Occupancy:
         inner = target.to_part(points[near])
         # In large overlaps a few points are enough.
         return any(int(np.count_nonzero(target.part.contains(sample, _MARGIN))) >= _MIN_POINTS for sample in (inner[::23], inner))
-
-    def _points(self, index: int) -> Floats:
-        if index not in self._samples:
-            placed = self._parts[index]
-            self._samples[index] = placed.to_plan(placed.part.samples)
-        return self._samples[index]

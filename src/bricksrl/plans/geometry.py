@@ -32,6 +32,12 @@ def rotation(axis: Triple | Floats, angle: float) -> Floats:
     return np.asarray(np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * cross @ cross)
 
 
+def lines_coincide(point: Floats, axis: Floats, other: Floats, other_axis: Floats, *, offset: float, sine: float) -> bool:
+    """Whether two lines, each a point [3] and a unit direction [3], are closer and more parallel than these limits."""
+    distance = np.linalg.norm(np.cross(other - point, axis))
+    return bool(distance < offset and np.linalg.norm(np.cross(axis, other_axis)) < sine)
+
+
 class Form(enum.Enum):
     """Kinds of solids."""
 
@@ -84,17 +90,6 @@ class Solid:
         if self.form is Form.RING:
             local = local[np.hypot(local[:, 0], local[:, 1]) > self.half[1] + depth]
         return np.asarray(local @ np.array(self.axes) + np.array(self.centre))
-
-    @property
-    def volume(self) -> float:
-        """LDU³."""
-        first, second, third = self.half
-        if self.form is Form.BOX:
-            return 8 * first * second * third
-        if self.form is Form.BALL:
-            return float(4 / 3 * np.pi * first**3)
-        inner = second if self.form is Form.RING else 0.0
-        return float(2 * np.pi * (first**2 - inner**2) * third)
 
     def corners(self) -> Floats:
         """Corners [8, 3] of the bounding box along ``axes``."""

@@ -10,9 +10,10 @@ import math
 import zipfile
 import zlib
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from itertools import dropwhile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -32,19 +33,39 @@ _MAX_COORDINATE = 1e6
 """LDU."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class Marks:
+    """What our comments say of a part.
+
+    Attributes:
+        port, device: of a motor or sensor: the hub's port, and the name in the description.
+        angle_deg: of a motor: reading of its rotation sensor in this position.
+        is_free: meant to turn freely.
+        is_fixed: fixed to the table, with its body.
+        ball: middle of the ball that it holds in a scene with a ball [3], in the part's frame, LDU.
+    """
+
+    port: str | None = None
+    device: str | None = None
+    angle_deg: float = 0.0
+    is_free: bool = False
+    is_fixed: bool = False
+    ball: Triple | None = None
+
+    @property
+    def marks(self) -> dict[str, Any]:
+        """These fields by name, also of a subclass with further ones."""
+        return {field.name: getattr(self, field.name) for field in fields(Marks)}
+
+
 @dataclass(frozen=True)
-class Reference:
+class Reference(Marks):
     """A line that places a part or a model.
 
     Attributes:
         matrix: [3, 3]; orthonormal unless ``is_stretched``.
         offset: [3], LDU.
         step: index in its model.
-        port, device: from our comment: the hub's port, and the name of the motor or sensor in the description.
-        angle_deg: from our comment: reading of the motor's rotation sensor in the plan.
-        is_free: from our comment: may turn freely.
-        is_fixed: from our comment: fixed to the table.
-        ball: from our comment: middle of a held ball [3] in this part's frame, LDU.
         is_stretched: whether it is scaled.
     """
 
@@ -54,13 +75,7 @@ class Reference:
     name: str
     step: int
     line: int
-    port: str | None = None
-    device: str | None = None
-    angle_deg: float = 0.0
-    is_free: bool = False
-    is_fixed: bool = False
-    ball: Triple | None = None
-    is_stretched: bool = False
+    is_stretched: bool
 
 
 @dataclass
@@ -159,7 +174,7 @@ class _Parser:
         self.robot: str | None = None
         self.count: int | None = None
         self._model: Model | None = None
-        self._next: dict[str, tuple[str, ...]] = {}
+        self._marks: dict[str, Any] = {}
         self._handlers: dict[str, Callable[[int, list[str]], None]] = {
             "FILE": self._file,
             "NOFILE": self._end_of_file,
@@ -235,12 +250,12 @@ class _Parser:
             self.robot = values[0]
         elif key == "PARTS" and len(values) == 1 and values[0].isdecimal() and len(values[0]) < 6:
             self.count = int(values[0])
-        elif (
-            (key == "PORT" and 0 < len(values) < 4 and len(values[0]) == 1 and _angle_of(values) is not None)
-            or (key in ("FREE", "FIXED") and not values)
-            or (key == "BALL" and _position_of(values) is not None)
-        ):
-            self._next[key] = values
+        elif key == "PORT" and 0 < len(values) < 4 and len(values[0]) == 1 and (angle_deg := _angle_of(values)) is not None:
+            self._marks |= {"port": values[0].upper(), "device": values[1] if len(values) > 1 else None, "angle_deg": angle_deg}
+        elif key in ("FREE", "FIXED") and not values:
+            self._marks[f"is_{key.lower()}"] = True
+        elif key == "BALL" and (ball := _position_of(values)) is not None:
+            self._marks["ball"] = ball
         else:
             raise self._error(
                 number,
@@ -260,24 +275,10 @@ class _Parser:
             raise self._error(number, "cannot place a part", "write 1, a colour, 12 numbers and a file")
         matrix = np.array(numbers[3:]).reshape(3, 3)
         model = self._current(number)
-        port = self._next.get("PORT", ())
-        reference = Reference(
-            colour,
-            matrix,
-            np.array(numbers[:3]),
-            name,
-            model.step,
-            number,
-            port[0].upper() if port else None,
-            port[1] if len(port) > 1 else None,
-            _angle_of(port) or 0.0,
-            "FREE" in self._next,
-            "FIXED" in self._next,
-            _position_of(self._next.get("BALL", ())),
-            bool(np.abs(matrix @ matrix.T - np.eye(3)).max() > _STRETCH_TOLERANCE),
-        )
-        model.references.append(reference)
-        self._next = {}
+        is_stretched = bool(np.abs(matrix @ matrix.T - np.eye(3)).max() > _STRETCH_TOLERANCE)
+        offset = np.array(numbers[:3])
+        model.references.append(Reference(colour, matrix, offset, name, model.step, number, is_stretched, **self._marks))
+        self._marks = {}
 
     def _error(self, number: int, fault: str, remedy: str) -> PlanError:
         return PlanError(f"{self.path}, line {number}: {fault}; {remedy}")

@@ -12,8 +12,6 @@ from bricksrl.plans.geometry import Bools, Floats, Solid, Triple
 
 HOLE_RADIUS = 6.2
 """Radius of pin and axle holes; that of a pin is 6."""
-ABS_G_CM3 = 1.05
-"""Density of the plastic."""
 
 
 class Fit(enum.Enum):
@@ -115,6 +113,7 @@ class Device:
         ports: positions of a hub's ports.
         shaft: outward direction of a motor's shaft.
         looks: viewing direction of a sensor.
+        sold_as: LEGO's number of the device sold singly, "" if there is none.
     """
 
     kind: DeviceKind
@@ -124,6 +123,7 @@ class Device:
     ports: tuple[tuple[str, Triple], ...] = ()
     shaft: Triple | None = None
     looks: Triple | None = None
+    sold_as: str = ""
 
 
 class MassSource(enum.Enum):

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,12 +58,14 @@ class Canvas:
     Args:
         size: width and height in pixels.
         fitted: parts that must fit into the picture.
+        drawn: parts to draw at once.
     """
 
-    def __init__(self, size: tuple[int, int], view: View, fitted: Sequence[Placed]) -> None:
+    def __init__(self, size: tuple[int, int], view: View, fitted: Sequence[Placed], drawn: Iterable[Placed] = ()) -> None:
         self.size, self._axes = size, view.axes
         self._width, self._height = size[0] * _SCALE, size[1] * _SCALE
-        corners = [self._axes @ _corners(placed).T for placed in fitted]
+        boxes = [placed.to_plan(np.array(list(itertools.product(*np.stack(placed.part.bounds).T)))) for placed in fitted]
+        corners = [self._axes @ box.T for box in boxes]
         low = np.min([corner.min(axis=1) for corner in corners], axis=0)
         high = np.max([corner.max(axis=1) for corner in corners], axis=0)
         span = np.maximum(high - low, 1.0)
@@ -75,6 +78,8 @@ class Canvas:
         self._normals: list[Floats] = []
         self._colours: list[Floats] = []
         self._count = 0
+        for placed in drawn:
+            self.add(placed)
 
     def limit_zoom(self, zoom: float) -> None:
         """Set an upper limit of the zoom (points per LDU)."""
@@ -209,17 +214,6 @@ def _gradients(corners: Floats, depth: Floats) -> tuple[Floats, Floats]:
     return np.where(is_flat, 0.0, slope_x), np.where(is_flat, 0.0, slope_y)
 
 
-def _corners(placed: Placed) -> Floats:
-    low, high = placed.part.bounds
-    corners = np.array(
-        [[(low, high)[i][0], (low, high)[j][1], (low, high)[k][2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)]
-    )
-    return placed.to_plan(corners)
-
-
 def draw(parts: Sequence[Placed], size: tuple[int, int], view: View = VIEWS[0], bright: set[int] | None = None) -> Pixels:
     """A picture [height, width, 3] of parts."""
-    canvas = Canvas(size, view, parts)
-    for placed in parts:
-        canvas.add(placed)
-    return canvas.picture(bright)
+    return Canvas(size, view, parts, parts).picture(bright)

@@ -13,15 +13,15 @@ import numpy as np
 from bricksrl.errors import PlanError
 from bricksrl.plans import catalogue, ldraw_file
 from bricksrl.plans.geometry import Floats, Triple, triple
-from bricksrl.plans.ldraw_file import Document, Model, Reference
-from bricksrl.plans.part import DeviceKind, Part
+from bricksrl.plans.ldraw_file import Document, Marks, Model, Reference
+from bricksrl.plans.part import Device, DeviceKind, Part
 
 MAX_PARTS, MAX_DEPTH = 3000, 16
 _MAIN_COLOUR = 16
 
 
 @dataclass(frozen=True, eq=False)
-class Placed:
+class Placed(Marks):
     """A part at its place.
 
     Attributes:
@@ -31,11 +31,6 @@ class Placed:
         step: index of the step that adds it.
         line: of the file.
         assembly: names of its sub-assemblies with their lines, the outermost first.
-        port, device: of a motor or sensor: the hub's port, and the name in the description.
-        angle_deg: of a motor: reading of its rotation sensor in this position.
-        is_free: meant to turn freely.
-        is_fixed: fixed to the table, with its body.
-        ball: middle of the ball that it holds in a scene with a ball [3], in the part's frame.
     """
 
     index: int
@@ -46,20 +41,23 @@ class Placed:
     step: int
     line: int
     assembly: tuple[str, ...]
-    port: str | None
-    device: str | None
-    angle_deg: float = 0.0
-    is_free: bool = False
-    is_fixed: bool = False
-    ball: Triple | None = None
 
     def to_plan(self, points: Floats) -> Floats:
         """Points [n, 3] from the part's frame to the plan's."""
         return np.asarray(points @ self.rotation.T + self.position)
 
+    def point(self, point: Triple | Floats) -> Floats:
+        """A point [3] from the part's frame to the plan's."""
+        return np.asarray(self.to_plan(np.array([point]))[0])
+
     def to_part(self, points: Floats) -> Floats:
         """Points [n, 3] from the plan's frame to the part's."""
         return np.asarray((points - self.position) @ self.rotation)
+
+    @functools.cached_property
+    def samples(self) -> Floats:
+        """Points [n, 3] in the material, in the plan's frame."""
+        return self.to_plan(self.part.samples)
 
     @functools.cached_property
     def bounds(self) -> tuple[Floats, Floats]:
@@ -71,6 +69,12 @@ class Placed:
     def name(self) -> str:
         """Name for messages."""
         return f"{self.part.name} ({self.part.number})"
+
+    @property
+    def electric(self) -> Device:
+        """The hub, motor or sensor that it is; only for one of `Plan.devices`."""
+        assert self.part.device is not None  # noqa: S101
+        return self.part.device
 
 
 @dataclass(frozen=True)
@@ -117,9 +121,10 @@ class Plan:
     steps: tuple[Step, ...]
     unknown: tuple[Unknown, ...]
 
-    def devices(self, kind: DeviceKind) -> list[Placed]:
-        """The hubs, motors or sensors."""
-        return [placed for placed in self.parts if placed.part.device is not None and placed.part.device.kind is kind]
+    def devices(self, *kinds: DeviceKind) -> list[Placed]:
+        """The hubs, motors or sensors, kind by kind."""
+        devices = [placed for placed in self.parts if placed.part.device is not None]
+        return [placed for kind in kinds for placed in devices if placed.electric.kind is kind]
 
     def present_parts(self, step: Step) -> set[int]:
         """Indices of the parts that are in the current sub-assembly after a step."""
@@ -223,28 +228,15 @@ class _Builder:
             self.unknown.setdefault(reference.name.lower().removesuffix(".dat"), []).append(reference.line)
             return None
         self._check(reference)
-        rotation, ball = matrix @ reference.matrix, reference.ball
+        rotation, marks = matrix @ reference.matrix, reference.marks
         if np.linalg.det(rotation) < 0.0:  # editors mirror halves of a model; a symmetric part can be turned instead
             if part.mirror is None:
                 raise self._fault(reference, f"'{reference.name}' is mirrored, and {part.name} has a left and a right; turn it")
             rotation = rotation * part.mirror
-            ball = None if ball is None else triple(np.array(ball) * part.mirror)
-        placed = Placed(
-            len(self.parts),
-            part,
-            colour if reference.colour == _MAIN_COLOUR else reference.colour,
-            rotation,
-            matrix @ reference.offset + offset,
-            step,
-            reference.line,
-            assembly,
-            reference.port,
-            reference.device,
-            reference.angle_deg,
-            reference.is_free,
-            reference.is_fixed,
-            ball,
-        )
+            marks["ball"] = None if reference.ball is None else triple(np.array(reference.ball) * part.mirror)
+        colour = colour if reference.colour == _MAIN_COLOUR else reference.colour
+        position = matrix @ reference.offset + offset
+        placed = Placed(len(self.parts), part, colour, rotation, position, step, reference.line, assembly, **marks)
         self.parts.append(placed)
         return placed
 

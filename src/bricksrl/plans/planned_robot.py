@@ -38,13 +38,9 @@ class PlannedRobot:
     trains: tuple[Train, ...]
     articulation: Articulation
 
-    def train(self, port: str) -> Train:
-        """The train of the motor on a port."""
-        return next(train for train in self.trains if train.port == port)
-
     def device(self, port: str) -> Placed | None:
         """The motor or sensor on a port."""
-        devices = self.plan.devices(DeviceKind.MOTOR) + self.plan.devices(DeviceKind.SENSOR)
+        devices = self.plan.devices(DeviceKind.MOTOR, DeviceKind.SENSOR)
         return next((placed for placed in devices if placed.port == port), None)
 
     @property
@@ -80,7 +76,7 @@ def planned(plan: Plan) -> PlannedRobot:
     if not plan.parts:
         raise PlanError(f"{plan.path} has no part that the catalogue knows; run `bricksrl plan check` on it")
     ports: set[str] = set()
-    for placed in plan.devices(DeviceKind.MOTOR) + plan.devices(DeviceKind.SENSOR):
+    for placed in plan.devices(DeviceKind.MOTOR, DeviceKind.SENSOR):
         if placed.port is None:
             raise PlanError(
                 f"{plan.path}, line {placed.line}: {placed.name} has no port; write 0 !BRICKSRL PORT and its letter before it"

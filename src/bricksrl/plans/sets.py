@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import csv
 import functools
-import importlib.resources
 from collections import Counter
 from dataclasses import dataclass, field
 
 from bricksrl.plans import catalogue
 from bricksrl.plans.part import Part
 from bricksrl.plans.plan import Plan
+from bricksrl.tables import read_table
 
 NAMES = {
     "45678": "SPIKE Prime",
@@ -23,30 +22,6 @@ NAMES = {
 }
 _ELECTRONICS_ONLY = {"51515", "17101"}
 """Sets of which the inventory has only hub, motors and sensors."""
-SINGLY = {
-    "prime": "45601",
-    "spike-large": "45602",
-    "spike-medium": "45603",
-    "UltrasonicSensor": "45604",
-    "ColorSensor": "45605",
-    "ForceSensor": "45606",
-    "spike-small": "45607",
-    "ColorLightMatrix": "45608",
-    "technic": "88012",
-    "technic-l": "88013",
-    "technic-xl": "88014",
-    "ColorDistanceSensor": "88007",
-    "city": "88009",
-    "ev3": "45500",
-    "ev3-large": "45502",
-    "ev3-medium": "45503",
-    "Ev3UltrasonicSensor": "45504",
-    "Ev3GyroSensor": "45505",
-    "Ev3ColorSensor": "45506",
-    "Ev3TouchSensor": "45507",
-    "Ev3InfraredSensor": "45509",
-}
-"""Numbers of devices sold separately."""
 _REPLACEMENTS = {"3704": "32062", "62821": "62821b"}
 """Parts that another one can replace: an axle by a notched one, a differential by its other mould."""
 _COMPONENTS = {"56145c01": ("56145", "44309"), "86652c01": ("86652", "32019")}
@@ -98,8 +73,7 @@ class Purchase:
 @functools.cache
 def sets() -> tuple[LegoSet, ...]:
     """The sets of ``inventories.csv``, which also names the sources."""
-    text = (importlib.resources.files("bricksrl.plans") / "inventories.csv").read_text(encoding="utf-8")
-    rows = list(csv.DictReader(line for line in text.splitlines() if not line.startswith("#")))
+    rows = read_table(__package__, "inventories")
     counts = {number: Counter({_key(catalogue.get(row["part"])): int(row[number]) for row in rows}) for number in NAMES}
     return tuple(LegoSet(number, NAMES[number], +count, number not in _ELECTRONICS_ONLY) for number, count in counts.items())
 
@@ -152,5 +126,6 @@ def _listing(parts: Counter[str]) -> str:
 
 def _named(kind: str) -> str:
     if kind in _devices():
-        return f"{_devices()[kind].name} ({SINGLY.get(kind, 'not sold singly')})"
+        part = _devices()[kind]
+        return f"{part.name} ({(part.device and part.device.sold_as) or 'not sold singly'})"
     return f"{catalogue.get(kind).name} ({kind})"

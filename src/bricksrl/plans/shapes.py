@@ -63,7 +63,8 @@ def surface_of(part: Part, chord_error: float = DETAILED) -> Surface:
         visible = _without_hidden(solids, [_solid(solid, chord_error) for solid in solids])
         pieces += [(faces, tint if solid.form is Form.RING else Tint.MAIN) for solid, faces in zip(solids, visible, strict=True)]
         pieces += [(_cross(site), Tint.MAIN) for site in part.sites if site.fit is Fit.AXLE]
-    pieces += [(_solid(stud, chord_error), Tint.MAIN) for stud in _studs(part)]
+    studs = [cylinder(site.centre, site.axis, site.length, _STUD_RADIUS) for site in part.sites if site.fit is Fit.STUD]
+    pieces += [(_solid(stud, chord_error), Tint.MAIN) for stud in studs]
     pieces += [(_solid(solid, chord_error), Tint.TURNING) for solid in part.turning]
     pieces += [(_hole(site, chord_error), Tint.DARK) for site in part.holes]
     pieces += [(_solid(collar, chord_error), Tint.MAIN) for collar in _collars(part)]
@@ -199,10 +200,6 @@ def _collars(part: Part) -> list[Solid]:
                 for end in ends
             ]
     return collars
-
-
-def _studs(part: Part) -> list[Solid]:
-    return [cylinder(site.centre, site.axis, site.length, _STUD_RADIUS) for site in part.sites if site.fit is Fit.STUD]
 
 
 def _teeth(gear: Gear) -> Floats:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from importlib import resources
 from pathlib import Path
@@ -70,12 +70,8 @@ def completed(robot: Robot) -> tuple[tuple[Motor, ...], tuple[Sensor, ...], Driv
             wheel_diameter_mm=base.wheel_diameter_mm or left.diameter_mm,
             axle_track_mm=base.axle_track_mm or round(abs(float(left.centre_m[1] - right.centre_m[1])) * 1000, 3),
         )
-    findings = disagreements(robot.name, robot.hub.value, (*motors, *sensors), base, design)
-    sides = robot.hub_sides
-    if robot.needs_imu:
-        sides = sides or hub_sides(design)
-        findings += _check_hub_sides(robot.name, sides, design)
-    _raise_first(findings, robot.plan)
+    sides = (robot.hub_sides or hub_sides(design)) if robot.needs_imu else robot.hub_sides
+    _raise_first(disagreements(robot, (*motors, *sensors), base, sides, design), robot.plan)
     return motors, sensors, base, sides
 
 
@@ -87,26 +83,26 @@ def hub_sides(design: PlannedRobot) -> tuple[str, ...]:
     return ()
 
 
-def _check_hub_sides(name: str, sides: tuple[str, ...], design: PlannedRobot) -> list[Finding]:
+def _check_hub_sides(name: str, sides: tuple[str, ...], design: PlannedRobot) -> Iterator[Finding]:
     """Findings on the orientation of a hub whose IMU is read."""
     hub = next(iter(design.plan.devices(DeviceKind.HUB)), None)
     plan_sides = hub_sides(design)
     if hub is None or plan_sides == sides:
-        return []
+        return
     if len(plan_sides) < 2:
         text = "the hub is at an angle, so its IMU cannot be read; turn it, or say needs_imu=False"
     else:
         top, front = plan_sides
         text = f"the hub's top looks {top} and its front {front}, but for the robot {name} {sides[0]} and {sides[1]}"
         text += f"; turn it, or say hub_sides={plan_sides}"
-    return [Finding("wiring", Outcome.ERROR, text, hub.line)]
+    yield Finding("wiring", Outcome.ERROR, text, hub.line)
 
 
 def _require_known_devices(robot: Robot, design: PlannedRobot) -> None:
     """Refuse motors and sensors that no hub of ours runs, as those of EV3."""
     kinds = {kind.value for kind in (*MotorKind, *SensorKind)} | {UltrasonicSensor.class_name}
-    for part in design.plan.devices(DeviceKind.MOTOR) + design.plan.devices(DeviceKind.SENSOR):
-        if part.part.device is not None and part.part.device.name not in kinds:
+    for part in design.plan.devices(DeviceKind.MOTOR, DeviceKind.SENSOR):
+        if part.electric.name not in kinds:
             where = f"{robot.plan}, line {part.line}"
             raise DescriptionError(f"{where}: no hub of ours runs {part.name}; take a motor or sensor of Powered Up or SPIKE")
 
@@ -117,11 +113,11 @@ def _motors(robot: Robot, design: PlannedRobot) -> tuple[Motor, ...]:
     motors = [replace(motor, port=motor.port or _port_of(motor.name, parts, robot)) for motor in robot.motors]
     forward = {wheel.port: wheel.is_clockwise_forward for wheel in design.rolling}
     for part in parts:
-        if part.port is not None and part.port not in {motor.port for motor in motors} and part.part.device is not None:
+        if part.port is not None and part.port not in {motor.port for motor in motors}:
             # Motors that only the plan has count up when the robot rolls forward.
             direction = Direction.CLOCKWISE if forward.get(part.port, True) else Direction.COUNTERCLOCKWISE
             name = part.device or f"motor_{part.port.lower()}"
-            motors.append(Motor(name, part.port, MotorKind(part.part.device.name), direction))
+            motors.append(Motor(name, part.port, MotorKind(part.electric.name), direction))
     gears = {train.port: train.gears for train in design.trains}
     return tuple(replace(motor, gears=motor.gears or gears.get(motor.port, ())) for motor in motors)
 
@@ -131,8 +127,8 @@ def _sensors(robot: Robot, design: PlannedRobot) -> tuple[Sensor, ...]:
     sensors: list[Sensor] = [replace(sensor, port=sensor.port or _port_of(sensor.name, parts, robot)) for sensor in robot.sensors]
     for part in parts:
         port = part.port
-        if port is not None and port not in {sensor.port for sensor in sensors} and part.part.device is not None:
-            name, kind = part.device or f"sensor_{port.lower()}", part.part.device.name
+        if port is not None and port not in {sensor.port for sensor in sensors}:
+            name, kind = part.device or f"sensor_{port.lower()}", part.electric.name
             is_sonar = kind == UltrasonicSensor.class_name
             sensors.append(UltrasonicSensor(name, port) if is_sonar else PoweredUpSensor(name, port, SensorKind(kind)))
     return tuple(sensors)
@@ -150,37 +146,38 @@ def _port_of(name: str, parts: Sequence[Placed], robot: Robot) -> str:
 
 
 def disagreements(
-    name: str, hub: str, devices: Sequence[Motor | Sensor], base: DriveBase | None, design: PlannedRobot
-) -> list[Finding]:
-    """Findings on contradictions between a description and a plan."""
-    parts = {part.port: part for kind in (DeviceKind.MOTOR, DeviceKind.SENSOR) for part in design.plan.devices(kind)}
-    findings = []
+    robot: Robot, devices: Sequence[Motor | Sensor], base: DriveBase | None, sides: tuple[str, ...], design: PlannedRobot
+) -> Iterator[Finding]:
+    """Findings on contradictions between a description, with these devices, drive base and hub sides, and a plan."""
+    name, hub = robot.name, robot.hub.value
+    parts = {part.port: part for part in design.plan.devices(DeviceKind.MOTOR, DeviceKind.SENSOR)}
     for hub_part in design.plan.devices(DeviceKind.HUB):
-        if hub_part.part.device is not None and hub_part.part.device.name != hub:
+        if hub_part.electric.name != hub:
             text = f"{hub_part.name} is not a {hub} hub, which the robot {name} has; make both agree"
-            findings.append(Finding("wiring", Outcome.ERROR, text, hub_part.line))
+            yield Finding("wiring", Outcome.ERROR, text, hub_part.line)
     for device in devices:
         part = parts.get(device.port)
         if part is None:
             text = f"the robot {name} has '{device.name}' on port {device.port}, the plan nothing; add it with 0 !BRICKSRL PORT"
-            findings.append(Finding("wiring", Outcome.ERROR, text))
+            yield Finding("wiring", Outcome.ERROR, text)
         else:
-            findings += _check_device(name, device, part, design)
+            yield from _check_device(name, device, part, design)
     for port, part in parts.items():
         if port not in {device.port for device in devices}:
             text = f"port {port} has {part.name} '{part.device or ''}', but for the robot {name} nothing; make both agree"
-            findings.append(Finding("wiring", Outcome.ERROR, text, part.line))
+            yield Finding("wiring", Outcome.ERROR, text, part.line)
     if base is not None:
         ports = {device.name: device.port for device in devices}
-        findings += _check_wheels(name, base, ports, parts, design)
-    return findings
+        yield from _check_wheels(name, base, ports, parts, design)
+    if robot.needs_imu:
+        yield from _check_hub_sides(name, sides, design)
 
 
 def _check_device(name: str, device: Motor | Sensor, part: Placed, design: PlannedRobot) -> list[Finding]:
     """Findings on name, kind and gears of a motor or sensor."""
     kind = device.kind.value if isinstance(device, Motor) else device.class_name
     label = f"port {device.port} has {part.name} '{part.device or ''}'"
-    if part.part.device is None or part.part.device.name != kind:
+    if part.electric.name != kind:
         text = f"{label}, but for the robot {name} '{device.name}', a {kind}; make both agree"
         return [Finding("wiring", Outcome.ERROR, text, part.line)]
     if part.device is not None and part.device != device.name:
@@ -233,8 +230,7 @@ def check_named(plan: Plan) -> list[Finding]:
         return [Finding("wiring", Outcome.ERROR, str(error))]
     except PlanError:
         return []
-    findings = disagreements(robot.name, robot.hub.value, (*robot.motors, *robot.sensors), robot.drive_base, design)
-    return findings + (_check_hub_sides(robot.name, robot.hub_sides, design) if robot.needs_imu else [])
+    return list(disagreements(robot, (*robot.motors, *robot.sensors), robot.drive_base, robot.hub_sides, design))
 
 
 def check_description(robot: Robot, path: Path) -> None:
@@ -243,13 +239,11 @@ def check_description(robot: Robot, path: Path) -> None:
     design = planned_robot(path)
     ports = {part.port for part in design.plan.devices(DeviceKind.SENSOR)}
     sensors = [sensor for sensor in robot.sensors if sensor.port in ports]
-    findings = disagreements(robot.name, robot.hub.value, (*robot.motors, *sensors), robot.drive_base, design)
-    findings += _check_hub_sides(robot.name, robot.hub_sides, design) if robot.needs_imu else []
-    _raise_first(findings, path)
+    _raise_first(disagreements(robot, (*robot.motors, *sensors), robot.drive_base, robot.hub_sides, design), path)
 
 
-def _raise_first(findings: list[Finding], plan: Path | str | None) -> None:
+def _raise_first(findings: Iterator[Finding], plan: Path | str | None) -> None:
     """Raise DescriptionError for the first finding, if there is one."""
-    if findings:
-        where = f", line {findings[0].line}" if findings[0].line else ""
-        raise DescriptionError(f"{plan}{where}: {findings[0].detail}")
+    for finding in findings:
+        where = f", line {finding.line}" if finding.line else ""
+        raise DescriptionError(f"{plan}{where}: {finding.detail}")

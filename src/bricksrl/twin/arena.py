@@ -23,7 +23,6 @@ from bricksrl.twin.model_physics import RobotPart, set_physics, up
 from bricksrl.twin.models.load import load_model
 from bricksrl.twin.models.mjcf import (
     LOOKS,
-    OBSTACLE,
     OBSTACLE_GROUP,
     SHAPE_GROUP,
     add_camera,
@@ -32,6 +31,7 @@ from bricksrl.twin.models.mjcf import (
     new_spec,
     yaw_quaternion,
 )
+from bricksrl.twin.models.scenery import add_geom
 from bricksrl.twin.mujoco_body import MujocoBody, Pose
 from bricksrl.twin.physics import Physics
 from bricksrl.twin.scene import OPEN_FLOOR
@@ -39,6 +39,7 @@ from bricksrl.twin.scene import OPEN_FLOOR
 _STEPS_PER_UPDATE = 20
 _SETTLING_STEPS = 400
 _WALL_HALF_HEIGHT_M, _WALL_HALF_WIDTH_M = 0.04, 0.012
+_WALL_RGB, _LOAD_RGB = (0.55, 0.58, 0.62), (0.85, 0.55, 0.15)
 _MAX_MOTORS = 31
 """Number of actuator groups that MuJoCo can disable."""
 
@@ -146,31 +147,14 @@ def _add_walls(world: mujoco.MjsBody, half_x_m: float, half_y_m: float) -> None:
         position, size = [0.0, 0.0, _WALL_HALF_HEIGHT_M], [half_x_m, half_y_m, _WALL_HALF_HEIGHT_M]
         position[axis] = side * ((half_x_m, half_y_m)[axis] + _WALL_HALF_WIDTH_M)
         size[axis] = _WALL_HALF_WIDTH_M
-        world.add_geom(
-            name=f"wall_{axis}{'+' if side > 0 else '-'}",
-            type=mujoco.mjtGeom.mjGEOM_BOX,
-            pos=position,
-            size=size,
-            rgba=[0.55, 0.58, 0.62, 1.0],
-            **OBSTACLE,
-        )
+        add_geom(world, f"wall_{axis}{'+' if side > 0 else '-'}", position, size, _WALL_RGB)
 
 
 def _add_load(world: mujoco.MjsBody, load: Load) -> None:
     body = world.add_body(name=load.name, pos=[0.0, 0.0, load.half_size_m[2]])
     body.add_freejoint(name=load.name)
-    body.add_geom(
-        name=load.name,
-        type=mujoco.mjtGeom.mjGEOM_BOX,
-        size=list(load.half_size_m),
-        mass=load.mass_kg,
-        friction=[load.friction, 0.005, 0.0001],
-        priority=2,
-        rgba=[0.85, 0.55, 0.15, 1.0],
-        group=OBSTACLE_GROUP,
-        contype=1,
-        conaffinity=1,
-    )
+    half = list(load.half_size_m)
+    add_geom(body, load.name, [0.0] * 3, half, _LOAD_RGB, mass_kg=load.mass_kg, friction=load.friction, priority=2)
 
 
 class ArenaWorld:

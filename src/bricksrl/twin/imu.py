@@ -41,7 +41,19 @@ class Turns:
         self._last[:] = orientation
 
 
-class FloatingBase:
+class _Base:
+    """What carries a hub; ``_to_hub`` is the quaternion [4] from its axes to the hub's."""
+
+    _to_hub: Vector
+
+    def in_hub(self, vector: Vector) -> Vector:
+        """A vector [3] of the axes of the part that carries the hub, in the hub's."""
+        rotated = np.empty(3)
+        mujoco.mju_rotVecQuat(rotated, vector, self._to_hub)
+        return rotated
+
+
+class FloatingBase(_Base):
     """Floating base, a freely moving chassis; all values come from the joint coordinates, which are up to date after each step.
 
     Args:
@@ -85,14 +97,8 @@ class FloatingBase:
         force += np.cross(angular, self._hub) + np.cross(spin, np.cross(spin, self._hub))
         return self.in_hub(force)
 
-    def in_hub(self, vector: Vector) -> Vector:
-        """A vector of the chassis' axes, in the hub's."""
-        rotated = np.empty(3)
-        mujoco.mju_rotVecQuat(rotated, vector, self._to_hub)
-        return rotated
 
-
-class FixedBase:
+class FixedBase(_Base):
     """Fixed base of a robot that carries the hub on a moving part, at the site "imu".
 
     All values are those that MuJoCo derived in its last step, one step behind the joints.
@@ -112,12 +118,6 @@ class FixedBase:
         """Quaternion [4] from the axes of the part that carries the hub to the world's."""
         orientation: Vector = self._data.xquat[self._body].copy()
         return orientation
-
-    def in_hub(self, vector: Vector) -> Vector:
-        """A vector [3] of the axes of the part that carries the hub, in the hub's."""
-        rotated = np.empty(3)
-        mujoco.mju_rotVecQuat(rotated, vector, self._to_hub)
-        return rotated
 
     def up(self, vertical: Vector) -> Vector:
         """A direction [3] of the world in the hub's axes."""

@@ -21,8 +21,8 @@ def test_every_cause_has_a_defined_action() -> None:
 
 def test_errors_lead_to_states_of_table() -> None:
     for cause, transition in TABLE.items():
-        if transition.error is not None:
-            assert cause_of(transition.error("what happened; what to do")) is cause
+        for error in transition.errors:
+            assert cause_of(error("what happened; what to do")) is cause
             assert transition.after is LinkState.FAULT
     for name in dir(errors):
         kind = getattr(errors, name)

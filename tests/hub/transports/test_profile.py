@@ -53,8 +53,8 @@ def test_status_reports_of_all_versions(data: bytes, report: StatusReport) -> No
 
 
 def test_other_events() -> None:
-    assert profile.parse_event(b"\x01hello") == profile.Stdout(b"hello")
-    assert profile.parse_event(b"\x02\x00") == profile.AppData(b"\x00")
+    assert profile.parse_event(b"\x01hello") == b"hello"
+    assert profile.parse_event(b"\x02\x00") == b"\x00"
     assert profile.parse_event(b"\x07?") is None
 
 

@@ -7,10 +7,9 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
-from importlib import resources
 
 from bricksrl.errors import HubError, HubProgramError, HubTimeoutError
-from bricksrl.hub.program.generate import sorted_imports
+from bricksrl.hub.program.generate import onboard_text, sorted_imports
 from bricksrl.hub.program.traceback import describe_traceback
 from bricksrl.hub.protocol import Up, control_frame, hello_payload
 from bricksrl.hub.transport import HubProgram, Transport
@@ -25,7 +24,6 @@ _SURVEY_S = 20.0
 _READS = 10_000
 
 _END = b"\r\nend\r\n"
-_HUB_PART = "# --- the hub's part ---\n"
 
 
 @dataclass(frozen=True)
@@ -177,10 +175,9 @@ def _motors(motors: tuple[Motor, ...]) -> str:
 def _program(purpose: str, imports: list[str], constants: list[str], robot: Robot, script: str) -> HubProgram:
     model = robot.hub.model
     hub_import = f"from pybricks.hubs import {model.class_name}"
-    text = resources.files("bricksrl.hub.program.onboard").joinpath(f"{script}.py").read_text(encoding="utf-8")
     comments = [f"# {purpose}", "# Written by BricksRL from the robot's description."]
     head = [*comments, *sorted_imports([hub_import, *imports]), "", *constants, ""]
-    body = [f"hub = {model.class_name}()", "print()", text.split(_HUB_PART, 1)[1].strip(), ""]
+    body = [f"hub = {model.class_name}()", "print()", onboard_text(script).strip(), ""]
     program_hash = hashlib.sha256("\n".join([*head, *body]).encode()).digest()[:4]
     number = int.from_bytes(program_hash, "little")
     hello = f"stdout.buffer.write({control_frame(Up.HELLO, hello_payload(number))!r})"

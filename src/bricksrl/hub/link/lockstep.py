@@ -255,7 +255,8 @@ class HubLink:
         if self._halted.is_set():  # an emergency stop during the start may have stopped only the previous program
             self._transport.stop()
             raise _stopped()
-        self._expect_hello()
+        # The program sends a HELLO at its start; it is requested if that one does not come.
+        check_hello(self._receive_hello() or self._request_hello(), self.program.hash)
         watchdog_ms = max(self._least_watchdog_ms, self._needed_watchdog_ms())
         if watchdog_ms != WATCHDOG_MS:
             self._set_watchdog(watchdog_ms)
@@ -264,11 +265,6 @@ class HubLink:
 
     def _begin(self) -> None:
         """Hook: set up a program that has just sent its HELLO."""
-
-    def _expect_hello(self) -> None:
-        """Wait for the HELLO that the program sends at its start, and request it if it does not come."""
-        hello = self._receive_hello() or self._request_hello()
-        check_hello(hello, self.program.hash)
 
     def _receive_hello(self) -> ControlFrame | None:
         frame = self._listener.wait_for(is_hello, self._timeout_s / _SENDS_PER_TIMEOUT)
@@ -294,11 +290,17 @@ class HubLink:
             self._adapt_watchdog()
             started_s, resends = self.now_s(), self._meter.resends
             answer = self._send_and_wait(frame, longest_move_s, known_move_s)
-            if answer is None:
-                raise self._listener.timeout_error("the hub did not answer", longest_move_s + self._timeout_s)
-            reading = self._reading(answer, started_s, known_move_s or 0.0)
-        # Waiting for a lost frame is no delay of the link: if counted, it would raise the watchdog's time ever further.
-        self._meter.record(reading.round_trip_s, known_move_s if self._meter.resends == resends else None, reading.age_s)
+            return self._answered(answer, started_s, longest_move_s, known_move_s, resends)
+
+    def _answered(
+        self, answer: DataFrame | None, started_s: float, longest_move_s: float, known_move_s: float | None, resends: int
+    ) -> Reading:
+        """Reading of an exchange that began at ``started_s``, when ``resends`` frames had been sent again. Raises
+        HubTimeoutError if there was no answer."""
+        if answer is None:
+            raise self._listener.timeout_error("the hub did not answer", longest_move_s + self._timeout_s)
+        reading = self._reading(answer, started_s, known_move_s or 0.0)
+        self._meter.record(reading.round_trip_s, reading.age_s, known_move_s, resends)
         return reading
 
     def _reading(self, answer: DataFrame, started_s: float, move_s: float) -> Reading:

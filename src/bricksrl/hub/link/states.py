@@ -5,16 +5,10 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 
-from bricksrl.errors import BricksError, HubError, HubProgramError, HubProtocolError, HubTimeoutError, StoppedError
-from bricksrl.hub.errors import (
-    HubBusyError,
-    HubDisconnectedError,
-    HubNotFoundError,
-    HubRefusedError,
-    MediumUnavailableError,
-    ProgramStoppedError,
-    SilentHubError,
-)
+import bricksrl.errors as bricksrl_errors
+import bricksrl.hub.errors as hub_errors
+from bricksrl.errors import BricksError
+from bricksrl.tables import read_table
 
 
 class LinkState(enum.Enum):
@@ -49,9 +43,12 @@ class Cause(enum.Enum):
     UNKNOWN = "anything else that the transport reports"
 
 
-_ANY = frozenset(LinkState)
-_OPEN = frozenset({LinkState.READY, LinkState.ARMED})
-_CLOSED = frozenset({LinkState.DISCONNECTED, LinkState.FAULT})
+_STATES = {
+    "any": frozenset(LinkState),
+    "open": frozenset({LinkState.READY, LinkState.ARMED}),
+    "closed": frozenset({LinkState.DISCONNECTED, LinkState.FAULT}),
+}
+_WATCHDOG = "stops its motors after 0.4 s of silence; ends its program (at once during a step, else 10 s later) and advertises"
 
 
 @dataclass(frozen=True)
@@ -61,83 +58,31 @@ class Transition:
     Attributes:
         before: states in which the cause can occur.
         after: next state.
-        error: error that the call raises; ``None`` for none.
+        errors: errors that the call raises, the usual one first; empty for none.
         host: reaction of this computer.
         hub: reaction of the hub.
     """
 
     before: frozenset[LinkState]
     after: LinkState
-    error: type[BricksError] | None
+    errors: tuple[type[BricksError], ...]
     host: str
     hub: str
 
 
-_WATCHDOG = "stops its motors after 0.4 s of silence; ends its program (at once during a step, else 10 s later) and advertises"
+def _transition(row: dict[str, str]) -> Transition:
+    kinds = tuple(getattr(hub_errors, name, None) or getattr(bricksrl_errors, name) for name in row["errors"].split())
+    hub = row["hub"].replace("WATCHDOG", _WATCHDOG)
+    return Transition(_STATES[row["before"]], LinkState[row["after"]], kinds, row["host"], hub)
 
-TABLE: dict[Cause, Transition] = {
-    Cause.OPENED: Transition(
-        _CLOSED,
-        LinkState.READY,
-        None,
-        "downloads the program if it is missing, starts it, compares its hash",
-        "moves nothing",
-    ),
-    Cause.ACTED: Transition(_OPEN, LinkState.ARMED, None, "waits for the answer, sends again if none comes", "executes it once"),
-    Cause.RESTED: Transition(
-        _OPEN, LinkState.READY, None, "reads from time to time, to keep the program alive", "stops its motors"
-    ),
-    Cause.STOPPED: Transition(_ANY, LinkState.DISCONNECTED, None, "stops the program", "stops its motors at once"),
-    Cause.HALTED: Transition(
-        _ANY, LinkState.FAULT, StoppedError, "stops the program; everything raises until `release`", "stops its motors at once"
-    ),
-    Cause.NO_ANSWER: Transition(
-        _ANY, LinkState.FAULT, HubTimeoutError, "gives up; `open` connects again if necessary", _WATCHDOG
-    ),
-    Cause.LINK_LOST: Transition(
-        _ANY, LinkState.FAULT, HubDisconnectedError, "`open` searches for the same hub, with growing pauses, for 20 s", _WATCHDOG
-    ),
-    Cause.BUSY: Transition(_ANY, LinkState.FAULT, HubBusyError, "has retried for 2 s; `open` starts again", _WATCHDOG),
-    Cause.REFUSED: Transition(_ANY, LinkState.FAULT, HubRefusedError, "`open` downloads the program again", _WATCHDOG),
-    Cause.RAISED: Transition(
-        _ANY,
-        LinkState.FAULT,
-        HubProgramError,
-        "reports the hub's text and the line; `open` starts the program again",
-        "stops its motors at once",
-    ),
-    Cause.ENDED: Transition(
-        _ANY, LinkState.FAULT, ProgramStoppedError, "`open` starts the program again", "stops its motors at once"
-    ),
-    Cause.SILENCE: Transition(
-        _OPEN,
-        LinkState.FAULT,
-        SilentHubError,
-        "`read` starts the program again; `act` does not",
-        "has stopped its motors and advertises",
-    ),
-    Cause.NOT_FOUND: Transition(_ANY, LinkState.FAULT, HubNotFoundError, "says what to do", _WATCHDOG),
-    Cause.UNKNOWN: Transition(_ANY, LinkState.FAULT, HubError, "`open` starts again", _WATCHDOG),
-}
 
-_CAUSES: tuple[tuple[type[BricksError], Cause], ...] = (
-    (StoppedError, Cause.HALTED),
-    (HubProgramError, Cause.RAISED),
-    (SilentHubError, Cause.SILENCE),
-    (ProgramStoppedError, Cause.ENDED),
-    (HubDisconnectedError, Cause.LINK_LOST),
-    (HubBusyError, Cause.BUSY),
-    (HubRefusedError, Cause.REFUSED),
-    (HubProtocolError, Cause.REFUSED),
-    (HubTimeoutError, Cause.NO_ANSWER),
-    (HubNotFoundError, Cause.NOT_FOUND),
-    (MediumUnavailableError, Cause.NOT_FOUND),
-)
+TABLE = {Cause[row["cause"]]: _transition(row) for row in read_table(__package__, "states")}
+_CAUSES = {error: cause for cause, transition in TABLE.items() for error in transition.errors}
 
 
 def cause_of(error: BricksError) -> Cause:
-    """Cause of an error."""
-    return next((cause for kind, cause in _CAUSES if isinstance(error, kind)), Cause.UNKNOWN)
+    """Cause of an error: that of its type, or of the nearest type that it is derived from."""
+    return next((_CAUSES[kind] for kind in type(error).__mro__ if kind in _CAUSES), Cause.UNKNOWN)
 
 
 def after(state: LinkState, cause: Cause) -> LinkState:
@@ -152,7 +97,7 @@ def markdown() -> str:
     """Table of transitions in Markdown, for the documentation."""
     lines = ["| what happens | in state | then | the call raises | this computer | the hub |", "|---|---|---|---|---|---|"]
     for cause, row in TABLE.items():
-        before = "any" if row.before == _ANY else ", ".join(state.value for state in LinkState if state in row.before)
-        error = "-" if row.error is None else f"`{row.error.__name__}`"
+        before = "any" if len(row.before) == len(LinkState) else ", ".join(s.value for s in LinkState if s in row.before)
+        error = f"`{row.errors[0].__name__}`" if row.errors else "-"
         lines.append(f"| {cause.value} | {before} | {row.after.value} | {error} | {row.host} | {row.hub} |")
     return "\n".join(lines) + "\n"

@@ -54,12 +54,15 @@ class LinkMeter:
     delays_s: deque[float] = field(default_factory=_recent)
     """Round trips minus the commands' duration, where that is known."""
 
-    def record(self, round_trip_s: float, move_s: float | None, age_s: float) -> None:
-        """Count an exchange. ``move_s`` is the duration of its command; ``None`` if unknown."""
+    def record(self, round_trip_s: float, age_s: float, move_s: float | None, resends: int) -> None:
+        """Count an exchange. ``move_s`` is the duration of its command, ``None`` if unknown; ``resends`` is the count before it.
+
+        Waiting for a lost frame is no delay of the link: if counted, it would raise the watchdog's time ever further.
+        """
         self.exchanges += 1
         self.ages_s.append(age_s)
         self.round_trips_s.append(round_trip_s)
-        if move_s is not None:
+        if move_s is not None and self.resends == resends:
             self.delays_s.append(max(0.0, round_trip_s - move_s))
 
     def delay_p99_s(self) -> float:
@@ -67,17 +70,7 @@ class LinkMeter:
         return float(np.percentile(list(self.delays_s), 99)) if self.delays_s else 0.0
 
     def snapshot(self, watchdog_s: float) -> LinkStatistics:
-        p50, p99 = np.percentile(list(self.round_trips_s), (50, 99)) if self.round_trips_s else (0.0, 0.0)
-        age_p50, age_p99 = np.percentile(list(self.ages_s), (50, 99)) if self.ages_s else (0.0, 0.0)
-        return LinkStatistics(
-            exchanges=self.exchanges,
-            resends=self.resends,
-            stale_answers=self.stale_answers,
-            round_trip_p50_s=float(p50),
-            round_trip_p99_s=float(p99),
-            age_p50_s=float(age_p50),
-            age_p99_s=float(age_p99),
-            crc_errors=self.crc_errors,
-            skipped_bytes=self.skipped_bytes,
-            watchdog_s=watchdog_s,
-        )
+        percentiles = [np.percentile(list(times) or [0.0], (50, 99)).tolist() for times in (self.round_trips_s, self.ages_s)]
+        (p50_s, p99_s), (age_p50_s, age_p99_s) = percentiles
+        counts = (self.exchanges, self.resends, self.stale_answers)
+        return LinkStatistics(*counts, p50_s, p99_s, age_p50_s, age_p99_s, self.crc_errors, self.skipped_bytes, watchdog_s)

@@ -63,8 +63,7 @@ class StreamingLink(HubLink):
             self._adapt_watchdog()
             resends = self._meter.resends
             reading = self._stream(frame, started_s)
-        # Waiting for a lost frame is no delay of the link.
-        self._meter.record(reading.round_trip_s, 0.0 if self._meter.resends == resends else None, reading.age_s)
+            self._meter.record(reading.round_trip_s, reading.age_s, 0.0, resends)
         return reading
 
     def _begin(self) -> None:

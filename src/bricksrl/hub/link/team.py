@@ -40,8 +40,4 @@ class TeamLink(HubLink):
             if answer is None:
                 self._meter.resends += 1
                 answer = self._send_and_wait(self._frame, self._longest_move_s, known_s)
-            if answer is None:
-                raise self._listener.timeout_error("the hub did not answer", self._longest_move_s + self._timeout_s)
-            reading = self._reading(answer, self._sent_s, known_s or 0.0)
-        self._meter.record(reading.round_trip_s, known_s if self._meter.resends == resends else None, reading.age_s)
-        return reading
+            return self._answered(answer, self._sent_s, self._longest_move_s, known_s, resends)

@@ -35,8 +35,6 @@ WATCHDOG_MS = 400
 END_MS = 10_000
 """Further silence after which the program ends, so that the hub advertises again."""
 
-_HUB_PART = "# --- the hub's part ---\n"
-
 _INPUT_FILES = {Pipe.STDIN: "stdio", Pipe.APP_DATA: "app_data"}
 
 
@@ -72,10 +70,15 @@ def generate(robot: Robot, interface: Interface, pipe: Pipe = Pipe.STDIN) -> Hub
 
 def _onboard(name: str) -> tuple[list[str], str]:
     """Import lines and body of the hub's part of a file in ``onboard``."""
-    text = resources.files("bricksrl.hub.program.onboard").joinpath(f"{name}.py").read_text(encoding="utf-8")
-    lines = text.split(_HUB_PART, 1)[1].splitlines()
+    lines = onboard_text(name).splitlines()
     imports = [line for line in lines if line.startswith(("import ", "from "))]
     return imports, "\n".join(line for line in lines if line not in imports).strip() + "\n"
+
+
+def onboard_text(name: str) -> str:
+    """The hub's part of a file in ``onboard``."""
+    text = resources.files("bricksrl.hub.program.onboard").joinpath(f"{name}.py").read_text(encoding="utf-8")
+    return text.split("# --- the hub's part ---\n", 1)[1]
 
 
 def sorted_imports(lines: list[str]) -> list[str]:

@@ -14,27 +14,10 @@ from collections.abc import Iterator
 from bricksrl.errors import ProgramError
 from bricksrl.finding import Finding, Outcome
 from bricksrl.robots import HubKind
+from bricksrl.tables import read_table
 
 _SMALL_INT_MAX = 2**30 - 1
 
-_REMEDIES = {
-    "array": "use bytearray and ustruct",
-    "asyncio": "use pybricks.tools.multitask and run_task",
-    "collections": "use tuple, list and dict",
-    "dataclasses": "write the class out",
-    "errno": "use uerrno",
-    "io": "use uio",
-    "json": "use ujson",
-    "math": "use umath",
-    "os": "a hub has no files",
-    "random": "use urandom",
-    "select": "use uselect",
-    "struct": "use ustruct",
-    "sys": "use usys",
-    "threading": "use pybricks.tools.multitask",
-    "time": "use wait and StopWatch from pybricks.tools",
-    "typing": "omit the annotations",
-}
 _MODULES_EVERYWHERE = {"pybricks", "uerrno"}
 _LARGER_MODULES = {"gc", "micropython", "uio", "ujson", "umath", "urandom", "uselect", "ustruct", "usys"}
 _PYBRICKS_MODULES = {"hubs", "iodevices", "messaging", "parameters", "pupdevices", "robotics", "tools"}
@@ -57,25 +40,8 @@ _HUBS_WITH_MEMORYVIEW = {HubKind.PRIME, HubKind.ESSENTIAL}
 _MISSING_MODULE_NAMES = {("usys", name) for name in ("argv", "exit", "exc_info", "modules", "path")} | {
     ("umath", name) for name in ("comb", "dist", "erf", "factorial", "gamma", "gcd", "hypot", "inf", "nan", "prod", "tau")
 }
-_MISSING_ATTRIBUTES = {
-    "__class__": "use type(x)",
-    "__dict__": "use dir(x) and getattr",
-    "__name__": "functions and types do not know their names; keep them beside",
-    "as_integer_ratio": "compute with integers",
-    "bit_length": "count with a loop",
-    "capitalize": "use upper() on the first letter",
-    "casefold": "use lower()",
-    "isidentifier": "compare the letters",
-    "ljust": "use a format such as '{:<8}'",
-    "partition": "use find()",
-    "removeprefix": "use startswith() and a slice",
-    "removesuffix": "use endswith() and a slice",
-    "rjust": "use a format such as '{:>8}'",
-    "rpartition": "use rfind()",
-    "splitlines": "use split('\\n')",
-    "swapcase": "use upper() and lower()",
-    "zfill": "use a format such as '{:04d}'",
-}
+_MISSING = {(row["kind"], row["name"]): row["remedy"] for row in read_table(__package__, "missing")}
+"""What to do instead of a module or an attribute that a hub lacks, by kind and name."""
 
 
 def lint(source: str, hub: HubKind) -> tuple[Finding, ...]:
@@ -88,7 +54,7 @@ def lint(source: str, hub: HubKind) -> tuple[Finding, ...]:
         line = error.lineno if isinstance(error, SyntaxError) else None
         return (_finding(line or 1, f"this is not Python ({error}); correct the program"),)
     checker = _Checker(tree, hub)
-    messages = {pair for node in ast.walk(tree) for pair in checker.check(node)}
+    messages = {(getattr(node, "lineno", 1), message) for node in ast.walk(tree) for message in checker.messages(node)}
     return tuple(_finding(line, message) for line, message in sorted(messages))
 
 
@@ -118,13 +84,8 @@ class _Checker:
         if hub in _HUBS_WITH_MEMORYVIEW:
             self._builtins.add("memoryview")
 
-    def check(self, node: ast.AST) -> Iterator[tuple[int, str]]:
-        """Lines and messages of the findings in one node, without its children."""
-        line = getattr(node, "lineno", 1)
-        for message in self._messages(node):
-            yield line, message
-
-    def _messages(self, node: ast.AST) -> Iterator[str]:
+    def messages(self, node: ast.AST) -> Iterator[str]:
+        """Findings in one node, without its children."""
         match node:
             case ast.Import(names=names):
                 for alias in names:
@@ -161,7 +122,7 @@ class _Checker:
     def _module(self, name: str) -> Iterator[str]:
         top, _, rest = name.partition(".")
         if top not in self._modules:
-            remedy = _REMEDIES.get(top, "put what you need of it into the program")
+            remedy = _MISSING.get(("module", top), "put what you need of it into the program")
             yield f"the {self._hub.value} hub has no module {top}; {remedy}"
         elif top == "pybricks" and rest and rest not in _PYBRICKS_MODULES:
             yield f"there is no pybricks.{rest} on the {self._hub.value} hub; there are {', '.join(sorted(_PYBRICKS_MODULES))}"
@@ -191,8 +152,8 @@ class _Checker:
             return
         if isinstance(node.value, ast.Name) and (node.value.id, node.attr) in _MISSING_MODULE_NAMES:
             yield f"there is no {node.value.id}.{node.attr} on a hub; {_exit_remedy(node.attr)}"
-        elif node.attr in _MISSING_ATTRIBUTES:
-            yield f"there is no attribute {node.attr} on a hub; {_MISSING_ATTRIBUTES[node.attr]}"
+        elif ("attribute", node.attr) in _MISSING:
+            yield f"there is no attribute {node.attr} on a hub; {_MISSING['attribute', node.attr]}"
 
     def _constant(self, value: object) -> Iterator[str]:
         if type(value) is int and value > _SMALL_INT_MAX:

@@ -272,8 +272,8 @@ class HubConnection:
         except HubProtocolError as error:
             _log.warning("%s", error)
             return
-        if isinstance(event, (profile.Stdout, profile.AppData)):
-            self.output.put(event.data)
+        if isinstance(event, bytes):
+            self.output.put(event)
         elif isinstance(event, StatusReport):
             self._on_status(event)
         self._changed.set()

@@ -137,29 +137,14 @@ class StatusReport:
     slot: int = 0
 
 
-@dataclass(frozen=True, slots=True)
-class Stdout:
-    """Bytes of the program's standard output, at most 19."""
-
-    data: bytes
-
-
-@dataclass(frozen=True, slots=True)
-class AppData:
-    """Bytes that the program sent as AppData."""
-
-    data: bytes
-
-
-def parse_event(data: bytes) -> StatusReport | Stdout | AppData | None:
-    """Event in a notification; ``None`` for an unknown event. Raises HubProtocolError if the notification is truncated."""
+def parse_event(data: bytes) -> StatusReport | bytes | None:
+    """Event in a notification: a report, or output of the program (standard output, at most 19 bytes, or AppData); ``None`` for
+    an unknown event. Raises HubProtocolError if the notification is truncated."""
     if not data:
         raise HubProtocolError("a notification of the hub is empty; update its firmware on code.pybricks.com")
     kind, payload = data[0], data[1:]
-    if kind == Event.WRITE_STDOUT:
-        return Stdout(payload)
-    if kind == Event.WRITE_APP_DATA:
-        return AppData(payload)
+    if kind in (Event.WRITE_STDOUT, Event.WRITE_APP_DATA):
+        return payload
     if kind != Event.STATUS_REPORT:
         return None
     if len(payload) < _STATUS_REPORT.size:

@@ -66,13 +66,9 @@ def scan(timeout_s: float = 5.0, *, backend: BleBackend | None = None) -> list[F
 
 
 async def _scan(timeout_s: float, backend: BleBackend | None) -> list[FoundHub]:
-    from bleak import BleakScanner
-
-    with bleak_errors("look for hubs", BluetoothUnavailableError):
-        async with BleakScanner(service_uuids=[SERVICE_UUID], backend=backend.scanner if backend else None) as scanner:
-            await asyncio.sleep(timeout_s)
-        hubs = [_found_hub(*pair) for pair in scanner.discovered_devices_and_advertisement_data.values()]
-    return sorted(hubs, key=lambda hub: -hub.rssi_dbm)
+    seen: _Seen = {}
+    await _listen(seen, lambda: False, timeout_s, backend)
+    return sorted((hub for _, hub in seen.values()), key=lambda hub: -hub.rssi_dbm)
 
 
 async def find(name: str | None, address: str | None, timeout_s: float, backend: BleBackend | None) -> BLEDevice:

@@ -105,11 +105,6 @@ class Articulation:
     mounted: tuple[Mounted, ...]
 
     @property
-    def mass_kg(self) -> float:
-        """Total mass."""
-        return sum(body.mass_kg for body in self.bodies)
-
-    @property
     def joints(self) -> list[Joint]:
         """All joints of the tree, parents first."""
         joints = [*(drive.joint for drive in self.drives), *(geared.joint for geared in self.geared), *self.swings]
@@ -276,21 +271,22 @@ class _Simplifier:
         """The motors; seen from outside, a clockwise turn is against the shaft's direction."""
         drives = []
         for train in self.trains:
-            joint = joints[train.output]
-            flipped = Joint(joint.parent, joint.child, joint.point_m, -joint.axis)
-            drives.append(Drive(train.port, flipped, 1.0 / train.ratio, self.armature[train.port], train.teeth))
+            joint = _flipped(joints[train.output])
+            drives.append(Drive(train.port, joint, 1.0 / train.ratio, self.armature[train.port], train.teeth))
         return tuple(drives)
 
     def _geared(self, joints: dict[int, Joint]) -> tuple[Geared, ...]:
         """Bodies geared to a motor's output; the sign follows the joint's axis."""
-        geared = []
-        for train in self.trains:
-            for number, ratio in train.others:
-                if number in joints:
-                    joint = joints[number]
-                    flipped = Joint(joint.parent, joint.child, joint.point_m, -joint.axis)
-                    geared.append(Geared(train.port, flipped, ratio / train.ratio))
-        return tuple(geared)
+        return tuple(
+            Geared(train.port, _flipped(joints[number]), ratio / train.ratio)
+            for train in self.trains
+            for number, ratio in train.others
+            if number in joints
+        )
+
+
+def _flipped(joint: Joint) -> Joint:
+    return Joint(joint.parent, joint.child, joint.point_m, -joint.axis)
 
 
 def _rod(link: Link, first: Hinge, second: Hinge, number: int, body_of: dict[int, int]) -> Rod:

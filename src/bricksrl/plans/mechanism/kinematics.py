@@ -12,7 +12,7 @@ import numpy as np
 
 from bricksrl.errors import PlanError
 from bricksrl.plans.bodies import MAX_BODIES, Bodies, Joint
-from bricksrl.plans.geometry import M_PER_LDU, Floats
+from bricksrl.plans.geometry import M_PER_LDU, Floats, lines_coincide
 from bricksrl.plans.part import DeviceKind, GearForm, Part
 from bricksrl.plans.plan import Placed, Plan
 
@@ -52,7 +52,6 @@ class Hinge:
         axis: direction [3]; of a motor's hinge the outward direction of the shaft (reversed if the child is the case).
         port: of the motor that drives it, else ``None``.
         closes_loop: whether other hinges already connect the two links.
-        slides: whether they also slide along the axis.
         turns_child: of a motor: whether the child is the rotor's side.
     """
 
@@ -62,7 +61,6 @@ class Hinge:
     axis: Floats
     port: str | None
     closes_loop: bool
-    slides: bool
     turns_child: bool = True
     is_ball: bool = False
 
@@ -122,16 +120,6 @@ class Mechanism:
     gears: tuple[Teeth, ...]
     fixed: int | None
 
-    @property
-    def mass_kg(self) -> float:
-        """Total mass."""
-        return sum(link.mass_kg for link in self.links)
-
-    @property
-    def centre_m(self) -> Floats:
-        """Centre of mass of the robot [3]."""
-        return np.asarray(sum(link.mass_kg * link.centre_m for link in self.links) / self.mass_kg)
-
 
 def mechanism(plan: Plan, bodies: Bodies) -> Mechanism:
     """The mechanism of a plan from its rigid bodies. Raises PlanError if there are too many bodies to be one robot."""
@@ -141,7 +129,7 @@ def mechanism(plan: Plan, bodies: Bodies) -> Mechanism:
     members = bodies.members
     link_of = {part: number for number, parts in enumerate(members) for part in parts}
     links = tuple(
-        _link(plan, parts) if parts else _bare_shaft(plan, rotors[0])
+        merged([_part_link(plan.parts[part]) for part in parts]) if parts else _bare_shaft(plan, rotors[0])
         for parts, rotors in zip(members, bodies.rotors, strict=True)
     )
     ordered = _hinges(plan, bodies)
@@ -185,17 +173,15 @@ def _hinges(plan: Plan, bodies: Bodies) -> list[tuple[Joint, Hinge]]:
         # If a motor is held by its shaft, its case turns; reversing the axis keeps the direction.
         sign = -1.0 if port is not None and parent != first else 1.0
         point_m, axis = _point_m(joint.point), sign * TO_TWIN @ joint.axis
-        hinge = Hinge(parent, child, point_m, axis, port, not open_ends, joint.slides, parent == first, joint.is_ball)
+        hinge = Hinge(parent, child, point_m, axis, port, not open_ends, parent == first, joint.is_ball)
         hinges.append((joint, hinge))
         reached |= {first, second}
     return hinges
 
 
 def _is_coaxial(first: Joint, second: Joint) -> bool:
-    if first.is_ball or second.is_ball:
-        return False
-    offset = np.cross(second.point - first.point, first.axis)
-    return bool(np.linalg.norm(offset) < 2.0 and np.linalg.norm(np.cross(first.axis, second.axis)) < 0.05)
+    is_ball = first.is_ball or second.is_ball
+    return not is_ball and lines_coincide(first.point, first.axis, second.point, second.axis, offset=2.0, sine=0.05)
 
 
 def _ratios(rates: list[Floats], shaft_rates: list[Floats]) -> Floats:
@@ -219,17 +205,15 @@ def _point_m(point: Floats) -> Floats:
 
 def _mounted(plan: Plan, link_of: dict[int, int]) -> tuple[Mounted, ...]:
     mounted = []
-    for placed in plan.devices(DeviceKind.HUB) + plan.devices(DeviceKind.SENSOR):
-        device = placed.part.device
-        if device is None or placed.index not in link_of:
+    for placed in plan.devices(DeviceKind.HUB, DeviceKind.SENSOR):
+        if placed.index not in link_of:
             continue
+        device = placed.electric
         looks = np.array(device.looks or (0.0, 0.0, 1.0))
         low, high = placed.part.bounds
         local = np.where(looks > 0.5, high, np.where(looks < -0.5, low, 0.0)) if device.looks else np.array(device.plug)
-        point = placed.to_plan(local[None, :])[0]
-        name = placed.device or device.name
-        facing = TO_TWIN @ placed.rotation @ looks
-        mounted.append(Mounted(link_of[placed.index], placed.port, name, _point_m(point), facing, placed.index))
+        point_m, facing = _point_m(placed.point(local)), TO_TWIN @ placed.rotation @ looks
+        mounted.append(Mounted(link_of[placed.index], placed.port, placed.device or device.name, point_m, facing, placed.index))
     return tuple(mounted)
 
 
@@ -237,12 +221,7 @@ def _bare_shaft(plan: Plan, motor: int) -> Link:
     """A motor's rotor with nothing on it."""
     placed = plan.parts[motor]
     site = next(site for site in placed.part.sites if site.turns)
-    centre = _point_m(placed.to_plan(np.array([site.centre]))[0])
-    return Link((), _SHAFT_KG, centre, np.eye(3) * _SHAFT_KG * _SHAFT_RADIUS_M**2)
-
-
-def _link(plan: Plan, parts: tuple[int, ...]) -> Link:
-    return merged([_part_link(plan.parts[part]) for part in parts])
+    return Link((), _SHAFT_KG, _point_m(placed.point(site.centre)), np.eye(3) * _SHAFT_KG * _SHAFT_RADIUS_M**2)
 
 
 def merged(links: list[Link]) -> Link:
@@ -261,7 +240,7 @@ def _part_link(placed: Placed) -> Link:
     mass = placed.part.mass_g / 1000
     centre, inertia = _unit_inertia(placed.part)
     turn = TO_TWIN @ placed.rotation
-    return Link((placed.index,), mass, _point_m(placed.to_plan(centre[None, :])[0]), mass * turn @ inertia @ turn.T)
+    return Link((placed.index,), mass, _point_m(placed.point(centre)), mass * turn @ inertia @ turn.T)
 
 
 @functools.lru_cache(maxsize=512)

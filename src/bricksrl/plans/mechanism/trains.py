@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bricksrl.errors import PlanError
-from bricksrl.plans.geometry import Floats
+from bricksrl.plans.geometry import Floats, lines_coincide
 from bricksrl.plans.mechanism.kinematics import Hinge, Mechanism
 from bricksrl.plans.part import GearForm
 
@@ -129,7 +129,5 @@ def is_balanced(mechanism: Mechanism, hinge: Hinge, link: int, max_kg_m: float) 
 
 def is_coaxial(first: Hinge, second: Hinge) -> bool:
     """Whether two hinges share an axis; a ball joint has none."""
-    if first.is_ball or second.is_ball:
-        return False
-    offset = np.linalg.norm(np.cross(second.point_m - first.point_m, first.axis))
-    return bool(offset < _COAXIAL_M and np.linalg.norm(np.cross(first.axis, second.axis)) < 0.02)
+    is_ball = first.is_ball or second.is_ball
+    return not is_ball and lines_coincide(first.point_m, first.axis, second.point_m, second.axis, offset=_COAXIAL_M, sine=0.02)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import mujoco
 import numpy as np
 
-from bricksrl.plans.geometry import Floats
+from bricksrl.plans.geometry import Floats, Triple
 from bricksrl.twin.models.meshes import Part, Shape, colour_name, discs, draw, merge
 from bricksrl.twin.models.mjcf import OBSTACLE_GROUP, yaw_quaternion
 from bricksrl.twin.objects import COLORS, Block, Field, Line, Mark, Point, Ramp, Wall
@@ -41,7 +42,7 @@ def _add_wall(world: mujoco.MjsBody, name: str, wall: Wall) -> None:
     start, end = np.array(wall.from_mm) / 1000, np.array(wall.to_mm) / 1000
     (x, y), (along_x, along_y) = (start + end) / 2, end - start
     half = [float(np.hypot(along_x, along_y)) / 2, wall.thickness_mm / 2000, wall.height_mm / 2000]
-    _add_geom(world, name, [float(x), float(y), half[2]], half, wall.color, yaw_quaternion(math.atan2(along_y, along_x)))
+    add_geom(world, name, [float(x), float(y), half[2]], half, COLORS[wall.color], yaw_quaternion(math.atan2(along_y, along_x)))
 
 
 def _add_ramp(world: mujoco.MjsBody, name: str, ramp: Ramp) -> None:
@@ -53,7 +54,9 @@ def _add_ramp(world: mujoco.MjsBody, name: str, ramp: Ramp) -> None:
     x, y = ramp.at_mm[0] / 1000 + ahead * math.cos(yaw), ramp.at_mm[1] / 1000 + ahead * math.sin(yaw)
     tilt, quaternion = np.array([math.cos(rise / 2), 0.0, -math.sin(rise / 2), 0.0]), np.empty(4)
     mujoco.mju_mulQuat(quaternion, np.array(yaw_quaternion(yaw)), tilt)
-    _add_geom(world, name, [x, y, up], [half_length, ramp.width_mm / 2000, half_thickness], ramp.color, quaternion.tolist())
+    add_geom(
+        world, name, [x, y, up], [half_length, ramp.width_mm / 2000, half_thickness], COLORS[ramp.color], quaternion.tolist()
+    )
 
 
 def _add_block(world: mujoco.MjsBody, name: str, block: Block) -> None:
@@ -61,35 +64,38 @@ def _add_block(world: mujoco.MjsBody, name: str, block: Block) -> None:
     position = [block.at_mm[0] / 1000, block.at_mm[1] / 1000, half[2]]
     quaternion = yaw_quaternion(-math.radians(block.heading_deg))
     if block.mass_g is None:
-        _add_geom(world, name, position, half, block.color, quaternion, is_round=block.round)
+        add_geom(world, name, position, half, COLORS[block.color], quaternion, is_round=block.round)
         return
     body = world.add_body(name=name, pos=position, quat=quaternion)
     body.add_freejoint(name=name)
-    _add_geom(body, name, [0.0] * 3, half, block.color, [1.0, 0.0, 0.0, 0.0], is_round=block.round, mass_kg=block.mass_g / 1000)
+    add_geom(body, name, [0.0] * 3, half, COLORS[block.color], is_round=block.round, mass_kg=block.mass_g / 1000)
 
 
-def _add_geom(
+def add_geom(
     body: mujoco.MjsBody,
     name: str,
     position: list[float],
     half: list[float],
-    color: str,
-    quaternion: list[float],
+    rgb: Triple,
+    quaternion: Sequence[float] = (1.0, 0.0, 0.0, 0.0),
     *,
     is_round: bool = False,
     mass_kg: float = 0.0,
+    friction: float = _FRICTION,
+    priority: int = 1,
 ) -> None:
+    """Add an obstacle with half sizes ``half`` (m): a box, or an upright cylinder; one with a mass can be pushed."""
     shape = mujoco.mjtGeom.mjGEOM_CYLINDER if is_round else mujoco.mjtGeom.mjGEOM_BOX
     body.add_geom(
         name=name,
         type=shape,
         pos=position,
         size=[half[0], half[2], 0.0] if is_round else half,
-        quat=quaternion,
-        rgba=[*COLORS[color], 1.0],
+        quat=list(quaternion),
+        rgba=[*rgb, 1.0],
         mass=mass_kg,
-        friction=[_FRICTION if mass_kg else 1.0, 0.005, 0.0001],
-        priority=int(mass_kg > 0),
+        friction=[friction if mass_kg else 1.0, 0.005, 0.0001],
+        priority=priority if mass_kg else 0,
         group=OBSTACLE_GROUP,
         contype=int(mass_kg > 0),
         conaffinity=1,
