@@ -49,13 +49,14 @@ robots are virtual; nobody here has run this on LEGO's yet.
 
 The agents were rewritten on TorchRL's parts, and the virtual robots are made from their building plans since November 2026.
 Measured with the earlier agents, on the earlier twins, which were written by hand and a little heavier: learning from the random
-datasets alone, and with the default settings (offline). Measured with the earlier agents: REDQ in the simulations, and five seeds
-at once.
+datasets alone, and with the default settings (offline), but for CQL on RunAway-v0, Spinning-v0 and RoboArm-v0. Measured with the
+earlier agents: REDQ in the simulations, and five seeds at once.
 
 Learning from the expert datasets, TD3 and SAC fail on Walker-v0 and RoboArm-v0, as in the paper: nothing holds their critics back
 where the dataset has no actions, and ours has fewer of them. Its Walker makes hardly a mistake, and its arm arrives after 2 steps
 instead of 13, which leaves 224 transitions instead of 1,297; so TD3 is below the paper there, and BC and IQL reach the arm's goal
-less surely in some seeds. Spinning-v0's greatest return is lower than the paper's since our robot turns more slowly.
+less surely in some seeds. With the default settings CQL does worse on these 224 transitions than with the paper's. Spinning-v0's
+greatest return is lower than the paper's since our robot turns more slowly.
 """
 
 STUDIES_HEAD = """# Studies
