@@ -136,8 +136,8 @@ def _datasets(results: dict[str, Numbers]) -> Numbers:
             metrics = {"transitions": dataset["transitions"], "the paper's transitions": paper_numbers[f"{kind}_transitions"]}
             cells.append(_cell(kind, env, f"{dataset['episodes']} episodes", [dataset["mean_reward"]], returns, metrics=metrics))
     notes = ["One dataset of each kind: no interval over seeds."]
-    metrics = ["transitions", "the paper's transitions"]
-    return {"cells": cells, "heads": ("policy", "environment"), "metrics": metrics, "notes": notes}
+    columns = ["transitions", "the paper's transitions"]
+    return {"cells": cells, "heads": ("policy", "environment"), "metrics": columns, "notes": notes}
 
 
 def _ablation(results: dict[str, Numbers]) -> Numbers:
