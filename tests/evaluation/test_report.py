@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from bricksrl.evaluation.report import labelled
+from bricksrl.evaluation.evaluator import EvaluationResult
+from bricksrl.evaluation.report import _rows, labelled
+from bricksrl.evaluation.statistics import Interval
 
 
 @pytest.mark.parametrize(
@@ -19,3 +21,29 @@ from bricksrl.evaluation.report import labelled
 )
 def test_metrics_are_shown_with_their_units(name: str, value: float, shown: tuple[str, str]) -> None:
     assert labelled(name, value) == shown
+
+
+def test_success_and_return_have_their_intervals() -> None:
+    result = EvaluationResult(
+        run_dir="runs/away",
+        env="RunAway-v0",
+        agent="sac",
+        hub="virtual",
+        seed=0,
+        episodes=5,
+        trained_episodes=10,
+        return_mean=19.6,
+        return_std=0.5,
+        return_iqm=19.5,
+        return_interval=Interval(19.25, 20.0),
+        returns=(20.0, 20.0, 20.0, 19.0, 19.0),
+        lengths=(20,) * 5,
+        action_size=0.9,
+        success_rate=1.0,
+        success_interval=Interval(0.57, 1.0),
+        metrics={},
+    )
+    assert list(_rows(result)) == [
+        ("return", "19.6 ± 0.5 (95 % interval of the mean: 19.25 to 20)"),
+        ("success", "100% of 5 episodes (95 % interval of the rate: 57% to 100%)"),
+    ]

@@ -13,9 +13,11 @@ import pytest
 
 from bricksrl.errors import PageError
 from bricksrl.page.program import ProgramPage
+from bricksrl.page.robot_view import panel_of
 from bricksrl.page.server import PageOptions
-from bricksrl.robots import TWO_WHEELER
+from bricksrl.robots import TWO_WHEELER, HubKind
 from bricksrl.twin.make_body import make_body
+from bricksrl.virtual_hub.panel import Panel
 from bricksrl.virtual_hub.run import Operation, run_file
 
 PROGRAM = """
@@ -83,3 +85,8 @@ def test_unknown_host_raises() -> None:
         ProgramPage("nowhere", PageOptions("no.invalid")),
     ):
         pass
+
+
+@pytest.mark.parametrize(("hub", "pixels"), [(HubKind.PRIME, 25), (HubKind.TECHNIC, 0), (HubKind.CITY, 0)])
+def test_only_hubs_with_a_display_show_one(hub: HubKind, pixels: int) -> None:
+    assert len(panel_of(Panel(hub))["display"] or ()) == pixels

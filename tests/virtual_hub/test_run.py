@@ -60,6 +60,22 @@ print(abs(hub.imu.heading() - 90) < 10)
     assert run(tmp_path, source, "two-wheeler") == (0, "True True\nTrue\n", "")
 
 
+class ClosedPipe(io.RawIOBase):
+    """An output whose reader has left."""
+
+    def write(self, data: object) -> int:
+        raise BrokenPipeError
+
+
+@pytest.mark.parametrize("handler", ["except OSError", "except BaseException", "except"])
+def test_program_whose_reader_has_left_ends(tmp_path: Path, handler: str) -> None:
+    path, err = tmp_path / "main.py", io.StringIO()
+    path.write_text(f"for i in range(5):\n    try:\n        print(i)\n    {handler}:\n        pass\n")
+    with pytest.raises(BrokenPipeError):
+        run_file(path, stdout=ClosedPipe(), stderr=err)
+    assert err.getvalue() == ""
+
+
 def test_error_has_traceback(tmp_path: Path) -> None:
     source = "from pybricks.pupdevices import Motor\nfrom pybricks.parameters import Port\nprint(1)\nMotor(Port.B)\nprint(2)"
     code, out, err = run(tmp_path, source, "two-wheeler")

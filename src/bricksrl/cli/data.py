@@ -45,7 +45,8 @@ class Info:
                 print_line(summary.to_json())
                 continue
             success = "" if summary.success_rate is None else f"  success {summary.success_rate:.0%}"
-            print_line(f"{path}: {summary.env} on {summary.robot or 'no robot'}, {summary.rate_hz:g} steps/s")
+            rate = f"{summary.rate_hz:g} {'step' if summary.rate_hz == 1 else 'steps'}/s"
+            print_line(f"{path}: {summary.env} on {summary.robot or 'no robot'}, {rate}")
             print_line(f"  episodes      {summary.episodes}{success}  broken off {summary.broken_off}")
             print_line(f"  transitions   {summary.transitions}  ({summary.length_mean:.1f} an episode)")
             spread = f"from {summary.return_min:.4g} to {summary.return_max:.4g}"

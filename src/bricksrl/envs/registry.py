@@ -223,9 +223,9 @@ def _build(env_id: str, spec: _Spec, options: dict[str, Any]) -> Task:
     parameters = inspect.signature(spec.build).parameters
     unknown = [name for name in options if name not in parameters]
     if unknown and not any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters.values()):
-        known = ", ".join(parameters) or "none"
+        known = f"it has {', '.join(parameters)}" if parameters else "it has no options at all"
         python_message = f"unexpected keyword argument '{unknown[0]}'"
-        raise UnknownOptionError(f"{env_id} has no option {unknown[0]}; it has {known} ({python_message})")
+        raise UnknownOptionError(f"{env_id} has no option {unknown[0]}; {known} ({python_message})")
     try:
         return spec.build(**options)
     except TypeError as error:

@@ -113,10 +113,12 @@ _UNITS = {"_m_s": "m/s", "_deg_s": "deg/s", "_mm": "mm", "_m": "m", "_deg": "deg
 
 def _rows(result: EvaluationResult) -> Iterable[tuple[str, str]]:
     interval = result.return_interval
-    mean = f", mean in {interval.low:.4g} to {interval.high:.4g}" if interval is not None else ""
+    mean = f" (95 % interval of the mean: {interval.low:.4g} to {interval.high:.4g})" if interval is not None else ""
     yield "return", f"{result.return_mean:.4g} ± {result.return_std:.3g}{mean}"
     if result.success_rate is not None:
-        yield "success", f"{result.success_rate:.0%} of {counted(result.episodes, 'episode')}"
+        rate = result.success_interval
+        bounds = f" (95 % interval of the rate: {rate.low:.0%} to {rate.high:.0%})" if rate is not None else ""
+        yield "success", f"{result.success_rate:.0%} of {counted(result.episodes, 'episode')}{bounds}"
     for name, value in result.metrics.items():
         yield labelled(name, value)
 

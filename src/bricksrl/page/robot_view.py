@@ -153,5 +153,5 @@ class RobotView:
 
 
 def panel_of(panel: Panel) -> dict[str, Any]:
-    """Display, text and light of a hub, for the page."""
-    return {"display": list(panel.display), "text": panel.text, "light": panel.light}
+    """Display (``None`` where the hub has none), text and light of a hub, for the page."""
+    return {"display": list(panel.display) if panel.has_display else None, "text": panel.text, "light": panel.light}

@@ -73,6 +73,7 @@ class Panel:
         buttons: names of the hub's buttons.
         stop_buttons: buttons that stop the program when pressed together; none if empty.
         near: wireless devices that a program can connect to, of ``WIRELESS``.
+        has_display: whether the hub has a display of 5 x 5 pixels.
         light: color of the status light as (hue, saturation, value); ``None`` if off.
         display: brightness of the 25 pixels of the display in %, row by row from the top.
         text: the character or number that the display shows instead.
@@ -89,6 +90,7 @@ class Panel:
 
     def __init__(self, hub: HubKind, presses: Iterable[Press] = (), near: Iterable[str] = ()) -> None:
         self.buttons = (STOP_BUTTON, "left", "right", "bluetooth") if hub is HubKind.PRIME else (STOP_BUTTON,)
+        self.has_display = hub is HubKind.PRIME
         self._hub = hub
         self._presses: list[tuple[int, int, str]] = []
         self._held: set[str] = set()

@@ -34,6 +34,14 @@ class _ProgramStopped(BaseException):
     """Ends a program past its exception handlers; on a hub the button raises SystemExit."""
 
 
+class _OutputFailed(BaseException):
+    """Ends a program, past its exception handlers, whose output this computer does not take: no hub has that error."""
+
+    def __init__(self, error: OSError) -> None:
+        super().__init__(error)
+        self.error = error
+
+
 class StreamConsole:
     """A console on binary streams with ``\\n`` line ends; AppData is discarded, as without a host."""
 
@@ -61,7 +69,10 @@ class StreamConsole:
 
     def write(self, data: bytes) -> None:
         self._machine.charge_call()
-        self._stdout.write(data.replace(b"\r\n", b"\n"))
+        try:
+            self._stdout.write(data.replace(b"\r\n", b"\n"))
+        except OSError as error:  # the reader has left, or the disk is full
+            raise _OutputFailed(error) from error
 
     def write_app_data(self, data: bytes) -> None:
         """Discard: there is no listener."""
@@ -113,6 +124,7 @@ def run_file(
         Exit code: 1 if the program raises, else 0, also for ``SystemExit``, switching off and the time limit.
 
     Raises:
+        OSError: ``stdout`` does not take what the program prints.
         ProgramError: the file cannot be read, or the time limit is invalid.
         TwinError: a button, port or reading does not suit the hub, or the program waits for ever.
     """
@@ -176,6 +188,8 @@ def _run(source: str, path: Path, machine: Machine, console: StreamConsole, stdo
         stderr.write(f"The program was stopped ({name}).\n")
     except SwitchedOff:
         stderr.write("The hub was switched off.\n")
+    except _OutputFailed as failure:
+        raise failure.error from None
     except BaseException as error:
         if not (is_program_error(error) or isinstance(error, KeyboardInterrupt)):
             raise

@@ -149,10 +149,12 @@ function showFacts() {
 function showHub() {
   const { hub, link } = status;
   $("hub").hidden = !hub && !link;
-  $("display").hidden = $("light").hidden = !hub;
+  const display = $("display");
+  display.hidden = !hub?.display;
+  $("light").hidden = !hub;
   if (hub) {
-    const display = $("display");
-    if (hub.text) display.replaceChildren(Object.assign(document.createElement("b"), { textContent: hub.text }));
+    if (display.hidden) display.replaceChildren();
+    else if (hub.text) display.replaceChildren(Object.assign(document.createElement("b"), { textContent: hub.text }));
     else {
       if (display.childElementCount !== 25) display.replaceChildren(...Array.from({ length: 25 }, () => document.createElement("i")));
       hub.display.forEach((value, i) => {
