@@ -29,7 +29,6 @@ class Check:
     """Environment or agent; `bricksrl list` shows them. Your own: my_task.py, my_task.py:TASK, module:TASK, my_agent.py."""
 
     def execute(self) -> int:
-        """Check and print."""
         from bricksrl.envs.env_checker import check_env
         from bricksrl.finding import Outcome
 

@@ -53,7 +53,6 @@ class Doctor:
     json: JsonFlag = False
 
     def execute(self) -> int:
-        """Check and print."""
         if not 0 < self.timeout_s <= _MAX_TIMEOUT_S:
             raise DescriptionError(f"timeout-s is {self.timeout_s:g}; give a positive number of up to {_MAX_TIMEOUT_S:g}")
         findings = []

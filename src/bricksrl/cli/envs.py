@@ -24,14 +24,12 @@ class List:
     json: Flag = False
     """Print one JSON object instead of a table."""
 
-    def execute(self) -> int:
-        """Print the lists."""
+    def execute(self) -> None:
         names = _collect()
         if self.json:
             print_line(json.dumps(names, indent=2))
         else:
             _print_table(names)
-        return 0
 
 
 def _collect() -> dict[str, Any]:

@@ -17,7 +17,7 @@ from tyro.conf import Positional, UseAppendAction
 
 from bricksrl.cli.options import EnvArgument, Flag, PageFlag, option
 from bricksrl.cli.page import LivePageGroup, PageAddress, announce
-from bricksrl.cli.terminal import INTERRUPTED, print_interrupted, print_line
+from bricksrl.cli.terminal import Interrupted, print_line
 from bricksrl.errors import DescriptionError, UnknownNameError, counted
 
 if TYPE_CHECKING:
@@ -42,8 +42,7 @@ class Program:
     out: Annotated[Path | None, option(metavar="FILE")] = None
     """The .py file to write; by default the program is printed."""
 
-    def execute(self) -> int:
-        """Print or write the program."""
+    def execute(self) -> None:
         from bricksrl.envs import get_task
         from bricksrl.files import write_durably
         from bricksrl.hub.program.generate import generate
@@ -52,12 +51,11 @@ class Program:
         source = generate(task.robot, task.interface).source.rstrip("\n")
         if self.out is None:
             print_line(source)
-            return 0
+            return
         if self.out.suffix != ".py":
             raise DescriptionError(f"'{self.out}' is not a name of a program; end it in .py")
         write_durably(self.out, f"{source}\n".encode())
         print_line(f"{counted(len(source.splitlines()), 'line')}: {self.out}")
-        return 0
 
 
 @dataclass(frozen=True)
@@ -104,14 +102,12 @@ class Run:
     live_page: LivePageGroup = PageAddress()
 
     def execute(self) -> int:
-        """Run the program."""
         # Ctrl-C must not reach the program on the virtual hub, where a KeyboardInterrupt is an ordinary error.
         previous_handler = signal.signal(signal.SIGINT, _interrupt)
         try:
             return self._run()
         except _Interrupted:
-            print_interrupted("the program was stopped; there was nothing to save")
-            return INTERRUPTED
+            raise Interrupted("the program was stopped; there was nothing to save") from None
         finally:
             signal.signal(signal.SIGINT, previous_handler)
 

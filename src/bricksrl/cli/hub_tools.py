@@ -80,7 +80,7 @@ class Rename:
     name: Annotated[Positional[str], option(metavar="NAME")]
     """The new name, 15 bytes at most."""
 
-    def execute(self) -> int:
+    def execute(self) -> None:
         """Print what to do; exit code 2, because nothing was renamed."""
         size = len(self.name.encode())
         if not 1 <= size <= _NAME_BYTES or not self.name.isprintable():
@@ -104,8 +104,7 @@ class Stop:
 
     hub: Hub = "ble"
 
-    def execute(self) -> int:
-        """Stop the program."""
+    def execute(self) -> None:
         from bricksrl.hub.errors import HubNotFoundError
         from bricksrl.hub.transports.address import parse_hub
         from bricksrl.hub.transports.profile import Status
@@ -113,7 +112,7 @@ class Stop:
         address = parse_hub(self.hub)
         if address.is_virtual:
             print_line("a virtual hub lives in the command that uses it; none runs here")
-            return 0
+            return
         transport = address.transport()
         try:
             transport.open()
@@ -126,7 +125,6 @@ class Stop:
         ran = status is not None and Status.USER_PROGRAM_RUNNING in status.flags
         name = identity.name if identity else "the hub"
         print_line(f"{name}: {'the program was stopped' if ran else 'no program ran'}, no motor is driven")
-        return 0
 
 
 @dataclass(frozen=True)
@@ -145,8 +143,7 @@ class Latency:
     """Number of readings to time."""
     json: JsonFlag = False
 
-    def execute(self) -> int:
-        """Measure and print."""
+    def execute(self) -> None:
         from bricksrl.hub.diagnostics.latency import advice, measure
         from bricksrl.hub.link.lockstep import HubLink
 
@@ -157,14 +154,13 @@ class Latency:
             result = measure(link, task.interface, self.exchanges)
         if self.json:
             print_line(json.dumps(dataclasses.asdict(result)))
-            return 0
+            return
         print_line(f"round trip           p50 {result.p50_ms:.1f} ms, p99 {result.p99_ms:.1f} ms, of {self.exchanges} exchanges")
         if result.link_share is not None:
             print_line(f"of a step            {result.link_share:.0%} is the link")
         print_line(f"connection interval  {result.interval_ms:g} ms (inferred: half a round trip)")
         if result.is_slow:
             print_line(f"faster               {advice()}")
-        return 0
 
 
 @dataclass(frozen=True)
@@ -188,7 +184,6 @@ class CheckHub:
     json: JsonFlag = False
 
     def execute(self) -> int:
-        """Check and print one line per finding."""
         from bricksrl.finding import Outcome
         from bricksrl.hub.diagnostics.calibration import calibration_of
         from bricksrl.hub.diagnostics.preflight import check_robot
@@ -246,8 +241,7 @@ class Calibrate:
     calibrations: Folder = None
     """Folder to write to; by default that in your settings folder."""
 
-    def execute(self) -> int:
-        """Calibrate and save."""
+    def execute(self) -> None:
         from bricksrl.hub.diagnostics.calibration import Calibration, forget_calibration, load_calibration, save_calibration
 
         task = _task(self.env)
@@ -260,7 +254,7 @@ class Calibrate:
             if self.forget:
                 forget_calibration(hub_id, task.robot, self.calibrations)
                 print_line(f"{task.robot.name} on {hub_id}: as described")
-                return 0
+                return
             saved = load_calibration(hub_id, task.robot, self.calibrations)
             if self.reverse:
                 calibration = Calibration(saved.zeros_deg, saved.reversed ^ set(self.reverse))
@@ -275,7 +269,6 @@ class Calibrate:
         for name in sorted(calibration.reversed):
             print_line(f"reversed {name}")
         print_line(f"saved    {path}")
-        return 0
 
     def _zeros_deg(self, transport: Transport, robot: Robot, saved: Calibration) -> dict[str, int]:
         from bricksrl.hub.diagnostics.calibration import CalibrationError, calibrated, zero_between

@@ -49,8 +49,7 @@ class TrainOffline:
     page: PageFlag = False
     live_page: LivePageGroup = PageAddress()
 
-    def execute(self) -> int:
-        """Train, evaluate, draw."""
+    def execute(self) -> None:
         from bricksrl.training import TrainConfig, train
         from bricksrl.training.config import settings_for
         from bricksrl.training.run_folder import file_name
@@ -70,6 +69,4 @@ class TrainOffline:
             updates=self.updates,
             run_dir=self.run or Path("runs") / f"{file_name(self.env)}-{file_name(self.agent)}-{self.seed}-{time}",
         )
-        return run_training(
-            lambda displays: train(config, displays.callback, stop=displays.stop), config, address, can_drive=False
-        )
+        run_training(lambda displays: train(config, displays.callback, stop=displays.stop), config, address, can_drive=False)

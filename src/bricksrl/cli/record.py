@@ -15,7 +15,7 @@ from bricksrl.cli.options import Flag, PageFlag, option
 from bricksrl.cli.page import LivePageGroup, PageAddress, run_on_page
 from bricksrl.cli.robot_flags import RobotFlags, RobotGroup
 from bricksrl.cli.teleop import DEVICES, driving, quiet
-from bricksrl.cli.terminal import INTERRUPTED, load_learning, print_interrupted, print_line, print_note
+from bricksrl.cli.terminal import Interrupted, load_learning, print_line, print_note
 from bricksrl.cli.video import filmed_env
 from bricksrl.errors import DataError, DescriptionError, StoppedError, counted
 from bricksrl.files import quoted
@@ -69,8 +69,7 @@ class Record:
     robot: RobotGroup = RobotFlags()
     live_page: LivePageGroup = PageAddress()
 
-    def execute(self) -> int:
-        """Record, and print a line per episode."""
+    def execute(self) -> None:
         from bricksrl.cli.emergency_stop import EmergencyStop
         from bricksrl.data.recorder import Recorder
         from bricksrl.data.schema import describe, describe_task
@@ -107,13 +106,11 @@ class Record:
                 emergency_stop.attach(env)
                 self._collect(env, recorder, human, report, page)
         except (KeyboardInterrupt, StoppedError):
-            print_interrupted(f"saved {counted(count, 'whole episode')} in {self.out}")
-            return INTERRUPTED
+            raise Interrupted(f"saved {counted(count, 'whole episode')} in {self.out}") from None
         print_line(f"dataset         {self.out}")
         if self.video is not None:
             print_line(f"video           {self.video}")
         print_line(f"look at it      bricksrl data info {quoted(self.out)}")
-        return 0
 
     def _check_policy(self) -> None:
         """Refuse options that the policy ignores."""

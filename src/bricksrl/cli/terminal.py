@@ -13,9 +13,11 @@ from bricksrl.errors import RunError
 if TYPE_CHECKING:
     import numpy as np
 
-INTERRUPTED = 130
-"""Exit code after Ctrl-C, as in shells."""
 _SLOW_IMPORTS = ("torch", "torchrl.data", "torchrl.envs")
+
+
+class Interrupted(Exception):
+    """Ctrl-C or a stop, which ends the command. The message says what is saved; without one, nothing is printed."""
 
 
 def print_line(line: str = "") -> None:
@@ -32,11 +34,6 @@ def print_error(message: str) -> None:
 def print_note(line: str) -> None:
     """Print a line for the user, apart from the results."""
     sys.stderr.write(f"{line}\n")
-
-
-def print_interrupted(saved: str) -> None:
-    """Print a line on what is saved after Ctrl-C."""
-    sys.stderr.write(f"interrupted: {saved}\n")
 
 
 def is_terminal() -> bool:

@@ -14,7 +14,7 @@ from tyro.conf import Positional, UseAppendAction
 from bricksrl.cli.options import Flag, PageFlag, option, refuse_ignored
 from bricksrl.cli.page import LivePageGroup, PageAddress, run_on_page
 from bricksrl.cli.robot_flags import RobotFlags, RobotGroup
-from bricksrl.cli.terminal import INTERRUPTED, load_learning, print_interrupted, print_line
+from bricksrl.cli.terminal import Interrupted, load_learning, print_line
 from bricksrl.errors import DescriptionError, RunError, StoppedError, counted
 from bricksrl.files import only_writer, quoted
 
@@ -114,13 +114,13 @@ class Train:
     robot: RobotGroup = RobotFlags()
     live_page: LivePageGroup = PageAddress()
 
-    def execute(self) -> int:
-        """Train, evaluate, report."""
+    def execute(self) -> None:
         if self.resume is not None:
             if self.env is not None:
                 raise DescriptionError("a run that is resumed has an environment; omit ENV or --resume")
             refuse_ignored(self, ("--resume", "--episodes", "--page", "--page-host", "--page-port"), "with --resume")
-            return Resume(self.resume, self.episodes, self.page, self.live_page).execute()
+            Resume(self.resume, self.episodes, self.page, self.live_page).execute()
+            return
         if self.env is None:
             raise DescriptionError("name an environment to train in, or a run to --resume; `bricksrl list` shows environments")
         address = self.live_page.shown(self.page)
@@ -135,13 +135,15 @@ class Train:
         if self.seeds is not None:
             from bricksrl.cli.seeds import train_seeds
 
-            return train_seeds(config, self.seeds, self.on)
+            train_seeds(config, self.seeds, self.on)
+            return
         if self.on is not None:
             raise DescriptionError("a single run needs no cluster; give --seeds, or omit --on")
         from bricksrl.training import train
 
         if self.take_over is None:
-            return run_training(lambda displays: train(config, displays.callback, **displays.kwargs()), config, address)
+            run_training(lambda displays: train(config, displays.callback, **displays.kwargs()), config, address)
+            return
         from bricksrl.cli.teleop import driving, quiet
         from bricksrl.data.schema import describe_task
         from bricksrl.envs import get_task
@@ -156,7 +158,7 @@ class Train:
                 return train(config, displays.callback, place=place, driver=driver, stop=displays.stop)
 
             keys = False if self.take_over == "keyboard" else None  # all keys of a keyboard are for driving
-            return run_training(start, config, address, keys=keys, can_drive=False)
+            run_training(start, config, address, keys=keys, can_drive=False)
 
     def config(self, env: str) -> TrainConfig:
         """Configuration of the run from the flags."""
@@ -220,12 +222,11 @@ class Resume:
     page: PageFlag = False
     live_page: LivePageGroup = PageAddress()
 
-    def execute(self) -> int:
-        """Resume, evaluate, report."""
+    def execute(self) -> None:
         from bricksrl.training import RunFolder, resume
 
         address, config = self.live_page.shown(self.page), RunFolder(self.run).read_config()
-        return run_training(
+        run_training(
             lambda displays: resume(self.run, displays.callback, episodes=self.episodes, **displays.kwargs()), config, address
         )
 
@@ -262,9 +263,9 @@ def run_training(
     *,
     keys: bool | None = None,
     can_drive: bool = True,
-) -> int:
-    """Run, evaluate and report a training with its displays; returns the exit code. ``keys`` is for :class:`EmergencyStop`,
-    ``can_drive`` says whether a human at the page may drive."""
+) -> None:
+    """Run, evaluate and report a training with its displays. ``keys`` is for :class:`EmergencyStop`, ``can_drive`` says whether a
+    human at the page may drive."""
     from bricksrl.cli.emergency_stop import EmergencyStop
     from bricksrl.cli.progress import make_progress
 
@@ -282,13 +283,12 @@ def run_training(
             if not result.interrupted:
                 with only_writer(result.run_dir, RunError):
                     _report(result, emergency_stop, page)
-                return 0
+                return
     except (KeyboardInterrupt, StoppedError):  # before or after the training, or a second time during it
         pass
     finally:
         progress.close()
-    print_interrupted(progress.saved())
-    return INTERRUPTED
+    raise Interrupted(progress.saved())
 
 
 def _report(result: RunResult, emergency_stop: EmergencyStop, page: LivePage | None) -> None:

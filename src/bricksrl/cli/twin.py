@@ -52,8 +52,7 @@ class Record:
     physics: Annotated[Path | None, option(metavar="FILE")] = None
     """Physics of a virtual robot: a JSON file such as `bricksrl twin fit` writes."""
 
-    def execute(self) -> int:
-        """Record and write."""
+    def execute(self) -> None:
         import numpy as np
 
         from bricksrl import robots
@@ -72,7 +71,6 @@ class Record:
         write_log(self.out, log)
         seconds = (log.times_ms[-1] - log.times_ms[0]) / 1000
         print_line(f"{counted(len(log.commands), 'command')} in {seconds:.1f} s of {robot.name}: {self.out}")
-        return 0
 
     def _link(self, robot: Robot, interface: Interface) -> HubLink:
         """An unopened link to the robot; asks the user before a real one may move."""
@@ -116,8 +114,7 @@ class Fit:
     out: Annotated[Path | None, option(metavar="FILE")] = None
     """File for the physics; by default the log's name with the suffix .physics.json."""
 
-    def execute(self) -> int:
-        """Fit, print, write."""
+    def execute(self) -> None:
         from bricksrl import robots
         from bricksrl.twin.motion_log import read_log
         from bricksrl.twin.physics import write_physics
@@ -131,7 +128,6 @@ class Fit:
         write_physics(out, result.physics)
         _print(result)
         print_line(f"physics  {out}")
-        return 0
 
 
 def _print(result: FitResult) -> None:
