@@ -69,9 +69,8 @@ class Check:
 
     def execute(self) -> int:
         from bricksrl.data.integrity import check
-        from bricksrl.data.reader import dataset_folder
 
-        faults = check(dataset_folder(self.dataset))
+        faults = check(self.dataset)
         for line in faults or ["all is well"]:
             print_line(line)
         return 1 if faults else 0
@@ -95,9 +94,9 @@ class Repair:
 
     def execute(self) -> int:
         from bricksrl.data.edit import salvage
+        from bricksrl.data.episode_index import dataset_folder
         from bricksrl.data.integrity import check
         from bricksrl.data.layout import Layout
-        from bricksrl.data.reader import dataset_folder
         from bricksrl.data.repair import recover
         from bricksrl.files import only_writer
 
@@ -139,9 +138,8 @@ class Merge:
 
     def execute(self) -> None:
         from bricksrl.data.edit import merge
-        from bricksrl.data.reader import dataset_folder
 
-        index = merge([dataset_folder(path) for path in _not_empty(self.datasets)], self.out)
+        index = merge(_not_empty(self.datasets), self.out)
         print_line(f"{_size(index)}: {self.out}")
 
 
@@ -165,9 +163,8 @@ class Split:
 
     def execute(self) -> None:
         from bricksrl.data.edit import split
-        from bricksrl.data.reader import dataset_folder
 
-        parts = split(dataset_folder(self.dataset), self.out, self.rest, self.share, self.seed)
+        parts = split(self.dataset, self.out, self.rest, self.share, self.seed)
         for index, path in zip(parts, (self.out, self.rest), strict=True):
             print_line(f"{_size(index)}: {path}")
 

@@ -309,7 +309,7 @@ def _report(result: RunResult, emergency_stop: EmergencyStop, page: LivePage | N
     def on_env(env: EnvBase) -> None:
         emergency_stop.attach(env)
         if page is not None:
-            page.update_status(state="evaluating")
+            page.board.update_status(state="evaluating")
             page.attach(env)
 
     print_line("evaluating")

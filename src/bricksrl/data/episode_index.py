@@ -48,12 +48,18 @@ def is_dataset(root: Path) -> bool:
     return Layout(root).description.exists() or Layout(root).info.exists()
 
 
-def read_index(root: Path) -> Index:
-    """Read the index of the dataset in the folder ``root``. Raises DataError if there is no dataset, it is damaged, or it was not
-    made by BricksRL."""
-    layout = Layout(root)
+def dataset_folder(path: Path) -> Path:
+    """Folder of the dataset: the given one, or ``data`` in the folder of a run."""
+    folder = path / "data"
+    return folder if Layout(folder).info.exists() and not Layout(path).info.exists() else path
+
+
+def read_index(path: Path) -> Index:
+    """Read the index of the dataset in a folder, or in the folder of a run. Raises DataError if there is no dataset, it is
+    damaged, or it was not made by BricksRL."""
+    layout = Layout(dataset_folder(path))
     if not layout.info.exists():
-        raise DataError(f"there is no dataset in {root}; choose a folder with a meta/info.json")
+        raise DataError(f"there is no dataset in {layout.root}; choose a folder with a meta/info.json")
     description = read_description(layout)
     episodes = read_episode_count(layout, description)
     rows, last = read_all_rows(layout, description)

@@ -94,7 +94,7 @@ def load(path: Path | str, *, images: bool = True) -> Episodes:
     """
     import torch
 
-    index = read_index(dataset_folder(Path(path)))
+    index = read_index(Path(path))
     reader = EpisodeReader(index, COLUMNS.values(), images=images)
     episodes = [reader.read(row) for row in index.rows]
     columns = _joined(index, episodes)
@@ -104,12 +104,6 @@ def load(path: Path | str, *, images: bool = True) -> Episodes:
         arrays["next_image"] = np.concatenate([image for episode in episodes for image in _next_images(index, episode)])
     tensors = {name: torch.from_numpy(np.ascontiguousarray(array)) for name, array in arrays.items()}
     return Episodes(description=index.description, rows=index.rows, **tensors)
-
-
-def dataset_folder(path: Path) -> Path:
-    """Folder of the dataset: the given one, or ``data`` in the folder of a run."""
-    folder = path / "data"
-    return folder if (folder / "meta/info.json").exists() and not (path / "meta/info.json").exists() else path
 
 
 def read_columns(index: Index, names: Iterable[str]) -> dict[str, NDArray[Any]]:

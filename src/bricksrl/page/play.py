@@ -72,10 +72,10 @@ def play_on_page(
             page.mark_stopped()
             env.close(raise_if_closed=False)  # a virtual hub ends its program in this thread only
             _coast(env)
-            page.update_status(message="The robot was stopped by hand. Reset lets it start again.")
+            page.board.update_status(message="The robot was stopped by hand. Reset lets it start again.")
             _wait(page, stop)
         except BricksError as error:
-            page.update_status(message=f"{error} Reset tries again.")
+            page.board.update_status(message=f"{error} Reset tries again.")
             _wait(page, stop)
     return returns
 
@@ -106,7 +106,7 @@ def _wait(page: LivePage, stop: threading.Event) -> None:
     if stop.is_set():
         raise StoppedError("the robot was stopped by hand")
     page.release()
-    page.update_status(message="")
+    page.board.update_status(message="")
 
 
 def _coast(env: EnvBase) -> None:
