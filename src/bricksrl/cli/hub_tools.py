@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import Positional
 
 from bricksrl.cli.options import EnvArgument, Flag, JsonFlag, option
-from bricksrl.cli.terminal import confirm, is_terminal, print_line
+from bricksrl.cli.terminal import confirm, is_terminal, print_findings, print_line
 from bricksrl.errors import BricksError, DescriptionError, HubError
 
 if TYPE_CHECKING:
@@ -184,35 +184,24 @@ class CheckHub:
     json: JsonFlag = False
 
     def execute(self) -> int:
-        from bricksrl.finding import Outcome
         from bricksrl.hub.diagnostics.calibration import calibration_of
         from bricksrl.hub.diagnostics.preflight import check_robot
 
         task = _task(self.env)
         transport = _transport(self.hub, task)
-        findings = []
         is_watched = not self.yes and is_terminal()
-        for finding in check_robot(
+        findings = check_robot(
             transport,
             task.robot,
             task.interface,
             may_move=lambda: self.yes or confirm(f"The {task.robot.name} needs room to move each motor a little. Move it now?"),
             is_right=(lambda move: confirm(f"{move}: was it this motor, and in the right direction?")) if is_watched else None,
             calibrate=calibration_of(lambda: _hub_id(transport), self.calibrations),
-        ):
-            findings.append(finding)
-            if not self.json:
-                print_line(f"{finding.outcome.value:9}{finding.name:18}{finding.detail}")
-        errors = [finding for finding in findings if finding.outcome is Outcome.ERROR]
-        if self.json:
-            print_line(
-                json.dumps(
-                    {"env": task.id, "hub": self.hub, "ok": not errors, "findings": [finding.to_dict() for finding in findings]}
-                )
-            )
-        else:
-            print_line("not ready: see the errors above" if errors else f"ready for {task.id}")
-        return 1 if errors else 0
+        )
+        code = print_findings(findings, (9, 18), as_json=self.json, env=task.id, hub=self.hub)
+        if not self.json:
+            print_line("not ready: see the errors above" if code else f"ready for {task.id}")
+        return code
 
 
 @dataclass(frozen=True)

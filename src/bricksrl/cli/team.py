@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import Positional, UseAppendAction
 
-from bricksrl.cli.options import option, refuse_ignored
+from bricksrl.cli.options import option, refuse_ignored, run_folder
 from bricksrl.cli.terminal import Interrupted, load_learning, print_line
 from bricksrl.errors import RenderingUnavailableError, RunError, UnknownNameError, counted
 
@@ -75,8 +74,7 @@ class TrainTeam:
         if self.env is None:
             raise RunError(f"name an arena to train in ({', '.join(ARENAS)}), or a folder to --play")
         config = self.config(self.env)
-        time = datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
-        folder = self.run or Path("runs") / f"{self.env}-{next(iter(config.agents.values()))}-{self.seed}-{time}"
+        folder = run_folder(self.run, self.env, next(iter(config.agents.values())), self.seed)
         if folder.exists():
             raise RunError(f"{folder} exists already; choose another folder with --run")
         try:

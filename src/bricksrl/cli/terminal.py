@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import importlib
+import json
 import signal
 import sys
+from collections.abc import Iterable
 from types import FrameType
 from typing import TYPE_CHECKING
 
@@ -12,6 +14,8 @@ from bricksrl.errors import RunError
 
 if TYPE_CHECKING:
     import numpy as np
+
+    from bricksrl.finding import Finding
 
 _SLOW_IMPORTS = ("torch", "torchrl.data", "torchrl.envs")
 
@@ -34,6 +38,22 @@ def print_error(message: str) -> None:
 def print_note(line: str) -> None:
     """Print a line for the user, apart from the results."""
     sys.stderr.write(f"{line}\n")
+
+
+def print_findings(findings: Iterable[Finding], widths: tuple[int, int], *, as_json: bool = False, **about: str) -> int:
+    """Print each finding as it is made, in columns of these ``widths``, or all as one JSON object with the names and values in
+    ``about``. Returns the exit code: 1 if a finding is an error, else 0."""
+    from bricksrl.finding import Outcome
+
+    found = []
+    for finding in findings:
+        found.append(finding)
+        if not as_json:
+            print_line(f"{finding.outcome.value:{widths[0]}}{finding.name:{widths[1]}}{finding.detail}")
+    failed = any(finding.outcome is Outcome.ERROR for finding in found)
+    if as_json:
+        print_line(json.dumps({**about, "ok": not failed, "findings": [finding.to_dict() for finding in found]}))
+    return int(failed)
 
 
 def is_terminal() -> bool:

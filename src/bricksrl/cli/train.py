@@ -5,13 +5,12 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
-from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional, UseAppendAction
 
-from bricksrl.cli.options import Flag, PageFlag, option, refuse_ignored
+from bricksrl.cli.options import Flag, PageFlag, option, refuse_ignored, run_folder
 from bricksrl.cli.page import LivePageGroup, PageAddress, run_on_page
 from bricksrl.cli.robot_flags import RobotFlags, RobotGroup
 from bricksrl.cli.terminal import Interrupted, load_learning, print_line
@@ -29,6 +28,8 @@ if TYPE_CHECKING:
     from bricksrl.training.callbacks import Callback
 
 _EVALUATED_EPISODES = 5
+_CONFIG_FIELDS = ("seed", "device", "compile", "num_envs", "robots", "eval_every", "eval_episodes", "stop_at", "log")
+"""Options that a `TrainConfig` has by the same name."""
 
 
 @dataclass(frozen=True)
@@ -167,7 +168,6 @@ class Train:
         from bricksrl.training import RunFolder, TrainConfig
         from bricksrl.training.config import settings_for
         from bricksrl.training.offline import settings_like
-        from bricksrl.training.run_folder import file_name
 
         if self.asynchronous and self.synchronous:
             raise DescriptionError("a run is synchronous or asynchronous; choose one of the two")
@@ -180,29 +180,20 @@ class Train:
             settings = settings if source is None or source.agent == agent else settings_like(source, settings)
         if self.settings is not None:
             settings = read_settings(self.settings, settings)
-        time = datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
         options = vars(self.robot.env_options()) | ({"realtime": True} if self.take_over is not None else {})
         return TrainConfig(
             **options,
             env=env,
             agent=agent,
             episodes=training_episodes(env) if self.episodes is None else self.episodes,
-            seed=self.seed,
-            device=self.device,
-            compile=self.compile,
-            num_envs=self.num_envs,
-            robots=self.robots,
-            eval_every=self.eval_every,
-            eval_episodes=self.eval_episodes,
-            stop_at=self.stop_at,
+            **{name: getattr(self, name) for name in _CONFIG_FIELDS},
             record=not self.no_record,
             asynchronous=True if self.asynchronous else False if self.synchronous else None,
             patience_s=self.patience,
-            log=self.log,
             settings=with_changes(settings, self.changes),
             data=None if self.data is None else str(self.data.absolute()),
             start=None if self.start is None else str(self.start.absolute()),
-            run_dir=self.run or Path("runs") / f"{file_name(env)}-{file_name(agent)}-{self.seed}-{time}",
+            run_dir=run_folder(self.run, env, agent, self.seed),
         )
 
 

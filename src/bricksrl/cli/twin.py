@@ -120,10 +120,13 @@ class Fit:
         from bricksrl.twin.physics import write_physics
         from bricksrl.twin.system_id import fit
 
+        def report(replay: int, error: float) -> None:
+            _show_progress(f"replay {replay}, error {error:.3g} ")
+
         log = read_log(self.log)
         robot = robots.get(self.robot or log.robot)
-        result = fit(log, robot=robot, names=self.parameters, on_replay=_show_progress)
-        _clear_progress()
+        result = fit(log, robot=robot, names=self.parameters, on_replay=report)
+        _show_progress("")
         out = self.out or self.log.with_suffix(".physics.json")
         write_physics(out, result.physics)
         _print(result)
@@ -146,12 +149,8 @@ def _print(result: FitResult) -> None:
         print_line(f"  {name:24}{getattr(default, name):8.3g}    not identifiable from this log")
 
 
-def _show_progress(replay: int, error: float) -> None:
+def _show_progress(text: str) -> None:
+    """Overwrite the line of progress on a terminal; clear it with an empty text."""
     if sys.stderr.isatty():
-        sys.stderr.write(f"\rreplay {replay}, error {error:.3g} ")
+        sys.stderr.write(f"\r\033[K{text}")
         sys.stderr.flush()
-
-
-def _clear_progress() -> None:
-    if sys.stderr.isatty():
-        sys.stderr.write("\r\033[K")
