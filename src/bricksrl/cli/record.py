@@ -155,8 +155,8 @@ class Record:
         elif human is not None and not hasattr(env, "twin"):
             hooks["driver"] = Paced(human, recorder.description.rate_hz)
         policy, reset_policy = self._policy(env, recorder.description)
-        named = {"name": self.policy, "seed": self.seed, "hub": self.robot.hub}
-        collect(env, policy, recorder, self.episodes, reset_policy=reset_policy, on_episode=on_episode, **named, **hooks)
+        hooks |= {"reset_policy": reset_policy, "on_episode": on_episode}
+        collect(env, policy, recorder, self.episodes, name=self.policy, seed=self.seed, hub=self.robot.hub, **hooks)
 
     def _policy(self, env: EnvBase, description: Description) -> tuple[Policy, Callable[[], None]]:
         """The policy, and the reset of its state."""
