@@ -68,7 +68,7 @@ class StudyCommand:
         if self.name in BENCHMARK_STUDIES:
             mode = f"on '{self.name}', whose runs are those of benchmarks"
             refuse_ignored(self, ("--name", "--quick", "--folder", "--benchmarks"), mode)
-            self._print(run_benchmark_study(BENCHMARK_STUDIES[self.name], folder, self.benchmarks, quick=self.quick))
+            _print(run_benchmark_study(BENCHMARK_STUDIES[self.name], folder, self.benchmarks, quick=self.quick))
             return
         kept = ("--name", "--quick", "--seeds", "--jobs", "--on", "--only", "--folder")
         refuse_ignored(self, kept, f"on '{self.name}', whose runs need no benchmark")
@@ -87,8 +87,9 @@ class StudyCommand:
             page = run(on=self.on, only=self.only, on_seed=report)
         except KeyboardInterrupt:
             raise Interrupted(f"finished runs are in {folder}; the same command resumes the study") from None
-        self._print(page)
+        _print(page)
 
-    def _print(self, page: Path) -> None:
-        print_line(f"tables   {page}")
-        print_line(f"numbers  {page.with_suffix('.json')}")
+
+def _print(page: Path) -> None:
+    print_line(f"tables   {page}")
+    print_line(f"numbers  {page.with_suffix('.json')}")
