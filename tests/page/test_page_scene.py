@@ -10,7 +10,7 @@ import pytest
 
 from bricksrl.errors import PageError
 from bricksrl.page.robot_view import Mirror
-from bricksrl.page.scene import HIDDEN, Mesh, Scene, SceneBody, Shape, box, capsule, cylinder, ellipsoid, poses, sphere
+from bricksrl.page.scene import HIDDEN, Mesh, Scene, SceneBody, Shape, box, capsule, cylinder, ellipsoid, poses
 from bricksrl.page.twin_scene import twin_scene
 from bricksrl.robots import ROBO_ARM, TWO_WHEELER, WALKER
 from bricksrl.twin.make_body import make_body
@@ -29,7 +29,7 @@ def volume(mesh: Mesh) -> float:
     ("mesh", "expected"),
     [
         (box((1.0, 2.0, 3.0)), 48.0),
-        (sphere(1.0), 4 / 3 * np.pi),
+        (ellipsoid((1.0, 1.0, 1.0)), 4 / 3 * np.pi),
         (ellipsoid((1.0, 2.0, 0.5)), 4 / 3 * np.pi),
         (cylinder(1.0, 2.0), 4 * np.pi),
         (capsule(1.0, 2.0), 4 * np.pi + 4 / 3 * np.pi),

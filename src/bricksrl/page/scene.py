@@ -178,11 +178,6 @@ def box(half_size: Triple) -> Mesh:
     return flat_mesh(np.array(triangles) * np.array(half_size))
 
 
-def sphere(radius: float) -> Mesh:
-    """Sphere around the origin."""
-    return ellipsoid((radius,) * 3)
-
-
 def ellipsoid(radii: Triple) -> Mesh:
     """Ellipsoid around the origin."""
     angles = np.linspace(-math.pi / 2, math.pi / 2, _SEGMENTS // 2 + 1)
