@@ -82,15 +82,12 @@ def filmed_env(env: EnvBase, path: Path | None, title: str) -> Iterator[None]:
         number, machine, room = number + 1, connection.twin.machine, Room(body)
         renderer = renderers.enter_context(Renderer(body, *size, room.camera, smooth=False, decorate=room.decorate))
 
-        class Camera:
-            """Renderer with captions."""
+        def render() -> Image:
+            room.follow()
+            caption = f"episode {number}   {machine.time_ms / 1000:.1f} s"
+            return captioned(renderer.render(), title, caption, room.metre_marks(*size))
 
-            def render(self) -> Image:
-                room.follow()
-                caption = f"episode {number}   {machine.time_ms / 1000:.1f} s"
-                return captioned(renderer.render(), title, caption, room.metre_marks(*size))
-
-        machine.body = Filmed(machine.body, Camera(), _FRAME_MS, machine.time_ms, video.add)
+        machine.body = Filmed(machine.body, render, _FRAME_MS, machine.time_ms, video.add)
 
     with closing(video), renderers, ExitStack() as watch:
         watch.callback(env.watch(install))

@@ -85,7 +85,7 @@ def film(
             if twin is None or not isinstance(twin.body, MujocoBody):
                 raise TwinError(f"{env.task.id} has no virtual robot to film")
             with closing(_Take(env, twin.body, options, number, start, video)) as take:
-                twin.machine.body = FilmedBody(twin.machine.body, take, take.frame_ms, twin.machine.time_ms, take.show)
+                twin.machine.body = FilmedBody(twin.machine.body, take.render, take.frame_ms, twin.machine.time_ms, take.show)
                 for frame in play(env, act, start, reset_policy=reset):
                     take.add(frame)
                 take.show(take.render(), round(25 * _LAST_S))
