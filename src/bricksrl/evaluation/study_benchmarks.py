@@ -135,9 +135,12 @@ def _datasets(results: dict[str, Numbers]) -> Numbers:
             returns = {"return": paper_numbers["mean_reward"]} if kind == "expert" else {}
             metrics = {"transitions": dataset["transitions"], "the paper's transitions": paper_numbers[f"{kind}_transitions"]}
             cells.append(_cell(kind, env, f"{dataset['episodes']} episodes", [dataset["mean_reward"]], returns, metrics=metrics))
-    notes = ["One dataset of each kind: no interval over seeds."]
-    metrics = ["transitions", "the paper's transitions"]
-    return {"cells": cells, "heads": ("policy", "environment"), "metrics": metrics, "notes": notes}
+    return {
+        "cells": cells,
+        "heads": ("policy", "environment"),
+        "metrics": ["transitions", "the paper's transitions"],
+        "notes": ["One dataset of each kind: no interval over seeds."],
+    }
 
 
 def _ablation(results: dict[str, Numbers]) -> Numbers:
