@@ -99,7 +99,7 @@ def load(path: Path | str, *, images: bool = True) -> Episodes:
     episodes = [reader.read(row) for row in index.rows]
     columns = _joined(index, episodes)
     arrays = {name: columns[column] for name, column in COLUMNS.items()}
-    if reader.has_images:
+    if reader.image_key is not None:
         arrays["image"] = np.concatenate([episode.images for episode in episodes])
         arrays["next_image"] = np.concatenate([image for episode in episodes for image in _next_images(index, episode)])
     tensors = {name: torch.from_numpy(np.ascontiguousarray(array)) for name, array in arrays.items()}
@@ -137,10 +137,13 @@ class EpisodeReader:
     Args:
         names: columns to read; by default all.
         images: read the images too, if there are any.
+
+    Attributes:
+        image_key: name of the images' feature; ``None`` if none are read.
     """
 
     def __init__(self, index: Index, names: Iterable[str] | None = None, *, images: bool = True) -> None:
-        self.has_images = images and index.description.camera is not None
+        self.image_key = index.description.image_key if images else None
         self._index = index
         self._names = [name for name, _, _ in numbers(index.description)] if names is None else list(names)
         self._by_data_file: dict[FileIndex, list[EpisodeRow]] = {}
@@ -159,13 +162,13 @@ class EpisodeReader:
             self._table = row.data_file, _read_file(index, rows)
         table = self._table[1].slice(row.start - rows[0].start, row.length)
         columns = from_table(table, index.description, self._names, index.layout.data(row.data_file))
-        return EpisodeData(row, columns, self._images(row) if self.has_images else None)
+        return EpisodeData(row, columns, None if self.image_key is None else self._images(row, self.image_key))
 
-    def _images(self, row: EpisodeRow) -> NDArray[np.uint8]:
+    def _images(self, row: EpisodeRow, key: str) -> NDArray[np.uint8]:
         """Images before the steps of an episode."""
         rows = self._by_video_file[row.video_file]
         if self._video is None or self._video[0] != row.video_file:
-            path = self._index.layout.video(f"{self._index.description.image_key}", row.video_file or FileIndex())
+            path = self._index.layout.video(key, row.video_file or FileIndex())
             read_verified(path, row.video_sha256)
             self._video = row.video_file, decode(path, sum(other.length for other in rows), self._index.description.image_px)
         start = row.start - rows[0].start

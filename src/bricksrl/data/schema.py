@@ -69,9 +69,10 @@ class Description:
                 values[key] = tuple(_entry_from_json(entry) for entry in values[key])
             check_fields(cls, values)
             description = cls(**values)
-            camera, has_camera = description.camera, description.camera is not None
-            is_valid = description.observation and description.action and 0 < description.rate_hz < math.inf
-            if not is_valid or (has_camera and not f"{camera}".isidentifier()) or (description.image_px > 0) != has_camera:
+            camera, image_px = description.camera, description.image_px
+            has_sound_camera = image_px == 0 if camera is None else camera.isidentifier() and image_px > 0
+            has_entries = description.observation and description.action
+            if not (has_entries and has_sound_camera and 0 < description.rate_hz < math.inf):
                 raise ValueError("not a description")
         except (AttributeError, KeyError, TypeError, ValueError):
             raise DataError(f"{where} is damaged; restore it from a copy") from None
