@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -66,4 +67,4 @@ class TrainOffline:
             updates=self.updates,
             run_dir=run_folder(self.run, self.env, self.agent, self.seed),
         )
-        run_training(lambda displays: train(config, displays.callback, stop=displays.stop), config, address, can_drive=False)
+        run_training(partial(train, config), config, address, can_drive=False)

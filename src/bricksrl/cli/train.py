@@ -5,8 +5,9 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import Positional, UseAppendAction
 
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from torchrl.envs import EnvBase
 
     from bricksrl.cli.emergency_stop import EmergencyStop
-    from bricksrl.cli.progress import LineProgress
+    from bricksrl.envs.rollout import Driver
     from bricksrl.page.live import LivePage
     from bricksrl.training import RunResult, TrainConfig
     from bricksrl.training.callbacks import Callback
@@ -143,23 +144,15 @@ class Train:
         from bricksrl.training import train
 
         if self.take_over is None:
-            run_training(lambda displays: train(config, displays.callback, **displays.kwargs()), config, address)
+            run_training(partial(train, config), config, address)
             return
-        from bricksrl.cli.teleop import driving, quiet
+        from bricksrl.cli.teleop import driving
         from bricksrl.data.schema import describe_task
         from bricksrl.envs import get_task
 
+        keys = False if self.take_over == "keyboard" else None  # all keys of a keyboard are for driving
         with driving(self.take_over, describe_task(get_task(self.env, **config.options)), in_charge=False) as driver:
-
-            def start(displays: Displays) -> RunResult:
-                def place(rng: np.random.Generator) -> None:
-                    with quiet(driver):
-                        displays.progress.place(rng)
-
-                return train(config, displays.callback, place=place, driver=driver, stop=displays.stop)
-
-            keys = False if self.take_over == "keyboard" else None  # all keys of a keyboard are for driving
-            run_training(start, config, address, keys=keys, can_drive=False)
+            run_training(partial(train, config), config, address, driver=driver, keys=keys)
 
     def config(self, env: str) -> TrainConfig:
         """Configuration of the run from the flags."""
@@ -217,51 +210,37 @@ class Resume:
         from bricksrl.training import RunFolder, resume
 
         address, config = self.live_page.shown(self.page), RunFolder(self.run).read_config()
-        run_training(
-            lambda displays: resume(self.run, displays.callback, episodes=self.episodes, **displays.kwargs()), config, address
-        )
-
-
-@dataclass(frozen=True)
-class Displays:
-    """Displays of a run, in the terminal and on an optional page, and the event that stops it."""
-
-    progress: LineProgress
-    stop: threading.Event
-    page: LivePage | None
-
-    @property
-    def callback(self) -> Callback:
-        """Callback of all displays."""
-        from bricksrl.training.callbacks import CallbackList
-
-        if self.page is None:
-            return self.progress
-        from bricksrl.page.training import PageCallback
-
-        return CallbackList(self.progress, PageCallback(self.page, self.stop))
-
-    def kwargs(self) -> dict[str, Any]:
-        """Keyword arguments for `train` and `resume`."""
-        driver = None if self.page is None else self.page.driver
-        return {"place": self.progress.place, "stop": self.stop, "driver": driver}
+        run_training(partial(resume, self.run, episodes=self.episodes), config, address)
 
 
 def run_training(
-    start: Callable[[Displays], RunResult],
+    run: Callable[..., RunResult],
     config: TrainConfig,
     address: PageAddress | None,
     *,
+    driver: Driver | None = None,
     keys: bool | None = None,
     can_drive: bool = True,
 ) -> None:
-    """Run, evaluate and report a training with its displays. ``keys`` is for :class:`EmergencyStop`, ``can_drive`` says whether a
-    human at the page may drive."""
+    """Run, evaluate and report a training with its displays, in the terminal and on an optional page.
+
+    Args:
+        run: `train` or `resume`, called with a callback and with ``place``, ``stop`` and ``driver``.
+        driver: a human who may take over; by default one at the page.
+        keys: as in :class:`EmergencyStop`.
+        can_drive: whether a human at the page may drive.
+    """
     from bricksrl.cli.emergency_stop import EmergencyStop
     from bricksrl.cli.progress import make_progress
+    from bricksrl.cli.teleop import quiet
 
     progress, stop = make_progress(config.hub), threading.Event()
-    can_drive = can_drive and config.num_envs == len(config.hubs) == 1
+    can_drive = can_drive and driver is None and config.num_envs == len(config.hubs) == 1
+
+    def place(rng: np.random.Generator) -> None:
+        with quiet(driver):
+            progress.place(rng)
+
     try:
         load_learning()
         with (
@@ -269,7 +248,13 @@ def run_training(
             EmergencyStop(stop, progress.note, keys=keys) as emergency_stop,
         ):
             progress.on_ready, progress.quiet = emergency_stop.attach, emergency_stop.quiet
-            result = start(Displays(progress, stop, page))
+            callback: Callback = progress
+            if page is not None:
+                from bricksrl.page.training import PageCallback
+                from bricksrl.training.callbacks import CallbackList
+
+                callback, driver = CallbackList(progress, PageCallback(page, stop)), driver or page.driver
+            result = run(callback, place=place, stop=stop, driver=driver)
             progress.close()
             if not result.interrupted:
                 with only_writer(result.run_dir, RunError):
