@@ -27,7 +27,7 @@ def test_progress_lines_show_episodes_and_lost_workers(capsys: pytest.CaptureFix
 
 
 def test_studies_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
-    assert StudyCommand().execute() == 0
+    StudyCommand().execute()
     listed = capsys.readouterr().out
     assert "sim-to-robot" in listed and "h on two cores" in listed
     with pytest.raises(UnknownNameError, match="no study 'poetry'"):
@@ -51,6 +51,6 @@ def test_study_ignores_no_option(command: StudyCommand, says: str) -> None:
 
 def test_benchmark_study_uses_results(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     benchmarks = Path(__file__).parents[2] / "benchmarks"
-    assert StudyCommand("datasets", folder=tmp_path / "study", benchmarks=benchmarks).execute() == 0
+    StudyCommand("datasets", folder=tmp_path / "study", benchmarks=benchmarks).execute()
     page = tmp_path / "study" / "study.md"
     assert str(page) in capsys.readouterr().out and "-69.12" in page.read_text()

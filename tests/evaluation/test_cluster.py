@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
+import ray
 
+from bricksrl.cli.new import write_template
 from bricksrl.errors import RunError
-from bricksrl.evaluation.cluster import Changes, Keeper, parse_on
+from bricksrl.evaluation.cluster import Changes, Keeper, parse_on, train_on_worker
 from bricksrl.evaluation.multi_seed import train_seeds
 from bricksrl.training import TrainConfig
 
@@ -91,3 +95,17 @@ def test_changed_files_return_from_worker(tmp_path: Path) -> None:
     keeper.keep(0, second, {"episode": 2})
     assert keeper.files(0) == {"checkpoint.bin": b"22", str(Path("data/zz.parquet")): b"rows"}
     assert keeper.messages() == [(0, {"episode": 1}), (0, {"episode": 2})] and keeper.messages() == []
+
+
+def test_error_of_user_code_on_worker_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It was taken for a lost worker."""
+    task = tmp_path / "my_task.py"
+    write_template("task", task)
+    task.write_text(task.read_text().replace("return -error_mm(observation) / 100.0", "raise ZeroDivisionError('by hand')"))
+    monkeypatch.setattr(ray, "get", lambda value: value)
+    keeper = SimpleNamespace(
+        files=SimpleNamespace(remote=lambda number: {}), keep=SimpleNamespace(remote=lambda number, files, message: None)
+    )
+    config = TrainConfig(str(task), episodes=1).to_dict()
+    error = train_on_worker(0, config, 1, keeper)
+    assert error is not None and re.fullmatch(r"ZeroDivisionError: by hand.*my_task\.py.*; correct it", error)

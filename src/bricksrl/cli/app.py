@@ -17,10 +17,12 @@ from tyro.conf import FlagCreatePairsOff
 from tyro.extras import SubcommandApp
 
 import bricksrl
-from bricksrl.cli.terminal import print_error, print_line
+from bricksrl.cli.terminal import Interrupted, print_error, print_line, print_note
 from bricksrl.cli.wording import one_line
 from bricksrl.errors import BricksError
 
+INTERRUPTED = 130
+"""Exit code after Ctrl-C, as in shells."""
 _DESCRIPTION = """Reinforcement learning on LEGO robots that run Pybricks.
 
 Without a robot, everything runs on a virtual hub, which executes the same hub program in simulated time.
@@ -97,8 +99,8 @@ _GROUPS = {
 class Command(Protocol):
     """One parsed command line."""
 
-    def execute(self) -> int:
-        """Run the command and return its exit code."""
+    def execute(self) -> int | None:
+        """Run the command; returns its exit code, ``None`` for 0. Raises Interrupted if the user ends it."""
 
 
 def run(arguments: Sequence[str]) -> int:
@@ -107,7 +109,11 @@ def run(arguments: Sequence[str]) -> int:
         if list(arguments) == ["--version"]:
             print_line(f"bricksrl {bricksrl.__version__}")
             return 0
-        return parse(arguments or ["--help"]).execute()
+        return parse(arguments or ["--help"]).execute() or 0
+    except Interrupted as end:
+        if str(end):
+            print_note(f"interrupted: {end}")
+        return INTERRUPTED
     except BricksError as error:
         print_error(str(error))
         return 2

@@ -46,8 +46,7 @@ class CalibrateCamera:
     out: Annotated[Path | None, option(metavar="FILE")] = None
     """File to write; by default the camera's file in your settings folder, which environments read."""
 
-    def execute(self) -> int:
-        """Take frames, calibrate, print and write."""
+    def execute(self) -> None:
         from bricksrl.envs.registry import get_task
         from bricksrl.envs.vision.color_calibration import FoundRed, calibrate_red, picture, saved_path, spanning, write_red
         from bricksrl.envs.vision.frames import find_red
@@ -76,7 +75,6 @@ class CalibrateCamera:
         self._print(ball, len(find_red(frames[-1], ball.window)))
         print_line(f"saved    {path}")
         print_line(f"picture  {path.with_suffix('.png')}")
-        return 0
 
     def _open(self, task: Task, view: CameraView) -> Camera:
         from bricksrl.envs.vision.camera import TwinCamera, VideoCamera

@@ -8,7 +8,7 @@ from typing import Annotated
 from tyro.conf import Positional
 
 from bricksrl.cli.options import option
-from bricksrl.cli.terminal import load_learning, print_line
+from bricksrl.cli.terminal import load_learning, print_findings
 
 
 @dataclass(frozen=True)
@@ -29,15 +29,9 @@ class Check:
     """Environment or agent; `bricksrl list` shows them. Your own: my_task.py, my_task.py:TASK, module:TASK, my_agent.py."""
 
     def execute(self) -> int:
-        """Check and print."""
         from bricksrl.envs.env_checker import check_env
-        from bricksrl.finding import Outcome
 
         load_learning()
         from bricksrl.evaluation.agent_checker import check_agent, is_agent
 
-        code = 0
-        for check in check_agent(self.what) if is_agent(self.what) else check_env(self.what):
-            print_line(f"{check.outcome.value:8}{check.name:13}{check.detail}")
-            code = 1 if check.outcome is Outcome.ERROR else code
-        return code
+        return print_findings(check_agent(self.what) if is_agent(self.what) else check_env(self.what), (8, 13))

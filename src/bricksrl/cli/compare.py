@@ -34,8 +34,7 @@ class Compare:
     """PNG file for the learning curves."""
     json: JsonFlag = False
 
-    def execute(self) -> int:
-        """Compare, print, draw."""
+    def execute(self) -> None:
         from bricksrl.evaluation.comparison import compare, draw
         from bricksrl.plotting import check_picture
 
@@ -50,7 +49,6 @@ class Compare:
             draw(self.out, comparison.groups)
             if not self.json:
                 print_line(f"picture  {self.out}")
-        return 0
 
 
 @dataclass(frozen=True)
@@ -67,15 +65,13 @@ class Plot:
     out: Annotated[Path, option(metavar="FILE")]
     """PNG file to write."""
 
-    def execute(self) -> int:
-        """Draw."""
+    def execute(self) -> None:
         from bricksrl.evaluation.comparison import compare, draw
         from bricksrl.plotting import check_picture
 
         check_picture(self.out)
         draw(self.out, compare(self.runs).groups)
         print_line(f"picture  {self.out}")
-        return 0
 
 
 def _print(comparison: Comparison) -> None:

@@ -35,8 +35,7 @@ class Info:
     json: Flag = False
     """Print one JSON object per dataset and line."""
 
-    def execute(self) -> int:
-        """Summarise and print."""
+    def execute(self) -> None:
         from bricksrl.data.summary import summarise
 
         for path in _not_empty(self.datasets):
@@ -57,7 +56,6 @@ class Info:
                 f"  observation   {', '.join(summary.observation)}{f', images of {summary.camera}' if summary.camera else ''}"
             )
             print_line(f"  action        {', '.join(summary.action)}")
-        return 0
 
 
 @dataclass(frozen=True)
@@ -71,11 +69,9 @@ class Check:
     dataset: DatasetArgument
 
     def execute(self) -> int:
-        """Check and print."""
         from bricksrl.data.integrity import check
-        from bricksrl.data.reader import dataset_folder
 
-        faults = check(dataset_folder(self.dataset))
+        faults = check(self.dataset)
         for line in faults or ["all is well"]:
             print_line(line)
         return 1 if faults else 0
@@ -98,11 +94,10 @@ class Repair:
     """Folder for the intact episodes of a damaged dataset, which must not exist."""
 
     def execute(self) -> int:
-        """Repair and print what was done."""
         from bricksrl.data.edit import salvage
+        from bricksrl.data.episode_index import dataset_folder
         from bricksrl.data.integrity import check
         from bricksrl.data.layout import Layout
-        from bricksrl.data.reader import dataset_folder
         from bricksrl.data.repair import recover
         from bricksrl.files import only_writer
 
@@ -142,14 +137,11 @@ class Merge:
     out: Annotated[Path, option(metavar="DIR")]
     """Folder of the new dataset, which must not exist."""
 
-    def execute(self) -> int:
-        """Merge and print the counts."""
+    def execute(self) -> None:
         from bricksrl.data.edit import merge
-        from bricksrl.data.reader import dataset_folder
 
-        index = merge([dataset_folder(path) for path in _not_empty(self.datasets)], self.out)
+        index = merge(_not_empty(self.datasets), self.out)
         print_line(f"{_size(index)}: {self.out}")
-        return 0
 
 
 @dataclass(frozen=True)
@@ -170,15 +162,12 @@ class Split:
     seed: Annotated[int, option(metavar="N")] = 0
     """Seed of the random split."""
 
-    def execute(self) -> int:
-        """Split and print the counts."""
+    def execute(self) -> None:
         from bricksrl.data.edit import split
-        from bricksrl.data.reader import dataset_folder
 
-        parts = split(dataset_folder(self.dataset), self.out, self.rest, self.share, self.seed)
+        parts = split(self.dataset, self.out, self.rest, self.share, self.seed)
         for index, path in zip(parts, (self.out, self.rest), strict=True):
             print_line(f"{_size(index)}: {path}")
-        return 0
 
 
 @dataclass(frozen=True)
@@ -193,13 +182,11 @@ class Plot:
     out: Annotated[Path, option(metavar="FILE")]
     """PNG file to write."""
 
-    def execute(self) -> int:
-        """Draw."""
+    def execute(self) -> None:
         from bricksrl.data.summary import plot
 
         plot(self.dataset, self.out)
         print_line(f"picture  {self.out}")
-        return 0
 
 
 @dataclass(frozen=True)
@@ -218,13 +205,11 @@ class Import:
     env: Annotated[str | None, option(metavar="ENV")] = None
     """Environment of the datasets; by default inferred from the names of the folders."""
 
-    def execute(self) -> int:
-        """Import."""
+    def execute(self) -> None:
         from bricksrl.data.importing import import_paper
 
         for dataset in import_paper(self.source, self.out, env=self.env):
             print_line(f"{dataset.source}: {dataset.index.description.env}, {_size(dataset.index)}: {dataset.out}")
-        return 0
 
 
 @dataclass(frozen=True)
@@ -243,14 +228,12 @@ class Export:
     out: Annotated[Path, option(metavar="PATH")]
     """File or folder to write, which must not exist."""
 
-    def execute(self) -> int:
-        """Export."""
+    def execute(self) -> None:
         from bricksrl.data.export import export_minari, export_numpy, export_parquet
 
         load_learning()
         {"numpy": export_numpy, "parquet": export_parquet, "minari": export_minari}[self.format](self.dataset, self.out)
         print_line(f"{self.format}  {self.out}")
-        return 0
 
 
 @dataclass(frozen=True)
@@ -273,15 +256,13 @@ class Push:
     private: Flag = False
     """Make the repository private."""
 
-    def execute(self) -> int:
-        """Upload and print the address."""
+    def execute(self) -> None:
         from bricksrl.data.share import push_dataset
         from bricksrl.policies.sharing import push_policy
 
         load_learning()
         push = push_policy if self.policy else push_dataset
         print_line(push(self.folder, self.repo, private=self.private))
-        return 0
 
 
 @dataclass(frozen=True)
@@ -302,15 +283,13 @@ class Pull:
     revision: Annotated[str | None, option(metavar="NAME")] = None
     """Branch, tag or commit; by default the newest."""
 
-    def execute(self) -> int:
-        """Download and print the path."""
+    def execute(self) -> None:
         from bricksrl.data.share import pull_dataset
         from bricksrl.policies.sharing import pull_policy
 
         load_learning()
         pull = pull_policy if self.policy else pull_dataset
         print_line(str(pull(self.repo, self.out, revision=self.revision)))
-        return 0
 
 
 def _size(index: Index) -> str:

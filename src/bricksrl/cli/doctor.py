@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import platform
 import shutil
@@ -16,7 +15,7 @@ from pathlib import Path
 from typing import Annotated
 
 from bricksrl.cli.options import JsonFlag, option
-from bricksrl.cli.terminal import print_line
+from bricksrl.cli.terminal import print_findings
 from bricksrl.errors import DescriptionError
 from bricksrl.finding import Finding, Outcome
 
@@ -53,19 +52,10 @@ class Doctor:
     json: JsonFlag = False
 
     def execute(self) -> int:
-        """Check and print."""
         if not 0 < self.timeout_s <= _MAX_TIMEOUT_S:
             raise DescriptionError(f"timeout-s is {self.timeout_s:g}; give a positive number of up to {_MAX_TIMEOUT_S:g}")
-        findings = []
-        for name, check in CHECKS.items():
-            finding = run_check(name, check, self.timeout_s)
-            findings.append(finding)
-            if not self.json:
-                print_line(f"{finding.outcome.value:9}{finding.name:12}{finding.detail}")
-        errors = [finding for finding in findings if finding.outcome is Outcome.ERROR]
-        if self.json:
-            print_line(json.dumps({"ok": not errors, "findings": [finding.to_dict() for finding in findings]}))
-        return 1 if errors else 0
+        findings = (run_check(name, check, self.timeout_s) for name, check in CHECKS.items())
+        return print_findings(findings, (9, 12), as_json=self.json)
 
 
 def run_check(name: str, check: Callable[[], Answer], timeout_s: float) -> Finding:

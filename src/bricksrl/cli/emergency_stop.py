@@ -7,7 +7,6 @@ import queue
 import signal
 import threading
 from collections.abc import Callable, Iterator
-from types import FrameType
 from typing import TYPE_CHECKING, Any, Self
 
 from bricksrl.cli.key_listener import KeyListener, can_listen, interrupt_main
@@ -63,7 +62,7 @@ class EmergencyStop:
         self._worker.start()
         if threading.current_thread() is threading.main_thread():
             for number in STOP_SIGNALS:
-                self._handlers.callback(signal.signal, number, signal.signal(number, self._on_signal))
+                self._handlers.callback(signal.signal, number, signal.signal(number, lambda *_: self._requests.put("stop")))
         if self._keys:
             self._listener.enter_context(KeyListener(self._on_key, self._source))
             self._notify(LEGEND)
@@ -89,9 +88,6 @@ class EmergencyStop:
         """Ask for the robot to be placed, as :func:`place_robot`."""
         with self.quiet():
             place_robot(rng)
-
-    def _on_signal(self, _number: int, _frame: FrameType | None) -> None:
-        self._requests.put("stop")
 
     def _on_key(self, key: str) -> None:
         if key in STOP_KEYS:

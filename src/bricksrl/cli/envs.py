@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from bricksrl.cli.options import Flag
 from bricksrl.cli.terminal import print_line
+
+if TYPE_CHECKING:
+    from bricksrl.envs.task import Task
 
 
 @dataclass(frozen=True)
@@ -24,38 +27,31 @@ class List:
     json: Flag = False
     """Print one JSON object instead of a table."""
 
-    def execute(self) -> int:
-        """Print the lists."""
-        names = _collect()
+    def execute(self) -> None:
+        from bricksrl import agents, envs, robots
+        from bricksrl.envs.arenas import ARENAS
+
+        names: dict[str, Any] = {
+            "environments": [_environment(envs.get_task(env_id), summary) for env_id, summary in envs.list_envs().items()],
+            "arenas": list(ARENAS),
+            "agents": list(agents.AGENTS),
+            "presets": list(agents.PRESETS),
+            "robots": sorted(robots.ROBOTS),
+        }
         if self.json:
             print_line(json.dumps(names, indent=2))
         else:
             _print_table(names)
-        return 0
 
 
-def _collect() -> dict[str, Any]:
-    from bricksrl import agents, envs, robots
-    from bricksrl.envs.arenas import ARENAS
-
-    summaries = envs.list_envs()
-    tasks = [envs.get_task(env_id) for env_id in summaries]
+def _environment(task: Task, summary: str) -> dict[str, Any]:
     return {
-        "environments": [
-            {
-                "id": task.id,
-                "robot": task.robot.name,
-                "observation": [entry.name for entry in task.entries],
-                "action": [command.name for command in task.interface.commands],
-                "max_steps": task.max_steps,
-                "summary": summaries[task.id],
-            }
-            for task in tasks
-        ],
-        "arenas": list(ARENAS),
-        "agents": list(agents.AGENTS),
-        "presets": list(agents.PRESETS),
-        "robots": sorted(robots.ROBOTS),
+        "id": task.id,
+        "robot": task.robot.name,
+        "observation": [entry.name for entry in task.entries],
+        "action": [command.name for command in task.interface.commands],
+        "max_steps": task.max_steps,
+        "summary": summary,
     }
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from tyro.conf import Positional
 
 from bricksrl.cli.options import Flag, JsonFlag, option
-from bricksrl.cli.terminal import INTERRUPTED, load_learning, print_interrupted, print_line, print_note
+from bricksrl.cli.terminal import Interrupted, load_learning, print_line, print_note
 from bricksrl.cli.video import check_film
 from bricksrl.errors import StoppedError, TwinError, counted
 
@@ -54,8 +54,7 @@ class Evaluate:
     """Film up to three of the episodes into this mp4 file."""
     json: JsonFlag = False
 
-    def execute(self) -> int:
-        """Evaluate and print."""
+    def execute(self) -> None:
         from bricksrl.cli.emergency_stop import EmergencyStop
         from bricksrl.evaluation import evaluate
         from bricksrl.evaluation.film import FilmOptions, film_run
@@ -90,15 +89,13 @@ class Evaluate:
                     **options,
                 )
         except StoppedError:
-            print_interrupted("nothing was counted")
-            return INTERRUPTED
+            raise Interrupted("nothing was counted") from None
         for line in [result.to_json()] if self.json else describe(result):
             print_line(line)
         result.save()
         if self.video is not None:
             film = film_run(self.run, "best" if self.best else "last", self.video, film_options, **physics)
             print_note(f"video    {film.path}")
-        return 0
 
 
 def describe(result: EvaluationResult) -> Iterator[str]:

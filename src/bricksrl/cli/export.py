@@ -33,11 +33,9 @@ class Export:
     best: Flag = False
     """Use the checkpoint of the best evaluation during training instead of the last one."""
 
-    def execute(self) -> int:
-        """Export, check and print the difference."""
+    def execute(self) -> None:
         load_learning()
         from bricksrl.policies.export import export_model
 
         difference = export_model(self.run, self.out, self.format, which="best" if self.best else "last")
         print_line(f"written  {self.out}  (its actions differ by {difference:.2g} at most from the policy's)")
-        return 0

@@ -17,7 +17,7 @@ from tyro.conf import Positional, UseAppendAction
 
 from bricksrl.cli.options import EnvArgument, Flag, PageFlag, option
 from bricksrl.cli.page import LivePageGroup, PageAddress, announce
-from bricksrl.cli.terminal import INTERRUPTED, print_interrupted, print_line
+from bricksrl.cli.terminal import Interrupted, print_line, print_note
 from bricksrl.errors import DescriptionError, UnknownNameError, counted
 
 if TYPE_CHECKING:
@@ -42,8 +42,7 @@ class Program:
     out: Annotated[Path | None, option(metavar="FILE")] = None
     """The .py file to write; by default the program is printed."""
 
-    def execute(self) -> int:
-        """Print or write the program."""
+    def execute(self) -> None:
         from bricksrl.envs import get_task
         from bricksrl.files import write_durably
         from bricksrl.hub.program.generate import generate
@@ -52,12 +51,11 @@ class Program:
         source = generate(task.robot, task.interface).source.rstrip("\n")
         if self.out is None:
             print_line(source)
-            return 0
+            return
         if self.out.suffix != ".py":
             raise DescriptionError(f"'{self.out}' is not a name of a program; end it in .py")
         write_durably(self.out, f"{source}\n".encode())
         print_line(f"{counted(len(source.splitlines()), 'line')}: {self.out}")
-        return 0
 
 
 @dataclass(frozen=True)
@@ -104,14 +102,12 @@ class Run:
     live_page: LivePageGroup = PageAddress()
 
     def execute(self) -> int:
-        """Run the program."""
         # Ctrl-C must not reach the program on the virtual hub, where a KeyboardInterrupt is an ordinary error.
         previous_handler = signal.signal(signal.SIGINT, _interrupt)
         try:
             return self._run()
         except _Interrupted:
-            print_interrupted("the program was stopped; there was nothing to save")
-            return INTERRUPTED
+            raise Interrupted("the program was stopped; there was nothing to save") from None
         finally:
             signal.signal(signal.SIGINT, previous_handler)
 
@@ -170,17 +166,19 @@ class Run:
         return stack.enter_context(filmed(body, self.video))
 
     def _operation(self, stack: ExitStack) -> Operation:
+        from bricksrl.cli.key_listener import KeyListener, can_listen
         from bricksrl.virtual_hub.given_readings import parse_reading
         from bricksrl.virtual_hub.panel import parse_press
         from bricksrl.virtual_hub.run import Operation
 
-        connect_keys = _keys(stack) if self.realtime else None
+        listens = self.realtime and can_listen()
 
         def watch(panel: Panel) -> None:
-            if connect_keys is not None:
-                connect_keys(panel)
+            if listens:
+                panel.is_watched = True
+                stack.enter_context(KeyListener(lambda key: _press(panel, _KEYS.get(key, ""))))
             if self.panel:
-                _show(panel)
+                panel.on_change = _print_panel
 
         return Operation(
             presses=[parse_press(text) for text in self.press],
@@ -226,31 +224,13 @@ class Run:
 _KEYS = {"left": "left", "right": "right", " ": "center", "c-m": "center", "b": "bluetooth"}
 
 
-def _keys(stack: ExitStack) -> Callable[[Panel], None] | None:
-    """Function that connects keys to a panel's buttons; ``None`` without a terminal."""
-    from bricksrl.cli.key_listener import KeyListener, can_listen
-
-    if not can_listen():
-        return None
-
-    def connect(panel: Panel) -> None:
-        panel.is_watched = True
-
-        def press(key: str) -> None:
-            button = _KEYS.get(key, "")
-            if button in panel.buttons:
-                panel.tap(button)
-
-        stack.enter_context(KeyListener(press))
-
-    return connect
+def _press(panel: Panel, button: str) -> None:
+    if button in panel.buttons:
+        panel.tap(button)
 
 
-def _show(panel: Panel) -> None:
-    def write(changed: Panel) -> None:
-        sys.stderr.write(f"{changed.now_s:9.3f} s  {changed.describe()}\n")
-
-    panel.on_change = write
+def _print_panel(panel: Panel) -> None:
+    print_note(f"{panel.now_s:9.3f} s  {panel.describe()}")
 
 
 def _end_stop(text: str) -> tuple[str, tuple[float, float]]:

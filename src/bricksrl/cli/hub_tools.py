@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import Positional
 
 from bricksrl.cli.options import EnvArgument, Flag, JsonFlag, option
-from bricksrl.cli.terminal import confirm, is_terminal, print_line
+from bricksrl.cli.terminal import confirm, is_terminal, print_findings, print_line
 from bricksrl.errors import BricksError, DescriptionError, HubError
 
 if TYPE_CHECKING:
@@ -80,7 +80,7 @@ class Rename:
     name: Annotated[Positional[str], option(metavar="NAME")]
     """The new name, 15 bytes at most."""
 
-    def execute(self) -> int:
+    def execute(self) -> None:
         """Print what to do; exit code 2, because nothing was renamed."""
         size = len(self.name.encode())
         if not 1 <= size <= _NAME_BYTES or not self.name.isprintable():
@@ -104,8 +104,7 @@ class Stop:
 
     hub: Hub = "ble"
 
-    def execute(self) -> int:
-        """Stop the program."""
+    def execute(self) -> None:
         from bricksrl.hub.errors import HubNotFoundError
         from bricksrl.hub.transports.address import parse_hub
         from bricksrl.hub.transports.profile import Status
@@ -113,7 +112,7 @@ class Stop:
         address = parse_hub(self.hub)
         if address.is_virtual:
             print_line("a virtual hub lives in the command that uses it; none runs here")
-            return 0
+            return
         transport = address.transport()
         try:
             transport.open()
@@ -126,7 +125,6 @@ class Stop:
         ran = status is not None and Status.USER_PROGRAM_RUNNING in status.flags
         name = identity.name if identity else "the hub"
         print_line(f"{name}: {'the program was stopped' if ran else 'no program ran'}, no motor is driven")
-        return 0
 
 
 @dataclass(frozen=True)
@@ -145,8 +143,7 @@ class Latency:
     """Number of readings to time."""
     json: JsonFlag = False
 
-    def execute(self) -> int:
-        """Measure and print."""
+    def execute(self) -> None:
         from bricksrl.hub.diagnostics.latency import advice, measure
         from bricksrl.hub.link.lockstep import HubLink
 
@@ -157,14 +154,13 @@ class Latency:
             result = measure(link, task.interface, self.exchanges)
         if self.json:
             print_line(json.dumps(dataclasses.asdict(result)))
-            return 0
+            return
         print_line(f"round trip           p50 {result.p50_ms:.1f} ms, p99 {result.p99_ms:.1f} ms, of {self.exchanges} exchanges")
         if result.link_share is not None:
             print_line(f"of a step            {result.link_share:.0%} is the link")
         print_line(f"connection interval  {result.interval_ms:g} ms (inferred: half a round trip)")
         if result.is_slow:
             print_line(f"faster               {advice()}")
-        return 0
 
 
 @dataclass(frozen=True)
@@ -188,36 +184,24 @@ class CheckHub:
     json: JsonFlag = False
 
     def execute(self) -> int:
-        """Check and print one line per finding."""
-        from bricksrl.finding import Outcome
         from bricksrl.hub.diagnostics.calibration import calibration_of
         from bricksrl.hub.diagnostics.preflight import check_robot
 
         task = _task(self.env)
         transport = _transport(self.hub, task)
-        findings = []
         is_watched = not self.yes and is_terminal()
-        for finding in check_robot(
+        findings = check_robot(
             transport,
             task.robot,
             task.interface,
             may_move=lambda: self.yes or confirm(f"The {task.robot.name} needs room to move each motor a little. Move it now?"),
             is_right=(lambda move: confirm(f"{move}: was it this motor, and in the right direction?")) if is_watched else None,
             calibrate=calibration_of(lambda: _hub_id(transport), self.calibrations),
-        ):
-            findings.append(finding)
-            if not self.json:
-                print_line(f"{finding.outcome.value:9}{finding.name:18}{finding.detail}")
-        errors = [finding for finding in findings if finding.outcome is Outcome.ERROR]
-        if self.json:
-            print_line(
-                json.dumps(
-                    {"env": task.id, "hub": self.hub, "ok": not errors, "findings": [finding.to_dict() for finding in findings]}
-                )
-            )
-        else:
-            print_line("not ready: see the errors above" if errors else f"ready for {task.id}")
-        return 1 if errors else 0
+        )
+        code = print_findings(findings, (9, 18), as_json=self.json, env=task.id, hub=self.hub)
+        if not self.json:
+            print_line("not ready: see the errors above" if code else f"ready for {task.id}")
+        return code
 
 
 @dataclass(frozen=True)
@@ -246,8 +230,7 @@ class Calibrate:
     calibrations: Folder = None
     """Folder to write to; by default that in your settings folder."""
 
-    def execute(self) -> int:
-        """Calibrate and save."""
+    def execute(self) -> None:
         from bricksrl.hub.diagnostics.calibration import Calibration, forget_calibration, load_calibration, save_calibration
 
         task = _task(self.env)
@@ -260,7 +243,7 @@ class Calibrate:
             if self.forget:
                 forget_calibration(hub_id, task.robot, self.calibrations)
                 print_line(f"{task.robot.name} on {hub_id}: as described")
-                return 0
+                return
             saved = load_calibration(hub_id, task.robot, self.calibrations)
             if self.reverse:
                 calibration = Calibration(saved.zeros_deg, saved.reversed ^ set(self.reverse))
@@ -275,7 +258,6 @@ class Calibrate:
         for name in sorted(calibration.reversed):
             print_line(f"reversed {name}")
         print_line(f"saved    {path}")
-        return 0
 
     def _zeros_deg(self, transport: Transport, robot: Robot, saved: Calibration) -> dict[str, int]:
         from bricksrl.hub.diagnostics.calibration import CalibrationError, calibrated, zero_between

@@ -40,13 +40,11 @@ class _New:
     file: Annotated[Positional[Path], option(metavar="FILE")]
     """The Python file to write, which must not exist."""
 
-    def execute(self) -> int:
-        """Write the file and print the next commands."""
+    def execute(self) -> None:
         write_template(self.kind, self.file)
         print_line(f"{self.kind:8}{self.file}")
         print_line(f"check   bricksrl check {quoted(self.file)}")
         print_line(f"train   {self.train.format(quoted(self.file))}")
-        return 0
 
 
 @dataclass(frozen=True)

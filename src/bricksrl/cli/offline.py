@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 from tyro.conf import Positional
 
-from bricksrl.cli.options import PageFlag, option
+from bricksrl.cli.options import PageFlag, option, run_folder
 from bricksrl.cli.page import LivePageGroup, PageAddress
 from bricksrl.cli.terminal import load_learning
 from bricksrl.cli.train import run_training
@@ -49,17 +49,14 @@ class TrainOffline:
     page: PageFlag = False
     live_page: LivePageGroup = PageAddress()
 
-    def execute(self) -> int:
-        """Train, evaluate, draw."""
+    def execute(self) -> None:
         from bricksrl.training import TrainConfig, train
         from bricksrl.training.config import settings_for
-        from bricksrl.training.run_folder import file_name
 
         address = self.live_page.shown(self.page)
         if self.updates < 1:
             raise RunError(f"updates is {self.updates}; make at least 1")
         load_learning()  # algorithms are registered when their modules are imported
-        time = datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
         config = TrainConfig(
             env=self.env,
             agent=self.agent,
@@ -68,8 +65,6 @@ class TrainOffline:
             settings=settings_for(self.env, self.preset, self.agent),
             data=str(self.data.absolute()),
             updates=self.updates,
-            run_dir=self.run or Path("runs") / f"{file_name(self.env)}-{file_name(self.agent)}-{self.seed}-{time}",
+            run_dir=run_folder(self.run, self.env, self.agent, self.seed),
         )
-        return run_training(
-            lambda displays: train(config, displays.callback, stop=displays.stop), config, address, can_drive=False
-        )
+        run_training(partial(train, config), config, address, can_drive=False)

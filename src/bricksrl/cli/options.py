@@ -1,11 +1,13 @@
-"""Annotations of command-line options, for all commands, and the refusal of options that a command would ignore."""
+"""Command-line options, for all commands: their annotations, the default folder of a run, the refusal of ignored options."""
 
 from __future__ import annotations
 
 import dataclasses
 import typing
 from collections.abc import Container, Iterator
+from datetime import datetime
 from functools import partial
+from pathlib import Path
 from typing import Annotated, Any
 
 from tyro.conf import Positional, arg
@@ -28,6 +30,14 @@ PageFlag = Annotated[bool, option(help="Show it live in the browser: the robot i
 """``--page``."""
 EnvArgument = Annotated[Positional[str], option(metavar="ENV", help="Environment; `bricksrl list` shows them.")]
 """Positional argument ``ENV``."""
+
+
+def run_folder(named: Path | None, env: str, agent: str, seed: int) -> Path:
+    """The folder that the user has named for a run; by default one with the run's and the time's name."""
+    from bricksrl.training.run_folder import file_name
+
+    time = datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
+    return named or Path("runs") / f"{file_name(env)}-{file_name(agent)}-{seed}-{time}"
 
 
 def changed_options(command: Any) -> Iterator[str]:

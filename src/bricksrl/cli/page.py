@@ -16,7 +16,7 @@ from tyro.conf import OmitArgPrefixes, Positional
 
 from bricksrl.cli.options import PageFlag, option, refuse_ignored
 from bricksrl.cli.robot_flags import RobotFlags, RobotGroup
-from bricksrl.cli.terminal import INTERRUPTED, load_learning, place_robot, print_line, print_note
+from bricksrl.cli.terminal import Interrupted, load_learning, place_robot, print_line, print_note
 from bricksrl.errors import DescriptionError, StoppedError, counted
 
 if TYPE_CHECKING:
@@ -99,8 +99,7 @@ class Play:
     robot: RobotGroup = RobotFlags()
     live_page: LivePageGroup = PageAddress()
 
-    def execute(self) -> int:
-        """Play."""
+    def execute(self) -> None:
         from bricksrl.policies.named import named_policies, random_player
 
         address = self.live_page.shown(self.page)
@@ -117,8 +116,9 @@ class Play:
             players[policy] = players.pop(policy)  # the page begins with the last one
             if address is not None:
                 subtitle = self.target if is_run else ""
-                return _on_page(address, env, env_id, players, subtitle=subtitle, episodes=self.episodes)
-            return _in_terminal(env, players[policy](), self.episodes)
+                _on_page(address, env, env_id, players, subtitle=subtitle, episodes=self.episodes)
+            else:
+                _in_terminal(env, players[policy](), self.episodes)
 
 
 @dataclass(frozen=True)
@@ -139,14 +139,13 @@ class Drive:
     robot: RobotGroup = RobotFlags()
     live_page: LivePageGroup = PageAddress()
 
-    def execute(self) -> int:
-        """Drive."""
+    def execute(self) -> None:
         from bricksrl.page.play import resting_player
 
         load_learning()
         with _environment(self, self.env, None) as (env, env_id):
             players = {"by hand": lambda: resting_player(env)}
-            return _on_page(self.live_page, env, env_id, players, subtitle="driven by hand", in_charge=True)
+            _on_page(self.live_page, env, env_id, players, subtitle="driven by hand", in_charge=True)
 
 
 @contextmanager
@@ -173,7 +172,7 @@ def _on_page(
     subtitle: str,
     in_charge: bool = False,
     episodes: int | None = None,
-) -> int:
+) -> None:
     from bricksrl.cli.emergency_stop import EmergencyStop
     from bricksrl.page.live import LivePage
     from bricksrl.page.play import play_on_page
@@ -187,12 +186,11 @@ def _on_page(
             emergency_stop.attach(env)
             returns = play_on_page(env, page, players, episodes=episodes, stop=stop)
     except (KeyboardInterrupt, StoppedError):
-        return INTERRUPTED
+        raise Interrupted from None
     print_line(f"{counted(len(returns), 'episode')}, mean return {sum(returns) / len(returns):.4g}")
-    return 0
 
 
-def _in_terminal(env: EnvBase, player: Player, episodes: int | None) -> int:
+def _in_terminal(env: EnvBase, player: Player, episodes: int | None) -> None:
     """Play without a page, and print a line per episode."""
     from bricksrl.cli.emergency_stop import EmergencyStop
     from bricksrl.envs.rollout import Rollout, play
@@ -208,8 +206,7 @@ def _in_terminal(env: EnvBase, player: Player, episodes: int | None) -> int:
                 number += 1
                 print_line(f"episode {number}  return {episode.return_:.4g}  {counted(len(episode.rewards), 'step')}")
     except (KeyboardInterrupt, StoppedError):
-        return INTERRUPTED
-    return 0
+        raise Interrupted from None
 
 
 @contextmanager

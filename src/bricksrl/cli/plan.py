@@ -11,7 +11,7 @@ from tyro.conf import Positional
 
 from bricksrl.cli.options import option, refuse_ignored
 from bricksrl.cli.page import LivePageGroup, PageAddress, announce
-from bricksrl.cli.terminal import INTERRUPTED, print_line
+from bricksrl.cli.terminal import Interrupted, print_line
 from bricksrl.errors import PlanError, counted
 
 if TYPE_CHECKING:
@@ -50,7 +50,6 @@ class CheckPlan:
     plan: PlanArgument
 
     def execute(self) -> int:
-        """Check and print."""
         from bricksrl.plans.check import check
         from bricksrl.robots.planned import check_named
 
@@ -85,8 +84,7 @@ class PlanParts:
     format: Literal["csv", "rebrickable", "bricklink"] = "csv"
     """Format of the file: a table with masses, Rebrickable's CSV, or BrickLink's wanted list in XML."""
 
-    def execute(self) -> int:
-        """Print or write the list."""
+    def execute(self) -> None:
         from bricksrl.files import write_durably
         from bricksrl.plans import catalogue
         from bricksrl.plans.parts_list import as_text, parts_list
@@ -99,7 +97,7 @@ class PlanParts:
                 raise PlanError("--out needs a plan; name an LDraw file")
             for part in catalogue.parts():
                 print_line(f"{part.number:10}{part.family:12}{part.mass_g:8.2f} g  {part.name}")
-            return 0
+            return
         plan = _read(self.plan)
         entries = parts_list(plan)
         if self.out is not None:
@@ -113,7 +111,6 @@ class PlanParts:
         print_line(f"{counted(len(plan.parts), 'part')}, {plan.mass_g:.0f} g{f': {self.out}' if self.out else ''}")
         for purchase in purchases(plan):
             print_line(f"Set {purchase}")
-        return 0
 
 
 @dataclass(frozen=True)
@@ -129,13 +126,11 @@ class PlanSteps:
     out: Annotated[Path, option(metavar="FILE")]
     """The .pdf or .html to write."""
 
-    def execute(self) -> int:
-        """Draw and write."""
+    def execute(self) -> None:
         from bricksrl.plans.booklet import write_booklet
 
         plan = _read(self.plan)
         print_line(f"{counted(write_booklet(plan, self.out), 'page')}: {self.out}")
-        return 0
 
 
 @dataclass(frozen=True)
@@ -150,8 +145,7 @@ class ShowPlan:
     plan: PlanArgument
     live_page: LivePageGroup = PageAddress()
 
-    def execute(self) -> int:
-        """Serve the page until Ctrl-C."""
+    def execute(self) -> None:
         from bricksrl.page.plan_view import PlanView
         from bricksrl.page.server import PageServer
 
@@ -161,5 +155,4 @@ class ShowPlan:
                 announce(server.url)
                 threading.Event().wait()
         except KeyboardInterrupt:
-            return INTERRUPTED
-        return 0
+            raise Interrupted from None

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional
 
@@ -15,7 +15,7 @@ from bricksrl.cli.options import Flag, PageFlag, option
 from bricksrl.cli.page import LivePageGroup, PageAddress, run_on_page
 from bricksrl.cli.robot_flags import RobotFlags, RobotGroup
 from bricksrl.cli.teleop import DEVICES, driving, quiet
-from bricksrl.cli.terminal import INTERRUPTED, load_learning, print_interrupted, print_line, print_note
+from bricksrl.cli.terminal import Interrupted, load_learning, print_line, print_note
 from bricksrl.cli.video import filmed_env
 from bricksrl.errors import DataError, DescriptionError, StoppedError, counted
 from bricksrl.files import quoted
@@ -23,13 +23,12 @@ from bricksrl.seed import check_seed
 
 if TYPE_CHECKING:
     import numpy as np
-    from tensordict import TensorDictBase
     from torchrl.envs import EnvBase
 
-    from bricksrl.agents.learner import Learner
     from bricksrl.cli.emergency_stop import EmergencyStop
     from bricksrl.data.collect import Collected
     from bricksrl.data.recorder import Recorder
+    from bricksrl.data.schema import Description
     from bricksrl.envs.options import EnvOptions
     from bricksrl.envs.rollout import Driver, Policy
     from bricksrl.page.live import LivePage
@@ -69,8 +68,7 @@ class Record:
     robot: RobotGroup = RobotFlags()
     live_page: LivePageGroup = PageAddress()
 
-    def execute(self) -> int:
-        """Record, and print a line per episode."""
+    def execute(self) -> None:
         from bricksrl.cli.emergency_stop import EmergencyStop
         from bricksrl.data.recorder import Recorder
         from bricksrl.data.schema import describe, describe_task
@@ -107,13 +105,11 @@ class Record:
                 emergency_stop.attach(env)
                 self._collect(env, recorder, human, report, page)
         except (KeyboardInterrupt, StoppedError):
-            print_interrupted(f"saved {counted(count, 'whole episode')} in {self.out}")
-            return INTERRUPTED
+            raise Interrupted(f"saved {counted(count, 'whole episode')} in {self.out}") from None
         print_line(f"dataset         {self.out}")
         if self.video is not None:
             print_line(f"video           {self.video}")
         print_line(f"look at it      bricksrl data info {quoted(self.out)}")
-        return 0
 
     def _check_policy(self) -> None:
         """Refuse options that the policy ignores."""
@@ -143,59 +139,38 @@ class Record:
     def _collect(
         self, env: EnvBase, recorder: Recorder, human: Driver | None, report: Callable[[Collected], None], page: LivePage | None
     ) -> None:
-        from bricksrl.data.collect import collect, random_policy
-        from bricksrl.teleop.mapping import Paced, rest_action
+        from bricksrl.data.collect import collect
+        from bricksrl.teleop.mapping import Paced
 
-        on_frame: Callable[[TensorDictBase], None] = _do_nothing
-        driver, on_episode = human, report
+        def on_episode(episode: Collected) -> None:
+            report(episode)
+            if page is not None:
+                page.end(episode.return_, f"{episode.episode + 1}")
+                page.begin()
+
+        hooks: dict[str, Any] = {"driver": human}
         if page is not None:
-            driver, on_frame, on_episode = human or page.driver, page.show_step_and_hold, _reporting(report, page)
             page.attach(env)
+            hooks = {"driver": human or page.driver, "on_frame": page.show_step_and_hold}
         elif human is not None and not hasattr(env, "twin"):
-            driver = Paced(human, recorder.description.rate_hz)
-        policy: Policy
-        reset_policy: Callable[[], None] = _do_nothing
+            hooks["driver"] = Paced(human, recorder.description.rate_hz)
+        policy, reset_policy = self._policy(env, recorder.description)
+        hooks |= {"reset_policy": reset_policy, "on_episode": on_episode}
+        collect(env, policy, recorder, self.episodes, name=self.policy, seed=self.seed, hub=self.robot.hub, **hooks)
+
+    def _policy(self, env: EnvBase, description: Description) -> tuple[Policy, Callable[[], None]]:
+        """The policy, and the reset of its state."""
+        from bricksrl.data.collect import random_policy
+        from bricksrl.teleop.mapping import rest_action
+
         if self.policy == "random":
-            policy = random_policy(env, self.seed)
-        elif self.policy in DEVICES:
-            resting = rest_action(recorder.description.action)
-            policy = lambda state: state.set("action", resting)  # noqa: E731  the robot rests while the human does not drive
-        else:
-            learner = _learner(Path(self.policy), env)
-            policy, reset_policy = (learner.explore if self.explore else learner.exploit), learner.reset_policy
-        collect(
-            env,
-            policy,
-            recorder,
-            self.episodes,
-            name=self.policy,
-            seed=self.seed,
-            hub=self.robot.hub,
-            driver=driver,
-            reset_policy=reset_policy,
-            on_episode=on_episode,
-            on_frame=on_frame,
-        )
+            return random_policy(env, self.seed), lambda: None
+        if self.policy in DEVICES:
+            resting = rest_action(description.action)
+            return lambda state: state.set("action", resting), lambda: None  # the robot rests while the human does not drive
+        from bricksrl.policies.sharing import is_policy, load_shared
+        from bricksrl.training import load_learner
 
-
-def _learner(path: Path, env: EnvBase) -> Learner:
-    """Learner of a run, or of a shared policy."""
-    from bricksrl.policies.sharing import is_policy, load_shared
-    from bricksrl.training import load_learner
-
-    return load_shared(path, env) if is_policy(path) else load_learner(path, env).learner
-
-
-def _reporting(report: Callable[[Collected], None], page: LivePage) -> Callable[[Collected], None]:
-    """Callback that reports an episode to the terminal and to the page."""
-
-    def on_episode(episode: Collected) -> None:
-        report(episode)
-        page.end(episode.return_, f"{episode.episode + 1}")
-        page.begin()
-
-    return on_episode
-
-
-def _do_nothing(*_: object) -> None:
-    """Callback that does nothing."""
+        path = Path(self.policy)
+        learner = load_shared(path, env) if is_policy(path) else load_learner(path, env).learner
+        return (learner.explore if self.explore else learner.exploit), learner.reset_policy

@@ -7,7 +7,7 @@ import threading
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self
 
-from bricksrl.cli.terminal import INTERRUPTED, print_interrupted, print_line
+from bricksrl.cli.terminal import Interrupted, print_line
 from bricksrl.errors import counted
 from bricksrl.files import quoted
 
@@ -81,8 +81,8 @@ class SeedsProgress:
         return table
 
 
-def train_seeds(config: TrainConfig, count: int, on: str | None = None) -> int:
-    """Train ``count`` seeds and print their summary; returns the exit code."""
+def train_seeds(config: TrainConfig, count: int, on: str | None = None) -> None:
+    """Train ``count`` seeds and print their summary."""
     from bricksrl.evaluation import multi_seed
 
     multi_seed.check_count(count)
@@ -91,12 +91,10 @@ def train_seeds(config: TrainConfig, count: int, on: str | None = None) -> int:
             summary = multi_seed.train_seeds(config, count, on=on, on_line=progress.update)
     except KeyboardInterrupt:
         folder = config.run_dir
-        print_interrupted(
-            "no seed had started, so nothing was saved"
-            if folder is None or not folder.exists()
-            else f"what was trained is in {folder}; `bricksrl resume {quoted(folder)}/seed-...` resumes a seed"
-        )
-        return INTERRUPTED
+        if folder is None or not folder.exists():
+            raise Interrupted("no seed had started, so nothing was saved") from None
+        resumes = f"`bricksrl resume {quoted(folder)}/seed-...` resumes a seed"
+        raise Interrupted(f"what was trained is in {folder}; {resumes}") from None
     interval = summary.return_interval
     spread = (
         f"from {min(summary.returns):.4g} to {max(summary.returns):.4g}; 5 seeds or more give an interval"
@@ -106,4 +104,3 @@ def train_seeds(config: TrainConfig, count: int, on: str | None = None) -> int:
     print_line(f"return   {summary.return_iqm:.4g}  (interquartile mean of {counted(count, 'seed')}; {spread})")
     print_line(f"summary          {config.run_dir}/summary.json")
     print_line(f"learning curves  {config.run_dir}/learning_curves.png")
-    return 0

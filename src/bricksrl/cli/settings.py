@@ -30,14 +30,13 @@ class Settings:
     json: Flag = False
     """Print one JSON object of names and values, for `bricksrl train --settings`, instead of a table."""
 
-    def execute(self) -> int:
-        """Print the settings."""
+    def execute(self) -> None:
         from bricksrl.agents import preset
 
         settings = preset(self.preset, self.agent)
         if self.json:
             print_line(json.dumps(dataclasses.asdict(settings), indent=2))
-            return 0
+            return
         from rich.console import Console
         from rich.table import Table
 
@@ -48,7 +47,6 @@ class Settings:
             text = ",".join(map(str, value)) if isinstance(value, tuple) else str(value)
             table.add_row(field.name, text or "-", meanings.get(field.name, ""))
         Console().print(table)
-        return 0
 
 
 def field_docs(cls: type[Any]) -> dict[str, str]:

@@ -10,7 +10,7 @@ from typing import Annotated
 from tyro.conf import Positional
 
 from bricksrl.cli.options import Flag, option, refuse_ignored
-from bricksrl.cli.terminal import INTERRUPTED, load_learning, print_interrupted, print_line
+from bricksrl.cli.terminal import Interrupted, load_learning, print_line
 
 
 @dataclass(frozen=True)
@@ -45,8 +45,7 @@ class StudyCommand:
     benchmarks: Annotated[Path, option(metavar="DIR")] = Path("benchmarks")
     """Folder of the repository's benchmarks."""
 
-    def execute(self) -> int:
-        """Run the study, or list the studies."""
+    def execute(self) -> None:
         from bricksrl.errors import RunError, UnknownNameError
         from bricksrl.evaluation.study_benchmarks import BENCHMARK_STUDIES, BenchmarkStudy, run_benchmark_study
         from bricksrl.evaluation.study_tables import STUDIES, Study
@@ -58,7 +57,7 @@ class StudyCommand:
                 note = "" if study.name in STUDIES else ", less if results exist"
                 line = f"{study.name:15} {study.title}; {study.hours:g} h on two cores{note}, --quick {study.quick_minutes:g} min"
                 print_line(line)
-            return 0
+            return
         if self.name not in (*STUDIES, *BENCHMARK_STUDIES):
             raise UnknownNameError(f"there is no study '{self.name}'; choose {', '.join((*STUDIES, *BENCHMARK_STUDIES))}")
         for name in ("seeds", "jobs"):
@@ -69,8 +68,8 @@ class StudyCommand:
         if self.name in BENCHMARK_STUDIES:
             mode = f"on '{self.name}', whose runs are those of benchmarks"
             refuse_ignored(self, ("--name", "--quick", "--folder", "--benchmarks"), mode)
-            self._print(run_benchmark_study(BENCHMARK_STUDIES[self.name], folder, self.benchmarks, quick=self.quick))
-            return 0
+            _print(run_benchmark_study(BENCHMARK_STUDIES[self.name], folder, self.benchmarks, quick=self.quick))
+            return
         kept = ("--name", "--quick", "--seeds", "--jobs", "--on", "--only", "--folder")
         refuse_ignored(self, kept, f"on '{self.name}', whose runs need no benchmark")
         study = STUDIES[self.name]
@@ -87,11 +86,10 @@ class StudyCommand:
         try:
             page = run(on=self.on, only=self.only, on_seed=report)
         except KeyboardInterrupt:
-            print_interrupted(f"finished runs are in {folder}; the same command resumes the study")
-            return INTERRUPTED
-        self._print(page)
-        return 0
+            raise Interrupted(f"finished runs are in {folder}; the same command resumes the study") from None
+        _print(page)
 
-    def _print(self, page: Path) -> None:
-        print_line(f"tables   {page}")
-        print_line(f"numbers  {page.with_suffix('.json')}")
+
+def _print(page: Path) -> None:
+    print_line(f"tables   {page}")
+    print_line(f"numbers  {page.with_suffix('.json')}")

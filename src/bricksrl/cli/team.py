@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import Positional, UseAppendAction
 
-from bricksrl.cli.options import option, refuse_ignored
-from bricksrl.cli.terminal import INTERRUPTED, load_learning, print_interrupted, print_line
+from bricksrl.cli.options import option, refuse_ignored, run_folder
+from bricksrl.cli.terminal import Interrupted, load_learning, print_line
 from bricksrl.errors import RenderingUnavailableError, RunError, UnknownNameError, counted
 
 if TYPE_CHECKING:
@@ -58,8 +57,7 @@ class TrainTeam:
     play: Annotated[Path | None, option(metavar="DIR")] = None
     """Play with the team of this folder instead of training one."""
 
-    def execute(self) -> int:
-        """Train or load a team, let it play, and print how often it succeeded."""
+    def execute(self) -> None:
         from bricksrl.envs.arenas import ARENAS
         from bricksrl.training.teams.team import load_team
 
@@ -71,19 +69,18 @@ class TrainTeam:
             refuse_ignored(self, ("--play", "--seed", "--episodes"), "with --play")
         load_learning()
         if self.play is not None:
-            return self._play(load_team(self.play / TEAM_FILE), None)
+            self._play(load_team(self.play / TEAM_FILE), None)
+            return
         if self.env is None:
             raise RunError(f"name an arena to train in ({', '.join(ARENAS)}), or a folder to --play")
         config = self.config(self.env)
-        time = datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
-        folder = self.run or Path("runs") / f"{self.env}-{next(iter(config.agents.values()))}-{self.seed}-{time}"
+        folder = run_folder(self.run, self.env, next(iter(config.agents.values())), self.seed)
         if folder.exists():
             raise RunError(f"{folder} exists already; choose another folder with --run")
         try:
-            return self._play(self._train(config, folder), folder)
+            self._play(self._train(config, folder), folder)
         except KeyboardInterrupt:
-            print_interrupted(f"the team is in {folder}" if folder.exists() else "nothing was kept")
-            return INTERRUPTED
+            raise Interrupted(f"the team is in {folder}" if folder.exists() else "nothing was kept") from None
 
     def _train(self, config: TeamConfig, folder: Path) -> Team:
         from bricksrl.training.teams.team import train_team
@@ -123,7 +120,7 @@ class TrainTeam:
         agent = self.agent or ("ippo" if copies else "sac")
         return TeamConfig(env, dict.fromkeys(learning, agent), scripts, frames, copies, self.seed)
 
-    def _play(self, team: Team, folder: Path | None) -> int:
+    def _play(self, team: Team, folder: Path | None) -> None:
         from bricksrl.envs.arenas import make_arena
         from bricksrl.evaluation.arena_film import film_arena
         from bricksrl.training.teams.team import play_team
@@ -142,4 +139,3 @@ class TrainTeam:
             except RenderingUnavailableError as error:
                 print_line(f"film            none: {error}")
         env.close()
-        return 0

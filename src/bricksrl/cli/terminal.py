@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import importlib
+import json
 import signal
 import sys
+from collections.abc import Iterable
 from types import FrameType
 from typing import TYPE_CHECKING
 
@@ -13,9 +15,13 @@ from bricksrl.errors import RunError
 if TYPE_CHECKING:
     import numpy as np
 
-INTERRUPTED = 130
-"""Exit code after Ctrl-C, as in shells."""
+    from bricksrl.finding import Finding
+
 _SLOW_IMPORTS = ("torch", "torchrl.data", "torchrl.envs")
+
+
+class Interrupted(Exception):
+    """Ctrl-C or a stop, which ends the command. The message says what is saved; without one, nothing is printed."""
 
 
 def print_line(line: str = "") -> None:
@@ -34,9 +40,20 @@ def print_note(line: str) -> None:
     sys.stderr.write(f"{line}\n")
 
 
-def print_interrupted(saved: str) -> None:
-    """Print a line on what is saved after Ctrl-C."""
-    sys.stderr.write(f"interrupted: {saved}\n")
+def print_findings(findings: Iterable[Finding], widths: tuple[int, int], *, as_json: bool = False, **about: str) -> int:
+    """Print each finding as it is made, in columns of these ``widths``, or all as one JSON object with the names and values in
+    ``about``. Returns the exit code: 1 if a finding is an error, else 0."""
+    from bricksrl.finding import Outcome
+
+    found = []
+    for finding in findings:
+        found.append(finding)
+        if not as_json:
+            print_line(f"{finding.outcome.value:{widths[0]}}{finding.name:{widths[1]}}{finding.detail}")
+    failed = any(finding.outcome is Outcome.ERROR for finding in found)
+    if as_json:
+        print_line(json.dumps({**about, "ok": not failed, "findings": [finding.to_dict() for finding in found]}))
+    return int(failed)
 
 
 def is_terminal() -> bool:

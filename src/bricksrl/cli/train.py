@@ -5,16 +5,16 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
-from datetime import datetime
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import Positional, UseAppendAction
 
-from bricksrl.cli.options import Flag, PageFlag, option, refuse_ignored
+from bricksrl.cli.options import Flag, PageFlag, option, refuse_ignored, run_folder
 from bricksrl.cli.page import LivePageGroup, PageAddress, run_on_page
 from bricksrl.cli.robot_flags import RobotFlags, RobotGroup
-from bricksrl.cli.terminal import INTERRUPTED, load_learning, print_interrupted, print_line
+from bricksrl.cli.terminal import Interrupted, load_learning, print_line
 from bricksrl.errors import DescriptionError, RunError, StoppedError, counted
 from bricksrl.files import only_writer, quoted
 
@@ -23,12 +23,14 @@ if TYPE_CHECKING:
     from torchrl.envs import EnvBase
 
     from bricksrl.cli.emergency_stop import EmergencyStop
-    from bricksrl.cli.progress import LineProgress
+    from bricksrl.envs.rollout import Driver
     from bricksrl.page.live import LivePage
     from bricksrl.training import RunResult, TrainConfig
     from bricksrl.training.callbacks import Callback
 
 _EVALUATED_EPISODES = 5
+_CONFIG_FIELDS = ("seed", "device", "compile", "num_envs", "robots", "eval_every", "eval_episodes", "stop_at", "log")
+"""Options that a `TrainConfig` has by the same name."""
 
 
 @dataclass(frozen=True)
@@ -114,13 +116,13 @@ class Train:
     robot: RobotGroup = RobotFlags()
     live_page: LivePageGroup = PageAddress()
 
-    def execute(self) -> int:
-        """Train, evaluate, report."""
+    def execute(self) -> None:
         if self.resume is not None:
             if self.env is not None:
                 raise DescriptionError("a run that is resumed has an environment; omit ENV or --resume")
             refuse_ignored(self, ("--resume", "--episodes", "--page", "--page-host", "--page-port"), "with --resume")
-            return Resume(self.resume, self.episodes, self.page, self.live_page).execute()
+            Resume(self.resume, self.episodes, self.page, self.live_page).execute()
+            return
         if self.env is None:
             raise DescriptionError("name an environment to train in, or a run to --resume; `bricksrl list` shows environments")
         address = self.live_page.shown(self.page)
@@ -135,28 +137,22 @@ class Train:
         if self.seeds is not None:
             from bricksrl.cli.seeds import train_seeds
 
-            return train_seeds(config, self.seeds, self.on)
+            train_seeds(config, self.seeds, self.on)
+            return
         if self.on is not None:
             raise DescriptionError("a single run needs no cluster; give --seeds, or omit --on")
         from bricksrl.training import train
 
         if self.take_over is None:
-            return run_training(lambda displays: train(config, displays.callback, **displays.kwargs()), config, address)
-        from bricksrl.cli.teleop import driving, quiet
+            run_training(partial(train, config), config, address)
+            return
+        from bricksrl.cli.teleop import driving
         from bricksrl.data.schema import describe_task
         from bricksrl.envs import get_task
 
+        keys = False if self.take_over == "keyboard" else None  # all keys of a keyboard are for driving
         with driving(self.take_over, describe_task(get_task(self.env, **config.options)), in_charge=False) as driver:
-
-            def start(displays: Displays) -> RunResult:
-                def place(rng: np.random.Generator) -> None:
-                    with quiet(driver):
-                        displays.progress.place(rng)
-
-                return train(config, displays.callback, place=place, driver=driver, stop=displays.stop)
-
-            keys = False if self.take_over == "keyboard" else None  # all keys of a keyboard are for driving
-            return run_training(start, config, address, keys=keys, can_drive=False)
+            run_training(partial(train, config), config, address, driver=driver, keys=keys)
 
     def config(self, env: str) -> TrainConfig:
         """Configuration of the run from the flags."""
@@ -165,7 +161,6 @@ class Train:
         from bricksrl.training import RunFolder, TrainConfig
         from bricksrl.training.config import settings_for
         from bricksrl.training.offline import settings_like
-        from bricksrl.training.run_folder import file_name
 
         if self.asynchronous and self.synchronous:
             raise DescriptionError("a run is synchronous or asynchronous; choose one of the two")
@@ -178,29 +173,20 @@ class Train:
             settings = settings if source is None or source.agent == agent else settings_like(source, settings)
         if self.settings is not None:
             settings = read_settings(self.settings, settings)
-        time = datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
         options = vars(self.robot.env_options()) | ({"realtime": True} if self.take_over is not None else {})
         return TrainConfig(
             **options,
             env=env,
             agent=agent,
             episodes=training_episodes(env) if self.episodes is None else self.episodes,
-            seed=self.seed,
-            device=self.device,
-            compile=self.compile,
-            num_envs=self.num_envs,
-            robots=self.robots,
-            eval_every=self.eval_every,
-            eval_episodes=self.eval_episodes,
-            stop_at=self.stop_at,
+            **{name: getattr(self, name) for name in _CONFIG_FIELDS},
             record=not self.no_record,
             asynchronous=True if self.asynchronous else False if self.synchronous else None,
             patience_s=self.patience,
-            log=self.log,
             settings=with_changes(settings, self.changes),
             data=None if self.data is None else str(self.data.absolute()),
             start=None if self.start is None else str(self.start.absolute()),
-            run_dir=self.run or Path("runs") / f"{file_name(env)}-{file_name(agent)}-{self.seed}-{time}",
+            run_dir=run_folder(self.run, env, agent, self.seed),
         )
 
 
@@ -220,56 +206,41 @@ class Resume:
     page: PageFlag = False
     live_page: LivePageGroup = PageAddress()
 
-    def execute(self) -> int:
-        """Resume, evaluate, report."""
+    def execute(self) -> None:
         from bricksrl.training import RunFolder, resume
 
         address, config = self.live_page.shown(self.page), RunFolder(self.run).read_config()
-        return run_training(
-            lambda displays: resume(self.run, displays.callback, episodes=self.episodes, **displays.kwargs()), config, address
-        )
-
-
-@dataclass(frozen=True)
-class Displays:
-    """Displays of a run, in the terminal and on an optional page, and the event that stops it."""
-
-    progress: LineProgress
-    stop: threading.Event
-    page: LivePage | None
-
-    @property
-    def callback(self) -> Callback:
-        """Callback of all displays."""
-        from bricksrl.training.callbacks import CallbackList
-
-        if self.page is None:
-            return self.progress
-        from bricksrl.page.training import PageCallback
-
-        return CallbackList(self.progress, PageCallback(self.page, self.stop))
-
-    def kwargs(self) -> dict[str, Any]:
-        """Keyword arguments for `train` and `resume`."""
-        driver = None if self.page is None else self.page.driver
-        return {"place": self.progress.place, "stop": self.stop, "driver": driver}
+        run_training(partial(resume, self.run, episodes=self.episodes), config, address)
 
 
 def run_training(
-    start: Callable[[Displays], RunResult],
+    run: Callable[..., RunResult],
     config: TrainConfig,
     address: PageAddress | None,
     *,
+    driver: Driver | None = None,
     keys: bool | None = None,
     can_drive: bool = True,
-) -> int:
-    """Run, evaluate and report a training with its displays; returns the exit code. ``keys`` is for :class:`EmergencyStop`,
-    ``can_drive`` says whether a human at the page may drive."""
+) -> None:
+    """Run, evaluate and report a training with its displays, in the terminal and on an optional page.
+
+    Args:
+        run: `train` or `resume`, called with a callback and with ``place``, ``stop`` and ``driver``.
+        driver: a human who may take over; by default one at the page.
+        keys: as in :class:`EmergencyStop`.
+        can_drive: whether a human at the page may drive.
+    """
     from bricksrl.cli.emergency_stop import EmergencyStop
     from bricksrl.cli.progress import make_progress
+    from bricksrl.cli.teleop import quiet
 
     progress, stop = make_progress(config.hub), threading.Event()
-    can_drive = can_drive and config.num_envs == len(config.hubs) == 1
+    can_drive = can_drive and driver is None and config.num_envs == len(config.hubs) == 1
+
+    def place(rng: np.random.Generator) -> None:
+        with quiet(driver):
+            progress.place(rng)
+
     try:
         load_learning()
         with (
@@ -277,18 +248,23 @@ def run_training(
             EmergencyStop(stop, progress.note, keys=keys) as emergency_stop,
         ):
             progress.on_ready, progress.quiet = emergency_stop.attach, emergency_stop.quiet
-            result = start(Displays(progress, stop, page))
+            callback: Callback = progress
+            if page is not None:
+                from bricksrl.page.training import PageCallback
+                from bricksrl.training.callbacks import CallbackList
+
+                callback, driver = CallbackList(progress, PageCallback(page, stop)), driver or page.driver
+            result = run(callback, place=place, stop=stop, driver=driver)
             progress.close()
             if not result.interrupted:
                 with only_writer(result.run_dir, RunError):
                     _report(result, emergency_stop, page)
-                return 0
+                return
     except (KeyboardInterrupt, StoppedError):  # before or after the training, or a second time during it
         pass
     finally:
         progress.close()
-    print_interrupted(progress.saved())
-    return INTERRUPTED
+    raise Interrupted(progress.saved())
 
 
 def _report(result: RunResult, emergency_stop: EmergencyStop, page: LivePage | None) -> None:
@@ -309,7 +285,7 @@ def _report(result: RunResult, emergency_stop: EmergencyStop, page: LivePage | N
     def on_env(env: EnvBase) -> None:
         emergency_stop.attach(env)
         if page is not None:
-            page.update_status(state="evaluating")
+            page.board.update_status(state="evaluating")
             page.attach(env)
 
     print_line("evaluating")

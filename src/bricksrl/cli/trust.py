@@ -26,10 +26,8 @@ class Trust:
     run: Annotated[Positional[Path], option(metavar="RUN")]
     """Folder of the run or of the policy."""
 
-    def execute(self) -> int:
-        """Declare the run trusted and print the allowed code."""
+    def execute(self) -> None:
         from bricksrl.envs.trust import trust
 
         files = trust(self.run)
         print_line(f"{self.run} may run {', '.join(files)}" if files else f"{self.run} names no code; it needs no trust")
-        return 0

@@ -9,7 +9,7 @@ from typing import Annotated
 from tyro.conf import Positional
 
 from bricksrl.cli.options import option
-from bricksrl.cli.terminal import INTERRUPTED, load_learning, print_interrupted, print_line
+from bricksrl.cli.terminal import Interrupted, load_learning, print_line
 from bricksrl.files import quoted
 
 
@@ -44,8 +44,7 @@ class Tune:
     on: Annotated[str | None, option(metavar="WHERE")] = None
     """Train the seeds of a trial in parallel: ray, or ray:ADDRESS for a cluster (pip install 'bricksrl[distributed]')."""
 
-    def execute(self) -> int:
-        """Tune, and print the best trial."""
+    def execute(self) -> None:
         from bricksrl.errors import RunError
         from bricksrl.evaluation.tuning import BEST, Tuning, tune
         from bricksrl.training.run_folder import file_name
@@ -63,9 +62,7 @@ class Tune:
             load_learning()
             best = tune(tuning, folder, self.trials, seed=self.seed, on=self.on, on_trial=report)
         except KeyboardInterrupt:
-            print_interrupted(f"the study is in {folder}; the same command goes on with it")
-            return INTERRUPTED
+            raise Interrupted(f"the study is in {folder}; the same command goes on with it") from None
         print_line(f"best of {best.trials} finished trials: return {best.value:.4g}")
         command = ["bricksrl", "train", self.env, "--agent", self.agent, "--settings", str(folder / BEST)]
         print_line(f"train with it   {' '.join(map(quoted, command))}")
-        return 0

@@ -52,8 +52,7 @@ class Record:
     physics: Annotated[Path | None, option(metavar="FILE")] = None
     """Physics of a virtual robot: a JSON file such as `bricksrl twin fit` writes."""
 
-    def execute(self) -> int:
-        """Record and write."""
+    def execute(self) -> None:
         import numpy as np
 
         from bricksrl import robots
@@ -72,7 +71,6 @@ class Record:
         write_log(self.out, log)
         seconds = (log.times_ms[-1] - log.times_ms[0]) / 1000
         print_line(f"{counted(len(log.commands), 'command')} in {seconds:.1f} s of {robot.name}: {self.out}")
-        return 0
 
     def _link(self, robot: Robot, interface: Interface) -> HubLink:
         """An unopened link to the robot; asks the user before a real one may move."""
@@ -116,22 +114,23 @@ class Fit:
     out: Annotated[Path | None, option(metavar="FILE")] = None
     """File for the physics; by default the log's name with the suffix .physics.json."""
 
-    def execute(self) -> int:
-        """Fit, print, write."""
+    def execute(self) -> None:
         from bricksrl import robots
         from bricksrl.twin.motion_log import read_log
         from bricksrl.twin.physics import write_physics
         from bricksrl.twin.system_id import fit
 
+        def report(replay: int, error: float) -> None:
+            _show_progress(f"replay {replay}, error {error:.3g} ")
+
         log = read_log(self.log)
         robot = robots.get(self.robot or log.robot)
-        result = fit(log, robot=robot, names=self.parameters, on_replay=_show_progress)
-        _clear_progress()
+        result = fit(log, robot=robot, names=self.parameters, on_replay=report)
+        _show_progress("")
         out = self.out or self.log.with_suffix(".physics.json")
         write_physics(out, result.physics)
         _print(result)
         print_line(f"physics  {out}")
-        return 0
 
 
 def _print(result: FitResult) -> None:
@@ -150,12 +149,8 @@ def _print(result: FitResult) -> None:
         print_line(f"  {name:24}{getattr(default, name):8.3g}    not identifiable from this log")
 
 
-def _show_progress(replay: int, error: float) -> None:
+def _show_progress(text: str) -> None:
+    """Overwrite the line of progress on a terminal; clear it with an empty text."""
     if sys.stderr.isatty():
-        sys.stderr.write(f"\rreplay {replay}, error {error:.3g} ")
+        sys.stderr.write(f"\r\033[K{text}")
         sys.stderr.flush()
-
-
-def _clear_progress() -> None:
-    if sys.stderr.isatty():
-        sys.stderr.write("\r\033[K")

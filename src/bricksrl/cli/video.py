@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -68,37 +68,27 @@ def filmed_env(env: EnvBase, path: Path | None, title: str) -> Iterator[None]:
     from bricksrl.twin.render.video import Filmed
 
     check_film(path)
-    size, episodes, open_renderers = (1280, 720), 0, list[Renderer]()
+    size, number = (1280, 720), 0
     if not hasattr(env, "watch"):
         raise TwinError(f"{env.task.id} has no virtual robot to film; leave out --video")
-    video = VideoWriter(path, 1000 / _FRAME_MS)
+    video, renderers = VideoWriter(path, 1000 / _FRAME_MS), ExitStack()
 
     def install(connection: Connection) -> None:
-        nonlocal episodes
+        nonlocal number
         body = None if connection.twin is None else connection.twin.body
         if connection.twin is None or not isinstance(body, MujocoBody):
             raise TwinError(f"{env.task.id} has no virtual robot to film; leave out --video")
-        while open_renderers:
-            open_renderers.pop().close()
-        episodes, machine, room = episodes + 1, connection.twin.machine, Room(body)
-        number, renderer = episodes, Renderer(body, *size, room.camera, smooth=False, decorate=room.decorate)
-        open_renderers.append(renderer)
+        renderers.close()  # that of the previous episode
+        number, machine, room = number + 1, connection.twin.machine, Room(body)
+        renderer = renderers.enter_context(Renderer(body, *size, room.camera, smooth=False, decorate=room.decorate))
 
-        class Camera:
-            """Renderer with captions."""
+        def render() -> Image:
+            room.follow()
+            caption = f"episode {number}   {machine.time_ms / 1000:.1f} s"
+            return captioned(renderer.render(), title, caption, room.metre_marks(*size))
 
-            def render(self) -> Image:
-                room.follow()
-                caption = f"episode {number}   {machine.time_ms / 1000:.1f} s"
-                return captioned(renderer.render(), title, caption, room.metre_marks(*size))
+        machine.body = Filmed(machine.body, render, _FRAME_MS, machine.time_ms, video.add)
 
-        machine.body = Filmed(machine.body, Camera(), _FRAME_MS, machine.time_ms, video.add)
-
-    unwatch = env.watch(install)
-    try:
+    with closing(video), renderers, ExitStack() as watch:
+        watch.callback(env.watch(install))
         yield
-    finally:
-        unwatch()
-        while open_renderers:
-            open_renderers.pop().close()
-        video.close()

@@ -11,6 +11,7 @@ from bricksrl.errors import counted
 
 def dataset_card(summary: Summary, licence: str) -> str:
     """Card of a dataset, as Markdown."""
+    robot = summary.robot or "no robot"
     success = "" if summary.success_rate is None else f"| success | {summary.success_rate:.0%} |\n"
     camera = f"\nImages of the camera `{summary.camera}` are in `videos`, without loss.\n" if summary.camera else ""
     return f"""---
@@ -26,14 +27,14 @@ configs:
   data_files: data/*/*.parquet
 ---
 
-# {summary.env} on {_robot(summary.robot)}
+# {summary.env} on {robot}
 
 Recorded with BricksRL, in LeRobot's dataset format v3.0.
 
 | | |
 |---|---|
 | environment | {summary.env} |
-| robot | {_robot(summary.robot)} |
+| robot | {robot} |
 | episodes | {summary.episodes} |
 | transitions | {summary.transitions} |
 | return | {summary.return_mean:.4g} ± {summary.return_std:.4g} |
@@ -84,7 +85,3 @@ bricksrl data pull <this repository> --policy --out policy
 bricksrl record {env} --policy policy --out dataset
 ```
 """
-
-
-def _robot(name: str | None) -> str:
-    return name or "no robot"

@@ -71,40 +71,27 @@ def collect(
     check_seed(seed)
     done = []
     for _ in range(episodes):
-        episode_seed = int(np.random.SeedSequence([seed, recorder.episodes]).generate_state(1)[0] >> 1)
+        number = recorder.episodes
+        episode_seed = int(np.random.SeedSequence([seed, number]).generate_state(1)[0] >> 1)
         env.set_seed(episode_seed)
         state = env.reset()
         recorder.begin(about(env, name, seed=episode_seed, hub=hub))
+        episode, interventions = Rollout(), 0
         try:
-            collected = _episode(env, policy, recorder, state, driver, reset_policy, on_frame)
+            for frame in play(env, policy, state, driver=driver, reset_policy=reset_policy):
+                if link_lost(frame):
+                    raise env.link_error
+                by_hand = bool(frame.get("intervention", False))
+                recorder.add(step_of(frame, env, intervention=by_hand))
+                episode.add(frame)
+                interventions += by_hand
+                on_frame(frame)
+            success = episode.success(env)
         except BaseException:
             recorder.commit(whole=False)
             raise
-        done.append(collected)
+        recorder.commit(success=success)
+        done.append(Collected(number, episode.return_, len(episode.rewards), interventions, success))
         if on_episode is not None:
-            on_episode(collected)
+            on_episode(done[-1])
     return done
-
-
-def _episode(
-    env: EnvBase,
-    policy: Policy,
-    recorder: Recorder,
-    start: TensorDictBase,
-    driver: Driver | None,
-    reset_policy: Callable[[], None],
-    on_frame: Callable[[TensorDictBase], None],
-) -> Collected:
-    episode, interventions = Rollout(), 0
-    for frame in play(env, policy, start, driver=driver, reset_policy=reset_policy):
-        if link_lost(frame):
-            raise env.link_error
-        by_hand = bool(frame.get("intervention", False))
-        recorder.add(step_of(frame, env, intervention=by_hand))
-        episode.add(frame)
-        interventions += by_hand
-        on_frame(frame)
-    success = episode.success(env)
-    number = recorder.episodes
-    recorder.commit(success=success)
-    return Collected(number, episode.return_, len(episode.rewards), interventions, success)

@@ -5,20 +5,18 @@ The datasets written here have few large files, as LeRobot prefers, where a reco
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
-from numpy.typing import NDArray
 
 from bricksrl.data.episode import EpisodeData, EpisodeRow, write_episodes
 from bricksrl.data.episode_index import Index, read_description, read_index, read_rows, rows_table, task_instruction, write_index
-from bricksrl.data.images import decode
-from bricksrl.data.layout import FileIndex, Layout, numbers
-from bricksrl.data.parquet import from_table, read_verified, tasks_table, to_parquet
-from bricksrl.data.reader import read_file
+from bricksrl.data.layout import FileIndex, Layout
+from bricksrl.data.parquet import tasks_table, to_parquet
+from bricksrl.data.reader import EpisodeReader
 from bricksrl.data.schema import Description
 from bricksrl.errors import DataError, counted
 from bricksrl.files import atomic_folder, refuse_existing, write_durably
@@ -36,8 +34,8 @@ def merge(sources: Sequence[Path], out: Path) -> Index:
         differences = indices[0].description.differences(index.description)
         if differences:
             raise DataError(f"{source} cannot join {sources[0]}: {'; '.join(differences)}; join data of one kind")
-    episodes = (episode for index in indices for episode in read_episodes(index, index.rows))
-    return write_dataset(out, indices[0].description, episodes)
+    episodes = (map(EpisodeReader(index).read, index.rows) for index in indices)
+    return write_dataset(out, indices[0].description, itertools.chain.from_iterable(episodes))
 
 
 def split(source: Path, first: Path, second: Path, share: float, seed: int) -> tuple[Index, Index]:
@@ -53,16 +51,13 @@ def split(source: Path, first: Path, second: Path, share: float, seed: int) -> t
             f"a share of {share:g} of {counted(len(index.rows), 'episode')} leaves one of the two empty; choose another"
         )
     chosen = set(np.random.default_rng(seed).permutation(len(index.rows))[:count].tolist())
-    parts = [[row for row in index.rows if (row.episode in chosen) is in_first] for in_first in (True, False)]
+    drawn, others = ([row for row in index.rows if (row.episode in chosen) is is_drawn] for is_drawn in (True, False))
     for target in (first, second):
         refuse_existing(target, DataError)
     if first.resolve() == second.resolve():
         raise DataError(f"both parts are to go to {first}; give each a separate folder")
-    written = [
-        write_dataset(target, index.description, read_episodes(index, rows))
-        for target, rows in zip((first, second), parts, strict=True)
-    ]
-    return written[0], written[1]
+    read = EpisodeReader(index).read
+    return write_dataset(first, index.description, map(read, drawn)), write_dataset(second, index.description, map(read, others))
 
 
 def salvage(source: Path, out: Path) -> tuple[Index, list[str]]:
@@ -73,54 +68,22 @@ def salvage(source: Path, out: Path) -> tuple[Index, list[str]]:
     description = read_description(layout)
     lost: list[str] = []
     rows: list[EpisodeRow] = []
-    at = FileIndex()
-    for at in _file_indices(layout):
+    for path in sorted((source / "meta/episodes").glob("chunk-[0-9]*/file-[0-9][0-9][0-9].parquet")):
         try:
-            rows += read_rows(layout.episodes(at), description)
+            rows += read_rows(path, description)
         except DataError as error:
             lost.append(str(error))
-    index = Index(layout, description, tuple(sorted(rows, key=lambda row: row.episode)), at)
+    rows.sort(key=lambda row: row.episode)
+    reader = EpisodeReader(Index(layout, description, tuple(rows), None))
     kept: list[EpisodeData] = []
-    for row in index.rows:
+    for row in rows:
         try:
-            kept += read_episodes(index, [row])
+            kept.append(reader.read(row))
         except DataError as error:
             lost.append(f"episode {row.episode}: {error}")
     if not kept:
         raise DataError(f"no episode in {source} is whole; restore it from a copy")
     return write_dataset(out, description, kept), lost
-
-
-def _file_indices(layout: Layout) -> Iterator[FileIndex]:
-    for path in sorted((layout.root / "meta/episodes").glob("chunk-*/file-*.parquet")):
-        try:
-            yield FileIndex(int(path.parent.name.removeprefix("chunk-")), int(path.stem.removeprefix("file-")))
-        except ValueError:
-            continue
-
-
-def read_episodes(index: Index, rows: Iterable[EpisodeRow]) -> Iterator[EpisodeData]:
-    """Read episodes of a dataset, one by one. Raises DataError if an episode is damaged."""
-    key, side = index.description.image_key, index.description.image_px
-    names = [name for name, _, _ in numbers(index.description)]
-    tables: dict[FileIndex, pa.Table] = {}
-    videos: dict[FileIndex, NDArray[np.uint8]] = {}
-    for row in rows:
-        same_file = [other for other in index.rows if other.data_file == row.data_file]
-        if row.data_file not in tables:
-            tables = {row.data_file: read_file(index, same_file)}
-        table = tables[row.data_file].slice(row.start - same_file[0].start, row.length)
-        columns = from_table(table, index.description, names, index.layout.data(row.data_file))
-        images = None
-        if key is not None and row.video_file is not None:
-            same_file = [other for other in index.rows if other.video_file == row.video_file]
-            if row.video_file not in videos:
-                path = index.layout.video(key, row.video_file)
-                read_verified(path, row.video_sha256)
-                videos = {row.video_file: decode(path, sum(other.length for other in same_file), side)}
-            offset = row.start - same_file[0].start
-            images = videos[row.video_file][offset : offset + row.length]
-        yield EpisodeData(row, columns, images)
 
 
 def write_dataset(out: Path, description: Description, episodes: Iterable[EpisodeData]) -> Index:

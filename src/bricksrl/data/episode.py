@@ -13,7 +13,7 @@ import pyarrow as pa
 from numpy.typing import ArrayLike, NDArray
 
 from bricksrl.data.images import encode
-from bricksrl.data.layout import ACTION, NEXT, OBSERVATION, FileIndex, Layout
+from bricksrl.data.layout import STEP_COLUMNS, FileIndex, Layout, features, numbers
 from bricksrl.data.parquet import Statistics, image_statistics, statistics, to_parquet, to_table
 from bricksrl.data.schema import Description
 from bricksrl.files import write_durably
@@ -77,32 +77,16 @@ class About:
 
 
 def _columns(steps: list[Step], description: Description) -> dict[str, NDArray[Any]]:
-    """Columns of the first episode of a dataset."""
-    n = len(steps)
-    terminated = np.array([step.terminated for step in steps], bool)
-    truncated = np.array([step.truncated for step in steps], bool)
-    frames = np.arange(n, dtype=np.int64)
-    return {
-        OBSERVATION: _rows([step.observation for step in steps]),
-        ACTION: _rows([step.action for step in steps]),
-        NEXT: _rows([step.next_observation for step in steps]),
-        "next.reward": np.array([step.reward for step in steps], np.float32),
-        "next.done": terminated | truncated,
-        "next.terminated": terminated,
-        "next.truncated": truncated,
-        "intervention": np.array([step.intervention for step in steps], bool),
-        "age_s": np.array([step.age_s for step in steps], np.float32),
-        "hub_time_s": np.array([step.hub_time_s for step in steps], np.float64),
-        "timestamp": (frames / description.rate_hz).astype(np.float32),
-        "frame_index": frames,
-        "episode_index": np.zeros(n, np.int64),
-        "index": frames,
-        "task_index": np.zeros(n, np.int64),
-    }
-
-
-def _rows(vectors: list[ArrayLike]) -> NDArray[np.float32]:
-    return np.stack([np.asarray(vector, np.float32).reshape(-1) for vector in vectors])
+    """Columns ``[steps, n]`` and ``[steps]`` of the first episode of a dataset."""
+    dtypes = {name: feature["dtype"] for name, feature in features(description).items()}
+    columns = {}
+    for name, column in STEP_COLUMNS.items():
+        columns[column] = np.stack([np.asarray(getattr(step, name), dtypes[column]).reshape(-1) for step in steps])
+    frames, zeros = np.arange(len(steps), dtype=np.int64), np.zeros(len(steps), np.int64)
+    columns["next.done"] = columns["next.terminated"] | columns["next.truncated"]
+    columns["timestamp"] = (frames / description.rate_hz).astype(np.float32)
+    columns |= {"frame_index": frames, "episode_index": zeros, "index": frames, "task_index": zeros}
+    return {name: columns[name] for name, _, _ in numbers(description)}
 
 
 @dataclass(frozen=True)

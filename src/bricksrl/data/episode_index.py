@@ -19,6 +19,7 @@ from bricksrl.data.layout import CODEBASE_VERSION, DATA_PATH, FileIndex, Layout,
 from bricksrl.data.parquet import Statistics, join_statistics, read_parquet
 from bricksrl.data.schema import Description
 from bricksrl.errors import DataError, counted
+from bricksrl.fields import check_fields
 from bricksrl.files import quoted, write_durably
 
 
@@ -47,12 +48,18 @@ def is_dataset(root: Path) -> bool:
     return Layout(root).description.exists() or Layout(root).info.exists()
 
 
-def read_index(root: Path) -> Index:
-    """Read the index of the dataset in the folder ``root``. Raises DataError if there is no dataset, it is damaged, or it was not
-    made by BricksRL."""
-    layout = Layout(root)
+def dataset_folder(path: Path) -> Path:
+    """Folder of the dataset: the given one, or ``data`` in the folder of a run."""
+    folder = path / "data"
+    return folder if Layout(folder).info.exists() and not Layout(path).info.exists() else path
+
+
+def read_index(path: Path) -> Index:
+    """Read the index of the dataset in a folder, or in the folder of a run. Raises DataError if there is no dataset, it is
+    damaged, or it was not made by BricksRL."""
+    layout = Layout(dataset_folder(path))
     if not layout.info.exists():
-        raise DataError(f"there is no dataset in {root}; choose a folder with a meta/info.json")
+        raise DataError(f"there is no dataset in {layout.root}; choose a folder with a meta/info.json")
     description = read_description(layout)
     episodes = read_episode_count(layout, description)
     rows, last = read_all_rows(layout, description)
@@ -137,6 +144,18 @@ def to_json(value: Any) -> bytes:
 
 _TEXT, _INT, _FLOAT, _BOOL = pa.string(), pa.int64(), pa.float64(), pa.bool_()
 _STATS = ("min", "max", "mean", "std", "count")
+_ABOUT = {
+    "policy": _TEXT,
+    "seed": _INT,
+    "success": _BOOL,
+    "whole": _BOOL,
+    "started": _TEXT,
+    "hub": _TEXT,
+    "robot": _TEXT,
+    "program_hash": _INT,
+}
+_ABOUT_JSON = ("versions", "physics")
+"""Attributes of `About`: columns of their own, and dictionaries as texts."""
 
 
 def task_instruction(description: Description) -> str:
@@ -160,16 +179,8 @@ def rows_table(rows: Sequence[EpisodeRow], description: Description, at: FileInd
         "return": ([row.return_ for row in rows], _FLOAT),
         "terminated": ([row.terminated for row in rows], _BOOL),
         "interventions": ([row.interventions for row in rows], _INT),
-        "policy": ([row.about.policy for row in rows], _TEXT),
-        "seed": ([row.about.seed for row in rows], _INT),
-        "success": ([row.about.success for row in rows], _BOOL),
-        "whole": ([row.about.whole for row in rows], _BOOL),
-        "started": ([row.about.started for row in rows], _TEXT),
-        "hub": ([row.about.hub for row in rows], _TEXT),
-        "robot": ([row.about.robot for row in rows], _TEXT),
-        "program_hash": ([row.about.program_hash for row in rows], _INT),
-        "versions": ([json.dumps(row.about.versions) for row in rows], _TEXT),
-        "physics": ([json.dumps(row.about.physics) for row in rows], _TEXT),
+        **{name: ([getattr(row.about, name) for row in rows], type_) for name, type_ in _ABOUT.items()},
+        **{name: ([json.dumps(getattr(row.about, name)) for row in rows], _TEXT) for name in _ABOUT_JSON},
     }
     key = description.image_key
     if key is not None:
@@ -219,18 +230,7 @@ def _row(record: dict[str, Any], description: Description) -> EpisodeRow:
         data_file=_file(record, "data"),
         data_sha256=_optional(str, record["data/sha256"]),
         statistics=_statistics(record, description),
-        about=About(
-            policy=str(record["policy"]),
-            seed=_optional(int, record["seed"]),
-            success=_optional(bool, record["success"]),
-            whole=bool(record["whole"]),
-            started=str(record["started"]),
-            hub=str(record["hub"]),
-            robot=str(record.get("robot") or ""),
-            program_hash=_optional(int, record["program_hash"]),
-            versions=_dictionary(record["versions"]),
-            physics=_dictionary(record["physics"]),
-        ),
+        about=_about(record),
         **video,
     )
     if row.length < 1 or row.start < 0 or row.episode < 0:
@@ -251,11 +251,11 @@ def _optional(type_: type, value: Any) -> Any:
     return value
 
 
-def _dictionary(text: str) -> dict[str, Any]:
-    value = json.loads(text)
-    if not isinstance(value, dict):
-        raise TypeError("another type")
-    return value
+def _about(record: dict[str, Any]) -> About:
+    values = {name: record[name] for name in _ABOUT if name in record}  # older datasets name no robot
+    values |= {name: json.loads(record[name]) for name in _ABOUT_JSON}
+    check_fields(About, values)
+    return About(**values)
 
 
 def _statistics(record: dict[str, Any], description: Description) -> Statistics:

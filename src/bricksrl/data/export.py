@@ -30,7 +30,8 @@ def export_numpy(path: Path, out: Path) -> None:
     the dataset cannot be read, or ``out`` exists."""
     refuse_existing(out, DataError)
     episodes = load(path)
-    arrays: dict[str, Any] = _arrays(episodes)
+    tensors = {name: getattr(episodes, name) for name in (*COLUMNS, "image", "next_image")}
+    arrays: dict[str, Any] = {name: tensor.numpy() for name, tensor in tensors.items() if tensor is not None}
     arrays["description"] = np.array(episodes.description.to_json().decode())
     buffer = io.BytesIO()
     np.savez_compressed(buffer, allow_pickle=False, **arrays)
@@ -78,9 +79,7 @@ def export_minari(path: Path, out: Path) -> None:
             minari.create_dataset_from_buffers(
                 name,
                 buffers,
-                env=_environment(episodes),
-                observation_space=_observation_space(episodes),
-                action_space=_box(-1.0, 1.0, episodes.action.shape[-1]),
+                **_minari_environment(episodes),
                 algorithm_name=", ".join(dict.fromkeys(row.about.policy for row in episodes.rows)),
                 description=f"{episodes.description.env}, recorded with BricksRL",
                 data_format="hdf5",
@@ -110,28 +109,21 @@ def _minari_episode(episodes: Episodes, episode: int) -> dict[str, Any]:
     }
 
 
-def _environment(episodes: Episodes) -> Any:
-    """Gymnasium's specification of the environment, with its options; ``None`` if it is not registered."""
+def _minari_environment(episodes: Episodes) -> dict[str, Any]:
+    """Spaces of the environment, and Gymnasium's specification of it with its options; ``None`` if it is not registered."""
     import gymnasium
 
     spec = gymnasium.registry.get(f"bricksrl/{episodes.description.env}")
-    return None if spec is None else replace(spec, kwargs=spec.kwargs | episodes.description.options)
-
-
-def _box(low: float, high: float, n: int) -> Any:
-    import gymnasium
-
-    return gymnasium.spaces.Box(low, high, (n,), np.float32)
-
-
-def _observation_space(episodes: Episodes) -> Any:
-    import gymnasium
-
-    box = _box(-np.inf, np.inf, episodes.observation.shape[-1])
-    if episodes.image is None:
-        return box
-    image = gymnasium.spaces.Box(0, 255, tuple(episodes.image.shape[1:]), np.uint8)
-    return gymnasium.spaces.Dict({"observation": box, "image": image})
+    box = gymnasium.spaces.Box(-np.inf, np.inf, tuple(episodes.observation.shape[1:]))
+    observation_space: Any = box
+    if episodes.image is not None:
+        image = gymnasium.spaces.Box(0, 255, tuple(episodes.image.shape[1:]), np.uint8)
+        observation_space = gymnasium.spaces.Dict({"observation": box, "image": image})
+    return {
+        "env": None if spec is None else replace(spec, kwargs=spec.kwargs | episodes.description.options),
+        "observation_space": observation_space,
+        "action_space": gymnasium.spaces.Box(-1.0, 1.0, tuple(episodes.action.shape[1:])),
+    }
 
 
 @contextmanager
@@ -146,9 +138,3 @@ def _datasets_in(folder: Path) -> Iterator[None]:
             del os.environ["MINARI_DATASETS_PATH"]
         else:
             os.environ["MINARI_DATASETS_PATH"] = before
-
-
-def _arrays(episodes: Episodes) -> dict[str, Any]:
-    arrays = {name: getattr(episodes, name).numpy() for name in COLUMNS}
-    images = {name: getattr(episodes, name) for name in ("image", "next_image")}
-    return {**arrays, **{name: image.numpy() for name, image in images.items() if image is not None}}

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bricksrl.data.edit import write_dataset
-from bricksrl.data.episode import About, EpisodeData, Step, new_episode
+from bricksrl.data.episode import About, Step, new_episode
 from bricksrl.data.schema import describe_task
 from bricksrl.entry import Entry
 from bricksrl.errors import DataError
@@ -43,20 +42,13 @@ _MAX_META_BYTES = 1_000_000
 Arrays = dict[str, NDArray[Any]]
 
 
-@dataclass(frozen=True)
-class _Order:
-    """Indices of the released code's columns, in our order."""
-
-    observation: tuple[int, ...]
-    action: tuple[int, ...]
-
-
 _ORDERS = {
-    "Walker-v0": _Order((0, 1, 2, 3, 4, 5, 6), (0, 2, 1, 3)),
-    "RoboArm-v0": _Order((3, 2, 1, 0, 7, 6, 5, 4), (0, 1, 2, 3)),
-    "RunAway-v0": _Order((0, 1, 2, 3, 4), (0,)),
-    "Spinning-v0": _Order((0, 1, 2, 3, 4, 5), (0, 1)),
+    "Walker-v0": ([0, 1, 2, 3, 4, 5, 6], [0, 2, 1, 3]),
+    "RoboArm-v0": ([3, 2, 1, 0, 7, 6, 5, 4], [0, 1, 2, 3]),
+    "RunAway-v0": ([0, 1, 2, 3, 4], [0]),
+    "Spinning-v0": ([0, 1, 2, 3, 4, 5], [0, 1]),
 }
+"""Columns of the released code's observations and actions, in our order, by environment."""
 
 
 @dataclass(frozen=True)
@@ -100,63 +92,42 @@ def _import_one(folder: Path, out: Path, env: str, policy: str) -> Index:
 
     if env not in _ORDERS:
         raise DataError(f"the paper has no dataset of {env}; choose one of {', '.join(_ORDERS)}")
-    task = get_task(env)
+    task, action_order = get_task(env), _ORDERS[env][1]
     current, after = read_tensors(folder), read_tensors(folder / "next")
-    _require(current, ("observation", "action"), folder)
-    _require(after, ("observation", "reward", "done"), folder / "next")
-    observation, next_observation = (_observations(arrays, task, folder) for arrays in (current, after))
+    observation = _observations(current, task, folder)
     action = _rows(current, "action", folder)
-    rows = (len(observation), len(next_observation), len(action), after["reward"].size, after["done"].size)
-    if len(set(rows)) != 1 or action.shape[1] != len(_ORDERS[env].action):
+    next_observation = _observations(after, task, folder / "next")
+    reward, done = (_rows(after, name, folder / "next").reshape(-1) for name in ("reward", "done"))
+    rows = {len(observation), len(next_observation), len(action), len(reward), len(done)}
+    if len(rows) != 1 or action.shape[1] != len(action_order):
         raise DataError(f"{folder} holds tensors of shapes that are not those of {env}; name its task with --env")
-    action = action[:, list(_ORDERS[env].action)]
-    description = _description(task, observation)
-    done, reward = after["done"].reshape(-1).astype(bool), after["reward"].reshape(-1).astype(np.float64)
+    done = done.astype(bool)
     # Where the next row does not continue this one, an episode ended too.
     jumps = np.append(~np.isclose(observation[1:], next_observation[:-1], equal_nan=True).all(axis=1), True)
-    return write_dataset(
-        out, description, _episodes(description, task, policy, observation, action, reward, next_observation, done, jumps)
+    ends = np.flatnonzero(done | jumps)
+    lengths = np.diff(ends, prepend=-1)
+    terminated, truncated = np.zeros_like(done), np.zeros_like(done)
+    terminated[ends] = done[ends] & (lengths < task.max_steps)
+    truncated[ends] = ~terminated[ends]
+    columns = (observation, action[:, action_order], reward.tolist(), next_observation, terminated.tolist(), truncated.tolist())
+    steps = [Step(*row) for row in zip(*columns, strict=True)]
+    description = _description(task, observation)
+    episodes = (
+        new_episode(steps[end + 1 - length : end + 1], About(policy=policy, whole=bool(done[end])), description)
+        for end, length in zip(ends, lengths, strict=True)
     )
-
-
-def _episodes(
-    description: Description,
-    task: Task,
-    policy: str,
-    observation: NDArray[Any],
-    action: NDArray[Any],
-    reward: NDArray[Any],
-    after: NDArray[Any],
-    done: NDArray[np.bool_],
-    jumps: NDArray[np.bool_],
-) -> Iterator[EpisodeData]:
-    start = 0
-    for end in np.flatnonzero(done | jumps):
-        steps = []
-        for i in range(start, end + 1):
-            last = i == end
-            ended = bool(last and done[i] and i + 1 - start < task.max_steps)
-            steps.append(
-                Step(observation[i], action[i], float(reward[i]), after[i], terminated=ended, truncated=last and not ended)
-            )
-        yield new_episode(steps, About(policy=policy, whole=bool(done[end])), description)
-        start = int(end) + 1
-
-
-def _require(arrays: Arrays, names: tuple[str, ...], folder: Path) -> None:
-    missing = [name for name in names if name not in arrays]
-    if missing:
-        raise DataError(f"{folder} has no tensor {', '.join(missing)}; it is not a dataset of the paper")
-    for name in names:
-        with np.errstate(all="ignore"):
-            is_finite = np.isfinite(arrays[name].astype(np.float32)).all()
-        if not is_finite:
-            raise DataError(f"{folder} has numbers in its tensor {name} that are none, or too large; restore it from a copy")
+    return write_dataset(out, description, episodes)
 
 
 def _rows(arrays: Arrays, name: str, folder: Path) -> NDArray[Any]:
-    """Tensor reshaped to ``[N, n]``."""
+    """A tensor as ``[N, n]``. Raises DataError if there is none, or it has no rows or numbers that are none."""
+    if name not in arrays:
+        raise DataError(f"{folder} has no tensor {name}; it is not a dataset of the paper")
     array = arrays[name]
+    with np.errstate(all="ignore"):
+        is_finite = np.isfinite(array.astype(np.float32)).all()
+    if not is_finite:
+        raise DataError(f"{folder} has numbers in its tensor {name} that are none, or too large; restore it from a copy")
     if array.size == 0 or array.ndim == 0:
         raise DataError(f"{folder} has no steps in its tensor {name}; restore it from a copy")
     return array.reshape(len(array), -1)
@@ -164,22 +135,16 @@ def _rows(arrays: Arrays, name: str, folder: Path) -> NDArray[Any]:
 
 def _observations(arrays: Arrays, task: Task, folder: Path) -> NDArray[np.float32]:
     """Observations ``[N, n]`` in our order and ranges."""
-    env = task.id
-    parts = [_rows(arrays, "observation", folder)]
-    if env == "RoboArm-v0":
-        _require(arrays, ("goal_observation",), folder)
-        parts.append(_rows(arrays, "goal_observation", folder))
-    order = list(_ORDERS[env].observation)
-    width = sum(part.shape[1] for part in parts)
+    names = ["observation", "goal_observation"] if task.id == "RoboArm-v0" else ["observation"]
+    parts = [_rows(arrays, name, folder) for name in names]
+    order, width = _ORDERS[task.id][0], sum(part.shape[1] for part in parts)
     if width != len(order):
-        raise DataError(f"{folder} observes {width} numbers and {env} has {len(order)}; name its task with --env")
+        raise DataError(f"{folder} observes {width} numbers and {task.id} has {len(order)}; name its task with --env")
     if len({len(part) for part in parts}) != 1:
         raise DataError(f"{folder} has observations and goals of different numbers of steps; restore it from a copy")
-    joined = np.concatenate(parts, axis=1).astype(np.float32)
-    ordered: NDArray[np.float32] = joined[:, order]
-    for i, entry in enumerate(task.entries):
-        if entry.wraps:
-            ordered[:, i] %= 360.0
+    ordered: NDArray[np.float32] = np.concatenate(parts, axis=1).astype(np.float32)[:, order]
+    wraps = [entry.wraps for entry in task.entries]
+    ordered[:, wraps] %= 360.0
     return ordered
 
 
@@ -207,11 +172,8 @@ def read_tensors(folder: Path) -> Arrays:
         raise DataError(f"{meta} is not JSON; restore it from a copy") from None
     if not isinstance(tensors, dict):
         raise DataError(f"{meta} describes no tensors; restore it from a copy")
-    return {name: _read_tensor(folder, name, entry) for name, entry in tensors.items() if _is_tensor(entry)}
-
-
-def _is_tensor(entry: Any) -> bool:
-    return isinstance(entry, dict) and "dtype" in entry and "shape" in entry
+    described = {name: entry for name, entry in tensors.items() if isinstance(entry, dict) and {"dtype", "shape"} <= entry.keys()}
+    return {name: _read_tensor(folder, name, entry) for name, entry in described.items()}
 
 
 def _read_tensor(folder: Path, name: str, entry: dict[str, Any]) -> NDArray[Any]:

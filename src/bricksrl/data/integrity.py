@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from bricksrl.data.edit import read_episodes
 from bricksrl.data.episode_index import Index, read_all_rows, read_index, task_instruction, to_json, unfinished_files
 from bricksrl.data.layout import NEXT, OBSERVATION, FileIndex, info
 from bricksrl.data.parquet import has_task, join_statistics
+from bricksrl.data.reader import EpisodeReader
 from bricksrl.errors import DataError
 from bricksrl.files import LOCK, TEMPORARY_PREFIX, quoted
 
@@ -27,9 +27,10 @@ def check(root: Path) -> list[str]:
 
 
 def _steps(index: Index) -> Iterator[str]:
+    reader = EpisodeReader(index)
     for row in index.rows:
         try:
-            columns = next(read_episodes(index, [row])).columns
+            columns = reader.read(row).columns
         except DataError as error:
             yield f"episode {row.episode}: {error}"
             continue

@@ -32,6 +32,18 @@ VIDEO_PATH = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.m
 EPISODES_PATH = "meta/episodes/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 
 OBSERVATION, ACTION, NEXT = "observation.state", "action", "next.observation.state"
+STEP_COLUMNS = {
+    "observation": OBSERVATION,
+    "action": ACTION,
+    "reward": "next.reward",
+    "next_observation": NEXT,
+    "terminated": "next.terminated",
+    "truncated": "next.truncated",
+    "intervention": "intervention",
+    "age_s": "age_s",
+    "hub_time_s": "hub_time_s",
+}
+"""Column of each attribute of a step, except its images."""
 
 
 @dataclass(frozen=True, order=True)
@@ -152,11 +164,6 @@ def numbers(description: Description) -> Iterator[tuple[str, int, pa.DataType]]:
     for name, feature in features(description).items():
         if feature["dtype"] != "video":
             yield name, feature["shape"][0], _TYPES[feature["dtype"]]
-
-
-def schema(description: Description) -> pa.Schema:
-    """Arrow schema of the data files."""
-    return pa.schema([(name, type_ if n == 1 else pa.list_(type_, n)) for name, n, type_ in numbers(description)])
 
 
 _TYPES = {"float32": pa.float32(), "float64": pa.float64(), "int64": pa.int64(), "bool": pa.bool_()}

@@ -14,7 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from bricksrl.data.layout import numbers, schema
+from bricksrl.data.layout import numbers
 from bricksrl.data.schema import Description
 from bricksrl.errors import DataError
 
@@ -60,14 +60,11 @@ def read_parquet(path: Path, *, digest: str | None = None) -> pa.Table:
 
 def to_table(columns: Columns, description: Description) -> pa.Table:
     """Arrow table of the columns, in the layout of the data files."""
-    arrays = []
+    arrays = {}
     for name, n, type_ in numbers(description):
-        values = columns[name]
-        if n == 1:
-            arrays.append(pa.array(values.reshape(-1), type_))
-        else:
-            arrays.append(pa.FixedSizeListArray.from_arrays(pa.array(values.reshape(-1), type_), n))
-    return pa.Table.from_arrays(arrays, schema=schema(description))
+        flat = pa.array(columns[name].reshape(-1), type_)
+        arrays[name] = flat if n == 1 else pa.FixedSizeListArray.from_arrays(flat, n)
+    return pa.table(arrays)
 
 
 def from_table(table: pa.Table, description: Description, names: Iterable[str], where: Path) -> dict[str, NDArray[Any]]:
@@ -98,8 +95,7 @@ def _is_list_of(type_: pa.DataType, item: pa.DataType) -> bool:
 def has_task(path: Path, instruction: str) -> bool:
     """True if the file is a ``meta/tasks.parquet`` with this task only."""
     try:
-        expected = pq.ParquetFile(pa.BufferReader(tasks_table(instruction))).read(use_threads=False)
-        return bool(read_parquet(path).to_pylist() == expected.to_pylist())
+        return bool(read_parquet(path).to_pylist() == [{"task_index": 0, "task": instruction}])
     except DataError:
         return False
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from bricksrl.entry import Entry
 from bricksrl.errors import DataError
+from bricksrl.fields import check_fields
 
 if TYPE_CHECKING:
     from torchrl.envs import EnvBase
@@ -66,25 +67,16 @@ class Description:
         try:
             for key in ("observation", "action"):
                 values[key] = tuple(_entry_from_json(entry) for entry in values[key])
+            check_fields(cls, values)
             description = cls(**values)
-            description.check()
+            camera, image_px = description.camera, description.image_px
+            has_sound_camera = image_px == 0 if camera is None else camera.isidentifier() and image_px > 0
+            has_entries = description.observation and description.action
+            if not (has_entries and has_sound_camera and 0 < description.rate_hz < math.inf):
+                raise ValueError("not a description")
         except (AttributeError, KeyError, TypeError, ValueError):
             raise DataError(f"{where} is damaged; restore it from a copy") from None
         return description
-
-    def check(self) -> None:
-        """Raise ValueError or TypeError unless all attributes have their types."""
-        texts = [self.env, *(text for entry in (*self.observation, *self.action) for text in (entry.name, entry.unit))]
-        checks = [
-            all(isinstance(text, str) for text in texts),
-            bool(self.observation) and bool(self.action),
-            math.isfinite(self.rate_hz) and self.rate_hz > 0,
-            isinstance(self.robot, dict) and isinstance(self.options, dict),
-            self.camera is None or (isinstance(self.camera, str) and self.camera.isidentifier()),
-            type(self.image_px) is int and (self.image_px > 0) == (self.camera is not None),
-        ]
-        if not all(checks):
-            raise ValueError("not a description")
 
     def differences(self, other: Description) -> list[str]:
         """Differences to ``other``, a phrase for each attribute; empty if data of both may be joined."""
@@ -120,7 +112,12 @@ def describe(env: EnvBase, options: dict[str, Any] | None = None, *, name: str |
         name: name of an environment without a task; by default that of its class.
     """
     task: Task | None = getattr(env, "task", None)
-    return _describe_specs(env, options or {}, name or type(env).__name__) if task is None else describe_task(task, options)
+    if task is not None:
+        return describe_task(task, options)
+    from bricksrl.envs.specs import entries_of, spec_entries
+
+    entries = entries_of(env), spec_entries(env.action_spec, "action")
+    return Description(name or type(env).__name__, 1.0, *entries, options=_plain(options or {}))
 
 
 def describe_task(task: Task, options: dict[str, Any] | None = None) -> Description:
@@ -131,19 +128,11 @@ def describe_task(task: Task, options: dict[str, Any] | None = None) -> Descript
         rate_hz=task.rate_hz,
         observation=tuple(Entry(e.name, e.low, e.high, e.unit, wraps=e.wraps) for e in task.entries),
         action=tuple(command.entry for command in task.interface.commands),
-        robot={
-            name: value for name, value in _plain(task.robot).items() if name not in ("model", "plan")
-        },  # these concern its simulation only
+        robot={name: value for name, value in _plain(task.robot).items() if name not in ("model", "plan")},  # of its simulation
         options=_plain(options or {}),
         camera=None if camera is None else camera.name,
         image_px=0 if camera is None else camera.image_px,
     )
-
-
-def _describe_specs(env: EnvBase, options: dict[str, Any], name: str) -> Description:
-    from bricksrl.envs.specs import entries_of, spec_entries
-
-    return Description(name, 1.0, entries_of(env), spec_entries(env.action_spec, "action"), {}, _plain(options))
 
 
 def _entry_to_json(entry: Entry) -> dict[str, Any]:
@@ -153,7 +142,9 @@ def _entry_to_json(entry: Entry) -> dict[str, Any]:
 
 def _entry_from_json(values: dict[str, Any]) -> Entry:
     low, high = (default if values.get(end) is None else values[end] for end, default in (("low", -math.inf), ("high", math.inf)))
-    return Entry(**{**values, "low": low, "high": high})
+    entry = Entry(**{**values, "low": low, "high": high})
+    check_fields(Entry, vars(entry))
+    return entry
 
 
 def _plain(value: Any) -> Any:

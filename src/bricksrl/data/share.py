@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bricksrl.data.cards import dataset_card
+from bricksrl.data.episode_index import dataset_folder
 from bricksrl.data.integrity import check
 from bricksrl.data.layout import CODEBASE_VERSION
-from bricksrl.data.reader import dataset_folder
 from bricksrl.data.summary import summarise
 from bricksrl.errors import DataError, message_of
 from bricksrl.files import LOCK, TEMPORARY_PREFIX, atomic_folder, refuse_existing

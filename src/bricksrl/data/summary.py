@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from bricksrl.data.episode_index import Index, read_index
 from bricksrl.data.layout import ACTION, OBSERVATION
-from bricksrl.data.reader import dataset_folder, read_columns
+from bricksrl.data.reader import read_columns
 from bricksrl.errors import counted
 from bricksrl.plotting import DARK, INK, LIGHT, MUTED, STRONG, check_picture, new_figure, save
 
@@ -62,7 +62,7 @@ class Summary:
 
 def summarise(path: Path) -> Summary:
     """Summarise a dataset. Raises DataError if there is no dataset, or it is damaged."""
-    index = read_index(dataset_folder(path))
+    index = read_index(path)
     ages = read_columns(index, ["age_s"])["age_s"]
     returns = np.array([row.return_ for row in index.rows])
     successes = [row.about.success for row in index.rows if row.about.success is not None]
@@ -93,7 +93,7 @@ def plot(path: Path, out: Path) -> None:
     """Plot the returns, and every channel and action over the steps of an episode, into an image file. Raises DataError if there
     is no dataset, or it is damaged."""
     check_picture(out)
-    index = read_index(dataset_folder(path))
+    index = read_index(path)
     columns = read_columns(index, [OBSERVATION, ACTION, "next.reward", "frame_index"])
     panels = _panels(index, columns)
     rows = -(-(len(panels) + 2) // _COLUMNS)

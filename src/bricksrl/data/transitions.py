@@ -9,7 +9,7 @@ from importlib import metadata
 from typing import TYPE_CHECKING, Any
 
 import bricksrl
-from bricksrl.data.episode import About, Image, Step
+from bricksrl.data.episode import About, Step
 
 if TYPE_CHECKING:
     from tensordict import TensorDictBase
@@ -25,9 +25,9 @@ _PACKAGES = ("torch", "torchrl", "mujoco")
 def step_of(transition: TensorDictBase, env: EnvBase, *, intervention: bool = False) -> Step:
     """Step from a transition of TorchRL's ``EnvBase.step``, copied, since the environment may reuse its tensors. ``env``:
     environment of the transition; its ``timing``, if any, is recorded."""
-    after = transition["next"]
-    timing = getattr(env, "timing", None)
+    after, timing = transition["next"], getattr(env, "timing", None)
     times = {} if timing is None else {"age_s": timing.age_s, "hub_time_s": timing.hub_time_s}
+    images = {} if "image" not in after else {"image": _numbers(transition["image"]), "next_image": _numbers(after["image"])}
     return Step(
         observation=_numbers(transition["observation"]),
         action=_numbers(transition["action"]),
@@ -35,20 +35,14 @@ def step_of(transition: TensorDictBase, env: EnvBase, *, intervention: bool = Fa
         next_observation=_numbers(after["observation"]),
         terminated=bool(after["terminated"]),
         truncated=bool(after["done"]) and not bool(after["terminated"]),
-        image=_image(transition),
-        next_image=_image(after),
         intervention=intervention,
         **times,
+        **images,
     )
 
 
 def _numbers(tensor: Tensor) -> Any:
     return tensor.detach().cpu().numpy().copy()
-
-
-def _image(tensordict: TensorDictBase) -> Image | None:
-    image = tensordict.get("image", None)
-    return None if image is None else _numbers(image)
 
 
 def about(env: EnvBase, policy: str, *, seed: int | None = None, hub: str = "virtual") -> About:
@@ -61,6 +55,7 @@ def about(env: EnvBase, policy: str, *, seed: int | None = None, hub: str = "vir
     """
     task = getattr(env, "task", None)
     on_hub = hasattr(env, "twin")
+    physics = getattr(env.twin.body, "physics", None) if on_hub and hub == "virtual" and env.twin is not None else None
     return About(
         policy=policy,
         seed=seed,
@@ -68,7 +63,7 @@ def about(env: EnvBase, policy: str, *, seed: int | None = None, hub: str = "vir
         hub=hub if on_hub else "",
         program_hash=_program_hash(task.robot, task.interface) if on_hub and task is not None else None,
         versions=dict(_versions()),
-        physics=_physics(env) if on_hub and hub == "virtual" else {},
+        physics={} if physics is None else dataclasses.asdict(physics),
     )
 
 
@@ -82,8 +77,3 @@ def _program_hash(robot: Robot, interface: Interface) -> int:
 @functools.lru_cache(maxsize=1)
 def _versions() -> tuple[tuple[str, str], ...]:
     return ("bricksrl", bricksrl.__version__), *((name, metadata.version(name)) for name in _PACKAGES)
-
-
-def _physics(env: EnvBase) -> dict[str, float]:
-    physics = None if env.twin is None else getattr(env.twin.body, "physics", None)
-    return {} if physics is None else dataclasses.asdict(physics)

@@ -8,7 +8,7 @@ import io
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import torch
 
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 ENV = "RoboArmSim-v0"
 """A small environment with goals."""
 _SEED, _STEPS, _COPIES = 7, 40, 3
+_CHECKS = ("settings", "build", "acting", "memory", "learning", "saving", "copies")
 
 
 def is_agent(name: str) -> bool:
@@ -48,17 +49,7 @@ def check_agent(agent: str) -> Iterator[Finding]:
     """Check an algorithm. Raises UnknownNameError or DescriptionError if there is no such algorithm."""
     checked = _Checked(algorithm(agent))
     with reproducible(_SEED):
-        yield from run_checks(
-            {
-                "settings": checked.settings,
-                "build": checked.build,
-                "acting": checked.acting,
-                "memory": checked.memory,
-                "learning": checked.learning,
-                "saving": checked.saving,
-                "copies": checked.copies,
-            }
-        )
+        yield from run_checks({name: getattr(checked, name) for name in _CHECKS})
 
 
 @dataclass
@@ -72,7 +63,8 @@ class _Checked:
         settings_type = self.algorithm.settings
         if not settings_type.__dataclass_params__.frozen:
             raise Broken(f"{settings_type.__name__} can be changed; write @dataclass(frozen=True)")
-        missing = [field.name for field in dataclasses.fields(settings_type) if _has_no_default(field)]
+        fields, none = dataclasses.fields(settings_type), dataclasses.MISSING
+        missing = [field.name for field in fields if field.default is none and field.default_factory is none]
         if missing:
             raise Broken(f"{', '.join(missing)} has no default; give it one")
         settings = preset("default", self.algorithm.name)
@@ -181,7 +173,3 @@ def _frames(learner: Learner, env: EnvBase) -> TensorDictBase:
     with torch.no_grad(), set_exploration_type(ExplorationType.RANDOM):
         frames: TensorDictBase = env.rollout(steps, learner.policy, break_when_any_done=False)
     return frames
-
-
-def _has_no_default(field: dataclasses.Field[Any]) -> bool:
-    return field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING

@@ -18,6 +18,7 @@ def film_arena(env: EnvBase, policy: TensorDictModuleBase, path: Path, episodes:
     import torch
     from torchrl.envs.utils import ExplorationType, set_exploration_type
 
+    from bricksrl.envs.rollout import play
     from bricksrl.twin.render.opengl import Renderer, VideoWriter
 
     images = 0
@@ -36,9 +37,6 @@ def film_arena(env: EnvBase, policy: TensorDictModuleBase, path: Path, episodes:
                 state = env.reset()
                 env.world.on_time = draw
                 with torch.no_grad(), set_exploration_type(ExplorationType.DETERMINISTIC):
-                    while True:
-                        frame = env.step(policy(state))
-                        if bool(frame["next", "done"]):
-                            break
-                        state = env.step_mdp(frame)
+                    for _ in play(env, policy, state):
+                        pass
     return images

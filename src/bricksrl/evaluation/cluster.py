@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from bricksrl.errors import BricksError, RunError, message_of
+from bricksrl.errors import RunError, message_of
 from bricksrl.files import write_durably
 
 _POLL_S = 0.5
@@ -120,17 +120,14 @@ def train_on_worker(number: int, config: dict[str, Any], evaluated_episodes: int
     import ray
     import torch
 
-    from bricksrl.evaluation import evaluate
-    from bricksrl.training import Callback, Episode, Progress, TrainConfig, resume, train
+    from bricksrl.evaluation.multi_seed_worker import Reporter, train_and_evaluate
+    from bricksrl.training import Callback, TrainConfig, resume, train
 
     torch.set_num_threads(1)
 
-    class Reporter(Callback):
+    class StartReporter(Reporter):
         def on_start(self, config: TrainConfig, run_dir: Path, episodes_done: int) -> None:
-            send({"started": episodes_done, "pid": os.getpid(), "node": platform.node()})
-
-        def on_episode(self, episode: Episode, progress: Progress) -> None:
-            send({"episode": episode.episode, "return": episode.return_})
+            self.send({"started": episodes_done, "pid": os.getpid(), "node": platform.node()})
 
     with tempfile.TemporaryDirectory(prefix="bricksrl-") as temporary:
         folder = Path(temporary) / "run"
@@ -139,20 +136,18 @@ def train_on_worker(number: int, config: dict[str, Any], evaluated_episodes: int
         def send(message: dict[str, Any]) -> None:
             ray.get(keeper.keep.remote(number, changes.take(), message))
 
-        try:
+        def start(callback: Callback) -> None:
             files = ray.get(keeper.files.remote(number))
             if "checkpoint.bin" in files:
                 for name, data in files.items():
                     path = folder / name
                     path.parent.mkdir(parents=True, exist_ok=True)
                     path.write_bytes(data)
-                resume(folder, Reporter())
+                resume(folder, callback)
             else:
-                train(TrainConfig.from_dict(config, run_dir=folder), Reporter())
-            send({"evaluated": evaluate(folder, episodes=evaluated_episodes).return_mean})
-        except BricksError as error:
-            return str(error)
-    return None
+                train(TrainConfig.from_dict(config, run_dir=folder), callback)
+
+        return train_and_evaluate(start, folder, evaluated_episodes, StartReporter(send))
 
 
 def train_on_cluster(

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import subprocess
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import closing
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from bricksrl.envs.rollout import Policy
     from bricksrl.twin.mujoco_body import MujocoBody
-    from bricksrl.twin.render.opengl import Image, Renderer
+    from bricksrl.twin.render.opengl import Image, Renderer, VideoWriter
     from bricksrl.twin.render.room import Room
 
 QUICK_S = 0.03
@@ -73,6 +73,7 @@ def film(
     from bricksrl.envs.rollout import play, seed_episode
     from bricksrl.twin.mujoco_body import MujocoBody
     from bricksrl.twin.render.opengl import VideoWriter
+    from bricksrl.twin.render.video import Filmed as FilmedBody
 
     options = options or FilmOptions()
     returns, distances_m = [], []
@@ -83,14 +84,11 @@ def film(
             twin = getattr(env, "twin", None)
             if twin is None or not isinstance(twin.body, MujocoBody):
                 raise TwinError(f"{env.task.id} has no virtual robot to film")
-            with closing(_Take(env, twin.body, options, number, start)) as take:
-                take.install(twin.machine)
+            with closing(_Take(env, twin.body, options, number, start, video)) as take:
+                twin.machine.body = FilmedBody(twin.machine.body, take.render, take.frame_ms, twin.machine.time_ms, take.show)
                 for frame in play(env, act, start, reset_policy=reset):
                     take.add(frame)
-                    for image in take.images():
-                        video.add(image)
-                for image in take.ending():
-                    video.add(image)
+                take.show(take.render(), round(25 * _LAST_S))
             returns.append(take.total)
             distances_m.append(take.forward_m)
     return Filmed(path, tuple(returns), tuple(distances_m))
@@ -98,18 +96,18 @@ def film(
 
 @dataclass
 class _Take:
-    """Recording of one episode; its images are drawn while the robot moves and written after each step."""
+    """Recording of one episode, drawn and written while the robot moves: an image every ``frame_ms`` of simulated time."""
 
     env: EnvBase
     body: MujocoBody
     options: FilmOptions
     number: int
     start: Any
+    video: VideoWriter
     total: float = 0.0
     forward_m: float = 0.0
     step: int = 0
     reward: float = 0.0
-    _images: list[Image] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         from bricksrl.twin.render.room import Room
@@ -145,12 +143,6 @@ class _Take:
         (plain if shaded_s <= 2 * QUICK_S else shaded).close()
         return (shaded, shaded_s) if shaded_s <= 2 * QUICK_S else (plain, cost_s)
 
-    def install(self, machine: Any) -> None:
-        """Hook into the machine's body, to draw an image every ``frame_ms`` of simulated time."""
-        from bricksrl.twin.render.video import Filmed as FilmedBody
-
-        machine.body = FilmedBody(machine.body, self, self.frame_ms, machine.time_ms, self._images.append)
-
     def render(self) -> Image:
         """One image with captions."""
         from bricksrl.twin.render.captions import captioned
@@ -176,18 +168,10 @@ class _Take:
         self.total, self.step = self.total + self.reward, self.step + 1
         self.forward_m = self._distance_m()
 
-    def images(self) -> Iterator[Image]:
-        """Images since the last call, each repeated ``hold`` times."""
-        for image in self._images:
-            for _ in range(self.hold):
-                yield image
-        self._images.clear()
-
-    def ending(self) -> Iterator[Image]:
-        """The final image, repeated for `_LAST_S`."""
-        image = self.render()
-        for _ in range(round(25 * _LAST_S)):
-            yield image
+    def show(self, image: Image, times: int = 0) -> None:
+        """Add an image to the film, ``hold`` times by default."""
+        for _ in range(times or self.hold):
+            self.video.add(image)
 
     def close(self) -> None:
         """Release the renderer."""

@@ -6,7 +6,9 @@ import base64
 import html
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from importlib import resources
 from pathlib import Path
+from string import Template
 from typing import TYPE_CHECKING
 
 from bricksrl.envs.reference_returns import REFERENCES, reference_lines
@@ -61,7 +63,8 @@ def write_report(
         _commands(run_dir, result),
     ]
     path = run_dir / "report.html"
-    write_durably(path, (_HEAD.format(title=html.escape(result.env)) + "\n".join(body) + "</main></body></html>\n").encode())
+    template = Template(resources.files("bricksrl.evaluation").joinpath("report.html").read_text(encoding="utf-8"))
+    write_durably(path, template.substitute(title=html.escape(result.env), body="\n".join(body)).encode())
     curve.unlink(missing_ok=True)
     return path
 
@@ -148,20 +151,3 @@ def _commands(run_dir: Path, result: EvaluationResult) -> str:
 
 def _data_url(path: Path, mime_type: str) -> str:
     return f"data:{mime_type};base64,{base64.b64encode(path.read_bytes()).decode()}"
-
-
-_HEAD = """<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
-<title>{title}: report</title>
-<style>
-body {{ margin: 0; font: 16px/1.5 system-ui, "Segoe UI", Roboto, sans-serif; color: #1f2430; background: #f4f5f7; }}
-main {{ max-width: 960px; margin: 0 auto; padding: 24px; background: #fff; }}
-h1 {{ font-size: 26px; margin: 0 0 8px; }} h2 {{ font-size: 18px; margin: 28px 0 8px; color: #0b5cad; }}
-.lead {{ font-size: 17px; }} p {{ margin: 6px 0; }}
-video, img {{ width: 100%; border-radius: 8px; display: block; }}
-table {{ border-collapse: collapse; width: 100%; }} tr {{ border-bottom: 1px solid #e2e5ea; }}
-th {{ text-align: left; font-weight: 500; color: #6b7280; padding: 6px 16px 6px 0; }} td {{ padding: 6px 0; }}
-code {{ background: #eef0f4; padding: 2px 6px; border-radius: 5px; font-size: 14px; overflow-wrap: anywhere; }}
-a {{ color: #0b5cad; }}
-</style></head><body><main>
-"""

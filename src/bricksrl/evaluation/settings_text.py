@@ -24,8 +24,7 @@ def with_changes(settings: S, changes: Iterable[str]) -> S:
         if not equals:
             raise DescriptionError(f"'{change}' changes nothing; write NAME=VALUE, such as learning_rate=3e-4")
         texts[name.strip().replace("-", "_")] = value.strip()
-    types_ = _field_types(settings, texts)
-    return _replaced(settings, {name: _parsed(name, types_[name], text) for name, text in texts.items()})
+    return _changed(settings, texts)
 
 
 def read_settings(path: Path, settings: S) -> S:
@@ -40,27 +39,20 @@ def read_settings(path: Path, settings: S) -> S:
     table = data.get("settings", data) if isinstance(data, dict) else None
     if not isinstance(table, dict):
         raise DescriptionError(f'{path} holds no names and values; write settings as {{"learning_rate": 3e-4}}')
-    types_ = _field_types(settings, table)
-    values = {name: _parsed(name, types_[name], _as_text(value)) for name, value in table.items()}
-    return _replaced(settings, values)
+    texts = {name: ",".join(map(str, value)) if isinstance(value, list) else str(value) for name, value in table.items()}
+    return _changed(settings, texts)
 
 
-def _field_types(settings: Any, names: Iterable[str]) -> dict[str, Any]:
+def _changed(settings: S, texts: dict[str, str]) -> S:
+    """A copy of the settings with values from texts, by name."""
     hints = typing.get_type_hints(type(settings))
-    types_ = {field.name: hints[field.name] for field in dataclasses.fields(settings)}
-    for name in names:
-        if name not in types_:
-            raise DescriptionError(f"there is no setting '{name}'{hint(name, types_)}; choose one of {', '.join(types_)}")
-    return types_
-
-
-def _replaced(settings: S, values: dict[str, Any]) -> S:
+    names = [field.name for field in dataclasses.fields(settings)]  # type: ignore[arg-type]
+    for name in texts:
+        if name not in names:
+            raise DescriptionError(f"there is no setting '{name}'{hint(name, names)}; choose one of {', '.join(names)}")
+    values = {name: _parsed(name, hints[name], text) for name, text in texts.items()}
     changed: S = dataclasses.replace(settings, **values)  # type: ignore[type-var]
     return changed
-
-
-def _as_text(value: Any) -> str:
-    return ",".join(map(str, value)) if isinstance(value, list) else str(value)
 
 
 def _parsed(name: str, type_: Any, text: str) -> Any:

@@ -14,7 +14,6 @@ import shutil
 import threading
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass
 from fnmatch import fnmatchcase
 from importlib import metadata
 from multiprocessing import get_context, parent_process
@@ -31,41 +30,13 @@ from bricksrl.evaluation.study_tables import Cell, Condition, Study
 from bricksrl.files import write_durably
 
 OUTCOME = "outcome.json"
+"""File with the outcome of a seed: steps, wall time and CPU time (null if resumed) of its training; the time of its steps by the
+hub's clock (null without a hub); whether it reached its ``stop_at`` return (null without one); the results of the conditions."""
 _FIRST_EVALUATION = 1000
 """Seed of the evaluation of seed 0. Each seed has episodes of its own, so that intervals over seeds cover their chance too."""
 _PACKAGES = ("bricksrl", "torch", "torchrl", "tensordict", "mujoco", "numpy")
 OnSeed = Callable[[str, int, str | None], None]
 """Called with the name of a cell, a seed, and its error or ``None``, when the seed is done."""
-
-
-@dataclass(frozen=True)
-class ConditionResult:
-    """Evaluation of one seed under a condition."""
-
-    condition: str
-    returns: tuple[float, ...]
-    successes: int | None
-    metrics: dict[str, float]
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """Result of one seed of a cell.
-
-    Attributes:
-        steps, wall_s: number of steps and duration of the training.
-        cpu_s: CPU time of the training; ``None`` if it was resumed.
-        robot_s: time of the training's steps by the hub's clock; ``None`` without a hub.
-        reached: whether the training stopped early, at its ``stop_at`` return; ``None`` without one.
-    """
-
-    seed: int
-    judged: tuple[ConditionResult, ...]
-    steps: int
-    wall_s: float
-    cpu_s: float | None
-    robot_s: float | None
-    reached: bool | None
 
 
 def name_of(cell: Cell) -> str:
@@ -94,13 +65,19 @@ def run_seed(cell: Cell, seed: int, folder: str) -> dict[str, Any] | str:
         episodes = RunFolder(path).read_episodes()
         goal, last = cell.config.get("stop_at"), [episode.return_ for episode in episodes[-WINDOW:]]
         reached = None if goal is None else len(last) == WINDOW and sum(last) / WINDOW >= goal
-        last_episode = episodes[-1]
-        outcome = Outcome(seed, tuple(results), last_episode.steps, last_episode.seconds, cpu_s, robot_seconds(path), reached)
     except BricksError as error:
         return str(error)
-    text = json.dumps(asdict(outcome), indent=2)
-    write_durably(done, (text + "\n").encode())
-    return dict(json.loads(text))
+    outcome = {
+        "seed": seed,
+        "judged": results,
+        "steps": episodes[-1].steps,
+        "wall_s": episodes[-1].seconds,
+        "cpu_s": cpu_s,
+        "robot_s": robot_seconds(path),
+        "reached": reached,
+    }
+    write_durably(done, (json.dumps(outcome, indent=2) + "\n").encode())
+    return outcome
 
 
 def _cpu_s() -> float:
@@ -108,7 +85,7 @@ def _cpu_s() -> float:
     return sum(os.times()[:4])
 
 
-def _evaluate_condition(run: Path, seed: int, number: int, condition: Condition) -> ConditionResult:
+def _evaluate_condition(run: Path, seed: int, number: int, condition: Condition) -> dict[str, Any]:
     """Evaluate a run under a condition, after further training there if the condition asks for it."""
     from bricksrl.evaluation.evaluator import evaluate
     from bricksrl.training import RunFolder, TrainConfig, train
@@ -125,7 +102,7 @@ def _evaluate_condition(run: Path, seed: int, number: int, condition: Condition)
     result = evaluate(run_dir, condition.env, **options)
     successes = None if result.success_rate is None else round(result.success_rate * result.episodes)
     metrics = {**result.metrics, "action_size": result.action_size, "episode_steps": float(np.mean(result.lengths))}
-    return ConditionResult(condition.name, result.returns, successes, metrics)
+    return {"condition": condition.name, "returns": result.returns, "successes": successes, "metrics": metrics}
 
 
 def robot_seconds(run: Path) -> float | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -93,29 +93,32 @@ def _episodes(env: str, quick: bool) -> int:
     return 2 if quick else training_episodes(env)
 
 
-def _evaluations(quick: bool, env: str | None = None) -> tuple[Condition, ...]:
-    """Conditions with 5 episodes, as in the paper, and with 20."""
-    return tuple(Condition(f"{count} episodes", env, episodes=2 if quick else count) for count in (5, 20))
+def _played(count: int, quick: bool, env: str | None = None) -> Condition:
+    """Condition of a number of episodes."""
+    return Condition(f"{count} episodes", env, episodes=2 if quick else count)
 
 
-def _paper_numbers(env: str, agent: str) -> dict[str, Any]:
-    """The paper's numbers of an agent trained there."""
-    numbers: dict[str, Any] = {"return": paper.RETURNS[env][agent]}
-    success = paper.SUCCESS.get(env, {}).get(agent)
-    return numbers if success is None else {**numbers, "success": success}
+def _cell(agent: str, env: str, quick: bool, conditions: tuple[Condition, ...], column: str = "", **config: Any) -> Cell:
+    """Cell of an agent that the paper trained in this environment, with the paper's numbers."""
+    numbers: dict[str, Any] = {"return": paper.RETURNS[env][agent], "success": paper.SUCCESS.get(env, {}).get(agent)}
+    known = {name: value for name, value in numbers.items() if value is not None}
+    return Cell(
+        agent, column or env, {"env": env, "agent": agent, "episodes": _episodes(env, quick), **config}, conditions, known
+    )
 
 
 def _agents(quick: bool) -> tuple[Cell, ...]:
+    """Agents of the paper, evaluated with 5 episodes, as in the paper, and with 20."""
     test_envs = {env: env for env in ON_THE_ROBOT} | IN_SIMULATION
     if quick:
         test_envs = {env: test_envs[env] for env in ("RunAway-v0", "WalkerSim-v0")}
     return tuple(
-        Cell(
+        _cell(
             agent,
+            env,
+            quick,
+            (_played(5, quick, test_env), _played(20, quick, test_env)),
             env if env == test_env else f"{test_env} from {env}",
-            {"env": env, "agent": agent, "episodes": _episodes(env, quick)},
-            _evaluations(quick, test_env),
-            _paper_numbers(env, agent),
         )
         for env, test_env in test_envs.items()
         for agent in PAPER_AGENTS
@@ -178,17 +181,7 @@ def _communication(quick: bool) -> tuple[Cell, ...]:
 
 
 def _strategies(quick: bool) -> tuple[Cell, ...]:
-    conditions = (Condition("20 episodes", episodes=2 if quick else 20),)
-    return tuple(
-        Cell(
-            agent,
-            "RunAway-v0",
-            {"env": "RunAway-v0", "agent": agent, "episodes": _episodes("RunAway-v0", quick)},
-            conditions,
-            _paper_numbers("RunAway-v0", agent),
-        )
-        for agent in ("td3", "sac", "droq")
-    )
+    return tuple(_cell(agent, "RunAway-v0", quick, (_played(20, quick),)) for agent in ("td3", "sac", "droq"))
 
 
 def _robot_time(quick: bool) -> tuple[Cell, ...]:
@@ -196,9 +189,8 @@ def _robot_time(quick: bool) -> tuple[Cell, ...]:
     cells = []
     for env in ("RunAway-v0",) if quick else ON_THE_ROBOT:
         goal = max(mean for mean, _ in paper.RETURNS[env].values())
-        config = {"env": env, "episodes": _episodes(env, quick), "stop_at": goal}
-        conditions = (Condition("20 episodes", episodes=2 if quick else 20),)
-        cells.append(Cell("sac", env, config, conditions, {**_paper_numbers(env, "sac"), "minutes": paper.MINUTES[env]}))
+        cell = _cell("sac", env, quick, (_played(20, quick),), stop_at=goal)
+        cells.append(replace(cell, paper={**cell.paper, "minutes": paper.MINUTES[env]}))
     return tuple(cells)
 
 

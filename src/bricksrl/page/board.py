@@ -12,7 +12,7 @@ import struct
 import threading
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -41,10 +41,9 @@ class Series:
     names: tuple[str, ...]
     max_rows: int = MAX_STEPS
     count: int = 0
-    rows: deque[Sequence[float]] = field(default_factory=deque)
 
     def __post_init__(self) -> None:
-        self.rows = deque(maxlen=self.max_rows)
+        self.rows: deque[Sequence[float]] = deque(maxlen=self.max_rows)
 
     def add(self, row: Sequence[float]) -> None:
         """Append a row."""

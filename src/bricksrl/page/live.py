@@ -47,8 +47,10 @@ class LivePage:
         options: address of the server.
 
     Attributes:
+        board: what the page shows.
         driver: the human at the page; ``None`` if driving is not possible.
         policy: name of the selected policy.
+        is_reset_requested: whether the user has asked for a reset, which ends the episode.
     """
 
     def __init__(
@@ -72,7 +74,7 @@ class LivePage:
         self._changed = threading.Condition()
         self._paused = False
         self._requested_steps = 0
-        self._is_reset_requested = False
+        self.is_reset_requested = False
         self._speed = speed
         self._env: Any = None
         self._unwatch: Callable[[], None] = lambda: None
@@ -139,7 +141,7 @@ class LivePage:
             case "step" if not self._is_real:
                 self._paused, self._requested_steps = True, self._requested_steps + 1
             case "reset":
-                self._is_reset_requested = True
+                self.is_reset_requested = True
             case "speed" if value in SPEEDS:
                 self._speed = value
             case "policy" if value in self._policies:
@@ -170,15 +172,6 @@ class LivePage:
         """True after an emergency stop, until `release`."""
         return self._halted.is_set()
 
-    @property
-    def is_reset_requested(self) -> bool:
-        """True if a reset is requested, which ends the episode."""
-        return self._is_reset_requested
-
-    def clear_reset(self) -> None:
-        """Clear a requested reset."""
-        self._is_reset_requested = False
-
     def attach(self, env: EnvBase) -> None:
         """Show another environment."""
         self._unwatch()
@@ -203,7 +196,7 @@ class LivePage:
     def begin(self) -> None:
         """Begin an episode."""
         self._sum, self._steps = 0.0, 0
-        self.clear_reset()
+        self.is_reset_requested = False
         self._publish()
 
     def show_step(self, frame: TensorDictBase) -> None:
@@ -257,7 +250,7 @@ class LivePage:
 
     def hold(self, is_over: Callable[[], bool] = lambda: False) -> None:
         """Wait before the next step while paused; a simulation without a robot is paced here too."""
-        while self._paused and not self._is_real and not self._is_reset_requested and not self._halted.is_set():
+        while self._paused and not self._is_real and not self.is_reset_requested and not self._halted.is_set():
             if self._requested_steps:
                 self._requested_steps -= 1
                 break
@@ -277,7 +270,7 @@ class LivePage:
 
     def wait_for_reset(self, is_over: Callable[[], bool] = lambda: False) -> None:
         """After a stop or a failure: wait for a reset, or until ``is_over()``."""
-        while not self._is_reset_requested and not is_over():
+        while not self.is_reset_requested and not is_over():
             with self._changed:
                 self._changed.wait(_POLL_S)
 
@@ -288,10 +281,6 @@ class LivePage:
             self._env.resume()
         self._paused = False
         self._publish()
-
-    def update_status(self, **parts: Any) -> None:
-        """Show parts of the status, such as ``message`` or ``state``."""
-        self.board.update_status(**parts)
 
     @property
     def _speed_factor(self) -> float:

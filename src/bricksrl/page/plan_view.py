@@ -48,9 +48,8 @@ class PlanView:
             message = f"{error}. The joints are not shown."
         self._poser = Poser(self._robot.articulation) if self._robot is not None else None
         self._step = len(plan.steps)
-        self._shafts: dict[str, float] = {}
-        self._swings: dict[int, float] = {}
         self._sliders = self._joints()
+        self._angles: dict[str | int, float] = {}
         self.board.show_scene(_scene(plan), self._poses())
         self._message = message
         self.board.update_status(title=plan.title, subtitle="building plan", state="paused", controls=["step", "reset"])
@@ -62,7 +61,7 @@ class PlanView:
             if name == "step":
                 self._step = self._step % len(self._plan.steps) + 1
             elif name == "reset":
-                self._shafts, self._swings, self._step = {}, {}, len(self._plan.steps)
+                self._angles, self._step = {}, len(self._plan.steps)
                 self._poser = Poser(self._robot.articulation) if self._robot is not None else None
             elif name == "slider" and isinstance(value, list) and len(value) == 2:
                 self._slide(*value)
@@ -72,28 +71,23 @@ class PlanView:
             self._publish()
 
     def _slide(self, name: object, value: object) -> None:
-        if not isinstance(value, (int, float)) or not math.isfinite(value):
+        if not isinstance(name, str) or not isinstance(value, (int, float)) or not math.isfinite(value):
             return
         if name == "Step":
             self._step = min(max(round(value), 1), len(self._plan.steps))
-        for label, (port, swing) in self._sliders.items():
-            if name == label:
-                angle = math.radians(min(max(float(value), -_MAX_DEG), _MAX_DEG))
-                if port is not None:
-                    self._shafts[port] = angle
-                elif swing is not None:
-                    self._swings[swing] = angle
+        elif name in self._sliders:
+            self._angles[self._sliders[name]] = math.radians(min(max(float(value), -_MAX_DEG), _MAX_DEG))
 
-    def _joints(self) -> dict[str, tuple[str | None, int | None]]:
+    def _joints(self) -> dict[str, str | int]:
         """Sliders by name, each with the motor's port or the number of the joint that it turns."""
         if self._robot is None or self._poser is None:
             return {}
-        sliders: dict[str, tuple[str | None, int | None]] = {}
+        sliders: dict[str, str | int] = {}
         for drive in self._robot.articulation.drives:
             placed = self._robot.device(drive.port)
             name = placed.device if placed is not None and placed.device else "motor"
-            sliders[f"{name}, port {drive.port}, deg"] = (drive.port, None)
-        sliders |= {f"joint {number + 1}, deg": (None, swing) for number, swing in enumerate(self._poser.free)}
+            sliders[f"{name}, port {drive.port}, deg"] = drive.port
+        sliders |= {f"joint {number + 1}, deg": joint for number, joint in enumerate(self._poser.free)}
         return sliders
 
     def _publish(self) -> None:
@@ -101,9 +95,9 @@ class PlanView:
         sliders: list[dict[str, Any]] = [
             {"name": "Step", "low": 1, "high": len(self._plan.steps), "value": self._step, "text": f"{self._step}"}
         ]
-        for label, (port, swing) in self._sliders.items():
-            angle = self._shafts.get(port, 0.0) if port is not None else self._swings.get(swing or 0, 0.0)
-            sliders.append({"name": label, "low": -_MAX_DEG, "high": _MAX_DEG, "value": round(math.degrees(angle))})
+        for label, joint in self._sliders.items():
+            angle_deg = round(math.degrees(self._angles.get(joint, 0.0)))
+            sliders.append({"name": label, "low": -_MAX_DEG, "high": _MAX_DEG, "value": angle_deg})
         assembly = step.assembly[-1].rpartition(":")[0] if step.assembly else ""
         facts = {"step": f"{self._step} of {len(self._plan.steps)}", "parts": len(self._plan.present_parts(step))}
         facts |= {"builds": assembly} if assembly else {}
@@ -113,7 +107,9 @@ class PlanView:
         """Poses of the parts [parts, 7]."""
         motions: dict[int, Motion] = {}
         if self._robot is not None and self._poser is not None:
-            motions = self._poser.of_parts(self._shafts, self._poser.motions(self._shafts, self._swings))
+            shafts = {port: angle for port, angle in self._angles.items() if isinstance(port, str)}
+            swings = {joint: angle for joint, angle in self._angles.items() if isinstance(joint, int)}
+            motions = self._poser.of_parts(shafts, self._poser.motions(shafts, swings))
         visible, positions = self._plan.present_parts(self._plan.steps[self._step - 1]), []
         turns = np.empty((len(self._plan.parts), 4))
         for turn, placed in zip(turns, self._plan.parts, strict=True):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -47,22 +48,20 @@ def play_on_page(
         stop: set if a stop is to end the playing, as by a key in the terminal.
     """
     stop = stop or threading.Event()
-    cache: dict[str, Player] = {}
     returns: list[float] = []
 
-    def player() -> Player:
-        if page.policy not in cache:
-            cache[page.policy] = players[page.policy]()
-        return cache[page.policy]
+    @functools.cache
+    def player(name: str) -> Player:
+        return players[name]()
 
     def act(state: TensorDictBase) -> TensorDictBase:
-        return player().act(state)
+        return player(page.policy).act(state)
 
     page.attach(env)
     while episodes is None or len(returns) < episodes:
         try:
             page.begin()
-            return_ = _episode(env, page, act, lambda: player().reset(), f"{len(returns) + 1}")
+            return_ = _episode(env, page, act, lambda: player(page.policy).reset(), f"{len(returns) + 1}")
             if return_ is not None:
                 returns.append(return_)
                 page.end(return_, f"{len(returns) + 1}")
@@ -72,10 +71,10 @@ def play_on_page(
             page.mark_stopped()
             env.close(raise_if_closed=False)  # a virtual hub ends its program in this thread only
             _coast(env)
-            page.update_status(message="The robot was stopped by hand. Reset lets it start again.")
+            page.board.update_status(message="The robot was stopped by hand. Reset lets it start again.")
             _wait(page, stop)
         except BricksError as error:
-            page.update_status(message=f"{error} Reset tries again.")
+            page.board.update_status(message=f"{error} Reset tries again.")
             _wait(page, stop)
     return returns
 
@@ -106,7 +105,7 @@ def _wait(page: LivePage, stop: threading.Event) -> None:
     if stop.is_set():
         raise StoppedError("the robot was stopped by hand")
     page.release()
-    page.update_status(message="")
+    page.board.update_status(message="")
 
 
 def _coast(env: EnvBase) -> None:

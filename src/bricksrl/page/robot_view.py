@@ -21,7 +21,6 @@ from bricksrl.virtual_hub.panel import Panel
 
 if TYPE_CHECKING:
     from bricksrl.envs.connection import Connection
-    from bricksrl.page.twin_scene import TwinScene
     from bricksrl.robots import Robot
     from bricksrl.twin.mujoco_body import MujocoBody
     from bricksrl.twin.scene import Scene
@@ -33,20 +32,15 @@ _NO_MODEL = "This robot has no model to draw; its numbers are below."
 
 
 class Mirror:
-    """Model of a robot for drawing only: its joints are set, not simulated."""
+    """Model of a robot with a MuJoCo model, for drawing only: its joints are set, not simulated."""
 
-    def __init__(self, body: MujocoBody, twin: TwinScene) -> None:
-        self.body, self.twin = body, twin
-
-    @classmethod
-    def of(cls, robot: Robot, scene: Scene) -> Mirror:
-        """Make the mirror of a robot with a MuJoCo model."""
+    def __init__(self, robot: Robot, scene: Scene) -> None:
         from bricksrl.page.twin_scene import twin_scene
         from bricksrl.twin.mujoco_body import MujocoBody
         from bricksrl.twin.physics import Physics
 
-        body = MujocoBody(robot, scene, Physics(), 0)
-        return cls(body, twin_scene(body))
+        self.body = MujocoBody(robot, scene, Physics(), 0)
+        self.twin = twin_scene(self.body)
 
     def poses(self, qpos: NDArray[np.float64]) -> Floats:
         """Poses ``[bodies, 7]`` of the scene's bodies at these joint positions."""
@@ -90,13 +84,12 @@ class RobotView:
         from bricksrl.twin.mujoco_body import MujocoBody
 
         body = machine.body if body is None else body
-        if not isinstance(body, MujocoBody):
+        modelled = body if isinstance(body, MujocoBody) else None
+        if modelled is None:
             self._board.update_status(no_scene=_NO_MODEL)
-            machine.pace = SteeredPace(machine, self._halted, self._speed, lambda: self._update(machine, None, None), halt)
-            return
-        mirror = self._mirror(body.robot, body.scene)
-        machine.pace = SteeredPace(machine, self._halted, self._speed, lambda: self._update(machine, mirror, body), halt)
-        self._update(machine, mirror, body)
+        mirror = None if modelled is None else self._mirror(modelled.robot, modelled.scene)
+        machine.pace = SteeredPace(machine, self._halted, self._speed, lambda: self._update(machine, mirror, modelled), halt)
+        self._update(machine, mirror, modelled)
 
     def show_sensed(self, robot: Robot, scene: Scene, angles_deg: dict[str, float], tilt_deg: tuple[float, float]) -> None:
         """Show a real robot from its sensors: motor angles by name, pitch and roll."""
@@ -134,7 +127,7 @@ class RobotView:
         """The mirror of a robot, cached; shows its scene if it is another one."""
         key = (robot.name, scene)
         if key not in self._mirrors:
-            self._mirrors[key] = Mirror.of(robot, scene)
+            self._mirrors[key] = Mirror(robot, scene)
         mirror = self._mirrors[key]
         if mirror is not self._current:
             self._current = mirror

@@ -120,7 +120,10 @@ class Scene:
             if id(shape.mesh) not in numbers:
                 numbers[id(shape.mesh)] = len(meshes)
                 meshes.append(_put_mesh(shape.mesh, put))
-        bodies = [{"name": body.name, "shapes": [_shape(shape, numbers) for shape in body.shapes]} for body in self.bodies]
+        bodies = [
+            {"name": body.name, "shapes": [{**vars(shape), "mesh": numbers[id(shape.mesh)]} for shape in body.shapes]}
+            for body in self.bodies
+        ]
         header = json.dumps({"meshes": meshes, "bodies": bodies, "floor": self.floor_m, "view": vars(self.view)}).encode()
         header += b" " * (-len(header) % 4)
         return struct.pack("<I", len(header)) + header + b"".join(arrays)
@@ -136,11 +139,6 @@ def _put_mesh(mesh: Mesh, put: Callable[[bytes], int]) -> dict[str, int]:
         "vertices": len(mesh.points),
         "triangles": len(mesh.faces),
     }
-
-
-def _shape(shape: Shape, numbers: dict[int, int]) -> dict[str, object]:
-    place = {"colour": shape.colour, "position": shape.position, "wxyz": shape.wxyz, "pattern": shape.pattern}
-    return {"mesh": numbers[id(shape.mesh)], **place}
 
 
 def poses(positions: Sequence[Sequence[float]] | NDArray[np.floating], turns: object = None) -> Floats:
@@ -178,11 +176,6 @@ def box(half_size: Triple) -> Mesh:
             corners = corners if sign > 0 else corners[::-1]
             triangles += [corners[[0, 1, 2]], corners[[0, 2, 3]]]
     return flat_mesh(np.array(triangles) * np.array(half_size))
-
-
-def sphere(radius: float) -> Mesh:
-    """Sphere around the origin."""
-    return ellipsoid((radius,) * 3)
 
 
 def ellipsoid(radii: Triple) -> Mesh:

@@ -22,7 +22,7 @@ from bricksrl.page.board import Board, Reader, to_json
 from bricksrl.page.guard import HEADERS, Guard, new_token
 
 if TYPE_CHECKING:
-    from websockets.asyncio.server import Server, ServerConnection
+    from websockets.asyncio.server import ServerConnection
     from websockets.datastructures import Headers
     from websockets.http11 import Request, Response
 
@@ -135,11 +135,8 @@ class PageServer:
         ) as server:
             self._ready.set()
             await self._closing.wait()
-            await self._close_connections(server)
-
-    async def _close_connections(self, server: Server) -> None:
-        for connection in list(server.connections):
-            await connection.close(1001, "the run has ended")
+            for connection in list(server.connections):
+                await connection.close(1001, "the run has ended")
 
     def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
         """Response to a request; ``None`` accepts a WebSocket."""

@@ -42,7 +42,7 @@ class PageCallback(Callback):
 
     def on_start(self, config: TrainConfig, run_dir: Path, episodes_done: int) -> None:
         self._episodes = config.episodes
-        self._page.update_status(
+        self._page.board.update_status(
             title=without_folder(config.env), subtitle=f"{without_folder(config.agent)}, seed {config.seed} · {run_dir}"
         )
         self._page.begin()
@@ -64,11 +64,11 @@ class PageCallback(Callback):
 
     def on_link_lost(self, episode: int, length: int, error: BricksError) -> None:
         self._clear_reset()
-        self._page.update_status(message=f"{error}; trying to reach it again")
+        self._page.board.update_status(message=f"{error}; trying to reach it again")
 
     def on_episode(self, episode: Episode, progress: Progress) -> None:
         self._clear_reset()
-        self._page.update_status(message="")
+        self._page.board.update_status(message="")
         self._page.end(episode.return_, f"{episode.episode}/{self._episodes}")
         self._page.begin()
 
@@ -80,7 +80,7 @@ class PageCallback(Callback):
 
     def _clear_reset(self) -> None:
         """Clear a requested reset and its pause at the end of an episode."""
-        self._page.clear_reset()
+        self._page.is_reset_requested = False
         resume, self._resume = self._resume, None
         if resume is not None and not self._page.is_stopped:
             resume()

@@ -20,7 +20,6 @@ from bricksrl.page.scene import (
     cylinder,
     ellipsoid,
     poses,
-    sphere,
 )
 from bricksrl.twin.models.mjcf import SHAPE_GROUP
 from bricksrl.twin.mujoco_body import MujocoBody
@@ -85,7 +84,7 @@ def _mesh(model: mujoco.MjModel, geom: int, meshes: dict[int, Mesh]) -> Mesh | N
         case _GEOM.mjGEOM_BOX:
             return box((x, y, z))
         case _GEOM.mjGEOM_SPHERE:
-            return sphere(x)
+            return ellipsoid((x, x, x))
         case _GEOM.mjGEOM_ELLIPSOID:
             return ellipsoid((x, y, z))
         case _GEOM.mjGEOM_CAPSULE:

@@ -131,13 +131,8 @@ def _program(acting: BestAction, inputs: tuple[Tensor, ...], format_: Format) ->
 def _reader(path: Path, format_: Format) -> Callable[[tuple[Tensor, ...]], Tensor]:
     """The exported file as a function."""
     if format_ == "torch-export":
-        module = torch.export.load(path).module()
-
-        def run(inputs: tuple[Tensor, ...]) -> Tensor:
-            action: Tensor = module(*inputs)
-            return action
-
-        return run
+        module: Any = torch.export.load(path).module()
+        return lambda inputs: module(*inputs)
     from onnx.reference import ReferenceEvaluator
 
     evaluator = ReferenceEvaluator(str(path))

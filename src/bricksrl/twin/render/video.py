@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from bricksrl.errors import TwinError
 from bricksrl.twin.mujoco_body import MujocoBody
@@ -16,18 +16,14 @@ SIZE = (480, 360)
 _FRAME_MS = 40
 
 
-class Drawable(Protocol):
-    """Renderer of the present image of a robot."""
-
-    def render(self) -> Image: ...
-
-
 class Filmed:
-    """Proxy of a body that takes an image every ``frame_ms`` of simulated time."""
+    """Proxy of a body that takes an image, as ``render`` returns it, every ``frame_ms`` of simulated time."""
 
-    def __init__(self, body: Any, renderer: Drawable, frame_ms: int, time_ms: int, on_image: Callable[[Image], None]) -> None:
+    def __init__(
+        self, body: Any, render: Callable[[], Image], frame_ms: int, time_ms: int, on_image: Callable[[Image], None]
+    ) -> None:
         self._body = body
-        self._renderer = renderer
+        self._render = render
         self._frame_ms = frame_ms
         self._due_ms = time_ms
         self._on_image = on_image
@@ -37,7 +33,7 @@ class Filmed:
         self._body.advance_to(time_ms)
         if time_ms >= self._due_ms:
             self._due_ms += self._frame_ms
-            self._on_image(self._renderer.render())
+            self._on_image(self._render())
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._body, name)
@@ -58,4 +54,4 @@ def filmed(body: Body, path: Path) -> Iterator[Body]:
     # The writer is closed, not entered: the film is kept even if the program raises.
     with Renderer(body, *SIZE) as renderer, closing(VideoWriter(path, 1000 / _FRAME_MS)) as video:
         video.add(renderer.render())
-        yield Filmed(body, renderer, _FRAME_MS, _FRAME_MS, video.add)
+        yield Filmed(body, renderer.render, _FRAME_MS, _FRAME_MS, video.add)
