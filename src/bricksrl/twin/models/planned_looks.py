@@ -176,17 +176,20 @@ class Spinners:
     """Shafts and gears of a model that turn visually only."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
-        names = {body: str(model.body(body).name) for body in range(model.nbody)}
-        spinners = ((body, name) for body, name in names.items() if name.startswith(_PREFIX))
-        self._spinners = [(body, name, model.numeric(name).data.copy()) for body, name in spinners]
+        self._spinners: list[tuple[int, int, float, Floats]] = []
+        """Body, address of the joint's position, ratio and axis [3] of each."""
+        for body in range(model.nbody):
+            name = str(model.body(body).name)
+            if name.startswith(_PREFIX):
+                ratio, *axis = model.numeric(name).data.tolist()
+                address = int(model.joint(f"motor_{name.split('_')[1]}").qposadr[0])
+                self._spinners.append((body, address, ratio, np.array(axis)))
 
     def turn(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         """Turn each with its motor's joint; positions must be up to date, and are so afterwards."""
         if not self._spinners:
             return
-        for body, name, (ratio, *axis) in self._spinners:
-            joint = model.joint(f"motor_{name.split('_')[1]}")
-            address = int(joint.qposadr[0])
-            angle = float(ratio * (data.qpos[address] - model.qpos0[address]))
-            mujoco.mju_axisAngle2Quat(model.body_quat[body], np.array(axis), angle)
+        for body, address, ratio, axis in self._spinners:
+            angle = ratio * float(data.qpos[address] - model.qpos0[address])
+            mujoco.mju_axisAngle2Quat(model.body_quat[body], axis, angle)
         mujoco.mj_kinematics(model, data)
