@@ -72,6 +72,10 @@ def test_anchored_policy_cannot_be_compiled() -> None:
     transfer_policy(learner, make("td3"))
     with pytest.raises(RunError, match="an anchored policy cannot be compiled"):
         compile_updates(learner)
+    compiled = make("sac")
+    compile_updates(compiled)
+    with pytest.raises(RunError, match="an anchored policy cannot be compiled"):
+        transfer_policy(compiled, make("td3"))
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of its own, when it loads

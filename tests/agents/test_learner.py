@@ -170,6 +170,15 @@ def test_half_of_each_batch_comes_from_the_dataset() -> None:
         assert (batch["next", "reward"][:, 0] == 7.0).tolist() == [False] * 6 + [True] * 5
 
 
+def test_batch_of_one_is_of_the_memory() -> None:
+    learner = make("sac", batch_size=1)
+    frames = steps(40)
+    frames["next", "reward"] = torch.full((40, 1), 7.0)
+    learner.dataset = dataset(frames, batch_size=1)
+    learner.remember(steps(30))
+    assert [float(batch["next", "reward"]) == 7.0 for batch in learner.batches(3)] == [False] * 3
+
+
 @pytest.mark.parametrize("batch_size", [12, 13])
 def test_goals_are_replaced_beside_a_dataset(batch_size: int) -> None:
     learner = make("sac", hindsight=0.5, new_goals=0.5, batch_size=batch_size)

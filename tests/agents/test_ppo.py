@@ -48,6 +48,21 @@ def test_truncation_bootstraps_termination_does_not() -> None:
     assert float(targets[1].abs()) < 1e-6 < float(targets[0].abs())
 
 
+def test_estimates_end_at_lost_links() -> None:
+    """The step in which the link broke has no outcome: the steps before it are as in an episode that ends there."""
+    learner = make("ppo")
+    frames = rollout(learner)
+    for flag in ("done", "truncated", "terminated"):
+        frames["next", flag][:] = False
+    expected = learner.prepare(frames[:, :5])["value_target"].flatten()
+    frames["next", "link_lost"] = torch.zeros(1, 8, 1, dtype=torch.bool)
+    for flag in ("done", "truncated", "link_lost"):
+        frames["next", flag][:, 5] = True
+    learner.remember(frames)
+    assert len(learner.memory) == 7  # type: ignore[arg-type]
+    torch.testing.assert_close(learner.memory[:]["value_target"][:5].flatten(), expected)  # type: ignore[index]
+
+
 def test_passes_cover_all_frames() -> None:
     learner = make("ppo", steps=8, batch_size=4, passes=3)
     learner.remember(rollout(learner))

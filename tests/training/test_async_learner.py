@@ -13,22 +13,27 @@ import time
 from collections.abc import Iterator
 from dataclasses import asdict, replace
 from pathlib import Path
+from queue import SimpleQueue
+from typing import Any
 
 import pytest
 import torch
 from tensordict import TensorDict
 from test_run_loop import Recorder, ctrl_c, rows
+from torchrl.envs.utils import ExplorationType, set_exploration_type
 from toys import Cart
 
 from bricksrl import make
 from bricksrl.agents import make_learner
+from bricksrl.agents.ppo import PPOSettings
 from bricksrl.agents.sac import SACSettings
 from bricksrl.envs.env import HubEnv
 from bricksrl.errors import LearnerError
 from bricksrl.training import TrainConfig, process, resume, train
-from bricksrl.training.async_learner import AsyncLearner
+from bricksrl.training.async_learner import AsyncLearner, Inbox, serve
 from bricksrl.training.checkpoint import load_checkpoint
 from bricksrl.training.learner_side import Pace
+from bricksrl.training.process import END
 
 pytestmark = pytest.mark.realtime
 
@@ -110,6 +115,30 @@ def test_pending_updates_are_made_after_resume() -> None:
         remember(side, 30)
         side.learn(1)
         assert side.pace.done >= 31 - 4
+
+
+def test_slow_on_policy_learner_uses_each_batch() -> None:
+    """All frames are there before it begins; none may be overwritten before it was learned from."""
+    env, settings = Cart(), PPOSettings(hidden=(8,), steps=4, batch_size=4, passes=1)
+    acting, config = make_learner("ppo", env, settings), TrainConfig("Cart", "ppo", settings=settings)
+    with set_exploration_type(ExplorationType.RANDOM), torch.no_grad():
+        frames = env.rollout(8, acting.policy, break_when_any_done=False)
+    inbox: Inbox = SimpleQueue()
+    for frame in frames.split(1):
+        inbox.put(("remember", (0, dict(frame.flatten_keys(".").items()))))
+        inbox.put(("learn", 1))
+    learned: list[tuple[int, dict[str, torch.Tensor], object]] = []
+
+    def send(kind: str, content: Any) -> None:
+        if kind == "learned":
+            learned.append(content)
+        if len(learned) == 8:
+            inbox.put(END)
+
+    state = {"agent": acting.state_dict(), "pace": {"asked": 0, "done": 0}, "collected": []}
+    specs = {name: getattr(env, name).clone() for name in ("observation_spec", "action_spec", "reward_spec", "done_spec")}
+    serve({"config": config.to_dict(), "specs": specs, "has_task": False, "state": state}, inbox, send)
+    assert [bool(metrics) for _, metrics, _ in learned] == [False, False, False, True] * 2
 
 
 def test_asynchronous_run_saves_learner(config: TrainConfig) -> None:

@@ -10,8 +10,10 @@ import pytest
 import torch
 from tensordict import TensorDictBase
 from test_run_loop import Recorder, assert_same_run, ctrl_c, rows
+from torchrl.envs.utils import ExplorationType
 from toys import Cart, LosingCart
 
+from bricksrl.agents.learner import Learner
 from bricksrl.agents.sac import SACSettings
 from bricksrl.data import load
 from bricksrl.errors import BricksError, CheckpointError, RunError
@@ -53,6 +55,38 @@ def test_no_best_checkpoint_without_evaluations(config: TrainConfig) -> None:
     result = train(replace(config, eval_every=0, episodes=1), env=Cart())
     with pytest.raises(CheckpointError, match="no best checkpoint"):
         evaluate(result.run_dir, Cart(), which="best")
+
+
+def test_stop_during_an_evaluation_ends_the_run(config: TrainConfig, tmp_path: Path) -> None:
+    """It does not wait for the last evaluation episode, and a resumed run repeats the episode before."""
+
+    class Interrupted(Cart):
+        def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
+            if (self.resets, self.step_count) == (4, 2):
+                ctrl_c()
+            return super()._step(tensordict)
+
+    env = Interrupted()
+    result = train(config, env=env)
+    assert (result.interrupted, len(result.episodes), env.resets) == (True, 1, 4)
+    resume(tmp_path / "run", env=Cart())
+    train(replace(config, run_dir=tmp_path / "whole"), env=Cart())
+    assert_same_run(tmp_path / "whole", tmp_path / "run")
+
+
+def test_asynchronous_run_keeps_the_policy_that_it_evaluated(config: TrainConfig, monkeypatch: pytest.MonkeyPatch) -> None:
+    acted: list[list[torch.Tensor]] = []
+
+    def exploit(learner: Learner, tensordict: TensorDictBase) -> TensorDictBase:
+        tensordict = learner._act(tensordict, ExplorationType.DETERMINISTIC)
+        acted.append([tensor.clone() for tensor in learner.acting.state_dict().values()])
+        return tensordict
+
+    monkeypatch.setattr(Learner, "exploit", exploit)
+    settings = replace(SMALL, updates_per_step=20.0)
+    result = train(replace(config, asynchronous=True, episodes=2, settings=settings), env=Cart())
+    saved = list(load_checkpoint(result.run_dir / "best.bin")["agent"]["policy"].values())
+    assert acted and all(torch.equal(one, other) for weights in acted for one, other in zip(weights, saved, strict=True))
 
 
 def test_resumed_run_keeps_best_checkpoint(config: TrainConfig, tmp_path: Path) -> None:

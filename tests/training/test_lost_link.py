@@ -11,8 +11,11 @@ import pytest
 import torch
 from tensordict import TensorDictBase
 from test_run_loop import Recorder, ctrl_c, rows
-from toys import LosingCart
+from torchrl.envs.utils import ExplorationType, set_exploration_type
+from toys import Cart, LosingCart
 
+from bricksrl.agents import make_learner
+from bricksrl.agents.ppo import PPOSettings
 from bricksrl.agents.sac import SACSettings
 from bricksrl.envs import connection
 from bricksrl.envs.connection import Connection
@@ -23,6 +26,7 @@ from bricksrl.errors import BricksError, HubError, HubTimeoutError
 from bricksrl.hub.link.lockstep import HubLink
 from bricksrl.training import RunResult, TrainConfig, train
 from bricksrl.training.checkpoint import load_checkpoint
+from bricksrl.training.learner_side import InLoopLearner
 from bricksrl.twin.make_body import make_body
 from bricksrl.virtual_hub.transport import VirtualHub
 
@@ -91,6 +95,22 @@ def test_lost_robot_raises_after_patience(config, monkeypatch, tmp_path: Path) -
         train(replace(config, patience_s=0.3), env=LosingCart(3, failures=10**6))
     assert time.perf_counter() - started_s < 5
     assert [row["link_lost"] for row in rows(tmp_path / "run")] == ["0", "0", "1"]
+
+
+def test_lost_frame_completes_no_on_policy_batch() -> None:
+    """Otherwise the batch would be overwritten before anybody learned from it."""
+    torch.manual_seed(0)
+    learner = make_learner("ppo", Cart(), PPOSettings(hidden=(8,), steps=4, batch_size=4, passes=3))
+    side = InLoopLearner(learner, {"pace": {"asked": 0, "done": 0}, "collected": []})
+    with set_exploration_type(ExplorationType.RANDOM), torch.no_grad():
+        frames = Cart().rollout(5, learner.policy, break_when_any_done=False)
+    frames["next", "link_lost"] = torch.tensor([False, False, False, True, False])[:, None]
+    made = []
+    for frame in frames.split(1):
+        side.remember(frame)
+        made.append(0 if frame["next", "link_lost"] else len(side.learn(1)))
+    assert [count > 0 for count in made] == [False] * 4 + [True]
+    assert learner.updates == 3
 
 
 class HopelessCart(LosingCart):

@@ -21,7 +21,7 @@ from bricksrl.data.collect import collect, random_policy
 from bricksrl.errors import CheckpointError, DataError, RunError
 from bricksrl.evaluation import evaluate
 from bricksrl.training import Phase, RunFolder, TrainConfig, load_learner, resume, train
-from bricksrl.training.checkpoint import load_checkpoint
+from bricksrl.training.checkpoint import load_checkpoint, save_checkpoint
 
 
 def recorded(root: Path, policy: Any = None, episodes: int = 12) -> str:
@@ -186,6 +186,21 @@ def test_warm_start_copies_whole_agent(tmp_path: Path) -> None:
     rows = load_checkpoint(tmp_path / "second" / "checkpoint.bin")["agent"]["memory"]["rows"]
     assert len(rows["action"]) == known + 8 > 10
     assert torch.equal(rows["observation"][:known], state["memory"]["rows"]["observation"])
+
+
+def test_first_step_after_warm_start_follows_no_other(tmp_path: Path) -> None:
+    """The checkpoint of a fleet may lie in the middle of an episode."""
+    settings = small("sac", prefill_episodes=1, n_step=2)
+    first = TrainConfig("Cart", episodes=2, settings=settings, run_dir=tmp_path / "first")
+    train(first, env=Cart())
+    path = tmp_path / "first" / "checkpoint.bin"
+    state = load_checkpoint(path)
+    last = len(state["agent"]["memory"]["rows"]["action"]) - 1
+    state["agent"]["memory"]["last"] = torch.tensor([last])
+    save_checkpoint(path, state)
+    train(replace(first, start=str(tmp_path / "first"), episodes=1, run_dir=tmp_path / "second"), env=Cart())
+    memory = load_checkpoint(tmp_path / "second" / "checkpoint.bin")["agent"]["memory"]
+    assert memory["successor"][last] == settings.buffer_size and memory["successor"][last + 1] == last + 2
 
 
 def test_warm_start_of_other_settings_raises(config: TrainConfig, tmp_path: Path) -> None:

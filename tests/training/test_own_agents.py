@@ -91,6 +91,13 @@ def test_user_loss_trains_and_resumes_exactly(redq: str, tmp_path: Path) -> None
     assert evaluate(tmp_path / "run", Cart(), episodes=2).agent == redq
 
 
+def test_user_algorithm_starts_from_its_earlier_run(redq: str, tmp_path: Path) -> None:
+    train(TrainConfig("Cart", redq, 3, run_dir=tmp_path / "first"), env=Cart())
+    train(TrainConfig("Cart", redq, 2, start=str(tmp_path / "first"), run_dir=tmp_path / "second"), env=Cart())
+    first, second = (load_checkpoint(tmp_path / name / "checkpoint.bin")["agent"]["updates"] for name in ("first", "second"))
+    assert 0 < first < second
+
+
 def test_dataset_beside_the_users_buffer(redq: str, tmp_path: Path) -> None:
     """Ours is mixed with a dataset, whatever the settings are; any other is refused."""
     train(TrainConfig("Cart", redq, episodes=2, run_dir=tmp_path / "first"), env=Cart())

@@ -51,14 +51,15 @@ def test_interrupted_run_records_last_steps(tmp_path: Path) -> None:
     assert after == [*before, *((episode.length, True) for episode in result.episodes[1:])] and len(after) == 5
 
 
-@pytest.mark.parametrize("first_by_hand", [0, 3])
-def test_on_policy_agent_refuses_intervention(tmp_path: Path, first_by_hand: int) -> None:
+@pytest.mark.parametrize(("first_by_hand", "asynchronous"), [(0, False), (3, False), (3, True)])
+def test_on_policy_agent_refuses_intervention(tmp_path: Path, first_by_hand: int, asynchronous: bool) -> None:
     steps = itertools.count()
 
     def driver(observation: torch.Tensor) -> torch.Tensor | None:
         return torch.ones(1) if next(steps) >= first_by_hand else None
 
-    ppo = TrainConfig("Cart", "ppo", 2, run_dir=tmp_path / "run", settings=preset("default", "ppo"))
+    settings = preset("default", "ppo")
+    ppo = TrainConfig("Cart", "ppo", 2, run_dir=tmp_path / "run", settings=settings, asynchronous=asynchronous)
     with pytest.raises(RunError, match="learns from its own actions only"):
         train(ppo, env=Cart(), driver=driver)
 

@@ -155,7 +155,7 @@ class EpisodicReplayBuffer(TransitionReplayBuffer):
         return batch if self._n_step == 1 else self._summed(rows, torch.stack(known))
 
     def _observed_later(self, index: Tensor) -> Tensor:
-        """For each index an observation up to `HORIZON` steps later, or the last one of its episode."""
+        """For each index an observation up to `HORIZON` steps later, or its own outcome if the episode ends before."""
         steps, later = torch.randint(1, HORIZON + 1, index.shape, device=index.device), index
         for step in range(1, HORIZON + 1):
             later = torch.where(steps >= step, self._successor[later], later)

@@ -23,7 +23,7 @@ from torchrl.objectives import LossModule
 
 from bricksrl.agents.episodic_replay import EpisodicReplayBuffer
 from bricksrl.agents.learner_state import load_loss, load_memory_state, memory_state
-from bricksrl.agents.replay import TransitionReplayBuffer, link_lost, make_replay_buffer, with_outcome
+from bricksrl.agents.replay import TransitionReplayBuffer, cut_at_lost_links, link_lost, make_replay_buffer, with_outcome
 from bricksrl.agents.settings import OffPolicySettings, Settings
 from bricksrl.errors import CheckpointError, message_of
 
@@ -161,7 +161,7 @@ class Learner:
         frames = frames.to(self.device)
         if isinstance(self.memory, TransitionReplayBuffer):
             self.memory.extend(self.prepare(frames), robot=robot)
-        elif len(rows := with_outcome(self.prepare(frames), link_lost(frames))):
+        elif len(rows := with_outcome(self.prepare(cut_at_lost_links(frames)), link_lost(frames))):
             self.memory.extend(rows)
 
     def end_episodes(self, robot: int | None = None) -> None:
@@ -203,7 +203,8 @@ class Learner:
         at_once = max(1, MAX_ROWS // size)
         for start in range(0, count, at_once):
             n = min(at_once, count - start)
-            parts = [source.sample(n * share, batches=n).view(n, share) for source, share in zip(sources, shares, strict=True)]
+            drawn = [(source, share) for source, share in zip(sources, shares, strict=True) if share]
+            parts = [source.sample(n * share, batches=n).view(n, share) for source, share in drawn]
             yield from (parts[0] if len(parts) == 1 else torch.cat(parts, 1)).unbind(0)
 
     def update(self, batch: TensorDictBase) -> dict[str, Tensor]:

@@ -17,6 +17,7 @@ from bricksrl.agents.actor_critic import ActorCriticLoss
 from bricksrl.agents.learner import Learner
 from bricksrl.agents.networks import Actor
 from bricksrl.agents.sac import LEAST_SCALE, SCALE_SHIFT, SACLoss
+from bricksrl.errors import RunError
 
 STEPS = 2000
 """Robot steps until the actor is free."""
@@ -60,9 +61,12 @@ def transfer_policy(learner: Learner, source: Learner) -> None:
 
 
 def anchor(learner: Learner) -> None:
-    """Hold the learner's actor near its current policy for the updates of `STEPS` robot steps."""
+    """Hold the learner's actor near its current policy for the updates of `STEPS` robot steps. Raises RunError if its updates are
+    compiled."""
     loss = learner.loss
     if isinstance(loss, ActorCriticLoss):
+        if learner.gradients is not None:
+            raise RunError("an anchored policy cannot be compiled; omit --compile")
         outputs = len(_layers(loss.actor)[-1])
         updates = max(1, round(STEPS * learner.updates_per_step / learner.actor_delay))
         loss.anchor = PolicyAnchor(loss.actor, outputs // 2 if isinstance(loss, SACLoss) else outputs, updates)

@@ -68,6 +68,15 @@ def with_outcome(frames: TensorDictBase, lost: Tensor | None) -> TensorDictBase:
     return frames.reshape(-1) if lost is None else frames[~lost]
 
 
+def cut_at_lost_links(frames: TensorDictBase) -> TensorDictBase:
+    """Frames ``[*copies, time]`` where those before a lost link end their episodes: estimates must not look across."""
+    lost = link_lost(frames)
+    if lost is not None and bool(lost.any()):
+        frames = frames.clone()
+        frames["next", "done"][..., :-1, :] |= lost[..., 1:, None]
+    return frames
+
+
 def make_replay_buffer(env: EnvBase, settings: OffPolicySettings, device: torch.device | str) -> TransitionReplayBuffer:
     """The replay buffer of the settings for an environment."""
     layout = ObservationLayout.of(env)

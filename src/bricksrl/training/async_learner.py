@@ -195,7 +195,7 @@ def serve(begin: dict[str, Any], inbox: Inbox, send: Send) -> None:
     saves = 0
     send("ready", learner.policy_state())
     while True:
-        while side.pace.done >= asked or not inbox.empty():
+        while side.pace.done >= asked or not (learner.on_policy or inbox.empty()):  # on-policy: batch by batch
             kind, content = inbox.get() or END
             match kind:
                 case "remember":

@@ -12,7 +12,7 @@ from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
 from bricksrl.agents.learner import Learner
-from bricksrl.errors import RunError
+from bricksrl.agents.replay import link_lost, with_outcome
 from bricksrl.training.checkpoint import save_checkpoint
 
 
@@ -38,15 +38,15 @@ class InLoopLearner:
         return Pace(self._steps, self._steps)
 
     def remember(self, frames: TensorDictBase, robot: int = 0) -> None:
-        """Store frames ``[time]`` or ``[copies, time]``, in batches of the learner's size. Raises RunError if a human chose an
-        action of an agent that learns from its own only."""
-        if self.actor.on_policy and bool(frames.get("intervention", torch.zeros(1)).any()):
-            raise RunError("this agent learns from its own actions only; let it drive, or take an off-policy one such as sac")
-        if self.actor.frames_per_batch > frames.shape[-1]:
+        """Store frames ``[time]`` or ``[copies, time]``, in batches of the learner's size."""
+        size = self.actor.frames_per_batch
+        if frames.shape[-1] < size:
             self._collected.append(frames)
-            if sum(part.shape[-1] for part in self._collected) < self.actor.frames_per_batch:
+            if sum(part.shape[-1] for part in self._collected) < size:
                 return
             frames = torch.cat(self._collected, -1)
+            if len(with_outcome(frames, link_lost(frames))) < size:
+                return
             self._collected = []
         self.actor.remember(frames, robot)
 

@@ -20,7 +20,7 @@ from bricksrl.envs.connection import Reconnect
 from bricksrl.envs.reference_returns import reference_lines
 from bricksrl.envs.rollout import Driver, Rollout, play, play_episodes, seed_episode
 from bricksrl.envs.user_files import without_folder
-from bricksrl.errors import BricksError, DescriptionError, HubError
+from bricksrl.errors import BricksError, DescriptionError, HubError, RunError
 from bricksrl.files import quoted
 from bricksrl.training.async_learner import AsyncLearner
 from bricksrl.training.callbacks import Callback, CallbackList, Episode, Phase, Progress, RunResult
@@ -191,6 +191,9 @@ class RunLoop:
             if phase is not Phase.OFFLINE:
                 if not rollout.is_lost:
                     self.callback.on_transition(number, self._length, phase, frame)
+                if self.actor.on_policy and bool(frame.get("intervention", False)):
+                    remedy = "let it drive, or take an off-policy one such as sac"
+                    raise RunError(f"this agent learns from its own actions only; {remedy}")
                 self.learner.remember(frame[None])
                 if phase is Phase.TRAIN and not rollout.is_lost:
                     metrics.append(self.learner.learn(1))
@@ -230,14 +233,14 @@ class RunLoop:
 
     def _evaluated(self, episode: Episode) -> Episode:
         """The episode with the mean return of an evaluation, unless its link broke. Saves the best checkpoint."""
+        self.learner.finish(lambda: not self.signals.requested)  # the policy must not change meanwhile
         generator = torch.get_rng_state()
         reconnect = self._reconnect
         if reconnect is not None:
             reconnect.on_error = lambda _: None  # no episode of the run is affected
-        config, actor = self.config, self.actor
+        config, reset_policy = self.config, self.actor.reset_policy
         try:
-            episodes = play_episodes(self.env, actor.exploit, config.eval_episodes, config.seed, reset_policy=actor.reset_policy)
-            played = list(episodes)
+            played = list(play_episodes(self.env, self._exploit, config.eval_episodes, config.seed, reset_policy=reset_policy))
         except HubError:
             return episode
         finally:
@@ -247,6 +250,12 @@ class RunLoop:
             self.best = mean
             self.learner.save(self.folder.best_path, run_state(self.identity, [*self.episodes, episode], mean))
         return replace(episode, evaluation=mean)
+
+    def _exploit(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """The agent's best action, unless the run is to stop."""
+        if self.signals.requested:
+            raise InterruptedEpisodeError
+        return self.actor.exploit(tensordict)
 
     def _is_over(self) -> bool:
         """Whether all episodes are done, or the agent is good enough."""

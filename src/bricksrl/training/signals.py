@@ -36,11 +36,11 @@ class StopSignals:
     @contextlib.contextmanager
     def at_once(self) -> Iterator[None]:
         """Inside, the first Ctrl-C raises."""
-        self._at_once = True
+        outer, self._at_once = self._at_once, True
         try:
             yield
         finally:
-            self._at_once = False
+            self._at_once = outer
 
     @contextlib.contextmanager
     def held_back(self) -> Iterator[None]:
