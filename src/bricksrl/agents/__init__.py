@@ -65,8 +65,7 @@ def algorithm(agent: str) -> Algorithm:
 
 
 def preset(name: str = "default", agent: str = "sac", *, images: bool = False) -> Any:
-    """Settings of a preset for an algorithm; ``images``: for a task with a camera. Raises UnknownNameError if there is no such
-    preset or algorithm."""
+    """Settings of a preset for an algorithm; ``images``: for a camera. Raises UnknownNameError if there is no such name."""
     if name not in PRESETS:
         raise UnknownNameError(f"there is no preset '{name}'; choose one of {', '.join(PRESETS)}")
     settings_type = algorithm(agent).settings

@@ -20,8 +20,6 @@ from bricksrl.agents.learner import Learner
 from bricksrl.agents.offline.cql import CQLLoss
 from bricksrl.errors import RunError
 
-_CRITIC_PREFIXES = ("loss.critics.", "loss.encoder.")
-
 
 class _Parts(nn.Module):
     """The parts of a loss as one forward pass for `functional_call`."""
@@ -41,10 +39,10 @@ class CompiledGradients:
     """Losses and gradients of a batch from a compiled graph; see `Learner.gradients`. ``backend``: of ``torch.compile``."""
 
     def __init__(self, loss: ActorCriticLoss, device: torch.device, backend: str = "inductor") -> None:
-        self._parts, self._device = _Parts(loss), device
-        self._keys = loss.in_keys
+        self._parts, self._device, self._keys = _Parts(loss), device, loss.in_keys
         params = {name: value for name, value in self._parts.named_parameters() if value.requires_grad}
-        self._params = {True: params, False: {name: params[name] for name in params if name.startswith(_CRITIC_PREFIXES)}}
+        of_critics = {name: params[name] for name in params if name.startswith(("loss.critics.", "loss.encoder."))}
+        self._params = {True: params, False: of_critics}
         torch.compiler.reset()  # graphs of earlier learners in this process count towards a limit
         mode = "reduce-overhead" if device.type == "cuda" else None
         self._graph = torch.compile(self._gradients, fullgraph=True, dynamic=False, mode=mode, backend=backend)
@@ -62,8 +60,7 @@ class CompiledGradients:
         return result
 
     def __call__(self, batch: TensorDictBase, with_actor: bool) -> TensorDict:
-        """Losses of a batch, and the actor's if ``with_actor``. Writes gradients to the parameters. Raises RunError without a
-        compiler."""
+        """Losses of a batch; their gradients are written to the parameters. Raises RunError without a compiler."""
         rows = batch.select(*self._keys, "steps_to_next_obs", strict=False).to_dict()
         params: dict[str, Tensor] = {**self._params[with_actor]}
         try:

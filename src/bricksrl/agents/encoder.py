@@ -1,7 +1,4 @@
-"""Encoders: observations to features.
-
-The encoder is the first module of each network; `bricksrl.agents.operators.EncodeObservation` is the same as a transform.
-"""
+"""Encoders: observations to features; the first module of each network."""
 
 from __future__ import annotations
 

@@ -26,8 +26,7 @@ HORIZON = 4
 
 @dataclass(frozen=True)
 class GoalRelabelling:
-    """Replacement of goals in shares of a batch: by goals that were reached some steps later (``hindsight``), and by goals drawn
-    uniformly from their range (``new_goals``)."""
+    """Replacement of goals in shares of a batch: by goals reached later (``hindsight``), by drawn ones (``new_goals``)."""
 
     task: Task
     layout: ObservationLayout
@@ -81,14 +80,14 @@ class EpisodicReplayBuffer(TransitionReplayBuffer):
     ) -> None:
         super().__init__(*args, **kwargs)
         self._gamma, self._n_step, self._goals, self._shift_px = gamma, n_step, goals, shift_px
+        self._kind = {"gamma": gamma, "n_step": n_step, "goals": goals, "shift_px": shift_px}
         self._has_links = n_step > 1 or (goals is not None and goals.hindsight > 0)
         self._none = self._capacity  # index of the missing successor
         self._successor = torch.full((self._none + 1,) if self._has_links else (0,), self._none, device=self._device)
         self._last: dict[int, Tensor] = {}  # by robot, of each of its copies
 
     def extend(self, frames: TensorDictBase, *, robot: int = 0, **_: Any) -> Tensor:
-        """Add transitions that continue the last ones of this robot, and of each of its copies. Robots may alternate. Nothing is
-        linked across a lost connection."""
+        """Store transitions that continue the last ones of each copy of this robot, unless the link was lost."""
         frames = frames if frames.ndim == 2 else frames.reshape(1, -1)
         index = super().extend(frames)
         if not len(index):
@@ -129,8 +128,7 @@ class EpisodicReplayBuffer(TransitionReplayBuffer):
             self._last.pop(ended, None)
 
     def sample(self, batch_size: int | None = None, *, batches: int = 0, **_: Any) -> TensorDictBase:
-        """Uniformly drawn transitions, relabelled, summed over n steps, images shifted. ``batches``: number of equal
-        batches; by default those of the settings' size."""
+        """Uniformly drawn transitions, relabelled, summed over n steps, images shifted; ``batches`` equal ones, if given."""
         batch = TensorDictReplayBuffer.sample(self, batch_size or self._rows)
         index = batch.pop("index")
         if self._goals is not None or self._n_step > 1:
@@ -139,10 +137,6 @@ class EpisodicReplayBuffer(TransitionReplayBuffer):
             for part in (batch, batch["next"]):
                 part["image"] = shift_images(part["image"], self._shift_px)
         return self._on_device(batch)
-
-    def empty_like(self, capacity: int) -> EpisodicReplayBuffer:
-        kind: dict[str, Any] = {"gamma": self._gamma, "n_step": self._n_step, "goals": self._goals, "shift_px": self._shift_px}
-        return EpisodicReplayBuffer(capacity, self._rows, self._observed, device=self._sampled_to, **kind)
 
     def _augmented(self, batch: TensorDictBase, index: Tensor, size: int) -> TensorDictBase:
         chain, known = [index], [torch.ones_like(index, dtype=torch.bool)]

@@ -18,9 +18,8 @@ def normalise_images(images: Tensor) -> Tensor:
 
 
 class Keypoints(nn.Module):
-    """Feature points: two convolutions, then a spatial softmax of each map, after "Deep spatial autoencoders for visuomotor
-    learning" (Finn et al., 2016). Maps are normalised to mean 0 and variance 1, so the softmax is sharp even before training:
-    random filters find a coloured spot."""
+    """Feature points: two convolutions, then a spatial softmax of each map (Finn et al., 2016). Maps are normalised to mean 0 and
+    variance 1, so the softmax is sharp even before training: random filters find a coloured spot."""
 
     def __init__(self, image_px: int, channels: int = 16, points: int = 16) -> None:
         super().__init__()
@@ -83,8 +82,7 @@ class ImageEncoder(nn.Module):
 
 
 def shift_images(images: Tensor, max_px: int) -> Tensor:
-    """Images ``[batch, side, side, 3]``, each shifted randomly in both directions; edges are repeated. The augmentation of "Image
-    augmentation is all you need" (Kostrikov et al., 2021)."""
+    """Images ``[batch, side, side, 3]``, each shifted randomly; edges are repeated. As in DrQ (Kostrikov et al., 2021)."""
     batch, side = images.shape[:2]
     shift = torch.randint(-max_px, max_px + 1, (2, batch, 1), device=images.device)
     rows, columns = (torch.arange(side, device=images.device) + shift).clamp_(0, side - 1)

@@ -14,8 +14,6 @@ import torch
 from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
-from torch.nn.modules.batchnorm import _BatchNorm
-from torch.nn.modules.dropout import _DropoutNd
 from torchrl.data import ReplayBuffer
 from torchrl.envs import EnvBase
 from torchrl.envs.utils import ExplorationType, set_exploration_type
@@ -52,14 +50,13 @@ def means(metrics: Iterable[dict[str, Tensor]]) -> dict[str, Tensor]:
 @contextmanager
 def _not_training(policy: TensorDictModuleBase) -> Iterator[None]:
     """Batch normalisation by running statistics, and no dropout; a loss may share these modules, and trains them."""
-    modules = [module for module in policy.modules() if module.training and isinstance(module, _BatchNorm | _DropoutNd)]
-    for module in modules:
-        module.eval()
+    modules = [module for module in policy.modules() if module.training]
+    policy.eval()
     try:
         yield
     finally:
         for module in modules:
-            module.train()
+            module.training = True
 
 
 @dataclass
@@ -195,16 +192,15 @@ class Learner:
         """``count`` batches; several are drawn at once, which is faster."""
         sources = self._sources()
         if not isinstance(sources[0], TransitionReplayBuffer):
-            for _ in range(count):
-                yield sources[0].sample()
+            yield from (sources[0].sample() for _ in range(count))
             return
         size = sources[0].batch_size
-        shares = [size] if len(sources) == 1 else [size - size // 2, size // 2]
+        half = size // 2 if len(sources) > 1 else 0
         at_once = max(1, MAX_ROWS // size)
         for start in range(0, count, at_once):
             n = min(at_once, count - start)
-            drawn = [(source, share) for source, share in zip(sources, shares, strict=True) if share]
-            parts = [source.sample(n * share, batches=n).view(n, share) for source, share in drawn]
+            shares = [(source, share) for source, share in zip(sources, (size - half, half), strict=False) if share]
+            parts = [source.sample(n * share, batches=n).view(n, share) for source, share in shares]
             yield from (parts[0] if len(parts) == 1 else torch.cat(parts, 1)).unbind(0)
 
     def update(self, batch: TensorDictBase) -> dict[str, Tensor]:

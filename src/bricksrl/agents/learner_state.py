@@ -13,6 +13,20 @@ from bricksrl.agents.episodic_replay import EpisodicReplayBuffer
 from bricksrl.agents.replay import TransitionReplayBuffer
 
 
+class CountedUpdates:
+    """Module with the number of the actor's updates in its state."""
+
+    updates_made = 0
+
+    def get_extra_state(self) -> dict[str, int]:
+        """The number."""
+        return {"made": self.updates_made}
+
+    def set_extra_state(self, state: dict[str, int]) -> None:
+        """Inverse of `get_extra_state`."""
+        self.updates_made = int(state["made"])
+
+
 def load_loss(loss: LossModule, state: dict[str, Any]) -> None:
     """Restore a loss's ``state_dict``. Raises RuntimeError if it is of another loss."""
     if any(name.startswith("_value_estimator.") for name in state):

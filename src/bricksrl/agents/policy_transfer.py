@@ -15,6 +15,7 @@ from torch import Tensor, nn
 
 from bricksrl.agents.actor_critic import ActorCriticLoss
 from bricksrl.agents.learner import Learner
+from bricksrl.agents.learner_state import CountedUpdates
 from bricksrl.agents.networks import Actor
 from bricksrl.agents.sac import LEAST_SCALE, SCALE_SHIFT, SACLoss
 from bricksrl.errors import RunError
@@ -61,8 +62,7 @@ def transfer_policy(learner: Learner, source: Learner) -> None:
 
 
 def anchor(learner: Learner) -> None:
-    """Hold the learner's actor near its current policy for the updates of `STEPS` robot steps. Raises RunError if its updates are
-    compiled."""
+    """Hold the actor near its current policy for the updates of `STEPS` robot steps. Raises RunError if updates are compiled."""
     loss = learner.loss
     if isinstance(loss, ActorCriticLoss):
         if learner.gradients is not None:
@@ -72,22 +72,21 @@ def anchor(learner: Learner) -> None:
         loss.anchor = PolicyAnchor(loss.actor, outputs // 2 if isinstance(loss, SACLoss) else outputs, updates)
 
 
-class PolicyAnchor(nn.Module):
+class PolicyAnchor(CountedUpdates, nn.Module):
     """A decreasing pull of an actor's mean towards the current policy of ``actor``, until it is free after ``updates`` updates.
     ``actor``: features to outputs; the first ``action_size`` are the mean before the tanh."""
 
     def __init__(self, actor: nn.Module, action_size: int, updates: int) -> None:
         super().__init__()
         self.policy = copy.deepcopy(actor).requires_grad_(False)
-        self._size, self._updates, self._updates_made = action_size, updates, 0
+        self._size, self._updates = action_size, updates
 
     def forward(self, features: Tensor, out: Tensor) -> Tensor:
-        """The actor's outputs; the backward pass adds the pull to their gradient. In equilibrium the distance to the policy is
-        the one allowed after the updates made."""
-        if not out.requires_grad or self._updates_made >= self._updates:
+        """The actor's outputs, whose gradient gets the pull. In equilibrium the distance is the one allowed by now."""
+        if not out.requires_grad or self.updates_made >= self._updates:
             return out
-        self._updates_made += 1
-        reach = REACH * self._updates_made / self._updates
+        self.updates_made += 1
+        reach = REACH * self.updates_made / self._updates
         offset = (out.detach() - self.policy(features))[..., : self._size]
 
         def add_pull(gradient: Tensor) -> Tensor:
@@ -97,14 +96,6 @@ class PolicyAnchor(nn.Module):
 
         out.register_hook(add_pull)
         return out
-
-    def get_extra_state(self) -> dict[str, int]:
-        """Number of the actor's updates."""
-        return {"made": self._updates_made}
-
-    def set_extra_state(self, state: dict[str, int]) -> None:
-        """Inverse of `get_extra_state`."""
-        self._updates_made = int(state["made"])
 
 
 def _actor(learner: Learner) -> Actor:

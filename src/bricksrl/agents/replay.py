@@ -26,6 +26,7 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
         super().__init__(storage=LazyMemmapStorage(capacity) if memory_mapped else LazyTensorStorage(capacity, device=device))
         self._capacity, self._rows, self._observed, self._sampled_to = capacity, batch_size, keys, torch.device(device)
         self._device = torch.device("cpu") if memory_mapped else self._sampled_to
+        self._kind: dict[str, Any] = {}  # further arguments of a subclass
         self._keys = [*keys, "action", *(("next", key) for key in (*keys, "reward", "terminated"))]
 
     @property
@@ -34,8 +35,7 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
         return self._rows
 
     def extend(self, frames: TensorDictBase, *, robot: int = 0, **_: Any) -> Tensor:
-        """Store transitions ``[time]`` or ``[copies, time]`` of one robot. Returns their indices. Raises DescriptionError if they
-        exceed the capacity."""
+        """Store transitions ``[time]`` or ``[copies, time]``. Returns indices. Raises DescriptionError if they do not fit."""
         rows = with_outcome(frames.select(*self._keys), link_lost(frames))
         if not len(rows):
             return torch.empty(0, dtype=torch.int64)
@@ -51,7 +51,7 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
 
     def empty_like(self, capacity: int) -> TransitionReplayBuffer:
         """An empty buffer of the same kind for ``capacity`` transitions, not in a file."""
-        return TransitionReplayBuffer(capacity, self._rows, self._observed, device=self._sampled_to)
+        return type(self)(capacity, self._rows, self._observed, device=self._sampled_to, **self._kind)
 
     def _on_device(self, batch: TensorDictBase) -> TensorDictBase:
         return batch if self._device == self._sampled_to else batch.to(self._sampled_to)

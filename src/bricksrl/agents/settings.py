@@ -54,8 +54,7 @@ class Settings:
     network: str = ""
     """Your own networks instead of multilayer perceptrons: FILE.py:NAME, a function of the sizes in and out."""
     angles: Literal["phases", "sincos", "raw"] = "phases"
-    """Features of angles that wrap: sine and cosine, also of their differences (phases), only of themselves (sincos), or scaled
-    (raw)."""
+    """Features of angles that wrap: sine and cosine, also of differences (phases) or not (sincos), or scaled (raw)."""
     goals: Literal["difference", "plain"] = "difference"
     """Features of a goal: itself and its difference to the current value, or itself only."""
     encoder: Literal["keypoints", "convolutions"] = "keypoints"

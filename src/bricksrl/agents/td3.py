@@ -66,9 +66,8 @@ class TD3Loss(ActorCriticLoss):
 
     @torch.no_grad()
     def start_at_mean_value(self, transitions: TensorDictBase) -> None:
-        """Set the critics' last biases so that they begin at the mean value of transitions, not at 0, far from most values. It is
-        the constant that satisfies their Bellman equation, ``mean(reward) / (1 - gamma * mean(not terminated))``: LSTD (Bradtke
-        and Barto, 1996) with a constant as its only feature."""
+        """Set the critics' last biases to the mean value of transitions; 0 is far from most. This constant satisfies their
+        Bellman equation, ``mean(reward) / (1 - gamma * mean(not terminated))``: LSTD with a constant as its only feature."""
         after = transitions["next"]
         remaining = 1.0 - self.gamma * (~after["terminated"]).float().mean()
         value = after["reward"].mean() / remaining.clamp_min(1e-6)

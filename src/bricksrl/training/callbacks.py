@@ -119,8 +119,7 @@ class Callback:
         """The step as returned by TorchRL's ``EnvBase.step``, before it is learned from; copy what you keep."""
 
     def on_link_lost(self, episode: int, length: int, error: BricksError) -> None:
-        """The link broke after ``length`` complete steps: the episode ends and the run reconnects. `on_episode` follows unless
-        ``length`` is 0."""
+        """The link broke after ``length`` complete steps, and the run reconnects. `on_episode` follows unless ``length`` is 0."""
 
     def on_robot(self, robot: str, state: RobotState, reason: str) -> None:
         """A robot of a fleet changed its state; ``reason`` says why it left."""

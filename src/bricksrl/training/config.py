@@ -41,8 +41,7 @@ class TrainConfig(EnvOptions):
     num_envs: int = 1
     """Parallel copies: a batch of a simulation, or one process per virtual robot."""
     robots: int = 1
-    """Virtual robots that learn together, each in its own process and time; real ones are named in ``hub``, separated by
-    commas."""
+    """Virtual robots that learn together, each in its own process; real ones are named in ``hub``, separated by commas."""
     eval_every: int = 0
     """Episodes between evaluations, which keep the best checkpoint; 0 for none."""
     eval_episodes: int = 5
@@ -50,8 +49,7 @@ class TrainConfig(EnvOptions):
     stop_at: float | None = None
     """Stop when the mean return of the last five episodes, or of an evaluation if there are any, reaches this."""
     asynchronous: bool | None = None
-    """Learn in another process while the robot moves; by default if the robot needs real time. Only synchronous runs are
-    repeatable."""
+    """Learn in another process while the robot moves; by default in real time. Only synchronous runs are repeatable."""
     patience_s: float = 300.0
     """Time of retries to reach a lost robot; 0 gives up at once."""
     log: str = "none"
@@ -161,8 +159,7 @@ def settings_from(agent: str, given: dict[str, Any]) -> Any:
 
 
 def settings_for(env: str, name: str, agent: str) -> Any:
-    """Settings of a preset for an agent in an environment, with those for images if it has a camera. Raises UnknownNameError if
-    there is no such agent or preset."""
+    """Settings of a preset for an agent in an environment. Raises UnknownNameError if there is no such agent or preset."""
     from bricksrl.envs.registry import get_task
 
     try:

@@ -1,7 +1,4 @@
-"""Experiment trackers by TorchRL's loggers: TensorBoard, Weights & Biases, Trackio. None requires an account.
-
-They log the columns of `metrics.csv`.
-"""
+"""Experiment trackers by TorchRL's loggers for the columns of `metrics.csv`. None requires an account."""
 
 from __future__ import annotations
 

@@ -59,9 +59,8 @@ def attach_dataset(config: TrainConfig, learner: Learner, env: EnvBase) -> None:
 
 
 def warm_start(config: TrainConfig, learner: Learner, env: EnvBase) -> None:
-    """Copy networks, targets, temperature, optimiser and replay buffer of the config's ``start`` run to a new learner; from
-    another algorithm only the policy, see `transfer_policy`. Raises RunError if there is no such run, CheckpointError if its
-    observation, action, settings or policy's form differ."""
+    """Copy the whole agent of the config's ``start`` run to a new learner; of another algorithm only the policy, see
+    `transfer_policy`. Raises RunError if there is no such run, CheckpointError if it does not fit."""
     from bricksrl.agents.policy_transfer import PolicyFormError, transfer_policy
 
     if config.start is None:

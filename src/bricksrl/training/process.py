@@ -25,8 +25,7 @@ Send = Callable[..., None]
 
 
 def open_channel(incoming: BinaryIO, outgoing: BinaryIO, deliver: Deliver) -> Send:
-    """Deliver incoming messages from a separate thread. Returns the function that sends messages. Both ends are our processes,
-    which trust each other."""
+    """Deliver incoming messages from a separate thread. Returns the function that sends messages. The ends trust each other."""
 
     def send(kind: str, content: Any = None) -> None:
         data = io.BytesIO()
@@ -55,8 +54,7 @@ class _Pickler(pickle.Pickler):
 
 
 class ChildProcess:
-    """A process that runs a module, in its own session: Ctrl-C in the terminal does not reach it. Raises OSError if it cannot be
-    started."""
+    """A process that runs a module; Ctrl-C in the terminal does not reach it. Raises OSError if it cannot be started."""
 
     def __init__(self, module: str, deliver: Deliver) -> None:
         flags = getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0)

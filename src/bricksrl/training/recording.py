@@ -22,8 +22,7 @@ DATA_FOLDER = "data"
 
 
 def open_recorder(config: TrainConfig, env: EnvBase, run_dir: Path) -> AbstractContextManager[Recorder | None]:
-    """The recorder of a run as a context; ``None`` if recording is off. Raises DataError if the dataset of a resumed run is
-    damaged or of another kind."""
+    """The recorder of a run as a context; ``None`` if recording is off. Raises DataError if its dataset is damaged or unfit."""
     if not config.record or config.updates or env.batch_size:
         return nullcontext()
     return Recorder(run_dir / DATA_FOLDER, describe(env, config.options, name=config.env))

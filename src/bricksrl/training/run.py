@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,8 +24,7 @@ if TYPE_CHECKING:
     from bricksrl.agents.learner import Learner
     from bricksrl.envs.connection import Placement
     from bricksrl.envs.rollout import Driver
-    from bricksrl.training.async_learner import AsyncLearner
-    from bricksrl.training.learner_side import InLoopLearner
+    from bricksrl.training.learner_side import AsyncLearner, InLoopLearner
 
 
 def train(
@@ -109,22 +107,22 @@ def _run(
     from bricksrl.seed import derive_seed
     from bricksrl.training.seeding import reproducible
 
-    listener = callback or Callback()
+    callback = callback or Callback()
     if config.log != "none":
         from bricksrl.training.loggers import Tracking
 
-        listener = CallbackList(listener, Tracking(config.log))
-    run_env, signals = make_env(config, place) if env is None else env, StopSignals(stop or threading.Event())
-    try:
-        with reproducible(derive_seed(config.seed, "agent")), signals:
-            return _run_in(run_env, config, folder, listener, signals, driver)
-    finally:
+        callback = CallbackList(callback, Tracking(config.log))
+    with ExitStack() as stack:
         if env is None:
-            run_env.close(raise_if_closed=False)
+            env = make_env(config, place)
+            stack.callback(env.close, raise_if_closed=False)
+        stack.enter_context(reproducible(derive_seed(config.seed, "agent")))
+        signals = stack.enter_context(StopSignals(stop or threading.Event()))
+        return _run_in(env, config, folder, callback, signals, driver)
 
 
 def _run_in(
-    env: EnvBase, config: TrainConfig, folder: RunFolder | None, listener: Callback, signals: StopSignals, driver: Driver | None
+    env: EnvBase, config: TrainConfig, folder: RunFolder | None, callback: Callback, signals: StopSignals, driver: Driver | None
 ) -> RunResult:
     import torch
 
@@ -142,12 +140,13 @@ def _run_in(
         state = {**own, **run_state(identity_of(config, env), [])}
     else:
         state = load_state(folder, config, env)
-    listener.on_env(env)
-    listener.on_learner(learner)
-    with ExitStack() as lock, _learning(config, env, learner, state, signals) as side:
+    callback.on_env(env)
+    callback.on_learner(learner)
+    with ExitStack() as lock, ExitStack() as stack:  # a learner in another process may write until it has ended
+        side = _learning(stack, config, env, learner, state, signals)
         torch.set_rng_state(state["generator"])
         make = FleetLoop if isinstance(env, Fleet) else RunLoop
-        loop = make(config, env, side, listener, signals, state, driver)
+        loop = make(config, env, side, callback, signals, state, driver)
         start = loop.reset() if folder is None and not config.updates else None
         losses = tuple(name for name in getattr(learner.loss, "out_keys", ()) if isinstance(name, str))
         with signals.held_back():
@@ -161,24 +160,20 @@ def _run_in(
         return loop.run(folder, start)
 
 
-@contextmanager
 def _learning(
-    config: TrainConfig, env: EnvBase, learner: Learner, state: dict[str, Any], signals: StopSignals
-) -> Iterator[InLoopLearner | AsyncLearner]:
-    """The learner from a checkpoint's state, here or in another process."""
-    if not config.asynchronous or learner.loss is None or config.updates:
-        from bricksrl.training.learner_side import InLoopLearner
+    stack: ExitStack, config: TrainConfig, env: EnvBase, learner: Learner, state: dict[str, Any], signals: StopSignals
+) -> InLoopLearner | AsyncLearner:
+    """The learner from a checkpoint's state, here or in another process until the end of the ``stack``."""
+    from bricksrl.training.learner_side import AsyncLearner, InLoopLearner
 
+    if not config.asynchronous or learner.loss is None or config.updates:
         learner.load_state_dict(state["agent"])
         learner.act_on(env.device)
-        yield InLoopLearner(learner, state)
-        return
-    from bricksrl.training.async_learner import AsyncLearner
-
-    with AsyncLearner(config, env, learner, state) as async_learner:
-        with signals.at_once():
-            async_learner.wait_until_ready()
-        yield async_learner
+        return InLoopLearner(learner, state)
+    side = stack.enter_context(AsyncLearner(config, env, learner, state))
+    with signals.at_once():
+        side.wait_until_ready()
+    return side
 
 
 def make_env(config: TrainConfig, place: Placement | None = None) -> EnvBase:

@@ -37,8 +37,7 @@ class RunFolder:
 
     @classmethod
     def create(cls, config: TrainConfig, state: dict[str, Any], losses: tuple[str, ...]) -> RunFolder:
-        """Create a folder with config and first checkpoint, atomically. Raises RunError if the folder exists, or cannot be
-        created. ``losses``: names of the learning metrics."""
+        """Create a folder with config and first checkpoint, atomically. Raises RunError if it exists or cannot be created."""
         from bricksrl.training.checkpoint import save_checkpoint
 
         default = Path("runs") / f"{file_name(config.env)}-{file_name(config.agent)}-seed-{config.seed}"
@@ -99,7 +98,7 @@ class RunFolder:
         with self.metrics_path.open("r+b") as file:
             columns = file.readline().decode().strip().split(",")
             file.seek(0, 2)
-            file.write(_csv([_row(episode, _losses(columns))]))
+            file.write(_csv(columns, [episode]))
 
     def read_episodes(self) -> tuple[Episode, ...]:
         """Read the metrics. Raises RunError if they are missing or invalid."""
@@ -115,8 +114,8 @@ class RunFolder:
         """Replace the metrics, which after a crash may be ahead of the checkpoint, and remove incomplete files."""
         for remnant in self.path.glob(f"{TEMPORARY_PREFIX}*"):
             remnant.unlink(missing_ok=True)
-        rows = [_row(episode, losses) for episode in episodes]
-        write_durably(self.metrics_path, _csv([(*_HEAD, *losses, *_TAIL), *rows]))
+        columns = [*_HEAD, *losses, *_TAIL]
+        write_durably(self.metrics_path, f"{','.join(columns)}\n".encode() + _csv(columns, episodes))
 
 
 def file_name(env_id: str) -> str:
@@ -124,16 +123,17 @@ def file_name(env_id: str) -> str:
     return re.sub(r"[^\w.-]+", "-", without_folder(env_id)).strip("-.")
 
 
-def _losses(columns: Iterable[str]) -> tuple[str, ...]:
-    return tuple(name for name in columns if name not in (*_HEAD, *_TAIL))
+def _csv(columns: list[str], episodes: Iterable[Episode]) -> bytes:
+    text = io.StringIO()
+    csv.DictWriter(text, columns, extrasaction="ignore", lineterminator="\n").writerows(map(_row, episodes))
+    return text.getvalue().encode()
 
 
-def _row(episode: Episode, losses: tuple[str, ...]) -> list[Any]:
+def _row(episode: Episode) -> dict[str, Any]:
     success = None if episode.success is None else int(episode.success)
-    head = [episode.episode, episode.phase.value, episode.steps, episode.length, episode.return_, success]
-    values = [episode.losses.get(name) for name in losses]
     ratio = None if episode.updates_per_step is None else f"{episode.updates_per_step:.4g}"
-    return [*head, *values, f"{episode.seconds:.3f}", ratio, int(episode.link_lost), episode.evaluation, episode.robot]
+    texts = {"seconds": f"{episode.seconds:.3f}", "updates_per_step": ratio, "link_lost": int(episode.link_lost)}
+    return {**episode.losses, **vars(episode), **texts, "return": episode.return_, "success": success}
 
 
 def _episode(row: dict[str, str]) -> Episode:
@@ -144,16 +144,10 @@ def _episode(row: dict[str, str]) -> Episode:
         length=int(row["length"]),
         return_=float(row["return"]),
         success=bool(int(row["success"])) if row["success"] else None,
-        losses={name: float(row[name]) for name in _losses(row) if row[name]},
+        losses={name: float(value) for name, value in row.items() if value and name not in (*_HEAD, *_TAIL)},
         seconds=float(row["seconds"]),
         updates_per_step=float(row["updates_per_step"]) if row["updates_per_step"] else None,
         link_lost=row["link_lost"] == "1",
         evaluation=float(row["evaluation"]) if row["evaluation"] else None,
         robot=row.get("robot") or "",
     )
-
-
-def _csv(rows: Iterable[Iterable[Any]]) -> bytes:
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(rows)
-    return text.getvalue().encode()

@@ -22,12 +22,11 @@ from bricksrl.envs.rollout import Driver, Rollout, play, play_episodes, seed_epi
 from bricksrl.envs.user_files import without_folder
 from bricksrl.errors import BricksError, DescriptionError, HubError, RunError
 from bricksrl.files import quoted
-from bricksrl.training.async_learner import AsyncLearner
 from bricksrl.training.callbacks import Callback, CallbackList, Episode, Phase, Progress, RunResult
 from bricksrl.training.collection import collect_round
 from bricksrl.training.config import TrainConfig
 from bricksrl.training.curve import WINDOW, draw_learning_curve
-from bricksrl.training.learner_side import InLoopLearner, Pace
+from bricksrl.training.learner_side import AsyncLearner, InLoopLearner, Pace
 from bricksrl.training.recording import Recording, open_recorder
 from bricksrl.training.restore import check_weights
 from bricksrl.training.run_folder import RunFolder
@@ -74,9 +73,8 @@ class RunLoop:
         self._length = 0
 
     def run(self, folder: RunFolder, start: TensorDictBase | None = None) -> RunResult:
-        """Train to the last episode or an interruption. Raises HubError if the robot was out of reach for too long, LearnerError
-        if the process of an asynchronous learner failed, DivergedError if the agent's weights are not finite. ``start``: reset of
-        the first episode, if already done."""
+        """Train to the last episode or an interruption. Raises the errors of `bricksrl.training.train`. ``start``: reset of the
+        first episode, if already done."""
         self.folder = folder
         with self._recorded():
             self.callback.on_start(self.config, folder.path, len(self.episodes))

@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-import contextlib
 import signal
 import threading
 from collections.abc import Iterator
-from types import TracebackType
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from typing import Self
 
 
-class StopSignals:
+class StopSignals(ExitStack):
     """While entered, Ctrl-C sets ``stop``, which the run checks after each step. Inside `at_once` the first Ctrl-C raises
     `KeyboardInterrupt`; elsewhere the second, except inside `held_back`. Only the main thread receives Ctrl-C; other threads may
     set ``stop``."""
 
     def __init__(self, stop: threading.Event) -> None:
+        super().__init__()
         self._stop = stop
         self._at_once = self._held_back = False
-        self._restored = contextlib.ExitStack()
 
     @property
     def requested(self) -> bool:
@@ -27,29 +26,25 @@ class StopSignals:
 
     def __enter__(self) -> Self:
         if threading.current_thread() is threading.main_thread():
-            self._restored.callback(signal.signal, signal.SIGINT, signal.signal(signal.SIGINT, self._on_interrupt))
-        return self
+            self.callback(signal.signal, signal.SIGINT, signal.signal(signal.SIGINT, self._on_interrupt))
+        return super().__enter__()
 
-    def __exit__(self, exc_type: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        self._restored.close()
-
-    @contextlib.contextmanager
-    def at_once(self) -> Iterator[None]:
+    def at_once(self) -> AbstractContextManager[None]:
         """Inside, the first Ctrl-C raises."""
-        outer, self._at_once = self._at_once, True
-        try:
-            yield
-        finally:
-            self._at_once = outer
+        return self._while("_at_once")
 
-    @contextlib.contextmanager
-    def held_back(self) -> Iterator[None]:
+    def held_back(self) -> AbstractContextManager[None]:
         """Inside, Ctrl-C never raises: files are being written."""
-        self._held_back = True
+        return self._while("_held_back")
+
+    @contextmanager
+    def _while(self, flag: str) -> Iterator[None]:
+        before = getattr(self, flag)
+        setattr(self, flag, True)
         try:
             yield
         finally:
-            self._held_back = False
+            setattr(self, flag, before)
 
     def wait(self, duration_s: float) -> None:
         """Wait, at most until the run is to end. Raises KeyboardInterrupt if the run is to end."""

@@ -22,6 +22,7 @@ from torchrl.envs import EnvBase
 from bricksrl.agents import sac
 from bricksrl.agents.actor_critic import Batch, Critics, squared_errors
 from bricksrl.agents.learner import Learner
+from bricksrl.agents.learner_state import CountedUpdates
 from bricksrl.agents.sac import SACLoss, SACSettings, location_and_scale
 from bricksrl.agents.settings import NotNegative, Positive, Range
 
@@ -51,7 +52,7 @@ class CQLSettings(SACSettings):
     """Initial updates in which the actor imitates the data."""
 
 
-class CQLLoss(SACLoss):
+class CQLLoss(CountedUpdates, SACLoss):
     """Loss of conservative Q-learning."""
 
     def __init__(self, encoder: nn.Module, actor: nn.Module, critics: Critics, settings: CQLSettings) -> None:
@@ -60,7 +61,6 @@ class CQLLoss(SACLoss):
         lagrange = ["loss_lagrange"] if is_learned else []
         self.out_keys = ["loss_qvalue", "loss_cql", *lagrange, "gap", *self.out_keys[1:]]
         self.log_factor = nn.Parameter(torch.zeros(()), requires_grad=is_learned)
-        self._updates_made = 0
 
     @torch.no_grad()
     def sample_actions(self, batch: Batch) -> tuple[Tensor, Tensor]:
@@ -109,21 +109,13 @@ class CQLLoss(SACLoss):
 
     def actor_loss(self, batch: Batch) -> dict[str, Tensor]:
         """Losses of actor and temperature; the first updates imitate the data instead."""
-        self._updates_made += 1
-        if self._updates_made > self.settings.imitation_updates:
+        self.updates_made += 1
+        if self.updates_made > self.settings.imitation_updates:
             return super().actor_loss(batch)
         out = self.actor_outputs(batch.features)
         _, log_density = self.draw(out)
         imitation = log_prob(out, self.settings.min_scale, batch.action).mean()
         return {"loss_actor": self.alpha * log_density.mean() - imitation, **self.alpha_loss(log_density, batch.action.shape[-1])}
-
-    def get_extra_state(self) -> dict[str, int]:
-        """Number of the actor's updates."""
-        return {"made": self._updates_made}
-
-    def set_extra_state(self, state: dict[str, int]) -> None:
-        """Inverse of `get_extra_state`."""
-        self._updates_made = int(state["made"])
 
 
 def draw_indices(weights: Tensor, count: int) -> Tensor:
