@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import torch
 from tensordict import TensorDict, TensorDictBase
@@ -19,9 +18,6 @@ from torchrl.objectives.utils import hold_out_net
 
 from bricksrl.agents.encoder import encoder_keys
 from bricksrl.agents.settings import OffPolicySettings
-
-if TYPE_CHECKING:
-    from bricksrl.agents.policy_transfer import PolicyAnchor
 
 
 class Critics(nn.ModuleList):
@@ -50,7 +46,7 @@ class ActorCriticLoss(LossModule):  # type: ignore[misc]
     def __init__(self, encoder: nn.Module, actor: nn.Module, critics: Critics, settings: OffPolicySettings) -> None:
         super().__init__()
         self.encoder, self.actor, self.critics, self.gamma = encoder, actor, critics, settings.gamma
-        self.anchor: PolicyAnchor | None = None
+        self.anchor: nn.Module | None = None  # of a transferred policy
         self._keys = encoder_keys(encoder)
         self.in_keys = [*self._keys, "action", *(("next", key) for key in (*self._keys, "reward", "terminated"))]
 

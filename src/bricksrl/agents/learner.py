@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections import defaultdict, deque
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -40,11 +40,9 @@ def adam(parameters: Iterable[Tensor], settings: Settings, weight_decay: float =
 
 def means(metrics: Iterable[dict[str, Tensor]]) -> dict[str, Tensor]:
     """Mean of each metric over the updates that report it."""
-    values: defaultdict[str, list[Tensor]] = defaultdict(list)
-    for update in metrics:
-        for name, value in update.items():
-            values[name].append(value)
-    return {name: torch.stack(series).mean() for name, series in values.items()}
+    updates = list(metrics)
+    names = dict.fromkeys(name for update in updates for name in update)
+    return {name: torch.stack([update[name] for update in updates if name in update]).mean() for name in names}
 
 
 @contextmanager

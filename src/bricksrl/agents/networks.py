@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import copy
 from typing import Any
 
-import torch
 from tensordict.nn import NormalParamExtractor, TensorDictModule, TensorDictSequential
 from torch import Tensor, nn
 from torchrl.data import Composite, TensorSpec
@@ -14,7 +12,7 @@ from torchrl.modules import MLP, AdditiveGaussianModule, ProbabilisticActor, Tan
 
 from bricksrl.agents.encoder import encoder_keys
 from bricksrl.agents.settings import Settings
-from bricksrl.errors import DescriptionError, message_of
+from bricksrl.agents.user_network import user_network
 
 
 def mlp(in_size: int, out_size: int, hidden: tuple[int, ...], *, layer_norm: bool = False, dropout: float = 0.0) -> nn.Sequential:
@@ -34,32 +32,10 @@ def mlp(in_size: int, out_size: int, hidden: tuple[int, ...], *, layer_norm: boo
 
 
 def make_body(settings: Settings, in_size: int, out_size: int, **kwargs: Any) -> nn.Module:
-    """The network of the settings: an `mlp`, or the result of the user's factory. Raises DescriptionError if the user's factory
-    cannot be loaded, raises, or returns no network of these sizes."""
+    """The network of the settings: an `mlp`, or a `user_network`."""
     if not settings.network:
         return mlp(in_size, out_size, settings.hidden, **kwargs)
-    from bricksrl.envs.user_files import load_object
-
-    factory = load_object(settings.network, default="make_network")
-    try:
-        network = factory(in_size, out_size)
-    except Exception as error:
-        raise DescriptionError(f"{settings.network} makes no network ({message_of(error, typed=True)}); correct it") from error
-    if not isinstance(network, nn.Module):
-        raise DescriptionError(f"{settings.network} makes a {type(network).__name__}; let it return a torch.nn.Module")
-    for batch in ((2,), ()):
-        size, wanted = [*batch, in_size], [*batch, out_size]
-        try:
-            with torch.no_grad(), torch.random.fork_rng(devices=[]):
-                out = copy.deepcopy(network).eval()(torch.zeros(size))
-        except Exception as error:
-            fault = f"makes a network that fails on {size} ({message_of(error, typed=True)})"
-            remedy = "correct it" if batch else "a policy acts on one observation at a time; normalise with LayerNorm"
-            raise DescriptionError(f"{settings.network} {fault}; {remedy}") from error
-        actual = list(out.shape) if isinstance(out, Tensor) else type(out).__name__
-        if actual != wanted:
-            raise DescriptionError(f"{settings.network} makes a network from {size} to {actual}; let it give {wanted}")
-    return network
+    return user_network(settings.network, in_size, out_size)
 
 
 class Actor(nn.Module):

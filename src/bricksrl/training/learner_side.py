@@ -1,8 +1,8 @@
 """Learner's side of a run: in the robot's loop, or in a separate process, so that the loop never waits for a gradient.
 
-The robot's process sends transitions and receives weights of the actor. Learning never gets ahead of the steps; on a slow
-processor it falls behind and catches up during resets. It is a process, as a thread would compete for the interpreter lock, and
-as its death does not stop the robot's process. It ends with the robot's process.
+In an asynchronous run the robot's process sends transitions and receives weights of the actor. Learning never gets ahead of the
+steps; on a slow processor it falls behind and catches up during resets. It is a process, as a thread would compete for the
+interpreter lock, and as its death does not stop the robot's process. It ends with the robot's process.
 """
 
 from __future__ import annotations
@@ -51,14 +51,9 @@ class InLoopLearner:
     """Learns while the robot waits: repeatable, bit for bit. ``state``: pace, and frames not learned from yet."""
 
     def __init__(self, actor: Learner, state: dict[str, Any]) -> None:
-        self.actor, self._steps = actor, state["pace"]["asked"]
+        self.actor, self.pace = actor, Pace(state["pace"]["asked"], state["pace"]["asked"])
         self._collected: list[TensorDictBase] = [TensorDict(frames).auto_batch_size_(1) for frames in state["collected"]]
         self._updates_sent = -1
-
-    @property
-    def pace(self) -> Pace:
-        """Always up to date."""
-        return Pace(self._steps, self._steps)
 
     def remember(self, frames: TensorDictBase, robot: int = 0) -> None:
         """Store frames ``[time]`` or ``[copies, time]``, in batches of the learner's size."""
@@ -86,7 +81,7 @@ class InLoopLearner:
 
     def learn(self, steps: int) -> dict[str, Tensor]:
         """Make the updates for ``steps`` steps, if a batch is complete. Returns mean metrics."""
-        self._steps += steps
+        self.pace = Pace(self.pace.asked + steps, self.pace.done + steps)
         return {} if self._collected else self.actor.learn(steps)
 
     def save(self, path: Path, state: dict[str, Any]) -> None:
