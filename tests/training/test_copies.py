@@ -127,10 +127,27 @@ def test_parallel_robots_learn_and_lost_one_returns(tmp_path: Path) -> None:
     )
     result = train(run)
     assert (tmp_path / "loser").exists()
-    assert [episode.steps for episode in result.episodes] == [12, 24, 36]
+    assert [(episode.steps, episode.length) for episode in result.episodes] == [(12, 6), (24, 6), (36, 6)]
     kept = load_checkpoint(tmp_path / "run" / "checkpoint.bin")["agent"]["memory"]["rows"]
     assert len(kept["action"]) == 36 - 1, "the step without an outcome is not remembered"
     assert evaluate(tmp_path / "run", episodes=1, save=False).episodes == 1
+
+
+def test_copies_act_without_dropout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The network that acts is the one that learns, with dropout."""
+    seen, forward = [], torch.nn.Dropout.forward
+
+    def noted(self: torch.nn.Dropout, x: torch.Tensor) -> torch.Tensor:
+        seen.append((torch.is_grad_enabled(), self.training))
+        return forward(self, x)
+
+    monkeypatch.setattr(torch.nn.Dropout, "forward", noted)
+    train(TrainConfig("WalkerSim-v0", "random", 1, run_dir=tmp_path / "data"))
+    settings = replace(preset("default", "bc"), hidden=(8, 8), updates_per_step=0.1)
+    train(
+        TrainConfig("WalkerSim-v0", "bc", 1, num_envs=2, settings=settings, data=str(tmp_path / "data"), run_dir=tmp_path / "run")
+    )
+    assert set(seen) == {(True, True), (False, False)}
 
 
 class Chunked(TensorDictModule):

@@ -217,7 +217,7 @@ class RunLoop:
             if phase is Phase.TRAIN:
                 metrics.append(self.learner.learn(frames.shape[-1]))
             after = frames["next"]
-            done = after["done"]
+            done = after["done"] & ~after.get("link_lost", torch.zeros_like(after["done"]))
             ended += done.sum()
             returns += (after["episode_reward"] * done).sum()
             lengths += (after["step_count"] * done).sum()

@@ -13,6 +13,7 @@ from torchrl.objectives import BCLoss
 from bricksrl.agents.encoder import make_encoder
 from bricksrl.agents.learner import Learner, adam
 from bricksrl.agents.networks import action_size, action_spec, deterministic_policy, make_body
+from bricksrl.agents.operators import acting_copy
 from bricksrl.agents.settings import Positive, Settings, ShareBelowOne
 
 
@@ -41,4 +42,5 @@ def build(env: EnvBase, settings: BCSettings, device: torch.device | str = "cpu"
     actor, _ = deterministic_policy(encoder, body, action_spec(env), noise=0.0)
     loss = ImitationLoss(actor.to(device), loss_function="l2").to(device)
     loss.set_keys(action="action")
-    return Learner(actor, loss, adam(loss.parameters(), settings), updates_per_step=settings.updates_per_step, imitates=True)
+    optimizer = adam(loss.parameters(), settings)
+    return Learner(acting_copy(actor), loss, optimizer, updates_per_step=settings.updates_per_step, imitates=True)
