@@ -65,7 +65,10 @@ def _as_module(name: str, part: Any) -> ModuleType:
     """A module of the part's methods."""
 
     def function(method: Callable[..., Any]) -> Callable[..., Any]:
-        return lambda *args, **kwargs: method(*args, **kwargs)
+        def call(*args: Any, **kwargs: Any) -> Any:
+            return method(*args, **kwargs)
+
+        return call
 
     return module(name, {key: function(getattr(part, key)) for key in dir(part) if not key.startswith("_")})
 
