@@ -25,6 +25,7 @@ from bricksrl.virtual_hub.machine import Machine
 from bricksrl.virtual_hub.micropython.compiler import compile_source
 from bricksrl.virtual_hub.micropython.errors import SwitchedOff, class_name
 from bricksrl.virtual_hub.micropython.system import is_program_error
+from bricksrl.virtual_hub.output_buffer import OutputBuffer
 from bricksrl.virtual_hub.pace import Pace
 from bricksrl.virtual_hub.panel import WIRELESS, Panel, Press
 from bricksrl.virtual_hub.pybricks import modules
@@ -49,6 +50,7 @@ class StreamConsole:
         self._machine = machine
         self._stdout = stdout
         self._stdin = stdin
+        self._output = OutputBuffer(machine)
         self._position = 0
         self.inbox = bytearray()
 
@@ -73,6 +75,7 @@ class StreamConsole:
             self._stdout.write(data.replace(b"\r\n", b"\n"))
         except OSError as error:  # the reader has left, or the disk is full
             raise _OutputFailed(error) from error
+        self._output.add(len(data))
 
     def write_app_data(self, data: bytes) -> None:
         """Discard: there is no listener."""

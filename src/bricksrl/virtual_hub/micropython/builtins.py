@@ -20,7 +20,7 @@ from bricksrl.virtual_hub.micropython.attributes import (
     with_keywords,
 )
 from bricksrl.virtual_hub.micropython.byte_array import HubBytearray
-from bricksrl.virtual_hub.micropython.classes import HubSuper, build_class
+from bricksrl.virtual_hub.micropython.classes import HubStaticMethod, HubSuper, build_class
 from bricksrl.virtual_hub.micropython.compiler import compile_source
 from bricksrl.virtual_hub.micropython.containers import HubDict, HubSet
 from bricksrl.virtual_hub.micropython.errors import EXCEPTIONS, HubOSError, ProgramInterrupt
@@ -29,12 +29,13 @@ from bricksrl.virtual_hub.micropython.formatting import to_number
 from bricksrl.virtual_hub.micropython.hash_table import hash_of
 from bricksrl.virtual_hub.micropython.numbers import module
 from bricksrl.virtual_hub.micropython.operators import operators, to_float, to_int, to_str
+from bricksrl.virtual_hub.micropython.sorting import sorted_list
 from bricksrl.virtual_hub.micropython.streams import as_bytes, write_text
 from bricksrl.virtual_hub.micropython.text import representation, text
 
 _UNCHANGED = """
     all any bin bool bytes callable chr classmethod complex enumerate float hex int iter len list max memoryview min
-    object oct ord range reversed setattr slice sorted staticmethod str tuple type zip
+    object oct ord range reversed setattr slice str tuple type zip
 """.split()  # noqa: SIM905  a list would take a line for each
 
 _ENTER, _CTRL_C, _CTRL_D, _BACKSPACES = "\r", "\x03", "\x04", "\b\x7f"
@@ -59,7 +60,8 @@ def builtin_names(
     result.update(hooks)
     result.update({"@attr": visible_attribute, "@store": store_attribute, "@keywords": with_keywords, "@with": Manager})
     result.update({"Ellipsis": ..., "__debug__": True, "OSError": HubOSError, "super": HubSuper, "dict": HubDict, "set": HubSet})
-    result["bytearray"] = HubBytearray
+    result.update({"bytearray": HubBytearray, "sorted": sorted_list, "staticmethod": HubStaticMethod})
+    result["@del"] = _delete_global
     result["__build_class__"] = build_class
     result.update(_number_functions(result["@n"], result["@pow"]))
     result.update(_stream_functions(console))
@@ -176,6 +178,14 @@ def _identity_functions() -> dict[str, Any]:
         return id(value) >> 4 & SMALL_MAX if value_hash is None else value_hash
 
     return {"repr": representation, "id": id_, "hash": hash_}
+
+
+def _delete_global(name: str) -> None:
+    """``del name`` outside functions."""
+    names = sys._getframe(1).f_globals
+    if name not in names:
+        raise KeyError(name)
+    del names[name]
 
 
 def _attribute_functions() -> dict[str, Any]:

@@ -74,6 +74,13 @@ def defines(kind: type, name: str) -> bool:
     return is_own and not (name == "__hash__" and value is None)
 
 
+class HubStaticMethod(staticmethod):  # type: ignore[type-arg]
+    """``staticmethod``: on a hub it can be called through a class only."""
+
+    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        raise TypeError("'staticmethod' object isn't callable")
+
+
 class HubSuper(super):
     """``super()`` over the program's and native classes; ``object`` has no methods."""
 
@@ -87,3 +94,4 @@ class HubSuper(super):
 
 
 HubSuper.__name__ = HubSuper.__qualname__ = "super"
+HubStaticMethod.__name__ = HubStaticMethod.__qualname__ = "staticmethod"

@@ -10,6 +10,7 @@ import operator
 import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from types import GeneratorType
 from typing import Any
 
 from bricksrl.virtual_hub.memory import check_allocation
@@ -17,6 +18,7 @@ from bricksrl.virtual_hub.micropython.containers import HubDict, HubSet
 from bricksrl.virtual_hub.micropython.errors import CATCHABLE, SwitchedOff, reword
 from bricksrl.virtual_hub.micropython.floats import SMALL_MAX, SMALL_MIN, int_from_float, read_float, to_single
 from bricksrl.virtual_hub.micropython.formatting import format_text, format_value, percent, to_number
+from bricksrl.virtual_hub.micropython.sorting import sort
 from bricksrl.virtual_hub.micropython.text import representation, text
 
 _EXACT_INT_MAX = 2**24
@@ -25,6 +27,8 @@ ASCII_METHODS = (
     *("lower", "upper", "isalpha", "isdigit", "islower", "isupper", "isspace"),
     *("strip", "lstrip", "rstrip", "split", "rsplit"),
 )
+_NO_DIGITS = re.compile(r"\s*([-+]?)(?:\.|\.?e[-+]?\d+)\s*", re.IGNORECASE)
+"""What a hub reads as zero."""
 _FLOAT_MAX = 3.4028234663852886e38
 _ITEM_BYTES: dict[Any, int] = {str: 1, bytes: 1, list: 4, tuple: 4}
 """Sizes of the items of what operators make longer."""
@@ -119,9 +123,12 @@ def to_float(kind: type, *args: Any, **kwargs: Any) -> Any:
     value = args[0]
     if not isinstance(value, str | bytes | bytearray):
         return to_single(float(to_number(value, "float")))
+    digits = _digits(value)
     try:
-        return read_float(_digits(value))
+        return read_float(digits)
     except ValueError:
+        if match := _NO_DIGITS.fullmatch(digits):
+            return -0.0 if match[1] == "-" else 0.0
         raise ValueError("invalid syntax for number") from None
 
 
@@ -165,6 +172,8 @@ def _ascii_method(name: str) -> Callable[..., Any]:
     def call(value: Any, *args: Any, **kwargs: Any) -> Any:
         if isinstance(value, str | bytes):
             _refuse_keywords(kwargs)
+            if name == "rsplit" and args[1:] and args[0] is None:
+                raise NotImplementedError("rsplit(None,n)")
         if not isinstance(value, str) or value.isascii():
             return getattr(value, name)(*args, **kwargs)
         result = method(value.encode(), *(arg.encode() if isinstance(arg, str) else arg for arg in args))
@@ -173,6 +182,23 @@ def _ascii_method(name: str) -> Callable[..., Any]:
         return result.decode(errors="replace") if isinstance(result, bytes) else result
 
     return call
+
+
+def _throw(generator: Any, *args: Any, **kwargs: Any) -> Any:
+    """``generator.throw(...)``; a generator that has ended remains so."""
+    if isinstance(generator, GeneratorType) and generator.gi_frame is None:
+        raise StopIteration
+    return generator.throw(*args, **kwargs)
+
+
+def _contains(item: Any, container: Any) -> bool:
+    """``item in container``; bytes have text in them, and no number above 255."""
+    if isinstance(container, bytes):
+        if isinstance(item, str):
+            item = item.encode()
+        elif isinstance(item, int):
+            return 0 <= item <= 255 and item in container
+    return item in container
 
 
 def _slice(container: Any, start: Any, stop: Any, step: Any) -> Any:
@@ -303,6 +329,9 @@ def operators(namespaces: Sequence[Mapping[str, object]]) -> dict[str, Any]:
         "@float": to_float,
         "@str": to_str,
         "@format": _format,
+        "@sort": sort,
+        "@throw": _throw,
+        "@in": _contains,
         "@to_bytes": _to_bytes,
         "@from_bytes": _from_bytes,
         "@f": f_string,

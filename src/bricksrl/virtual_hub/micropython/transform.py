@@ -8,31 +8,21 @@ from __future__ import annotations
 
 import ast
 import copy
-import operator
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 
 from bricksrl.virtual_hub.micropython.attributes import may_be_hidden
 from bricksrl.virtual_hub.micropython.floats import SMALL_MAX, SMALL_MIN, read_float
+from bricksrl.virtual_hub.micropython.folding import fold
 from bricksrl.virtual_hub.micropython.operators import ASCII_METHODS
 from bricksrl.virtual_hub.micropython.transform_async import async_for, async_with
 
-_FOLDED: dict[type[ast.operator], Callable[[int, int], int]] = {
-    ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.FloorDiv: operator.floordiv,
-    ast.Mod: operator.mod, ast.Pow: operator.pow, ast.LShift: operator.lshift, ast.RShift: operator.rshift,
-    ast.BitOr: operator.or_, ast.BitAnd: operator.and_, ast.BitXor: operator.xor,
-}  # fmt: skip
-_SIGNS: dict[type[ast.unaryop], Callable[[int], int]] = {
-    ast.USub: operator.neg, ast.UAdd: operator.pos, ast.Invert: operator.invert,
-}  # fmt: skip
-_MAX_BITS = 4096
-"""Limit of a folded power or shift: larger ones take time, and no result of that size fits."""
 _WRAPPED = (ast.Add, ast.Sub, ast.Mult, ast.LShift)
 _ARITHMETIC = {ast.Div: "@div", ast.FloorDiv: "@floordiv", ast.Mod: "@mod", ast.Pow: "@pow"}
 _CALLED = {**_ARITHMETIC, ast.BitAnd: "@and", ast.BitOr: "@or", ast.BitXor: "@xor"}
 _IN_PLACE = {ast.Add: "@iadd", ast.Sub: "@isub", ast.BitAnd: "@iand", ast.BitOr: "@ior", ast.BitXor: "@ixor"}
 """Operators that can change a value in place on a hub; for others ``a *= b`` is ``a = a * b``."""
 _CONVERSIONS = ("int", "float", "str")
-_METHODS = ("format", "to_bytes", "from_bytes", *ASCII_METHODS)
+_METHODS = ("format", "to_bytes", "from_bytes", "sort", "throw", *ASCII_METHODS)
 _EMITTERS = ("micropython.native", "micropython.viper", "micropython.bytecode")
 
 
@@ -52,25 +42,6 @@ def _call(name: str, *args: ast.expr, at: ast.AST) -> ast.Call:
     return ast.copy_location(ast.Call(ast.Name(name, ast.Load()), list(args), []), at)
 
 
-def _fold(node: ast.expr) -> int | None:
-    """Constant folded by the hub's compiler, or ``None``; it runs on a PC, so only the result has to fit 31 bits."""
-    if isinstance(node, ast.Constant):
-        return node.value if type(node.value) is int else None
-    if isinstance(node, ast.UnaryOp) and type(node.op) in _SIGNS:
-        value = _fold(node.operand)
-        return None if value is None else int(_SIGNS[type(node.op)](value))
-    if not isinstance(node, ast.BinOp) or type(node.op) not in _FOLDED:
-        return None
-    kind, left, right = type(node.op), _fold(node.left), _fold(node.right)
-    if left is None or right is None:
-        return None
-    if (kind in (ast.FloorDiv, ast.Mod) and right == 0) or (kind in (ast.Pow, ast.LShift, ast.RShift) and right < 0):
-        return None
-    if (kind is ast.Pow and left.bit_length() * right > _MAX_BITS) or (kind is ast.LShift and right > _MAX_BITS):
-        return None
-    return int(_FOLDED[kind](left, right))
-
-
 def _constant(node: ast.expr) -> ast.expr:
     """The argument of ``const(5)``, a directive to the hub's compiler; other nodes unchanged."""
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "const" and node.args:
@@ -83,6 +54,8 @@ class _Transformer(ast.NodeTransformer):
         self._recursive = recursive
         self._private: dict[str, ast.expr] = {}
         """Values of names such as ``_SPEED = const(100)``, which exist for the hub's compiler only."""
+        self._globals: Collection[str] | None = None
+        """Names that the function or class around declares global; ``None`` outside of them, where all are."""
 
     def visit_Name(self, node: ast.Name) -> ast.expr:
         is_private = node.id in self._private and isinstance(node.ctx, ast.Load)
@@ -96,14 +69,14 @@ class _Transformer(ast.NodeTransformer):
         return node
 
     def visit_UnaryOp(self, node: ast.UnaryOp) -> ast.expr:
-        folded = _fold(node)
+        folded = fold(node)
         if folded is not None:
             return self.visit_Constant(ast.copy_location(ast.Constant(folded), node))
         self.generic_visit(node)
         return node
 
     def visit_BinOp(self, node: ast.BinOp) -> ast.expr:
-        folded = _fold(node)
+        folded = fold(node)
         if folded is not None:
             return self.visit_Constant(ast.copy_location(ast.Constant(folded), node))
         self.generic_visit(node)
@@ -116,7 +89,7 @@ class _Transformer(ast.NodeTransformer):
 
     def visit_Expr(self, node: ast.Expr) -> ast.AST:
         """The hub's compiler drops a number that stands alone, even a large one."""
-        is_number = isinstance(node.value, ast.BinOp) and _fold(node.value) is not None
+        is_number = isinstance(node.value, ast.BinOp) and fold(node.value) is not None
         return ast.copy_location(ast.Pass(), node) if is_number else self.generic_visit(node)
 
     def visit_AugAssign(self, node: ast.AugAssign) -> ast.AST | list[ast.stmt]:
@@ -262,12 +235,27 @@ class _Transformer(ast.NodeTransformer):
         value = _call("@named", ast.Name(name, ast.Load()), at=at)
         return [ast.copy_location(ast.Assign([ast.Name(name, ast.Store())], value), at)]
 
-    def visit_Delete(self, node: ast.Delete) -> ast.AST:
+    def visit_Delete(self, node: ast.Delete) -> list[ast.stmt]:
         self.generic_visit(node)
+        statements: list[ast.stmt] = []
         for target in node.targets:
+            if isinstance(target, ast.Name) and (self._globals is None or target.id in self._globals):
+                delete: ast.stmt = ast.Expr(_call("@del", ast.Constant(target.id), at=node))
+            else:
+                delete = ast.Delete([target])
             if isinstance(target, ast.Subscript) and isinstance(target.slice, ast.Slice):
                 target.value = _call("@sliced", target.value, target.slice.step or ast.Constant(None), at=target)
-        return node
+            statements.append(ast.copy_location(delete, node))
+        return statements
+
+    def visit_Compare(self, node: ast.Compare) -> ast.expr:
+        self.generic_visit(node)
+        left, operation, right = node.left, node.ops[0], node.comparators[0]
+        is_constant = isinstance(left, ast.Constant) or (isinstance(right, ast.Constant) and isinstance(right.value, bytes))
+        if len(node.ops) > 1 or not isinstance(operation, ast.In | ast.NotIn) or not is_constant:
+            return node
+        contains = _call("@in", left, right, at=node)
+        return contains if isinstance(operation, ast.In) else ast.copy_location(ast.UnaryOp(ast.Not(), contains), node)
 
     def visit_Import(self, node: ast.Import) -> ast.AST | list[ast.stmt]:
         """On a hub ``import a.b`` returns ``a.b``, and ``as`` looks for another ``b`` in it."""
@@ -358,9 +346,15 @@ class _Transformer(ast.NodeTransformer):
         self.generic_visit(assign)
         return assign
 
+    def _visit_scope(self, node: ast.stmt) -> None:
+        around = self._globals
+        self._globals = [name for part in ast.walk(node) if isinstance(part, ast.Global) for name in part.names]
+        self.generic_visit(node)
+        self._globals = around
+
     def visit_ClassDef(self, node: ast.ClassDef) -> ast.AST:
         """A hub ignores ``__slots__``: every object has a dictionary."""
-        self.generic_visit(node)
+        self._visit_scope(node)
         for statement in node.body:
             for target in statement.targets if isinstance(statement, ast.Assign) else ():
                 if isinstance(target, ast.Name) and target.id == "__slots__":
@@ -370,14 +364,14 @@ class _Transformer(ast.NodeTransformer):
     def visit_FunctionDef(self, node: ast.FunctionDef) -> ast.AST:
         self._strip_emitters(node)
         node.returns = None
-        self.generic_visit(node)
+        self._visit_scope(node)
         node.body = [*self._convert_kwargs(node.args, node), *node.body]
         return node
 
     def visit_AsyncFunctionDef(self, node: ast.AsyncFunctionDef) -> ast.AST:
         """On a hub a coroutine is a generator, and ``await`` is ``yield from``."""
         self._strip_emitters(node)
-        self.generic_visit(node)
+        self._visit_scope(node)
         never = ast.If(ast.Constant(False), [ast.Expr(ast.Yield(None))], [])
         body = [never, *self._convert_kwargs(node.args, node), *node.body]
         return ast.copy_location(ast.FunctionDef(node.name, node.args, body, node.decorator_list), node)

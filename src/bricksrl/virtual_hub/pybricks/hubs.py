@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from types import ModuleType
 from typing import Any
 
@@ -21,6 +22,8 @@ radio = BLERadio(broadcast_channel, observe_channels)\r
 \r
 """
 _COMMON: dict[str, Any] = {"battery": Battery, "buttons": Keypad, "light": ColorLight, "system": System}
+_MODULES = {"battery": "battery", "system": ""}
+"""Names of the parts that are modules on a hub."""
 _PARTS: dict[HubKind, dict[str, Any]] = {
     HubKind.PRIME: {**_COMMON, "charger": Charger, "display": LightMatrix, "speaker": Speaker, "imu": IMU},
     HubKind.ESSENTIAL: {**_COMMON, "charger": Charger, "imu": IMU},
@@ -58,8 +61,22 @@ class _MoveHub(_Hub):
         self._parts["imu"].orient(top_side, front_side)
 
 
+def _as_module(name: str, part: Any) -> ModuleType:
+    """A module of the part's methods."""
+
+    def function(method: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*args: Any, **kwargs: Any) -> Any:
+            return method(*args, **kwargs)
+
+        return call
+
+    return module(name, {key: function(getattr(part, key)) for key in dir(part) if not key.startswith("_")})
+
+
 def hubs_module(context: Context, kind: HubKind) -> ModuleType:
     parts = {name: part(context) for name, part in _PARTS[kind].items()}
+    for part, name in _MODULES.items():
+        parts[part] = _as_module(name, parts[part])
     if kind is not HubKind.PRIME:
         parts["button"] = parts["buttons"]  # older name
     base = _MoveHub if kind is HubKind.MOVE else _OrientedHub if "imu" in parts else _Hub
