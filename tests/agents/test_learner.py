@@ -12,7 +12,7 @@ from torchrl.data import LazyTensorStorage, SamplerWithoutReplacement, TensorDic
 from torchrl.objectives.common import LossModule
 
 from bricksrl.agents.learner import Learner
-from bricksrl.agents.replay import TransitionReplayBuffer, make_replay_buffer
+from bricksrl.agents.replay.buffer import TransitionReplayBuffer, make_replay_buffer
 from bricksrl.agents.td3 import TD3Loss
 
 

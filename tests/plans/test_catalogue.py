@@ -9,7 +9,8 @@ import pytest
 from plan_lines import solid_volume
 
 from bricksrl.errors import UnknownNameError
-from bricksrl.plans import catalogue, part_notation
+from bricksrl.plans import catalogue
+from bricksrl.plans.catalogue import part_notation
 from bricksrl.plans.part import DeviceKind, Fit, Part
 from bricksrl.tables import read_table
 
@@ -103,5 +104,5 @@ def test_chains_of_a_beam_share_a_hole_and_skip_none():
 
 
 def test_every_device_is_a_row_of_the_parts():
-    rows = {row["number"]: row["family"] for row in read_table("bricksrl.plans", "parts")}
-    assert all(rows[row["number"]] == f"{row['kind']}s" for row in read_table("bricksrl.plans", "devices"))
+    rows = {row["number"]: row["family"] for row in read_table("bricksrl.plans.catalogue", "parts")}
+    assert all(rows[row["number"]] == f"{row['kind']}s" for row in read_table("bricksrl.plans.catalogue", "devices"))

@@ -109,7 +109,7 @@ from bricksrl.agents.encoder import make_encoder
 from bricksrl.agents.learner import Learner
 from bricksrl.agents.networks import action_size, action_spec, deterministic_policy, make_body
 from bricksrl.agents.operators import critic_operator
-from bricksrl.agents.replay import make_replay_buffer
+from bricksrl.agents.replay.buffer import make_replay_buffer
 from bricksrl.agents.settings import OffPolicySettings
 
 

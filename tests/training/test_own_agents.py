@@ -106,7 +106,7 @@ def test_dataset_beside_the_users_buffer(redq: str, tmp_path: Path) -> None:
         train(config, env=Cart())
     buffer = "TransitionReplayBuffer(40, 8, ['observation'])"
     text = REDQ.replace("TensorDictReplayBuffer(storage=LazyTensorStorage(40), batch_size=8)", buffer)
-    (tmp_path / "own.py").write_text(f"from bricksrl.agents.replay import TransitionReplayBuffer\n{text}")
+    (tmp_path / "own.py").write_text(f"from bricksrl.agents.replay.buffer import TransitionReplayBuffer\n{text}")
     result = train(config, env=Cart())
     assert result.episodes[-1].losses
 

@@ -19,9 +19,9 @@ from torchrl.envs import EnvBase
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 from torchrl.objectives import LossModule
 
-from bricksrl.agents.episodic_replay import EpisodicReplayBuffer
 from bricksrl.agents.learner_state import load_loss, load_memory_state, memory_state
-from bricksrl.agents.replay import TransitionReplayBuffer, cut_at_lost_links, link_lost, make_replay_buffer, with_outcome
+from bricksrl.agents.replay.buffer import TransitionReplayBuffer, cut_at_lost_links, link_lost, make_replay_buffer, with_outcome
+from bricksrl.agents.replay.episodic_buffer import EpisodicReplayBuffer
 from bricksrl.agents.settings import OffPolicySettings, Settings
 from bricksrl.errors import CheckpointError, message_of
 

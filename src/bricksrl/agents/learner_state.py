@@ -9,8 +9,8 @@ from tensordict import TensorDict
 from torchrl.data import ReplayBuffer
 from torchrl.objectives import LossModule
 
-from bricksrl.agents.episodic_replay import EpisodicReplayBuffer
-from bricksrl.agents.replay import TransitionReplayBuffer
+from bricksrl.agents.replay.buffer import TransitionReplayBuffer
+from bricksrl.agents.replay.episodic_buffer import EpisodicReplayBuffer
 
 
 class CountedUpdates:

@@ -22,7 +22,7 @@ from torch import Tensor
 from torchrl.envs import EnvBase
 
 from bricksrl.agents.learner import Learner, means
-from bricksrl.agents.replay import link_lost, with_outcome
+from bricksrl.agents.replay.buffer import link_lost, with_outcome
 from bricksrl.envs.registry import get_task
 from bricksrl.envs.specs import SpecsEnv
 from bricksrl.errors import BricksError, LearnerError, message_of

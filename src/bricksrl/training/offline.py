@@ -35,7 +35,7 @@ def attach_dataset(config: TrainConfig, learner: Learner, env: EnvBase) -> None:
     """Give a learner the config's dataset; also needed when a run resumes. Raises DataError if the dataset cannot be used,
     RunError if the agent cannot use a dataset, or needs one."""
     from bricksrl.agents.imitation.chunks import recorded_memory
-    from bricksrl.agents.replay import TransitionReplayBuffer
+    from bricksrl.agents.replay.buffer import TransitionReplayBuffer
 
     if learner.imitates and config.data is None:
         raise RunError(f"{config.agent} needs a dataset; give its folder as data")
@@ -44,7 +44,7 @@ def attach_dataset(config: TrainConfig, learner: Learner, env: EnvBase) -> None:
     if learner.loss is None or learner.on_policy:
         raise RunError(f"the agent {config.agent} cannot use a dataset; choose another agent, or omit the data")
     if not (learner.memory is None or isinstance(learner.memory, TransitionReplayBuffer) or config.updates):
-        remedy = "give it a bricksrl.agents.replay.TransitionReplayBuffer, or omit the data"
+        remedy = "give it a bricksrl.agents.replay.buffer.TransitionReplayBuffer, or omit the data"
         raise RunError(f"{config.agent} has a replay buffer that cannot be mixed with a dataset; {remedy}")
     data = read_for(config.data, env, images="image" in learner.policy.in_keys)
     frames = data.to_tensordict()

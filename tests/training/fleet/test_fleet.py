@@ -15,8 +15,8 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from bricksrl.agents.episodic_replay import EpisodicReplayBuffer
 from bricksrl.agents.learner_state import memory_state
+from bricksrl.agents.replay.episodic_buffer import EpisodicReplayBuffer
 from bricksrl.agents.sac import SACSettings
 from bricksrl.data.episode import About
 from bricksrl.data.episode_index import read_index

@@ -16,7 +16,7 @@ from torchrl.objectives import LossModule
 from bricksrl.agents.encoder import encoder_keys
 from bricksrl.agents.learner import Learner, adam
 from bricksrl.agents.operators import acting_copy
-from bricksrl.agents.replay import TransitionReplayBuffer
+from bricksrl.agents.replay.buffer import TransitionReplayBuffer
 from bricksrl.agents.settings import NotNegative, Positive, Range, Settings
 from bricksrl.errors import DescriptionError
 

@@ -12,7 +12,7 @@ import mpy_cross_v6
 
 from bricksrl.hub.program.syntax import parse
 from bricksrl.virtual_hub.micropython.floats import SMALL_MAX
-from bricksrl.virtual_hub.micropython.transform import called_name, transform
+from bricksrl.virtual_hub.micropython.syntax.transform import called_name, transform
 
 
 @functools.lru_cache(maxsize=64)

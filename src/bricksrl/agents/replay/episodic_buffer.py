@@ -16,7 +16,7 @@ from torch import Tensor
 from torchrl.data import TensorDictReplayBuffer
 
 from bricksrl.agents.images import shift_images
-from bricksrl.agents.replay import TransitionReplayBuffer, link_lost
+from bricksrl.agents.replay.buffer import TransitionReplayBuffer, link_lost
 from bricksrl.envs.specs import ObservationLayout
 from bricksrl.envs.task import Task
 

@@ -6,7 +6,7 @@ import functools
 from collections.abc import Mapping
 
 from bricksrl.errors import UnknownNameError
-from bricksrl.plans import part_notation
+from bricksrl.plans.catalogue import part_notation
 from bricksrl.plans.part import Device, DeviceKind, MassSource, Part
 from bricksrl.tables import read_table
 

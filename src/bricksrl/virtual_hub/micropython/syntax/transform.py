@@ -12,9 +12,9 @@ from collections.abc import Collection
 
 from bricksrl.virtual_hub.micropython.attributes import may_be_hidden
 from bricksrl.virtual_hub.micropython.floats import SMALL_MAX, SMALL_MIN, read_float
-from bricksrl.virtual_hub.micropython.folding import fold
 from bricksrl.virtual_hub.micropython.operators import ASCII_METHODS
-from bricksrl.virtual_hub.micropython.transform_async import async_for, async_with
+from bricksrl.virtual_hub.micropython.syntax.folding import fold
+from bricksrl.virtual_hub.micropython.syntax.transform_async import async_for, async_with
 
 _WRAPPED = (ast.Add, ast.Sub, ast.Mult, ast.LShift)
 _ARITHMETIC = {ast.Div: "@div", ast.FloorDiv: "@floordiv", ast.Mod: "@mod", ast.Pow: "@pow"}

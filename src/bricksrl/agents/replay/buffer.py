@@ -86,7 +86,7 @@ def make_replay_buffer(env: EnvBase, settings: OffPolicySettings, device: torch.
     shift_px = settings.shift_px if layout.image_px else 0
     if not has_goals and settings.n_step == 1 and not shift_px:
         return TransitionReplayBuffer(*args)
-    from bricksrl.agents.episodic_replay import EpisodicReplayBuffer, GoalRelabelling
+    from bricksrl.agents.replay.episodic_buffer import EpisodicReplayBuffer, GoalRelabelling
 
     goals = GoalRelabelling(env.task, layout, settings.hindsight, settings.new_goals) if has_goals else None
     return EpisodicReplayBuffer(*args, gamma=settings.gamma, n_step=settings.n_step, goals=goals, shift_px=shift_px)

@@ -1,0 +1,1 @@
+"""Replay buffers: TorchRL's, of single transitions and of whole episodes."""

@@ -1,0 +1,1 @@
+"""Program text: what differs from Python is rewritten before it is compiled."""
