@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     from bricksrl.agents.learner import Learner
     from bricksrl.envs.connection import Placement
     from bricksrl.envs.rollout import Driver
-    from bricksrl.training.learner_side import AsyncLearner, InLoopLearner
+    from bricksrl.training.async_learner import AsyncLearner
+    from bricksrl.training.learner_side import InLoopLearner
 
 
 def train(
@@ -164,7 +165,8 @@ def _learning(
     stack: ExitStack, config: TrainConfig, env: EnvBase, learner: Learner, state: dict[str, Any], signals: StopSignals
 ) -> InLoopLearner | AsyncLearner:
     """The learner from a checkpoint's state, here or in another process until the end of the ``stack``."""
-    from bricksrl.training.learner_side import AsyncLearner, InLoopLearner
+    from bricksrl.training.async_learner import AsyncLearner
+    from bricksrl.training.learner_side import InLoopLearner
 
     if not config.asynchronous or learner.loss is None or config.updates:
         learner.load_state_dict(state["agent"])

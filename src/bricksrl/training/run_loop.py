@@ -22,11 +22,12 @@ from bricksrl.envs.rollout import Driver, Rollout, play, play_episodes, seed_epi
 from bricksrl.envs.user_files import without_folder
 from bricksrl.errors import BricksError, DescriptionError, HubError, RunError
 from bricksrl.files import quoted
+from bricksrl.training.async_learner import AsyncLearner
 from bricksrl.training.callbacks import Callback, CallbackList, Episode, Phase, Progress, RunResult
 from bricksrl.training.collection import collect_round
 from bricksrl.training.config import TrainConfig
 from bricksrl.training.curve import WINDOW, draw_learning_curve
-from bricksrl.training.learner_side import AsyncLearner, InLoopLearner, Pace
+from bricksrl.training.learner_side import InLoopLearner, Pace
 from bricksrl.training.recording import Recording, open_recorder
 from bricksrl.training.restore import check_weights
 from bricksrl.training.run_folder import RunFolder

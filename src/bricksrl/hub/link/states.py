@@ -5,10 +5,16 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 
-import bricksrl.errors as bricksrl_errors
-import bricksrl.hub.errors as hub_errors
-from bricksrl.errors import BricksError
-from bricksrl.tables import read_table
+from bricksrl.errors import BricksError, HubError, HubProgramError, HubProtocolError, HubTimeoutError, StoppedError
+from bricksrl.hub.errors import (
+    HubBusyError,
+    HubDisconnectedError,
+    HubNotFoundError,
+    HubRefusedError,
+    MediumUnavailableError,
+    ProgramStoppedError,
+    SilentHubError,
+)
 
 
 class LinkState(enum.Enum):
@@ -43,12 +49,9 @@ class Cause(enum.Enum):
     UNKNOWN = "anything else that the transport reports"
 
 
-_STATES = {
-    "any": frozenset(LinkState),
-    "open": frozenset({LinkState.READY, LinkState.ARMED}),
-    "closed": frozenset({LinkState.DISCONNECTED, LinkState.FAULT}),
-}
-_WATCHDOG = "stops its motors after 0.4 s of silence; ends its program (at once during a step, else 10 s later) and advertises"
+_ANY = frozenset(LinkState)
+_OPEN = frozenset({LinkState.READY, LinkState.ARMED})
+_CLOSED = frozenset({LinkState.DISCONNECTED, LinkState.FAULT})
 
 
 @dataclass(frozen=True)
@@ -70,13 +73,59 @@ class Transition:
     hub: str
 
 
-def _transition(row: dict[str, str]) -> Transition:
-    kinds = tuple(getattr(hub_errors, name, None) or getattr(bricksrl_errors, name) for name in row["errors"].split())
-    hub = row["hub"].replace("WATCHDOG", _WATCHDOG)
-    return Transition(_STATES[row["before"]], LinkState[row["after"]], kinds, row["host"], hub)
+_WATCHDOG = "stops its motors after 0.4 s of silence; ends its program (at once during a step, else 10 s later) and advertises"
 
+TABLE: dict[Cause, Transition] = {
+    Cause.OPENED: Transition(
+        _CLOSED,
+        LinkState.READY,
+        (),
+        "downloads the program if it is missing, starts it, compares its hash",
+        "moves nothing",
+    ),
+    Cause.ACTED: Transition(_OPEN, LinkState.ARMED, (), "waits for the answer, sends again if none comes", "executes it once"),
+    Cause.RESTED: Transition(
+        _OPEN, LinkState.READY, (), "reads from time to time, to keep the program alive", "stops its motors"
+    ),
+    Cause.STOPPED: Transition(_ANY, LinkState.DISCONNECTED, (), "stops the program", "stops its motors at once"),
+    Cause.HALTED: Transition(
+        _ANY, LinkState.FAULT, (StoppedError,), "stops the program; everything raises until `release`", "stops its motors at once"
+    ),
+    Cause.NO_ANSWER: Transition(
+        _ANY, LinkState.FAULT, (HubTimeoutError,), "gives up; `open` connects again if necessary", _WATCHDOG
+    ),
+    Cause.LINK_LOST: Transition(
+        _ANY,
+        LinkState.FAULT,
+        (HubDisconnectedError,),
+        "`open` searches for the same hub, with growing pauses, for 20 s",
+        _WATCHDOG,
+    ),
+    Cause.BUSY: Transition(_ANY, LinkState.FAULT, (HubBusyError,), "has retried for 2 s; `open` starts again", _WATCHDOG),
+    Cause.REFUSED: Transition(
+        _ANY, LinkState.FAULT, (HubRefusedError, HubProtocolError), "`open` downloads the program again", _WATCHDOG
+    ),
+    Cause.RAISED: Transition(
+        _ANY,
+        LinkState.FAULT,
+        (HubProgramError,),
+        "reports the hub's text and the line; `open` starts the program again",
+        "stops its motors at once",
+    ),
+    Cause.ENDED: Transition(
+        _ANY, LinkState.FAULT, (ProgramStoppedError,), "`open` starts the program again", "stops its motors at once"
+    ),
+    Cause.SILENCE: Transition(
+        _OPEN,
+        LinkState.FAULT,
+        (SilentHubError,),
+        "`read` starts the program again; `act` does not",
+        "has stopped its motors and advertises",
+    ),
+    Cause.NOT_FOUND: Transition(_ANY, LinkState.FAULT, (HubNotFoundError, MediumUnavailableError), "says what to do", _WATCHDOG),
+    Cause.UNKNOWN: Transition(_ANY, LinkState.FAULT, (HubError,), "`open` starts again", _WATCHDOG),
+}
 
-TABLE = {Cause[row["cause"]]: _transition(row) for row in read_table(__package__, "states")}
 _CAUSES = {error: cause for cause, transition in TABLE.items() for error in transition.errors}
 
 
@@ -97,7 +146,7 @@ def markdown() -> str:
     """Table of transitions in Markdown, for the documentation."""
     lines = ["| what happens | in state | then | the call raises | this computer | the hub |", "|---|---|---|---|---|---|"]
     for cause, row in TABLE.items():
-        before = "any" if len(row.before) == len(LinkState) else ", ".join(s.value for s in LinkState if s in row.before)
+        before = "any" if row.before == _ANY else ", ".join(state.value for state in LinkState if state in row.before)
         error = f"`{row.errors[0].__name__}`" if row.errors else "-"
         lines.append(f"| {cause.value} | {before} | {row.after.value} | {error} | {row.host} | {row.hub} |")
     return "\n".join(lines) + "\n"

@@ -72,5 +72,15 @@ class LinkMeter:
     def snapshot(self, watchdog_s: float) -> LinkStatistics:
         percentiles = [np.percentile(list(times) or [0.0], (50, 99)).tolist() for times in (self.round_trips_s, self.ages_s)]
         (p50_s, p99_s), (age_p50_s, age_p99_s) = percentiles
-        counts = (self.exchanges, self.resends, self.stale_answers)
-        return LinkStatistics(*counts, p50_s, p99_s, age_p50_s, age_p99_s, self.crc_errors, self.skipped_bytes, watchdog_s)
+        return LinkStatistics(
+            exchanges=self.exchanges,
+            resends=self.resends,
+            stale_answers=self.stale_answers,
+            round_trip_p50_s=p50_s,
+            round_trip_p99_s=p99_s,
+            age_p50_s=age_p50_s,
+            age_p99_s=age_p99_s,
+            crc_errors=self.crc_errors,
+            skipped_bytes=self.skipped_bytes,
+            watchdog_s=watchdog_s,
+        )

@@ -30,8 +30,9 @@ from bricksrl.agents.sac import SACSettings
 from bricksrl.envs.env import HubEnv
 from bricksrl.errors import LearnerError
 from bricksrl.training import TrainConfig, process, resume, train
+from bricksrl.training.async_learner import AsyncLearner, Inbox, serve
 from bricksrl.training.checkpoint import load_checkpoint
-from bricksrl.training.learner_side import AsyncLearner, Inbox, Pace, serve
+from bricksrl.training.learner_side import Pace
 from bricksrl.training.process import END
 
 pytestmark = pytest.mark.realtime
