@@ -5,11 +5,14 @@ from __future__ import annotations
 import json
 import threading
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from bricksrl.agents.sac import SACSettings
+from bricksrl.child_process import ChildProcess
 from bricksrl.errors import RunError
+from bricksrl.evaluation import multi_seed
 from bricksrl.evaluation.multi_seed import seed_folder, train_seeds
 from bricksrl.training import RunFolder, TrainConfig, train
 
@@ -49,3 +52,18 @@ def test_failing_seed_raises_one_line(tmp_path: Path) -> None:
         train_seeds(config, 1_000_000)
     with pytest.raises(RunError, match="one robot"):
         train_seeds(TrainConfig("Walker-v0", hub="ble", run_dir=tmp_path / "robot"), 2)
+
+
+def test_killed_seed_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    started: list[ChildProcess] = []
+
+    class Noted(ChildProcess):
+        def __init__(self, *args: Any, **variables: str) -> None:
+            super().__init__(*args, **variables)
+            started.append(self)
+
+    monkeypatch.setattr(multi_seed, "ChildProcess", Noted)
+    config = TrainConfig("RoboArmSim-v0", episodes=200, settings=SMALL, run_dir=tmp_path / "all")
+    with pytest.raises(RunError, match=r"2 of 2 seeds failed; seed 0: its process ended with exit code -?\d+"):
+        train_seeds(config, 2, jobs=1, on_line=lambda seed, message: started[seed].end())
+    assert RunFolder(seed_folder(tmp_path / "all", 0)).read_episodes(), "what was learned is kept"

@@ -23,17 +23,16 @@ from test_run_loop import Recorder, ctrl_c, rows
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 from toys import Cart
 
-from bricksrl import make
+from bricksrl import child_process, make
 from bricksrl.agents import make_learner
 from bricksrl.agents.ppo import PPOSettings
 from bricksrl.agents.sac import SACSettings
 from bricksrl.envs.env import HubEnv
 from bricksrl.errors import LearnerError
-from bricksrl.training import TrainConfig, process, resume, train
+from bricksrl.training import TrainConfig, resume, train
 from bricksrl.training.async_learner import AsyncLearner, Inbox, serve
 from bricksrl.training.checkpoint import load_checkpoint
 from bricksrl.training.learner_side import Pace
-from bricksrl.training.process import END
 
 pytestmark = pytest.mark.realtime
 
@@ -56,7 +55,7 @@ def started(monkeypatch: pytest.MonkeyPatch) -> list[subprocess.Popen[bytes]]:
         processes.append(popen(*args, **kwargs))
         return processes[-1]
 
-    monkeypatch.setattr(process.subprocess, "Popen", note)
+    monkeypatch.setattr(child_process.subprocess, "Popen", note)
     return processes
 
 
@@ -133,7 +132,7 @@ def test_slow_on_policy_learner_uses_each_batch() -> None:
         if kind == "learned":
             learned.append(content)
         if len(learned) == 8:
-            inbox.put(END)
+            inbox.put(child_process.END)
 
     state = {"agent": acting.state_dict(), "pace": {"asked": 0, "done": 0}, "collected": []}
     specs = {name: getattr(env, name).clone() for name in ("observation_spec", "action_spec", "reward_spec", "done_spec")}

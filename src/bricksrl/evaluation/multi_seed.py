@@ -10,17 +10,17 @@ import contextlib
 import dataclasses
 import json
 import os
-import subprocess
-import sys
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
+from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bricksrl.child_process import ChildProcess, Message
 from bricksrl.errors import RunError
 from bricksrl.evaluation.cluster import parse_on, train_on_cluster
 from bricksrl.evaluation.comparison import compare, draw
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 EVALUATED_EPISODES = 5
 MAX_SEEDS = 1000
 """Maximum number of seeds of one command."""
+_END_TIMEOUT_S = 60.0
 
 OnLine = Callable[[int, dict[str, Any]], None]
 """Called, from several threads, with a seed and a message: an episode and its return, or the return of the evaluation."""
@@ -146,41 +147,37 @@ class _Processes:
     """Set of running worker processes, which can be terminated together."""
 
     def __init__(self) -> None:
-        self._running: set[subprocess.Popen[str]] = set()
+        self._running: set[ChildProcess] = set()
         self._lock = threading.Lock()
         self._ended = False
 
     def run(self, config: TrainConfig, on_message: Callable[[dict[str, Any]], None]) -> str | None:
         """Train one seed; returns the error, if any."""
-        order = {"config": config.to_dict(), "run_dir": str(config.run_dir), "evaluated_episodes": EVALUATED_EPISODES}
-        command = [sys.executable, "-m", "bricksrl.evaluation.multi_seed_worker"]
-        environment = {**os.environ, "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+        messages: SimpleQueue[Message | None] = SimpleQueue()
         with self._lock:
             if self._ended:
                 return "stopped"
-            process = subprocess.Popen(  # noqa: S603  our own interpreter
-                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment, start_new_session=True
+            process = ChildProcess(
+                "bricksrl.evaluation.multi_seed_worker", messages.put, OMP_NUM_THREADS="1", MKL_NUM_THREADS="1"
             )
             self._running.add(process)
+        with contextlib.suppress(OSError):  # its end is reported
+            process.send("train", (config.to_dict(), config.run_dir, EVALUATED_EPISODES))
         error = None
-        with process:
-            assert process.stdin is not None and process.stdout is not None  # noqa: S101  both are pipes
-            process.stdin.write(json.dumps(order) + "\n")
-            process.stdin.close()
-            for line in process.stdout:
-                message = json.loads(line)
-                error = message.get("error", error)
-                on_message(message)
+        for _, message in iter(messages.get, None):
+            error = message.get("error", error)
+            on_message(message)
         with self._lock:
             self._running.discard(process)
-        return error or (None if process.returncode == 0 else f"its process ended with exit code {process.returncode}")
+        code = process.end(_END_TIMEOUT_S)
+        return error or (None if code == 0 else f"its process ended with exit code {code}")
 
     def end(self) -> None:
-        """Terminate all processes and start no more; saved files are kept."""
+        """End all processes and start no more; saved files are kept."""
         with self._lock:
             self._ended = True
             for process in self._running:
-                process.terminate()
+                process.end()
 
 
 def summarise(run_dirs: Sequence[Path]) -> SeedsSummary:

@@ -1,17 +1,15 @@
-"""Worker process that trains one seed: ``python -m bricksrl.evaluation.multi_seed_worker``, started by `multi_seed`.
-
-It reads the order as a line of JSON, and writes a line of JSON for each episode and one for the evaluation or the error.
-"""
+"""Worker process that trains one seed: ``python -m bricksrl.evaluation.multi_seed_worker``, started by `multi_seed`."""
 
 from __future__ import annotations
 
-import json
-import os
-import sys
+import traceback
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
+from queue import SimpleQueue
 from typing import Any
 
+from bricksrl.child_process import END, Message, leave, parent_channel
 from bricksrl.envs.user_files import failure_of_user
 from bricksrl.errors import BricksError
 from bricksrl.evaluation import evaluate
@@ -48,23 +46,26 @@ def train_and_evaluate(
     return None
 
 
-def main() -> int:
-    """Train and evaluate; returns the exit code."""
-    out = os.fdopen(os.dup(1), "w")
-    os.dup2(2, 1)
-    order = json.loads(sys.stdin.readline())
-    run_dir = Path(order["run_dir"])
-    config = TrainConfig.from_dict(order["config"], run_dir=run_dir)
-
-    def send(message: dict[str, Any]) -> None:
-        out.write(json.dumps(message) + "\n")
-        out.flush()
-
-    error = train_and_evaluate(lambda callback: train(config, callback), run_dir, order["evaluated_episodes"], Reporter(send))
-    if error is not None:
-        send({"error": error})
-    return 0 if error is None else 2
+def main() -> None:
+    """Train and evaluate as ordered; sends a message for each episode, one for the evaluation, and one for an error."""
+    orders: SimpleQueue[Message | None] = SimpleQueue()
+    send = parent_channel(orders.put)
+    code = 1
+    try:
+        _, order = orders.get() or END
+        if order is not None:
+            config, run_dir, evaluated_episodes = order
+            reporter = Reporter(partial(send, "report"))
+            start = partial(train, TrainConfig.from_dict(config, run_dir=run_dir))
+            if (error := train_and_evaluate(start, run_dir, evaluated_episodes, reporter)) is not None:
+                reporter.send({"error": error})
+        code = 0
+    except BrokenPipeError:  # the parent is gone
+        pass
+    except Exception:  # noqa: BLE001  an exit at once would not print it
+        traceback.print_exc()
+    leave(code)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

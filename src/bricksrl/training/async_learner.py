@@ -21,6 +21,7 @@ from torch import Tensor
 from torchrl.envs import EnvBase
 
 from bricksrl.agents.learner import Learner, means
+from bricksrl.child_process import END, ChildProcess, Message, Send, leave, parent_channel
 from bricksrl.envs.registry import get_task
 from bricksrl.envs.specs import SpecsEnv
 from bricksrl.errors import BricksError, LearnerError, message_of
@@ -28,7 +29,6 @@ from bricksrl.seed import derive_seed
 from bricksrl.training.config import TrainConfig
 from bricksrl.training.learner_side import InLoopLearner, Pace
 from bricksrl.training.offline import attach_dataset
-from bricksrl.training.process import END, ChildProcess, Message, Send, leave, parent_channel
 from bricksrl.training.restore import make_learner_for
 
 _CHECK_S = 0.1

@@ -13,11 +13,11 @@ from dataclasses import dataclass, field, replace
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
 
+from bricksrl.child_process import ChildProcess, Message
 from bricksrl.envs.specs import SpecsEnv
 from bricksrl.errors import LearnerError, RunError
 from bricksrl.seed import derive_seed
 from bricksrl.training.callbacks import RobotState
-from bricksrl.training.process import ChildProcess, Message
 
 if TYPE_CHECKING:
     from torch import Tensor

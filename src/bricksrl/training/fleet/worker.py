@@ -13,8 +13,8 @@ from collections.abc import Callable
 from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any
 
+from bricksrl.child_process import END, Message, leave, parent_channel
 from bricksrl.errors import BricksError, StoppedError
-from bricksrl.training.process import END, Message, leave, parent_channel
 
 if TYPE_CHECKING:
     import numpy as np

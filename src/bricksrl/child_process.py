@@ -1,4 +1,4 @@
-"""Child processes of a run, with messages over a pipe in each direction. Importing this loads no torch."""
+"""Child processes, with messages over a pipe in each direction. Importing this loads no torch."""
 
 from __future__ import annotations
 
@@ -54,14 +54,16 @@ class _Pickler(pickle.Pickler):
 
 
 class ChildProcess:
-    """A process that runs a module; Ctrl-C in the terminal does not reach it. Raises OSError if it cannot be started."""
+    """A process that runs a module, with further environment ``variables``; Ctrl-C in the terminal does not reach it. Raises
+    OSError if it cannot be started."""
 
-    def __init__(self, module: str, deliver: Deliver) -> None:
+    def __init__(self, module: str, deliver: Deliver, **variables: str) -> None:
         flags = getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0)
         self._process = subprocess.Popen(  # noqa: S603  our own interpreter
             [sys.executable, "-m", module],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
+            env={**os.environ, **variables},
             start_new_session=True,
             creationflags=flags,
         )
@@ -90,8 +92,8 @@ def parent_channel(deliver: Deliver) -> Send:
     return open_channel(incoming, outgoing, deliver)
 
 
-def leave() -> NoReturn:
-    """In a `ChildProcess`: exit without waiting for the receiving thread."""
+def leave(code: int = 0) -> NoReturn:
+    """In a `ChildProcess`: exit with a code, without waiting for the receiving thread."""
     atexit._run_exitfuncs()  # replay buffers hold semaphores; unless they are given back, a warning is printed
     sys.stderr.flush()
-    os._exit(0)
+    os._exit(code)
