@@ -234,7 +234,7 @@ class MujocoBody:
         if self.scene.wall_distance_mm is not None:
             distance_m = float(rng.uniform(*self.scene.wall_distance_mm)) / 1000
             wall = self.model.geom("wall")
-            sonar_m = self._in_world(next(iter(self._sonars.values()))[0])
+            sonar_m = self._base.in_world(next(iter(self._sonars.values()))[0])
             self._qpos[0] = wall.pos[0] - wall.size[0] - distance_m - sonar_m[0]
             self._qpos[1] = -sonar_m[1]
 
@@ -317,10 +317,10 @@ class MujocoBody:
     def distance_mm(self, port: str) -> int:
         """Distance to the nearest obstacle or robot that one of five rays in a cone of 24 degrees hits, with noise; 40..2000."""
         position, rays = self._sonars[port]
-        origin = self._in_world(position) + self._base.position()
+        origin = self._base.in_world(position) + self._base.position()
         nearest_mm = math.inf
         for ray in rays:
-            direction = self._in_world(ray)
+            direction = self._base.in_world(ray)
             distance_m = mujoco.mj_ray(
                 self.model, self.data, origin, direction, self._detected_groups, True, self._undetected_body, None
             )
@@ -342,7 +342,7 @@ class MujocoBody:
         if sense is Sense.COUNT:
             return 0.0
         position, frame = self._sensor_frames[port]
-        eye, gaze = self._in_world(position) + self._base.position(), self._in_world(frame[:, 0].copy())
+        eye, gaze = self._base.in_world(position) + self._base.position(), self._base.in_world(frame[:, 0].copy())
         if sense is Sense.DISTANCE:
             return percent(self._world.distance_mm(eye, gaze), _INFRARED_RANGE_MM[kind])
         if sense is Sense.AMBIENT:
@@ -384,9 +384,3 @@ class MujocoBody:
         self._update_turns()
         x, y, z = np.degrees(self._base.in_hub(self._turns.rotation_rad)).tolist()
         return x, y, z
-
-    def _in_world(self, vector: Vector) -> Vector:
-        """A vector of the chassis' frame, rotated to world axes."""
-        rotated = np.empty(3)
-        mujoco.mju_rotVecQuat(rotated, vector, self._base.orientation())
-        return rotated
