@@ -194,6 +194,14 @@ def test_plan_of_other_robot_raises() -> None:
         make_body(replace(TWO_WHEELER, model=str(PLANS / "walker.ldr")))
 
 
+def test_plan_without_hub_raises(tmp_path: Path) -> None:
+    lines = (PLANS / "two_wheeler.ldr").read_text(encoding="utf-8").splitlines()
+    path = tmp_path / "headless.ldr"
+    path.write_text("\n".join(line for line in lines if "67718.dat" not in line), encoding="utf-8")
+    with pytest.raises(TwinError, match="has no hub that is connected to the robot; add one"):
+        make_body(replace(TWO_WHEELER, model=str(path)))
+
+
 def test_hub_must_look_as_described(tmp_path: Path) -> None:
     text = (PLANS / "robo_arm.ldr").read_text(encoding="utf-8").replace("0 !BRICKSRL FIXED\n", "")
     path = tmp_path / "arm.ldr"

@@ -79,6 +79,11 @@ class _Builder:
         self.spec, self.robot, self.planned, self.holds_ball = spec, robot, planned, holds_ball
         self.articulation: Articulation = planned.articulation
         self.motors = {motor.port: motor for motor in robot.motors}
+        self.mounted = {device.port: device for device in reversed(self.articulation.mounted)}
+        """The hub, whose port is ``None``, and the sensors."""
+        if None not in self.mounted:
+            raise TwinError(f"{planned.plan.path} has no hub that is connected to the robot; add one")
+        self.hub = self.mounted[None]
         self.bodies: dict[int, mujoco.MjsBody] = {}
         self.origins: dict[int, Floats] = {0: self._origin()}
         self.subtree_kg = self._subtree_kg()
@@ -115,13 +120,9 @@ class _Builder:
         """Origin of the first body, in the plan's frame."""
         if self.articulation.is_fixed:
             return np.zeros(3)
-        hub = next((device for device in self.articulation.mounted if device.port is None), None)
-        origin = np.zeros(3) if hub is None else np.array([hub.point_m[0], hub.point_m[1], 0.0])
-        rolling = self.planned.rolling
-        if rolling:
-            origin = np.mean([wheel.centre_m for wheel in rolling], axis=0)
-            origin[1] = 0.0 if hub is None else hub.point_m[1]
-        return np.round(origin, 6)
+        axle_m = [wheel.centre_m for wheel in self.planned.rolling] or [self.hub.point_m * (1.0, 1.0, 0.0)]
+        x, _, z = np.mean(axle_m, axis=0)
+        return np.round([x, self.hub.point_m[1], z], 6)
 
     def _subtree_kg(self) -> dict[int, float]:
         """Mass of each body with all its descendants, kg."""
@@ -233,18 +234,14 @@ class _Builder:
 
     def _add_sensors(self) -> None:
         """Add the sites of hub and sensors; sensors that are not in the plan are mounted on the first body."""
-        mounted = {device.port: device for device in self.articulation.mounted}
-        hub = mounted.get(None)
-        if hub is not None:
-            if self.robot.needs_imu and hub.link != 0 and not self.articulation.is_fixed:
-                raise TwinError(
-                    f"{self.planned.plan.path}: the hub moves against the chassis; fix it there, or say needs_imu=False"
-                )
-            axes = TO_TWIN @ self.planned.plan.parts[hub.part].rotation @ TO_TWIN.T
-            add_hub_site(self.bodies[hub.link], axes, self._local(hub.link, hub.point_m))
+        hub = self.hub
+        if self.robot.needs_imu and hub.link != 0 and not self.articulation.is_fixed:
+            raise TwinError(f"{self.planned.plan.path}: the hub moves against the chassis; fix it there, or say needs_imu=False")
+        axes = TO_TWIN @ self.planned.plan.parts[hub.part].rotation @ TO_TWIN.T
+        add_hub_site(self.bodies[hub.link], axes, self._local(hub.link, hub.point_m))
         base = self.bodies[0]
         for sensor in self.robot.sensors:
-            device = mounted.get(sensor.port)
+            device = self.mounted.get(sensor.port)
             if device is None and sensor.mount is None and self.robot.drive_base is None:
                 raise TwinError(
                     f"there is no place for '{sensor.name}' in {self.planned.plan.path}; add it there or give a mount"
