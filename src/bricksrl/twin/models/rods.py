@@ -40,8 +40,10 @@ class Rods:
     """Drawn rods of a model."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
+        sites = {model.site(site).name: site for site in range(model.nsite)}
         names = {body: model.body(body).name for body in range(model.nbody)}
-        self._ends = [(body, int(model.site(f"{name}_far").id)) for body, name in names.items() if name.startswith(_PREFIX)]
+        ends = ((body, sites.get(f"{name}_far")) for body, name in names.items() if name.startswith(_PREFIX))
+        self._ends = [(body, far) for body, far in ends if far is not None]  # a user's model may have bodies of such names
 
     def turn(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         """Turn each to its far pin; positions must be up to date, and are so afterwards."""
