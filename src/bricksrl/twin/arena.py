@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import copy
 import functools
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -59,6 +60,11 @@ class Place:
         x_m, y_m, heading_deg = (float(rng.uniform(*bounds)) for bounds in (self.x_m, self.y_m, self.heading_deg))
         return Pose(x_m, y_m, heading_deg)
 
+    def farthest_m(self, other: Place) -> float:
+        """Largest distance between a position drawn here and one drawn at another place."""
+        ranges = ((self.x_m, other.x_m), (self.y_m, other.y_m))
+        return math.hypot(*(max(abs(high - low2), abs(high2 - low)) for (low, high), (low2, high2) in ranges))
+
 
 @dataclass(frozen=True)
 class Contestant:
@@ -83,7 +89,8 @@ class Load:
 
 @dataclass(frozen=True)
 class Arena:
-    """Robots, start places and scene. Raises TwinError if names are not unique or there are too many motors.
+    """Robots, start places and scene. Raises TwinError if names are not unique, there are too many motors, or two robots cannot
+    keep the gap at the start.
 
     Attributes:
         half_size_m: half size of the floor within the walls, along x and y; ``None`` for an open floor.
@@ -101,6 +108,10 @@ class Arena:
             raise TwinError(f"an arena of {', '.join(names) or 'nothing'}; give each robot and each load a name of its own")
         if sum(len(contestant.robot.motors) for contestant in self.robots) > _MAX_MOTORS:
             raise TwinError(f"the robots of an arena have more than {_MAX_MOTORS} motors; take fewer robots")
+        for one, other in itertools.combinations(self.robots, 2):
+            if one.place.farthest_m(other.place) < self.gap_m:
+                text = f"'{one.name}' and '{other.name}' can never start {self.gap_m:g} m apart"
+                raise TwinError(f"{text}; give them other places, or the arena a smaller gap_m")
 
 
 @functools.lru_cache(maxsize=4)
