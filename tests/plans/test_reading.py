@@ -133,9 +133,9 @@ def test_large_binary_or_missing_file_raises(tmp_path):
             read_plan(path)
 
 
-def _zipped(name: str, data: bytes) -> bytes:
+def _zipped(name: str, data: bytes, method: int = zipfile.ZIP_DEFLATED) -> bytes:
     buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+    with zipfile.ZipFile(buffer, "w", method) as archive:
         archive.writestr(name, data)
     return buffer.getvalue()
 
@@ -151,7 +151,11 @@ def test_malicious_zip_raises(tmp_path):
     at = model.index(b"PK\x01\x02") + 8
     encrypted = model[:at] + b"\x01" + model[at + 1 :]
     bomb = _zipped("model.ldr", b"0 x\n" * (ldraw_file.MAX_BYTES // 4 + 1))
+    packed = _zipped("model.ldr", f"{BEAM}\n".encode() * 50, zipfile.ZIP_LZMA)
     cases = (
+        (packed[:60] + bytes(15) + packed[75:], "damaged zip"),
+        (packed[:60] + bytes(15) + packed[75:], "damaged zip"),
+        (_zipped("picture.png", bytes(ldraw_file.MAX_BYTES + 1), zipfile.ZIP_STORED), "more than 8 MB.* without its renderings"),
         (encrypted, "is encrypted by Studio"),
         (_zipped("x", b""), "has no model.ldr"),
         (bomb, "more than 8 MB"),

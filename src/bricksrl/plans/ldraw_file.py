@@ -8,7 +8,6 @@ from __future__ import annotations
 import io
 import math
 import zipfile
-import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from itertools import dropwhile
@@ -24,8 +23,6 @@ MAX_BYTES, MAX_LINES = 8_000_000, 100_000
 MARK = "!BRICKSRL"
 """First word of our comments after the 0."""
 _STUDIO_MODELS = ("model.ldr", "model2.ldr")
-_ZIP_ERRORS = (zipfile.BadZipFile, zipfile.LargeZipFile, zlib.error, ValueError, LookupError, OSError, EOFError, RuntimeError)
-"""Errors of the zip reader on damaged files."""
 _LIBRARY_TYPES = ("Part", "Subpart", "Shortcut", "Primitive", "8_Primitive", "48_Primitive")
 _STRETCH_TOLERANCE = 0.02
 _MAX_DEG = 36_000.0
@@ -124,7 +121,7 @@ def read_text(path: Path) -> str:
             data = file.read(MAX_BYTES + 1)
     except OSError as error:
         raise PlanError(f"{path}: {error.strerror or error}; name an LDraw file (.ldr, .mpd or .io)") from None
-    if data[:4] == b"PK\x03\x04":
+    if data[:4] == b"PK\x03\x04" and len(data) <= MAX_BYTES:
         data = _unzipped(path, data)
     if len(data) > MAX_BYTES:
         raise PlanError(
@@ -139,16 +136,15 @@ def _unzipped(path: Path, data: bytes) -> bytes:
     """The model inside a Studio file."""
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            names = set(archive.namelist())
-            name = next((name for name in _STUDIO_MODELS if name in names), None)
-            if name is None:
-                raise PlanError(f"{path} has no model.ldr; export the model from Studio as an LDraw file")
-            if archive.getinfo(name).flag_bits & 1:
-                raise PlanError(f"{path} is encrypted by Studio; open it there and export it as an LDraw file")
-            with archive.open(name) as file:
-                return file.read(MAX_BYTES + 1)
-    except _ZIP_ERRORS as error:
+            name = next((name for name in _STUDIO_MODELS if name in archive.namelist()), None)
+            if name is not None and not archive.getinfo(name).flag_bits & 1:
+                with archive.open(name) as file:
+                    return file.read(MAX_BYTES + 1)
+    except Exception as error:  # noqa: BLE001 - each method of compression has errors of its own
         raise PlanError(f"{path} is a damaged zip ({error}); save it again, or export an LDraw file") from None
+    if name is None:
+        raise PlanError(f"{path} has no model.ldr; export the model from Studio as an LDraw file")
+    raise PlanError(f"{path} is encrypted by Studio; open it there and export it as an LDraw file")
 
 
 def parse(text: str, path: str) -> Document:
