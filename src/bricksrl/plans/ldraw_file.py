@@ -23,6 +23,8 @@ MAX_BYTES, MAX_LINES = 8_000_000, 100_000
 MARK = "!BRICKSRL"
 """First word of our comments after the 0."""
 _STUDIO_MODELS = ("model.ldr", "model2.ldr")
+_NO_TITLES = ("Name:", "Author:", "BFC", "ROTATION")
+"""First words of lines of a header that are not the title."""
 _LIBRARY_TYPES = ("Part", "Subpart", "Shortcut", "Primitive", "8_Primitive", "48_Primitive")
 _STRETCH_TOLERANCE = 0.02
 _MAX_DEG = 36_000.0
@@ -155,6 +157,7 @@ def parse(text: str, path: str) -> Document:
     parser = _Parser(path)
     for number, line in enumerate(lines, 1):
         parser.parse_line(number, line.split())
+    parser.begin(Model("", len(lines)))
     models = dict(dropwhile(lambda item: not item[1].references, parser.models.items()))
     if not models:
         raise PlanError(f"{path} places no part; give an LDraw file with lines that begin with 1")
@@ -171,11 +174,10 @@ class _Parser:
         self.count: int | None = None
         self._model: Model | None = None
         self._marks: dict[str, Any] = {}
+        self._marks_line = 0
         self._handlers: dict[str, Callable[[int, list[str]], None]] = {
             "FILE": self._file,
             "NOFILE": self._end_of_file,
-            "Name:": self._ignore,
-            "Author:": self._ignore,
             "STEP": self._step,
             "ROTSTEP": self._step,
             "//": self._note,
@@ -192,7 +194,7 @@ class _Parser:
             handler = self._handlers.get(words[1])
             if handler is not None:
                 handler(number, words[2:])
-            elif not self._current(number).title and not words[1].startswith("!"):
+            elif not (self._current(number).title or words[1].startswith("!") or words[1] in _NO_TITLES):
                 self._current(number).title = " ".join(words[1:])
         elif words[0] == "1":
             self._reference(number, words)
@@ -204,24 +206,24 @@ class _Parser:
             self._model = self.models[""] = Model(Path(self.path).name, number)
         return self._model
 
+    def begin(self, model: Model) -> None:
+        """End the present model, and begin another one. Raises PlanError if a comment of ours has no part after it."""
+        if self._marks:
+            raise self._error(self._marks_line, "no part follows this comment", "move it before the part it describes")
+        self._model = model
+
     def _file(self, number: int, words: list[str]) -> None:
         name = " ".join(words)
-        key = key_of(name)
-        if key in self.models and key.endswith(".dat"):
-            self._model = Model(name, number)  # files with embedded parts have some of them twice
-            return
-        if not name or key in self.models:
-            raise self._error(
-                number, f"'{name}' is the name of two models" if name else "a model without a name", "give each one its own"
-            )
-        self._model = self.models[key] = Model(name, number)
+        key, model = key_of(name), Model(name, number)
+        if not name or (key in self.models and not key.endswith(".dat")):
+            fault = f"'{name}' is the name of two models" if name else "a model without a name"
+            raise self._error(number, fault, "give each one its own")
+        self.models.setdefault(key, model)  # files with embedded parts have some of them twice
+        self.begin(model)
 
     def _end_of_file(self, number: int, _words: list[str]) -> None:
         """The end of a model: what follows, up to the next one, belongs to none."""
-        self._model = Model("", number)
-
-    def _ignore(self, _number: int, _words: list[str]) -> None:
-        """A line of the header that is not the title."""
+        self.begin(Model("", number))
 
     def _step(self, number: int, _words: list[str]) -> None:
         self._current(number).step += 1
@@ -242,6 +244,7 @@ class _Parser:
 
     def _own_comment(self, number: int, words: list[str]) -> None:
         key, values = (words[0], tuple(words[1:])) if words else ("", ())
+        self._marks_line = self._marks_line if key in ("ROBOT", "PARTS") else number
         if key == "ROBOT" and len(values) == 1:
             self.robot = values[0]
         elif key == "PARTS" and len(values) == 1 and values[0].isdecimal() and len(values[0]) < 6:
