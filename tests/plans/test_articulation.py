@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -118,6 +119,13 @@ def test_two_motors_on_one_axle_raise():
 def test_plan_without_robot_raises(lines, says):
     with pytest.raises(PlanError, match=says):
         planned(plan_of(*lines))
+
+
+def test_error_names_the_file_as_it_was_given(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("arm.ldr").write_text("1 15 0 0 0 1 0 0 0 1 0 0 0 1 54696p02.dat")
+    with pytest.raises(PlanError, match=r"^arm.ldr, line 1: .* has no port"):
+        planned_robot(Path("arm.ldr"))
 
 
 def test_walker_legs_turn_fully():

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from bricksrl.errors import PlanError
+from bricksrl.plans.colours import code_of
 from bricksrl.plans.geometry import Floats, Triple
 
 MAX_BYTES, MAX_LINES = 8_000_000, 100_000
@@ -264,7 +265,7 @@ class _Parser:
 
     def _reference(self, number: int, words: list[str]) -> None:
         try:
-            colour = int(words[1], 16 if words[1].lower().startswith("0x") else 10)  # "04" is decimal
+            colour = code_of(words[1])
             numbers = [float(word) for word in words[2:14]]
         except (ValueError, IndexError):
             numbers = []

@@ -18,6 +18,7 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 
 from bricksrl.errors import TwinError
+from bricksrl.plans.colours import code_of
 from bricksrl.plans.geometry import Floats
 
 Triangles = dict[int, Floats]
@@ -174,7 +175,7 @@ def _read_line(
     inverted: bool,
 ) -> None:
     try:
-        colour = int(words[1], 0)
+        colour = code_of(words[1])
         count = 12 if words[0] == "1" else 3 * _CORNERS[words[0]]
         numbers = [float(word) for word in words[2 : 2 + count]]
     except (ValueError, IndexError):
