@@ -18,6 +18,7 @@ from bricksrl.plans.geometry import MM_PER_LDU, Floats
 from bricksrl.plans.mechanism.articulation import Articulation, Drive, Joint
 from bricksrl.plans.mechanism.end_stops import free_deg
 from bricksrl.plans.mechanism.kinematics import TO_TWIN
+from bricksrl.plans.part import DeviceKind
 from bricksrl.plans.planned_robot import PlannedRobot, planned_robot
 from bricksrl.robots import Motor, Robot
 from bricksrl.robots.planned import check_description
@@ -84,6 +85,10 @@ class _Builder:
         if None not in self.mounted:
             raise TwinError(f"{planned.plan.path} has no hub that is connected to the robot; add one")
         self.hub = self.mounted[None]
+        for placed in planned.plan.devices(DeviceKind.MOTOR):
+            if placed.port in self.motors and placed.port not in {drive.port for drive in self.articulation.drives}:
+                fault = f"{placed.name} is not connected to the main body; add a pin or an axle, or remove it"
+                raise TwinError(f"{planned.plan.path}, line {placed.line}: {fault}")
         self.bodies: dict[int, mujoco.MjsBody] = {}
         self.origins: dict[int, Floats] = {0: self._origin()}
         self.subtree_kg = self._subtree_kg()
