@@ -19,12 +19,12 @@ def add_rod(
 ) -> mujoco.MjsBody:
     """Join two bodies, each given with its pin's position, by a rod of the pins' distance in the initial configuration.
 
-    It has no mass: the bodies carry half of it each.
+    It has no mass: the bodies carry half of it each. Several rods may have one name, which gets a number.
 
     Returns:
         The body to draw the rod on: its origin is the near pin, its z axis points to the far one.
     """
-    name = _PREFIX + name
+    name = _PREFIX + (name if spec.tendon(_PREFIX + name) is None else f"{name}_{len(spec.tendons)}")
     tendon = spec.add_tendon(name=name, group=SHAPE_GROUP)
     for end, (carrier, pin) in {"near": near, "far": far}.items():
         tendon.wrap_site(carrier.add_site(name=f"{name}_{end}", pos=list(pin), group=SHAPE_GROUP).name)
