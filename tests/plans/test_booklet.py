@@ -11,7 +11,7 @@ from plan_lines import BEAM, PLANS, pin, plan_of, solid_volume
 from bricksrl.errors import PlanError
 from bricksrl.plans import catalogue
 from bricksrl.plans.booklet import pages_of, write_booklet
-from bricksrl.plans.picture import VIEWS, Canvas, View, draw
+from bricksrl.plans.picture import VIEWS, Canvas, View
 from bricksrl.plans.plan import read_plan
 from bricksrl.plans.shapes import surface_of
 
@@ -71,7 +71,7 @@ def test_nearer_parts_occlude():
 
 def test_new_parts_are_coloured_others_faded():
     plan = plan_of(BEAM, pin(0, -10, 20), "1 4 0 -20 0 1 0 0 0 1 0 0 0 1 32316.dat")
-    bright, faded = draw(plan.parts, (200, 150), bright={2}), draw(plan.parts, (200, 150), bright=set())
+    bright, faded = (Canvas((200, 150), VIEWS[0], plan.parts, plan.parts).picture(shown) for shown in ({2}, set()))
     red = lambda image: int(((image[..., 0] > 110) & (image[..., 1] < 60)).sum())  # noqa: E731
     assert red(bright) > 200
     assert red(faded) == 0
