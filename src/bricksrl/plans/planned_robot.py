@@ -38,10 +38,9 @@ class PlannedRobot:
     trains: tuple[Train, ...]
     articulation: Articulation
 
-    def device(self, port: str) -> Placed | None:
-        """The motor or sensor on a port."""
-        devices = self.plan.devices(DeviceKind.MOTOR, DeviceKind.SENSOR)
-        return next((placed for placed in devices if placed.port == port), None)
+    def device(self, port: str) -> Placed:
+        """The motor or sensor on a port of the plan."""
+        return next(placed for placed in self.plan.devices(DeviceKind.MOTOR, DeviceKind.SENSOR) if placed.port == port)
 
     @property
     def rolling(self) -> tuple[Rolling, ...]:

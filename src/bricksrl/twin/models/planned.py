@@ -18,7 +18,6 @@ from bricksrl.plans.geometry import MM_PER_LDU, Floats
 from bricksrl.plans.mechanism.articulation import Articulation, Drive, Joint
 from bricksrl.plans.mechanism.end_stops import free_deg
 from bricksrl.plans.mechanism.kinematics import TO_TWIN
-from bricksrl.plans.part import DeviceKind
 from bricksrl.plans.planned_robot import PlannedRobot, planned_robot
 from bricksrl.robots import Motor, Robot
 from bricksrl.robots.planned import check_description
@@ -85,10 +84,10 @@ class _Builder:
         if None not in self.mounted:
             raise TwinError(f"{planned.plan.path} has no hub that is connected to the robot; add one")
         self.hub = self.mounted[None]
-        for placed in planned.plan.devices(DeviceKind.MOTOR):
-            if placed.port in self.motors and placed.port not in {drive.port for drive in self.articulation.drives}:
-                fault = f"{placed.name} is not connected to the main body; add a pin or an axle, or remove it"
-                raise TwinError(f"{planned.plan.path}, line {placed.line}: {fault}")
+        for port in sorted(self.motors.keys() - {drive.port for drive in self.articulation.drives}):
+            placed = planned.device(port)
+            fault = f"{placed.name} is not connected to the main body; add a pin or an axle, or remove it"
+            raise TwinError(f"{planned.plan.path}, line {placed.line}: {fault}")
         self.bodies: dict[int, mujoco.MjsBody] = {}
         self.origins: dict[int, Floats] = {0: self._origin()}
         self.subtree_kg = self._subtree_kg()
@@ -171,7 +170,7 @@ class _Builder:
         """Add what a motor drives: a body on the geared shaft and, with backlash, the driven body on it."""
         joint, port = drive.joint, drive.port
         motor, start = self.motors[port], self._start_deg(self.motors[port])
-        angle = math.radians(start - self._plan_deg(port)) / drive.gear
+        angle = math.radians(start - self.planned.device(port).angle_deg) / drive.gear
         friction = _TRAIN_FRICTION_NM * abs(drive.gear) if drive.teeth else 0.0
         x, y, z = joint.axis.tolist()
         at_m = self._local(joint.parent, joint.point_m)
@@ -196,15 +195,12 @@ class _Builder:
         self.bodies[joint.child], self.origins[joint.child] = body, joint.point_m
         self._set_inertia(body, joint.child)
 
-    def _plan_deg(self, port: str) -> float:
-        """Angle of a motor's shaft in the plan."""
-        placed = self.planned.device(port)
-        return 0.0 if placed is None else placed.angle_deg
-
     def _start_deg(self, motor: Motor) -> float:
         """Angle of a motor's shaft at start: the middle of its range, or as in the plan without a range or with linkages."""
         ends = _range_of_shaft(motor)
-        return self._plan_deg(motor.port) if ends is None or self.articulation.rods or self.articulation.loops else sum(ends) / 2
+        if ends is None or self.articulation.rods or self.articulation.loops:
+            return self.planned.device(motor.port).angle_deg
+        return sum(ends) / 2
 
     def _limit(self, shaft: mujoco.MjsJoint, motor: Motor, gear: float) -> None:
         """Set the end stops of a motor with a range: where parts of the robot collide, or a little beyond the range."""
@@ -226,7 +222,7 @@ class _Builder:
             equal.data[:5] = [0.0, geared.ratio, 0.0, 0.0, 0.0]
             # Its start angle relative to the plan follows from the motor's.
             drive = next(drive for drive in self.articulation.drives if drive.port == port)
-            start = self._start_deg(self.motors[port]) - self._plan_deg(port)
+            start = self._start_deg(self.motors[port]) - self.planned.device(port).angle_deg
             self.bodies[joint.child].quat = _quaternion(joint.axis, geared.ratio * math.radians(start) / drive.gear)
 
     def _close_loops(self) -> None:
@@ -274,7 +270,7 @@ class _Builder:
         for number, body in self.bodies.items():
             parts = tuple(part for part in self.articulation.bodies[number].parts if part not in drawn_apart)
             ports = [drive.port for drive in self.articulation.drives if drive.joint.child == number and not drive.teeth]
-            shafts = tuple(motor.index for motor in map(self.planned.device, ports) if motor is not None)
+            shafts = tuple(self.planned.device(port).index for port in ports)
             cables = cables_of(plan, parts, self.origins[number])
             mounted = self.mounted_parts if number == 0 else []
             meshes.draw(self.spec, body, [looks_of(plan, parts, self.origins[number], shafts=shafts), *cables, *mounted])
