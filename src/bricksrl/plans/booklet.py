@@ -170,19 +170,18 @@ def _title(assembly: str) -> str:
 
 def _best_view(present: list[Placed], bright: set[int], new: set[int]) -> tuple[View, Pixels]:
     """The default view, or the one that shows the new parts best if they are hidden there."""
-    best: tuple[float, View, Canvas, Canvas] | None = None
+    best: list[tuple[float, View, Canvas, Canvas]] = []
     for view in VIEWS:
         canvas = Canvas(_STEP_SIZE, view, present, present)
         ghosts = Canvas(_STEP_SIZE, view, present, [placed for placed in present if placed.index in bright])
         share = canvas.visible(bright) / max(ghosts.visible(bright), 1)
-        if best is None or share > best[0] + 0.05:
-            best = (share, view, canvas, ghosts)
-        if best[0] > _MIN_VISIBLE:
+        if not best or share > best[-1][0] + 0.05:
+            best.append((share, view, canvas, ghosts))
+        if best[-1][0] > _MIN_VISIBLE:
             break
-    if best is None:
-        raise PlanError("a step without parts cannot be drawn; take it out of the plan")
-    fasteners = _hidden_fasteners([placed for placed in present if placed.index in new], present, best[1], best[2])
-    return best[1], best[2].picture(bright, (best[3], *fasteners))
+    _, view, canvas, ghosts = best[-1]
+    fasteners = _hidden_fasteners([placed for placed in present if placed.index in new], present, view, canvas)
+    return view, canvas.picture(bright, (ghosts, *fasteners))
 
 
 def _hidden_fasteners(new: list[Placed], present: list[Placed], view: View, canvas: Canvas) -> tuple[Canvas, ...]:
