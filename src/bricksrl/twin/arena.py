@@ -290,7 +290,7 @@ class ArenaBody(MujocoBody):
         root = int(chassis.jntadr[0])
         self.base_address, self._base_dof = int(model.jnt_qposadr[root]), int(model.jnt_dofadr[root])
         self._base = FloatingBase(model, data, self.base_address, self._base_dof, f"{prefix}imu")
-        self._bind_sonars(prefix, int(chassis.id))
+        self._bind_sensors(prefix, int(chassis.id))
         self._detected_groups = np.zeros(6, np.uint8)
         self._detected_groups[[OBSTACLE_GROUP, SHAPE_GROUP]] = 1  # other robots too
         self._qpos, self._qvel = data.qpos, data.qvel

@@ -116,11 +116,7 @@ class MujocoBody:
         self._moves = bool(model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE)
         self._base = FloatingBase(model, data) if self._moves else FixedBase(model, data)
         self._rods, self._spinners = Rods(model), Spinners(model)
-        self._bind_sonars()
-        sensors = [sensor for sensor in self.robot.sensors if isinstance(sensor, PoweredUpSensor) and senses(sensor)]
-        self._sensor_kinds = {sensor.port: sensor.kind for sensor in sensors}
-        self._sensor_frames = {sensor.port: self._site(f"sensor_{sensor.port}") for sensor in sensors}
-        self._world = WorldSenses(model, data, self.scene)
+        self._bind_sensors()
         # A pushable block has a free joint, after the robot's joints.
         self._block_addresses = [int(model.joint(f"object_{number}").qposadr[0]) for number in self._pushable()]
         self._detected_groups = np.zeros(6, np.uint8)
@@ -142,13 +138,19 @@ class MujocoBody:
         self._shaft = {port: (int(joints[port].qposadr[0]), gear * math.degrees(1000.0)) for port, gear in self._gears.items()}
         self._terminals = {port: (index, 1 << int(model.actuator_group[index])) for port, index in actuators.items()}
 
-    def _bind_sonars(self, prefix: str = "", undetected_body: int = -1) -> None:
-        """Look up the ultrasonic sensors, which do not detect ``undetected_body``."""
+    def _bind_sensors(self, prefix: str = "", undetected_body: int = -1) -> None:
+        """Look up the sensors; those for ultrasound do not detect ``undetected_body``."""
         rays = np.array([(math.cos(math.radians(angle)), math.sin(math.radians(angle)), 0.0) for angle in _CONE_DEG])
         ports = [sensor.port for sensor in self.robot.sensors if isinstance(sensor, UltrasonicSensor)]
         sites = {port: self._site(f"{prefix}ultrasonic_{port}") for port in ports}
         self._sonars = {port: (position, rays @ frame.T) for port, (position, frame) in sites.items()}
         self._undetected_body = undetected_body
+        sensors = [sensor for sensor in self.robot.sensors if isinstance(sensor, PoweredUpSensor) and senses(sensor)]
+        self._sensor_kinds = {sensor.port: sensor.kind for sensor in sensors}
+        self._sensor_frames = {port: self._site(f"{prefix}sensor_{port}") for port in self._sensor_kinds}
+        forces = [port for port, kind in self._sensor_kinds.items() if kind is SensorKind.FORCE]
+        self._forces = {port: self.data.sensor(f"{prefix}force_{port}").data for port in forces}
+        self._world = WorldSenses(self.model, self.data, self.scene)
 
     def _site(self, name: str) -> tuple[Vector, NDArray[np.float64]]:
         """Position of a site on the chassis [3], and its axes as columns [3, 3]. Raises TwinError if there is no such site."""
@@ -338,7 +340,7 @@ class MujocoBody:
         if sense is Sense.TILT:
             return self.tilt_deg()
         if sense is Sense.FORCE:
-            return float(self.data.sensor(f"force_{port}").data[0])
+            return float(self._forces[port][0])
         if sense is Sense.COUNT:
             return 0.0
         position, frame = self._sensor_frames[port]

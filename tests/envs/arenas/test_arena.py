@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,9 +15,10 @@ from bricksrl.envs.arenas import get_arena_task, make_arena
 from bricksrl.envs.arenas.tag import TAG
 from bricksrl.envs.arenas.task import ArenaState, seen_from, steer_towards
 from bricksrl.errors import BricksError, DescriptionError, HubError, TwinError, UnknownNameError
-from bricksrl.robots import TWO_WHEELER
+from bricksrl.robots import SCOUT, TWO_WHEELER, Mount, PoweredUpSensor, SensorKind
 from bricksrl.robots.robo_arm import ROBO_ARM
 from bricksrl.twin.arena import Arena, ArenaWorld, Contestant, Place
+from bricksrl.virtual_hub.stimuli import Sense
 
 
 def acted(env: Any, state: TensorDict, **actions: list[list[float]]) -> TensorDict:
@@ -121,6 +123,25 @@ def test_robots_collide_and_see_each_other() -> None:
     assert 0.09 < b.x_m - a.x_m < 0.2, "nose to nose"
 
 
+def test_robots_have_all_of_their_sensors() -> None:
+    bump = PoweredUpSensor("bump", "F", SensorKind.FORCE, Mount((90, 0, 28), "ahead"))
+    robot = replace(SCOUT, sensors=(*SCOUT.sensors, bump))
+    places = (Place(x_m=(-0.4, -0.4)), Place(x_m=(0.4, 0.4), heading_deg=(90.0, 90.0)))
+    world = ArenaWorld(
+        Arena(tuple(Contestant(name, robot, place) for name, place in zip("ab", places, strict=True)), half_size_m=(1, 0.3))
+    )
+    world.place(np.random.default_rng(0))
+    for body in world.bodies:
+        brightness = body.sensed("B", Sense.SURFACE)
+        assert isinstance(brightness, tuple) and brightness[2] > 50.0  # the floor
+        assert body.sensed("F", Sense.FORCE) == 0.0
+        for port, voltage_mv in (("E", -5000), ("A", 5000)):
+            body.set_voltage(port, voltage_mv)
+    world._advance_to(1200)
+    forces = [body.sensed("F", Sense.FORCE) for body in world.bodies]
+    assert forces[0] == 0.0 < forces[1]  # the second one pushes the wall at its right
+
+
 def test_beam_needs_two_robots() -> None:
     env = make_arena("Carry-v0", seed=2)
     push = env.task.scripts["push"]
@@ -169,8 +190,6 @@ def test_runner_script_outlasts_straight_escape() -> None:
 
 def test_simulation_matches_arena() -> None:
     """Equal commands lead to equal places within a few centimetres."""
-    from dataclasses import replace
-
     task = get_arena_task("Tag-v0")
     fixed = [Place((x_m, x_m), (0.0, 0.0), (0.0, 0.0)) for x_m in (-0.5, 0.2)]
     robots = tuple(replace(one, place=place) for one, place in zip(task.arena.robots, fixed, strict=True))
