@@ -99,6 +99,15 @@ def test_repeated_steps_share_a_page():
     assert [(item.count, item.text) for item in list(pages_of(plan))[-1].items] == [(2, "wheel")]
 
 
+def test_sub_assemblies_of_two_colours_have_pages_of_their_own():
+    other = "1 4 100 0 0 -1 0 0 0 1 0 0 0 -1 wheel.ldr"
+    wheel = WHEEL.replace("1 71", "1 16").split("\n")
+    plan = plan_of("0 FILE car.ldr", BEAM, "0 STEP", "1 1 0 0 0 1 0 0 0 1 0 0 0 1 wheel.ldr", other, *wheel)
+    pages = list(pages_of(plan))
+    assert [page.head for page in pages[3:]] == ["2 · wheel", "3 · wheel", "4 · wheel", "5 · wheel", "6"]
+    assert [(item.count, item.text) for item in pages[-1].items] == [(1, "wheel"), (1, "wheel")]
+
+
 def test_hidden_new_pin_is_outlined():
     upper = BEAM.replace("1 4 0 0 0", "1 4 0 -20 0")
     orange = lambda page: int(((page.picture[..., 0] > 140) & (page.picture[..., 2] < 70) & (page.picture[..., 1] > 60)).sum())  # noqa: E731

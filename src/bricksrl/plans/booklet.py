@@ -99,14 +99,9 @@ def pages_of(plan: Plan) -> Iterator[Page]:
     for start in range(0, len(entries), _PARTS_PER_PAGE):
         items = tuple(_item(entry) for entry in entries[start : start + _PARTS_PER_PAGE])
         yield Page("Parts", "", None, items)
-    times = Counter(_kind(step) for step in plan.steps)
-    number = 0
-    for step in plan.steps:
-        if times[_kind(step)] > 0:
-            number += 1
-            yield from _step_pages(plan, step, number, times[_kind(step)] if step.assembly else 1)
-        if step.assembly:
-            times[_kind(step)] = 0
+    kinds = [_kind(plan, step) for step in plan.steps]
+    for number, (kind, times) in enumerate(Counter(kinds).items(), 1):
+        yield from _step_pages(plan, plan.steps[kinds.index(kind)], number, times)
     canvas = Canvas(_STEP_SIZE, VIEWS[3], plan.parts, plan.parts)
     cables = _cables(plan, canvas)
     if cables:
@@ -114,11 +109,12 @@ def pages_of(plan: Plan) -> Iterator[Page]:
         yield Page("Cables", note, canvas.picture(set()), (), tuple(cable.text for cable in cables), cables)
 
 
-def _kind(step: Step) -> tuple[str, int]:
-    """Key of a repeatable step: the model of its sub-assembly and its index there."""
+def _kind(plan: Plan, step: Step) -> tuple[object, ...]:
+    """Key of a repeatable step: the model of its sub-assembly, its index there, and the colours of the parts until then."""
     if not step.assembly:
-        return "", step.index
-    return step.assembly[-1].rpartition(":")[0], step.number
+        return ("", step.index)
+    colours = (plan.parts[part].colour for part in sorted(plan.present_parts(step)))
+    return (step.assembly[-1].rpartition(":")[0], step.number, *colours)
 
 
 def _item(entry: Entry) -> Item:
@@ -150,11 +146,9 @@ def _step_pages(plan: Plan, step: Step, number: int, times: int) -> Iterator[Pag
     counts = Counter((placed.part, placed.colour) for placed in new)
     items = [Item(_part_picture(part, colour), count, part.name, part.length) for (part, colour), count in counts.items()]
     groups = [[plan.parts[index] for index in group] for group in step.joined]
-    titles = Counter(_title(parts[0].assembly[len(step.assembly)]) for parts in groups)
-    for parts in groups:
-        name = _title(parts[0].assembly[len(step.assembly)])
-        if name in titles:
-            items.append(Item(draw(parts, _PART_SIZE), titles.pop(name), name))
+    names = [(_title(parts[0].assembly[len(step.assembly)]), *(placed.colour for placed in parts)) for parts in groups]
+    for name, count in Counter(names).items():
+        items.append(Item(draw(groups[names.index(name)], _PART_SIZE), count, str(name[0])))
     axles = tuple(sorted({item.axle for item in items if 0 < item.axle <= 16}))
     if len(items) > _PARTS_BESIDE_PICTURE:
         for start in range(0, len(items), _PARTS_PER_PAGE):
