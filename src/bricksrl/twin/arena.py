@@ -32,6 +32,8 @@ from bricksrl.twin.models.mjcf import (
     new_spec,
     yaw_quaternion,
 )
+from bricksrl.twin.models.planned_looks import Spinners
+from bricksrl.twin.models.rods import Rods
 from bricksrl.twin.models.scenery import add_geom
 from bricksrl.twin.mujoco_body import MujocoBody, Pose
 from bricksrl.twin.physics import Physics
@@ -134,6 +136,7 @@ def _compiled(arena: Arena) -> mujoco.MjModel:
                 geom.contype, geom.conaffinity = 1 | 2 << number, others
         for light in list(child.lights):
             child.delete(light)
+        child.option.jacobian = spec.option.jacobian  # one for all
         world.add_frame().attach_body(chassis, f"{contestant.name}/", "")
         spec.body(f"{contestant.name}/chassis").add_geom(
             type=mujoco.mjtGeom.mjGEOM_CYLINDER,
@@ -291,6 +294,7 @@ class ArenaBody(MujocoBody):
         self.base_address, self._base_dof = int(model.jnt_qposadr[root]), int(model.jnt_dofadr[root])
         self._base = FloatingBase(model, data, self.base_address, self._base_dof, f"{prefix}imu")
         self._bind_sensors(prefix, int(chassis.id))
+        self._rods, self._spinners = Rods(model), Spinners(model)
         self._detected_groups = np.zeros(6, np.uint8)
         self._detected_groups[[OBSTACLE_GROUP, SHAPE_GROUP]] = 1  # other robots too
         self._qpos, self._qvel = data.qpos, data.qvel
@@ -327,8 +331,3 @@ class ArenaBody(MujocoBody):
         self._open_circuits = self._arena.open_circuits
         super().set_voltage(port, voltage_mv)
         self._arena.open_circuits = self._open_circuits
-
-    def update_visuals(self) -> None:
-        """Update the drawn geometry to the joint positions."""
-        mujoco.mj_kinematics(self.model, self.data)
-        mujoco.mj_camlight(self.model, self.data)

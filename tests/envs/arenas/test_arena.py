@@ -15,7 +15,7 @@ from bricksrl.envs.arenas import get_arena_task, make_arena
 from bricksrl.envs.arenas.tag import TAG
 from bricksrl.envs.arenas.task import ArenaState, seen_from, steer_towards
 from bricksrl.errors import BricksError, DescriptionError, HubError, TwinError, UnknownNameError
-from bricksrl.robots import SCOUT, TWO_WHEELER, Mount, PoweredUpSensor, SensorKind
+from bricksrl.robots import SCOUT, TWO_WHEELER, WALKER, Mount, PoweredUpSensor, SensorKind
 from bricksrl.robots.robo_arm import ROBO_ARM
 from bricksrl.twin.arena import Arena, ArenaWorld, Contestant, Place
 from bricksrl.virtual_hub.stimuli import Sense
@@ -140,6 +140,22 @@ def test_robots_have_all_of_their_sensors() -> None:
     world._advance_to(1200)
     forces = [body.sensed("F", Sense.FORCE) for body in world.bodies]
     assert forces[0] == 0.0 < forces[1]  # the second one pushes the wall at its right
+
+
+def test_rods_of_walkers_are_drawn_between_their_pins() -> None:
+    places = (Place(), Place(x_m=(0.5, 0.5)))
+    world = ArenaWorld(Arena(tuple(Contestant(name, WALKER, place) for name, place in zip("ab", places, strict=True))))
+    world.place(np.random.default_rng(0))
+    for body, voltage_mv in zip(world.bodies, (3000, -4000), strict=True):
+        for motor in WALKER.motors:
+            body.set_voltage(motor.port, voltage_mv)
+    world._advance_to(400)
+    world.bodies[0].update_visuals()
+    rods = [f"{name}/rod_{motor.port}" for name in "ab" for motor in WALKER.motors]
+    for rod in rods:
+        drawn, pin = world.data.body(rod), world.data.site(f"{rod}_far")
+        along = (pin.xpos - drawn.xpos) / np.linalg.norm(pin.xpos - drawn.xpos)
+        assert drawn.xmat.reshape(3, 3)[:, 2] == pytest.approx(along, abs=1e-6)
 
 
 def test_beam_needs_two_robots() -> None:

@@ -42,7 +42,8 @@ class Rods:
     def __init__(self, model: mujoco.MjModel) -> None:
         sites = {model.site(site).name: site for site in range(model.nsite)}
         names = {body: model.body(body).name for body in range(model.nbody)}
-        ends = ((body, sites.get(f"{name}_far")) for body, name in names.items() if name.startswith(_PREFIX))
+        rods = {body: name for body, name in names.items() if name.rpartition("/")[2].startswith(_PREFIX)}  # "ROBOT/" in an arena
+        ends = ((body, sites.get(f"{name}_far")) for body, name in rods.items())
         self._ends = [(body, far) for body, far in ends if far is not None]  # a user's model may have bodies of such names
 
     def turn(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
