@@ -112,7 +112,8 @@ class MujocoBody:
         self._bind_motors()
         self._open_circuits = 0
         self._backlash = backlash_joints(model)
-        self._feet = [geom for geom in range(model.ngeom) if model.geom(geom).name.startswith("foot_")]
+        feet = [geom for geom in range(model.ngeom) if model.geom(geom).name.startswith("foot_")]
+        self._feet = feet if len(feet) > 1 else []  # nothing stands on one
         self._moves = bool(model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE)
         self._base = FloatingBase(model, data) if self._moves else FixedBase(model, data)
         self._rods, self._spinners = Rods(model), Spinners(model)

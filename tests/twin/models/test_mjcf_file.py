@@ -129,6 +129,13 @@ def test_body_may_have_a_name_that_begins_as_ours_do(rover: Robot, name: str) ->
     body.update_visuals()
 
 
+def test_robot_with_one_foot_settles_on_the_floor(rover: Robot) -> None:
+    Path(str(rover.model)).write_text(ROVER_XML.replace('<geom type="sphere"', '<geom name="foot_back" type="sphere"', 1))
+    body = make_body(rover)
+    assert isinstance(body, MujocoBody)
+    assert body.data.qpos[2] == pytest.approx(0.028, abs=0.001)
+
+
 def test_wall_needs_ultrasonic_sensor(rover: Robot) -> None:
     built = replace(TWO_WHEELER, model="bricksrl.twin.models.driving_robot:driving_robot")
     for robot in (rover, built):
