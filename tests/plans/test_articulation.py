@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -99,6 +100,14 @@ def test_two_motors_on_one_axle_raise():
     assert "\n" not in str(caught.value)
 
 
+def test_motor_whose_shaft_is_pinned_to_its_case_raises():
+    motor = ["0 !BRICKSRL PORT A", "1 15 0 0 0 1 0 0 0 1 0 0 0 1 54696p02.dat"]
+    beam = [f"1 0 30 {y} 20 1 0 0 0 0 -1 0 1 0 2780.dat" for y in (20, -20, -60)]
+    beam += ["1 4 40 -60 20 0 1 0 0 0 1 1 0 0 40490.dat", "1 7 20 -60 20 0 0 1 0 1 0 -1 0 0 3167.dat"]
+    with pytest.raises(PlanError, match="the motor of port A drives the same part as another one, or nothing"):
+        planned(plan_of(*motor, *beam, "1 0 20 -50 0 0 0 1 1 0 0 0 1 0 2780.dat"))
+
+
 @pytest.mark.parametrize(
     ("lines", "says"),
     [
@@ -118,6 +127,13 @@ def test_two_motors_on_one_axle_raise():
 def test_plan_without_robot_raises(lines, says):
     with pytest.raises(PlanError, match=says):
         planned(plan_of(*lines))
+
+
+def test_error_names_the_file_as_it_was_given(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("arm.ldr").write_text("1 15 0 0 0 1 0 0 0 1 0 0 0 1 54696p02.dat")
+    with pytest.raises(PlanError, match=r"^arm.ldr, line 1: .* has no port"):
+        planned_robot(Path("arm.ldr"))
 
 
 def test_walker_legs_turn_fully():

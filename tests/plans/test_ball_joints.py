@@ -51,6 +51,12 @@ def test_hanging_link_must_be_meant_to_swing():
     assert check(plan_of(BEAM, TOWBALL, "0 !BRICKSRL FREE", LINK)) == []
 
 
+def test_towball_that_is_there_twice_welds_nothing():
+    bodies = structure_of(plan_of(BEAM, TOWBALL, TOWBALL, LINK)).bodies
+    assert bodies.members == ((0, 1, 2), (3,))
+    assert bodies.motions().shape == (12, 3)
+
+
 @pytest.mark.parametrize("shift", [4, -4])
 def test_ball_beside_its_socket_is_loose(shift):
     names = {one.name for one in check(plan_of(BEAM, TOWBALL, LINK.replace("0 20 40", f"{shift} 20 40")))}

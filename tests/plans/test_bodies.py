@@ -7,6 +7,7 @@ import pytest
 from plan_lines import body_of, plan_of
 
 from bricksrl.plans.check import Structure, structure_of
+from bricksrl.plans.connections import meshes
 from bricksrl.plans.mechanism.kinematics import mechanism
 from bricksrl.plans.plan import Plan
 
@@ -71,17 +72,35 @@ def test_three_gears_in_ring_lock():
     assert structure.bodies.motions().shape[1] == 0
 
 
-def test_worm_advances_one_tooth_per_turn():
+@pytest.mark.parametrize(
+    ("first", "second", "at", "ahead"),
+    [("32270", "32270", 20, 20), ("32270", "18575", 30, 20), ("18575", "32270", 20, 30), ("32270", "32498", 50, 20)],
+)
+def test_bevel_gears_at_right_angle_turn_at_the_ratio_of_their_teeth(first, second, at, ahead):
+    # The axes, along z and x, meet at the origin; the teeth meet towards +x and -z.
+    plan = plan_of(f"1 4 0 0 {-at} 1 0 0 0 1 0 0 0 1 {first}.dat", f"1 4 {ahead} 0 0 0 0 1 0 1 0 -1 0 0 {second}.dat")
+    (mesh,) = meshes(plan.parts)
+    assert mesh.is_good
+    about_z, about_x = mesh.motion[0][5], mesh.motion[1][3]
+    teeth, other_teeth = (placed.part.gears[0].teeth for placed in plan.parts)
+    # If the first turns by the other's teeth, counter-clockwise about +z, its teeth move towards +y, and so do the other's.
+    assert about_z * other_teeth + about_x * teeth == pytest.approx(0.0)
+    # A carrier that turns both as one body does not strain the teeth.
+    assert mesh.motion.sum(axis=0) == pytest.approx(np.zeros(6))
+
+
+def test_worm_has_a_right_handed_thread_with_one_tooth_per_turn():
     lines = [PLATE, *shaft(0, 0, "3648b"), "1 0 0 -20 40 1 0 0 0 1 0 0 0 1 3706.dat", "1 7 0 -20 40 0 0 1 0 1 0 -1 0 0 4716.dat"]
     plan, structure = solved(*lines)
     (mesh,) = structure.meshes
     assert mesh.is_good
-    row = mesh.motion
-    worm = np.array([0, 0, 0, 1.0, 0, 0])
-    spin = row[0] @ worm if plan.parts[mesh.first].part.number == "4716" else row[1] @ worm
-    gear = np.array([0, 0, 0, 0, 1.0, 0])
-    turned = row[1] @ gear if plan.parts[mesh.first].part.number == "4716" else row[0] @ gear
-    assert abs(spin / turned) == pytest.approx(1 / 24, rel=1e-3)
+    worm = mesh.motion[0 if plan.parts[mesh.first].part.number == "4716" else 1]
+    gear = mesh.motion[1 if plan.parts[mesh.first].part.number == "4716" else 0]
+    # A bolt that turns about its +x drives a nut that only slides towards -x.
+    bolt, nut = worm @ [0, 0, 0, 1.0, 0, 0], gear @ [1.0, 0, 0, 0, 0, 0]
+    assert -bolt / nut < 0
+    # The gear, whose teeth meet the worm at +z, turns so that they move towards -x: about -y.
+    assert -bolt / (gear @ [0, 0, 0, 0, 1.0, 0]) == pytest.approx(-1 / 24, rel=1e-3)
 
 
 def test_motor_turns_parts_on_shaft():

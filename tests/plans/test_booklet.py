@@ -11,7 +11,7 @@ from plan_lines import BEAM, PLANS, pin, plan_of, solid_volume
 from bricksrl.errors import PlanError
 from bricksrl.plans import catalogue
 from bricksrl.plans.booklet import pages_of, write_booklet
-from bricksrl.plans.picture import VIEWS, Canvas, View, draw
+from bricksrl.plans.picture import VIEWS, Canvas, View
 from bricksrl.plans.plan import read_plan
 from bricksrl.plans.shapes import surface_of
 
@@ -71,7 +71,7 @@ def test_nearer_parts_occlude():
 
 def test_new_parts_are_coloured_others_faded():
     plan = plan_of(BEAM, pin(0, -10, 20), "1 4 0 -20 0 1 0 0 0 1 0 0 0 1 32316.dat")
-    bright, faded = draw(plan.parts, (200, 150), bright={2}), draw(plan.parts, (200, 150), bright=set())
+    bright, faded = (Canvas((200, 150), VIEWS[0], plan.parts, plan.parts).picture(shown) for shown in ({2}, set()))
     red = lambda image: int(((image[..., 0] > 110) & (image[..., 1] < 60)).sum())  # noqa: E731
     assert red(bright) > 200
     assert red(faded) == 0
@@ -97,6 +97,15 @@ def test_repeated_steps_share_a_page():
     assert heads[1:3] == [("Parts", ""), ("1", "A beam.")]
     assert [head for head, _ in heads[3:]] == ["2 · wheel, 2 times", "3 · wheel, 2 times", "4"]
     assert [(item.count, item.text) for item in list(pages_of(plan))[-1].items] == [(2, "wheel")]
+
+
+def test_sub_assemblies_of_two_colours_have_pages_of_their_own():
+    other = "1 4 100 0 0 -1 0 0 0 1 0 0 0 -1 wheel.ldr"
+    wheel = WHEEL.replace("1 71", "1 16").split("\n")
+    plan = plan_of("0 FILE car.ldr", BEAM, "0 STEP", "1 1 0 0 0 1 0 0 0 1 0 0 0 1 wheel.ldr", other, *wheel)
+    pages = list(pages_of(plan))
+    assert [page.head for page in pages[3:]] == ["2 · wheel", "3 · wheel", "4 · wheel", "5 · wheel", "6"]
+    assert [(item.count, item.text) for item in pages[-1].items] == [(1, "wheel"), (1, "wheel")]
 
 
 def test_hidden_new_pin_is_outlined():

@@ -34,6 +34,18 @@ def test_lines_after_the_end_of_a_model_belong_to_none():
     assert (plan.title, len(plan.parts)) == ("try", 1)
 
 
+@pytest.mark.parametrize("end", [[], ["0 NOFILE"], ["0 FILE b.ldr", BEAM], ["0 FILE a.dat", BEAM, "0 FILE a.dat", BEAM]])
+def test_comment_without_a_part_after_it_is_no_other_parts(end: list[str]) -> None:
+    with pytest.raises(PlanError, match=r"line 3: no part follows this comment; move it before"):
+        plan_of("0 FILE main.ldr", BEAM, "0 !BRICKSRL FIXED", *end)
+
+
+def test_title_is_no_other_line_of_the_header() -> None:
+    header = ("0", "0 Name: a.ldr", "0 Author: me", "0 BFC CERTIFY CCW", '0 ROTATION CENTER 0 0 0 1 "Custom"', "0 // A note")
+    assert plan_of(*header, BEAM).title == "try"
+    assert plan_of(*header, "0 My car", BEAM).title == "My car"
+
+
 def test_colour_with_a_leading_zero_is_decimal():
     colours = [placed.colour for placed in plan_of(BEAM.replace("1 4", "1 014"), BEAM.replace("1 4", "1 0x2FF0000")).parts]
     assert colours == [14, 0x2FF0000]
@@ -133,9 +145,9 @@ def test_large_binary_or_missing_file_raises(tmp_path):
             read_plan(path)
 
 
-def _zipped(name: str, data: bytes) -> bytes:
+def _zipped(name: str, data: bytes, method: int = zipfile.ZIP_DEFLATED) -> bytes:
     buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+    with zipfile.ZipFile(buffer, "w", method) as archive:
         archive.writestr(name, data)
     return buffer.getvalue()
 
@@ -151,7 +163,11 @@ def test_malicious_zip_raises(tmp_path):
     at = model.index(b"PK\x01\x02") + 8
     encrypted = model[:at] + b"\x01" + model[at + 1 :]
     bomb = _zipped("model.ldr", b"0 x\n" * (ldraw_file.MAX_BYTES // 4 + 1))
+    packed = _zipped("model.ldr", f"{BEAM}\n".encode() * 50, zipfile.ZIP_LZMA)
     cases = (
+        (packed[:60] + bytes(15) + packed[75:], "damaged zip"),
+        (packed[:60] + bytes(15) + packed[75:], "damaged zip"),
+        (_zipped("picture.png", bytes(ldraw_file.MAX_BYTES + 1), zipfile.ZIP_STORED), "more than 8 MB.* without its renderings"),
         (encrypted, "is encrypted by Studio"),
         (_zipped("x", b""), "has no model.ldr"),
         (bomb, "more than 8 MB"),

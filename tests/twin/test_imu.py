@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
 
-from bricksrl.robots import WALKER
+from bricksrl.robots import ROBO_ARM, WALKER, Mount, UltrasonicSensor
 from bricksrl.twin.imu import Turns
 from bricksrl.twin.mujoco_body import MujocoBody
+from bricksrl.twin.objects import Wall
 from bricksrl.twin.physics import Physics
-from bricksrl.twin.scene import OPEN_FLOOR
+from bricksrl.twin.scene import OPEN_FLOOR, Scene
 
 
 def test_turns_about_two_axes_of_the_hub() -> None:
@@ -35,3 +38,17 @@ def test_gyroscope_of_a_walking_robot_adds_up_to_its_rotation() -> None:
         way += abs(turned)
     assert way.min() > 5.0  # about every axis, to and fro
     assert np.array(body.rotation_deg()) - before == pytest.approx(total, abs=0.2)
+
+
+def test_sensor_on_the_base_of_an_arm_does_not_turn_with_the_hub() -> None:
+    robot = replace(ROBO_ARM, sensors=(UltrasonicSensor("eyes", "F", Mount((100.0, 0.0, 50.0), "ahead")),))
+    quiet = Physics(distance_noise_mm=0, distance_noise_ratio=0)
+    # A wall whose top is 4 mm below the sensor, whose rays are level, and another one behind it.
+    scene = Scene(objects=(Wall((300, -500), (300, 500), height_mm=46.0), Wall((400, -500), (400, 500))))
+    body = MujocoBody(robot, scene, quiet, 0)
+    assert body.distance_mm("F") == pytest.approx(292, abs=1)
+    body.set_voltage("B", 6000)
+    body.advance_to(1500)
+    assert abs(body.heading_deg()) > 90.0
+    assert body.distance_mm("F") == pytest.approx(292, abs=1)
+    assert (body.pose().x_m, body.pose().y_m) == (0.0, 0.0)

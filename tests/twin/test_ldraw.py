@@ -65,6 +65,11 @@ def test_colours(tmp_path: Path) -> None:
     assert library.rgba(-3) == library.rgba(4711) == (0.5, 0.5, 0.5, 1.0)
 
 
+def test_colour_with_a_leading_zero_is_decimal() -> None:
+    corners = "0 0 0 1 0 0 0 1 0"
+    assert set(ldraw.parse(f"3 016 {corners}\n3 0x2FF0000 {corners}").triangles) == {16, 0x2FF0000}
+
+
 def test_invalid_ldraw_part_raises(tmp_path: Path) -> None:
     doubling = {f"d{i}": CERTIFIED + 2 * placed(f"d{i + 1}.dat") for i in range(20)}
     library = Library(

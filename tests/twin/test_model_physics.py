@@ -107,7 +107,7 @@ def test_random_physics_starts_from_the_nominal_model_each_time() -> None:
 
 
 def test_all_robots_of_an_arena_get_the_physics() -> None:
-    arena = Arena(tuple(Contestant(name, TWO_WHEELER, Place()) for name in "ab"))
+    arena = Arena(tuple(Contestant(name, TWO_WHEELER, Place(x_m=(x_m, x_m))) for x_m, name in enumerate("ab")))
     nominal = ArenaWorld(arena).model
     changed = ArenaWorld(arena, Physics(slope_deg=5.0, side_load_g=50.0, weak_motor_scale=0.7, motor_friction_scale=2.0)).model
     assert changed.body_mass.sum() == pytest.approx(nominal.body_mass.sum() + 0.1)

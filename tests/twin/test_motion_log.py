@@ -80,6 +80,9 @@ def test_drive_base_tasks_can_be_logged(tmp_path: Path) -> None:
         lambda lines: [*lines[:-1], lines[-1][:20]],
         lambda lines: [*lines[:-1], lines[-1].replace('"channels": [', '"channels": [1.0, ')],
         lambda lines: [lines[0], *lines[:0:-1]],
+        lambda lines: [*lines[:-1], json.dumps(json.loads(lines[-1]) | {"time_ms": np.inf})],
+        lambda lines: [*lines[:-1], json.dumps(json.loads(lines[-1]) | {"command": [np.nan, 0.0]})],
+        lambda lines: ["[" * 100_000, *lines[1:]],
     ],
 )
 def test_damaged_log_raises(log: RunLog, tmp_path: Path, harm) -> None:

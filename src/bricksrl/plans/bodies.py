@@ -84,7 +84,8 @@ class Bodies:
             joints = [joint for joint in self.joints if body in joint.bodies]
             if len(joints) == 2 and all(joint.is_ball for joint in joints) and not any(body in mesh[:2] for mesh in self.meshes):
                 axis = joints[1].point - joints[0].point
-                yield body, axis / np.linalg.norm(axis)
+                if (length := np.linalg.norm(axis)) > _AXIS_TOLERANCE:
+                    yield body, axis / length
 
     def rates(self, motor: int, motions: Floats) -> Floats:
         """Angular rate of a motor's shaft relative to its case in each motion [n]."""

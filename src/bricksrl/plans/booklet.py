@@ -99,14 +99,9 @@ def pages_of(plan: Plan) -> Iterator[Page]:
     for start in range(0, len(entries), _PARTS_PER_PAGE):
         items = tuple(_item(entry) for entry in entries[start : start + _PARTS_PER_PAGE])
         yield Page("Parts", "", None, items)
-    times = Counter(_kind(step) for step in plan.steps)
-    number = 0
-    for step in plan.steps:
-        if times[_kind(step)] > 0:
-            number += 1
-            yield from _step_pages(plan, step, number, times[_kind(step)] if step.assembly else 1)
-        if step.assembly:
-            times[_kind(step)] = 0
+    kinds = [_kind(plan, step) for step in plan.steps]
+    for number, (kind, times) in enumerate(Counter(kinds).items(), 1):
+        yield from _step_pages(plan, plan.steps[kinds.index(kind)], number, times)
     canvas = Canvas(_STEP_SIZE, VIEWS[3], plan.parts, plan.parts)
     cables = _cables(plan, canvas)
     if cables:
@@ -114,11 +109,12 @@ def pages_of(plan: Plan) -> Iterator[Page]:
         yield Page("Cables", note, canvas.picture(set()), (), tuple(cable.text for cable in cables), cables)
 
 
-def _kind(step: Step) -> tuple[str, int]:
-    """Key of a repeatable step: the model of its sub-assembly and its index there."""
+def _kind(plan: Plan, step: Step) -> tuple[object, ...]:
+    """Key of a repeatable step: the model of its sub-assembly, its index there, and the colours of the parts until then."""
     if not step.assembly:
-        return "", step.index
-    return step.assembly[-1].rpartition(":")[0], step.number
+        return ("", step.index)
+    colours = (plan.parts[part].colour for part in sorted(plan.present_parts(step)))
+    return (step.assembly[-1].rpartition(":")[0], step.number, *colours)
 
 
 def _item(entry: Entry) -> Item:
@@ -150,11 +146,9 @@ def _step_pages(plan: Plan, step: Step, number: int, times: int) -> Iterator[Pag
     counts = Counter((placed.part, placed.colour) for placed in new)
     items = [Item(_part_picture(part, colour), count, part.name, part.length) for (part, colour), count in counts.items()]
     groups = [[plan.parts[index] for index in group] for group in step.joined]
-    titles = Counter(_title(parts[0].assembly[len(step.assembly)]) for parts in groups)
-    for parts in groups:
-        name = _title(parts[0].assembly[len(step.assembly)])
-        if name in titles:
-            items.append(Item(draw(parts, _PART_SIZE), titles.pop(name), name))
+    names = [(_title(parts[0].assembly[len(step.assembly)]), *(placed.colour for placed in parts)) for parts in groups]
+    for name, count in Counter(names).items():
+        items.append(Item(draw(groups[names.index(name)], _PART_SIZE), count, str(name[0])))
     axles = tuple(sorted({item.axle for item in items if 0 < item.axle <= 16}))
     if len(items) > _PARTS_BESIDE_PICTURE:
         for start in range(0, len(items), _PARTS_PER_PAGE):
@@ -170,19 +164,18 @@ def _title(assembly: str) -> str:
 
 def _best_view(present: list[Placed], bright: set[int], new: set[int]) -> tuple[View, Pixels]:
     """The default view, or the one that shows the new parts best if they are hidden there."""
-    best: tuple[float, View, Canvas, Canvas] | None = None
+    best: list[tuple[float, View, Canvas, Canvas]] = []
     for view in VIEWS:
         canvas = Canvas(_STEP_SIZE, view, present, present)
         ghosts = Canvas(_STEP_SIZE, view, present, [placed for placed in present if placed.index in bright])
         share = canvas.visible(bright) / max(ghosts.visible(bright), 1)
-        if best is None or share > best[0] + 0.05:
-            best = (share, view, canvas, ghosts)
-        if best[0] > _MIN_VISIBLE:
+        if not best or share > best[-1][0] + 0.05:
+            best.append((share, view, canvas, ghosts))
+        if best[-1][0] > _MIN_VISIBLE:
             break
-    if best is None:
-        raise PlanError("a step without parts cannot be drawn; take it out of the plan")
-    fasteners = _hidden_fasteners([placed for placed in present if placed.index in new], present, best[1], best[2])
-    return best[1], best[2].picture(bright, (best[3], *fasteners))
+    _, view, canvas, ghosts = best[-1]
+    fasteners = _hidden_fasteners([placed for placed in present if placed.index in new], present, view, canvas)
+    return view, canvas.picture(bright, (ghosts, *fasteners))
 
 
 def _hidden_fasteners(new: list[Placed], present: list[Placed], view: View, canvas: Canvas) -> tuple[Canvas, ...]:

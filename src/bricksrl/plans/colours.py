@@ -36,6 +36,12 @@ def _known() -> dict[int, Colour]:
     return {int(row["code"]): Colour(int(row["code"]), row["name"], _rgb(row["rgb"]), int(row["bricklink"])) for row in rows}
 
 
+def code_of(word: str) -> int:
+    """Code of a colour in a line of an LDraw file: hexadecimal after 0x, else decimal, also with leading zeros. Raises ValueError
+    if it is no number."""
+    return int(word, 16 if word.lower().startswith("0x") else 10)
+
+
 def colour_of(code: int) -> Colour:
     """The colour of a code; grey if unknown."""
     if code >= _DIRECT:

@@ -223,7 +223,9 @@ def _right_angle(first: Placed, gear: Gear, second: Placed, other: Gear, axis: F
     if abs(float(offset @ normal)) > _NEAR_TOLERANCE or abs(error) > _NEAR_TOLERANCE:
         return None
     error += abs(float(offset @ normal))
-    point = first.point(gear.centre) + axis2 * np.sign(along2) * gear.pitch_radius
+    # On the line where the pitch cones touch, whose distances from the axes have the ratio of the teeth.
+    apex = first.point(gear.centre) + along * axis
+    point = apex - np.sign(along) * other.pitch_radius * axis + np.sign(along2) * gear.pitch_radius * axis2
     return _make_mesh(first, gear, second, other, error, 1.0, point, normal)
 
 
@@ -243,10 +245,9 @@ def _worm(first: Placed, worm: Gear, second: Placed, gear: Gear) -> Mesh | None:
         return None
     point = second.point(gear.centre) - across / distance * gear.pitch_radius
     mesh = _make_mesh(first, worm, second, gear, error, 1.0, point, axis)
-    motion = mesh.motion.copy()
-    # The thread is right-handed: turning it also moves the teeth along the axis.
-    motion[0, 3:] += axis * _WORM_LEAD / (2 * np.pi)
-    return Mesh(first.index, second.index, (worm, gear), error, 1.0, point, motion)
+    # The thread is right-handed: turning it about its axis also moves the teeth backwards along the axis.
+    mesh.motion[0, 3:] -= axis * _WORM_LEAD / (2 * np.pi)
+    return mesh
 
 
 def _rack(first: Placed, rack: Gear, second: Placed, gear: Gear) -> Mesh | None:

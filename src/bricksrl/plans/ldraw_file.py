@@ -8,7 +8,6 @@ from __future__ import annotations
 import io
 import math
 import zipfile
-import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from itertools import dropwhile
@@ -18,14 +17,15 @@ from typing import Any
 import numpy as np
 
 from bricksrl.errors import PlanError
+from bricksrl.plans.colours import code_of
 from bricksrl.plans.geometry import Floats, Triple
 
 MAX_BYTES, MAX_LINES = 8_000_000, 100_000
 MARK = "!BRICKSRL"
 """First word of our comments after the 0."""
 _STUDIO_MODELS = ("model.ldr", "model2.ldr")
-_ZIP_ERRORS = (zipfile.BadZipFile, zipfile.LargeZipFile, zlib.error, ValueError, LookupError, OSError, EOFError, RuntimeError)
-"""Errors of the zip reader on damaged files."""
+_NO_TITLES = ("Name:", "Author:", "BFC", "ROTATION")
+"""First words of lines of a header that are not the title."""
 _LIBRARY_TYPES = ("Part", "Subpart", "Shortcut", "Primitive", "8_Primitive", "48_Primitive")
 _STRETCH_TOLERANCE = 0.02
 _MAX_DEG = 36_000.0
@@ -124,7 +124,7 @@ def read_text(path: Path) -> str:
             data = file.read(MAX_BYTES + 1)
     except OSError as error:
         raise PlanError(f"{path}: {error.strerror or error}; name an LDraw file (.ldr, .mpd or .io)") from None
-    if data[:4] == b"PK\x03\x04":
+    if data[:4] == b"PK\x03\x04" and len(data) <= MAX_BYTES:
         data = _unzipped(path, data)
     if len(data) > MAX_BYTES:
         raise PlanError(
@@ -139,16 +139,15 @@ def _unzipped(path: Path, data: bytes) -> bytes:
     """The model inside a Studio file."""
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            names = set(archive.namelist())
-            name = next((name for name in _STUDIO_MODELS if name in names), None)
-            if name is None:
-                raise PlanError(f"{path} has no model.ldr; export the model from Studio as an LDraw file")
-            if archive.getinfo(name).flag_bits & 1:
-                raise PlanError(f"{path} is encrypted by Studio; open it there and export it as an LDraw file")
-            with archive.open(name) as file:
-                return file.read(MAX_BYTES + 1)
-    except _ZIP_ERRORS as error:
+            name = next((name for name in _STUDIO_MODELS if name in archive.namelist()), None)
+            if name is not None and not archive.getinfo(name).flag_bits & 1:
+                with archive.open(name) as file:
+                    return file.read(MAX_BYTES + 1)
+    except Exception as error:  # noqa: BLE001 - each method of compression has errors of its own
         raise PlanError(f"{path} is a damaged zip ({error}); save it again, or export an LDraw file") from None
+    if name is None:
+        raise PlanError(f"{path} has no model.ldr; export the model from Studio as an LDraw file")
+    raise PlanError(f"{path} is encrypted by Studio; open it there and export it as an LDraw file")
 
 
 def parse(text: str, path: str) -> Document:
@@ -159,6 +158,7 @@ def parse(text: str, path: str) -> Document:
     parser = _Parser(path)
     for number, line in enumerate(lines, 1):
         parser.parse_line(number, line.split())
+    parser.begin(Model("", len(lines)))
     models = dict(dropwhile(lambda item: not item[1].references, parser.models.items()))
     if not models:
         raise PlanError(f"{path} places no part; give an LDraw file with lines that begin with 1")
@@ -175,11 +175,10 @@ class _Parser:
         self.count: int | None = None
         self._model: Model | None = None
         self._marks: dict[str, Any] = {}
+        self._marks_line = 0
         self._handlers: dict[str, Callable[[int, list[str]], None]] = {
             "FILE": self._file,
             "NOFILE": self._end_of_file,
-            "Name:": self._ignore,
-            "Author:": self._ignore,
             "STEP": self._step,
             "ROTSTEP": self._step,
             "//": self._note,
@@ -196,7 +195,7 @@ class _Parser:
             handler = self._handlers.get(words[1])
             if handler is not None:
                 handler(number, words[2:])
-            elif not self._current(number).title and not words[1].startswith("!"):
+            elif not (self._current(number).title or words[1].startswith("!") or words[1] in _NO_TITLES):
                 self._current(number).title = " ".join(words[1:])
         elif words[0] == "1":
             self._reference(number, words)
@@ -208,24 +207,24 @@ class _Parser:
             self._model = self.models[""] = Model(Path(self.path).name, number)
         return self._model
 
+    def begin(self, model: Model) -> None:
+        """End the present model, and begin another one. Raises PlanError if a comment of ours has no part after it."""
+        if self._marks:
+            raise self._error(self._marks_line, "no part follows this comment", "move it before the part it describes")
+        self._model = model
+
     def _file(self, number: int, words: list[str]) -> None:
         name = " ".join(words)
-        key = key_of(name)
-        if key in self.models and key.endswith(".dat"):
-            self._model = Model(name, number)  # files with embedded parts have some of them twice
-            return
-        if not name or key in self.models:
-            raise self._error(
-                number, f"'{name}' is the name of two models" if name else "a model without a name", "give each one its own"
-            )
-        self._model = self.models[key] = Model(name, number)
+        key, model = key_of(name), Model(name, number)
+        if not name or (key in self.models and not key.endswith(".dat")):
+            fault = f"'{name}' is the name of two models" if name else "a model without a name"
+            raise self._error(number, fault, "give each one its own")
+        self.models.setdefault(key, model)  # files with embedded parts have some of them twice
+        self.begin(model)
 
     def _end_of_file(self, number: int, _words: list[str]) -> None:
         """The end of a model: what follows, up to the next one, belongs to none."""
-        self._model = Model("", number)
-
-    def _ignore(self, _number: int, _words: list[str]) -> None:
-        """A line of the header that is not the title."""
+        self.begin(Model("", number))
 
     def _step(self, number: int, _words: list[str]) -> None:
         self._current(number).step += 1
@@ -246,6 +245,7 @@ class _Parser:
 
     def _own_comment(self, number: int, words: list[str]) -> None:
         key, values = (words[0], tuple(words[1:])) if words else ("", ())
+        self._marks_line = self._marks_line if key in ("ROBOT", "PARTS") else number
         if key == "ROBOT" and len(values) == 1:
             self.robot = values[0]
         elif key == "PARTS" and len(values) == 1 and values[0].isdecimal() and len(values[0]) < 6:
@@ -265,7 +265,7 @@ class _Parser:
 
     def _reference(self, number: int, words: list[str]) -> None:
         try:
-            colour = int(words[1], 16 if words[1].lower().startswith("0x") else 10)  # "04" is decimal
+            colour = code_of(words[1])
             numbers = [float(word) for word in words[2:14]]
         except (ValueError, IndexError):
             numbers = []

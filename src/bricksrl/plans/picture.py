@@ -214,6 +214,6 @@ def _gradients(corners: Floats, depth: Floats) -> tuple[Floats, Floats]:
     return np.where(is_flat, 0.0, slope_x), np.where(is_flat, 0.0, slope_y)
 
 
-def draw(parts: Sequence[Placed], size: tuple[int, int], view: View = VIEWS[0], bright: set[int] | None = None) -> Pixels:
+def draw(parts: Sequence[Placed], size: tuple[int, int]) -> Pixels:
     """A picture [height, width, 3] of parts."""
-    return Canvas(size, view, parts, parts).picture(bright)
+    return Canvas(size, VIEWS[0], parts, parts).picture()

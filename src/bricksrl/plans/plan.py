@@ -169,14 +169,19 @@ class _Builder:
             )
         first = len(self.parts)
         for number, group in itertools.groupby(model.references, lambda reference: reference.step):
-            references = tuple(group)
-            joined = tuple(filter(None, (self._join(ref, colour, matrix, offset, assembly) for ref in references)))
-            step = len(self.steps)
-            new = tuple(filter(None, (self._place(ref, colour, matrix, offset, step, assembly) for ref in references)))
-            if new or joined:
-                note = " ".join(model.notes.get(number, ()))
-                self.steps.append(Step(step, tuple(placed.index for placed in new), joined, assembly, number, note))
+            references = [(self._located(ref, colour, matrix, offset), self._assembly(ref)) for ref in group]
+            joined = [self._join(ref, inner, assembly) for ref, inner in references if inner is not None]
+            step, groups = len(self.steps), tuple(filter(None, joined))
+            placed = [self._place(ref, step, assembly) for ref, inner in references if inner is None]
+            new = tuple(part.index for part in placed if part is not None)
+            if new or groups:
+                self.steps.append(Step(step, new, groups, assembly, number, " ".join(model.notes.get(number, ()))))
         return tuple(range(first, len(self.parts)))
+
+    def _located(self, reference: Reference, colour: int, matrix: Floats, offset: Floats) -> Reference:
+        """A reference of a placed model, in the plan's frame and with its colour."""
+        colour = colour if reference.colour == _MAIN_COLOUR else reference.colour
+        return replace(reference, colour=colour, matrix=matrix @ reference.matrix, offset=matrix @ reference.offset + offset)
 
     def _assembly(self, reference: Reference) -> Model | None:
         """The sub-model of a reference, or ``None`` for a part."""
@@ -190,17 +195,11 @@ class _Builder:
         models = self.document.models
         return not any(catalogue.find(part.name) or ldraw_file.key_of(part.name) in models for part in model.references)
 
-    def _join(
-        self, reference: Reference, colour: int, matrix: Floats, offset: Floats, assembly: tuple[str, ...]
-    ) -> tuple[int, ...]:
-        model = self._assembly(reference)
-        if model is None:
-            return ()
+    def _join(self, reference: Reference, model: Model, assembly: tuple[str, ...]) -> tuple[int, ...]:
         self._count(reference)
         self._check(reference)
-        colour = colour if reference.colour == _MAIN_COLOUR else reference.colour
-        offset = matrix @ reference.offset + offset
-        parts = self.build(model, colour, matrix @ reference.matrix, offset, (*assembly, f"{model.name}:{reference.line}"))
+        inner = (*assembly, f"{model.name}:{reference.line}")
+        parts = self.build(model, reference.colour, reference.matrix, reference.offset, inner)
         if reference.is_free or reference.is_fixed or reference.ball is not None:
             raise self._fault(reference, f"'{reference.name}' is no part; write FREE, FIXED and BALL before a part in it")
         if reference.port is not None:
@@ -217,26 +216,21 @@ class _Builder:
         port, device, angle_deg = reference.port, reference.device, reference.angle_deg
         self.parts[devices[0].index] = replace(devices[0], port=port, device=device, angle_deg=angle_deg)
 
-    def _place(
-        self, reference: Reference, colour: int, matrix: Floats, offset: Floats, step: int, assembly: tuple[str, ...]
-    ) -> Placed | None:
-        if self._assembly(reference) is not None:
-            return None
+    def _place(self, reference: Reference, step: int, assembly: tuple[str, ...]) -> Placed | None:
         self._count(reference)
         part = catalogue.find(reference.name)
         if part is None:
             self.unknown.setdefault(reference.name.lower().removesuffix(".dat"), []).append(reference.line)
             return None
         self._check(reference)
-        rotation, marks = matrix @ reference.matrix, reference.marks
+        rotation, marks = reference.matrix, reference.marks
         if np.linalg.det(rotation) < 0.0:  # editors mirror halves of a model; a symmetric part can be turned instead
             if part.mirror is None:
                 raise self._fault(reference, f"'{reference.name}' is mirrored, and {part.name} has a left and a right; turn it")
             rotation = rotation * part.mirror
             marks["ball"] = None if reference.ball is None else triple(np.array(reference.ball) * part.mirror)
-        colour = colour if reference.colour == _MAIN_COLOUR else reference.colour
-        position = matrix @ reference.offset + offset
-        placed = Placed(len(self.parts), part, colour, rotation, position, step, reference.line, assembly, **marks)
+        line = reference.line
+        placed = Placed(len(self.parts), part, reference.colour, rotation, reference.offset, step, line, assembly, **marks)
         self.parts.append(placed)
         return placed
 

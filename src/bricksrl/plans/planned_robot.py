@@ -38,10 +38,9 @@ class PlannedRobot:
     trains: tuple[Train, ...]
     articulation: Articulation
 
-    def device(self, port: str) -> Placed | None:
-        """The motor or sensor on a port."""
-        devices = self.plan.devices(DeviceKind.MOTOR, DeviceKind.SENSOR)
-        return next((placed for placed in devices if placed.port == port), None)
+    def device(self, port: str) -> Placed:
+        """The motor or sensor on a port of the plan."""
+        return next(placed for placed in self.plan.devices(DeviceKind.MOTOR, DeviceKind.SENSOR) if placed.port == port)
 
     @property
     def rolling(self) -> tuple[Rolling, ...]:
@@ -63,11 +62,11 @@ def planned_robot(path: Path) -> PlannedRobot:
         state = path.stat()
     except OSError as error:
         raise PlanError(f"{path}: {error.strerror or error}; name an LDraw file (.ldr, .mpd or .io)") from None
-    return _planned(path.resolve(), state.st_mtime_ns, state.st_size, str(path))
+    return _planned(path, path.resolve(), state.st_mtime_ns, state.st_size)
 
 
 @functools.lru_cache(maxsize=16)
-def _planned(path: Path, _changed_ns: int, _size: int, _name: str) -> PlannedRobot:
+def _planned(path: Path, _resolved: Path, _changed_ns: int, _size: int) -> PlannedRobot:
     return planned(read_plan(path))
 
 

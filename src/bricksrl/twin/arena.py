@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import copy
 import functools
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -31,6 +32,8 @@ from bricksrl.twin.models.mjcf import (
     new_spec,
     yaw_quaternion,
 )
+from bricksrl.twin.models.planned_looks import Spinners
+from bricksrl.twin.models.rods import Rods
 from bricksrl.twin.models.scenery import add_geom
 from bricksrl.twin.mujoco_body import MujocoBody, Pose
 from bricksrl.twin.physics import Physics
@@ -59,6 +62,11 @@ class Place:
         x_m, y_m, heading_deg = (float(rng.uniform(*bounds)) for bounds in (self.x_m, self.y_m, self.heading_deg))
         return Pose(x_m, y_m, heading_deg)
 
+    def farthest_m(self, other: Place) -> float:
+        """Largest distance between a position drawn here and one drawn at another place."""
+        ranges = ((self.x_m, other.x_m), (self.y_m, other.y_m))
+        return math.hypot(*(max(abs(high - low2), abs(high2 - low)) for (low, high), (low2, high2) in ranges))
+
 
 @dataclass(frozen=True)
 class Contestant:
@@ -83,7 +91,8 @@ class Load:
 
 @dataclass(frozen=True)
 class Arena:
-    """Robots, start places and scene. Raises TwinError if names are not unique or there are too many motors.
+    """Robots, start places and scene. Raises TwinError if names are not unique, there are too many motors, or two robots cannot
+    keep the gap at the start.
 
     Attributes:
         half_size_m: half size of the floor within the walls, along x and y; ``None`` for an open floor.
@@ -101,6 +110,10 @@ class Arena:
             raise TwinError(f"an arena of {', '.join(names) or 'nothing'}; give each robot and each load a name of its own")
         if sum(len(contestant.robot.motors) for contestant in self.robots) > _MAX_MOTORS:
             raise TwinError(f"the robots of an arena have more than {_MAX_MOTORS} motors; take fewer robots")
+        for one, other in itertools.combinations(self.robots, 2):
+            if one.place.farthest_m(other.place) < self.gap_m:
+                text = f"'{one.name}' and '{other.name}' can never start {self.gap_m:g} m apart"
+                raise TwinError(f"{text}; give them other places, or the arena a smaller gap_m")
 
 
 @functools.lru_cache(maxsize=4)
@@ -123,6 +136,7 @@ def _compiled(arena: Arena) -> mujoco.MjModel:
                 geom.contype, geom.conaffinity = 1 | 2 << number, others
         for light in list(child.lights):
             child.delete(light)
+        child.option.jacobian = spec.option.jacobian  # one for all
         world.add_frame().attach_body(chassis, f"{contestant.name}/", "")
         spec.body(f"{contestant.name}/chassis").add_geom(
             type=mujoco.mjtGeom.mjGEOM_CYLINDER,
@@ -279,7 +293,8 @@ class ArenaBody(MujocoBody):
         root = int(chassis.jntadr[0])
         self.base_address, self._base_dof = int(model.jnt_qposadr[root]), int(model.jnt_dofadr[root])
         self._base = FloatingBase(model, data, self.base_address, self._base_dof, f"{prefix}imu")
-        self._bind_sonars(prefix, int(chassis.id))
+        self._bind_sensors(prefix, int(chassis.id))
+        self._rods, self._spinners = Rods(model), Spinners(model)
         self._detected_groups = np.zeros(6, np.uint8)
         self._detected_groups[[OBSTACLE_GROUP, SHAPE_GROUP]] = 1  # other robots too
         self._qpos, self._qvel = data.qpos, data.qvel
@@ -316,8 +331,3 @@ class ArenaBody(MujocoBody):
         self._open_circuits = self._arena.open_circuits
         super().set_voltage(port, voltage_mv)
         self._arena.open_circuits = self._open_circuits
-
-    def update_visuals(self) -> None:
-        """Update the drawn geometry to the joint positions."""
-        mujoco.mj_kinematics(self.model, self.data)
-        mujoco.mj_camlight(self.model, self.data)

@@ -42,9 +42,22 @@ class Turns:
 
 
 class _Base:
-    """What carries a hub; ``_to_hub`` is the quaternion [4] from its axes to the hub's."""
+    """What carries a hub; ``_to_hub`` is the quaternion [4] from its axes to the hub's, ``_position`` and ``_frame`` are the
+    origin [3] and the quaternion [4] of the robot's first body, which carries its sensors."""
 
     _to_hub: Vector
+    _position: Vector
+    _frame: Vector
+
+    def position(self) -> Vector:
+        """Origin of the robot's first body [3] in the world, m."""
+        return self._position
+
+    def in_world(self, vector: Vector) -> Vector:
+        """A vector [3] of the axes of the robot's first body, in the world's."""
+        rotated = np.empty(3)
+        mujoco.mju_rotVecQuat(rotated, vector, self._frame)
+        return rotated
 
     def in_hub(self, vector: Vector) -> Vector:
         """A vector [3] of the axes of the part that carries the hub, in the hub's."""
@@ -64,23 +77,19 @@ class FloatingBase(_Base):
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, position: int = 0, dof: int = 0, imu: str = "imu") -> None:
         self._gravity = model.opt.gravity
         self._hub, self._to_hub = hub_mount(model, imu)
-        self._position: Vector = data.qpos[position : position + 3]
-        self._orientation: Vector = data.qpos[position + 3 : position + 7]
+        self._position = data.qpos[position : position + 3]
+        self._frame = data.qpos[position + 3 : position + 7]
         self._spin: Vector = data.qvel[dof + 3 : dof + 6]
         self._qacc: Vector = data.qacc[dof : dof + 6]
 
-    def position(self) -> Vector:
-        """Origin of the chassis [3] in the world, m."""
-        return self._position
-
     def orientation(self) -> Vector:
         """Quaternion [4] from the chassis' axes to the world's."""
-        return self._orientation
+        return self._frame
 
     def up(self, vertical: Vector) -> Vector:
         """A direction [3] of the world in the hub's axes."""
         from_world, rotated = np.empty(4), np.empty(3)
-        mujoco.mju_negQuat(from_world, self._orientation)
+        mujoco.mju_negQuat(from_world, self._frame)
         mujoco.mju_rotVecQuat(rotated, vertical, from_world)
         return self.in_hub(rotated)
 
@@ -92,7 +101,7 @@ class FloatingBase(_Base):
         """Specific force at the hub, as an accelerometer measures it [3], in the hub's axes, m/s2; at rest +9.81 upwards."""
         spin, angular = self._spin, self._qacc[3:6]
         to_hub, force = np.empty(4), np.empty(3)
-        mujoco.mju_negQuat(to_hub, self._orientation)
+        mujoco.mju_negQuat(to_hub, self._frame)
         mujoco.mju_rotVecQuat(force, self._qacc[0:3] - self._gravity, to_hub)
         force += np.cross(angular, self._hub) + np.cross(spin, np.cross(spin, self._hub))
         return self.in_hub(force)
@@ -109,10 +118,8 @@ class FixedBase(_Base):
         self._site = int(model.site("imu").id)
         self._body = int(model.site_bodyid[self._site])
         self._to_hub = hub_mount(model, "imu")[1]
-
-    def position(self) -> Vector:
-        """Origin of the base [3] in the world, m."""
-        return np.zeros(3)
+        first = int(model.body_rootid[self._body])
+        self._position, self._frame = data.xpos[first], data.xquat[first]
 
     def orientation(self) -> Vector:
         """Quaternion [4] from the axes of the part that carries the hub to the world's."""

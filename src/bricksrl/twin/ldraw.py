@@ -18,6 +18,7 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 
 from bricksrl.errors import TwinError
+from bricksrl.plans.colours import code_of
 from bricksrl.plans.geometry import Floats
 
 Triangles = dict[int, Floats]
@@ -31,7 +32,6 @@ _DIRECT_COLOUR = 0x2000000
 _MAX_DEPTH = 24
 _MAX_FILE_BYTES = 8_000_000
 _MAX_TRIANGLES, _MAX_VISITS = 400_000, 20_000
-_CORNERS = {"3": 3, "4": 4}
 _COLOUR = re.compile(r"0 !COLOUR\s+\S+\s+CODE\s+(\d{1,9})\s+VALUE\s+#([0-9A-Fa-f]{6})\b")
 _ALPHA = re.compile(r"\bALPHA\s+(\d{1,3})\b")
 _log = logging.getLogger(__name__)
@@ -174,8 +174,8 @@ def _read_line(
     inverted: bool,
 ) -> None:
     try:
-        colour = int(words[1], 0)
-        count = 12 if words[0] == "1" else 3 * _CORNERS[words[0]]
+        colour = code_of(words[1])
+        count = 12 if words[0] == "1" else 3 * int(words[0])
         numbers = [float(word) for word in words[2 : 2 + count]]
     except (ValueError, IndexError):
         return

@@ -155,11 +155,12 @@ def read_log(path: Path) -> RunLog:
                 len(lines) + 1, len(interface.channels)
             ),
         )
-        if not np.isfinite(log.channels).all() or (np.diff(log.times_ms) < 0).any():
+        numbers = np.concatenate([log.channels.ravel(), log.commands.ravel(), log.gaps_ms])
+        if not np.isfinite(numbers).all() or (np.diff(log.times_ms) < 0).any():
             raise ValueError("a number is missing or time runs backwards")
     except OSError as error:
         raise TwinError(f"cannot read the log {path} ({error.strerror}); give a file that `bricksrl twin record` wrote") from None
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
         raise TwinError(f"cannot read the log {path} ({error}); give a file that `bricksrl twin record` wrote") from None
     return log
 

@@ -112,15 +112,12 @@ class MujocoBody:
         self._bind_motors()
         self._open_circuits = 0
         self._backlash = backlash_joints(model)
-        self._feet = [geom for geom in range(model.ngeom) if model.geom(geom).name.startswith("foot_")]
+        feet = [geom for geom in range(model.ngeom) if model.geom(geom).name.startswith("foot_")]
+        self._feet = feet if len(feet) > 1 else []  # nothing stands on one
         self._moves = bool(model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE)
         self._base = FloatingBase(model, data) if self._moves else FixedBase(model, data)
         self._rods, self._spinners = Rods(model), Spinners(model)
-        self._bind_sonars()
-        sensors = [sensor for sensor in self.robot.sensors if isinstance(sensor, PoweredUpSensor) and senses(sensor)]
-        self._sensor_kinds = {sensor.port: sensor.kind for sensor in sensors}
-        self._sensor_frames = {sensor.port: self._site(f"sensor_{sensor.port}") for sensor in sensors}
-        self._world = WorldSenses(model, data, self.scene)
+        self._bind_sensors()
         # A pushable block has a free joint, after the robot's joints.
         self._block_addresses = [int(model.joint(f"object_{number}").qposadr[0]) for number in self._pushable()]
         self._detected_groups = np.zeros(6, np.uint8)
@@ -142,13 +139,19 @@ class MujocoBody:
         self._shaft = {port: (int(joints[port].qposadr[0]), gear * math.degrees(1000.0)) for port, gear in self._gears.items()}
         self._terminals = {port: (index, 1 << int(model.actuator_group[index])) for port, index in actuators.items()}
 
-    def _bind_sonars(self, prefix: str = "", undetected_body: int = -1) -> None:
-        """Look up the ultrasonic sensors, which do not detect ``undetected_body``."""
+    def _bind_sensors(self, prefix: str = "", undetected_body: int = -1) -> None:
+        """Look up the sensors; those for ultrasound do not detect ``undetected_body``."""
         rays = np.array([(math.cos(math.radians(angle)), math.sin(math.radians(angle)), 0.0) for angle in _CONE_DEG])
         ports = [sensor.port for sensor in self.robot.sensors if isinstance(sensor, UltrasonicSensor)]
         sites = {port: self._site(f"{prefix}ultrasonic_{port}") for port in ports}
         self._sonars = {port: (position, rays @ frame.T) for port, (position, frame) in sites.items()}
         self._undetected_body = undetected_body
+        sensors = [sensor for sensor in self.robot.sensors if isinstance(sensor, PoweredUpSensor) and senses(sensor)]
+        self._sensor_kinds = {sensor.port: sensor.kind for sensor in sensors}
+        self._sensor_frames = {port: self._site(f"{prefix}sensor_{port}") for port in self._sensor_kinds}
+        forces = [port for port, kind in self._sensor_kinds.items() if kind is SensorKind.FORCE]
+        self._forces = {port: self.data.sensor(f"{prefix}force_{port}").data for port in forces}
+        self._world = WorldSenses(self.model, self.data, self.scene)
 
     def _site(self, name: str) -> tuple[Vector, NDArray[np.float64]]:
         """Position of a site on the chassis [3], and its axes as columns [3, 3]. Raises TwinError if there is no such site."""
@@ -234,7 +237,7 @@ class MujocoBody:
         if self.scene.wall_distance_mm is not None:
             distance_m = float(rng.uniform(*self.scene.wall_distance_mm)) / 1000
             wall = self.model.geom("wall")
-            sonar_m = self._in_world(next(iter(self._sonars.values()))[0])
+            sonar_m = self._base.in_world(next(iter(self._sonars.values()))[0])
             self._qpos[0] = wall.pos[0] - wall.size[0] - distance_m - sonar_m[0]
             self._qpos[1] = -sonar_m[1]
 
@@ -317,10 +320,10 @@ class MujocoBody:
     def distance_mm(self, port: str) -> int:
         """Distance to the nearest obstacle or robot that one of five rays in a cone of 24 degrees hits, with noise; 40..2000."""
         position, rays = self._sonars[port]
-        origin = self._in_world(position) + self._base.position()
+        origin = self._base.in_world(position) + self._base.position()
         nearest_mm = math.inf
         for ray in rays:
-            direction = self._in_world(ray)
+            direction = self._base.in_world(ray)
             distance_m = mujoco.mj_ray(
                 self.model, self.data, origin, direction, self._detected_groups, True, self._undetected_body, None
             )
@@ -338,11 +341,11 @@ class MujocoBody:
         if sense is Sense.TILT:
             return self.tilt_deg()
         if sense is Sense.FORCE:
-            return float(self.data.sensor(f"force_{port}").data[0])
+            return float(self._forces[port][0])
         if sense is Sense.COUNT:
             return 0.0
         position, frame = self._sensor_frames[port]
-        eye, gaze = self._in_world(position) + self._base.position(), self._in_world(frame[:, 0].copy())
+        eye, gaze = self._base.in_world(position) + self._base.position(), self._base.in_world(frame[:, 0].copy())
         if sense is Sense.DISTANCE:
             return percent(self._world.distance_mm(eye, gaze), _INFRARED_RANGE_MM[kind])
         if sense is Sense.AMBIENT:
@@ -384,9 +387,3 @@ class MujocoBody:
         self._update_turns()
         x, y, z = np.degrees(self._base.in_hub(self._turns.rotation_rad)).tolist()
         return x, y, z
-
-    def _in_world(self, vector: Vector) -> Vector:
-        """A vector of the chassis' frame, rotated to world axes."""
-        rotated = np.empty(3)
-        mujoco.mju_rotVecQuat(rotated, vector, self._base.orientation())
-        return rotated

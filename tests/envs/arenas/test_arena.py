@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,9 +15,10 @@ from bricksrl.envs.arenas import get_arena_task, make_arena
 from bricksrl.envs.arenas.tag import TAG
 from bricksrl.envs.arenas.task import ArenaState, seen_from, steer_towards
 from bricksrl.errors import BricksError, DescriptionError, HubError, TwinError, UnknownNameError
-from bricksrl.robots import TWO_WHEELER
+from bricksrl.robots import SCOUT, TWO_WHEELER, WALKER, Mount, PoweredUpSensor, SensorKind
 from bricksrl.robots.robo_arm import ROBO_ARM
 from bricksrl.twin.arena import Arena, ArenaWorld, Contestant, Place
+from bricksrl.virtual_hub.stimuli import Sense
 
 
 def acted(env: Any, state: TensorDict, **actions: list[list[float]]) -> TensorDict:
@@ -121,6 +123,41 @@ def test_robots_collide_and_see_each_other() -> None:
     assert 0.09 < b.x_m - a.x_m < 0.2, "nose to nose"
 
 
+def test_robots_have_all_of_their_sensors() -> None:
+    bump = PoweredUpSensor("bump", "F", SensorKind.FORCE, Mount((90, 0, 28), "ahead"))
+    robot = replace(SCOUT, sensors=(*SCOUT.sensors, bump))
+    places = (Place(x_m=(-0.4, -0.4)), Place(x_m=(0.4, 0.4), heading_deg=(90.0, 90.0)))
+    world = ArenaWorld(
+        Arena(tuple(Contestant(name, robot, place) for name, place in zip("ab", places, strict=True)), half_size_m=(1, 0.3))
+    )
+    world.place(np.random.default_rng(0))
+    for body in world.bodies:
+        brightness = body.sensed("B", Sense.SURFACE)
+        assert isinstance(brightness, tuple) and brightness[2] > 50.0  # the floor
+        assert body.sensed("F", Sense.FORCE) == 0.0
+        for port, voltage_mv in (("E", -5000), ("A", 5000)):
+            body.set_voltage(port, voltage_mv)
+    world._advance_to(1200)
+    forces = [body.sensed("F", Sense.FORCE) for body in world.bodies]
+    assert forces[0] == 0.0 < forces[1]  # the second one pushes the wall at its right
+
+
+def test_rods_of_walkers_are_drawn_between_their_pins() -> None:
+    places = (Place(), Place(x_m=(0.5, 0.5)))
+    world = ArenaWorld(Arena(tuple(Contestant(name, WALKER, place) for name, place in zip("ab", places, strict=True))))
+    world.place(np.random.default_rng(0))
+    for body, voltage_mv in zip(world.bodies, (3000, -4000), strict=True):
+        for motor in WALKER.motors:
+            body.set_voltage(motor.port, voltage_mv)
+    world._advance_to(400)
+    world.bodies[0].update_visuals()
+    rods = [f"{name}/rod_{motor.port}" for name in "ab" for motor in WALKER.motors]
+    for rod in rods:
+        drawn, pin = world.data.body(rod), world.data.site(f"{rod}_far")
+        along = (pin.xpos - drawn.xpos) / np.linalg.norm(pin.xpos - drawn.xpos)
+        assert drawn.xmat.reshape(3, 3)[:, 2] == pytest.approx(along, abs=1e-6)
+
+
 def test_beam_needs_two_robots() -> None:
     env = make_arena("Carry-v0", seed=2)
     push = env.task.scripts["push"]
@@ -169,8 +206,6 @@ def test_runner_script_outlasts_straight_escape() -> None:
 
 def test_simulation_matches_arena() -> None:
     """Equal commands lead to equal places within a few centimetres."""
-    from dataclasses import replace
-
     task = get_arena_task("Tag-v0")
     fixed = [Place((x_m, x_m), (0.0, 0.0), (0.0, 0.0)) for x_m in (-0.5, 0.2)]
     robots = tuple(replace(one, place=place) for one, place in zip(task.arena.robots, fixed, strict=True))
@@ -197,5 +232,7 @@ def test_invalid_arguments_raise() -> None:
     place = Place()
     with pytest.raises(TwinError, match="a name of its own"):
         Arena((Contestant("a", TWO_WHEELER, place), Contestant("a", TWO_WHEELER, place)))
+    with pytest.raises(TwinError, match="'a' and 'b' can never start 0.3 m apart"):  # drawing places would not end
+        Arena(tuple(Contestant(name, TWO_WHEELER, Place(x_m=(0.0, 0.2), y_m=(-0.1, 0.1))) for name in "ab"))
     with pytest.raises(TwinError, match="fixed base"):
         ArenaWorld(Arena((Contestant("arm", ROBO_ARM, place),)))

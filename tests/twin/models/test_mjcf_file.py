@@ -98,6 +98,20 @@ def test_mismatched_model_raises(rover: Robot, change: dict[str, object], says: 
         ("<mujoco", "is not an MJCF file"),
         ("<mujoco/>", "has no body"),
         (ROVER_XML.replace('0.028">', '0.028 3 4">'), "not an MJCF|compile"),
+        (ROVER_XML.replace('<joint name="left"', '<joint name="left" type="slide"'), "has no hinge 'left' .* .it has: right."),
+        (
+            ROVER_XML.replace("<worldbody>", '<worldbody><geom name="floor" type="plane" size="1 1 1"/>'),
+            "'floor' in geom; take it out",
+        ),
+        (
+            ROVER_XML.replace('<joint name="left"', '<site name="imu"/><joint name="left"'),
+            "'imu' on 'left_wheel'; put it on the first",
+        ),
+        (
+            ROVER_XML.replace('<site name="eyes" pos="0.07 0 0.02"/>', "").replace("<joint", '<site name="eyes"/><joint', 1),
+            "'eyes' on",
+        ),
+        (ROVER_XML.replace("<freejoint/>", '<freejoint/><camera name="chase"/>'), "'chase' in camera; take it out"),
     ],
 )
 def test_invalid_mjcf_raises(rover: Robot, text: str, says: str) -> None:
@@ -105,6 +119,21 @@ def test_invalid_mjcf_raises(rover: Robot, text: str, says: str) -> None:
     with pytest.raises(TwinError, match=says) as caught:
         make_body(rover)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["rod_left", "spin_left"])
+def test_body_may_have_a_name_that_begins_as_ours_do(rover: Robot, name: str) -> None:
+    Path(str(rover.model)).write_text(ROVER_XML.replace("left_wheel", name))
+    body = make_body(rover)
+    assert isinstance(body, MujocoBody)
+    body.update_visuals()
+
+
+def test_robot_with_one_foot_settles_on_the_floor(rover: Robot) -> None:
+    Path(str(rover.model)).write_text(ROVER_XML.replace('<geom type="sphere"', '<geom name="foot_back" type="sphere"', 1))
+    body = make_body(rover)
+    assert isinstance(body, MujocoBody)
+    assert body.data.qpos[2] == pytest.approx(0.028, abs=0.001)
 
 
 def test_wall_needs_ultrasonic_sensor(rover: Robot) -> None:

@@ -194,6 +194,23 @@ def test_plan_of_other_robot_raises() -> None:
         make_body(replace(TWO_WHEELER, model=str(PLANS / "walker.ldr")))
 
 
+def test_plan_without_hub_raises(tmp_path: Path) -> None:
+    lines = (PLANS / "two_wheeler.ldr").read_text(encoding="utf-8").splitlines()
+    path = tmp_path / "headless.ldr"
+    path.write_text("\n".join(line for line in lines if "67718.dat" not in line), encoding="utf-8")
+    with pytest.raises(TwinError, match="has no hub that is connected to the robot; add one"):
+        make_body(replace(TWO_WHEELER, model=str(path)))
+
+
+def test_motor_that_lies_beside_the_robot_raises(tmp_path: Path) -> None:
+    text = (PLANS / "two_wheeler.ldr").read_text(encoding="utf-8")
+    path = tmp_path / "apart.ldr"
+    lost = "0 !BRICKSRL PORT B lost\n1 15 900 0 0 1 0 0 0 1 0 0 0 1 54696p02.dat\n0 NOFILE"
+    path.write_text(text.replace("0 NOFILE", lost, 1).replace("PARTS 36", "PARTS 37"), encoding="utf-8")
+    with pytest.raises(TwinError, match=r"Medium angular motor .* is not connected to the main body; add a pin or an axle"):
+        make_body(Robot("two", HubKind.PRIME, plan=str(path)))
+
+
 def test_hub_must_look_as_described(tmp_path: Path) -> None:
     text = (PLANS / "robo_arm.ldr").read_text(encoding="utf-8").replace("0 !BRICKSRL FIXED\n", "")
     path = tmp_path / "arm.ldr"

@@ -69,6 +69,17 @@ class TestRod:
 
         assert motion(True) == motion(False)
 
+    def test_rods_of_one_motor_have_its_name_and_a_number(self) -> None:
+        spec = mujoco.MjSpec()
+        bodies = [spec.worldbody.add_body(pos=[0.1 * number, 0.0, 0.0]) for number in range(3)]
+        for body in bodies:
+            body.add_geom(size=[0.01, 0, 0])
+        rods = [add_rod(spec, "A", (bodies[0], (0.0, 0.0, 0.0)), (far, (0.0, 0.0, 0.0))) for far in bodies[1:]]
+        assert [rod.name for rod in rods] == ["rod_A", "rod_A_1"]
+        model = spec.compile()
+        assert model.tendon_length0.tolist() == pytest.approx([0.1, 0.2])
+        assert len(Rods(model)._ends) == 2
+
     def test_model_without_rods_is_unchanged(self) -> None:
         model = mujoco.MjSpec().compile()
         Rods(model).turn(model, mujoco.MjData(model))

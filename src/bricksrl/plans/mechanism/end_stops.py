@@ -26,8 +26,7 @@ def free_deg(planned: PlannedRobot, port: str, low: float, high: float) -> tuple
     Angles are readings of the rotation sensor; the range includes the plan's angle.
     """
     drive = next(drive for drive in planned.articulation.drives if drive.port == port)
-    placed = planned.device(port)
-    start = 0.0 if placed is None else placed.angle_deg
+    start = planned.device(port).angle_deg
     sweep = _Sweep(planned, drive)
     ends = []
     for end in (low, high):
@@ -41,8 +40,7 @@ class _Sweep:
 
     def __init__(self, planned: PlannedRobot, drive: Drive) -> None:
         articulation = planned.articulation
-        motor = planned.device(drive.port)
-        number = None if motor is None else motor.index
+        number = planned.device(drive.port).index
         self._parts = tuple(_case(part) if part.index == number else part for part in planned.plan.parts)
         # In the plan's frame, LDU.
         self._axis, self._point = TO_TWIN.T @ drive.joint.axis, TO_TWIN.T @ drive.joint.point_m / M_PER_LDU

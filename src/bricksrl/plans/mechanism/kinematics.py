@@ -186,8 +186,8 @@ def _is_coaxial(first: Joint, second: Joint) -> bool:
 
 def _ratios(rates: list[Floats], shaft_rates: list[Floats]) -> Floats:
     """Turns of each hinge per turn of each motor [hinges, motors]."""
-    if not shaft_rates:
-        return np.zeros((len(rates), 0))
+    if not (rates and shaft_rates):
+        return np.zeros((len(rates), len(shaft_rates)))
     return np.asarray(np.round(np.stack(rates) @ np.linalg.pinv(np.stack(shaft_rates)), 6)) + 0.0
 
 

@@ -131,7 +131,7 @@ def _add_masses(chassis: mujoco.MjsBody, robot: Robot, frame: _Frame) -> None:
     add_box(chassis, (frame.hub[0], 0.0, frame_z), (88.0, 48.0, 8.0), _FRAME_KG + robot.chassis.ballast_g / 1000)
     x, y = robot.chassis.caster_mm
     centre = (x / 1000, y / 1000, (_CASTER_RADIUS_MM - frame.axle) / 1000)
-    add_caster(chassis, centre, _CASTER_RADIUS_MM / 1000, _CASTER_KG)
+    add_caster(chassis, "caster", centre, _CASTER_RADIUS_MM / 1000, _CASTER_KG)
 
 
 def _add_wheel(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, motor: Motor, side: float, frame: _Frame) -> None:
@@ -139,7 +139,7 @@ def _add_wheel(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, motor: Motor, side:
     rotor = add_rotor(spec, chassis, motor, (0.0, side * frame.half_track / 1000, 0.0), gear=motor.shaft_turns)
     mass_kg = _WHEEL_KG * (2 * frame.axle / _WHEEL_MM) ** 2
     wheel = add_driven(rotor, f"wheel_{motor.port}", motor.port, (0.0, 1.0, 0.0))
-    add_tyre(wheel, motor.port, frame.axle / 1000, _TYRE_WIDTH_MM / 2000, mass_kg)
+    add_tyre(wheel, f"tyre_{motor.port}", (frame.axle / 1000, _TYRE_WIDTH_MM / 2000, frame.axle / 1000), mass_kg)
     length = frame.half_track - _motor_y(frame)
     draw(spec, rotor, [lego.axle(max(length, 16.0)).at(0, -side * length / 2, 0)])
     draw(spec, wheel, [lego.wheel(2 * frame.axle)])

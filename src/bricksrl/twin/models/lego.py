@@ -96,10 +96,9 @@ def hub() -> Part:
     return from_library("hub", "white", part)
 
 
-def medium_motor(width: float = 31.0) -> Part:
+def medium_motor() -> Part:
     """Medium motor along x, 72 long, its outputs towards +y and -y, 24 from the front; origin on the outputs' axis."""
-    case = medium_motor_case(width)
-    return Part((*case.shapes, ("dark_grey", cylinder(10.8, width + 2, bevel=0.6).along(Y_AXIS))))
+    return Part((*medium_motor_case(31.0).shapes, ("dark_grey", cylinder(10.8, 33.0, bevel=0.6).along(Y_AXIS))))
 
 
 def medium_motor_case(width: float = 23.8) -> Part:

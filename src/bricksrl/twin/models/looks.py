@@ -38,13 +38,8 @@ _LIBRARY_PARTS = {
     "motor": _LibraryPart(("u9364c02.dat", "54696p02.dat"), (-3, -2, -1)),
     "ultrasonic": _LibraryPart(("37316.dat",), (-3, 1, -2)),
     "wheel": _LibraryPart(("39367p02.dat", "39367p01.dat"), (-1, -3, -2)),
-    "beam 3": _LibraryPart(("32523.dat",), _BEAM),
-    "beam 5": _LibraryPart(("32316.dat",), _BEAM),
-    "beam 7": _LibraryPart(("32524.dat",), _BEAM),
     "beam 9": _LibraryPart(("40490.dat",), _BEAM),
-    "beam 11": _LibraryPart(("32525.dat",), _BEAM),
     "beam 13": _LibraryPart(("41239.dat",), _BEAM),
-    "beam 15": _LibraryPart(("32278.dat",), _BEAM),
 }
 
 

@@ -23,6 +23,8 @@ from bricksrl.twin.scene import Scene
 from bricksrl.virtual_hub.firmware.motor_model import MOTOR_TYPES, PRESCALE_ACCELERATION, PRESCALE_SPEED, PRESCALE_VOLTAGE
 
 TIMESTEP_S = 0.0025
+TYRE_FRICTION = 1.0
+"""Sliding friction of rubber on a smooth floor; an estimate."""
 OBSTACLE_GROUP, FLOOR_GROUP, LOOKS_GROUP, SHAPE_GROUP = 0, 1, 2, 3
 WALL_X_M = 0.35
 """Position of the wall's face."""
@@ -174,25 +176,23 @@ def add_driven(rotor: mujoco.MjsBody, name: str, port: str, axis: Triple, *, is_
     return body
 
 
-def add_tyre(wheel: mujoco.MjsBody, port: str, radius_m: float, half_width_m: float, mass_kg: float) -> None:
-    """Add a tyre. An ellipsoid touches in one point, which takes the solver half the time of a cylinder."""
-    shape, size = mujoco.mjtGeom.mjGEOM_ELLIPSOID, [radius_m, half_width_m, radius_m]
-    wheel.add_geom(name=f"tyre_{port}", type=shape, size=size, **contact_attributes(1.0, mass_kg))
+def add_tyre(
+    body: mujoco.MjsBody,
+    name: str,
+    size_m: Triple,
+    mass_kg: float = 0.0,
+    at_m: Triple | Floats = (0.0, 0.0, 0.0),
+    turn: Sequence[float] | Floats = (1.0, 0.0, 0.0, 0.0),
+) -> None:
+    """Add a tyre with these half sizes. An ellipsoid touches in one point, which takes the solver half the time of a cylinder."""
+    shape, attributes = mujoco.mjtGeom.mjGEOM_ELLIPSOID, contact_attributes(TYRE_FRICTION, mass_kg)
+    body.add_geom(name=name, type=shape, size=list(size_m), pos=list(at_m), quat=list(turn), **attributes)
 
 
-def add_caster(chassis: mujoco.MjsBody, centre: Triple, radius_m: float, mass_kg: float) -> None:
+def add_caster(body: mujoco.MjsBody, name: str, centre_m: Triple | Floats, radius_m: float, mass_kg: float = 0.0) -> None:
     """Add a ball caster without friction. (Dry friction of a sliding ball would make the contact chatter.)"""
-    chassis.add_geom(
-        name="caster",
-        type=mujoco.mjtGeom.mjGEOM_SPHERE,
-        pos=list(centre),
-        size=[radius_m, 0, 0],
-        mass=mass_kg,
-        condim=1,
-        priority=1,
-        solref=STIFF,
-        **COLLIDING,
-    )
+    shape, attributes = mujoco.mjtGeom.mjGEOM_SPHERE, contact_attributes(1.0, mass_kg)
+    body.add_geom(name=name, type=shape, pos=list(centre_m), size=[radius_m, 0, 0], condim=1, **attributes)
 
 
 def add_surroundings(spec: mujoco.MjSpec, scene: Scene) -> None:

@@ -6,6 +6,7 @@ Elements are matched with the robot's description by name:
 - a site for each sensor on the first body, which looks along the site's x axis; a force sensor measures contact forces on that
   body within the site,
 - a site ``imu`` at the hub, with its axes: front, left, top; by default at the origin of the first body, as ``hub_sides`` says.
+  It is on the first body of a mobile robot, and may be on another one of a robot that stands still.
 
 The first body has a free joint if the robot is mobile. Feet of a legged robot are geoms whose names begin with ``foot_``.
 """
@@ -41,28 +42,37 @@ def from_file(path: Path, robot: Robot, scene: Scene) -> mujoco.MjSpec:
     for geom in spec.geoms:
         if geom.group == OBSTACLE_GROUP:
             geom.group = LOOKS_GROUP  # ultrasound detects this group only, and must not detect the robot itself
+    hinges = [joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_HINGE]
     for motor in robot.motors:
-        joint = _named(spec.joints, motor.name, "hinge", path, robot)
+        joint = _named(hinges, motor.name, "hinge", path, robot)
         joint.name = f"motor_{motor.port}"
         add_motor(spec, joint, motor.port, motor.kind, gear=motor.shaft_turns)
     for sensor in robot.sensors:
         site = _named(spec.sites, sensor.name, "site", path, robot)
-        if site.parent.name != base.name:
-            raise TwinError(
-                f"{path} has the site '{sensor.name}' on '{site.parent.name}'; put it on the first body, '{base.name}'"
-            )
+        _require_first(site, base, path)
         if isinstance(sensor, UltrasonicSensor):
             site.name = f"ultrasonic_{sensor.port}"
             continue
         site.name = f"sensor_{sensor.port}"
         if sensor.kind is SensorKind.FORCE:
             add_touch(spec, sensor)
-    if all(site.name != "imu" for site in spec.sites):
+    hub = spec.site("imu")
+    if hub is None:
         add_hub_site(base, hub_axes(robot.hub_sides))
-    add_surroundings(spec, scene)
+    elif any(joint.type == mujoco.mjtJoint.mjJNT_FREE for joint in base.joints):
+        _require_first(hub, base, path)
+    try:
+        add_surroundings(spec, scene)
+        add_camera(base, "chase", (0.0, 0.0, 0.0), (-0.62, -0.62, 0.55), _CHASE_DISTANCE_M)
+    except ValueError as error:
+        raise TwinError(f"{path}: {message_of(error)}; take it out, as floor, wall and cameras are added to the robot") from error
     add_light(base)
-    add_camera(base, "chase", (0.0, 0.0, 0.0), (-0.62, -0.62, 0.55), _CHASE_DISTANCE_M)
     return spec
+
+
+def _require_first(site: mujoco.MjsSite, base: mujoco.MjsBody, path: Path) -> None:
+    if site.parent.name != base.name:
+        raise TwinError(f"{path} has the site '{site.name}' on '{site.parent.name}'; put it on the first body, '{base.name}'")
 
 
 def _named(elements: list[mujoco.MjsElement], name: str, kind: str, path: Path, robot: Robot) -> mujoco.MjsElement:

@@ -79,6 +79,15 @@ class _Builder:
         self.spec, self.robot, self.planned, self.holds_ball = spec, robot, planned, holds_ball
         self.articulation: Articulation = planned.articulation
         self.motors = {motor.port: motor for motor in robot.motors}
+        self.mounted = {device.port: device for device in reversed(self.articulation.mounted)}
+        """The hub, whose port is ``None``, and the sensors."""
+        if None not in self.mounted:
+            raise TwinError(f"{planned.plan.path} has no hub that is connected to the robot; add one")
+        self.hub = self.mounted[None]
+        for port in sorted(self.motors.keys() - {drive.port for drive in self.articulation.drives}):
+            placed = planned.device(port)
+            fault = f"{placed.name} is not connected to the main body; add a pin or an axle, or remove it"
+            raise TwinError(f"{planned.plan.path}, line {placed.line}: {fault}")
         self.bodies: dict[int, mujoco.MjsBody] = {}
         self.origins: dict[int, Floats] = {0: self._origin()}
         self.subtree_kg = self._subtree_kg()
@@ -115,13 +124,9 @@ class _Builder:
         """Origin of the first body, in the plan's frame."""
         if self.articulation.is_fixed:
             return np.zeros(3)
-        hub = next((device for device in self.articulation.mounted if device.port is None), None)
-        origin = np.zeros(3) if hub is None else np.array([hub.point_m[0], hub.point_m[1], 0.0])
-        rolling = self.planned.rolling
-        if rolling:
-            origin = np.mean([wheel.centre_m for wheel in rolling], axis=0)
-            origin[1] = 0.0 if hub is None else hub.point_m[1]
-        return np.round(origin, 6)
+        axle_m = [wheel.centre_m for wheel in self.planned.rolling] or [self.hub.point_m * (1.0, 1.0, 0.0)]
+        x, _, z = np.mean(axle_m, axis=0)
+        return np.round([x, self.hub.point_m[1], z], 6)
 
     def _subtree_kg(self) -> dict[int, float]:
         """Mass of each body with all its descendants, kg."""
@@ -165,7 +170,7 @@ class _Builder:
         """Add what a motor drives: a body on the geared shaft and, with backlash, the driven body on it."""
         joint, port = drive.joint, drive.port
         motor, start = self.motors[port], self._start_deg(self.motors[port])
-        angle = math.radians(start - self._plan_deg(port)) / drive.gear
+        angle = math.radians(start - self.planned.device(port).angle_deg) / drive.gear
         friction = _TRAIN_FRICTION_NM * abs(drive.gear) if drive.teeth else 0.0
         x, y, z = joint.axis.tolist()
         at_m = self._local(joint.parent, joint.point_m)
@@ -190,15 +195,12 @@ class _Builder:
         self.bodies[joint.child], self.origins[joint.child] = body, joint.point_m
         self._set_inertia(body, joint.child)
 
-    def _plan_deg(self, port: str) -> float:
-        """Angle of a motor's shaft in the plan."""
-        placed = self.planned.device(port)
-        return 0.0 if placed is None else placed.angle_deg
-
     def _start_deg(self, motor: Motor) -> float:
         """Angle of a motor's shaft at start: the middle of its range, or as in the plan without a range or with linkages."""
         ends = _range_of_shaft(motor)
-        return self._plan_deg(motor.port) if ends is None or self.articulation.rods or self.articulation.loops else sum(ends) / 2
+        if ends is None or self.articulation.rods or self.articulation.loops:
+            return self.planned.device(motor.port).angle_deg
+        return sum(ends) / 2
 
     def _limit(self, shaft: mujoco.MjsJoint, motor: Motor, gear: float) -> None:
         """Set the end stops of a motor with a range: where parts of the robot collide, or a little beyond the range."""
@@ -220,7 +222,7 @@ class _Builder:
             equal.data[:5] = [0.0, geared.ratio, 0.0, 0.0, 0.0]
             # Its start angle relative to the plan follows from the motor's.
             drive = next(drive for drive in self.articulation.drives if drive.port == port)
-            start = self._start_deg(self.motors[port]) - self._plan_deg(port)
+            start = self._start_deg(self.motors[port]) - self.planned.device(port).angle_deg
             self.bodies[joint.child].quat = _quaternion(joint.axis, geared.ratio * math.radians(start) / drive.gear)
 
     def _close_loops(self) -> None:
@@ -233,18 +235,14 @@ class _Builder:
 
     def _add_sensors(self) -> None:
         """Add the sites of hub and sensors; sensors that are not in the plan are mounted on the first body."""
-        mounted = {device.port: device for device in self.articulation.mounted}
-        hub = mounted.get(None)
-        if hub is not None:
-            if self.robot.needs_imu and hub.link != 0 and not self.articulation.is_fixed:
-                raise TwinError(
-                    f"{self.planned.plan.path}: the hub moves against the chassis; fix it there, or say needs_imu=False"
-                )
-            axes = TO_TWIN @ self.planned.plan.parts[hub.part].rotation @ TO_TWIN.T
-            add_hub_site(self.bodies[hub.link], axes, self._local(hub.link, hub.point_m))
+        hub = self.hub
+        if self.robot.needs_imu and hub.link != 0 and not self.articulation.is_fixed:
+            raise TwinError(f"{self.planned.plan.path}: the hub moves against the chassis; fix it there, or say needs_imu=False")
+        axes = TO_TWIN @ self.planned.plan.parts[hub.part].rotation @ TO_TWIN.T
+        add_hub_site(self.bodies[hub.link], axes, self._local(hub.link, hub.point_m))
         base = self.bodies[0]
         for sensor in self.robot.sensors:
-            device = mounted.get(sensor.port)
+            device = self.mounted.get(sensor.port)
             if device is None and sensor.mount is None and self.robot.drive_base is None:
                 raise TwinError(
                     f"there is no place for '{sensor.name}' in {self.planned.plan.path}; add it there or give a mount"
@@ -272,7 +270,7 @@ class _Builder:
         for number, body in self.bodies.items():
             parts = tuple(part for part in self.articulation.bodies[number].parts if part not in drawn_apart)
             ports = [drive.port for drive in self.articulation.drives if drive.joint.child == number and not drive.teeth]
-            shafts = tuple(motor.index for motor in map(self.planned.device, ports) if motor is not None)
+            shafts = tuple(self.planned.device(port).index for port in ports)
             cables = cables_of(plan, parts, self.origins[number])
             mounted = self.mounted_parts if number == 0 else []
             meshes.draw(self.spec, body, [looks_of(plan, parts, self.origins[number], shafts=shafts), *cables, *mounted])

@@ -178,12 +178,11 @@ class Spinners:
     def __init__(self, model: mujoco.MjModel) -> None:
         self._spinners: list[tuple[int, int, float, Floats]] = []
         """Body, address of the joint's position, ratio and axis [3] of each."""
-        for body in range(model.nbody):
-            name = str(model.body(body).name)
+        for number in range(model.nnumeric):
+            name, (ratio, *axis) = str(model.numeric(number).name), model.numeric(number).data.tolist()
             if name.startswith(_PREFIX):
-                ratio, *axis = model.numeric(name).data.tolist()
                 address = int(model.joint(f"motor_{name.split('_')[1]}").qposadr[0])
-                self._spinners.append((body, address, ratio, np.array(axis)))
+                self._spinners.append((int(model.body(name).id), address, ratio, np.array(axis)))
 
     def turn(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         """Turn each with its motor's joint; positions must be up to date, and are so afterwards."""

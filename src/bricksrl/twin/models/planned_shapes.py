@@ -12,10 +12,10 @@ from bricksrl.plans.geometry import M_PER_LDU, Floats, Form
 from bricksrl.plans.mechanism.kinematics import TO_TWIN, Wheel
 from bricksrl.plans.plan import Placed
 from bricksrl.plans.planned_robot import PlannedRobot
-from bricksrl.twin.models.mjcf import COLLIDING, contact_attributes
+from bricksrl.twin.models.mjcf import COLLIDING, add_caster, add_tyre, contact_attributes
 
-TYRE_FRICTION, PLASTIC_FRICTION = 1.0, 0.8
-"""Sliding friction of rubber and of plastic on a smooth floor; estimates."""
+PLASTIC_FRICTION = 0.8
+"""Sliding friction of plastic on a smooth floor; an estimate."""
 _FOOT_REACH_M = 0.015
 """Height above the robot's lowest point up to which a leg's lower end is a foot, in a robot without wheels."""
 _SAME_AXIS_M = 0.0012
@@ -81,18 +81,11 @@ def add_shapes(
         return
     for wheel in _rolling(planned):
         name = _free_name(spec, f"tyre_{ports.get(wheel.link, wheel.part)}")
-        _add_tyre(planned, wheel, name, bodies[wheel.link], origins[wheel.link])
+        _add_wheel(planned, wheel, name, bodies[wheel.link], origins[wheel.link])
     for number, wheel in enumerate(_casters(planned)):
-        x, y, z, radius = _ball(planned, wheel)
-        # No friction, as the ball rolls. (Dry friction of a sliding ball would make the contact chatter.)
-        bodies[wheel.link].add_geom(
-            name="caster" if number == 0 else f"caster_{number}",
-            type=mujoco.mjtGeom.mjGEOM_SPHERE,
-            pos=(np.array([x, y, z]) - origins[wheel.link]).tolist(),
-            size=[radius, 0, 0],
-            condim=1,
-            **contact_attributes(1.0),
-        )
+        *centre_m, radius = _ball(planned, wheel)
+        name = "caster" if number == 0 else f"caster_{number}"
+        add_caster(bodies[wheel.link], name, np.array(centre_m) - origins[wheel.link], radius)
     standing = feet(planned)
     for number, foot in enumerate(standing):
         ends = [*(foot.start_m - origins[foot.body]).tolist(), *(foot.end_m - origins[foot.body]).tolist()]
@@ -111,22 +104,14 @@ def _free_name(spec: mujoco.MjSpec, name: str) -> str:
     return next(candidate for candidate in numbered if spec.geom(candidate) is None)
 
 
-def _add_tyre(planned: PlannedRobot, wheel: Wheel, name: str, body: mujoco.MjsBody, origin: Floats) -> None:
-    """Add a tyre as an ellipsoid: it touches in one point, which takes the solver half the time of a cylinder."""
+def _add_wheel(planned: PlannedRobot, wheel: Wheel, name: str, body: mujoco.MjsBody, origin: Floats) -> None:
+    """Add the tyre of a wheel."""
     placed = planned.plan.parts[wheel.part]
     low, high = placed.part.bounds
     radius, half_width = wheel.diameter_mm / 2000, float(high[2] - low[2]) / 2 * M_PER_LDU
-    axis = TO_TWIN @ placed.rotation[:, 2]
     quaternion = np.empty(4)
-    mujoco.mju_quatZ2Vec(quaternion, axis)
-    body.add_geom(
-        name=name,
-        type=mujoco.mjtGeom.mjGEOM_ELLIPSOID,
-        pos=(wheel.centre_m - origin).tolist(),
-        quat=quaternion.tolist(),
-        size=[radius, radius, half_width],
-        **contact_attributes(TYRE_FRICTION),
-    )
+    mujoco.mju_quatZ2Vec(quaternion, TO_TWIN @ placed.rotation[:, 2])
+    add_tyre(body, name, (radius, radius, half_width), at_m=wheel.centre_m - origin, turn=quaternion)
 
 
 def _add_hull(spec: mujoco.MjSpec, planned: PlannedRobot, number: int, body: mujoco.MjsBody, origin: Floats) -> None:

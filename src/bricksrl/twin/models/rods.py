@@ -19,12 +19,12 @@ def add_rod(
 ) -> mujoco.MjsBody:
     """Join two bodies, each given with its pin's position, by a rod of the pins' distance in the initial configuration.
 
-    It has no mass: the bodies carry half of it each.
+    It has no mass: the bodies carry half of it each. Several rods may have one name, which gets a number.
 
     Returns:
         The body to draw the rod on: its origin is the near pin, its z axis points to the far one.
     """
-    name = _PREFIX + name
+    name = _PREFIX + (name if spec.tendon(_PREFIX + name) is None else f"{name}_{len(spec.tendons)}")
     tendon = spec.add_tendon(name=name, group=SHAPE_GROUP)
     for end, (carrier, pin) in {"near": near, "far": far}.items():
         tendon.wrap_site(carrier.add_site(name=f"{name}_{end}", pos=list(pin), group=SHAPE_GROUP).name)
@@ -40,8 +40,11 @@ class Rods:
     """Drawn rods of a model."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
+        sites = {model.site(site).name: site for site in range(model.nsite)}
         names = {body: model.body(body).name for body in range(model.nbody)}
-        self._ends = [(body, int(model.site(f"{name}_far").id)) for body, name in names.items() if name.startswith(_PREFIX)]
+        rods = {body: name for body, name in names.items() if name.rpartition("/")[2].startswith(_PREFIX)}  # "ROBOT/" in an arena
+        ends = ((body, sites.get(f"{name}_far")) for body, name in rods.items())
+        self._ends = [(body, far) for body, far in ends if far is not None]  # a user's model may have bodies of such names
 
     def turn(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         """Turn each to its far pin; positions must be up to date, and are so afterwards."""
