@@ -101,13 +101,15 @@ class TestGamepad:
         def event(value: int, kind: int, number: int) -> None:
             os.write(hand, struct.pack("<IhBB", 1, value, kind, number))
 
+        for axis, position in enumerate((0, -32767, 0)):  # as they stand when the device is opened: the second is a trigger
+            event(position, 0x82, axis)
         with GamepadDriver([LEG, ARM], pad=pad) as driver:
             assert driver(NOTHING).tolist() == [1.0, 0.0]
             event(-32767, 0x02, 0)
-            event(16384, 0x82, 1)  # as it stands when the device is opened
+            event(16384, 0x02, 2)
             assert driver(NOTHING).tolist() == pytest.approx([-1.0, 0.5], abs=1e-4)
             assert driver(NOTHING).tolist() == pytest.approx([-1.0, 0.5], abs=1e-4)  # sticks stay where they are
-            event(1000, 0x02, 1)  # within the dead zone
+            event(1000, 0x02, 2)  # within the dead zone
             assert driver(NOTHING).tolist() == [-1.0, 0.0]
             event(1, 0x01, 0)
             event(0, 0x01, 0)
