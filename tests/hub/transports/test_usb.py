@@ -15,8 +15,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+import serial
 from ble_world import BOUND_S, LONG_RUN, bounded
-from played_usb_hub import PlayedUsbHub
+from played_usb_hub import PlayedUsbHub, SocketSerial
 from stand_in import SPINNING
 
 from bricksrl.errors import HubError, HubProgramError, HubTimeoutError
@@ -177,6 +178,25 @@ def test_unplugged_hub_stops_and_is_found_again(cable: Cable) -> None:
     threading.Timer(0.3, lambda: setattr(cable.hub, "is_plugged_in", True)).start()
     link.open()
     link.act([100])
+
+
+def test_port_that_takes_no_bytes_is_opened_again(cable: Cable, monkeypatch: pytest.MonkeyPatch) -> None:
+    opened: list[SocketSerial] = []
+
+    def open_serial(device: str) -> SocketSerial:
+        opened.append(cable.hub.open_serial(device))
+        return opened[-1]
+
+    def write(data: bytes) -> int:
+        raise serial.SerialTimeoutException("Write timeout")
+
+    link = cable.link(open_serial=open_serial)
+    link.open()
+    monkeypatch.setattr(opened[0], "write", write)
+    bounded(lambda: link.act([100]), HubDisconnectedError)
+    link.open()
+    link.act([100])
+    assert len(opened) == 2
 
 
 HOST = """
