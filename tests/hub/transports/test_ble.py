@@ -195,6 +195,14 @@ def test_several_hubs(world: World) -> None:
         other.wait_until("is_connected", False)
 
 
+def test_several_hubs_of_one_name(world: World) -> None:
+    other = PlayedHub(world.radio, WALKER, NAME, "C0:01:02:03:04:06")
+    error = bounded(world.transport().open, AmbiguousHubError)
+    assert world.hub.address in str(error) and "C0:01:02:03:04:06" in str(error)
+    world.transport(name=None, address="C0:01:02:03:04:06").open()
+    assert other.is_connected and not world.hub.is_connected
+
+
 def test_single_hub_needs_no_name(world: World) -> None:
     world.transport(name=None).open()
     assert world.hub.is_connected
