@@ -27,7 +27,7 @@ function connect() {
   };
 }
 
-export function press(name, value = null) {
+function press(name, value = null) {
   if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify({ press: name, value }));
 }
 
@@ -74,11 +74,9 @@ function showImage(rgb, width, height) {
 
 // ---------------------------------------------------------------- status
 
-const STATES = { running: "running", paused: "paused", stopped: "STOPPED", finished: "finished", waiting: "waiting" };
-
 function showState() {
   const chip = $("state"), state = lost ? "lost" : status.state ?? "waiting";
-  chip.textContent = lost ? lost : STATES[state] ?? state;
+  chip.textContent = lost || (state === "stopped" ? "STOPPED" : state);
   chip.className = `chip ${state}`;
 }
 
@@ -119,7 +117,7 @@ function showChoices(can) {
   fill($("policy"), status.policies ?? [], "option", (option, name) => {
     option.value = option.textContent = name;
   });
-  if (document.activeElement !== $("policy") || status.policy !== undefined) $("policy").value = status.policy ?? "";
+  $("policy").value = status.policy ?? "";
 }
 
 // One child per name. The children are replaced only when the names change, or a press would lose its button.
@@ -164,7 +162,6 @@ function showHub() {
     $("light").style.background = hub.light ? hsv(...hub.light) : "";
     $("light").title = hub.light ? "light on" : "light off";
   }
-  fill($("link"), Object.keys(link ?? {}), "div", () => {});
   const rows = Object.entries(link ?? {}).flatMap(([name, value]) => [
     Object.assign(document.createElement("dt"), { textContent: name }),
     Object.assign(document.createElement("dd"), { textContent: value }),
@@ -190,7 +187,7 @@ function addRows(name, changes) {
     sortCharts();
   }
   for (let i = 0; charts.has(`${name}/${i}`); i++) {
-    charts.get(`${name}/${i}`).add({ ...changes, rows: changes.rows.map((row) => [row[i]]) });
+    charts.get(`${name}/${i}`).add({ ...changes, values: changes.rows.map((row) => row[i]) });
   }
 }
 
