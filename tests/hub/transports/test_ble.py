@@ -59,6 +59,15 @@ def test_an_exchange_takes_two_connection_intervals(tmp_path: Path) -> None:
         world.close()
 
 
+def test_clock_tells_milliseconds_on_windows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its monotonic clock has steps of 15.6 ms, about a round trip."""
+    transport = BleTransport(record=tmp_path / "programs.json")
+    monkeypatch.setattr(time, "monotonic", lambda: 7.0)
+    start_s = transport.now_s()
+    time.sleep(0.002)
+    assert 0.002 <= transport.now_s() - start_s < BOUND_S
+
+
 def test_same_program_is_downloaded_once(world: World) -> None:
     for _ in range(2):
         with world.link() as link:
