@@ -44,9 +44,6 @@ class _MotorCommand(Command):
     def mover(self) -> str:
         return f"motor_{self.motor}"
 
-    def check(self, robot: Robot) -> None:
-        robot.motor(self.motor)
-
     def motors(self, robot: Robot) -> tuple[str, ...]:
         return (robot.motor(self.motor).name,)
 
