@@ -6,6 +6,7 @@ import struct
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import torch
@@ -126,6 +127,45 @@ class TestGamepad:
         monkeypatch.setitem(sys.modules, "pygame", None)
         with pytest.raises(DataError, match="pip install pygame"):
             PygamePad()
+
+
+class PlayedPygame:
+    """The used part of pygame, with one gamepad whose trigger is its second axis."""
+
+    JOYAXISMOTION, JOYBUTTONDOWN, JOYDEVICEREMOVED = range(3)
+    QUEUE = 100
+
+    def __init__(self) -> None:
+        self.display = self.joystick = self.event = self
+        self.positions = [0.0, -1.0, 0.0]
+        self.queue: list[SimpleNamespace] = []
+        self.init = self.quit = self.pump = lambda: None
+        self.get_count, self.get_numaxes, self.get_axis = lambda: 1, lambda: 3, lambda axis: self.positions[axis]
+        self.Joystick = lambda number: self
+
+    def post(self, kind: int, **fields: int) -> None:
+        if len(self.queue) < self.QUEUE:
+            self.queue.append(SimpleNamespace(type=kind, **fields))
+
+    def get(self, kind: int | None = None) -> list[SimpleNamespace]:
+        taken = [event for event in self.queue if kind in (None, event.type)]
+        self.queue = [event for event in self.queue if event not in taken]
+        return taken
+
+
+def test_pygame_pad_hears_presses_after_long_drive(monkeypatch: pytest.MonkeyPatch) -> None:
+    pygame = PlayedPygame()
+    monkeypatch.setitem(sys.modules, "pygame", pygame)
+    with GamepadDriver([LEG, ARM], pad=PygamePad()) as driver:
+        for position in (0.5, -0.5) * PlayedPygame.QUEUE:
+            pygame.positions[2] = position
+            pygame.post(pygame.JOYAXISMOTION, axis=2)
+            assert driver(NOTHING).tolist() == [1.0, position]
+        pygame.post(pygame.JOYBUTTONDOWN, button=0)
+        assert driver(NOTHING) is None
+        pygame.post(pygame.JOYDEVICEREMOVED)
+        with pytest.raises(DataError, match="the gamepad is gone"):
+            driver(NOTHING)
 
 
 def test_paced_driver_waits() -> None:

@@ -138,8 +138,10 @@ class PygamePad:
         return [self._stick.get_axis(i) for i in range(self._stick.get_numaxes())]
 
     def presses(self) -> int:
-        events = self._pygame.event.get(self._pygame.JOYBUTTONDOWN)
-        return sum(event.button == 0 for event in events)
+        events = self._pygame.event.get()  # of all kinds: a full queue takes no presses
+        if any(event.type == self._pygame.JOYDEVICEREMOVED for event in events):
+            raise DataError("the gamepad is gone; plug it in and start again")
+        return sum(event.type == self._pygame.JOYBUTTONDOWN and event.button == 0 for event in events)
 
     def close(self) -> None:
         self._pygame.joystick.quit()
