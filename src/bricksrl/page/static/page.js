@@ -3,7 +3,7 @@
 import { Scene3D } from "./scene3d.js";
 import { Chart, short } from "./charts.js";
 
-const POSES = 1, IMAGE = 2, MIN_INTERVAL_MS = 60, REPEAT_MS = 300;
+const POSES = 1, IMAGE = 2, MIN_INTERVAL_MS = 60, REPEAT_MS = 300, REST_MS = 1500;
 const $ = (id) => document.getElementById(id);
 let socket = null, status = {}, scene = null, lost = false, retry_ms = 300;
 const charts = new Map();
@@ -238,23 +238,26 @@ function showPushes() {
   });
 }
 
-// Pushes are repeated while they last, so that a robot comes to rest when the page is closed.
+// Pushes are repeated while they last, so that a robot comes to rest when the page is closed. One that rests because the page
+// slept, or had no connection, stays at rest, unless somebody holds the stick.
 function push(values) {
   pushes.values = values.map((value) => Math.max(-1, Math.min(1, value)));
   showPushes();
-  const now = performance.now();
   clearTimeout(pushes.timer);
-  if (now - pushes.sent_ms < MIN_INTERVAL_MS) pushes.timer = setTimeout(send, MIN_INTERVAL_MS);
+  if (Date.now() - pushes.sent_ms < MIN_INTERVAL_MS) pushes.timer = setTimeout(send, MIN_INTERVAL_MS);
   else send();
 }
 
 function send() {
-  pushes.sent_ms = performance.now();
+  pushes.sent_ms = Date.now();
   pushes.active = pushes.values.some((value) => value !== 0);
   press("drive", pushes.values);
 }
 
-setInterval(() => pushes.active && send(), REPEAT_MS);
+setInterval(() => {
+  if (!pushes.held && (lost || Date.now() - pushes.sent_ms > REST_MS)) pushes.active = false;
+  if (pushes.active) send();
+}, REPEAT_MS);
 
 function makeStick() {
   const stick = $("stick"), knob = stick.firstElementChild;
@@ -270,10 +273,14 @@ function makeStick() {
   };
   stick.onpointerdown = (event) => {
     stick.setPointerCapture(event.pointerId);
+    pushes.held = true;
     follow(event);
   };
   stick.onpointermove = (event) => stick.hasPointerCapture(event.pointerId) && follow(event);
-  stick.onpointerup = stick.onpointercancel = () => move(0, 0);
+  stick.onpointerup = stick.onpointercancel = () => {
+    pushes.held = false;
+    move(0, 0);
+  };
 }
 
 // Sliders of the program that shows the scene, such as the steps of a building plan.
