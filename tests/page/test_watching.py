@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from pathlib import Path
 
+import pytest
 import torch
 from tensordict import TensorDictBase
 
@@ -12,6 +13,7 @@ from bricksrl.data.collect import collect, random_policy
 from bricksrl.data.recorder import Recorder
 from bricksrl.data.schema import describe
 from bricksrl.envs import get_task, make
+from bricksrl.errors import StoppedError
 from bricksrl.page.live import LivePage
 from bricksrl.page.training import PageCallback
 from bricksrl.training import RunFolder, TrainConfig, load_learner, train
@@ -75,6 +77,16 @@ def test_page_reset_ends_recorded_episode(tmp_path: Path) -> None:
         first, second = collect(env, random_policy(env, 0), recorder, 2, name="random", **hooks)
     env.close()
     assert first.length == 4 and second.length > 4
+
+
+def test_page_stop_ends_recording_of_simulation(tmp_path: Path) -> None:
+    env = make("RoboArmSim-v0", seed=0)
+    with LivePage("RoboArmSim-v0", task=env.task) as page, Recorder(tmp_path / "data", describe(env)) as recorder:
+        page.attach(env)
+        page.stop()
+        with pytest.raises(StoppedError):
+            collect(env, random_policy(env, 0), recorder, 1, name="random", on_frame=page.show_step_and_hold)
+    assert page._steps == 1
 
 
 def test_stopped_run_can_be_resumed(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bricksrl.errors import BricksError
+from bricksrl.errors import BricksError, StoppedError
 from bricksrl.page.board import MAX_EPISODES, Board
 from bricksrl.page.clock import SPEEDS
 from bricksrl.page.driver import PageDriver, stick_map
@@ -226,9 +226,11 @@ class LivePage:
         self._publish()
 
     def show_step_and_hold(self, frame: TensorDictBase) -> None:
-        """Call `show_step`, `hold` and `cut`."""
+        """Call `show_step`, `hold` and `cut`. Raises StoppedError after an emergency stop, also of a simulation."""
         self.show_step(frame)
         self.hold()
+        if self.is_stopped:
+            raise StoppedError("the robot was stopped by hand")
         self.cut()
 
     def note(self, **facts: Any) -> None:
