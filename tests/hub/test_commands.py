@@ -49,12 +49,12 @@ TECHNIC = replace(TWO_WHEELER, name="technic", hub=HubKind.TECHNIC, motors=tuple
 ))  # fmt: skip
 ANGLES = (MotorAngle("left", -3000, 3000), MotorAngle("right", -3000, 3000))
 HASHES = {
-    "RoboArm-v0": "7c6c912e faebb327",
-    "RoboArm_mixed-v0": "bc4646b1 17821a37",
-    "RunAway-v0": "61ceb58e 2d4875fd",
-    "Spinning-v0": "2610b962 f7e55c72",
-    "Walker-v0": "0697608c 502fe755",
-    "Walker-v1": "0697608c 502fe755",
+    "RoboArm-v0": "7c6c912e 8589c8e8",
+    "RoboArm_mixed-v0": "bc4646b1 cdf4e55a",
+    "RunAway-v0": "61ceb58e a5d10101",
+    "Spinning-v0": "2610b962 8735c7f1",
+    "Walker-v0": "0697608c 0b84c165",
+    "Walker-v1": "0697608c 0b84c165",
 }
 
 

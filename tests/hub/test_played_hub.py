@@ -126,4 +126,4 @@ def test_played_hub_follows_profile_versions(
     assert len(hub.capabilities(100)) == capability_bytes
     assert parse_capabilities(hub.capabilities(100)).slots == (5 if capability_bytes == 11 else 0)
     assert len(reports[0]) == report_bytes
-    assert parse_event(reports[0]) == StatusReport(Status(0), 0, 0)
+    assert parse_event(reports[0]) == StatusReport(Status(0), 0)

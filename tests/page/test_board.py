@@ -87,6 +87,8 @@ def test_driver_stick() -> None:
     wheels = [Entry("left", -90.0, 90.0, "deg"), Entry("right", -90.0, 90.0, "deg")]
     assert stick_map(wheels) == [[1.0, 1.0], [-1.0, 1.0]]
     assert stick_map([Entry("drive", -1.0, 1.0)]) == [[0.0, 1.0]]
+    drive = [Entry("drive_speed", -100.0, 100.0, "mm/s"), Entry("turn_rate", -60.0, 60.0, "deg/s")]
+    assert stick_map(drive) == [[0.0, 1.0], [1.0, 0.0]] and stick_map(drive[::-1]) == [[1.0, 0.0], [0.0, 1.0]]
     arm = [Entry(name, -1.0, 1.0) for name in ("rotation", "low", "high", "grab")]
     assert stick_map(arm) == [[1.0, 0.0], [0.0, 1.0], [0.0, 0.0], [0.0, 0.0]]
 

@@ -211,6 +211,21 @@ def test_human_drives_then_rests(browser: object) -> None:
         until(lambda: played.page.driver.pushes == [0.0, 0.0], "a driver whose tab is gone pushes nothing")
 
 
+def test_page_that_slept_does_not_drive_on(browser: object) -> None:
+    with playing("Spinning-v0", by_hand=True) as played, tab(browser, played.page.url) as page:
+        slider = page.get_by_role("slider").first
+        slider.focus()
+        for _ in range(8):
+            page.keyboard.press("ArrowRight")
+        until(lambda: played.page.driver.pushes[0] > 0.35, "the slider is heard")
+        page.evaluate("() => { const end = Date.now() + 3000; while (Date.now() < end); }")
+        time.sleep(1.0)
+        assert played.page.driver.pushes == [0.0, 0.0]
+        until(lambda: slider.input_value() == "0", "the slider shows it")
+        page.keyboard.press("ArrowRight")
+        until(lambda: played.page.driver.pushes[0] > 0.0, "who is there again drives again")
+
+
 def test_page_on_phone(browser: object, played: Played) -> None:
     with tab(browser, played.page.url, 390, 844) as page:
         page.wait_for_selector("#scene[data-frames]")

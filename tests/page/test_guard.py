@@ -52,5 +52,13 @@ def test_network_page_uses_ip_address() -> None:
     assert OPEN.refusal("/ws", rebound, is_socket=True) is not None
 
 
+def test_browser_omits_port_80() -> None:
+    headers = {"Host": "127.0.0.1", "Origin": "http://127.0.0.1", "Cookie": "bricksrl_80=secret"}
+    assert Guard("secret", 80).refusal("/ws", headers, is_socket=True) is None
+    for host in ("evil.example", "127.0.0.1:8090", "evil.example:80", "192.168.1.5", "", ":80"):
+        other = {**headers, "Host": host, "Origin": f"http://{host}"}
+        assert Guard("secret", 80).refusal("/ws", other, is_socket=True) is not None
+
+
 def test_cookie_is_limited_to_page() -> None:
     assert "HttpOnly" in OURS.set_cookie and "SameSite=Strict" in OURS.set_cookie

@@ -5,9 +5,15 @@ from __future__ import annotations
 import threading
 from pathlib import Path
 
+import pytest
 import torch
+from tensordict import TensorDictBase
 
+from bricksrl.data.collect import collect, random_policy
+from bricksrl.data.recorder import Recorder
+from bricksrl.data.schema import describe
 from bricksrl.envs import get_task, make
+from bricksrl.errors import StoppedError
 from bricksrl.page.live import LivePage
 from bricksrl.page.training import PageCallback
 from bricksrl.training import RunFolder, TrainConfig, load_learner, train
@@ -55,6 +61,32 @@ def test_page_reset_ends_episode_and_evaluation_continues(tmp_path: Path) -> Non
     assert first.length == 4, "the step that follows is the last"
     assert second.length > 4 and not page.is_reset_requested
     assert all(episode.evaluation is not None for episode in result.episodes)
+
+
+def test_page_reset_ends_recorded_episode(tmp_path: Path) -> None:
+    env = make("RunAway-v0", seed=0)
+    with LivePage("RunAway-v0", task=env.task) as page, Recorder(tmp_path / "data", describe(env)) as recorder:
+        page.attach(env)
+
+        def on_frame(frame: TensorDictBase) -> None:
+            if page._steps == 2 and not recorder.episodes:
+                page._press("reset", None)
+            page.show_step_and_hold(frame)
+
+        hooks = {"on_frame": on_frame, "on_episode": lambda _: page.begin()}
+        first, second = collect(env, random_policy(env, 0), recorder, 2, name="random", **hooks)
+    env.close()
+    assert first.length == 4 and second.length > 4
+
+
+def test_page_stop_ends_recording_of_simulation(tmp_path: Path) -> None:
+    env = make("RoboArmSim-v0", seed=0)
+    with LivePage("RoboArmSim-v0", task=env.task) as page, Recorder(tmp_path / "data", describe(env)) as recorder:
+        page.attach(env)
+        page.stop()
+        with pytest.raises(StoppedError):
+            collect(env, random_policy(env, 0), recorder, 1, name="random", on_frame=page.show_step_and_hold)
+    assert page._steps == 1
 
 
 def test_stopped_run_can_be_resumed(tmp_path: Path) -> None:

@@ -95,6 +95,16 @@ def test_descriptions_match_plans(one):
     check_description(one, PLANS / f"{one.name.replace('-', '_')}.ldr")
 
 
+@pytest.mark.parametrize("turn", ["1 0 0 0 .8 -.6 0 .6 .8", ".8 0 .6 0 1 0 -.6 0 .8"], ids=["tilted", "turned"])
+def test_hub_at_an_angle_has_no_imu(tmp_path, turn):
+    plan, hub = tmp_path / "car.ldr", "1 15 0 -50 -40 {} 67718.dat"
+    plan.write_text(Path(TWO_WHEELER_PLAN).read_text().replace(hub.format("1 0 0 0 1 0 0 0 1"), hub.format(turn)))
+    for said in ({}, {"hub_sides": ("up", "ahead")}):
+        with pytest.raises(DescriptionError, match="the hub is at an angle, so its IMU cannot be read"):
+            Robot("mine", HubKind.PRIME, plan=str(plan), needs_imu=True, **said)
+    assert Robot("mine", HubKind.PRIME, plan=str(plan)).motors
+
+
 def test_unsupported_motor_raises(tmp_path):
     plan = tmp_path / "ev3.ldr"
     plan.write_text("0 !BRICKSRL PORT A arm\n1 4 0 0 0 1 0 0 0 1 0 0 0 1 99455.dat\n")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
+from collections.abc import Callable
 
 import pytest
 from hypothesis import given
@@ -11,7 +12,7 @@ from hypothesis import strategies as st
 
 from bricksrl import robots
 from bricksrl.errors import DescriptionError, UnknownNameError
-from bricksrl.robots import ROBOTS, DriveBase, HubKind, Motor, MotorKind, Robot, UltrasonicSensor
+from bricksrl.robots import ROBOTS, Chassis, DriveBase, HubKind, Motor, MotorKind, Mount, Robot, UltrasonicSensor
 
 names = st.from_regex(r"[a-z_][a-z0-9_]{0,8}", fullmatch=True)
 hubs = st.sampled_from(HubKind)
@@ -93,6 +94,21 @@ def test_invalid_motors(fields: dict[str, object], message: str) -> None:
 def test_invalid_drive_bases(left: str, right: str, wheel_mm: float, axle_mm: float, message: str) -> None:
     with pytest.raises(DescriptionError, match=message):
         DriveBase(left, right, wheel_mm, axle_mm)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Mount([60, 0, 12]), r"at_mm is \[60, 0, 12\]; give 3 values, each a number"),  # type: ignore[arg-type]
+        (lambda: Mount(("a", 0, 12)), "give 3 values, each a number"),  # type: ignore[arg-type]
+        (lambda: Chassis(caster_mm=[-60, 0]), "give 2 values, each a number"),  # type: ignore[arg-type]
+        (lambda: Chassis(hub_mm=3), "hub_mm is 3"),  # type: ignore[arg-type]
+        (lambda: UltrasonicSensor("eyes", "A", 60), "mount is 60"),  # type: ignore[arg-type]
+    ],
+)
+def test_invalid_mounts_and_chassis(make: Callable[[], object], message: str) -> None:
+    with pytest.raises(DescriptionError, match=message):
+        make()
 
 
 A, B = Motor("a", "A"), Motor("b", "B")

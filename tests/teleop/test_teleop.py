@@ -6,6 +6,7 @@ import struct
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import torch
@@ -101,13 +102,15 @@ class TestGamepad:
         def event(value: int, kind: int, number: int) -> None:
             os.write(hand, struct.pack("<IhBB", 1, value, kind, number))
 
+        for axis, position in enumerate((0, -32767, 0)):  # as they stand when the device is opened: the second is a trigger
+            event(position, 0x82, axis)
         with GamepadDriver([LEG, ARM], pad=pad) as driver:
             assert driver(NOTHING).tolist() == [1.0, 0.0]
             event(-32767, 0x02, 0)
-            event(16384, 0x82, 1)  # as it stands when the device is opened
+            event(16384, 0x02, 2)
             assert driver(NOTHING).tolist() == pytest.approx([-1.0, 0.5], abs=1e-4)
             assert driver(NOTHING).tolist() == pytest.approx([-1.0, 0.5], abs=1e-4)  # sticks stay where they are
-            event(1000, 0x02, 1)  # within the dead zone
+            event(1000, 0x02, 2)  # within the dead zone
             assert driver(NOTHING).tolist() == [-1.0, 0.0]
             event(1, 0x01, 0)
             event(0, 0x01, 0)
@@ -124,6 +127,45 @@ class TestGamepad:
         monkeypatch.setitem(sys.modules, "pygame", None)
         with pytest.raises(DataError, match="pip install pygame"):
             PygamePad()
+
+
+class PlayedPygame:
+    """The used part of pygame, with one gamepad whose trigger is its second axis."""
+
+    JOYAXISMOTION, JOYBUTTONDOWN, JOYDEVICEREMOVED = range(3)
+    QUEUE = 100
+
+    def __init__(self) -> None:
+        self.display = self.joystick = self.event = self
+        self.positions = [0.0, -1.0, 0.0]
+        self.queue: list[SimpleNamespace] = []
+        self.init = self.quit = self.pump = lambda: None
+        self.get_count, self.get_numaxes, self.get_axis = lambda: 1, lambda: 3, lambda axis: self.positions[axis]
+        self.Joystick = lambda number: self
+
+    def post(self, kind: int, **fields: int) -> None:
+        if len(self.queue) < self.QUEUE:
+            self.queue.append(SimpleNamespace(type=kind, **fields))
+
+    def get(self, kind: int | None = None) -> list[SimpleNamespace]:
+        taken = [event for event in self.queue if kind in (None, event.type)]
+        self.queue = [event for event in self.queue if event not in taken]
+        return taken
+
+
+def test_pygame_pad_hears_presses_after_long_drive(monkeypatch: pytest.MonkeyPatch) -> None:
+    pygame = PlayedPygame()
+    monkeypatch.setitem(sys.modules, "pygame", pygame)
+    with GamepadDriver([LEG, ARM], pad=PygamePad()) as driver:
+        for position in (0.5, -0.5) * PlayedPygame.QUEUE:
+            pygame.positions[2] = position
+            pygame.post(pygame.JOYAXISMOTION, axis=2)
+            assert driver(NOTHING).tolist() == [1.0, position]
+        pygame.post(pygame.JOYBUTTONDOWN, button=0)
+        assert driver(NOTHING) is None
+        pygame.post(pygame.JOYDEVICEREMOVED)
+        with pytest.raises(DataError, match="the gamepad is gone"):
+            driver(NOTHING)
 
 
 def test_paced_driver_waits() -> None:

@@ -14,9 +14,10 @@ import bricksrl
 from bricksrl.envs.env import HubEnv
 from bricksrl.envs.tasks.spinning import SPINNING
 from bricksrl.errors import DescriptionError, HubError
-from bricksrl.hub.interface import Wait
+from bricksrl.hub.interface import Interface, MotorAngle, RunAngle, Wait
 from bricksrl.hub.link.lockstep import HubLink
 from bricksrl.hub.link.streaming import StreamingLink
+from bricksrl.hub.program.generate import WATCHDOG_MS
 from bricksrl.hub.transport import HubProgram, Pipe
 from bricksrl.robots import TWO_WHEELER
 from bricksrl.twin.make_body import make_body
@@ -48,6 +49,18 @@ def test_app_data_without_buffer_raises() -> None:
     with pytest.raises(HubError, match="no AppData buffer"):
         hub.write(b"hello")
     hub.close()
+
+
+def test_watchdog_over_app_data_keeps_time_when_waits_take_longer() -> None:
+    hub = VirtualHub(make_body(TWO_WHEELER))
+    interface = Interface((RunAngle("left", -3000, 3000, 400),), (MotorAngle("left"),), Wait(10))
+    link = HubLink(hub, TWO_WHEELER, interface, pipe=Pipe.APP_DATA)
+    assert "wait(1)" in link.program.source
+    link.program = dataclasses.replace(link.program, source=link.program.source.replace("wait(1)", "wait(2)"))
+    with link:
+        link.act([3000])
+        hub.run_on_until(hub.machine.time_ms + WATCHDOG_MS)
+        assert not hub.machine.servos["E"].control.is_active
 
 
 @pytest.mark.parametrize("interval_ms", [7.5, 15.0, 30.0, 45.0])

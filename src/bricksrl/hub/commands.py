@@ -44,9 +44,6 @@ class _MotorCommand(Command):
     def mover(self) -> str:
         return f"motor_{self.motor}"
 
-    def check(self, robot: Robot) -> None:
-        robot.motor(self.motor)
-
     def motors(self, robot: Robot) -> tuple[str, ...]:
         return (robot.motor(self.motor).name,)
 
@@ -146,6 +143,7 @@ class _DriveBaseCommand(Command):
     low: float
     high: float
     mover: ClassVar[str] = "drive_base"
+    is_turn: ClassVar[bool] = False
     imports: ClassVar[Imports] = (("pybricks.robotics", "DriveBase"),)
 
     def check(self, robot: Robot) -> None:
@@ -158,6 +156,13 @@ class _DriveBaseCommand(Command):
     def motors(self, robot: Robot) -> tuple[str, ...]:
         base = drive_base(robot, self.name)
         return base.left, base.right
+
+    def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
+        base = drive_base(robot, self.name)
+        if self.is_turn:
+            turn_deg = amount * base.axle_track_mm / base.wheel_diameter_mm
+            return turn_deg, -turn_deg
+        return (base.turn_deg(amount),) * 2
 
     def setup(self, robot: Robot) -> tuple[str, ...]:
         return drive_base_setup(robot, self.name)
@@ -172,10 +177,6 @@ class DriveStraight(_DriveBaseCommand):
     description: ClassVar[str] = "drive {0.low:g} to {0.high:g} mm"
     code: ClassVar[str] = "{0.mover}.straight({1}, wait=False)"
 
-    def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
-        turn_deg = drive_base(robot, self.name).turn_deg(amount)
-        return turn_deg, turn_deg
-
 
 @dataclass(frozen=True)
 class Turn(_DriveBaseCommand):
@@ -183,13 +184,9 @@ class Turn(_DriveBaseCommand):
 
     unit: ClassVar[str] = "deg"
     name: ClassVar[str] = "turn"
+    is_turn: ClassVar[bool] = True
     description: ClassVar[str] = "turn by {0.low:g} to {0.high:g} deg"
     code: ClassVar[str] = "{0.mover}.turn({1}, wait=False)"
-
-    def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
-        base = drive_base(robot, self.name)
-        wheel_deg = amount * base.axle_track_mm / base.wheel_diameter_mm
-        return wheel_deg, -wheel_deg
 
 
 @dataclass(frozen=True)
@@ -223,6 +220,9 @@ class _Drive(_DriveBaseCommand):
     ends: ClassVar[bool] = False
     call: ClassVar[str] = "drive"
 
+    def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
+        return tuple(map(_test_turn_deg, super().turns_deg(robot, amount)))
+
     def start(self, robot: Robot, amount: str) -> str:
         return self.start_all(robot, {self.name: amount})
 
@@ -239,10 +239,6 @@ class DriveSpeed(_Drive):
     name: ClassVar[str] = "drive_speed"
     description: ClassVar[str] = "drive at {0.low:g} to {0.high:g} mm/s"
 
-    def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
-        turn_deg = _test_turn_deg(drive_base(robot, self.name).turn_deg(amount))
-        return turn_deg, turn_deg
-
 
 @dataclass(frozen=True)
 class DriveTurnRate(_Drive):
@@ -250,12 +246,8 @@ class DriveTurnRate(_Drive):
 
     unit: ClassVar[str] = "deg/s"
     name: ClassVar[str] = "turn_rate"
+    is_turn: ClassVar[bool] = True
     description: ClassVar[str] = "turn at {0.low:g} to {0.high:g} deg/s"
-
-    def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
-        base = drive_base(robot, self.name)
-        wheel_deg = _test_turn_deg(amount * base.axle_track_mm / base.wheel_diameter_mm)
-        return wheel_deg, -wheel_deg
 
 
 def drive_base(robot: Robot, needed_by: str) -> DriveBase:

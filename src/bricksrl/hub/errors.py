@@ -16,7 +16,7 @@ class Reason(enum.Enum):
     NO_SERVICE = "the system's service does not run"
     DENIED = "this program may not use Bluetooth or the port"
     NOT_FOUND = "no such hub is in reach"
-    SEVERAL = "several hubs are in reach, and none was named"
+    SEVERAL = "several such hubs are in reach"
     UNKNOWN = "the message says what is known"
 
     @property
@@ -68,6 +68,6 @@ class SilentHubError(ProgramStoppedError):
 
 
 class AmbiguousHubError(HubNotFoundError):
-    """Several hubs are in reach, and none was named."""
+    """Several such hubs are in reach."""
 
     reason: ClassVar[Reason] = Reason.SEVERAL

@@ -68,8 +68,8 @@ class PageDriver:
 def stick_map(commands: Sequence[Entry]) -> list[list[float]]:
     """Weights of the joystick's axes (right, forward) for each command: rows of two numbers.
 
-    Commands of a left and a right side are driven like a tank; otherwise the first follows the joystick sideways and the second
-    forward, and a single one forward.
+    Commands of a left and a right side are driven like a tank; otherwise a turn, or the first one, follows the joystick sideways
+    and the next one forward, and a single one forward.
     """
     sides = [1.0 if "left" in command.name else -1.0 if "right" in command.name else 0.0 for command in commands]
     if all(sides):
@@ -77,9 +77,9 @@ def stick_map(commands: Sequence[Entry]) -> list[list[float]]:
         return [[side * _forward(command), _forward(command)] for side, command in zip(sides, commands, strict=True)]
     if len(commands) == 1:
         return [[0.0, 1.0]]
-    rows = [[0.0, 0.0] for _ in commands]
-    rows[0], rows[1] = [1.0, 0.0], [0.0, 1.0]
-    return rows
+    sideways = next((index for index, command in enumerate(commands) if command.name.startswith("turn")), 0)
+    forward = int(sideways == 0)
+    return [[float(index == sideways), float(index == forward)] for index in range(len(commands))]
 
 
 def _forward(command: Entry) -> float:

@@ -41,10 +41,8 @@ class Guard:
 
     def accepts_host(self, host: str | None) -> bool:
         """Whether the Host header names this server: a loopback name or, for an open page, an IP address."""
-        if host is None:
-            return False
-        name, _, port = host.rpartition(":")
-        if port != str(self.port):
+        name = (host or "").removesuffix(f":{self.port}")
+        if name == host and self.port != 80:  # which browsers omit
             return False
         return name.lower() in LOOPBACK or (self.is_open and _is_ip_address(name))
 
@@ -55,10 +53,6 @@ class Guard:
         tokens = (*query.get("token", ()), *((jar[self.cookie],) if self.cookie in jar else ()))
         return any(secrets.compare_digest(token.encode(), self.token.encode()) for token in tokens)
 
-    def accepts_origin(self, origin: str | None, host: str | None) -> bool:
-        """Whether the Origin header is a page of this server."""
-        return origin is not None and origin == f"http://{host}"
-
     def refusal(self, path: str, headers: Mapping[str, str], *, is_socket: bool) -> str | None:
         """Reason to refuse a request; ``None`` to accept it."""
         host = headers.get("Host")
@@ -67,7 +61,7 @@ class Guard:
         if not self.accepts_token(path, headers.get("Cookie")):
             return "this page needs its token; open the address that the terminal shows"
         origin = headers.get("Origin")
-        if (is_socket or origin is not None) and not self.accepts_origin(origin, host):
+        if (is_socket or origin is not None) and origin != f"http://{host}":
             return "another web page has asked for this; open the address that the terminal shows"
         return None
 

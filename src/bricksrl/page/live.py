@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bricksrl.errors import BricksError
+from bricksrl.errors import BricksError, StoppedError
 from bricksrl.page.board import MAX_EPISODES, Board
 from bricksrl.page.clock import SPEEDS
 from bricksrl.page.driver import PageDriver, stick_map
@@ -74,7 +74,7 @@ class LivePage:
         self._changed = threading.Condition()
         self._paused = False
         self._requested_steps = 0
-        self.is_reset_requested = False
+        self.is_reset_requested = self._is_cutting = False
         self._speed = speed
         self._env: Any = None
         self._unwatch: Callable[[], None] = lambda: None
@@ -196,7 +196,7 @@ class LivePage:
     def begin(self) -> None:
         """Begin an episode."""
         self._sum, self._steps = 0.0, 0
-        self.is_reset_requested = False
+        self.clear_reset()
         self._publish()
 
     def show_step(self, frame: TensorDictBase) -> None:
@@ -226,9 +226,12 @@ class LivePage:
         self._publish()
 
     def show_step_and_hold(self, frame: TensorDictBase) -> None:
-        """Call `show_step`, then `hold`."""
+        """Call `show_step`, `hold` and `cut`. Raises StoppedError after an emergency stop, also of a simulation."""
         self.show_step(frame)
         self.hold()
+        if self.is_stopped:
+            raise StoppedError("the robot was stopped by hand")
+        self.cut()
 
     def note(self, **facts: Any) -> None:
         """Facts to show with the next numbers, by name."""
@@ -262,6 +265,19 @@ class LivePage:
         if self._env is not None and not hasattr(self._env, "twin") and speed:
             self._last_step_s = max(self._last_step_s + _STEP_S / speed, time.monotonic() - _STEP_S)
             self._halted.wait(max(0.0, self._last_step_s - time.monotonic()))
+
+    def cut(self) -> None:
+        """If a reset is requested, end the episode by a pause: it truncates the next step, so that no transition spans the
+        reset."""
+        if self.is_reset_requested and not self._is_cutting and hasattr(self._env, "pause"):
+            self._env.pause()
+            self._is_cutting = True
+
+    def clear_reset(self) -> None:
+        """Clear a requested reset and its pause at the end of an episode."""
+        if self._is_cutting and not self.is_stopped:
+            self._env.resume()
+        self.is_reset_requested = self._is_cutting = False
 
     def mark_stopped(self) -> None:
         """Record that the robot was stopped."""

@@ -74,7 +74,7 @@ def play_on_page(
             page.board.update_status(message="The robot was stopped by hand. Reset lets it start again.")
             _wait(page, stop)
         except BricksError as error:
-            page.board.update_status(message=f"{error} Reset tries again.")
+            page.board.update_status(message=f"{error}. Reset tries again.")
             _wait(page, stop)
     return returns
 

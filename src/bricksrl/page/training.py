@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -32,12 +31,9 @@ class PageCallback(Callback):
 
     def __init__(self, page: LivePage, stop: threading.Event) -> None:
         self._page, self._stop = page, stop
-        self._resume: Callable[[], None] | None = None
         self._episodes = 0
 
     def on_env(self, env: EnvBase) -> None:
-        self._env = env
-        self._can_pause = not env.batch_size and hasattr(env, "pause")
         self._page.attach(env)
 
     def on_start(self, config: TrainConfig, run_dir: Path, episodes_done: int) -> None:
@@ -53,21 +49,17 @@ class PageCallback(Callback):
         self._page.note(episode=f"{episode}/{self._episodes}", phase=_PHASES[phase])
         self._page.show_step(transition)
         if bool(transition["next", "done"]):
-            self._clear_reset()  # before an evaluation, which would block on the pause
+            self._page.clear_reset()  # before an evaluation, which would block on the pause
 
     def on_step(self, episode: int, step: int, phase: Phase) -> None:
         self._page.hold(self._stop.is_set)
-        if self._page.is_reset_requested and self._resume is None and self._can_pause:
-            # A pause truncates the episode after the next step, so that no transition spans the reset.
-            self._env.pause()
-            self._resume = self._env.resume
+        self._page.cut()
 
     def on_link_lost(self, episode: int, length: int, error: BricksError) -> None:
-        self._clear_reset()
+        self._page.clear_reset()
         self._page.board.update_status(message=f"{error}; trying to reach it again")
 
     def on_episode(self, episode: Episode, progress: Progress) -> None:
-        self._clear_reset()
         self._page.board.update_status(message="")
         self._page.end(episode.return_, f"{episode.episode}/{self._episodes}")
         self._page.begin()
@@ -77,10 +69,3 @@ class PageCallback(Callback):
             self._page.finish(f"interrupted; `bricksrl resume {quoted(result.run_dir)}` goes on")
         else:
             self._page.finish("")
-
-    def _clear_reset(self) -> None:
-        """Clear a requested reset and its pause at the end of an episode."""
-        self._page.is_reset_requested = False
-        resume, self._resume = self._resume, None
-        if resume is not None and not self._page.is_stopped:
-            resume()

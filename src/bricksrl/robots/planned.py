@@ -87,7 +87,7 @@ def _check_hub_sides(name: str, sides: tuple[str, ...], design: PlannedRobot) ->
     """Findings on the orientation of a hub whose IMU is read."""
     hub = next(iter(design.plan.devices(DeviceKind.HUB)), None)
     plan_sides = hub_sides(design)
-    if hub is None or plan_sides == sides:
+    if hub is None or (plan_sides == sides and len(sides) == 2):
         return
     if len(plan_sides) < 2:
         text = "the hub is at an angle, so its IMU cannot be read; turn it, or say needs_imu=False"

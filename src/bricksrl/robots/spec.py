@@ -117,9 +117,7 @@ class Motor:
         return ratio * self.direction.value
 
     def __post_init__(self) -> None:
-        _check_name(self.name)
-        _check_port(self.name, self.port)
-        check_fields(Motor, vars(self))
+        _check_device(self)
         if len(self.gears) == 1 or any(teeth < 1 for teeth in self.gears):
             raise DescriptionError(
                 f"motor '{self.name}': gears {self.gears} are not a train; give the teeth from motor to output, e.g. (20, 60)"
@@ -158,9 +156,10 @@ class Mount:
     looks: str = "ahead"
 
     def __post_init__(self) -> None:
+        check_fields(Mount, vars(self))
         if self.looks not in LOOKS:
             raise DescriptionError(f"a sensor cannot look '{self.looks}'; choose {', '.join(LOOKS)}")
-        if len(self.at_mm) != 3 or not all(math.isfinite(value) for value in self.at_mm) or self.at_mm[2] <= 0:
+        if not all(math.isfinite(value) for value in self.at_mm) or self.at_mm[2] <= 0:
             raise DescriptionError(f"a sensor cannot sit at {self.at_mm}; give mm ahead, to the left and above the floor")
 
 
@@ -176,8 +175,7 @@ class UltrasonicSensor:
     FARTHEST_MM: ClassVar[int] = 2000
 
     def __post_init__(self) -> None:
-        _check_name(self.name)
-        _check_port(self.name, self.port)
+        _check_device(self)
 
 
 class SensorKind(enum.Enum):
@@ -221,9 +219,7 @@ class PoweredUpSensor:
         return self.kind.value
 
     def __post_init__(self) -> None:
-        _check_name(self.name)
-        _check_port(self.name, self.port)
-        check_fields(PoweredUpSensor, vars(self))
+        _check_device(self)
 
 
 Sensor = UltrasonicSensor | PoweredUpSensor
@@ -267,6 +263,7 @@ class Chassis:
     ballast_g: float = 0.0
 
     def __post_init__(self) -> None:
+        check_fields(Chassis, vars(self))
         numbers = (*(self.hub_mm or (0.0, 0.0)), *self.caster_mm, self.ballast_g)
         if not all(math.isfinite(number) for number in numbers) or self.ballast_g < 0 or abs(self.caster_mm[0]) < 20:
             raise DescriptionError(
@@ -361,9 +358,11 @@ class Robot:
         return _find_device(self, "sensor", self.sensors, name)
 
 
-def _check_port(name: str, port: object) -> None:
-    if not isinstance(port, str):
-        raise DescriptionError(f"'{name}' is on port {port!r}; give the port's letter, such as 'A'")
+def _check_device(device: Motor | Sensor) -> None:
+    _check_name(device.name)
+    if not isinstance(device.port, str):
+        raise DescriptionError(f"'{device.name}' is on port {device.port!r}; give the port's letter, such as 'A'")
+    check_fields(type(device), vars(device))
 
 
 def _check_name(name: str) -> None:

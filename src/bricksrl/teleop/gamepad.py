@@ -16,8 +16,8 @@ from bricksrl.entry import Entry
 from bricksrl.errors import DataError
 from bricksrl.teleop.mapping import push_action, rest_action
 
-DEAD_ZONE = 0.1
-"""Released sticks do not return to exactly 0."""
+DEAD_ZONE, TRIGGER_ZONE = 0.1, 0.9
+"""Released sticks do not return to exactly 0; an axis that is beyond the second at the start is a trigger, which rests at -1."""
 _EVENT = struct.Struct("<IhBB")  # time in ms, value, kind, number: linux/joystick.h
 _BUTTON, _AXIS, _INITIAL = 0x01, 0x02, 0x80
 _AXIS_MAX = 32767
@@ -27,7 +27,7 @@ class Pad(Protocol):
     """Gamepad."""
 
     def axes(self) -> Sequence[float]:
-        """Positions of its sticks, each in -1..1."""
+        """Positions of its axes, each in -1..1, always as many."""
 
     def presses(self) -> int:
         """Number of presses of its first button since the last call."""
@@ -37,8 +37,8 @@ class Pad(Protocol):
 
 
 class GamepadDriver:
-    """Driver by gamepad: each axis drives one command, in order; the first button toggles between human and policy. Raises
-    DataError if there is no gamepad.
+    """Driver by gamepad: each axis of a stick drives one command, in order; the first button toggles between human and policy.
+    Raises DataError if there is no gamepad.
 
     Args:
         commands: commands of the robot.
@@ -50,6 +50,7 @@ class GamepadDriver:
         self.in_charge = in_charge
         self._rest = rest_action(commands)
         self._pad = find_pad() if pad is None else pad
+        self._sticks = [axis for axis, position in enumerate(self._pad.axes()) if abs(position) < TRIGGER_ZONE]
 
     def __call__(self, observation: Tensor) -> Tensor | None:
         """Action ``[m]``; ``None`` while the policy is in charge. Raises DataError if the gamepad was disconnected."""
@@ -58,7 +59,8 @@ class GamepadDriver:
         if not self.in_charge:
             return None
         pushes = torch.zeros_like(self._rest)
-        axes = torch.tensor(list(self._pad.axes())[: len(pushes)])
+        positions = self._pad.axes()
+        axes = torch.tensor([positions[axis] for axis in self._sticks[: len(pushes)]])
         pushes[: len(axes)] = torch.where(axes.abs() < DEAD_ZONE, 0.0, axes)
         return push_action(pushes, self._rest)
 
@@ -136,8 +138,10 @@ class PygamePad:
         return [self._stick.get_axis(i) for i in range(self._stick.get_numaxes())]
 
     def presses(self) -> int:
-        events = self._pygame.event.get(self._pygame.JOYBUTTONDOWN)
-        return sum(event.button == 0 for event in events)
+        events = self._pygame.event.get()  # of all kinds: a full queue takes no presses
+        if any(event.type == self._pygame.JOYDEVICEREMOVED for event in events):
+            raise DataError("the gamepad is gone; plug it in and start again")
+        return sum(event.type == self._pygame.JOYBUTTONDOWN and event.button == 0 for event in events)
 
     def close(self) -> None:
         self._pygame.joystick.quit()

@@ -19,6 +19,7 @@ from bricksrl.hub.diagnostics.calibration import (
     CalibrationError,
     calibrated,
     calibration_folder,
+    calibration_of,
     forget_calibration,
     load_calibration,
     save_calibration,
@@ -167,6 +168,20 @@ def test_damaged_calibration_file_raises(tmp_path: Path, text: str) -> None:
     path.write_text(text)
     with pytest.raises(CalibrationError, match="delete the file and calibrate again"):
         load_calibration("hub", ROBO_ARM, tmp_path)
+
+
+def test_link_does_not_open_without_its_calibration(tmp_path: Path) -> None:
+    path = save_calibration("hub", ROBO_ARM, Calibration({"low": 7}), tmp_path)
+    text = path.read_text()
+    path.write_text("")
+    hub = VirtualHub(make_body(ROBO_ARM))
+    link = HubLink(hub, ROBO_ARM, ARM, calibrate=calibration_of(lambda: "hub", tmp_path))
+    for _ in range(2):
+        with pytest.raises(CalibrationError, match="delete the file and calibrate again"):
+            link.open()
+    path.write_text(text)
+    with link:
+        assert link.program == generate(calibrated(ROBO_ARM, Calibration({"low": 7})), ARM)
 
 
 def test_unwritable_folder_raises(tmp_path: Path) -> None:

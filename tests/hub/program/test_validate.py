@@ -55,6 +55,7 @@ def test_paper_interfaces_are_valid(interface: Interface) -> None:
         (changed(channels=(MotorAngle("left", 0, 4000),)), "'left_angle' ranges from 0 to 4000"),
         (changed(settle=Wait(0)), "0 ms"),
         (changed(settle=UntilDone(70_000)), "70000 ms"),
+        (changed(settle=Wait(0.1 * 1000)), "time_ms is 100.0; give a whole number"),  # type: ignore[arg-type]
     ],
 )
 def test_mismatches_raise(interface: Interface, message: str) -> None:

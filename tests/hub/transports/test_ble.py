@@ -59,6 +59,15 @@ def test_an_exchange_takes_two_connection_intervals(tmp_path: Path) -> None:
         world.close()
 
 
+def test_clock_tells_milliseconds_on_windows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its monotonic clock has steps of 15.6 ms, about a round trip."""
+    transport = BleTransport(record=tmp_path / "programs.json")
+    monkeypatch.setattr(time, "monotonic", lambda: 7.0)
+    start_s = transport.now_s()
+    time.sleep(0.002)
+    assert 0.002 <= transport.now_s() - start_s < BOUND_S
+
+
 def test_same_program_is_downloaded_once(world: World) -> None:
     for _ in range(2):
         with world.link() as link:
@@ -193,6 +202,14 @@ def test_several_hubs(world: World) -> None:
         assert other.is_connected and not world.hub.is_connected
         transport.close()
         other.wait_until("is_connected", False)
+
+
+def test_several_hubs_of_one_name(world: World) -> None:
+    other = PlayedHub(world.radio, WALKER, NAME, "C0:01:02:03:04:06")
+    error = bounded(world.transport().open, AmbiguousHubError)
+    assert world.hub.address in str(error) and "C0:01:02:03:04:06" in str(error)
+    world.transport(name=None, address="C0:01:02:03:04:06").open()
+    assert other.is_connected and not world.hub.is_connected
 
 
 def test_single_hub_needs_no_name(world: World) -> None:

@@ -44,8 +44,8 @@ def test_download_writes_every_byte(blob: bytes, max_write_bytes: int) -> None:
     ("data", "report"),
     [
         (b"\x00\x41\x00\x00\x00", StatusReport(Status.USER_PROGRAM_RUNNING | Status.BATTERY_LOW)),
-        (b"\x00\x00\x02\x00\x00\x80", StatusReport(Status.BLE_HOST_CONNECTED, 0x80)),
-        (b"\x00\x00\x00\x00\x00\x00\x02", StatusReport(Status(0), 0, 2)),
+        (b"\x00\x00\x02\x00\x00\x80", StatusReport(Status.BLE_HOST_CONNECTED)),
+        (b"\x00\x00\x00\x00\x00\x00\x02", StatusReport(Status(0), 2)),
     ],
 )
 def test_status_reports_of_all_versions(data: bytes, report: StatusReport) -> None:

@@ -15,8 +15,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+import serial
 from ble_world import BOUND_S, LONG_RUN, bounded
-from played_usb_hub import PlayedUsbHub
+from played_usb_hub import PlayedUsbHub, SocketSerial
 from stand_in import SPINNING
 
 from bricksrl.errors import HubError, HubProgramError, HubTimeoutError
@@ -179,8 +180,27 @@ def test_unplugged_hub_stops_and_is_found_again(cable: Cable) -> None:
     link.act([100])
 
 
+def test_port_that_takes_no_bytes_is_opened_again(cable: Cable, monkeypatch: pytest.MonkeyPatch) -> None:
+    opened: list[SocketSerial] = []
+
+    def open_serial(device: str) -> SocketSerial:
+        opened.append(cable.hub.open_serial(device))
+        return opened[-1]
+
+    def write(data: bytes) -> int:
+        raise serial.SerialTimeoutException("Write timeout")
+
+    link = cable.link(open_serial=open_serial)
+    link.open()
+    monkeypatch.setattr(opened[0], "write", write)
+    bounded(lambda: link.act([100]), HubDisconnectedError)
+    link.open()
+    link.act([100])
+    assert len(opened) == 2
+
+
 HOST = """
-import sys
+import sys, time
 from ble_world import LONG_RUN
 from bricksrl.hub.program import generate
 from bricksrl.hub.link.lockstep import HubLink
@@ -190,22 +210,36 @@ from pathlib import Path
 generate.END_MS = 500
 link = HubLink(UsbTransport(sys.argv[1], record=Path(sys.argv[2])), TWO_WHEELER, LONG_RUN)
 link.open()
-while True:
+end_s = time.monotonic() + float(sys.argv[3])
+while time.monotonic() < end_s:
     link.act([3000])
 """
+
+
+def host_process(cable: Cable, duration_s: float) -> subprocess.Popen[str]:
+    command = [sys.executable, "-c", HOST, cable.hub.attach_terminal(), str(cable.record), str(duration_s)]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    return subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="pseudo terminals are a thing of POSIX")
+def test_end_of_host_process_stops_program(cable: Cable) -> None:
+    cable.link()
+    _, errors = host_process(cable, 0.0).communicate(timeout=60)
+    assert not errors
+    assert cable.hub.commands[-1] == Command.STOP_USER_PROGRAM
 
 
 @pytest.mark.skipif(os.name != "posix", reason="pseudo terminals and SIGKILL are things of POSIX")
 def test_killed_host_process(cable: Cable) -> None:
     link = cable.link()
-    command = [sys.executable, "-c", HOST, cable.hub.attach_terminal(), str(cable.record)]
-    host = subprocess.Popen(command, env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)})
+    host = host_process(cable, 60.0)
     try:
         cable.hub.wait_until("is_driven", True, 60.0)
         time.sleep(0.2)
     finally:
         host.kill()
-        host.wait(5)
+        host.communicate(timeout=5)
     assert cable.hub.wait_until("is_driven", False) < 0.6
     assert cable.hub.longest_silent_drive_ms <= generate.WATCHDOG_MS
     cable.hub.wait_until("is_running", False, 2.0)

@@ -18,8 +18,6 @@ from bricksrl.errors import BricksError, DescriptionError
 from bricksrl.files import write_durably
 from bricksrl.robots import Direction, Motor, Robot
 
-_OPPOSITE = {Direction.CLOCKWISE: Direction.COUNTERCLOCKWISE, Direction.COUNTERCLOCKWISE: Direction.CLOCKWISE}
-
 
 class CalibrationError(BricksError):
     """A calibration that cannot be read, or does not belong to the robot."""
@@ -48,7 +46,7 @@ def calibrated(robot: Robot, calibration: Calibration) -> Robot:
 
 
 def _calibrated(motor: Motor, calibration: Calibration) -> Motor:
-    direction = _OPPOSITE[motor.direction] if motor.name in calibration.reversed else motor.direction
+    direction = Direction(-motor.direction.value) if motor.name in calibration.reversed else motor.direction
     return replace(motor, direction=direction, zero_deg=calibration.zeros_deg.get(motor.name, motor.zero_deg))
 
 

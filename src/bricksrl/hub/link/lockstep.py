@@ -107,9 +107,9 @@ class HubLink:
         with self._fault():
             if not self._transport_is_open:
                 self._transport.open()
-                self._transport_is_open = True
                 if self._calibrate is not None:
                     self.program = generate(self._calibrate(self._robot), self._interface, self._pipe)
+                self._transport_is_open = True
             self._start_program()
 
     @property

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 
 from bricksrl.errors import DescriptionError, ProgramError
+from bricksrl.fields import check_fields
 from bricksrl.hub.interface import Interface
 from bricksrl.hub.kinds import WIRE_MAX, Command
 from bricksrl.hub.protocol import MAX_ACTIONS
@@ -24,6 +25,7 @@ def validate(robot: Robot, interface: Interface) -> None:
         )
     _check_commands(robot, interface)
     _check_channels(robot, interface)
+    check_fields(type(interface.settle), vars(interface.settle))
     time_ms = interface.settle.longest_ms
     if not 0 < time_ms <= _MAX_SETTLE_MS:
         raise DescriptionError(f"the step settles after {time_ms} ms; give 1 to {_MAX_SETTLE_MS} ms")

@@ -70,7 +70,6 @@ class Framer:
         self.damaged = 0
         self._longest_bytes = longest_bytes
         self._buffer = bytearray()
-        self._is_too_long = False
 
     def feed(self, data: bytes) -> list[bytes]:
         """Take bytes and return the messages that they complete. Never raises."""
@@ -78,26 +77,22 @@ class Framer:
         *ended, rest = data.split(bytes((END,)))
         for part in ended:
             self._append(part)
-            message = self._message()
-            if message:
+            if message := self._message():
                 messages.append(message)
-            self._buffer.clear()
-            self._is_too_long = False
         self._append(rest)
         return messages
 
     def _append(self, part: bytes) -> None:
-        self._is_too_long = self._is_too_long or len(self._buffer) + len(part) > self._longest_bytes
-        if not self._is_too_long:
-            self._buffer += part
+        self._buffer += part
+        del self._buffer[self._longest_bytes + 1 :]  # one byte tells that it is too long
 
     def _message(self) -> bytes:
-        if not self._buffer and not self._is_too_long:
-            return b""
+        frame = bytes(self._buffer)
+        self._buffer.clear()
         try:
-            if self._is_too_long:
-                raise HubProtocolError("too long; plug the hub in again")
-            return decode(bytes(self._buffer))
+            if len(frame) > self._longest_bytes:
+                raise HubProtocolError("a frame over USB is too long; plug the hub in again")
+            return decode(frame)
         except HubProtocolError:
             self.damaged += 1
             return b""

@@ -244,6 +244,9 @@ class HubConnection:
                     await self._port.write(data, operation)
                 finally:
                     self._write_timeout = None
+        except HubDisconnectedError:
+            self._lose("it takes no commands")
+            raise
         except TimeoutError:
             self._check_connected()
             self._lose("it did not acknowledge a command")

@@ -32,7 +32,8 @@ STATUS_PERIOD_S = 0.5
 """Period of a hub's status reports; changes are reported at once."""
 
 _PRODUCT_IDS = {0x40: HubKind.MOVE, 0x41: HubKind.CITY, 0x80: HubKind.TECHNIC, 0x81: HubKind.PRIME, 0x83: HubKind.ESSENTIAL}
-_STATUS_REPORT = struct.Struct("<I")
+_STATUS_REPORT = struct.Struct("<IxB")
+"""Flags, the program's id, and the slot."""
 _CAPABILITIES = struct.Struct("<HIIB")
 _DATA_HEAD = struct.Struct("<BI")
 
@@ -128,12 +129,10 @@ class StatusReport:
 
     Attributes:
         flags: status flags.
-        program_id: id of the running program; 0 before version 1.4.
         slot: selected slot; 0 before version 1.5.
     """
 
     flags: Status
-    program_id: int = 0
     slot: int = 0
 
 
@@ -147,10 +146,10 @@ def parse_event(data: bytes) -> StatusReport | bytes | None:
         return payload
     if kind != Event.STATUS_REPORT:
         return None
-    if len(payload) < _STATUS_REPORT.size:
+    if len(payload) < _STATUS_REPORT.size - 2:
         raise HubProtocolError(f"a status report of the hub has {len(payload)} bytes; update its firmware on code.pybricks.com")
-    flags, rest = _STATUS_REPORT.unpack_from(payload)[0], payload[_STATUS_REPORT.size :]
-    return StatusReport(Status(flags), rest[0] if rest else 0, rest[1] if len(rest) > 1 else 0)
+    flags, slot = _STATUS_REPORT.unpack_from(payload + bytes(2))  # older versions end before them
+    return StatusReport(Status(flags), slot)
 
 
 def parse_capabilities(data: bytes) -> Capabilities:

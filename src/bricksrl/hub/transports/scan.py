@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
 
-from bricksrl.errors import HubError, HubProtocolError
+from bricksrl.errors import HubProtocolError
 from bricksrl.hub.errors import AmbiguousHubError, BluetoothUnavailableError, HubNotFoundError
 from bricksrl.hub.transports.bluetooth import bleak_errors
 from bricksrl.hub.transports.event_loop import EventLoopThread
@@ -54,6 +54,7 @@ class FoundHub:
     kind: HubKind | None = None
 
 
+_Found: TypeAlias = "list[tuple[BLEDevice, FoundHub]]"
 _Seen: TypeAlias = "dict[str, tuple[BLEDevice, FoundHub]]"
 """Found hubs by address."""
 
@@ -72,13 +73,13 @@ async def _scan(timeout_s: float, backend: BleBackend | None) -> list[FoundHub]:
 
 
 async def find(name: str | None, address: str | None, timeout_s: float, backend: BleBackend | None) -> BLEDevice:
-    """Find the hub with this name or address; without either, the only one in reach.
+    """Find the only hub in reach with this name, or with this address; without either, the only one.
 
     A hub that is still connected to this computer, because a program died, does not advertise, but is found too.
 
     Raises:
         HubNotFoundError: the hub was not found.
-        AmbiguousHubError: several hubs were found, and none was named.
+        AmbiguousHubError: several such hubs were found.
         BluetoothUnavailableError: Bluetooth is not available on this computer.
     """
     seen: _Seen = {}
@@ -86,11 +87,13 @@ async def find(name: str | None, address: str | None, timeout_s: float, backend:
         seen[device.address] = (device, FoundHub(device.name or "", device.address, 0))
     if not _matches(seen, name, address):
         await _listen(seen, lambda: bool(_matches(seen, name, address)), timeout_s, backend)
-    if name is None and address is None and len(seen) == 1:  # check that there are no others
-        await _listen(seen, lambda: len(seen) > 1, _OTHERS_S, backend)
+    if address is None and len(_matches(seen, name, None)) == 1:  # check that there are no others
+        await _listen(seen, lambda: len(_matches(seen, name, None)) > 1, _OTHERS_S, backend)
     matches = _matches(seen, name, address)
-    if len(matches) != 1:
-        raise _not_found(name or address, [hub for _, hub in seen.values()], timeout_s)
+    if len(matches) > 1:
+        raise AmbiguousHubError(f"several hubs are in reach: {_listed(matches)}; say which one by its name or address")
+    if not matches:
+        raise _not_found(name or address, list(seen.values()), timeout_s)
     device, hub = matches[0]
     _log.info("found the hub '%s' (%s)", hub.name, hub.address)
     return device
@@ -123,7 +126,7 @@ async def _still_connected(backend: BleBackend | None) -> list[BLEDevice]:
         return []
 
 
-def _matches(seen: _Seen, name: str | None, address: str | None) -> list[tuple[BLEDevice, FoundHub]]:
+def _matches(seen: _Seen, name: str | None, address: str | None) -> _Found:
     return [
         (device, hub)
         for device, hub in seen.values()
@@ -140,10 +143,11 @@ def _found_hub(device: BLEDevice, advertisement: AdvertisementData) -> FoundHub:
     return FoundHub(advertisement.local_name or device.name or "", device.address, advertisement.rssi, kind)
 
 
-def _not_found(requested: str | None, others: list[FoundHub], timeout_s: float) -> HubError:
-    names = ", ".join(f"'{hub.name}' ({hub.address})" for hub in others)
-    if requested is None and others:
-        return AmbiguousHubError(f"several hubs are in reach: {names}; say which one by its name or address")
+def _not_found(requested: str | None, others: _Found, timeout_s: float) -> HubNotFoundError:
     what = "no hub" if requested is None else f"no hub '{requested}'"
-    seen = f"; others are: {names}" if names else ""
+    seen = f"; others are: {_listed(others)}" if others else ""
     return HubNotFoundError(f"{what} with Pybricks was found within {timeout_s:g} s{seen}; {_REMEDY}")
+
+
+def _listed(found: _Found) -> str:
+    return ", ".join(f"'{hub.name}' ({hub.address})" for _, hub in found)

@@ -122,7 +122,8 @@ class UsbTransport(ProfileTransport):
 
 
 class UsbPort:
-    """Pybricks Profile over a serial port. Reads and blocking writes run in separate threads."""
+    """Pybricks Profile over a serial port. Reads run in a separate thread; writes, which have a timeout, do not: at the end of
+    this program, when the hub is stopped, Python starts no more work in other threads."""
 
     def __init__(self, hub: UsbHub, open_serial: OpenSerial) -> None:
         self.name, self.address = hub.device, hub.address
@@ -172,10 +173,10 @@ class UsbPort:
             return
         self._is_closing.set()
         try:
-            await asyncio.to_thread(serial.write, cobs.encode(bytes((_SUBSCRIBE, 0))))
+            serial.write(cobs.encode(bytes((_SUBSCRIBE, 0))))
         finally:
-            await asyncio.to_thread(serial.close)
-            await asyncio.to_thread(self._reader.join, 1.0)
+            serial.close()
+            self._reader.join(1.0)
 
     async def _send(self, message: bytes) -> None:
         serial = self._serial
@@ -183,7 +184,7 @@ class UsbPort:
             raise HubDisconnectedError("the serial port is closed; open the link again")
         frame = cobs.encode(message) if message else bytes((cobs.END,))
         with _serial_errors("write to the hub"):
-            await asyncio.to_thread(serial.write, frame)
+            serial.write(frame)
 
     def _read_loop(self, serial: SerialPort) -> None:
         """Body of the reading thread."""

@@ -1,10 +1,10 @@
 // Line charts on a canvas, drawn by hand: a title, a light grid, the last value.
 
-const INK = "#1f2430", MUTED = "#6b7280", GRID = "#e5e7eb";
+const MUTED = "#6b7280", GRID = "#e5e7eb", BLUE = "#0b5cad";
 
 export class Chart {
-  // points: dots and a moving mean, as of the learning curve; else lines, one for each column.
-  constructor(parent, title, { points = false, unit = "step", range = null } = {}) {
+  // points: dots and a moving mean, as of the learning curve; else a line.
+  constructor(parent, title, { points, unit }) {
     this.figure = document.createElement("figure");
     this.figure.className = "chart";
     const caption = document.createElement("figcaption"), name = document.createElement("span");
@@ -16,21 +16,21 @@ export class Chart {
     this.canvas.setAttribute("aria-label", title);
     this.figure.append(caption, this.canvas);
     parent.append(this.figure);
-    Object.assign(this, { points, unit, range, first: 0, rows: [], kept: 400, lines: [] });
+    Object.assign(this, { points, unit, first: 0, values: [], kept: 400 });
     new ResizeObserver(() => this.draw()).observe(this.canvas);
   }
 
-  // New rows of a series from number `first` on, as the server sends them.
-  add({ first, rows, kept }) {
-    if (kept) [this.kept, this.first, this.rows] = [kept, first, []];
-    if (first !== this.first + this.rows.length) [this.first, this.rows] = [first, []];
-    this.rows.push(...rows.map((row) => row.map((value) => value ?? NaN))); // a gap where there is no number
-    const excess = this.rows.length - this.kept;
+  // New values from number `first` on; `kept` of them are kept.
+  add({ first, values, kept = this.kept }) {
+    if (first !== this.first + this.values.length) [this.first, this.values] = [first, []];
+    this.kept = kept;
+    this.values.push(...values.map((value) => value ?? NaN)); // a gap where there is no number
+    const excess = this.values.length - this.kept;
     if (excess > 0) {
-      this.rows.splice(0, excess);
+      this.values.splice(0, excess);
       this.first += excess;
     }
-    this.figure.dataset.count = this.first + this.rows.length;
+    this.figure.dataset.count = this.first + this.values.length;
     this.draw();
   }
 
@@ -41,13 +41,12 @@ export class Chart {
     const pen = canvas.getContext("2d");
     pen.scale(scale, scale);
     pen.font = "11px system-ui, sans-serif";
-    const values = this.rows.flat().filter(Number.isFinite);
-    let [low, high] = this.range ?? [Math.min(...values, 0), Math.max(...values, 0)];
-    if (!values.length && !this.range) [low, high] = [0, 1];
+    const numbers = this.values.filter(Number.isFinite);
+    let [low, high] = numbers.length ? [Math.min(...numbers, 0), Math.max(...numbers, 0)] : [0, 1];
     if (high - low < 1e-9) [low, high] = [low - 0.5, high + 0.5];
     const left = 38, right = width - 8, top = 6, bottom = height - 16;
     const y = (value) => bottom - ((value - low) / (high - low)) * (bottom - top);
-    const span = Math.max(this.rows.length - 1, this.points ? 1 : 20);
+    const span = Math.max(this.values.length - 1, this.points ? 1 : 20);
     const x = (i) => left + (i / span) * (right - left);
     pen.fillStyle = MUTED;
     pen.lineWidth = 1;
@@ -62,34 +61,29 @@ export class Chart {
     pen.textAlign = "left";
     pen.fillText(`${this.unit} ${this.first + 1}`, left, height - 3);
     pen.textAlign = "right";
-    if (this.rows.length > 1) pen.fillText(`${this.first + this.rows.length}`, right, height - 3);
-    if (!this.rows.length) return;
+    if (this.values.length > 1) pen.fillText(`${this.first + this.values.length}`, right, height - 3);
+    if (!this.values.length) return;
     if (this.points) this.drawPoints(pen, x, y);
-    else this.drawLines(pen, x, y);
-    const last = this.rows[this.rows.length - 1];
-    this.lastValue.textContent = last.length === 1 ? short(last[0]) : "";
+    pen.strokeStyle = BLUE;
+    pen.lineWidth = this.points ? 2 : 1.5;
+    line(pen, (this.points ? this.means() : this.values).map((value, i) => [x(i), y(value)]));
+    this.lastValue.textContent = short(this.values.at(-1));
   }
 
   drawPoints(pen, x, y) {
     pen.fillStyle = "#9fb8dc";
-    this.rows.forEach(([value], i) => {
+    this.values.forEach((value, i) => {
       pen.beginPath();
       pen.arc(x(i), y(value), 2.5, 0, 7);
       pen.fill();
     });
-    pen.strokeStyle = "#0b5cad";
-    pen.lineWidth = 2;
-    line(pen, this.rows.map((_, i) => {
-      const recent = this.rows.slice(Math.max(0, i - 4), i + 1);
-      return [x(i), y(recent.reduce((sum, [value]) => sum + value, 0) / recent.length)];
-    }));
   }
 
-  drawLines(pen, x, y) {
-    pen.lineWidth = 1.5;
-    this.rows[0].forEach((_, column) => {
-      pen.strokeStyle = this.rows[0].length > 1 ? `hsl(${(360 * column) / this.rows[0].length} 65% 42%)` : "#0b5cad";
-      line(pen, this.rows.map((row, i) => [x(i), y(row[column])]));
+  // Mean of the last five values at each of them.
+  means() {
+    return this.values.map((_, i) => {
+      const recent = this.values.slice(Math.max(0, i - 4), i + 1);
+      return recent.reduce((sum, value) => sum + value, 0) / recent.length;
     });
   }
 }
@@ -97,7 +91,7 @@ export class Chart {
 export function short(value) {
   if (!Number.isFinite(value)) return "–";
   const size = Math.abs(value);
-  return size >= 1000 || Number.isInteger(value) ? value.toFixed(0) : size >= 100 ? value.toFixed(0) : size >= 10 ? value.toFixed(1) : value.toFixed(2);
+  return value.toFixed(size >= 100 || Number.isInteger(value) ? 0 : size >= 10 ? 1 : 2);
 }
 
 function line(pen, points) {

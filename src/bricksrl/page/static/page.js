@@ -3,7 +3,7 @@
 import { Scene3D } from "./scene3d.js";
 import { Chart, short } from "./charts.js";
 
-const POSES = 1, IMAGE = 2, MIN_INTERVAL_MS = 60, REPEAT_MS = 300;
+const POSES = 1, IMAGE = 2, MIN_INTERVAL_MS = 60, REPEAT_MS = 300, REST_MS = 1500;
 const $ = (id) => document.getElementById(id);
 let socket = null, status = {}, scene = null, lost = false, retry_ms = 300;
 const charts = new Map();
@@ -27,7 +27,7 @@ function connect() {
   };
 }
 
-export function press(name, value = null) {
+function press(name, value = null) {
   if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify({ press: name, value }));
 }
 
@@ -74,11 +74,9 @@ function showImage(rgb, width, height) {
 
 // ---------------------------------------------------------------- status
 
-const STATES = { running: "running", paused: "paused", stopped: "STOPPED", finished: "finished", waiting: "waiting" };
-
 function showState() {
   const chip = $("state"), state = lost ? "lost" : status.state ?? "waiting";
-  chip.textContent = lost ? lost : STATES[state] ?? state;
+  chip.textContent = lost || (state === "stopped" ? "STOPPED" : state);
   chip.className = `chip ${state}`;
 }
 
@@ -119,7 +117,7 @@ function showChoices(can) {
   fill($("policy"), status.policies ?? [], "option", (option, name) => {
     option.value = option.textContent = name;
   });
-  if (document.activeElement !== $("policy") || status.policy !== undefined) $("policy").value = status.policy ?? "";
+  $("policy").value = status.policy ?? "";
 }
 
 // One child per name. The children are replaced only when the names change, or a press would lose its button.
@@ -164,7 +162,6 @@ function showHub() {
     $("light").style.background = hub.light ? hsv(...hub.light) : "";
     $("light").title = hub.light ? "light on" : "light off";
   }
-  fill($("link"), Object.keys(link ?? {}), "div", () => {});
   const rows = Object.entries(link ?? {}).flatMap(([name, value]) => [
     Object.assign(document.createElement("dt"), { textContent: name }),
     Object.assign(document.createElement("dd"), { textContent: value }),
@@ -190,7 +187,7 @@ function addRows(name, changes) {
     sortCharts();
   }
   for (let i = 0; charts.has(`${name}/${i}`); i++) {
-    charts.get(`${name}/${i}`).add({ ...changes, rows: changes.rows.map((row) => [row[i]]) });
+    charts.get(`${name}/${i}`).add({ ...changes, values: changes.rows.map((row) => row[i]) });
   }
 }
 
@@ -241,23 +238,26 @@ function showPushes() {
   });
 }
 
-// Pushes are repeated while they last, so that a robot comes to rest when the page is closed.
+// Pushes are repeated while they last, so that a robot comes to rest when the page is closed. One that rests because the page
+// slept, or had no connection, stays at rest, unless somebody holds the stick.
 function push(values) {
   pushes.values = values.map((value) => Math.max(-1, Math.min(1, value)));
   showPushes();
-  const now = performance.now();
   clearTimeout(pushes.timer);
-  if (now - pushes.sent_ms < MIN_INTERVAL_MS) pushes.timer = setTimeout(send, MIN_INTERVAL_MS);
+  if (Date.now() - pushes.sent_ms < MIN_INTERVAL_MS) pushes.timer = setTimeout(send, MIN_INTERVAL_MS);
   else send();
 }
 
 function send() {
-  pushes.sent_ms = performance.now();
+  pushes.sent_ms = Date.now();
   pushes.active = pushes.values.some((value) => value !== 0);
   press("drive", pushes.values);
 }
 
-setInterval(() => pushes.active && send(), REPEAT_MS);
+setInterval(() => {
+  if (!pushes.held && (lost || Date.now() - pushes.sent_ms > REST_MS)) pushes.active = false;
+  if (pushes.active) send();
+}, REPEAT_MS);
 
 function makeStick() {
   const stick = $("stick"), knob = stick.firstElementChild;
@@ -273,10 +273,14 @@ function makeStick() {
   };
   stick.onpointerdown = (event) => {
     stick.setPointerCapture(event.pointerId);
+    pushes.held = true;
     follow(event);
   };
   stick.onpointermove = (event) => stick.hasPointerCapture(event.pointerId) && follow(event);
-  stick.onpointerup = stick.onpointercancel = () => move(0, 0);
+  stick.onpointerup = stick.onpointercancel = () => {
+    pushes.held = false;
+    move(0, 0);
+  };
 }
 
 // Sliders of the program that shows the scene, such as the steps of a building plan.

@@ -134,7 +134,6 @@ export class Scene3D {
       new Int8Array(buffer, start + normals, 4 * vertices),
       new Uint32Array(buffer, start + faces, 3 * triangles)));
     this.bodies = header.bodies.map((body) => ({
-      name: body.name,
       shapes: body.shapes.map((shape) => ({
         mesh: this.meshes[shape.mesh],
         colour: shape.colour,

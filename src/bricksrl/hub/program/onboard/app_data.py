@@ -7,10 +7,11 @@ Its first byte changes with every write, its second is the number of bytes that 
 # --- the hub's part ---
 
 from pybricks.messaging import AppData
-from pybricks.tools import wait
+from pybricks.tools import StopWatch, wait
 
 APP_DATA = AppData([(0, SLOT_BYTES)])
 TAKEN = [0]
+WAITED = StopWatch()
 
 
 def listen():
@@ -19,12 +20,12 @@ def listen():
 
 def receive(patience_ms):
     """What the host wrote since the last time, or nothing when it wrote nothing in time."""
+    WAITED.reset()
     data = APP_DATA.get_bytes(0)
     while data[0] == TAKEN[0]:
-        if patience_ms <= 0:
+        if WAITED.time() >= patience_ms:
             return b""
         wait(1)
-        patience_ms -= 1
         data = APP_DATA.get_bytes(0)
     TAKEN[0] = data[0]
     return data[2 : 2 + data[1]]
