@@ -32,6 +32,7 @@ def test_success_and_return_have_their_intervals() -> None:
         seed=0,
         episodes=5,
         trained_episodes=10,
+        as_trained=True,
         return_mean=19.6,
         return_std=0.5,
         return_iqm=19.5,

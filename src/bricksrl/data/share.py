@@ -28,7 +28,7 @@ CARD = "README.md"
 _PATTERNS = ["meta/*", "meta/**", "data/**", "videos/**", CARD]
 
 
-def push_dataset(path: Path, repo: str, *, private: bool = False, licence: str = "mit") -> str:
+def push_dataset(path: Path, repo: str, *, private: bool = False) -> str:
     """Upload a dataset to the hub, with a generated card and the version tag that LeRobot requires; returns its address. Raises
     DataError if the dataset is not intact, huggingface_hub is not installed, or the hub is out of reach or refuses.
 
@@ -39,7 +39,7 @@ def push_dataset(path: Path, repo: str, *, private: bool = False, licence: str =
     faults = check(root)
     if faults:
         raise DataError(f"{root} is not sound: {faults[0]}; see `bricksrl data check {root}`")
-    card = dataset_card(summarise(root), licence)
+    card = dataset_card(summarise(root))
     with hub_client(repo) as api:
         api.create_repo(repo, repo_type="dataset", private=private, exist_ok=True)
         ignored = [f"{TEMPORARY_PREFIX}*", f"**/{TEMPORARY_PREFIX}*", LOCK, CARD]
