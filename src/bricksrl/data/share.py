@@ -19,13 +19,13 @@ from bricksrl.data.integrity import check
 from bricksrl.data.layout import CODEBASE_VERSION
 from bricksrl.data.summary import summarise
 from bricksrl.errors import DataError, message_of
-from bricksrl.files import LOCK, TEMPORARY_PREFIX, atomic_folder, refuse_existing
+from bricksrl.files import atomic_folder, refuse_existing
 
 if TYPE_CHECKING:
     from huggingface_hub import HfApi
 
 CARD = "README.md"
-_PATTERNS = ["meta/*", "meta/**", "data/**", "videos/**", CARD]
+_FILES = ["meta/**", "data/**", "videos/**"]
 
 
 def push_dataset(path: Path, repo: str, *, private: bool = False) -> str:
@@ -42,8 +42,8 @@ def push_dataset(path: Path, repo: str, *, private: bool = False) -> str:
     card = dataset_card(summarise(root))
     with hub_client(repo) as api:
         api.create_repo(repo, repo_type="dataset", private=private, exist_ok=True)
-        ignored = [f"{TEMPORARY_PREFIX}*", f"**/{TEMPORARY_PREFIX}*", LOCK, CARD]
-        api.upload_folder(repo_id=repo, repo_type="dataset", folder_path=str(root), ignore_patterns=ignored)
+        hidden = "*/.*"
+        api.upload_folder(repo_id=repo, repo_type="dataset", folder_path=str(root), allow_patterns=_FILES, ignore_patterns=hidden)
         api.upload_file(path_or_fileobj=card.encode(), path_in_repo=CARD, repo_id=repo, repo_type="dataset")
         api.create_tag(repo, tag=CODEBASE_VERSION, repo_type="dataset", exist_ok=True)
         return f"{api.endpoint}/datasets/{repo}"
@@ -56,7 +56,7 @@ def pull_dataset(repo: str, out: Path, *, revision: str | None = None) -> Path:
     Args:
         revision: branch, tag or commit; by default the newest.
     """
-    with downloaded(repo, "dataset", out, _PATTERNS, revision) as folder:
+    with downloaded(repo, "dataset", out, [*_FILES, CARD], revision) as folder:
         faults = [line for line in check(folder) if "is not a file of a dataset" not in line]
         if faults:
             raise DataError(
