@@ -38,8 +38,8 @@ def tell(seed, message):
         os.kill(killed[0], signal.SIGKILL)
 
 config = TrainConfig("WalkerSim-v0", episodes=4, settings=SETTINGS, run_dir=folder / "sweep")
-summary = train_seeds(config, 2, jobs=2, on=on, on_line=tell)
-print(json.dumps({"returns": summary.returns, "told": told, "killed": len(killed)}))
+group = train_seeds(config, 2, jobs=2, on=on, on_line=tell)
+print(json.dumps({"returns": group.scores, "told": told, "killed": len(killed)}))
 """
 
 
@@ -107,5 +107,5 @@ def test_error_of_user_code_on_worker_is_one_line(tmp_path: Path, monkeypatch: p
         files=SimpleNamespace(remote=lambda number: {}), keep=SimpleNamespace(remote=lambda number, files, message: None)
     )
     config = TrainConfig(str(task), episodes=1).to_dict()
-    error = train_on_worker(0, config, 1, keeper)
+    error = train_on_worker(0, config, keeper)
     assert error is not None and re.fullmatch(r"ZeroDivisionError: by hand.*my_task\.py.*; correct it", error)

@@ -31,13 +31,11 @@ class Reporter(Callback):
         self.send({"episode": episode.episode, "return": episode.return_})
 
 
-def train_and_evaluate(
-    start: Callable[[Callback], object], run_dir: Path, evaluated_episodes: int, reporter: Reporter
-) -> str | None:
+def train_and_evaluate(start: Callable[[Callback], object], run_dir: Path, reporter: Reporter) -> str | None:
     """Train by ``start``, evaluate, and report; returns the error, if any, also one of the user's code."""
     try:
         start(reporter)
-        reporter.send({"evaluated": evaluate(run_dir, episodes=evaluated_episodes).return_mean})
+        reporter.send({"evaluated": evaluate(run_dir).return_mean})
     except BricksError as error:
         return str(error)
     except Exception as error:
@@ -60,7 +58,7 @@ def main() -> int:
         out.write(json.dumps(message) + "\n")
         out.flush()
 
-    error = train_and_evaluate(lambda callback: train(config, callback), run_dir, order["evaluated_episodes"], Reporter(send))
+    error = train_and_evaluate(lambda callback: train(config, callback), run_dir, Reporter(send))
     if error is not None:
         send({"error": error})
     return 0 if error is None else 2
