@@ -76,9 +76,10 @@ def has_screen() -> bool:
 
 @dataclass(frozen=True)
 class Play:
-    """Play episodes with a trained agent, at the speed of a real robot; with --page in the browser.
+    """Play episodes with a trained agent; with --page in the browser, at the speed of a real robot.
 
-    The page can switch between policies: random, first (untrained), best and last. Ctrl-C ends it.
+    Without a page, a virtual robot is as fast as this computer unless --realtime is given. The page can switch between policies:
+    random, first (untrained), best and last. Ctrl-C ends it.
 
     Examples:
       bricksrl play runs/spin --page
