@@ -67,11 +67,6 @@ class Recorder:
         """Number of committed episodes, including earlier recordings."""
         return len(self._rows)
 
-    @property
-    def steps(self) -> int:
-        """Number of steps of the present episode."""
-        return len(self._steps)
-
     def begin(self, about: About) -> None:
         """Begin an episode; uncommitted steps are discarded."""
         self._about = about

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from bricksrl.errors import RunError, message_of
-from bricksrl.files import write_durably
+from bricksrl.files import TEMPORARY_PREFIX, write_durably
 
 _POLL_S = 0.5
 _RETRIES = 3
@@ -105,7 +105,7 @@ class Changes:
         """Contents of the files that changed since the last call, by path in the folder."""
         changed = {}
         for path in sorted(self._folder.rglob("*"), key=lambda path: (path.name == "checkpoint.bin", path)):
-            if not path.is_file():
+            if path.name.startswith(TEMPORARY_PREFIX) or not path.is_file():  # such a file may vanish at any moment
                 continue
             stat = path.stat()
             name, version = str(path.relative_to(self._folder)), (stat.st_mtime_ns, stat.st_size)
@@ -176,6 +176,10 @@ def train_on_cluster(
                 number = waiting.pop(job)
                 try:
                     errors[number] = ray.get(job)
+                except (
+                    ray.exceptions.RayTaskError
+                ) as error:  # its text ends with the exception of the run, such as of a full disk
+                    errors[number] = str(error).strip().splitlines()[-1]
                 except ray.exceptions.RayError as error:
                     errors[number] = f"its worker was lost {_RETRIES + 1} times ({type(error).__name__})"
         for number, message in ray.get(keeper.messages.remote()):
