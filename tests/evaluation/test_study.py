@@ -116,6 +116,8 @@ def test_training_that_ctrl_c_ends_has_no_outcome_and_is_resumed(tmp_path: Path,
         patch.setattr(RunFolder, "append", interrupt)
         with pytest.raises(KeyboardInterrupt):
             run_study(study, tmp_path, seeds=1, jobs=1)
+    with pytest.raises(RunError, match="has the study 'i' in full"):
+        run_study(study, tmp_path, quick=True, seeds=1, jobs=1)
     run = tmp_path / "sac-c" / "seed-0"
     assert len(RunFolder(run).read_episodes()) == 2 and not (run / "outcome.json").exists()
     run_study(study, tmp_path, seeds=1, jobs=1)

@@ -160,7 +160,7 @@ def run_study(
     _check_folder(folder, study, quick=quick)
     count = seeds or (2 if quick else study.seeds)
     orders = [(cell, seed, str((folder / name_of(cell)).absolute())) for cell in chosen for seed in range(count)]
-    folder.mkdir(parents=True, exist_ok=True)
+    written = write_study(folder, _result(study, cells, folder, quick=quick))  # marks the folder before it has any run
     errors = []
     for (cell, seed, _), outcome in zip(orders, _outcomes(orders, jobs, on), strict=True):
         error = outcome if isinstance(outcome, str) else None
