@@ -165,6 +165,16 @@ except DataError as error:
     assert "another program writes into" in said.stdout
 
 
+def test_recording_joins_a_dataset_that_another_one_began_meanwhile(tmp_path: Path) -> None:
+    late, other = Recorder(tmp_path / "set", TOY), Recorder(tmp_path / "set", SEEING)
+    record(tmp_path / "set", (3, 4))
+    with late:
+        record_episode(late, 5, 2)
+    assert [row.length for row in load(tmp_path / "set").rows] == [3, 4, 2] and check(tmp_path / "set") == []
+    with pytest.raises(DataError, match="holds other data: camera webcam"), other:
+        record_episode(other, 6, 2)
+
+
 def test_aborted_episode_is_marked(tmp_path: Path) -> None:
     with Recorder(tmp_path / "set", TOY) as recorder:
         record_episode(recorder, 0, 4)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -98,7 +98,7 @@ class Record:
             with (
                 EmergencyStop(threading.Event(), print_note, keys=False if device == "keyboard" else None) as emergency_stop,
                 driving(device, self.env, task, in_charge=self.policy in DEVICES) as human,
-                self._environment(options, human, emergency_stop) as env,
+                closing(self._environment(options, human, emergency_stop)) as env,
                 filmed_env(env, self.video, f"{self.env}: {self.policy}"),
                 Recorder(self.out, describe(env, options.options)) as recorder,
                 run_on_page(address, self.env, options.options, can_drive=human is None) as page,
@@ -119,16 +119,14 @@ class Record:
         if self.explore and self.policy in ("random", *DEVICES):
             raise DescriptionError(f"--explore has no effect with the policy '{self.policy}'; omit it, or name a run")
 
-    @contextmanager
-    def _environment(self, options: EnvOptions, human: Driver | None, emergency_stop: EmergencyStop) -> Iterator[EnvBase]:
+    def _environment(self, options: EnvOptions, human: Driver | None, emergency_stop: EmergencyStop) -> EnvBase:
         from bricksrl.envs import make
 
         def place(rng: np.random.Generator) -> None:
             with quiet(human):
                 emergency_stop.place(rng)
 
-        with closing(make(self.env, options, seed=self.seed, place=place)) as env:
-            yield env
+        return make(self.env, options, seed=self.seed, place=place)
 
     def _collect(
         self, env: EnvBase, recorder: Recorder, human: Driver | None, report: Callable[[Collected], None], page: LivePage | None
