@@ -15,6 +15,7 @@ import pytest
 
 from bricksrl.cli import main
 from bricksrl.cli.app import run
+from bricksrl.cli.new import write_template
 from bricksrl.cli.video import film_before_and_after
 from bricksrl.data.edit import read_index
 from bricksrl.envs.registry import get_task
@@ -85,6 +86,13 @@ def test_new_file_can_be_trained(kind: str, tmp_path: Path, monkeypatch: pytest.
     assert main(["new", kind, "my_own.py"]) == 2
     assert "exists already" in capfd.readouterr().err
     assert main(["new", kind, "my-own.txt"]) == 2
+
+
+def test_new_file_in_a_folder_of_any_name_is_valid(tmp_path: Path) -> None:
+    """As on Windows, whose paths have backslashes."""
+    for kind in ("task", "robot", "agent"):
+        write_template(kind, tmp_path / "our\\users\\new" / f"my_{kind}.py")
+        compile((tmp_path / "our\\users\\new" / f"my_{kind}.py").read_text(), kind, "exec")
 
 
 @pytest.mark.parametrize(

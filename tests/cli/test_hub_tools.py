@@ -114,6 +114,10 @@ def test_calibrations_are_saved_shown_and_removed(capfd, tmp_path: Path, fails) 
     told(capfd, "hub", "calibrate", "RunAway-v0", "--forget", *place)
     assert not path.exists()
     fails("hub", "calibrate", "RunAway-v0", "--reverse", "tail", *place, says="no motor 'tail'")
+    fails("hub", "calibrate", "RunAway-v0", "--forget", "--reverse", "left", *place, says="--reverse has no effect with --forget")
+    fails(
+        "hub", "calibrate", "RunAway-v0", "--by-hand", "--reverse", "left", *place, says="--by-hand has no effect with --reverse"
+    )
 
 
 def test_joints_are_calibrated_by_end_stops(capfd, tmp_path: Path, fails) -> None:

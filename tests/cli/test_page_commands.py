@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import itertools
+import json
 import re
+from contextlib import closing
 
 import pytest
 
+from bricksrl import make
 from bricksrl.cli import main
 from bricksrl.cli.app import parse
-from bricksrl.cli.page import Drive, Play, has_screen
+from bricksrl.cli.page import Drive, Play, _in_terminal, has_screen
+from bricksrl.errors import HubError
+from bricksrl.policies.named import Player
 
 
 def test_record_on_page(tmp_path, capfd):
@@ -23,6 +29,27 @@ def test_play_on_page(capfd):
     assert main(["play", "RunAway-v0", "--episodes", "1", "--page"]) == 0
     told = capfd.readouterr()
     assert told.out.startswith("1 episode, mean return") and "live page: http://127.0.0.1:" in told.err
+
+
+def test_play_in_terminal_ends_with_a_lost_link(capfd):
+    env, steps = make("RunAway-v0", seed=0), itertools.count()
+
+    def act(state):
+        if next(steps) == 5:
+            env.twin.in_reach = lambda: False
+        return state.set("action", env.action_spec.zero())
+
+    with closing(env), pytest.raises(HubError, match="out of reach"):
+        _in_terminal(env, Player(act), 2, 0)
+    assert capfd.readouterr().out == "", "no line about half an episode"
+
+
+def test_play_in_terminal_plays_what_is_evaluated(trained, capfd):
+    assert main(["evaluate", str(trained[0]), "--episodes", "2", "--json"]) == 0
+    returns = json.loads(capfd.readouterr().out)["returns"]
+    assert main(["play", str(trained[0]), "--episodes", "2"]) == 0
+    played = re.findall(r"^episode \d  return (\S+)  20 steps$", capfd.readouterr().out, re.MULTILINE)
+    assert played == [f"{value:.4g}" for value in returns]
 
 
 def test_program_on_page(tmp_path, capfd):

@@ -9,6 +9,7 @@ import re
 import shutil
 import signal
 import time
+from types import SimpleNamespace
 
 import imageio_ffmpeg
 import numpy as np
@@ -247,6 +248,38 @@ def test_wrong_names_and_numbers_print_one_line(fails, tmp_path, arguments, says
 )
 def test_resume_ignores_no_option(fails, option):
     fails("train", "--resume", "runs/spin", *option, says=f"{option[0]} has no effect with")
+
+
+@pytest.mark.parametrize(("env", "hub", "realtime"), [("Walker-v0", "virtual", True), ("Walker-v0", "ble", False)])
+def test_only_a_virtual_robot_is_driven_in_real_time(env, hub, realtime):
+    command = parse(["train", env, "--hub", hub, "--take-over", "gamepad"])
+    assert command.config(env).realtime is realtime, "a real robot has its own time"
+
+
+class Pad:
+    """A gamepad whose stick is held up."""
+
+    def axes(self):
+        return [1.0]
+
+    def presses(self):
+        return 1
+
+    def close(self):
+        pass
+
+
+@pytest.mark.parametrize("command", ["train", "record"])
+def test_human_takes_over_in_a_simulation(command, tmp_path, monkeypatch, capfd):
+    naps = []
+    monkeypatch.setattr("bricksrl.teleop.gamepad.find_pad", Pad)
+    monkeypatch.setattr("bricksrl.teleop.mapping.time", SimpleNamespace(monotonic=lambda: 0.0, sleep=naps.append))
+    monkeypatch.setattr("bricksrl.cli.train._report", lambda *_: None)
+    out = ("--run", str(tmp_path / "run")) if command == "train" else ("--out", str(tmp_path / "run/data"))
+    assert main([command, "WalkerSim-v0", "--take-over", "gamepad", "--episodes", "1", *out]) == 0
+    recorded = load(tmp_path / "run")
+    assert recorded.intervention.tolist() == [True, False] * 50
+    assert naps == [0.25 * (step + 1) for step in range(100)], "as fast as a robot"
 
 
 def test_fleet_learns_on_a_page(tmp_path, capfd):

@@ -81,6 +81,23 @@ def test_lost_link_keeps_recorded_steps(tmp_path: Path, env, monkeypatch: pytest
     assert len(episodes) == 3 and not episodes.rows[0].about.whole and bool(episodes.truncated[-1])
 
 
+def test_paused_episode_is_not_whole(tmp_path: Path, env) -> None:
+    count = iter(range(100))
+
+    def policy(state: TensorDictBase) -> TensorDictBase:
+        if next(count) == 3:
+            env.pause()
+        return state.set("action", torch.zeros(1))
+
+    def resume(_: object) -> None:
+        env.resume()
+
+    with Recorder(tmp_path / "set", describe(env)) as recorder:
+        collect(env, policy, recorder, 2, name="policy", on_episode=resume)
+    abouts = [row.about for row in load(tmp_path / "set").rows]
+    assert [(about.whole, about.success) for about in abouts] == [(False, None), (True, False)]
+
+
 def test_environment_without_task_is_recorded(tmp_path: Path) -> None:
     from toys import Cart
 

@@ -89,8 +89,11 @@ def test_complete_episodes_are_recovered(tmp_path: Path) -> None:
     with pytest.raises(DataError):
         load(root)
     index, lost = salvage(root, tmp_path / "saved")
-    assert [row.about.seed for row in index.rows] == [0, 3] and len(lost) == 2
+    assert [row.about.seed for row in index.rows] == [0, 3] and len(lost) == 3
     assert check(tmp_path / "saved") == []
+    (root / "meta/episodes/chunk-000/file-002.parquet").unlink()
+    _, lost = salvage(root, tmp_path / "again")
+    assert lost[0] == "1 episode before the last one: no row in meta/episodes" and "episode 1: " in lost[1]
 
 
 def test_check_names_damage(tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ from toy_data import TOY, record, record_episode
 
 from bricksrl.data import Episodes, Recorder, load
 from bricksrl.data.edit import merge
+from bricksrl.data.integrity import check
 from bricksrl.data.repair import recover
 from bricksrl.errors import DataError
 
@@ -147,6 +148,16 @@ def test_wrong_cell_type_or_shape_raises(tmp_path: Path, column: str, value: obj
         with pytest.raises(DataError, match="rows that are not ours"):
             act(root)
     assert contents(root) == before and not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("name", ["age_s", "index"])
+def test_missing_column_raises(tmp_path: Path, name: str) -> None:
+    root = record(tmp_path / "set")
+    pq.write_table(pq.read_table(root / DATA).drop_columns([name]), root / DATA)
+    edit_rows(root, **{"data/sha256": None})
+    with pytest.raises(DataError, match=f"file-001.parquet has not one column {name}"):
+        load(root)
+    assert f"has not one column {name}" in "".join(check(root))
 
 
 def test_symlink_out_of_dataset_is_not_followed(tmp_path: Path) -> None:

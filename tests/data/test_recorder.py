@@ -1,17 +1,20 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
 
+import imageio_ffmpeg
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from toy_data import SEEING, TOY, record, record_episode, steps
 
 from bricksrl.data import About, Recorder, load
+from bricksrl.data.images import encode
 from bricksrl.data.integrity import check
 from bricksrl.entry import Entry
 from bricksrl.errors import DataError
@@ -52,6 +55,22 @@ def test_images_survive_round_trip(tmp_path: Path) -> None:
         episodes.next_image.numpy(), np.stack([step.next_image for step in wanted if step.next_image is not None])
     )
     assert load(tmp_path / "set", images=False).image is None
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such names")
+def test_name_with_a_colon_is_no_protocol_of_the_video(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert load(record(Path("walker:1"), (3,), SEEING)).image is not None
+
+
+@pytest.mark.parametrize("step_ms", [91, 250, 300])
+def test_times_of_a_long_video_are_those_of_the_steps(tmp_path: Path, step_ms: int) -> None:
+    """Within LeRobot's tolerance."""
+    (tmp_path / "video.mp4").write_bytes(encode(np.zeros((2000, 16, 16, 3), np.uint8), 1000 / step_ms))
+    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-i", str(tmp_path / "video.mp4"), "-vf", "showinfo", "-f", "null", "-"]
+    told = subprocess.run(command, check=True, capture_output=True, text=True).stderr
+    times_s = [float(text) for text in re.findall(r"pts_time:(\S+)", told)]
+    assert len(times_s) == 2000 and times_s[-1] == pytest.approx(1.999 * step_ms, abs=1e-4)
 
 
 def test_the_layout_is_that_of_lerobot(tmp_path: Path) -> None:
@@ -144,6 +163,16 @@ except DataError as error:
     with Recorder(root, TOY):
         said = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert "another program writes into" in said.stdout
+
+
+def test_recording_joins_a_dataset_that_another_one_began_meanwhile(tmp_path: Path) -> None:
+    late, other = Recorder(tmp_path / "set", TOY), Recorder(tmp_path / "set", SEEING)
+    record(tmp_path / "set", (3, 4))
+    with late:
+        record_episode(late, 5, 2)
+    assert [row.length for row in load(tmp_path / "set").rows] == [3, 4, 2] and check(tmp_path / "set") == []
+    with pytest.raises(DataError, match="holds other data: camera webcam"), other:
+        record_episode(other, 6, 2)
 
 
 def test_aborted_episode_is_marked(tmp_path: Path) -> None:

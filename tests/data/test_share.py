@@ -32,11 +32,13 @@ def hub(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
 
 def test_dataset_hub_round_trip(hub: Hub, tmp_path: Path) -> None:
     root = record(tmp_path / "set", (3, 4), SEEING)
-    (root / "meta/.part-x").unlink(missing_ok=True)
+    for folder in (root / ".idea", root / "data/.ipynb_checkpoints"):
+        folder.mkdir()
+        (folder / "secret.txt").write_text("mine")
     assert push_dataset(root, "me/toy") == f"{hub.address}/datasets/me/toy"
     files = hub.files["datasets/me/toy"]
     assert {"meta/info.json", "meta/bricksrl.json", "data/chunk-000/file-001.parquet", "README.md"} <= files.keys()
-    assert ".lock" not in files and hub.tags == ["v3.0"]
+    assert not any("/." in f"/{name}" for name in files) and hub.tags == ["v3.0"]
     card = files["README.md"].decode()
     assert "- LeRobot" in card and "| transitions | 7 |" in card and "observation.state`: angle, distance" in card
     pull_dataset("me/toy", tmp_path / "fetched")

@@ -14,7 +14,7 @@ import ray
 
 from bricksrl.cli.new import write_template
 from bricksrl.errors import RunError
-from bricksrl.evaluation.cluster import Changes, Keeper, parse_on, train_on_worker
+from bricksrl.evaluation.cluster import Changes, Keeper, parse_on, train_on_cluster, train_on_worker
 from bricksrl.evaluation.multi_seed import train_seeds
 from bricksrl.training import TrainConfig
 
@@ -38,8 +38,8 @@ def tell(seed, message):
         os.kill(killed[0], signal.SIGKILL)
 
 config = TrainConfig("WalkerSim-v0", episodes=4, settings=SETTINGS, run_dir=folder / "sweep")
-summary = train_seeds(config, 2, jobs=2, on=on, on_line=tell)
-print(json.dumps({"returns": summary.returns, "told": told, "killed": len(killed)}))
+group = train_seeds(config, 2, jobs=2, on=on, on_line=tell)
+print(json.dumps({"returns": group.scores, "told": told, "killed": len(killed)}))
 """
 
 
@@ -80,11 +80,20 @@ def test_missing_ray_leaves_no_files(tmp_path: Path) -> None:
     assert not (tmp_path / "run").exists()
 
 
+def test_unwritable_folder_is_told(tmp_path: Path) -> None:
+    """It was taken for a lost worker."""
+    (tmp_path / "file").touch()
+    order = TrainConfig("WalkerSim-v0", "random", episodes=1).to_dict(), tmp_path / "file" / "run"
+    [error] = train_on_cluster(None, [order], lambda *_: None, cpus=1)
+    assert error is not None and error.startswith("NotADirectoryError: ") and str(tmp_path) in error
+
+
 def test_changed_files_return_from_worker(tmp_path: Path) -> None:
     there, here = tmp_path / "there", tmp_path / "here"
     (there / "data").mkdir(parents=True)
     (there / "checkpoint.bin").write_bytes(b"1")
     (there / "data" / "zz.parquet").write_bytes(b"rows")
+    (there / ".part-half").write_bytes(b"of a checkpoint that a learner is writing")
     changes, keeper = Changes(there), Keeper([str(here)])
     first = changes.take()
     assert list(first) == [str(Path("data/zz.parquet")), "checkpoint.bin"], "the checkpoint comes last"
@@ -107,5 +116,5 @@ def test_error_of_user_code_on_worker_is_one_line(tmp_path: Path, monkeypatch: p
         files=SimpleNamespace(remote=lambda number: {}), keep=SimpleNamespace(remote=lambda number, files, message: None)
     )
     config = TrainConfig(str(task), episodes=1).to_dict()
-    error = train_on_worker(0, config, 1, keeper)
+    error = train_on_worker(0, config, keeper)
     assert error is not None and re.fullmatch(r"ZeroDivisionError: by hand.*my_task\.py.*; correct it", error)

@@ -30,7 +30,7 @@ def write_run(path: Path, config: TrainConfig, returns: list[float], evaluation:
     folder.write_episodes(episodes, ())
     if evaluation is not None:
         scores = {"return_mean": evaluation, "return_std": 0.0, "episodes": 5}
-        data = {"env": config.env, "trained_episodes": len(returns), **scores}
+        data = {"as_trained": True, "trained_episodes": len(returns), **scores}
         folder.evaluation_path.write_text(json.dumps(data))
     return path
 
@@ -67,8 +67,8 @@ def test_missing_evaluation_scores_all_by_training(runs: list[Path]) -> None:
     assert found.groups[2].scores == (-105.0, -105.0)
 
 
-@pytest.mark.parametrize("change", [{"trained_episodes": 1}, {"env": "WalkerSim-v0"}])
-def test_evaluation_of_fewer_episodes_or_another_environment_is_ignored(runs: list[Path], change: dict[str, object]) -> None:
+@pytest.mark.parametrize("change", [{"trained_episodes": 1}, {"as_trained": False}])
+def test_evaluation_of_fewer_episodes_or_other_conditions_is_ignored(runs: list[Path], change: dict[str, object]) -> None:
     path = runs[0] / "evaluation.json"
     assert compare(runs[:1]).scored_by == "evaluation"
     path.write_text(json.dumps({**json.loads(path.read_text()), **change}))

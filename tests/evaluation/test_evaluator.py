@@ -15,9 +15,11 @@ from bricksrl.cli.evaluate import describe
 from bricksrl.envs.task import Entry
 from bricksrl.errors import CheckpointError, RenderingUnavailableError, RunError
 from bricksrl.evaluation import evaluate
+from bricksrl.evaluation.comparison import compare
 from bricksrl.evaluation.film import FilmOptions, film_run
 from bricksrl.evaluation.statistics import wilson_interval
 from bricksrl.hub.interface import Interface, Wait
+from bricksrl.policies.sharing import export_policy
 from bricksrl.training import TrainConfig, train
 from bricksrl.twin.physics import Physics
 
@@ -133,15 +135,32 @@ def test_few_episodes_have_no_interval(run_dir: Path) -> None:
     assert "interval of the mean" not in "\n".join(describe(result))
 
 
-def test_film_shows_the_evaluated_episodes(tmp_path: Path) -> None:
-    settings = SACSettings(hidden=(8,), batch_size=8)
-    run = train(TrainConfig("Spinning-v0", episodes=1, settings=settings, record=False, run_dir=tmp_path / "run")).run_dir
+@pytest.fixture(scope="module")
+def spinning(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run on a robot with a flat battery."""
+    settings, folder = SACSettings(hidden=(8,), batch_size=8), tmp_path_factory.mktemp("spinning") / "run"
+    physics = Physics(battery_v=6.4)
+    return train(TrainConfig("Spinning-v0", episodes=1, settings=settings, physics=physics, record=False, run_dir=folder)).run_dir
+
+
+def test_only_an_evaluation_under_the_conditions_of_the_training_counts(spinning: Path) -> None:
+    for changes in ({"physics": Physics()}, {"randomize": True}):
+        assert not evaluate(spinning, episodes=1, **changes).as_trained
+        assert compare([spinning]).scored_by != "evaluation"
+        assert "not been evaluated" in (export_policy(spinning, spinning / next(iter(changes))) / "README.md").read_text()
+    assert evaluate(spinning, episodes=1, physics=Physics(battery_v=6.4)).as_trained
+    assert evaluate(spinning, episodes=1).as_trained
+    assert compare([spinning]).scored_by == "evaluation"
+    assert "in 1 episode of evaluation" in (export_policy(spinning, spinning / "policy") / "README.md").read_text()
+
+
+def test_film_shows_the_evaluated_episodes(spinning: Path, tmp_path: Path) -> None:
     options = FilmOptions(episodes=1, size=(64, 48), seed=1000)
     seen = set()
     for changes in ({}, {"physics": Physics(friction_scale=0.1, slope_deg=10.0)}, {"randomize": True}):
-        result = evaluate(run, episodes=1, save=False, **changes)
+        result = evaluate(spinning, episodes=1, save=False, **changes)
         try:
-            filmed = film_run(run, "last", tmp_path / "film.mp4", options, **changes)
+            filmed = film_run(spinning, "last", tmp_path / "film.mp4", options, **changes)
         except RenderingUnavailableError as error:
             pytest.skip(str(error))
         assert filmed.returns == pytest.approx(result.returns)

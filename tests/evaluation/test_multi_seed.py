@@ -28,12 +28,13 @@ def test_seeds_equal_single_runs(tmp_path: Path) -> None:
         with lock:
             heard.append((seed, next(iter(message))))
 
-    summary = train_seeds(config, 2, on_line=on_line)
+    group = train_seeds(config, 2, on_line=on_line)
     assert sorted(heard) == [(seed, kind) for seed in (3, 4) for kind in ("episode", "episode", "evaluated")]
-    assert summary.seeds == (3, 4)
-    assert summary.return_interval is None, "two seeds say too little"
-    assert len(summary.curve) == 2 and summary.returns[0] != summary.returns[1]
-    assert json.loads((tmp_path / "all" / "summary.json").read_text())["returns"] == list(summary.returns)
+    assert group.seeds == (3, 4)
+    assert group.interval is None, "two seeds say too little"
+    assert len(group.curves) == 2 and group.scores[0] != group.scores[1]
+    summary = json.loads((tmp_path / "all" / "summary.json").read_text())
+    assert summary["scored_by"] == "evaluation" and summary["groups"][0]["scores"] == list(group.scores)
     assert (tmp_path / "all" / "learning_curves.png").read_bytes().startswith(b"\x89PNG")
     alone = train(TrainConfig("RoboArmSim-v0", episodes=2, seed=4, settings=SMALL, run_dir=tmp_path / "alone"))
     together = RunFolder(seed_folder(tmp_path / "all", 4)).read_episodes()

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from bricksrl.evaluation.evaluator import EvaluationResult
-from bricksrl.evaluation.report import _rows, labelled
+from bricksrl.evaluation.report import _commands, _rows, labelled
 from bricksrl.evaluation.statistics import Interval
+from bricksrl.training import TrainConfig
 
 
 @pytest.mark.parametrize(
@@ -32,6 +35,7 @@ def test_success_and_return_have_their_intervals() -> None:
         seed=0,
         episodes=5,
         trained_episodes=10,
+        as_trained=True,
         return_mean=19.6,
         return_std=0.5,
         return_iqm=19.5,
@@ -47,3 +51,17 @@ def test_success_and_return_have_their_intervals() -> None:
         ("return", "19.6 ± 0.5 (95 % interval of the mean: 19.25 to 20)"),
         ("success", "100% of 5 episodes (95 % interval of the rate: 57% to 100%)"),
     ]
+
+
+@pytest.mark.parametrize(
+    ("config", "longer", "on_robot"),
+    [
+        (TrainConfig("RunAway-v0"), "bricksrl resume 'my run' --episodes 80 --page", True),
+        (TrainConfig("WalkerSim-v0"), "bricksrl resume 'my run' --episodes 80 --page", False),
+        (TrainConfig("RunAway-v0", "bc", data="d", updates=100), "bricksrl train RunAway-v0 --agent sac --from 'my run'", True),
+    ],
+)
+def test_commands_suit_the_run(config: TrainConfig, longer: str, on_robot: bool) -> None:
+    """A run that has learned from data cannot be resumed for longer, and a simulation has no hub."""
+    text = _commands(Path("my run"), config, 40)
+    assert f"<code>{longer}</code>" in text and ("--hub ble" in text) is on_robot

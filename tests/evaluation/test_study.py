@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 import subprocess
 import sys
 import time
@@ -22,7 +23,7 @@ from bricksrl.evaluation.study import name_of, robot_seconds, run_study, summary
 from bricksrl.evaluation.study_benchmarks import BENCHMARK_STUDIES, BenchmarkStudy, Script, result_of, run_benchmark_study
 from bricksrl.evaluation.study_page import page
 from bricksrl.evaluation.study_tables import OUTSIDE, STUDIES, Cell, Condition, Study, drawn_twins
-from bricksrl.training import TrainConfig, train
+from bricksrl.training import Episode, RunFolder, TrainConfig, train
 from bricksrl.twin.physics import Physics
 
 SMALL = SACSettings(hidden=(8,), batch_size=8, updates_per_step=0.1)
@@ -99,6 +100,42 @@ def test_workers_end_with_a_study_that_is_killed(tmp_path: Path) -> None:
     before = [path.read_bytes() for path in metrics]
     time.sleep(4.0)  # several episodes
     assert [path.read_bytes() for path in metrics] == before
+
+
+def test_training_that_ctrl_c_ends_has_no_outcome_and_is_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    config = {"env": "WalkerSim-v0", "episodes": 4, "settings": SMALL}
+    study = Study("i", "I", 0.1, 0.1, 5, lambda _: (Cell("sac", "c", config, (Condition("same", episodes=1),)),))
+    append = RunFolder.append
+
+    def interrupt(folder: RunFolder, episode: Episode) -> None:
+        append(folder, episode)
+        if episode.episode == 2:
+            signal.raise_signal(signal.SIGINT)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(RunFolder, "append", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            run_study(study, tmp_path, seeds=1, jobs=1)
+    with pytest.raises(RunError, match="has the study 'i' in full"):
+        run_study(study, tmp_path, quick=True, seeds=1, jobs=1)
+    run = tmp_path / "sac-c" / "seed-0"
+    assert len(RunFolder(run).read_episodes()) == 2 and not (run / "outcome.json").exists()
+    run_study(study, tmp_path, seeds=1, jobs=1)
+    assert json.loads((run / "outcome.json").read_text())["steps"] == 400
+
+
+def test_killed_process_raises_one_line(tmp_path: Path) -> None:
+    (tmp_path / "killed.py").write_text("import os\nos._exit(9)\n")
+    config = {"env": str(tmp_path / "killed.py"), "episodes": 1}
+    study = Study("k", "K", 0.1, 0.1, 5, lambda _: (Cell("sac", "c", config, (Condition("same"),)),))
+    with pytest.raises(RunError, match="a process was killed, maybe for lack of memory; repeat the command with fewer --jobs"):
+        run_study(study, tmp_path / "study", seeds=2, jobs=2)
+
+
+def test_page_shows_all_seeds_of_the_folder(tmp_path: Path) -> None:
+    run_study(TOY, tmp_path, quick=True, seeds=3, jobs=1, only=("random-*",))
+    run_study(TOY, tmp_path, quick=True, seeds=1, jobs=1, only=("random-*",))
+    assert json.loads((tmp_path / "study.json").read_text())["cells"][0]["seeds"] == 3
 
 
 def test_failed_seed_is_reported_others_kept(tmp_path: Path) -> None:

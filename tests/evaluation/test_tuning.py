@@ -15,6 +15,7 @@ from bricksrl.errors import RunError, UnknownNameError
 from bricksrl.evaluation import tuning
 from bricksrl.evaluation.settings_text import read_settings
 from bricksrl.evaluation.tuning import BEST, Tuning, tune
+from bricksrl.files import only_writer
 
 optuna = pytest.importorskip("optuna")
 
@@ -36,6 +37,21 @@ def test_tuning_resumes_and_best_can_be_trained(tmp_path: Path, monkeypatch: pyt
     assert json.loads((tmp_path / BEST).read_text())["provenance"]["trials"] == 6
     with pytest.raises(RunError, match="holds a study of"):
         tune(Tuning("RoboArmSim-v0", "sac", steps=200, seeds=1), tmp_path, 1)
+
+
+def test_only_one_of_several_commands_adds_the_default_settings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    begun, enqueue = [], optuna.Study.enqueue_trial
+
+    def begin(study: optuna.Study, values: dict[str, object]) -> None:
+        with pytest.raises(RunError, match="another program writes into"), only_writer(tmp_path, RunError):
+            pass
+        begun.append(len(study.trials))
+        enqueue(study, values)
+
+    monkeypatch.setattr(optuna.Study, "enqueue_trial", begin)
+    monkeypatch.setattr(tuning, "_train_and_evaluate", lambda *_: 1.0)
+    tune(Tuning("WalkerSim-v0", "sac", seeds=1), tmp_path, 1)
+    assert begun == [0]
 
 
 def test_a_trial_trains_and_evaluates(tmp_path: Path) -> None:

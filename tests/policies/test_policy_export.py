@@ -49,6 +49,8 @@ def test_exported_policy_acts_without_bricksrl(trained: Path, tmp_path: Path, ca
 
 def test_shared_policy_can_be_exported(trained: Path, tmp_path: Path) -> None:
     assert export_model(export_policy(trained, tmp_path / "shared"), tmp_path / "arm.pt2") < 1e-5
+    with pytest.raises(RunError, match="shared holds the policy of one checkpoint; take the last one"):
+        export_model(tmp_path / "shared", tmp_path / "best.pt2", which="best")
 
 
 def test_existing_file_is_not_overwritten(trained: Path, tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from bricksrl.envs import get_task
 from bricksrl.errors import DataError
 from bricksrl.teleop.gamepad import GamepadDriver
 from bricksrl.teleop.keyboard import KeyboardDriver
+from bricksrl.teleop.mapping import rest_action
 from lerobot_robot_bricksrl.config import BricksGamepadConfig, BricksKeyboardConfig, BricksRandomConfig
 
 
@@ -61,14 +62,15 @@ class _Hand(Teleoperator):
         """Nothing."""
 
     def get_action(self) -> dict[str, Any]:
-        """Commands by their names, in their units.
+        """Commands by their names, in their units; those that move nothing after its human has given control back.
 
         Raises:
             DeviceNotConnectedError: nothing is connected.
         """
         if self._driver is None:
             raise DeviceNotConnectedError(f"{self} is not connected; run connect() first")
-        shares = self._driver(torch.empty(0)).tolist()
+        action = self._driver(torch.empty(0))
+        shares = (rest_action([command.entry for command in self.commands]) if action is None else action).tolist()
         return {
             command.name: command.low + (share + 1.0) / 2.0 * (command.high - command.low)
             for command, share in zip(self.commands, shares, strict=True)

@@ -12,6 +12,9 @@ from lerobot.robots.config import RobotConfig
 from lerobot.robots.utils import make_robot_from_config
 from lerobot.teleoperators.utils import make_teleoperator_from_config
 from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
+from prompt_toolkit.input import create_pipe_input
+
+from bricksrl.teleop.keyboard import KeyboardDriver
 
 
 @pytest.fixture
@@ -79,6 +82,17 @@ def test_teleoperators_command_in_units(tmp_path: Path) -> None:
     keys = make_teleoperator_from_config(plugin.BricksKeyboardConfig(id="k", calibration_dir=tmp_path))
     with pytest.raises(ConnectionError, match="terminal"):
         keys.connect()
+
+
+def test_robot_rests_while_nobody_drives(tmp_path: Path) -> None:
+    """The space bar, or the first button of a gamepad, gives control back."""
+    keys = make_teleoperator_from_config(plugin.BricksKeyboardConfig(id="k", env="Walker-v0", calibration_dir=tmp_path))
+    with create_pipe_input() as source:
+        keys._driver = KeyboardDriver([command.entry for command in keys.commands], source=source)
+        source.send_text("a")
+        assert keys.get_action()["left_front"] == -100.0
+        source.send_text(" ")
+        assert set(keys.get_action().values()) == {0.0}
 
 
 def test_lerobots_own_commands_record_and_replay(tmp_path: Path) -> None:

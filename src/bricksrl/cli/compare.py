@@ -20,7 +20,8 @@ class Compare:
     """Compare runs: agents, seeds and environments in one table, with the probability that one agent beats the other.
 
     Runs that differ only in their seed form a group; the folder of `bricksrl train --seeds` stands for all its runs. Groups of
-    five or more seeds have 95 % intervals. Runs are scored by their evaluations if all have one, else by their last episodes.
+    five or more seeds have 95 % intervals. Runs are scored by their evaluations if all have one of the last checkpoint in the
+    environment and physics of the training; else by their last episodes.
 
     Examples:
       bricksrl compare runs/sac runs/td3

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional
 
-from bricksrl.cli.options import EnvArgument, Flag, JsonFlag, option
+from bricksrl.cli.options import EnvArgument, Flag, JsonFlag, option, refuse_ignored
 from bricksrl.cli.terminal import confirm, is_terminal, print_findings, print_line
 from bricksrl.errors import BricksError, DescriptionError, HubError
 
@@ -233,6 +233,9 @@ class Calibrate:
     def execute(self) -> None:
         from bricksrl.hub.diagnostics.calibration import Calibration, forget_calibration, load_calibration, save_calibration
 
+        for flag, alone in (("--forget", self.forget), ("--reverse", self.reverse)):
+            if alone:
+                refuse_ignored(self, ("--env", "--hub", "--yes", "--calibrations", flag), f"with {flag}")
         task = _task(self.env)
         for name in self.reverse:
             task.robot.motor(name)  # raises for an unknown name

@@ -26,7 +26,7 @@ def write_template(kind: str, path: Path) -> None:
     refuse_existing(path, DescriptionError)
     text = resources.files("bricksrl.cli.templates").joinpath(f"{kind}.py").read_text(encoding="utf-8")
     words = re.findall(r"[a-zA-Z0-9]+", path.stem)
-    text = text.replace("my_file.py", str(path)).replace("MyTask-v0", f"{''.join(word.title() for word in words) or 'My'}-v0")
+    text = text.replace("my_file.py", path.name).replace("MyTask-v0", f"{''.join(word.title() for word in words) or 'My'}-v0")
     write_durably(path, text.encode())
 
 

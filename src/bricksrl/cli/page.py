@@ -76,9 +76,10 @@ def has_screen() -> bool:
 
 @dataclass(frozen=True)
 class Play:
-    """Play episodes with a trained agent, at the speed of a real robot; with --page in the browser.
+    """Play episodes with a trained agent; with --page in the browser, at the speed of a real robot.
 
-    The page can switch between policies: random, first (untrained), best and last. Ctrl-C ends it.
+    Without a page, a virtual robot is as fast as this computer unless --realtime is given. The page can switch between policies:
+    random, first (untrained), best and last. Ctrl-C ends it.
 
     Examples:
       bricksrl play runs/spin --page
@@ -118,7 +119,7 @@ class Play:
                 subtitle = self.target if is_run else ""
                 _on_page(address, env, env_id, players, subtitle=subtitle, episodes=self.episodes)
             else:
-                _in_terminal(env, players[policy](), self.episodes)
+                _in_terminal(env, players[policy](), self.episodes, self.seed)
 
 
 @dataclass(frozen=True)
@@ -190,21 +191,17 @@ def _on_page(
     print_line(f"{counted(len(returns), 'episode')}, mean return {sum(returns) / len(returns):.4g}")
 
 
-def _in_terminal(env: EnvBase, player: Player, episodes: int | None) -> None:
-    """Play without a page, and print a line per episode."""
+def _in_terminal(env: EnvBase, player: Player, episodes: int | None, seed: int) -> None:
+    """Play without a page, the episodes that `bricksrl evaluate` plays with this seed, and print a line for each."""
     from bricksrl.cli.emergency_stop import EmergencyStop
-    from bricksrl.envs.rollout import Rollout, play
+    from bricksrl.envs.rollout import play_episodes
 
-    number = 0
     try:
         with EmergencyStop(threading.Event(), print_note) as emergency_stop:
             emergency_stop.attach(env)
-            while episodes is None or number < episodes:
-                episode = Rollout()
-                for frame in play(env, player.act, reset_policy=player.reset):
-                    episode.add(frame)
-                number += 1
-                print_line(f"episode {number}  return {episode.return_:.4g}  {counted(len(episode.rewards), 'step')}")
+            scores = play_episodes(env, player.act, episodes or sys.maxsize, seed, reset_policy=player.reset)
+            for number, score in enumerate(scores, 1):
+                print_line(f"episode {number}  return {score.return_:.4g}  {counted(score.length, 'step')}")
     except (KeyboardInterrupt, StoppedError):
         raise Interrupted from None
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -14,7 +14,7 @@ from tyro.conf import Positional
 from bricksrl.cli.options import Flag, PageFlag, option
 from bricksrl.cli.page import LivePageGroup, PageAddress, run_on_page
 from bricksrl.cli.robot_flags import RobotFlags, RobotGroup
-from bricksrl.cli.teleop import DEVICES, driving, quiet
+from bricksrl.cli.teleop import DEVICES, driving, quiet, with_human
 from bricksrl.cli.terminal import Interrupted, load_learning, print_line, print_note
 from bricksrl.cli.video import filmed_env
 from bricksrl.errors import DataError, DescriptionError, StoppedError, counted
@@ -71,7 +71,7 @@ class Record:
     def execute(self) -> None:
         from bricksrl.cli.emergency_stop import EmergencyStop
         from bricksrl.data.recorder import Recorder
-        from bricksrl.data.schema import describe, describe_task
+        from bricksrl.data.schema import describe
         from bricksrl.envs import get_task
 
         if self.episodes < 1:
@@ -93,11 +93,12 @@ class Record:
         device = self.policy if self.policy in DEVICES else self.take_over
         options = self.robot.env_options()
         task = get_task(self.env, **options.options)
+        options = options if device is None else with_human(options, self.env)
         try:
             with (
                 EmergencyStop(threading.Event(), print_note, keys=False if device == "keyboard" else None) as emergency_stop,
-                driving(device, describe_task(task), in_charge=self.policy in DEVICES) as human,
-                self._environment(options, human, emergency_stop) as env,
+                driving(device, self.env, task, in_charge=self.policy in DEVICES) as human,
+                closing(self._environment(options, human, emergency_stop)) as env,
                 filmed_env(env, self.video, f"{self.env}: {self.policy}"),
                 Recorder(self.out, describe(env, options.options)) as recorder,
                 run_on_page(address, self.env, options.options, can_drive=human is None) as page,
@@ -118,29 +119,19 @@ class Record:
         if self.explore and self.policy in ("random", *DEVICES):
             raise DescriptionError(f"--explore has no effect with the policy '{self.policy}'; omit it, or name a run")
 
-    @contextmanager
-    def _environment(self, options: EnvOptions, human: Driver | None, emergency_stop: EmergencyStop) -> Iterator[EnvBase]:
+    def _environment(self, options: EnvOptions, human: Driver | None, emergency_stop: EmergencyStop) -> EnvBase:
         from bricksrl.envs import make
 
         def place(rng: np.random.Generator) -> None:
             with quiet(human):
                 emergency_stop.place(rng)
 
-        is_driven = self.robot.hub == "virtual" and (self.policy in DEVICES or self.take_over is not None)
-        try:
-            env = make(self.env, options, seed=self.seed, realtime=self.robot.realtime or is_driven, place=place)
-        except DescriptionError:
-            if not is_driven or self.robot.realtime:
-                raise
-            env = make(self.env, options, seed=self.seed, place=place)  # a kinematic simulation: `_collect` paces the driver
-        with closing(env):
-            yield env
+        return make(self.env, options, seed=self.seed, place=place)
 
     def _collect(
         self, env: EnvBase, recorder: Recorder, human: Driver | None, report: Callable[[Collected], None], page: LivePage | None
     ) -> None:
         from bricksrl.data.collect import collect
-        from bricksrl.teleop.mapping import Paced
 
         def on_episode(episode: Collected) -> None:
             report(episode)
@@ -152,8 +143,6 @@ class Record:
         if page is not None:
             page.attach(env)
             hooks = {"driver": human or page.driver, "on_frame": page.show_step_and_hold}
-        elif human is not None and not hasattr(env, "twin"):
-            hooks["driver"] = Paced(human, recorder.description.rate_hz)
         policy, reset_policy = self._policy(env, recorder.description)
         hooks |= {"reset_policy": reset_policy, "on_episode": on_episode}
         collect(env, policy, recorder, self.episodes, name=self.policy, seed=self.seed, hub=self.robot.hub, **hooks)

@@ -88,19 +88,19 @@ def train_seeds(config: TrainConfig, count: int, on: str | None = None) -> None:
     multi_seed.check_count(count)
     try:
         with SeedsProgress(range(config.seed, config.seed + count), config.episodes) as progress:
-            summary = multi_seed.train_seeds(config, count, on=on, on_line=progress.update)
+            group = multi_seed.train_seeds(config, count, on=on, on_line=progress.update)
     except KeyboardInterrupt:
         folder = config.run_dir
         if folder is None or not folder.exists():
             raise Interrupted("no seed had started, so nothing was saved") from None
         resumes = f"`bricksrl resume {quoted(folder)}/seed-...` resumes a seed"
         raise Interrupted(f"what was trained is in {folder}; {resumes}") from None
-    interval = summary.return_interval
+    interval = group.interval
     spread = (
-        f"from {min(summary.returns):.4g} to {max(summary.returns):.4g}; 5 seeds or more give an interval"
+        f"from {min(group.scores):.4g} to {max(group.scores):.4g}; 5 seeds or more give an interval"
         if interval is None
         else f"95 % interval: {interval.low:.4g} to {interval.high:.4g}"
     )
-    print_line(f"return   {summary.return_iqm:.4g}  (interquartile mean of {counted(count, 'seed')}; {spread})")
+    print_line(f"return   {group.score:.4g}  (interquartile mean of {counted(count, 'seed')}; {spread})")
     print_line(f"summary          {config.run_dir}/summary.json")
     print_line(f"learning curves  {config.run_dir}/learning_curves.png")

@@ -147,15 +147,15 @@ class Train:
             run_training(partial(train, config), config, address)
             return
         from bricksrl.cli.teleop import driving
-        from bricksrl.data.schema import describe_task
         from bricksrl.envs import get_task
 
         keys = False if self.take_over == "keyboard" else None  # all keys of a keyboard are for driving
-        with driving(self.take_over, describe_task(get_task(self.env, **config.options)), in_charge=False) as driver:
+        with driving(self.take_over, self.env, get_task(self.env, **config.options), in_charge=False) as driver:
             run_training(partial(train, config), config, address, driver=driver, keys=keys)
 
     def config(self, env: str) -> TrainConfig:
         """Configuration of the run from the flags."""
+        from bricksrl.cli.teleop import with_human
         from bricksrl.envs.registry import training_episodes
         from bricksrl.evaluation.settings_text import read_settings, with_changes
         from bricksrl.training import RunFolder, TrainConfig
@@ -173,9 +173,9 @@ class Train:
             settings = settings if source is None or source.agent == agent else settings_like(source, settings)
         if self.settings is not None:
             settings = read_settings(self.settings, settings)
-        options = vars(self.robot.env_options()) | ({"realtime": True} if self.take_over is not None else {})
+        options = self.robot.env_options()
         return TrainConfig(
-            **options,
+            **vars(options if self.take_over is None else with_human(options, env)),
             env=env,
             agent=agent,
             episodes=training_episodes(env) if self.episodes is None else self.episodes,

@@ -53,7 +53,7 @@ def collect(
     on_episode: Callable[[Collected], None] | None = None,
     on_frame: Callable[[TensorDictBase], None] = lambda _: None,
 ) -> list[Collected]:
-    """Record episodes. An episode interrupted by an error or Ctrl-C is recorded up to that step.
+    """Record episodes. An episode interrupted by a pause, an error or Ctrl-C is recorded up to that step.
 
     Args:
         name: name of the policy, to be stored.
@@ -86,11 +86,12 @@ def collect(
                 episode.add(frame)
                 interventions += by_hand
                 on_frame(frame)
-            success = episode.success(env)
+            is_cut = getattr(env, "is_cut", False)
+            success = None if is_cut else episode.success(env)
         except BaseException:
             recorder.commit(whole=False)
             raise
-        recorder.commit(success=success)
+        recorder.commit(success=success, whole=not is_cut)
         done.append(Collected(number, episode.return_, len(episode.rewards), interventions, success))
         if on_episode is not None:
             on_episode(done[-1])

@@ -74,6 +74,9 @@ def salvage(source: Path, out: Path) -> tuple[Index, list[str]]:
         except DataError as error:
             lost.append(str(error))
     rows.sort(key=lambda row: row.episode)
+    missing = rows[-1].episode + 1 - len(rows) if rows else 0
+    if missing > 0:
+        lost.append(f"{counted(missing, 'episode')} before the last one: no row in meta/episodes")
     reader = EpisodeReader(Index(layout, description, tuple(rows), None))
     kept: list[EpisodeData] = []
     for row in rows:

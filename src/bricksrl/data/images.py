@@ -20,7 +20,7 @@ def encode(images: NDArray[np.uint8], rate_hz: float) -> bytes:
     """Encode images ``[steps, height, width, 3]`` losslessly as an mp4 file, the inverse of `decode`. Raises DataError if ffmpeg
     is not installed, or it failed."""
     _, height, width, _ = images.shape
-    raw = ("-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", f"{rate_hz:g}", "-i", "pipe:0")
+    raw = ("-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", str(rate_hz), "-i", "pipe:0")
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "video.mp4"
         command = [_ffmpeg(), *_QUIET[:-1], *raw, *_LOSSLESS, str(path)]
@@ -35,7 +35,7 @@ def decode(path: Path, count: int, side: int) -> NDArray[np.uint8]:
     too short."""
     size_bytes = count * side * side * 3
     raw = ("-frames:v", str(count), "-f", "rawvideo", "-pix_fmt", "rgb24", "pipe:1")
-    command = [_ffmpeg(), *_QUIET, *_ONE_MP4_FILE, "-i", str(path), *raw]
+    command = [_ffmpeg(), *_QUIET, *_ONE_MP4_FILE, "-i", f"file:{path}", *raw]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:  # noqa: S603
         data = b"" if process.stdout is None else process.stdout.read(size_bytes + 1)
         process.kill()

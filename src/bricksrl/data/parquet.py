@@ -74,7 +74,10 @@ def from_table(table: pa.Table, description: Description, names: Iterable[str], 
     arrays = {}
     for name in names:
         n, type_ = shapes[name]
-        column = table[name].combine_chunks()
+        try:
+            column = table[name].combine_chunks()
+        except KeyError:
+            raise DataError(f"{where} has not one column {name}; it is not a file of this dataset") from None
         expected = type_ if n == 1 else pa.list_(type_, n)
         if not (column.type == expected or _is_list_of(column.type, type_)) or column.null_count:
             raise DataError(f"{where}: column {name} is {column.type}, not {expected}; it is not a file of this dataset")

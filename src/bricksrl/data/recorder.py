@@ -41,36 +41,35 @@ class Recorder:
         self._next = FileIndex()
         self._about = About()
         self._lock = contextlib.ExitStack()
-        self._is_new = not is_dataset(root)
+        self._is_open = False
         if root.exists() and not root.is_dir():
             raise DataError(f"{root} is a file; choose a folder for the dataset")
-        if not self._is_new:
-            self._append()
+        if is_dataset(root):
+            self._open()
         elif root.exists() and not is_unused(root):
             raise DataError(f"{root} holds something else than a dataset; choose a new folder")
 
-    def _append(self) -> None:
-        self._lock.enter_context(only_writer(self.root, DataError))
-        try:
-            index = recover(self.root).index
-            differences = index.description.differences(self.description)
-            if differences:
-                raise DataError(f"{self.root} holds other data: {'; '.join(differences)}; move it away, or choose another folder")
-        except BaseException:
-            self._lock.close()
-            raise
-        self._rows = list(index.rows)
-        self._next = FileIndex() if index.last_file is None else index.last_file.next()
+    def _open(self) -> None:
+        """Lock the folder, and continue the dataset in it, which another program may have begun meanwhile, or begin one."""
+        with contextlib.ExitStack() as lock:
+            lock.enter_context(only_writer(self.root, DataError))
+            if is_dataset(self.root):
+                index = recover(self.root).index
+                differences = index.description.differences(self.description)
+                if differences:
+                    remedy = "move it away, or choose another folder"
+                    raise DataError(f"{self.root} holds other data: {'; '.join(differences)}; {remedy}")
+                self._rows = list(index.rows)
+                self._next = FileIndex() if index.last_file is None else index.last_file.next()
+            else:
+                write_durably(self._layout.description, self.description.to_json())
+                write_durably(self._layout.tasks, tasks_table(task_instruction(self.description)))
+            self._lock, self._is_open = lock.pop_all(), True
 
     @property
     def episodes(self) -> int:
         """Number of committed episodes, including earlier recordings."""
         return len(self._rows)
-
-    @property
-    def steps(self) -> int:
-        """Number of steps of the present episode."""
-        return len(self._steps)
 
     def begin(self, about: About) -> None:
         """Begin an episode; uncommitted steps are discarded."""
@@ -93,21 +92,13 @@ class Recorder:
         if not (self._steps[-1].terminated or self._steps[-1].truncated):
             self._steps[-1] = replace(self._steps[-1], truncated=True)
             whole = False
-        if self._is_new:
-            self._create()
+        if not self._is_open:
+            self._open()
         row = self._write(replace(self._about, success=success, whole=whole))
         self._rows.append(row)
         self._next = self._next.next()
         self._steps.clear()  # the row is on the disk: even if the index fails, the episode is not written again
         write_index(self._layout, self.description, self._rows)
-
-    def _create(self) -> None:
-        self._lock.enter_context(only_writer(self.root, DataError))
-        if is_dataset(self.root):
-            raise DataError(f"somebody else began a dataset in {self.root} meanwhile; choose another folder")
-        write_durably(self._layout.description, self.description.to_json())
-        write_durably(self._layout.tasks, tasks_table(task_instruction(self.description)))
-        self._is_new = False
 
     def _write(self, about: About) -> EpisodeRow:
         """Write all of the episode except the index."""

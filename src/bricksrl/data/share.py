@@ -19,16 +19,16 @@ from bricksrl.data.integrity import check
 from bricksrl.data.layout import CODEBASE_VERSION
 from bricksrl.data.summary import summarise
 from bricksrl.errors import DataError, message_of
-from bricksrl.files import LOCK, TEMPORARY_PREFIX, atomic_folder, refuse_existing
+from bricksrl.files import atomic_folder, refuse_existing
 
 if TYPE_CHECKING:
     from huggingface_hub import HfApi
 
 CARD = "README.md"
-_PATTERNS = ["meta/*", "meta/**", "data/**", "videos/**", CARD]
+_FILES = ["meta/**", "data/**", "videos/**"]
 
 
-def push_dataset(path: Path, repo: str, *, private: bool = False, licence: str = "mit") -> str:
+def push_dataset(path: Path, repo: str, *, private: bool = False) -> str:
     """Upload a dataset to the hub, with a generated card and the version tag that LeRobot requires; returns its address. Raises
     DataError if the dataset is not intact, huggingface_hub is not installed, or the hub is out of reach or refuses.
 
@@ -39,11 +39,11 @@ def push_dataset(path: Path, repo: str, *, private: bool = False, licence: str =
     faults = check(root)
     if faults:
         raise DataError(f"{root} is not sound: {faults[0]}; see `bricksrl data check {root}`")
-    card = dataset_card(summarise(root), licence)
+    card = dataset_card(summarise(root))
     with hub_client(repo) as api:
         api.create_repo(repo, repo_type="dataset", private=private, exist_ok=True)
-        ignored = [f"{TEMPORARY_PREFIX}*", f"**/{TEMPORARY_PREFIX}*", LOCK, CARD]
-        api.upload_folder(repo_id=repo, repo_type="dataset", folder_path=str(root), ignore_patterns=ignored)
+        hidden = "*/.*"
+        api.upload_folder(repo_id=repo, repo_type="dataset", folder_path=str(root), allow_patterns=_FILES, ignore_patterns=hidden)
         api.upload_file(path_or_fileobj=card.encode(), path_in_repo=CARD, repo_id=repo, repo_type="dataset")
         api.create_tag(repo, tag=CODEBASE_VERSION, repo_type="dataset", exist_ok=True)
         return f"{api.endpoint}/datasets/{repo}"
@@ -56,7 +56,7 @@ def pull_dataset(repo: str, out: Path, *, revision: str | None = None) -> Path:
     Args:
         revision: branch, tag or commit; by default the newest.
     """
-    with downloaded(repo, "dataset", out, _PATTERNS, revision) as folder:
+    with downloaded(repo, "dataset", out, [*_FILES, CARD], revision) as folder:
         faults = [line for line in check(folder) if "is not a file of a dataset" not in line]
         if faults:
             raise DataError(

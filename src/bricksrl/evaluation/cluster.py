@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from bricksrl.errors import RunError, message_of
-from bricksrl.files import write_durably
+from bricksrl.files import TEMPORARY_PREFIX, write_durably
 
 _POLL_S = 0.5
 _RETRIES = 3
@@ -105,7 +105,7 @@ class Changes:
         """Contents of the files that changed since the last call, by path in the folder."""
         changed = {}
         for path in sorted(self._folder.rglob("*"), key=lambda path: (path.name == "checkpoint.bin", path)):
-            if not path.is_file():
+            if path.name.startswith(TEMPORARY_PREFIX) or not path.is_file():  # such a file may vanish at any moment
                 continue
             stat = path.stat()
             name, version = str(path.relative_to(self._folder)), (stat.st_mtime_ns, stat.st_size)
@@ -115,7 +115,7 @@ class Changes:
         return changed
 
 
-def train_on_worker(number: int, config: dict[str, Any], evaluated_episodes: int, keeper: Any) -> str | None:
+def train_on_worker(number: int, config: dict[str, Any], keeper: Any) -> str | None:
     """Start one run on a worker, or resume it from the keeper's files, and evaluate it; returns the error, if any."""
     import ray
     import torch
@@ -147,13 +147,12 @@ def train_on_worker(number: int, config: dict[str, Any], evaluated_episodes: int
             else:
                 train(TrainConfig.from_dict(config, run_dir=folder), callback)
 
-        return train_and_evaluate(start, folder, evaluated_episodes, StartReporter(send))
+        return train_and_evaluate(start, folder, StartReporter(send))
 
 
 def train_on_cluster(
     address: str | None,
     orders: Sequence[tuple[dict[str, Any], Path]],
-    evaluated_episodes: int,
     on_message: OnMessage,
     *,
     cpus: int | None = None,
@@ -167,7 +166,7 @@ def train_on_cluster(
         folders = [str(folder.absolute()) for _, folder in orders]
         keeper = ray.remote(Keeper).options(num_cpus=0, scheduling_strategy=on_this_node).remote(folders)
         remote = ray.remote(train_on_worker).options(num_cpus=1, max_retries=_RETRIES)
-        waiting = {remote.remote(number, config, evaluated_episodes, keeper): number for number, (config, _) in enumerate(orders)}
+        waiting = {remote.remote(number, config, keeper): number for number, (config, _) in enumerate(orders)}
         errors: list[str | None] = [None] * len(orders)
         while waiting:
             done, _ = ray.wait(list(waiting), timeout=_POLL_S)
@@ -177,6 +176,10 @@ def train_on_cluster(
                 number = waiting.pop(job)
                 try:
                     errors[number] = ray.get(job)
+                except (
+                    ray.exceptions.RayTaskError
+                ) as error:  # its text ends with the exception of the run, such as of a full disk
+                    errors[number] = str(error).strip().splitlines()[-1]
                 except ray.exceptions.RayError as error:
                     errors[number] = f"its worker was lost {_RETRIES + 1} times ({type(error).__name__})"
         for number, message in ray.get(keeper.messages.remote()):

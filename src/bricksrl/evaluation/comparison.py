@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bricksrl.envs.reference_returns import reference_lines
-from bricksrl.envs.user_files import is_reference, without_folder
+from bricksrl.envs.user_files import without_folder
 from bricksrl.errors import RunError
 from bricksrl.evaluation.statistics import (
     FEWEST_SEEDS,
@@ -131,7 +131,7 @@ class _Run:
         if not episodes:
             raise RunError(f"the run in {path} has no episode yet; omit it")
         curve = tuple(moving_mean([episode.return_ for episode in episodes], WINDOW))
-        return cls(config, curve, episodes[-1].steps, _evaluation(folder, config.env, len(episodes)))
+        return cls(config, curve, episodes[-1].steps, _evaluation(folder, len(episodes)))
 
     @property
     def shared_config(self) -> str:
@@ -142,13 +142,11 @@ class _Run:
         return json.dumps(data, sort_keys=True, default=str)
 
 
-def _evaluation(folder: RunFolder, env: str, episodes: int) -> float | None:
-    """Mean return of the run's evaluation; ``None`` if there is none after its last episode in its own environment."""
+def _evaluation(folder: RunFolder, episodes: int) -> float | None:
+    """Mean return of the run's evaluation; ``None`` if there is none after its last episode and under its own conditions."""
     data = folder.read_evaluation()
-    if data is None or data["trained_episodes"] != episodes:
-        return None
-    same_env = data.get("env") == env or is_reference(env)  # the task of a user's file has an id of its own
-    return float(data["return_mean"]) if same_env else None
+    current = data is not None and data["trained_episodes"] == episodes and data.get("as_trained")
+    return float(data["return_mean"]) if data is not None and current else None
 
 
 def _run_folders(paths: Sequence[Path | str]) -> Iterator[Path]:

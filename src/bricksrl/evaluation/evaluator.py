@@ -40,6 +40,7 @@ class EvaluationResult:
     Attributes:
         run_dir, env, agent, hub, seed: run, environment, agent, connection, and seed of the evaluation.
         trained_episodes: episodes that the agent was trained for.
+        as_trained: whether environment, options and physics are those of the training; `bricksrl compare` counts no other.
         return_mean, return_std: mean and population standard deviation of the returns; the latter is 0 for one episode.
         return_iqm: interquartile mean of the returns.
         return_interval: 95 % bootstrap interval of their mean; ``None`` for fewer than five episodes.
@@ -56,6 +57,7 @@ class EvaluationResult:
     seed: int
     episodes: int
     trained_episodes: int
+    as_trained: bool
     return_mean: float
     return_std: float
     return_iqm: float
@@ -122,9 +124,10 @@ def evaluate(
 
     config = RunFolder(run_dir).read_config()
     own: EnvBase | None = None
+    as_trained = True
     if env is None or isinstance(env, str):
-        config = _evaluation_config(config, env or config.env, **named)
-        config = replace(config, updates=0, asynchronous=False)
+        nominal, config = evaluation_config(config, config.env), evaluation_config(config, env or config.env, **named)
+        as_trained = all(getattr(config, name) == getattr(nominal, name) for name in ("env", "options", "physics", "randomize"))
         side_by_side = is_simulation(config.env) and config.hub == "virtual" and not config.realtime
         copies = min(episodes, MAX_COPIES) if side_by_side and not hasattr(config.settings, "chunk") else 1
         env = own = make_env(replace(config, num_envs=copies), place)
@@ -140,7 +143,7 @@ def evaluate(
                 scores.append(score)
                 if on_episode is not None:
                     on_episode(len(scores), score.return_)
-        result = _summarise(scores, env, config, trained.episodes, seed, run_dir)
+        result = _summarise(scores, env, config, trained.episodes, seed, run_dir, as_trained=as_trained)
     finally:
         if own is not None:
             own.close(raise_if_closed=False)
@@ -149,17 +152,24 @@ def evaluate(
     return result
 
 
-def _evaluation_config(config: TrainConfig, env: str, **named: Any) -> TrainConfig:
+def evaluation_config(config: TrainConfig, env: str, **named: Any) -> TrainConfig:
     """The config for an evaluation: one robot, without physics or options that belong to another environment or hub."""
     same_env, hub = with_absolute_file(env) == config.env, named.get("hub", config.hub)
     keeps_physics = same_env and hub == "virtual" and not named.get("randomize", False)
     physics, options = config.physics if keeps_physics else None, config.options if same_env else {}
     config = replace(one_robot(config), env=env, realtime=False, randomize=False, physics=physics, options=options)
-    return config.changed(**named)
+    return replace(config, updates=0, asynchronous=False).changed(**named)
 
 
 def _summarise(
-    scores: list[EpisodeScore], env: EnvBase, config: TrainConfig, trained_episodes: int, seed: int, run_dir: Path | str
+    scores: list[EpisodeScore],
+    env: EnvBase,
+    config: TrainConfig,
+    trained_episodes: int,
+    seed: int,
+    run_dir: Path | str,
+    *,
+    as_trained: bool,
 ) -> EvaluationResult:
     task = getattr(env, "task", None)
     returns = np.array([score.return_ for score in scores])
@@ -172,6 +182,7 @@ def _summarise(
         seed=seed,
         episodes=len(scores),
         trained_episodes=trained_episodes,
+        as_trained=as_trained,
         return_mean=float(returns.mean()),
         return_std=float(returns.std()),
         return_iqm=float(interquartile_mean(returns)),

@@ -6,7 +6,7 @@ import subprocess
 import time
 from collections.abc import Callable
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -212,13 +212,12 @@ def film_run(run_dir: Path, which: str, path: Path, options: FilmOptions, **chan
     """Film the policy of a run: ``first`` (untrained), ``best``, ``last``, or ``random`` actions. ``changes``: fields of
     `EnvOptions` that differ from the training. Raises RunError or CheckpointError if there is no such run or policy,
     RenderingUnavailableError or TwinError as :func:`film`."""
+    from bricksrl.evaluation.evaluator import evaluation_config
     from bricksrl.policies.named import named_policies
-    from bricksrl.training.restore import one_robot
     from bricksrl.training.run import make_env
     from bricksrl.training.run_folder import RunFolder
 
     config = RunFolder(run_dir).read_config()
-    config = replace(one_robot(config), **{"hub": "virtual", "realtime": False, "randomize": False, **changes})
-    with closing(make_env(config)) as env:
+    with closing(make_env(evaluation_config(config, config.env, hub="virtual", **changes))) as env:
         policy = named_policies(run_dir, env)[which]()
         return film(env, policy.act, path, options, reset=policy.reset)

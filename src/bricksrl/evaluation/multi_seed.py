@@ -7,61 +7,31 @@ program that trains all seeds as stacked networks.
 from __future__ import annotations
 
 import contextlib
-import dataclasses
-import json
 import os
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from bricksrl.child_process import ChildProcess, Message
 from bricksrl.errors import RunError
 from bricksrl.evaluation.cluster import parse_on, train_on_cluster
-from bricksrl.evaluation.comparison import compare, draw
-from bricksrl.evaluation.statistics import Interval, interquartile_mean, seeds_interval
-from bricksrl.files import quoted, write_durably
+from bricksrl.evaluation.comparison import Group, compare, draw
+from bricksrl.files import write_durably
 from bricksrl.seed import check_seed
-from bricksrl.training.run_folder import RunFolder
 
 if TYPE_CHECKING:
     from bricksrl.training.config import TrainConfig
 
-EVALUATED_EPISODES = 5
 MAX_SEEDS = 1000
 """Maximum number of seeds of one command."""
 _END_TIMEOUT_S = 60.0
 
 OnLine = Callable[[int, dict[str, Any]], None]
 """Called, from several threads, with a seed and a message: an episode and its return, or the return of the evaluation."""
-
-
-@dataclass(frozen=True)
-class SeedsSummary:
-    """Summary of several seeds of one training.
-
-    Attributes:
-        returns: mean return of the evaluation of each seed.
-        return_iqm, return_interval: their interquartile mean and its 95 % bootstrap interval; ``None`` for fewer than five.
-        curve: per training episode, the interquartile mean over the seeds and the ends of its interval, or ``None``.
-    """
-
-    env: str
-    agent: str
-    seeds: tuple[int, ...]
-    returns: tuple[float, ...]
-    return_iqm: float
-    return_interval: Interval | None
-    curve: tuple[tuple[float, float | None, float | None], ...]
-
-    def to_json(self) -> str:
-        """One JSON object."""
-        return json.dumps(dataclasses.asdict(self), indent=2)
 
 
 def seed_folder(folder: Path, seed: int) -> Path:
@@ -82,8 +52,8 @@ def train_seeds(
     jobs: int | None = None,
     on: str | None = None,
     on_line: OnLine = lambda seed, message: None,
-) -> SeedsSummary:
-    """Train ``count`` seeds, starting with ``config.seed``, each in its folder within ``config.run_dir``, and summarise them.
+) -> Group:
+    """Train ``count`` seeds, starting with ``config.seed``, each in its folder within ``config.run_dir``, and compare them.
 
     Args:
         jobs: concurrent processes; by default the number of cores.
@@ -109,9 +79,7 @@ def train_seeds(
             results = _in_processes(configs, jobs, on_line)
         else:
             orders = [(run.to_dict(), seed_folder(folder, run.seed)) for run in configs]
-            results = train_on_cluster(
-                address, orders, EVALUATED_EPISODES, lambda index, message: on_line(seeds[index], message), cpus=jobs
-            )
+            results = train_on_cluster(address, orders, lambda index, message: on_line(seeds[index], message), cpus=jobs)
     except BaseException:
         with contextlib.suppress(OSError):
             folder.rmdir()  # fails if anything was written
@@ -120,11 +88,10 @@ def train_seeds(
     if errors:
         seed, error = errors[0]
         raise RunError(f"{len(errors)} of {count} seeds failed; seed {seed}: {error}")
-    folders = [seed_folder(folder, seed) for seed in seeds]
-    summary = summarise(folders)
-    write_durably(folder / "summary.json", (summary.to_json() + "\n").encode())
-    draw(folder / "learning_curves.png", compare(folders).groups)
-    return summary
+    comparison = compare([seed_folder(folder, seed) for seed in seeds])
+    write_durably(folder / "summary.json", (comparison.to_json() + "\n").encode())
+    draw(folder / "learning_curves.png", comparison.groups)
+    return comparison.groups[0]
 
 
 def _in_processes(configs: Sequence[TrainConfig], jobs: int | None, on_line: OnLine) -> list[str | None]:
@@ -162,7 +129,7 @@ class _Processes:
             )
             self._running.add(process)
         with contextlib.suppress(OSError):  # its end is reported
-            process.send("train", (config.to_dict(), config.run_dir, EVALUATED_EPISODES))
+            process.send("train", (config.to_dict(), config.run_dir))
         error = None
         for _, message in iter(messages.get, None):
             error = message.get("error", error)
@@ -178,31 +145,3 @@ class _Processes:
             self._ended = True
             for process in self._running:
                 process.end()
-
-
-def summarise(run_dirs: Sequence[Path]) -> SeedsSummary:
-    """Summarise evaluated runs that differ only in their seed. Raises RunError if a folder holds no run, or no evaluation."""
-    configs = [RunFolder(path).read_config() for path in run_dirs]
-    curves = [[episode.return_ for episode in RunFolder(path).read_episodes()] for path in run_dirs]
-    returns = tuple(_evaluated(RunFolder(path)) for path in run_dirs)
-    points = []
-    for scores in zip(*curves, strict=False):
-        interval = seeds_interval(scores)
-        ends = (None, None) if interval is None else (interval.low, interval.high)
-        points.append((float(interquartile_mean(np.array(scores))), *ends))
-    return SeedsSummary(
-        env=configs[0].env,
-        agent=configs[0].agent,
-        seeds=tuple(config.seed for config in configs),
-        returns=returns,
-        return_iqm=float(interquartile_mean(np.array(returns))),
-        return_interval=seeds_interval(returns),
-        curve=tuple(points),
-    )
-
-
-def _evaluated(folder: RunFolder) -> float:
-    data = folder.read_evaluation()
-    if data is None:
-        raise RunError(f"{folder.path} has no evaluation; run `bricksrl evaluate {quoted(folder.path)}` first")
-    return float(data["return_mean"])

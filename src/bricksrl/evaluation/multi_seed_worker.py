@@ -29,13 +29,11 @@ class Reporter(Callback):
         self.send({"episode": episode.episode, "return": episode.return_})
 
 
-def train_and_evaluate(
-    start: Callable[[Callback], object], run_dir: Path, evaluated_episodes: int, reporter: Reporter
-) -> str | None:
+def train_and_evaluate(start: Callable[[Callback], object], run_dir: Path, reporter: Reporter) -> str | None:
     """Train by ``start``, evaluate, and report; returns the error, if any, also one of the user's code."""
     try:
         start(reporter)
-        reporter.send({"evaluated": evaluate(run_dir, episodes=evaluated_episodes).return_mean})
+        reporter.send({"evaluated": evaluate(run_dir).return_mean})
     except BricksError as error:
         return str(error)
     except Exception as error:
@@ -54,10 +52,10 @@ def main() -> None:
     try:
         _, order = orders.get() or END
         if order is not None:
-            config, run_dir, evaluated_episodes = order
+            config, run_dir = order
             reporter = Reporter(partial(send, "report"))
             start = partial(train, TrainConfig.from_dict(config, run_dir=run_dir))
-            if (error := train_and_evaluate(start, run_dir, evaluated_episodes, reporter)) is not None:
+            if (error := train_and_evaluate(start, run_dir, reporter)) is not None:
                 reporter.send({"error": error})
         code = 0
     except BrokenPipeError:  # the parent is gone

@@ -12,14 +12,17 @@ from string import Template
 from typing import TYPE_CHECKING
 
 from bricksrl.envs.reference_returns import REFERENCES, reference_lines
+from bricksrl.envs.registry import is_simulation
 from bricksrl.errors import counted
 from bricksrl.files import quoted, write_durably
 from bricksrl.training.callbacks import Episode
 from bricksrl.training.curve import draw_learning_curve
+from bricksrl.training.run_folder import RunFolder
 
 if TYPE_CHECKING:
     from bricksrl.evaluation.evaluator import EvaluationResult
     from bricksrl.evaluation.film import Filmed
+    from bricksrl.training.config import TrainConfig
 
 MOST_EMBEDDED_BYTES = 12_000_000
 """Size above which a film is linked rather than embedded."""
@@ -60,7 +63,7 @@ def write_report(
         "<h2>Evaluation</h2>",
         _table(_rows(result)),
         "<h2>Go on</h2>",
-        _commands(run_dir, result),
+        _commands(run_dir, RunFolder(run_dir).read_config(), result.trained_episodes),
     ]
     path = run_dir / "report.html"
     template = Template(resources.files("bricksrl.evaluation").joinpath("report.html").read_text(encoding="utf-8"))
@@ -136,16 +139,18 @@ def _table(rows: Iterable[tuple[str, str]]) -> str:
     return "<table>" + "".join(f"<tr><th>{html.escape(n)}</th><td>{html.escape(v)}</td></tr>" for n, v in rows) + "</table>"
 
 
-def _commands(run_dir: Path, result: EvaluationResult) -> str:
-    run, episodes = html.escape(quoted(run_dir), quote=False), 2 * result.trained_episodes
+def _commands(run_dir: Path, config: TrainConfig, trained_episodes: int) -> str:
+    run, env = quoted(run_dir), quoted(config.env)
+    longer = f"bricksrl resume {run} --episodes {2 * trained_episodes} --page"
     commands = {
         "watch it, and compare it with how it began": f"bricksrl play {run} --page",
-        "let it learn for longer": f"bricksrl resume {run} --episodes {episodes} --page",
+        "let it learn for longer": f"bricksrl train {env} --agent sac --from {run}" if config.updates else longer,
         "count more episodes": f"bricksrl evaluate {run} --episodes 20",
-        "on a LEGO robot": f"bricksrl evaluate {run} --hub ble",
+        "on a LEGO robot": "" if is_simulation(config.env) else f"bricksrl evaluate {run} --hub ble",
         "use the policy in a program of your own": f"bricksrl export {run} --out policy.pt2",
     }
-    rows = "".join(f"<tr><th>{label}</th><td><code>{command}</code></td></tr>" for label, command in commands.items())
+    shown = {label: html.escape(command, quote=False) for label, command in commands.items() if command}
+    rows = "".join(f"<tr><th>{label}</th><td><code>{command}</code></td></tr>" for label, command in shown.items())
     return f"<table>{rows}</table>"
 
 

@@ -14,11 +14,12 @@ import shutil
 import threading
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from fnmatch import fnmatchcase
 from importlib import metadata
 from multiprocessing import get_context, parent_process
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -28,6 +29,9 @@ from bricksrl.evaluation.statistics import ends, interquartile_mean, probability
 from bricksrl.evaluation.study_page import page
 from bricksrl.evaluation.study_tables import Cell, Condition, Study
 from bricksrl.files import write_durably
+
+if TYPE_CHECKING:
+    from bricksrl.training import RunResult
 
 OUTCOME = "outcome.json"
 """File with the outcome of a seed: steps, wall time and CPU time (null if resumed) of its training; the time of its steps by the
@@ -56,10 +60,10 @@ def run_seed(cell: Cell, seed: int, folder: str) -> dict[str, Any] | str:
     try:
         cpu_s = None
         if RunFolder(path).checkpoint_path.exists():
-            resume(path)
+            _check_whole(resume(path))
         else:
             before_s = _cpu_s()
-            train(TrainConfig(**{**cell.config, "seed": seed, "run_dir": path, "asynchronous": False}))
+            _check_whole(train(TrainConfig(**{**cell.config, "seed": seed, "run_dir": path, "asynchronous": False})))
             cpu_s = _cpu_s() - before_s
         results = [_evaluate_condition(path, seed, number, condition) for number, condition in enumerate(cell.conditions)]
         episodes = RunFolder(path).read_episodes()
@@ -80,6 +84,12 @@ def run_seed(cell: Cell, seed: int, folder: str) -> dict[str, Any] | str:
     return outcome
 
 
+def _check_whole(result: RunResult) -> None:
+    """Raise KeyboardInterrupt after a training that Ctrl-C has ended: it is resumed later, and has no outcome yet."""
+    if result.interrupted:
+        raise KeyboardInterrupt
+
+
 def _cpu_s() -> float:
     """CPU time of this process, with its threads and its ended children."""
     return sum(os.times()[:4])
@@ -97,7 +107,7 @@ def _evaluate_condition(run: Path, seed: int, number: int, condition: Condition)
         config = RunFolder(run).read_config()
         base = {"agent": config.agent, "settings": config.settings, "start": str(run), "seed": seed, "run_dir": run_dir}
         options = {**base, "episodes": condition.learn_episodes, "asynchronous": False, **condition.named}
-        train(TrainConfig(condition.env or config.env, **options))
+        _check_whole(train(TrainConfig(condition.env or config.env, **options)))
     options = {"episodes": condition.episodes, "seed": _FIRST_EVALUATION + seed, "save": False, **condition.named}
     result = evaluate(run_dir, condition.env, **options)
     successes = None if result.success_rate is None else round(result.success_rate * result.episodes)
@@ -150,14 +160,14 @@ def run_study(
     _check_folder(folder, study, quick=quick)
     count = seeds or (2 if quick else study.seeds)
     orders = [(cell, seed, str((folder / name_of(cell)).absolute())) for cell in chosen for seed in range(count)]
-    folder.mkdir(parents=True, exist_ok=True)
+    written = write_study(folder, _result(study, cells, folder, quick=quick))  # marks the folder before it has any run
     errors = []
     for (cell, seed, _), outcome in zip(orders, _outcomes(orders, jobs, on), strict=True):
         error = outcome if isinstance(outcome, str) else None
         on_seed(name_of(cell), seed, error)
         if error is not None:
             errors.append(f"{name_of(cell)} seed {seed}: {error}")
-        written = write_study(folder, _result(study, cells, folder, count, quick=quick))
+        written = write_study(folder, _result(study, cells, folder, quick=quick))
     if errors:
         raise RunError(f"{len(errors)} of {len(orders)} runs failed; the first: {errors[0]}")
     return written
@@ -175,10 +185,11 @@ def _check_folder(folder: Path, study: Study, *, quick: bool) -> None:
         raise RunError(f"{folder} has the study '{existing[0]}' {form}; choose another folder")
 
 
-def _result(study: Study, cells: Sequence[Cell], folder: Path, seeds: int, *, quick: bool) -> dict[str, Any]:
-    """Numbers of a study, of the seeds that are done."""
-    done = {name_of(cell): [folder / name_of(cell) / f"seed-{seed}" / OUTCOME for seed in range(seeds)] for cell in cells}
-    outcomes_of = {name: [json.loads(path.read_bytes()) for path in paths if path.exists()] for name, paths in done.items()}
+def _result(study: Study, cells: Sequence[Cell], folder: Path, *, quick: bool) -> dict[str, Any]:
+    """Numbers of a study, of all seeds that are done."""
+    paths_of = {name_of(cell): (folder / name_of(cell)).glob(f"seed-*/{OUTCOME}") for cell in cells}
+    done = {name: [json.loads(path.read_bytes()) for path in paths] for name, paths in paths_of.items()}
+    outcomes_of = {name: sorted(outcomes, key=lambda outcome: outcome["seed"]) for name, outcomes in done.items()}
     result = {"study": study.name, "title": study.title, "quick": quick, "heads": study.heads, "metrics": study.metrics}
     result |= _machine()
     result["cells"] = [summary(cell, outcomes_of[name_of(cell)]) for cell in cells if outcomes_of[name_of(cell)]]
@@ -208,7 +219,10 @@ def _outcomes(orders: Sequence[tuple[Cell, int, str]], jobs: int | None, on: str
         yield from (run_seed(*order) for order in orders)
         return
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_start_worker) as pool:
-        yield from pool.map(run_seed, *zip(*orders, strict=True))
+        try:
+            yield from pool.map(run_seed, *zip(*orders, strict=True))
+        except BrokenProcessPool:
+            raise RunError("a process was killed, maybe for lack of memory; repeat the command with fewer --jobs") from None
 
 
 def _start_worker() -> None:

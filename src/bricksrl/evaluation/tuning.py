@@ -163,9 +163,9 @@ def tune(
             pruner=optuna.pruners.MedianPruner(n_startup_trials=5),
         )
         _check_same(study, tuning, folder)
-    study.sampler = optuna.samplers.TPESampler(seed=(seed + len(study.trials)) % (LARGEST_SEED + 1))
-    if not study.trials:
-        study.enqueue_trial(_as_proposed(start, goals=goals))  # the default settings are the first trial
+        study.sampler = optuna.samplers.TPESampler(seed=(seed + len(study.trials)) % (LARGEST_SEED + 1))
+        if not study.trials:
+            study.enqueue_trial(_as_proposed(start, goals=goals))  # the default settings are the first trial
 
     def objective(trial: optuna.Trial) -> float:
         settings = propose(trial, start, goals=goals)

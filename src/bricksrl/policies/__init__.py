@@ -6,6 +6,7 @@ from contextlib import closing, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from bricksrl.errors import RunError
 from bricksrl.fields import check_value
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ def load_policy(path: Path | str, env: EnvBase | None = None, *, which: Which = 
         which: the last checkpoint, or that of the best evaluation.
 
     Raises:
-        RunError: there is no run in the folder.
+        RunError: there is no run in the folder, or a shared policy and ``which`` is not the last checkpoint.
         CheckpointError: the policy is damaged, or ``env`` has other observations or actions than the run's environment.
     """
     from bricksrl.policies.policy import Policy
@@ -35,6 +36,8 @@ def load_policy(path: Path | str, env: EnvBase | None = None, *, which: Which = 
 
     check_value("path", path, Path | str)
     path = Path(path)
+    if which != "last" and is_policy(path):
+        raise RunError(f"{path} holds the policy of one checkpoint; take the last one")
     with closing(make_env(one_robot(config_of(path)))) if env is None else nullcontext(env) as env:
         learner = load_shared(path, env) if is_policy(path) else load_learner(path, env, which=which).learner
         return Policy(learner.policy, env.observation_spec["observation"].shape[-1])

@@ -16,10 +16,12 @@ from tensordict import TensorDict
 from torch import Tensor, nn
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
+from bricksrl.envs.specs import ObservationLayout
 from bricksrl.errors import RunError, message_of
 from bricksrl.files import refuse_existing, write_durably
 from bricksrl.policies import config_of, load_policy
 from bricksrl.training.restore import Which, one_robot
+from bricksrl.training.run import make_env
 
 if TYPE_CHECKING:
     from bricksrl.policies.policy import Policy
@@ -61,7 +63,8 @@ def export_model(path: Path | str, out: Path, format_: Format = "torch-export", 
     if missing:
         names = " and ".join(missing)
         raise RunError(f"export as onnx needs {names}; run `pip install 'bricksrl[onnx]'`, or export as torch-export")
-    policy, inputs = load_policy(path, which=which), _observations(path)
+    with closing(make_env(one_robot(config_of(Path(path))))) as env:
+        policy, inputs = load_policy(path, env, which=which), _observations(ObservationLayout.of(env))
     acting = BestAction(policy).eval().requires_grad_(False)
     with torch.no_grad():
         expected = _best(policy, acting, inputs)
@@ -91,13 +94,8 @@ def _best(policy: Policy, acting: BestAction, inputs: tuple[Tensor, ...]) -> Ten
     return first
 
 
-def _observations(path: Path | str) -> tuple[Tensor, ...]:
-    """Random observations ``[batch, n]`` within their bounds, and images if there are any, of a policy's environment."""
-    from bricksrl.envs.specs import ObservationLayout
-    from bricksrl.training.run import make_env
-
-    with closing(make_env(one_robot(config_of(Path(path))))) as env:
-        layout = ObservationLayout.of(env)
+def _observations(layout: ObservationLayout) -> tuple[Tensor, ...]:
+    """Random observations ``[batch, n]`` within their bounds, and images if there are any."""
     generator = torch.Generator().manual_seed(0)
     low, high = (torch.tensor(end).nan_to_num(posinf=1.0, neginf=-1.0) for end in (layout.low, layout.high))
     observation = low + (high - low) * torch.rand(_OBSERVATIONS, len(low), generator=generator)

@@ -31,7 +31,7 @@ def is_policy(path: Path) -> bool:
     return (path / ABOUT).is_file() and (path / TENSORS).is_file()
 
 
-def export_policy(run_dir: Path, out: Path, *, licence: str = "mit") -> Path:
+def export_policy(run_dir: Path, out: Path) -> Path:
     """Write the policy of a run to the folder ``out``, atomically: `TENSORS`, `ABOUT` and a card. Raises RunError if ``out``
     exists or cannot be written, or there is no run, CheckpointError if the run's checkpoint is damaged."""
     from safetensors.torch import save
@@ -47,7 +47,10 @@ def export_policy(run_dir: Path, out: Path, *, licence: str = "mit") -> Path:
     tensors = {name: tensor.contiguous() for name, tensor in trained.learner.policy_state().items()}
     shared = portable(replace(one_robot(config), data=None, updates=0, start=None, compile=False).to_dict())
     about = {"bricksrl_policy": _VERSION, "episodes": trained.episodes, "config": shared}
-    card = policy_card(shared["env"], shared["agent"], trained.episodes, folder.read_evaluation(), licence)
+    evaluation = folder.read_evaluation()
+    if evaluation is not None and (evaluation["trained_episodes"] != trained.episodes or not evaluation.get("as_trained")):
+        evaluation = None  # of an earlier agent, or under other conditions
+    card = policy_card(shared["env"], shared["agent"], trained.episodes, evaluation)
     try:
         with atomic_folder(out) as new:
             write_durably(new / TENSORS, save(tensors))
