@@ -35,12 +35,17 @@ def test_dataset_hub_round_trip(hub: Hub, tmp_path: Path) -> None:
     for folder in (root / ".idea", root / "data/.ipynb_checkpoints"):
         folder.mkdir()
         (folder / "secret.txt").write_text("mine")
-    assert push_dataset(root, "me/toy") == f"{hub.address}/datasets/me/toy"
+    assert push_dataset(root, "me/toy", licence="cc-by-4.0") == f"{hub.address}/datasets/me/toy"
     files = hub.files["datasets/me/toy"]
     assert {"meta/info.json", "meta/bricksrl.json", "data/chunk-000/file-001.parquet", "README.md"} <= files.keys()
     assert not any("/." in f"/{name}" for name in files) and hub.tags == ["v3.0"]
     card = files["README.md"].decode()
-    assert "- LeRobot" in card and "| transitions | 7 |" in card and "observation.state`: angle, distance" in card
+    assert (
+        "license: cc-by-4.0\n" in card
+        and "- LeRobot" in card
+        and "| transitions | 7 |" in card
+        and "observation.state`: angle, distance" in card
+    )
     pull_dataset("me/toy", tmp_path / "fetched")
     ours, theirs = load(root), load(tmp_path / "fetched")
     assert np.array_equal(ours.observation, theirs.observation) and np.array_equal(ours.image, theirs.image)
@@ -77,8 +82,9 @@ def test_refusals_print_one_line(hub: Hub, tmp_path: Path, monkeypatch: pytest.M
 def test_policy_hub_round_trip(hub: Hub, tmp_path: Path) -> None:
     run = tmp_path / "run"
     train(TrainConfig("WalkerSim-v0", episodes=1, run_dir=run, settings=preset("default", "sac"), record=False))
-    push_policy(run, "me/policy")
+    push_policy(run, "me/policy", licence="apache-2.0")
     files = hub.files["models/me/policy"]
+    assert b"license: apache-2.0\n" in files["README.md"]
     assert sorted(files) == ["README.md", "policy.json", "policy.safetensors"]
     assert (
         json.loads(files["policy.json"])["config"]["env"] == "WalkerSim-v0" and str(tmp_path) not in files["policy.json"].decode()

@@ -255,6 +255,8 @@ class Push:
     """Share the policy of the run instead of its data: a safetensors file, never a pickle."""
     private: Flag = False
     """Make the repository private."""
+    licence: Annotated[str, option(metavar="NAME")] = "mit"
+    """Licence on the card, by the hub's name for it, such as cc-by-4.0."""
 
     def execute(self) -> None:
         from bricksrl.data.share import push_dataset
@@ -262,7 +264,7 @@ class Push:
 
         load_learning()
         push = push_policy if self.policy else push_dataset
-        print_line(push(self.folder, self.repo, private=self.private))
+        print_line(push(self.folder, self.repo, private=self.private, licence=self.licence))
 
 
 @dataclass(frozen=True)

@@ -9,13 +9,13 @@ from bricksrl.data.summary import Summary
 from bricksrl.errors import counted
 
 
-def dataset_card(summary: Summary) -> str:
+def dataset_card(summary: Summary, licence: str) -> str:
     """Card of a dataset, as Markdown."""
     robot = summary.robot or "no robot"
     success = "" if summary.success_rate is None else f"| success | {summary.success_rate:.0%} |\n"
     camera = f"\nImages of the camera `{summary.camera}` are in `videos`, without loss.\n" if summary.camera else ""
     return f"""---
-license: mit
+license: {licence}
 task_categories:
 - robotics
 tags:
@@ -58,14 +58,14 @@ episodes = data.load("folder")
 """
 
 
-def policy_card(env: str, agent: str, episodes: int, evaluation: dict[str, Any] | None) -> str:
+def policy_card(env: str, agent: str, episodes: int, evaluation: dict[str, Any] | None, licence: str) -> str:
     """Card of a policy, as Markdown, with the results of an evaluation if there is one."""
     result = "It has not been evaluated yet."
     if evaluation is not None:
         mean, std, count = evaluation["return_mean"], evaluation["return_std"], evaluation["episodes"]
         result = f"Return {mean:.4g} ± {std:.4g} in {counted(count, 'episode')} of evaluation."
     return f"""---
-license: mit
+license: {licence}
 library_name: bricksrl
 pipeline_tag: reinforcement-learning
 tags:

@@ -28,18 +28,19 @@ CARD = "README.md"
 _FILES = ["meta/**", "data/**", "videos/**"]
 
 
-def push_dataset(path: Path, repo: str, *, private: bool = False) -> str:
+def push_dataset(path: Path, repo: str, *, private: bool = False, licence: str = "mit") -> str:
     """Upload a dataset to the hub, with a generated card and the version tag that LeRobot requires; returns its address. Raises
     DataError if the dataset is not intact, huggingface_hub is not installed, or the hub is out of reach or refuses.
 
     Args:
         repo: name of the repository, as ``name/dataset``.
+        licence: of the data, for the card, by the hub's name for it.
     """
     root = dataset_folder(path)
     faults = check(root)
     if faults:
         raise DataError(f"{root} is not sound: {faults[0]}; see `bricksrl data check {root}`")
-    card = dataset_card(summarise(root))
+    card = dataset_card(summarise(root), licence)
     with hub_client(repo) as api:
         api.create_repo(repo, repo_type="dataset", private=private, exist_ok=True)
         hidden = "*/.*"

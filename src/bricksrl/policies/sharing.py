@@ -31,7 +31,7 @@ def is_policy(path: Path) -> bool:
     return (path / ABOUT).is_file() and (path / TENSORS).is_file()
 
 
-def export_policy(run_dir: Path, out: Path) -> Path:
+def export_policy(run_dir: Path, out: Path, *, licence: str = "mit") -> Path:
     """Write the policy of a run to the folder ``out``, atomically: `TENSORS`, `ABOUT` and a card. Raises RunError if ``out``
     exists or cannot be written, or there is no run, CheckpointError if the run's checkpoint is damaged."""
     from safetensors.torch import save
@@ -50,7 +50,7 @@ def export_policy(run_dir: Path, out: Path) -> Path:
     evaluation = folder.read_evaluation()
     if evaluation is not None and (evaluation["trained_episodes"] != trained.episodes or not evaluation.get("as_trained")):
         evaluation = None  # of an earlier agent, or under other conditions
-    card = policy_card(shared["env"], shared["agent"], trained.episodes, evaluation)
+    card = policy_card(shared["env"], shared["agent"], trained.episodes, evaluation, licence)
     try:
         with atomic_folder(out) as new:
             write_durably(new / TENSORS, save(tensors))
@@ -112,11 +112,11 @@ def load_shared(path: Path, env: EnvBase) -> Learner:
     return learner
 
 
-def push_policy(run_dir: Path, repo: str, *, private: bool = False) -> str:
+def push_policy(run_dir: Path, repo: str, *, private: bool = False, licence: str = "mit") -> str:
     """Upload the policy of a run, or a shared one, to the hub; returns its address. Raises RunError or CheckpointError as in
-    `export_policy`, DataError if the hub is out of reach or refuses."""
+    `export_policy`, DataError if the hub is out of reach or refuses. A shared policy keeps the ``licence`` on its card."""
     with tempfile.TemporaryDirectory() as temporary:
-        folder = run_dir if is_policy(run_dir) else export_policy(run_dir, Path(temporary) / "policy")
+        folder = run_dir if is_policy(run_dir) else export_policy(run_dir, Path(temporary) / "policy", licence=licence)
         with hub_client(repo) as api:
             api.create_repo(repo, repo_type="model", private=private, exist_ok=True)
             api.upload_folder(repo_id=repo, repo_type="model", folder_path=str(folder), allow_patterns=[TENSORS, ABOUT, CARD])
