@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 import threading
+import time
 from pathlib import Path
 from typing import Any
 
@@ -55,16 +58,47 @@ def test_failing_seed_raises_one_line(tmp_path: Path) -> None:
         train_seeds(TrainConfig("Walker-v0", hub="ble", run_dir=tmp_path / "robot"), 2)
 
 
-def test_killed_seed_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    started: list[ChildProcess] = []
+@pytest.fixture
+def started(monkeypatch: pytest.MonkeyPatch) -> list[ChildProcess]:
+    """Processes of the seeds."""
+    processes: list[ChildProcess] = []
 
     class Noted(ChildProcess):
         def __init__(self, *args: Any, **variables: str) -> None:
             super().__init__(*args, **variables)
-            started.append(self)
+            processes.append(self)
 
     monkeypatch.setattr(multi_seed, "ChildProcess", Noted)
+    return processes
+
+
+def test_killed_seed_is_an_error(tmp_path: Path, started: list[ChildProcess]) -> None:
     config = TrainConfig("RoboArmSim-v0", episodes=200, settings=SMALL, run_dir=tmp_path / "all")
     with pytest.raises(RunError, match=r"2 of 2 seeds failed; seed 0: its process ended with exit code -?\d+"):
         train_seeds(config, 2, jobs=1, on_line=lambda seed, message: started[seed].end())
     assert RunFolder(seed_folder(tmp_path / "all", 0)).read_episodes(), "what was learned is kept"
+
+
+def test_interrupted_seeds_end_by_themselves(tmp_path: Path, started: list[ChildProcess]) -> None:
+    def interrupt(seed: int, message: dict[str, Any]) -> None:
+        raise KeyboardInterrupt
+
+    config = TrainConfig("RoboArmSim-v0", episodes=10_000, settings=SMALL, run_dir=tmp_path / "all")
+    with pytest.raises(KeyboardInterrupt):
+        train_seeds(config, 3, jobs=1, on_line=interrupt)
+    assert {process.wait(0) for process in started} == {1}, "not killed"
+
+
+def test_seeds_end_with_a_program_that_is_killed(tmp_path: Path) -> None:
+    run = ["train", "RoboArmSim-v0", "--agent", "random", "--episodes", "1000000", "--seeds", "2", "--run", str(tmp_path / "all")]
+    with subprocess.Popen([sys.executable, "-m", "bricksrl", *run], stdout=subprocess.DEVNULL) as process:
+        try:
+            while len(metrics := list(tmp_path.rglob("seed-*/metrics.csv"))) < 2:
+                assert process.poll() is None
+                time.sleep(0.1)
+        finally:
+            process.kill()
+    time.sleep(2.0)
+    before = [path.read_bytes() for path in metrics]
+    time.sleep(4.0)  # many episodes
+    assert [path.read_bytes() for path in metrics] == before

@@ -16,7 +16,7 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any
 
-from bricksrl.child_process import ChildProcess, Message
+from bricksrl.child_process import END, ChildProcess, Message
 from bricksrl.errors import RunError
 from bricksrl.evaluation.cluster import parse_on, train_on_cluster
 from bricksrl.evaluation.comparison import Group, compare, draw
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 MAX_SEEDS = 1000
 """Maximum number of seeds of one command."""
-_END_TIMEOUT_S = 60.0
+_END_TIMEOUT_S, _STOP_TIMEOUT_S = 60.0, 10.0
 
 OnLine = Callable[[int, dict[str, Any]], None]
 """Called, from several threads, with a seed and a message: an episode and its return, or the return of the evaluation."""
@@ -140,8 +140,12 @@ class _Processes:
         return error or (None if code == 0 else f"its process ended with exit code {code}")
 
     def end(self) -> None:
-        """End all processes and start no more; saved files are kept."""
+        """End all processes after their present steps and start no more; saved files are kept."""
         with self._lock:
             self._ended = True
-            for process in self._running:
-                process.end()
+            running = list(self._running)
+        for process in running:
+            with contextlib.suppress(OSError):
+                process.send(*END)
+        for process in running:
+            process.end(_STOP_TIMEOUT_S)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import traceback
 from collections.abc import Callable
 from functools import partial
@@ -45,20 +46,32 @@ def train_and_evaluate(start: Callable[[Callback], object], run_dir: Path, repor
 
 
 def main() -> None:
-    """Train and evaluate as ordered; sends a message for each episode, one for the evaluation, and one for an error."""
-    orders: SimpleQueue[Message | None] = SimpleQueue()
-    send = parent_channel(orders.put)
+    """Train and evaluate as ordered; sends a message for each episode, one for the evaluation, and one for an error. Ends after
+    the present step if the parent asks for it or is gone."""
+    orders: SimpleQueue[Message] = SimpleQueue()
+    stop = threading.Event()
+
+    def receive(message: Message | None) -> None:
+        if message in (END, None):
+            stop.set()
+        orders.put(message or END)
+
+    send = parent_channel(receive)
     code = 1
     try:
-        _, order = orders.get() or END
+        _, order = orders.get()
         if order is not None:
             config, run_dir = order
             reporter = Reporter(partial(send, "report"))
-            start = partial(train, TrainConfig.from_dict(config, run_dir=run_dir))
+
+            def start(callback: Callback) -> None:
+                if train(TrainConfig.from_dict(config, run_dir=run_dir), callback, stop=stop).interrupted:
+                    raise KeyboardInterrupt
+
             if (error := train_and_evaluate(start, run_dir, reporter)) is not None:
                 reporter.send({"error": error})
         code = 0
-    except BrokenPipeError:  # the parent is gone
+    except (BrokenPipeError, KeyboardInterrupt):  # the parent is gone, or asked for the end
         pass
     except Exception:  # noqa: BLE001  an exit at once would not print it
         traceback.print_exc()
