@@ -56,5 +56,6 @@ def test_invalid_teams_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixtur
         assert run(["team", "--play", str(tmp_path), *option]) == 2
         assert capsys.readouterr().err == f"error: {option[0]} has no effect with --play; omit it\n"
     assert run(["team", "Tag-v0", "--frames", "0"]) == 2 and "1 frame or more" in capsys.readouterr().err
-    assert run(["team", "Tag-v0", "--copies", "-1"]) == 2 and "0 copies or more" in capsys.readouterr().err
+    for copies in ("-1", "1000000000"):
+        assert run(["team", "Tag-v0", "--copies", copies]) == 2 and "0 to 65,536 copies" in capsys.readouterr().err
     assert run(["list", "--json"]) == 0 and json.loads(capsys.readouterr().out)["arenas"] == ["Tag-v0", "Carry-v0"]

@@ -51,6 +51,22 @@ def test_interrupted_run_records_last_steps(tmp_path: Path) -> None:
     assert after == [*before, *((episode.length, True) for episode in result.episodes[1:])] and len(after) == 5
 
 
+def test_paused_episode_is_not_whole(tmp_path: Path) -> None:
+    class Pausing(Callback):
+        def on_env(self, env) -> None:
+            self.env = env
+
+        def on_step(self, episode, step, phase) -> None:
+            if (episode, step) == (1, 2):
+                self.env.pause()
+            elif (episode, step) == (1, 3):
+                self.env.resume()  # before the evaluation
+
+    train(TrainConfig("RunAway-v0", "random", episodes=2, eval_every=1, eval_episodes=1, run_dir=tmp_path / "run"), Pausing())
+    abouts = [(row.length, row.about.whole, row.about.success) for row in load(tmp_path / "run").rows]
+    assert abouts[0] == (3, False, None) and abouts[1][1:] == (True, False)
+
+
 @pytest.mark.parametrize(("first_by_hand", "asynchronous"), [(0, False), (3, False), (3, True)])
 def test_on_policy_agent_refuses_intervention(tmp_path: Path, first_by_hand: int, asynchronous: bool) -> None:
     steps = itertools.count()

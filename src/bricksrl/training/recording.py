@@ -33,6 +33,7 @@ class Recording(Callback):
 
     def __init__(self, config: TrainConfig, env: EnvBase, recorder: Recorder) -> None:
         self._config, self._env, self._recorder = config, env, recorder
+        self._is_cut = False
 
     def on_transition(self, episode: int, step: int, phase: Phase, transition: TensorDictBase) -> None:
         if step == 1:
@@ -40,9 +41,10 @@ class Recording(Callback):
             seed = derive_seed(self._config.seed, "episode", episode)
             self._recorder.begin(about(self._env, policy, seed=seed, hub=self._config.hub))
         self._recorder.add(step_of(transition, self._env, intervention=bool(transition.get("intervention", False))))
+        self._is_cut = getattr(self._env, "is_cut", False)  # by a pause; an evaluation may follow before the end
 
     def on_link_lost(self, episode: int, length: int, error: BricksError) -> None:
         self._recorder.commit(whole=False)
 
     def on_episode(self, episode: Episode, progress: Progress) -> None:
-        self._recorder.commit(success=episode.success)
+        self._recorder.commit(success=None if self._is_cut else episode.success, whole=not self._is_cut)

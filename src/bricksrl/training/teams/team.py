@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 
     from bricksrl.training.teams.groups import GroupLearner, TeamSettings
 
+MAX_COPIES = 2**16
+"""Maximum number of copies of a simulation."""
+
 
 @dataclass(frozen=True)
 class TeamConfig:
@@ -38,8 +41,8 @@ class TeamConfig:
 
     def __post_init__(self) -> None:
         check_seed(self.seed)
-        if not self.agents or self.frames < 1 or self.copies < 0:
-            raise RunError("a team needs a learning group, 1 frame or more, and 0 copies or more")
+        if not self.agents or self.frames < 1 or not 0 <= self.copies <= MAX_COPIES:
+            raise RunError(f"a team needs a learning group, 1 frame or more, and 0 to {MAX_COPIES:,} copies")
 
 
 @dataclass(frozen=True)
