@@ -66,9 +66,8 @@ A study is a table of trainings with several seeds. `bricksrl study` lists the s
 studies that were run at full length (`benchmarks/results/study_*.json`). The studies `offline`, `datasets` and `ablation` show
 results of benchmarks, which are in [results.md](results.md). Wall minutes are those of a computer that had other work, too.
 
-In `agents`, DroQ is missing from simulation to Walker-v0: a seed computes for 40 minutes. One cell is below the paper's: TD3 on
-Spinning-v0. One of the five seeds came to spin one way only, whatever the goal, and another to stand still at one of the two
-goals; its actor explores by small noise, and 750 steps are few for that.
+In `agents`, one cell is below the paper's: TD3 on Spinning-v0. One of the five seeds came to spin one way only, whatever the
+goal, and another to stand still at one of the two goals; its actor explores by small noise, and 750 steps are few for that.
 
 In `sim-to-robot`, training with randomised physics (Walker-v1) walks fastest on robots that it has not seen. Outside of the
 ranges it was trained in, no policy fails; a link of 100 ms costs each a third of its speed, which five episodes there do not
