@@ -44,11 +44,15 @@ def test_play_in_terminal_ends_with_a_lost_link(capfd):
     assert capfd.readouterr().out == "", "no line about half an episode"
 
 
-def test_play_in_terminal_plays_what_is_evaluated(trained, capfd):
-    assert main(["evaluate", str(trained[0]), "--episodes", "2", "--json"]) == 0
+def test_play_in_terminal_plays_what_is_evaluated(tmp_path, capfd):
+    run = str(tmp_path / "run")
+    assert main(["train", "Spinning-v0", "--episodes", "2", "--run", run]) == 0
+    capfd.readouterr()
+    assert main(["evaluate", run, "--episodes", "3", "--json"]) == 0
     returns = json.loads(capfd.readouterr().out)["returns"]
-    assert main(["play", str(trained[0]), "--episodes", "2"]) == 0
-    played = re.findall(r"^episode \d  return (\S+)  20 steps$", capfd.readouterr().out, re.MULTILINE)
+    assert len(set(returns)) == 3
+    assert main(["play", run, "--episodes", "3"]) == 0
+    played = re.findall(r"^episode \d  return (\S+)  50 steps$", capfd.readouterr().out, re.MULTILINE)
     assert played == [f"{value:.4g}" for value in returns]
 
 

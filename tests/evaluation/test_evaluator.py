@@ -2,7 +2,8 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass
+from contextlib import closing
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ import torch
 from tensordict import TensorDictBase
 from toys import Cart
 
+from bricksrl import make
 from bricksrl.agents.sac import SACSettings
 from bricksrl.cli.evaluate import describe
 from bricksrl.envs.task import Entry
@@ -148,6 +150,10 @@ def test_only_an_evaluation_under_the_conditions_of_the_training_counts(spinning
         assert not evaluate(spinning, episodes=1, **changes).as_trained
         assert compare([spinning]).scored_by != "evaluation"
         assert "not been evaluated" in (export_policy(spinning, spinning / next(iter(changes))) / "README.md").read_text()
+    with closing(make("Spinning-v0", seed=0)) as env:
+        assert evaluate(spinning, env, episodes=1).as_trained, "the caller's, whose physics are not compared"
+        env.task = replace(env.task, id="Turning-v0")
+        assert not evaluate(spinning, env, episodes=1).as_trained
     assert evaluate(spinning, episodes=1, physics=Physics(battery_v=6.4)).as_trained
     assert evaluate(spinning, episodes=1).as_trained
     assert compare([spinning]).scored_by == "evaluation"

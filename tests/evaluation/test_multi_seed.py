@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 import threading
-import time
 from pathlib import Path
 from typing import Any
 
 import pytest
+from killed import assert_runs_end_with
 
 from bricksrl.agents.sac import SACSettings
 from bricksrl.child_process import ChildProcess
@@ -91,14 +89,4 @@ def test_interrupted_seeds_end_by_themselves(tmp_path: Path, started: list[Child
 
 def test_seeds_end_with_a_program_that_is_killed(tmp_path: Path) -> None:
     run = ["train", "RoboArmSim-v0", "--agent", "random", "--episodes", "1000000", "--seeds", "2", "--run", str(tmp_path / "all")]
-    with subprocess.Popen([sys.executable, "-m", "bricksrl", *run], stdout=subprocess.DEVNULL) as process:
-        try:
-            while len(metrics := list(tmp_path.rglob("seed-*/metrics.csv"))) < 2:
-                assert process.poll() is None
-                time.sleep(0.1)
-        finally:
-            process.kill()
-    time.sleep(2.0)
-    before = [path.read_bytes() for path in metrics]
-    time.sleep(4.0)  # many episodes
-    assert [path.read_bytes() for path in metrics] == before
+    assert_runs_end_with(run, tmp_path)

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import json
 import signal
-import subprocess
-import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from killed import assert_runs_end_with
 
 from bricksrl.agents.sac import SACSettings
 from bricksrl.errors import RunError
@@ -89,17 +87,7 @@ def test_only_chosen_cells_are_run(tmp_path: Path) -> None:
 
 def test_workers_end_with_a_study_that_is_killed(tmp_path: Path) -> None:
     study = ["study", "strategies", "--only", "sac-*", "--jobs", "2", "--folder", str(tmp_path)]
-    with subprocess.Popen([sys.executable, "-m", "bricksrl", *study], stdout=subprocess.DEVNULL) as process:
-        try:
-            while len(metrics := list(tmp_path.rglob("seed-*/metrics.csv"))) < 2:
-                assert process.poll() is None
-                time.sleep(0.1)
-        finally:
-            process.kill()
-    time.sleep(2.0)
-    before = [path.read_bytes() for path in metrics]
-    time.sleep(4.0)  # several episodes
-    assert [path.read_bytes() for path in metrics] == before
+    assert_runs_end_with(study, tmp_path)
 
 
 def test_training_that_ctrl_c_ends_has_no_outcome_and_is_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -192,7 +192,7 @@ def _on_page(
 
 
 def _in_terminal(env: EnvBase, player: Player, episodes: int | None, seed: int) -> None:
-    """Play without a page, the episodes that `bricksrl evaluate` plays with this seed, and print a line for each."""
+    """Play without a page, and print a line for each whole episode."""
     from bricksrl.cli.emergency_stop import EmergencyStop
     from bricksrl.envs.rollout import play_episodes
 

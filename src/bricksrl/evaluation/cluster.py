@@ -176,9 +176,7 @@ def train_on_cluster(
                 number = waiting.pop(job)
                 try:
                     errors[number] = ray.get(job)
-                except (
-                    ray.exceptions.RayTaskError
-                ) as error:  # its text ends with the exception of the run, such as of a full disk
+                except ray.exceptions.RayTaskError as error:  # of the run, such as of a full disk; the last line says which
                     errors[number] = str(error).strip().splitlines()[-1]
                 except ray.exceptions.RayError as error:
                     errors[number] = f"its worker was lost {_RETRIES + 1} times ({type(error).__name__})"

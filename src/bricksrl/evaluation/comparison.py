@@ -131,7 +131,9 @@ class _Run:
         if not episodes:
             raise RunError(f"the run in {path} has no episode yet; omit it")
         curve = tuple(moving_mean([episode.return_ for episode in episodes], WINDOW))
-        return cls(config, curve, episodes[-1].steps, _evaluation(folder, len(episodes)))
+        evaluation = folder.own_evaluation(len(episodes))
+        score = None if evaluation is None else float(evaluation["return_mean"])
+        return cls(config, curve, episodes[-1].steps, score)
 
     @property
     def shared_config(self) -> str:
@@ -140,13 +142,6 @@ class _Run:
         for name in ("env", *_NOT_COMPARED):
             del data[name]
         return json.dumps(data, sort_keys=True, default=str)
-
-
-def _evaluation(folder: RunFolder, episodes: int) -> float | None:
-    """Mean return of the run's evaluation; ``None`` if there is none after its last episode and under its own conditions."""
-    data = folder.read_evaluation()
-    current = data is not None and data["trained_episodes"] == episodes and data.get("as_trained")
-    return float(data["return_mean"]) if data is not None and current else None
 
 
 def _run_folders(paths: Sequence[Path | str]) -> Iterator[Path]:

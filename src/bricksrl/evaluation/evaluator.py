@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bricksrl.envs.user_files import with_absolute_file
+from bricksrl.envs.user_files import is_reference, with_absolute_file
 from bricksrl.errors import RunError
 from bricksrl.evaluation.statistics import Interval, interquartile_mean, mean, seeds_interval, wilson_interval
 from bricksrl.files import write_durably
@@ -40,7 +40,8 @@ class EvaluationResult:
     Attributes:
         run_dir, env, agent, hub, seed: run, environment, agent, connection, and seed of the evaluation.
         trained_episodes: episodes that the agent was trained for.
-        as_trained: whether environment, options and physics are those of the training; `bricksrl compare` counts no other.
+        as_trained: whether environment, options and physics are those of the training, of an environment of the caller its id;
+            `bricksrl compare` counts no other.
         return_mean, return_std: mean and population standard deviation of the returns; the latter is 0 for one episode.
         return_iqm: interquartile mean of the returns.
         return_interval: 95 % bootstrap interval of their mean; ``None`` for fewer than five episodes.
@@ -124,13 +125,15 @@ def evaluate(
 
     config = RunFolder(run_dir).read_config()
     own: EnvBase | None = None
-    as_trained = True
     if env is None or isinstance(env, str):
         nominal, config = evaluation_config(config, config.env), evaluation_config(config, env or config.env, **named)
         as_trained = all(getattr(config, name) == getattr(nominal, name) for name in ("env", "options", "physics", "randomize"))
         side_by_side = is_simulation(config.env) and config.hub == "virtual" and not config.realtime
         copies = min(episodes, MAX_COPIES) if side_by_side and not hasattr(config.settings, "chunk") else 1
         env = own = make_env(replace(config, num_envs=copies), place)
+    else:
+        task = getattr(env, "task", None)
+        as_trained = task is None or is_reference(config.env) or task.id == config.env  # the task of a file has an id of its own
     try:
         if on_env is not None:
             on_env(env)

@@ -49,8 +49,17 @@ def as_text(entries: list[Entry], kind: str) -> str:
             ["Part", "Color", "Quantity"], [[entry.part.number, entry.colour.rebrickable, entry.count] for entry in entries]
         )
     heads = ["number", "name", "colour", "count", "mass_g", "mass_source"]
-    kinds = [(entry.part, entry) for entry in entries]
-    rows = [[part.number, part.name, e.colour.name, e.count, round(e.mass_g, 3), part.mass_source.value] for part, e in kinds]
+    rows = [
+        [
+            entry.part.number,
+            entry.part.name,
+            entry.colour.name,
+            entry.count,
+            round(entry.mass_g, 3),
+            entry.part.mass_source.value,
+        ]
+        for entry in entries
+    ]
     return _table(heads, rows)
 
 

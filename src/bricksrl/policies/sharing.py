@@ -47,10 +47,7 @@ def export_policy(run_dir: Path, out: Path, *, licence: str = "mit") -> Path:
     tensors = {name: tensor.contiguous() for name, tensor in trained.learner.policy_state().items()}
     shared = portable(replace(one_robot(config), data=None, updates=0, start=None, compile=False).to_dict())
     about = {"bricksrl_policy": _VERSION, "episodes": trained.episodes, "config": shared}
-    evaluation = folder.read_evaluation()
-    if evaluation is not None and (evaluation["trained_episodes"] != trained.episodes or not evaluation.get("as_trained")):
-        evaluation = None  # of an earlier agent, or under other conditions
-    card = policy_card(shared["env"], shared["agent"], trained.episodes, evaluation, licence)
+    card = policy_card(shared["env"], shared["agent"], trained.episodes, folder.own_evaluation(trained.episodes), licence)
     try:
         with atomic_folder(out) as new:
             write_durably(new / TENSORS, save(tensors))

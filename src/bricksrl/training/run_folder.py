@@ -93,6 +93,12 @@ class RunFolder:
             return None
         return dict(data)
 
+    def own_evaluation(self, episodes: int) -> dict[str, Any] | None:
+        """The evaluation if it is of the agent after this number of episodes, under the conditions of its training."""
+        data = self.read_evaluation()
+        is_own = data is not None and data["trained_episodes"] == episodes and data.get("as_trained")
+        return data if is_own else None
+
     def append(self, episode: Episode) -> None:
         """Append an episode to the metrics."""
         with self.metrics_path.open("r+b") as file:
