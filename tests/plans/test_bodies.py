@@ -74,9 +74,13 @@ def test_three_gears_in_ring_lock():
 
 @pytest.mark.parametrize(
     ("first", "second", "at", "ahead"),
-    [("32270", "32270", 20, 20), ("32270", "18575", 30, 20), ("18575", "32270", 20, 30), ("32270", "32498", 50, 20)],
+    [
+        *(("32270", "32270", 20, 20), ("32270", "18575", 30, 20), ("18575", "32270", 20, 30), ("32270", "32498", 50, 20)),
+        # A crown gear's teeth are in front of its hub, which is 2 LDU from its origin.
+        *(("3650c", "10928", 22, 20), ("3650c", "10928", 22, 40), ("3650c", "3648b", 42, 40), ("3650c", "32270", 27, 35)),
+    ],
 )
-def test_bevel_gears_at_right_angle_turn_at_the_ratio_of_their_teeth(first, second, at, ahead):
+def test_gears_at_right_angle_turn_at_the_ratio_of_their_teeth(first, second, at, ahead):
     # The axes, along z and x, meet at the origin; the teeth meet towards +x and -z.
     plan = plan_of(f"1 4 0 0 {-at} 1 0 0 0 1 0 0 0 1 {first}.dat", f"1 4 {ahead} 0 0 0 0 1 0 1 0 -1 0 0 {second}.dat")
     (mesh,) = meshes(plan.parts)
@@ -87,6 +91,12 @@ def test_bevel_gears_at_right_angle_turn_at_the_ratio_of_their_teeth(first, seco
     assert about_z * other_teeth + about_x * teeth == pytest.approx(0.0)
     # A carrier that turns both as one body does not strain the teeth.
     assert mesh.motion.sum(axis=0) == pytest.approx(np.zeros(6))
+
+
+@pytest.mark.parametrize(("at", "ahead"), [(30, 20), (22, 55), (-22, 20)])
+def test_crown_gear_does_not_reach_a_spur_gear_that_is_not_in_front_of_its_teeth(at, ahead):
+    plan = plan_of(f"1 4 0 0 {-at} 1 0 0 0 1 0 0 0 1 3650c.dat", f"1 4 {ahead} 0 0 0 0 1 0 1 0 -1 0 0 10928.dat")
+    assert not any(mesh.is_good for mesh in meshes(plan.parts))
 
 
 def test_worm_has_a_right_handed_thread_with_one_tooth_per_turn():

@@ -192,7 +192,8 @@ def _mesh(first: Placed, gear: Gear, second: Placed, other: Gear) -> Mesh | None
     axis, axis2 = first.rotation @ np.array(gear.axis), second.rotation @ np.array(other.axis)
     if np.linalg.norm(np.cross(axis, axis2)) < _MAX_TILT:
         return _parallel(first, gear, second, other, axis)
-    if abs(float(axis @ axis2)) < _MAX_TILT and GearForm.SPUR not in (gear.form, other.form):
+    forms = {gear.form, other.form}
+    if abs(float(axis @ axis2)) < _MAX_TILT and (GearForm.SPUR not in forms or GearForm.CROWN in forms):
         return _right_angle(first, gear, second, other, axis, axis2)
     return None
 
@@ -214,12 +215,11 @@ def _parallel(first: Placed, gear: Gear, second: Placed, other: Gear, axis: Floa
 
 
 def _right_angle(first: Placed, gear: Gear, second: Placed, other: Gear, axis: Floats, axis2: Floats) -> Mesh | None:
-    """Bevel gears with intersecting axes."""
+    """Bevel and crown gears, or a crown gear and a spur gear, with intersecting axes."""
     offset = second.point(other.centre) - first.point(gear.centre)
     normal = np.cross(axis, axis2)
     along, along2 = float(offset @ axis), float(offset @ axis2)
-    # Each gear's distance from the intersection of the axes is the other's pitch radius.
-    error = max(abs(along) - other.pitch_radius - gear.set_back, abs(along2) - gear.pitch_radius - other.set_back, key=abs)
+    error = max(_set_back_error(along, gear, other), _set_back_error(along2, other, gear), key=abs)
     if abs(float(offset @ normal)) > _NEAR_TOLERANCE or abs(error) > _NEAR_TOLERANCE:
         return None
     error += abs(float(offset @ normal))
@@ -227,6 +227,13 @@ def _right_angle(first: Placed, gear: Gear, second: Placed, other: Gear, axis: F
     apex = first.point(gear.centre) + along * axis
     point = apex - np.sign(along) * other.pitch_radius * axis + np.sign(along2) * gear.pitch_radius * axis2
     return _make_mesh(first, gear, second, other, error, 1.0, point, normal)
+
+
+def _set_back_error(along: float, gear: Gear, other: Gear) -> float:
+    """A gear's distance from the axis of another at a right angle, minus the correct distance, LDU."""
+    if gear.form is GearForm.SPUR:  # it may lie anywhere on its axle where the crown gear's teeth pass its own
+        return max(abs(abs(along) - other.pitch_radius) - gear.width / 2, 0.0)
+    return abs(along) - other.pitch_radius - gear.set_back
 
 
 def _worm(first: Placed, worm: Gear, second: Placed, gear: Gear) -> Mesh | None:
