@@ -26,7 +26,7 @@ from bricksrl.twin.objects import Block, Solid
 from bricksrl.twin.physics import Physics, RandomPhysics
 from bricksrl.twin.scene import Scene
 from bricksrl.twin.senses import WorldSenses, percent
-from bricksrl.twin.stance import standing_pose
+from bricksrl.twin.stance import Feet, standing_pose
 from bricksrl.virtual_hub.stimuli import Sense, Sensed, senses
 
 _NEAREST_MM, _FARTHEST_MM = UltrasonicSensor.NEAREST_MM, UltrasonicSensor.FARTHEST_MM
@@ -113,7 +113,7 @@ class MujocoBody:
         self._open_circuits = 0
         self._backlash = backlash_joints(model)
         feet = [geom for geom in range(model.ngeom) if model.geom(geom).name.startswith("foot_")]
-        self._feet = feet if len(feet) > 1 else []  # nothing stands on one
+        self._feet = Feet(model, feet) if len(feet) > 1 else None  # nothing stands on one
         self._moves = bool(model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE)
         self._base = FloatingBase(model, data) if self._moves else FixedBase(model, data)
         self._rods, self._spinners = Rods(model), Spinners(model)
@@ -190,7 +190,7 @@ class MujocoBody:
         """Open all circuits; let a robot on wheels settle on the floor and record its stance."""
         for port in self._kinds:
             self.set_voltage(port, None)
-        if self._feet or not self._moves:
+        if self._feet is not None or not self._moves:
             return
         if self.scene.objects:
             self._qpos[0] = _FAR_M  # away from objects at the start position
@@ -243,18 +243,16 @@ class MujocoBody:
 
     def _stand(self) -> tuple[Vector, float]:
         """Orientation and height of the standing robot: constant on wheels, derived from the present leg angles on legs."""
-        if not self._feet:
+        if self._feet is None:
             return self._standing_quaternion, self._standing_height_m
         model, data = self.model, self.data
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
-        # A foot is a capsule: it touches the floor with the spheres at its two ends.
-        half = data.geom_xmat[self._feet, 2::3] * model.geom_size[self._feet, 1:2]
-        balls = np.concatenate([data.geom_xpos[self._feet] + half, data.geom_xpos[self._feet] - half])
         chassis = int(model.jnt_bodyid[0])
         frame, origin = data.xmat[chassis].reshape(3, 3), data.xpos[chassis]
-        quaternion, height_m = standing_pose((balls - origin) @ frame, (data.subtree_com[chassis] - origin) @ frame)
-        return quaternion, height_m + float(model.geom_size[self._feet[0], 0])
+        points_m, centre_m = self._feet.points_m(data) - origin, data.subtree_com[chassis] - origin
+        quaternion, height_m = standing_pose(points_m @ frame, centre_m @ frame)
+        return quaternion, height_m + self._feet.radius_m
 
     def _take_up_backlash(self) -> None:
         """Move each joint to the end of its backlash to which gravity pulls it, so that no arm drops at a start."""

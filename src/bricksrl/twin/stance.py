@@ -6,12 +6,43 @@ import itertools
 import math
 from functools import cache
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from bricksrl.plans.geometry import Floats
 
 _MIN_INSIDE = -1e-9
+
+
+class Feet:
+    """Points of a model's feet that may touch a floor.
+
+    Capsules and spheres of one radius touch with the balls at their ends, other feet with the corners of their bounding boxes.
+
+    Args:
+        geoms: indices of the feet.
+
+    Attributes:
+        radius_m: radius of the balls around the points; 0 for corners.
+    """
+
+    def __init__(self, model: mujoco.MjModel, geoms: list[int]) -> None:
+        self.radius_m = 0.0
+        centres, halves = model.geom_aabb[geoms, :3], model.geom_aabb[geoms, 3:]
+        signs = list(itertools.product((1, -1), repeat=3))
+        is_round = np.isin(model.geom_type[geoms], (mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_SPHERE)).all()
+        if is_round and len(set(model.geom_size[geoms, 0])) == 1:
+            self.radius_m = float(model.geom_size[geoms[0], 0])
+            halves, signs = np.column_stack([np.zeros((len(geoms), 2)), model.geom_size[geoms, 1]]), [(1, 1, 1), (1, 1, -1)]
+        offsets = [centres + halves * sign for sign in signs]
+        self._offsets_m, self._geoms = np.concatenate(offsets), np.tile(geoms, len(offsets))
+
+    def points_m(self, data: mujoco.MjData) -> Floats:
+        """The points in the world ``[n, 3]``, of the present positions of the geoms."""
+        turned = np.einsum("nij,nj->ni", data.geom_xmat[self._geoms].reshape(-1, 3, 3), self._offsets_m)
+        points: Floats = data.geom_xpos[self._geoms] + turned
+        return points
 
 
 def standing_pose(points: Floats, centre: Floats) -> tuple[Floats, float]:

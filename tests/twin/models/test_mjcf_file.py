@@ -136,6 +136,33 @@ def test_robot_with_one_foot_settles_on_the_floor(rover: Robot) -> None:
     assert body.data.qpos[2] == pytest.approx(0.028, abs=0.001)
 
 
+FEET = {
+    "boxes": ('type="box" size="0.01 0.008 0.005"', 0.005),
+    "cylinders": ('type="cylinder" size="0.01 0.005"', 0.005),
+    "balls": ('type="sphere" size="0.01"', 0.01),
+    "capsules": ('type="capsule" size="0.006 0.01" euler="0 90 0"', 0.006),
+}
+
+
+@pytest.mark.parametrize("kind", FEET)
+def test_robot_stands_on_feet_of_any_shape(kind: str, tmp_path: Path) -> None:
+    shape, below_m = FEET[kind]
+    places = [(x, y) for x in (0.05, -0.05) for y in (0.04, -0.04)]
+    feet = "".join(f'<geom name="foot_{i}" {shape} pos="{x} {y} -0.03" mass="0.01"/>' for i, (x, y) in enumerate(places))
+    path = tmp_path / "table.xml"
+    path.write_text(
+        f"""<mujoco><worldbody><body name="table" pos="0 0 0.1"><freejoint/>{feet}
+        <geom type="box" size="0.06 0.05 0.01" mass="0.3"/>
+        <body name="arm" pos="0 0 0.02"><joint name="arm" axis="0 0 1"/><geom size="0.01" mass="0.02"/></body>
+        </body></worldbody></mujoco>"""
+    )
+    body = make_body(Robot("table", HubKind.PRIME, motors=(Motor("arm", "A"),), model=str(path)))
+    assert isinstance(body, MujocoBody)
+    assert body.data.qpos[2] == pytest.approx(0.03 + below_m, abs=1e-6)
+    body.advance_to(1000)
+    assert body.data.qpos[2] == pytest.approx(0.03 + below_m, abs=0.0005)
+
+
 def test_wall_needs_ultrasonic_sensor(rover: Robot) -> None:
     built = replace(TWO_WHEELER, model="bricksrl.twin.models.driving_robot:driving_robot")
     for robot in (rover, built):
