@@ -97,6 +97,15 @@ def test_robot_options_are_used(fails, trained, monkeypatch):
     assert asked == ["ble", "ble:Rover", "usb"]
 
 
+def test_run_on_a_lego_robot_is_not_filmed_on_a_virtual_one(fails, trained, tmp_path):
+    run_dir = tmp_path / "real"
+    shutil.copytree(trained[0], run_dir)
+    stored = json.loads((run_dir / "config.json").read_text())
+    stored["config"]["hub"] = "ble"
+    (run_dir / "config.json").write_text(json.dumps(stored))
+    fails("evaluate", str(run_dir), "--video", str(tmp_path / "a.mp4"), says="give --hub virtual")
+
+
 def test_user_is_asked_to_place_robot_each_episode(fails, trained, monkeypatch, capfd):
     task = get_task("RunAway-v0")
 

@@ -88,7 +88,7 @@ def test_interrupted_and_resumed_run_ends_bit_identical(config: TrainConfig, tmp
     assert len(result.episodes) == len(rows(result.run_dir)) == 1
     assert not resume(result.run_dir, env=Cart()).interrupted
     assert_same_run(tmp_path / "whole", tmp_path / "run")
-    with pytest.raises(RunError, match="learned from data; train on the robot from there"):
+    with pytest.raises(RunError, match="learned from data; `bricksrl train ENV --from RUN` goes on"):
         resume(result.run_dir, episodes=9, env=Cart())
 
 

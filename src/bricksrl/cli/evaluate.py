@@ -58,12 +58,17 @@ class Evaluate:
         from bricksrl.cli.emergency_stop import EmergencyStop
         from bricksrl.evaluation import evaluate
         from bricksrl.evaluation.film import FilmOptions, film_run
+        from bricksrl.training import RunFolder
+        from bricksrl.training.restore import one_robot
         from bricksrl.twin.physics import read_physics
 
         if self.video is not None:
             check_film(self.video)
-            if self.env is not None or self.hub not in (None, "virtual"):
-                raise TwinError("only the virtual robot of the run itself can be filmed; leave out --video, or --env and --hub")
+            hub = self.hub if self.hub is not None else one_robot(RunFolder(self.run).read_config()).hub
+            if self.env is not None or hub != "virtual":
+                raise TwinError(
+                    "only the virtual robot of the run itself can be filmed; give --hub virtual, without --env, or no --video"
+                )
         film_options = FilmOptions(episodes=min(self.episodes, _FILMED_EPISODES), seed=self.seed)
         load_learning()
         physics: dict[str, Any] = {"randomize": self.randomize}

@@ -86,7 +86,7 @@ def resume(
             f"the run in {run_dir} already has {counted(config.episodes, 'episode')}; give that number or more, not {episodes}"
         )
     if config.updates and episodes not in (None, config.episodes):
-        raise RunError(f"the run in {run_dir} learned from data; train on the robot from there with start='{run_dir}'")
+        raise RunError(f"the run in {run_dir} learned from data; `bricksrl train ENV --from RUN` goes on from it on a robot")
     with only_writer(folder.path, RunError):
         return _run(replace(config, episodes=episodes or config.episodes), folder, callback, env, place, stop, driver)
 
