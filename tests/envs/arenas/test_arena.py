@@ -6,6 +6,7 @@ import warnings
 from dataclasses import replace
 from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
 import torch
@@ -18,6 +19,7 @@ from bricksrl.errors import BricksError, DescriptionError, HubError, TwinError, 
 from bricksrl.robots import SCOUT, TWO_WHEELER, WALKER, Mount, PoweredUpSensor, SensorKind
 from bricksrl.robots.robo_arm import ROBO_ARM
 from bricksrl.twin.arena import Arena, ArenaWorld, Contestant, Place
+from bricksrl.twin.models.load import load_model
 from bricksrl.virtual_hub.stimuli import Sense
 
 
@@ -156,6 +158,26 @@ def test_rods_of_walkers_are_drawn_between_their_pins() -> None:
         drawn, pin = world.data.body(rod), world.data.site(f"{rod}_far")
         along = (pin.xpos - drawn.xpos) / np.linalg.norm(pin.xpos - drawn.xpos)
         assert drawn.xmat.reshape(3, 3)[:, 2] == pytest.approx(along, abs=1e-6)
+
+
+def test_shafts_that_turn_only_visually_turn_with_their_own_robot(monkeypatch: pytest.MonkeyPatch) -> None:
+    def geared(*args: Any, **kwargs: Any) -> mujoco.MjSpec:
+        spec = load_model(*args, **kwargs)
+        spec.body("chassis").add_body(name="spin_A_0", userdata=[2.0, 0.0, 0.0, 1.0])  # turns twice as fast, about z
+        return spec
+
+    monkeypatch.setattr("bricksrl.twin.arena.load_model", geared)
+    places = (Place(), Place(x_m=(0.5, 0.5)))
+    world = ArenaWorld(Arena(tuple(Contestant(name, TWO_WHEELER, place) for name, place in zip("cd", places, strict=True))))
+    for body, voltage_mv in zip(world.bodies, (3000, -4000), strict=True):
+        body.set_voltage("A", voltage_mv)
+    world._advance_to(300)
+    world.bodies[0].update_visuals()
+    for name in "cd":
+        w, _, _, z = world.bodies[0].model.body(f"{name}/spin_A_0").quat
+        joint = world.data.joint(f"{name}/motor_A").qpos[0]
+        assert abs(joint) > 0.3
+        assert np.array([w, z]) == pytest.approx([np.cos(joint), np.sin(joint)])
 
 
 def test_beam_needs_two_robots() -> None:

@@ -162,14 +162,13 @@ def cables_of(plan: Plan, parts: Iterable[int], origin_m: Floats) -> list[meshes
 def draw_spinners(
     spec: mujoco.MjSpec, planned: PlannedRobot, bodies: dict[int, mujoco.MjsBody], origins: dict[int, Floats]
 ) -> None:
-    """Draw shafts and gears that turn visually only: massless bodies, and their ratio and axis as numerics of the model."""
+    """Draw shafts and gears that turn visually only: massless bodies, with their ratio and axis as user data."""
     for number, follower in enumerate(planned.articulation.followers):
         if follower.body not in bodies:
             continue
-        name = f"{_PREFIX}{follower.port}_{number}"
-        body = bodies[follower.body].add_body(name=name, pos=(follower.point_m - origins[follower.body]).tolist())
+        name, place_m = f"{_PREFIX}{follower.port}_{number}", (follower.point_m - origins[follower.body]).tolist()
+        body = bodies[follower.body].add_body(name=name, pos=place_m, userdata=[follower.ratio, *(-follower.axis).tolist()])
         meshes.draw(spec, body, [looks_of(planned.plan, follower.parts, follower.point_m)])
-        spec.add_numeric(name=name, size=4, data=[follower.ratio, *(-follower.axis).tolist()])
 
 
 class Spinners:
@@ -178,11 +177,12 @@ class Spinners:
     def __init__(self, model: mujoco.MjModel) -> None:
         self._spinners: list[tuple[int, int, float, Floats]] = []
         """Body, address of the joint's position, ratio and axis [3] of each."""
-        for number in range(model.nnumeric):
-            name, (ratio, *axis) = str(model.numeric(number).name), model.numeric(number).data.tolist()
+        for body in range(model.nbody if model.nuser_body else 0):
+            robot, slash, name = model.body(body).name.rpartition("/")  # "ROBOT/" in an arena
             if name.startswith(_PREFIX):
-                address = int(model.joint(f"motor_{name.split('_')[1]}").qposadr[0])
-                self._spinners.append((int(model.body(name).id), address, ratio, np.array(axis)))
+                ratio, *axis = model.body_user[body, :4].tolist()
+                address = int(model.joint(f"{robot}{slash}motor_{name.split('_')[1]}").qposadr[0])
+                self._spinners.append((body, address, ratio, np.array(axis)))
 
     def turn(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         """Turn each with its motor's joint; positions must be up to date, and are so afterwards."""
