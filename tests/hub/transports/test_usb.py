@@ -180,6 +180,24 @@ def test_unplugged_hub_stops_and_is_found_again(cable: Cable) -> None:
     link.act([100])
 
 
+def test_hub_is_found_again_at_another_port(cable: Cable) -> None:
+    opened, plugged = [], [UsbHub(PORT, "123", 0x0009)]
+
+    def open_serial(device: str) -> Any:
+        opened.append(device)
+        return cable.hub.open_serial(device)
+
+    link = cable.link(timeout_s=3.0, open_serial=open_serial, find_hubs=lambda: list(plugged))
+    link.open()
+    cable.hub.pull_the_cable()
+    bounded(lambda: link.act([100]), HubDisconnectedError)
+    plugged[:] = [UsbHub(PORT, "another", 0x0009), UsbHub("/dev/played1", "123", 0x0009)]
+    cable.hub.is_plugged_in = True
+    link.open()
+    link.act([100])
+    assert (opened[0], opened[-1]) == (PORT, "/dev/played1")
+
+
 def test_port_that_takes_no_bytes_is_opened_again(cable: Cable, monkeypatch: pytest.MonkeyPatch) -> None:
     opened: list[SocketSerial] = []
 

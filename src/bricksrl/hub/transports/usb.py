@@ -107,12 +107,13 @@ class UsbTransport(ProfileTransport):
         self._find_hubs = find_hubs
 
     async def _find(self, timeout_s: float) -> Port:
-        hubs = await asyncio.to_thread(self._find_hubs)
-        if self._serial_port is not None:
-            matches = [hub for hub in hubs if hub.device == self._serial_port]
-            hubs = matches or [UsbHub(self._serial_port, self._serial_port)]
-        elif self._first_hub is not None:
-            hubs = [hub for hub in hubs if hub.address == self._first_hub.address]
+        hubs, port, first = await asyncio.to_thread(self._find_hubs), self._serial_port, self._first_hub
+        if first is not None:  # it may be at another port after it was plugged in again
+            hubs = [hub for hub in hubs if hub.address == first.address]
+        elif port is not None:
+            hubs = [hub for hub in hubs if hub.device == port]
+        if not hubs and port is not None and (first is None or first.address == port):
+            hubs = [UsbHub(port, port)]
         if not hubs:
             raise HubNotFoundError("no hub with Pybricks 4.1 is on USB; plug it in and switch it on, or name its serial port")
         if len(hubs) > 1:
