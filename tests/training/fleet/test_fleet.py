@@ -232,6 +232,14 @@ def test_next_episode_starts_before_saving_last(tmp_path: Path) -> None:
     assert [kind for kind, _ in stub.log] == ["end_episodes", "order", "begin", "add", "commit"]
 
 
+def test_error_of_a_users_task_ends_the_run(tmp_path: Path) -> None:
+    lines = ("from dataclasses import replace", "from bricksrl.envs.tasks.run_away import RUN_AWAY", "")
+    task = "TASK = replace(RUN_AWAY, id='Bad-v0', reward=lambda *_: {}['speed'])\n"
+    (tmp_path / "bad.py").write_text("\n".join(lines) + task)
+    with pytest.raises(RunError, match=r"^virtual-[12] failed \(KeyError: 'speed', bad.py, line 3\); correct it"):
+        train(replace(config(tmp_path / "run"), env=f"{tmp_path / 'bad.py'}:TASK", patience_s=0.0))
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
