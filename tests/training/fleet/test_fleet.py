@@ -227,9 +227,40 @@ def test_next_episode_starts_before_saving_last(tmp_path: Path) -> None:
     playing = loop._running[0]
     playing.length, playing.about, playing.steps = 1, About(policy="random"), cast("Any", ["step"])
     stub.log.clear()
-    episode = loop._handle((stub.members[0], "ended", (True, False)))
+    episode = loop._handle((stub.members[0], "ended", (True, False, False)))
     assert episode is not None and episode.length == 1
     assert [kind for kind, _ in stub.log] == ["end_episodes", "order", "begin", "add", "commit"]
+
+
+def test_pause_reaches_robots_that_are_starting(tmp_path: Path) -> None:
+    fleet = Fleet(config(tmp_path / "run"))
+    sent: list[str] = []
+    fleet.members[0].process = cast("Any", SimpleNamespace(send=lambda kind, _content: sent.append(kind)))
+    for control, expected in ((fleet.pause, ["pause"]), (fleet.resume, []), (fleet.stop, ["stop"])):
+        control()
+        sent.clear()  # as if lost on a process that has no environment yet
+        fleet.begin_sending(fleet.members[0])
+        assert sent == expected
+
+
+def test_episode_cut_by_a_pause_is_recorded_as_such(tmp_path: Path) -> None:
+    path, paused = tmp_path / "run", []
+
+    class Pause(Callback):
+        def on_env(self, env: Any) -> None:
+            self.fleet = env
+
+        def on_step(self, episode: int, step: int, phase: Any) -> None:
+            if step == 3 and not paused:
+                paused.append(True)
+                self.fleet.pause()
+
+        def on_episode(self, episode: Episode, progress: Progress) -> None:
+            self.fleet.resume()
+
+    train(config(path, episodes=2, robots=2), Pause())
+    cut = [row for row in read_index(path / "data").rows if not row.about.whole]
+    assert cut and all(row.about.success is None for row in cut)
 
 
 def test_error_of_a_users_task_ends_the_run(tmp_path: Path) -> None:

@@ -154,7 +154,7 @@ class FleetLoop(RunLoop):
                 return self._ended(member, *content)
             case "gone":
                 self._set_state(member, RobotState.LEFT, content)
-                episode = self._ended(member, None, True)
+                episode = self._ended(member, None, True, False)
                 self._assign_idle(0 if episode is None else 1)
                 return episode
         return None
@@ -214,8 +214,8 @@ class FleetLoop(RunLoop):
         self.env.go_on(member)
         self.callback.on_step(running.number, running.length, running.phase)
 
-    def _ended(self, member: Member, success: bool | None, lost: bool) -> Episode | None:
-        """End a robot's episode; ``None`` without a complete step."""
+    def _ended(self, member: Member, success: bool | None, lost: bool, is_cut: bool) -> Episode | None:
+        """End a robot's episode, ``is_cut`` by a pause; ``None`` without a complete step."""
         running = self._running.pop(member.number, None)
         self.learner.end_episodes(member.number)
         episode = None
@@ -225,7 +225,7 @@ class FleetLoop(RunLoop):
         else:
             self._reassign(int(has_steps))
         if running is not None and has_steps:
-            self._record(running, success=success, whole=not lost)
+            self._record(running, success=None if is_cut else success, whole=not (lost or is_cut))
             length, metrics = running.length, numbers(running.metrics)
             episode = Episode(
                 len(self.episodes) + 1,
