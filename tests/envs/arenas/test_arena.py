@@ -236,3 +236,23 @@ def test_invalid_arguments_raise() -> None:
         Arena(tuple(Contestant(name, TWO_WHEELER, Place(x_m=(0.0, 0.2), y_m=(-0.1, 0.1))) for name in "ab"))
     with pytest.raises(TwinError, match="fixed base"):
         ArenaWorld(Arena((Contestant("arm", ROBO_ARM, place),)))
+
+
+@pytest.mark.parametrize("copies", [0, 3])
+def test_robots_that_leave_no_room_for_one_another_raise(copies: int) -> None:
+    inner = Place((-0.25, 0.25), (-0.25, 0.25))
+    robots = tuple(Contestant(name, TWO_WHEELER, inner) for name in "abc")
+    groups = {"all": ("a", "b", "c")}
+    task = replace(TAG, arena=Arena(robots, gap_m=0.6), interfaces=(TAG.interfaces[0],) * 3, groups=groups)
+    env = make_arena(task, seed=0, batch_size=copies)
+    with pytest.raises(TwinError, match=r"no starts were found where a, b, c are 0.6 m apart; give them other places"):
+        env.reset()
+
+
+def test_first_robot_does_not_take_the_others_room_for_ever() -> None:
+    place = Place((-0.4, 0.4), (-0.4, 0.4))
+    world = ArenaWorld(Arena(tuple(Contestant(name, TWO_WHEELER, place) for name in "ab"), gap_m=0.8))
+    for seed in range(3):
+        world.place(np.random.default_rng(seed))
+        one, other = world.poses()
+        assert np.hypot(one.x_m - other.x_m, one.y_m - other.y_m) >= 0.8

@@ -24,6 +24,8 @@ LAG = (0.2, 0.6)
 """Range of the share of a command that is carried out in the next step, as motors speed up; drawn for each episode."""
 NOISE = 0.03
 """Standard deviation of a wheel's travel, as a share of the largest command."""
+MAX_DRAWS = 2000
+"""Number of times that starts too near to one another are drawn again."""
 MARGIN_M = 0.07
 """Least distance of a robot's middle from a wall."""
 
@@ -69,14 +71,16 @@ class ArenaSimulation(PicklableEnv, EnvBase):  # type: ignore[misc]
         return torch.rand(shape, generator=self._rng, device=self.device)
 
     def _starts(self, count: int) -> Tensor:
-        """Poses ``[count, robots, 3]`` that keep the arena's gap."""
-        poses = self._low + self._uniform(count, *self._low.shape) * (self._high - self._low)
-        while True:
+        """Poses ``[count, robots, 3]`` that keep the arena's gap. Raises TwinError if none are found."""
+        poses = torch.empty(count, *self._low.shape, device=self.device)
+        near = torch.ones(count, dtype=torch.bool, device=self.device)
+        for _ in range(MAX_DRAWS):
+            poses[near] = self._low + self._uniform(int(near.sum()), *self._low.shape) * (self._high - self._low)
             distances = torch.cdist(poses[..., :2], poses[..., :2]) + 1e6 * torch.eye(poses.shape[1], device=self.device)
             near = distances.amin((-1, -2)) < self.task.arena.gap_m
             if not bool(near.any()):
                 return poses
-            poses[near] = self._low + self._uniform(int(near.sum()), *self._low.shape) * (self._high - self._low)
+        raise self.task.arena.too_narrow()
 
     def _reset(self, tensordict: TensorDictBase | None = None, **_kwargs: Any) -> TensorDictBase:
         mask = None if tensordict is None else tensordict.get("_reset", None)
