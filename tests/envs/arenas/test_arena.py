@@ -15,6 +15,8 @@ from bricksrl.envs.arenas import get_arena_task, make_arena
 from bricksrl.envs.arenas.tag import TAG
 from bricksrl.envs.arenas.task import ArenaState, seen_from, steer_towards
 from bricksrl.errors import BricksError, DescriptionError, HubError, TwinError, UnknownNameError
+from bricksrl.hub.interface import DriveStraight, DriveTurnRate, Pitch, RunAngle
+from bricksrl.hub.kinds import Command
 from bricksrl.robots import SCOUT, TWO_WHEELER, WALKER, Mount, PoweredUpSensor, SensorKind
 from bricksrl.robots.robo_arm import ROBO_ARM
 from bricksrl.twin.arena import Arena, ArenaWorld, Contestant, Place
@@ -256,3 +258,37 @@ def test_first_robot_does_not_take_the_others_room_for_ever() -> None:
         world.place(np.random.default_rng(seed))
         one, other = world.poses()
         assert np.hypot(one.x_m - other.x_m, one.y_m - other.y_m) >= 0.8
+
+
+def test_starts_of_simulation_are_turned_as_in_the_arena() -> None:
+    places = [Place((x_m, x_m), (0.0, 0.0), (80.0, 100.0)) for x_m in (-0.5, 0.5)]
+    robots = tuple(replace(one, place=place) for one, place in zip(TAG.arena.robots, places, strict=True))
+    task = replace(TAG, arena=replace(TAG.arena, robots=robots))
+    for copies in (0, 5):
+        state = make_arena(task, seed=0, batch_size=copies).reset()
+        assert torch.allclose(state["runner", "observation"][..., 3], torch.tensor(-1.0), atol=0.02), "clockwise, seen from above"
+
+
+def test_each_robot_has_its_own_order_of_channels() -> None:
+    one, other = TAG.interfaces
+    task = replace(TAG, interfaces=(one, replace(other, channels=(Pitch(), *reversed(other.channels)))))
+    moved = []
+    for chosen in (TAG, task):
+        env = make_arena(chosen, seed=0)
+        moved.append(acted(env, env.reset(), catcher=[[0.0, 0.0]], runner=[[1.0, -0.5]])["runner", "observation"][0, -2:])
+        env.close()
+    assert torch.allclose(*moved, atol=0.02) and moved[0][0] > 0.5 > 0.0 > moved[0][1]
+
+
+@pytest.mark.parametrize(
+    "commands",
+    [
+        tuple(RunAngle(name, -90, 90, 500) for name in ("right", "left")),
+        tuple(RunAngle(name, 0, 90, 500) for name in ("left", "right")),
+        (DriveStraight(-90, 90), DriveTurnRate(-90, 90)),
+    ],
+)
+def test_arena_commands_the_left_and_the_right_wheel(commands: tuple[Command, ...]) -> None:
+    interface = replace(TAG.interfaces[0], commands=commands)
+    with pytest.raises(DescriptionError, match="RunAngle of the left and of the right wheel, as far back as forth"):
+        replace(TAG, interfaces=(interface, interface))

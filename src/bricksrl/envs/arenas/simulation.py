@@ -48,9 +48,8 @@ class ArenaSimulation(PicklableEnv, EnvBase):  # type: ignore[misc]
         self._track_m = torch.tensor(track, device=device)
         places = [contestant.place for contestant in task.arena.robots]
         bounds = torch.tensor([[place.x_m, place.y_m, place.heading_deg] for place in places], device=device)
-        self._low, self._high = bounds[..., 0], bounds[..., 1]
-        for ends in (self._low, self._high):
-            ends[:, 2] = torch.deg2rad(ends[:, 2])
+        bounds[:, 2] = -torch.deg2rad(bounds[:, 2].flip(-1))  # clockwise in a place, counter-clockwise in a state
+        self._low, self._high = bounds.unbind(-1)
         set_specs(self, task)
         self._rng = torch.Generator(device=self.device)
         self._set_seed(seed)
