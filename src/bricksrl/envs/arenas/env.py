@@ -161,11 +161,6 @@ class ArenaEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
         poses = [(pose.x_m, pose.y_m, -math.radians(pose.heading_deg)) for pose in self.world.poses()]
         return torch.tensor(poses, dtype=torch.float32)
 
-    @property
-    def has_succeeded(self) -> bool:
-        """Success of the current episode by the task."""
-        return self._state is not None and bool(self.task.success(self._state))
-
     def _close_links(self) -> None:
         self._state = None
         for link in self._links:
