@@ -49,7 +49,7 @@ class SimulatedEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
         device: str | torch.device = "cpu",
         seed: int | None = None,
     ) -> None:
-        shape = _shape(batch_size)
+        shape = batch_shape(batch_size)
         super().__init__(batch_size=shape, device=resolve_device(device))
         self.task = task
         self._kinematics = kinematics
@@ -194,7 +194,8 @@ def resolve_device(name: str | torch.device) -> torch.device:
         raise RunError(f"there is no device '{name}' here; choose cpu, cuda, mps or auto") from None
 
 
-def _shape(batch_size: int | Sequence[int]) -> torch.Size:
+def batch_shape(batch_size: int | Sequence[int]) -> torch.Size:
+    """Shape of a number of copies, as an integer or as in TorchRL. Raises DescriptionError if it is no number of copies."""
     sizes = list(batch_size) if isinstance(batch_size, Sequence) else [batch_size] if batch_size else []
     if len(sizes) > 1 or not all(hasattr(size, "__index__") and size > 0 for size in sizes):
         raise DescriptionError(f"batch_size is {batch_size}; give a number of copies, or 0 for one without a batch dimension")

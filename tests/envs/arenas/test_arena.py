@@ -14,7 +14,7 @@ from tensordict import TensorDict
 from bricksrl.envs.arenas import get_arena_task, make_arena
 from bricksrl.envs.arenas.tag import TAG
 from bricksrl.envs.arenas.task import ArenaState, seen_from, steer_towards
-from bricksrl.errors import BricksError, DescriptionError, HubError, TwinError, UnknownNameError
+from bricksrl.errors import BricksError, DescriptionError, HubError, RunError, TwinError, UnknownNameError, UnknownOptionError
 from bricksrl.hub.interface import DriveStraight, DriveTurnRate, Pitch, RunAngle
 from bricksrl.hub.kinds import Command
 from bricksrl.robots import SCOUT, TWO_WHEELER, WALKER, Mount, PoweredUpSensor, SensorKind
@@ -60,6 +60,22 @@ def test_pettingzoo_checks_its_interface(name: str) -> None:
     assert first.keys() == set(get_arena_task(name).robots)
     assert all(np.array_equal(first[robot], again[robot]) for robot in first)
     env.close()
+
+
+def test_pettingzoo_needs_an_episode_and_an_action_of_each_robot() -> None:
+    from bricksrl.envs.arenas.pettingzoo_env import ArenaParallelEnv
+
+    still = np.zeros(2, np.float32)
+    env = ArenaParallelEnv("Carry-v0")
+    with pytest.raises(RunError, match="Carry-v0 got actions of left, right; reset it, then give one of each"):
+        env.step({"left": still, "right": still})
+    env.reset()
+    for actions in ({}, {"left": still}):
+        with pytest.raises(RunError, match="got actions of (none|left); reset it"):
+            env.step(actions)
+    env.close()
+    with pytest.raises(UnknownOptionError, match="omit batch_size"):
+        ArenaParallelEnv("Tag-v0", batch_size=4)
 
 
 def test_robots_share_simulated_time() -> None:
@@ -231,6 +247,12 @@ def test_invalid_arguments_raise() -> None:
         make_arena("Chess-v0")
     with pytest.raises(DescriptionError, match="no kinematic simulation"):
         make_arena("Carry-v0", batch_size=4)
+    with pytest.raises(DescriptionError, match="give a number of copies"):
+        make_arena("Tag-v0", batch_size=-1)
+    with pytest.raises(RunError, match="there is no device 'tpu'"):
+        make_arena("Tag-v0", batch_size=2, device="tpu")
+    with pytest.raises(DescriptionError, match="runs on the CPU; omit device"):
+        make_arena("Tag-v0", device="cuda")
     place = Place()
     with pytest.raises(TwinError, match="a name of its own"):
         Arena((Contestant("a", TWO_WHEELER, place), Contestant("a", TWO_WHEELER, place)))

@@ -15,6 +15,7 @@ from torchrl.envs import EnvBase
 from bricksrl.envs.arenas.specs import frame, joined_actions, set_specs
 from bricksrl.envs.arenas.task import ArenaState, ArenaTask
 from bricksrl.envs.options import PicklableEnv
+from bricksrl.envs.simulation import batch_shape, resolve_device
 from bricksrl.errors import DescriptionError
 
 if TYPE_CHECKING:
@@ -31,10 +32,12 @@ MARGIN_M = 0.07
 
 
 class ArenaSimulation(PicklableEnv, EnvBase):  # type: ignore[misc]
-    """Copies ``[copies]`` of a task without loads."""
+    """Copies ``[copies]`` of a task without loads. Raises DescriptionError if the task has no simulation, or ``copies`` is
+    invalid; RunError if there is no such device."""
 
     def __init__(self, task: ArenaTask, copies: int, *, seed: int | None = None, device: torch.device | str = "cpu") -> None:
-        super().__init__(batch_size=(copies,), device=device)
+        device = resolve_device(device)
+        super().__init__(batch_size=batch_shape(copies), device=device)
         self.task = task
         travel_deg, track, radius = [], [], []
         for contestant, interface in zip(task.arena.robots, task.interfaces, strict=True):
