@@ -221,6 +221,17 @@ def test_starting_process_gets_no_weights(tmp_path: Path) -> None:
     assert sent == [(1, "weights"), (1, "weights")]
 
 
+def test_last_error_is_of_the_robot_that_left_last(tmp_path: Path) -> None:
+    loop, stub = stub_loop(tmp_path, 2)
+    loop.config = replace(loop.config, patience_s=0.0)
+    one, two = stub.members
+    loop._handle((two, "out", "its battery is empty"))
+    loop._check_reach()
+    loop._handle((one, "out", "it is out of reach"))
+    with pytest.raises(HubError, match="the last error, of r0: it is out of reach"):
+        loop._check_reach()
+
+
 def test_next_episode_starts_before_saving_last(tmp_path: Path) -> None:
     loop, stub = stub_loop(tmp_path, 1)
     loop._handle((stub.members[0], "ready", None))

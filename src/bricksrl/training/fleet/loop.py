@@ -117,11 +117,10 @@ class FleetLoop(RunLoop):
 
     def _check_reach(self) -> None:
         """Raise `HubError` if all robots have been out of reach for too long."""
-        members = self.env.members
-        if all(member.is_out for member in members):
-            unreachable_s = time.monotonic() - max(member.since_s for member in members)
-            if unreachable_s >= self.config.patience_s:
-                raise HubError(f"no robot of the fleet can be reached; the last error: {members[-1].reason}")
+        last = max(self.env.members, key=lambda member: member.since_s)
+        is_out = all(member.is_out for member in self.env.members)
+        if is_out and time.monotonic() - last.since_s >= self.config.patience_s:
+            raise HubError(f"no robot of the fleet can be reached; the last error, of {last.name}: {last.reason}")
 
     def _handle(self, event: Event | None) -> Episode | None:
         """Handle an event of a robot. Returns the episode that it ended."""
