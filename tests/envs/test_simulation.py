@@ -174,8 +174,8 @@ def test_mismatches_raise() -> None:
         bricksrl.make("WalkerSim-v0", realtime=True)
     with pytest.raises(DescriptionError, match="RunAngle|motor"):
         SimulatedEnv(get_task("RunAway-v0"), QUIET)
-    roving = dataclasses.replace(SPINNING, id="Roving-v0", target=Target())
-    for task in (roving, dataclasses.replace(SPINNING, observes_commands=True), get_task("RoboArm_mixed-v0"), get_task("Walker-v1")):
+    roving, steady = dataclasses.replace(SPINNING, target=Target()), dataclasses.replace(SPINNING, observes_commands=True)
+    for task in (roving, steady, get_task("RoboArm_mixed-v0"), get_task("Walker-v1")):
         with pytest.raises(DescriptionError, match="know nothing of distances, last commands, targets and cameras"):
             SimulatedEnv(task, QUIET)
     with pytest.raises(DescriptionError, match="noise"):

@@ -2,6 +2,9 @@
 
 Gymnasium calls each id that has a later version out of date. Here a later version is another task: ``Walker-v0`` is the paper's.
 ``gymnasium.make(gymnasium.spec("bricksrl/Walker-v0"))`` does not warn.
+
+Gymnasium truncates after the number of steps that an id has without options. With an option that makes episodes longer, give the
+number too: ``gymnasium.make("bricksrl/Walker-v0", step_ms=100, max_episode_steps=250)``.
 """
 
 from __future__ import annotations

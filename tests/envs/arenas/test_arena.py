@@ -67,7 +67,7 @@ def test_pettingzoo_needs_an_episode_and_an_action_of_each_robot() -> None:
 
     still = np.zeros(2, np.float32)
     env = ArenaParallelEnv("Carry-v0")
-    with pytest.raises(RunError, match="Carry-v0 got actions of left, right; reset it, then give one of each"):
+    with pytest.raises(RunError, match="Carry-v0 got actions of left, right; reset it, then give one of each agent"):
         env.step({"left": still, "right": still})
     env.reset()
     for actions in ({}, {"left": still}):

@@ -72,7 +72,7 @@ class ArenaParallelEnv(ParallelEnv):  # type: ignore[misc]
         """One step of all robots; the episode ends for all at once. Raises RunError without an episode, or an action of each."""
         task = self._env.task
         if set(actions) != set(self.agents) or not self.agents:
-            raise RunError(f"{task.id} got actions of {', '.join(actions) or 'none'}; reset it, then give one of each of `agents`")
+            raise RunError(f"{task.id} got actions of {', '.join(actions) or 'none'}; reset it, then give one of each agent")
         for group, names in task.groups.items():
             group_actions = torch.tensor(np.stack([actions[name] for name in names]), dtype=torch.float32)
             self._state[group, "action"] = group_actions

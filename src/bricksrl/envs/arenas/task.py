@@ -41,7 +41,8 @@ class ArenaTask:
     Attributes:
         id: name and version, such as ``"Tag-v0"``.
         doc: the description; its first line is the summary.
-        interfaces: interface of each of the arena's robots: `RunAngle` of the left and of the right wheel, from minus an angle to it.
+        interfaces: interface of each of the arena's robots, with `RunAngle` of the left and of the right wheel, equally far
+            back and forth, and the `MotorAngle` of both.
         groups: names of the robots that learn together, by group; each robot is in one. By default the first group learns.
         max_steps: steps after which an episode is truncated.
         entries: entries of each robot's observation.
