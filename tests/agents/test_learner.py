@@ -11,6 +11,7 @@ from torch import Tensor, nn
 from torchrl.data import LazyTensorStorage, SamplerWithoutReplacement, TensorDictReplayBuffer
 from torchrl.objectives.common import LossModule
 
+import bricksrl
 from bricksrl.agents.learner import Learner
 from bricksrl.agents.replay.buffer import TransitionReplayBuffer, make_replay_buffer
 from bricksrl.agents.td3 import TD3Loss
@@ -346,3 +347,11 @@ def test_critics_start_only_once() -> None:
     learner.remember(frames)
     learner.make_updates(1)
     assert bias.item() == pytest.approx(before, abs=1e-6)
+
+
+def test_policy_of_an_environment_without_a_device_acts_on_the_cpu() -> None:
+    policy = TensorDictModule(nn.Linear(8, 4), in_keys=["observation"], out_keys=["action"])
+    learner = Learner(policy, optimizer=torch.optim.SGD([nn.Parameter(torch.zeros(1, device="meta"))]))
+    assert learner.device.type == "meta"
+    learner.act_on(bricksrl.make("RunAway-v0").device)
+    assert learner.acting is not policy and learner.acting.module.weight.device.type == "cpu"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import warnings
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -38,9 +39,11 @@ def test_simulation_offers_no_pictures() -> None:
         gymnasium.make("bricksrl/WalkerSim-v1", render_mode="rgb_array")  # Stable-Baselines3 tries it out
 
 
-def test_simulation_is_one_environment() -> None:
-    with pytest.raises(TypeError, match="WalkerSim-v1 is one environment; omit batch_size, or use bricksrl.make"):
-        gymnasium.make("bricksrl/WalkerSim-v1", batch_size=8)
+@pytest.mark.parametrize("named", [{"batch_size": 8}, {"device": "cuda"}])
+def test_simulation_is_one_environment_on_the_cpu(named: dict[str, Any]) -> None:
+    remedy = "omit batch_size and device, or use bricksrl.make"
+    with pytest.raises(TypeError, match=f"WalkerSim-v1 is one environment on the CPU; {remedy}"):
+        gymnasium.make("bricksrl/WalkerSim-v1", **named)
 
 
 @pytest.mark.parametrize(("env_id", "fps"), [("Walker-v1", 4), ("Park-v0", 5), ("LineFollow-v0", 17), ("RunAway-v0", 1)])

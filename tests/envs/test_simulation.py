@@ -11,6 +11,7 @@ from tensordict import TensorDict, TensorDictBase
 from torchrl.envs import EnvBase, check_env_specs
 
 import bricksrl
+from bricksrl.envs.dead_reckoning import Target
 from bricksrl.envs.kinematics import Kinematics
 from bricksrl.envs.registry import get_task
 from bricksrl.envs.simulation import SimulatedEnv
@@ -173,8 +174,10 @@ def test_mismatches_raise() -> None:
         bricksrl.make("WalkerSim-v0", realtime=True)
     with pytest.raises(DescriptionError, match="RunAngle|motor"):
         SimulatedEnv(get_task("RunAway-v0"), QUIET)
-    with pytest.raises(DescriptionError, match="no last commands"):
-        SimulatedEnv(dataclasses.replace(SPINNING, observes_commands=True), QUIET)
+    roving, steady = dataclasses.replace(SPINNING, target=Target()), dataclasses.replace(SPINNING, observes_commands=True)
+    for task in (roving, steady, get_task("RoboArm_mixed-v0"), get_task("Walker-v1")):
+        with pytest.raises(DescriptionError, match="know nothing of distances, last commands, targets and cameras"):
+            SimulatedEnv(task, QUIET)
     with pytest.raises(DescriptionError, match="noise"):
         Kinematics(-1.0)
     assert SimulatedEnv(SPINNING, QUIET).task is SPINNING

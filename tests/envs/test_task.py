@@ -69,7 +69,7 @@ def test_walker_episode_takes_25_seconds() -> None:
     task = get_task("Walker-v0", step_ms=500)
     assert (task.max_steps, task.interface.settle.fixed_ms) == (50, 500)
     assert get_task("Walker-v0").max_steps == 100
-    for step_ms in (0, 25_001):
+    for step_ms in (0, 25_001, 100.5):
         with pytest.raises(DescriptionError, match="step_ms"):
             get_task("Walker-v0", step_ms=step_ms)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import itertools
 import os
 import signal
@@ -114,6 +115,15 @@ def test_pending_updates_are_made_after_resume() -> None:
         remember(side, 30)
         side.learn(1)
         assert side.pace.done >= 31 - 4
+
+
+def test_networks_on_a_gpu_are_sent_over_the_cpu(monkeypatch: pytest.MonkeyPatch) -> None:
+    learner = make_learner("sac", make("RunAway-v0"), device="meta")  # stands for a GPU
+    with monkeypatch.context() as patched:
+        patched.setattr(torch.Tensor, "cpu", lambda tensor: torch.zeros(tensor.shape, dtype=tensor.dtype))
+        data = io.BytesIO()
+        child_process._Pickler(data).dump(learner.state_dict())
+    assert data.tell() > 10_000
 
 
 def test_slow_on_policy_learner_uses_each_batch() -> None:

@@ -11,14 +11,14 @@ import torch
 from tensordict import TensorDictBase
 from test_run_loop import Recorder as Listener
 from test_run_loop import assert_same_run, ctrl_c, names, rows
-from toys import Cart, assert_equal
+from toys import Cart, LosingCart, assert_equal
 
 import bricksrl
 from bricksrl.agents import make_learner, preset
 from bricksrl.agents.imitation.chunks import ChunkPolicy
 from bricksrl.data import Recorder, describe
 from bricksrl.data.collect import collect, random_policy
-from bricksrl.errors import CheckpointError, DataError, RunError
+from bricksrl.errors import CheckpointError, DataError, HubError, RunError
 from bricksrl.evaluation import evaluate
 from bricksrl.training import Phase, RunFolder, TrainConfig, load_learner, resume, train
 from bricksrl.training.checkpoint import load_checkpoint, save_checkpoint
@@ -70,6 +70,16 @@ def test_equal_seeds_give_equal_runs(config: TrainConfig, tmp_path: Path) -> Non
     assert_same_run(tmp_path / "run", tmp_path / "again")
     train(replace(config, run_dir=tmp_path / "other", seed=5), env=Cart())
     assert rows(tmp_path / "run") != rows(tmp_path / "other")
+
+
+@pytest.mark.parametrize("step", [1, 3])
+def test_lost_link_ends_offline_run_and_repeats_no_update(config: TrainConfig, step: int) -> None:
+    with pytest.raises(HubError, match="did not answer"):
+        train(config, env=LosingCart(step))
+    run_dir = config.run_dir
+    assert run_dir is not None and len(rows(run_dir)) == 2
+    assert resume(run_dir, env=Cart()).episodes[-1].episode == 3
+    assert load_checkpoint(run_dir / "checkpoint.bin")["agent"]["updates"] == 100
 
 
 class Breaking(Cart):

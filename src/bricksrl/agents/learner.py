@@ -120,8 +120,9 @@ class Learner:
         return [parameter for group in groups for parameter in group["params"]]
 
     def act_on(self, device: torch.device | str | None) -> None:
-        """Act on a device, with a copy of the policy if it differs from that of the networks."""
-        if device is not None and torch.device(device).type != self.device.type:
+        """Act on an environment's device (``None`` is the CPU), with a copy of the policy if the networks are on another."""
+        device = torch.device(device or "cpu")
+        if device.type != self.device.type:
             self._copy = copy.deepcopy(self.policy).to(device)
 
     @property

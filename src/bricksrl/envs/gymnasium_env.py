@@ -2,6 +2,9 @@
 
 Gymnasium calls each id that has a later version out of date. Here a later version is another task: ``Walker-v0`` is the paper's.
 ``gymnasium.make(gymnasium.spec("bricksrl/Walker-v0"))`` does not warn.
+
+Gymnasium truncates after the number of steps that an id has without options. With an option that makes episodes longer, give the
+number too: ``gymnasium.make("bricksrl/Walker-v0", step_ms=100, max_episode_steps=250)``.
 """
 
 from __future__ import annotations
@@ -50,8 +53,9 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
         if is_simulation(env_id):
             if render_mode is not None:
                 raise UnknownOptionError(f"{env_id} simulates no body that could be drawn; omit render_mode")
-            if named.get("batch_size"):
-                raise UnknownOptionError(f"Gymnasium's {env_id} is one environment; omit batch_size, or use bricksrl.make")
+            if named.get("batch_size") or named.get("device", "cpu") != "cpu":
+                remedy = "omit batch_size and device, or use bricksrl.make"
+                raise UnknownOptionError(f"Gymnasium's {env_id} is one environment on the CPU; {remedy}")
             self.metadata = {"render_modes": []}
         self.env: HubEnv | SimulatedEnv = make(env_id, options, **named)
         self.metadata = {**self.metadata, "render_fps": max(1, round(self.env.task.rate_hz))}

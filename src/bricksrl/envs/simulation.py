@@ -28,9 +28,9 @@ from bricksrl.hub.interface import RunAngle
 
 
 class SimulatedEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
-    """``batch_size`` independent copies of a task; keys and specs are those of :class:`~bricksrl.envs.env.HubEnv`. Raises
-    DescriptionError if the task has commands or motors that kinematics cannot move, or the batch size is invalid; RunError
-    if there is no such device.
+    """``batch_size`` independent copies of a task; keys and specs are those of :class:`~bricksrl.envs.env.HubEnv`, without
+    ``link_lost`` and ``image``. Raises DescriptionError if the task has commands, motors or entries that kinematics do not
+    know, or the batch size is invalid; RunError if there is no such device.
 
     Args:
         task: a task whose commands all turn motors, and whose motor channels are all commanded.
@@ -49,7 +49,7 @@ class SimulatedEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
         device: str | torch.device = "cpu",
         seed: int | None = None,
     ) -> None:
-        shape = _shape(batch_size)
+        shape = batch_shape(batch_size)
         super().__init__(batch_size=shape, device=resolve_device(device))
         self.task = task
         self._kinematics = kinematics
@@ -65,12 +65,9 @@ class SimulatedEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
     def _plan(self, task: Task) -> None:
         """Convert the task's commands and channels into tensors, with one row per command."""
         commands, channels = task.interface.commands, task.interface.channels
-        if task.measured_entries:
-            raise DescriptionError(f"{task.id} cannot be simulated; kinematics do not tell how far a robot gets")
-        if task.observes_commands:
-            raise DescriptionError(f"{task.id} cannot be simulated; kinematics obey at once, so there are no last commands")
-        if task.camera is not None:
-            raise DescriptionError(f"{task.id} cannot be simulated; kinematics have no picture for its camera")
+        if task.measured_entries or task.observes_commands or task.has_hidden_entries:
+            unknown = "distances, last commands, targets and cameras"
+            raise DescriptionError(f"{task.id} cannot be simulated; kinematics know nothing of {unknown}")
         angle_index = task.interface.angle_indices
         turns = [command for command in commands if isinstance(command, RunAngle)]
         if len(turns) < len(commands) or {turn.motor for turn in turns} != set(angle_index):
@@ -194,7 +191,8 @@ def resolve_device(name: str | torch.device) -> torch.device:
         raise RunError(f"there is no device '{name}' here; choose cpu, cuda, mps or auto") from None
 
 
-def _shape(batch_size: int | Sequence[int]) -> torch.Size:
+def batch_shape(batch_size: int | Sequence[int]) -> torch.Size:
+    """Shape of a number of copies, as an integer or as in TorchRL. Raises DescriptionError if it is no number of copies."""
     sizes = list(batch_size) if isinstance(batch_size, Sequence) else [batch_size] if batch_size else []
     if len(sizes) > 1 or not all(hasattr(size, "__index__") and size > 0 for size in sizes):
         raise DescriptionError(f"batch_size is {batch_size}; give a number of copies, or 0 for one without a batch dimension")

@@ -71,8 +71,8 @@ def resume(
     stop: threading.Event | None = None,
     driver: Driver | None = None,
 ) -> RunResult:
-    """Continue a run after its last complete episode; synchronous runs end bit-identical to uninterrupted ones. ``episodes``:
-    total number, if more than before; ``env, place, driver``: as in `train`.
+    """Continue a run after its last complete episode; synchronous runs on the CPU end bit-identical to uninterrupted ones.
+    ``episodes``: total number, if more than before; ``env, place, driver``: as in `train`.
 
     Raises:
         RunError: there is no run in the folder, or another process works on it.

@@ -200,10 +200,10 @@ class RunLoop:
             if self.signals.requested and not bool(frame["next", "done"]):
                 raise InterruptedEpisodeError
         self.learner.end_episodes()
+        if rollout.is_lost and phase is Phase.OFFLINE:
+            raise self.env.link_error  # a measurement has to be complete, and its updates are made once
         if not rollout.rewards:
             return None
-        if rollout.is_lost and phase is Phase.OFFLINE:
-            raise self.env.link_error  # a measurement has to be complete
         success, steps = None if rollout.is_lost else rollout.success(self.env), self._length
         return Episode(number, phase, steps, steps, rollout.return_, success, numbers(metrics), link_lost=rollout.is_lost)
 

@@ -43,6 +43,7 @@ _STEPS_PER_UPDATE = 20
 _SETTLING_STEPS = 400
 _WALL_HALF_HEIGHT_M, _WALL_HALF_WIDTH_M = 0.04, 0.012
 _WALL_RGB, _LOAD_RGB = (0.55, 0.58, 0.62), (0.85, 0.55, 0.15)
+_MAX_DRAWS, _DRAWS_AT_ONCE = 20_000, 200
 _MAX_MOTORS = 31
 """Number of actuator groups that MuJoCo can disable."""
 
@@ -114,6 +115,12 @@ class Arena:
             if one.place.farthest_m(other.place) < self.gap_m:
                 text = f"'{one.name}' and '{other.name}' can never start {self.gap_m:g} m apart"
                 raise TwinError(f"{text}; give them other places, or the arena a smaller gap_m")
+
+    def too_narrow(self) -> TwinError:
+        """The error for starts that are not found."""
+        names = ", ".join(contestant.name for contestant in self.robots)
+        text = f"no starts were found where {names} are {self.gap_m:g} m apart"
+        return TwinError(f"{text}; give them other places, or the arena a smaller gap_m")
 
 
 @functools.lru_cache(maxsize=4)
@@ -215,13 +222,9 @@ class ArenaWorld:
             body.record_stance()
 
     def place(self, rng: np.random.Generator) -> None:
-        """Place robots and loads for the start of an episode; motors keep their angles, the clock is not reset."""
-        starts: list[Pose] = []
-        for contestant in self.arena.robots:
-            start = contestant.place.draw(rng)
-            while any(math.hypot(start.x_m - other.x_m, start.y_m - other.y_m) < self.arena.gap_m for other in starts):
-                start = contestant.place.draw(rng)
-            starts.append(start)
+        """Place robots and loads for the start of an episode; motors keep their angles, the clock is not reset. Raises TwinError
+        if no starts are found that keep the arena's gap."""
+        starts = self._starts(rng)
         self.data.qvel[:] = 0.0
         for body, start in zip(self.bodies, starts, strict=True):
             body.place_at(start)
@@ -233,6 +236,18 @@ class ArenaWorld:
         mujoco.mj_forward(self.model, self.data)
         for body in self.bodies:
             body.update_turns()
+
+    def _starts(self, rng: np.random.Generator) -> list[Pose]:
+        starts: list[Pose] = []
+        for number in range(1, _MAX_DRAWS + 1):
+            start = self.arena.robots[len(starts)].place.draw(rng)
+            if all(math.hypot(start.x_m - other.x_m, start.y_m - other.y_m) >= self.arena.gap_m for other in starts):
+                starts.append(start)
+            if len(starts) == len(self.arena.robots):
+                return starts
+            if number % _DRAWS_AT_ONCE == 0:  # the first robots may leave no room for the others
+                starts.clear()
+        raise self.arena.too_narrow()
 
     def poses(self) -> list[Pose]:
         """True poses of the robots, then of the loads."""

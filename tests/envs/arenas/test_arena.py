@@ -15,7 +15,9 @@ from tensordict import TensorDict
 from bricksrl.envs.arenas import get_arena_task, make_arena
 from bricksrl.envs.arenas.tag import TAG
 from bricksrl.envs.arenas.task import ArenaState, seen_from, steer_towards
-from bricksrl.errors import BricksError, DescriptionError, HubError, TwinError, UnknownNameError
+from bricksrl.errors import BricksError, DescriptionError, HubError, RunError, TwinError, UnknownNameError, UnknownOptionError
+from bricksrl.hub.interface import DriveStraight, DriveTurnRate, Pitch, RunAngle
+from bricksrl.hub.kinds import Command
 from bricksrl.robots import SCOUT, TWO_WHEELER, WALKER, Mount, PoweredUpSensor, SensorKind
 from bricksrl.robots.robo_arm import ROBO_ARM
 from bricksrl.twin.arena import Arena, ArenaWorld, Contestant, Place
@@ -60,6 +62,22 @@ def test_pettingzoo_checks_its_interface(name: str) -> None:
     assert first.keys() == set(get_arena_task(name).robots)
     assert all(np.array_equal(first[robot], again[robot]) for robot in first)
     env.close()
+
+
+def test_pettingzoo_needs_an_episode_and_an_action_of_each_robot() -> None:
+    from bricksrl.envs.arenas.pettingzoo_env import ArenaParallelEnv
+
+    still = np.zeros(2, np.float32)
+    env = ArenaParallelEnv("Carry-v0")
+    with pytest.raises(RunError, match="Carry-v0 got actions of left, right; reset it, then give one of each agent"):
+        env.step({"left": still, "right": still})
+    env.reset()
+    for actions in ({}, {"left": still}):
+        with pytest.raises(RunError, match="got actions of (none|left); reset it"):
+            env.step(actions)
+    env.close()
+    with pytest.raises(UnknownOptionError, match="omit batch_size"):
+        ArenaParallelEnv("Tag-v0", batch_size=4)
 
 
 def test_robots_share_simulated_time() -> None:
@@ -189,7 +207,7 @@ def test_beam_needs_two_robots() -> None:
         while not bool(state.get("done", torch.zeros(1))):
             state["agents", "action"] = push(state["agents", "observation"]) * share
             state = env.step(state)["next"]
-        return bool(env.has_succeeded)
+        return bool(state["success"])
 
     assert play(torch.tensor([[1.0], [1.0]]))
     assert not play(torch.tensor([[1.0], [0.0]]))
@@ -251,6 +269,12 @@ def test_invalid_arguments_raise() -> None:
         make_arena("Chess-v0")
     with pytest.raises(DescriptionError, match="no kinematic simulation"):
         make_arena("Carry-v0", batch_size=4)
+    with pytest.raises(DescriptionError, match="give a number of copies"):
+        make_arena("Tag-v0", batch_size=-1)
+    with pytest.raises(RunError, match="there is no device 'tpu'"):
+        make_arena("Tag-v0", batch_size=2, device="tpu")
+    with pytest.raises(DescriptionError, match="runs on the CPU; omit device"):
+        make_arena("Tag-v0", device="cuda")
     place = Place()
     with pytest.raises(TwinError, match="a name of its own"):
         Arena((Contestant("a", TWO_WHEELER, place), Contestant("a", TWO_WHEELER, place)))
@@ -258,3 +282,57 @@ def test_invalid_arguments_raise() -> None:
         Arena(tuple(Contestant(name, TWO_WHEELER, Place(x_m=(0.0, 0.2), y_m=(-0.1, 0.1))) for name in "ab"))
     with pytest.raises(TwinError, match="fixed base"):
         ArenaWorld(Arena((Contestant("arm", ROBO_ARM, place),)))
+
+
+@pytest.mark.parametrize("copies", [0, 3])
+def test_robots_that_leave_no_room_for_one_another_raise(copies: int) -> None:
+    inner = Place((-0.25, 0.25), (-0.25, 0.25))
+    robots = tuple(Contestant(name, TWO_WHEELER, inner) for name in "abc")
+    groups = {"all": ("a", "b", "c")}
+    task = replace(TAG, arena=Arena(robots, gap_m=0.6), interfaces=(TAG.interfaces[0],) * 3, groups=groups)
+    env = make_arena(task, seed=0, batch_size=copies)
+    with pytest.raises(TwinError, match=r"no starts were found where a, b, c are 0.6 m apart; give them other places"):
+        env.reset()
+
+
+def test_first_robot_does_not_take_the_others_room_for_ever() -> None:
+    place = Place((-0.4, 0.4), (-0.4, 0.4))
+    world = ArenaWorld(Arena(tuple(Contestant(name, TWO_WHEELER, place) for name in "ab"), gap_m=0.8))
+    for seed in range(3):
+        world.place(np.random.default_rng(seed))
+        one, other = world.poses()
+        assert np.hypot(one.x_m - other.x_m, one.y_m - other.y_m) >= 0.8
+
+
+def test_starts_of_simulation_are_turned_as_in_the_arena() -> None:
+    places = [Place((x_m, x_m), (0.0, 0.0), (80.0, 100.0)) for x_m in (-0.5, 0.5)]
+    robots = tuple(replace(one, place=place) for one, place in zip(TAG.arena.robots, places, strict=True))
+    task = replace(TAG, arena=replace(TAG.arena, robots=robots))
+    for copies in (0, 5):
+        state = make_arena(task, seed=0, batch_size=copies).reset()
+        assert torch.allclose(state["runner", "observation"][..., 3], torch.tensor(-1.0), atol=0.02), "clockwise, seen from above"
+
+
+def test_each_robot_has_its_own_order_of_channels() -> None:
+    one, other = TAG.interfaces
+    task = replace(TAG, interfaces=(one, replace(other, channels=(Pitch(), *reversed(other.channels)))))
+    moved = []
+    for chosen in (TAG, task):
+        env = make_arena(chosen, seed=0)
+        moved.append(acted(env, env.reset(), catcher=[[0.0, 0.0]], runner=[[1.0, -0.5]])["runner", "observation"][0, -2:])
+        env.close()
+    assert torch.allclose(*moved, atol=0.02) and moved[0][0] > 0.5 > 0.0 > moved[0][1]
+
+
+@pytest.mark.parametrize(
+    "commands",
+    [
+        tuple(RunAngle(name, -90, 90, 500) for name in ("right", "left")),
+        tuple(RunAngle(name, 0, 90, 500) for name in ("left", "right")),
+        (DriveStraight(-90, 90), DriveTurnRate(-90, 90)),
+    ],
+)
+def test_arena_commands_the_left_and_the_right_wheel(commands: tuple[Command, ...]) -> None:
+    interface = replace(TAG.interfaces[0], commands=commands)
+    with pytest.raises(DescriptionError, match="RunAngle of the left and of the right wheel, as far back as forth"):
+        replace(TAG, interfaces=(interface, interface))

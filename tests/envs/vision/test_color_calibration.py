@@ -57,6 +57,15 @@ def test_point_selects_object() -> None:
     assert find_red(frame, calibrate_red(frame, (30, 40)).window) == pytest.approx(np.array([[30, 40]]), abs=2)
 
 
+@pytest.mark.parametrize("at", [(60, 40), (60, 31), (69, 41)])
+def test_table_beside_the_point_does_not_count(at: tuple[int, int]) -> None:
+    frame = ball(noise=0.0)
+    frame[(frame == 150).all(-1)] = 255
+    window, middle = calibrate_red(frame, at).window, calibrate_red(frame, (60, 40)).window
+    assert window.hue_deg == middle.hue_deg
+    assert (window.saturation, window.value) == pytest.approx((middle.saturation, middle.value), abs=0.01)
+
+
 def test_no_red_object_raises() -> None:
     grey = np.full((80, 120, 3), 150, np.uint8)
     for frame, at in ((grey, None), (ball(), (5, 5)), (ball(hue_deg=120), None), (ball(), (500, 5))):

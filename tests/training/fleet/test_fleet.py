@@ -221,15 +221,65 @@ def test_starting_process_gets_no_weights(tmp_path: Path) -> None:
     assert sent == [(1, "weights"), (1, "weights")]
 
 
+def test_last_error_is_of_the_robot_that_left_last(tmp_path: Path) -> None:
+    loop, stub = stub_loop(tmp_path, 2)
+    loop.config = replace(loop.config, patience_s=0.0)
+    one, two = stub.members
+    loop._handle((two, "out", "its battery is empty"))
+    loop._check_reach()
+    loop._handle((one, "out", "it is out of reach"))
+    with pytest.raises(HubError, match="the last error, of r0: it is out of reach"):
+        loop._check_reach()
+
+
 def test_next_episode_starts_before_saving_last(tmp_path: Path) -> None:
     loop, stub = stub_loop(tmp_path, 1)
     loop._handle((stub.members[0], "ready", None))
     playing = loop._running[0]
     playing.length, playing.about, playing.steps = 1, About(policy="random"), cast("Any", ["step"])
     stub.log.clear()
-    episode = loop._handle((stub.members[0], "ended", (True, False)))
+    episode = loop._handle((stub.members[0], "ended", (True, False, False)))
     assert episode is not None and episode.length == 1
     assert [kind for kind, _ in stub.log] == ["end_episodes", "order", "begin", "add", "commit"]
+
+
+def test_pause_reaches_robots_that_are_starting(tmp_path: Path) -> None:
+    fleet = Fleet(config(tmp_path / "run"))
+    sent: list[str] = []
+    fleet.members[0].process = cast("Any", SimpleNamespace(send=lambda kind, _content: sent.append(kind)))
+    for control, expected in ((fleet.pause, ["pause"]), (fleet.resume, []), (fleet.stop, ["stop"])):
+        control()
+        sent.clear()  # as if lost on a process that has no environment yet
+        fleet.begin_sending(fleet.members[0])
+        assert sent == expected
+
+
+def test_episode_cut_by_a_pause_is_recorded_as_such(tmp_path: Path) -> None:
+    path, paused = tmp_path / "run", []
+
+    class Pause(Callback):
+        def on_env(self, env: Any) -> None:
+            self.fleet = env
+
+        def on_step(self, episode: int, step: int, phase: Any) -> None:
+            if step == 3 and not paused:
+                paused.append(True)
+                self.fleet.pause()
+
+        def on_episode(self, episode: Episode, progress: Progress) -> None:
+            self.fleet.resume()
+
+    train(config(path, episodes=2, robots=2), Pause())
+    cut = [row for row in read_index(path / "data").rows if not row.about.whole]
+    assert cut and all(row.about.success is None for row in cut)
+
+
+def test_error_of_a_users_task_ends_the_run(tmp_path: Path) -> None:
+    lines = ("from dataclasses import replace", "from bricksrl.envs.tasks.run_away import RUN_AWAY", "")
+    task = "TASK = replace(RUN_AWAY, id='Bad-v0', reward=lambda *_: {}['speed'])\n"
+    (tmp_path / "bad.py").write_text("\n".join(lines) + task)
+    with pytest.raises(RunError, match=r"^virtual-[12] failed \(KeyError: 'speed', bad.py, line 3\); correct it"):
+        train(replace(config(tmp_path / "run"), env=f"{tmp_path / 'bad.py'}:TASK", patience_s=0.0))
 
 
 @pytest.mark.parametrize(

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import torch
 
 from bricksrl.envs.arenas import make_arena
+from bricksrl.envs.arenas.carry import CARRY
+from bricksrl.envs.arenas.task import ArenaState
 from bricksrl.errors import CheckpointError, DescriptionError, RunError
 from bricksrl.training.teams.groups import TEAM_AGENTS, TeamSettings, alternating
 from bricksrl.training.teams.team import TeamConfig, TeamProgress, load_team, play_team, train_team
@@ -35,6 +38,17 @@ def test_team_learns_in_arena(agent: str) -> None:
     team = train_team(TeamConfig("Carry-v0", {"agents": agent}, frames=16, copies=0), SMALL)
     played = play_team(make_arena("Carry-v0"), team.policy, 1, seed=3)
     assert played[0].length >= 1 and set(played[0].returns) == {"agents"}
+
+
+def test_failure_that_ends_an_episode_is_no_success(monkeypatch: pytest.MonkeyPatch) -> None:
+    def turned(state: ArenaState) -> torch.Tensor:
+        return state.poses[..., 0, 2:].abs() < 9.0
+
+    told: list[TeamProgress] = []
+    failing = replace(CARRY, terminated=turned)  # as when the beam turns too far
+    monkeypatch.setattr("bricksrl.envs.arenas.carry.CARRY", failing)
+    train_team(TeamConfig("Carry-v0", {"agents": "ippo"}, frames=8, copies=0), SMALL, told.append)
+    assert (told[-1].episodes, told[-1].success) == (8, 0.0)
 
 
 def test_catcher_learns_to_catch() -> None:

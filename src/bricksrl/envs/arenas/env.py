@@ -105,7 +105,7 @@ class ArenaEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
         for hub in self._hubs:  # placing the robots by hand takes time
             hub.run_on_until(now_ms + PLACEMENT_MS)
         world.place(self._place_rng)
-        self._angles = torch.tensor(np.stack([self._wheels(link.read()) for link in self._links]))
+        self._angles = self._wheels([link.read() for link in self._links])
         self._state = ArenaState(self._poses(), torch.zeros(len(self._links), 2))
         self._step_count = 0
 
@@ -129,7 +129,7 @@ class ArenaEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
     def _outcome(self, readings: list[Reading]) -> TensorDictBase:
         task, before = self.task, self._state
         assert before is not None  # noqa: S101  `_step` looked
-        angles = torch.tensor(np.stack([self._wheels(reading) for reading in readings]))
+        angles = self._wheels(readings)
         turned = (angles - self._angles + 180.0) % 360.0 - 180.0
         self._angles = angles
         self._state = ArenaState(self._poses(), turned / self._high)
@@ -151,19 +151,15 @@ class ArenaEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
         assert self._state is not None  # noqa: S101  callers have checked it
         return frame(self.task, self._state, lost, *outcome)
 
-    def _wheels(self, reading: Reading) -> np.ndarray[Any, np.dtype[np.float32]]:
-        """Angles of the left and the right wheel."""
-        indices = self.task.interfaces[0].angle_indices
-        return np.asarray([reading.values[indices[name]] for name in ("left", "right")], dtype=np.float32)
+    def _wheels(self, readings: list[Reading]) -> torch.Tensor:
+        """Angles of the left and the right wheel, ``[robots, 2]``."""
+        indices = [interface.angle_indices for interface in self.task.interfaces]
+        rows = zip(readings, indices, strict=True)
+        return torch.tensor([[float(reading.values[index[name]]) for name in ("left", "right")] for reading, index in rows])
 
     def _poses(self) -> torch.Tensor:
         poses = [(pose.x_m, pose.y_m, -math.radians(pose.heading_deg)) for pose in self.world.poses()]
         return torch.tensor(poses, dtype=torch.float32)
-
-    @property
-    def has_succeeded(self) -> bool:
-        """Success of the current episode by the task."""
-        return self._state is not None and bool(self.task.success(self._state))
 
     def _close_links(self) -> None:
         self._state = None

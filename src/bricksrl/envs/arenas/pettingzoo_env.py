@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tensordict import TensorDict
 
 from bricksrl.envs.arenas.registry import make_arena
-from bricksrl.errors import RunError
+from bricksrl.errors import RunError, UnknownOptionError
 
 if TYPE_CHECKING:
     from bricksrl.envs.arenas.env import ArenaEnv
@@ -30,10 +30,12 @@ class ArenaParallelEnv(ParallelEnv):  # type: ignore[misc]
 
     Args:
         env: a name of `bricksrl.envs.arenas.ARENAS`, or a task of your own.
-        named: keyword arguments of `make_arena`.
+        named: keyword arguments of `make_arena`, without ``batch_size`` and ``device``.
     """
 
     def __init__(self, env: str | ArenaTask, **named: Any) -> None:
+        if named.get("batch_size"):
+            raise UnknownOptionError("PettingZoo's arenas are single ones; omit batch_size, or use make_arena")
         self._env: ArenaEnv = make_arena(env, **named)
         task = self._env.task
         self.metadata = {"name": task.id, "is_parallelizable": True, "render_modes": []}
@@ -67,8 +69,10 @@ class ArenaParallelEnv(ParallelEnv):  # type: ignore[misc]
     def step(
         self, actions: dict[str, Array]
     ) -> tuple[dict[str, Array], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
-        """One step of all robots; the episode ends for all at once."""
+        """One step of all robots; the episode ends for all at once. Raises RunError without an episode, or an action of each."""
         task = self._env.task
+        if set(actions) != set(self.agents) or not self.agents:
+            raise RunError(f"{task.id} got actions of {', '.join(actions) or 'none'}; reset it, then give one of each agent")
         for group, names in task.groups.items():
             group_actions = torch.tensor(np.stack([actions[name] for name in names]), dtype=torch.float32)
             self._state[group, "action"] = group_actions

@@ -45,10 +45,12 @@ def make_arena(
         env: a name of `ARENAS`, or a task of your own.
         physics: physics of the virtual robots.
         realtime: run in real time.
-        batch_size, device: number of copies of a kinematic simulation without hubs, contacts and loads; 0 for the arena itself.
+        batch_size, device: number of copies of a kinematic simulation without hubs, contacts and loads, and the device of its
+            tensors; 0 for the arena itself.
 
     Raises:
         UnknownNameError: there is no such arena.
+        RunError: there is no such device.
         DescriptionError: the seed is invalid, or the task has no simulation.
     """
     check_seed(seed)
@@ -59,6 +61,8 @@ def make_arena(
         from bricksrl.envs.arenas.simulation import ArenaSimulation
 
         arena: ArenaSimulation | ArenaEnv = ArenaSimulation(task, batch_size, seed=seed, device=device)
+    elif device != "cpu":
+        raise DescriptionError(f"{task.id} with its hubs runs on the CPU; omit device, or give a batch_size")
     else:
         from bricksrl.envs.arenas.env import ArenaEnv
 

@@ -15,6 +15,7 @@ from torchrl.envs import EnvBase
 from bricksrl.envs.arenas.specs import frame, joined_actions, set_specs
 from bricksrl.envs.arenas.task import ArenaState, ArenaTask
 from bricksrl.envs.options import PicklableEnv
+from bricksrl.envs.simulation import batch_shape, resolve_device
 from bricksrl.errors import DescriptionError
 
 if TYPE_CHECKING:
@@ -24,15 +25,19 @@ LAG = (0.2, 0.6)
 """Range of the share of a command that is carried out in the next step, as motors speed up; drawn for each episode."""
 NOISE = 0.03
 """Standard deviation of a wheel's travel, as a share of the largest command."""
+MAX_DRAWS = 2000
+"""Number of times that starts too near to one another are drawn again."""
 MARGIN_M = 0.07
 """Least distance of a robot's middle from a wall."""
 
 
 class ArenaSimulation(PicklableEnv, EnvBase):  # type: ignore[misc]
-    """Copies ``[copies]`` of a task without loads."""
+    """Copies ``[copies]`` of a task without loads. Raises DescriptionError if the task has no simulation, or ``copies`` is
+    invalid; RunError if there is no such device."""
 
     def __init__(self, task: ArenaTask, copies: int, *, seed: int | None = None, device: torch.device | str = "cpu") -> None:
-        super().__init__(batch_size=(copies,), device=device)
+        device = resolve_device(device)
+        super().__init__(batch_size=batch_shape(copies), device=device)
         self.task = task
         travel_deg, track, radius = [], [], []
         for contestant, interface in zip(task.arena.robots, task.interfaces, strict=True):
@@ -46,9 +51,8 @@ class ArenaSimulation(PicklableEnv, EnvBase):  # type: ignore[misc]
         self._track_m = torch.tensor(track, device=device)
         places = [contestant.place for contestant in task.arena.robots]
         bounds = torch.tensor([[place.x_m, place.y_m, place.heading_deg] for place in places], device=device)
-        self._low, self._high = bounds[..., 0], bounds[..., 1]
-        for ends in (self._low, self._high):
-            ends[:, 2] = torch.deg2rad(ends[:, 2])
+        bounds[:, 2] = -torch.deg2rad(bounds[:, 2].flip(-1))  # clockwise in a place, counter-clockwise in a state
+        self._low, self._high = bounds.unbind(-1)
         set_specs(self, task)
         self._rng = torch.Generator(device=self.device)
         self._set_seed(seed)
@@ -69,14 +73,16 @@ class ArenaSimulation(PicklableEnv, EnvBase):  # type: ignore[misc]
         return torch.rand(shape, generator=self._rng, device=self.device)
 
     def _starts(self, count: int) -> Tensor:
-        """Poses ``[count, robots, 3]`` that keep the arena's gap."""
-        poses = self._low + self._uniform(count, *self._low.shape) * (self._high - self._low)
-        while True:
+        """Poses ``[count, robots, 3]`` that keep the arena's gap. Raises TwinError if none are found."""
+        poses = torch.empty(count, *self._low.shape, device=self.device)
+        near = torch.ones(count, dtype=torch.bool, device=self.device)
+        for _ in range(MAX_DRAWS):
+            poses[near] = self._low + self._uniform(int(near.sum()), *self._low.shape) * (self._high - self._low)
             distances = torch.cdist(poses[..., :2], poses[..., :2]) + 1e6 * torch.eye(poses.shape[1], device=self.device)
             near = distances.amin((-1, -2)) < self.task.arena.gap_m
             if not bool(near.any()):
                 return poses
-            poses[near] = self._low + self._uniform(int(near.sum()), *self._low.shape) * (self._high - self._low)
+        raise self.task.arena.too_narrow()
 
     def _reset(self, tensordict: TensorDictBase | None = None, **_kwargs: Any) -> TensorDictBase:
         mask = None if tensordict is None else tensordict.get("_reset", None)

@@ -28,6 +28,7 @@ def set_specs(env: EnvBase, task: ArenaTask) -> None:
     ``(group, reward)``         ``[robots, 1]``    of each robot
     ``terminated``, ...         ``[1]``            of the episode, as for one robot
     ``link_lost``               ``[1]``            the link to one of them broke in this step
+    ``success``                 ``[1]``            of the task, in this state
     ==========================  =================  =======================================
     """
     batch = env.batch_size
@@ -40,7 +41,7 @@ def set_specs(env: EnvBase, task: ArenaTask) -> None:
         actions[group] = Composite(action=Bounded(-1.0, 1.0, (*shape, 2)), shape=shape)
         rewards[group] = Composite(reward=Unbounded((*shape, 1)), shape=shape)
     flag = Binary(1, shape=(*batch, 1), dtype=torch.bool)
-    env.observation_spec = Composite(**observations, link_lost=flag, shape=batch, device=env.device)
+    env.observation_spec = Composite(**observations, link_lost=flag, success=flag.clone(), shape=batch, device=env.device)
     env.action_spec = Composite(**actions, shape=batch, device=env.device)
     env.reward_spec = Composite(**rewards, shape=batch, device=env.device)
     ends = {name: flag.clone() for name in ("done", "terminated", "truncated")}
@@ -53,7 +54,8 @@ def frame(task: ArenaTask, state: ArenaState, link_lost: Tensor, *outcome: Tenso
     if outcome:
         per_robot["reward"], terminated, truncated = outcome
         ends = {"terminated": terminated, "truncated": truncated, "done": terminated | truncated}
-    return TensorDict({"link_lost": link_lost, **ends, **split_by_group(task, batch, **per_robot)}, batch, device=device)
+    flags = {"link_lost": link_lost, "success": task.success(state), **ends}
+    return TensorDict({**flags, **split_by_group(task, batch, **per_robot)}, batch, device=device)
 
 
 def split_by_group(task: ArenaTask, batch: torch.Size, **per_robot: Tensor) -> dict[str, TensorDictBase]:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from bricksrl.entry import Entry
 from bricksrl.errors import DescriptionError
-from bricksrl.hub.interface import Interface
+from bricksrl.hub.interface import Interface, RunAngle
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -41,7 +41,8 @@ class ArenaTask:
     Attributes:
         id: name and version, such as ``"Tag-v0"``.
         doc: the description; its first line is the summary.
-        interfaces: interface of each of the arena's robots, with commands of the left and the right wheel.
+        interfaces: interface of each of the arena's robots, with `RunAngle` of the left and of the right wheel, equally far
+            back and forth, and the `MotorAngle` of both.
         groups: names of the robots that learn together, by group; each robot is in one. By default the first group learns.
         max_steps: steps after which an episode is truncated.
         entries: entries of each robot's observation.
@@ -76,8 +77,11 @@ class ArenaTask:
         if sorted(name for group in self.groups.values() for name in group) != sorted(names):
             raise DescriptionError(f"task {self.id}: each of {', '.join(names)} belongs to one group; name it there once")
         for interface in self.interfaces:
-            if len(interface.commands) != 2 or set(interface.angle_indices) != {"left", "right"}:
-                raise DescriptionError(f"task {self.id}: each robot commands two wheels and reads the angles of both")
+            turns = [command for command in interface.commands if isinstance(command, RunAngle) and command.low == -command.high]
+            wheels = [turn.motor for turn in turns]
+            if wheels != ["left", "right"] or len(interface.commands) > 2 or set(interface.angle_indices) != set(wheels):
+                wanted = "RunAngle of the left and of the right wheel, as far back as forth, and the MotorAngle of both"
+                raise DescriptionError(f"task {self.id}: each robot needs {wanted}")
 
     @property
     def robots(self) -> tuple[str, ...]:

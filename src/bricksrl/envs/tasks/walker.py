@@ -54,6 +54,7 @@ from typing import TYPE_CHECKING
 
 from bricksrl.envs.task import Task
 from bricksrl.errors import DescriptionError
+from bricksrl.fields import check_value
 from bricksrl.hub.interface import Distance, Interface, MotorAngle, Pitch, Roll, RunAngle, Wait
 from bricksrl.robots import WALKER
 
@@ -121,8 +122,9 @@ def walker(env_id: str, *, blocked_at_mm: float = BLOCKED_AT_MM, step_ms: int = 
         step_ms: time of a step, from the command to the answer.
 
     Raises:
-        DescriptionError: the distance is negative, or a step takes no time or longer than an episode.
+        DescriptionError: the distance is negative, or a step takes no whole number of ms, or longer than an episode.
     """
+    check_value("step_ms", step_ms, int)
     if blocked_at_mm < 0:
         raise DescriptionError(f"{env_id}: blocked_at_mm is {blocked_at_mm}; give 0 or more")
     if not 1 <= step_ms <= EPISODE_MS:

@@ -58,15 +58,15 @@ def calibrate_red(frame: Frame, at: Place | None = None) -> FoundRed:
     hue, strong, bright = (float(np.median(part[seed])) for part in (hue_deg, saturation, value))
     similar = (chroma > 0) & (np.abs(hue_deg - hue) <= _UNLIKE_HUE_DEG)
     similar &= (saturation >= _LEAST_SATURATION_RATIO * strong) & (value >= _LEAST_VALUE_RATIO * bright)
-    mask = _region(similar | seed, seed)
+    mask = _region(similar, seed)  # around a point near its edge, the object's colours only
+    if mask.sum() <= RedWindow.area_px:
+        raise CameraError(f"the red thing has only {mask.sum()} px; bring it nearer to the camera, or name a point of the ball")
     low, high = np.percentile(hue_deg[mask], (1, 99)).tolist()
     window = RedWindow(
         hue_deg=(round(max(low - _MARGIN_DEG, -_AROUND_RED_DEG), 1), round(min(high + _MARGIN_DEG, _AROUND_RED_DEG), 1)),
         saturation=round(_MARGIN * float(np.percentile(saturation[mask], 2)), 3),
         value=round(_MARGIN * float(np.percentile(value[mask], 2)), 3),
     )
-    if mask.sum() <= window.area_px:
-        raise CameraError(f"the red thing has only {mask.sum()} px; bring it nearer to the camera, or name a point of the ball")
     return FoundRed(window, mask)
 
 

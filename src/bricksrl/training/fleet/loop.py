@@ -117,11 +117,10 @@ class FleetLoop(RunLoop):
 
     def _check_reach(self) -> None:
         """Raise `HubError` if all robots have been out of reach for too long."""
-        members = self.env.members
-        if all(member.is_out for member in members):
-            unreachable_s = time.monotonic() - max(member.since_s for member in members)
-            if unreachable_s >= self.config.patience_s:
-                raise HubError(f"no robot of the fleet can be reached; the last error: {members[-1].reason}")
+        last = max(self.env.members, key=lambda member: member.since_s)
+        is_out = all(member.is_out for member in self.env.members)
+        if is_out and time.monotonic() - last.since_s >= self.config.patience_s:
+            raise HubError(f"no robot of the fleet can be reached; the last error, of {last.name}: {last.reason}")
 
     def _handle(self, event: Event | None) -> Episode | None:
         """Handle an event of a robot. Returns the episode that it ended."""
@@ -154,7 +153,7 @@ class FleetLoop(RunLoop):
                 return self._ended(member, *content)
             case "gone":
                 self._set_state(member, RobotState.LEFT, content)
-                episode = self._ended(member, None, True)
+                episode = self._ended(member, None, True, False)
                 self._assign_idle(0 if episode is None else 1)
                 return episode
         return None
@@ -214,8 +213,8 @@ class FleetLoop(RunLoop):
         self.env.go_on(member)
         self.callback.on_step(running.number, running.length, running.phase)
 
-    def _ended(self, member: Member, success: bool | None, lost: bool) -> Episode | None:
-        """End a robot's episode; ``None`` without a complete step."""
+    def _ended(self, member: Member, success: bool | None, lost: bool, is_cut: bool) -> Episode | None:
+        """End a robot's episode, ``is_cut`` by a pause; ``None`` without a complete step."""
         running = self._running.pop(member.number, None)
         self.learner.end_episodes(member.number)
         episode = None
@@ -225,7 +224,7 @@ class FleetLoop(RunLoop):
         else:
             self._reassign(int(has_steps))
         if running is not None and has_steps:
-            self._record(running, success=success, whole=not lost)
+            self._record(running, success=None if is_cut else success, whole=not (lost or is_cut))
             length, metrics = running.length, numbers(running.metrics)
             episode = Episode(
                 len(self.episodes) + 1,

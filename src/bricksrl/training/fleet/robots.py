@@ -166,8 +166,10 @@ class Fleet(SpecsEnv):
         self._send(member, "begin", begin)
 
     def begin_sending(self, member: Member) -> None:
-        """Send the weights to a new process, and include it in `send_weights`."""
+        """Send the weights to a new process, and include it in `send_weights`; it knows of no stop or pause before."""
         member.is_ready = True
+        if self._is_over or self._is_paused:
+            self._send(member, "stop" if self._is_over else "pause")
         if self._weights is not None:
             self._send(member, "weights", self._weights)
 

@@ -14,7 +14,8 @@ from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any
 
 from bricksrl.child_process import END, Message, leave, parent_channel
-from bricksrl.errors import BricksError, StoppedError
+from bricksrl.envs.user_files import line_of_user
+from bricksrl.errors import StoppedError, message_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -70,8 +71,8 @@ class Worker:
                 env.close(raise_if_closed=False)
         except (_FleetEnded, BrokenPipeError, StoppedError):
             pass
-        except BricksError as error:
-            self.send("failed", (type(error).__name__, str(error)))
+        except Exception as error:  # noqa: BLE001  raised in the run's process
+            self.send("failed", (type(error).__name__, message_of(error, 500) + line_of_user(error)))
 
     def _prepare(self, begin: dict[str, Any]) -> tuple[EnvBase, Learner]:
         import torch
@@ -116,7 +117,7 @@ class Worker:
             if self._ended.is_set():
                 raise _FleetEnded
         success = None if rollout.is_lost else rollout.success(env)
-        self.send("ended", (success, rollout.is_lost))
+        self.send("ended", (success, rollout.is_lost, env.is_cut))
 
     def _place(self, _rng: np.random.Generator) -> None:
         self.send("place")

@@ -46,6 +46,7 @@ class TeamSettings:
     """Steps of each copy between updates."""
     passes: int = 6
     batch_size: int = 4096
+    """Of MAPPO and IPPO, as ``passes`` and the four settings before ``steps``; independent SAC has 256."""
     updates_per_step: float = 1.0
     """Updates of independent SAC per step of all copies."""
 

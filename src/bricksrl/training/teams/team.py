@@ -149,7 +149,7 @@ def _progress(team: Team, frames: Any, running: dict[str, Any], frames_done: int
             total += float((running[group] * done[:, step]).sum())
             running[group] *= ~done[:, step]
         returns[group] = total / ended if ended else float("nan")
-    success = float((after["terminated"] & after["done"]).sum()) / ended if ended else float("nan")
+    success = float((after["success"] & after["done"]).sum()) / ended if ended else float("nan")
     return TeamProgress(frames_done, ended, returns, success)
 
 
@@ -184,5 +184,5 @@ def play_team(env: EnvBase, policy: TensorDictModuleBase, episodes: int, seed: i
                 if bool(frame["next", "done"]):
                     break
                 state = env.step_mdp(frame)
-        played.append(TeamEpisode(env.has_succeeded, length, returns))
+        played.append(TeamEpisode(bool(frame["next", "success"]), length, returns))
     return played
