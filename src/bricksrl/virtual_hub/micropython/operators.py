@@ -32,6 +32,8 @@ _NO_DIGITS = re.compile(r"\s*([-+]?)(?:\.|\.?e[-+]?\d+)\s*", re.IGNORECASE)
 _FLOAT_MAX = 3.4028234663852886e38
 _ITEM_BYTES: dict[Any, int] = {str: 1, bytes: 1, list: 4, tuple: 4}
 """Sizes of the items of what operators make longer."""
+_WITH_END = (str, bytes)
+"""Kinds that end with a zero byte."""
 
 
 def small(value: int) -> int:
@@ -59,7 +61,7 @@ def normalizer() -> Callable[[Any], Any]:
         if kind is complex:
             return complex(to_single(value.real), to_single(value.imag))
         if kind in _ITEM_BYTES:
-            check_allocation(len(value) * _ITEM_BYTES[kind])
+            check_allocation(len(value) * _ITEM_BYTES[kind] + (kind in _WITH_END))
         return value
 
     return normalize
@@ -276,6 +278,14 @@ def operators(namespaces: Sequence[Mapping[str, object]]) -> dict[str, Any]:
     """Functions for the transformed program, by names that programs cannot write. ``namespaces``: globals of its modules."""
     normalize = normalizer()
 
+    def multiply(a: Any, b: Any) -> Any:
+        try:
+            return normalize(a * b)
+        except TypeError as error:
+            if not str(error).startswith("can't multiply sequence"):
+                raise
+        raise TypeError(f"unsupported operand type(s) for *: '{type(a).__name__}' and '{type(b).__name__}'")
+
     def divide(a: Any, b: Any) -> Any:
         if type(a) is int or type(b) is int:
             a, b = _single_int(a), _single_int(b)
@@ -313,6 +323,7 @@ def operators(namespaces: Sequence[Mapping[str, object]]) -> dict[str, Any]:
 
     return {
         "@n": normalize,
+        "@mul": multiply,
         "@div": divide,
         "@floordiv": floor_divide,
         "@mod": modulo,

@@ -16,8 +16,8 @@ from bricksrl.virtual_hub.micropython.operators import ASCII_METHODS
 from bricksrl.virtual_hub.micropython.syntax.folding import fold
 from bricksrl.virtual_hub.micropython.syntax.transform_async import async_for, async_with
 
-_WRAPPED = (ast.Add, ast.Sub, ast.Mult, ast.LShift)
-_ARITHMETIC = {ast.Div: "@div", ast.FloorDiv: "@floordiv", ast.Mod: "@mod", ast.Pow: "@pow"}
+_WRAPPED = (ast.Add, ast.Sub, ast.LShift)
+_ARITHMETIC = {ast.Mult: "@mul", ast.Div: "@div", ast.FloorDiv: "@floordiv", ast.Mod: "@mod", ast.Pow: "@pow"}
 _CALLED = {**_ARITHMETIC, ast.BitAnd: "@and", ast.BitOr: "@or", ast.BitXor: "@xor"}
 _IN_PLACE = {ast.Add: "@iadd", ast.Sub: "@isub", ast.BitAnd: "@iand", ast.BitOr: "@ior", ast.BitXor: "@ixor"}
 """Operators that can change a value in place on a hub; for others ``a *= b`` is ``a = a * b``."""
