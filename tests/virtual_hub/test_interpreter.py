@@ -303,7 +303,7 @@ def test_traceback_has_program_lines() -> None:
         "Traceback (most recent call last):\n"
         '  File "main.py", line 7, in <module>\n'
         '  File "main.py", line 3, in f\n'
-        "TypeError: can't multiply sequence by non-int of type 'NoneType'\n"
+        "TypeError: unsupported types for __mul__: 'str', 'NoneType'\n"
     )
 
 

@@ -110,6 +110,8 @@ _RULES: tuple[_Rule, ...] = (
     (TypeError, r"cannot unpack non-iterable (.*) object", lambda m: f"'{m[1]}' object isn't iterable"),
     (TypeError, r"(.*) indices must be integers or slices, not (.*)", lambda m: f"{m[1]} indices must be integers, not {m[2]}"),
     (TypeError, r"string indices must be integers, not '(.*)'", lambda m: f"string indices must be integers, not {m[1]}"),
+    (TypeError, r"cannot convert ('.*' object) to bytes(?:array)?", lambda m: f"{m[1]} isn't iterable"),
+    (TypeError, r"'(.*)' object is not reversible", lambda m: f"object of type '{m[1]}' has no len()"),
     (TypeError, r"type '.*' is not subscriptable", lambda m: "'type' object isn't subscriptable"),
     (TypeError, r"('.*' object) is not (callable|iterable|subscriptable|an iterator)", lambda m: f"{m[1]} isn't {m[2]}"),
     (TypeError, r"('.*' object) does(?: not|n't) support item (.*)", lambda m: f"{m[1]} doesn't support item {m[2]}"),
