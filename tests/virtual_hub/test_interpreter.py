@@ -9,11 +9,12 @@ from hub_programs import output
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bricksrl.virtual_hub.interpreter import Modules, execute, format_traceback
+from bricksrl.virtual_hub.interpreter import Modules, execute
 from bricksrl.virtual_hub.micropython.errors import reword
 from bricksrl.virtual_hub.micropython.float_text import float_text
 from bricksrl.virtual_hub.micropython.floats import to_single
 from bricksrl.virtual_hub.micropython.numbers import struct_module
+from bricksrl.virtual_hub.micropython.text import format_traceback
 
 
 class Recorder:

@@ -226,6 +226,16 @@ def _set_slice(value: Any, container: Any, start: Any, stop: Any, step: Any) -> 
     container[start:stop:step] = value
 
 
+def _product(a: Any, b: Any) -> Any:
+    """``a * b``; a refusal names both classes."""
+    try:
+        return a * b
+    except TypeError as error:
+        if not str(error).startswith("can't multiply sequence"):
+            raise
+    raise TypeError(f"unsupported operand type(s) for *: '{type(a).__name__}' and '{type(b).__name__}'")
+
+
 def _bitwise(operation: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
     """Truth values are numbers; dicts have no union."""
 
@@ -278,14 +288,6 @@ def operators(namespaces: Sequence[Mapping[str, object]]) -> dict[str, Any]:
     """Functions for the transformed program, by names that programs cannot write. ``namespaces``: globals of its modules."""
     normalize = normalizer()
 
-    def multiply(a: Any, b: Any) -> Any:
-        try:
-            return normalize(a * b)
-        except TypeError as error:
-            if not str(error).startswith("can't multiply sequence"):
-                raise
-        raise TypeError(f"unsupported operand type(s) for *: '{type(a).__name__}' and '{type(b).__name__}'")
-
     def divide(a: Any, b: Any) -> Any:
         if type(a) is int or type(b) is int:
             a, b = _single_int(a), _single_int(b)
@@ -323,7 +325,7 @@ def operators(namespaces: Sequence[Mapping[str, object]]) -> dict[str, Any]:
 
     return {
         "@n": normalize,
-        "@mul": multiply,
+        "@mul": in_place(_product),
         "@div": divide,
         "@floordiv": floor_divide,
         "@mod": modulo,

@@ -29,8 +29,8 @@ _EMITTERS = ("micropython.native", "micropython.viper", "micropython.bytecode")
 def transform(
     tree: ast.Module | ast.Expression, recursive: Collection[str] = (), floats: Collection[str] = ()
 ) -> ast.Module | ast.Expression:
-    """The transformed program. ``recursive``: `called_name` of functions that may call themselves. ``floats``: the hub's compiler's
-    text of floats. Raises OverflowError if a constant needs more than 31 bits."""
+    """The transformed program. ``recursive``: `called_name` of functions that may call themselves. ``floats``: text of the
+    compiled program's floats. Raises OverflowError if a constant needs more than 31 bits."""
     return ast.fix_missing_locations(_Transformer(recursive, floats).visit(tree))  # type: ignore[no-any-return]
 
 
