@@ -310,6 +310,7 @@ def test_traceback_has_program_lines() -> None:
 
 def test_an_error_before_the_first_line_has_no_traceback() -> None:
     assert traceback_of("print(1 << 30)") == "OverflowError: long int not supported in this build\n"
+    assert traceback_of("print(2 ** 20000)") == "OverflowError: long int not supported in this build\n"
 
 
 @pytest.mark.parametrize(

@@ -134,8 +134,15 @@ def _number_functions(normalize: Callable[[Any], Any], power: Callable[[Any, Any
     return numbers | {"next": next_}
 
 
+def _expect_text(*values: Any) -> None:
+    for value in values:
+        if not isinstance(value, str):
+            raise TypeError(f"can't convert '{type(value).__name__}' object to str implicitly")
+
+
 def _stream_functions(console: Console) -> dict[str, Any]:
     def print_(*values: Any, sep: str = " ", end: str = "\n", file: Any = None) -> None:
+        _expect_text(sep, end)
         if file is None:
             console.write(cooked((sep.join(map(text, values)) + end).encode()))
             return
@@ -190,8 +197,7 @@ def _delete_global(name: str) -> None:
 
 def _attribute_functions() -> dict[str, Any]:
     def getattr_(value: Any, name: str, *default: Any) -> Any:
-        if not isinstance(name, str):
-            raise TypeError(f"can't convert '{type(name).__name__}' object to str implicitly")
+        _expect_text(name)
         try:
             return visible_attribute(value, name) if may_be_hidden(name) else getattr(value, name)
         except AttributeError:

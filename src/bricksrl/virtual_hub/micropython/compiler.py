@@ -24,7 +24,7 @@ def compile_source(source: str, filename: str, mode: str = "exec") -> CodeType:
     """Code of a program, or of an expression (``mode="eval"``). Raises SyntaxError if the hub's compiler refuses it,
     OverflowError if a constant needs more than 31 bits."""
     constants = list(_constants(_compile_for_hub(source, filename)))
-    if any(kind == _INTEGER and abs(int(value)) > SMALL_MAX for kind, value in constants):
+    if any(kind == _INTEGER and (len(value) > _MAX_DIGITS or abs(int(value)) > SMALL_MAX) for kind, value in constants):
         raise OverflowError("long int not supported in this build")  # a hub reads the digits before the sign
     # what `eval` and `exec` compile on the hub has no text of constants
     floats = [value.decode() for kind, value in constants if kind == _FLOAT and filename != STRING]
@@ -96,6 +96,8 @@ def _compile_for_hub(source: str, filename: str) -> bytes:
 _HEADER_BYTES = 4
 _TEXT, _INTEGER, _FLOAT, _TUPLE = (5, 6), 7, 8, 10
 _WITHOUT_DATA = 4
+_MAX_DIGITS = 20
+"""More than any integer of 31 bits has, and few enough to be read at once."""
 
 
 def _constants(mpy: bytes) -> Iterator[tuple[int, bytes]]:
