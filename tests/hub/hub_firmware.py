@@ -23,6 +23,7 @@ from bricksrl.virtual_hub import interpreter
 from bricksrl.virtual_hub.bench_body import BenchBody
 from bricksrl.virtual_hub.machine import Machine
 from bricksrl.virtual_hub.micropython.system import ProgramInterrupt
+from bricksrl.virtual_hub.micropython.text import format_traceback
 from bricksrl.virtual_hub.pybricks import modules
 
 STDOUT_BYTES = 41
@@ -128,7 +129,7 @@ class ProgramRun:
         except (SystemExit, _Stopped):
             words = "\nThe program was stopped (SystemExit).\n"
         except (Exception, ProgramInterrupt) as error:  # noqa: BLE001  a program may raise anything
-            words = interpreter.format_traceback(error, main.file)
+            words = format_traceback(error, main.file)
         self._machine.alarm_ms = None
         self._machine.stop_motors()
         with self._lock:

@@ -11,8 +11,9 @@ from hub_programs import Console, output
 from bricksrl.robots import BENCH, HubKind, Robot
 from bricksrl.virtual_hub.bench_body import BenchBody
 from bricksrl.virtual_hub.call_stack import most_nested_calls
-from bricksrl.virtual_hub.interpreter import execute, format_traceback
+from bricksrl.virtual_hub.interpreter import execute
 from bricksrl.virtual_hub.machine import Machine
+from bricksrl.virtual_hub.micropython.text import format_traceback
 from bricksrl.virtual_hub.pybricks import modules
 
 RECURSIVE = {

@@ -9,11 +9,12 @@ from hub_programs import output
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bricksrl.virtual_hub.interpreter import Modules, execute, format_traceback
+from bricksrl.virtual_hub.interpreter import Modules, execute
 from bricksrl.virtual_hub.micropython.errors import reword
 from bricksrl.virtual_hub.micropython.float_text import float_text
 from bricksrl.virtual_hub.micropython.floats import to_single
 from bricksrl.virtual_hub.micropython.numbers import struct_module
+from bricksrl.virtual_hub.micropython.text import format_traceback
 
 
 class Recorder:
@@ -303,12 +304,13 @@ def test_traceback_has_program_lines() -> None:
         "Traceback (most recent call last):\n"
         '  File "main.py", line 7, in <module>\n'
         '  File "main.py", line 3, in f\n'
-        "TypeError: can't multiply sequence by non-int of type 'NoneType'\n"
+        "TypeError: unsupported types for __mul__: 'str', 'NoneType'\n"
     )
 
 
 def test_an_error_before_the_first_line_has_no_traceback() -> None:
     assert traceback_of("print(1 << 30)") == "OverflowError: long int not supported in this build\n"
+    assert traceback_of("print(2 ** 20000)") == "OverflowError: long int not supported in this build\n"
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import traceback
 from collections.abc import Callable, Collection
 from types import ModuleType
 from typing import Any
@@ -11,9 +10,8 @@ from bricksrl.hub.transport import HubModule
 from bricksrl.virtual_hub.console import Console
 from bricksrl.virtual_hub.micropython.builtins import builtin_names
 from bricksrl.virtual_hub.micropython.compiler import compile_source
-from bricksrl.virtual_hub.micropython.errors import class_name, reword
+from bricksrl.virtual_hub.micropython.errors import reword
 from bricksrl.virtual_hub.micropython.numbers import module
-from bricksrl.virtual_hub.micropython.text import uncaught_text
 
 
 class Modules(dict[str, ModuleType]):
@@ -83,21 +81,3 @@ def execute(source: str, filename: str, modules: dict[str, ModuleType], console:
     except Exception as error:
         reword(error, importable.namespaces)
         raise
-
-
-def format_traceback(error: BaseException, filename: str) -> str:
-    """The traceback as a hub prints it, with only the program's lines, ending with a newline."""
-    lines = []
-    for frame, line in traceback.walk_tb(error.__traceback__):
-        if "@n" in frame.f_builtins:
-            lines.append(f'  File "{frame.f_code.co_filename}", line {line}, in {frame.f_code.co_name}')
-    if isinstance(error, SyntaxError):
-        if error.lineno is not None:
-            block = f", in {error.text}" if error.text and error.offset is None else ""
-            lines.append(f'  File "{error.filename or filename}", line {error.lineno}{block}')
-        last = f"{class_name(type(error))}: {error.msg}"
-    else:
-        last = uncaught_text(error)
-    if lines:
-        lines.insert(0, "Traceback (most recent call last):")
-    return "\n".join([*lines, last]) + "\n"

@@ -20,11 +20,12 @@ from bricksrl.robots import HubKind
 from bricksrl.virtual_hub.body import Body
 from bricksrl.virtual_hub.fitted_bench import FittedBench
 from bricksrl.virtual_hub.given_readings import GivenReading
-from bricksrl.virtual_hub.interpreter import execute, format_traceback
+from bricksrl.virtual_hub.interpreter import execute
 from bricksrl.virtual_hub.machine import Machine
 from bricksrl.virtual_hub.micropython.compiler import compile_source
 from bricksrl.virtual_hub.micropython.errors import SwitchedOff, class_name
 from bricksrl.virtual_hub.micropython.system import is_program_error
+from bricksrl.virtual_hub.micropython.text import format_traceback
 from bricksrl.virtual_hub.output_buffer import OutputBuffer
 from bricksrl.virtual_hub.pace import Pace
 from bricksrl.virtual_hub.panel import WIRELESS, Panel, Press

@@ -25,6 +25,7 @@ from bricksrl.virtual_hub.body import Body
 from bricksrl.virtual_hub.machine import Machine
 from bricksrl.virtual_hub.micropython.errors import SwitchedOff
 from bricksrl.virtual_hub.micropython.system import is_program_error
+from bricksrl.virtual_hub.micropython.text import format_traceback
 from bricksrl.virtual_hub.pace import MAX_STEP_MS, Pace
 from bricksrl.virtual_hub.pybricks import modules
 
@@ -276,7 +277,7 @@ class VirtualHub:
         except BaseException as error:
             if not is_program_error(error):
                 raise
-            self._error = describe_traceback(interpreter.format_traceback(error, program.name), program.source, program.name)
+            self._error = describe_traceback(format_traceback(error, program.name), program.source, program.name)
         finally:
             if getcurrent() is self._program:  # neither stopped, nor replaced by another thread's program
                 self.machine.stop_motors()

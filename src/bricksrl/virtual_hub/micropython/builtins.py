@@ -21,7 +21,7 @@ from bricksrl.virtual_hub.micropython.attributes import (
 )
 from bricksrl.virtual_hub.micropython.byte_array import HubBytearray
 from bricksrl.virtual_hub.micropython.classes import HubStaticMethod, HubSuper, build_class
-from bricksrl.virtual_hub.micropython.compiler import compile_source
+from bricksrl.virtual_hub.micropython.compiler import STRING, compile_source
 from bricksrl.virtual_hub.micropython.containers import HubDict, HubSet
 from bricksrl.virtual_hub.micropython.errors import EXCEPTIONS, HubOSError, ProgramInterrupt
 from bricksrl.virtual_hub.micropython.floats import SMALL_MAX, int_from_float
@@ -134,8 +134,15 @@ def _number_functions(normalize: Callable[[Any], Any], power: Callable[[Any, Any
     return numbers | {"next": next_}
 
 
+def _expect_text(*values: Any) -> None:
+    for value in values:
+        if not isinstance(value, str):
+            raise TypeError(f"can't convert '{type(value).__name__}' object to str implicitly")
+
+
 def _stream_functions(console: Console) -> dict[str, Any]:
     def print_(*values: Any, sep: str = " ", end: str = "\n", file: Any = None) -> None:
+        _expect_text(sep, end)
         if file is None:
             console.write(cooked((sep.join(map(text, values)) + end).encode()))
             return
@@ -190,8 +197,7 @@ def _delete_global(name: str) -> None:
 
 def _attribute_functions() -> dict[str, Any]:
     def getattr_(value: Any, name: str, *default: Any) -> Any:
-        if not isinstance(name, str):
-            raise TypeError(f"can't convert '{type(name).__name__}' object to str implicitly")
+        _expect_text(name)
         try:
             return visible_attribute(value, name) if may_be_hidden(name) else getattr(value, name)
         except AttributeError:
@@ -251,10 +257,10 @@ def _program_functions() -> dict[str, Any]:
         return source if isinstance(source, str) else as_bytes(source).decode()
 
     def eval_(source: Any, globals: dict[str, Any] | None = None, locals: Any = None) -> Any:
-        return run(compile_source(decoded(source).strip(), "<string>", "eval"), globals, locals)
+        return run(compile_source(decoded(source).strip(), STRING, "eval"), globals, locals)
 
     def exec_(source: Any, globals: dict[str, Any] | None = None, locals: Any = None) -> None:
-        run(compile_source(decoded(source), "<string>"), globals, locals)
+        run(compile_source(decoded(source), STRING), globals, locals)
 
     def globals_() -> dict[str, Any]:
         return sys._getframe(1).f_globals

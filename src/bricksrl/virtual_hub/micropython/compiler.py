@@ -6,6 +6,7 @@ import ast
 import functools
 import re
 import warnings
+from collections.abc import Iterator
 from types import CodeType
 
 import mpy_cross_v6
@@ -14,17 +15,24 @@ from bricksrl.hub.program.syntax import parse
 from bricksrl.virtual_hub.micropython.floats import SMALL_MAX
 from bricksrl.virtual_hub.micropython.syntax.transform import called_name, transform
 
+STRING = "<string>"
+"""File name of what ``eval`` and ``exec`` compile."""
+
 
 @functools.lru_cache(maxsize=64)
 def compile_source(source: str, filename: str, mode: str = "exec") -> CodeType:
     """Code of a program, or of an expression (``mode="eval"``). Raises SyntaxError if the hub's compiler refuses it,
     OverflowError if a constant needs more than 31 bits."""
-    _check_with_hub_compiler(source, filename)
+    constants = list(_constants(_compile_for_hub(source, filename)))
+    if any(kind == _INTEGER and (len(value) > _MAX_DIGITS or abs(int(value)) > SMALL_MAX) for kind, value in constants):
+        raise OverflowError("long int not supported in this build")  # a hub reads the digits before the sign
+    # what `eval` and `exec` compile on the hub has no text of constants
+    floats = [value.decode() for kind, value in constants if kind == _FLOAT and filename != STRING]
     tree = parse(source, filename, mode)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SyntaxWarning)
         warnings.simplefilter("ignore", DeprecationWarning)
-        code = compile(transform(tree, _recursive_names(tree)), filename, mode, dont_inherit=True)
+        code = compile(transform(tree, _recursive_names(tree), floats), filename, mode, dont_inherit=True)
     code = _with_names_of_hub(code)
     classes = {node.name.lstrip("_") for node in ast.walk(tree) if isinstance(node, ast.ClassDef)} - {""}
     if not classes or "__" not in source:
@@ -72,12 +80,11 @@ def _unmangled(code: CodeType, mangled: re.Pattern[str], words: frozenset[str]) 
     )
 
 
-def _check_with_hub_compiler(source: str, filename: str) -> None:
+def _compile_for_hub(source: str, filename: str) -> bytes:
+    """The program as ``.mpy``. Raises SyntaxError."""
     process, mpy = mpy_cross_v6.mpy_cross_compile(filename, source, extra_args=["-msmall-int-bits=31"])
     if mpy is not None:
-        if _has_long_integer(mpy):
-            raise OverflowError("long int not supported in this build")
-        return
+        return bytes(mpy)
     report = process.stderr.decode()
     kind, _, message = report.strip().splitlines()[-1].partition(": ")
     error = (IndentationError if kind == "IndentationError" else SyntaxError)(message or kind)
@@ -87,15 +94,16 @@ def _check_with_hub_compiler(source: str, filename: str) -> None:
 
 
 _HEADER_BYTES = 4
-_TEXT, _INTEGER, _TUPLE = (5, 6), 7, 10
+_TEXT, _INTEGER, _FLOAT, _TUPLE = (5, 6), 7, 8, 10
 _WITHOUT_DATA = 4
+_MAX_DIGITS = 20
+"""More than any integer of 31 bits has, and few enough to be read at once."""
 
 
-def _has_long_integer(mpy: bytes) -> bool:
-    """Whether a compiled program has an integer constant that a hub cannot read.
+def _constants(mpy: bytes) -> Iterator[tuple[int, bytes]]:
+    """Kinds and text of the constants of a compiled program.
 
-    Format: version 6 of ``.mpy``, ``py/persistentcode.c``. Integers are decimal; small ones outside of tuples are in the code. A
-    hub reads the digits before the sign, so its smallest integer is too long.
+    Format: version 6 of ``.mpy``, ``py/persistentcode.c``. Numbers are decimal; small integers outside of tuples are in the code.
     """
     position = _HEADER_BYTES
 
@@ -119,7 +127,5 @@ def _has_long_integer(mpy: bytes) -> bool:
             constants += number()
         elif kind > _WITHOUT_DATA:
             length = number()
-            if kind == _INTEGER and abs(int(mpy[position : position + length])) > SMALL_MAX:
-                return True
+            yield kind, mpy[position : position + length]
             position += length + (kind in _TEXT)
-    return False

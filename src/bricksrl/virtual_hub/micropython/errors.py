@@ -60,9 +60,18 @@ _OPERATORS = {
     "&=": "__and__", "|=": "__or__", "^=": "__xor__", "divmod()": "__divmod__",
 }  # fmt: skip
 _UNARY = {"-": "__neg__", "+": "__pos__", "~": "__invert__", "abs()": "__abs__"}
+_CLASS_NAMES = (
+    (r"\bbuiltin_function_or_method\b", "function"), (r"'\w+_iterator'", "'iterator'"), (r"'\w+_reverseiterator'", "'reversed'"),
+    (r"'ellipsis'", "''"), (r"^byte(?= indices)", "bytes"),
+)  # fmt: skip
+"""Names of classes that differ on a hub."""
+_COMPARISONS = ("<", "<=", ">", ">=")
 
 
 def _types(operator: str, left: str, right: str) -> str:
+    """Refusal of two operands; a truth value refuses as the number that it is, but not on the right of a comparison."""
+    left = "int" if left == "bool" else left
+    right = "int" if right == "bool" and operator not in _COMPARISONS else right
     return f"unsupported types for {_OPERATORS.get(operator, operator)}: '{left}', '{right}'"
 
 
@@ -101,6 +110,8 @@ _RULES: tuple[_Rule, ...] = (
     (TypeError, r"cannot unpack non-iterable (.*) object", lambda m: f"'{m[1]}' object isn't iterable"),
     (TypeError, r"(.*) indices must be integers or slices, not (.*)", lambda m: f"{m[1]} indices must be integers, not {m[2]}"),
     (TypeError, r"string indices must be integers, not '(.*)'", lambda m: f"string indices must be integers, not {m[1]}"),
+    (TypeError, r"cannot convert ('.*' object) to bytes(?:array)?", lambda m: f"{m[1]} isn't iterable"),
+    (TypeError, r"'(.*)' object is not reversible", lambda m: f"object of type '{m[1]}' has no len()"),
     (TypeError, r"type '.*' is not subscriptable", lambda m: "'type' object isn't subscriptable"),
     (TypeError, r"('.*' object) is not (callable|iterable|subscriptable|an iterator)", lambda m: f"{m[1]} isn't {m[2]}"),
     (TypeError, r"('.*' object) does(?: not|n't) support item (.*)", lambda m: f"{m[1]} doesn't support item {m[2]}"),
@@ -162,7 +173,9 @@ def reword(error: BaseException, namespaces: Sequence[Mapping[str, object]]) -> 
         error.args = ()
     if len(error.args) != 1 or not isinstance(error.args[0], str) or not isinstance(error, Exception):
         return error
-    message = error.args[0].replace("builtin_function_or_method", "function")
+    message = error.args[0]
+    for pattern, name in _CLASS_NAMES if isinstance(error, TypeError | AttributeError) else ():
+        message = re.sub(pattern, name, message)
     for kind, pattern, text in _RULES:
         if isinstance(error, kind) and (match := re.fullmatch(pattern, message, re.DOTALL)):
             reworded = text(match)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 import struct
+from collections.abc import Collection
 
 SMALL_MAX = 2**30 - 1
 SMALL_MIN = -(2**30)
@@ -13,6 +14,8 @@ _EXPONENT_BITS = 0x7F800000
 _EXACT_POWERS_OF_FIVE = 10
 _INFINITE_POWER = 60
 _FULL_MANTISSA = 0x19999998
+_INEXACT = 1e-14
+"""Relative error of the floats in a compiled program."""
 _DECIMAL = re.compile(r"(\d*)(?:\.(\d*))?(?:e([+-]?\d+))?", re.IGNORECASE)
 
 
@@ -62,12 +65,17 @@ def read_float(text: str) -> float:
     match = _DECIMAL.fullmatch(unsigned)
     if match is None:  # inf, nan
         return value
-    integer, fraction = match[1], match[2] or ""
-    exponent = int(match[3] or 0) - len(fraction)
-    digits = 0
-    for index, digit in enumerate(integer + fraction):
-        if digits >= _FULL_MANTISSA:
-            exponent += len(integer + fraction) - index
-            break
-        digits = 10 * digits + int(digit)
-    return math.copysign(read_digits(digits, exponent), value)
+    all_digits, fraction = match[1] + (match[2] or ""), match[2] or ""
+    significant = all_digits.rstrip("0")
+    digits = count = 0
+    while count < len(significant) and digits < _FULL_MANTISSA:
+        digits = 10 * digits + int(significant[count])
+        count += 1
+    exponent = int(match[3] or 0) - len(fraction) + len(all_digits) - count
+    return math.copysign(scaled(to_single(digits), exponent), value)
+
+
+def read_constant(value: float, texts: Collection[str]) -> float:
+    """The float that a hub reads for a constant from a compiled program, whose floats are the ``texts``."""
+    text = min(texts, key=lambda text: abs(float(text) - value), default="nan")
+    return read_float(text if math.isclose(float(text), value, rel_tol=_INEXACT) else repr(value))

@@ -32,6 +32,8 @@ _NO_DIGITS = re.compile(r"\s*([-+]?)(?:\.|\.?e[-+]?\d+)\s*", re.IGNORECASE)
 _FLOAT_MAX = 3.4028234663852886e38
 _ITEM_BYTES: dict[Any, int] = {str: 1, bytes: 1, list: 4, tuple: 4}
 """Sizes of the items of what operators make longer."""
+_WITH_END = (str, bytes)
+"""Kinds that end with a zero byte."""
 
 
 def small(value: int) -> int:
@@ -59,7 +61,7 @@ def normalizer() -> Callable[[Any], Any]:
         if kind is complex:
             return complex(to_single(value.real), to_single(value.imag))
         if kind in _ITEM_BYTES:
-            check_allocation(len(value) * _ITEM_BYTES[kind])
+            check_allocation(len(value) * _ITEM_BYTES[kind] + (kind in _WITH_END))
         return value
 
     return normalize
@@ -224,6 +226,16 @@ def _set_slice(value: Any, container: Any, start: Any, stop: Any, step: Any) -> 
     container[start:stop:step] = value
 
 
+def _product(a: Any, b: Any) -> Any:
+    """``a * b``; a refusal names both classes."""
+    try:
+        return a * b
+    except TypeError as error:
+        if not str(error).startswith("can't multiply sequence"):
+            raise
+    raise TypeError(f"unsupported operand type(s) for *: '{type(a).__name__}' and '{type(b).__name__}'")
+
+
 def _bitwise(operation: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
     """Truth values are numbers; dicts have no union."""
 
@@ -313,6 +325,7 @@ def operators(namespaces: Sequence[Mapping[str, object]]) -> dict[str, Any]:
 
     return {
         "@n": normalize,
+        "@mul": in_place(_product),
         "@div": divide,
         "@floordiv": floor_divide,
         "@mod": modulo,

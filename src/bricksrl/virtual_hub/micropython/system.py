@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import json
-import traceback
 from collections.abc import Callable, Iterator
 from types import ModuleType
 from typing import Any
@@ -16,12 +15,12 @@ from bricksrl.virtual_hub.console import Console
 from bricksrl.virtual_hub.memory import BLOCK_BYTES
 from bricksrl.virtual_hub.micropython.builtins import cooked
 from bricksrl.virtual_hub.micropython.containers import HubDict
-from bricksrl.virtual_hub.micropython.errors import ERROR_NAMES, HubOSError, ProgramInterrupt, class_name
+from bricksrl.virtual_hub.micropython.errors import ERROR_NAMES, HubOSError, ProgramInterrupt
 from bricksrl.virtual_hub.micropython.floats import to_single
 from bricksrl.virtual_hub.micropython.json_text import read_json
 from bricksrl.virtual_hub.micropython.numbers import module
 from bricksrl.virtual_hub.micropython.streams import BytesIO, IOBase, Stream, StringIO, as_bytes, part_of, write_text
-from bricksrl.virtual_hub.micropython.text import representation, text
+from bricksrl.virtual_hub.micropython.text import format_traceback, representation, text
 
 _POLLIN, _POLLOUT, _POLLERR, _POLLHUP = 1, 4, 8, 16
 _STDIN = 0
@@ -200,13 +199,7 @@ def sys_module(console: Console, keyboard: Keyboard, tick: Callable[[], None], v
         if not isinstance(error, BaseException):
             write_text(file, f"{representation(error)}\n")
             return
-        if error.__traceback__ is not None:
-            write_text(file, "Traceback (most recent call last):\n")
-        for frame, line in traceback.walk_tb(error.__traceback__):
-            name = frame.f_code.co_filename
-            if "@n" in frame.f_builtins:
-                write_text(file, f'  File "{name}", line {line}, in {frame.f_code.co_name}\n')
-        write_text(file, f"{class_name(type(error))}: {text(error)}\n")
+        write_text(file, format_traceback(error, ""))
 
     return module(
         "sys",

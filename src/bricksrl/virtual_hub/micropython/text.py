@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import traceback
 from collections.abc import Callable, Iterable
 from inspect import CO_GENERATOR
 from types import (
@@ -91,11 +92,23 @@ def _address(value: object) -> str:
     return f"{0x20000000 + id(value) % 0x50000:x}"
 
 
-def uncaught_text(error: BaseException) -> str:
-    """Last line of a traceback: by the class's ``__repr__``, not its ``__str__``."""
-    if type(error).__repr__ is not BaseException.__repr__:
-        return repr(error)
-    return f"{class_name(type(error))}: {_exception_text(error)}"
+def format_traceback(error: BaseException, filename: str) -> str:
+    """The traceback as a hub prints it, with only the program's lines, ending with a newline.
+
+    The last line goes by the class's ``__repr__``, not its ``__str__``.
+    """
+    lines = []
+    for frame, line in traceback.walk_tb(error.__traceback__):
+        if "@n" in frame.f_builtins:
+            lines.append(f'  File "{frame.f_code.co_filename}", line {line}, in {frame.f_code.co_name}')
+    if isinstance(error, SyntaxError) and error.lineno is not None:
+        block = f", in {error.text}" if error.text and error.offset is None else ""
+        lines.append(f'  File "{error.filename or filename}", line {error.lineno}{block}')
+    if lines:
+        lines.insert(0, "Traceback (most recent call last):")
+    has_own = type(error).__repr__ is not BaseException.__repr__
+    lines.append(repr(error) if has_own else f"{class_name(type(error))}: {_exception_text(error)}")
+    return "\n".join(lines) + "\n"
 
 
 def _exception_text(error: BaseException) -> str:

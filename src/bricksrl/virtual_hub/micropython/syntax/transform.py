@@ -11,13 +11,13 @@ import copy
 from collections.abc import Collection
 
 from bricksrl.virtual_hub.micropython.attributes import may_be_hidden
-from bricksrl.virtual_hub.micropython.floats import SMALL_MAX, SMALL_MIN, read_float
+from bricksrl.virtual_hub.micropython.floats import SMALL_MAX, SMALL_MIN, read_constant
 from bricksrl.virtual_hub.micropython.operators import ASCII_METHODS
 from bricksrl.virtual_hub.micropython.syntax.folding import fold
 from bricksrl.virtual_hub.micropython.syntax.transform_async import async_for, async_with
 
-_WRAPPED = (ast.Add, ast.Sub, ast.Mult, ast.LShift)
-_ARITHMETIC = {ast.Div: "@div", ast.FloorDiv: "@floordiv", ast.Mod: "@mod", ast.Pow: "@pow"}
+_WRAPPED = (ast.Add, ast.Sub, ast.LShift)
+_ARITHMETIC = {ast.Mult: "@mul", ast.Div: "@div", ast.FloorDiv: "@floordiv", ast.Mod: "@mod", ast.Pow: "@pow"}
 _CALLED = {**_ARITHMETIC, ast.BitAnd: "@and", ast.BitOr: "@or", ast.BitXor: "@xor"}
 _IN_PLACE = {ast.Add: "@iadd", ast.Sub: "@isub", ast.BitAnd: "@iand", ast.BitOr: "@ior", ast.BitXor: "@ixor"}
 """Operators that can change a value in place on a hub; for others ``a *= b`` is ``a = a * b``."""
@@ -26,10 +26,12 @@ _METHODS = ("format", "to_bytes", "from_bytes", "sort", "throw", *ASCII_METHODS)
 _EMITTERS = ("micropython.native", "micropython.viper", "micropython.bytecode")
 
 
-def transform(tree: ast.Module | ast.Expression, recursive: Collection[str] = ()) -> ast.Module | ast.Expression:
-    """The transformed program. ``recursive``: `called_name` of functions that may call themselves. Raises OverflowError if a
-    constant needs more than 31 bits."""
-    return ast.fix_missing_locations(_Transformer(recursive).visit(tree))  # type: ignore[no-any-return]
+def transform(
+    tree: ast.Module | ast.Expression, recursive: Collection[str] = (), floats: Collection[str] = ()
+) -> ast.Module | ast.Expression:
+    """The transformed program. ``recursive``: `called_name` of functions that may call themselves. ``floats``: text of the
+    compiled program's floats. Raises OverflowError if a constant needs more than 31 bits."""
+    return ast.fix_missing_locations(_Transformer(recursive, floats).visit(tree))  # type: ignore[no-any-return]
 
 
 def called_name(node: ast.Call) -> str:
@@ -50,8 +52,9 @@ def _constant(node: ast.expr) -> ast.expr:
 
 
 class _Transformer(ast.NodeTransformer):
-    def __init__(self, recursive: Collection[str]) -> None:
+    def __init__(self, recursive: Collection[str], floats: Collection[str]) -> None:
         self._recursive = recursive
+        self._floats = floats
         self._private: dict[str, ast.expr] = {}
         """Values of names such as ``_SPEED = const(100)``, which exist for the hub's compiler only."""
         self._globals: Collection[str] | None = None
@@ -63,7 +66,7 @@ class _Transformer(ast.NodeTransformer):
 
     def visit_Constant(self, node: ast.Constant) -> ast.expr:
         if type(node.value) is float:
-            node.value = read_float(repr(node.value))
+            node.value = read_constant(node.value, self._floats)
         elif type(node.value) is int and not SMALL_MIN <= node.value <= SMALL_MAX:
             raise OverflowError("long int not supported in this build")
         return node
