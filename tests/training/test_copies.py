@@ -151,6 +151,24 @@ def test_copies_act_without_dropout(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert set(seen) == {(True, True), (False, False)}
 
 
+def test_copies_explore_without_the_dropout_of_an_own_network(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen, forward = set(), torch.nn.Dropout.forward
+
+    def noted(self: torch.nn.Dropout, x: torch.Tensor) -> torch.Tensor:
+        seen.add((len(x), self.training))
+        return forward(self, x)
+
+    monkeypatch.setattr(torch.nn.Dropout, "forward", noted)
+    network = tmp_path / "nets.py"
+    network.write_text(
+        "from torch import nn\ndef make(i, o):\n    return nn.Sequential(nn.Linear(i, 8), nn.Dropout(0.5), nn.Linear(8, o))\n"
+    )
+    settings = replace(preset("default", "sac"), network=f"{network}:make", batch_size=16, updates_per_step=0.1)
+    train(TrainConfig("WalkerSim-v0", "sac", 3, num_envs=3, settings=settings, run_dir=tmp_path / "run"))
+    assert seen >= {(3, False), (16, True)}
+    assert (3, True) not in seen
+
+
 class Chunked(TensorDictModule):
     """A policy with a state that only `reset` makes new."""
 

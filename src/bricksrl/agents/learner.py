@@ -46,7 +46,7 @@ def means(metrics: Iterable[dict[str, Tensor]]) -> dict[str, Tensor]:
 
 
 @contextmanager
-def _not_training(policy: TensorDictModuleBase) -> Iterator[None]:
+def not_training(policy: TensorDictModuleBase) -> Iterator[None]:
     """Batch normalisation by running statistics, and no dropout; a loss may share these modules, and trains them."""
     modules = [module for module in policy.modules() if module.training]
     policy.eval()
@@ -146,7 +146,7 @@ class Learner:
     def _act(self, tensordict: TensorDictBase, exploration: ExplorationType) -> TensorDictBase:
         if self.weights:
             self.acting.load_state_dict(self.weights.pop())
-        with torch.no_grad(), set_exploration_type(exploration), _not_training(self.acting):
+        with torch.no_grad(), set_exploration_type(exploration), not_training(self.acting):
             acted: TensorDictBase = self.acting(tensordict)
         return acted
 
