@@ -5,8 +5,7 @@ from __future__ import annotations
 import copy
 import math
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -43,18 +42,6 @@ def means(metrics: Iterable[dict[str, Tensor]]) -> dict[str, Tensor]:
     updates = list(metrics)
     names = dict.fromkeys(name for update in updates for name in update)
     return {name: torch.stack([update[name] for update in updates if name in update]).mean() for name in names}
-
-
-@contextmanager
-def not_training(policy: TensorDictModuleBase) -> Iterator[None]:
-    """Batch normalisation by running statistics, and no dropout; a loss may share these modules, and trains them."""
-    modules = [module for module in policy.modules() if module.training]
-    policy.eval()
-    try:
-        yield
-    finally:
-        for module in modules:
-            module.training = True
 
 
 @dataclass
@@ -108,6 +95,11 @@ class Learner:
     due: float = field(default=0.0, init=False)
     _copy: TensorDictModuleBase | None = field(default=None, init=False)
 
+    def __post_init__(self) -> None:
+        # A copy with the same tensors acts without dropout and by running statistics while the loss trains the original.
+        shared = {id(tensor): tensor for tensor in (*self.policy.parameters(), *self.policy.buffers())}
+        self.policy = copy.deepcopy(self.policy, shared).eval()
+
     @property
     def device(self) -> torch.device:
         """Device of the networks."""
@@ -146,7 +138,7 @@ class Learner:
     def _act(self, tensordict: TensorDictBase, exploration: ExplorationType) -> TensorDictBase:
         if self.weights:
             self.acting.load_state_dict(self.weights.pop())
-        with torch.no_grad(), set_exploration_type(exploration), not_training(self.acting):
+        with torch.no_grad(), set_exploration_type(exploration):
             acted: TensorDictBase = self.acting(tensordict)
         return acted
 

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import copy
-
 import torch
-from tensordict.nn import TensorDictModuleBase
 from torch import Tensor, nn
 from torchrl.envs.transforms import UnaryTransform
 from torchrl.modules import ValueOperator
@@ -34,12 +31,6 @@ def value_operator(encoder: nn.Module, body: nn.Module) -> ValueOperator:
 def critic_operator(encoder: nn.Module, body: nn.Module) -> ValueOperator:
     """An action value for TorchRL's losses."""
     return ValueOperator(Critic(encoder, body), in_keys=[*encoder_keys(encoder), "action"])
-
-
-def acting_copy(policy: TensorDictModuleBase) -> TensorDictModuleBase:
-    """A policy with shared parameters that acts without dropout while a loss trains with it."""
-    shared = {id(parameter): parameter for parameter in policy.parameters()}
-    return copy.deepcopy(policy, shared).eval()
 
 
 class EncodeObservation(UnaryTransform):  # type: ignore[misc]

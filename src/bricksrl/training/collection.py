@@ -6,15 +6,12 @@ import functools
 import math
 import warnings
 from collections.abc import Iterator
-from contextlib import nullcontext
 from typing import Any
 
 from tensordict import TensorDictBase
-from torch import nn
 from torchrl.envs import Compose, EnvBase, ParallelEnv, RewardSum, StepCounter, TransformedEnv
 from torchrl.envs.utils import ExplorationType
 
-from bricksrl.agents.learner import not_training
 from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.registry import get_task, is_simulation, make
 from bricksrl.errors import RunError
@@ -39,29 +36,21 @@ def make_copies(env_id: str, options: EnvOptions, copies: int, *, seed: int | No
 
 def collect_round(env: EnvBase, policy: Any, steps: int, steps_per_batch: int) -> Iterator[TensorDictBase]:
     """Frames ``[copies, steps_per_batch]``, at least ``steps`` per copy from a reset on; ended copies restart. ``policy``: a
-    TensorDict module on the environment's device; it explores, without dropout and by running statistics."""
+    TensorDict module on the environment's device; it explores."""
     with warnings.catch_warnings(action="ignore", category=DeprecationWarning):  # raised by TorchRL's own import
         from torchrl.collectors import Collector
 
     copies = env.batch_size.numel()
     batches = math.ceil(steps / steps_per_batch)
-    acting = functools.partial(not_training, policy) if isinstance(policy, nn.Module) else nullcontext
-    with acting():
-        collector = Collector(
-            env,
-            policy,
-            frames_per_batch=steps_per_batch * copies,
-            total_frames=batches * steps_per_batch * copies,
-            exploration_type=ExplorationType.RANDOM,
-            auto_register_policy_transforms=False,
-        )
-    rounds = iter(collector)
+    collector = Collector(
+        env,
+        policy,
+        frames_per_batch=steps_per_batch * copies,
+        total_frames=batches * steps_per_batch * copies,
+        exploration_type=ExplorationType.RANDOM,
+        auto_register_policy_transforms=False,
+    )
     try:
-        while True:
-            with acting():
-                frames = next(rounds, None)
-            if frames is None:
-                return
-            yield frames
+        yield from collector
     finally:
         collector.shutdown(close_env=False)

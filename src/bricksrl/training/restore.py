@@ -40,7 +40,6 @@ def load_learner(run_dir: Path | str, env: EnvBase, *, which: Which = "last") ->
     state = load_state(folder, config, env, which=which)
     learner.load_state_dict({key: value for key, value in state["agent"].items() if key != "memory"})
     check_weights(learner)
-    learner.policy.eval()
     return Trained(learner, len(state["episodes"]))
 
 

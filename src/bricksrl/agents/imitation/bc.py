@@ -13,7 +13,6 @@ from torchrl.objectives import BCLoss
 from bricksrl.agents.encoder import make_encoder
 from bricksrl.agents.learner import Learner, adam
 from bricksrl.agents.networks import action_size, action_spec, deterministic_policy, make_body
-from bricksrl.agents.operators import acting_copy
 from bricksrl.agents.settings import Positive, Settings, ShareBelowOne
 
 
@@ -43,4 +42,4 @@ def build(env: EnvBase, settings: BCSettings, device: torch.device | str = "cpu"
     loss = ImitationLoss(actor.to(device), loss_function="l2").to(device)
     loss.set_keys(action="action")
     optimizer = adam(loss.parameters(), settings)
-    return Learner(acting_copy(actor), loss, optimizer, updates_per_step=settings.updates_per_step, imitates=True)
+    return Learner(actor, loss, optimizer, updates_per_step=settings.updates_per_step, imitates=True)

@@ -15,7 +15,6 @@ from torchrl.objectives import LossModule
 
 from bricksrl.agents.encoder import encoder_keys
 from bricksrl.agents.learner import Learner, adam
-from bricksrl.agents.operators import acting_copy
 from bricksrl.agents.replay.buffer import TransitionReplayBuffer
 from bricksrl.agents.settings import NotNegative, Positive, Range, Settings
 from bricksrl.errors import DescriptionError
@@ -83,7 +82,7 @@ def chunk_learner(policy: ChunkPolicy, loss: LossModule, settings: ChunkSettings
     """The learner of a chunk policy: imitates a dataset, acts without dropout."""
     optimizer = adam(loss.parameters(), settings, settings.weight_decay)
     options |= {"updates_per_step": settings.updates_per_step, "chunk": settings.chunk}
-    return Learner(acting_copy(policy), loss, optimizer, imitates=True, **options)
+    return Learner(policy, loss, optimizer, imitates=True, **options)
 
 
 def recorded_memory(
