@@ -94,13 +94,17 @@ def load_robot(reference: str) -> tuple[Robot, Scene | None]:
     """Robot in the user's code, and the scene if it is given by a task.
 
     Args:
-        reference: as for tasks; names a :class:`bricksrl.robots.Robot` or a task.
+        reference: as for tasks; names a :class:`bricksrl.robots.Robot` or a task. Without a name it is the file's only task, or
+            else its only robot.
 
     Raises:
         UnknownNameError: there is no such file, module or name, or the file has no single robot.
         DescriptionError: the named object is no robot, or the code raised.
     """
-    value = load_object(reference, Robot)
+    try:
+        value = load_object(reference, Task)
+    except UnknownNameError:
+        value = load_object(reference, Robot)
     if isinstance(value, Task):
         return value.robot, value.scene
     if not isinstance(value, Robot):
