@@ -128,7 +128,7 @@ def _load(location: str, reference: str) -> ModuleType:
             raise UnknownNameError(
                 f"there is no module '{location}'; give one that can be imported, or a file: my_task.py"
             ) from None
-        raise DescriptionError(f"{reference} cannot be loaded ({error}); correct it") from error
+        raise DescriptionError(f"{reference} cannot be loaded ({error}{line_of_user(error)}); correct it") from error
     except (Exception, SystemExit) as error:  # a script may end the program
         raise DescriptionError(
             f"{reference} cannot be loaded ({type(error).__name__}: {error}{line_of_user(error)}); correct it"
