@@ -6,7 +6,7 @@ import enum
 import math
 import types
 import typing
-from collections.abc import Container, Iterable
+from collections.abc import Callable, Container, Iterable
 from typing import Any, Literal
 
 from bricksrl.errors import DescriptionError
@@ -86,4 +86,5 @@ _NAMES: dict[Any, str] = {
     str: "a text",
     tuple: "several values",
     dict: "a table of names and values",
+    Callable: "a function",
 }

@@ -153,6 +153,17 @@ def test_run_takes_a_robot_from_a_file(bricksrl, tmp_path):
         assert bricksrl("hub", "run", str(program), "--robot", reference).stdout == "True\n"
 
 
+def test_run_takes_the_scene_of_the_task_beside_the_robot(bricksrl, tmp_path):
+    robot, program = tmp_path / "my_robot.py", tmp_path / "main.py"
+    assert bricksrl("new", "robot", str(robot)).returncode == 0  # its light has no reading but that of the task's scene
+    program.write_text(
+        "from pybricks.pupdevices import ColorSensor\nfrom pybricks.parameters import Port\n"
+        "print(ColorSensor(Port.B).reflection())\n"
+    )
+    done = bricksrl("hub", "run", str(program), "--robot", str(robot))
+    assert (done.stdout, done.stderr) == ("10\n", "")
+
+
 @pytest.mark.parametrize(
     ("options", "says"),
     [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -10,12 +11,14 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
+import bricksrl
 from bricksrl.envs.registry import get_task
+from bricksrl.envs.rollout import play_episodes
 from bricksrl.envs.task import SampledEntry, Task
 from bricksrl.envs.tasks.run_away import RUN_AWAY
 from bricksrl.envs.tasks.spinning import SPINNING
 from bricksrl.errors import DescriptionError
-from bricksrl.hub.interface import Interface, MotorAngle
+from bricksrl.hub.interface import Distance, DriveStraight, Interface, MotorAngle, UntilDone
 
 DISTANCES_MM = st.integers(0, 2000).map(float)
 RATES_DEG_S = st.integers(-3000, 3000).map(lambda tenths: tenths / 10)
@@ -140,8 +143,43 @@ def test_sampled_entries_are_drawn_from_their_whole_range() -> None:
         ({"max_steps": 0}, "max_steps"),
         ({"interface": Interface((), RUN_AWAY.interface.channels, RUN_AWAY.interface.settle)}, "command"),
         ({"sampled_entries": (SampledEntry("distance", 0, 1),)}, "twice"),
+        ({"max_steps": None}, "max_steps is None; give a whole number"),
+        ({"camera": True}, "camera is True; give CameraView"),
+        ({"reward": 1.0}, "reward is 1.0; give a function"),
+        ({"interface": RUN_AWAY.interface.commands}, "interface is .*; give Interface"),
     ],
 )
 def test_invalid_task_raises(change: dict[str, object], words: str) -> None:
     with pytest.raises(DescriptionError, match=words):
         dataclasses.replace(RUN_AWAY, **change)  # type: ignore[arg-type]
+
+
+def test_lists_make_an_interface_and_what_is_no_part_of_one_is_named() -> None:
+    drive, eyes, done = DriveStraight(-100, 100), Distance("eyes"), UntilDone()
+    assert Interface([drive], [eyes], done) == Interface((drive,), (eyes,), done)  # type: ignore[arg-type]
+    for parts, words in (
+        ((drive, (eyes,), done), r"commands is DriveStraight\(.*\); give several values, each Command"),  # a comma is missing
+        (((drive,), (eyes,), UntilDone), "settle is of type type; give Wait"),
+        (((DriveStraight("far", 100),), (eyes,), done), "low of 'straight' is 'far'; give a number"),  # type: ignore[arg-type]
+    ):
+        with pytest.raises(DescriptionError, match=words):
+            Interface(*parts)
+
+
+@pytest.mark.parametrize(
+    ("function", "returned", "words"),
+    [
+        ("reward", 1.0, "reward of Wrong-v0 is 1.0; compute a tensor of shape [1] from the observation"),
+        ("reward", torch.ones(5), "reward of Wrong-v0 is of shape [5]; compute a tensor"),
+        ("terminated", False, "terminated of Wrong-v0 is False; compute a tensor"),
+        ("terminated", torch.ones(1), "terminated of Wrong-v0 is [1.0], not true or false; compare"),
+        ("success", torch.ones(5), "success of Wrong-v0 is of shape [5]; give one number for an episode"),
+        ("metrics", {"way_mm": torch.ones(5)}, "metrics['way_mm'] of Wrong-v0 is of shape [5]; give one number for an episode"),
+        ("metrics", None, "what metrics of Wrong-v0 returns is None; give a table of names and values"),
+    ],
+)
+def test_function_that_returns_something_else_is_named(function: str, returned: object, words: str) -> None:
+    bricksrl.register(dataclasses.replace(RUN_AWAY, id="Wrong-v0", max_steps=2, **{function: lambda *_: returned}))  # type: ignore[arg-type]
+    with closing(bricksrl.make("Wrong-v0", seed=0)) as env, pytest.raises(DescriptionError) as error:
+        list(play_episodes(env, env.rand_action, 1, seed=0))
+    assert str(error.value).startswith(words)

@@ -67,7 +67,7 @@ def test_task_function_with_options(folder: Path) -> None:
         ("/nowhere.py:TASK", UnknownNameError, "no file /nowhere.py; put it there"),
         ("nowhere:TASK", UnknownNameError, "no module 'nowhere'"),
         ("mine.py:YOURS", UnknownNameError, "no 'YOURS' in mine.py"),
-        ("broken.py:TASK", DescriptionError, "no_such_module"),
+        ("broken.py:TASK", DescriptionError, r"no_such_module.*, broken\.py, line \d+\)"),
         ("broken:TASK", DescriptionError, "no_such_module"),
         ("raises.py", DescriptionError, "division by zero"),
         ("other.py:TASK", DescriptionError, "no task"),

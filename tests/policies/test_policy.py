@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -36,6 +37,12 @@ def test_policy_can_be_pickled(run_dir: Path) -> None:
 def test_observation_of_another_size_raises(run_dir: Path, shape: tuple[int, ...]) -> None:
     with pytest.raises(DescriptionError, match=r"takes observations of 8 numbers; give \[\*batch, 8\]"):
         load_policy(run_dir).act(np.zeros(shape))
+
+
+def test_policy_of_another_environment_raises(run_dir: Path) -> None:
+    for env_id in ("WalkerSim-v0", "RunAway-v0"):
+        with closing(bricksrl.make(env_id)) as env, pytest.raises(DescriptionError, match="takes observations of 8 numbers"):
+            env.rollout(1, load_policy(run_dir))
 
 
 def test_unknown_checkpoint_raises(run_dir: Path) -> None:

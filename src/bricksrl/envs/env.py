@@ -226,13 +226,15 @@ class HubEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
         if task.observes_commands:
             episode.commands = commands
         observation = self._measure(self._guarded(lambda: link.act(commands)), episode)
-        reward = task.reward(episode.observation, action, observation)
+        reward = _single(task, "reward", task.reward(episode.observation, action, observation))
         if not all(map(math.isfinite, reward.flatten().tolist())):
             raise DescriptionError(
                 f"the reward of {task.id} is {reward.tolist()} in step {episode.step_count + 1}, where the observation is "
                 f"{observation.tolist()}; correct the task's reward"
             )
-        terminated = task.terminated(observation)
+        terminated = _single(task, "terminated", task.terminated(observation))
+        if terminated.dtype is not torch.bool:
+            raise DescriptionError(f"terminated of {task.id} is {terminated.tolist()}, not true or false; compare")
         episode.observation = observation
         episode.step_count += 1
         if self._stop_flag.is_paused:
@@ -383,3 +385,11 @@ class HubEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
         if action.shape != (len(self._spans),):
             raise BricksError(f"{self.task.id} got an action of shape {list(action.shape)}; give [{len(self._spans)}]")
         return [middle + half * value for (middle, half), value in zip(self._spans, action.tolist(), strict=True)]
+
+
+def _single(task: Task, name: str, value: Any) -> torch.Tensor:
+    """What a function of a task returns for one observation. Raises DescriptionError unless it is a tensor with one number."""
+    if not isinstance(value, torch.Tensor) or value.numel() != 1:
+        given = f"of shape {list(value.shape)}" if isinstance(value, torch.Tensor) else repr(value)
+        raise DescriptionError(f"{name} of {task.id} is {given}; compute a tensor of shape [1] from the observation")
+    return value

@@ -22,6 +22,7 @@ from tensordict import TensorDict, TensorDictBase
 from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.registry import is_simulation, make
 from bricksrl.envs.rollout import link_lost
+from bricksrl.envs.task import metrics_of, success_of
 from bricksrl.errors import RenderingUnavailableError, UnknownOptionError
 
 if TYPE_CHECKING:
@@ -128,9 +129,9 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
         episode = torch.stack(self._observations)
         if self.env.task.has_hidden_entries:
             episode = self.env.task_observations(episode)
-        info: dict[str, Any] = {name: float(value) for name, value in self.env.task.metrics(episode).items()}
+        info: dict[str, Any] = dict(metrics_of(self.env.task, episode))
         if ended:
-            info["success"] = bool(self.env.task.success(episode))
+            info["success"] = success_of(self.env.task, episode)
         return info
 
 

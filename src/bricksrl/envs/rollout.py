@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import torch
 
+from bricksrl.envs.task import metrics_of, success_of
 from bricksrl.seed import derive_seed
 
 if TYPE_CHECKING:
@@ -114,14 +115,14 @@ class Rollout:
     def success(self, env: EnvBase) -> bool | None:
         """Success by the task, for the last episode of ``env``; ``None`` if ``env`` has no task or the episode no step."""
         task = getattr(env, "task", None)
-        return None if task is None or not self.rewards else bool(task.success(self._task_observations(env)))
+        return None if task is None or not self.rewards else success_of(task, self._task_observations(env))
 
     def metrics(self, env: EnvBase) -> dict[str, float]:
         """Metrics by the task, for the last episode of ``env``; empty if ``env`` has no task or the episode no step."""
         task = getattr(env, "task", None)
         if task is None or not self.rewards:
             return {}
-        metrics = {name: float(value) for name, value in task.metrics(self._task_observations(env)).items()}
+        metrics = metrics_of(task, self._task_observations(env))
         walk = getattr(env, "walk_metrics", None)
         return metrics if walk is None else {**metrics, **walk()}
 
@@ -179,7 +180,7 @@ def _play_copies(
         for copy in range(min(copies, episodes - start)):
             episode = frames[copy, : int(lengths[copy])]
             judged = None if task.has_hidden_entries else episode["observation"]
-            success = None if judged is None else bool(task.success(judged))
-            numbers = {} if judged is None else {name: float(value) for name, value in task.metrics(judged).items()}
+            success = None if judged is None else success_of(task, judged)
+            numbers = {} if judged is None else metrics_of(task, judged)
             size = float(sizes[copy, : len(episode)].mean())
             yield EpisodeScore(float(episode["reward"].sum()), len(episode), size, success, numbers)

@@ -9,12 +9,13 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from bricksrl.entry import Entry
 from bricksrl.envs.dead_reckoning import Target, wheels
 from bricksrl.envs.vision.camera import CameraView
 from bricksrl.errors import DescriptionError
+from bricksrl.fields import check_value
 from bricksrl.hub.interface import Interface
 from bricksrl.robots import Robot
 from bricksrl.twin.scene import OPEN_FLOOR, Scene
@@ -91,6 +92,8 @@ class Task:
     camera: CameraView | None = None
 
     def __post_init__(self) -> None:
+        for name, hint in _TYPES.items():
+            check_value(name, getattr(self, name), hint)
         if re.fullmatch(r"\w+-v\d+", self.id) is None:
             raise DescriptionError(f"'{self.id}' is not an id for a task; take a name and a version, such as 'MyTask-v0'")
         if self.max_steps < 1:
@@ -151,3 +154,38 @@ class Task:
         farthest_px = self.camera.farthest_px
         names = ("mean_distance", "nearest_distance")
         return (*self.entries, *(Entry(name, 0.0, farthest_px, "px") for name in names))
+
+
+def success_of(task: Task, observations: Tensor) -> bool:
+    """Success of one episode, by its observations ``[steps, n]``. Raises DescriptionError if the task's function gives none."""
+    return bool(_number(task, "success", task.success(observations)))
+
+
+def metrics_of(task: Task, observations: Tensor) -> dict[str, float]:
+    """Metrics of one episode, by its observations ``[steps, n]``. Raises DescriptionError if the task's function gives none."""
+    values = task.metrics(observations)
+    check_value(f"what metrics of {task.id} returns", values, dict)
+    return {name: _number(task, f"metrics['{name}']", value) for name, value in values.items()}
+
+
+def _number(task: Task, name: str, value: Any) -> float:
+    try:
+        return float(value)
+    except (RuntimeError, TypeError, ValueError):
+        given = f"of shape {list(value.shape)}" if hasattr(value, "shape") else repr(value)
+        raise DescriptionError(f"{name} of {task.id} is {given}; give one number for an episode") from None
+
+
+_TYPES: dict[str, Any] = {
+    "id": str,
+    "doc": str,
+    "robot": Robot,
+    "interface": Interface,
+    "max_steps": int,
+    "scene": Scene,
+    "sampled_entries": tuple[SampledEntry, ...],
+    "measured_entries": tuple[Entry, ...],
+    "camera": CameraView | None,
+    **dict.fromkeys(("reward", "success", "metrics", "terminated", "blocked"), Callable),
+}
+"""Types of a task's parts."""

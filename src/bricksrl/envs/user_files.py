@@ -94,13 +94,17 @@ def load_robot(reference: str) -> tuple[Robot, Scene | None]:
     """Robot in the user's code, and the scene if it is given by a task.
 
     Args:
-        reference: as for tasks; names a :class:`bricksrl.robots.Robot` or a task.
+        reference: as for tasks; names a :class:`bricksrl.robots.Robot` or a task. Without a name it is the file's only task, or
+            else its only robot.
 
     Raises:
         UnknownNameError: there is no such file, module or name, or the file has no single robot.
         DescriptionError: the named object is no robot, or the code raised.
     """
-    value = load_object(reference, Robot)
+    try:
+        value = load_object(reference, Task)
+    except UnknownNameError:
+        value = load_object(reference, Robot)
     if isinstance(value, Task):
         return value.robot, value.scene
     if not isinstance(value, Robot):
@@ -124,7 +128,7 @@ def _load(location: str, reference: str) -> ModuleType:
             raise UnknownNameError(
                 f"there is no module '{location}'; give one that can be imported, or a file: my_task.py"
             ) from None
-        raise DescriptionError(f"{reference} cannot be loaded ({error}); correct it") from error
+        raise DescriptionError(f"{reference} cannot be loaded ({error}{line_of_user(error)}); correct it") from error
     except (Exception, SystemExit) as error:  # a script may end the program
         raise DescriptionError(
             f"{reference} cannot be loaded ({type(error).__name__}: {error}{line_of_user(error)}); correct it"

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from bricksrl.errors import DescriptionError, hint
+from bricksrl.fields import check_fields, check_value
 from bricksrl.hub.commands import (
     Curve,
     DriveSpeed,
@@ -325,11 +326,21 @@ class UntilDone:
 
 @dataclass(frozen=True)
 class Interface:
-    """Commands in the order of the action vector, channels in the order of the observation vector."""
+    """Commands in the order of the action vector, channels in the order of the observation vector. Raises DescriptionError if
+    they are none."""
 
     commands: tuple[Command, ...]
     channels: tuple[Channel, ...]
     settle: Wait | UntilDone
+
+    def __post_init__(self) -> None:
+        for field in ("commands", "channels"):  # a list is as good, but has no hash
+            value = getattr(self, field)
+            object.__setattr__(self, field, tuple(value) if isinstance(value, list) else value)
+        check_fields(Interface, vars(self))
+        for part in (*self.commands, *self.channels):
+            check_value(f"low of '{part.name}'", part.low, float)
+            check_value(f"high of '{part.name}'", part.high, float)
 
     @property
     def angle_indices(self) -> dict[str, int]:

@@ -30,6 +30,10 @@ class Policy(TensorDictModuleBase):  # type: ignore[misc]
 
     @torch.no_grad()
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        if tensordict["observation"].shape[-1:] != (self.size,):
+            raise DescriptionError(f"the policy takes observations of {self.size} numbers; give [*batch, {self.size}]")
+        if "image" in self.in_keys and "image" not in tensordict:
+            raise DescriptionError("the policy uses images; give one too")
         with set_exploration_type(ExplorationType.DETERMINISTIC):
             action = self.module(tensordict.select(*self.in_keys))["action"]
         return tensordict.set("action", action)
@@ -39,10 +43,6 @@ class Policy(TensorDictModuleBase):  # type: ignore[misc]
         ``image``: uint8 ``[*batch, side, side, 3]``, for a policy that uses images. Raises DescriptionError for another n, or
         without the image that the policy needs."""
         values = torch.as_tensor(observation, dtype=torch.float32)
-        if values.shape[-1:] != (self.size,):
-            raise DescriptionError(f"the policy takes observations of {self.size} numbers; give [*batch, {self.size}]")
-        if image is None and "image" in self.in_keys:
-            raise DescriptionError("the policy uses images; give one too")
         inputs = {"observation": values} if image is None else {"observation": values, "image": torch.as_tensor(image)}
         action: Tensor = self(TensorDict(inputs, values.shape[:-1]))["action"]
         return action if isinstance(observation, Tensor) else np.asarray(action)

@@ -49,6 +49,9 @@ class Scene:
             _check_range(f"start_mm along {axis}", bounds, -10_000.0, 10_000.0)
         if not 0.0 <= self.light_pct <= 100.0:
             raise TwinError(f"scene: light_pct is {self.light_pct}; give 0 to 100")
+        for name, reading in self.readings.items():
+            if not callable(reading):
+                raise TwinError(f"scene: the reading of '{name}' is {reading!r}; give a function: lambda angles: {reading!r}")
         for name, (low, high) in self.end_stops.items():
             if not low <= 0.0 <= high:
                 raise TwinError(
@@ -60,7 +63,10 @@ class Scene:
 
 
 def _check_range(name: str, bounds: tuple[float, float], lowest: float, highest: float) -> None:
-    low, high = bounds
+    try:
+        low, high = map(float, bounds)
+    except (TypeError, ValueError):  # no pair of numbers
+        low = high = math.nan
     if not (math.isfinite(low) and math.isfinite(high) and lowest <= low <= high <= highest):
         raise TwinError(f"scene: {name} is {bounds}; give (low, high) within {lowest:g} to {highest:g}")
 

@@ -18,7 +18,7 @@ from bricksrl.twin.scene import Scene
 ROBOT = TWO_WHEELER
 
 # What the agent may do and what it sees. An action is a number in -1..1 for each command, here from -100 to 100 mm. Other
-# commands are RunAngle (turn a motor) and Turn; other channels MotorAngle, Tilt and SensorReading.
+# commands are RunAngle (turn a motor) and Turn; other channels MotorAngle, Pitch, Roll and SensorReading.
 INTERFACE = Interface(
     commands=(DriveStraight(low=-100, high=100),),
     channels=(Distance("eyes"),),
