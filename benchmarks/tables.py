@@ -49,7 +49,7 @@ robots are virtual; nobody here has run this on LEGO's yet.
 
 The agents were rewritten on TorchRL's parts, and the virtual robots are made from their building plans since November 2026.
 Measured with the earlier agents, on the earlier twins, which were written by hand and a little heavier: learning from the random
-datasets with the paper's settings, and from the expert datasets with the default settings of BC and IQL. Measured with the
+datasets with the paper's settings of CQL, and from the expert datasets with the default settings of BC and IQL. Measured with the
 earlier agents: REDQ in the simulations, and five seeds at once.
 
 Learning from the expert datasets, TD3 and SAC fail on Walker-v0 and RoboArm-v0, as in the paper: nothing holds their critics back
