@@ -50,6 +50,7 @@ class Learner:
 
     Attributes:
         policy: reads the observation, writes "action" in -1..1; explores under ``ExplorationType.RANDOM``; may have ``reset``.
+            Kept as a copy that shares its tensors and acts without dropout.
         loss: any `LossModule`; ``None`` if nothing is learned.
         optimizer: of the loss's parameters.
         memory: any replay buffer; its sampler defines a batch.
@@ -96,7 +97,7 @@ class Learner:
     _copy: TensorDictModuleBase | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
-        # A copy with the same tensors acts without dropout and by running statistics while the loss trains the original.
+        # Without dropout and by running statistics, while the loss trains the original.
         shared = {id(tensor): tensor for tensor in (*self.policy.parameters(), *self.policy.buffers())}
         self.policy = copy.deepcopy(self.policy, shared).eval()
 

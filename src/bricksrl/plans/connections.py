@@ -192,7 +192,7 @@ def _mesh(first: Placed, gear: Gear, second: Placed, other: Gear) -> Mesh | None
     axis, axis2 = first.rotation @ np.array(gear.axis), second.rotation @ np.array(other.axis)
     if np.linalg.norm(np.cross(axis, axis2)) < _MAX_TILT:
         return _parallel(first, gear, second, other, axis)
-    forms = {gear.form, other.form}
+    forms = {gear.form, other.form}  # at a right angle a spur gear meshes with a crown gear only
     if abs(float(axis @ axis2)) < _MAX_TILT and (GearForm.SPUR not in forms or GearForm.CROWN in forms):
         return _right_angle(first, gear, second, other, axis, axis2)
     return None
