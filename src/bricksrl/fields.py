@@ -12,10 +12,10 @@ from typing import Any, Literal
 from bricksrl.errors import DescriptionError
 
 
-def check_fields(cls: type, values: dict[str, Any]) -> None:
-    """Check values against the annotations of a dataclass's fields, by name; unknown names are ignored. Raises DescriptionError
-    if an annotation does not allow a value."""
-    for name, hint in typing.get_type_hints(cls, include_extras=True).items():
+def check_fields(cls: type, values: dict[str, Any], **named: Any) -> None:
+    """Check values against the annotations of a dataclass's fields, by name; unknown names are ignored. ``named``: types that
+    annotations name and their module does not import. Raises DescriptionError if an annotation does not allow a value."""
+    for name, hint in typing.get_type_hints(cls, localns=named, include_extras=True).items():
         if name in values:
             check_value(name, values[name], hint)
 

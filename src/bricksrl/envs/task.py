@@ -15,7 +15,7 @@ from bricksrl.entry import Entry
 from bricksrl.envs.dead_reckoning import Target, wheels
 from bricksrl.envs.vision.camera import CameraView
 from bricksrl.errors import DescriptionError
-from bricksrl.fields import check_value
+from bricksrl.fields import check_fields, check_value
 from bricksrl.hub.interface import Interface
 from bricksrl.robots import Robot
 from bricksrl.twin.scene import OPEN_FLOOR, Scene
@@ -92,8 +92,7 @@ class Task:
     camera: CameraView | None = None
 
     def __post_init__(self) -> None:
-        for name, hint in _TYPES.items():
-            check_value(name, getattr(self, name), hint)
+        check_fields(Task, vars(self), Tensor=Any)
         if re.fullmatch(r"\w+-v\d+", self.id) is None:
             raise DescriptionError(f"'{self.id}' is not an id for a task; take a name and a version, such as 'MyTask-v0'")
         if self.max_steps < 1:
@@ -174,18 +173,3 @@ def _number(task: Task, name: str, value: Any) -> float:
     except (RuntimeError, TypeError, ValueError):
         given = f"of shape {list(value.shape)}" if hasattr(value, "shape") else repr(value)
         raise DescriptionError(f"{name} of {task.id} is {given}; give one number for an episode") from None
-
-
-_TYPES: dict[str, Any] = {
-    "id": str,
-    "doc": str,
-    "robot": Robot,
-    "interface": Interface,
-    "max_steps": int,
-    "scene": Scene,
-    "sampled_entries": tuple[SampledEntry, ...],
-    "measured_entries": tuple[Entry, ...],
-    "camera": CameraView | None,
-    **dict.fromkeys(("reward", "success", "metrics", "terminated", "blocked"), Callable),
-}
-"""Types of a task's parts."""
