@@ -59,8 +59,8 @@ less surely in some seeds. With the default settings CQL does worse on these 224
 greatest return is lower than the paper's since our robot turns more slowly.
 
 Learning from the random datasets, BC imitates random actions without their noise: its returns are as poor as theirs and differ by
-seed, and are below the paper's on RunAway-v0 and RoboArm-v0. IQL is a little below on RoboArm-v0; where CQL's mean is, the paper's
-lies in the interval. With the default settings CQL is above the paper's on all four.
+seed, and are below the paper's on RunAway-v0 and RoboArm-v0. IQL is a little below on RoboArm-v0; where CQL's mean is, the
+paper's lies in the interval. With the default settings CQL is above the paper's on all four.
 """
 
 STUDIES_HEAD = """# Studies
