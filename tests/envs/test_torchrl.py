@@ -61,3 +61,10 @@ def test_missing_action_is_named(env_id: str) -> None:
     with pytest.raises(KeyError, match='"action" not found'):
         env.step(env.reset())
     env.close()
+
+
+def test_environment_moved_to_a_device_gives_its_tensors_there() -> None:
+    env = bricksrl.make("Spinning-v0", seed=0)
+    assert env.rollout(3).device is None
+    assert env.to("cpu").rollout(3).device == torch.device("cpu")
+    env.close()

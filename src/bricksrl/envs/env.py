@@ -191,7 +191,7 @@ class HubEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
             observation = with_numbers(observation, watch)
             out["image"] = torch.from_numpy(watch.image)
         self._episode = EpisodeState(drawn, observation, measured_s, commands, watch=watch, tracker=tracker)
-        return TensorDict(out, batch_size=())
+        return TensorDict(out, batch_size=(), device=self.device)
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         episode = self._episode
@@ -212,10 +212,11 @@ class HubEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
         out = {"observation": episode.observation[: self._entries].clone(), "reward": torch.zeros(1), "terminated": no}
         if episode.watch is not None:
             out["image"] = torch.from_numpy(episode.watch.image)
-        return TensorDict({**out, "truncated": yes, "done": yes.clone(), "link_lost": yes.clone()}, batch_size=())
+        out |= {"truncated": yes, "done": yes.clone(), "link_lost": yes.clone()}
+        return TensorDict(out, batch_size=(), device=self.device)
 
     def _act(self, tensordict: TensorDictBase) -> TensorDictBase:
-        action = tensordict["action"].detach().clamp(-1.0, 1.0)  # a copy: the agent's tensor is not changed
+        action = tensordict["action"].detach().cpu().clamp(-1.0, 1.0)  # a copy: the agent's tensor is not changed
         commands = self._commands(action)
         task, episode = self.task, self._episode
         if episode is None:
@@ -254,7 +255,7 @@ class HubEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
         if episode.watch is not None:
             out["observation"] = observation[: self._entries].clone()
             out["image"] = torch.from_numpy(episode.watch.image)
-        return TensorDict(out, batch_size=())
+        return TensorDict(out, batch_size=(), device=self.device)
 
     def _step_proc_data(self, next_tensordict_out: TensorDictBase) -> TensorDictBase:
         """Skip TorchRL's completion of ``_step``'s output, unless a task's functions return shapes that it has to correct."""
