@@ -244,14 +244,15 @@ def _program_functions() -> dict[str, Any]:
         if globals is None:
             return eval(code, frame.f_globals, _namespace(frame) if locals is None else locals)
         names = dict(globals) if isinstance(globals, HubDict) else globals
-        names.setdefault("__builtins__", frame.f_globals["__builtins__"])
+        added = {"__builtins__", "__name__"} - names.keys()
+        names.update((name, frame.f_globals[name]) for name in added)
         try:
             return eval(code, names, names if locals is None or locals is globals else locals)
         finally:
             if names is not globals:
                 for name in set(globals) - set(names):
                     del globals[name]
-                globals.update((name, value) for name, value in names.items() if name != "__builtins__")
+                globals.update((name, value) for name, value in names.items() if name not in added)
 
     def decoded(source: Any) -> str:
         return source if isinstance(source, str) else as_bytes(source).decode()

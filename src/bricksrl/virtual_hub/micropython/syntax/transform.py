@@ -343,9 +343,10 @@ class _Transformer(ast.NodeTransformer):
         return node
 
     def visit_AnnAssign(self, node: ast.AnnAssign) -> ast.AST:
+        """An annotation without a value only makes a name local."""
+        assign = ast.copy_location(ast.Assign([node.target], node.value or ast.Constant(None)), node)
         if node.value is None:
-            return ast.copy_location(ast.Pass(), node)
-        assign = ast.copy_location(ast.Assign([node.target], node.value), node)
+            return ast.copy_location(ast.If(ast.Constant(False), [assign], []), node)
         self.generic_visit(assign)
         return assign
 
