@@ -76,7 +76,11 @@ def test_each_hub_has_its_memory(kind: HubKind, fits: int, fits_not: int) -> Non
         output(source.format(fits_not), robot=robot)
 
 
-@pytest.mark.parametrize("expression", ["bytearray(300000)", "'x' * 300000", "[0] * 70000", "(0,) * 70000"])
+LONG_OBJECTS = ["bytearray(300000)", "'x' * 300000", "[0] * 70000", "(0,) * 70000"]
+LONG_LISTS = ["list(range(70000))", "tuple(map(abs, range(70000)))", "sorted(range(70000))", "[i for i in range(70000)]"]
+
+
+@pytest.mark.parametrize("expression", [*LONG_OBJECTS, *LONG_LISTS, "[].extend(range(70000))"])
 def test_no_hub_has_memory_for_long_objects(expression: str) -> None:
     with pytest.raises(MemoryError, match="memory allocation failed, allocating [23]"):
         output(f"a = {expression}")

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Iterable
+from typing import Any
+
 from bricksrl.robots import HubKind
 
 RAM_BYTES = {
@@ -14,9 +18,23 @@ RAM_BYTES = {
 """Memory for stored data and the heap (``PBDRV_CONFIG_BLOCK_DEVICE_RAM_SIZE`` of Pybricks 4); a Prime hub has most."""
 BLOCK_BYTES = 16
 """Bytes of a block of MicroPython's heap."""
+_REFERENCE_BYTES = 4
 
 
 def check_allocation(size_bytes: int) -> None:
     """Raise MemoryError for an object that fits on no hub."""
     if size_bytes > RAM_BYTES[HubKind.PRIME]:
         raise MemoryError(f"memory allocation failed, allocating {size_bytes} bytes")
+
+
+def items_of(values: Iterable[Any]) -> list[Any]:
+    """A list of an iterable's items. Raises MemoryError if there are more than fit on any hub."""
+    items: list[Any] = []
+    extend(items, values)
+    return items
+
+
+def extend(items: list[Any], values: Iterable[Any]) -> None:
+    """Append an iterable's items one by one. Raises MemoryError if there are more than fit on any hub."""
+    items.extend(itertools.islice(values, RAM_BYTES[HubKind.PRIME] // _REFERENCE_BYTES + 1))
+    check_allocation(_REFERENCE_BYTES * len(items))

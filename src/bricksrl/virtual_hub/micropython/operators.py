@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import GeneratorType
 from typing import Any
 
-from bricksrl.virtual_hub.memory import check_allocation
+from bricksrl.virtual_hub.memory import check_allocation, extend, items_of
 from bricksrl.virtual_hub.micropython.containers import HubDict, HubSet
 from bricksrl.virtual_hub.micropython.errors import CATCHABLE, SwitchedOff, reword
 from bricksrl.virtual_hub.micropython.floats import SMALL_MAX, SMALL_MIN, int_from_float, read_float, to_single
@@ -142,6 +142,23 @@ def to_str(kind: type, *args: Any, **kwargs: Any) -> Any:
     return text(args[0]) if len(args) == 1 else str(*args)
 
 
+def _to_list(kind: type, values: Any) -> Any:
+    """``list(values)``, named ``kind`` in the program."""
+    return items_of(values) if kind is list else kind(values)
+
+
+def _to_tuple(kind: type, values: Any) -> Any:
+    """``tuple(values)``, named ``kind`` in the program."""
+    return tuple(items_of(values)) if kind is tuple and not isinstance(values, tuple) else kind(values)
+
+
+def _extend(owner: Any, values: Any) -> Any:
+    """``owner.extend(values)``."""
+    if not isinstance(owner, list) or type(owner).extend is not list.extend or isinstance(values, list | tuple):
+        return owner.extend(values)
+    return extend(owner, values)
+
+
 def _refuse_keywords(kwargs: Mapping[str, object]) -> None:
     if kwargs:
         raise TypeError("function doesn't take keyword arguments")
@@ -258,7 +275,7 @@ def _dict_display(*parts: Any) -> HubDict:
 def _list_comprehension(elements: Iterator[Any]) -> list[Any]:
     """The elements; a StopIteration in one of them is not that of a generator."""
     try:
-        return list(elements)
+        return items_of(elements)
     except RuntimeError as error:
         raise (error.__cause__ if isinstance(error.__cause__, StopIteration) else error) from None
 
@@ -341,6 +358,9 @@ def operators(namespaces: Sequence[Mapping[str, object]]) -> dict[str, Any]:
         "@int": to_int,
         "@float": to_float,
         "@str": to_str,
+        "@list": _to_list,
+        "@tuple": _to_tuple,
+        "@extend": _extend,
         "@format": _format,
         "@sort": sort,
         "@throw": _throw,
@@ -355,7 +375,7 @@ def operators(namespaces: Sequence[Mapping[str, object]]) -> dict[str, Any]:
         "@dictof": _dict_comprehension,
         "@set": _set_display,
         "@setof": HubSet,
-        "@list": _list_comprehension,
+        "@listof": _list_comprehension,
         "@named": _keyword_arguments,
         **{f"@{name}": _ascii_method(name) for name in ASCII_METHODS},
         "@any": CATCHABLE,

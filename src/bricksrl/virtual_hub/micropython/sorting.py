@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Any
 
+from bricksrl.virtual_hub.memory import items_of
+
 _INDISTINGUISHABLE = (int, str)
 """Kinds whose equal elements are the same in every respect."""
 
@@ -22,7 +24,7 @@ def sorted_list(values: Iterable[Any], /, *args: Any, **kwargs: Any) -> list[Any
     """``sorted(...)``."""
     if args:
         raise TypeError("must use keyword argument for key function")
-    items = list(values)
+    items = items_of(values)
     _sort(items, **kwargs)
     return items
 

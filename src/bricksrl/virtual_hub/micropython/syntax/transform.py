@@ -23,6 +23,7 @@ _IN_PLACE = {ast.Add: "@iadd", ast.Sub: "@isub", ast.BitAnd: "@iand", ast.BitOr:
 """Operators that can change a value in place on a hub; for others ``a *= b`` is ``a = a * b``."""
 _CONVERSIONS = ("int", "float", "str")
 _METHODS = ("format", "to_bytes", "from_bytes", "sort", "throw", *ASCII_METHODS)
+_OF_ITERABLES = ("list", "tuple")
 _EMITTERS = ("micropython.native", "micropython.viper", "micropython.bytecode")
 
 
@@ -140,18 +141,20 @@ class _Transformer(ast.NodeTransformer):
         return ast.copy_location(ast.Assign([ast.Name(name, ast.Store())], value), at)
 
     def visit_Call(self, node: ast.Call) -> ast.expr:
-        function = node.func
-        if isinstance(function, ast.Name) and function.id in _CONVERSIONS:
+        function, is_recursive = node.func, called_name(node) in self._recursive
+        is_of_one = len(node.args) == 1 and not node.keywords and not isinstance(node.args[0], ast.Starred)
+        conversions = (*_CONVERSIONS, *_OF_ITERABLES) if is_of_one else _CONVERSIONS
+        methods = (*_METHODS, "extend") if is_of_one and not is_recursive else _METHODS
+        if isinstance(function, ast.Name) and function.id in conversions:
             self.generic_visit(node)
             node.args.insert(0, function)
             node.func = ast.copy_location(ast.Name("@" + function.id, ast.Load()), function)
             return node
-        if isinstance(function, ast.Attribute) and function.attr in _METHODS:
+        if isinstance(function, ast.Attribute) and function.attr in methods:
             self.generic_visit(node)
             node.args.insert(0, function.value)
             node.func = ast.copy_location(ast.Name("@" + function.attr, ast.Load()), function)
             return node
-        is_recursive = called_name(node) in self._recursive
         self.generic_visit(node)
         if node.keywords:
             node.func = _call("@keywords", node.func, at=node)
@@ -207,7 +210,7 @@ class _Transformer(ast.NodeTransformer):
         if any(isinstance(part, ast.Await) for part in ast.walk(node)):
             return self.visit_GeneratorExp(node)
         generator = ast.copy_location(ast.GeneratorExp(node.elt, node.generators), node)
-        return _call("@list", self.visit_GeneratorExp(generator, "@element"), at=node)
+        return _call("@listof", self.visit_GeneratorExp(generator, "@element"), at=node)
 
     def visit_DictComp(self, node: ast.DictComp) -> ast.expr:
         pairs = ast.ListComp(ast.Tuple([node.value, node.key], ast.Load()), node.generators)
