@@ -69,7 +69,7 @@ def main() -> None:
         thread = threading.Thread(target=look, daemon=True)
         thread.start()
         with contextlib.suppress(StoppedError):
-            play_on_page(env, page, {"random": lambda: random_player(env)}, stop=stop)
+            play_on_page(env, page, {"random": lambda: random_player(env, 0)}, stop=stop)
         thread.join(60)
     table = np.array(rows)
     late = table[table[:, 0] > min(WARM_S, 12 * args.minutes)]

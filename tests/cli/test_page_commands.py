@@ -56,6 +56,14 @@ def test_play_in_terminal_plays_what_is_evaluated(tmp_path, capfd):
     assert played == [f"{value:.4g}" for value in returns]
 
 
+def test_random_actions_are_those_of_the_seed(capfd):
+    def play(seed):
+        assert main(["play", "Walker-v0", "--episodes", "1", "--seed", seed]) == 0
+        return capfd.readouterr().out
+
+    assert play("3") == play("3") != play("4")
+
+
 def test_program_on_page(tmp_path, capfd):
     program = tmp_path / "main.py"
     program.write_text("from pybricks.tools import wait\nwait(100)\nprint('done')\n")

@@ -62,6 +62,14 @@ def test_study_writes_tables_and_reuses_runs(tmp_path: Path) -> None:
     assert len((folder / "metrics.csv").read_text().splitlines()) == 3, "the run was not made again, only evaluated"
 
 
+@pytest.mark.parametrize("damaged", ['{"seed": 0, ', "[1]", '{"seed": 0}'])
+def test_seed_with_a_damaged_outcome_is_evaluated_again(tmp_path: Path, damaged: str) -> None:
+    for _ in range(2):
+        text = run_study(TOY, tmp_path, quick=True, seeds=1, jobs=1, only=("random-*",)).read_text()
+        assert "Command: `bricksrl study toy --quick`." in text and "| random | WalkerSim-v0 | 1 | -" in text
+        (tmp_path / "random-WalkerSim-v0" / "seed-0" / "outcome.json").write_text(damaged)
+
+
 def test_folder_of_another_study_raises(tmp_path: Path) -> None:
     run_study(TOY, tmp_path, quick=True, seeds=1, jobs=1, only=("random-*",))
     with pytest.raises(RunError, match=r"has the study 'toy' in quick form; choose another folder$"):

@@ -39,7 +39,7 @@ class Played(threading.Thread):
         names = ("by hand",) if by_hand else ("resting", "random")
         self.page = LivePage(env_id, "a test", task=self.env.task, in_charge=by_hand, policies=names, speed="1x")
         self.players = {
-            "random": lambda: random_player(self.env),
+            "random": lambda: random_player(self.env, 0),
             "resting": lambda: resting_player(self.env),
             "by hand": lambda: resting_player(self.env),
         }

@@ -60,6 +60,13 @@ def test_motion_log_round_trip(log: RunLog, tmp_path: Path) -> None:
     assert (header["robot"], header["program"]) == ("two-wheeler", f"{log.program_hash:08x}")
 
 
+def test_log_that_an_editor_saved_is_read(log: RunLog, tmp_path: Path) -> None:
+    write_log(tmp_path / "log.jsonl", log)
+    text = (tmp_path / "log.jsonl").read_text()
+    (tmp_path / "saved.jsonl").write_bytes(f"{text}\n".replace("\n", "\r\n").encode("utf-8-sig"))
+    assert_equal(read_log(tmp_path / "saved.jsonl"), read_log(tmp_path / "log.jsonl"))
+
+
 def test_drive_base_tasks_can_be_logged(tmp_path: Path) -> None:
     task = get_task("RunAway-v0")
     with HubLink(VirtualHub(make_body(task.robot, scene=task.scene)), task.robot, task.interface) as link:

@@ -95,7 +95,7 @@ class Play:
     episodes: Annotated[int | None, option(metavar="N")] = None
     """Episodes to play; by default until Ctrl-C."""
     seed: Annotated[int, option(metavar="N")] = 1000
-    """Seed of the episodes."""
+    """Seed of the episodes and of random actions."""
     page: PageFlag = False
     robot: RobotGroup = RobotFlags()
     live_page: LivePageGroup = PageAddress()
@@ -110,7 +110,7 @@ class Play:
         folder = Path(self.target)
         is_run = folder.is_dir()
         with _environment(self, self.target, folder if is_run else None) as (env, env_id):
-            players = named_policies(folder, env) if is_run else {"random": lambda: random_player(env)}
+            players = named_policies(folder, env, self.seed) if is_run else {"random": lambda: random_player(env, self.seed)}
             policy = self.policy or list(players)[-1]
             if policy not in players:
                 raise DescriptionError(f"{self.target} has no policy '{policy}'; choose {', '.join(players)}")

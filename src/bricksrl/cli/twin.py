@@ -46,7 +46,7 @@ class Record:
     yes: Flag = False
     """Let a real robot move without asking."""
     steps: Annotated[int, option(metavar="N")] = 160
-    """Commands, at 20 per second."""
+    """Commands, at some 13 per second."""
     seed: Annotated[int, option(metavar="N")] = 0
     """Seed of the commands."""
     physics: Annotated[Path | None, option(metavar="FILE")] = None

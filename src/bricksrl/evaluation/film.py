@@ -219,5 +219,5 @@ def film_run(run_dir: Path, which: str, path: Path, options: FilmOptions, **chan
 
     config = RunFolder(run_dir).read_config()
     with closing(make_env(evaluation_config(config, config.env, hub="virtual", **changes))) as env:
-        policy = named_policies(run_dir, env)[which]()
+        policy = named_policies(run_dir, env, options.seed)[which]()
         return film(env, policy.act, path, options, reset=policy.reset)

@@ -55,8 +55,8 @@ def run_seed(cell: Cell, seed: int, folder: str) -> dict[str, Any] | str:
 
     path = Path(folder) / f"seed-{seed}"
     done = path / OUTCOME
-    if done.exists():
-        return dict(json.loads(done.read_bytes()))
+    if (outcome := _read_outcome(done)) is not None:
+        return outcome
     try:
         cpu_s = None
         if RunFolder(path).checkpoint_path.exists():
@@ -82,6 +82,15 @@ def run_seed(cell: Cell, seed: int, folder: str) -> dict[str, Any] | str:
     }
     write_durably(done, (json.dumps(outcome, indent=2) + "\n").encode())
     return outcome
+
+
+def _read_outcome(path: Path) -> dict[str, Any] | None:
+    """Outcome of a seed; ``None`` if there is none, or the file is damaged, so that the seed is evaluated again."""
+    try:
+        outcome = dict(json.loads(path.read_bytes()))
+    except (OSError, ValueError, TypeError):
+        return None
+    return outcome if outcome.keys() >= {"seed", "judged", "steps", "wall_s", "robot_s", "reached"} else None
 
 
 def _check_whole(result: RunResult) -> None:
@@ -188,7 +197,7 @@ def _check_folder(folder: Path, study: Study, *, quick: bool) -> None:
 def _result(study: Study, cells: Sequence[Cell], folder: Path, *, quick: bool) -> dict[str, Any]:
     """Numbers of a study, of all seeds that are done."""
     paths_of = {name_of(cell): (folder / name_of(cell)).glob(f"seed-*/{OUTCOME}") for cell in cells}
-    done = {name: [json.loads(path.read_bytes()) for path in paths] for name, paths in paths_of.items()}
+    done = {name: [outcome for path in paths if (outcome := _read_outcome(path))] for name, paths in paths_of.items()}
     outcomes_of = {name: sorted(outcomes, key=lambda outcome: outcome["seed"]) for name, outcomes in done.items()}
     result = {"study": study.name, "title": study.title, "quick": quick, "heads": study.heads, "metrics": study.metrics}
     result |= _machine()

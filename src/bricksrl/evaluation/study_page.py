@@ -20,8 +20,9 @@ _UNITS = {"_m_s": ", m/s", "_mm": ", mm", "_deg": ", degrees"}
 def page(result: Numbers) -> str:
     """Tables in Markdown, without empty columns: a row for each cell; if it has many conditions, a table for each measure."""
     quick = " (quick form: it checks that everything works and says nothing about learning)" if result["quick"] else ""
+    command = f"bricksrl study {result['study']}{' --quick' if result['quick'] else ''}"
     lines = [f"# {result['title']}{quick}", ""]
-    lines += [f"Command: `bricksrl study {result['study']}`. Numbers are interquartile means over seeds. Square brackets are"]
+    lines += [f"Command: `{command}`. Numbers are interquartile means over seeds. Square brackets are"]
     lines += ["95 % intervals; fewer than 5 seeds have none. All robots here are virtual; the paper used real LEGO robots.", ""]
     cells = _joined(result["cells"])
     conditions = list(dict.fromkeys(name for cell in cells for name in cell["conditions"]))

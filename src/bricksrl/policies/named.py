@@ -21,11 +21,11 @@ class Player:
     reset: Callable[[], None] = lambda: None
 
 
-def named_policies(run_dir: Path, env: EnvBase) -> dict[str, Callable[[], Player]]:
+def named_policies(run_dir: Path, env: EnvBase, seed: int) -> dict[str, Callable[[], Player]]:
     """Factories of the policies of a run, or of a shared one, by name; the last name is the last checkpoint. Raises RunError or
     CheckpointError if there is no run in the folder, or, when called, the policy does not match ``env``.
 
-    ``best`` exists only if the run was evaluated during training.
+    ``best`` exists only if the run was evaluated during training. ``seed`` is that of the random actions.
     """
     from bricksrl.policies import load_policy
     from bricksrl.policies.sharing import is_policy
@@ -36,14 +36,21 @@ def named_policies(run_dir: Path, env: EnvBase) -> dict[str, Callable[[], Player
         return Player(policy, policy.reset)
 
     if is_policy(run_dir):
-        return {"random": lambda: random_player(env), "last": lambda: load("last")}
+        return {"random": lambda: random_player(env, seed), "last": lambda: load("last")}
     best = {"best": lambda: load("best")} if RunFolder(run_dir).best_path.exists() else {}
-    return {"random": lambda: random_player(env), "first": lambda: _first(run_dir, env), **best, "last": lambda: load("last")}
+    return {
+        "random": lambda: random_player(env, seed),
+        "first": lambda: _first(run_dir, env),
+        **best,
+        "last": lambda: load("last"),
+    }
 
 
-def random_player(env: EnvBase) -> Player:
+def random_player(env: EnvBase, seed: int) -> Player:
     """Player of uniform random actions."""
-    return Player(lambda state: state.set("action", env.action_spec.rand()))
+    from bricksrl.data.collect import random_policy
+
+    return Player(random_policy(env, seed))
 
 
 def _first(run_dir: Path, env: EnvBase) -> Player:

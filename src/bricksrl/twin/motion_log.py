@@ -77,7 +77,7 @@ def record(link: HubLink, robot: Robot, interface: Interface, commands: Iterable
 
 
 def identification_interface(robot: Robot) -> Interface:
-    """Interface for system identification: every motor at full speed, every sensor, at 20 Hz."""
+    """Interface for system identification: every motor at full speed, every sensor, 50 ms after each command."""
     channels: list[Channel] = [MotorAngle(motor.name, *(map(float, motor.range_deg or (0, 360)))) for motor in robot.motors]
     if robot.needs_imu:
         channels += [Pitch(), Roll(), YawRate()]
@@ -136,7 +136,7 @@ def write_log(path: Path, log: RunLog) -> None:
 def read_log(path: Path) -> RunLog:
     """Read a log. Raises TwinError if the file cannot be read, or is no motion log."""
     try:
-        header, first, *lines = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+        header, first, *lines = [json.loads(line) for line in path.read_bytes().splitlines() if line]
         if header["bricksrl_log"] != _FORMAT:
             raise ValueError(f"format {header['bricksrl_log']} is unknown")
         interface = Interface(
