@@ -47,20 +47,17 @@ This page is written by `python benchmarks/tables.py` from `benchmarks/results/`
 the versions it was measured with. Square brackets are 95 % bootstrap intervals over seeds (for rates: Wilson intervals). All
 robots are virtual; nobody here has run this on LEGO's yet.
 
-The agents were rewritten on TorchRL's parts, and the virtual robots are made from their building plans since November 2026.
-Measured with the earlier agents, on the earlier twins, which were written by hand and a little heavier: learning from the random
-datasets with the paper's settings of CQL, and from the expert datasets with the default settings of BC and IQL. Measured with the
-earlier agents: REDQ in the simulations, and five seeds at once.
-
 Learning from the expert datasets, TD3 and SAC fail on Walker-v0 and RoboArm-v0, as in the paper: nothing holds their critics back
 where the dataset has no actions, and ours has fewer of them. Its Walker makes hardly a mistake, and its arm arrives after 2 steps
 instead of 13, which leaves 224 transitions instead of 1,297; so TD3 is below the paper there, and BC and IQL reach the arm's goal
 less surely in some seeds. With the default settings CQL does worse on these 224 transitions than with the paper's. Spinning-v0's
 greatest return is lower than the paper's since our robot turns more slowly.
 
-Learning from the random datasets, BC imitates random actions without their noise: its returns are as poor as theirs and differ by
-seed, and are below the paper's on RunAway-v0 and RoboArm-v0. IQL is a little below on RoboArm-v0; where CQL's mean is, the
-paper's lies in the interval. With the default settings CQL is above the paper's on all four.
+Learning from the random datasets, BC imitates random actions without their noise: its returns are as poor as theirs and
+differ by seed, and are below the paper's on RunAway-v0 and RoboArm-v0. With the paper's settings IQL and CQL are below the
+paper's on RoboArm-v0. There CQL depends on which random episodes were recorded: on two other datasets (`bricksrl record
+RoboArm-v0 --policy random --episodes 100 --seed N`, then `bricksrl train-offline RoboArm-v0 --agent cql --preset paper
+--updates 10000`) one seed each gave -67 and -93. With the default settings CQL is above the paper's on all four.
 """
 
 STUDIES_HEAD = """# Studies
