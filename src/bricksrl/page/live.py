@@ -119,6 +119,7 @@ class LivePage:
     def stop(self) -> None:
         """Emergency stop of the run and the robot, from any thread."""
         self._halted.set()
+        self.is_reset_requested = False  # an earlier one; only one after the stop lets the robot start again
         self._on_stop()
         try:
             if self._env is not None and hasattr(self._env, "stop"):
