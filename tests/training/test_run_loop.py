@@ -270,6 +270,13 @@ def test_metrics_row_after_checkpoint_is_dropped(config: TrainConfig, tmp_path: 
     assert_same_run(tmp_path / "whole", tmp_path / "run")
 
 
+def test_metrics_row_that_a_crash_cut_is_not_read(config: TrainConfig, tmp_path: Path) -> None:
+    result = train(replace(config, episodes=3), env=Cart())
+    folder = RunFolder(tmp_path / "run")
+    folder.metrics_path.write_bytes(folder.metrics_path.read_bytes()[:-9])
+    assert [episode.return_ for episode in folder.read_episodes()] == [episode.return_ for episode in result.episodes[:2]]
+
+
 def test_run_folder_is_never_overwritten(config: TrainConfig) -> None:
     assert config.run_dir is not None
     config.run_dir.mkdir()

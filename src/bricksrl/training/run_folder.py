@@ -107,10 +107,10 @@ class RunFolder:
             file.write(_csv(columns, [episode]))
 
     def read_episodes(self) -> tuple[Episode, ...]:
-        """Read the metrics. Raises RunError if they are missing or invalid."""
+        """Read the metrics, without a last row that a crash has cut. Raises RunError if they are missing or invalid."""
         try:
-            with self.metrics_path.open(newline="") as file:
-                return tuple(_episode(row) for row in csv.DictReader(file))
+            whole_lines, _, _ = self.metrics_path.read_text().rpartition("\n")
+            return tuple(map(_episode, csv.DictReader(whole_lines.splitlines())))
         except OSError as error:
             raise RunError(f"cannot read {self.metrics_path} ({error.strerror}); restore the file or start a new run") from None
         except (KeyError, ValueError, TypeError):
