@@ -24,6 +24,8 @@ _IN_PLACE = {ast.Add: "@iadd", ast.Sub: "@isub", ast.BitAnd: "@iand", ast.BitOr:
 _CONVERSIONS = ("int", "float", "str")
 _METHODS = ("format", "to_bytes", "from_bytes", "sort", "throw", *ASCII_METHODS)
 _OF_ITERABLES = ("list", "tuple")
+"""Conversions that are called through their helper only with a single iterable; with other arguments they are refused as any
+function."""
 _EMITTERS = ("micropython.native", "micropython.viper", "micropython.bytecode")
 
 
