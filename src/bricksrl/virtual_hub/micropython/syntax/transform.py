@@ -23,9 +23,7 @@ _IN_PLACE = {ast.Add: "@iadd", ast.Sub: "@isub", ast.BitAnd: "@iand", ast.BitOr:
 """Operators that can change a value in place on a hub; for others ``a *= b`` is ``a = a * b``."""
 _CONVERSIONS = ("int", "float", "str")
 _METHODS = ("format", "to_bytes", "from_bytes", "sort", "throw", *ASCII_METHODS)
-_OF_ITERABLES = ("list", "tuple")
-"""Conversions that are called through their helper only with a single iterable; with other arguments they are refused as any
-function."""
+_OF_ITERABLES = ("list", "tuple")  # their helper takes one argument; others are refused as those of any function
 _EMITTERS = ("micropython.native", "micropython.viper", "micropython.bytecode")
 
 
@@ -145,23 +143,22 @@ class _Transformer(ast.NodeTransformer):
     def visit_Call(self, node: ast.Call) -> ast.expr:
         function, is_recursive = node.func, called_name(node) in self._recursive
         is_of_one = len(node.args) == 1 and not node.keywords and not isinstance(node.args[0], ast.Starred)
-        conversions = (*_CONVERSIONS, *_OF_ITERABLES) if is_of_one else _CONVERSIONS
         methods = (*_METHODS, "extend") if is_of_one and not is_recursive else _METHODS
-        if isinstance(function, ast.Name) and function.id in conversions:
-            self.generic_visit(node)
-            node.args.insert(0, function)
-            node.func = ast.copy_location(ast.Name("@" + function.id, ast.Load()), function)
-            return node
-        if isinstance(function, ast.Attribute) and function.attr in methods:
-            self.generic_visit(node)
-            node.args.insert(0, function.value)
-            node.func = ast.copy_location(ast.Name("@" + function.attr, ast.Load()), function)
-            return node
         self.generic_visit(node)
+        if isinstance(function, ast.Name) and (function.id in _CONVERSIONS or (is_of_one and function.id in _OF_ITERABLES)):
+            return self._call_helper(node, function.id, function)
+        if isinstance(function, ast.Attribute) and function.attr in methods:
+            return self._call_helper(node, function.attr, function.value)
         if node.keywords:
             node.func = _call("@keywords", node.func, at=node)
         if is_recursive:
             node.func = _call("@callee", node.func, at=node)
+        return node
+
+    @staticmethod
+    def _call_helper(node: ast.Call, name: str, subject: ast.expr) -> ast.Call:
+        node.args.insert(0, subject)
+        node.func = ast.copy_location(ast.Name("@" + name, ast.Load()), node.func)
         return node
 
     def visit_Attribute(self, node: ast.Attribute) -> ast.expr:
