@@ -25,12 +25,12 @@ from oracle import (
 )
 from tensordict import TensorDict
 from torch import Tensor, nn
-from torch.nn import functional
 from torchrl.modules import TanhNormal
 from torchrl.objectives import REDQLoss, SoftUpdate
 from torchrl.objectives import SACLoss as TorchRLSACLoss
 
 from bricksrl.agents.actor_critic import PolyakUpdate
+from bricksrl.agents.networks import Dropout
 from bricksrl.agents.offline.cql import log_prob
 from bricksrl.agents.sac import SACLoss, SACSettings, location_and_scale, rsample
 
@@ -81,17 +81,17 @@ def test_losses_and_gradients_equal_torchrl(options: dict[str, Any], steps: bool
     assert_close(one, other)
 
 
-def masked(x: Tensor, p: float = 0.5, training: bool = True, inplace: bool = False) -> Tensor:
+def masked(layer: Dropout, x: Tensor) -> Tensor:
     """Equal dropout masks in all networks."""
     kept = (torch.arange(x[0].numel()) * 7 + torch.arange(len(x))[:, None]) % 5 > 0
-    return x * kept.view(x.shape) / (1.0 - p) if training and p else x
+    return x * kept.view(x.shape) / (1.0 - layer.p) if layer.training else x
 
 
 def test_droq_equals_torchrls_with_dropout(monkeypatch: pytest.MonkeyPatch) -> None:
     loss, data, noise = make(dropout=0.2, layer_norm=True), batch(N), draws()
     oracle, _ = oracle_of(loss)
     plain, _ = oracle_of(make(layer_norm=True))
-    monkeypatch.setattr(functional, "dropout", masked)
+    monkeypatch.setattr(Dropout, "forward", masked)
     noise.for_ours(monkeypatch, "after", "now")
     ours = loss(data)
     noise.for_theirs(monkeypatch, "after", "now")
