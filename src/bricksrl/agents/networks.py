@@ -19,13 +19,13 @@ from bricksrl.agents.user_network import user_network
 class Dropout(nn.Dropout):
     """``nn.Dropout`` that draws 16 bits a unit on the CPU, in a third of the time. Its rate is rounded to a multiple of 2^-16."""
 
-    def forward(self, input: Tensor) -> Tensor:
-        if not self.training or input.device.type != "cpu":
-            return super().forward(input)
+    def forward(self, x: Tensor) -> Tensor:
+        if not self.training or x.device.type != "cpu":
+            return super().forward(x)
         dropped = min(round(self.p * 2**16), 2**16 - 1)
-        pairs = torch.randint(-(2**63), 2**63 - 1, (-(-input.numel() // 4),)).view(torch.int32)
-        bits = torch.cat((pairs, pairs << 16))[: input.numel()].view(input.shape)  # of which the upper half decides
-        return input * bits.to(input.dtype).ge_(dropped * 2**16 - 2**31).mul_(2**16 / (2**16 - dropped))
+        pairs = torch.randint(-(2**63), 2**63 - 1, (-(-x.numel() // 4),)).view(torch.int32)
+        bits = torch.cat((pairs, pairs << 16))[: x.numel()].view(x.shape)  # of which the upper half decides
+        return x * bits.to(x.dtype).ge_(dropped * 2**16 - 2**31).mul_(2**16 / (2**16 - dropped))
 
 
 def mlp(in_size: int, out_size: int, hidden: tuple[int, ...], *, layer_norm: bool = False, dropout: float = 0.0) -> nn.Sequential:
