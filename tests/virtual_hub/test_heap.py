@@ -77,13 +77,44 @@ def test_each_hub_has_its_memory(kind: HubKind, fits: int, fits_not: int) -> Non
 
 
 LONG_OBJECTS = ["bytearray(300000)", "'x' * 300000", "[0] * 70000", "(0,) * 70000"]
+LONG_TEXTS = ["','.join(['x' * 1000] * 300)", "'%300000d' % 5", "'%.300000d' % 5", "'{:300000}'.format(5)", "f'{5:>300000}'"]
+LONG_BYTES = ["bytes(300000)", "bytes(map(bool, range(300000)))", "bytearray(range(300000))", "bytearray().extend(range(300000))"]
+LONG_SETS = ["set(range(70000))", "{1}.union(range(70000))"]
+LONG_DICTS = ["dict(zip(range(70000), range(70000)))", "dict.fromkeys(range(70000))"]
 LONG_LISTS = ["list(range(70000))", "tuple(map(abs, range(70000)))", "sorted(range(70000))", "[i for i in range(70000)]"]
 
 
-@pytest.mark.parametrize("expression", [*LONG_OBJECTS, *LONG_LISTS, "[].extend(range(70000))"])
+LONG_OTHERS = ["[].extend(range(70000))", "','.join(map(str, range(70000)))", "__import__('ustruct').pack('300000s', b'')"]
+
+
+@pytest.mark.parametrize(
+    "expression",
+    [*LONG_OBJECTS, *LONG_TEXTS, *LONG_BYTES, *LONG_SETS, *LONG_DICTS, *LONG_LISTS, *LONG_OTHERS, "[]\na += range(70000)"],
+)
 def test_no_hub_has_memory_for_long_objects(expression: str) -> None:
     with pytest.raises(MemoryError, match="memory allocation failed, allocating [23]"):
         output(f"a = {expression}")
+
+
+def test_values_that_fit_are_made_as_before() -> None:
+    source = """
+a = [1]
+b = a
+a += range(2)
+b += (5,)
+print(a, ','.join(str(i) for i in range(3)), b'-'.join([b'1', b'2']), bytes(i for i in range(2)), bytes(2), bytes(b'5'))
+print('%.9999999s' % 'text', '{:.999999}'.format('text'))
+try:
+    a += 5
+except TypeError as error:
+    print(error)
+try:
+    ','.join(5)
+except TypeError as error:
+    print(error)
+"""
+    lines = ["[1, 0, 1, 5] 0,1,2 b'1-2' b'\\x00\\x01' b'\\x00\\x00' b'5'", "text text"]
+    assert output(source).splitlines() == [*lines, *["'int' object isn't iterable"] * 2]
 
 
 def test_statistics_follow_local_variables_generators_and_attributes() -> None:

@@ -27,14 +27,14 @@ def check_allocation(size_bytes: int) -> None:
         raise MemoryError(f"memory allocation failed, allocating {size_bytes} bytes")
 
 
-def items_of(values: Iterable[Any]) -> list[Any]:
+def items_of(values: Iterable[Any], item_bytes: int = _REFERENCE_BYTES) -> list[Any]:
     """A list of an iterable's items. Raises MemoryError if there are more than fit on any hub."""
     items: list[Any] = []
-    extend(items, values)
+    extend(items, values, item_bytes)
     return items
 
 
-def extend(items: list[Any], values: Iterable[Any]) -> None:
+def extend(items: list[Any], values: Iterable[Any], item_bytes: int = _REFERENCE_BYTES) -> None:
     """Append an iterable's items one by one. Raises MemoryError if there are more than fit on any hub."""
-    items.extend(itertools.islice(values, RAM_BYTES[HubKind.PRIME] // _REFERENCE_BYTES + 1))
-    check_allocation(_REFERENCE_BYTES * len(items))
+    items.extend(itertools.islice(values, RAM_BYTES[HubKind.PRIME] // item_bytes + 1))
+    check_allocation(item_bytes * len(items))

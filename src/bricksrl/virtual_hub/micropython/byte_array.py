@@ -5,14 +5,14 @@ from __future__ import annotations
 import operator
 from typing import Any
 
-from bricksrl.virtual_hub.memory import check_allocation
+from bricksrl.virtual_hub.memory import check_allocation, items_of
 
 
 def _low_bytes(values: Any) -> Any:
     """Numbers as bytes; a size and a buffer, unchanged."""
     if isinstance(values, int | str | bytes | bytearray | memoryview):
         return values
-    return bytes(operator.index(value) & 0xFF for value in values)
+    return bytes(operator.index(value) & 0xFF for value in items_of(values, item_bytes=1))
 
 
 def _buffer(value: Any) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
 from typing import Any
 
@@ -98,7 +99,7 @@ class HubDict(dict[Any, Any]):
 
     def update(self, other: Any = (), /, **named: Any) -> None:
         pairs = other.items() if type(other) is HubDict else map(_pair, other)
-        for key, value in (*pairs, *named.items()):
+        for key, value in itertools.chain(pairs, named.items()):
             self[key] = value
 
 

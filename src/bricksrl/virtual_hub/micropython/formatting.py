@@ -8,6 +8,7 @@ import string
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from bricksrl.virtual_hub.memory import check_allocation
 from bricksrl.virtual_hub.micropython.float_text import format_float
 from bricksrl.virtual_hub.micropython.floats import int_from_float, to_single
 from bricksrl.virtual_hub.micropython.text import representation, text
@@ -47,6 +48,7 @@ def format_value(value: object, spec: str) -> str:
         raise ValueError(f"sign not allowed {kind}")
     is_number = isinstance(value, int | float)
     align = match["align"] or ("=" if match["zero"] and is_number else ">" if is_number else "<")
+    check_allocation(int(match["width"] or 0))
     padding = match["fill"] or match["zero"] or " ", align, int(match["width"] or 0)
     if isinstance(value, int) and code in _INTEGER_CODES:
         return _format_integer(int(value), code, sign + match["prefix"], match["separator"] or "", *padding)
@@ -166,6 +168,7 @@ def _given(next_value: Callable[[], Any]) -> str:
 
 
 def _format_argument(value: Any, match: re.Match[str], width: str, precision: str | None, is_bytes: bool) -> str:
+    check_allocation(int(width or 0))
     code, flags = match["code"], match["flags"]
     limit = "" if precision is None else f".{precision}"
     spec = f"%{flags}{width}{limit}"
@@ -181,6 +184,7 @@ def _format_argument(value: Any, match: re.Match[str], width: str, precision: st
             raise TypeError("integer needed")
         return (spec + "c") % (value & 0xFF if isinstance(value, int) else value)
     if code in "diuxXo":
+        check_allocation(int(precision or 0))
         return _format_int(value, code, spec, flags)
     if code in "eEfFgG":
         sign = next((mark for mark in "+ " if mark in flags), "")

@@ -11,10 +11,15 @@ from collections.abc import Iterable, Iterator
 from types import FunctionType
 from typing import Any
 
+from bricksrl.virtual_hub.memory import check_allocation
+
 _SIZES = (
     *(0, 2, 4, 6, 8, 10, 12, 17, 23, 29, 37, 47, 59, 73, 97, 127, 167, 223, 293, 389, 521, 691, 919, 1223, 1627, 2161),
     *(3229, 4831, 7243, 10861, 16273, 24407, 36607, 54907),
 )
+
+_SLOT_BYTES = 4
+"""Bytes of a set's slot; one of a dict has 8."""
 
 
 class _Mark:
@@ -73,6 +78,7 @@ class HashTable:
     __slots__ = ("_added", "_hashes", "slots")
 
     def __init__(self, size: int = 0) -> None:
+        check_allocation(_SLOT_BYTES * size)
         self.slots: list[Any] = [_FREE] * size
         self._hashes = [0] * size
         self._added = 0
@@ -97,6 +103,7 @@ class HashTable:
         required = len(self.slots) + 1
         entries = [pair for pair in zip(self.slots, self._hashes, strict=True) if not isinstance(pair[0], _Mark)]
         size = next((size for size in _SIZES if size >= required), required + required // 2 | 1)
+        check_allocation(_SLOT_BYTES * size)
         self.slots, self._hashes = [_FREE] * size, [0] * size
         for key, hash_ in entries:
             self._put(key, hash_)

@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from types import ModuleType
 from typing import Any
 
+from bricksrl.virtual_hub.memory import check_allocation
 from bricksrl.virtual_hub.micropython.floats import int_from_float, to_single
 from bricksrl.virtual_hub.micropython.formatting import to_number
 from bricksrl.virtual_hub.micropython.operators import small
@@ -175,6 +176,7 @@ class _Layout:
         if order == "@":
             codes = codes.replace("l", "i").replace("L", "I")
         self.struct = struct.Struct(order + codes)
+        check_allocation(self.struct.size)
         self.codes = [
             code for count, code in _CODES.findall(codes) for _ in range(1 if code in "sx" else int(count or 1)) if code != "x"
         ]

@@ -13,11 +13,12 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import GeneratorType
 from typing import Any
 
-from bricksrl.virtual_hub.memory import check_allocation, extend, items_of
+from bricksrl.virtual_hub.memory import check_allocation, items_of
 from bricksrl.virtual_hub.micropython.containers import HubDict, HubSet
 from bricksrl.virtual_hub.micropython.errors import CATCHABLE, SwitchedOff, reword
 from bricksrl.virtual_hub.micropython.floats import SMALL_MAX, SMALL_MIN, int_from_float, read_float, to_single
 from bricksrl.virtual_hub.micropython.formatting import format_text, format_value, percent, to_number
+from bricksrl.virtual_hub.micropython.iterables import ITERABLE_FUNCTIONS, add_in_place
 from bricksrl.virtual_hub.micropython.sorting import sort
 from bricksrl.virtual_hub.micropython.text import representation, text
 
@@ -34,6 +35,10 @@ _ITEM_BYTES: dict[Any, int] = {str: 1, bytes: 1, list: 4, tuple: 4}
 """Sizes of the items of what operators make longer."""
 _WITH_END = (str, bytes)
 """Kinds that end with a zero byte."""
+
+
+def _check_length(kind: type, length: int) -> None:
+    check_allocation(length * _ITEM_BYTES[kind] + (kind in _WITH_END))
 
 
 def small(value: int) -> int:
@@ -61,7 +66,7 @@ def normalizer() -> Callable[[Any], Any]:
         if kind is complex:
             return complex(to_single(value.real), to_single(value.imag))
         if kind in _ITEM_BYTES:
-            check_allocation(len(value) * _ITEM_BYTES[kind] + (kind in _WITH_END))
+            _check_length(kind, len(value))
         return value
 
     return normalize
@@ -140,23 +145,6 @@ def to_str(kind: type, *args: Any, **kwargs: Any) -> Any:
         return kind(*args, **kwargs)
     _refuse_keywords(kwargs)
     return text(args[0]) if len(args) == 1 else str(*args)
-
-
-def _to_list(kind: type, values: Any) -> Any:
-    """``list(values)``, named ``kind`` in the program."""
-    return items_of(values) if kind is list else kind(values)
-
-
-def _to_tuple(kind: type, values: Any) -> Any:
-    """``tuple(values)``, named ``kind`` in the program."""
-    return tuple(items_of(values)) if kind is tuple and not isinstance(values, tuple) else kind(values)
-
-
-def _extend(owner: Any, values: Any) -> Any:
-    """``owner.extend(values)``."""
-    if not isinstance(owner, list) or type(owner).extend is not list.extend or isinstance(values, list | tuple):
-        return owner.extend(values)
-    return extend(owner, values)
 
 
 def _refuse_keywords(kwargs: Mapping[str, object]) -> None:
@@ -245,6 +233,8 @@ def _set_slice(value: Any, container: Any, start: Any, stop: Any, step: Any) -> 
 
 def _product(a: Any, b: Any) -> Any:
     """``a * b``; a refusal names both classes."""
+    if type(a) in _ITEM_BYTES and isinstance(b, int):
+        _check_length(type(a), len(a) * b)
     try:
         return a * b
     except TypeError as error:
@@ -347,7 +337,7 @@ def operators(namespaces: Sequence[Mapping[str, object]]) -> dict[str, Any]:
         "@floordiv": floor_divide,
         "@mod": modulo,
         "@pow": power,
-        "@iadd": in_place(operator.iadd),
+        "@iadd": in_place(add_in_place),
         "@isub": in_place(operator.isub),
         "@and": _bitwise(operator.and_),
         "@or": _bitwise(operator.or_),
@@ -358,9 +348,7 @@ def operators(namespaces: Sequence[Mapping[str, object]]) -> dict[str, Any]:
         "@int": to_int,
         "@float": to_float,
         "@str": to_str,
-        "@list": _to_list,
-        "@tuple": _to_tuple,
-        "@extend": _extend,
+        **ITERABLE_FUNCTIONS,
         "@format": _format,
         "@sort": sort,
         "@throw": _throw,

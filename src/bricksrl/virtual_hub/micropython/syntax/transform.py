@@ -23,7 +23,7 @@ _IN_PLACE = {ast.Add: "@iadd", ast.Sub: "@isub", ast.BitAnd: "@iand", ast.BitOr:
 """Operators that can change a value in place on a hub; for others ``a *= b`` is ``a = a * b``."""
 _CONVERSIONS = ("int", "float", "str")
 _METHODS = ("format", "to_bytes", "from_bytes", "sort", "throw", *ASCII_METHODS)
-_OF_ITERABLES = ("list", "tuple")  # their helper takes one argument; others are refused as those of any function
+_OF_ITERABLES = ("list", "tuple", "bytes")  # their helper takes one argument; others are refused as those of any function
 _EMITTERS = ("micropython.native", "micropython.viper", "micropython.bytecode")
 
 
@@ -101,7 +101,7 @@ class _Transformer(ast.NodeTransformer):
         kind, target = type(node.op), node.target
         if isinstance(target, ast.Name):
             read: ast.expr = ast.Name(target.id, ast.Load())
-            if kind in (ast.Add, ast.Sub):
+            if kind is ast.Sub or (kind is ast.Add and isinstance(node.value, ast.Constant)):
                 return [node, ast.copy_location(ast.Assign([target], _call("@n", read, at=node)), node)]
             return ast.copy_location(ast.Assign([target], self._operate(read, node)), node)
         statements: list[ast.stmt] = [self._assign_temporary("@owner", target.value, node)]
@@ -143,7 +143,7 @@ class _Transformer(ast.NodeTransformer):
     def visit_Call(self, node: ast.Call) -> ast.expr:
         function, is_recursive = node.func, called_name(node) in self._recursive
         is_of_one = len(node.args) == 1 and not node.keywords and not isinstance(node.args[0], ast.Starred)
-        methods = (*_METHODS, "extend") if is_of_one and not is_recursive else _METHODS
+        methods = (*_METHODS, "extend", "join") if is_of_one and not is_recursive else _METHODS
         self.generic_visit(node)
         if isinstance(function, ast.Name) and (function.id in _CONVERSIONS or (is_of_one and function.id in _OF_ITERABLES)):
             return self._call_helper(node, function.id, function)

@@ -1,0 +1,55 @@
+"""Functions of a hub that collect the items of an iterable: they refuse more than fit on any hub."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from bricksrl.virtual_hub.memory import check_allocation, extend, items_of
+
+
+def _to_list(kind: type, values: Any) -> Any:
+    """``list(values)``, named ``kind`` in the program."""
+    return items_of(values) if kind is list else kind(values)
+
+
+def _to_tuple(kind: type, values: Any) -> Any:
+    """``tuple(values)``, named ``kind`` in the program."""
+    return tuple(items_of(values)) if kind is tuple and not isinstance(values, tuple) else kind(values)
+
+
+def _to_bytes(kind: type, values: Any) -> Any:
+    """``bytes(values)``, named ``kind`` in the program: of a size, a buffer or an iterable."""
+    if kind is bytes and isinstance(values, int):
+        check_allocation(values)
+    elif kind is bytes and not isinstance(values, str | bytes | bytearray | memoryview):
+        values = items_of(values, item_bytes=1)
+    return kind(values)
+
+
+def _extend(owner: Any, values: Any) -> Any:
+    """``owner.extend(values)``."""
+    if not isinstance(owner, list) or type(owner).extend is not list.extend or isinstance(values, list | tuple):
+        return owner.extend(values)
+    return extend(owner, values)
+
+
+def _join(owner: Any, values: Any) -> Any:
+    """``owner.join(values)``."""
+    if not isinstance(owner, str | bytes):
+        return owner.join(values)
+    parts = values if isinstance(values, list | tuple) else items_of(values)
+    check_allocation(sum(len(part) + len(owner) for part in parts if isinstance(part, str | bytes)))
+    return owner.join(parts)
+
+
+def add_in_place(a: Any, b: Any) -> Any:
+    """``a += b``."""
+    if type(a) is list and not isinstance(b, list | tuple):
+        extend(a, b)
+    else:
+        a += b
+    return a
+
+
+ITERABLE_FUNCTIONS = {"@list": _to_list, "@tuple": _to_tuple, "@bytes": _to_bytes, "@extend": _extend, "@join": _join}
+"""Functions by their names in the transformed program."""
