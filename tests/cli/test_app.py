@@ -157,6 +157,8 @@ def test_wrong_arguments_print_one_line(fails, arguments, says):
         ("study sim-to-robot --quick --on slurm", "no 'slurm' to run on"),
         ("tune WalkerSim-v0 --folder a --on slurm", "no 'slurm' to run on"),
         ("train WalkerSim-v0 --run a --seeds 2 --on slurm", "no 'slurm' to run on"),
+        ("train WalkerSim-v0 --run a --stop-at nan", "stop_at is not a finite number"),
+        ("train WalkerSim-v0 --run a --seeds 2 --stop-at inf", "stop_at is not a finite number"),
         ("doctor --timeout-s nan", "timeout-s is nan"),
         ("doctor --timeout-s inf", "timeout-s is inf"),
         ("twin record two-wheeler --out .", "is a folder"),
