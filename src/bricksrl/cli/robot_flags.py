@@ -69,6 +69,8 @@ def named_robot(name: str) -> tuple[Robot, Scene | None]:
 
     if is_reference(name):
         return load_robot(name)
+    if name.lower().endswith((".ldr", ".mpd", ".io")):
+        raise UnknownNameError(f"{name} is a building plan; name a Python file with its robot: Robot(..., plan='{name}')")
     try:
         task = get_task(name)
     except UnknownNameError:
