@@ -32,6 +32,20 @@ def refuse_existing(path: Path, error: type[BricksError]) -> None:
         raise error(f"{path} exists already; choose another name")
 
 
+def check_writable(path: Path, error: type[BricksError]) -> None:
+    """Raise ``error`` if no file can be written to ``path``. Makes neither the file nor its folder."""
+    try:
+        if path.is_dir():
+            raise error(f"{path} is a folder; name a file to write")
+        if path.exists():
+            path.open("ab").close()
+        else:
+            folder = next(parent for parent in path.absolute().parents if parent.exists())
+            tempfile.TemporaryFile(dir=folder, prefix=TEMPORARY_PREFIX).close()
+    except OSError as failure:
+        raise error(f"cannot write {path} ({failure.strerror}); name another file") from None
+
+
 def write_durably(path: Path, data: bytes) -> None:
     """Write ``data`` to a temporary file, sync it, rename it to ``path``, and sync the folder.
 

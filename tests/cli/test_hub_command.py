@@ -173,6 +173,7 @@ def test_run_takes_the_scene_of_the_task_beside_the_robot(bricksrl, tmp_path):
         (("--end-stop", "C=10..20"), "starts at 0"),
         (("--end-stop", "C"), "not a pair of end stops"),
         (("--robot", "nowhere.py"), "no file nowhere.py"),
+        (("--robot", "rover.ldr"), "name a Python file with its robot: Robot(..., plan='rover.ldr')"),
         (("--hub", "ble", "--press", "left@1s"), "leave out --hub"),
         (("--robot", "walker", "--reading", "B=red"), "--robot bench"),
     ],

@@ -33,6 +33,14 @@ def test_folder_of_the_name_of_a_robot_is_no_plan(tmp_path, monkeypatch, capsys)
     assert capsys.readouterr().out.endswith("all is well\n")
 
 
+def test_folder_in_place_of_a_plan_is_named(fails, tmp_path, monkeypatch):
+    (tmp_path / "plans.d").mkdir()
+    monkeypatch.chdir(tmp_path)
+    for folder in (".", "plans.d", str(tmp_path)):
+        says = f"{folder} is a folder; name an LDraw file in it (.ldr, .mpd or .io), or a robot: two-wheeler, walker, robo-arm"
+        fails("plan", "check", folder, says=f"error: {says}")
+
+
 def test_plan_of_one_part(bricksrl, tmp_path):
     path = tmp_path / "one.ldr"
     path.write_text("0 STEP\n1 0 0 0 0 1 0 0 0 1 0 0 0 1 32316.dat\n", encoding="utf-8")

@@ -8,6 +8,8 @@ import pytest
 
 from bricksrl.cli import main, twin
 from bricksrl.training import RunFolder
+from bricksrl.twin import motion_log
+from bricksrl.twin.motion_log import read_log
 from bricksrl.twin.system_id import FITTED
 
 
@@ -43,8 +45,43 @@ def test_record_fit_train(bricksrl, log, capsys, tmp_path):
 
 def test_invalid_log_or_physics_prints_one_line(fails, tmp_path):
     fails("twin", "fit", str(tmp_path / "nothing.jsonl"), says="cannot read the log")
-    fails("twin", "record", "robo-ant", "--out", str(tmp_path / "x"), says="no robot 'robo-ant'")
+    fails("twin", "record", "robo-ant", "--out", str(tmp_path / "x"), says="no robot and no environment 'robo-ant'")
     fails("train", "RunAway-v0", "--physics", str(tmp_path / "nothing.json"), says="cannot read the physics")
     (tmp_path / "wrong.json").write_text('{"gravity": 3}')
     fails("train", "RunAway-v0", "--physics", str(tmp_path / "wrong.json"), says="no parameter 'gravity'")
     fails("train", "RunAway-v0", "--randomize", "--physics", str(tmp_path / "wrong.json"), says="gravity")
+
+
+def test_record_and_fit_take_a_robot_from_a_file(fails, capfd, tmp_path):
+    """Also one on the bench, whose sensor has no reading but that of the scene of the task in its file."""
+    robot, log = tmp_path / "my_robot.py", tmp_path / "robot.jsonl"
+    assert main(["new", "robot", str(robot)]) == 0
+    assert main(["twin", "record", str(robot), "--steps", "20", "--out", str(log)]) == 0
+    assert "20 commands in" in capfd.readouterr().out
+    assert read_log(log).robot == "my-robot"
+    fails("twin", "fit", str(log), says="is of the robot 'my-robot', which is not built in; name its file")
+    assert main(["twin", "fit", str(log), "--robot", f"{robot}:ROBOT", "--parameters", "battery_v"]) == 2
+    assert "give readings=" in capfd.readouterr().err, "the robot alone has no scene"
+    assert main(["twin", "fit", str(log), "--robot", str(robot), "--parameters", "battery_v"]) == 0
+    assert "disc_angle" in capfd.readouterr().out
+
+
+def test_record_takes_the_robot_of_an_environment(tmp_path):
+    path = tmp_path / "robot.jsonl"
+    assert main(["twin", "record", "RunAway-v0", "--steps", "1", "--out", str(path)]) == 0
+    assert read_log(path).robot == "two-wheeler"
+    assert read_log(path).channels[0, -1] == 2000.0, "on an open floor, as the two-wheeler by its own name"
+
+
+def test_robot_does_not_move_if_the_log_cannot_be_written(fails, monkeypatch, tmp_path):
+    def move(*_: object) -> None:
+        pytest.fail("the robot moved")
+
+    monkeypatch.setattr(motion_log, "record", move)
+    (tmp_path / "file").write_text("an earlier log")
+    for out in (tmp_path / "file" / "log.jsonl", tmp_path / "file" / "folder" / "log.jsonl", tmp_path / ("x" * 300)):
+        fails("twin", "record", "bench", "--out", str(out), says=f"cannot write {out} (")
+    for out in (tmp_path / "logs" / "log.jsonl", tmp_path / "file"):
+        fails("twin", "record", "bench", "--hub", "ble", "--out", str(out), says="give --yes")
+    assert [path.name for path in tmp_path.iterdir()] == ["file"], "nothing was made"
+    assert (tmp_path / "file").read_text() == "an earlier log"

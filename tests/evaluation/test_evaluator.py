@@ -5,6 +5,7 @@ import math
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
@@ -77,6 +78,25 @@ def test_successes_and_metrics_are_counted(run_dir: Path) -> None:
     assert result.success_rate == 1.0
     assert result.success_interval == wilson_interval(4, 4)
     assert 600.0 < result.metrics["final_position_mm"] <= 1000.0
+
+
+def test_other_environment_gets_the_options_of_the_training_that_it_has(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    task = "from dataclasses import replace\nfrom bricksrl.envs import get_task\n"
+    (tmp_path / "own.py").write_text(f"{task}TASK = replace(get_task('Walker-v0'), id='Own-v0', max_steps=2)\n")
+    steps = {"step_ms": 400, "blocked_at_mm": 50.0}
+    config = TrainConfig("WalkerSim-v1", "random", episodes=1, run_dir=tmp_path / "run", options=steps)
+    run_dir, settled = train(config).run_dir, []
+
+    def time_of_step(env: Any) -> None:
+        settled.append(env.task.interface.settle)
+
+    for options in ({}, {"step_ms": 300}):
+        evaluate(run_dir, "WalkerSim-v0", episodes=1, save=False, on_env=time_of_step, **options)
+    assert settled == [Wait(400), Wait(300)] and not caplog.messages
+    evaluate(run_dir, str(tmp_path / "own.py"), episodes=1, save=False, on_env=time_of_step)
+    assert settled[2] == Wait(250)
+    without = "has no step_ms, blocked_at_mm, which the training had; it is evaluated without"
+    assert caplog.messages == [f"{tmp_path / 'own.py'} {without}"]
 
 
 def test_evaluation_is_reproducible_by_seed(run_dir: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import signal
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -76,6 +77,15 @@ def test_folder_of_another_study_raises(tmp_path: Path) -> None:
         run_study(TOY, tmp_path, seeds=1, jobs=1, only=("random-*",))
     with pytest.raises(RunError, match="has the study 'toy'"):
         run_study(replace(TOY, name="other"), tmp_path, quick=True, seeds=1, jobs=1, only=("random-*",))
+
+
+def test_study_that_cannot_run_makes_no_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(RunError, match="no 'slurm' to run on"):
+        run_study(TOY, tmp_path / "study", quick=True, on="slurm")
+    monkeypatch.setitem(sys.modules, "ray", None)
+    with pytest.raises(RunError, match="Ray is not installed"):
+        run_study(TOY, tmp_path / "study", quick=True, on="ray")
+    assert not list(tmp_path.iterdir())
 
 
 def test_each_seed_is_evaluated_on_episodes_of_its_own(tmp_path: Path) -> None:

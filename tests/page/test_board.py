@@ -73,7 +73,7 @@ def test_driver_covers_full_range(monkeypatch) -> None:
     assert driver(None).tolist() == [1.0] * 4 and driver.actions() == [0.0] * 4, "legs at rest: nothing turns"
     assert driver.push([-1, -0.5, 0, 1])
     assert driver.actions() == [-100.0, -50.0, 0.0, 0.0]
-    for bad in (None, [1, 2], [1, 2, 3, float("nan")], ["a"] * 4, {"a": 1}, [None] * 4):
+    for bad in (None, [1, 2], [1, 2, 3, float("nan")], ["a"] * 4, {"a": 1}, [None] * 4, [10**400] * 4):
         assert not driver.push(bad)
     assert driver.pushes == [-1.0, -0.5, 0.0, 1.0]
     monkeypatch.setattr("bricksrl.page.driver.PUSH_TIMEOUT_S", -1.0)

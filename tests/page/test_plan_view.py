@@ -59,7 +59,16 @@ def test_slider_turns_one_leg() -> None:
 
 
 @pytest.mark.parametrize(
-    "press", [("slider", None), ("slider", ["Step"]), ("slider", ["Step", "x"]), ("slider", ["Step", float("nan")]), ("x", 1)]
+    "press",
+    [
+        ("slider", None),
+        ("slider", ["Step"]),
+        ("slider", ["Step", "x"]),
+        ("slider", ["Step", float("nan")]),
+        ("slider", ["Step", 10**400]),
+        ("slider", [["Step"], 1]),
+        ("x", 1),
+    ],
 )
 def test_invalid_press_is_ignored(press: tuple[str, object]) -> None:
     shown = view("two_wheeler")

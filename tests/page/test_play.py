@@ -8,10 +8,25 @@ from contextlib import closing
 import pytest
 
 import bricksrl
-from bricksrl.errors import StoppedError
+from bricksrl.errors import PageError, StoppedError
 from bricksrl.page.live import LivePage
 from bricksrl.page.play import play_on_page
+from bricksrl.page.program import ProgramPage
 from bricksrl.policies.named import Player
+
+
+@pytest.mark.parametrize("value", [[], {}, {"speed": []}, None, 1, "warp", ["x"] * 1000])
+def test_speed_or_policy_that_does_not_exist_is_refused(value: object) -> None:
+    live, program = LivePage("RunAway-v0", policies=("random", "agent")), ProgramPage("main.py")
+    for page in (live, program):
+        with pytest.raises(PageError, match=r"^there is no speed .{1,40}; choose 1x, 10x or max$"):
+            page._press("speed", value)
+        page._press("speed", "10x")
+        assert page.board.status[1]["speed"] == "10x"
+    with pytest.raises(PageError, match=r"^there is no policy .{1,40}; choose random or agent$"):
+        live._press("policy", value)
+    live._press("policy", "random")
+    assert live.policy == "random"
 
 
 def test_reset_pressed_before_a_stop_does_not_start_the_robot_again() -> None:

@@ -116,6 +116,17 @@ def test_invalid_numbers_raise(change: dict[str, int]) -> None:
         TrainConfig(env="RunAway-v0", **change)  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize(
+    "stop_at",
+    [float("nan"), float("inf"), -float("inf"), np.float64("nan"), 10**5000],
+    ids=["nan", "inf", "-inf", "numpy", "huge"],
+)
+def test_return_to_stop_at_is_finite(stop_at: float) -> None:
+    with pytest.raises(RunError, match="^stop_at is not a finite number; give the return to stop at, or omit it$"):
+        TrainConfig(env="RunAway-v0", stop_at=stop_at)
+    assert TrainConfig(env="RunAway-v0", stop_at=-3).stop_at == -3
+
+
 def test_numpy_numbers_become_plain() -> None:
     config = TrainConfig("RunAway-v0", seed=np.int64(3), episodes=np.int32(5))  # type: ignore[arg-type]
     assert (type(config.seed), config.seed, config.episodes) == (int, 3, 5)

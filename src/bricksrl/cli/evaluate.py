@@ -35,7 +35,7 @@ class Evaluate:
     run: Annotated[Positional[Path], option(metavar="RUN")]
     """Folder that `bricksrl train` wrote."""
     env: Annotated[str | None, option(metavar="ENV")] = None
-    """Environment; by default that of the training."""
+    """Environment; by default that of the training. It gets the options of the training that it has."""
     episodes: Annotated[int, option(metavar="N")] = 5
     """Episodes to evaluate."""
     seed: Annotated[int, option(metavar="N")] = 1000

@@ -17,12 +17,11 @@ from tyro.conf import Positional, UseAppendAction
 
 from bricksrl.cli.options import EnvArgument, Flag, PageFlag, option
 from bricksrl.cli.page import LivePageGroup, PageAddress, announce
+from bricksrl.cli.robot_flags import named_robot
 from bricksrl.cli.terminal import Interrupted, print_line, print_note
-from bricksrl.errors import DescriptionError, UnknownNameError, counted
+from bricksrl.errors import DescriptionError, counted
 
 if TYPE_CHECKING:
-    from bricksrl.robots import Robot
-    from bricksrl.twin.scene import Scene
     from bricksrl.virtual_hub.body import Body
     from bricksrl.virtual_hub.machine import Machine
     from bricksrl.virtual_hub.panel import Panel
@@ -153,7 +152,7 @@ class Run:
         """Body of the robot, filmed on request; ``None`` for the bench that adapts to the program."""
         from bricksrl import robots
 
-        robot, scene = self._robot()
+        robot, scene = named_robot(self.robot or ("two-wheeler" if self.video is not None or self.page else "bench"))
         if robot is robots.BENCH and self.video is None:
             return None
         from bricksrl.twin.make_body import make_body
@@ -200,25 +199,6 @@ class Run:
         page = stack.enter_context(ProgramPage(self.file.name, self.live_page.page_options()))
         announce(page.url)
         return page.attend
-
-    def _robot(self) -> tuple[Robot, Scene | None]:
-        from bricksrl import robots
-
-        name = self.robot or ("two-wheeler" if self.video is not None or self.page else "bench")
-        if name in robots.ROBOTS:
-            return robots.get(name), None
-        from bricksrl.envs import get_task
-        from bricksrl.envs.user_files import is_reference, load_robot
-
-        if is_reference(name):
-            return load_robot(name)
-        try:
-            task = get_task(name)
-        except UnknownNameError:
-            raise UnknownNameError(
-                f"there is no robot and no environment '{name}'; choose {', '.join(robots.ROBOTS)}, or see `bricksrl list`"
-            ) from None
-        return task.robot, task.scene
 
 
 _KEYS = {"left": "left", "right": "right", " ": "center", "c-m": "center", "b": "bluetooth"}

@@ -17,7 +17,8 @@ from bricksrl.errors import PlanError, counted
 if TYPE_CHECKING:
     from bricksrl.plans.plan import Plan
 
-_PLAN = "An LDraw file (.ldr, .mpd), Studio's .io, or a robot: two-wheeler, walker, robo-arm."
+_ROBOTS = "two-wheeler, walker, robo-arm"
+_PLAN = f"An LDraw file (.ldr, .mpd), Studio's .io, or a robot: {_ROBOTS}."
 PlanArgument = Annotated[Positional[Path], option(metavar="FILE", help=_PLAN)]
 
 
@@ -27,6 +28,8 @@ def _read(path: Path) -> Plan:
     from bricksrl.plans.plan import read_plan
     from bricksrl.robots.planned import plan_file
 
+    if path.is_dir() and str(path) not in robots.ROBOTS:
+        raise PlanError(f"{path} is a folder; name an LDraw file in it (.ldr, .mpd or .io), or a robot: {_ROBOTS}")
     if path.is_file() or path.suffix:
         return read_plan(path)
     robot = robots.get(str(path))

@@ -84,6 +84,8 @@ class LineProgress(Callback):
             print_note(f"put {robot} where an episode starts")
         elif state is RobotState.LEFT:
             print_note(f"{robot} has left: {reason}")
+        elif state is RobotState.GIVEN_UP:
+            print_note(f"{robot} is given up: {reason}")
 
     def on_catching_up(self, updates: int) -> None:
         print_line(f"the robot is done; {counted(updates, 'update')} left to learn, Ctrl-C leaves out the rest")

@@ -47,6 +47,7 @@ class StudyCommand:
 
     def execute(self) -> None:
         from bricksrl.errors import RunError, UnknownNameError
+        from bricksrl.evaluation.cluster import parse_on
         from bricksrl.evaluation.study_benchmarks import BENCHMARK_STUDIES, BenchmarkStudy, run_benchmark_study
         from bricksrl.evaluation.study_tables import STUDIES, Study
 
@@ -73,6 +74,8 @@ class StudyCommand:
         kept = ("--name", "--quick", "--seeds", "--jobs", "--on", "--only", "--folder")
         refuse_ignored(self, kept, f"on '{self.name}', whose runs need no benchmark")
         study = STUDIES[self.name]
+        if self.on is not None:
+            parse_on(self.on)
         load_learning()
         from bricksrl.evaluation.study import run_study
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import Positional
 
 from bricksrl.cli.options import Flag, option
+from bricksrl.cli.robot_flags import named_robot
 from bricksrl.cli.terminal import confirm, print_line
 from bricksrl.errors import TwinError, counted
 from bricksrl.seed import check_seed
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from bricksrl.hub.interface import Interface
     from bricksrl.hub.link.lockstep import HubLink
     from bricksrl.robots import Robot
+    from bricksrl.twin.scene import Scene
     from bricksrl.twin.system_id import Fit as FitResult
 
 
@@ -35,10 +37,11 @@ class Record:
       bricksrl twin record two-wheeler --out robot.jsonl
       bricksrl twin record two-wheeler --hub ble --out robot.jsonl
       bricksrl twin record walker --steps 200 --out walker.jsonl
+      bricksrl twin record my_robot.py --out robot.jsonl
     """
 
     robot: Annotated[Positional[str], option(metavar="ROBOT")]
-    """Robot; `bricksrl list` shows them."""
+    """Robot: two-wheeler, walker, robo-arm or bench; RunAway-v0 or another environment, for its robot; my_robot.py."""
     out: Annotated[Path, option(metavar="FILE")]
     """File to write."""
     hub: Annotated[str, option(metavar="HUB")] = "virtual"
@@ -55,24 +58,23 @@ class Record:
     def execute(self) -> None:
         import numpy as np
 
-        from bricksrl import robots
+        from bricksrl.files import check_writable
         from bricksrl.twin.motion_log import identification_commands, identification_interface, record, write_log
 
         if self.steps < 1:
             raise TwinError(f"steps is {self.steps}; give at least 1")
         check_seed(self.seed)
-        if self.out.is_dir():
-            raise TwinError(f"{self.out} is a folder; name a file to write")
-        robot = robots.get(self.robot)
+        check_writable(self.out, TwinError)
+        robot, scene = named_robot(self.robot)
         interface = identification_interface(robot)
         commands = identification_commands(interface, self.steps, np.random.default_rng(self.seed))
-        with self._link(robot, interface) as link:
+        with self._link(robot, _bench_scene(scene), interface) as link:
             log = record(link, robot, interface, commands)
         write_log(self.out, log)
         seconds = (log.times_ms[-1] - log.times_ms[0]) / 1000
         print_line(f"{counted(len(log.commands), 'command')} in {seconds:.1f} s of {robot.name}: {self.out}")
 
-    def _link(self, robot: Robot, interface: Interface) -> HubLink:
+    def _link(self, robot: Robot, scene: Scene | None, interface: Interface) -> HubLink:
         """An unopened link to the robot; asks the user before a real one may move."""
         from bricksrl.hub.diagnostics.calibration import calibration_of
         from bricksrl.hub.link.lockstep import HubLink
@@ -84,7 +86,7 @@ class Record:
         address = parse_hub(self.hub)
         if address.is_virtual:
             physics = None if self.physics is None else read_physics(self.physics)
-            return HubLink(VirtualHub(make_body(robot, physics=physics, seed=self.seed)), robot, interface)
+            return HubLink(VirtualHub(make_body(robot, scene=scene, physics=physics, seed=self.seed)), robot, interface)
         if self.physics is not None:
             raise TwinError("a real robot has its own physics; omit --physics")
         if not (self.yes or confirm(f"The {robot.name} needs a metre of room to move at full speed. Move it now?")):
@@ -103,12 +105,13 @@ class Fit:
     Examples:
       bricksrl twin fit robot.jsonl
       bricksrl twin fit robot.jsonl --out robot.json
+      bricksrl twin fit robot.jsonl --robot my_robot.py
     """
 
     log: Annotated[Positional[Path], option(metavar="LOG")]
     """File that `bricksrl twin record` wrote."""
     robot: Annotated[str | None, option(metavar="ROBOT")] = None
-    """Robot; by default that of the log."""
+    """Robot, as for `bricksrl twin record`; by default the built-in one that the log names."""
     parameters: Annotated[tuple[str, ...], option(metavar="NAME")] = FITTED
     """Parameters to fit; leave out those that you know."""
     out: Annotated[Path | None, option(metavar="FILE")] = None
@@ -116,6 +119,7 @@ class Fit:
 
     def execute(self) -> None:
         from bricksrl import robots
+        from bricksrl.files import check_writable
         from bricksrl.twin.motion_log import read_log
         from bricksrl.twin.physics import write_physics
         from bricksrl.twin.system_id import fit
@@ -124,13 +128,27 @@ class Fit:
             _show_progress(f"replay {replay}, error {error:.3g} ")
 
         log = read_log(self.log)
-        robot = robots.get(self.robot or log.robot)
-        result = fit(log, robot=robot, names=self.parameters, on_replay=report)
-        _show_progress("")
+        if self.robot is None and log.robot not in robots.ROBOTS:
+            raise TwinError(
+                f"{self.log} is of the robot '{log.robot}', which is not built in; name its file, such as --robot my_robot.py"
+            )
+        robot, scene = named_robot(self.robot or log.robot)
         out = self.out or self.log.with_suffix(".physics.json")
+        check_writable(out, TwinError)
+        result = fit(log, robot=robot, scene=_bench_scene(scene), names=self.parameters, on_replay=report)
+        _show_progress("")
         write_physics(out, result.physics)
         _print(result)
         print_line(f"physics  {out}")
+
+
+def _bench_scene(scene: Scene | None) -> Scene | None:
+    """What a task's scene says of a robot on the bench; a robot with a body is recorded on an open floor."""
+    from bricksrl.twin.scene import Scene
+
+    if scene is None or not (scene.readings or scene.end_stops):
+        return None
+    return Scene(readings=scene.readings, end_stops=scene.end_stops)
 
 
 def _print(result: FitResult) -> None:

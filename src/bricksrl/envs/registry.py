@@ -6,7 +6,7 @@ import functools
 import inspect
 import logging
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -219,10 +219,22 @@ def get_task(env_id: str, **options: Any) -> Task:
     return _build(env_id, _spec(env_id), options)
 
 
-def _build(env_id: str, spec: _Spec, options: dict[str, Any]) -> Task:
+def options_of(env_id: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Those of the options that an environment has. Raises UnknownNameError if there is no environment of that name."""
+    unknown = _unknown(_spec(env_id), options)
+    return {name: value for name, value in options.items() if name not in unknown}
+
+
+def _unknown(spec: _Spec, options: Iterable[str]) -> list[str]:
+    """Names of the options that an environment does not have."""
     parameters = inspect.signature(spec.build).parameters
-    unknown = [name for name in options if name not in parameters]
-    if unknown and not any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters.values()):
+    takes_all = any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters.values())
+    return [] if takes_all else [name for name in options if name not in parameters]
+
+
+def _build(env_id: str, spec: _Spec, options: dict[str, Any]) -> Task:
+    if unknown := _unknown(spec, options):
+        parameters = inspect.signature(spec.build).parameters
         known = f"it has {', '.join(parameters)}" if parameters else "it has no options at all"
         python_message = f"unexpected keyword argument '{unknown[0]}'"
         raise UnknownOptionError(f"{env_id} has no option {unknown[0]}; {known} ({python_message})")

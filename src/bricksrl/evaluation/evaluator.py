@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
     from bricksrl.envs.connection import Placement
     from bricksrl.envs.rollout import EpisodeScore
     from bricksrl.training.config import TrainConfig
+
+_log = logging.getLogger(__name__)
 
 MAX_COPIES = 1024
 """Maximum number of simulation copies that are evaluated in parallel."""
@@ -107,7 +110,8 @@ def evaluate(
         on_env: called with the environment before the robot moves, for instance to keep it for stop and pause.
         place: places a real robot at the start of an episode and returns when it is there.
         named: for an environment made here: fields of :class:`~bricksrl.envs.EnvOptions` that differ from the training, such as
-            ``hub``. By default it is neither randomized nor in real time, whatever the training was.
+            ``hub``, and options of the task. By default it is neither randomized nor in real time, whatever the training was,
+            and has those options of the training that ``env`` has; a warning in the log names the others.
 
     Raises:
         RunError: there is no run in the folder, or ``episodes`` is below 1.
@@ -127,6 +131,7 @@ def evaluate(
     own: EnvBase | None = None
     if env is None or isinstance(env, str):
         nominal, config = evaluation_config(config, config.env), evaluation_config(config, env or config.env, **named)
+        _warn_without(nominal.options, config, named)
         as_trained = all(getattr(config, name) == getattr(nominal, name) for name in ("env", "options", "physics", "randomize"))
         side_by_side = is_simulation(config.env) and config.hub == "virtual" and not config.realtime
         copies = min(episodes, MAX_COPIES) if side_by_side and not hasattr(config.settings, "chunk") else 1
@@ -156,12 +161,22 @@ def evaluate(
 
 
 def evaluation_config(config: TrainConfig, env: str, **named: Any) -> TrainConfig:
-    """The config for an evaluation: one robot, without physics or options that belong to another environment or hub."""
+    """The config for an evaluation: one robot, without physics of another environment or hub, with the options of the training
+    that the environment has."""
+    from bricksrl.envs.registry import options_of
+
     same_env, hub = with_absolute_file(env) == config.env, named.get("hub", config.hub)
     keeps_physics = same_env and hub == "virtual" and not named.get("randomize", False)
-    physics, options = config.physics if keeps_physics else None, config.options if same_env else {}
+    physics, options = config.physics if keeps_physics else None, config.options if same_env else options_of(env, config.options)
     config = replace(one_robot(config), env=env, realtime=False, randomize=False, physics=physics, options=options)
     return replace(config, updates=0, asynchronous=False).changed(**named)
+
+
+def _warn_without(trained: dict[str, Any], config: TrainConfig, named: dict[str, Any]) -> None:
+    """Warn of the options of a training that an environment does not have."""
+    left_out = [name for name in trained if name not in config.options and "options" not in named]
+    if left_out:
+        _log.warning("%s has no %s, which the training had; it is evaluated without", config.env, ", ".join(left_out))
 
 
 def _summarise(

@@ -15,6 +15,7 @@ import threading
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import nullcontext
 from fnmatch import fnmatchcase
 from importlib import metadata
 from multiprocessing import get_context, parent_process
@@ -152,8 +153,8 @@ def run_study(
     on_seed: OnSeed = lambda *_: None,
 ) -> Path:
     """Run the missing parts of a study, and write ``study.json`` and ``study.md``; returns the path of the latter. Raises
-    RunError if no cell was chosen, the folder is of another study, or a seed failed; the others are kept, and the same command
-    resumes.
+    RunError if no cell was chosen, there is no such cluster, the folder is of another study, or a seed failed; the others are
+    kept, and the same command resumes.
 
     Args:
         quick: run the quick form, a smoke test of the study.
@@ -169,14 +170,15 @@ def run_study(
     _check_folder(folder, study, quick=quick)
     count = seeds or (2 if quick else study.seeds)
     orders = [(cell, seed, str((folder / name_of(cell)).absolute())) for cell in chosen for seed in range(count)]
-    written = write_study(folder, _result(study, cells, folder, quick=quick))  # marks the folder before it has any run
     errors = []
-    for (cell, seed, _), outcome in zip(orders, _outcomes(orders, jobs, on), strict=True):
-        error = outcome if isinstance(outcome, str) else None
-        on_seed(name_of(cell), seed, error)
-        if error is not None:
-            errors.append(f"{name_of(cell)} seed {seed}: {error}")
-        written = write_study(folder, _result(study, cells, folder, quick=quick))
+    with nullcontext() if on is None else connected(parse_on(on), jobs) as ray:
+        written = write_study(folder, _result(study, cells, folder, quick=quick))  # marks the folder before it has any run
+        for (cell, seed, _), outcome in zip(orders, _outcomes(orders, jobs, ray), strict=True):
+            error = outcome if isinstance(outcome, str) else None
+            on_seed(name_of(cell), seed, error)
+            if error is not None:
+                errors.append(f"{name_of(cell)} seed {seed}: {error}")
+            written = write_study(folder, _result(study, cells, folder, quick=quick))
     if errors:
         raise RunError(f"{len(errors)} of {len(orders)} runs failed; the first: {errors[0]}")
     return written
@@ -217,11 +219,10 @@ def write_study(folder: Path, result: dict[str, Any]) -> Path:
     return folder / "study.md"
 
 
-def _outcomes(orders: Sequence[tuple[Cell, int, str]], jobs: int | None, on: str | None) -> Iterable[dict[str, Any] | str]:
-    """Outcomes of the orders, in order, each as soon as it is ready."""
-    if on is not None:
-        with connected(parse_on(on), jobs) as ray:
-            yield from map_on_cluster(ray, run_seed, orders)
+def _outcomes(orders: Sequence[tuple[Cell, int, str]], jobs: int | None, ray: Any) -> Iterable[dict[str, Any] | str]:
+    """Outcomes of the orders, in order, each as soon as it is ready; ``ray``: the connected module, or ``None``."""
+    if ray is not None:
+        yield from map_on_cluster(ray, run_seed, orders)
         return
     workers = min(jobs or os.cpu_count() or 1, len(orders))
     if workers == 1:

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 from bricksrl.agents.settings import Range
 from bricksrl.errors import DivergedError, RunError
+from bricksrl.evaluation.cluster import connected, map_on_cluster, parse_on
 from bricksrl.files import serialized, write_durably
 from bricksrl.seed import LARGEST_SEED, check_seed
 from bricksrl.training.callbacks import Callback, Episode, Progress
@@ -139,7 +140,8 @@ def tune(
         on: "ray", or "ray:ADDRESS" for a cluster, to train the seeds of a trial in parallel; the results are the same.
 
     Raises:
-        RunError: Optuna is not installed, the folder holds a study of another definition, or no trial was finished.
+        RunError: Optuna is not installed, there is no such cluster, the folder holds a study of another definition, or no trial
+            was finished.
         DescriptionError: the seed is invalid.
         UnknownNameError: there is no such environment or agent.
     """
@@ -150,6 +152,8 @@ def tune(
     except ImportError:
         raise RunError("Optuna is not installed; run `pip install 'bricksrl[tune]'`") from None
     check_seed(seed)
+    if on is not None:
+        parse_on(on)
     start = settings_for(tuning.env, "default", tuning.agent)
     goals = any(entry.name.endswith("_goal") for entry in get_task(tuning.env).entries)
     optuna.logging.set_verbosity(logging.ERROR)  # a failed trial raises: one message is enough
@@ -211,8 +215,6 @@ def _evaluations(tuning: Tuning, on: str | None) -> Iterator[Callable[[Any], Ite
     if on is None:
         yield lambda settings: (_train_and_evaluate(tuning, settings, seed) for seed in range(tuning.seeds))
         return
-    from bricksrl.evaluation.cluster import connected, map_on_cluster, parse_on
-
     with connected(parse_on(on)) as ray:
         seeds = range(tuning.seeds)
         yield lambda settings: list(map_on_cluster(ray, _train_and_evaluate, [(tuning, settings, seed) for seed in seeds]))

@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from bricksrl.entry import Entry
+from bricksrl.page.presses import is_finite
 from bricksrl.teleop.mapping import push_action, rest_action
 
 PUSH_TIMEOUT_S = 1.5
@@ -36,7 +37,7 @@ class PageDriver:
         """Set the pushes, a number in -1..1 per command; returns False if they are invalid."""
         if not isinstance(values, list) or len(values) != len(self.commands):
             return False
-        if not all(isinstance(value, int | float) and math.isfinite(value) for value in values):
+        if not all(map(is_finite, values)):
             return False
         self._pushes, self._pushed_s = torch.tensor(values, dtype=torch.float32).clamp(-1.0, 1.0), time.monotonic()
         return True

@@ -17,6 +17,7 @@ from bricksrl.errors import BricksError, StoppedError
 from bricksrl.page.board import MAX_EPISODES, Board
 from bricksrl.page.clock import SPEEDS
 from bricksrl.page.driver import PageDriver, stick_map
+from bricksrl.page.presses import chosen
 from bricksrl.page.robot_view import NUMBERS_S, RobotView
 from bricksrl.page.server import PageOptions, PageServer
 
@@ -143,10 +144,10 @@ class LivePage:
                 self._paused, self._requested_steps = True, self._requested_steps + 1
             case "reset":
                 self.is_reset_requested = True
-            case "speed" if value in SPEEDS:
-                self._speed = value
-            case "policy" if value in self._policies:
-                self.policy = value
+            case "speed":
+                self._speed = chosen("speed", value, SPEEDS)
+            case "policy" if self._policies:
+                self.policy = chosen("policy", value, self._policies)
             case "take_over" if self.driver is not None and self._can_give_back:
                 self.driver.in_charge = bool(value)
             case "drive" if self.driver is not None:

@@ -12,6 +12,7 @@ import numpy as np
 
 from bricksrl.errors import PlanError
 from bricksrl.page.board import Board
+from bricksrl.page.presses import is_finite
 from bricksrl.page.scene import HIDDEN, Floats, Mesh, Scene, SceneBody, Shape, View, flat_mesh, poses
 from bricksrl.plans.colours import colour_of
 from bricksrl.plans.geometry import M_PER_LDU
@@ -71,7 +72,7 @@ class PlanView:
             self._publish()
 
     def _slide(self, name: object, value: object) -> None:
-        if not isinstance(name, str) or not isinstance(value, (int, float)) or not math.isfinite(value):
+        if not isinstance(name, str) or not is_finite(value):
             return
         if name == "Step":
             self._step = min(max(round(value), 1), len(self._plan.steps))

@@ -7,6 +7,7 @@ from typing import Any, Self
 
 from bricksrl.page.board import Board
 from bricksrl.page.clock import SPEEDS
+from bricksrl.page.presses import chosen
 from bricksrl.page.robot_view import RobotView
 from bricksrl.page.server import PageOptions, PageServer
 from bricksrl.virtual_hub.machine import Machine
@@ -55,6 +56,6 @@ class ProgramPage:
         self.board.update_status(state="stopped", message="The program was stopped by hand.")
 
     def _press(self, name: str, value: Any) -> None:
-        if name == "speed" and value in SPEEDS:
-            self._speed = value
-            self.board.update_status(speed=value)
+        if name == "speed":
+            self._speed = chosen("speed", value, SPEEDS)
+            self.board.update_status(speed=self._speed)

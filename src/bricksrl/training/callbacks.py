@@ -36,6 +36,8 @@ class RobotState(StrEnum):
     ACTING = "acting"
     LEFT = "left"
     """Its link broke or its process ended; it is retried."""
+    GIVEN_UP = "given up"
+    """Its process ended again and again; it is not retried."""
     DONE = "done"
     """No episodes are left."""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -79,6 +80,8 @@ class TrainConfig(EnvOptions):
         for name, least in _LEAST.items():
             if not least <= getattr(self, name) <= LARGEST:
                 raise RunError(f"{name} is {getattr(self, name)}; give {least} or more, and up to {LARGEST:,}")
+        if self.stop_at is not None and not abs(self.stop_at) <= sys.float_info.max:
+            raise RunError("stop_at is not a finite number; give the return to stop at, or omit it")
         if self.num_envs > 1 and (self.hub != "virtual" or self.realtime or self.updates):
             raise RunError("copies need a simulation or virtual robots in simulated time; omit num_envs")
         if self.asynchronous is None:

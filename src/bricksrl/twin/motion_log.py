@@ -6,8 +6,11 @@ reading without a command. Times are those of the hub's clock, and so free of th
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import inspect
 import json
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,13 +19,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bricksrl.errors import TwinError
+from bricksrl.errors import DescriptionError, TwinError, counted
+from bricksrl.fields import check_fields
 from bricksrl.hub.interface import Distance, Interface, MotorAngle, Pitch, Roll, RunAngle, UntilDone, Wait, YawRate
 from bricksrl.hub.kinds import Channel, Command
 from bricksrl.hub.link.lockstep import HubLink
 from bricksrl.robots import Robot, UltrasonicSensor
 
 _FORMAT = 1
+_LARGEST = 2.0**53
 _REST_STEPS, _RUN_STEPS = 16, 16
 _RUN_SHARE = 0.6
 _FAST_DEG_S = 1000
@@ -136,41 +141,110 @@ def write_log(path: Path, log: RunLog) -> None:
 def read_log(path: Path) -> RunLog:
     """Read a log. Raises TwinError if the file cannot be read, or is no motion log."""
     try:
-        header, first, *lines = [json.loads(line) for line in path.read_bytes().splitlines() if line]
-        if header["bricksrl_log"] != _FORMAT:
-            raise ValueError(f"format {header['bricksrl_log']} is unknown")
-        interface = Interface(
-            tuple(_make(data) for data in header["commands"]),
-            tuple(_make(data) for data in header["channels"]),
-            _make(header["settle"]),
-        )
-        log = RunLog(
-            header["robot"],
-            interface,
-            int(header["program"], 16),
-            np.array([line["command"] for line in lines], dtype=np.float64).reshape(len(lines), len(interface.commands)),
-            np.array([line["gap_ms"] for line in lines], dtype=np.float64),
-            np.array([line["time_ms"] for line in (first, *lines)], dtype=np.int64),
-            np.array([line["channels"] for line in (first, *lines)], dtype=np.float64).reshape(
-                len(lines) + 1, len(interface.channels)
-            ),
-        )
-        numbers = np.concatenate([log.channels.ravel(), log.commands.ravel(), log.gaps_ms])
-        if not np.isfinite(numbers).all() or (np.diff(log.times_ms) < 0).any():
-            raise ValueError("a number is missing or time runs backwards")
+        return _parse(path.read_bytes())
     except OSError as error:
-        raise TwinError(f"cannot read the log {path} ({error.strerror}); give a file that `bricksrl twin record` wrote") from None
-    except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
-        raise TwinError(f"cannot read the log {path} ({error}); give a file that `bricksrl twin record` wrote") from None
-    return log
+        reason = error.strerror
+    except DescriptionError as error:
+        reason = str(error)
+    raise TwinError(f"cannot read the log {path} ({reason}); give a file that `bricksrl twin record` wrote")
+
+
+def _parse(data: bytes) -> RunLog:
+    """Log in the content of a file. Raises DescriptionError if it is no motion log."""
+    lines = {number: _table(line, f"line {number}") for number, line in enumerate(data.splitlines(), 1) if line}
+    if len(lines) < 2:
+        raise DescriptionError("it has no header and no readings")
+    header_number, *numbers = lines
+    header = lines.pop(header_number)
+    if "bricksrl_log" not in header:
+        raise DescriptionError("it has no header")
+    if header["bricksrl_log"] != _FORMAT:
+        raise DescriptionError(f"format {header['bricksrl_log']!s:.40} is unknown")
+    robot, program = header.get("robot"), header.get("program")
+    if not isinstance(robot, str):
+        raise DescriptionError("the header's robot is not a text")
+    if not (isinstance(program, str) and re.fullmatch("[0-9a-fA-F]{1,8}", program)):
+        raise DescriptionError("the header's program is not a hash")
+    interface = Interface(_parts(header, "commands"), _parts(header, "channels"), _make(header.get("settle"), "settle"))
+    times_ms = [_time_ms(lines[number], number) for number in numbers]
+    for number, time_ms, before_ms in zip(numbers[1:], times_ms[1:], times_ms, strict=False):
+        if time_ms < before_ms:
+            raise DescriptionError(f"time runs backwards in line {number}")
+    commands = [_numbers(lines[number], "command", number, len(interface.commands)) for number in numbers[1:]]
+    gaps_ms = [_gap_ms(lines[number], number) for number in numbers[1:]]
+    channels = [_numbers(lines[number], "channels", number, len(interface.channels)) for number in numbers]
+    return RunLog(
+        robot,
+        interface,
+        int(program, 16),
+        np.array(commands, dtype=np.float64).reshape(len(commands), len(interface.commands)),
+        np.array(gaps_ms, dtype=np.float64),
+        np.array(times_ms, dtype=np.int64),
+        np.array(channels, dtype=np.float64).reshape(len(channels), len(interface.channels)),
+    )
+
+
+def _table(line: bytes, name: str) -> dict[str, Any]:
+    try:
+        value = json.loads(line)
+    except (ValueError, RecursionError):
+        value = None
+    if not isinstance(value, dict):
+        raise DescriptionError(f"{name} is not a table of names and values")
+    return value
+
+
+def _time_ms(line: dict[str, Any], number: int) -> int:
+    value = line.get("time_ms")
+    if not (isinstance(value, int) and _is_number(value)):
+        raise DescriptionError(f"line {number} has no whole number as time_ms")
+    return value
+
+
+def _gap_ms(line: dict[str, Any], number: int) -> float:
+    value = line.get("gap_ms")
+    if value is None or not _is_number(value) or value < 0:
+        raise DescriptionError(f"line {number} has no gap_ms of 0 or more")
+    return float(value)
+
+
+def _numbers(line: dict[str, Any], name: str, number: int, count: int) -> list[float]:
+    values = line.get(name)
+    if not (isinstance(values, list) and len(values) == count and all(map(_is_number, values))):
+        raise DescriptionError(f"line {number} has no {counted(count, 'number')} as {name}")
+    return [float(value) for value in values]
+
+
+def _is_number(value: object) -> bool:
+    """Whether a value is a number that a float represents, to the next whole one."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and -_LARGEST < value < _LARGEST
 
 
 def _describe(part: Command | Channel | Wait | UntilDone) -> dict[str, Any]:
     return {"kind": type(part).__name__, **dataclasses.asdict(part)}
 
 
-def _make(data: dict[str, Any]) -> Any:
-    fields, kinds = dict(data), [Command, Channel, Wait, UntilDone]
+def _parts(header: dict[str, Any], name: str) -> tuple[Any, ...]:
+    parts = header.get(name)
+    if not isinstance(parts, list):
+        raise DescriptionError(f"the header's {name} are not a list")
+    return tuple(_make(part, name) for part in parts)
+
+
+def _make(data: object, name: str) -> Any:
+    """Command, channel or settling from its description. Raises DescriptionError if there is no such one."""
+    if not isinstance(data, dict):
+        raise DescriptionError(f"the header's {name} is not a table of names and values")
+    fields = {key: tuple(value) if isinstance(value, list) else value for key, value in data.items()}
+    named, kinds = fields.pop("kind", None), [Command, Channel, Wait, UntilDone]
     for kind in kinds:  # the list grows by all subclasses, including the user's
         kinds += kind.__subclasses__()
-    return {kind.__name__: kind for kind in kinds}[fields.pop("kind")](**fields)
+    kinds = [kind for kind in kinds if kind.__name__ == named and not inspect.isabstract(kind)]
+    if not kinds:
+        raise DescriptionError(f"there is no command or channel {data.get('kind')!r}")
+    with contextlib.suppress(NameError):  # annotations of a user's kind may name what only its type checker imports
+        check_fields(kinds[-1], fields)
+    try:
+        return kinds[-1](**fields)
+    except TypeError:
+        raise DescriptionError(f"{named} cannot be made of {', '.join(fields)}") from None

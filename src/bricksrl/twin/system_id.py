@@ -72,11 +72,11 @@ class Fit:
     replays: int
 
 
-def replay(log: RunLog, physics: Physics, robot: Robot | None = None) -> Vector:
-    """Channels ``[n + 1, n_channels]`` of a noise-free twin that gets a log's commands at the same times. Raises UnknownNameError
-    or TwinError if there is no such robot, or it has no twin."""
+def replay(log: RunLog, physics: Physics, robot: Robot | None = None, scene: Scene | None = None) -> Vector:
+    """Channels ``[n + 1, n_channels]`` of a noise-free twin that gets a log's commands at the same times, by default on a floor
+    with the wall that the log shows. Raises UnknownNameError or TwinError if there is no such robot, or it has no twin."""
     robot = robots.get(log.robot) if robot is None else robot
-    hub = VirtualHub(make_body(robot, scene=_scene(log), physics=replace(physics, **_NOISE_FREE)))
+    hub = VirtualHub(make_body(robot, scene=scene or _scene(log), physics=replace(physics, **_NOISE_FREE)))
     rows = []
     with HubLink(hub, robot, log.interface) as link:
         first = link.read()
@@ -92,12 +92,19 @@ def replay(log: RunLog, physics: Physics, robot: Robot | None = None) -> Vector:
 
 
 def fit(
-    log: RunLog, *, robot: Robot | None = None, names: Sequence[str] = FITTED, seed: int = 0, on_replay: OnReplay | None = None
+    log: RunLog,
+    *,
+    robot: Robot | None = None,
+    scene: Scene | None = None,
+    names: Sequence[str] = FITTED,
+    seed: int = 0,
+    on_replay: OnReplay | None = None,
 ) -> Fit:
     """Fit a twin's physics to a log, with some 300 replays: two minutes on one core for ten seconds of log.
 
     Args:
         robot: robot of the log; ``None`` for the built-in one of that name.
+        scene: its surroundings; ``None`` for a floor with the wall that the log shows, if any.
         names: parameters to fit.
         seed: seed of the initial points of the search.
 
@@ -113,7 +120,7 @@ def fit(
         raise TwinError(
             f"the log has {len(log.commands)} steps; record {2 * len(names)} or more, `bricksrl twin record` makes 160"
         )
-    search = _Search(log, robot, _noise(log), on_replay)
+    search = _Search(log, robot, scene, _noise(log), on_replay)
     before = search.errors(Physics())
     physics, rises = Physics(**search.noise), {}
     if log.commands.any():
@@ -129,10 +136,12 @@ def fit(
 class _Search:
     """Search for the parameters, with a counter of replays."""
 
-    def __init__(self, log: RunLog, robot: Robot | None, noise: dict[str, float], on_replay: OnReplay | None) -> None:
+    def __init__(
+        self, log: RunLog, robot: Robot | None, scene: Scene | None, noise: dict[str, float], on_replay: OnReplay | None
+    ) -> None:
         self.noise = noise
         self.replays = 0
-        self._log, self._robot, self._on_replay = log, robot, on_replay
+        self._log, self._robot, self._scene, self._on_replay = log, robot, scene, on_replay
         self._lowest = np.inf
         channels = log.interface.channels
         self._wraps = np.array([channel.wraps for channel in channels])
@@ -140,7 +149,7 @@ class _Search:
 
     def difference(self, physics: Physics) -> Vector:
         """Channels of twin minus robot, ``[n, n_channels]``; wrapped angles are compared relative to the start."""
-        difference = replay(self._log, physics, self._robot) - self._log.channels
+        difference = replay(self._log, physics, self._robot, self._scene) - self._log.channels
         difference = np.where(self._wraps, (difference - difference[0] + 180.0) % 360.0 - 180.0, difference)[1:]
         self.replays += 1
         self._lowest = min(self._lowest, float(np.sqrt(np.mean((difference / self._sigma) ** 2))))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import os
+import re
 import signal
 from dataclasses import replace
 from functools import partial
@@ -24,6 +25,7 @@ from bricksrl.data.reader import load
 from bricksrl.errors import HubError, RunError, UnknownNameError
 from bricksrl.training import Callback, Episode, Progress, RobotState, RunFolder, TrainConfig, resume, train
 from bricksrl.training.checkpoint import load_checkpoint, save_checkpoint
+from bricksrl.training.fleet import robots
 from bricksrl.training.fleet.loop import FleetLoop
 from bricksrl.training.fleet.robots import Fleet, Member, members_of
 
@@ -272,6 +274,75 @@ def test_episode_cut_by_a_pause_is_recorded_as_such(tmp_path: Path) -> None:
     train(config(path, episodes=2, robots=2), Pause())
     cut = [row for row in read_index(path / "data").rows if not row.about.whole]
     assert cut and all(row.about.success is None for row in cut)
+
+
+def test_robot_whose_process_dies_again_and_again_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(robots, "_RESTART_S", 0.0)
+
+    class Kill(Callback):
+        def __init__(self) -> None:
+            self.told: list[tuple[RobotState, str]] = []
+            self.pids: set[int] = set()
+
+        def on_env(self, env: Any) -> None:
+            self.fleet = env
+
+        def on_robot(self, robot: str, state: RobotState, reason: str) -> None:
+            if robot == "virtual-2":
+                self.told.append((state, reason))
+
+        def on_step(self, episode: int, step: int, phase: Any) -> None:
+            process = self.fleet.members[1].process
+            if process is not None and process.pid not in self.pids:
+                self.pids.add(process.pid)
+                os.kill(process.pid, signal.SIGKILL)
+
+    kill = Kill()
+    result = train(config(tmp_path / "run", episodes=20), kill)
+    assert len(result.episodes) == 20 and len(kill.pids) == 5
+    assert {episode.robot for episode in result.episodes[5:]} == {"virtual-1"}
+    reason = "its process ended 5 times in a row without a complete episode, the last time with code -9"
+    assert kill.told[-1] == (RobotState.GIVEN_UP, reason)
+
+
+def test_run_ends_if_the_processes_of_all_robots_die_again_and_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also if each dies in the middle of an episode, whose steps are kept."""
+    monkeypatch.setattr(robots, "_RESTART_S", 0.0)
+    monkeypatch.setattr(robots, "_MAX_DEATHS", 2)
+    lines = (
+        "import os",
+        "from dataclasses import replace",
+        "from bricksrl.envs.tasks.run_away import RUN_AWAY",
+        "TASK = replace(RUN_AWAY, id='Dying-v0', reward=lambda *state: steps() and RUN_AWAY.reward(*state))",
+        "left = list(range(5))",
+        "def steps():",
+        "    return left.pop() or os.abort()",
+    )
+    (tmp_path / "dying.py").write_text("\n".join(lines))
+    run = replace(config(tmp_path / "run"), env=f"{tmp_path / 'dying.py'}:TASK", episodes=20)
+    with pytest.raises(RunError) as caught:
+        train(run)
+    reason = "its process ended 2 times in a row without a complete episode, the last time with code -6"
+    assert re.fullmatch(
+        f"no robot of the fleet is left; the last one, virtual-[12], was given up: {reason}; correct it and resume the run",
+        str(caught.value),
+    )
+    assert 2 <= len(RunFolder(tmp_path / "run").read_episodes()) <= 4
+
+
+def test_deaths_count_from_the_last_complete_episode(tmp_path: Path) -> None:
+    loop, stub = stub_loop(tmp_path, 1)
+    member, process = stub.members[0], stub.members[0].process
+    loop._handle((member, "ready", None))
+    member.deaths, member.process = 4, None
+    loop._running[0].length = 1
+    loop._handle((member, "gone", "it died"))
+    assert member.deaths == 4, "an episode that the death broke off is not complete"
+    member.process = process
+    loop._handle((member, "ready", None))
+    loop._running[0].length = 1
+    loop._handle((member, "ended", (True, False, False)))
+    assert member.deaths == 0
 
 
 def test_error_of_a_users_task_ends_the_run(tmp_path: Path) -> None:

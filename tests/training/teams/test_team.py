@@ -12,8 +12,8 @@ from bricksrl.envs.arenas import make_arena
 from bricksrl.envs.arenas.carry import CARRY
 from bricksrl.envs.arenas.task import ArenaState
 from bricksrl.errors import CheckpointError, DescriptionError, RunError
-from bricksrl.training.teams.groups import TEAM_AGENTS, TeamSettings, alternating
-from bricksrl.training.teams.team import TeamConfig, TeamProgress, load_team, play_team, train_team
+from bricksrl.training.teams.groups import TEAM_AGENTS, SACGroup, TeamSettings, alternating
+from bricksrl.training.teams.team import TeamConfig, TeamProgress, _learn, _new_team, load_team, play_team, train_team
 
 SMALL = TeamSettings(hidden=(16,), steps=8, passes=2, updates_per_step=0.5)
 
@@ -31,6 +31,19 @@ def test_team_training_is_reproducible_and_saved(tmp_path: Path, agent: str) -> 
     loaded = load_team(tmp_path / "team.bin")
     state = make_arena("Tag-v0", seed=1, batch_size=4).reset()
     assert torch.equal(*(found.policy(state.clone())["catcher", "observation"] for found in (team, loaded)))
+
+
+@pytest.mark.parametrize(("agent", "by_default"), [("ippo", 4096), ("mappo", 4096), ("sac", 256)])
+def test_batches_have_the_size_of_the_settings(agent: str, by_default: int) -> None:
+    config = TeamConfig("Tag-v0", {"catcher": agent}, {"runner": "random"}, frames=5120, copies=640)
+    for settings, size in ((SMALL, by_default), (replace(SMALL, batch_size=64), 64)):
+        env, sizes = make_arena("Tag-v0", seed=0, batch_size=640), []
+        team = _new_team(env, config, settings)
+        learner = team.learners["catcher"]
+        loss = learner._learner.loss if isinstance(learner, SACGroup) else learner.loss
+        loss.register_forward_pre_hook(lambda _, batch, sizes=sizes: sizes.append(len(batch[0])))
+        _learn(env, team, lambda _: None)
+        assert max(sizes) == sizes[0] == size
 
 
 @pytest.mark.parametrize("agent", ["mappo", "sac"])
@@ -68,6 +81,8 @@ def test_copies_alternate_scripts() -> None:
 
 
 def test_invalid_team_raises(tmp_path: Path) -> None:
+    with pytest.raises(DescriptionError, match="batch_size is 0; give 1 or more"):
+        TeamSettings(batch_size=0)
     with pytest.raises(RunError, match="a learning group"):
         TeamConfig("Tag-v0", {})
     with pytest.raises(DescriptionError, match="no script 'hide'"):

@@ -102,6 +102,7 @@ class FleetLoop(RunLoop):
 
         Raises:
             HubError: all robots were out of reach for too long.
+            RunError: a robot failed for good, or all were given up.
             InterruptedEpisodeError: the run is to stop; the current episodes are recorded.
         """
         self._start()
@@ -116,8 +117,11 @@ class FleetLoop(RunLoop):
         raise InterruptedEpisodeError
 
     def _check_reach(self) -> None:
-        """Raise `HubError` if all robots have been out of reach for too long."""
+        """Raise `RunError` if all robots were given up, `HubError` if all have been out of reach for too long."""
         last = max(self.env.members, key=lambda member: member.since_s)
+        if all(member.state is RobotState.GIVEN_UP for member in self.env.members):
+            reason = f"no robot of the fleet is left; the last one, {last.name}, was given up: {last.reason}"
+            raise RunError(f"{reason}; correct it and resume the run")
         is_out = all(member.is_out for member in self.env.members)
         if is_out and time.monotonic() - last.since_s >= self.config.patience_s:
             raise HubError(f"no robot of the fleet can be reached; the last error, of {last.name}: {last.reason}")
@@ -151,8 +155,8 @@ class FleetLoop(RunLoop):
                 self._failed(member, *content)
             case "ended":
                 return self._ended(member, *content)
-            case "gone":
-                self._set_state(member, RobotState.LEFT, content)
+            case "gone" | "given up":
+                self._set_state(member, RobotState.LEFT if kind == "gone" else RobotState.GIVEN_UP, content)
                 episode = self._ended(member, None, True, False)
                 self._assign_idle(0 if episode is None else 1)
                 return episode
@@ -163,11 +167,12 @@ class FleetLoop(RunLoop):
         raise RunError(f"{member.name} failed ({error_type}: {message}); correct it and resume the run")
 
     def _set_state(self, member: Member, state: RobotState, reason: str = "") -> None:
-        if (state is RobotState.LEFT) is not member.is_out:
-            member.since_s = time.monotonic()
-        if state is not member.state:
-            self.callback.on_robot(member.name, state, reason)
+        before, was_out = member.state, member.is_out
         member.state, member.reason = state, reason
+        if member.is_out is not was_out:
+            member.since_s = time.monotonic()
+        if state is not before:
+            self.callback.on_robot(member.name, state, reason)
 
     def _assign_idle(self, ended: int = 0) -> None:
         """Assign first episodes once all processes have started or failed, so that all begin together."""
@@ -237,7 +242,8 @@ class FleetLoop(RunLoop):
                 link_lost=lost,
                 robot=member.name,
             )
-            member.restarts = 0
+            if member.process is not None:  # else the episode is not complete
+                member.deaths = 0
         return episode
 
     def _reassign(self, ended: int = 0) -> None:

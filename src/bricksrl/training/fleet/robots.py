@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 _END_TIMEOUT_S = 10.0
 _RESTART_S = 2.0
 _LONGEST_RESTART_S = 60.0
+_MAX_DEATHS = 5
+"""Ends of a robot's process in a row, without a complete episode, after which it is given up."""
 
 
 @dataclass
@@ -41,7 +43,7 @@ class Member:
         since_s: monotonic time of the last change of reachability.
         is_ready: whether its process can start an episode.
         starts: number of process starts.
-        restarts: since its last complete episode.
+        deaths: of its process since its last complete episode.
     """
 
     name: str
@@ -52,14 +54,14 @@ class Member:
     since_s: float = field(default_factory=time.monotonic)
     is_ready: bool = False
     starts: int = 0
-    restarts: int = 0
+    deaths: int = 0
     restart_at_s: float | None = None
     process: ChildProcess | None = None
 
     @property
     def is_out(self) -> bool:
         """Whether it does not answer."""
-        return self.state is RobotState.LEFT
+        return self.state in (RobotState.LEFT, RobotState.GIVEN_UP)
 
 
 Event = tuple[Member, str, Any]
@@ -158,7 +160,7 @@ class Fleet(SpecsEnv):
         robot_config = replace(self.config, hub=member.hub, robots=1, asynchronous=False, run_dir=None, start=None, data=None)
         begin = {
             "config": robot_config.to_dict(),
-            "seed": derive_seed(self.config.seed, f"robot {member.name}", member.restarts),
+            "seed": derive_seed(self.config.seed, f"robot {member.name}", member.deaths),
             "is_recorded": self.config.record,
             "is_paced": self.is_paced,
             "is_placed": self._placer is not None,
@@ -174,7 +176,8 @@ class Fleet(SpecsEnv):
             self._send(member, "weights", self._weights)
 
     def next_event(self, timeout_s: float) -> Event | None:
-        """The next event of a robot, or ``None`` after the timeout. Restarts ended processes."""
+        """The next event of a robot, or ``None`` after the timeout. Restarts ended processes, but for those of robots that it
+        gives up."""
         now_s = time.monotonic()
         for member in self.members:
             if member.restart_at_s is not None and now_s >= member.restart_at_s and not self._is_over:
@@ -187,8 +190,11 @@ class Fleet(SpecsEnv):
             if content != member.starts:
                 return None
             code, member.is_ready = self._reap(member), False
-            pause_s = min(_RESTART_S * 2.0**member.restarts, _LONGEST_RESTART_S)
-            member.restarts, member.restart_at_s = member.restarts + 1, now_s + pause_s
+            member.deaths += 1
+            if member.deaths >= _MAX_DEATHS:
+                times = f"{member.deaths} times in a row without a complete episode"
+                return member, "given up", f"its process ended {times}, the last time with code {code}"
+            member.restart_at_s = now_s + min(_RESTART_S * 2.0 ** (member.deaths - 1), _LONGEST_RESTART_S)
             return member, "gone", f"its process ended with code {code}"
         if kind == "place" and self._placer is not None:
             self._placer.ask(member)

@@ -31,6 +31,9 @@ Script = Callable[[Tensor], Tensor]
 """Observations ``[*batch, n]`` to actions ``[*batch, m]``."""
 
 
+_PPO_BATCH, _SAC_BATCH = 4096, 256
+
+
 @dataclass(frozen=True)
 class TeamSettings:
     """Settings of MAPPO, IPPO and independent SAC."""
@@ -45,15 +48,17 @@ class TeamSettings:
     steps: int = 32
     """Steps of each copy between updates."""
     passes: int = 6
-    batch_size: int = 4096
-    """Of MAPPO and IPPO, as ``passes`` and the four settings before ``steps``; independent SAC has 256."""
+    """Of MAPPO and IPPO, as the four settings before ``steps``."""
+    batch_size: int | None = None
+    """Transitions of an update; by default 4096, for independent SAC 256."""
     updates_per_step: float = 1.0
     """Updates of independent SAC per step of all copies."""
 
     def __post_init__(self) -> None:
         for name in ("steps", "passes", "batch_size"):
-            if getattr(self, name) < 1:
-                raise DescriptionError(f"{name} is {getattr(self, name)}; give 1 or more")
+            value = getattr(self, name)
+            if value is not None and value < 1:
+                raise DescriptionError(f"{name} is {value}; give 1 or more")
 
 
 class GroupLearner:
@@ -147,7 +152,7 @@ class PPOGroup(GroupLearner):
             frames = self._advantage(frames)
         rows = frames.reshape(-1)
         metrics: dict[str, list[Tensor]] = {}
-        size = min(self._settings.batch_size, len(rows))
+        size = min(self._settings.batch_size or _PPO_BATCH, len(rows))
         for _ in range(self._settings.passes):
             for indices in torch.randperm(len(rows), device=rows.device).split(size):
                 losses = self.loss(rows[indices])
@@ -179,7 +184,7 @@ class SACGroup(GroupLearner):
             gamma=settings.gamma,
             learning_rate=settings.learning_rate,
             updates_per_step=1.0,
-            batch_size=256,
+            batch_size=settings.batch_size or _SAC_BATCH,
         )
         self._learner: Learner = build(SpecsEnv(specs, None), sac_settings)
         self._group, self._robots, self._settings, self._due = group, robots, settings, 0.0
