@@ -70,11 +70,15 @@ class NominalBounded(BoundedContinuous, metaclass=_KeepClass):  # type: ignore[m
         return torch.where(self._mask(val), val, super()._project(val))
 
     def _mask(self, val: Tensor) -> Tensor:
-        """``nominal`` for a value, also after a transform such as ``CatFrames`` repeated the entries of the spec."""
-        mask = self.nominal
-        if mask.shape != self.shape:
-            repeats = [size // before if size % before == 0 else 0 for size, before in zip(self.shape, mask.shape, strict=True)]
-            mask = mask.repeat(repeats) if all(repeats) else mask.new_ones(())
+        """``nominal`` for a value, also after a transform such as ``CatFrames`` repeated the entries of the spec, or one such as
+        ``UnsqueezeTransform`` added or removed dimensions of one entry."""
+        mask, sizes = self.nominal, list(zip(self.shape, self.nominal.shape, strict=False))
+        if [size for size in mask.shape if size != 1] == [size for size in self.shape if size != 1]:
+            mask = mask.reshape(self.shape)
+        elif mask.ndim == self.ndim and all(size % before == 0 for size, before in sizes):
+            mask = mask.repeat([size // before for size, before in sizes])
+        else:
+            mask = mask.new_ones(())
         return mask.to(val.device)
 
     def _with(self, spec: Any, nominal: Tensor) -> NominalBounded:
