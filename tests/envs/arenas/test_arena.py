@@ -78,6 +78,35 @@ def test_pettingzoo_needs_an_episode_and_an_action_of_each_robot() -> None:
     env.close()
     with pytest.raises(UnknownOptionError, match="omit batch_size"):
         ArenaParallelEnv("Tag-v0", batch_size=4)
+    with pytest.raises(UnknownOptionError, match="omit render_mode"):
+        ArenaParallelEnv("Tag-v0", render_mode="rgb_array")
+
+
+def test_pettingzoo_state_is_what_all_robots_observe() -> None:
+    """Critics that see everything, such as MAPPO's, read it."""
+    from pettingzoo.test.state_test import test_state_space as check_state_space
+    from torchrl.envs import PettingZooWrapper, check_env_specs
+
+    from bricksrl.envs.arenas.pettingzoo_env import ArenaParallelEnv
+
+    env = ArenaParallelEnv("Carry-v0", render_mode=None)
+    with pytest.raises(RunError, match="Carry-v0 has no state before its first episode; reset it first"):
+        env.state()
+    observations, _ = env.reset(seed=5)
+    draws = env.np_random.integers(0, 100, 9)
+    for _ in range(2):
+        assert env.state_space.contains(env.state())
+        assert np.array_equal(env.state(), np.concatenate([observations["left"], observations["right"]]))
+        observations = env.step(dict.fromkeys(env.agents, np.ones(2, np.float32)))[0]
+    env.reset(seed=5)
+    assert np.array_equal(env.np_random.integers(0, 100, 9), draws)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # they say that it is unbounded, and that they know another version of PettingZoo
+        check_state_space(env)
+        wrapped = PettingZooWrapper(env, return_state=True)
+        check_env_specs(wrapped)
+        assert wrapped.rollout(2)["state"].shape == (2, 24)
+    wrapped.close()
 
 
 def test_robots_share_simulated_time() -> None:
