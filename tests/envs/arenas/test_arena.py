@@ -97,7 +97,8 @@ def test_pettingzoo_state_is_what_all_robots_observe() -> None:
     for _ in range(2):
         assert env.state_space.contains(env.state())
         assert np.array_equal(env.state(), np.concatenate([observations["left"], observations["right"]]))
-        observations = env.step(dict.fromkeys(env.agents, np.ones(2, np.float32)))[0]
+        observations, *_, infos = env.step(dict.fromkeys(env.agents, np.ones(2, np.float32)))
+        assert infos["left"] == infos["right"] == {"link_lost": False, "success": False}
     env.reset(seed=5)
     assert np.array_equal(env.np_random.integers(0, 100, 9), draws)
     with warnings.catch_warnings():

@@ -79,7 +79,8 @@ class ArenaParallelEnv(ParallelEnv):  # type: ignore[misc]
     def step(
         self, actions: dict[str, Array]
     ) -> tuple[dict[str, Array], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
-        """One step of all robots; the episode ends for all at once. Raises RunError without an episode, or an action of each."""
+        """One step of all robots; the episode ends for all at once. Infos say whether a link broke, and whether the task's aim is
+        reached. Raises RunError without an episode, or an action of each."""
         task = self._env.task
         if set(actions) != set(self.agents) or not self.agents:
             raise RunError(f"{task.id} got actions of {', '.join(actions) or 'none'}; reset it, then give one of each agent")
@@ -88,10 +89,10 @@ class ArenaParallelEnv(ParallelEnv):  # type: ignore[misc]
             self._state[group, "action"] = group_actions
         out = self._env.step(TensorDict(self._state))["next"]
         self._state = out.exclude("terminated", "truncated", "done")
-        lost = bool(out["link_lost"])
+        info = {name: bool(out[name]) for name in ("link_lost", "success")}
         rewards = {name: float(value[0]) for name, value in self._per_robot(out, "reward").items()}
         ends = [dict.fromkeys(self.agents, bool(out[name])) for name in ("terminated", "truncated")]
-        infos: dict[str, dict[str, Any]] = {name: {"link_lost": lost} for name in self.agents}
+        infos: dict[str, dict[str, Any]] = {name: dict(info) for name in self.agents}
         observations = self._per_robot(out, "observation")
         if bool(out["done"]):
             self.agents = []
