@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 import warnings
@@ -241,5 +242,10 @@ def test_torchrl_wraps_vector_environment() -> None:
 def test_vector_environment_refuses_what_a_batch_cannot_do() -> None:
     with pytest.raises(TypeError, match="omit render_mode"):
         gymnasium.make_vec("bricksrl/WalkerSim-v1", 4, render_mode="rgb_array")
+    envs = gymnasium.make_vec("bricksrl/WalkerSim-v1", 4)
+    envs.reset()
+    for shape in ((4,), (2, 4), (4, 1)):
+        with pytest.raises(BricksError, match=re.escape(f"got an action of shape {list(shape)}; give [4, 4]")):
+            envs.step(np.zeros(shape, np.float32))
     with pytest.raises(TypeError, match="one seed"):
         gymnasium.make_vec("bricksrl/WalkerSim-v1", 4).reset(seed=[1, 2, 3, 4])

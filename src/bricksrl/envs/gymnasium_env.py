@@ -22,6 +22,7 @@ from tensordict import TensorDict, TensorDictBase
 from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.registry import is_simulation, make
 from bricksrl.envs.rollout import link_lost
+from bricksrl.envs.specs import clamped
 from bricksrl.envs.task import metrics_of, success_of
 from bricksrl.errors import BricksError, RenderingUnavailableError, UnknownOptionError
 
@@ -198,7 +199,8 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         starts = self._ended
         if self.autoreset_mode is AutoresetMode.DISABLED and starts.any():
             raise BricksError(f"{self.env.task.id} got a step after the end of an episode; reset with its reset_mask first")
-        sent = TensorDict({"action": torch.as_tensor(actions, dtype=torch.float32)}, self.env.batch_size, device=self.env.device)
+        batch = clamped(torch.as_tensor(actions, dtype=torch.float32), self.env.action_spec.shape, self.env.task.id)
+        sent = TensorDict({"action": batch}, self.env.batch_size, device=self.env.device)
         result = self.env.step(sent)["next"]
         names = ("reward", "terminated", "truncated")
         reward, terminated, truncated = (result[name].squeeze(-1).cpu().masked_fill(starts, 0) for name in names)

@@ -19,8 +19,11 @@ if TYPE_CHECKING:
     from bricksrl.envs.task import Task
 
 
-def clamped(action: Tensor, env_id: str) -> Tensor:
-    """A batch of actions, clamped to -1..1. Raises BricksError for one that is not a number; a GPU is not waited for to look."""
+def clamped(action: Tensor, shape: Sequence[int], env_id: str) -> Tensor:
+    """A batch of actions, clamped to -1..1. Raises BricksError for another shape than ``shape``, and for an action that is not a
+    number; a GPU is not waited for to look."""
+    if action.shape != tuple(shape):
+        raise BricksError(f"{env_id} got an action of shape {list(action.shape)}; give {list(shape)}")
     action = action.detach().clamp(-1.0, 1.0)
     if action.device.type == "cpu" and isnan(action.sum()):
         raise BricksError(f"{env_id} got an action that is not a number (NaN); look for what computed it")

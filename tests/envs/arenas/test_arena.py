@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from dataclasses import replace
 from typing import Any
@@ -122,6 +123,20 @@ def test_robots_share_simulated_time() -> None:
     assert len(set(later)) == 1 and 250 <= later[0] - clocks[0] <= 350, "one step for both, not one after the other"
     for one, other in zip(before, after, strict=True):
         assert np.hypot(other.x_m - one.x_m, other.y_m - one.y_m) > 0.01
+    env.close()
+
+
+@pytest.mark.parametrize("batch", [[], [4]])
+@pytest.mark.parametrize("shape", [[1, 1], [1, 3], [2, 2], [2]])
+def test_actions_of_another_shape_raise(batch: list[int], shape: list[int]) -> None:
+    env = make_arena("Tag-v0", seed=1, batch_size=sum(batch))
+    state = env.reset()
+    state["runner", "action"] = torch.zeros(*batch, 1, 2)
+    state["catcher", "action"] = torch.zeros(*batch, 1, 2)
+    env.step(state)
+    told = f"catcher of Tag-v0 got an action of shape {[*batch, *shape]}; give {[*batch, 1, 2]}"
+    with pytest.raises(BricksError, match=re.escape(told)):
+        env.step(TensorDict({**state, "catcher": {"action": torch.zeros(*batch, *shape)}}, batch))
     env.close()
 
 
