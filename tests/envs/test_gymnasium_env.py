@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 import warnings
@@ -12,11 +13,12 @@ import numpy as np
 import pytest
 import torch
 from gymnasium.utils.env_checker import check_env
-from torchrl.envs import GymEnv
+from gymnasium.vector import AutoresetMode
+from torchrl.envs import GymEnv, GymWrapper
 from torchrl.envs.utils import check_env_specs
 
 import bricksrl
-from bricksrl.errors import RenderingUnavailableError
+from bricksrl.errors import BricksError, RenderingUnavailableError
 
 IDS = pytest.mark.parametrize("env_id", ["RunAway-v0", "Spinning-v0"])
 
@@ -167,8 +169,83 @@ def test_vector_environment_has_a_time_limit() -> None:
     robots.close()
 
 
+@pytest.mark.parametrize("mode", list(AutoresetMode))
+def test_vector_environment_resets_copies_as_asked(mode: AutoresetMode) -> None:
+    """As Gymnasium's own vector environments of single ones."""
+    ours = gymnasium.make_vec("bricksrl/WalkerSim-v1", 3, max_episode_steps=2, autoreset_mode=mode)
+    theirs = gymnasium.make_vec(
+        "bricksrl/WalkerSim-v1", 3, "sync", max_episode_steps=2, vector_kwargs={"autoreset_mode": mode.value}
+    )
+    assert ours.metadata["autoreset_mode"] is ours.unwrapped.autoreset_mode is mode
+    seen: list[list[Any]] = []
+    for envs in (ours, theirs):
+        envs.reset(seed=3)
+        steps = []
+        for _ in range(7):
+            observation, reward, _, truncated, info = envs.step(np.zeros((3, 4), np.float32))
+            final = info.get("final_obs", observation)
+            steps.append([truncated.tolist(), (reward != 0).tolist(), np.shape(final), "final_info" in info])
+            if mode is AutoresetMode.DISABLED and truncated.any():
+                with pytest.raises((BricksError, AssertionError)):
+                    envs.step(np.zeros((3, 4), np.float32))
+                envs.reset(options={"reset_mask": truncated})
+        seen.append(steps)
+        envs.close()
+    assert seen[0] == seen[1]
+
+
+def test_vector_environment_keeps_the_end_of_an_episode() -> None:
+    envs = gymnasium.make_vec("bricksrl/RoboArmSim-v0", 64, max_episode_steps=9, autoreset_mode=AutoresetMode.SAME_STEP)
+    state, rng, ends = envs.reset(seed=3)[0], np.random.default_rng(0), 0
+    for _ in range(40):
+        before = state
+        state, _, terminated, truncated, info = envs.step(rng.uniform(-1, 1, (64, 4)).astype(np.float32))
+        ended = terminated | truncated
+        goals = slice(4, None)
+        assert np.array_equal(state[~ended, goals], before[~ended, goals])
+        if ended.any():
+            ends += ended.sum()
+            assert np.array_equal(info["_final_obs"], ended) and np.array_equal(info["_final_info"], ended)
+            final = np.stack(list(info["final_obs"][ended]))
+            assert np.array_equal(final[:, goals], before[ended, goals]), "the goals of the episode that ended"
+            assert (state[ended, goals] != before[ended, goals]).any(-1).all(), "and those of the next one"
+            assert np.array_equal(info["final_info"]["success"][ended], terminated[ended])
+    assert ends > 64
+    envs.close()
+
+
+def test_vector_environment_resets_the_copies_of_a_mask() -> None:
+    envs = gymnasium.make_vec("bricksrl/RoboArmSim-v0", 4, autoreset_mode="Disabled")
+    before, _ = envs.reset(seed=1)
+    mask = np.array([True, False, True, False])
+    after, _ = envs.reset(options={"reset_mask": mask})
+    assert np.array_equal((after != before).any(-1), mask)
+    for wrong in (mask[:2], mask.astype(int), ~mask & mask):
+        with pytest.raises(TypeError, match="RoboArmSim-v0 needs a reset_mask of 4 bools, one of them True at least"):
+            envs.reset(options={"reset_mask": wrong})
+    with pytest.raises(ValueError, match="no autoreset_mode 'never'; choose one of NextStep, SameStep, Disabled"):
+        gymnasium.make_vec("bricksrl/RoboArmSim-v0", 4, autoreset_mode="never")
+    envs.close()
+
+
+def test_torchrl_wraps_vector_environment() -> None:
+    """In the mode that it prefers."""
+    env = GymWrapper(gymnasium.make_vec("bricksrl/RoboArmSim-v0", 8, autoreset_mode=AutoresetMode.DISABLED))
+    check_env_specs(env)
+    steps = env.rollout(150, break_when_any_done=False)
+    done, goals = steps["next", "done"][:, :-1, 0], steps["observation"][..., 4:]
+    assert done.any() and torch.equal((goals[:, 1:] != goals[:, :-1]).any(-1), done)
+    assert torch.equal(steps["next", "observation"][..., 4:], goals), "the last observation of an episode is its own"
+    env.close()
+
+
 def test_vector_environment_refuses_what_a_batch_cannot_do() -> None:
     with pytest.raises(TypeError, match="omit render_mode"):
         gymnasium.make_vec("bricksrl/WalkerSim-v1", 4, render_mode="rgb_array")
+    envs = gymnasium.make_vec("bricksrl/WalkerSim-v1", 4)
+    envs.reset()
+    for shape in ((4,), (2, 4), (4, 1)):
+        with pytest.raises(BricksError, match=re.escape(f"got an action of shape {list(shape)}; give [4, 4]")):
+            envs.step(np.zeros(shape, np.float32))
     with pytest.raises(TypeError, match="one seed"):
         gymnasium.make_vec("bricksrl/WalkerSim-v1", 4).reset(seed=[1, 2, 3, 4])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -240,3 +241,14 @@ def test_action_that_is_no_number_raises(batch_size: int) -> None:
     frame["action"][..., 1] = torch.nan
     with pytest.raises(BricksError, match=r"WalkerSim-v0 got an action that is not a number \(NaN\)"):
         env.step(frame)
+
+
+@pytest.mark.parametrize("shape", [[], [1], [3], [1, 4], [4, 1]])
+def test_action_of_another_shape_raises(shape: list[int]) -> None:
+    """As on a robot."""
+    env = bricksrl.make("WalkerSim-v0")
+    with pytest.raises(BricksError, match=re.escape(f"WalkerSim-v0 got an action of shape {shape}; give [4]")):
+        env.step(env.reset().set("action", torch.zeros(shape)))
+    env = bricksrl.make("WalkerSim-v0", batch_size=2)
+    with pytest.raises(BricksError, match=re.escape(f"WalkerSim-v0 got an action of shape {[2, *shape]}; give [2, 4]")):
+        env.step(env.reset().set("action", torch.zeros(2, *shape)))

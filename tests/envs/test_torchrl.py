@@ -7,7 +7,17 @@ from typing import Any
 
 import pytest
 import torch
-from torchrl.envs import CatFrames, Compose, EnvBase, ParallelEnv, RewardSum, SerialEnv, StepCounter, TransformedEnv
+from torchrl.envs import (
+    CatFrames,
+    Compose,
+    EnvBase,
+    ParallelEnv,
+    RewardSum,
+    SerialEnv,
+    StepCounter,
+    TransformedEnv,
+    UnsqueezeTransform,
+)
 from torchrl.envs.utils import check_env_specs
 
 import bricksrl
@@ -53,6 +63,19 @@ def test_transforms() -> None:
     assert len(steps) <= 12
     assert steps["observation"].shape == (len(steps), 3 * 8)
     assert torch.allclose(steps["next", "episode_reward"], steps["next", "reward"].cumsum(0))
+
+
+@pytest.mark.parametrize("dim", [-1, -2])
+@pytest.mark.parametrize("frames", [1, 3])
+def test_transforms_add_dimensions_to_the_observation(dim: int, frames: int) -> None:
+    """They change a spec in place, without its methods."""
+    unsqueeze, stack = UnsqueezeTransform(dim=dim, in_keys=["observation"]), CatFrames(N=frames, dim=dim, in_keys=["observation"])
+    env = TransformedEnv(bricksrl.make("WalkerSim-v0", seed=0), Compose(unsqueeze, stack))
+    check_env_specs(env)
+    spec, seen = env.observation_spec["observation"], env.reset()["observation"]
+    assert seen.shape == {-1: (7, frames), -2: (frames, 7)}[dim] and spec.is_in(seen)
+    assert torch.equal(spec.project(seen), seen) and not spec.is_in(torch.full_like(seen, torch.inf))
+    assert frames > 1 or not spec.is_in(torch.full_like(seen, -1.0)), "no angle of a leg is negative"
 
 
 @pytest.mark.parametrize("env_id", ["RunAway-v0", "WalkerSim-v0"])

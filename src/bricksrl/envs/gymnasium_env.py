@@ -22,8 +22,9 @@ from tensordict import TensorDict, TensorDictBase
 from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.registry import is_simulation, make
 from bricksrl.envs.rollout import link_lost
+from bricksrl.envs.specs import clamped
 from bricksrl.envs.task import metrics_of, success_of
-from bricksrl.errors import RenderingUnavailableError, UnknownOptionError
+from bricksrl.errors import BricksError, RenderingUnavailableError, UnknownOptionError
 
 if TYPE_CHECKING:
     from bricksrl.envs.env import HubEnv
@@ -139,7 +140,12 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
     """Copies of a simulation as one batch: ``gymnasium.make_vec("bricksrl/WalkerSim-v0", 1024)``.
 
     The step after the end of an episode resets its copy, ignores the action and has no reward. ``info`` holds the task's metrics
-    and ``success`` of the episodes that just ended. A seed is that of all copies. Arguments are those of `GymnasiumEnv`.
+    and ``success`` of the episodes that just ended. A seed is that of all copies. Arguments are those of `GymnasiumEnv` and:
+
+    Args:
+        autoreset_mode: one of Gymnasium's: ``NEXT_STEP`` as above; ``SAME_STEP`` resets a copy in the step that ends its episode,
+            whose observation and info are then ``final_obs`` and ``final_info``; ``DISABLED`` leaves it to
+            ``reset(options={"reset_mask": ended})``.
     """
 
     metadata = {"autoreset_mode": AutoresetMode.NEXT_STEP, "render_modes": []}  # noqa: RUF012 - as Gymnasium declares it
@@ -151,10 +157,17 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         max_episode_steps: int | None = None,
         render_mode: str | None = None,
         options: EnvOptions | None = None,
+        autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         **named: Any,
     ) -> None:
         if render_mode is not None:
             raise UnknownOptionError(f"{env_id} simulates no body that could be drawn; omit render_mode")
+        try:
+            self.autoreset_mode = AutoresetMode(autoreset_mode)
+        except ValueError:
+            known = ", ".join(mode.value for mode in AutoresetMode)
+            raise UnknownOptionError(f"there is no autoreset_mode {autoreset_mode!r}; choose one of {known}") from None
+        self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self.env: SimulatedEnv = make(env_id, options, batch_size=num_envs, **named)
         self.num_envs, self._max_steps = num_envs, max_episode_steps or self.env.task.max_steps
         self.single_observation_space = _box(self.env.task)
@@ -163,34 +176,62 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._episodes = torch.zeros(num_envs, self._max_steps, len(self.env.task.entries))
         self._copies = torch.arange(num_envs)
+        self._steps, self._ended = torch.zeros_like(self._copies), torch.zeros(num_envs, dtype=torch.bool)
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array, dict[str, Any]]:
-        """Start an episode of all copies. A seed makes these and all later episodes reproducible."""
+        """Start an episode of all copies, or of those in ``options["reset_mask"]``, bool ``[copies]``. A seed makes these and all
+        later episodes reproducible."""
         if isinstance(seed, list):
             raise UnknownOptionError(f"{self.env.task.id} has one seed for all copies; give a whole number")
         super().reset(seed=seed)
         if seed is not None:
             self.env.set_seed(seed)
+        mask = (options or {}).get("reset_mask")
+        if mask is not None:
+            return self._restart(self._checked(mask)), {}
         self._steps, self._ended = torch.zeros_like(self._copies), torch.zeros(self.num_envs, dtype=torch.bool)
         return self.env.reset()["observation"].cpu().numpy().copy(), {}
 
     def step(self, actions: Array) -> tuple[Array, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
         """Take one step in all copies; returns observations, rewards, terminated, truncated and info."""
         starts = self._ended
-        sent = TensorDict({"action": torch.as_tensor(actions, dtype=torch.float32)}, self.env.batch_size, device=self.env.device)
+        if self.autoreset_mode is AutoresetMode.DISABLED and starts.any():
+            raise BricksError(f"{self.env.task.id} got a step after the end of an episode; reset with its reset_mask first")
+        batch = clamped(torch.as_tensor(actions, dtype=torch.float32), self.env.action_spec.shape, self.env.task.id)
+        sent = TensorDict({"action": batch}, self.env.batch_size, device=self.env.device)
         result = self.env.step(sent)["next"]
         names = ("reward", "terminated", "truncated")
         reward, terminated, truncated = (result[name].squeeze(-1).cpu().masked_fill(starts, 0) for name in names)
-        result["done"] = starts[:, None].to(self.env.device)
-        observation = self.env.maybe_reset(result)["observation"].cpu()
-        self._steps = self._steps.masked_fill(starts, 0)
-        self._episodes[self._copies, self._steps] = observation
+        observation = self._restart(starts) if starts.any() else result["observation"].cpu().numpy().copy()
+        self._episodes[self._copies, self._steps] = torch.from_numpy(observation)
         self._steps += ~starts  # the first step overwrites the start
         truncated |= self._steps >= self._max_steps
         self._ended = terminated | truncated
-        return observation.numpy().copy(), reward.numpy(), terminated.numpy(), truncated.numpy(), self._info()
+        info = self._info()
+        if self.autoreset_mode is AutoresetMode.SAME_STEP and self._ended.any():
+            ended = self._ended.numpy()
+            final = np.full(self.num_envs, None, dtype=object)  # as in Gymnasium: None for the others
+            for copy in ended.nonzero()[0]:
+                final[copy] = observation[copy]
+            info = {"final_obs": final, "_final_obs": ended, "final_info": info, "_final_info": ended}
+            observation = self._restart(self._ended)
+        return observation, reward.numpy(), terminated.numpy(), truncated.numpy(), info
+
+    def _restart(self, copies: torch.Tensor) -> Array:
+        """Observations of all copies after those of a mask have been reset."""
+        done = dict.fromkeys(self.env.done_keys, copies[:, None].to(self.env.device))
+        state = self.env.maybe_reset(TensorDict(done, self.env.batch_size, device=self.env.device))
+        self._steps, self._ended = self._steps.masked_fill(copies, 0), self._ended & ~copies
+        observation: Array = state["observation"].cpu().numpy().copy()
+        return observation
+
+    def _checked(self, mask: Any) -> torch.Tensor:
+        copies = np.asarray(mask)
+        if copies.dtype != np.bool_ or copies.shape != (self.num_envs,) or not copies.any():
+            raise UnknownOptionError(f"{self.env.task.id} needs a reset_mask of {self.num_envs} bools, one of them True at least")
+        return torch.from_numpy(copies)
 
     def _info(self) -> dict[str, Any]:
         """Metrics and success of the episodes that just ended, each with a mask of their copies, as in Gymnasium."""

@@ -103,7 +103,8 @@ class SimulatedEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
     def _make_specs(self) -> None:
         shape = self.batch_size
         self.observation_spec = Composite(observation=NominalBounded.of(self.task.entries, shape, self.device), shape=shape)
-        self.action_spec = Bounded(-1.0, 1.0, shape=(*shape, len(self.task.interface.commands)), device=self.device)
+        self._action_shape = torch.Size((*shape, len(self.task.interface.commands)))
+        self.action_spec = Bounded(-1.0, 1.0, shape=self._action_shape, device=self.device)
         self.reward_spec = Unbounded(shape=(*shape, 1), device=self.device)
         flag = Binary(1, shape=(*shape, 1), dtype=torch.bool, device=self.device)
         self.done_spec = Composite(done=flag, terminated=flag.clone(), truncated=flag.clone(), shape=shape)
@@ -132,7 +133,7 @@ class SimulatedEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
         return TensorDict({"observation": self._out(self._state.t())}, self.batch_size, device=self.device)
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
-        action = clamped(tensordict["action"].view(self._copies, -1), self.task.id).t().contiguous()
+        action = clamped(tensordict["action"], self._action_shape, self.task.id).view(self._copies, -1).t().contiguous()
         before, (self._state, self._speed) = self._state, self._move(self._state, action)
         self._steps = self._steps + 1
         observation = self._state.t()

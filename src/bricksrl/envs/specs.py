@@ -19,8 +19,11 @@ if TYPE_CHECKING:
     from bricksrl.envs.task import Task
 
 
-def clamped(action: Tensor, env_id: str) -> Tensor:
-    """A batch of actions, clamped to -1..1. Raises BricksError for one that is not a number; a GPU is not waited for to look."""
+def clamped(action: Tensor, shape: Sequence[int], env_id: str) -> Tensor:
+    """A batch of actions, clamped to -1..1. Raises BricksError for another shape than ``shape``, and for an action that is not a
+    number; a GPU is not waited for to look."""
+    if action.shape != tuple(shape):
+        raise BricksError(f"{env_id} got an action of shape {list(action.shape)}; give {list(shape)}")
     action = action.detach().clamp(-1.0, 1.0)
     if action.device.type == "cpu" and isnan(action.sum()):
         raise BricksError(f"{env_id} got an action that is not a number (NaN); look for what computed it")
@@ -70,11 +73,15 @@ class NominalBounded(BoundedContinuous, metaclass=_KeepClass):  # type: ignore[m
         return torch.where(self._mask(val), val, super()._project(val))
 
     def _mask(self, val: Tensor) -> Tensor:
-        """``nominal`` for a value, also after a transform such as ``CatFrames`` repeated the entries of the spec."""
-        mask = self.nominal
-        if mask.shape != self.shape:
-            repeats = [size // before if size % before == 0 else 0 for size, before in zip(self.shape, mask.shape, strict=True)]
-            mask = mask.repeat(repeats) if all(repeats) else mask.new_ones(())
+        """``nominal`` for a value, also after a transform such as ``CatFrames`` repeated the entries of the spec, or one such as
+        ``UnsqueezeTransform`` added or removed dimensions of one entry."""
+        mask, sizes = self.nominal, list(zip(self.shape, self.nominal.shape, strict=False))
+        if [size for size in mask.shape if size != 1] == [size for size in self.shape if size != 1]:
+            mask = mask.reshape(self.shape)
+        elif mask.ndim == self.ndim and all(size % before == 0 for size, before in sizes):
+            mask = mask.repeat([size // before for size, before in sizes])
+        else:
+            mask = mask.new_ones(())
         return mask.to(val.device)
 
     def _with(self, spec: Any, nominal: Tensor) -> NominalBounded:

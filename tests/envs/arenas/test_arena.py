@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from dataclasses import replace
 from typing import Any
@@ -78,6 +79,36 @@ def test_pettingzoo_needs_an_episode_and_an_action_of_each_robot() -> None:
     env.close()
     with pytest.raises(UnknownOptionError, match="omit batch_size"):
         ArenaParallelEnv("Tag-v0", batch_size=4)
+    with pytest.raises(UnknownOptionError, match="omit render_mode"):
+        ArenaParallelEnv("Tag-v0", render_mode="rgb_array")
+
+
+def test_pettingzoo_state_is_what_all_robots_observe() -> None:
+    """Critics that see everything, such as MAPPO's, read it."""
+    from pettingzoo.test.state_test import test_state_space as check_state_space
+    from torchrl.envs import PettingZooWrapper, check_env_specs
+
+    from bricksrl.envs.arenas.pettingzoo_env import ArenaParallelEnv
+
+    env = ArenaParallelEnv("Carry-v0", render_mode=None)
+    with pytest.raises(RunError, match="Carry-v0 has no state before its first episode; reset it first"):
+        env.state()
+    observations, _ = env.reset(seed=5)
+    draws = env.np_random.integers(0, 100, 9)
+    for _ in range(2):
+        assert env.state_space.contains(env.state())
+        assert np.array_equal(env.state(), np.concatenate([observations["left"], observations["right"]]))
+        observations, *_, infos = env.step(dict.fromkeys(env.agents, np.ones(2, np.float32)))
+        assert infos["left"] == infos["right"] == {"link_lost": False, "success": False}
+    env.reset(seed=5)
+    assert np.array_equal(env.np_random.integers(0, 100, 9), draws)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # they say that it is unbounded, and that they know another version of PettingZoo
+        check_state_space(env)
+        wrapped = PettingZooWrapper(env, return_state=True)
+        check_env_specs(wrapped)
+        assert wrapped.rollout(2)["state"].shape == (2, 24)
+    wrapped.close()
 
 
 def test_robots_share_simulated_time() -> None:
@@ -92,6 +123,20 @@ def test_robots_share_simulated_time() -> None:
     assert len(set(later)) == 1 and 250 <= later[0] - clocks[0] <= 350, "one step for both, not one after the other"
     for one, other in zip(before, after, strict=True):
         assert np.hypot(other.x_m - one.x_m, other.y_m - one.y_m) > 0.01
+    env.close()
+
+
+@pytest.mark.parametrize("batch", [[], [4]])
+@pytest.mark.parametrize("shape", [[1, 1], [1, 3], [2, 2], [2]])
+def test_actions_of_another_shape_raise(batch: list[int], shape: list[int]) -> None:
+    env = make_arena("Tag-v0", seed=1, batch_size=sum(batch))
+    state = env.reset()
+    state["runner", "action"] = torch.zeros(*batch, 1, 2)
+    state["catcher", "action"] = torch.zeros(*batch, 1, 2)
+    env.step(state)
+    told = f"catcher of Tag-v0 got an action of shape {[*batch, *shape]}; give {[*batch, 1, 2]}"
+    with pytest.raises(BricksError, match=re.escape(told)):
+        env.step(TensorDict({**state, "catcher": {"action": torch.zeros(*batch, *shape)}}, batch))
     env.close()
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import torch
 from gymnasium.spaces import Box
+from gymnasium.utils.seeding import np_random
 from numpy.typing import NDArray
 from tensordict import TensorDict
 
@@ -31,11 +32,17 @@ class ArenaParallelEnv(ParallelEnv):  # type: ignore[misc]
     Args:
         env: a name of `bricksrl.envs.arenas.ARENAS`, or a task of your own.
         named: keyword arguments of `make_arena`, without ``batch_size`` and ``device``.
+
+    Attributes:
+        state_space: space of `state`.
+        np_random: generator of wrappers, such as SuperSuit's, that draw from their environment's; the robots have their own.
     """
 
-    def __init__(self, env: str | ArenaTask, **named: Any) -> None:
+    def __init__(self, env: str | ArenaTask, render_mode: str | None = None, **named: Any) -> None:
         if named.get("batch_size"):
             raise UnknownOptionError("PettingZoo's arenas are single ones; omit batch_size, or use make_arena")
+        if render_mode is not None:
+            raise UnknownOptionError("PettingZoo's arenas give no pictures; omit render_mode, or film them with `bricksrl team`")
         self._env: ArenaEnv = make_arena(env, **named)
         task = self._env.task
         self.metadata = {"name": task.id, "is_parallelizable": True, "render_modes": []}
@@ -45,8 +52,10 @@ class ArenaParallelEnv(ParallelEnv):  # type: ignore[misc]
         n = (len(task.entries),)
         # observations may exceed an entry's nominal bounds
         self.observation_spaces = {name: Box(-np.inf, np.inf, n, np.float32) for name in task.robots}
+        self.state_space = Box(-np.inf, np.inf, (len(task.robots) * n[0],), np.float32)
         self.action_spaces = {name: Box(-1.0, 1.0, (2,), np.float32) for name in task.robots}
         self._state: Any = None
+        self.np_random, _ = np_random(named.get("seed"))
 
     def observation_space(self, agent: str) -> Box:
         """Space of a robot's observation."""
@@ -62,6 +71,7 @@ class ArenaParallelEnv(ParallelEnv):  # type: ignore[misc]
         """Start an episode, reproducibly with a seed."""
         if seed is not None:
             self._env.set_seed(seed)
+            self.np_random, _ = np_random(seed)
         self._state = self._env.reset()
         self.agents = list(self.possible_agents)
         return self._per_robot(self._state, "observation"), {name: {} for name in self.agents}
@@ -69,7 +79,8 @@ class ArenaParallelEnv(ParallelEnv):  # type: ignore[misc]
     def step(
         self, actions: dict[str, Array]
     ) -> tuple[dict[str, Array], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
-        """One step of all robots; the episode ends for all at once. Raises RunError without an episode, or an action of each."""
+        """One step of all robots; the episode ends for all at once. Infos say whether a link broke, and whether the task's aim is
+        reached. Raises RunError without an episode, or an action of each."""
         task = self._env.task
         if set(actions) != set(self.agents) or not self.agents:
             raise RunError(f"{task.id} got actions of {', '.join(actions) or 'none'}; reset it, then give one of each agent")
@@ -78,14 +89,21 @@ class ArenaParallelEnv(ParallelEnv):  # type: ignore[misc]
             self._state[group, "action"] = group_actions
         out = self._env.step(TensorDict(self._state))["next"]
         self._state = out.exclude("terminated", "truncated", "done")
-        lost = bool(out["link_lost"])
+        info = {name: bool(out[name]) for name in ("link_lost", "success")}
         rewards = {name: float(value[0]) for name, value in self._per_robot(out, "reward").items()}
         ends = [dict.fromkeys(self.agents, bool(out[name])) for name in ("terminated", "truncated")]
-        infos: dict[str, dict[str, Any]] = {name: {"link_lost": lost} for name in self.agents}
+        infos: dict[str, dict[str, Any]] = {name: dict(info) for name in self.agents}
         observations = self._per_robot(out, "observation")
         if bool(out["done"]):
             self.agents = []
         return observations, rewards, ends[0], ends[1], infos
+
+    def state(self) -> Array:
+        """What all robots observe, in the order of `possible_agents`, for critics that see everything. Raises RunError before the
+        first episode."""
+        if self._state is None:
+            raise RunError(f"{self._env.task.id} has no state before its first episode; reset it first")
+        return np.concatenate(list(self._per_robot(self._state, "observation").values()))
 
     def _per_robot(self, tensordict: Any, name: str) -> dict[str, Array]:
         values = {}

@@ -71,7 +71,8 @@ def split_by_group(task: ArenaTask, batch: torch.Size, **per_robot: Tensor) -> d
 def joined_actions(task: ArenaTask, tensordict: TensorDictBase) -> Tensor:
     """Actions ``[*batch, robots, 2]`` in the arena's order, `clamped`."""
     parts: list[Tensor] = [torch.empty(0)] * len(task.robots)
-    for group in task.groups:
-        for index, action in zip(task.places(group), tensordict[group, "action"].unbind(-2), strict=True):
+    for group, names in task.groups.items():
+        actions = clamped(tensordict[group, "action"], (*tensordict.batch_size, len(names), 2), f"{group} of {task.id}")
+        for index, action in zip(task.places(group), actions.unbind(-2), strict=True):
             parts[index] = action
-    return clamped(torch.stack(parts, -2), task.id)
+    return torch.stack(parts, -2)
