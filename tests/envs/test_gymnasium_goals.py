@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from bricksrl.envs.gymnasium_goals import GoalObservation
+from bricksrl.envs.gymnasium import GoalObservation
 from bricksrl.errors import DescriptionError
 
 

@@ -301,8 +301,8 @@ def register_with_gymnasium(env_ids: Iterable[str] | None = None) -> None:
         gymnasium.registry.pop(gym_id, None)
         gymnasium.register(
             id=gym_id,
-            entry_point="bricksrl.envs.gymnasium_env:GymnasiumEnv",
-            vector_entry_point="bricksrl.envs.gymnasium_env:GymnasiumVectorEnv" if _specs[env_id].kinematics else None,
+            entry_point="bricksrl.envs.gymnasium:GymnasiumEnv",
+            vector_entry_point="bricksrl.envs.gymnasium:GymnasiumVectorEnv" if _specs[env_id].kinematics else None,
             max_episode_steps=get_task(env_id).max_steps,
             kwargs={"env_id": env_id},
         )

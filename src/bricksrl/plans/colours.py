@@ -32,7 +32,7 @@ class Colour:
 
 @functools.cache
 def _known() -> dict[int, Colour]:
-    rows = read_table(__package__, "colours")
+    rows = read_table("bricksrl.plans.catalogue", "colours")
     return {int(row["code"]): Colour(int(row["code"]), row["name"], _rgb(row["rgb"]), int(row["bricklink"])) for row in rows}
 
 

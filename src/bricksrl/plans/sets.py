@@ -73,7 +73,7 @@ class Purchase:
 @functools.cache
 def sets() -> tuple[LegoSet, ...]:
     """The sets of ``inventories.csv``, which also names the sources."""
-    rows = read_table(__package__, "inventories")
+    rows = read_table("bricksrl.plans.catalogue", "inventories")
     counts = {number: Counter({_key(catalogue.get(row["part"])): int(row[number]) for row in rows}) for number in NAMES}
     return tuple(LegoSet(number, NAMES[number], +count, number not in _ELECTRONICS_ONLY) for number, count in counts.items())
 

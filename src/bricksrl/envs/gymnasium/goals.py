@@ -11,7 +11,7 @@ from gymnasium.spaces import Box, Dict
 from gymnasium.utils import RecordConstructorArgs
 from numpy.typing import NDArray
 
-from bricksrl.envs.gymnasium_env import Array, GymnasiumEnv
+from bricksrl.envs.gymnasium.environment import Array, GymnasiumEnv
 from bricksrl.envs.specs import ObservationLayout
 from bricksrl.errors import DescriptionError
 

@@ -1,0 +1,8 @@
+"""Environments as Gymnasium's."""
+
+from __future__ import annotations
+
+from bricksrl.envs.gymnasium.environment import GymnasiumEnv, GymnasiumVectorEnv
+from bricksrl.envs.gymnasium.goals import GoalObservation
+
+__all__ = ["GoalObservation", "GymnasiumEnv", "GymnasiumVectorEnv"]
