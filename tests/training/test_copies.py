@@ -18,6 +18,7 @@ from test_run_loop import Recorder, assert_same_run, ctrl_c, rows
 
 import bricksrl
 from bricksrl.agents import preset
+from bricksrl.agents.networks import Dropout
 from bricksrl.envs.rollout import play_episodes
 from bricksrl.errors import RunError
 from bricksrl.evaluation import evaluate
@@ -136,13 +137,13 @@ def test_parallel_robots_learn_and_lost_one_returns(tmp_path: Path) -> None:
 
 def test_copies_act_without_dropout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The network that acts is the one that learns, with dropout."""
-    seen, forward = [], torch.nn.Dropout.forward
+    seen, forward = [], Dropout.forward
 
-    def noted(self: torch.nn.Dropout, x: torch.Tensor) -> torch.Tensor:
+    def noted(self: Dropout, x: torch.Tensor) -> torch.Tensor:
         seen.append((torch.is_grad_enabled(), self.training))
         return forward(self, x)
 
-    monkeypatch.setattr(torch.nn.Dropout, "forward", noted)
+    monkeypatch.setattr(Dropout, "forward", noted)
     train(TrainConfig("WalkerSim-v0", "random", 1, run_dir=tmp_path / "data"))
     settings = replace(preset("default", "bc"), hidden=(8, 8), updates_per_step=0.1)
     train(
