@@ -29,7 +29,10 @@ def is_reference(env_id: str) -> bool:
 def with_absolute_file(reference: str) -> str:
     """A reference with the absolute path of its file, without ``..``, for use in any folder; names and modules as they are."""
     location, name = _parts(reference)
-    return ":".join(filter(None, (os.path.abspath(location), name))) if location.endswith(".py") else reference
+    if not location.endswith(".py"):
+        return reference
+    path = os.path.abspath(location)  # noqa: PTH100  Path.resolve follows links
+    return ":".join(filter(None, (path, name)))
 
 
 def without_folder(reference: str) -> str:

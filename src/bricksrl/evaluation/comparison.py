@@ -92,8 +92,8 @@ class Comparison:
 
 
 def compare(paths: Sequence[Path | str] | Path | str) -> Comparison:
-    """Compare runs, or look at one; a folder of several seeds stands for all its runs. Raises RunError if a folder holds no run or one without
-    episodes, a run is named twice, or two runs of a group share a seed.
+    """Compare runs, or look at one; a folder of several seeds stands for all its runs. Raises RunError if a folder holds no run
+    or one without episodes, a run is named twice, or two runs of a group share a seed.
 
     Runs are scored by their evaluations if all have one, else by the mean of their last training episodes.
     """
