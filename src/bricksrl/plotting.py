@@ -55,8 +55,9 @@ def import_matplotlib() -> None:
             os.environ["MPLBACKEND"] = backend
 
 
-def check_picture(path: Path) -> Path:
+def check_picture(path: Path | str) -> Path:
     """The path, if it names a PNG file, as `save` writes. Raises DescriptionError if it has another suffix."""
+    path = Path(path)
     if path.suffix.lower() != ".png":
         raise DescriptionError(f"'{path}' is not a name of a picture; end it in .png")
     return path
@@ -80,14 +81,14 @@ def save(figure: Figure, path: Path, dots_per_inch: int = 150) -> None:
     write_durably(path, png.getvalue())
 
 
-def save_image(path: Path, image: NDArray[np.uint8]) -> None:
+def save_image(path: Path | str, image: NDArray[np.uint8]) -> None:
     """Write an image, uint8 [height, width, 3], to a PNG file, completely or not at all."""
     import_matplotlib()
     from matplotlib.image import imsave
 
     png = io.BytesIO()
     imsave(png, image, format="png")
-    write_durably(path, png.getvalue())
+    write_durably(Path(path), png.getvalue())
 
 
 def number(value: float) -> str:

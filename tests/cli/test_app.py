@@ -135,6 +135,7 @@ def test_wrong_arguments_print_one_line(fails, arguments, says):
     [
         ("data split no --out a --rest b --share nan", "share is nan"),
         ("data split no --out a --rest b --share inf", "share is inf"),
+        ("data split no --out a --rest b --share 80", "share is 80; give a number between 0 and 1"),
         ("data split no --out a --rest b --seed -1", "seed is -1"),
         ("record WalkerSim-v0 --out a --seed -1", "seed is -1"),
         ("tune WalkerSim-v0 --seed -1 --folder a", "seed is -1"),

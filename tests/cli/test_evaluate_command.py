@@ -6,6 +6,7 @@ import io
 import json
 import re
 import shutil
+from pathlib import Path
 
 import pytest
 
@@ -16,8 +17,11 @@ from bricksrl.envs.env import HubEnv
 from bricksrl.envs.odometry import SonarOdometer
 from bricksrl.hub.errors import HubNotFoundError
 from bricksrl.hub.link.lockstep import HubLink
+from bricksrl.training import TrainConfig, train
 from bricksrl.twin.make_body import make_body
 from bricksrl.virtual_hub.transport import VirtualHub
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 def test_stdout_has_json_only(bricksrl, trained):
@@ -104,6 +108,19 @@ def test_run_on_a_lego_robot_is_not_filmed_on_a_virtual_one(fails, trained, tmp_
     stored["config"]["hub"] = "ble"
     (run_dir / "config.json").write_text(json.dumps(stored))
     fails("evaluate", str(run_dir), "--video", str(tmp_path / "a.mp4"), says="give --hub virtual")
+
+
+@pytest.mark.parametrize(
+    ("env", "says"), [("04_own_robot.py", "its robot lies on a bench"), ("WalkerSim-v0", "has no virtual robot to film")]
+)
+def test_what_cannot_be_filmed_is_refused_before_the_first_episode(env, says, tmp_path, capsys):
+    env = str(EXAMPLES / env) if env.endswith(".py") else env
+    train(TrainConfig(env, "random", episodes=1, run_dir=tmp_path / "run", record=False))
+    capsys.readouterr()
+    assert main(["evaluate", str(tmp_path / "run"), "--episodes", "1", "--video", str(tmp_path / "a.mp4")]) == 2
+    told = capsys.readouterr()
+    assert told.out == "" and told.err.count("\n") == 1 and says in told.err
+    assert not (tmp_path / "a.mp4").exists()
 
 
 def test_user_is_asked_to_place_robot_each_episode(fails, trained, monkeypatch, capfd):

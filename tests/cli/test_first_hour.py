@@ -63,7 +63,7 @@ def dataset(short: Path) -> Path:
 
 
 def test_robot_without_model_has_no_video(short: Path) -> None:
-    with pytest.raises(TwinError, match="no virtual robot to film"):
+    with pytest.raises(TwinError, match="nothing to film, as its robot lies on a bench"):
         film_before_and_after(short, "a robot")
 
 

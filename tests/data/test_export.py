@@ -95,6 +95,7 @@ def test_torchrl_samples_from_dataset(tmp_path: Path) -> None:
 def test_summary_counts(tmp_path: Path) -> None:
     episodes = load(record(tmp_path / "set", (3, 5, 4)))
     summary = summarise(tmp_path / "set")
+    assert summarise(str(tmp_path / "set")) == summary
     assert (summary.episodes, summary.transitions, summary.policies) == (3, 12, {"random": 3})
     assert summary.return_mean == pytest.approx(episodes.returns().mean()) and summary.success_rate == pytest.approx(2 / 3)
     assert summary.interventions == int(episodes.intervention.sum()) and summary.age_mean_s == pytest.approx(0.02)

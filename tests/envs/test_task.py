@@ -146,6 +146,9 @@ def test_sampled_entries_are_drawn_from_their_whole_range() -> None:
         ({"max_steps": None}, "max_steps is None; give a whole number"),
         ({"camera": True}, "camera is True; give CameraView"),
         ({"reward": 1.0}, "reward is 1.0; give a function"),
+        ({"reward": lambda o: o}, r"takes other arguments, \(o\); write a function of \(previous, action, observation\)"),
+        ({"metrics": lambda o, a: {}}, r"metrics of .* takes other arguments, \(o, a\); write a function of \(observations\)"),
+        ({"terminated": lambda: True}, r"terminated of .* write a function of \(observation\)"),
         ({"interface": RUN_AWAY.interface.commands}, "interface is .*; give Interface"),
     ],
 )

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import bricksrl
-from bricksrl.envs.user_files import load_robot
+from bricksrl.envs.user_files import load_robot, with_absolute_file
 from bricksrl.errors import DescriptionError, UnknownNameError
 
 FILE = """
@@ -45,6 +45,15 @@ def test_task_from_file_or_module(folder: Path, reference: str) -> None:
     assert env.rollout(9).shape == (3,)
     env.close()
     assert str(folder) not in sys.path  # TorchRL's imports may have added others
+
+
+def test_absolute_reference_outlives_the_folder_it_was_given_in(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (folder / "elsewhere").mkdir()
+    monkeypatch.chdir(folder / "elsewhere")
+    reference = with_absolute_file("../mine.py:MINE")
+    monkeypatch.chdir(folder)
+    (folder / "elsewhere").rmdir()
+    assert bricksrl.envs.get_task(reference).max_steps == 3
 
 
 def test_name_is_optional_for_single_task(folder: Path) -> None:

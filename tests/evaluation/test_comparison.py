@@ -12,7 +12,7 @@ import pytest
 from bricksrl.cli import main
 from bricksrl.envs.reference_returns import REFERENCES
 from bricksrl.errors import DescriptionError, RunError
-from bricksrl.evaluation.comparison import compare
+from bricksrl.evaluation.comparison import compare, draw
 from bricksrl.evaluation.statistics import probability_of_improvement
 from bricksrl.plotting import number
 from bricksrl.training import Episode, Phase, RunFolder, TrainConfig
@@ -144,3 +144,10 @@ def test_curves_of_few_episodes(count: int, tmp_path: Path) -> None:
     episodes = [Episode(k, Phase.TRAIN, k, 1, 8280.0 * k, None) for k in range(1, count + 1)]
     draw_learning_curve(tmp_path / "a.png", episodes, "Spinning-v0", {"random": 75.0, "by hand": 8529.0})
     assert (tmp_path / "a.png").exists()
+
+
+def test_paths_may_be_texts(runs: list[Path], tmp_path: Path) -> None:
+    (only,) = compare(str(runs[0])).groups
+    assert only == compare(runs[:1]).groups[0]
+    draw(str(tmp_path / "a.png"), [only])
+    assert (tmp_path / "a.png").stat().st_size > 1_000

@@ -19,6 +19,7 @@ from bricksrl.training import TrainConfig
         ("forward_m", 1.416, ("forward", "1.416 m")),
         ("turned_deg", -38.1, ("turned", "-38.1 deg")),
         ("mean_yaw_rate_deg_s", 170.0, ("mean yaw rate", "170 deg/s")),
+        ("final_distance_px", 162.2, ("final distance", "162.2 px")),
         ("straightness", 0.8, ("straightness", "0.8")),
     ],
 )

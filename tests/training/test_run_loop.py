@@ -195,7 +195,7 @@ def test_a_finished_run_can_be_extended(config: TrainConfig, tmp_path: Path) -> 
     again = resume(tmp_path / "run", env=Cart())
     assert not again.interrupted
     assert_same_run(tmp_path / "whole", tmp_path / "run")
-    with pytest.raises(RunError, match="already has 6 episodes"):
+    with pytest.raises(RunError, match="is meant to have 6 episodes; give that number or more, not 5"):
         resume(tmp_path / "run", episodes=5, env=Cart())
 
 

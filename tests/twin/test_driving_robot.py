@@ -287,10 +287,18 @@ def test_start_pose_follows_scene() -> None:
     [
         (lambda: Line(((0, 0),)), "two or more"),
         (lambda: Line(((0, 0), (1, 0)), color="beige"), "no color 'beige'"),
-        (lambda: Field((0, 0), (0, 5)), "positive sizes"),
+        (lambda: Line((0, 0)), r"a line at \(0, 0\); give places"),
+        (lambda: Line(((0, 0), (1, 0)), color=(0, 0, 0)), "choose white"),
+        (lambda: Field((0, 0), (0, 5)), "a field of 0, 5 mm; give 2 positive sizes"),
         (lambda: Field((math.nan, 0), (5, 5)), "finite"),
         (lambda: Wall((0, 0), (0, 0)), "give two"),
         (lambda: Block((0, 0), mass_g=-3), "positive mass"),
+        (lambda: Block((0, 0), (50, 50)), "a block of 50, 50 mm; give 3 positive sizes"),
+        (lambda: Block((0, 0), 50), "a block of 50 mm; give 3 positive sizes"),
+        (lambda: Block((0, 0, 0)), "give places"),
+        (lambda: Lamp((100, 0)), r"give a place \(x, y, height\)"),
+        (lambda: Scene(objects=Lamp((0, 0, 9))), "objects is of type Lamp; give several"),
+        (lambda: Scene(objects=("line",)), "'line' is not an object"),
         (lambda: Block((0, 0), spread_mm=(5, 5)), "a mass to what is to be moved"),
         (lambda: Ramp((0, 0), height_mm=0), "positive sizes"),
         (lambda: Lamp((0, 0, 100), light_pct=500), "up to 100 %"),
@@ -303,6 +311,12 @@ def test_invalid_objects_raise(wrong: Any, says: str) -> None:
     with pytest.raises(TwinError, match=says) as caught:
         wrong()
     assert "\n" not in str(caught.value)
+
+
+def test_lists_of_objects_and_of_points_are_taken() -> None:
+    line = Line([[0, 0], [100, 0], [100, 100]], closed=True)  # type: ignore[arg-type,list-item]
+    assert line == Line(((0, 0), (100, 0), (100, 100)), closed=True) and len(line.ends_mm[0]) == 3
+    assert Scene(objects=[line]) == Scene(objects=(line,))  # type: ignore[arg-type]
 
 
 def test_two_wheeler_with_colour_sensor() -> None:

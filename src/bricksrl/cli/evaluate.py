@@ -16,6 +16,8 @@ from bricksrl.cli.video import check_film
 from bricksrl.errors import StoppedError, TwinError, counted
 
 if TYPE_CHECKING:
+    from torchrl.envs import EnvBase
+
     from bricksrl.evaluation import EvaluationResult
 
 _FILMED_EPISODES = 3
@@ -57,7 +59,7 @@ class Evaluate:
     def execute(self) -> None:
         from bricksrl.cli.emergency_stop import EmergencyStop
         from bricksrl.evaluation import evaluate
-        from bricksrl.evaluation.film import FilmOptions, film_run
+        from bricksrl.evaluation.film import FilmOptions, check_filmable, film_run
         from bricksrl.training import RunFolder
         from bricksrl.training.restore import one_robot
         from bricksrl.twin.physics import read_physics
@@ -79,6 +81,11 @@ class Evaluate:
             if not self.json:
                 print_line(f"episode {episode}/{self.episodes}  return {return_:.4g}")
 
+        def begin(env: EnvBase) -> None:
+            if self.video is not None:
+                check_filmable(env)
+            emergency_stop.attach(env)
+
         try:
             with EmergencyStop(threading.Event(), print_note) as emergency_stop:
                 result = evaluate(
@@ -89,7 +96,7 @@ class Evaluate:
                     which="best" if self.best else "last",
                     save=False,
                     on_episode=report,
-                    on_env=emergency_stop.attach,
+                    on_env=begin,
                     place=emergency_stop.place,
                     **options,
                 )

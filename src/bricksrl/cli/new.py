@@ -16,9 +16,10 @@ from bricksrl.errors import DescriptionError
 from bricksrl.files import quoted, refuse_existing, write_durably
 
 
-def write_template(kind: str, path: Path) -> None:
+def write_template(kind: str, path: Path | str) -> None:
     """Write the template of a task, a robot or an agent to a new Python file, with the file's name filled in. Raises
     DescriptionError if the name is not that of a Python module, or the file exists."""
+    path = Path(path)
     if path.suffix != ".py" or not path.stem.isidentifier():
         raise DescriptionError(
             f"'{path.name}' is not a name of a Python file; give letters, digits and underscores, as in my_{kind}.py"

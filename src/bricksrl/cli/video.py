@@ -61,6 +61,7 @@ def filmed_env(env: EnvBase, path: Path | None, title: str) -> Iterator[None]:
     if path is None:
         yield
         return
+    from bricksrl.evaluation.film import check_filmable
     from bricksrl.twin.mujoco_body import MujocoBody
     from bricksrl.twin.render.captions import captioned
     from bricksrl.twin.render.opengl import Image, Renderer, VideoWriter
@@ -68,9 +69,8 @@ def filmed_env(env: EnvBase, path: Path | None, title: str) -> Iterator[None]:
     from bricksrl.twin.render.video import Filmed
 
     check_film(path)
+    check_filmable(env)
     size, number = (1280, 720), 0
-    if not hasattr(env, "watch"):
-        raise TwinError(f"{env.task.id} has no virtual robot to film; leave out --video")
     video, renderers = VideoWriter(path, 1000 / _FRAME_MS), ExitStack()
 
     def install(connection: Connection) -> None:

@@ -6,7 +6,6 @@ The datasets written here have few large files, as LeRobot prefers, where a reco
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
@@ -41,7 +40,7 @@ def merge(sources: Sequence[Path], out: Path) -> Index:
 def split(source: Path, first: Path, second: Path, share: float, seed: int) -> tuple[Index, Index]:
     """Write a random share of the episodes to ``first`` and the others to ``second``, both in order. Raises DataError if the
     source is damaged, a target exists, or a target would be empty, DescriptionError if the seed is invalid."""
-    if not math.isfinite(share):
+    if not 0.0 <= share <= 1.0:
         raise DataError(f"share is {share:g}; give a number between 0 and 1")
     check_seed(seed)
     index = read_index(source)

@@ -48,13 +48,14 @@ def is_dataset(root: Path) -> bool:
     return Layout(root).description.exists() or Layout(root).info.exists()
 
 
-def dataset_folder(path: Path) -> Path:
+def dataset_folder(path: Path | str) -> Path:
     """Folder of the dataset: the given one, or ``data`` in the folder of a run."""
+    path = Path(path)
     folder = path / "data"
     return folder if Layout(folder).info.exists() and not Layout(path).info.exists() else path
 
 
-def read_index(path: Path) -> Index:
+def read_index(path: Path | str) -> Index:
     """Read the index of the dataset in a folder, or in the folder of a run. Raises DataError if there is no dataset, it is
     damaged, or it was not made by BricksRL."""
     layout = Layout(dataset_folder(path))

@@ -60,7 +60,7 @@ class Summary:
         return json.dumps(dataclasses.asdict(self))
 
 
-def summarise(path: Path) -> Summary:
+def summarise(path: Path | str) -> Summary:
     """Summarise a dataset. Raises DataError if there is no dataset, or it is damaged."""
     index = read_index(path)
     ages = read_columns(index, ["age_s"])["age_s"]
@@ -89,10 +89,10 @@ def summarise(path: Path) -> Summary:
     )
 
 
-def plot(path: Path, out: Path) -> None:
+def plot(path: Path | str, out: Path | str) -> None:
     """Plot the returns, and every channel and action over the steps of an episode, into an image file. Raises DataError if there
     is no dataset, or it is damaged."""
-    check_picture(out)
+    out = check_picture(out)
     index = read_index(path)
     columns = read_columns(index, [OBSERVATION, ACTION, "next.reward", "frame_index"])
     panels = _panels(index, columns)

@@ -196,7 +196,7 @@ def batch_shape(batch_size: int | Sequence[int]) -> torch.Size:
     """Shape of a number of copies, as an integer or as in TorchRL. Raises DescriptionError if it is no number of copies."""
     sizes = list(batch_size) if isinstance(batch_size, Sequence) else [batch_size] if batch_size else []
     if len(sizes) > 1 or not all(hasattr(size, "__index__") and size > 0 for size in sizes):
-        raise DescriptionError(f"batch_size is {batch_size}; give a number of copies, or 0 for one without a batch dimension")
+        raise DescriptionError(f"batch_size is {batch_size!r}; give a number of copies, or 0 for one without a batch dimension")
     return torch.Size([int(size) for size in sizes])
 
 

@@ -6,6 +6,7 @@ observations have the shape ``[*batch, n]``, actions ``[*batch, m]`` (in -1..1),
 
 from __future__ import annotations
 
+import inspect
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -93,6 +94,8 @@ class Task:
 
     def __post_init__(self) -> None:
         check_fields(Task, vars(self), Tensor=Any)
+        for name, arguments in _ARGUMENTS.items():
+            _check_arguments(self.id, name, getattr(self, name), arguments)
         if re.fullmatch(r"\w+-v\d+", self.id) is None:
             raise DescriptionError(f"'{self.id}' is not an id for a task; take a name and a version, such as 'MyTask-v0'")
         if self.max_steps < 1:
@@ -153,6 +156,29 @@ class Task:
         farthest_px = self.camera.farthest_px
         names = ("mean_distance", "nearest_distance")
         return (*self.entries, *(Entry(name, 0.0, farthest_px, "px") for name in names))
+
+
+_ARGUMENTS = {
+    "reward": ("previous", "action", "observation"),
+    "success": ("observations",),
+    "metrics": ("observations",),
+    "terminated": ("observation",),
+    "blocked": ("observation",),
+}
+"""Arguments of the functions of a task."""
+
+
+def _check_arguments(task_id: str, name: str, function: Callable[..., Any], arguments: tuple[str, ...]) -> None:
+    try:
+        signature = inspect.signature(function)
+    except (TypeError, ValueError):  # some functions in C have none
+        return
+    try:
+        signature.bind(*arguments)
+    except TypeError:
+        raise DescriptionError(
+            f"{name} of {task_id} takes other arguments, {signature}; write a function of ({', '.join(arguments)})"
+        ) from None
 
 
 def success_of(task: Task, observations: Tensor) -> bool:

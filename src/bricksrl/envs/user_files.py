@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import importlib
 import importlib.util
+import os
 import sys
 import sysconfig
 import traceback
@@ -26,9 +27,12 @@ def is_reference(env_id: str) -> bool:
 
 
 def with_absolute_file(reference: str) -> str:
-    """A reference with the absolute path of its file, for use in any folder; names and modules as they are."""
+    """A reference with the absolute path of its file, without ``..``, for use in any folder; names and modules as they are."""
     location, name = _parts(reference)
-    return ":".join(filter(None, (str(Path(location).absolute()), name))) if location.endswith(".py") else reference
+    if not location.endswith(".py"):
+        return reference
+    path = os.path.abspath(location)  # noqa: PTH100  Path.resolve follows links
+    return ":".join(filter(None, (path, name)))
 
 
 def without_folder(reference: str) -> str:

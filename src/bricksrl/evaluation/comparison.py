@@ -91,12 +91,13 @@ class Comparison:
         return json.dumps({"scored_by": self.scored_by, "groups": groups, "improvements": improvements}, indent=2)
 
 
-def compare(paths: Sequence[Path | str]) -> Comparison:
-    """Compare runs; a folder of several seeds stands for all its runs. Raises RunError if a folder holds no run or one without
-    episodes, a run is named twice, or two runs of a group share a seed.
+def compare(paths: Sequence[Path | str] | Path | str) -> Comparison:
+    """Compare runs, or look at one; a folder of several seeds stands for all its runs. Raises RunError if a folder holds no run
+    or one without episodes, a run is named twice, or two runs of a group share a seed.
 
     Runs are scored by their evaluations if all have one, else by the mean of their last training episodes.
     """
+    paths = [paths] if isinstance(paths, str | Path) else paths
     runs = [_Run.read(path) for path in _run_folders(paths)]
     evaluated = all(run.evaluation is not None for run in runs)
     by_config: dict[tuple[str, str], list[_Run]] = {}
@@ -181,13 +182,13 @@ def _improvement(group: Group, other: Group) -> Improvement:
     return Improvement(group.env, first.agent, second.agent, probability, interval)
 
 
-def draw(path: Path, groups: Sequence[Group]) -> None:
+def draw(path: Path | str, groups: Sequence[Group]) -> None:
     """Plot the learning curves into an image file, with one panel per environment. Raises DescriptionError if the file name is
     not that of an image.
 
     A group of five or more runs is shown by its interquartile mean and 95 % interval, a smaller one by its runs and their mean.
     """
-    check_picture(path)
+    path = check_picture(path)
     envs = list(dict.fromkeys(group.env for group in groups))
     columns = min(_COLUMNS, len(envs))
     rows = -(-len(envs) // columns)

@@ -57,6 +57,18 @@ class Filmed:
     forward_m: tuple[float, ...]
 
 
+def check_filmable(env: EnvBase) -> None:
+    """Raise TwinError unless an environment has a virtual robot with a body that can be seen."""
+    from bricksrl.twin.make_body import lies_on_bench
+
+    if not hasattr(env, "watch"):
+        raise TwinError(f"{env.task.id} has no virtual robot to film; choose an environment with a hub")
+    if lies_on_bench(env.task.robot, env.task.scene):
+        raise TwinError(
+            f"{env.task.id} has nothing to film, as its robot lies on a bench; describe a drive base, a plan or a model of it"
+        )
+
+
 def film(
     env: EnvBase, act: Policy, path: Path, options: FilmOptions | None = None, *, reset: Callable[[], None] = lambda: None
 ) -> Filmed:
@@ -70,6 +82,7 @@ def film(
         RenderingUnavailableError: no OpenGL library works here.
         TwinError: the environment has no such robot.
     """
+    check_filmable(env)
     from bricksrl.envs.rollout import play, seed_episode
     from bricksrl.twin.mujoco_body import MujocoBody
     from bricksrl.twin.render.opengl import VideoWriter

@@ -113,7 +113,7 @@ def _curve_text(env: str) -> str:
     return text
 
 
-_UNITS = {"_m_s": "m/s", "_deg_s": "deg/s", "_mm": "mm", "_m": "m", "_deg": "deg", "_pct": "%"}
+_UNITS = {"_m_s": "m/s", "_deg_s": "deg/s", "_mm": "mm", "_m": "m", "_deg": "deg", "_pct": "%", "_px": "px"}
 """Units of metrics by ending of the name, longest endings first."""
 
 

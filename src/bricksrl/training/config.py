@@ -14,7 +14,7 @@ from bricksrl.agents import algorithm, preset
 from bricksrl.agents.settings import LARGEST
 from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.user_files import with_absolute_file, without_folder
-from bricksrl.errors import BricksError, DescriptionError, RunError, counted
+from bricksrl.errors import BricksError, DescriptionError, RunError, UnknownNameError, counted
 from bricksrl.fields import check_fields
 from bricksrl.seed import check_seed
 from bricksrl.twin.physics import Physics
@@ -135,6 +135,8 @@ class TrainConfig(EnvOptions):
             settings = None if values is None else settings_from(data.get("agent", cls.agent), values)
             data = {**data, "settings": settings, "physics": None if physics is None else Physics.from_dict(physics)}
             return cls(**data, run_dir=run_dir)
+        except UnknownNameError as error:  # says what to do
+            raise RunError(f"the run needs what is not here: {error}") from None
         except (BricksError, TypeError) as error:
             raise RunError(f"the config is invalid: {error}; restore the file or start a new run") from None
 

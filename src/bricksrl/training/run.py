@@ -83,7 +83,8 @@ def resume(
     config = folder.read_config()
     if episodes is not None and episodes < config.episodes:
         raise RunError(
-            f"the run in {run_dir} already has {counted(config.episodes, 'episode')}; give that number or more, not {episodes}"
+            f"the run in {run_dir} is meant to have {counted(config.episodes, 'episode')}; give that number or more, "
+            f"not {episodes}"
         )
     if config.updates and episodes not in (None, config.episodes):
         raise RunError(f"the run in {run_dir} learned from data; `bricksrl train ENV --from RUN` goes on from it on a robot")

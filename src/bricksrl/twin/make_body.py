@@ -29,8 +29,7 @@ def make_body(robot: Robot, *, scene: Scene | None = None, physics: Physics | Ra
     """
     scene = scene or OPEN_FLOOR
     has_stimuli = bool(scene.readings or scene.end_stops)
-    is_modelled = robot.model is not None or robot.plan is not None
-    if is_modelled or (robot.drive_base is not None and not has_stimuli):
+    if not lies_on_bench(robot, scene):
         if has_stimuli:
             raise TwinError(
                 f"the MuJoCo model of '{robot.name}' has sensors of its own; omit the scene's readings and end stops, or "
@@ -48,6 +47,13 @@ def make_body(robot: Robot, *, scene: Scene | None = None, physics: Physics | Ra
             "no readings, or give Scene(readings=...) only"
         )
     return BenchTwin(robot, scene, physics)
+
+
+def lies_on_bench(robot: Robot, scene: Scene) -> bool:
+    """Whether `make_body` gives a robot no body that can be seen, only a bench."""
+    if robot.model is not None or robot.plan is not None:
+        return False
+    return robot.drive_base is None or bool(scene.readings or scene.end_stops)
 
 
 def check_mujoco() -> None:

@@ -7,13 +7,14 @@ its left. Headings are degrees, clockwise seen from above. Lines and fields affe
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bricksrl.errors import TwinError
+from bricksrl.errors import TwinError, counted
 from bricksrl.plans.geometry import Floats
 
 Point = tuple[float, float]
@@ -53,9 +54,10 @@ class Line:
     closed: bool = False
 
     def __post_init__(self) -> None:
-        _check(self.color, "a line", (self.width_mm,), self.points_mm)
+        _check(self.color, "a line", (self.width_mm,), 1, self.points_mm)
+        object.__setattr__(self, "points_mm", tuple(map(tuple, self.points_mm)))  # lists are welcome
         if len(self.points_mm) < 2:
-            raise TwinError(f"scene: a line of {len(self.points_mm)} points; give two or more")
+            raise TwinError(f"scene: a line of {counted(len(self.points_mm), 'point')}; give two or more")
 
     @property
     def ends_mm(self) -> tuple[Floats, Floats]:
@@ -96,7 +98,7 @@ class Field:
     round: bool = False
 
     def __post_init__(self) -> None:
-        _check(self.color, "a field", self.size_mm, (self.at_mm, (self.heading_deg, 0.0)))
+        _check(self.color, "a field", self.size_mm, 2, (self.at_mm, (self.heading_deg, 0.0)))
 
     def covers(self, points_mm: Floats) -> NDArray[np.bool_]:
         """Whether points ``[n, 2]`` are on it; ``[n]``."""
@@ -118,7 +120,7 @@ class Wall:
     color: str = "red"
 
     def __post_init__(self) -> None:
-        _check(self.color, "a wall", (self.height_mm, self.thickness_mm), (self.from_mm, self.to_mm))
+        _check(self.color, "a wall", (self.height_mm, self.thickness_mm), 2, (self.from_mm, self.to_mm))
         if self.from_mm == self.to_mm:
             raise TwinError(f"scene: a wall from {self.from_mm} to the same point; give two")
 
@@ -144,7 +146,7 @@ class Block:
     spread_mm: Point = (0.0, 0.0)
 
     def __post_init__(self) -> None:
-        _check(self.color, "a block", self.size_mm, (self.at_mm, self.spread_mm, (self.heading_deg, 0.0)))
+        _check(self.color, "a block", self.size_mm, 3, (self.at_mm, self.spread_mm, (self.heading_deg, 0.0)))
         if self.mass_g is not None and not (math.isfinite(self.mass_g) and self.mass_g > 0):
             raise TwinError(f"scene: a block of {self.mass_g} g; give a positive mass, or None for one that stands still")
         if min(self.spread_mm) < 0 or (self.mass_g is None and any(self.spread_mm)):
@@ -170,7 +172,7 @@ class Ramp:
 
     def __post_init__(self) -> None:
         size = (self.length_mm, self.width_mm, self.height_mm)
-        _check(self.color, "a ramp", size, (self.at_mm, (self.heading_deg, 0.0)))
+        _check(self.color, "a ramp", size, 3, (self.at_mm, (self.heading_deg, 0.0)))
 
 
 @dataclass(frozen=True)
@@ -186,8 +188,10 @@ class Lamp:
     light_pct: float = 80.0
 
     def __post_init__(self) -> None:
-        if not all(math.isfinite(value) for value in self.at_mm) or not 0.0 < self.light_pct <= 100.0:
-            raise TwinError(f"scene: a lamp at {self.at_mm} of {self.light_pct} %; give a place in mm, and up to 100 %")
+        if not _are_numbers(self.at_mm, 3) or not 0.0 < self.light_pct <= 100.0:
+            raise TwinError(
+                f"scene: a lamp at {self.at_mm} of {self.light_pct} %; give a place (x, y, height) in mm, and up to 100 %"
+            )
 
 
 Mark = Line | Field
@@ -206,10 +210,20 @@ def oval(length_mm: float, width_mm: float) -> tuple[Point, ...]:
     return tuple((float(x), float(y)) for x, y in points)
 
 
-def _check(color: str, noun: str, sizes: tuple[float, ...], points: tuple[Point, ...]) -> None:
-    if color not in COLORS:
+def _check(color: str, noun: str, sizes: tuple[float, ...], count: int, points: tuple[Point, ...]) -> None:
+    """Raise TwinError unless there is such a color, and so many positive sizes, and the points are pairs of numbers."""
+    if not isinstance(color, str) or color not in COLORS:
         raise TwinError(f"scene: there is no color '{color}'; choose {', '.join(COLORS)}")
-    if not all(math.isfinite(size) and size > 0 for size in sizes):
-        raise TwinError(f"scene: {noun} of {', '.join(f'{size:g}' for size in sizes)} mm; give positive sizes")
-    if not all(math.isfinite(value) for point in points for value in point):
-        raise TwinError(f"scene: {noun} at {points}; give finite places and headings")
+    if not _are_numbers(sizes, count) or min(sizes) <= 0:
+        shown = ", ".join(map(str, sizes)) if isinstance(sizes, tuple | list) else sizes
+        raise TwinError(f"scene: {noun} of {shown} mm; give {counted(count, 'positive size')}")
+    if not isinstance(points, tuple | list) or not all(_are_numbers(point, 2) for point in points):
+        raise TwinError(f"scene: {noun} at {points}; give places (x, y) in mm and headings in degrees, all finite")
+
+
+def _are_numbers(values: Sequence[float], count: int) -> bool:
+    """Whether these are so many finite numbers, as a user's values may be of any type."""
+    try:
+        return len(values) == count and all(math.isfinite(value) for value in values)
+    except TypeError:
+        return False

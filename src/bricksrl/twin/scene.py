@@ -13,6 +13,7 @@ from bricksrl.virtual_hub.stimuli import Reading
 FLOOR = (0.82, 0.82, 0.84)
 """Reflectance of red, green and blue light of the bare floor."""
 _MAX_HEADING_AT_WALL_DEG = 60.0
+_OBJECT = "Block(at_mm=(300, 0))"
 
 
 @dataclass(frozen=True)
@@ -49,6 +50,12 @@ class Scene:
             _check_range(f"start_mm along {axis}", bounds, -10_000.0, 10_000.0)
         if not 0.0 <= self.light_pct <= 100.0:
             raise TwinError(f"scene: light_pct is {self.light_pct}; give 0 to 100")
+        if not isinstance(self.objects, tuple | list):
+            raise TwinError(f"scene: objects is of type {type(self.objects).__name__}; give several, as in ({_OBJECT},)")
+        object.__setattr__(self, "objects", tuple(self.objects))  # a list is welcome
+        for item in self.objects:
+            if not isinstance(item, Object):
+                raise TwinError(f"scene: {item!r:.40} is not an object; give those of bricksrl.twin.objects, such as {_OBJECT}")
         for name, reading in self.readings.items():
             if not callable(reading):
                 raise TwinError(f"scene: the reading of '{name}' is {reading!r}; give a function: lambda angles: {reading!r}")

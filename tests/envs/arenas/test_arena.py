@@ -45,6 +45,7 @@ def test_torchrl_checks_the_simulations_specs() -> None:
     from torchrl.envs import check_env_specs
 
     check_env_specs(make_arena("Tag-v0", seed=3, batch_size=4))
+    assert make_arena("Tag-v0", batch_size=[3]).batch_size == torch.Size([3])
 
 
 @pytest.mark.parametrize("name", ["Tag-v0", "Carry-v0"])
@@ -312,10 +313,13 @@ def test_simulation_matches_arena() -> None:
 def test_invalid_arguments_raise() -> None:
     with pytest.raises(UnknownNameError, match="no arena 'Chess-v0'"):
         make_arena("Chess-v0")
-    with pytest.raises(DescriptionError, match="no kinematic simulation"):
+    with pytest.raises(DescriptionError, match="no kinematic simulation, .* leave out batch_size, .* copies=0"):
         make_arena("Carry-v0", batch_size=4)
-    with pytest.raises(DescriptionError, match="give a number of copies"):
-        make_arena("Tag-v0", batch_size=-1)
+    with pytest.raises(DescriptionError, match="omit realtime and physics"):
+        make_arena("Tag-v0", batch_size=4, realtime=True)
+    for wrong in (-1, [2, 3], "4"):
+        with pytest.raises(DescriptionError, match=f"batch_size is {re.escape(repr(wrong))}; give a number of copies"):
+            make_arena("Tag-v0", batch_size=wrong)
     with pytest.raises(RunError, match="there is no device 'tpu'"):
         make_arena("Tag-v0", batch_size=2, device="tpu")
     with pytest.raises(DescriptionError, match="runs on the CPU; omit device"):

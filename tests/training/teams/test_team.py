@@ -27,8 +27,8 @@ def test_team_training_is_reproducible_and_saved(tmp_path: Path, agent: str) -> 
     for group in ("catcher", "runner"):
         one, other = (found.learners[group].state_dict() for found in (team, again))
         assert all(torch.equal(one[name], other[name]) for name in one)
-    team.save(tmp_path / "team.bin")
-    loaded = load_team(tmp_path / "team.bin")
+    team.save(f"{tmp_path}/team.bin")
+    loaded = load_team(f"{tmp_path}/team.bin")
     state = make_arena("Tag-v0", seed=1, batch_size=4).reset()
     assert torch.equal(*(found.policy(state.clone())["catcher", "observation"] for found in (team, loaded)))
 

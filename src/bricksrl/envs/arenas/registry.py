@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import importlib
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from bricksrl.errors import DescriptionError, UnknownNameError
@@ -36,7 +37,7 @@ def make_arena(
     seed: int | None = None,
     physics: Physics | None = None,
     realtime: bool = False,
-    batch_size: int = 0,
+    batch_size: int | Sequence[int] = 0,
     device: str = "cpu",
 ) -> EnvBase:
     """An environment of several robots, in TorchRL's multi-agent conventions.
@@ -45,8 +46,8 @@ def make_arena(
         env: a name of `ARENAS`, or a task of your own.
         physics: physics of the virtual robots.
         realtime: run in real time.
-        batch_size, device: number of copies of a kinematic simulation without hubs, contacts and loads, and the device of its
-            tensors; 0 for the arena itself.
+        batch_size, device: number of copies (``8``, or ``[8]`` as in TorchRL) of a kinematic simulation without hubs, contacts
+            and loads, and the device of its tensors; 0 for the arena itself.
 
     Raises:
         UnknownNameError: there is no such arena.
@@ -55,12 +56,20 @@ def make_arena(
     """
     check_seed(seed)
     task = get_arena_task(env) if isinstance(env, str) else env
-    if batch_size:
-        if task.arena.loads or realtime or physics is not None:
-            raise DescriptionError(f"{task.id} has no kinematic simulation of what is pushed, of time or of physics; omit it")
+    from bricksrl.envs.simulation import batch_shape
+
+    shape = batch_shape(batch_size)
+    if shape:
+        if task.arena.loads:
+            raise DescriptionError(
+                f"{task.id} has no kinematic simulation, which would lack what the robots push; leave out batch_size, or let the "
+                "team learn with copies=0"
+            )
+        if realtime or physics is not None:
+            raise DescriptionError(f"the kinematic simulation of {task.id} has no time and no physics; omit realtime and physics")
         from bricksrl.envs.arenas.simulation import ArenaSimulation
 
-        arena: ArenaSimulation | ArenaEnv = ArenaSimulation(task, batch_size, seed=seed, device=device)
+        arena: ArenaSimulation | ArenaEnv = ArenaSimulation(task, shape[0], seed=seed, device=device)
     elif device != "cpu":
         raise DescriptionError(f"{task.id} with its hubs runs on the CPU; omit device, or give a batch_size")
     else:

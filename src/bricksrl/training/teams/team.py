@@ -64,23 +64,23 @@ class Team:
     learners: dict[str, GroupLearner]
     policy: TensorDictModuleBase
 
-    def save(self, path: Path) -> None:
+    def save(self, path: Path | str) -> None:
         """Save the acting networks."""
         from bricksrl.training.checkpoint import save_checkpoint
 
         plain = {**asdict(self.config), "agents": dict(self.config.agents), "scripts": dict(self.config.scripts)}
         own = {**asdict(self.settings), "hidden": list(self.settings.hidden)}
         groups = {group: learner.state_dict() for group, learner in self.learners.items()}
-        save_checkpoint(path, {"config": plain, "settings": own, "groups": groups})
+        save_checkpoint(Path(path), {"config": plain, "settings": own, "groups": groups})
 
 
-def load_team(path: Path, scripts: Mapping[str, str] | None = None) -> Team:
+def load_team(path: Path | str, scripts: Mapping[str, str] | None = None) -> Team:
     """Load a team, optionally against other scripts. Raises CheckpointError if it is damaged or no team."""
     from bricksrl.envs.arenas import make_arena
     from bricksrl.training.checkpoint import load_checkpoint
     from bricksrl.training.teams.groups import TeamSettings
 
-    state = load_checkpoint(path)
+    state = load_checkpoint(Path(path))
     try:
         config = TeamConfig(**{**state["config"], **({} if scripts is None else {"scripts": dict(scripts)})})
         settings = TeamSettings(**{**state["settings"], "hidden": tuple(state["settings"]["hidden"])})
