@@ -25,7 +25,7 @@ def film_arena(env: EnvBase, policy: TensorDictModuleBase, path: Path, episodes:
     with VideoWriter(path, 1000 / _FRAME_MS) as video:
         for episode in range(episodes):
             env.set_seed(seed + episode)
-            with Renderer(env.world.bodies[0], 480, 360, "arena", shadows=True) as renderer:
+            with Renderer(env.world.bodies[0], 480, 360, "arena") as renderer:
                 due_ms = 0
 
                 def draw(time_ms: int, renderer: Renderer = renderer) -> None:
