@@ -9,6 +9,7 @@ import shlex
 import subprocess
 import sys
 import tomllib
+from collections import Counter
 from importlib import metadata
 from pathlib import Path
 
@@ -34,6 +35,17 @@ def test_imports_go_one_way():
         [command, "--no-logo", "--no-cache"], cwd=ROOT, capture_output=True, text=True, timeout=120, check=False
     )
     assert done.returncode == 0, done.stdout
+
+
+def test_files_are_short_and_found_by_their_name():
+    package = ROOT / "src" / "bricksrl"
+    modules = [path for path in package.rglob("*.py") if path.name != "__init__.py"]
+    assert [path for path in modules if len(path.read_text(encoding="utf-8").splitlines()) > 400] == []
+    folders = {path.parent for path in package.rglob("*") if "__pycache__" not in path.parts and path.is_file()}
+    crowded = [folder.name for folder in folders if sum(path.is_file() for path in folder.iterdir()) > 20]
+    assert sorted(crowded) == ["cli", "pybricks"]
+    names = Counter((path.relative_to(package).parts[0], path.name) for path in modules)
+    assert [name for name, count in names.items() if count > 1] == []
 
 
 def test_published_tables_match_results():

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from bricksrl.envs import user_files
-from bricksrl.envs.arenas.registry import ARENAS
+from bricksrl.envs.arenas.arena_registry import ARENAS
 from bricksrl.envs.kinematics import Kinematics
 from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.task import Task

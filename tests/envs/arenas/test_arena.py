@@ -14,8 +14,8 @@ import torch
 from tensordict import TensorDict
 
 from bricksrl.envs.arenas import get_arena_task, make_arena
+from bricksrl.envs.arenas.arena_task import ArenaState, seen_from, steer_towards
 from bricksrl.envs.arenas.tag import TAG
-from bricksrl.envs.arenas.task import ArenaState, seen_from, steer_towards
 from bricksrl.errors import BricksError, DescriptionError, HubError, RunError, TwinError, UnknownNameError, UnknownOptionError
 from bricksrl.hub.interface import DriveStraight, DriveTurnRate, Pitch, RunAngle
 from bricksrl.hub.kinds import Command

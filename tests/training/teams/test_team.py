@@ -9,8 +9,8 @@ import pytest
 import torch
 
 from bricksrl.envs.arenas import make_arena
+from bricksrl.envs.arenas.arena_task import ArenaState
 from bricksrl.envs.arenas.carry import CARRY
-from bricksrl.envs.arenas.task import ArenaState
 from bricksrl.errors import CheckpointError, DescriptionError, RunError
 from bricksrl.training.teams.groups import TEAM_AGENTS, SACGroup, TeamSettings, alternating
 from bricksrl.training.teams.team import TeamConfig, TeamProgress, _learn, _new_team, load_team, play_team, train_team

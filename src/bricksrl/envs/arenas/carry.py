@@ -43,7 +43,7 @@ import math
 from typing import TYPE_CHECKING
 
 from bricksrl.entry import Entry
-from bricksrl.envs.arenas.task import ArenaState, ArenaTask, own_pose, seen_from, steer_towards
+from bricksrl.envs.arenas.arena_task import ArenaState, ArenaTask, own_pose, seen_from, steer_towards
 from bricksrl.hub.interface import Interface, MotorAngle, RunAngle, Wait
 from bricksrl.robots import TWO_WHEELER
 from bricksrl.twin.arena import Arena, Contestant, Load, Place

@@ -11,12 +11,12 @@ from gymnasium.utils.seeding import np_random
 from numpy.typing import NDArray
 from tensordict import TensorDict
 
-from bricksrl.envs.arenas.registry import make_arena
+from bricksrl.envs.arenas.arena_registry import make_arena
 from bricksrl.errors import RunError, UnknownOptionError
 
 if TYPE_CHECKING:
-    from bricksrl.envs.arenas.env import ArenaEnv
-    from bricksrl.envs.arenas.task import ArenaTask
+    from bricksrl.envs.arenas.arena_env import ArenaEnv
+    from bricksrl.envs.arenas.arena_task import ArenaTask
 
 try:
     from pettingzoo import ParallelEnv

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from torch import Tensor
     from torchrl.envs import EnvBase
 
-    from bricksrl.envs.arenas.task import ArenaState, ArenaTask
+    from bricksrl.envs.arenas.arena_task import ArenaState, ArenaTask
 
 
 def set_specs(env: EnvBase, task: ArenaTask) -> None:

@@ -13,9 +13,9 @@ from bricksrl.seed import check_seed
 if TYPE_CHECKING:
     from torchrl.envs import EnvBase
 
-    from bricksrl.envs.arenas.env import ArenaEnv
-    from bricksrl.envs.arenas.simulation import ArenaSimulation
-    from bricksrl.envs.arenas.task import ArenaTask
+    from bricksrl.envs.arenas.arena_env import ArenaEnv
+    from bricksrl.envs.arenas.arena_simulation import ArenaSimulation
+    from bricksrl.envs.arenas.arena_task import ArenaTask
     from bricksrl.twin.physics import Physics
 
 ARENAS = {"Tag-v0": "tag:TAG", "Carry-v0": "carry:CARRY"}
@@ -67,13 +67,13 @@ def make_arena(
             )
         if realtime or physics is not None:
             raise DescriptionError(f"the kinematic simulation of {task.id} has no time and no physics; omit realtime and physics")
-        from bricksrl.envs.arenas.simulation import ArenaSimulation
+        from bricksrl.envs.arenas.arena_simulation import ArenaSimulation
 
         arena: ArenaSimulation | ArenaEnv = ArenaSimulation(task, shape[0], seed=seed, device=device)
     elif device != "cpu":
         raise DescriptionError(f"{task.id} with its hubs runs on the CPU; omit device, or give a batch_size")
     else:
-        from bricksrl.envs.arenas.env import ArenaEnv
+        from bricksrl.envs.arenas.arena_env import ArenaEnv
 
         arena = ArenaEnv(task, seed=seed, physics=physics, realtime=realtime)
     arena.remake = functools.partial(make_arena, env, physics=physics, realtime=realtime, batch_size=batch_size, device=device)

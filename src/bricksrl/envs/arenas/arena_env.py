@@ -10,8 +10,8 @@ import torch
 from tensordict import TensorDictBase
 from torchrl.envs import EnvBase
 
-from bricksrl.envs.arenas.specs import frame, joined_actions, set_specs
-from bricksrl.envs.arenas.task import ArenaState, ArenaTask
+from bricksrl.envs.arenas.arena_specs import frame, joined_actions, set_specs
+from bricksrl.envs.arenas.arena_task import ArenaState, ArenaTask
 from bricksrl.envs.connection import Reconnect
 from bricksrl.envs.options import PicklableEnv
 from bricksrl.errors import BricksError, HubError, StoppedError
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class ArenaEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
-    """Several robots of a task, as a TorchRL environment with groups; see `bricksrl.envs.arenas.specs.set_specs`.
+    """Several robots of a task, as a TorchRL environment with groups; see `bricksrl.envs.arenas.arena_specs.set_specs`.
 
     A broken link ends the episode for all: the step is truncated and marked ``link_lost``, all links are closed, so that all
     motors stop, and the next reset tries to open them again as set by ``reconnect``.

@@ -12,8 +12,8 @@ import torch
 from tensordict import TensorDictBase
 from torchrl.envs import EnvBase
 
-from bricksrl.envs.arenas.specs import frame, joined_actions, set_specs
-from bricksrl.envs.arenas.task import ArenaState, ArenaTask
+from bricksrl.envs.arenas.arena_specs import frame, joined_actions, set_specs
+from bricksrl.envs.arenas.arena_task import ArenaState, ArenaTask
 from bricksrl.envs.options import PicklableEnv
 from bricksrl.envs.simulation import batch_shape, resolve_device
 from bricksrl.errors import DescriptionError
