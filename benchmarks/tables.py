@@ -300,7 +300,11 @@ def cql_updates(result: Result) -> str:
 def realtime_learning(result: Result) -> str:
     """A robot that learns while it moves."""
     rows = [
-        [agent, f"{entry['wall_over_motion']:.2f}", f"{entry['updates_per_step_reached']:g} of {entry['updates_per_step_asked']}"]
+        [
+            agent,
+            f"{entry['wall_over_motion']:.2f}",
+            f"{entry['updates_per_step_reached']:.3g} of {entry['updates_per_step_asked']}",
+        ]
         for agent, entry in result["agents"].items()
     ]
     return table(["agent", "wall time over motion time", "updates per step"], rows)
