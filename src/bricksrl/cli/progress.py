@@ -12,7 +12,8 @@ from bricksrl.cli.terminal import place_robot, print_line, print_note
 from bricksrl.envs.user_files import without_folder
 from bricksrl.errors import counted
 from bricksrl.files import quoted
-from bricksrl.training.callbacks import Callback, Episode, Phase, Progress, RobotState, RunResult
+from bricksrl.training.callbacks import Callback, Episode, Phase, Progress, RunResult
+from bricksrl.training.fleet.robot_state import RobotState
 
 if TYPE_CHECKING:
     import numpy as np

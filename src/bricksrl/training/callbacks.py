@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from bricksrl.agents.learner import Learner
     from bricksrl.errors import BricksError
     from bricksrl.training.config import TrainConfig
+    from bricksrl.training.fleet.robot_state import RobotState
 
 
 class Phase(StrEnum):
@@ -25,21 +26,6 @@ class Phase(StrEnum):
     TRAIN = "train"
     OFFLINE = "offline"
     """Best actions of an agent that learned from a dataset; nothing is stored."""
-
-
-class RobotState(StrEnum):
-    """State of one robot of a fleet."""
-
-    STARTING = "starting"
-    PLACED = "placed"
-    """Waits to be placed by hand at the start position."""
-    ACTING = "acting"
-    LEFT = "left"
-    """Its link broke or its process ended; it is retried."""
-    GIVEN_UP = "given up"
-    """Its process ended again and again; it is not retried."""
-    DONE = "done"
-    """No episodes are left."""
 
 
 @dataclass(frozen=True)

@@ -82,10 +82,8 @@ def resume(
     folder = RunFolder(run_dir)
     config = folder.read_config()
     if episodes is not None and episodes < config.episodes:
-        raise RunError(
-            f"the run in {run_dir} is meant to have {counted(config.episodes, 'episode')}; give that number or more, "
-            f"not {episodes}"
-        )
+        whole = counted(config.episodes, "episode")
+        raise RunError(f"the run in {run_dir} is meant to have {whole}; give that number or more, not {episodes}")
     if config.updates and episodes not in (None, config.episodes):
         raise RunError(f"the run in {run_dir} learned from data; `bricksrl train ENV --from RUN` goes on from it on a robot")
     with only_writer(folder.path, RunError):

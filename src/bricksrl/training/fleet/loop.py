@@ -13,7 +13,8 @@ from tensordict import TensorDict
 from bricksrl.envs.user_files import without_folder
 from bricksrl.errors import HubError, RunError
 from bricksrl.seed import derive_seed
-from bricksrl.training.callbacks import Episode, Phase, RobotState
+from bricksrl.training.callbacks import Episode, Phase
+from bricksrl.training.fleet.robot_state import RobotState
 from bricksrl.training.recording import open_recorder
 from bricksrl.training.run_loop import InterruptedEpisodeError, RunLoop, numbers
 

@@ -17,7 +17,7 @@ from bricksrl.child_process import ChildProcess, Message
 from bricksrl.envs.specs import SpecsEnv
 from bricksrl.errors import LearnerError, RunError
 from bricksrl.seed import derive_seed
-from bricksrl.training.callbacks import RobotState
+from bricksrl.training.fleet.robot_state import RobotState
 
 if TYPE_CHECKING:
     from torch import Tensor
