@@ -9,13 +9,14 @@ import re
 import tokenize
 from typing import Any
 
-_TEXT = r'"""(?:\\.|[^\\])*?"""|' + r"'''(?:\\.|[^\\])*?'''|" + r'"(?:\\.|[^"\\\n])*"|' + r"'(?:\\.|[^'\\\n])*'|#[^\n]*"
+TEXT = r'"""(?:\\.|[^\\])*?"""|' + r"'''(?:\\.|[^\\])*?'''|" + r'"(?:\\.|[^"\\\n])*"|' + r"'(?:\\.|[^'\\\n])*'|#[^\n]*"
+"""Pattern of a string or a comment."""
 _FORMATTED = (
     r"(?<!\w)(?P<f>[fF])(?P<quote>[\"'])"
     r"(?P<body>(?:\\.|\{\{|\{(?!\{)[^{}\n]*(?:\{[^{}\n]*\}[^{}\n]*)*\}|(?!(?P=quote))[^\\{\n])*)(?P=quote)(?!(?P=quote))"
 )
 _HUB_ONLY = re.compile(
-    rf"{_FORMATTED}|(?P<text>{_TEXT})|^(?P<imports>[ \t]*from[ \t][^\n#\"'(;]*),(?=[ \t\r]*(?:#|$))|"
+    rf"{_FORMATTED}|(?P<text>{TEXT})|^(?P<imports>[ \t]*from[ \t][^\n#\"'(;]*),(?=[ \t\r]*(?:#|$))|"
     r"^(?P<indent>[ \t]+)|(?<![\w.])0+(?=[1-9])",
     re.MULTILINE | re.DOTALL,
 )

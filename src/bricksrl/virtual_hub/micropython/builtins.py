@@ -21,7 +21,7 @@ from bricksrl.virtual_hub.micropython.attributes import (
 )
 from bricksrl.virtual_hub.micropython.byte_array import HubBytearray
 from bricksrl.virtual_hub.micropython.classes import HubStaticMethod, HubSuper, build_class
-from bricksrl.virtual_hub.micropython.compiler import STRING, compile_source
+from bricksrl.virtual_hub.micropython.compiler import compile_string
 from bricksrl.virtual_hub.micropython.containers import HubDict, HubSet
 from bricksrl.virtual_hub.micropython.errors import EXCEPTIONS, HubOSError, ProgramInterrupt
 from bricksrl.virtual_hub.micropython.floats import SMALL_MAX, int_from_float
@@ -258,10 +258,10 @@ def _program_functions() -> dict[str, Any]:
         return source if isinstance(source, str) else as_bytes(source).decode()
 
     def eval_(source: Any, globals: dict[str, Any] | None = None, locals: Any = None) -> Any:
-        return run(compile_source(decoded(source).strip(), STRING, "eval"), globals, locals)
+        return run(compile_string(decoded(source), "eval"), globals, locals)
 
     def exec_(source: Any, globals: dict[str, Any] | None = None, locals: Any = None) -> None:
-        run(compile_source(decoded(source), STRING), globals, locals)
+        run(compile_string(decoded(source)), globals, locals)
 
     def globals_() -> dict[str, Any]:
         return sys._getframe(1).f_globals

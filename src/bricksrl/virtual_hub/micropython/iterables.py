@@ -20,10 +20,19 @@ def _to_tuple(kind: type, values: Any) -> Any:
 def _to_bytes(kind: type, values: Any) -> Any:
     """``bytes(values)``, named ``kind`` in the program: of a size, a buffer or an iterable."""
     if kind is bytes and isinstance(values, int):
-        check_allocation(values)
+        check_allocation(values + 1)
     elif kind is bytes and not isinstance(values, str | bytes | bytearray | memoryview):
         values = items_of(values, item_bytes=1)
     return kind(values)
+
+
+def _star(values: Any) -> Any:
+    """Arguments ``*values``, whose number the hub asks for first, as it makes room for them and the function."""
+    if isinstance(values, list | tuple | str | bytes | dict):
+        return values
+    if isinstance(values, range):
+        check_allocation(4 * (1 + len(values)))
+    return items_of(values)
 
 
 def _extend(owner: Any, values: Any) -> Any:
@@ -51,5 +60,12 @@ def add_in_place(a: Any, b: Any) -> Any:
     return a
 
 
-ITERABLE_FUNCTIONS = {"@list": _to_list, "@tuple": _to_tuple, "@bytes": _to_bytes, "@extend": _extend, "@join": _join}
+ITERABLE_FUNCTIONS = {
+    "@list": _to_list,
+    "@tuple": _to_tuple,
+    "@bytes": _to_bytes,
+    "@star": _star,
+    "@extend": _extend,
+    "@join": _join,
+}
 """Functions by their names in the transformed program."""

@@ -1,0 +1,16 @@
+"""Calls in a program's syntax tree."""
+
+from __future__ import annotations
+
+import ast
+
+
+def called_name(node: ast.Call) -> str:
+    """Name of the called function; that of a method begins with a point."""
+    function = node.func
+    return function.id if isinstance(function, ast.Name) else f".{function.attr}" if isinstance(function, ast.Attribute) else ""
+
+
+def call(name: str, *args: ast.expr, at: ast.AST) -> ast.Call:
+    """A call of a helper, whose name programs cannot write, at the place of another node."""
+    return ast.copy_location(ast.Call(ast.Name(name, ast.Load()), list(args), []), at)
