@@ -7,7 +7,7 @@ import inspect
 import math
 import sys
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from types import FrameType, ModuleType
+from types import FrameType, MethodType, ModuleType
 from typing import Any
 
 from bricksrl.virtual_hub.console import Console
@@ -182,7 +182,10 @@ def _identity_functions() -> dict[str, Any]:
 
     def hash_(value: Any, /) -> int:
         value_hash = hash_of(value)
-        return id(value) >> 4 & SMALL_MAX if value_hash is None else value_hash
+        if value_hash is not None:
+            return value_hash
+        address = id(value.__self__) ^ id(value.__func__) if isinstance(value, MethodType) else id(value)
+        return address >> 4 & SMALL_MAX
 
     return {"repr": representation, "id": id_, "hash": hash_}
 
