@@ -34,8 +34,8 @@ from bricksrl.virtual_hub.micropython.streams import as_bytes, write_text
 from bricksrl.virtual_hub.micropython.text import representation, text
 
 _UNCHANGED = """
-    all any bin bool bytes callable chr classmethod complex enumerate float hex int iter len list max memoryview min
-    object oct ord range reversed setattr slice str tuple type zip
+    all any bin bool bytes callable chr classmethod complex enumerate float hex int len list max memoryview min
+    object oct ord range reversed slice str tuple type zip
 """.split()  # noqa: SIM905  a list would take a line for each
 
 _ENTER, _CTRL_C, _CTRL_D, _BACKSPACES = "\r", "\x03", "\x04", "\b\x7f"
@@ -123,6 +123,9 @@ def _number_functions(normalize: Callable[[Any], Any], power: Callable[[Any, Any
     def next_(values: Any, /) -> Any:
         return next(values)
 
+    def iter_(values: Any, /) -> Any:
+        return iter(values)
+
     numbers = {
         "abs": lambda value, /: normalize(abs(value)),
         "sum": sum_,
@@ -131,7 +134,7 @@ def _number_functions(normalize: Callable[[Any], Any], power: Callable[[Any, Any
         "pow": pow_,
         "map": map_,
     }
-    return numbers | {"next": next_}
+    return numbers | {"next": next_, "iter": iter_}
 
 
 def _expect_text(*values: Any) -> None:
@@ -223,7 +226,18 @@ def _attribute_functions() -> dict[str, Any]:
     def issubclass_(kind: Any, kinds: Any) -> bool:
         return issubclass(kind, _without_int(kinds) if kind is bool else kinds)
 
-    return {"dir": dir_, "getattr": getattr_, "hasattr": hasattr_, "isinstance": isinstance_, "issubclass": issubclass_}
+    def setattr_(value: Any, name: str, new: Any, /) -> None:
+        _expect_text(name)
+        store_attribute(new, value, name)
+
+    return {
+        "dir": dir_,
+        "getattr": getattr_,
+        "setattr": setattr_,
+        "hasattr": hasattr_,
+        "isinstance": isinstance_,
+        "issubclass": issubclass_,
+    }
 
 
 def _without_int(kinds: Any) -> Any:

@@ -8,7 +8,7 @@ import errno
 import inspect
 import re
 from collections.abc import Callable, Mapping, Sequence
-from types import FrameType, FunctionType, TracebackType
+from types import BuiltinFunctionType, FrameType, FunctionType, MethodType, ModuleType, TracebackType
 from typing import Any, TypeGuard
 
 EXCEPTIONS = """
@@ -61,8 +61,9 @@ _OPERATORS = {
 }  # fmt: skip
 _UNARY = {"-": "__neg__", "+": "__pos__", "~": "__invert__", "abs()": "__abs__"}
 _CLASS_NAMES = (
-    (r"\bbuiltin_function_or_method\b", "function"), (r"'\w+_iterator'", "'iterator'"), (r"'\w+_reverseiterator'", "'reversed'"),
-    (r"'ellipsis'", "''"), (r"^byte(?= indices)", "bytes"),
+    (r"\bbuiltin_function_or_method\b", "function"), (r"\b\w+_iterator\b", "iterator"), (r"\b\w+_reverseiterator\b", "reversed"),
+    (r"'ellipsis'", "''"), (r"^byte(?= indices)", "bytes"), (r"(['\"])method(?=['\"])", r"\1bound_method"),
+    (r"(?<=convert )method(?= to)", "bound_method"),
 )  # fmt: skip
 """Names of classes that differ on a hub."""
 _COMPARISONS = ("<", "<=", ">", ">=")
@@ -152,7 +153,11 @@ _RULES: tuple[_Rule, ...] = (
      lambda m: "join expects a list of str/bytes objects consistent with self object"),
     (TypeError, r"'(.*)' object cannot be interpreted as an integer", lambda m: f"can't convert {m[1]} to int"),
     (TypeError, r"argument should be integer or None, not '(.*)'", lambda m: f"can't convert {m[1]} to int"),
-    (TypeError, r"(?:\w+ first arg )?must be str(?: or None| or a tuple of str)?, not (.*)",
+    (TypeError, r"a(?: bytes-like object is required|rgument should be integer or bytes-like object), not 'str'",
+     lambda m: "can't convert 'str' object to bytes implicitly"),
+    (TypeError, r"a(?: bytes-like object is required|rgument should be integer or bytes-like object), not '(.*)'",
+     lambda m: f"can't convert '{m[1]}' object to str implicitly"),
+    (TypeError, r"(?:\w+ first arg )?must be (?:str|bytes)(?: or None| or a tuple of (?:str|bytes))?, not (.*)",
      lambda m: f"can't convert '{m[1]}' object to str implicitly"),
     (TypeError, r"(\w+)\(\) takes exactly one argument \((\d+) given\)",
      lambda m: f"function takes 1 positional arguments but {m[2]} were given"),
@@ -184,8 +189,26 @@ def reword(error: BaseException, namespaces: Sequence[Mapping[str, object]]) -> 
                 error.msg = reworded
             return error
     if isinstance(error, TypeError) and "()" in message:
-        error.args = (_call_message(message, namespaces, error),)
+        message = _call_message(message, namespaces, error)
+    if isinstance(error, AttributeError) and isinstance(error.obj, _FUNCTIONS):
+        message = re.sub(r"^'\w+'(?= object has no attribute)", f"'{function_name(error.obj)}'", message)
+    if message != error.args[0]:
+        error.args = (message,)
     return error
+
+
+_FUNCTIONS = (FunctionType, BuiltinFunctionType, MethodType)
+
+
+def function_name(function: object) -> str:
+    """Name of a function's class on a hub."""
+    if not isinstance(function, FunctionType):
+        is_bound = not isinstance(getattr(function, "__self__", None), ModuleType)
+        return "bound_method" if is_bound else "function"
+    if function.__closure__ and is_own(function):
+        return "closure"
+    is_method = "." in function.__qualname__.rsplit("<locals>.", maxsplit=1)[-1]  # where it was looked for first
+    return "bound_method" if is_method else "generator" if function.__code__.co_flags & inspect.CO_GENERATOR else "function"
 
 
 def local_values(frame: FrameType) -> list[Any]:

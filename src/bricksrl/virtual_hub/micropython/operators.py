@@ -14,6 +14,7 @@ from types import GeneratorType
 from typing import Any
 
 from bricksrl.virtual_hub.memory import check_allocation, items_of
+from bricksrl.virtual_hub.micropython.classes import is_native
 from bricksrl.virtual_hub.micropython.containers import HubDict, HubSet
 from bricksrl.virtual_hub.micropython.errors import CATCHABLE, SwitchedOff, reword
 from bricksrl.virtual_hub.micropython.floats import SMALL_MAX, SMALL_MIN, int_from_float, read_float, to_single
@@ -181,6 +182,9 @@ def _ascii_method(name: str) -> Callable[..., Any]:
             _refuse_keywords(kwargs)
             if name == "rsplit" and args[1:] and args[0] is None:
                 raise NotImplementedError("rsplit(None,n)")
+            if name.endswith("strip") and args and not isinstance(args[0], type(value)):
+                wanted = "bytes" if isinstance(args[0], str) else "str"
+                raise TypeError(f"can't convert '{type(args[0]).__name__}' object to {wanted} implicitly")
         if not isinstance(value, str) or value.isascii():
             return getattr(value, name)(*args, **kwargs)
         result = method(value.encode(), *(arg.encode() if isinstance(arg, str) else arg for arg in args))
@@ -215,6 +219,13 @@ def _slice(container: Any, start: Any, stop: Any, step: Any) -> Any:
     return container[start:stop:step]
 
 
+def _subscriptable(value: Any) -> Any:
+    """A value named as a builtin class, in ``list[int]``: a hub's classes have no items."""
+    if isinstance(value, type) and is_native(value):
+        raise TypeError("'type' object isn't subscriptable")
+    return value
+
+
 def _sliced(container: Any, step: Any) -> Any:
     """The container of an assigned or deleted slice: only lists, without another step than 1."""
     if isinstance(container, bytearray | memoryview):
@@ -244,13 +255,14 @@ def _product(a: Any, b: Any) -> Any:
 
 
 def _bitwise(operation: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
-    """Truth values are numbers; dicts have no union."""
+    """Truth values are numbers; dicts and classes have no union."""
+    name = operation.__name__.strip("_").removeprefix("i")
 
     def operate(a: Any, b: Any) -> Any:
         if type(a) is bool and type(b) is bool:
             return int(operation(a, b))
-        if isinstance(a, dict) and isinstance(b, dict):
-            raise TypeError(f"unsupported types for __or__: '{type(a).__name__}', '{type(b).__name__}'")
+        if isinstance(a, dict | type) and isinstance(b, dict | type):
+            raise TypeError(f"unsupported types for __{name}__: '{type(a).__name__}', '{type(b).__name__}'")
         return operation(a, b)
 
     return operate
@@ -356,6 +368,7 @@ def operators(namespaces: Sequence[Mapping[str, object]]) -> dict[str, Any]:
         "@to_bytes": _to_bytes,
         "@from_bytes": _from_bytes,
         "@f": f_string,
+        "@sub": _subscriptable,
         "@slice": _slice,
         "@sliced": _sliced,
         "@setslice": _set_slice,

@@ -14,3 +14,10 @@ def called_name(node: ast.Call) -> str:
 def call(name: str, *args: ast.expr, at: ast.AST) -> ast.Call:
     """A call of a helper, whose name programs cannot write, at the place of another node."""
     return ast.copy_location(ast.Call(ast.Name(name, ast.Load()), list(args), []), at)
+
+
+def constant_argument(node: ast.expr) -> ast.expr:
+    """The argument of ``const(5)``, a directive to the hub's compiler; other nodes unchanged."""
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "const" and node.args:
+        return node.args[0]
+    return node

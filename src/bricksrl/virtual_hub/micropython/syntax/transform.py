@@ -13,7 +13,7 @@ from collections.abc import Collection
 from bricksrl.virtual_hub.micropython.attributes import may_be_hidden
 from bricksrl.virtual_hub.micropython.floats import SMALL_MAX, SMALL_MIN, read_constant
 from bricksrl.virtual_hub.micropython.operators import ASCII_METHODS
-from bricksrl.virtual_hub.micropython.syntax.calls import call, called_name
+from bricksrl.virtual_hub.micropython.syntax.calls import call, called_name, constant_argument
 from bricksrl.virtual_hub.micropython.syntax.folding import fold
 from bricksrl.virtual_hub.micropython.syntax.transform_async import async_for, async_with
 
@@ -25,6 +25,7 @@ _IN_PLACE = {ast.Add: "@iadd", ast.Sub: "@isub", ast.BitAnd: "@iand", ast.BitOr:
 _CONVERSIONS = ("int", "float", "str")
 _METHODS = ("format", "to_bytes", "from_bytes", "sort", "throw", *ASCII_METHODS)
 _OF_ITERABLES = ("list", "tuple", "bytes")  # their helper takes one argument; others are refused as those of any function
+_GENERIC = ("list", "tuple", "dict", "set", "type", "enumerate", "map", "zip", "reversed")  # have items, such as list[int]
 _EMITTERS = ("micropython.native", "micropython.viper", "micropython.bytecode")
 
 
@@ -34,13 +35,6 @@ def transform(
     """The transformed program. ``recursive``: `called_name` of functions that may call themselves. ``floats``: text of the
     compiled program's floats. Raises OverflowError if a constant needs more than 31 bits."""
     return ast.fix_missing_locations(_Transformer(recursive, floats).visit(tree))  # type: ignore[no-any-return]
-
-
-def _constant(node: ast.expr) -> ast.expr:
-    """The argument of ``const(5)``, a directive to the hub's compiler; other nodes unchanged."""
-    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "const" and node.args:
-        return node.args[0]
-    return node
 
 
 class _Transformer(ast.NodeTransformer):
@@ -168,6 +162,8 @@ class _Transformer(ast.NodeTransformer):
     def visit_Subscript(self, node: ast.Subscript) -> ast.expr:
         self.generic_visit(node)
         s = node.slice
+        if isinstance(node.value, ast.Name) and node.value.id in _GENERIC:
+            node.value = call("@sub", node.value, at=node.value)
         if isinstance(node.ctx, ast.Load) and isinstance(s, ast.Slice) and s.step is not None:
             bounds = [bound or ast.Constant(None) for bound in (s.lower, s.upper, s.step)]
             return call("@slice", node.value, *bounds, at=node)
@@ -176,7 +172,7 @@ class _Transformer(ast.NodeTransformer):
     def visit_Assign(self, node: ast.Assign) -> ast.AST:
         target = node.targets[0]
         if len(node.targets) == 1 and isinstance(target, ast.Name):
-            constant = _constant(node.value)
+            constant = constant_argument(node.value)
             if constant is not node.value and target.id.startswith("_"):
                 self._private[target.id] = self.visit(constant)
                 return ast.copy_location(ast.Pass(), node)
