@@ -11,6 +11,7 @@ from bricksrl.virtual_hub.micropython.byte_array import HubBytearray
 from bricksrl.virtual_hub.micropython.classes import FIRMWARE, HubSuper, defines, is_native
 from bricksrl.virtual_hub.micropython.containers import HubDict, HubSet
 from bricksrl.virtual_hub.micropython.errors import CATCHABLE, SwitchedOff, function_name
+from bricksrl.virtual_hub.micropython.iterables import is_dropped
 from bricksrl.virtual_hub.micropython.streams import BytesIO
 from bricksrl.virtual_hub.micropython.text import type_name
 
@@ -162,7 +163,7 @@ class Manager:
         return self._enter()
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, traceback: object) -> Any:
-        if isinstance(error, SwitchedOff):
+        if isinstance(error, SwitchedOff) or (isinstance(error, GeneratorExit) and is_dropped()):
             return None
         if error is None or isinstance(error, CATCHABLE):
             return self._exit(kind, error and self._reword(error), None)

@@ -179,6 +179,8 @@ def reword(error: BaseException, namespaces: Sequence[Mapping[str, object]]) -> 
     if len(error.args) != 1 or not isinstance(error.args[0], str) or not isinstance(error, Exception):
         return error
     message = error.args[0]
+    if isinstance(error, TypeError):
+        message = re.sub(r"(?<=['\"])function(?=['\"])|(?<=convert )function(?= to)", lambda m: _operand_name(error), message)
     for pattern, name in _CLASS_NAMES if isinstance(error, TypeError | AttributeError) else ():
         message = re.sub(pattern, name, message)
     for kind, pattern, text in _RULES:
@@ -209,6 +211,20 @@ def function_name(function: object) -> str:
         return "closure"
     is_method = "." in function.__qualname__.rsplit("<locals>.", maxsplit=1)[-1]  # where it was looked for first
     return "bound_method" if is_method else "generator" if function.__code__.co_flags & inspect.CO_GENERATOR else "function"
+
+
+def _operand_name(error: BaseException) -> str:
+    """Name of the class of the only function of the program in the line that failed, if it has one."""
+    names = {"function"}
+    trace = error.__traceback__
+    while trace is not None:
+        if "@n" in trace.tb_frame.f_builtins:
+            values = {**trace.tb_frame.f_globals, **trace.tb_frame.f_locals}
+            steps = (step for step in dis.get_instructions(trace.tb_frame.f_code) if step.offset <= trace.tb_lasti)
+            loaded = (values.get(step.argval) for step in steps if step.positions and step.positions.lineno == trace.tb_lineno)
+            names = {function_name(value) for value in loaded if is_own(value)}
+        trace = trace.tb_next
+    return names.pop() if len(names) == 1 else "function"
 
 
 def local_values(frame: FrameType) -> list[Any]:

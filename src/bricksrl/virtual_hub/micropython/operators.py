@@ -10,7 +10,6 @@ import operator
 import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from types import GeneratorType
 from typing import Any
 
 from bricksrl.virtual_hub.memory import check_allocation, items_of
@@ -19,7 +18,7 @@ from bricksrl.virtual_hub.micropython.containers import HubDict, HubSet
 from bricksrl.virtual_hub.micropython.errors import CATCHABLE, SwitchedOff, reword
 from bricksrl.virtual_hub.micropython.floats import SMALL_MAX, SMALL_MIN, int_from_float, read_float, to_single
 from bricksrl.virtual_hub.micropython.formatting import format_text, format_value, percent, to_number
-from bricksrl.virtual_hub.micropython.iterables import ITERABLE_FUNCTIONS, add_in_place
+from bricksrl.virtual_hub.micropython.iterables import ITERABLE_FUNCTIONS, add_in_place, is_dropped
 from bricksrl.virtual_hub.micropython.sorting import sort
 from bricksrl.virtual_hub.micropython.text import representation, text
 
@@ -195,13 +194,6 @@ def _ascii_method(name: str) -> Callable[..., Any]:
     return call
 
 
-def _throw(generator: Any, *args: Any, **kwargs: Any) -> Any:
-    """``generator.throw(...)``; a generator that has ended remains so."""
-    if isinstance(generator, GeneratorType) and generator.gi_frame is None:
-        raise StopIteration
-    return generator.throw(*args, **kwargs)
-
-
 def _contains(item: Any, container: Any) -> bool:
     """``item in container``; bytes have text in them, and no number above 255."""
     if isinstance(container, bytes):
@@ -212,7 +204,14 @@ def _contains(item: Any, container: Any) -> bool:
     return item in container
 
 
-def _slice(container: Any, start: Any, stop: Any, step: Any) -> Any:
+def _to_slice(kind: type, *args: Any, **kwargs: Any) -> Any:
+    """``slice(...)``, named ``kind`` in the program, which only brackets can make."""
+    if kind is slice:
+        raise TypeError("can't create 'slice' instances")
+    return kind(*args, **kwargs)
+
+
+def _stepped(container: Any, start: Any, stop: Any, step: Any) -> Any:
     """``container[start:stop:step]``; only lists support a step."""
     if step is not None and step != 1 and isinstance(container, str | bytes | bytearray | memoryview | tuple):
         raise NotImplementedError("only slices with step=1 (aka None) are supported")
@@ -363,13 +362,13 @@ def operators(namespaces: Sequence[Mapping[str, object]]) -> dict[str, Any]:
         **ITERABLE_FUNCTIONS,
         "@format": _format,
         "@sort": sort,
-        "@throw": _throw,
         "@in": _contains,
         "@to_bytes": _to_bytes,
         "@from_bytes": _from_bytes,
         "@f": f_string,
         "@sub": _subscriptable,
-        "@slice": _slice,
+        "@slice": _to_slice,
+        "@stepped": _stepped,
         "@sliced": _sliced,
         "@setslice": _set_slice,
         "@dict": _dict_display,
@@ -380,6 +379,6 @@ def operators(namespaces: Sequence[Mapping[str, object]]) -> dict[str, Any]:
         "@named": _keyword_arguments,
         **{f"@{name}": _ascii_method(name) for name in ASCII_METHODS},
         "@any": CATCHABLE,
-        "@is_on": lambda: not isinstance(sys.exc_info()[1], SwitchedOff),
+        "@ends": lambda: not (isinstance(sys.exc_info()[1], SwitchedOff) or is_dropped()),
         "@reword": lambda error: reword(error, namespaces),
     }

@@ -22,8 +22,8 @@ _ARITHMETIC = {ast.Mult: "@mul", ast.Div: "@div", ast.FloorDiv: "@floordiv", ast
 _CALLED = {**_ARITHMETIC, ast.BitAnd: "@and", ast.BitOr: "@or", ast.BitXor: "@xor"}
 _IN_PLACE = {ast.Add: "@iadd", ast.Sub: "@isub", ast.BitAnd: "@iand", ast.BitOr: "@ior", ast.BitXor: "@ixor"}
 """Operators that can change a value in place on a hub; for others ``a *= b`` is ``a = a * b``."""
-_CONVERSIONS = ("int", "float", "str")
-_METHODS = ("format", "to_bytes", "from_bytes", "sort", "throw", *ASCII_METHODS)
+_CONVERSIONS = ("int", "float", "str", "slice")
+_METHODS = ("format", "to_bytes", "from_bytes", "sort", "throw", "close", *ASCII_METHODS)
 _OF_ITERABLES = ("list", "tuple", "bytes")  # their helper takes one argument; others are refused as those of any function
 _GENERIC = ("list", "tuple", "dict", "set", "type", "enumerate", "map", "zip", "reversed")  # have items, such as list[int]
 _EMITTERS = ("micropython.native", "micropython.viper", "micropython.bytecode")
@@ -166,7 +166,7 @@ class _Transformer(ast.NodeTransformer):
             node.value = call("@sub", node.value, at=node.value)
         if isinstance(node.ctx, ast.Load) and isinstance(s, ast.Slice) and s.step is not None:
             bounds = [bound or ast.Constant(None) for bound in (s.lower, s.upper, s.step)]
-            return call("@slice", node.value, *bounds, at=node)
+            return call("@stepped", node.value, *bounds, at=node)
         return node
 
     def visit_Assign(self, node: ast.Assign) -> ast.AST:
@@ -293,11 +293,11 @@ class _Transformer(ast.NodeTransformer):
         return node
 
     def visit_Try(self, node: ast.Try) -> ast.AST:
-        """A hub that is switched off runs no ``finally``."""
+        """Neither a hub that is switched off runs a ``finally``, nor a generator that is dropped."""
         self.generic_visit(node)
         if node.finalbody:
             at = node.finalbody[0]
-            node.finalbody = [ast.copy_location(ast.If(call("@is_on", at=at), node.finalbody, []), at)]
+            node.finalbody = [ast.copy_location(ast.If(call("@ends", at=at), node.finalbody, []), at)]
         return node
 
     def visit_With(self, node: ast.With) -> ast.AST:
