@@ -5,6 +5,7 @@ The transformed program (``transform.py``) calls these for operations that could
 
 from __future__ import annotations
 
+import itertools
 import math
 import operator
 import re
@@ -12,7 +13,8 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
-from bricksrl.virtual_hub.memory import check_allocation, items_of
+from bricksrl.virtual_hub.memory import check_allocation
+from bricksrl.virtual_hub.micropython.byte_array import HubBytearray
 from bricksrl.virtual_hub.micropython.classes import is_native
 from bricksrl.virtual_hub.micropython.containers import HubDict, HubSet
 from bricksrl.virtual_hub.micropython.errors import CATCHABLE, SwitchedOff, reword
@@ -33,6 +35,8 @@ _NO_DIGITS = re.compile(r"\s*([-+]?)(?:\.|\.?e[-+]?\d+)\s*", re.IGNORECASE)
 _FLOAT_MAX = 3.4028234663852886e38
 _ITEM_BYTES: dict[Any, int] = {str: 1, bytes: 1, list: 4, tuple: 4}
 """Sizes of the items of what operators make longer."""
+_SIZED = (str, bytes, HubBytearray, list, tuple)
+_CHECKED_ITEMS = 256
 _WITH_END = (str, bytes)
 """Kinds that end with a zero byte."""
 
@@ -275,10 +279,16 @@ def _dict_display(*parts: Any) -> HubDict:
 
 def _list_comprehension(elements: Iterator[Any]) -> list[Any]:
     """The elements; a StopIteration in one of them is not that of a generator."""
+    items: list[Any] = []
+    size_bytes = 0
     try:
-        return items_of(elements)
+        while some := list(itertools.islice(elements, _CHECKED_ITEMS)):
+            items += some
+            size_bytes += sum(len(item) for item in some if type(item) in _SIZED)
+            check_allocation(_ITEM_BYTES[list] * len(items) + size_bytes)
     except RuntimeError as error:
         raise (error.__cause__ if isinstance(error.__cause__, StopIteration) else error) from None
+    return items
 
 
 def _dict_comprehension(pairs: list[tuple[Any, Any]]) -> HubDict:

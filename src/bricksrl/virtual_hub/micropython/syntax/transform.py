@@ -26,6 +26,7 @@ _CONVERSIONS = ("int", "float", "str", "slice")
 _METHODS = ("format", "to_bytes", "from_bytes", "sort", "throw", "close", *ASCII_METHODS)
 _OF_ITERABLES = ("list", "tuple", "bytes")  # their helper takes one argument; others are refused as those of any function
 _GENERIC = ("list", "tuple", "dict", "set", "type", "enumerate", "map", "zip", "reversed")  # have items, such as list[int]
+_TAKE_MEMORY = (ast.Call, ast.List, ast.Tuple)
 _EMITTERS = ("micropython.native", "micropython.viper", "micropython.bytecode")
 
 
@@ -192,7 +193,7 @@ class _Transformer(ast.NodeTransformer):
         self.generic_visit(node)
         return call("@set", *node.elts, at=node)
 
-    def visit_GeneratorExp(self, node: ast.GeneratorExp | ast.ListComp, branch: str = "@branch") -> ast.expr:
+    def visit_GeneratorExp(self, node: ast.GeneratorExp | ast.ListComp, branch: str = "@turn") -> ast.expr:
         """A loop: it branches after each element, and at each condition."""
         self.generic_visit(node)
         node.elt = call(branch, node.elt, at=node.elt)
@@ -328,11 +329,12 @@ class _Transformer(ast.NodeTransformer):
 
     def visit_For(self, node: ast.For) -> ast.AST | list[ast.stmt]:
         self.generic_visit(node)
-        if not any(isinstance(part, ast.Call) for statement in node.body for part in ast.walk(statement)):
+        if not any(isinstance(part, _TAKE_MEMORY) for statement in node.body for part in ast.walk(statement)):
             return node
-        branch = ast.copy_location(ast.Expr(call("@branch", ast.Constant(None), at=node)), node)
-        node.body.insert(0, branch)
-        return [node, branch]
+        first = node.body[0]
+        node.body.insert(0, ast.copy_location(ast.Expr(call("@turn", ast.Constant(None), at=first)), first))
+        branch = ast.Expr(call("@branch", ast.Constant(None), at=node))
+        return [node, ast.copy_location(branch, node)]
 
     def visit_arg(self, node: ast.arg) -> ast.AST:
         node.annotation = None  # the hub's compiler skips annotations, whatever names are in them
