@@ -49,11 +49,11 @@ def compile_string(source: str, mode: str = "exec") -> CodeType:
     mpy-cross. Raises as `compile_source`."""
     numbers = (match["number"] for match in _LEADING_ZERO.finditer(source))
     if number := next(filter(None, numbers), None):
-        raise _at_line_1(SyntaxError(f"invalid syntax for integer with base 0: '{number.replace('_', '')}'"))
+        raise _at_line(1, SyntaxError(f"invalid syntax for integer with base 0: '{number.replace('_', '')}'"))
     if mode == "eval" and source[:1] in (" ", "\t"):
-        raise _at_line_1(IndentationError("unexpected indent"))
+        raise _at_line(1, IndentationError("unexpected indent"))
     if mode == "eval" and source[:1] in ("\n", "\r"):
-        raise _at_line_1(SyntaxError("invalid syntax"))
+        raise _at_line(1, SyntaxError("invalid syntax"))
     try:
         code = compile_source(source.strip() if mode == "eval" else source, STRING, mode)
     except SyntaxError as error:
@@ -61,7 +61,10 @@ def compile_string(source: str, mode: str = "exec") -> CodeType:
             error.args = ("invalid syntax",) if mode == "eval" else error.args[:1]
             error.msg = error.args[0]
         raise
-    if any(_is_large(node) for node in ast.walk(parse(source, STRING, mode))):
+    nodes = list(ast.walk(parse(source, STRING, mode)))
+    if texts := [node for node in nodes if isinstance(node, ast.JoinedStr)]:  # f-strings
+        raise _at_line(texts[0].lineno, SyntaxError("invalid syntax"))
+    if any(map(_is_large, nodes)):
         raise OverflowError("long int not supported in this build")  # the digits of -1073741824 are read before the sign
     return code
 
@@ -69,8 +72,8 @@ def compile_string(source: str, mode: str = "exec") -> CodeType:
 _LEADING_ZERO = re.compile(rf"{TEXT}|(?<![\w.])(?P<number>0[0-9_]*[1-9][0-9_]*)(?![\w.])", re.DOTALL)
 
 
-def _at_line_1(error: SyntaxError) -> SyntaxError:
-    error.filename, error.lineno = STRING, 1
+def _at_line(line: int, error: SyntaxError) -> SyntaxError:
+    error.filename, error.lineno = STRING, line
     return error
 
 

@@ -103,7 +103,9 @@ def to_int(kind: type, *args: Any, **kwargs: Any) -> Any:
         if args and isinstance(args[0], str | bytes | bytearray):
             args = (_digits(args[0]), *args[1:])
         value = int(*args)
-    except ValueError:
+    except ValueError as error:
+        if "Exceeds the limit" in str(error):  # of CPython
+            raise OverflowError("long int not supported in this build") from None
         base = args[1] if len(args) > 1 else 10
         if base != 0 and not 2 <= base <= 36:
             raise ValueError("int() arg 2 must be >= 2 and <= 36") from None
