@@ -11,7 +11,7 @@ from types import CodeType
 
 import mpy_cross_v6
 
-from bricksrl.hub.program.syntax import TEXT, parse
+from bricksrl.hub.program.syntax import TEXT, deep_recursion, parse
 from bricksrl.virtual_hub.micropython.floats import SMALL_MAX
 from bricksrl.virtual_hub.micropython.syntax.assignment_expressions import lose_assignments
 from bricksrl.virtual_hub.micropython.syntax.calls import called_name
@@ -30,11 +30,11 @@ def compile_source(source: str, filename: str, mode: str = "exec") -> CodeType:
         raise OverflowError("long int not supported in this build")  # a hub reads the digits before the sign
     # what `eval` and `exec` compile on the hub has no text of constants
     floats = [value.decode() for kind, value in constants if kind == _FLOAT and filename != STRING]
-    tree = parse(source, filename, mode)
-    lose_assignments(tree)
-    with warnings.catch_warnings():
+    with deep_recursion(), warnings.catch_warnings():
         warnings.simplefilter("ignore", SyntaxWarning)
         warnings.simplefilter("ignore", DeprecationWarning)
+        tree = parse(source, filename, mode)
+        lose_assignments(tree)
         code = compile(transform(tree, _recursive_names(tree), floats), filename, mode, dont_inherit=True)
     code = _with_names_of_hub(code)
     classes = {node.name.lstrip("_") for node in ast.walk(tree) if isinstance(node, ast.ClassDef)} - {""}
