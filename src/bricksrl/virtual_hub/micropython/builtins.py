@@ -123,11 +123,14 @@ def _number_functions(normalize: Callable[[Any], Any], power: Callable[[Any, Any
     def next_(values: Any, /) -> Any:
         return next(values)
 
+    def abs_(value: Any, /) -> Any:
+        return normalize(abs(value))
+
     def iter_(values: Any, /) -> Any:
         return iter(values)
 
     numbers = {
-        "abs": lambda value, /: normalize(abs(value)),
+        "abs": abs_,
         "sum": sum_,
         "round": round_,
         "divmod": divmod_,

@@ -199,6 +199,7 @@ def reword(error: BaseException, namespaces: Sequence[Mapping[str, object]]) -> 
     return error
 
 
+_LANGUAGE = "bricksrl.virtual_hub.micropython."
 _FUNCTIONS = (FunctionType, BuiltinFunctionType, MethodType)
 
 
@@ -259,6 +260,8 @@ def _call_message(message: str, namespaces: Sequence[Mapping[str, object]], erro
         return f"function got multiple values for argument '{multiple[1]}'"
     if function is None and name.endswith("<lambda>") and (given := re.match(r"takes (\d+) positional .* but (\d+) w", problem)):
         return f"<lambda>() takes {given[1]} positional arguments but {given[2]} were given"
+    if function is None and (message_of_language := _language_call_message(name, problem, error)):
+        return message_of_language
     if function is None:
         return _builtin_call_message(problem, name.startswith("tools_module")) or message
     if keyword := re.fullmatch(r"got an unexpected keyword argument '(.*)'", problem):
@@ -309,6 +312,29 @@ def _first_missing(error: BaseException) -> str | None:
     code = method.__code__
     required = code.co_varnames[1 : code.co_argcount - len(method.__defaults__ or ())]
     return next((name for name in required[len(args) :] if name not in kwargs), None)
+
+
+def _language_call_message(name: str, problem: str, error: BaseException) -> str | None:
+    """Message for a wrong number of arguments of a builtin or of a module of the language, which are not named."""
+    trace = _innermost(error)
+    frame_values = [*trace.tb_frame.f_globals.values(), *trace.tb_frame.f_locals.values()] if trace is not None else []
+    modules = [value for value in frame_values if isinstance(value, ModuleType)]
+    builtin = list(trace.tb_frame.f_builtins.values()) if trace is not None else []
+    values = [*frame_values, *builtin, *(value for module in modules for value in vars(module).values())]
+    function: Any = next((value for value in values if getattr(value, "__qualname__", None) == name), None)
+    own = isinstance(function, MethodType)
+    function = function.__func__ if isinstance(function, MethodType) else function
+    numbers = [int(number) for number in re.findall(r"\d+", problem)]
+    if not isinstance(function, FunctionType) or not function.__module__.startswith(_LANGUAGE) or not numbers:
+        return None
+    total = function.__code__.co_argcount - own
+    required = total - len(function.__defaults__ or ())
+    given = required - numbers[0] if problem.startswith("missing") else numbers[-1] - own
+    if required == total and not function.__code__.co_flags & inspect.CO_VARARGS:
+        return f"function takes {total} positional arguments but {given} were given"
+    if given < required:
+        return f"function missing {required - given} required positional arguments"
+    return f"function expected at most {total} arguments, got {given}"
 
 
 def _builtin_call_message(problem: str, is_module_function: bool) -> str | None:
