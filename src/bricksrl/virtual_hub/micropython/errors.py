@@ -61,9 +61,9 @@ _OPERATORS = {
 }  # fmt: skip
 _UNARY = {"-": "__neg__", "+": "__pos__", "~": "__invert__", "abs()": "__abs__"}
 _CLASS_NAMES = (
-    (r"\bbuiltin_function_or_method\b", "function"), (r"\b\w+_iterator\b", "iterator"), (r"\b\w+_reverseiterator\b", "reversed"),
-    (r"'ellipsis'", "''"), (r"^byte(?= indices)", "bytes"), (r"(['\"])method(?=['\"])", r"\1bound_method"),
-    (r"(?<=convert )method(?= to)", "bound_method"),
+    (r"\bbuiltin_function_or_method\b", "function"), (r"(?<!attribute ')\b\w+_iterator\b", "iterator"),
+    (r"\b\w+_reverseiterator\b", "reversed"), (r"'ellipsis'", "''"), (r"^byte(?= indices)", "bytes"),
+    (r"(?<!attribute )(?<!argument )(['\"])method(?=['\"])", r"\1bound_method"), (r"(?<=convert )method(?= to)", "bound_method"),
 )  # fmt: skip
 """Names of classes that differ on a hub."""
 _COMPARISONS = ("<", "<=", ">", ">=")
@@ -174,13 +174,17 @@ _RULES: tuple[_Rule, ...] = (
 
 def reword(error: BaseException, namespaces: Sequence[Mapping[str, object]]) -> BaseException:
     """Replace CPython's message by the hub's; ``namespaces`` are the globals of the program's modules. Returns the error."""
+    if _is_raised_by_program(error):
+        return error
     if isinstance(error, UnicodeError):
         error.args = ()
     if len(error.args) != 1 or not isinstance(error.args[0], str) or not isinstance(error, Exception):
         return error
     message = error.args[0]
     if isinstance(error, TypeError):
-        message = re.sub(r"(?<=['\"])function(?=['\"])|(?<=convert )function(?= to)", lambda m: _operand_name(error), message)
+        message = re.sub(
+            r"(?<!argument ')(?<=['\"])function(?=['\"])|(?<=convert )function(?= to)", lambda m: _operand_name(error), message
+        )
     for pattern, name in _CLASS_NAMES if isinstance(error, TypeError | AttributeError) else ():
         message = re.sub(pattern, name, message)
     for kind, pattern, text in _RULES:
@@ -199,6 +203,7 @@ def reword(error: BaseException, namespaces: Sequence[Mapping[str, object]]) -> 
     return error
 
 
+_RAISE = dis.opmap["RAISE_VARARGS"]
 _LANGUAGE = "bricksrl.virtual_hub.micropython."
 _FUNCTIONS = (FunctionType, BuiltinFunctionType, MethodType)
 
@@ -291,6 +296,15 @@ def _innermost(error: BaseException) -> TracebackType | None:
     while trace is not None and trace.tb_next is not None:
         trace = trace.tb_next
     return trace
+
+
+def _is_raised_by_program(error: BaseException) -> bool:
+    """Whether the error is from a ``raise`` with an exception in the program."""
+    trace = _innermost(error)
+    if trace is None or "@n" not in trace.tb_frame.f_builtins:
+        return False
+    code, position = trace.tb_frame.f_code.co_code, trace.tb_lasti
+    return code[position] == _RAISE and code[position + 1] > 0
 
 
 def _has_keywords(error: BaseException) -> bool:

@@ -23,6 +23,8 @@ def _to_tuple(kind: type, values: Any) -> Any:
 
 def _to_bytes(kind: type, values: Any) -> Any:
     """``bytes(values)``, named ``kind`` in the program: of a size, a buffer or an iterable."""
+    if kind is bytes and isinstance(values, bool):
+        raise TypeError("'bool' object isn't iterable")
     if kind is bytes and isinstance(values, int):
         check_allocation(values + 1)
     elif kind is bytes and not isinstance(values, str | bytes | bytearray | memoryview):
