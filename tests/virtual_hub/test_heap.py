@@ -151,3 +151,9 @@ for function in (local, generated, stored):
 print(gc.mem_free() + gc.mem_alloc() > 265000, gc.mem_alloc() < 2000)
 """
     assert output(source) == "True\n" * 3 + "True True"
+
+
+@pytest.mark.parametrize("body", ["items.append([])", "items = [items, i]", "items.append(bytearray(10**5))"])
+def test_memory_runs_out_in_a_for_loop(body: str) -> None:
+    with pytest.raises(MemoryError):
+        output(f"items = []\nfor i in range(10**9):\n    {body}")

@@ -302,7 +302,7 @@ def test_motors_stop_when_the_world_fails() -> None:
     def fail() -> bool:
         raise SceneError("the scene fails")
 
-    virtual.machine.branch = lambda _: fail()
+    virtual.machine.turn = lambda _: fail()
     with pytest.raises(SceneError, match="the scene fails"):
         virtual.read(5.0)
     assert not is_driven(virtual)

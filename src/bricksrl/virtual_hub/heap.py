@@ -23,6 +23,8 @@ _TABLES_SHARE = 12 / 524
 """Share of the garbage collector's tables: 1 byte for each 4 blocks, 1 for each 8 (``gc_setup_area``)."""
 _OBJECT = 2 * BLOCK_BYTES
 """Object of the firmware, such as a motor; an estimate."""
+_LONG_BYTES = 256
+"""Least size of an object for which a hub that is full has memory for the message."""
 _LONGEST_INTERVAL = 1024
 """Branches between two checks of a program that does not grow."""
 
@@ -50,10 +52,13 @@ class Heap:
         objects do not fit."""
         used_bytes, free_bytes = self.statistics()
         growth, self._used_bytes = max(0, used_bytes - self._used_bytes), used_bytes
+        branch_bytes = growth // self._interval
         longest = self._interval * min(2.0, free_bytes / (4 * growth) if growth else 2.0)
         self._interval = max(1, min(round(longest), _LONGEST_INTERVAL))
         if free_bytes < 0:
-            raise MemoryError(f"memory allocation failed, allocating {-free_bytes} bytes")
+            if branch_bytes < _LONG_BYTES:  # nothing is left for a message
+                raise MemoryError
+            raise MemoryError(f"memory allocation failed, allocating {branch_bytes} bytes")
         return self._interval
 
 

@@ -19,6 +19,7 @@ class Modules(dict[str, ModuleType]):
 
     Attributes:
         tick: called at each iteration of a ``while`` loop, so that simulated time passes in one that does not wait.
+        turn: called with a value at each iteration of a ``for`` loop, and returns it.
         branch: called with the value on which a program branches, and returns it.
         callee: called with a function that may be calling itself, and returns it. Raises RuntimeError if the stack is full.
         missing_builtins: builtin names that the hub does not have.
@@ -30,13 +31,14 @@ class Modules(dict[str, ModuleType]):
         self,
         modules: dict[str, ModuleType],
         tick: Callable[[], None] = lambda: None,
+        turn: Callable[[Any], Any] = lambda value: value,
         branch: Callable[[Any], Any] = lambda value: value,
         callee: Callable[[Any], Any] = lambda function: function,
         namespaces: list[dict[str, Any]] | None = None,
         missing_builtins: Collection[str] = (),
     ) -> None:
         super().__init__(modules)
-        self.tick, self.branch, self.callee = tick, branch, callee
+        self.tick, self.turn, self.branch, self.callee = tick, turn, branch, callee
         self.missing_builtins = missing_builtins
         self.find_module: Callable[[str], HubModule | None] = lambda name: None
         self.namespaces = [] if namespaces is None else namespaces
@@ -74,7 +76,7 @@ def execute(source: str, filename: str, modules: dict[str, ModuleType], console:
         return importable[name]
 
     hooks: dict[str, Callable[..., Any]] = {"@tick": importable.tick, "@callee": importable.callee}
-    hooks |= dict.fromkeys(("@branch", "@element"), importable.branch)
+    hooks |= {"@branch": importable.branch, "@element": importable.branch, "@turn": importable.turn}
     namespace["__builtins__"] = builtin_names(importable.namespaces, find_module, console, hooks, importable.missing_builtins)
     try:
         exec(code, namespace)

@@ -156,6 +156,15 @@ class Machine:
             self.settle()
         return value
 
+    def turn(self, value: Any) -> Any:
+        """``value``, for one iteration of a loop that ends by itself."""
+        if not (self._is_ahead or self._is_stopping):
+            self.settle()
+        self._branches_to_check -= 1
+        if self._branches_to_check < 0:
+            self._branches_to_check = self.check_memory()
+        return value
+
     @contextlib.contextmanager
     def stopping(self) -> Iterator[None]:
         """Context in which branches let no time pass."""
@@ -167,11 +176,8 @@ class Machine:
 
     def turn_loop(self) -> None:
         """One iteration of a loop that may not wait."""
-        self.branch(None)
+        self.turn(None)
         self.charge_call()
-        self._branches_to_check -= 1
-        if self._branches_to_check < 0:
-            self._branches_to_check = self.check_memory()
 
     def advance_to_control(self) -> None:
         """Let time pass until the next control loop, at which moves end."""

@@ -480,5 +480,13 @@ def test_refusals_of_the_parts(call: str, error: str) -> None:
 
 def test_hub_is_stationary_while_coasting() -> None:
     source = "from pybricks.pupdevices import Motor\nfrom pybricks.parameters import Port\nmotor = Motor(Port.A)\n"
-    source += "print(hub.imu.stationary())\nmotor.hold()\nwait(10)\nprint(hub.imu.stationary())\nprint(hub.battery.type())"
+    source += "print(hub.imu.stationary())\nmotor.hold()\nwait(2000)\nprint(hub.imu.stationary())\nprint(hub.battery.type())"
     assert hub(source) == "True\nFalse\nLi-ion"
+
+
+def test_hub_is_stationary_after_a_second_of_rest() -> None:
+    source = "from pybricks.pupdevices import Motor\nfrom pybricks.parameters import Port\nmotor = Motor(Port.A)\n"
+    source += (
+        "motor.dc(50)\nwait(100)\nmotor.stop()\nfor pause in (0, 990, 20):\n    wait(pause)\n    print(hub.imu.stationary())"
+    )
+    assert hub(source) == "False\nFalse\nTrue"

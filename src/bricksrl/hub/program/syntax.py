@@ -3,23 +3,39 @@
 from __future__ import annotations
 
 import ast
+import contextlib
 import io
 import itertools
 import re
+import sys
 import tokenize
+from collections.abc import Iterator
 from typing import Any
 
-_TEXT = r'"""(?:\\.|[^\\])*?"""|' + r"'''(?:\\.|[^\\])*?'''|" + r'"(?:\\.|[^"\\\n])*"|' + r"'(?:\\.|[^'\\\n])*'|#[^\n]*"
+TEXT = r'"""(?:\\.|[^\\])*?"""|' + r"'''(?:\\.|[^\\])*?'''|" + r'"(?:\\.|[^"\\\n])*"|' + r"'(?:\\.|[^'\\\n])*'|#[^\n]*"
+"""Pattern of a string or a comment."""
 _FORMATTED = (
     r"(?<!\w)(?P<f>[fF])(?P<quote>[\"'])"
     r"(?P<body>(?:\\.|\{\{|\{(?!\{)[^{}\n]*(?:\{[^{}\n]*\}[^{}\n]*)*\}|(?!(?P=quote))[^\\{\n])*)(?P=quote)(?!(?P=quote))"
 )
 _HUB_ONLY = re.compile(
-    rf"{_FORMATTED}|(?P<text>{_TEXT})|^(?P<imports>[ \t]*from[ \t][^\n#\"'(;]*),(?=[ \t\r]*(?:#|$))|"
+    rf"{_FORMATTED}|(?P<text>{TEXT})|^(?P<imports>[ \t]*from[ \t][^\n#\"'(;]*),(?=[ \t\r]*(?:#|$))|"
     r"^(?P<indent>[ \t]+)|(?<![\w.])0+(?=[1-9])",
     re.MULTILINE | re.DOTALL,
 )
 _TAB = 8
+_RECURSION = 20_000
+
+
+@contextlib.contextmanager
+def deep_recursion() -> Iterator[None]:
+    """Context for programs with a thousand of ``elif`` or ``+`` in a row, which a hub takes."""
+    limit = sys.getrecursionlimit()
+    sys.setrecursionlimit(max(limit, _RECURSION))
+    try:
+        yield
+    finally:
+        sys.setrecursionlimit(limit)
 
 
 def parse(source: str, filename: str = "<unknown>", mode: str = "exec") -> Any:
@@ -32,13 +48,14 @@ def parse(source: str, filename: str = "<unknown>", mode: str = "exec") -> Any:
         SyntaxError: CPython cannot read it.
         ValueError: it contains null bytes.
     """
-    try:
-        return ast.parse(source, filename, mode)
-    except SyntaxError as error:
+    with deep_recursion():
         try:
-            return ast.parse(_with_parentheses(_HUB_ONLY.sub(_as_cpython, source)), filename, mode)
-        except (SyntaxError, tokenize.TokenError):
-            raise error from None
+            return ast.parse(source, filename, mode)
+        except SyntaxError as error:
+            try:
+                return ast.parse(_with_parentheses(_HUB_ONLY.sub(_as_cpython, source)), filename, mode)
+            except (SyntaxError, tokenize.TokenError):
+                raise error from None
 
 
 def _as_cpython(match: re.Match[str]) -> str:

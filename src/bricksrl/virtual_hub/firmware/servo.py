@@ -36,6 +36,7 @@ class Servo:
         is_plain: whether it lacks a rotation sensor.
         is_taken: whether it must be closed before the next :meth:`setup`. A setup that is refused for this still ends the
             control loop, and the motor keeps its voltage.
+        driven_ms: time at which it began to coast; ``None`` before its first voltage.
     """
 
     def __init__(self, kind: MotorKind, port: str, body: Body, clock: Clock) -> None:
@@ -51,6 +52,7 @@ class Servo:
         self._sign = 1
         self._set_zero((0, 0))
         self._voltage_mv: int | None = None
+        self.driven_ms: int | None = None
         self._max_voltage_mv = self.type.max_voltage_mv
         self.control = Controller(servo_settings(self.type, 1000, 0))
         self.observer = self._new_observer()
@@ -287,6 +289,8 @@ class Servo:
     def set_voltage(self, voltage_mv: int | None) -> None:
         """Set the voltage, or coast for ``None``, without a change of the controllers."""
         if voltage_mv is None:
+            if self._voltage_mv is not None:
+                self.driven_ms = self.clock.time_ms
             self._voltage_mv = None
             self.body.set_voltage(self.port, None)
             return

@@ -10,7 +10,8 @@ from typing import Any
 from bricksrl.virtual_hub.micropython.byte_array import HubBytearray
 from bricksrl.virtual_hub.micropython.classes import FIRMWARE, HubSuper, defines, is_native
 from bricksrl.virtual_hub.micropython.containers import HubDict, HubSet
-from bricksrl.virtual_hub.micropython.errors import CATCHABLE, SwitchedOff
+from bricksrl.virtual_hub.micropython.errors import CATCHABLE, SwitchedOff, function_name
+from bricksrl.virtual_hub.micropython.iterables import is_dropped
 from bricksrl.virtual_hub.micropython.streams import BytesIO
 from bricksrl.virtual_hub.micropython.text import type_name
 
@@ -102,7 +103,8 @@ def store_attribute(value: Any, owner: Any, name: str) -> None:
         or (isinstance(owner, BaseException) and kind.__module__ == "builtins")
     )
     if is_closed:
-        raise AttributeError(f"'{kind.__name__}' object has no attribute '{name}'")
+        label = function_name(owner) if kind is FunctionType else kind.__name__
+        raise AttributeError(f"'{label}' object has no attribute '{name}'")
     setattr(owner, name, value)
 
 
@@ -161,7 +163,7 @@ class Manager:
         return self._enter()
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, traceback: object) -> Any:
-        if isinstance(error, SwitchedOff):
+        if isinstance(error, SwitchedOff) or (isinstance(error, GeneratorExit) and is_dropped()):
             return None
         if error is None or isinstance(error, CATCHABLE):
             return self._exit(kind, error and self._reword(error), None)

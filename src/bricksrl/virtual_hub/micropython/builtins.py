@@ -7,7 +7,7 @@ import inspect
 import math
 import sys
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from types import FrameType, ModuleType
+from types import FrameType, MethodType, ModuleType
 from typing import Any
 
 from bricksrl.virtual_hub.console import Console
@@ -21,7 +21,7 @@ from bricksrl.virtual_hub.micropython.attributes import (
 )
 from bricksrl.virtual_hub.micropython.byte_array import HubBytearray
 from bricksrl.virtual_hub.micropython.classes import HubStaticMethod, HubSuper, build_class
-from bricksrl.virtual_hub.micropython.compiler import STRING, compile_source
+from bricksrl.virtual_hub.micropython.compiler import compile_string
 from bricksrl.virtual_hub.micropython.containers import HubDict, HubSet
 from bricksrl.virtual_hub.micropython.errors import EXCEPTIONS, HubOSError, ProgramInterrupt
 from bricksrl.virtual_hub.micropython.floats import SMALL_MAX, int_from_float
@@ -34,8 +34,8 @@ from bricksrl.virtual_hub.micropython.streams import as_bytes, write_text
 from bricksrl.virtual_hub.micropython.text import representation, text
 
 _UNCHANGED = """
-    all any bin bool bytes callable chr classmethod complex enumerate float hex int iter len list max memoryview min
-    object oct ord range reversed setattr slice str tuple type zip
+    all any bin bool bytes callable chr classmethod complex enumerate float hex int len list max memoryview min
+    object oct ord range reversed slice str tuple type zip
 """.split()  # noqa: SIM905  a list would take a line for each
 
 _ENTER, _CTRL_C, _CTRL_D, _BACKSPACES = "\r", "\x03", "\x04", "\b\x7f"
@@ -123,15 +123,21 @@ def _number_functions(normalize: Callable[[Any], Any], power: Callable[[Any, Any
     def next_(values: Any, /) -> Any:
         return next(values)
 
+    def abs_(value: Any, /) -> Any:
+        return normalize(abs(value))
+
+    def iter_(values: Any, /) -> Any:
+        return iter(values)
+
     numbers = {
-        "abs": lambda value, /: normalize(abs(value)),
+        "abs": abs_,
         "sum": sum_,
         "round": round_,
         "divmod": divmod_,
         "pow": pow_,
         "map": map_,
     }
-    return numbers | {"next": next_}
+    return numbers | {"next": next_, "iter": iter_}
 
 
 def _expect_text(*values: Any) -> None:
@@ -182,7 +188,10 @@ def _identity_functions() -> dict[str, Any]:
 
     def hash_(value: Any, /) -> int:
         value_hash = hash_of(value)
-        return id(value) >> 4 & SMALL_MAX if value_hash is None else value_hash
+        if value_hash is not None:
+            return value_hash
+        address = id(value.__self__) ^ id(value.__func__) if isinstance(value, MethodType) else id(value)
+        return address >> 4 & SMALL_MAX
 
     return {"repr": representation, "id": id_, "hash": hash_}
 
@@ -220,7 +229,18 @@ def _attribute_functions() -> dict[str, Any]:
     def issubclass_(kind: Any, kinds: Any) -> bool:
         return issubclass(kind, _without_int(kinds) if kind is bool else kinds)
 
-    return {"dir": dir_, "getattr": getattr_, "hasattr": hasattr_, "isinstance": isinstance_, "issubclass": issubclass_}
+    def setattr_(value: Any, name: str, new: Any, /) -> None:
+        _expect_text(name)
+        store_attribute(new, value, name)
+
+    return {
+        "dir": dir_,
+        "getattr": getattr_,
+        "setattr": setattr_,
+        "hasattr": hasattr_,
+        "isinstance": isinstance_,
+        "issubclass": issubclass_,
+    }
 
 
 def _without_int(kinds: Any) -> Any:
@@ -258,10 +278,10 @@ def _program_functions() -> dict[str, Any]:
         return source if isinstance(source, str) else as_bytes(source).decode()
 
     def eval_(source: Any, globals: dict[str, Any] | None = None, locals: Any = None) -> Any:
-        return run(compile_source(decoded(source).strip(), STRING, "eval"), globals, locals)
+        return run(compile_string(decoded(source), "eval"), globals, locals)
 
     def exec_(source: Any, globals: dict[str, Any] | None = None, locals: Any = None) -> None:
-        run(compile_source(decoded(source), STRING), globals, locals)
+        run(compile_string(decoded(source)), globals, locals)
 
     def globals_() -> dict[str, Any]:
         return sys._getframe(1).f_globals

@@ -10,7 +10,7 @@ from typing import Any
 _MIRRORED = {"__lt__": "__gt__", "__gt__": "__lt__", "__le__": "__ge__", "__ge__": "__le__"}
 _UNUSED = (
     *("__setattr__", "__delattr__", "__getattribute__", "__del__", "__get__", "__set__", "__delete__", "__set_name__"),
-    *("__iand__", "__ior__", "__ixor__"),
+    *("__iand__", "__ior__", "__ixor__", "__missing__"),
 )
 _MADE_BY_CPYTHON = frozenset(
     (

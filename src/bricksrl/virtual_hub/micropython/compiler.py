@@ -11,9 +11,11 @@ from types import CodeType
 
 import mpy_cross_v6
 
-from bricksrl.hub.program.syntax import parse
+from bricksrl.hub.program.syntax import TEXT, deep_recursion, parse
 from bricksrl.virtual_hub.micropython.floats import SMALL_MAX
-from bricksrl.virtual_hub.micropython.syntax.transform import called_name, transform
+from bricksrl.virtual_hub.micropython.syntax.assignment_expressions import lose_assignments
+from bricksrl.virtual_hub.micropython.syntax.calls import called_name
+from bricksrl.virtual_hub.micropython.syntax.transform import transform
 
 STRING = "<string>"
 """File name of what ``eval`` and ``exec`` compile."""
@@ -28,10 +30,11 @@ def compile_source(source: str, filename: str, mode: str = "exec") -> CodeType:
         raise OverflowError("long int not supported in this build")  # a hub reads the digits before the sign
     # what `eval` and `exec` compile on the hub has no text of constants
     floats = [value.decode() for kind, value in constants if kind == _FLOAT and filename != STRING]
-    tree = parse(source, filename, mode)
-    with warnings.catch_warnings():
+    with deep_recursion(), warnings.catch_warnings():
         warnings.simplefilter("ignore", SyntaxWarning)
         warnings.simplefilter("ignore", DeprecationWarning)
+        tree = parse(source, filename, mode)
+        lose_assignments(tree)
         code = compile(transform(tree, _recursive_names(tree), floats), filename, mode, dont_inherit=True)
     code = _with_names_of_hub(code)
     classes = {node.name.lstrip("_") for node in ast.walk(tree) if isinstance(node, ast.ClassDef)} - {""}
@@ -39,6 +42,43 @@ def compile_source(source: str, filename: str, mode: str = "exec") -> CodeType:
         return code
     words = frozenset(re.findall(r"\w+", source))
     return _unmangled(code, re.compile(f"_(?:{'|'.join(sorted(classes))})(__\\w+)"), words)
+
+
+def compile_string(source: str, mode: str = "exec") -> CodeType:
+    """Code of what ``exec`` or ``eval`` (``mode="eval"``) get, from the compiler on the hub itself, which is stricter than
+    mpy-cross. Raises as `compile_source`."""
+    numbers = (match["number"] for match in _LEADING_ZERO.finditer(source))
+    if number := next(filter(None, numbers), None):
+        raise _at_line(1, SyntaxError(f"invalid syntax for integer with base 0: '{number.replace('_', '')}'"))
+    if mode == "eval" and source[:1] in (" ", "\t"):
+        raise _at_line(1, IndentationError("unexpected indent"))
+    if mode == "eval" and source[:1] in ("\n", "\r"):
+        raise _at_line(1, SyntaxError("invalid syntax"))
+    try:
+        code = compile_source(source.strip() if mode == "eval" else source, STRING, mode)
+    except SyntaxError as error:
+        if len(error.args) > 1:  # from CPython: the hub's has a message only
+            error.args = ("invalid syntax",) if mode == "eval" else error.args[:1]
+            error.msg = error.args[0]
+        raise
+    nodes = list(ast.walk(parse(source, STRING, mode)))
+    if texts := [node for node in nodes if isinstance(node, ast.JoinedStr)]:  # f-strings
+        raise _at_line(texts[0].lineno, SyntaxError("invalid syntax"))
+    if any(map(_is_large, nodes)):
+        raise OverflowError("long int not supported in this build")  # the digits of -1073741824 are read before the sign
+    return code
+
+
+_LEADING_ZERO = re.compile(rf"{TEXT}|(?<![\w.])(?P<number>0[0-9_]*[1-9][0-9_]*)(?![\w.])", re.DOTALL)
+
+
+def _at_line(line: int, error: SyntaxError) -> SyntaxError:
+    error.filename, error.lineno = STRING, line
+    return error
+
+
+def _is_large(node: ast.AST) -> bool:
+    return isinstance(node, ast.Constant) and type(node.value) is int and node.value > SMALL_MAX
 
 
 def _recursive_names(tree: ast.AST) -> set[str]:

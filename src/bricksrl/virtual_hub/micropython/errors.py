@@ -8,7 +8,7 @@ import errno
 import inspect
 import re
 from collections.abc import Callable, Mapping, Sequence
-from types import FrameType, FunctionType, TracebackType
+from types import BuiltinFunctionType, FrameType, FunctionType, MethodType, ModuleType, TracebackType
 from typing import Any, TypeGuard
 
 EXCEPTIONS = """
@@ -61,8 +61,9 @@ _OPERATORS = {
 }  # fmt: skip
 _UNARY = {"-": "__neg__", "+": "__pos__", "~": "__invert__", "abs()": "__abs__"}
 _CLASS_NAMES = (
-    (r"\bbuiltin_function_or_method\b", "function"), (r"'\w+_iterator'", "'iterator'"), (r"'\w+_reverseiterator'", "'reversed'"),
-    (r"'ellipsis'", "''"), (r"^byte(?= indices)", "bytes"),
+    (r"\bbuiltin_function_or_method\b", "function"), (r"(?<!attribute ')\b\w+_iterator\b", "iterator"),
+    (r"\b\w+_reverseiterator\b", "reversed"), (r"'ellipsis'", "''"), (r"^byte(?= indices)", "bytes"),
+    (r"(?<!attribute )(?<!argument )(['\"])method(?=['\"])", r"\1bound_method"), (r"(?<=convert )method(?= to)", "bound_method"),
 )  # fmt: skip
 """Names of classes that differ on a hub."""
 _COMPARISONS = ("<", "<=", ">", ">=")
@@ -152,7 +153,11 @@ _RULES: tuple[_Rule, ...] = (
      lambda m: "join expects a list of str/bytes objects consistent with self object"),
     (TypeError, r"'(.*)' object cannot be interpreted as an integer", lambda m: f"can't convert {m[1]} to int"),
     (TypeError, r"argument should be integer or None, not '(.*)'", lambda m: f"can't convert {m[1]} to int"),
-    (TypeError, r"(?:\w+ first arg )?must be str(?: or None| or a tuple of str)?, not (.*)",
+    (TypeError, r"a(?: bytes-like object is required|rgument should be integer or bytes-like object), not 'str'",
+     lambda m: "can't convert 'str' object to bytes implicitly"),
+    (TypeError, r"a(?: bytes-like object is required|rgument should be integer or bytes-like object), not '(.*)'",
+     lambda m: f"can't convert '{m[1]}' object to str implicitly"),
+    (TypeError, r"(?:\w+ first arg )?must be (?:str|bytes)(?: or None| or a tuple of (?:str|bytes))?, not (.*)",
      lambda m: f"can't convert '{m[1]}' object to str implicitly"),
     (TypeError, r"(\w+)\(\) takes exactly one argument \((\d+) given\)",
      lambda m: f"function takes 1 positional arguments but {m[2]} were given"),
@@ -169,11 +174,17 @@ _RULES: tuple[_Rule, ...] = (
 
 def reword(error: BaseException, namespaces: Sequence[Mapping[str, object]]) -> BaseException:
     """Replace CPython's message by the hub's; ``namespaces`` are the globals of the program's modules. Returns the error."""
+    if _is_raised_by_program(error):
+        return error
     if isinstance(error, UnicodeError):
         error.args = ()
     if len(error.args) != 1 or not isinstance(error.args[0], str) or not isinstance(error, Exception):
         return error
     message = error.args[0]
+    if isinstance(error, TypeError):
+        message = re.sub(
+            r"(?<!argument ')(?<=['\"])function(?=['\"])|(?<=convert )function(?= to)", lambda m: _operand_name(error), message
+        )
     for pattern, name in _CLASS_NAMES if isinstance(error, TypeError | AttributeError) else ():
         message = re.sub(pattern, name, message)
     for kind, pattern, text in _RULES:
@@ -184,8 +195,42 @@ def reword(error: BaseException, namespaces: Sequence[Mapping[str, object]]) -> 
                 error.msg = reworded
             return error
     if isinstance(error, TypeError) and "()" in message:
-        error.args = (_call_message(message, namespaces, error),)
+        message = _call_message(message, namespaces, error)
+    if isinstance(error, AttributeError) and isinstance(error.obj, _FUNCTIONS):
+        message = re.sub(r"^'\w+'(?= object has no attribute)", f"'{function_name(error.obj)}'", message)
+    if message != error.args[0]:
+        error.args = (message,)
     return error
+
+
+_RAISE = dis.opmap["RAISE_VARARGS"]
+_LANGUAGE = "bricksrl.virtual_hub.micropython."
+_FUNCTIONS = (FunctionType, BuiltinFunctionType, MethodType)
+
+
+def function_name(function: object) -> str:
+    """Name of a function's class on a hub."""
+    if not isinstance(function, FunctionType):
+        is_bound = not isinstance(getattr(function, "__self__", None), ModuleType)
+        return "bound_method" if is_bound else "function"
+    if function.__closure__ and is_own(function):
+        return "closure"
+    is_method = "." in function.__qualname__.rsplit("<locals>.", maxsplit=1)[-1]  # where it was looked for first
+    return "bound_method" if is_method else "generator" if function.__code__.co_flags & inspect.CO_GENERATOR else "function"
+
+
+def _operand_name(error: BaseException) -> str:
+    """Name of the class of the only function of the program in the line that failed, if it has one."""
+    names = {"function"}
+    trace = error.__traceback__
+    while trace is not None:
+        if "@n" in trace.tb_frame.f_builtins:
+            values = {**trace.tb_frame.f_globals, **trace.tb_frame.f_locals}
+            steps = (step for step in dis.get_instructions(trace.tb_frame.f_code) if step.offset <= trace.tb_lasti)
+            loaded = (values.get(step.argval) for step in steps if step.positions and step.positions.lineno == trace.tb_lineno)
+            names = {function_name(value) for value in loaded if is_own(value)}
+        trace = trace.tb_next
+    return names.pop() if len(names) == 1 else "function"
 
 
 def local_values(frame: FrameType) -> list[Any]:
@@ -220,6 +265,8 @@ def _call_message(message: str, namespaces: Sequence[Mapping[str, object]], erro
         return f"function got multiple values for argument '{multiple[1]}'"
     if function is None and name.endswith("<lambda>") and (given := re.match(r"takes (\d+) positional .* but (\d+) w", problem)):
         return f"<lambda>() takes {given[1]} positional arguments but {given[2]} were given"
+    if function is None and (message_of_language := _language_call_message(name, problem, error)):
+        return message_of_language
     if function is None:
         return _builtin_call_message(problem, name.startswith("tools_module")) or message
     if keyword := re.fullmatch(r"got an unexpected keyword argument '(.*)'", problem):
@@ -251,6 +298,15 @@ def _innermost(error: BaseException) -> TracebackType | None:
     return trace
 
 
+def _is_raised_by_program(error: BaseException) -> bool:
+    """Whether the error is from a ``raise`` with an exception in the program."""
+    trace = _innermost(error)
+    if trace is None or "@n" not in trace.tb_frame.f_builtins:
+        return False
+    code, position = trace.tb_frame.f_code.co_code, trace.tb_lasti
+    return code[position] == _RAISE and code[position + 1] > 0
+
+
 def _has_keywords(error: BaseException) -> bool:
     """Whether the call that failed names an argument."""
     trace = _innermost(error)
@@ -270,6 +326,29 @@ def _first_missing(error: BaseException) -> str | None:
     code = method.__code__
     required = code.co_varnames[1 : code.co_argcount - len(method.__defaults__ or ())]
     return next((name for name in required[len(args) :] if name not in kwargs), None)
+
+
+def _language_call_message(name: str, problem: str, error: BaseException) -> str | None:
+    """Message for a wrong number of arguments of a builtin or of a module of the language, which are not named."""
+    trace = _innermost(error)
+    frame_values = [*trace.tb_frame.f_globals.values(), *trace.tb_frame.f_locals.values()] if trace is not None else []
+    modules = [value for value in frame_values if isinstance(value, ModuleType)]
+    builtin = list(trace.tb_frame.f_builtins.values()) if trace is not None else []
+    values = [*frame_values, *builtin, *(value for module in modules for value in vars(module).values())]
+    function: Any = next((value for value in values if getattr(value, "__qualname__", None) == name), None)
+    own = isinstance(function, MethodType)
+    function = function.__func__ if isinstance(function, MethodType) else function
+    numbers = [int(number) for number in re.findall(r"\d+", problem)]
+    if not isinstance(function, FunctionType) or not function.__module__.startswith(_LANGUAGE) or not numbers:
+        return None
+    total = function.__code__.co_argcount - own
+    required = total - len(function.__defaults__ or ())
+    given = required - numbers[0] if problem.startswith("missing") else numbers[-1] - own
+    if required == total and not function.__code__.co_flags & inspect.CO_VARARGS:
+        return f"function takes {total} positional arguments but {given} were given"
+    if given < required:
+        return f"function missing {required - given} required positional arguments"
+    return f"function expected at most {total} arguments, got {given}"
 
 
 def _builtin_call_message(problem: str, is_module_function: bool) -> str | None:

@@ -13,6 +13,16 @@ _SINGLE, _BITS = struct.Struct("<f"), struct.Struct("<I")
 _EXPONENT_BITS = 0x7F800000
 _EXACT_POWERS_OF_FIVE = 10
 _INFINITE_POWER = 60
+_ROUGH_POWERS = {
+    11: float.fromhex("0x1.74877p+25"),
+    -18: float.fromhex("0x1.2725dcp-42"),
+    -22: float.fromhex("0x1.e392p-52"),
+    -36: float.fromhex("0x1.544848p-84"),
+    -45: float.fromhex("0x1.6d601cp-105"),
+    -49: float.fromhex("0x1.2b50c8p-114"),
+    -51: float.fromhex("0x1.7f1fb8p-119"),
+}
+"""Powers of five that a hub's ``powf`` does not round to the nearest float."""
 _FULL_MANTISSA = 0x19999998
 _INEXACT = 1e-14
 """Relative error of the floats in a compiled program."""
@@ -47,7 +57,8 @@ def scaled(x: float, exponent: int) -> float:
     (x,) = _SINGLE.unpack(_BITS.pack(bits))
     if -_EXACT_POWERS_OF_FIVE <= exponent < 0:
         return to_single(x / 5.0**-exponent)
-    return to_single(x * to_single(5.0 ** min(exponent, _INFINITE_POWER)))
+    power = _ROUGH_POWERS.get(exponent)
+    return to_single(x * (to_single(5.0 ** min(exponent, _INFINITE_POWER)) if power is None else power))
 
 
 def read_digits(digits: int, exponent: int) -> float:

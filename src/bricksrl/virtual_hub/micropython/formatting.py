@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import re
 import string
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from bricksrl.virtual_hub.memory import check_allocation
@@ -95,8 +95,22 @@ def _in_characters(width: int, formatted: str) -> int:
 
 
 class _Formatter(string.Formatter):
+    def __init__(self) -> None:
+        self._numbering = ""
+
+    def parse(self, format_string: str) -> Iterator[Any]:
+        for part in super().parse(format_string):
+            if part[1] is not None and (not part[1] or part[1][0].isdigit()):
+                numbering = "manual field specification" if part[1] else "automatic field numbering"
+                if self._numbering not in ("", numbering):
+                    raise ValueError(f"can't switch from {self._numbering} to {numbering}")
+                self._numbering = numbering
+            yield part
+
     def get_field(self, field_name: str, args: Any, kwargs: Any) -> Any:
         if "." in field_name or "[" in field_name:
+            name = re.split(r"[.\[]", field_name)[0]
+            self.get_value(int(name) if name.isdigit() else name, args, kwargs)
             raise NotImplementedError("attributes not supported")
         return super().get_field(field_name, args, kwargs)
 

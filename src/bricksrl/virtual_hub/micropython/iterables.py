@@ -1,7 +1,11 @@
-"""Functions of a hub that collect the items of an iterable: they refuse more than fit on any hub."""
+"""Iterables of a hub: functions that collect items refuse more than fit on any hub, and a generator that a program drops in the
+middle just stays there, where CPython closes it."""
 
 from __future__ import annotations
 
+import sys
+import threading
+from types import GeneratorType
 from typing import Any
 
 from bricksrl.virtual_hub.memory import check_allocation, extend, items_of
@@ -19,11 +23,22 @@ def _to_tuple(kind: type, values: Any) -> Any:
 
 def _to_bytes(kind: type, values: Any) -> Any:
     """``bytes(values)``, named ``kind`` in the program: of a size, a buffer or an iterable."""
+    if kind is bytes and isinstance(values, bool):
+        raise TypeError("'bool' object isn't iterable")
     if kind is bytes and isinstance(values, int):
-        check_allocation(values)
+        check_allocation(values + 1)
     elif kind is bytes and not isinstance(values, str | bytes | bytearray | memoryview):
         values = items_of(values, item_bytes=1)
     return kind(values)
+
+
+def _star(values: Any) -> Any:
+    """Arguments ``*values``, whose number the hub asks for first, as it makes room for them and the function."""
+    if isinstance(values, list | tuple | str | bytes | dict):
+        return values
+    if isinstance(values, range):
+        check_allocation(4 * (1 + len(values)))
+    return items_of(values)
 
 
 def _extend(owner: Any, values: Any) -> Any:
@@ -51,5 +66,48 @@ def add_in_place(a: Any, b: Any) -> Any:
     return a
 
 
-ITERABLE_FUNCTIONS = {"@list": _to_list, "@tuple": _to_tuple, "@bytes": _to_bytes, "@extend": _extend, "@join": _join}
+class _Ending(threading.local):
+    """Number of calls that end a generator, in this thread."""
+
+    calls = 0
+
+
+_ending = _Ending()
+
+
+def close(owner: Any, *args: Any, **kwargs: Any) -> Any:
+    """``owner.close(...)``."""
+    _ending.calls += 1
+    try:
+        return owner.close(*args, **kwargs)
+    finally:
+        _ending.calls -= 1
+
+
+def _throw(generator: Any, *args: Any, **kwargs: Any) -> Any:
+    """``generator.throw(...)``; a generator that has ended remains so."""
+    if isinstance(generator, GeneratorType) and generator.gi_frame is None:
+        raise StopIteration
+    _ending.calls += 1
+    try:
+        return generator.throw(*args, **kwargs)
+    finally:
+        _ending.calls -= 1
+
+
+def is_dropped() -> bool:
+    """Whether CPython ends a generator now that a program has dropped."""
+    return not _ending.calls and isinstance(sys.exc_info()[1], GeneratorExit)
+
+
+ITERABLE_FUNCTIONS = {
+    "@list": _to_list,
+    "@tuple": _to_tuple,
+    "@bytes": _to_bytes,
+    "@star": _star,
+    "@close": close,
+    "@throw": _throw,
+    "@extend": _extend,
+    "@join": _join,
+}
 """Functions by their names in the transformed program."""

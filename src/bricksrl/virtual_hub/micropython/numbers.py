@@ -163,6 +163,8 @@ def random_module(clock_us: int) -> ModuleType:
 
 _CODES = re.compile(r"(\d*)([xbBhHiIlLqQPOsefd])")
 _WIDE = frozenset("iIlLqQd")
+_HALF_INFINITE = 65520.0
+"""Least float that is infinite in 16 bits."""
 
 
 class _Layout:
@@ -193,7 +195,8 @@ class _Layout:
         if code == "s":
             return as_bytes(value)
         if code in "efd":
-            return to_single(_as_float(value))
+            number = to_single(_as_float(value))
+            return math.copysign(math.inf, number) if code == "e" and abs(number) >= _HALF_INFINITE else number
         if isinstance(value, float) or not isinstance(value, int):
             raise TypeError(f"can't convert {type(value).__name__} to int")
         bits = 8 * struct.calcsize("=" + code)

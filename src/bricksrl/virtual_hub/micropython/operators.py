@@ -5,20 +5,22 @@ The transformed program (``transform.py``) calls these for operations that could
 
 from __future__ import annotations
 
+import itertools
 import math
 import operator
 import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from types import GeneratorType
 from typing import Any
 
-from bricksrl.virtual_hub.memory import check_allocation, items_of
+from bricksrl.virtual_hub.memory import check_allocation
+from bricksrl.virtual_hub.micropython.byte_array import HubBytearray
+from bricksrl.virtual_hub.micropython.classes import is_native
 from bricksrl.virtual_hub.micropython.containers import HubDict, HubSet
 from bricksrl.virtual_hub.micropython.errors import CATCHABLE, SwitchedOff, reword
 from bricksrl.virtual_hub.micropython.floats import SMALL_MAX, SMALL_MIN, int_from_float, read_float, to_single
 from bricksrl.virtual_hub.micropython.formatting import format_text, format_value, percent, to_number
-from bricksrl.virtual_hub.micropython.iterables import ITERABLE_FUNCTIONS, add_in_place
+from bricksrl.virtual_hub.micropython.iterables import ITERABLE_FUNCTIONS, add_in_place, is_dropped
 from bricksrl.virtual_hub.micropython.sorting import sort
 from bricksrl.virtual_hub.micropython.text import representation, text
 
@@ -33,6 +35,8 @@ _NO_DIGITS = re.compile(r"\s*([-+]?)(?:\.|\.?e[-+]?\d+)\s*", re.IGNORECASE)
 _FLOAT_MAX = 3.4028234663852886e38
 _ITEM_BYTES: dict[Any, int] = {str: 1, bytes: 1, list: 4, tuple: 4}
 """Sizes of the items of what operators make longer."""
+_SIZED = (str, bytes, HubBytearray, list, tuple)
+_CHECKED_ITEMS = 256
 _WITH_END = (str, bytes)
 """Kinds that end with a zero byte."""
 
@@ -99,7 +103,9 @@ def to_int(kind: type, *args: Any, **kwargs: Any) -> Any:
         if args and isinstance(args[0], str | bytes | bytearray):
             args = (_digits(args[0]), *args[1:])
         value = int(*args)
-    except ValueError:
+    except ValueError as error:
+        if "Exceeds the limit" in str(error):  # of CPython
+            raise OverflowError("long int not supported in this build") from None
         base = args[1] if len(args) > 1 else 10
         if base != 0 and not 2 <= base <= 36:
             raise ValueError("int() arg 2 must be >= 2 and <= 36") from None
@@ -181,6 +187,9 @@ def _ascii_method(name: str) -> Callable[..., Any]:
             _refuse_keywords(kwargs)
             if name == "rsplit" and args[1:] and args[0] is None:
                 raise NotImplementedError("rsplit(None,n)")
+            if name.endswith("strip") and args and not isinstance(args[0], type(value)):
+                wanted = "bytes" if isinstance(args[0], str) else "str"
+                raise TypeError(f"can't convert '{type(args[0]).__name__}' object to {wanted} implicitly")
         if not isinstance(value, str) or value.isascii():
             return getattr(value, name)(*args, **kwargs)
         result = method(value.encode(), *(arg.encode() if isinstance(arg, str) else arg for arg in args))
@@ -189,13 +198,6 @@ def _ascii_method(name: str) -> Callable[..., Any]:
         return result.decode(errors="replace") if isinstance(result, bytes) else result
 
     return call
-
-
-def _throw(generator: Any, *args: Any, **kwargs: Any) -> Any:
-    """``generator.throw(...)``; a generator that has ended remains so."""
-    if isinstance(generator, GeneratorType) and generator.gi_frame is None:
-        raise StopIteration
-    return generator.throw(*args, **kwargs)
 
 
 def _contains(item: Any, container: Any) -> bool:
@@ -208,11 +210,25 @@ def _contains(item: Any, container: Any) -> bool:
     return item in container
 
 
-def _slice(container: Any, start: Any, stop: Any, step: Any) -> Any:
+def _to_slice(kind: type, *args: Any, **kwargs: Any) -> Any:
+    """``slice(...)``, named ``kind`` in the program, which only brackets can make."""
+    if kind is slice:
+        raise TypeError("can't create 'slice' instances")
+    return kind(*args, **kwargs)
+
+
+def _stepped(container: Any, start: Any, stop: Any, step: Any) -> Any:
     """``container[start:stop:step]``; only lists support a step."""
     if step is not None and step != 1 and isinstance(container, str | bytes | bytearray | memoryview | tuple):
         raise NotImplementedError("only slices with step=1 (aka None) are supported")
     return container[start:stop:step]
+
+
+def _subscriptable(value: Any) -> Any:
+    """A value named as a builtin class, in ``list[int]``: a hub's classes have no items."""
+    if isinstance(value, type) and is_native(value):
+        raise TypeError("'type' object isn't subscriptable")
+    return value
 
 
 def _sliced(container: Any, step: Any) -> Any:
@@ -244,13 +260,14 @@ def _product(a: Any, b: Any) -> Any:
 
 
 def _bitwise(operation: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
-    """Truth values are numbers; dicts have no union."""
+    """Truth values are numbers; dicts and classes have no union."""
+    name = operation.__name__.strip("_").removeprefix("i")
 
     def operate(a: Any, b: Any) -> Any:
         if type(a) is bool and type(b) is bool:
             return int(operation(a, b))
-        if isinstance(a, dict) and isinstance(b, dict):
-            raise TypeError(f"unsupported types for __or__: '{type(a).__name__}', '{type(b).__name__}'")
+        if isinstance(a, dict | type) and isinstance(b, dict | type):
+            raise TypeError(f"unsupported types for __{name}__: '{type(a).__name__}', '{type(b).__name__}'")
         return operation(a, b)
 
     return operate
@@ -264,10 +281,16 @@ def _dict_display(*parts: Any) -> HubDict:
 
 def _list_comprehension(elements: Iterator[Any]) -> list[Any]:
     """The elements; a StopIteration in one of them is not that of a generator."""
+    items: list[Any] = []
+    size_bytes = 0
     try:
-        return items_of(elements)
+        while some := list(itertools.islice(elements, _CHECKED_ITEMS)):
+            items += some
+            size_bytes += sum(len(item) for item in some if type(item) in _SIZED)
+            check_allocation(_ITEM_BYTES[list] * len(items) + size_bytes)
     except RuntimeError as error:
         raise (error.__cause__ if isinstance(error.__cause__, StopIteration) else error) from None
+    return items
 
 
 def _dict_comprehension(pairs: list[tuple[Any, Any]]) -> HubDict:
@@ -351,12 +374,13 @@ def operators(namespaces: Sequence[Mapping[str, object]]) -> dict[str, Any]:
         **ITERABLE_FUNCTIONS,
         "@format": _format,
         "@sort": sort,
-        "@throw": _throw,
         "@in": _contains,
         "@to_bytes": _to_bytes,
         "@from_bytes": _from_bytes,
         "@f": f_string,
-        "@slice": _slice,
+        "@sub": _subscriptable,
+        "@slice": _to_slice,
+        "@stepped": _stepped,
         "@sliced": _sliced,
         "@setslice": _set_slice,
         "@dict": _dict_display,
@@ -367,6 +391,6 @@ def operators(namespaces: Sequence[Mapping[str, object]]) -> dict[str, Any]:
         "@named": _keyword_arguments,
         **{f"@{name}": _ascii_method(name) for name in ASCII_METHODS},
         "@any": CATCHABLE,
-        "@is_on": lambda: not isinstance(sys.exc_info()[1], SwitchedOff),
+        "@ends": lambda: not (isinstance(sys.exc_info()[1], SwitchedOff) or is_dropped()),
         "@reword": lambda error: reword(error, namespaces),
     }

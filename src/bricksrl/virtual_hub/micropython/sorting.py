@@ -41,15 +41,25 @@ def _identity(value: Any) -> Any:
     return value
 
 
+def _is_less(a: Any, b: Any) -> Any:
+    """``a < b``; a hub asks the first items that differ for ``>``."""
+    if type(a) not in (list, tuple) or type(b) is not type(a):
+        return a < b
+    for x, y in zip(a, b, strict=False):
+        if x is not y and not x == y:  # noqa: SIM201  `!=` may be another method
+            return y > x
+    return len(a) < len(b)
+
+
 def _quicksort(items: list[Any], first: int, last: int, key: Callable[[Any], Any], is_less: bool) -> None:
     """Sort ``items[first:last + 1]`` so that ``<`` gives ``is_less``; keys are computed for each comparison."""
     while first < last:
         pivot = key(items[last])
         low, high = first, last - 1
         while True:
-            while low <= high and (key(items[low]) < pivot) is is_less:
+            while low <= high and _is_less(key(items[low]), pivot) is is_less:
                 low += 1
-            while low < high and (pivot < key(items[high])) is is_less:
+            while low < high and _is_less(pivot, key(items[high])) is is_less:
                 high -= 1
             if low >= high:
                 break

@@ -41,7 +41,13 @@ def text(value: Any) -> str:
         return _exception_text(value)
     if kind.__str__ is not object.__str__ and kind not in _REPRESENTATIONS and not isinstance(value, _PRIVATE):
         return _returned(kind.__str__(value))
-    return representation(value)
+    native = _native_base(value)  # goes before the ``__repr__`` of a subclass
+    return representation(value) if native is None else _REPRESENTATIONS[native](_COPIES[native](value))
+
+
+def _native_base(value: object) -> Any:
+    """The native class of which the object's class is a program's subclass."""
+    return next((base for base in _COPIES if type(value) is not base and isinstance(value, base)), None)
 
 
 def _returned(result: Any) -> str:
@@ -63,7 +69,7 @@ def representation(value: object) -> str:
     if kind.__repr__ is object.__repr__:
         is_native = kind.__module__.startswith("bricksrl.")
         return f"<{kind.__name__}>" if is_native else f"<{kind.__name__} object at {_address(value)}>"
-    native: Any = next((base for base in _COPIES if isinstance(value, base)), None)
+    native = _native_base(value)
     if native is None or kind.__repr__ is not native.__repr__:
         return _returned(kind.__repr__(value))
     return _REPRESENTATIONS[native](_COPIES[native](value))

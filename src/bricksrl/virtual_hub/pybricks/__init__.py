@@ -81,7 +81,7 @@ def modules(machine: Machine, console: Console) -> Modules:
     result.update(language)
     result.update({f"u{name}": language[name] for name in _U_PREFIXED if name in language})
     machine.branch(None)
-    hooks = machine.turn_loop, machine.branch, check_of_calls(most_nested_calls(hub))
+    hooks = machine.turn_loop, machine.turn, machine.branch, check_of_calls(most_nested_calls(hub))
     return Modules(result, *hooks, heap.namespaces, missing_builtins=_MISSING_BUILTINS.get(hub, ()))
 
 

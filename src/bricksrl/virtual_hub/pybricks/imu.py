@@ -15,6 +15,8 @@ from bricksrl.virtual_hub.pybricks.parameters import Axis, Side
 
 _DEG_PER_RAD = 57.296
 _GRAVITY_MM_S2 = 9806.65
+_REST_MS = 1000
+"""Duration of 833 samples of the gyroscope, all below the threshold."""
 _DEFAULTS = (2.0, 2500.0, (0.0, 0.0, 0.0), (360.0, 360.0, 360.0), (_GRAVITY_MM_S2, -_GRAVITY_MM_S2) * 3, 360.0)
 _NAMES = (
     "angular_velocity_threshold",
@@ -75,6 +77,7 @@ class IMU:
         body = self._machine.body
         self._bench = body if isinstance(body, FittingBody) else None
         self._settings: dict[str, Any] = dict(zip(_NAMES, _DEFAULTS, strict=True))
+        self._turned_ms: int | None = None
         self.orient(Axis.Z, Axis.X)
 
     def orient(self, top_side: Any, front_side: Any) -> None:
@@ -163,10 +166,14 @@ class IMU:
 
     @charged
     def stationary(self) -> bool:
-        if not all(servo.is_coasting for servo in self._machine.servos.values()):
-            return False
-        limit = self._settings["angular_velocity_threshold"]
-        return all(abs(rate) < limit for rate in self._machine.body.angular_velocity_deg_s())
+        """Whether the hub has been at rest for a second, its motors coasting. It rests while no motor drives it and it is not
+        seen to turn."""
+        servos, limit = self._machine.servos.values(), self._settings["angular_velocity_threshold"]
+        if any(abs(rate) >= limit for rate in self._machine.body.angular_velocity_deg_s()):
+            self._turned_ms = self._machine.time_ms
+        moved_ms = [ms for ms in (self._turned_ms, *(servo.driven_ms for servo in servos)) if ms is not None]
+        rests = not moved_ms or self._machine.time_ms - max(moved_ms) >= _REST_MS
+        return rests and all(servo.is_coasting for servo in servos)
 
     @charged
     def settings(

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from inspect import isgeneratorfunction
 from types import FunctionType, ModuleType
 from typing import Any
 
 from bricksrl.errors import TwinError
 from bricksrl.virtual_hub.machine import Machine
+from bricksrl.virtual_hub.micropython.iterables import close
 from bricksrl.virtual_hub.micropython.numbers import module
 from bricksrl.virtual_hub.pybricks.context import Async, Context, RunLoop, bind, get_int
 from bricksrl.virtual_hub.pybricks.hub_parts import LightMatrix
@@ -90,9 +91,8 @@ class Task:
 
     def close(self) -> None:
         for index in self._open:
-            close: Callable[[], Any] | None = getattr(self._tasks[index], "close", None)
-            if close is not None:
-                close()
+            if hasattr(self._tasks[index], "close"):
+                close(self._tasks[index])
         self._open = []
 
 

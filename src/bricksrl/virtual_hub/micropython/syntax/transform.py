@@ -13,6 +13,7 @@ from collections.abc import Collection
 from bricksrl.virtual_hub.micropython.attributes import may_be_hidden
 from bricksrl.virtual_hub.micropython.floats import SMALL_MAX, SMALL_MIN, read_constant
 from bricksrl.virtual_hub.micropython.operators import ASCII_METHODS
+from bricksrl.virtual_hub.micropython.syntax.calls import call, called_name, constant_argument
 from bricksrl.virtual_hub.micropython.syntax.folding import fold
 from bricksrl.virtual_hub.micropython.syntax.transform_async import async_for, async_with
 
@@ -21,9 +22,11 @@ _ARITHMETIC = {ast.Mult: "@mul", ast.Div: "@div", ast.FloorDiv: "@floordiv", ast
 _CALLED = {**_ARITHMETIC, ast.BitAnd: "@and", ast.BitOr: "@or", ast.BitXor: "@xor"}
 _IN_PLACE = {ast.Add: "@iadd", ast.Sub: "@isub", ast.BitAnd: "@iand", ast.BitOr: "@ior", ast.BitXor: "@ixor"}
 """Operators that can change a value in place on a hub; for others ``a *= b`` is ``a = a * b``."""
-_CONVERSIONS = ("int", "float", "str")
-_METHODS = ("format", "to_bytes", "from_bytes", "sort", "throw", *ASCII_METHODS)
+_CONVERSIONS = ("int", "float", "str", "slice")
+_METHODS = ("format", "to_bytes", "from_bytes", "sort", "throw", "close", *ASCII_METHODS)
 _OF_ITERABLES = ("list", "tuple", "bytes")  # their helper takes one argument; others are refused as those of any function
+_GENERIC = ("list", "tuple", "dict", "set", "type", "enumerate", "map", "zip", "reversed")  # have items, such as list[int]
+_TAKE_MEMORY = (ast.Call, ast.List, ast.Tuple)
 _EMITTERS = ("micropython.native", "micropython.viper", "micropython.bytecode")
 
 
@@ -33,23 +36,6 @@ def transform(
     """The transformed program. ``recursive``: `called_name` of functions that may call themselves. ``floats``: text of the
     compiled program's floats. Raises OverflowError if a constant needs more than 31 bits."""
     return ast.fix_missing_locations(_Transformer(recursive, floats).visit(tree))  # type: ignore[no-any-return]
-
-
-def called_name(node: ast.Call) -> str:
-    """Name of the called function; that of a method begins with a point."""
-    function = node.func
-    return function.id if isinstance(function, ast.Name) else f".{function.attr}" if isinstance(function, ast.Attribute) else ""
-
-
-def _call(name: str, *args: ast.expr, at: ast.AST) -> ast.Call:
-    return ast.copy_location(ast.Call(ast.Name(name, ast.Load()), list(args), []), at)
-
-
-def _constant(node: ast.expr) -> ast.expr:
-    """The argument of ``const(5)``, a directive to the hub's compiler; other nodes unchanged."""
-    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "const" and node.args:
-        return node.args[0]
-    return node
 
 
 class _Transformer(ast.NodeTransformer):
@@ -86,9 +72,9 @@ class _Transformer(ast.NodeTransformer):
         self.generic_visit(node)
         kind = type(node.op)
         if kind in _WRAPPED:
-            return _call("@n", node, at=node)
+            return call("@n", node, at=node)
         if kind in _CALLED:
-            return _call(_CALLED[kind], node.left, node.right, at=node)
+            return call(_CALLED[kind], node.left, node.right, at=node)
         return node
 
     def visit_Expr(self, node: ast.Expr) -> ast.AST:
@@ -102,7 +88,7 @@ class _Transformer(ast.NodeTransformer):
         if isinstance(target, ast.Name):
             read: ast.expr = ast.Name(target.id, ast.Load())
             if kind is ast.Sub or (kind is ast.Add and isinstance(node.value, ast.Constant)):
-                return [node, ast.copy_location(ast.Assign([target], _call("@n", read, at=node)), node)]
+                return [node, ast.copy_location(ast.Assign([target], call("@n", read, at=node)), node)]
             return ast.copy_location(ast.Assign([target], self._operate(read, node)), node)
         statements: list[ast.stmt] = [self._assign_temporary("@owner", target.value, node)]
         owner: ast.expr = ast.Name("@owner", ast.Load())
@@ -122,8 +108,8 @@ class _Transformer(ast.NodeTransformer):
         """The new value of the target of ``a += b``."""
         kind = type(node.op)
         if helper := _IN_PLACE.get(kind) or _ARITHMETIC.get(kind):
-            return _call(helper, read, node.value, at=node)
-        return _call("@n", ast.copy_location(ast.BinOp(read, node.op, node.value), node), at=node)
+            return call(helper, read, node.value, at=node)
+        return call("@n", ast.copy_location(ast.BinOp(read, node.op, node.value), node), at=node)
 
     @staticmethod
     def _store_statement(node: ast.Assign) -> ast.stmt:
@@ -131,13 +117,13 @@ class _Transformer(ast.NodeTransformer):
         if len(node.targets) > 1 or not isinstance(node.targets[0], ast.Attribute):
             return node
         target = node.targets[0]
-        return ast.copy_location(ast.Expr(_call("@store", node.value, target.value, ast.Constant(target.attr), at=node)), node)
+        return ast.copy_location(ast.Expr(call("@store", node.value, target.value, ast.Constant(target.attr), at=node)), node)
 
     @staticmethod
     def _assign_temporary(name: str, value: ast.expr, at: ast.AST) -> ast.stmt:
         if isinstance(value, ast.Slice):
             bounds = [bound or ast.Constant(None) for bound in (value.lower, value.upper, value.step)]
-            value = _call("slice", *bounds, at=at)
+            value = call("slice", *bounds, at=at)
         return ast.copy_location(ast.Assign([ast.Name(name, ast.Store())], value), at)
 
     def visit_Call(self, node: ast.Call) -> ast.expr:
@@ -150,9 +136,9 @@ class _Transformer(ast.NodeTransformer):
         if isinstance(function, ast.Attribute) and function.attr in methods:
             return self._call_helper(node, function.attr, function.value)
         if node.keywords:
-            node.func = _call("@keywords", node.func, at=node)
+            node.func = call("@keywords", node.func, at=node)
         if is_recursive:
-            node.func = _call("@callee", node.func, at=node)
+            node.func = call("@callee", node.func, at=node)
         return node
 
     @staticmethod
@@ -161,24 +147,33 @@ class _Transformer(ast.NodeTransformer):
         node.func = ast.copy_location(ast.Name("@" + name, ast.Load()), node.func)
         return node
 
+    def visit_Starred(self, node: ast.Starred) -> ast.expr:
+        """Arguments ``*values``."""
+        self.generic_visit(node)
+        if isinstance(node.ctx, ast.Load):
+            node.value = call("@star", node.value, at=node.value)
+        return node
+
     def visit_Attribute(self, node: ast.Attribute) -> ast.expr:
         self.generic_visit(node)
         if isinstance(node.ctx, ast.Load) and may_be_hidden(node.attr):
-            return _call("@attr", node.value, ast.Constant(node.attr), at=node)
+            return call("@attr", node.value, ast.Constant(node.attr), at=node)
         return node
 
     def visit_Subscript(self, node: ast.Subscript) -> ast.expr:
         self.generic_visit(node)
         s = node.slice
+        if isinstance(node.value, ast.Name) and node.value.id in _GENERIC:
+            node.value = call("@sub", node.value, at=node.value)
         if isinstance(node.ctx, ast.Load) and isinstance(s, ast.Slice) and s.step is not None:
             bounds = [bound or ast.Constant(None) for bound in (s.lower, s.upper, s.step)]
-            return _call("@slice", node.value, *bounds, at=node)
+            return call("@stepped", node.value, *bounds, at=node)
         return node
 
     def visit_Assign(self, node: ast.Assign) -> ast.AST:
         target = node.targets[0]
         if len(node.targets) == 1 and isinstance(target, ast.Name):
-            constant = _constant(node.value)
+            constant = constant_argument(node.value)
             if constant is not node.value and target.id.startswith("_"):
                 self._private[target.id] = self.visit(constant)
                 return ast.copy_location(ast.Pass(), node)
@@ -186,22 +181,22 @@ class _Transformer(ast.NodeTransformer):
         self.generic_visit(node)
         if len(node.targets) == 1 and isinstance(target, ast.Subscript) and isinstance(target.slice, ast.Slice):
             bounds = [bound or ast.Constant(None) for bound in (target.slice.lower, target.slice.upper, target.slice.step)]
-            return ast.copy_location(ast.Expr(_call("@setslice", node.value, target.value, *bounds, at=node)), node)
+            return ast.copy_location(ast.Expr(call("@setslice", node.value, target.value, *bounds, at=node)), node)
         return self._store_statement(node)
 
     def visit_Dict(self, node: ast.Dict) -> ast.expr:
         self.generic_visit(node)
         pairs = zip(node.values, node.keys, strict=True)
-        return _call("@dict", *(part for pair in pairs for part in pair if part is not None), at=node)
+        return call("@dict", *(part for pair in pairs for part in pair if part is not None), at=node)
 
     def visit_Set(self, node: ast.Set) -> ast.expr:
         self.generic_visit(node)
-        return _call("@set", *node.elts, at=node)
+        return call("@set", *node.elts, at=node)
 
-    def visit_GeneratorExp(self, node: ast.GeneratorExp | ast.ListComp, branch: str = "@branch") -> ast.expr:
+    def visit_GeneratorExp(self, node: ast.GeneratorExp | ast.ListComp, branch: str = "@turn") -> ast.expr:
         """A loop: it branches after each element, and at each condition."""
         self.generic_visit(node)
-        node.elt = _call(branch, node.elt, at=node.elt)
+        node.elt = call(branch, node.elt, at=node.elt)
         return node
 
     def visit_ListComp(self, node: ast.ListComp) -> ast.expr:
@@ -209,18 +204,18 @@ class _Transformer(ast.NodeTransformer):
         if any(isinstance(part, ast.Await) for part in ast.walk(node)):
             return self.visit_GeneratorExp(node)
         generator = ast.copy_location(ast.GeneratorExp(node.elt, node.generators), node)
-        return _call("@listof", self.visit_GeneratorExp(generator, "@element"), at=node)
+        return call("@listof", self.visit_GeneratorExp(generator, "@element"), at=node)
 
     def visit_DictComp(self, node: ast.DictComp) -> ast.expr:
         pairs = ast.ListComp(ast.Tuple([node.value, node.key], ast.Load()), node.generators)
-        return _call("@dictof", self.visit_ListComp(ast.copy_location(pairs, node)), at=node)
+        return call("@dictof", self.visit_ListComp(ast.copy_location(pairs, node)), at=node)
 
     def visit_SetComp(self, node: ast.SetComp) -> ast.expr:
-        return _call("@setof", self.visit_ListComp(ast.copy_location(ast.ListComp(node.elt, node.generators), node)), at=node)
+        return call("@setof", self.visit_ListComp(ast.copy_location(ast.ListComp(node.elt, node.generators), node)), at=node)
 
     def visit_comprehension(self, node: ast.comprehension) -> ast.comprehension:
         self.generic_visit(node)
-        node.ifs = [_call("@branch", test, at=test) for test in node.ifs]
+        node.ifs = [call("@branch", test, at=test) for test in node.ifs]
         return node
 
     def visit_Lambda(self, node: ast.Lambda) -> ast.expr:
@@ -228,7 +223,7 @@ class _Transformer(ast.NodeTransformer):
         if node.args.kwarg is not None:
             name = node.args.kwarg.arg
             inner = ast.Lambda(ast.arguments([], [ast.arg(name)], None, [], [], None, []), node.body)
-            node.body = ast.copy_location(ast.Call(inner, [_call("@named", ast.Name(name, ast.Load()), at=node)], []), node)
+            node.body = ast.copy_location(ast.Call(inner, [call("@named", ast.Name(name, ast.Load()), at=node)], []), node)
         return node
 
     @staticmethod
@@ -237,7 +232,7 @@ class _Transformer(ast.NodeTransformer):
         if args.kwarg is None:
             return []
         name = args.kwarg.arg
-        value = _call("@named", ast.Name(name, ast.Load()), at=at)
+        value = call("@named", ast.Name(name, ast.Load()), at=at)
         return [ast.copy_location(ast.Assign([ast.Name(name, ast.Store())], value), at)]
 
     def visit_Delete(self, node: ast.Delete) -> list[ast.stmt]:
@@ -245,11 +240,11 @@ class _Transformer(ast.NodeTransformer):
         statements: list[ast.stmt] = []
         for target in node.targets:
             if isinstance(target, ast.Name) and (self._globals is None or target.id in self._globals):
-                delete: ast.stmt = ast.Expr(_call("@del", ast.Constant(target.id), at=node))
+                delete: ast.stmt = ast.Expr(call("@del", ast.Constant(target.id), at=node))
             else:
                 delete = ast.Delete([target])
             if isinstance(target, ast.Subscript) and isinstance(target.slice, ast.Slice):
-                target.value = _call("@sliced", target.value, target.slice.step or ast.Constant(None), at=target)
+                target.value = call("@sliced", target.value, target.slice.step or ast.Constant(None), at=target)
             statements.append(ast.copy_location(delete, node))
         return statements
 
@@ -259,7 +254,7 @@ class _Transformer(ast.NodeTransformer):
         is_constant = isinstance(left, ast.Constant) or (isinstance(right, ast.Constant) and isinstance(right.value, bytes))
         if len(node.ops) > 1 or not isinstance(operation, ast.In | ast.NotIn) or not is_constant:
             return node
-        contains = _call("@in", left, right, at=node)
+        contains = call("@in", left, right, at=node)
         return contains if isinstance(operation, ast.In) else ast.copy_location(ast.UnaryOp(ast.Not(), contains), node)
 
     def visit_Import(self, node: ast.Import) -> ast.AST | list[ast.stmt]:
@@ -269,7 +264,7 @@ class _Transformer(ast.NodeTransformer):
             if alias.asname is None or "." not in alias.name:
                 statements.append(ast.copy_location(ast.Import([alias]), node))
                 continue
-            value: ast.expr = _call("__import__", ast.Constant(alias.name), at=node)
+            value: ast.expr = call("__import__", ast.Constant(alias.name), at=node)
             for part in alias.name.split(".")[1:]:
                 value = ast.copy_location(ast.Attribute(value, part, ast.Load()), node)
             statements.append(ast.copy_location(ast.Assign([ast.Name(alias.asname, ast.Store())], value), node))
@@ -285,7 +280,7 @@ class _Transformer(ast.NodeTransformer):
     def visit_FormattedValue(self, node: ast.FormattedValue) -> ast.expr:
         self.generic_visit(node)
         spec = node.format_spec or ast.Constant("")
-        return _call("@f", node.value, ast.Constant(node.conversion), spec, at=node)
+        return call("@f", node.value, ast.Constant(node.conversion), spec, at=node)
 
     def visit_ExceptHandler(self, node: ast.ExceptHandler) -> ast.AST:
         """A program must not catch the exceptions that stop it from outside."""
@@ -294,27 +289,27 @@ class _Transformer(ast.NodeTransformer):
         if catches_all:
             node.type = ast.copy_location(ast.Name("@any", ast.Load()), node)
         if node.name is not None:
-            reword = ast.Expr(_call("@reword", ast.Name(node.name, ast.Load()), at=node))
+            reword = ast.Expr(call("@reword", ast.Name(node.name, ast.Load()), at=node))
             node.body.insert(0, ast.copy_location(reword, node))
         return node
 
     def visit_Try(self, node: ast.Try) -> ast.AST:
-        """A hub that is switched off runs no ``finally``."""
+        """Neither a hub that is switched off runs a ``finally``, nor a generator that is dropped."""
         self.generic_visit(node)
         if node.finalbody:
             at = node.finalbody[0]
-            node.finalbody = [ast.copy_location(ast.If(_call("@is_on", at=at), node.finalbody, []), at)]
+            node.finalbody = [ast.copy_location(ast.If(call("@ends", at=at), node.finalbody, []), at)]
         return node
 
     def visit_With(self, node: ast.With) -> ast.AST:
         self.generic_visit(node)
         for item in node.items:
-            item.context_expr = _call("@with", item.context_expr, ast.Name("@reword", ast.Load()), at=item.context_expr)
+            item.context_expr = call("@with", item.context_expr, ast.Name("@reword", ast.Load()), at=item.context_expr)
         return node
 
     def visit_If(self, node: ast.If | ast.IfExp) -> ast.AST:
         self.generic_visit(node)
-        node.test = _call("@branch", node.test, at=node.test)
+        node.test = call("@branch", node.test, at=node.test)
         return node
 
     visit_IfExp = visit_If
@@ -322,23 +317,24 @@ class _Transformer(ast.NodeTransformer):
     def visit_BoolOp(self, node: ast.BoolOp) -> ast.AST:
         self.generic_visit(node)
         *first, last = node.values
-        node.values = [*(_call("@branch", value, at=value) for value in first), last]
+        node.values = [*(call("@branch", value, at=value) for value in first), last]
         return node
 
     def visit_While(self, node: ast.While) -> ast.AST:
         self.generic_visit(node)
         if not isinstance(node.test, ast.Constant):
-            node.test = _call("@branch", node.test, at=node.test)
-        node.body.insert(0, ast.copy_location(ast.Expr(_call("@tick", at=node)), node))
+            node.test = call("@branch", node.test, at=node.test)
+        node.body.insert(0, ast.copy_location(ast.Expr(call("@tick", at=node)), node))
         return node
 
     def visit_For(self, node: ast.For) -> ast.AST | list[ast.stmt]:
         self.generic_visit(node)
-        if not any(isinstance(part, ast.Call) for statement in node.body for part in ast.walk(statement)):
+        if not any(isinstance(part, _TAKE_MEMORY) for statement in node.body for part in ast.walk(statement)):
             return node
-        branch = ast.copy_location(ast.Expr(_call("@branch", ast.Constant(None), at=node)), node)
-        node.body.insert(0, branch)
-        return [node, branch]
+        first = node.body[0]
+        node.body.insert(0, ast.copy_location(ast.Expr(call("@turn", ast.Constant(None), at=first)), first))
+        branch = ast.Expr(call("@branch", ast.Constant(None), at=node))
+        return [node, ast.copy_location(branch, node)]
 
     def visit_arg(self, node: ast.arg) -> ast.AST:
         node.annotation = None  # the hub's compiler skips annotations, whatever names are in them

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 
+# The hub's compiler keeps the iterator of `async for x in name` in the variable `name` itself.
 _FOR = """
 ITER = VALUE.__aiter__()
 MORE = True
@@ -39,7 +40,8 @@ _HELPERS = {"ANY": "@any", "ATTRIBUTE": "@attr"}
 def async_for(node: ast.AsyncFor) -> list[ast.stmt]:
     """Statements of an ``async for`` with transformed parts."""
     parts = {"VALUE": node.iter, "TARGET": node.target}
-    return _fill(_FOR, node, parts, {"BODY": node.body, "ELSE": node.orelse})
+    kept = {"ITER": node.iter.id} if isinstance(node.iter, ast.Name) else {}
+    return _fill(_FOR, node, parts, {"BODY": node.body, "ELSE": node.orelse}, kept)
 
 
 def async_with(node: ast.AsyncWith) -> list[ast.stmt]:
@@ -52,14 +54,18 @@ def async_with(node: ast.AsyncWith) -> list[ast.stmt]:
 
 
 def _fill(
-    template: str, at: ast.expr | ast.stmt, parts: dict[str, ast.expr], blocks: dict[str, list[ast.stmt]]
+    template: str,
+    at: ast.expr | ast.stmt,
+    parts: dict[str, ast.expr],
+    blocks: dict[str, list[ast.stmt]],
+    names: dict[str, str] | None = None,
 ) -> list[ast.stmt]:
     tree = ast.parse(template)
     for node in ast.walk(tree):
         for attribute in ("lineno", "col_offset", "end_lineno", "end_col_offset"):
             if hasattr(node, attribute):
                 delattr(node, attribute)
-    _Filler(parts, blocks, f"{at.lineno}.{at.col_offset}").visit(tree)
+    _Filler(parts, blocks, {**_HELPERS, **(names or {})}, f"{at.lineno}.{at.col_offset}").visit(tree)
     for node in ast.walk(tree):
         if isinstance(node, ast.expr | ast.stmt | ast.excepthandler) and not hasattr(node, "lineno"):
             ast.copy_location(node, at)
@@ -69,13 +75,16 @@ def _fill(
 class _Filler(ast.NodeTransformer):
     """Fills a template; other capital names become names that programs cannot write."""
 
-    def __init__(self, parts: dict[str, ast.expr], blocks: dict[str, list[ast.stmt]], location: str) -> None:
+    def __init__(
+        self, parts: dict[str, ast.expr], blocks: dict[str, list[ast.stmt]], names: dict[str, str], location: str
+    ) -> None:
         self._parts = parts
         self._blocks = blocks
+        self._names = names
         self._location = location
 
     def _name(self, name: str) -> str:
-        return _HELPERS.get(name) or (f"@{name}{self._location}" if name.isupper() else name)
+        return self._names.get(name) or (f"@{name}{self._location}" if name.isupper() else name)
 
     def visit_Name(self, node: ast.Name) -> ast.expr:
         return self._parts[node.id] if node.id in self._parts else ast.Name(self._name(node.id), node.ctx)
