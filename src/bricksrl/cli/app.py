@@ -121,8 +121,9 @@ def run(arguments: Sequence[str]) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except OSError as error:
-        subject = error.filename or ("the disk is full" if error.errno == errno.ENOSPC else "this computer")
-        print_error(f"{subject}: {error.strerror or error}")
+        subject = f"{error.filename}: " if error.filename else ""
+        remedy = "make room on the disk" if error.errno == errno.ENOSPC else "look whether it is there and you may use it"
+        print_error(f"{subject}{error.strerror or error}; {remedy}")
         return 2
     except MemoryError:
         print_error("this computer has not enough memory for that; ask for less")

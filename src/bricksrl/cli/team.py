@@ -11,6 +11,7 @@ from tyro.conf import Positional, UseAppendAction
 from bricksrl.cli.options import option, refuse_ignored, run_folder
 from bricksrl.cli.terminal import Interrupted, load_learning, print_line
 from bricksrl.errors import RenderingUnavailableError, RunError, UnknownNameError, counted
+from bricksrl.files import check_writable
 
 if TYPE_CHECKING:
     from bricksrl.training.teams.team import Team, TeamConfig, TeamProgress
@@ -77,6 +78,7 @@ class TrainTeam:
         folder = run_folder(self.run, self.env, next(iter(config.agents.values())), self.seed)
         if folder.exists():
             raise RunError(f"{folder} exists already; choose another folder with --run")
+        check_writable(folder / TEAM_FILE)
         try:
             self._play(self._train(config, folder), folder)
         except KeyboardInterrupt:
@@ -99,7 +101,6 @@ class TrainTeam:
                 print_line(f"{line}  success {100 * progress.success:.0f} %")
 
         team = train_team(config, on_progress=report)
-        folder.mkdir(parents=True)
         team.save(folder / TEAM_FILE)
         return team
 

@@ -20,7 +20,7 @@ import numpy as np
 from PIL import Image
 
 from bricksrl.errors import PlanError
-from bricksrl.files import write_durably
+from bricksrl.files import check_writable, write_durably
 from bricksrl.plans.geometry import MM_PER_LDU
 from bricksrl.plans.part import DeviceKind, Part
 from bricksrl.plans.parts_list import Entry, parts_list
@@ -85,6 +85,7 @@ def write_booklet(plan: Plan, path: Path) -> int:
         raise PlanError(f"{path}: a booklet is a .pdf or .html file; name one of these")
     if not plan.parts:
         raise PlanError(f"{plan.path} has no part that the catalogue knows; run `bricksrl plan check` on it")
+    check_writable(path)
     pages = list(pages_of(plan))
     data = _pdf(plan, pages) if path.suffix.lower() == ".pdf" else _html(plan, pages).encode()
     write_durably(path, data)
