@@ -268,6 +268,12 @@ def test_invalid_arguments_raise() -> None:
         ArenaWorld(Arena((Contestant("arm", ROBO_ARM, place),)))
 
 
+def test_robot_inside_a_wall_is_refused() -> None:
+    world = ArenaWorld(Arena((Contestant("a", TWO_WHEELER, Place(x_m=(0.4, 0.4))),), half_size_m=(0.4, 0.4)))
+    with pytest.raises(TwinError, match="would start inside of wall_0"):
+        world.place(np.random.default_rng(0))
+
+
 @pytest.mark.parametrize("copies", [0, 3])
 def test_robots_that_leave_no_room_for_one_another_raise(copies: int) -> None:
     inner = Place((-0.25, 0.25), (-0.25, 0.25))
