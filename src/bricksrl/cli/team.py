@@ -70,6 +70,8 @@ class TrainTeam:
             refuse_ignored(self, ("--play", "--seed", "--episodes"), "with --play")
         load_learning()
         if self.play is not None:
+            if not (self.play / TEAM_FILE).exists():
+                raise RunError(f"there is no team in {self.play}; name a folder that `bricksrl team ARENA` has written")
             self._play(load_team(self.play / TEAM_FILE), None)
             return
         if self.env is None:
