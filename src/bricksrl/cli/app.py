@@ -131,11 +131,19 @@ def run(arguments: Sequence[str]) -> int:
     except Exception as error:
         from bricksrl.envs.user_files import failure_of_user
 
-        message = failure_of_user(error)
+        message = failure_of_user(error) or _missing_package(error)
         if message is None:
             raise  # a bug of ours: show the traceback
         print_error(message)
         return 2
+
+
+def _missing_package(error: Exception) -> str | None:
+    """One-line message if a package that we need is not installed; ``None`` for any other error."""
+    package = (getattr(error, "name", None) or "bricksrl").partition(".")[0]
+    if not isinstance(error, ModuleNotFoundError) or package == "bricksrl":
+        return None
+    return f"the package '{package}' is missing in {sys.prefix}; install BricksRL there again, or activate its environment"
 
 
 def parse(arguments: Sequence[str]) -> Command:

@@ -279,7 +279,8 @@ def _html(plan: Plan, pages: Iterable[Page]) -> str:
         parts += [f"<p>{html.escape(line)}</p>" for line in (*page.lines, *([page.note] if page.note else []))]
         body.append(f"<section>{''.join(parts)}</section>")
     style = (
-        "body{font-family:sans-serif;max-width:60em;margin:auto}section{break-after:page;border-bottom:1px solid #ccc}"
+        "body{font-family:sans-serif;max-width:60em;margin:auto;padding:0 .8em}"
+        "section{break-after:page;border-bottom:1px solid #ccc}"
         ".items{display:flex;flex-wrap:wrap}figure{margin:.5em}img{max-width:100%}"
     )
     head = f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{html.escape(plan.title)}</title><style>{style}</style>'
