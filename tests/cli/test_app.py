@@ -85,6 +85,7 @@ def test_missing_docstrings_print_one_line():
         ("camera calibrate RoboArm_mixed-v0 --at 1", "--at is '1'; give two whole numbers"),
         ("data split a", "--out DIR and --rest DIR are missing"),
         ("train RunAway-v0 --seed", "--seed needs a value"),
+        ("evaluate --run runs/spin", "run is no option; give it without --run"),
         ("train RunAway-v0 --jsn", "there is no option or argument --jsn"),
         ("train RunAway-v0 --agnet sac", "there is no option or argument --agnet, sac (did you mean --agent?)"),
         ("trian", "there is no option or argument trian (did you mean 'train'?)"),
