@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from bricksrl.errors import DataError
-from bricksrl.files import check_writable, write_durably
+from bricksrl.errors import WriteError
+from bricksrl.files import atomic_folder, check_writable, write_durably
 
 
 def test_error_names_the_file_that_was_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -19,22 +19,26 @@ def test_error_names_the_file_that_was_asked_for(tmp_path: Path, monkeypatch: py
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(OSError, match="No space left") as caught:
+    with pytest.raises(WriteError, match=r"cannot write .*new/curve.png \(No space left .*\); make room on that disk, or name"):
         write_durably(tmp_path / "new/curve.png", b"picture")
-    assert caught.value.filename == str(tmp_path / "new/curve.png")
+    with (
+        pytest.raises(WriteError, match=r"cannot write .*new/data \(No space left"),
+        atomic_folder(tmp_path / "new/data") as folder,
+    ):
+        write_durably(folder / "rows", b"")
     assert not list((tmp_path / "new").iterdir())
     (tmp_path / "file").touch()
-    with pytest.raises(OSError) as caught:  # noqa: PT011  which one depends on the system
+    with pytest.raises(WriteError, match=r"cannot write .*file/curve.png \(.*\); name another place") as caught:
         write_durably(tmp_path / "file/curve.png", b"picture")
-    assert caught.value.filename == str(tmp_path / "file/curve.png")
+    assert isinstance(caught.value, OSError) and caught.value.strerror and "\n" not in str(caught.value)
 
 
 def test_check_writable_makes_nothing(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("kept")
     for path in (tmp_path / "new" / "folder" / "file", tmp_path / "new", tmp_path / "file"):
-        check_writable(path, DataError)
-    refused = {tmp_path: "is a folder", tmp_path / "file" / "new": "cannot write", tmp_path / ("x" * 300): "cannot write"}
+        check_writable(path)
+    refused = {tmp_path: "it is a folder", tmp_path / "file" / "new": "cannot write", tmp_path / ("x" * 300): "cannot write"}
     for path, reason in refused.items():
-        with pytest.raises(DataError, match=reason):
-            check_writable(path, DataError)
+        with pytest.raises(WriteError, match=reason):
+            check_writable(path)
     assert [path.name for path in tmp_path.iterdir()] == ["file"] and (tmp_path / "file").read_text() == "kept"

@@ -20,13 +20,25 @@ if TYPE_CHECKING:
     from bricksrl.envs import list_envs as list_envs
     from bricksrl.envs import make as make
     from bricksrl.envs import register as register
+    from bricksrl.envs.arenas import make_arena as make_arena
     from bricksrl.evaluation import evaluate as evaluate
     from bricksrl.policies import load_policy as load_policy
     from bricksrl.training import TrainConfig as TrainConfig
     from bricksrl.training import train as train
 
 __version__ = "0.1.0"
-__all__ = ["TrainConfig", "__version__", "evaluate", "list_envs", "load_policy", "make", "register", "robots", "train"]
+__all__ = [
+    "TrainConfig",
+    "__version__",
+    "evaluate",
+    "list_envs",
+    "load_policy",
+    "make",
+    "make_arena",
+    "register",
+    "robots",
+    "train",
+]
 
 _MODULES = {
     "TrainConfig": "bricksrl.training",
@@ -34,6 +46,7 @@ _MODULES = {
     "list_envs": "bricksrl.envs",
     "load_policy": "bricksrl.policies",
     "make": "bricksrl.envs",
+    "make_arena": "bricksrl.envs.arenas",
     "register": "bricksrl.envs",
     "train": "bricksrl.training",
 }

@@ -82,6 +82,13 @@ class DataError(BricksError):
     """A dataset that is missing, damaged, of another kind, or in the way."""
 
 
+class WriteError(BricksError, OSError):
+    """A file or folder that cannot be written where the user wants it; raised by `bricksrl.files`."""
+
+    def __str__(self) -> str:
+        return str(self.args[0])
+
+
 class LearnerError(BricksError):
     """The process that learns beside a robot failed or died."""
 

@@ -1,12 +1,13 @@
-"""Check of dataclass fields against their annotations, as values from files and command lines may be of any type."""
+"""Checks of a user's values: dataclass fields against their annotations, functions against the arguments that they get."""
 
 from __future__ import annotations
 
 import enum
+import inspect
 import math
 import types
 import typing
-from collections.abc import Callable, Container, Iterable
+from collections.abc import Callable, Container, Iterable, Mapping
 from typing import Any, Literal
 
 from bricksrl.errors import DescriptionError
@@ -37,6 +38,19 @@ def check_value(name: str, value: Any, hint: Any) -> None:
     if not _matches(value, hint):
         text = repr(value) if len(repr(value)) <= _MAX_SHOWN else f"of type {type(value).__name__}"
         raise DescriptionError(f"{name} is {text}; give {_describe(hint)}")
+
+
+def check_arguments(name: str, function: Callable[..., Any], arguments: Iterable[str]) -> None:
+    """Check that a function takes so many arguments; ``arguments`` are their names. Raises DescriptionError if it does not."""
+    try:
+        signature = inspect.signature(function)
+    except (TypeError, ValueError):  # some functions in C have none
+        return
+    names = tuple(arguments)
+    try:
+        signature.bind(*names)
+    except TypeError:
+        raise DescriptionError(f"{name} takes other arguments, {signature}; write a function of ({', '.join(names)})") from None
 
 
 def _matches(value: Any, hint: Any) -> bool:
@@ -86,5 +100,6 @@ _NAMES: dict[Any, str] = {
     str: "a text",
     tuple: "several values",
     dict: "a table of names and values",
+    Mapping: "a table of names and values",
     Callable: "a function",
 }

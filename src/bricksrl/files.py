@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import shlex
 import shutil
@@ -12,13 +13,15 @@ import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import BinaryIO
 
-from bricksrl.errors import BricksError
+from bricksrl.errors import BricksError, WriteError
 
 TEMPORARY_PREFIX = ".part-"
 """Prefix of the names of incomplete files and folders."""
 LOCK = ".lock"
 """Name of the lock of a folder's writer."""
+_FULL = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC))
 
 
 def quoted(path: Path | str) -> str:
@@ -32,26 +35,44 @@ def refuse_existing(path: Path, error: type[BricksError]) -> None:
         raise error(f"{path} exists already; choose another name")
 
 
-def check_writable(path: Path, error: type[BricksError]) -> None:
-    """Raise ``error`` if no file can be written to ``path``. Makes neither the file nor its folder."""
+@contextlib.contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Raise WriteError, which says what to do, for an OSError in this context, whose subject is ``path``."""
     try:
+        yield
+    except OSError as failure:
+        reason = failure.strerror or str(failure)
+        if isinstance(failure, FileExistsError):  # a folder was to be made
+            reason = os.strerror(errno.ENOTDIR)
+        remedy = "make room on that disk, or name another place" if failure.errno in _FULL else "name another place"
+        error = WriteError(f"cannot write {path} ({reason}); {remedy}")
+        error.errno, error.strerror, error.filename = failure.errno, reason, str(path)
+        raise error from None
+
+
+def check_writable(path: Path) -> None:
+    """Raise WriteError if no file can be written to ``path``. Makes neither the file nor its folder."""
+    with writing(path):
         if path.is_dir():
-            raise error(f"{path} is a folder; name a file to write")
+            raise IsADirectoryError(errno.EISDIR, "it is a folder")
         if path.exists():
             path.open("ab").close()
         else:
             folder = next(parent for parent in path.absolute().parents if parent.exists())
             tempfile.TemporaryFile(dir=folder, prefix=TEMPORARY_PREFIX).close()
-    except OSError as failure:
-        raise error(f"cannot write {path} ({failure.strerror}); name another file") from None
 
 
 def write_durably(path: Path, data: bytes) -> None:
     """Write ``data`` to a temporary file, sync it, rename it to ``path``, and sync the folder.
 
-    ``path`` always has either its previous content or all of ``data``, even if the process is killed or the power fails. An
-    OSError names ``path``.
+    ``path`` always has either its previous content or all of ``data``, even if the process is killed or the power fails. Raises
+    WriteError if it cannot be written.
     """
+    with writing(path):
+        _write(path, data)
+
+
+def _write(path: Path, data: bytes) -> None:
     temporary = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -62,11 +83,9 @@ def write_durably(path: Path, data: bytes) -> None:
             os.fsync(file.fileno())
         Path(temporary).chmod(0o644)
         Path(temporary).replace(path)
-    except BaseException as error:
+    except BaseException:
         if temporary is not None:
             Path(temporary).unlink(missing_ok=True)
-        if isinstance(error, OSError):
-            error.filename = str(path)
         raise
     _sync_folder(path.parent)
 
@@ -76,13 +95,20 @@ def atomic_folder(path: Path) -> Iterator[Path]:
     """A temporary folder, which is renamed to ``path`` at the end of the context, or removed after an exception.
 
     ``path`` is always complete, even if the process is killed; a remnant then has a name that begins with `TEMPORARY_PREFIX`.
+    Raises WriteError if it cannot be written.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    folder = Path(tempfile.mkdtemp(dir=path.parent, prefix=TEMPORARY_PREFIX))
+    with writing(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        folder = Path(tempfile.mkdtemp(dir=path.parent, prefix=TEMPORARY_PREFIX))
     try:
         yield folder
-        folder.chmod(0o755)
-        folder.rename(path)
+        with writing(path):
+            folder.chmod(0o755)
+            folder.rename(path)
+    except WriteError:  # of a file in it: a user knows nothing of the temporary folder
+        shutil.rmtree(folder, ignore_errors=True)
+        with writing(path):
+            raise
     except BaseException:
         shutil.rmtree(folder, ignore_errors=True)
         raise
@@ -116,9 +142,8 @@ def remove_unfinished(root: Path) -> int:
 @contextlib.contextmanager
 def only_writer(root: Path, error: type[BricksError]) -> Iterator[None]:
     """Exclusive lock of a folder for one writer, released at the end of the process too. Raises ``error`` if another process
-    holds it."""
-    root.mkdir(parents=True, exist_ok=True)
-    with (root / LOCK).open("a+b") as file:
+    holds it, WriteError if the folder cannot be written."""
+    with _lock_file(root) as file:
         try:
             _lock(file.fileno())
         except OSError:
@@ -128,10 +153,10 @@ def only_writer(root: Path, error: type[BricksError]) -> Iterator[None]:
 
 @contextlib.contextmanager
 def serialized(root: Path, timeout_s: float = 60.0) -> Iterator[None]:
-    """Lock of a folder that other processes wait for; after ``timeout_s`` they continue without it."""
-    root.mkdir(parents=True, exist_ok=True)
+    """Lock of a folder that other processes wait for; after ``timeout_s`` they continue without it. Raises WriteError if the
+    folder cannot be written."""
     end_s = time.monotonic() + timeout_s
-    with (root / LOCK).open("a+b") as file:
+    with _lock_file(root) as file:
         while time.monotonic() < end_s:
             try:
                 _lock(file.fileno())
@@ -139,6 +164,12 @@ def serialized(root: Path, timeout_s: float = 60.0) -> Iterator[None]:
             except OSError:
                 time.sleep(0.05)
         yield
+
+
+def _lock_file(root: Path) -> BinaryIO:
+    with writing(root):
+        root.mkdir(parents=True, exist_ok=True)
+        return (root / LOCK).open("a+b")
 
 
 if sys.platform == "win32":

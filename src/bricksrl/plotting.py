@@ -99,15 +99,19 @@ def number(value: float) -> str:
 
 
 def finish(axes: Axes, lines: Mapping[str, float] | None = None, *, legend: bool = True) -> None:
-    """Finish a plot: plain numbers, whole episodes, reference lines named at the right edge, the legend below the picture.
+    """Finish a plot: plain numbers, whole episodes, lone points, named reference lines at the right edge, the legend below.
 
     Args:
         lines: values of reference lines by their labels.
         legend: whether to draw a legend; not if the figure gets one for all its axes.
     """
+    import numpy as np
     from matplotlib.ticker import FuncFormatter, MaxNLocator
 
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    for line in axes.lines:
+        if np.size(line.get_xdata()) == 1:  # a line of one point is invisible
+            line.set_marker("o")
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:,.0f}"))
     axes.yaxis.set_major_formatter(FuncFormatter(lambda y, _: number(y) if y else "0"))
     _reference_lines(axes, lines or {})

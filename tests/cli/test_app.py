@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import os
+import re
 import shlex
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -82,6 +85,7 @@ def test_missing_docstrings_print_one_line():
         ("camera calibrate RoboArm_mixed-v0 --at 1", "--at is '1'; give two whole numbers"),
         ("data split a", "--out DIR and --rest DIR are missing"),
         ("train RunAway-v0 --seed", "--seed needs a value"),
+        ("evaluate --run runs/spin", "run is no option; give it without --run"),
         ("train RunAway-v0 --jsn", "there is no option or argument --jsn"),
         ("train RunAway-v0 --agnet sac", "there is no option or argument --agnet, sac (did you mean --agent?)"),
         ("trian", "there is no option or argument trian (did you mean 'train'?)"),
@@ -220,3 +224,20 @@ def test_one_line_error_keeps_message_and_help():
 def test_unknown_error_prints_one_line():
     assert "\n" not in one_line("")
     assert "\n" not in one_line("Traceback\nsomething\n\nelse\n")
+
+
+def test_missing_package_is_named(bricksrl, tmp_path: Path) -> None:
+    """As of an installation that was broken off."""
+    (tmp_path / "sitecustomize.py").write_text(
+        "from importlib.machinery import PathFinder\n"
+        "find = PathFinder.find_spec\n"
+        "PathFinder.find_spec = lambda name, *rest: None if name.startswith('pyarrow') else find(name, *rest)\n"
+    )
+    done = bricksrl("data", "info", str(tmp_path), PYTHONPATH=f"{tmp_path}{os.pathsep}{os.environ.get('PYTHONPATH', '')}")
+    told = r"error: the package 'pyarrow' is missing in .*; install BricksRL there again, or activate its environment\n"
+    assert done.returncode == 2 and re.fullmatch(told, done.stderr), done.stderr
+
+
+def test_names_are_whole_in_a_narrow_terminal(bricksrl) -> None:
+    told = bricksrl("list", COLUMNS="40").stdout
+    assert "RoboArm_mixed-v0" in told and "LineFollow-v0" in told

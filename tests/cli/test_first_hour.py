@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import signal
 import subprocess
@@ -20,7 +21,7 @@ from bricksrl.cli.video import film_before_and_after
 from bricksrl.data.edit import read_index
 from bricksrl.envs.registry import get_task
 from bricksrl.envs.trust import trust
-from bricksrl.errors import DescriptionError, RunError, TwinError
+from bricksrl.errors import DescriptionError, RunError, TwinError, WriteError
 from bricksrl.policies import load_policy
 from bricksrl.robots import Motor, PoweredUpSensor, SensorKind
 from bricksrl.training import RunFolder, TrainConfig, train
@@ -249,8 +250,50 @@ def test_training_works_without_matplotlib(bricksrl, tmp_path: Path) -> None:
 
 def test_unwritable_video_raises(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    with pytest.raises(TwinError, match="cannot write the video"):
-        VideoWriter(tmp_path / "file" / "a.mp4", 10).add(np.zeros((16, 16, 3), np.uint8))
+    with pytest.raises(WriteError, match="cannot write .* name another place"):
+        VideoWriter(tmp_path / "file" / "a.mp4", 10)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there is no limit of a file's size")
+def test_video_on_a_full_disk_raises(tmp_path: Path) -> None:
+    import resource
+
+    video, limits = VideoWriter(tmp_path / "a.mp4", 10), resource.getrlimit(resource.RLIMIT_FSIZE)
+    images = np.random.default_rng(0).integers(0, 256, (60, 128, 128, 3)).astype(np.uint8)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
+    try:
+        video.add(images[0])  # starts the encoder, with this limit
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    with pytest.raises(WriteError, match=r"cannot write .*a.mp4 \(the encoder ended\); name another place"), video:
+        list(map(video.add, images))
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "new task {}/my_task.py",
+        "record RunAway-v0 --out {}/data",
+        "record RunAway-v0 --out data --video {}/film.mp4",
+        "hub program RunAway-v0 --out {}/program.py",
+        "plan parts walker --out {}/parts.csv",
+        "plan steps walker --out {}/walker.pdf",
+        "twin record bench --out {}/log.jsonl",
+        "team Tag-v0 --run {}/team",
+        "tune RunAway-v0 --trials 1 --folder {}/tuning",
+        "data merge {data} --out {}/data",
+        "data plot {data} --out {}/data.png",
+        "data export {data} --format parquet --out {}/data.parquet",
+        "evaluate {run} --video {}/film.mp4",
+    ],
+)
+def test_unwritable_place_is_told_in_one_line(command: str, short: Path, tmp_path: Path, monkeypatch, capfd) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("file").write_text("")
+    assert main(command.format("file", data=short / "data", run=short).split()) == 2
+    [told] = [line for line in capfd.readouterr().err.splitlines() if line.startswith("error")]
+    assert re.fullmatch(r"error: cannot write file/\S+ \(Not a directory\); name another place", told)
 
 
 def test_incomplete_video_keeps_temporary_name(tmp_path: Path) -> None:

@@ -75,7 +75,9 @@ def test_program_on_page(tmp_path, capfd):
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (("play", "runs/nothing"), "no environment"),
+        (("play", "runs/nothing"), "there is no run in runs/nothing; name the folder of one, or an environment"),
+        (("record", "RunAway-v0", "--out", "x", "--policy", "keybord"), "in keybord (did you mean 'keyboard'?); name"),
+        (("team", "--play", "runs/nothing"), "there is no team in runs/nothing; name a folder"),
         (("play", "RunAway-v0", "--policy", "best"), "choose random"),
         (("play", "RunAway-v0", "--page", "--page-port", "70000"), "is not a port"),
         (("drive", "RunAway-v0", "--page-host", "256.0.0.1"), "name another host"),

@@ -50,7 +50,7 @@ def test_invalid_teams_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixtur
     with pytest.raises(RunError, match="episodes is 0"):
         TrainTeam(episodes=0).execute()
     assert run(["team"]) == 2 and "name an arena to train in (Tag-v0, Carry-v0)" in capsys.readouterr().err
-    assert run(["team", "--play", str(tmp_path)]) == 2 and "team.bin" in capsys.readouterr().err
+    assert run(["team", "--play", str(tmp_path)]) == 2 and "there is no team in" in capsys.readouterr().err
     assert run(["team", "Tag-v0", "--play", str(tmp_path)]) == 2 and "omit ARENA or --play" in capsys.readouterr().err
     for option in (["--agent", "sac"], ["--learn", "runner"], ["--frames", "7"], ["--copies", "0"], ["--run", "x"]):
         assert run(["team", "--play", str(tmp_path), *option]) == 2

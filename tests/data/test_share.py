@@ -15,7 +15,8 @@ import bricksrl
 from bricksrl.agents import preset
 from bricksrl.data import load
 from bricksrl.data.share import pull_dataset, push_dataset
-from bricksrl.errors import CheckpointError, DataError, RunError
+from bricksrl.errors import CheckpointError, DataError, WriteError
+from bricksrl.files import writing
 from bricksrl.policies import load_policy, sharing
 from bricksrl.policies.sharing import export_policy, is_policy, pull_policy, push_policy
 from bricksrl.training import TrainConfig, train
@@ -113,12 +114,13 @@ def test_policy_export_is_atomic(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     def write_while_there_is_room(path: Path, data: bytes) -> None:
         assert not out.exists()
         if len(names) == written:
-            raise OSError(errno.ENOSPC, "No space left on device")
+            with writing(path):
+                raise OSError(errno.ENOSPC, "No space left on device")
         write(path, data)
         names.append(path.name)
 
     monkeypatch.setattr(sharing, "write_durably", write_while_there_is_room)
-    with pytest.raises(RunError, match=r"cannot write the policy to .*policy \(No space left on device\); make room"):
+    with pytest.raises(WriteError, match=r"cannot write .*new/policy \(No space left on device\); make room"):
         export_policy(run, out)
     assert len(names) == written and list(out.parent.iterdir()) == []
     monkeypatch.setattr(sharing, "write_durably", write)

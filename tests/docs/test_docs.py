@@ -134,6 +134,9 @@ def test_notebooks_hold_no_outputs_and_open_in_colab() -> None:
             cells[0]["source"]
         )
         assert not any(cell.get("outputs") for cell in cells)
+        for source in ("".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"):
+            told = re.match(r"# This takes about [\d.]+ (seconds|minutes) on one laptop core\.\n", source)
+            assert bool(told) == bool(re.search(r"\btrain\(", source)), "a cell that trains says how long"
 
 
 @pytest.mark.slow

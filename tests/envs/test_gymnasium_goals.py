@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from bricksrl.envs.gymnasium import GoalObservation
+from bricksrl.envs.gymnasium import GoalObservation, VectorGoalObservation
 from bricksrl.errors import DescriptionError
 
 
@@ -60,3 +60,32 @@ def test_environment_without_goals_is_refused(env_id: str) -> None:
     ):
         GoalObservation(env)
     env.close()
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep", "Disabled"])
+def test_goals_of_a_batch_are_those_of_its_copies(mode: str) -> None:
+    envs = VectorGoalObservation(gymnasium.make_vec("bricksrl/RoboArmSim-v0", 32, autoreset_mode=mode, threshold_deg=150.0))
+    state, _ = envs.reset(seed=3)
+    assert envs.observation_space.contains(state) and state["desired_goal"].shape == (32, 4)
+    assert envs.single_observation_space.contains({name: part[0] for name, part in state.items()})
+    ended, ends = np.zeros(32, bool), 0
+    for _ in range(20):
+        starts = ended if mode == "NextStep" else np.zeros(32, bool)
+        state, reward, terminated, truncated, info = envs.step(envs.action_space.sample())
+        reached = {name: part.copy() for name, part in state.items()}
+        ended = terminated | truncated
+        if mode == "SameStep":
+            for copy in ended.nonzero()[0]:
+                for name, part in info["final_obs"][copy].items():
+                    reached[name][copy] = part
+        paid = envs.compute_reward(reached["achieved_goal"], reached["desired_goal"], info)
+        assert np.array_equal(paid[~starts], reward[~starts])
+        arrived = envs.compute_terminated(reached["achieved_goal"], reached["desired_goal"], info)
+        assert np.array_equal(arrived[~starts], terminated[~starts])
+        ends += ended.sum()
+        if mode == "Disabled" and ended.any():
+            envs.reset(options={"reset_mask": ended})
+    assert ends > 32
+    envs.close()
+    with pytest.raises(DescriptionError, match="has no goals in a vector of ours"):
+        VectorGoalObservation(gymnasium.make_vec("bricksrl/WalkerSim-v1", 2))

@@ -78,7 +78,7 @@ def test_user_tasks_cannot_replace_built_in() -> None:
 
 def test_arenas_are_made_elsewhere() -> None:
     with pytest.raises(
-        UnknownNameError, match="has several robots; train it with `bricksrl team .*`, make it with envs.arenas.make_arena"
+        UnknownNameError, match="has several robots; train it with `bricksrl team .*`, make it with bricksrl.make_arena"
     ):
         bricksrl.make("Tag-v0")
 

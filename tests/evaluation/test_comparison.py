@@ -14,7 +14,7 @@ from bricksrl.envs.reference_returns import REFERENCES
 from bricksrl.errors import DescriptionError, RunError
 from bricksrl.evaluation.comparison import compare, draw
 from bricksrl.evaluation.statistics import probability_of_improvement
-from bricksrl.plotting import number
+from bricksrl.plotting import finish, new_figure, number
 from bricksrl.training import Episode, Phase, RunFolder, TrainConfig
 from bricksrl.training.curve import draw_learning_curve
 
@@ -151,3 +151,11 @@ def test_paths_may_be_texts(runs: list[Path], tmp_path: Path) -> None:
     assert only == compare(runs[:1]).groups[0]
     draw(str(tmp_path / "a.png"), [only])
     assert (tmp_path / "a.png").stat().st_size > 1_000
+
+
+def test_curve_of_one_episode_is_visible() -> None:
+    axes = new_figure().subplots()
+    [line] = axes.plot([1], [5.0])
+    finish(axes)
+    low, high = axes.get_xlim()
+    assert [tick for tick in axes.get_xticks() if low <= tick <= high] == [1.0] and line.get_marker() == "o"

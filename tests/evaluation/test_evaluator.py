@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 from tensordict import TensorDictBase
@@ -19,12 +20,13 @@ from bricksrl.envs.task import Entry
 from bricksrl.errors import CheckpointError, RenderingUnavailableError, RunError
 from bricksrl.evaluation import evaluate
 from bricksrl.evaluation.comparison import compare
-from bricksrl.evaluation.film import FilmOptions, film_run
+from bricksrl.evaluation.film import FilmOptions, film_run, side_by_side
 from bricksrl.evaluation.statistics import wilson_interval
 from bricksrl.hub.interface import Interface, Wait
 from bricksrl.policies.sharing import export_policy
 from bricksrl.training import TrainConfig, train
 from bricksrl.twin.physics import Physics
+from bricksrl.twin.render.opengl import VideoWriter
 
 
 @pytest.fixture(scope="module")
@@ -192,3 +194,13 @@ def test_film_shows_the_evaluated_episodes(spinning: Path, tmp_path: Path) -> No
         assert filmed.returns == pytest.approx(result.returns)
         seen.add(result.returns)
     assert len(seen) == 3
+
+
+def test_films_in_a_folder_of_any_name_are_joined(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A colon does not end the name of a protocol."""
+    monkeypatch.chdir(tmp_path)
+    films = [Path(f"C:\\läufe 1/{name}.mp4") for name in ("before", "after", "both")]
+    for film in films[:2]:
+        with VideoWriter(film, 10) as video:
+            video.add(np.zeros((32, 32, 3), np.uint8))
+    assert side_by_side(*films).stat().st_size > 0

@@ -46,6 +46,8 @@ def test_failing_seed_raises_one_line(tmp_path: Path) -> None:
     config = TrainConfig("RoboArmSim-v0", realtime=True, episodes=1, settings=SMALL, run_dir=tmp_path / "all")
     with pytest.raises(RunError, match="2 of 2 seeds failed; seed 0: RoboArmSim-v0 is simulated without a robot"):
         train_seeds(config, 2)
+    assert not (tmp_path / "all").exists(), "it can be tried again"
+    (tmp_path / "all").mkdir()
     with pytest.raises(RunError, match="exists already"):
         train_seeds(config, 2)
     with pytest.raises(RunError, match="seeds is 1; give 2 to 1000"):

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from pathlib import Path
 
 import pytest
 
-from bricksrl.evaluation.evaluator import EvaluationResult
-from bricksrl.evaluation.report import _commands, _rows, labelled
+from bricksrl.evaluation.evaluator import EvaluationResult, evaluate
+from bricksrl.evaluation.report import _commands, _rows, labelled, write_report
 from bricksrl.evaluation.statistics import Interval
-from bricksrl.training import TrainConfig
+from bricksrl.training import TrainConfig, train
 
 
 @pytest.mark.parametrize(
@@ -66,3 +68,11 @@ def test_commands_suit_the_run(config: TrainConfig, longer: str, on_robot: bool)
     """A run that has learned from data cannot be resumed for longer, and a simulation has no hub."""
     text = _commands(Path("my run"), config, 40)
     assert f"<code>{longer}</code>" in text and ("--hub ble" in text) is on_robot
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="names are bytes there")
+def test_folder_with_an_unreadable_name_gets_its_report(tmp_path: Path) -> None:
+    """As "läuft" in a terminal whose locale is C."""
+    result = train(TrainConfig("WalkerSim-v0", "random", episodes=1, run_dir=tmp_path / os.fsdecode(b"l\xe4uft"), record=False))
+    path = write_report(result.run_dir, result.episodes, evaluate(result.run_dir, episodes=1), None, "no film")
+    assert b"l\xe4uft" in path.read_bytes()

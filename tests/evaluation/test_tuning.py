@@ -88,6 +88,12 @@ def test_hopeless_trials_are_pruned(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert tried[0] == [0, 1] and [0] in tried[5:]
 
 
+def test_damaged_study_is_told(tmp_path: Path) -> None:
+    (tmp_path / "study.db").write_text("no database")
+    with pytest.raises(RunError, match=r"cannot use the study .*study.db \(file is not a database\); .* choose another folder"):
+        tune(Tuning("WalkerSim-v0", "sac"), tmp_path, 1)
+
+
 def test_wrong_tuning_names_raise(tmp_path: Path) -> None:
     with pytest.raises(UnknownNameError, match="WalkerSim-v0"):
         tune(Tuning("WalkerSmi-v0", "sac"), tmp_path, 1)

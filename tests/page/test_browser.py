@@ -231,6 +231,9 @@ def test_page_on_phone(browser: object, played: Played) -> None:
         page.wait_for_selector("#scene[data-frames]")
         stop, view = (page.locator(name).bounding_box() for name in ("#stop", "#view"))
         assert stop["width"] > 340 and stop["y"] < 130 and view["width"] > 360 and view["height"] > 250
+        page.wait_for_selector("#facts span")
+        facts = page.locator("#facts").bounding_box()
+        assert facts["y"] > view["y"] + view["height"] / 2, "below the robot"
         assert page.evaluate("document.documentElement.scrollWidth") <= 390, "nothing lies beside the screen"
         page.evaluate("scrollTo(0, 3000)")
         assert page.locator("#stop").bounding_box()["y"] < 130, "the stop button stays"

@@ -263,6 +263,22 @@ def test_robot_stalls_at_wall() -> None:
     assert body.pose().x_m < 0.2
 
 
+@pytest.mark.parametrize(
+    "scene",
+    [
+        Scene(objects=(Wall((-100, 0), (100, 0)),)),
+        Scene(objects=(Block((0, 0), mass_g=100.0),)),
+        Scene(objects=(Ramp((-300, 0)),)),
+        Scene(objects=(Line(((0, 0), (9, 9))), Block((400, 0), round=True)), start_mm=((0, 400), (0, 0))),
+        Scene(wall_distance_mm=(20, 300), heading_deg=(0, 60)),
+    ],
+)
+def test_start_inside_an_obstacle_is_refused(scene: Scene) -> None:
+    name = "wall" if not scene.objects else type(scene.objects[-1]).__name__
+    with pytest.raises(TwinError, match=f"would start inside of {name}.*; move that, or let the robot start elsewhere"):
+        placed(scene, ROVER if scene.objects else TWO_WHEELER)
+
+
 def test_robot_climbs_ramp() -> None:
     body = placed(Scene(objects=(Ramp((150, 0), length_mm=600, height_mm=80),)))
     machine, drive = driven(ROVER, body)

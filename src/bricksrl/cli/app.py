@@ -121,8 +121,9 @@ def run(arguments: Sequence[str]) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except OSError as error:
-        subject = error.filename or ("the disk is full" if error.errno == errno.ENOSPC else "this computer")
-        print_error(f"{subject}: {error.strerror or error}")
+        subject = f"{error.filename}: " if error.filename else ""
+        remedy = "make room on the disk" if error.errno == errno.ENOSPC else "look whether it is there and you may use it"
+        print_error(f"{subject}{error.strerror or error}; {remedy}")
         return 2
     except MemoryError:
         print_error("this computer has not enough memory for that; ask for less")
@@ -130,11 +131,19 @@ def run(arguments: Sequence[str]) -> int:
     except Exception as error:
         from bricksrl.envs.user_files import failure_of_user
 
-        message = failure_of_user(error)
+        message = failure_of_user(error) or _missing_package(error)
         if message is None:
             raise  # a bug of ours: show the traceback
         print_error(message)
         return 2
+
+
+def _missing_package(error: Exception) -> str | None:
+    """One-line message if a package that we need is not installed; ``None`` for any other error."""
+    package = (getattr(error, "name", None) or "bricksrl").partition(".")[0]
+    if not isinstance(error, ModuleNotFoundError) or package == "bricksrl":
+        return None
+    return f"the package '{package}' is missing in {sys.prefix}; install BricksRL there again, or activate its environment"
 
 
 def parse(arguments: Sequence[str]) -> Command:

@@ -57,9 +57,9 @@ def _environment(task: Task, summary: str) -> dict[str, Any]:
 
 def _print_table(names: dict[str, Any]) -> None:
     from rich.console import Console
-    from rich.table import Table
+    from rich.table import Column, Table
 
-    table = Table("environment", "robot", "steps", "what to learn", box=None, pad_edge=False)
+    table = Table(Column("environment", no_wrap=True), "robot", "steps", "what to learn", box=None, pad_edge=False)
     for env in names["environments"]:
         table.add_row(env["id"], env["robot"], str(env["max_steps"]), env["summary"])
     console = Console()

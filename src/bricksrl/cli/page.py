@@ -17,7 +17,7 @@ from tyro.conf import OmitArgPrefixes, Positional
 from bricksrl.cli.options import PageFlag, option, refuse_ignored
 from bricksrl.cli.robot_flags import RobotFlags, RobotGroup
 from bricksrl.cli.terminal import Interrupted, load_learning, place_robot, print_line, print_note
-from bricksrl.errors import DescriptionError, StoppedError, counted
+from bricksrl.errors import DescriptionError, RunError, StoppedError, counted
 
 if TYPE_CHECKING:
     from torchrl.envs import EnvBase
@@ -101,6 +101,7 @@ class Play:
     live_page: LivePageGroup = PageAddress()
 
     def execute(self) -> None:
+        from bricksrl.envs.user_files import is_reference
         from bricksrl.policies.named import named_policies, random_player
 
         address = self.live_page.shown(self.page)
@@ -109,6 +110,8 @@ class Play:
         load_learning()
         folder = Path(self.target)
         is_run = folder.is_dir()
+        if not is_run and len(folder.parts) > 1 and not is_reference(self.target):
+            raise RunError(f"there is no run in {self.target}; name the folder of one, or an environment")
         with _environment(self, self.target, folder if is_run else None) as (env, env_id):
             players = named_policies(folder, env, self.seed) if is_run else {"random": lambda: random_player(env, self.seed)}
             policy = self.policy or list(players)[-1]

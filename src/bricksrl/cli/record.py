@@ -17,7 +17,7 @@ from bricksrl.cli.robot_flags import RobotFlags, RobotGroup
 from bricksrl.cli.teleop import DEVICES, driving, quiet, with_human
 from bricksrl.cli.terminal import Interrupted, load_learning, print_line, print_note
 from bricksrl.cli.video import filmed_env
-from bricksrl.errors import DataError, DescriptionError, StoppedError, counted
+from bricksrl.errors import DataError, DescriptionError, RunError, StoppedError, counted, hint
 from bricksrl.files import quoted
 from bricksrl.seed import check_seed
 
@@ -113,10 +113,13 @@ class Record:
         print_line(f"look at it      bricksrl data info {quoted(self.out)}")
 
     def _check_policy(self) -> None:
-        """Refuse options that the policy ignores."""
+        """Refuse names of no policy, and options that the policy ignores."""
+        known = ("random", *DEVICES)
+        if self.policy not in known and not Path(self.policy).exists():
+            raise RunError(f"there is no run in {self.policy}{hint(self.policy, known)}; name a folder, or {', '.join(known)}")
         if self.policy in DEVICES and self.take_over is not None:
             raise DescriptionError("a human drives from the start; omit --take-over, or name another --policy")
-        if self.explore and self.policy in ("random", *DEVICES):
+        if self.explore and self.policy in known:
             raise DescriptionError(f"--explore has no effect with the policy '{self.policy}'; omit it, or name a run")
 
     def _environment(self, options: EnvOptions, human: Driver | None, emergency_stop: EmergencyStop) -> EnvBase:

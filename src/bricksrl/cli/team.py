@@ -11,6 +11,7 @@ from tyro.conf import Positional, UseAppendAction
 from bricksrl.cli.options import option, refuse_ignored, run_folder
 from bricksrl.cli.terminal import Interrupted, load_learning, print_line
 from bricksrl.errors import RenderingUnavailableError, RunError, UnknownNameError, counted
+from bricksrl.files import check_writable
 
 if TYPE_CHECKING:
     from bricksrl.training.teams.team import Team, TeamConfig, TeamProgress
@@ -69,6 +70,8 @@ class TrainTeam:
             refuse_ignored(self, ("--play", "--seed", "--episodes"), "with --play")
         load_learning()
         if self.play is not None:
+            if not (self.play / TEAM_FILE).exists():
+                raise RunError(f"there is no team in {self.play}; name a folder that `bricksrl team ARENA` has written")
             self._play(load_team(self.play / TEAM_FILE), None)
             return
         if self.env is None:
@@ -77,6 +80,7 @@ class TrainTeam:
         folder = run_folder(self.run, self.env, next(iter(config.agents.values())), self.seed)
         if folder.exists():
             raise RunError(f"{folder} exists already; choose another folder with --run")
+        check_writable(folder / TEAM_FILE)
         try:
             self._play(self._train(config, folder), folder)
         except KeyboardInterrupt:
@@ -99,7 +103,6 @@ class TrainTeam:
                 print_line(f"{line}  success {100 * progress.success:.0f} %")
 
         team = train_team(config, on_progress=report)
-        folder.mkdir(parents=True)
         team.save(folder / TEAM_FILE)
         return team
 

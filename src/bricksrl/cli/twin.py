@@ -64,7 +64,7 @@ class Record:
         if self.steps < 1:
             raise TwinError(f"steps is {self.steps}; give at least 1")
         check_seed(self.seed)
-        check_writable(self.out, TwinError)
+        check_writable(self.out)
         robot, scene = named_robot(self.robot)
         interface = identification_interface(robot)
         commands = identification_commands(interface, self.steps, np.random.default_rng(self.seed))
@@ -134,7 +134,7 @@ class Fit:
             )
         robot, scene = named_robot(self.robot or log.robot)
         out = self.out or self.log.with_suffix(".physics.json")
-        check_writable(out, TwinError)
+        check_writable(out)
         result = fit(log, robot=robot, scene=_bench_scene(scene), names=self.parameters, on_replay=report)
         _show_progress("")
         write_physics(out, result.physics)

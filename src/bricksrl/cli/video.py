@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bricksrl.errors import RenderingUnavailableError, TwinError
+from bricksrl.files import check_writable
 
 if TYPE_CHECKING:
     from torchrl.envs import EnvBase
@@ -49,9 +50,10 @@ def report(result: RunResult, evaluation: EvaluationResult) -> tuple[Path, str]:
 
 
 def check_film(path: Path) -> None:
-    """Raise TwinError unless the name ends in .mp4."""
+    """Raise TwinError unless the name ends in .mp4, WriteError if the file cannot be written."""
     if path.suffix.lower() != ".mp4":
         raise TwinError(f"'{path}' is not a name of a film; end it in .mp4")
+    check_writable(path)
 
 
 @contextmanager

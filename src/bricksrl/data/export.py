@@ -19,7 +19,7 @@ import pyarrow as pa
 from bricksrl.data.parquet import to_parquet
 from bricksrl.data.reader import COLUMNS, load
 from bricksrl.errors import DataError
-from bricksrl.files import refuse_existing, write_durably
+from bricksrl.files import refuse_existing, write_durably, writing
 
 if TYPE_CHECKING:
     from bricksrl.data.reader import Episodes
@@ -73,7 +73,7 @@ def export_minari(path: Path, out: Path) -> None:
     episodes = load(path)
     name = f"{out.parent.name}/{out.name}"
     buffers = [EpisodeBuffer(**_minari_episode(episodes, k)) for k in range(len(episodes.rows))]
-    with _datasets_in(out.parent.parent), warnings.catch_warnings():
+    with writing(out), _datasets_in(out.parent.parent), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # it warns that there are no authors
         try:
             minari.create_dataset_from_buffers(

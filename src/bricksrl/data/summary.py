@@ -120,6 +120,8 @@ def _panels(index: Index, columns: dict[str, NDArray[Any]]) -> list[tuple[str, N
 
 
 def _returns(left: Axes, right: Axes, returns: NDArray[np.float64]) -> None:
+    from matplotlib.ticker import MaxNLocator
+
     left.hist(returns, bins=min(30, max(5, len(returns) // 3)), color=LIGHT)
     left.axvline(float(returns.mean()), color=STRONG, linewidth=2)
     left.set_title(f"returns: mean {returns.mean():.4g}, deviation {returns.std():.3g}", fontsize=10, color=INK, loc="left")
@@ -127,6 +129,8 @@ def _returns(left: Axes, right: Axes, returns: NDArray[np.float64]) -> None:
     right.plot(np.arange(len(returns)), returns, ".", color=STRONG, markersize=4)
     right.set_title("return of each episode", fontsize=10, color=INK, loc="left")
     right.set_xlabel("episode", fontsize=8, color=MUTED)
+    for axis in (left.yaxis, right.xaxis):
+        axis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     for axes in (left, right):
         _tidy(axes)
 
@@ -144,7 +148,7 @@ def _density(axes: Axes, title: str, step: NDArray[Any], values: NDArray[Any]) -
     axes.hist2d(step, values, bins=(min(steps, 100), 40), range=((0, steps), (low, high)), cmap=colours, cmin=1)
     axes.set_title(title, fontsize=10, color=INK, loc="left")
     axes.set_xlabel("step", fontsize=8, color=MUTED)
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     _tidy(axes)
 
 

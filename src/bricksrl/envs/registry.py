@@ -252,7 +252,7 @@ def _spec(env_id: str) -> _Spec:
         return _specs[env_id]
     except KeyError:
         if env_id in ARENAS:
-            message = f"{env_id} has several robots; train it with `bricksrl team {env_id}`, make it with envs.arenas.make_arena"
+            message = f"{env_id} has several robots; train it with `bricksrl team {env_id}`, make it with bricksrl.make_arena"
             raise UnknownNameError(message) from None
         known = sorted(_specs)
         message = f"there is no environment '{env_id}'{hint(env_id, known)}; choose one of {', '.join(known)}"

@@ -6,7 +6,6 @@ observations have the shape ``[*batch, n]``, actions ``[*batch, m]`` (in -1..1),
 
 from __future__ import annotations
 
-import inspect
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,7 +15,7 @@ from bricksrl.entry import Entry
 from bricksrl.envs.dead_reckoning import Target, wheels
 from bricksrl.envs.vision.camera import CameraView
 from bricksrl.errors import DescriptionError
-from bricksrl.fields import check_fields, check_value
+from bricksrl.fields import check_arguments, check_fields, check_value
 from bricksrl.hub.interface import Interface
 from bricksrl.robots import Robot
 from bricksrl.twin.scene import OPEN_FLOOR, Scene
@@ -95,7 +94,7 @@ class Task:
     def __post_init__(self) -> None:
         check_fields(Task, vars(self), Tensor=Any)
         for name, arguments in _ARGUMENTS.items():
-            _check_arguments(self.id, name, getattr(self, name), arguments)
+            check_arguments(f"{name} of {self.id}", getattr(self, name), arguments)
         if re.fullmatch(r"\w+-v\d+", self.id) is None:
             raise DescriptionError(f"'{self.id}' is not an id for a task; take a name and a version, such as 'MyTask-v0'")
         if self.max_steps < 1:
@@ -166,19 +165,6 @@ _ARGUMENTS = {
     "blocked": ("observation",),
 }
 """Arguments of the functions of a task."""
-
-
-def _check_arguments(task_id: str, name: str, function: Callable[..., Any], arguments: tuple[str, ...]) -> None:
-    try:
-        signature = inspect.signature(function)
-    except (TypeError, ValueError):  # some functions in C have none
-        return
-    try:
-        signature.bind(*arguments)
-    except TypeError:
-        raise DescriptionError(
-            f"{name} of {task_id} takes other arguments, {signature}; write a function of ({', '.join(arguments)})"
-        ) from None
 
 
 def success_of(task: Task, observations: Tensor) -> bool:

@@ -20,7 +20,7 @@ from bricksrl.child_process import END, ChildProcess, Message
 from bricksrl.errors import RunError
 from bricksrl.evaluation.cluster import parse_on, train_on_cluster
 from bricksrl.evaluation.comparison import Group, compare, draw
-from bricksrl.files import write_durably
+from bricksrl.files import write_durably, writing
 from bricksrl.seed import check_seed
 
 if TYPE_CHECKING:
@@ -74,7 +74,8 @@ def train_seeds(
     seeds = tuple(range(config.seed, config.seed + count))
     configs = [replace(config, seed=seed, run_dir=seed_folder(folder, seed)) for seed in seeds]
     try:
-        folder.mkdir(parents=True)
+        with writing(folder):
+            folder.mkdir(parents=True)
         if on is None:
             results = _in_processes(configs, jobs, on_line)
         else:
@@ -86,6 +87,8 @@ def train_seeds(
         raise
     errors = [(seed, error) for seed, error in zip(seeds, results, strict=True) if error is not None]
     if errors:
+        with contextlib.suppress(OSError):
+            folder.rmdir()
         seed, error = errors[0]
         raise RunError(f"{len(errors)} of {count} seeds failed; seed {seed}: {error}")
     comparison = compare([seed_folder(folder, seed) for seed in seeds])

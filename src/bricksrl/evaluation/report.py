@@ -67,7 +67,8 @@ def write_report(
     ]
     path = run_dir / "report.html"
     template = Template(resources.files("bricksrl.evaluation").joinpath("report.html").read_text(encoding="utf-8"))
-    write_durably(path, template.substitute(title=html.escape(result.env), body="\n".join(body)).encode())
+    text = template.substitute(title=html.escape(result.env), body="\n".join(body))
+    write_durably(path, text.encode(errors="surrogateescape"))  # names of folders that this computer's locale cannot read
     curve.unlink(missing_ok=True)
     return path
 

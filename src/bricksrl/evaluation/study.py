@@ -213,7 +213,6 @@ def _result(study: Study, cells: Sequence[Cell], folder: Path, *, quick: bool) -
 
 def write_study(folder: Path, result: dict[str, Any]) -> Path:
     """Write the numbers of a study and its page; returns the path of the page."""
-    folder.mkdir(parents=True, exist_ok=True)
     write_durably(folder / "study.json", (json.dumps(result, indent=2) + "\n").encode())
     write_durably(folder / "study.md", page(result).encode())
     return folder / "study.md"

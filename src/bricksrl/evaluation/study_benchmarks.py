@@ -14,6 +14,7 @@ from typing import Any
 from bricksrl.errors import RunError
 from bricksrl.evaluation import paper
 from bricksrl.evaluation.study import over_seeds, write_study
+from bricksrl.files import writing
 
 Numbers = dict[str, Any]
 
@@ -92,7 +93,8 @@ def result_of(study: BenchmarkStudy, results: Path, *, quick: bool = False) -> N
 def _measure(script: Path, arguments: tuple[str, ...], folder: Path, results: Path) -> None:
     """Run a benchmark in the study's folder, which keeps its runs and datasets, so that it can resume."""
     for path in (folder, results):
-        path.mkdir(parents=True, exist_ok=True)
+        with writing(path):
+            path.mkdir(parents=True, exist_ok=True)
     variables = {**os.environ, "BRICKSRL_RESULTS": str(results.absolute())}
     command = [sys.executable, str(script.absolute()), *arguments]
     process = subprocess.run(command, cwd=folder, env=variables, check=False, capture_output=True, text=True)  # noqa: S603  ours

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bricksrl.agents.settings import Range
-from bricksrl.errors import DivergedError, RunError
+from bricksrl.errors import DivergedError, RunError, message_of
 from bricksrl.evaluation.cluster import connected, map_on_cluster, parse_on
 from bricksrl.files import serialized, write_durably
 from bricksrl.seed import LARGEST_SEED, check_seed
@@ -158,7 +158,7 @@ def tune(
     goals = any(entry.name.endswith("_goal") for entry in get_task(tuning.env).entries)
     optuna.logging.set_verbosity(logging.ERROR)  # a failed trial raises: one message is enough
     _check_trains(tuning)
-    with serialized(folder):  # several commands may begin with the same study at once
+    with _storage(folder / STUDY), serialized(folder):  # several commands may begin with the same study at once
         study = optuna.create_study(
             study_name=f"{tuning.env} {tuning.agent}",
             storage=f"sqlite:///{(folder / STUDY).absolute()}",
@@ -189,12 +189,25 @@ def tune(
         best = _write_best(study, tuning, start, folder, goals=goals)
         on_trial(trial.number, trial.value if done else None, None if best is None else best.value)
 
-    with _evaluations(tuning, on) as evaluated:
+    with _storage(folder / STUDY), _evaluations(tuning, on) as evaluated:
         study.optimize(objective, n_trials=trials, callbacks=[after_trial])
     best = _write_best(study, tuning, start, folder, goals=goals)
     if best is None:
         raise RunError(f"no trial of {folder} was finished; give more --trials")
     return best
+
+
+@contextmanager
+def _storage(path: Path) -> Iterator[None]:
+    """Raise RunError where Optuna cannot use its file inside this context, as when it is damaged or the disk is full."""
+    from optuna.exceptions import StorageInternalError
+    from sqlalchemy.exc import SQLAlchemyError
+
+    try:
+        yield
+    except (SQLAlchemyError, StorageInternalError) as error:
+        reason = message_of(getattr(error, "orig", None) or error)
+        raise RunError(f"cannot use the study {path} ({reason}); make room on the disk, or choose another folder") from None
 
 
 class _StopAt(Callback):

@@ -53,7 +53,7 @@ class PlanView:
         self._angles: dict[str | int, float] = {}
         self.board.show_scene(_scene(plan), self._poses())
         self._message = message
-        self.board.update_status(title=plan.title, subtitle="building plan", state="paused", controls=["step", "reset"])
+        self.board.update_status(title=plan.title, subtitle="building plan", state="", controls=["step", "reset"])
         self._publish()
 
     def press(self, name: str, value: Any) -> None:
@@ -102,7 +102,7 @@ class PlanView:
         assembly = step.assembly[-1].rpartition(":")[0] if step.assembly else ""
         facts = {"step": f"{self._step} of {len(self._plan.steps)}", "parts": len(self._plan.present_parts(step))}
         facts |= {"builds": assembly} if assembly else {}
-        self.board.update_status(sliders=sliders, facts=facts, message=self._message or step.note)
+        self.board.update_status(sliders=sliders, facts=facts, message=self._message, note=step.note)
 
     def _poses(self) -> Floats:
         """Poses of the parts [parts, 7]."""

@@ -20,7 +20,7 @@ import numpy as np
 from PIL import Image
 
 from bricksrl.errors import PlanError
-from bricksrl.files import write_durably
+from bricksrl.files import check_writable, write_durably
 from bricksrl.plans.geometry import MM_PER_LDU
 from bricksrl.plans.part import DeviceKind, Part
 from bricksrl.plans.parts_list import Entry, parts_list
@@ -85,6 +85,7 @@ def write_booklet(plan: Plan, path: Path) -> int:
         raise PlanError(f"{path}: a booklet is a .pdf or .html file; name one of these")
     if not plan.parts:
         raise PlanError(f"{plan.path} has no part that the catalogue knows; run `bricksrl plan check` on it")
+    check_writable(path)
     pages = list(pages_of(plan))
     data = _pdf(plan, pages) if path.suffix.lower() == ".pdf" else _html(plan, pages).encode()
     write_durably(path, data)
@@ -278,7 +279,8 @@ def _html(plan: Plan, pages: Iterable[Page]) -> str:
         parts += [f"<p>{html.escape(line)}</p>" for line in (*page.lines, *([page.note] if page.note else []))]
         body.append(f"<section>{''.join(parts)}</section>")
     style = (
-        "body{font-family:sans-serif;max-width:60em;margin:auto}section{break-after:page;border-bottom:1px solid #ccc}"
+        "body{font-family:sans-serif;max-width:60em;margin:auto;padding:0 .8em}"
+        "section{break-after:page;border-bottom:1px solid #ccc}"
         ".items{display:flex;flex-wrap:wrap}figure{margin:.5em}img{max-width:100%}"
     )
     head = f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{html.escape(plan.title)}</title><style>{style}</style>'

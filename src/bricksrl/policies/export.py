@@ -18,7 +18,7 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from bricksrl.envs.specs import ObservationLayout
 from bricksrl.errors import RunError, message_of
-from bricksrl.files import refuse_existing, write_durably
+from bricksrl.files import check_writable, refuse_existing, write_durably
 from bricksrl.policies import config_of, load_policy
 from bricksrl.training.restore import Which, one_robot
 from bricksrl.training.run import make_env
@@ -55,10 +55,12 @@ def export_model(path: Path | str, out: Path, format_: Format = "torch-export", 
         The largest difference of its actions from the policy's, over random observations.
 
     Raises:
-        RunError: ``out`` exists or cannot be written, packages are missing, or the policy is no function of its observation.
+        RunError: ``out`` exists, packages are missing, or the policy is no function of its observation.
+        WriteError: ``out`` cannot be written.
         CheckpointError: the policy is damaged.
     """
     refuse_existing(out, RunError)
+    check_writable(out)
     missing = [name for name in _ONNX if format_ == "onnx" and importlib.util.find_spec(name) is None]
     if missing:
         names = " and ".join(missing)
@@ -69,11 +71,7 @@ def export_model(path: Path | str, out: Path, format_: Format = "torch-export", 
     with torch.no_grad():
         expected = _best(policy, acting, inputs)
         data = _program(acting, inputs, format_)
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        write_durably(out, data)
-    except OSError as error:
-        raise RunError(f"cannot write {out} ({error.strerror}); choose another file") from None
+    write_durably(out, data)
     with torch.no_grad():
         difference = float((_reader(out, format_)(inputs) - expected).abs().max())
     if not difference <= TOLERANCE:

@@ -48,15 +48,12 @@ def export_policy(run_dir: Path, out: Path, *, licence: str = "mit") -> Path:
     shared = portable(replace(one_robot(config), data=None, updates=0, start=None, compile=False).to_dict())
     about = {"bricksrl_policy": _VERSION, "episodes": trained.episodes, "config": shared}
     card = policy_card(shared["env"], shared["agent"], trained.episodes, folder.own_evaluation(trained.episodes), licence)
-    try:
-        with atomic_folder(out) as new:
-            write_durably(new / TENSORS, save(tensors))
-            text = (json.dumps(about, indent=1, default=str) + "\n").encode()
-            remember(text)
-            write_durably(new / ABOUT, text)
-            write_durably(new / CARD, card.encode())
-    except OSError as error:
-        raise RunError(f"cannot write the policy to {out} ({error.strerror}); make room or choose another folder") from None
+    with atomic_folder(out) as new:
+        write_durably(new / TENSORS, save(tensors))
+        text = (json.dumps(about, indent=1, default=str) + "\n").encode()
+        remember(text)
+        write_durably(new / ABOUT, text)
+        write_durably(new / CARD, card.encode())
     return out
 
 

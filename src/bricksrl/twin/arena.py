@@ -38,6 +38,7 @@ from bricksrl.twin.models.scenery import add_geom
 from bricksrl.twin.mujoco_body import MujocoBody, Pose
 from bricksrl.twin.physics import Physics
 from bricksrl.twin.scene import OPEN_FLOOR
+from bricksrl.twin.starts import refuse_overlap
 
 _STEPS_PER_UPDATE = 20
 _SETTLING_STEPS = 400
@@ -223,7 +224,7 @@ class ArenaWorld:
 
     def place(self, rng: np.random.Generator) -> None:
         """Place robots and loads for the start of an episode; motors keep their angles, the clock is not reset. Raises TwinError
-        if no starts are found that keep the arena's gap."""
+        if no starts are found that keep the arena's gap, or a robot would be inside of a wall or load."""
         starts = self._starts(rng)
         self.data.qvel[:] = 0.0
         for body, start in zip(self.bodies, starts, strict=True):
@@ -234,6 +235,7 @@ class ArenaWorld:
             self.data.qpos[address : address + 7] = (start.x_m, start.y_m, load.half_size_m[2], *quaternion)
         self.data.qacc_warmstart[:] = 0.0
         mujoco.mj_forward(self.model, self.data)
+        refuse_overlap(self.model, self.data)
         for body in self.bodies:
             body.update_turns()
 

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from bricksrl.errors import DescriptionError, TwinError, counted
 from bricksrl.fields import check_fields
+from bricksrl.files import write_durably
 from bricksrl.hub.interface import Distance, Interface, MotorAngle, Pitch, Roll, RunAngle, UntilDone, Wait, YawRate
 from bricksrl.hub.kinds import Channel, Command
 from bricksrl.hub.link.lockstep import HubLink
@@ -115,7 +116,7 @@ def identification_commands(interface: Interface, steps: int, rng: np.random.Gen
 
 
 def write_log(path: Path, log: RunLog) -> None:
-    """Write a log to a file, replacing an existing one; its folder is created."""
+    """Write a log to a file, replacing an existing one; its folder is created. Raises WriteError if that is impossible."""
     header = {
         "bricksrl_log": _FORMAT,
         "robot": log.robot,
@@ -134,8 +135,7 @@ def write_log(path: Path, log: RunLog) -> None:
                 "channels": channels.tolist(),
             }
         )
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text("".join(json.dumps(line) + "\n" for line in lines), encoding="utf-8")
+    write_durably(path, "".join(json.dumps(line) + "\n" for line in lines).encode())
 
 
 def read_log(path: Path) -> RunLog:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import functools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
@@ -27,6 +28,7 @@ from bricksrl.twin.physics import Physics, RandomPhysics
 from bricksrl.twin.scene import Scene
 from bricksrl.twin.senses import WorldSenses, percent
 from bricksrl.twin.stance import Feet, standing_pose
+from bricksrl.twin.starts import ends_of_ranges, refuse_overlap
 from bricksrl.virtual_hub.stimuli import Sense, Sensed, senses
 
 _NEAREST_MM, _FARTHEST_MM = UltrasonicSensor.NEAREST_MM, UltrasonicSensor.FARTHEST_MM
@@ -97,6 +99,7 @@ class MujocoBody:
         self._steps = self._steps_since_update = 0
         self._turns, self._heading_at_start_deg = Turns(), 0.0
         self._settle()
+        self._check_starts()
         self.reset(np.random.default_rng(start_seed))
         self._heading_at_start_deg = self._turns.heading_deg
         self._turns.rotation_rad[:] = 0.0
@@ -210,12 +213,21 @@ class MujocoBody:
         self._qvel[:] = 0.0
         self._reset_blocks(rng)
         if self._moves:
-            self._place(rng)
+            self._place(rng.uniform)
         else:
             self._take_up_backlash()
         self.data.qacc_warmstart[:] = 0.0
         mujoco.mj_forward(self.model, self.data)
+        refuse_overlap(self.model, self.data, self.scene.objects)
         self._update_turns()
+
+    def _check_starts(self) -> None:
+        """Raise TwinError if the robot would be inside of an obstacle at an end of the ranges of its start."""
+        if self._moves and (self.scene.objects or self.scene.wall_distance_mm is not None):
+            for draw in ends_of_ranges(4):
+                self._place(draw)
+                mujoco.mj_forward(self.model, self.data)
+                refuse_overlap(self.model, self.data, self.scene.objects)
 
     def _reset_blocks(self, rng: np.random.Generator) -> None:
         """Put pushable blocks back to their start positions."""
@@ -225,17 +237,17 @@ class MujocoBody:
                 spread = np.array(block.spread_mm) / 1000
                 self._qpos[address : address + 2] += rng.uniform(-spread, spread)
 
-    def _place(self, rng: np.random.Generator) -> None:
-        """Place the robot on the floor, in front of the wall if there is one."""
-        yaw = -math.radians(float(rng.uniform(*self.scene.heading_deg)))
+    def _place(self, draw: Callable[[float, float], float]) -> None:
+        """Place the robot on the floor, in front of the wall if there is one; ``draw`` chooses from a range."""
+        yaw = -math.radians(draw(*self.scene.heading_deg))
         standing, height_m = self._stand()
         turn, quaternion = np.array(yaw_quaternion(yaw)), np.empty(4)
         mujoco.mju_mulQuat(quaternion, turn, standing)
-        x_mm, y_mm = (low if low == high else float(rng.uniform(low, high)) for low, high in self.scene.start_mm)
+        x_mm, y_mm = (low if low == high else draw(low, high) for low, high in self.scene.start_mm)
         self._qpos[0:3] = (x_mm / 1000, y_mm / 1000, height_m)
         self._qpos[3:7] = quaternion
         if self.scene.wall_distance_mm is not None:
-            distance_m = float(rng.uniform(*self.scene.wall_distance_mm)) / 1000
+            distance_m = draw(*self.scene.wall_distance_mm) / 1000
             wall = self.model.geom("wall")
             sonar_m = self._base.in_world(next(iter(self._sonars.values()))[0])
             self._qpos[0] = wall.pos[0] - wall.size[0] - distance_m - sonar_m[0]

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bricksrl.errors import TwinError
+from bricksrl.files import write_durably
 
 if TYPE_CHECKING:
     import numpy as np
@@ -123,9 +124,8 @@ def read_physics(path: Path) -> Physics:
 
 
 def write_physics(path: Path, physics: Physics) -> None:
-    """Write all parameters to a JSON file; its folder is created."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(dataclasses.asdict(physics), indent=2) + "\n", encoding="utf-8")
+    """Write all parameters to a JSON file; its folder is created. Raises WriteError if that is impossible."""
+    write_durably(path, (json.dumps(dataclasses.asdict(physics), indent=2) + "\n").encode())
 
 
 PARAMETERS: dict[str, Parameter] = {field.name: field.metadata["parameter"] for field in dataclasses.fields(Physics)}

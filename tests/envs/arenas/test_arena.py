@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import warnings
 from dataclasses import replace
 from typing import Any
 
@@ -16,7 +15,7 @@ from tensordict import TensorDict
 from bricksrl.envs.arenas import get_arena_task, make_arena
 from bricksrl.envs.arenas.arena_task import ArenaState, seen_from, steer_towards
 from bricksrl.envs.arenas.tag import TAG
-from bricksrl.errors import BricksError, DescriptionError, HubError, RunError, TwinError, UnknownNameError, UnknownOptionError
+from bricksrl.errors import BricksError, DescriptionError, HubError, RunError, TwinError, UnknownNameError
 from bricksrl.hub.interface import DriveStraight, DriveTurnRate, Pitch, RunAngle
 from bricksrl.hub.kinds import Command
 from bricksrl.robots import SCOUT, TWO_WHEELER, WALKER, Mount, PoweredUpSensor, SensorKind
@@ -46,70 +45,6 @@ def test_torchrl_checks_the_simulations_specs() -> None:
 
     check_env_specs(make_arena("Tag-v0", seed=3, batch_size=4))
     assert make_arena("Tag-v0", batch_size=[3]).batch_size == torch.Size([3])
-
-
-@pytest.mark.parametrize("name", ["Tag-v0", "Carry-v0"])
-def test_pettingzoo_checks_its_interface(name: str) -> None:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        from pettingzoo.test import parallel_api_test
-
-        from bricksrl.envs.arenas.pettingzoo_env import ArenaParallelEnv
-
-        env = ArenaParallelEnv(name)
-        parallel_api_test(env, num_cycles=15)
-    first, _ = env.reset(seed=5)
-    again, _ = env.reset(seed=5)
-    assert env.render_mode is None
-    assert first.keys() == set(get_arena_task(name).robots)
-    assert all(np.array_equal(first[robot], again[robot]) for robot in first)
-    env.close()
-
-
-def test_pettingzoo_needs_an_episode_and_an_action_of_each_robot() -> None:
-    from bricksrl.envs.arenas.pettingzoo_env import ArenaParallelEnv
-
-    still = np.zeros(2, np.float32)
-    env = ArenaParallelEnv("Carry-v0")
-    with pytest.raises(RunError, match="Carry-v0 got actions of left, right; reset it, then give one of each agent"):
-        env.step({"left": still, "right": still})
-    env.reset()
-    for actions in ({}, {"left": still}):
-        with pytest.raises(RunError, match="got actions of (none|left); reset it"):
-            env.step(actions)
-    env.close()
-    with pytest.raises(UnknownOptionError, match="omit batch_size"):
-        ArenaParallelEnv("Tag-v0", batch_size=4)
-    with pytest.raises(UnknownOptionError, match="omit render_mode"):
-        ArenaParallelEnv("Tag-v0", render_mode="rgb_array")
-
-
-def test_pettingzoo_state_is_what_all_robots_observe() -> None:
-    """Critics that see everything, such as MAPPO's, read it."""
-    from pettingzoo.test.state_test import test_state_space as check_state_space
-    from torchrl.envs import PettingZooWrapper, check_env_specs
-
-    from bricksrl.envs.arenas.pettingzoo_env import ArenaParallelEnv
-
-    env = ArenaParallelEnv("Carry-v0", render_mode=None)
-    with pytest.raises(RunError, match="Carry-v0 has no state before its first episode; reset it first"):
-        env.state()
-    observations, _ = env.reset(seed=5)
-    draws = env.np_random.integers(0, 100, 9)
-    for _ in range(2):
-        assert env.state_space.contains(env.state())
-        assert np.array_equal(env.state(), np.concatenate([observations["left"], observations["right"]]))
-        observations, *_, infos = env.step(dict.fromkeys(env.agents, np.ones(2, np.float32)))
-        assert infos["left"] == infos["right"] == {"link_lost": False, "success": False}
-    env.reset(seed=5)
-    assert np.array_equal(env.np_random.integers(0, 100, 9), draws)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # they say that it is unbounded, and that they know another version of PettingZoo
-        check_state_space(env)
-        wrapped = PettingZooWrapper(env, return_state=True)
-        check_env_specs(wrapped)
-        assert wrapped.rollout(2)["state"].shape == (2, 24)
-    wrapped.close()
 
 
 def test_robots_share_simulated_time() -> None:
@@ -333,12 +268,18 @@ def test_invalid_arguments_raise() -> None:
         ArenaWorld(Arena((Contestant("arm", ROBO_ARM, place),)))
 
 
+def test_robot_inside_a_wall_is_refused() -> None:
+    world = ArenaWorld(Arena((Contestant("a", TWO_WHEELER, Place(x_m=(0.4, 0.4))),), half_size_m=(0.4, 0.4)))
+    with pytest.raises(TwinError, match="would start inside of wall_0"):
+        world.place(np.random.default_rng(0))
+
+
 @pytest.mark.parametrize("copies", [0, 3])
 def test_robots_that_leave_no_room_for_one_another_raise(copies: int) -> None:
     inner = Place((-0.25, 0.25), (-0.25, 0.25))
     robots = tuple(Contestant(name, TWO_WHEELER, inner) for name in "abc")
     groups = {"all": ("a", "b", "c")}
-    task = replace(TAG, arena=Arena(robots, gap_m=0.6), interfaces=(TAG.interfaces[0],) * 3, groups=groups)
+    task = replace(TAG, arena=Arena(robots, gap_m=0.6), interfaces=(TAG.interfaces[0],) * 3, groups=groups, opponents={})
     env = make_arena(task, seed=0, batch_size=copies)
     with pytest.raises(TwinError, match=r"no starts were found where a, b, c are 0.6 m apart; give them other places"):
         env.reset()
@@ -385,3 +326,29 @@ def test_arena_commands_the_left_and_the_right_wheel(commands: tuple[Command, ..
     interface = replace(TAG.interfaces[0], commands=commands)
     with pytest.raises(DescriptionError, match="RunAngle of the left and of the right wheel, as far back as forth"):
         replace(TAG, interfaces=(interface, interface))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "told"),
+    [
+        ({"reward": lambda state: state}, r"reward of Tag-v0 takes other arguments, \(state\); write .* \(before, after\)"),
+        ({"observe": lambda: 0}, r"observe of Tag-v0 takes other arguments, \(\); write a function of \(state\)"),
+        ({"scripts": {"flee": lambda: 0}}, "script 'flee' of Tag-v0 takes other arguments"),
+        ({"success": True}, "success is True; give a function"),
+        ({"opponents": {"runer": "flee"}}, "opponents names 'runer', which is no group .did you mean 'runner'"),
+        ({"opponents": {"runner": "fly"}}, "there is no script 'fly'; choose random, flee, chase"),
+    ],
+)
+def test_task_with_unfitting_parts_is_refused(wrong: dict[str, Any], told: str) -> None:
+    with pytest.raises(DescriptionError, match=told):
+        replace(TAG, **wrong)
+
+
+@pytest.mark.parametrize("copies", [0, 2])
+@pytest.mark.parametrize("name", ["observe", "reward", "terminated", "success"])
+def test_functions_that_return_another_shape_are_named(name: str, copies: int) -> None:
+    task = replace(TAG, **{name: lambda *states: states[0].poses[..., 0, 0]})
+    env = make_arena(task, seed=0, batch_size=copies)
+    with pytest.raises(DescriptionError, match=f"{name} of Tag-v0 is of shape .*; compute a tensor of shape"):
+        env.rollout(2)
+    env.close()

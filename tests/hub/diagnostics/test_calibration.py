@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from bricksrl import robots
 from bricksrl.envs.registry import get_task
-from bricksrl.errors import DescriptionError
+from bricksrl.errors import DescriptionError, WriteError
 from bricksrl.hub.diagnostics.calibration import (
     Calibration,
     CalibrationError,
@@ -186,7 +186,7 @@ def test_link_does_not_open_without_its_calibration(tmp_path: Path) -> None:
 
 def test_unwritable_folder_raises(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    with pytest.raises(CalibrationError, match="choose another folder"):
+    with pytest.raises(WriteError, match="name another place"):
         save_calibration("hub", ROBO_ARM, Calibration(), tmp_path / "file")
 
 

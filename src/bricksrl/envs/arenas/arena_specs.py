@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 import torch
 from tensordict import TensorDict, TensorDictBase
 from torchrl.data import Binary, Bounded, Composite, Unbounded
 
-from bricksrl.envs.specs import clamped
+from bricksrl.envs.specs import NominalBounded, clamped
+from bricksrl.errors import DescriptionError
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -34,10 +36,11 @@ def set_specs(env: EnvBase, task: ArenaTask) -> None:
     batch = env.batch_size
     env.group_map = {group: list(names) for group, names in task.groups.items()}
     observations, actions, rewards = {}, {}, {}
+    is_bounded = all(isfinite(end) for entry in task.entries for end in (entry.low, entry.high))
     for group, names in task.groups.items():
         shape = (*batch, len(names))
-        # unbounded: a robot that tips or slides may exceed the nominal bounds
-        observations[group] = Composite(observation=Unbounded((*shape, len(task.entries))), shape=shape)
+        bounded = NominalBounded.of(task.entries, shape, env.device) if is_bounded else Unbounded((*shape, len(task.entries)))
+        observations[group] = Composite(observation=bounded, shape=shape)
         actions[group] = Composite(action=Bounded(-1.0, 1.0, (*shape, 2)), shape=shape)
         rewards[group] = Composite(reward=Unbounded((*shape, 1)), shape=shape)
     flag = Binary(1, shape=(*batch, 1), dtype=torch.bool)
@@ -50,12 +53,25 @@ def set_specs(env: EnvBase, task: ArenaTask) -> None:
 
 def frame(task: ArenaTask, state: ArenaState, link_lost: Tensor, *outcome: Tensor, device: Any = None) -> TensorDictBase:
     """Output of a reset or, with the outcome of a step (reward, terminated, truncated), of a step."""
-    batch, per_robot, ends = link_lost.shape[:-1], {"observation": task.observe(state)}, {}
+    batch, ends = link_lost.shape[:-1], {}
+    robots = (*batch, len(task.robots))
+    per_robot = {"observation": _checked(task, "observe", task.observe(state), (*robots, len(task.entries)))}
+    flag = (*batch, 1)
     if outcome:
-        per_robot["reward"], terminated, truncated = outcome
+        reward, terminated, truncated = outcome
+        per_robot["reward"] = _checked(task, "reward", reward, (*robots, 1))
+        terminated = _checked(task, "terminated", terminated, flag, torch.bool)
         ends = {"terminated": terminated, "truncated": truncated, "done": terminated | truncated}
-    flags = {"link_lost": link_lost, "success": task.success(state), **ends}
+    flags = {"link_lost": link_lost, "success": _checked(task, "success", task.success(state), flag, torch.bool), **ends}
     return TensorDict({**flags, **split_by_group(task, batch, **per_robot)}, batch, device=device)
+
+
+def _checked(task: ArenaTask, name: str, value: Any, shape: tuple[int, ...], dtype: torch.dtype = torch.float32) -> Tensor:
+    """What a function of a task returns. Raises DescriptionError unless it is a tensor of this shape and type."""
+    if not isinstance(value, torch.Tensor) or value.shape != shape or value.dtype != dtype:
+        given = f"of shape {list(value.shape)} and {value.dtype}" if isinstance(value, torch.Tensor) else f"{value!r:.40}"
+        raise DescriptionError(f"{name} of {task.id} is {given}; compute a tensor of shape {list(shape)} and {dtype}")
+    return value
 
 
 def split_by_group(task: ArenaTask, batch: torch.Size, **per_robot: Tensor) -> dict[str, TensorDictBase]:

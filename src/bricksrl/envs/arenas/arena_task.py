@@ -9,10 +9,11 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from bricksrl.entry import Entry
-from bricksrl.errors import DescriptionError
+from bricksrl.errors import DescriptionError, hint
+from bricksrl.fields import check_arguments, check_fields
 from bricksrl.hub.interface import Interface, RunAngle
 
 if TYPE_CHECKING:
@@ -69,6 +70,13 @@ class ArenaTask:
     opponents: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        from bricksrl.twin.arena import Arena  # an arena has loaded it
+
+        check_fields(ArenaTask, vars(self), Tensor=Any, Arena=Arena)
+        for name, arguments in _ARGUMENTS.items():
+            check_arguments(f"{name} of {self.id}", getattr(self, name), arguments)
+        for name, script in self.scripts.items():
+            check_arguments(f"script '{name}' of {self.id}", script, ("observation",))
         if re.fullmatch(r"\w+-v\d+", self.id) is None:
             raise DescriptionError(f"'{self.id}' is not an id for a task; take a name and a version, such as 'Tag-v0'")
         names = [robot.name for robot in self.arena.robots]
@@ -76,12 +84,24 @@ class ArenaTask:
             raise DescriptionError(f"task {self.id} has {len(names)} robots and {len(self.interfaces)} interfaces; give one each")
         if sorted(name for group in self.groups.values() for name in group) != sorted(names):
             raise DescriptionError(f"task {self.id}: each of {', '.join(names)} belongs to one group; name it there once")
+        self._check_opponents()
         for interface in self.interfaces:
             turns = [command for command in interface.commands if isinstance(command, RunAngle) and command.low == -command.high]
             wheels = [turn.motor for turn in turns]
             if wheels != ["left", "right"] or len(interface.commands) > 2 or set(interface.angle_indices) != set(wheels):
                 wanted = "RunAngle of the left and of the right wheel, as far back as forth, and the MotorAngle of both"
                 raise DescriptionError(f"task {self.id}: each robot needs {wanted}")
+
+    def _check_opponents(self) -> None:
+        known = ("random", *self.scripts)
+        for group, opponents in self.opponents.items():
+            if group not in self.groups:
+                raise DescriptionError(
+                    f"task {self.id}: opponents names '{group}', which is no group{hint(group, self.groups)}; name one that is"
+                )
+            for name in opponents.split(","):
+                if name not in known:
+                    raise DescriptionError(f"task {self.id}: there is no script '{name}'; choose {', '.join(known)}")
 
     @property
     def robots(self) -> tuple[str, ...]:
@@ -96,6 +116,10 @@ class ArenaTask:
     def places(self, group: str) -> list[int]:
         """Indices of a group's robots among all robots."""
         return [self.robots.index(name) for name in self.groups[group]]
+
+
+_ARGUMENTS = {"observe": ("state",), "reward": ("before", "after"), "terminated": ("state",), "success": ("state",)}
+"""Arguments of the functions of a task."""
 
 
 def seen_from(poses: Tensor, viewer: int, seen: int) -> Tensor:

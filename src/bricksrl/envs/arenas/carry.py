@@ -58,13 +58,16 @@ STEP_MS = 250
 _TRAVEL_DEG = 120.0
 _BEAM = 2
 _ARRIVAL_REWARD = 5.0
+_FARTHEST_M = 5.0
+"""More than a robot drives in an episode: 60 times 120 degrees, with wheels of 56 mm, are 3.5 m."""
+_APART_M = (-2.0 * _FARTHEST_M, 2.0 * _FARTHEST_M)
 
 ENTRIES = (
-    *(Entry(name, -2.0, 2.0, "m") for name in ("x", "y")),
+    *(Entry(name, -2.0, 2.0, "m", limits=(-_FARTHEST_M, _FARTHEST_M)) for name in ("x", "y")),
     *(Entry(f"heading_{name}", -1.0, 1.0) for name in ("cos", "sin")),
-    *(Entry(f"beam_{name}", -2.0, 2.0, "m") for name in ("ahead", "left")),
+    *(Entry(f"beam_{name}", -2.0, 2.0, "m", limits=_APART_M) for name in ("ahead", "left")),
     *(Entry(f"beam_{name}", -1.0, 1.0) for name in ("cos", "sin")),
-    *(Entry(f"mate_{name}", -2.0, 2.0, "m") for name in ("ahead", "left")),
+    *(Entry(f"mate_{name}", -2.0, 2.0, "m", limits=_APART_M) for name in ("ahead", "left")),
     *(Entry(f"{name}_moved", -2.0, 2.0) for name in ("left", "right")),
 )
 

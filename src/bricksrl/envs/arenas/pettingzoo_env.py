@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 from tensordict import TensorDict
 
 from bricksrl.envs.arenas.arena_registry import make_arena
-from bricksrl.errors import RunError, UnknownOptionError
+from bricksrl.errors import RunError, UnknownOptionError, hint
 
 if TYPE_CHECKING:
     from bricksrl.envs.arenas.arena_env import ArenaEnv
     from bricksrl.envs.arenas.arena_task import ArenaTask
+    from bricksrl.twin.render.opengl import Renderer
 
 try:
     from pettingzoo import ParallelEnv
@@ -24,6 +25,8 @@ except ImportError:
     raise RunError("PettingZoo is not installed; run `pip install 'bricksrl[arenas]'`") from None
 
 Array = NDArray[np.float32]
+_RENDER_MODES = ("rgb_array",)
+_SIZE_PX = (480, 360)
 
 
 class ArenaParallelEnv(ParallelEnv):  # type: ignore[misc]
@@ -31,6 +34,7 @@ class ArenaParallelEnv(ParallelEnv):  # type: ignore[misc]
 
     Args:
         env: a name of `bricksrl.envs.arenas.ARENAS`, or a task of your own.
+        render_mode: ``None``, or ``"rgb_array"`` to draw the arena.
         named: keyword arguments of `make_arena`, without ``batch_size`` and ``device``.
 
     Attributes:
@@ -41,18 +45,25 @@ class ArenaParallelEnv(ParallelEnv):  # type: ignore[misc]
     def __init__(self, env: str | ArenaTask, render_mode: str | None = None, **named: Any) -> None:
         if named.get("batch_size"):
             raise UnknownOptionError("PettingZoo's arenas are single ones; omit batch_size, or use make_arena")
-        if render_mode is not None:
-            raise UnknownOptionError("PettingZoo's arenas give no pictures; omit render_mode, or film them with `bricksrl team`")
+        if render_mode not in (None, *_RENDER_MODES):
+            given = f"{render_mode!r}{hint(str(render_mode), _RENDER_MODES)}"
+            raise UnknownOptionError(f"an arena has no render_mode {given}; choose {' or '.join(_RENDER_MODES)}, or omit it")
         self._env: ArenaEnv = make_arena(env, **named)
         task = self._env.task
-        self.metadata = {"name": task.id, "is_parallelizable": True, "render_modes": []}
-        self.render_mode = None
+        fps = round(1000.0 / (task.interfaces[0].settle.fixed_ms or 1000.0))
+        self.metadata = {
+            "name": task.id,
+            "is_parallelizable": True,
+            "render_modes": list(_RENDER_MODES),
+            "render_fps": max(1, fps),
+        }
+        self.render_mode = render_mode
+        self._renderer: Renderer | None = None
         self.possible_agents = list(task.robots)
         self.agents: list[str] = []
-        n = (len(task.entries),)
-        # observations may exceed an entry's nominal bounds
-        self.observation_spaces = {name: Box(-np.inf, np.inf, n, np.float32) for name in task.robots}
-        self.state_space = Box(-np.inf, np.inf, (len(task.robots) * n[0],), np.float32)
+        low, high = np.array([entry.bounds for entry in task.entries], np.float32).T
+        self.observation_spaces = {name: Box(low, high) for name in task.robots}
+        self.state_space = Box(np.tile(low, len(task.robots)), np.tile(high, len(task.robots)))
         self.action_spaces = {name: Box(-1.0, 1.0, (2,), np.float32) for name in task.robots}
         self._state: Any = None
         self.np_random, _ = np_random(named.get("seed"))
@@ -71,6 +82,7 @@ class ArenaParallelEnv(ParallelEnv):  # type: ignore[misc]
         """Start an episode, reproducibly with a seed."""
         if seed is not None:
             self._env.set_seed(seed)
+            self._close_renderer()  # the new seed has a world of its own
             self.np_random, _ = np_random(seed)
         self._state = self._env.reset()
         self.agents = list(self.possible_agents)
@@ -112,9 +124,27 @@ class ArenaParallelEnv(ParallelEnv):  # type: ignore[misc]
                 values[robot] = value.numpy().copy()
         return {robot: values[robot] for robot in self._env.task.robots}
 
-    def render(self) -> None:
-        """Does nothing; `bricksrl.twin.render` draws an arena's world."""
+    def render(self) -> NDArray[np.uint8] | None:
+        """Image of the arena from above, uint8 ``[height, width, 3]``; ``None`` without a render mode. Raises
+        RenderingUnavailableError if OpenGL is missing."""
+        if self.render_mode is None:
+            return None
+        if self._renderer is None:
+            from bricksrl.twin.render.opengl import Renderer
+
+            self._renderer = Renderer(self._env.world.bodies[0], *_SIZE_PX, "arena")
+        return self._renderer.render()
 
     def close(self) -> None:
-        """Stop all robots."""
+        """Stop all robots. May be called twice."""
+        self._close_renderer()
         self._env.close(raise_if_closed=False)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Pickled without an episode, as the arena is."""
+        return {**self.__dict__, "agents": [], "_state": None, "_renderer": None}
+
+    def _close_renderer(self) -> None:
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None

@@ -3,6 +3,6 @@
 from __future__ import annotations
 
 from bricksrl.envs.gymnasium.environment import GymnasiumEnv, GymnasiumVectorEnv
-from bricksrl.envs.gymnasium.goals import GoalObservation
+from bricksrl.envs.gymnasium.goals import GoalObservation, VectorGoalObservation
 
-__all__ = ["GoalObservation", "GymnasiumEnv", "GymnasiumVectorEnv"]
+__all__ = ["GoalObservation", "GymnasiumEnv", "GymnasiumVectorEnv", "VectorGoalObservation"]

@@ -136,11 +136,8 @@ def saved_path(device: int | str, folder: Path | None = None) -> Path:
 
 
 def write_red(path: Path, window: RedWindow) -> None:
-    """Write a window atomically. Raises CameraError if the file cannot be written."""
-    try:
-        write_durably(path, (json.dumps({"red": dataclasses.asdict(window)}, indent=2) + "\n").encode())
-    except OSError as error:
-        raise CameraError(f"cannot write the calibration to {path} ({error.strerror}); choose another file") from None
+    """Write a window atomically. Raises WriteError if the file cannot be written."""
+    write_durably(path, (json.dumps({"red": dataclasses.asdict(window)}, indent=2) + "\n").encode())
 
 
 def read_red(path: Path) -> RedWindow:

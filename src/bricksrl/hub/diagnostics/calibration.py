@@ -98,13 +98,10 @@ def calibration_of(hub_id: Callable[[], str], folder: Path | None = None) -> Cal
 
 
 def save_calibration(hub_id: str, robot: Robot, calibration: Calibration, folder: Path | None = None) -> Path:
-    """Write a calibration atomically; returns its path. Raises CalibrationError if the file cannot be written."""
+    """Write a calibration atomically; returns its path. Raises WriteError if the file cannot be written."""
     path = _path(hub_id, robot, folder)
     data = {"hub": hub_id, "zeros_deg": calibration.zeros_deg, "reversed": sorted(calibration.reversed)}
-    try:
-        write_durably(path, (json.dumps(data, indent=2) + "\n").encode())
-    except OSError as error:
-        raise CalibrationError(f"cannot write the calibration to {path} ({error.strerror}); choose another folder") from None
+    write_durably(path, (json.dumps(data, indent=2) + "\n").encode())
     return path
 
 

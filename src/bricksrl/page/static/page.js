@@ -78,6 +78,7 @@ function showState() {
   const chip = $("state"), state = lost ? "lost" : status.state ?? "waiting";
   chip.textContent = lost || (state === "stopped" ? "STOPPED" : state);
   chip.className = `chip ${state}`;
+  chip.hidden = !chip.textContent;
 }
 
 function show() {
@@ -86,8 +87,10 @@ function show() {
   $("title").textContent = status.title ?? "BricksRL";
   $("subtitle").textContent = status.subtitle ?? "";
   showState();
-  $("message").hidden = !status.message;
-  $("message").textContent = status.message ?? "";
+  const message = status.message || status.note;
+  $("message").hidden = !message;
+  $("message").textContent = message ?? "";
+  $("message").classList.toggle("note", !status.message);
   $("stop").hidden = !can.has("stop");
   $("pause").hidden = !can.has("pause") || state === "paused";
   $("resume").hidden = !can.has("pause") || state !== "paused";

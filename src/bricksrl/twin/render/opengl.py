@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import errno
 import importlib
 import os
+import shutil
 import sys
 import tempfile
 import weakref
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, NoReturn, Self
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from bricksrl.errors import RenderingUnavailableError, TwinError, message_of
-from bricksrl.files import TEMPORARY_PREFIX
+from bricksrl.files import TEMPORARY_PREFIX, check_writable, writing
 from bricksrl.twin.mujoco_body import MujocoBody
 from bricksrl.twin.render.view import Box, MovingParts, aim, is_fixed_camera, is_opaque
 
@@ -145,7 +147,8 @@ class Renderer:
 
 
 class VideoWriter:
-    """Writer of an mp4 file (H.264, playable in browsers), image by image; the file is renamed to ``path`` when complete.
+    """Writer of an mp4 file (H.264, playable in browsers), image by image; the file is renamed to ``path`` when complete. Raises
+    WriteError if it cannot be written.
 
     Args:
         path: path of the file; its folder is created.
@@ -154,6 +157,7 @@ class VideoWriter:
 
     def __init__(self, path: str | Path, fps: float) -> None:
         self.path = Path(path)
+        check_writable(self.path)
         self._fps = fps
         self._file: Any = None
         self._part: Path | None = None
@@ -165,16 +169,18 @@ class VideoWriter:
             self._open(frame)
         if frame.shape != self._size or frame.dtype != np.uint8:
             raise TwinError(f"a frame is {frame.dtype} {frame.shape}, the first was uint8 {self._size}; give frames of one size")
-        self._file.send(np.ascontiguousarray(frame))
+        try:
+            self._file.send(np.ascontiguousarray(frame))
+        except (OSError, StopIteration):  # the encoder has ended
+            self._file = None
+            self._fail()
 
     def _open(self, frame: Image) -> None:
         import imageio_ffmpeg
 
-        try:
+        with writing(self.path):
             self.path.parent.mkdir(parents=True, exist_ok=True)
             handle, name = tempfile.mkstemp(dir=self.path.parent, prefix=TEMPORARY_PREFIX, suffix=".mp4")
-        except OSError as error:
-            raise TwinError(f"cannot write the video {self.path} ({error.strerror}); choose another place") from None
         os.close(handle)
         self._part, self._size = Path(name), frame.shape
         self._file = imageio_ffmpeg.write_frames(
@@ -184,7 +190,7 @@ class VideoWriter:
             codec="libx264",
             quality=7,
             macro_block_size=2,
-            ffmpeg_log_level="error",
+            ffmpeg_log_level="quiet",
         )
         self._file.send(None)
 
@@ -195,11 +201,28 @@ class VideoWriter:
             return
         try:
             file.close()
+            if complete and not self._is_whole(self._part):
+                self._fail()
             if complete:
                 self._part.chmod(0o644)
                 self._part.replace(self.path)
         finally:
             self._part.unlink(missing_ok=True)
+
+    @staticmethod
+    def _is_whole(path: Path) -> bool:
+        """Whether the encoder has written the table of the images, which comes last."""
+        with path.open("rb") as file:
+            file.seek(max(0, path.stat().st_size - 2**20))
+            return b"moov" in file.read()
+
+    def _fail(self) -> NoReturn:
+        with writing(self.path):
+            assert self._part is not None  # noqa: S101  the encoder has begun it
+            self._part.unlink(missing_ok=True)
+            is_full = shutil.disk_usage(self.path.parent).free < 2**20
+            code = errno.ENOSPC if is_full else errno.EIO
+            raise OSError(code, os.strerror(code) if is_full else "the encoder ended")
 
     def __enter__(self) -> Self:
         return self

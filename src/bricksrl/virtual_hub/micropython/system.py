@@ -10,7 +10,7 @@ from typing import Any
 
 from greenlet import GreenletExit
 
-from bricksrl.errors import SceneError
+from bricksrl.errors import SceneError, WriteError
 from bricksrl.virtual_hub.console import Console
 from bricksrl.virtual_hub.memory import BLOCK_BYTES
 from bricksrl.virtual_hub.micropython.builtins import cooked
@@ -31,8 +31,8 @@ _FOREVER_MS = 1000  # polling interval
 
 
 def is_program_error(error: BaseException) -> bool:
-    """Whether the program raised it, not an external stop or a failing scene."""
-    if isinstance(error, SceneError):
+    """Whether the program raised it, not an external stop, a failing scene or a film that cannot be written."""
+    if isinstance(error, SceneError | WriteError):
         return False
     if isinstance(error, Exception | ProgramInterrupt):
         return True

@@ -1,0 +1,39 @@
+"""Starts of robots: none is inside of an obstacle."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+from collections.abc import Callable, Iterator
+
+import mujoco
+
+from bricksrl.errors import TwinError
+from bricksrl.twin.models.mjcf import FLOOR_GROUP, OBSTACLE_GROUP
+from bricksrl.twin.objects import Object, Solid
+
+_DEPTH_M = 0.008
+"""Depth from which on an overlap is more than a touch."""
+
+
+def ends_of_ranges(count: int) -> Iterator[Callable[[float, float], float]]:
+    """Functions that choose one end of each of so many ranges, in all combinations."""
+    for ends in itertools.product((False, True), repeat=count):
+        yield functools.partial(_end, iter(ends))
+
+
+def _end(ends: Iterator[bool], low: float, high: float) -> float:
+    return high if next(ends) else low
+
+
+def refuse_overlap(model: mujoco.MjModel, data: mujoco.MjData, objects: tuple[Object, ...] = ()) -> None:
+    """Raise TwinError if a robot is inside of an obstacle. Contacts have to be computed; ``objects``: those of the scene."""
+    contacts = data.contact
+    groups = model.geom_group[contacts.geom]
+    is_of_robot = ((groups == OBSTACLE_GROUP).sum(-1) == 1) & (groups != FLOOR_GROUP).all(-1)
+    for pair in contacts.geom[is_of_robot & (contacts.dist < -_DEPTH_M)]:
+        name = next(model.geom(geom).name for geom in pair if model.geom_group[geom] == OBSTACLE_GROUP)
+        if name.startswith("object_"):
+            solids = [item for item in objects if isinstance(item, Solid)]
+            name = f"{solids[int(name.removeprefix('object_'))]}"
+        raise TwinError(f"a robot would start inside of {name or 'an obstacle'}; move that, or let the robot start elsewhere")
