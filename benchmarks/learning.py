@@ -16,7 +16,7 @@ import os
 import tempfile
 import time
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -46,6 +46,8 @@ class Job:
     preset: str
     seed: int
     marks: tuple[int, ...]
+    changes: tuple[tuple[str, Any], ...] = ()
+    """Settings that differ from the preset's, as names and values."""
 
 
 def has_made(steps: int, episode: Episode) -> bool:
@@ -67,7 +69,7 @@ def run(job: Job) -> list[dict[str, Any]]:
             if results:
                 result = resume(folder, callback, stop=callback.stop)
             else:
-                settings = preset(job.preset, job.agent)
+                settings = replace(preset(job.preset, job.agent), **dict(job.changes))
                 config = TrainConfig(job.env, job.agent, job.marks[-1], job.seed, settings=settings, record=False, run_dir=folder)
                 result = train(config, callback, stop=callback.stop)
             cpu_s, wall_s = cpu_s + time.process_time() - started[0], wall_s + time.perf_counter() - started[1]

@@ -66,6 +66,8 @@ def main() -> None:
         page.locator(f"#facts:has-text('{EPISODES}/')").wait_for()
         page.get_by_role("button", name="1x", exact=True).click()
         page.wait_for_timeout(8_000)
+        page.get_by_role("button", name="Pause", exact=True).click()  # at rest, it is drawn with all pixels
+        page.wait_for_timeout(4_000)
         page.screenshot(path=FOLDER / "page.png")
     with served(".", "drive", "RunAway-v0") as url, tab(url, 390, 844) as page:
         page.wait_for_timeout(6_000)

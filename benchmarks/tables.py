@@ -186,6 +186,19 @@ def ablation(result: Result) -> str:
     return table(["environment", "agent", "seeds", "robot steps", "settings", "return", "success"], rows)
 
 
+def literature(result: Result) -> str:
+    """Variants of SAC and another algorithm at equal robot steps."""
+    environments = result["environments"]
+    first, *_ = environments.values()
+    rows = []
+    for variant, entry in first.items():
+        points = [point for entries in environments.values() for point in entries[variant]["summary"]]
+        cells = [within(point["return_mean"], point["return_interval"], len(entry["seeds"])) for point in points]
+        rows.append([variant, str(len(entry["seeds"])), *cells, f"{entry['summary'][-1]['cpu_s']:.0f} s"])
+    marks = [f"{env}, {point['mark']} steps" for env, entries in environments.items() for point in entries[rows[0][0]]["summary"]]
+    return table(["variant", "seeds", *marks, "CPU time of the Walker's"], rows)
+
+
 def datasets(result: Result) -> str:
     """Datasets of 100 episodes each."""
     rows = []
@@ -391,6 +404,7 @@ SECTIONS: dict[str, tuple[str, Callable[[Result], str]]] = {
     "camera_learning": ("The camera task", camera),
     "seeds": ("Five seeds at once: parallel processes or stacked networks", seeds),
     "ablation": ("Ablation: each default setting set back to the paper's value", ablation),
+    "literature": ("What the literature offers, at equal robot steps", literature),
     "datasets": ("Datasets of 100 episodes", datasets),
     "offline": ("Offline learning, with the paper's settings and number of updates", offline),
     "offline_default": ("Offline learning, with the default settings", offline),

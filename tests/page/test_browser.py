@@ -153,6 +153,19 @@ def test_every_button(browser: object, played: Played) -> None:
         page.get_by_text("battery").wait_for()
 
 
+def test_robot_at_rest_is_drawn_with_all_pixels(browser: object, played: Played) -> None:
+    """A processor that draws slowly draws fewer pixels while the robot moves."""
+    with tab(browser, played.page.url, width=1600, height=1000) as page:
+        until(lambda: played.steps > 2, "it plays")
+        missing_px = (
+            "(scene => scene.clientWidth * Math.min(devicePixelRatio, 2) - scene.width)(document.querySelector('#scene'))"
+        )
+        page.wait_for_timeout(3_000)
+        button(page, "Pause").click()
+        state_is(page, "paused")
+        until(lambda: abs(page.evaluate(missing_px)) < 1, "it is drawn with all pixels")
+
+
 def test_space_bar_stops_with_any_focus(browser: object, played: Played) -> None:
     with tab(browser, played.page.url) as page:
         until(lambda: played.steps > 1, "it plays")

@@ -79,6 +79,7 @@ const SKY = [0.935, 0.945, 0.96];
 const SUNWARD = normalised([-0.32, -0.42, 0.85]);
 const SHADOW_PX = 1024;
 const SLOW_MS = 40;
+const STILL_MS = 400;
 
 export class Scene3D {
   constructor(canvas, labels) {
@@ -156,13 +157,16 @@ export class Scene3D {
   }
 
   setPoses(poses) {
+    const isNew = !this.poses || poses.some((value, i) => value !== this.poses[i]);
     this.poses = poses;
-    this.requestDraw();
+    if (isNew) this.requestDraw();
   }
 
   // Draw soon, but not before the previous picture is done; slow drawing takes at most half of the time.
   requestDraw() {
     this.isRequested = true;
+    clearTimeout(this.sharpening);
+    this.sharpening = setTimeout(() => this.sharpen(), STILL_MS);
     if (this.isBusy) return;
     this.isBusy = true;
     requestAnimationFrame(() => {
@@ -188,6 +192,12 @@ export class Scene3D {
     });
   }
 
+  // Draw what does not move with all pixels, however long that takes.
+  sharpen() {
+    if (this.isBusy) this.sharpening = setTimeout(() => this.sharpen(), STILL_MS);
+    else if (this.resolution < 1) this.draw(1);
+  }
+
   // Fewer pixels while drawing is slow, more again when it is fast.
   adaptResolution(duration_ms) {
     const mean_ms = this.mean_ms = 0.8 * (this.mean_ms ?? duration_ms) + 0.2 * duration_ms;
@@ -196,8 +206,8 @@ export class Scene3D {
     else if (mean_ms < SLOW_MS / 2) this.resolution = Math.min(1, this.resolution * 1.02);
   }
 
-  draw() {
-    const gl = this.gl, canvas = this.canvas, scale = this.resolution * Math.min(window.devicePixelRatio || 1, 2);
+  draw(resolution = this.resolution) {
+    const gl = this.gl, canvas = this.canvas, scale = resolution * Math.min(window.devicePixelRatio || 1, 2);
     const width = Math.round(canvas.clientWidth * scale), height = Math.round(canvas.clientHeight * scale);
     if (!width || !height || !this.poses || gl.isContextLost()) return;
     if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
