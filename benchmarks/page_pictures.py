@@ -55,6 +55,13 @@ def tab(url: str, width: int, height: int) -> Iterator[Page]:
         browser.close()
 
 
+def take(page: Page, name: str) -> None:
+    """Take the picture, of a robot at rest: it is drawn with all pixels."""
+    page.get_by_role("button", name="Pause", exact=True).click()
+    page.wait_for_timeout(4_000)
+    page.screenshot(path=FOLDER / name)
+
+
 def main() -> None:
     """Take both pictures."""
     command(__doc__).parse_args()
@@ -66,12 +73,10 @@ def main() -> None:
         page.locator(f"#facts:has-text('{EPISODES}/')").wait_for()
         page.get_by_role("button", name="1x", exact=True).click()
         page.wait_for_timeout(8_000)
-        page.get_by_role("button", name="Pause", exact=True).click()  # at rest, it is drawn with all pixels
-        page.wait_for_timeout(4_000)
-        page.screenshot(path=FOLDER / "page.png")
+        take(page, "page.png")
     with served(".", "drive", "RunAway-v0") as url, tab(url, 390, 844) as page:
         page.wait_for_timeout(6_000)
-        page.screenshot(path=FOLDER / "page_phone.png")
+        take(page, "page_phone.png")
     print(FOLDER)
 
 
