@@ -75,7 +75,7 @@ def test_program_on_page(tmp_path, capfd):
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (("play", "runs/nothing"), "there is no run in runs/nothing; name the folder of one, or an environment"),
+        (("play", "runs/nothing"), "there is no run in runs/nothing; name a folder with a config.json, or an environment"),
         (("record", "RunAway-v0", "--out", "x", "--policy", "keybord"), "in keybord (did you mean 'keyboard'?); name"),
         (("team", "--play", "runs/nothing"), "there is no team in runs/nothing; name a folder"),
         (("play", "RunAway-v0", "--policy", "best"), "choose random"),

@@ -12,7 +12,7 @@ from tyro.conf import Positional, UseAppendAction
 from bricksrl.cli.options import option, refuse_ignored, run_folder
 from bricksrl.cli.terminal import Interrupted, load_learning, print_line
 from bricksrl.errors import RenderingUnavailableError, RunError, UnknownNameError, counted
-from bricksrl.files import check_writable, quoted
+from bricksrl.files import check_writable, folder_with, quoted
 
 if TYPE_CHECKING:
     from bricksrl.training.teams.team import Team, TeamConfig, TeamProgress
@@ -73,7 +73,8 @@ class TrainTeam:
         load_learning()
         if self.play is not None:
             if not (self.play / TEAM_FILE).exists():
-                raise RunError(f"there is no team in {self.play}; name a folder that `bricksrl team ARENA` has written")
+                remedy = f"name {folder_with(self.play, TEAM_FILE)}, which `bricksrl team ARENA` writes"
+                raise RunError(f"there is no team in {self.play}; {remedy}")
             self._play(load_team(self.play / TEAM_FILE), None)
             return
         if self.env is None:
