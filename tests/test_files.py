@@ -27,6 +27,9 @@ def test_error_names_the_file_that_was_asked_for(tmp_path: Path, monkeypatch: py
     ):
         write_durably(folder / "rows", b"")
     assert not list((tmp_path / "new").iterdir())
+    with pytest.raises(KeyboardInterrupt), atomic_folder(tmp_path / "deep" / "er" / "data"):
+        raise KeyboardInterrupt
+    assert not (tmp_path / "deep").exists()
     (tmp_path / "file").touch()
     with pytest.raises(WriteError, match=r"cannot write .*file/curve.png \(.*\); name another place") as caught:
         write_durably(tmp_path / "file/curve.png", b"picture")
