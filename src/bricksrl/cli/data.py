@@ -10,7 +10,7 @@ from tyro.conf import Positional
 
 from bricksrl.cli.options import Flag, option
 from bricksrl.cli.terminal import load_learning, print_line
-from bricksrl.errors import DataError, counted
+from bricksrl.errors import DataError, counted, percent
 from bricksrl.files import quoted
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ class Info:
             if self.json:
                 print_line(summary.to_json())
                 continue
-            success = "" if summary.success_rate is None else f"  success {summary.success_rate:.0%}"
+            success = "" if summary.success_rate is None else f"  success {percent(summary.success_rate)}"
             rate = f"{summary.rate_hz:g} {'step' if summary.rate_hz == 1 else 'steps'}/s"
             print_line(f"{path}: {summary.env} on {summary.robot or 'no robot'}, {rate}")
             print_line(f"  episodes      {summary.episodes}{success}  broken off {summary.broken_off}")

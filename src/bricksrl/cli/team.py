@@ -11,7 +11,7 @@ from tyro.conf import Positional, UseAppendAction
 
 from bricksrl.cli.options import option, refuse_ignored, run_folder
 from bricksrl.cli.terminal import Interrupted, load_learning, print_line
-from bricksrl.errors import RenderingUnavailableError, RunError, UnknownNameError, counted
+from bricksrl.errors import RenderingUnavailableError, RunError, UnknownNameError, counted, percent
 from bricksrl.files import check_writable, folder_with, quoted
 
 if TYPE_CHECKING:
@@ -104,7 +104,7 @@ class TrainTeam:
                 lines = progress.frames * _MAX_LINES // config.frames
                 returns = "  ".join(f"{group} {value:.4g}" for group, value in progress.returns.items())
                 line = f"step {progress.frames}/{config.frames}  {counted(progress.episodes, 'episode')}  return {returns}"
-                print_line(f"{line}  success {100 * progress.success:.0f} %")
+                print_line(f"{line}  success {percent(progress.success)}")
 
         stop = threading.Event()
         with StopSignals(stop) as signals:
