@@ -44,6 +44,8 @@ def test_message_names_folders_that_were_meant(tmp_path: Path) -> None:
         os.utime(tmp_path / "runs" / name, (1000 - age, 1000 - age))
     names = " or ".join(str(tmp_path / "runs" / name) for name in ("walk", "run-3", "run-2"))
     assert folder_with(tmp_path / "runs", "config.json") == f"a folder with a config.json, such as {names}"
+    for inner in ("data", "config.json"):
+        assert folder_with(tmp_path / "runs" / "walk" / inner, "config.json").endswith(f", such as {tmp_path / 'runs' / 'walk'}")
     assert folder_with(tmp_path / "runs" / "wlk", "config.json").endswith(f", such as {tmp_path / 'runs' / 'walk'}")
 
 

@@ -39,16 +39,16 @@ def refuse_existing(path: Path, error: type[BricksError]) -> None:
 
 def folder_with(folder: Path, *files: str) -> str:
     """``a folder with a config.json, such as runs/a or runs/b``, for a message that ``folder`` has none of these files. Names up
-    to three folders that have one: the newest of those in it, or those beside it with a similar name."""
+    to three folders that have one: the one that it is in, the newest of those in it, or those beside it with a similar name."""
     found: list[str] = []
     with contextlib.suppress(OSError):
-        inside, beside = (
-            [path for path in parent.glob("*") if any((path / file).is_file() for file in files)]
-            for parent in (folder, folder.parent)
+        around, inside, beside = (
+            [path for path in paths if any((path / file).is_file() for file in files)]
+            for paths in (folder.parents, folder.glob("*"), folder.parent.glob("*"))
         )
         inside.sort(key=lambda path: path.stat().st_mtime, reverse=True)
         similar = difflib.get_close_matches(folder.name, [path.name for path in beside])
-        found = [str(path) for path in inside[:3] or [folder.parent / name for name in similar]]
+        found = [str(path) for path in around[:1] or inside[:3] or [folder.parent / name for name in similar]]
     return f"a folder with a {files[0]}{', such as ' if found else ''}{' or '.join(found)}"
 
 

@@ -99,7 +99,7 @@ def test_only_chosen_cells_are_run(tmp_path: Path) -> None:
     assert "| random |" in page.read_text() and "Not run: sac-WalkerSim-v0." in page.read_text()
     assert "| random |" in run_study(TOY, tmp_path, quick=True, seeds=1, jobs=1, only=("sac-*",)).read_text(), "kept"
     assert "Not run" not in page.read_text()
-    with pytest.raises(RunError, match="no cell of 'toy' matches ppo-\\*; its cells: sac-WalkerSim-v0, random-WalkerSim-v0"):
+    with pytest.raises(RunError, match="no cell of 'toy' matches ppo-\\*; choose from sac-WalkerSim-v0, random-WalkerSim-v0"):
         run_study(TOY, tmp_path, quick=True, only=("ppo-*",))
 
 

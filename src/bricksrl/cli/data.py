@@ -11,7 +11,7 @@ from tyro.conf import Positional
 from bricksrl.cli.options import Flag, option
 from bricksrl.cli.terminal import load_learning, print_line
 from bricksrl.errors import DataError, counted, percent
-from bricksrl.files import quoted
+from bricksrl.files import folder_with, quoted
 
 if TYPE_CHECKING:
     from bricksrl.data.episode_index import Index
@@ -109,7 +109,7 @@ class Repair:
             print_line(f"{counted(len(index.rows), 'episode')}: {self.out}")
             return 0
         if not Layout(root).description.exists():
-            raise DataError(f"there is no dataset of ours in {root}; choose another folder")
+            raise DataError(f"there is no dataset of ours in {root}; choose {folder_with(root, 'meta/bricksrl.json')}")
         with only_writer(root, DataError):
             recovery = recover(root, rebuild=True)
         print_line(

@@ -46,7 +46,7 @@ class StudyCommand:
     """Folder of the repository's benchmarks."""
 
     def execute(self) -> None:
-        from bricksrl.errors import RunError, UnknownNameError
+        from bricksrl.errors import RunError, UnknownNameError, hint
         from bricksrl.evaluation.cluster import parse_on
         from bricksrl.evaluation.study_benchmarks import BENCHMARK_STUDIES, BenchmarkStudy, run_benchmark_study
         from bricksrl.evaluation.study_tables import STUDIES, Study
@@ -60,7 +60,8 @@ class StudyCommand:
                 print_line(line)
             return
         if self.name not in (*STUDIES, *BENCHMARK_STUDIES):
-            raise UnknownNameError(f"there is no study '{self.name}'; choose {', '.join((*STUDIES, *BENCHMARK_STUDIES))}")
+            known = (*STUDIES, *BENCHMARK_STUDIES)
+            raise UnknownNameError(f"there is no study '{self.name}'{hint(self.name, known)}; choose {', '.join(known)}")
         for name in ("seeds", "jobs"):
             value = getattr(self, name)
             if value is not None and value < 1:

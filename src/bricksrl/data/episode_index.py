@@ -16,7 +16,7 @@ import pyarrow as pa
 
 from bricksrl.data.episode import About, EpisodeRow
 from bricksrl.data.layout import CODEBASE_VERSION, DATA_PATH, FileIndex, Layout, features, info
-from bricksrl.data.parquet import Statistics, join_statistics, read_parquet
+from bricksrl.data.parquet import RESTORE, Statistics, join_statistics, read_parquet
 from bricksrl.data.schema import Description
 from bricksrl.errors import DataError, counted
 from bricksrl.fields import check_fields
@@ -209,7 +209,7 @@ def read_rows(path: Path, description: Description) -> list[EpisodeRow]:
     try:
         return [_row(record, description) for record in records]
     except (AttributeError, KeyError, TypeError, ValueError, OverflowError, RecursionError):
-        raise DataError(f"{path} holds rows that are not ours; restore it from a copy") from None
+        raise DataError(f"{path} holds rows that are not ours; {RESTORE}") from None
 
 
 def _row(record: dict[str, Any], description: Description) -> EpisodeRow:
