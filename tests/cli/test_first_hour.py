@@ -377,12 +377,3 @@ def test_processes_of_a_run_leave_no_warning(bricksrl, option: str) -> None:
     run = bricksrl("train", "RunAway-v0", option, "--episodes", "2", "--run", f"quiet{option}")
     assert run.returncode == 0, run.stderr
     assert "leaked" not in run.stderr
-
-
-def test_interrupted_tuning_tells_what_is_there(tmp_path: Path, capfd, monkeypatch) -> None:
-    def press() -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("bricksrl.cli.tune.load_learning", press)
-    assert main(["tune", "RoboArmSim-v0", "--folder", str(tmp_path / "study")]) == 130
-    assert capfd.readouterr().err == "interrupted: nothing was saved\n"

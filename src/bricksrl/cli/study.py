@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -70,7 +72,9 @@ class StudyCommand:
         if self.name in BENCHMARK_STUDIES:
             mode = f"on '{self.name}', whose runs are those of benchmarks"
             refuse_ignored(self, ("--name", "--quick", "--folder", "--benchmarks"), mode)
-            _print(run_benchmark_study(BENCHMARK_STUDIES[self.name], folder, self.benchmarks, quick=self.quick))
+            with _kept(folder):
+                page = run_benchmark_study(BENCHMARK_STUDIES[self.name], folder, self.benchmarks, quick=self.quick)
+            _print(page)
             return
         kept = ("--name", "--quick", "--seeds", "--jobs", "--on", "--only", "--folder")
         refuse_ignored(self, kept, f"on '{self.name}', whose runs need no benchmark")
@@ -87,11 +91,19 @@ class StudyCommand:
             print_line(f"{cell}  seed {seed}  {'done' if error is None else f'failed: {error}'}")
 
         run = partial(run_study, study, folder, quick=self.quick, seeds=self.seeds, jobs=self.jobs)
-        try:
+        with _kept(folder):
             page = run(on=self.on, only=self.only, on_seed=report)
-        except KeyboardInterrupt:
-            raise Interrupted(f"finished runs are in {folder}; the same command resumes the study") from None
         _print(page)
+
+
+@contextmanager
+def _kept(folder: Path) -> Iterator[None]:
+    """After Ctrl-C in this context, raise Interrupted, which says what is saved."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        kept = f"finished runs are in {folder}; the same command resumes the study"
+        raise Interrupted(kept if folder.exists() else "nothing was saved") from None
 
 
 def _print(page: Path) -> None:
