@@ -15,6 +15,7 @@ from bricksrl.cli import team
 from bricksrl.cli.app import run
 from bricksrl.cli.team import TrainTeam
 from bricksrl.errors import RunError, UnknownNameError
+from bricksrl.training.checkpoint import save_checkpoint
 
 
 def test_team_is_trained_played_and_played_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -78,6 +79,9 @@ def test_invalid_teams_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixtur
         TrainTeam(episodes=0).execute()
     assert run(["team"]) == 2 and "name an arena to train in (Tag-v0, Carry-v0)" in capsys.readouterr().err
     assert run(["team", "--play", str(tmp_path)]) == 2 and "there is no team in" in capsys.readouterr().err
+    save_checkpoint(tmp_path / "run" / "team.bin", {"agent": {}})
+    assert run(["team", "--play", str(tmp_path / "run")]) == 2
+    assert "team.bin has no team (KeyError: 'config'); choose another file" in capsys.readouterr().err
     assert run(["team", "Tag-v0", "--play", str(tmp_path)]) == 2 and "omit ARENA or --play" in capsys.readouterr().err
     for option in (["--agent", "sac"], ["--learn", "runner"], ["--frames", "7"], ["--copies", "0"], ["--run", "x"]):
         assert run(["team", "--play", str(tmp_path), *option]) == 2

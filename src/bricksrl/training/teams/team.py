@@ -89,7 +89,7 @@ def load_team(path: Path | str, scripts: Mapping[str, str] | None = None) -> Tea
         for group, learner in team.learners.items():
             learner.load_state_dict(state["groups"][group])
     except (KeyError, TypeError, RuntimeError) as error:
-        raise CheckpointError(f"{path} has no team ({message_of(error)}); train one") from None
+        raise CheckpointError(f"{path} has no team ({message_of(error, typed=True)}); choose another file or train one") from None
     return team
 
 
