@@ -11,8 +11,9 @@ import numpy as np
 from formatting import table
 from machine import RESULTS
 
+from bricksrl.errors import percent
 from bricksrl.evaluation.statistics import interquartile_mean
-from bricksrl.evaluation.study_page import number, percent
+from bricksrl.evaluation.study_page import number
 
 Result: TypeAlias = dict[str, Any]
 AGENTS = {"sac": "SAC", "td3": "TD3", "droq": "DroQ", "crossq": "CrossQ"}

@@ -20,8 +20,9 @@ from formatting import table, within
 from machine import RESULTS, command
 from summary import summary
 
+from bricksrl.errors import percent
 from bricksrl.evaluation.statistics import FEWEST_SEEDS
-from bricksrl.evaluation.study_page import number, percent
+from bricksrl.evaluation.study_page import number
 from bricksrl.evaluation.study_page import page as study_page
 from bricksrl.evaluation.study_tables import STUDIES
 

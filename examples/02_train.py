@@ -9,7 +9,7 @@ def main(episodes: int = 15) -> None:
     print("returns:", [round(episode.return_) for episode in run.episodes])
 
     result = evaluate(run.run_dir, episodes=5)
-    print(f"after training: {result.return_mean:.0f}, successes: {result.success_rate:.0%}")
+    print(f"after training: {result.return_mean:.0f}, successes: {100 * result.success_rate:.0f} %")
 
     # Does it still work with a different battery, floor and link in each episode?
     hard = evaluate(run.run_dir, episodes=5, randomize=True, save=False)

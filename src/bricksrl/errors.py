@@ -118,3 +118,8 @@ def hint(name: str, known: Iterable[str]) -> str:
 def counted(number: int, noun: str) -> str:
     """``"1 episode"`` or ``"2 episodes"``."""
     return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
+def percent(share: float | None) -> str:
+    """``"57 %"`` for 0.57; an empty string for ``None``."""
+    return "" if share is None else f"{100 * share:.0f} %"

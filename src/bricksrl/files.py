@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import difflib
 import errno
 import os
 import shlex
@@ -21,7 +22,8 @@ TEMPORARY_PREFIX = ".part-"
 """Prefix of the names of incomplete files and folders."""
 LOCK = ".lock"
 """Name of the lock of a folder's writer."""
-_FULL = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC))
+FULL = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC))
+"""Numbers of errors of a full disk."""
 
 
 def quoted(path: Path | str) -> str:
@@ -35,6 +37,21 @@ def refuse_existing(path: Path, error: type[BricksError]) -> None:
         raise error(f"{path} exists already; choose another name")
 
 
+def folder_with(folder: Path, *files: str) -> str:
+    """``a folder with a config.json, such as runs/a or runs/b``, for a message that ``folder`` has none of these files. Names up
+    to three folders that have one: the one that it is in, the newest of those in it, or those beside it with a similar name."""
+    found: list[str] = []
+    with contextlib.suppress(OSError):
+        around, inside, beside = (
+            [path for path in paths if any((path / file).is_file() for file in files)]
+            for paths in (folder.parents, folder.glob("*"), folder.parent.glob("*"))
+        )
+        inside.sort(key=lambda path: path.stat().st_mtime, reverse=True)
+        similar = difflib.get_close_matches(folder.name, [path.name for path in beside])
+        found = [str(path) for path in around[:1] or inside[:3] or [folder.parent / name for name in similar]]
+    return f"a folder with a {files[0]}{', such as ' if found else ''}{' or '.join(found)}"
+
+
 @contextlib.contextmanager
 def writing(path: Path) -> Iterator[None]:
     """Raise WriteError, which says what to do, for an OSError in this context, whose subject is ``path``."""
@@ -44,7 +61,7 @@ def writing(path: Path) -> Iterator[None]:
         reason = failure.strerror or str(failure)
         if isinstance(failure, FileExistsError):  # a folder was to be made
             reason = os.strerror(errno.ENOTDIR)
-        remedy = "make room on that disk, or name another place" if failure.errno in _FULL else "name another place"
+        remedy = "make room on that disk, or name another place" if failure.errno in FULL else "name another place"
         error = WriteError(f"cannot write {path} ({reason}); {remedy}")
         error.errno, error.strerror, error.filename = failure.errno, reason, str(path)
         raise error from None
@@ -92,11 +109,13 @@ def _write(path: Path, data: bytes) -> None:
 
 @contextlib.contextmanager
 def atomic_folder(path: Path) -> Iterator[Path]:
-    """A temporary folder, which is renamed to ``path`` at the end of the context, or removed after an exception.
+    """A temporary folder, which is renamed to ``path`` at the end of the context, or removed after an exception, together
+    with the parent folders that were made for it.
 
     ``path`` is always complete, even if the process is killed; a remnant then has a name that begins with `TEMPORARY_PREFIX`.
     Raises WriteError if it cannot be written.
     """
+    made = [parent for parent in path.parents if not parent.exists()]
     with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         folder = Path(tempfile.mkdtemp(dir=path.parent, prefix=TEMPORARY_PREFIX))
@@ -105,12 +124,14 @@ def atomic_folder(path: Path) -> Iterator[Path]:
         with writing(path):
             folder.chmod(0o755)
             folder.rename(path)
-    except WriteError:  # of a file in it: a user knows nothing of the temporary folder
+    except BaseException as error:
         shutil.rmtree(folder, ignore_errors=True)
-        with writing(path):
-            raise
-    except BaseException:
-        shutil.rmtree(folder, ignore_errors=True)
+        with contextlib.suppress(OSError):  # one that is used meanwhile stays
+            for parent in made:
+                parent.rmdir()
+        if isinstance(error, WriteError):  # of a file in it: a user knows nothing of the temporary folder
+            with writing(path):
+                raise
         raise
     _sync_folder(path.parent)
 

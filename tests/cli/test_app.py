@@ -46,6 +46,12 @@ def test_command_without_arguments_prints_help(bricksrl):
     assert (alone.returncode, alone.stdout, alone.stderr) == (0, told.stdout, "")
 
 
+@pytest.mark.parametrize("command", ["", "train", "hub", "hub scan"])
+def test_help_is_a_command_too(command, bricksrl):
+    told, asked = bricksrl("help", *command.split()), bricksrl(*command.split(), "--help")
+    assert (told.returncode, told.stdout, told.stderr) == (0, asked.stdout, "")
+
+
 def test_python_runs_the_package_as_the_command():
     done = subprocess.run(
         [sys.executable, "-m", "bricksrl", "--version"], capture_output=True, text=True, timeout=60, check=False

@@ -47,7 +47,7 @@ def test_rename_explains_how_hubs_are_named(fails) -> None:
 
 def test_latency(capfd, fails) -> None:
     code, out = told(capfd, "hub", "latency", "Walker-v1", "--hub", "virtual", "--exchanges", "5")
-    assert code == 0 and "p50 30.0 ms" in out and "of 5 exchanges" in out and "15 ms" in out and "11%" in out
+    assert code == 0 and "p50 30.0 ms" in out and "of 5 exchanges" in out and "15 ms" in out and "11 %" in out
     _, out = told(capfd, "hub", "latency", "RunAway-v0", "--hub", "virtual", "--json")
     found = json.loads(out)
     assert (found["interval_ms"], found["link_share"], found["exchanges"]) == (15.0, None, 100)

@@ -75,9 +75,17 @@ def test_program_on_page(tmp_path, capfd):
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (("play", "runs/nothing"), "there is no run in runs/nothing; name the folder of one, or an environment"),
+        (("play", "runs/nothing"), "there is no run in runs/nothing; name a folder with a config.json, or an environment"),
         (("record", "RunAway-v0", "--out", "x", "--policy", "keybord"), "in keybord (did you mean 'keyboard'?); name"),
         (("team", "--play", "runs/nothing"), "there is no team in runs/nothing; name a folder"),
+        (("team", "tag-v0"), "there is no arena 'tag-v0' (did you mean 'Tag-v0'?); choose"),
+        (("study", "robots-time"), "there is no study 'robots-time' (did you mean 'robot-time'?); choose"),
+        (("play", "RunAway-v0", "--hub", "virtul"), "there is no hub 'virtul' (did you mean 'virtual'?); choose"),
+        (
+            ("data", "repair", "runs/nothing"),
+            "in runs/nothing; choose a folder with a meta/bricksrl.json",
+        ),
+        (("camera", "calibrate", "--camera", "99"), "camera 99 shows nothing; plug it in"),
         (("play", "RunAway-v0", "--policy", "best"), "choose random"),
         (("play", "RunAway-v0", "--page", "--page-port", "70000"), "is not a port"),
         (("drive", "RunAway-v0", "--page-host", "256.0.0.1"), "name another host"),

@@ -1,4 +1,4 @@
-"""Progress of several seeds, and the list of studies."""
+"""Progress of several seeds, the list of studies, and what an interrupted study or tuning tells."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from bricksrl.cli import main
 from bricksrl.cli.seeds import SeedsProgress
 from bricksrl.cli.study import StudyCommand
 from bricksrl.errors import DescriptionError, RunError, UnknownNameError
@@ -54,3 +55,29 @@ def test_benchmark_study_uses_results(tmp_path: Path, capsys: pytest.CaptureFixt
     StudyCommand("datasets", folder=tmp_path / "study", benchmarks=benchmarks).execute()
     page = tmp_path / "study" / "study.md"
     assert str(page) in capsys.readouterr().out and "-69.12" in page.read_text()
+
+
+def test_interrupted_tuning_tells_what_is_there(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def press() -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("bricksrl.cli.tune.load_learning", press)
+    assert main(["tune", "RoboArmSim-v0", "--folder", str(tmp_path / "study")]) == 130
+    assert capfd.readouterr().err == "interrupted: nothing was saved\n"
+
+
+@pytest.mark.parametrize("started", [False, True])
+def test_interrupted_study_tells_what_is_there(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, started: bool
+) -> None:
+    def press(_study: object, folder: Path, *_: object, **__: object) -> None:
+        if started:
+            folder.mkdir()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("bricksrl.evaluation.study_benchmarks.run_benchmark_study", press)
+    assert main(["study", "datasets", "--folder", str(tmp_path / "study")]) == 130
+    kept = f"finished runs are in {tmp_path / 'study'}; the same command resumes the study" if started else "nothing was saved"
+    assert capfd.readouterr().err == f"interrupted: {kept}\n"

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
 from pathlib import Path
 
 import numpy as np
 import pytest
 from videos import read_video
 
+from bricksrl.cli import team
 from bricksrl.cli.app import run
 from bricksrl.cli.team import TrainTeam
 from bricksrl.errors import RunError, UnknownNameError
+from bricksrl.training.checkpoint import save_checkpoint
 
 
 def test_team_is_trained_played_and_played_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -30,6 +34,30 @@ def test_team_is_trained_played_and_played_again(tmp_path: Path, capsys: pytest.
     assert run(["team", "--play", str(tmp_path / "tag"), "--episodes", "1"]) == 0
     assert capsys.readouterr().out.splitlines() == [success]
     assert run(command) == 2 and "exists already" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("presses", [1, 2])
+def test_ctrl_c_keeps_the_team_and_a_second_one_ends_at_once(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, presses: int
+) -> None:
+    printed: list[str] = []
+
+    def press(line: str) -> None:
+        printed.append(line)
+        for _ in range(presses if line.startswith("step") else 0):
+            os.kill(os.getpid(), signal.SIGINT)
+
+    folder = tmp_path / "a team"
+    monkeypatch.setattr(team, "print_line", press)
+    assert run(["team", "Tag-v0", "--copies", "8", "--run", str(folder)]) == 130
+    errors = capsys.readouterr().err
+    assert len(printed) == 2, "one line of progress"
+    if presses == 2:
+        assert errors == "interrupted: nothing was saved\n" and not folder.exists()
+        return
+    assert errors == f"interrupted: the team is in {folder}; `bricksrl team --play '{folder}'` plays with it\n"
+    monkeypatch.undo()
+    assert run(["team", "--play", str(folder), "--episodes", "1"]) == 0 and "of 1 episode" in capsys.readouterr().out
 
 
 def test_options_make_the_configuration() -> None:
@@ -51,6 +79,9 @@ def test_invalid_teams_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixtur
         TrainTeam(episodes=0).execute()
     assert run(["team"]) == 2 and "name an arena to train in (Tag-v0, Carry-v0)" in capsys.readouterr().err
     assert run(["team", "--play", str(tmp_path)]) == 2 and "there is no team in" in capsys.readouterr().err
+    save_checkpoint(tmp_path / "run" / "team.bin", {"agent": {}})
+    assert run(["team", "--play", str(tmp_path / "run")]) == 2
+    assert "team.bin has no team (KeyError: 'config'); choose another file" in capsys.readouterr().err
     assert run(["team", "Tag-v0", "--play", str(tmp_path)]) == 2 and "omit ARENA or --play" in capsys.readouterr().err
     for option in (["--agent", "sac"], ["--learn", "runner"], ["--frames", "7"], ["--copies", "0"], ["--run", "x"]):
         assert run(["team", "--play", str(tmp_path), *option]) == 2

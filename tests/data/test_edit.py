@@ -13,7 +13,7 @@ from toy_data import SEEING, TOY, record
 from bricksrl.data import Episodes, load
 from bricksrl.data.edit import merge, salvage, split
 from bricksrl.data.integrity import check
-from bricksrl.errors import DataError
+from bricksrl.errors import DataError, WriteError
 
 
 def same(ours: Episodes, theirs: Episodes) -> bool:
@@ -58,7 +58,10 @@ def test_split_parts_need_different_folders(tmp_path: Path) -> None:
     source = record(tmp_path / "a", (3, 5))
     with pytest.raises(DataError, match="each a separate folder"):
         split(source, tmp_path / "x", tmp_path / "y" / ".." / "x", 0.5, 0)
-    assert not (tmp_path / "x").exists()
+    (tmp_path / "file").touch()
+    with pytest.raises(WriteError, match="cannot write .*file/y"):
+        split(source, tmp_path / "x", tmp_path / "file" / "y", 0.5, 0)
+    assert not (tmp_path / "x").exists(), "both parts or none"
 
 
 def test_nothing_is_overwritten(tmp_path: Path) -> None:

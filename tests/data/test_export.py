@@ -56,7 +56,11 @@ def test_minari_reads_export(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     assert np.array_equal(second.actions, episodes.action[at]) and np.allclose(second.rewards, episodes.reward[at])
     assert second.truncations.tolist() == episodes.truncated[at].tolist()
     with pytest.raises(DataError, match="end the path like"):
-        export_minari(tmp_path / "set", tmp_path / "minari/bricksrl/no version")
+        export_minari(tmp_path / "set", tmp_path / "other/bricksrl/no version")
+    assert not (tmp_path / "other").exists() and not list((tmp_path / "minari").rglob(".part-*"))
+    monkeypatch.chdir(tmp_path / "minari/bricksrl")
+    export_minari(tmp_path / "set", Path("toy-v1"))
+    assert minari.list_local_datasets().keys() == {"bricksrl/toy-v0", "bricksrl/toy-v1"}
 
 
 @pytest.mark.filterwarnings("ignore")  # of Minari's own

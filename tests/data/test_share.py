@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import errno
 import json
+import os
 import socket
 from pathlib import Path
 
@@ -80,6 +81,19 @@ def test_refusals_print_one_line(hub: Hub, tmp_path: Path, monkeypatch: pytest.M
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize("pull", [pull_dataset, pull_policy])
+def test_full_disk_is_told(hub: Hub, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, pull) -> None:
+    hub.files["datasets/me/toy"] = hub.files["models/me/toy"] = {"README.md": b"about"}
+
+    def full(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("huggingface_hub.file_download.http_get", full)
+    with pytest.raises(WriteError, match=r"cannot write .*new/toy \(No space left on device\); make room on that disk"):
+        pull("me/toy", tmp_path / "new" / "toy")
+    assert not (tmp_path / "new").exists()
+
+
 def test_policy_hub_round_trip(hub: Hub, tmp_path: Path) -> None:
     run = tmp_path / "run"
     train(TrainConfig("WalkerSim-v0", episodes=1, run_dir=run, settings=preset("default", "sac"), record=False))
@@ -122,6 +136,6 @@ def test_policy_export_is_atomic(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(sharing, "write_durably", write_while_there_is_room)
     with pytest.raises(WriteError, match=r"cannot write .*new/policy \(No space left on device\); make room"):
         export_policy(run, out)
-    assert len(names) == written and list(out.parent.iterdir()) == []
+    assert len(names) == written and not out.parent.exists()
     monkeypatch.setattr(sharing, "write_durably", write)
     assert is_policy(export_policy(run, out))

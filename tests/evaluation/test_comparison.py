@@ -112,7 +112,7 @@ def test_the_commands_print_and_draw(runs: list[Path], tmp_path: Path, capfd) ->
     picture = tmp_path / "all.png"
     assert main(["compare", *map(str, runs), "--out", str(picture)]) == 0
     told = capfd.readouterr().out
-    assert "needs 5 seeds" in told and "sac beats td3 with probability 100%" in told
+    assert "needs 5 seeds" in told and "sac beats td3 with probability 100 %" in told
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert main(["compare", *map(str, runs), "--json"]) == 0
     assert len(json.loads(capfd.readouterr().out)["groups"]) == 3

@@ -52,7 +52,7 @@ def test_success_and_return_have_their_intervals() -> None:
     )
     assert list(_rows(result)) == [
         ("return", "19.6 ± 0.5 (95 % interval of the mean: 19.25 to 20)"),
-        ("success", "100% of 5 episodes (95 % interval of the rate: 57% to 100%)"),
+        ("success", "100 % of 5 episodes (95 % interval of the rate: 57 % to 100 %)"),
     ]
 
 

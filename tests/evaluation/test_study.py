@@ -99,7 +99,7 @@ def test_only_chosen_cells_are_run(tmp_path: Path) -> None:
     assert "| random |" in page.read_text() and "Not run: sac-WalkerSim-v0." in page.read_text()
     assert "| random |" in run_study(TOY, tmp_path, quick=True, seeds=1, jobs=1, only=("sac-*",)).read_text(), "kept"
     assert "Not run" not in page.read_text()
-    with pytest.raises(RunError, match="no cell of 'toy' matches ppo-\\*; its cells: sac-WalkerSim-v0, random-WalkerSim-v0"):
+    with pytest.raises(RunError, match="no cell of 'toy' matches ppo-\\*; choose from sac-WalkerSim-v0, random-WalkerSim-v0"):
         run_study(TOY, tmp_path, quick=True, only=("ppo-*",))
 
 
@@ -288,6 +288,10 @@ def test_study_uses_benchmark_results_and_adds_missing(tmp_path: Path) -> None:
     (folder / "results" / "large.json").write_text('{"machine": {}, "versions": {}}')
     (folder / "small.py").unlink()
     assert "| 1.5 |" in run_benchmark_study(study, tmp_path / "study", folder).read_text(), "of the try before"
+    for content in ("", "[1]", '{"machine": 1}'):
+        next((folder / "results").glob("*.json")).write_text(content)
+        with pytest.raises(RunError, match=r"json is not the result of a benchmark; delete it, and the same command measures"):
+            run_benchmark_study(study, tmp_path / "study", folder)
 
 
 def test_repository_results_build_tables() -> None:

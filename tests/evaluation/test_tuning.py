@@ -35,8 +35,10 @@ def test_tuning_resumes_and_best_can_be_trained(tmp_path: Path, monkeypatch: pyt
     assert best.trials == 6 and best.value >= first.value
     assert read_settings(tmp_path / BEST, preset("paper", "sac")) == best.settings
     assert json.loads((tmp_path / BEST).read_text())["provenance"]["trials"] == 6
-    with pytest.raises(RunError, match="holds a study of"):
+    with pytest.raises(RunError, match="holds a study of steps 100; give the same"):
         tune(Tuning("RoboArmSim-v0", "sac", steps=200, seeds=1), tmp_path, 1)
+    with pytest.raises(RunError, match="holds a study of RoboArmSim-v0 sac; choose another folder"):  # best.json is the other's
+        tune(Tuning("RoboArmSim-v0", "td3", steps=100, seeds=1), tmp_path, 1)
 
 
 def test_only_one_of_several_commands_adds_the_default_settings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -90,7 +92,7 @@ def test_hopeless_trials_are_pruned(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 def test_damaged_study_is_told(tmp_path: Path) -> None:
     (tmp_path / "study.db").write_text("no database")
-    with pytest.raises(RunError, match=r"cannot use the study .*study.db \(file is not a database\); .* choose another folder"):
+    with pytest.raises(RunError, match=r"study.db \(file is not a database\); restore that file, or choose another folder"):
         tune(Tuning("WalkerSim-v0", "sac"), tmp_path, 1)
 
 

@@ -18,7 +18,7 @@ from toys import Cart, assert_equal
 
 from bricksrl.agents.learner import Learner
 from bricksrl.agents.sac import SACSettings
-from bricksrl.errors import CheckpointError, DivergedError, HubTimeoutError, RunError, UnknownNameError
+from bricksrl.errors import CheckpointError, DivergedError, HubTimeoutError, RunError, UnknownNameError, WriteError
 from bricksrl.training import Callback, Episode, Phase, Progress, RunFolder, RunResult, TrainConfig, resume, train
 from bricksrl.training.checkpoint import load_checkpoint, save_checkpoint
 
@@ -285,6 +285,12 @@ def test_run_folder_is_never_overwritten(config: TrainConfig) -> None:
         train(config, env=env)
     assert env.resets == 0
     assert names(config.run_dir) == []
+
+
+def test_run_folder_that_cannot_be_written_is_told(config: TrainConfig, tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(WriteError, match="cannot write .*file/run .*; name another place"):
+        train(replace(config, run_dir=tmp_path / "file" / "run"), env=Cart())
 
 
 def test_default_run_folder_is_next_free(config: TrainConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

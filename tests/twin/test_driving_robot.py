@@ -275,7 +275,8 @@ def test_robot_stalls_at_wall() -> None:
 )
 def test_start_inside_an_obstacle_is_refused(scene: Scene) -> None:
     name = "wall" if not scene.objects else type(scene.objects[-1]).__name__
-    with pytest.raises(TwinError, match=f"would start inside of {name}.*; move that, or let the robot start elsewhere"):
+    option = "start_mm" if scene.objects else "wall_distance_mm"
+    with pytest.raises(TwinError, match=f"would start inside of {name}.*; move that, or change {option} or heading_deg of the"):
         placed(scene, ROVER if scene.objects else TWO_WHEELER)
 
 

@@ -109,7 +109,9 @@ def run(arguments: Sequence[str]) -> int:
         if list(arguments) == ["--version"]:
             print_line(f"bricksrl {bricksrl.__version__}")
             return 0
-        return parse(arguments or ["--help"]).execute() or 0
+        if not arguments or arguments[0] == "help":
+            arguments = [*command_words(arguments[1:]), "--help"]
+        return parse(arguments).execute() or 0
     except Interrupted as end:
         if str(end):
             print_note(f"interrupted: {end}")

@@ -10,6 +10,7 @@ from tyro.conf import Positional
 
 from bricksrl.cli.options import JsonFlag, option
 from bricksrl.cli.terminal import print_line
+from bricksrl.errors import percent
 
 if TYPE_CHECKING:
     from bricksrl.evaluation.comparison import Comparison, Group
@@ -91,8 +92,9 @@ def _print(comparison: Comparison) -> None:
     console.print(table)
     console.print(f"\nscore: return, interquartile mean over the seeds; of each run its {comparison.scored_by}", highlight=False)
     for pair in comparison.improvements:
-        bounds = "" if pair.interval is None else f" (95 % interval: {pair.interval.low:.0%} to {pair.interval.high:.0%})"
-        line = f"{without_folder(pair.env)}: {pair.agent} beats {pair.other} with probability {pair.probability:.0%}{bounds}"
+        ends = pair.interval
+        bounds = "" if ends is None else f" (95 % interval: {percent(ends.low)} to {percent(ends.high)})"
+        line = f"{without_folder(pair.env)}: {pair.agent} beats {pair.other} with probability {percent(pair.probability)}{bounds}"
         console.print(line, highlight=False)
 
 

@@ -10,8 +10,8 @@ from tyro.conf import Positional
 
 from bricksrl.cli.options import Flag, option
 from bricksrl.cli.terminal import load_learning, print_line
-from bricksrl.errors import DataError, counted
-from bricksrl.files import quoted
+from bricksrl.errors import DataError, counted, percent
+from bricksrl.files import folder_with, quoted
 
 if TYPE_CHECKING:
     from bricksrl.data.episode_index import Index
@@ -43,7 +43,7 @@ class Info:
             if self.json:
                 print_line(summary.to_json())
                 continue
-            success = "" if summary.success_rate is None else f"  success {summary.success_rate:.0%}"
+            success = "" if summary.success_rate is None else f"  success {percent(summary.success_rate)}"
             rate = f"{summary.rate_hz:g} {'step' if summary.rate_hz == 1 else 'steps'}/s"
             print_line(f"{path}: {summary.env} on {summary.robot or 'no robot'}, {rate}")
             print_line(f"  episodes      {summary.episodes}{success}  broken off {summary.broken_off}")
@@ -109,7 +109,7 @@ class Repair:
             print_line(f"{counted(len(index.rows), 'episode')}: {self.out}")
             return 0
         if not Layout(root).description.exists():
-            raise DataError(f"there is no dataset of ours in {root}; choose another folder")
+            raise DataError(f"there is no dataset of ours in {root}; choose {folder_with(root, 'meta/bricksrl.json')}")
         with only_writer(root, DataError):
             recovery = recover(root, rebuild=True)
         print_line(

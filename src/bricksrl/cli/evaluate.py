@@ -13,7 +13,7 @@ from tyro.conf import Positional
 from bricksrl.cli.options import Flag, JsonFlag, option
 from bricksrl.cli.terminal import Interrupted, load_learning, print_line, print_note
 from bricksrl.cli.video import check_film
-from bricksrl.errors import StoppedError, TwinError, counted
+from bricksrl.errors import StoppedError, TwinError, counted, percent
 
 if TYPE_CHECKING:
     from torchrl.envs import EnvBase
@@ -122,6 +122,6 @@ def describe(result: EvaluationResult) -> Iterator[str]:
     if result.success_rate is not None and result.success_interval is not None:
         low, high = result.success_interval.low, result.success_interval.high
         count = round(result.success_rate * result.episodes)
-        yield f"success  {count} of {played}  (95 % interval of the rate: {low:.0%} to {high:.0%})"
+        yield f"success  {count} of {played}  (95 % interval of the rate: {percent(low)} to {percent(high)})"
     for name, value in result.metrics.items():
         yield "  ".join(labelled(name, value))

@@ -12,7 +12,7 @@ from tyro.conf import Positional
 
 from bricksrl.cli.options import EnvArgument, Flag, JsonFlag, option, refuse_ignored
 from bricksrl.cli.terminal import confirm, is_terminal, print_findings, print_line
-from bricksrl.errors import BricksError, DescriptionError, HubError
+from bricksrl.errors import BricksError, DescriptionError, HubError, percent
 
 if TYPE_CHECKING:
     from bricksrl.envs.task import Task
@@ -157,7 +157,7 @@ class Latency:
             return
         print_line(f"round trip           p50 {result.p50_ms:.1f} ms, p99 {result.p99_ms:.1f} ms, of {self.exchanges} exchanges")
         if result.link_share is not None:
-            print_line(f"of a step            {result.link_share:.0%} is the link")
+            print_line(f"of a step            {percent(result.link_share)} is the link")
         print_line(f"connection interval  {result.interval_ms:g} ms (inferred: half a round trip)")
         if result.is_slow:
             print_line(f"faster               {advice()}")

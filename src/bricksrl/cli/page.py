@@ -18,6 +18,7 @@ from bricksrl.cli.options import PageFlag, option, refuse_ignored
 from bricksrl.cli.robot_flags import RobotFlags, RobotGroup
 from bricksrl.cli.terminal import Interrupted, load_learning, place_robot, print_line, print_note
 from bricksrl.errors import DescriptionError, RunError, StoppedError, counted
+from bricksrl.files import folder_with
 
 if TYPE_CHECKING:
     from torchrl.envs import EnvBase
@@ -111,7 +112,8 @@ class Play:
         folder = Path(self.target)
         is_run = folder.is_dir()
         if not is_run and len(folder.parts) > 1 and not is_reference(self.target):
-            raise RunError(f"there is no run in {self.target}; name the folder of one, or an environment")
+            remedy = f"name {folder_with(folder, 'config.json', 'policy.json')}, or an environment"
+            raise RunError(f"there is no run in {self.target}; {remedy}")
         with _environment(self, self.target, folder if is_run else None) as (env, env_id):
             players = named_policies(folder, env, self.seed) if is_run else {"random": lambda: random_player(env, self.seed)}
             policy = self.policy or list(players)[-1]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -46,7 +48,7 @@ class StudyCommand:
     """Folder of the repository's benchmarks."""
 
     def execute(self) -> None:
-        from bricksrl.errors import RunError, UnknownNameError
+        from bricksrl.errors import RunError, UnknownNameError, hint
         from bricksrl.evaluation.cluster import parse_on
         from bricksrl.evaluation.study_benchmarks import BENCHMARK_STUDIES, BenchmarkStudy, run_benchmark_study
         from bricksrl.evaluation.study_tables import STUDIES, Study
@@ -60,7 +62,8 @@ class StudyCommand:
                 print_line(line)
             return
         if self.name not in (*STUDIES, *BENCHMARK_STUDIES):
-            raise UnknownNameError(f"there is no study '{self.name}'; choose {', '.join((*STUDIES, *BENCHMARK_STUDIES))}")
+            known = (*STUDIES, *BENCHMARK_STUDIES)
+            raise UnknownNameError(f"there is no study '{self.name}'{hint(self.name, known)}; choose {', '.join(known)}")
         for name in ("seeds", "jobs"):
             value = getattr(self, name)
             if value is not None and value < 1:
@@ -69,7 +72,9 @@ class StudyCommand:
         if self.name in BENCHMARK_STUDIES:
             mode = f"on '{self.name}', whose runs are those of benchmarks"
             refuse_ignored(self, ("--name", "--quick", "--folder", "--benchmarks"), mode)
-            _print(run_benchmark_study(BENCHMARK_STUDIES[self.name], folder, self.benchmarks, quick=self.quick))
+            with _kept(folder):
+                page = run_benchmark_study(BENCHMARK_STUDIES[self.name], folder, self.benchmarks, quick=self.quick)
+            _print(page)
             return
         kept = ("--name", "--quick", "--seeds", "--jobs", "--on", "--only", "--folder")
         refuse_ignored(self, kept, f"on '{self.name}', whose runs need no benchmark")
@@ -86,11 +91,19 @@ class StudyCommand:
             print_line(f"{cell}  seed {seed}  {'done' if error is None else f'failed: {error}'}")
 
         run = partial(run_study, study, folder, quick=self.quick, seeds=self.seeds, jobs=self.jobs)
-        try:
+        with _kept(folder):
             page = run(on=self.on, only=self.only, on_seed=report)
-        except KeyboardInterrupt:
-            raise Interrupted(f"finished runs are in {folder}; the same command resumes the study") from None
         _print(page)
+
+
+@contextmanager
+def _kept(folder: Path) -> Iterator[None]:
+    """After Ctrl-C in this context, raise Interrupted, which says what is saved."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        kept = f"finished runs are in {folder}; the same command resumes the study"
+        raise Interrupted(kept if folder.exists() else "nothing was saved") from None
 
 
 def _print(page: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -10,8 +11,8 @@ from tyro.conf import Positional, UseAppendAction
 
 from bricksrl.cli.options import option, refuse_ignored, run_folder
 from bricksrl.cli.terminal import Interrupted, load_learning, print_line
-from bricksrl.errors import RenderingUnavailableError, RunError, UnknownNameError, counted
-from bricksrl.files import check_writable
+from bricksrl.errors import RenderingUnavailableError, RunError, UnknownNameError, counted, percent
+from bricksrl.files import check_writable, folder_with, quoted
 
 if TYPE_CHECKING:
     from bricksrl.training.teams.team import Team, TeamConfig, TeamProgress
@@ -30,6 +31,7 @@ class TrainTeam:
 
     They learn in a kinematic simulation of their arena or, with --copies 0 or without such a simulation, in the arena itself:
     virtual hubs in one physics world, where they also play afterwards. The folder gets team.bin and, with OpenGL, a film.
+    Ctrl-C ends the training after the current round and keeps the team; another one ends at once.
     Algorithms: mappo has a critic of the whole group, ippo a critic of each robot, sac learns from each robot independently.
 
     Examples:
@@ -71,7 +73,8 @@ class TrainTeam:
         load_learning()
         if self.play is not None:
             if not (self.play / TEAM_FILE).exists():
-                raise RunError(f"there is no team in {self.play}; name a folder that `bricksrl team ARENA` has written")
+                remedy = f"name {folder_with(self.play, TEAM_FILE)}, which `bricksrl team ARENA` writes"
+                raise RunError(f"there is no team in {self.play}; {remedy}")
             self._play(load_team(self.play / TEAM_FILE), None)
             return
         if self.env is None:
@@ -84,9 +87,10 @@ class TrainTeam:
         try:
             self._play(self._train(config, folder), folder)
         except KeyboardInterrupt:
-            raise Interrupted(f"the team is in {folder}" if folder.exists() else "nothing was kept") from None
+            raise Interrupted(_kept(folder)) from None
 
     def _train(self, config: TeamConfig, folder: Path) -> Team:
+        from bricksrl.training.signals import StopSignals
         from bricksrl.training.teams.team import train_team
 
         learning = ", ".join(f"{group} by {agent}" for group, agent in config.agents.items())
@@ -100,10 +104,15 @@ class TrainTeam:
                 lines = progress.frames * _MAX_LINES // config.frames
                 returns = "  ".join(f"{group} {value:.4g}" for group, value in progress.returns.items())
                 line = f"step {progress.frames}/{config.frames}  {counted(progress.episodes, 'episode')}  return {returns}"
-                print_line(f"{line}  success {100 * progress.success:.0f} %")
+                print_line(f"{line}  success {percent(progress.success)}")
 
-        team = train_team(config, on_progress=report)
-        team.save(folder / TEAM_FILE)
+        stop = threading.Event()
+        with StopSignals(stop) as signals:
+            team = train_team(config, on_progress=report, stop=stop)
+            with signals.held_back():
+                team.save(folder / TEAM_FILE)
+        if stop.is_set():
+            raise KeyboardInterrupt
         return team
 
     def config(self, env: str) -> TeamConfig:
@@ -142,3 +151,9 @@ class TrainTeam:
             except RenderingUnavailableError as error:
                 print_line(f"film            none: {error}")
         env.close()
+
+
+def _kept(folder: Path) -> str:
+    """Text on what is saved of a training that ends now."""
+    saved = (folder / TEAM_FILE).exists()
+    return f"the team is in {folder}; `bricksrl team --play {quoted(folder)}` plays with it" if saved else "nothing was saved"

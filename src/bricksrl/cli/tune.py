@@ -46,7 +46,7 @@ class Tune:
 
     def execute(self) -> None:
         from bricksrl.errors import RunError
-        from bricksrl.evaluation.tuning import BEST, Tuning, tune
+        from bricksrl.evaluation.tuning import BEST, STUDY, Tuning, tune
         from bricksrl.training.run_folder import file_name
 
         if self.trials < 1:
@@ -62,7 +62,8 @@ class Tune:
             load_learning()
             best = tune(tuning, folder, self.trials, seed=self.seed, on=self.on, on_trial=report)
         except KeyboardInterrupt:
-            raise Interrupted(f"the study is in {folder}; the same command goes on with it") from None
+            kept = f"the study is in {folder}; the same command goes on with it"
+            raise Interrupted(kept if (folder / STUDY).exists() else "nothing was saved") from None
         print_line(f"best of {best.trials} finished trials: return {best.value:.4g}")
         command = ["bricksrl", "train", self.env, "--agent", self.agent, "--settings", str(folder / BEST)]
         print_line(f"train with it   {' '.join(map(quoted, command))}")

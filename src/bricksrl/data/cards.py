@@ -6,13 +6,13 @@ import json
 from typing import Any
 
 from bricksrl.data.summary import Summary
-from bricksrl.errors import counted
+from bricksrl.errors import counted, percent
 
 
 def dataset_card(summary: Summary, licence: str) -> str:
     """Card of a dataset, as Markdown."""
     robot = summary.robot or "no robot"
-    success = "" if summary.success_rate is None else f"| success | {summary.success_rate:.0%} |\n"
+    success = "" if summary.success_rate is None else f"| success | {percent(summary.success_rate)} |\n"
     camera = f"\nImages of the camera `{summary.camera}` are in `videos`, without loss.\n" if summary.camera else ""
     return f"""---
 license: {licence}

@@ -6,6 +6,7 @@ The datasets written here have few large files, as LeRobot prefers, where a reco
 from __future__ import annotations
 
 import itertools
+import shutil
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
@@ -56,7 +57,12 @@ def split(source: Path, first: Path, second: Path, share: float, seed: int) -> t
     if first.resolve() == second.resolve():
         raise DataError(f"both parts are to go to {first}; give each a separate folder")
     read = EpisodeReader(index).read
-    return write_dataset(first, index.description, map(read, drawn)), write_dataset(second, index.description, map(read, others))
+    part = write_dataset(first, index.description, map(read, drawn))
+    try:
+        return part, write_dataset(second, index.description, map(read, others))
+    except BaseException:  # both parts or none
+        shutil.rmtree(first, ignore_errors=True)
+        raise
 
 
 def salvage(source: Path, out: Path) -> tuple[Index, list[str]]:

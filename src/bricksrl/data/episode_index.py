@@ -16,11 +16,11 @@ import pyarrow as pa
 
 from bricksrl.data.episode import About, EpisodeRow
 from bricksrl.data.layout import CODEBASE_VERSION, DATA_PATH, FileIndex, Layout, features, info
-from bricksrl.data.parquet import Statistics, join_statistics, read_parquet
+from bricksrl.data.parquet import RESTORE, Statistics, join_statistics, read_parquet
 from bricksrl.data.schema import Description
 from bricksrl.errors import DataError, counted
 from bricksrl.fields import check_fields
-from bricksrl.files import quoted, write_durably
+from bricksrl.files import folder_with, quoted, write_durably
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,8 @@ def read_index(path: Path | str) -> Index:
     damaged, or it was not made by BricksRL."""
     layout = Layout(dataset_folder(path))
     if not layout.info.exists():
-        raise DataError(f"there is no dataset in {layout.root}; choose a folder with a meta/info.json")
+        others = folder_with(layout.root, "meta/info.json", "data/meta/info.json")
+        raise DataError(f"there is no dataset in {layout.root}; choose {others}")
     description = read_description(layout)
     episodes = read_episode_count(layout, description)
     rows, last = read_all_rows(layout, description)
@@ -208,7 +209,7 @@ def read_rows(path: Path, description: Description) -> list[EpisodeRow]:
     try:
         return [_row(record, description) for record in records]
     except (AttributeError, KeyError, TypeError, ValueError, OverflowError, RecursionError):
-        raise DataError(f"{path} holds rows that are not ours; restore it from a copy") from None
+        raise DataError(f"{path} holds rows that are not ours; {RESTORE}") from None
 
 
 def _row(record: dict[str, Any], description: Description) -> EpisodeRow:

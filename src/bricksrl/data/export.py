@@ -19,7 +19,7 @@ import pyarrow as pa
 from bricksrl.data.parquet import to_parquet
 from bricksrl.data.reader import COLUMNS, load
 from bricksrl.errors import DataError
-from bricksrl.files import refuse_existing, write_durably, writing
+from bricksrl.files import atomic_folder, refuse_existing, write_durably
 
 if TYPE_CHECKING:
     from bricksrl.data.reader import Episodes
@@ -67,13 +67,14 @@ def export_minari(path: Path, out: Path) -> None:
     try:
         import minari
         from minari.data_collector import EpisodeBuffer
+        from minari.namespace import NAMESPACE_METADATA_FILENAME
     except ImportError as error:
         raise DataError("no Minari is here to write its format; install it: pip install 'bricksrl[data]'") from error
     refuse_existing(out, DataError)
     episodes = load(path)
-    name = f"{out.parent.name}/{out.name}"
+    name = f"{out.absolute().parent.name}/{out.name}"
     buffers = [EpisodeBuffer(**_minari_episode(episodes, k)) for k in range(len(episodes.rows))]
-    with writing(out), _datasets_in(out.parent.parent), warnings.catch_warnings():
+    with atomic_folder(out) as folder, _datasets_in(folder / "new"), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # it warns that there are no authors
         try:
             minari.create_dataset_from_buffers(
@@ -86,8 +87,13 @@ def export_minari(path: Path, out: Path) -> None:
                 jpeg_encoding=False,
             )
         except ValueError as error:
-            shutil.rmtree(out, ignore_errors=True)
             raise DataError(f"Minari refuses the name {name} ({error}); end the path like bricksrl/walker-v0") from None
+        for written in (folder / "new" / name).iterdir():
+            written.rename(folder / written.name)
+        namespace = (folder / "new" / name).parent / NAMESPACE_METADATA_FILENAME
+        if not (out.parent / namespace.name).exists():
+            namespace.rename(out.parent / namespace.name)
+        shutil.rmtree(folder / "new")
 
 
 def _minari_episode(episodes: Episodes, episode: int) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from bricksrl.data.parquet import RESTORE
 from bricksrl.errors import DataError
 
 _QUIET = ("-hide_banner", "-loglevel", "error", "-nostdin")
@@ -40,7 +41,7 @@ def decode(path: Path, count: int, side: int) -> NDArray[np.uint8]:
         data = b"" if process.stdout is None else process.stdout.read(size_bytes + 1)
         process.kill()
     if len(data) != size_bytes:
-        raise DataError(f"{path} is not a video of {count} images of {side} x {side} px; restore it from a copy")
+        raise DataError(f"{path} is not a video of {count} images of {side} x {side} px; {RESTORE}")
     return np.frombuffer(data, np.uint8).reshape(count, side, side, 3)
 
 

@@ -18,6 +18,9 @@ from bricksrl.data.layout import numbers
 from bricksrl.data.schema import Description
 from bricksrl.errors import DataError
 
+RESTORE = "restore it from a copy, or save the intact episodes with `bricksrl data repair DIR --out NEW`"
+"""What to do about a damaged file of episodes."""
+
 Columns = Mapping[str, NDArray[Any]]
 """Arrays ``[steps]`` and ``[steps, n]`` by the names of the columns."""
 
@@ -39,7 +42,7 @@ def read_verified(path: Path, digest: str | None) -> bytes:
     except OSError as error:
         raise DataError(f"cannot read {path} ({error.strerror}); restore it, or run `bricksrl data repair`") from None
     if digest is not None and hashlib.sha256(data).hexdigest() != digest:
-        raise DataError(f"{path} is damaged: its content is not what was written; restore it from a copy")
+        raise DataError(f"{path} is damaged: its content is not what was written; {RESTORE}")
     return data
 
 
@@ -50,11 +53,11 @@ def read_parquet(path: Path, *, digest: str | None = None) -> pa.Table:
     try:
         file = pq.ParquetFile(pa.BufferReader(data), page_checksum_verification=True)
         if file.metadata.num_rows > len(data):
-            raise DataError(f"{path} claims more rows than it can hold; it is damaged or not ours")
+            raise DataError(f"{path} claims more rows than it can hold; it is damaged or not ours; {RESTORE}")
         table = file.read(use_threads=False)  # a thread of Arrow that lets go of `data` while Python exits aborts the program
         table.validate(full=True)
     except (pa.ArrowException, OSError, ValueError, TypeError, OverflowError, MemoryError, RecursionError):
-        raise DataError(f"{path} is not a valid Parquet file; restore it from a copy") from None
+        raise DataError(f"{path} is not a valid Parquet file; {RESTORE}") from None
     return table
 
 

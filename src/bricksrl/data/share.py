@@ -19,7 +19,7 @@ from bricksrl.data.integrity import check
 from bricksrl.data.layout import CODEBASE_VERSION
 from bricksrl.data.summary import summarise
 from bricksrl.errors import DataError, message_of
-from bricksrl.files import atomic_folder, refuse_existing
+from bricksrl.files import FULL, atomic_folder, refuse_existing, writing
 
 if TYPE_CHECKING:
     from huggingface_hub import HfApi
@@ -70,7 +70,7 @@ def pull_dataset(repo: str, out: Path, *, revision: str | None = None) -> Path:
 def downloaded(repo: str, repo_type: str, out: Path, patterns: list[str], revision: str | None) -> Iterator[Path]:
     """Download a repository into a temporary folder, which is renamed to ``out`` on success and removed on an error."""
     refuse_existing(out, DataError)
-    with atomic_folder(out) as folder:
+    with atomic_folder(out) as folder, writing(out):
         with hub_client(repo) as api:
             api.snapshot_download(
                 repo, repo_type=repo_type, revision=revision, local_dir=str(folder), allow_patterns=patterns, max_workers=2
@@ -102,6 +102,8 @@ def hub_client(repo: str) -> Iterator[HfApi]:
     except errors.HfHubHTTPError as error:
         raise DataError(_refusal(repo, error)) from None
     except (errors.OfflineModeIsEnabled, transport_error, OSError) as error:
+        if isinstance(error, OSError) and (error.errno in FULL or error.filename is not None):
+            raise  # of a file
         raise DataError(f"the hub at {api.endpoint} cannot be reached ({message_of(error)}); try again with a network") from None
 
 

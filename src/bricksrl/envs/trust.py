@@ -14,8 +14,10 @@ from typing import Any
 
 from bricksrl.envs.user_files import is_reference
 from bricksrl.errors import RunError
-from bricksrl.files import quoted, write_durably
+from bricksrl.files import folder_with, quoted, write_durably
 from bricksrl.hub.diagnostics.calibration import calibration_folder
+
+_CONFIGS = "config.json", "policy.json"
 
 
 def code_in(config: Any) -> tuple[str, ...]:
@@ -52,7 +54,7 @@ def require_trusted(path: Path, data: bytes, config: Any) -> None:
 def trust(folder: Path) -> tuple[str, ...]:
     """Declare the present config of a run or a shared policy trusted; returns the references to code in it. Raises RunError if
     there is no run or policy in the folder, or the digest cannot be written."""
-    for name in ("config.json", "policy.json"):
+    for name in _CONFIGS:
         path = folder / name
         if path.is_file():
             data = path.read_bytes()
@@ -65,7 +67,7 @@ def trust(folder: Path) -> tuple[str, ...]:
             except OSError as error:
                 raise RunError(f"cannot write to {_folder()} ({error.strerror}); make it writable") from None
             return code_in(config.get("config")) if isinstance(config, dict) else ()
-    raise RunError(f"there is no run in {folder}; choose a folder with a config.json")
+    raise RunError(f"there is no run in {folder}; choose {folder_with(folder, *_CONFIGS)}")
 
 
 def _keep(data: bytes) -> None:

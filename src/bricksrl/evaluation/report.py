@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from bricksrl.envs.reference_returns import REFERENCES, reference_lines
 from bricksrl.envs.registry import is_simulation
-from bricksrl.errors import counted
+from bricksrl.errors import counted, percent
 from bricksrl.files import quoted, write_durably
 from bricksrl.training.callbacks import Episode
 from bricksrl.training.curve import draw_learning_curve
@@ -124,8 +124,8 @@ def _rows(result: EvaluationResult) -> Iterable[tuple[str, str]]:
     yield "return", f"{result.return_mean:.4g} ± {result.return_std:.3g}{mean}"
     if result.success_rate is not None:
         rate = result.success_interval
-        bounds = f" (95 % interval of the rate: {rate.low:.0%} to {rate.high:.0%})" if rate is not None else ""
-        yield "success", f"{result.success_rate:.0%} of {counted(result.episodes, 'episode')}{bounds}"
+        bounds = f" (95 % interval of the rate: {percent(rate.low)} to {percent(rate.high)})" if rate is not None else ""
+        yield "success", f"{percent(result.success_rate)} of {counted(result.episodes, 'episode')}{bounds}"
     for name, value in result.metrics.items():
         yield labelled(name, value)
 

@@ -166,7 +166,7 @@ def run_study(
     cells = study.cells(quick)
     chosen = [cell for cell in cells if not only or any(fnmatchcase(name_of(cell), pattern) for pattern in only)]
     if not chosen:
-        raise RunError(f"no cell of '{study.name}' matches {', '.join(only)}; its cells: {', '.join(map(name_of, cells))}")
+        raise RunError(f"no cell of '{study.name}' matches {', '.join(only)}; choose from {', '.join(map(name_of, cells))}")
     _check_folder(folder, study, quick=quick)
     count = seeds or (2 if quick else study.seeds)
     orders = [(cell, seed, str((folder / name_of(cell)).absolute())) for cell in chosen for seed in range(count)]

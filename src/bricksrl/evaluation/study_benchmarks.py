@@ -79,15 +79,25 @@ def run_benchmark_study(study: BenchmarkStudy, folder: Path, benchmarks: Path, *
 
 
 def result_of(study: BenchmarkStudy, results: Path, *, quick: bool = False) -> Numbers:
-    """Numbers of a study from the results in a folder; missing results are skipped."""
+    """Numbers of a study from the results in a folder; missing results are skipped. Raises RunError if one is damaged."""
     paths = {script.result_name: results / f"{script.result_name}.json" for script in study.scripts}
-    numbers = {name: json.loads(path.read_bytes()) for name, path in paths.items() if path.exists()}
+    numbers = {name: _read_result(path) for name, path in paths.items() if path.exists()}
     measured_with = {name: {key: result[key] for key in ("machine", "versions")} for name, result in numbers.items()}
     about = {"study": study.name, "title": study.title, "quick": quick, "results": measured_with}
     tables = study.tables(numbers)
     notes = (f"{name}: {result['note']}" for name, result in numbers.items() if "note" in result)
     tables["notes"] = [*tables.get("notes", ()), *notes]
     return {**about, **measured_with[next(iter(numbers))], **tables}
+
+
+def _read_result(path: Path) -> Numbers:
+    try:
+        result = json.loads(path.read_bytes())
+    except (ValueError, RecursionError):
+        result = None
+    if not isinstance(result, dict) or not result.keys() >= {"machine", "versions"}:
+        raise RunError(f"{path} is not the result of a benchmark; delete it, and the same command measures it again")
+    return result
 
 
 def _measure(script: Path, arguments: tuple[str, ...], folder: Path, results: Path) -> None:
@@ -100,7 +110,7 @@ def _measure(script: Path, arguments: tuple[str, ...], folder: Path, results: Pa
     process = subprocess.run(command, cwd=folder, env=variables, check=False, capture_output=True, text=True)  # noqa: S603  ours
     if process.returncode:
         reason = process.stderr.strip().splitlines()[-1:] or [f"it ended with code {process.returncode}"]
-        raise RunError(f"{script.name} failed: {reason[0]}")
+        raise RunError(f"{script.name} failed: {reason[0]}; mend that, and the same command goes on")
 
 
 def _cell(row: str, column: str, condition: str, returns: list[float], paper_numbers: Numbers, **numbers: Any) -> Numbers:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from bricksrl.errors import percent
 from bricksrl.evaluation.statistics import interquartile_mean
 
 Numbers = dict[str, Any]
@@ -165,11 +166,6 @@ def number(value: float | None) -> str:
     if value is None:
         return ""
     return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
-
-
-def percent(rate: float | None) -> str:
-    """A share in whole percent; an empty string for ``None``."""
-    return "" if rate is None else f"{100 * rate:.0f} %"
 
 
 def _spread(value: Sequence[float] | float | None) -> str:

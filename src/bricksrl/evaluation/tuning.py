@@ -158,10 +158,13 @@ def tune(
     goals = any(entry.name.endswith("_goal") for entry in get_task(tuning.env).entries)
     optuna.logging.set_verbosity(logging.ERROR)  # a failed trial raises: one message is enough
     _check_trains(tuning)
+    name, storage = f"{tuning.env} {tuning.agent}", f"sqlite:///{(folder / STUDY).absolute()}"
     with _storage(folder / STUDY), serialized(folder):  # several commands may begin with the same study at once
+        for other in set(optuna.get_all_study_names(storage)) - {name}:
+            raise RunError(f"{folder} holds a study of {other}; choose another folder")
         study = optuna.create_study(
-            study_name=f"{tuning.env} {tuning.agent}",
-            storage=f"sqlite:///{(folder / STUDY).absolute()}",
+            study_name=name,
+            storage=storage,
             direction="maximize",
             load_if_exists=True,
             pruner=optuna.pruners.MedianPruner(n_startup_trials=5),
@@ -207,7 +210,8 @@ def _storage(path: Path) -> Iterator[None]:
         yield
     except (SQLAlchemyError, StorageInternalError) as error:
         reason = message_of(getattr(error, "orig", None) or error)
-        raise RunError(f"cannot use the study {path} ({reason}); make room on the disk, or choose another folder") from None
+        remedy = "make room on the disk" if "full" in reason else "restore that file"
+        raise RunError(f"cannot use the study {path} ({reason}); {remedy}, or choose another folder") from None
 
 
 class _StopAt(Callback):
@@ -280,7 +284,8 @@ def _check_same(study: optuna.Study, tuning: Tuning, folder: Path) -> None:
     if known is None:
         study.set_user_attr("tuning", dataclasses.asdict(tuning))
     elif known != dataclasses.asdict(tuning):
-        raise RunError(f"{folder} holds a study of {known}; give the same, or another folder")
+        values = ", ".join(f"{name} {known.get(name)}" for name, value in vars(tuning).items() if known.get(name) != value)
+        raise RunError(f"{folder} holds a study of {values}; give the same, or another folder")
 
 
 def _write_best(study: optuna.Study, tuning: Tuning, start: Any, folder: Path, *, goals: bool) -> Best | None:

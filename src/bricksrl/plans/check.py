@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bricksrl.errors import percent
 from bricksrl.finding import Finding, Outcome
 from bricksrl.plans.bodies import MAX_BODIES, RATE_LENGTH, Bodies, find_bodies
 from bricksrl.plans.building import Fault, step_faults
@@ -111,7 +112,7 @@ def _check_gears(plan: Plan, structure: Structure) -> Iterator[Finding]:
             continue
         first, second = plan.parts[mesh.first], plan.parts[mesh.second]
         if abs(mesh.error) <= 1.0:
-            fault = f"meet over only {mesh.engaged:.0%} of their width; shift one along its axle"
+            fault = f"meet over only {percent(mesh.engaged)} of their width; shift one along its axle"
         else:
             fault = f"are {abs(mesh.error) * MM_PER_LDU:.1f} mm too {'far apart' if mesh.error > 0 else 'close'}; move one"
         text = f"the teeth of {second.name} and {first.name} of line {first.line} {fault}"

@@ -13,7 +13,7 @@ from bricksrl.data.cards import policy_card
 from bricksrl.data.share import CARD, downloaded, hub_client
 from bricksrl.envs.trust import remember, require_trusted
 from bricksrl.errors import CheckpointError, RunError
-from bricksrl.files import atomic_folder, refuse_existing, write_durably
+from bricksrl.files import atomic_folder, folder_with, refuse_existing, write_durably
 from bricksrl.training.config import TrainConfig, portable
 from bricksrl.training.run_folder import RunFolder
 
@@ -76,7 +76,7 @@ def read_policy(path: Path) -> SharedPolicy:
         about = json.loads(text)
         data = (path / TENSORS).read_bytes()
     except OSError as error:
-        raise CheckpointError(f"there is no policy in {path} ({error.strerror}); choose a folder with {TENSORS}") from None
+        raise CheckpointError(f"there is no policy in {path} ({error.strerror}); choose {folder_with(path, TENSORS)}") from None
     except (ValueError, RecursionError):
         raise CheckpointError(f"{path / ABOUT} is not JSON; fetch the policy again") from None
     if not isinstance(about, dict) or about.get("bricksrl_policy") != _VERSION or not isinstance(about.get("config"), dict):

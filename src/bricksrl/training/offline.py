@@ -25,7 +25,8 @@ def read_for(path: str, env: EnvBase, *, images: bool) -> Episodes:
     for name in ("observation", "action"):
         names, own = ([entry.name for entry in getattr(source, name)] for source in (data.description, describe(env)))
         if names != own:
-            raise DataError(f"{path} is of {data.description.env}: its {name} is [{', '.join(names)}], not [{', '.join(own)}]")
+            reason = f"{path} is of {data.description.env}: its {name} is [{', '.join(names)}], not [{', '.join(own)}]"
+            raise DataError(f"{reason}; choose data of this environment, or the environment of the data")
     if not len(data):
         raise DataError(f"the dataset {path} is empty; give one with at least one step")
     return data

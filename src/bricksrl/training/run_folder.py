@@ -15,9 +15,9 @@ from typing import Any
 
 from bricksrl.envs.trust import code_in, remember, require_trusted
 from bricksrl.envs.user_files import without_folder
-from bricksrl.errors import RunError
+from bricksrl.errors import RunError, WriteError
 from bricksrl.fields import check_value
-from bricksrl.files import TEMPORARY_PREFIX, atomic_folder, write_durably
+from bricksrl.files import TEMPORARY_PREFIX, atomic_folder, folder_with, write_durably
 from bricksrl.training.callbacks import Episode, Phase
 from bricksrl.training.config import TrainConfig
 
@@ -37,7 +37,7 @@ class RunFolder:
 
     @classmethod
     def create(cls, config: TrainConfig, state: dict[str, Any], losses: tuple[str, ...]) -> RunFolder:
-        """Create a folder with config and first checkpoint, atomically. Raises RunError if it exists or cannot be created."""
+        """Create a folder with config and first checkpoint, atomically. Raises RunError if it exists, or WriteError."""
         from bricksrl.training.checkpoint import save_checkpoint
 
         default = Path("runs") / f"{file_name(config.env)}-{file_name(config.agent)}-seed-{config.seed}"
@@ -52,10 +52,10 @@ class RunFolder:
                     folder.write_config(config)
                     folder.write_episodes([], losses)
                     save_checkpoint(folder.checkpoint_path, state)
-            except OSError as error:
+            except WriteError:
                 if path.exists():  # another process created it meanwhile
                     continue
-                raise RunError(f"cannot make the folder {path} ({error.strerror}); choose another one") from None
+                raise
             return cls(path)
         raise RunError(f"{config.run_dir} exists already; resume that run or choose another folder")
 
@@ -75,7 +75,7 @@ class RunFolder:
             text = self.config_path.read_bytes()
             data = json.loads(text)
         except OSError:
-            raise RunError(f"there is no run in {self.path}; choose a folder with a config.json") from None
+            raise RunError(f"there is no run in {self.path}; choose {folder_with(self.path, 'config.json')}") from None
         except (ValueError, RecursionError):
             raise RunError(f"{self.config_path} is not JSON; restore the file or start a new run") from None
         if not isinstance(data, dict) or data.get("bricksrl_run") != 1 or not isinstance(data.get("config"), dict):
@@ -96,8 +96,7 @@ class RunFolder:
     def own_evaluation(self, episodes: int) -> dict[str, Any] | None:
         """The evaluation if it is of the agent after this number of episodes, under the conditions of its training."""
         data = self.read_evaluation()
-        is_own = data is not None and data["trained_episodes"] == episodes and data.get("as_trained")
-        return data if is_own else None
+        return data if data is not None and data["trained_episodes"] == episodes and data.get("as_trained") else None
 
     def append(self, episode: Episode) -> None:
         """Append an episode to the metrics."""

@@ -218,7 +218,7 @@ class MujocoBody:
             self._take_up_backlash()
         self.data.qacc_warmstart[:] = 0.0
         mujoco.mj_forward(self.model, self.data)
-        refuse_overlap(self.model, self.data, self.scene.objects)
+        refuse_overlap(self.model, self.data, self.scene)
         self._update_turns()
 
     def _check_starts(self) -> None:
@@ -227,7 +227,7 @@ class MujocoBody:
             for draw in ends_of_ranges(4):
                 self._place(draw)
                 mujoco.mj_forward(self.model, self.data)
-                refuse_overlap(self.model, self.data, self.scene.objects)
+                refuse_overlap(self.model, self.data, self.scene)
 
     def _reset_blocks(self, rng: np.random.Generator) -> None:
         """Put pushable blocks back to their start positions."""

@@ -10,7 +10,8 @@ import mujoco
 
 from bricksrl.errors import TwinError
 from bricksrl.twin.models.mjcf import FLOOR_GROUP, OBSTACLE_GROUP
-from bricksrl.twin.objects import Object, Solid
+from bricksrl.twin.objects import Solid
+from bricksrl.twin.scene import Scene
 
 _DEPTH_M = 0.008
 """Depth from which on an overlap is more than a touch."""
@@ -26,14 +27,19 @@ def _end(ends: Iterator[bool], low: float, high: float) -> float:
     return high if next(ends) else low
 
 
-def refuse_overlap(model: mujoco.MjModel, data: mujoco.MjData, objects: tuple[Object, ...] = ()) -> None:
-    """Raise TwinError if a robot is inside of an obstacle. Contacts have to be computed; ``objects``: those of the scene."""
+def refuse_overlap(model: mujoco.MjModel, data: mujoco.MjData, scene: Scene | None = None) -> None:
+    """Raise TwinError if a robot is inside of an obstacle of the ``scene``, or of an arena. Contacts have to be computed."""
     contacts = data.contact
     groups = model.geom_group[contacts.geom]
     is_of_robot = ((groups == OBSTACLE_GROUP).sum(-1) == 1) & (groups != FLOOR_GROUP).all(-1)
     for pair in contacts.geom[is_of_robot & (contacts.dist < -_DEPTH_M)]:
         name = next(model.geom(geom).name for geom in pair if model.geom_group[geom] == OBSTACLE_GROUP)
-        if name.startswith("object_"):
-            solids = [item for item in objects if isinstance(item, Solid)]
+        if scene is None:
+            remedy = "narrow the place of the robot, or make the arena wider"
+        else:
+            start = "start_mm" if scene.wall_distance_mm is None else "wall_distance_mm"
+            remedy = f"move that, or change {start} or heading_deg of the scene"
+        if scene is not None and name.startswith("object_"):
+            solids = [item for item in scene.objects if isinstance(item, Solid)]
             name = f"{solids[int(name.removeprefix('object_'))]}"
-        raise TwinError(f"a robot would start inside of {name or 'an obstacle'}; move that, or let the robot start elsewhere")
+        raise TwinError(f"a robot would start inside of {name or 'an obstacle'}; {remedy}")

@@ -270,7 +270,7 @@ def test_invalid_arguments_raise() -> None:
 
 def test_robot_inside_a_wall_is_refused() -> None:
     world = ArenaWorld(Arena((Contestant("a", TWO_WHEELER, Place(x_m=(0.4, 0.4))),), half_size_m=(0.4, 0.4)))
-    with pytest.raises(TwinError, match="would start inside of wall_0"):
+    with pytest.raises(TwinError, match="would start inside of wall_0.*; narrow the place of the robot"):
         world.place(np.random.default_rng(0))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import replace
 from pathlib import Path
 
@@ -42,7 +43,7 @@ def test_batches_have_the_size_of_the_settings(agent: str, by_default: int) -> N
         learner = team.learners["catcher"]
         loss = learner._learner.loss if isinstance(learner, SACGroup) else learner.loss
         loss.register_forward_pre_hook(lambda _, batch, sizes=sizes: sizes.append(len(batch[0])))
-        _learn(env, team, lambda _: None)
+        _learn(env, team, lambda _: None, threading.Event())
         assert max(sizes) == sizes[0] == size
 
 

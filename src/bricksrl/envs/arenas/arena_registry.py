@@ -7,7 +7,7 @@ import importlib
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from bricksrl.errors import DescriptionError, UnknownNameError
+from bricksrl.errors import DescriptionError, UnknownNameError, hint
 from bricksrl.seed import check_seed
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ ARENAS = {"Tag-v0": "tag:TAG", "Carry-v0": "carry:CARRY"}
 def get_arena_task(env_id: str) -> ArenaTask:
     """Task of a name. Raises UnknownNameError if there is none."""
     if env_id not in ARENAS:
-        raise UnknownNameError(f"there is no arena '{env_id}'; choose {', '.join(ARENAS)}")
+        raise UnknownNameError(f"there is no arena '{env_id}'{hint(env_id, ARENAS)}; choose {', '.join(ARENAS)}")
     module, _, name = ARENAS[env_id].partition(":")
     task: ArenaTask = getattr(importlib.import_module(f"bricksrl.envs.arenas.{module}"), name)
     return task

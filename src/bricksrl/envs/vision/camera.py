@@ -170,7 +170,9 @@ def _open_capture(view: CameraView) -> Any:
         import cv2
     except ImportError as error:
         raise CameraError("no OpenCV is here to read cameras with; install it: pip install 'bricksrl[vision]'") from error
+    level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # of a missing camera our own message tells
     capture = cv2.VideoCapture(view.device)
+    cv2.utils.logging.setLogLevel(level)
     capture.set(cv2.CAP_PROP_FRAME_WIDTH, view.width_px)
     capture.set(cv2.CAP_PROP_FRAME_HEIGHT, view.height_px)
     capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from bricksrl.errors import HubError
+from bricksrl.errors import HubError, percent
 from bricksrl.finding import Finding, Outcome
 from bricksrl.hub.diagnostics.devices import NOTHING, device_id, device_name, have_encoders
 from bricksrl.hub.diagnostics.latency import Latency, advice, measure
@@ -182,7 +182,7 @@ def check_angles(robot: Robot, interface: Interface, values: NDArray[np.float32]
 
 def check_latency(latency: Latency) -> Finding:
     """Latency check: the connection interval is short."""
-    share = "" if latency.link_share is None else f", {latency.link_share:.0%} of a step"
+    share = "" if latency.link_share is None else f", {percent(latency.link_share)} of a step"
     detail = f"{latency.p50_ms:.0f} ms, p99 {latency.p99_ms:.0f} ms, connection interval {latency.interval_ms:g} ms{share}"
     if latency.is_slow:
         return Finding("round trip", Outcome.WARNING, f"{detail}; {advice()}")

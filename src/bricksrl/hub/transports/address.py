@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from bricksrl.errors import UnknownNameError
+from bricksrl.errors import UnknownNameError, hint
 
 if TYPE_CHECKING:
     from bricksrl.hub.transports.pybricks_hub import ProfileTransport
@@ -55,5 +55,5 @@ def parse_hub(text: str) -> HubAddress:
     if medium == VIRTUAL and not colon:
         return HubAddress(VIRTUAL)
     if medium not in _REAL or (colon and not which):
-        raise UnknownNameError(f"there is no hub '{text}'; choose {_CHOICES}")
+        raise UnknownNameError(f"there is no hub '{text}'{hint(medium, (VIRTUAL, *_REAL))}; choose {_CHOICES}")
     return HubAddress(medium, which or None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -88,7 +89,7 @@ def load_team(path: Path | str, scripts: Mapping[str, str] | None = None) -> Tea
         for group, learner in team.learners.items():
             learner.load_state_dict(state["groups"][group])
     except (KeyError, TypeError, RuntimeError) as error:
-        raise CheckpointError(f"{path} has no team ({message_of(error)}); train one") from None
+        raise CheckpointError(f"{path} has no team ({message_of(error, typed=True)}); choose another file or train one") from None
     return team
 
 
@@ -101,10 +102,13 @@ def _new_team(env: EnvBase, config: TeamConfig, settings: TeamSettings) -> Team:
 
 
 def train_team(
-    config: TeamConfig, settings: TeamSettings | None = None, on_progress: Callable[[TeamProgress], None] = lambda _: None
+    config: TeamConfig,
+    settings: TeamSettings | None = None,
+    on_progress: Callable[[TeamProgress], None] = lambda _: None,
+    stop: threading.Event | None = None,
 ) -> Team:
-    """Train the groups of a config; reproducible. Raises UnknownNameError or DescriptionError if there is no such arena, group,
-    agent or script."""
+    """Train the groups of a config; reproducible. Ends after the round in which ``stop`` is set. Raises UnknownNameError or
+    DescriptionError if there is no such arena, group, agent or script."""
     from bricksrl.envs.arenas import make_arena
     from bricksrl.training.seeding import reproducible
     from bricksrl.training.teams.groups import TeamSettings
@@ -113,12 +117,12 @@ def train_team(
     env = make_arena(config.env, seed=derive_seed(config.seed, "arena"), batch_size=config.copies)
     with reproducible(derive_seed(config.seed, "team")):
         team = _new_team(env, config, settings)
-        _learn(env, team, on_progress)
+        _learn(env, team, on_progress, stop or threading.Event())
     env.close(raise_if_closed=False)
     return team
 
 
-def _learn(env: EnvBase, team: Team, on_progress: Callable[[TeamProgress], None]) -> None:
+def _learn(env: EnvBase, team: Team, on_progress: Callable[[TeamProgress], None], stop: threading.Event) -> None:
     import torch
 
     from bricksrl.training.collection import collect_round
@@ -127,12 +131,15 @@ def _learn(env: EnvBase, team: Team, on_progress: Callable[[TeamProgress], None]
     batch = team.settings.steps * copies
     running = {group: torch.zeros(copies) for group in config.agents}
     frames_done = 0
-    for frames in collect_round(env, team.policy, max(1, config.frames // batch) * team.settings.steps, team.settings.steps):
+    steps = max(1, config.frames // batch) * team.settings.steps
+    for frames in collect_round(env, team.policy, steps, team.settings.steps):
         frames = frames if frames.ndim == 2 else frames[None]
         frames_done += frames.numel()
         on_progress(_progress(team, frames, running, frames_done))
         for learner in team.learners.values():
             learner.learn(frames)
+        if stop.is_set():
+            return
 
 
 def _progress(team: Team, frames: Any, running: dict[str, Any], frames_done: int) -> TeamProgress:
