@@ -15,6 +15,7 @@ import multiprocessing
 import os
 import tempfile
 import time
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
@@ -151,6 +152,17 @@ def cores_here() -> list[int]:
     return sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else list(range(os.cpu_count() or 1))
 
 
+def run_all(jobs: Sequence[Job]) -> Iterator[list[dict[str, Any]]]:
+    """Results of the jobs, in order; one process per core, with one thread each."""
+    os.environ.update(ONE_THREAD)  # before torch is loaded, in the processes
+    context = multiprocessing.get_context("spawn")
+    cores = context.Queue()
+    for core in cores_here():
+        cores.put(core)
+    with ProcessPoolExecutor(len(cores_here()), context, pin, (cores,)) as pool:
+        yield from pool.map(run, jobs)
+
+
 def main() -> None:
     """Train all and write the results."""
     parser = command(__doc__)
@@ -160,7 +172,6 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--episodes", type=int, default=25, help=f"as many times {LENGTH} steps, those of the start included")
     args = parser.parse_args()
-    os.environ.update(ONE_THREAD)  # before torch is loaded, in the processes
     end = args.episodes * LENGTH
     jobs = [
         Job(env, agent, args.preset, seed, (*(mark for mark in MARKS[env] if mark < end), end))
@@ -168,15 +179,10 @@ def main() -> None:
         for agent in args.agents
         for seed in range(args.seeds)
     ]
-    context = multiprocessing.get_context("spawn")
-    cores = context.Queue()
-    for core in cores_here():
-        cores.put(core)
     environments: dict[str, Any] = {env: {agent: {"seeds": []} for agent in args.agents} for env in args.envs}
-    with ProcessPoolExecutor(len(cores_here()), context, pin, (cores,)) as pool:
-        for job, result in zip(jobs, pool.map(run, jobs), strict=True):
-            environments[job.env][job.agent]["seeds"].append(result)
-            print(job.env, job.agent, job.seed, [(m["steps"], m["return"], m["success_rate"]) for m in result], flush=True)
+    for job, result in zip(jobs, run_all(jobs), strict=True):
+        environments[job.env][job.agent]["seeds"].append(result)
+        print(job.env, job.agent, job.seed, [(m["steps"], m["return"], m["success_rate"]) for m in result], flush=True)
     for agents in environments.values():
         for result_of_agent in agents.values():
             result_of_agent["summary"] = summary(result_of_agent["seeds"])

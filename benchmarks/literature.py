@@ -9,14 +9,11 @@ with the same seeds. Networks are those of `networks.py`. Runs in the result are
 from __future__ import annotations
 
 import json
-import multiprocessing
-import os
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from learning import EVALUATED_EPISODES, Job, cores_here, pin, run, summary
-from machine import ONE_THREAD, RESULTS, command, write
+from learning import EVALUATED_EPISODES, Job, run_all, summary
+from machine import RESULTS, command, write
 
 MARKS = {"WalkerSim-v0": (500, 1000), "RoboArmSim-v0": (175, 400)}
 VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
@@ -45,23 +42,17 @@ def main() -> None:
     parser = command(__doc__)
     parser.add_argument("--seeds", type=int, default=10)
     args = parser.parse_args()
-    os.environ.update(ONE_THREAD)  # before torch is loaded, in the processes
     path = RESULTS / "literature.json"
     known: dict[str, Any] = json.loads(path.read_text())["environments"] if path.exists() else {}
     results: dict[str, Any] = {env: {name: {"seeds": []} for name in VARIANTS} | known.get(env, {}) for env in MARKS}
     wanted = [(env, name, seed) for env in MARKS for seed in range(args.seeds) for name in VARIANTS]
     todo = [(env, name, seed) for env, name, seed in wanted if seed >= len(results[env][name]["seeds"])]
-    context = multiprocessing.get_context("spawn")
-    cores = context.Queue()
-    for core in cores_here():
-        cores.put(core)
-    with ProcessPoolExecutor(len(cores_here()), context, pin, (cores,)) as pool:
-        for (env, name, seed), result in zip(todo, pool.map(run, [job(*one) for one in todo]), strict=True):
-            runs = results[env][name]["seeds"]
-            runs.append(result)
-            results[env][name]["summary"] = summary(runs)
-            print(env, name, seed, [(mark["steps"], mark["return"], mark["success_rate"]) for mark in result], flush=True)
-            write("literature", {"setup": {"evaluated_episodes": EVALUATED_EPISODES}, "environments": results})
+    for (env, name, seed), result in zip(todo, run_all([job(*one) for one in todo]), strict=True):
+        runs = results[env][name]["seeds"]
+        runs.append(result)
+        results[env][name]["summary"] = summary(runs)
+        print(env, name, seed, [(mark["steps"], mark["return"], mark["success_rate"]) for mark in result], flush=True)
+        write("literature", {"setup": {"evaluated_episodes": EVALUATED_EPISODES}, "environments": results})
 
 
 if __name__ == "__main__":

@@ -197,7 +197,7 @@ def literature(result: Result) -> str:
         cells = [within(point["return_mean"], point["return_interval"], len(entry["seeds"])) for point in points]
         rows.append([variant, str(len(entry["seeds"])), *cells, f"{entry['summary'][-1]['cpu_s']:.0f} s"])
     marks = [f"{env}, {point['mark']} steps" for env, entries in environments.items() for point in entries[rows[0][0]]["summary"]]
-    return table(["variant", "seeds", *marks, "CPU time of the Walker's"], rows)
+    return table(["variant", "seeds", *marks, "CPU time in WalkerSim-v0"], rows)
 
 
 def datasets(result: Result) -> str:

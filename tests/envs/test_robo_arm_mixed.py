@@ -212,7 +212,7 @@ def test_image_settings_are_saved(tmp_path: Path) -> None:
 def test_sac_learns_to_bring_the_ball_to_the_disc(tmp_path: Path) -> None:
     """One seed only shows that it learns (random actions: 28 %); `benchmarks/camera_learning.py` has the rate."""
     train(TrainConfig(ID, episodes=80, run_dir=tmp_path / "run"))
-    success = evaluate(tmp_path / "run", episodes=30).success_rate
+    success = evaluate(tmp_path / "run", episodes=50).success_rate
     assert success is not None
     assert success >= 0.65
 
