@@ -124,7 +124,7 @@ def main() -> None:
     torch.set_num_threads(1)
     torch.manual_seed(0)
     result: dict[str, Any] = {"env": ENV, "opengl": {**speed(), "drawn_with": os.environ.get("MUJOCO_GL", "")}}
-    with mock.patch("bricksrl.twin.render.opengl.Renderer", unavailable):
+    with mock.patch("bricktwin.twin.render.opengl.Renderer", unavailable):
         result["rays"] = speed()
     result["sac"] = {name: learning(name) for name in ("default", "paper")}
     print(result)

@@ -24,8 +24,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "hub"))
 from ble_world import World  # type: ignore[import-not-found]
 
 from bricksrl.errors import StoppedError
-from bricksrl.hub.interface import Interface, MotorAngle, RunAngle, Wait
-from bricksrl.hub.link.lockstep import HubLink
+from brickhub.hub.interface import Interface, MotorAngle, RunAngle, Wait
+from brickhub.hub.link.lockstep import HubLink
 
 INTERVALS_MS = (7.5, 15.0, 30.0, 45.0)
 TRIALS = 30

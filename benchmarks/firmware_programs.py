@@ -26,7 +26,7 @@ from typing import Any
 
 from machine import command, write
 
-from bricksrl.virtual_hub.run import run_file
+from brickhub.virtual.run import run_file
 
 FIRMWARE = "v4.1.0b2"
 HEAD = """from pybricks.parameters import Direction, Port, Stop

@@ -21,9 +21,9 @@ from machine import command, write
 
 _RUN = """
 import sys
-from bricksrl import robots
-from bricksrl.twin.make_body import make_body
-from bricksrl.virtual_hub import run_file
+from bricktwin import robots
+from bricktwin.twin.make_body import make_body
+from brickhub.virtual import run_file
 sys.exit(run_file(sys.argv[1], make_body(robots.get(sys.argv[2])), time_limit_s=float(sys.argv[3])))
 """
 _REASONS = (

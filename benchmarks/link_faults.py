@@ -38,7 +38,7 @@ def course(job: tuple[int, int, int]) -> dict[str, Any]:
     """Report of the faults on one hub, run in its own process."""
     faults, seed, end_ms = job
     sys.path.insert(0, str(TESTS))
-    program = importlib.import_module("bricksrl.hub.program.generate")
+    program = importlib.import_module("brickhub.hub.program.generate")
     program.END_MS = end_ms  # type: ignore[attr-defined]
     with tempfile.TemporaryDirectory() as folder:
         return dict(vars(importlib.import_module("fault_course").run_course(Path(folder), faults, seed)))

@@ -15,9 +15,9 @@ from collections import Counter
 from machine import command, write
 
 from bricksrl.errors import HubProtocolError
-from bricksrl.hub.protocol import UP_PAYLOAD_BYTES, DataFrame, FrameDecoder, Up, control_frame, data_frame, hello_payload
-from bricksrl.hub.transports import cobs
-from bricksrl.hub.transports.profile import parse_capabilities, parse_event, parse_hub_kind, parse_version
+from brickhub.hub.protocol import UP_PAYLOAD_BYTES, DataFrame, FrameDecoder, Up, control_frame, data_frame, hello_payload
+from brickhub.hub.transports import cobs
+from brickhub.hub.transports.profile import parse_capabilities, parse_event, parse_hub_kind, parse_version
 
 PAYLOAD_BYTES = 16
 

@@ -20,11 +20,11 @@ import numpy as np
 from machine import command, write
 
 from bricksrl.envs import get_task
-from bricksrl.hub.link.lockstep import HubLink
-from bricksrl.hub.link.streaming import StreamingLink
-from bricksrl.hub.protocol import Up, control_frame, data_frame, hello_payload
-from bricksrl.hub.transport import HubProgram
-from bricksrl.robots import TWO_WHEELER, WALKER
+from brickhub.hub.link.lockstep import HubLink
+from brickhub.hub.link.streaming import StreamingLink
+from brickhub.hub.protocol import Up, control_frame, data_frame, hello_payload
+from brickhub.hub.transport import HubProgram
+from bricktwin.robots import TWO_WHEELER, WALKER
 
 TESTS = Path(__file__).parent.parent / "tests" / "hub"
 INTERVALS_MS = (7.5, 15.0, 30.0, 45.0)

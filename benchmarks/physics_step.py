@@ -21,8 +21,8 @@ from scripted import CONTROLLERS
 from torchrl.envs.utils import step_mdp
 
 import bricksrl
-from bricksrl.twin import mujoco_body
-from bricksrl.twin.models import mjcf
+from bricktwin.twin import mujoco_body
+from bricktwin.twin.models import mjcf
 
 if TYPE_CHECKING:
     from bricksrl.envs.env import HubEnv

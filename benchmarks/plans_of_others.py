@@ -15,11 +15,11 @@ from typing import Any
 from machine import command, write
 
 from bricksrl.errors import PlanError
-from bricksrl.plans.bodies import MAX_BODIES
-from bricksrl.plans.check import structure_of
-from bricksrl.plans.mechanism.kinematics import mechanism
-from bricksrl.plans.part import DeviceKind
-from bricksrl.plans.plan import Plan, read_plan
+from bricktwin.plans.bodies import MAX_BODIES
+from bricktwin.plans.check import structure_of
+from bricktwin.plans.mechanism.kinematics import mechanism
+from bricktwin.plans.part import DeviceKind
+from bricktwin.plans.plan import Plan, read_plan
 
 ENDINGS = (".ldr", ".mpd", ".io")
 _COLUMNS = ("parts", "known", "hinges", "motors", "motors_turning", "wheels", "wheels_driven", "cpu_s")

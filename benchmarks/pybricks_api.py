@@ -18,10 +18,10 @@ from typing import Any
 
 from machine import command, write
 
-from bricksrl.robots import HubKind, Robot
-from bricksrl.virtual_hub.bench_body import BenchBody
-from bricksrl.virtual_hub.machine import Machine
-from bricksrl.virtual_hub.pybricks import modules
+from brickhub.robot import HubKind, Robot
+from brickhub.virtual.bench_body import BenchBody
+from brickhub.virtual.machine import Machine
+from brickhub.virtual.pybricks import modules
 
 MODULES = ("hubs", "pupdevices", "robotics", "tools", "parameters", "iodevices")
 HUBS = (HubKind.PRIME, HubKind.ESSENTIAL, HubKind.TECHNIC, HubKind.CITY)

@@ -26,7 +26,7 @@ import numpy as np
 
 from bricksrl.data.episode import About, Step
 from bricksrl.data.schema import Description
-from bricksrl.entry import Entry
+from brickhub.entry import Entry
 
 KILLS_PER_FOLDER = 20
 LONGEST_S = 0.15

@@ -16,7 +16,7 @@ import nbformat
 import pytest
 
 from bricksrl.cli import main
-from bricksrl.cli.app import parse
+from brickhub.cli.app import parse
 from bricksrl.envs.registry import _BUILT_IN
 
 ROOT = Path(__file__).parents[2]

@@ -14,10 +14,10 @@ from bricksrl.envs.env_checker import check_env
 from bricksrl.envs.registry import _BUILT_IN, get_task
 from bricksrl.errors import RenderingUnavailableError
 from bricksrl.evaluation.film import FilmOptions, film_run
-from bricksrl.finding import Outcome
+from brickhub.finding import Outcome
 from bricksrl.training import TrainConfig, train
-from bricksrl.twin.make_body import make_body
-from bricksrl.virtual_hub import run_file
+from bricktwin.twin.make_body import make_body
+from brickhub.virtual import run_file
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 DRIVING_LINES = 35  # the whole file of a driving robot with its task, its body and its floor

@@ -1,0 +1,315 @@
+"""``bricksrl hub``: tools for a hub, real or virtual: scan, rename, stop, latency, check, calibrate."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from tyro.conf import Positional
+
+from brickhub.cli.options import EnvArgument, Flag, JsonFlag, option, refuse_ignored
+from brickhub.cli.terminal import confirm, is_terminal, print_findings, print_line
+from brickhub.errors import BricksError, DescriptionError, HubError, percent
+
+if TYPE_CHECKING:
+    from bricksrl.envs.task import Task
+    from brickhub.hub.diagnostics.calibration import Calibration
+    from brickhub.hub.transport import Transport
+    from brickhub.robot import Robot
+
+_NAME_BYTES = 15
+_SCAN_S = 5.0
+
+Hub = Annotated[str, option(metavar="HUB", help="Which hub: ble, ble:NAME, ble:ADDRESS, usb, usb:PORT, or virtual.")]
+Folder = Annotated[Path | None, option(metavar="DIR")]
+
+
+@dataclass(frozen=True)
+class Scan:
+    """List the advertising Pybricks hubs: name, address, signal, kind.
+
+    A hub does not advertise while it runs a program or is connected to a computer.
+
+    Examples:
+      bricksrl hub scan
+      bricksrl hub scan --seconds 10 --json
+      bricksrl hub scan --hub virtual
+    """
+
+    hub: Annotated[str, option(metavar="HUB")] = "ble"
+    """Where to scan: ble, or virtual for the virtual hub, which is always present."""
+    seconds: Annotated[float, option(metavar="SECONDS")] = _SCAN_S
+    """Duration of the scan."""
+    json: Flag = False
+    """Print only a JSON list on standard output."""
+
+    def execute(self) -> int:
+        """Scan and print; exit code 1 if no hub was found."""
+        from brickhub.hub.transports.scan import FoundHub, scan
+        from brickhub.robot import HubKind
+
+        if self.hub not in ("ble", "virtual"):
+            raise DescriptionError(f"nothing can be scanned for on '{self.hub}'; choose ble or virtual")
+        if not 0 < self.seconds <= 600:
+            raise DescriptionError(f"seconds is {self.seconds:g}; give a number from 0 to 600")
+        virtual = [FoundHub("virtual hub", "virtual", 0, HubKind.PRIME)]
+        hubs = virtual if self.hub == "virtual" else scan(self.seconds)
+        if self.json:
+            print_line(json.dumps([{**dataclasses.asdict(hub), "kind": hub.kind and hub.kind.value} for hub in hubs], indent=2))
+        elif hubs:
+            print_line(f"{'name':16}  {'address':36}  {'signal':>8}  kind")
+            for hub in hubs:
+                kind = hub.kind.value if hub.kind else "unknown"
+                print_line(f"{hub.name:16}  {hub.address:36}  {hub.rssi_dbm:>4} dBm  {kind}")
+        else:
+            print_line("no hub with Pybricks advertises itself; switch one on, end its program, and disconnect it elsewhere")
+        return 0 if hubs else 1
+
+
+@dataclass(frozen=True)
+class Rename:
+    """Explain how to rename a hub: Pybricks sets the name only when its firmware is installed.
+
+    Examples:
+      bricksrl hub rename Rover
+    """
+
+    name: Annotated[Positional[str], option(metavar="NAME")]
+    """The new name, 15 bytes at most."""
+
+    def execute(self) -> None:
+        """Print what to do; exit code 2, because nothing was renamed."""
+        size = len(self.name.encode())
+        if not 1 <= size <= _NAME_BYTES or not self.name.isprintable():
+            raise DescriptionError(f"a hub's name has 1 to {_NAME_BYTES} bytes, this one {size}; choose another")
+        raise HubError(
+            "the firmware of Pybricks has no command that renames a hub, it takes a name only when it is installed; install it "
+            f"again on code.pybricks.com with the name '{self.name}', or with `pybricksdev flash --name '{self.name}' FILE.zip`"
+        )
+
+
+@dataclass(frozen=True)
+class Stop:
+    """Stop the program on a hub at once, whoever started it, and with it the motors.
+
+    A hub that runs a program without a connected computer cannot be reached: press its button.
+
+    Examples:
+      bricksrl hub stop
+      bricksrl hub stop --hub ble:Rover
+    """
+
+    hub: Hub = "ble"
+
+    def execute(self) -> None:
+        from brickhub.hub.errors import HubNotFoundError
+        from brickhub.hub.transports.address import parse_hub
+        from brickhub.hub.transports.profile import Status
+
+        address = parse_hub(self.hub)
+        if address.is_virtual:
+            print_line("a virtual hub lives in the command that uses it; none runs here")
+            return
+        transport = address.transport()
+        try:
+            transport.open()
+            status, identity = transport.status, transport.identity
+            transport.stop()
+        except HubNotFoundError as error:
+            raise HubNotFoundError(f"{error}; a hub whose program runs without a computer hears only its button") from None
+        finally:
+            transport.close()
+        ran = status is not None and Status.USER_PROGRAM_RUNNING in status.flags
+        name = identity.name if identity else "the hub"
+        print_line(f"{name}: {'the program was stopped' if ran else 'no program ran'}, no motor is driven")
+
+
+@dataclass(frozen=True)
+class Latency:
+    """Measure the latency of the link to a robot, without moving it.
+
+    Examples:
+      bricksrl hub latency Walker-v1
+      bricksrl hub latency RunAway-v0 --hub virtual --json
+    """
+
+    env: Annotated[Positional[str], option(metavar="ENV")]
+    """Environment, whose program runs on the hub."""
+    hub: Hub = "ble"
+    exchanges: Annotated[int, option(metavar="N")] = 100
+    """Number of readings to time."""
+    json: JsonFlag = False
+
+    def execute(self) -> None:
+        from brickhub.hub.diagnostics.latency import advice, measure
+        from brickhub.hub.link.lockstep import HubLink
+
+        if self.exchanges < 1:
+            raise DescriptionError(f"exchanges is {self.exchanges}; measure at least 1")
+        task = _task(self.env)
+        with HubLink(_transport(self.hub, task), task.robot, task.interface) as link:
+            result = measure(link, task.interface, self.exchanges)
+        if self.json:
+            print_line(json.dumps(dataclasses.asdict(result)))
+            return
+        print_line(f"round trip           p50 {result.p50_ms:.1f} ms, p99 {result.p99_ms:.1f} ms, of {self.exchanges} exchanges")
+        if result.link_share is not None:
+            print_line(f"of a step            {percent(result.link_share)} is the link")
+        print_line(f"connection interval  {result.interval_ms:g} ms (inferred: half a round trip)")
+        if result.is_slow:
+            print_line(f"faster               {advice()}")
+
+
+@dataclass(frozen=True)
+class CheckHub:
+    """Check a robot before training: hub, ports, battery, IMU, angles, round trip, and the direction of each motor.
+
+    Test moves need confirmation. Exit code 1 if something is wrong.
+
+    Examples:
+      bricksrl hub check Walker-v1
+      bricksrl hub check RunAway-v0 --hub virtual --yes
+      bricksrl hub check RoboArm-v0 --hub ble:Arm --json
+    """
+
+    env: EnvArgument
+    hub: Hub = "ble"
+    yes: Flag = False
+    """Make the test moves without asking for permission, or whether they were right."""
+    calibrations: Folder = None
+    """Folder of calibrations; by default that in your settings folder."""
+    json: JsonFlag = False
+
+    def execute(self) -> int:
+        from brickhub.hub.diagnostics.calibration import calibration_of
+        from brickhub.hub.diagnostics.preflight import check_robot
+
+        task = _task(self.env)
+        transport = _transport(self.hub, task)
+        is_watched = not self.yes and is_terminal()
+        findings = check_robot(
+            transport,
+            task.robot,
+            task.interface,
+            may_move=lambda: self.yes or confirm(f"The {task.robot.name} needs room to move each motor a little. Move it now?"),
+            is_right=(lambda move: confirm(f"{move}: was it this motor, and in the right direction?")) if is_watched else None,
+            calibrate=calibration_of(lambda: _hub_id(transport), self.calibrations),
+        )
+        code = print_findings(findings, (9, 18), as_json=self.json, env=task.id, hub=self.hub)
+        if not self.json:
+            print_line("not ready: see the errors above" if code else f"ready for {task.id}")
+        return code
+
+
+@dataclass(frozen=True)
+class Calibrate:
+    """Calibrate the zeros of a robot's motors, and save them for its hub.
+
+    Joints with a range are turned to their stops. With `--by-hand`, the present angles of all other motors become their zeros.
+
+    Examples:
+      bricksrl hub calibrate RoboArm-v0
+      bricksrl hub calibrate Walker-v1 --by-hand
+      bricksrl hub calibrate RunAway-v0 --reverse left right
+      bricksrl hub calibrate RoboArm-v0 --forget
+    """
+
+    env: EnvArgument
+    hub: Hub = "ble"
+    by_hand: Flag = False
+    """Set the zeros of motors without a range to their present angles; put legs and turntable at their zeros first."""
+    reverse: Annotated[tuple[str, ...], option(metavar="MOTOR ...")] = ()
+    """Motors whose direction to reverse; nothing else is calibrated then."""
+    forget: Flag = False
+    """Delete the saved calibration of the robot."""
+    yes: Flag = False
+    """Move without asking."""
+    calibrations: Folder = None
+    """Folder to write to; by default that in your settings folder."""
+
+    def execute(self) -> None:
+        from brickhub.hub.diagnostics.calibration import Calibration, forget_calibration, load_calibration, save_calibration
+
+        for flag, alone in (("--forget", self.forget), ("--reverse", self.reverse)):
+            if alone:
+                refuse_ignored(self, ("--env", "--hub", "--yes", "--calibrations", flag), f"with {flag}")
+        task = _task(self.env)
+        for name in self.reverse:
+            task.robot.motor(name)  # raises for an unknown name
+        transport = _transport(self.hub, task)
+        try:
+            transport.open()
+            hub_id = _hub_id(transport)
+            if self.forget:
+                forget_calibration(hub_id, task.robot, self.calibrations)
+                print_line(f"{task.robot.name} on {hub_id}: as described")
+                return
+            saved = load_calibration(hub_id, task.robot, self.calibrations)
+            if self.reverse:
+                calibration = Calibration(saved.zeros_deg, saved.reversed ^ set(self.reverse))
+            else:
+                zeros_deg = self._zeros_deg(transport, task.robot, saved)
+                calibration = Calibration(saved.zeros_deg | zeros_deg, saved.reversed)
+        finally:
+            transport.close()
+        path = save_calibration(hub_id, task.robot, calibration, self.calibrations)
+        for name, zero_deg in sorted(calibration.zeros_deg.items()):
+            print_line(f"zero     {name:12}{zero_deg} deg")
+        for name in sorted(calibration.reversed):
+            print_line(f"reversed {name}")
+        print_line(f"saved    {path}")
+
+    def _zeros_deg(self, transport: Transport, robot: Robot, saved: Calibration) -> dict[str, int]:
+        from brickhub.hub.diagnostics.calibration import CalibrationError, calibrated, zero_between
+        from brickhub.hub.diagnostics.survey import find_stops, survey
+
+        uncalibrated = calibrated(robot, dataclasses.replace(saved, zeros_deg={}))
+        joints = [motor for motor in uncalibrated.motors if motor.range_deg is not None]
+        if not joints and not self.by_hand:
+            raise CalibrationError(f"no motor of '{robot.name}' has stops; put its motors at their zeros and add --by-hand")
+        angles_deg = survey(transport, uncalibrated).angles_deg if self.by_hand else {}
+        free = [motor.name for motor in uncalibrated.motors if motor.range_deg is None]
+        zeros_deg = {name: angles_deg[name] for name in free if name in angles_deg}
+        if not joints:
+            return zeros_deg
+        names = ", ".join(motor.name for motor in joints)
+        if not self.yes and not confirm(f"The joints {names} need room to turn slowly to their stops. Move them now?"):
+            raise CalibrationError("nothing was moved and nothing calibrated; clear the way and say yes, or add --yes")
+        for name, stops in find_stops(transport, uncalibrated).items():
+            if stops is None:
+                raise CalibrationError(f"motor '{name}' meets no stops; look whether it drives its joint")
+            zeros_deg[name] = zero_between(stops, uncalibrated.motor(name))
+        return zeros_deg
+
+
+def _task(env_id: str) -> Task:
+    from bricksrl.envs.registry import get_task
+
+    return get_task(env_id)
+
+
+def _transport(hub: str, task: Task) -> Transport:
+    """An unopened transport to the hub."""
+    from brickhub.hub.transports.address import parse_hub
+
+    address = parse_hub(hub)
+    if not address.is_virtual:
+        return address.transport()
+    from bricktwin.twin.make_body import make_body
+    from brickhub.virtual.transport import VirtualHub
+
+    return VirtualHub(make_body(task.robot, scene=task.scene))
+
+
+def _hub_id(transport: Transport) -> str:
+    """Key of a hub's calibrations: its address, known once it is connected."""
+    identity = getattr(transport, "identity", None)
+    if identity is None:
+        return "virtual"
+    address: str = identity.address
+    if not address:
+        raise BricksError("the hub does not say its address; connect it over Bluetooth")
+    return address

@@ -1,0 +1,59 @@
+"""Command-line options, for all commands: their annotations, the default folder of a run, the refusal of ignored options."""
+
+from __future__ import annotations
+
+import dataclasses
+import typing
+from collections.abc import Container, Iterator
+from datetime import datetime
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any
+
+from tyro.conf import Positional, arg
+
+from brickhub.errors import DescriptionError
+
+
+def _default(value: str) -> str:
+    """Text of a default in the help; empty for None, False and empty values."""
+    return "" if value in ("None", "False", "") else f"(default: {value})"
+
+
+option = partial(arg, help_behavior_hint=_default)
+"""Annotation of an option: its name and the placeholder of its value, as tyro's ``arg``."""
+Flag = Annotated[bool, option()]
+"""An option without a value."""
+JsonFlag = Annotated[bool, option(help="Print only one JSON object on standard output.")]
+"""``--json``."""
+PageFlag = Annotated[bool, option(help="Show it live in the browser: the robot in 3D, curves, buttons, and sliders to drive it.")]
+"""``--page``."""
+EnvArgument = Annotated[Positional[str], option(metavar="ENV", help="Environment; `bricksrl list` shows them.")]
+"""Positional argument ``ENV``."""
+
+
+def run_folder(named: Path | None, env: str, agent: str, seed: int) -> Path:
+    """The folder that the user has named for a run; by default one with the run's and the time's name."""
+    from bricksrl.training.run_folder import file_name
+
+    time = datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
+    return named or Path("runs") / f"{file_name(env)}-{file_name(agent)}-{seed}-{time}"
+
+
+def changed_options(command: Any) -> Iterator[str]:
+    """Options of a command that differ from their defaults, as they are written."""
+    hints = typing.get_type_hints(type(command), include_extras=True)
+    for field in dataclasses.fields(command):
+        value = getattr(command, field.name)
+        if dataclasses.is_dataclass(value):
+            yield from changed_options(value)
+        elif value != field.default:
+            names = (getattr(item, "name", None) for item in getattr(hints[field.name], "__metadata__", ()))
+            yield f"--{next(filter(None, names), field.name).replace('_', '-')}"
+
+
+def refuse_ignored(command: Any, kept: Container[str], mode: str) -> None:
+    """Raise DescriptionError if an option of a command is set that has no effect in a mode, such as ``with --resume``."""
+    ignored = next((name for name in changed_options(command) if name not in kept), None)
+    if ignored is not None:
+        raise DescriptionError(f"{ignored} has no effect {mode}; omit it")

@@ -1,0 +1,105 @@
+"""Checks of a user's values: dataclass fields against their annotations, functions against the arguments that they get."""
+
+from __future__ import annotations
+
+import enum
+import inspect
+import math
+import types
+import typing
+from collections.abc import Callable, Container, Iterable, Mapping
+from typing import Any, Literal
+
+from brickhub.errors import DescriptionError
+
+
+def check_fields(cls: type, values: dict[str, Any], **named: Any) -> None:
+    """Check values against the annotations of a dataclass's fields, by name; unknown names are ignored. ``named``: types that
+    annotations name and their module does not import. Raises DescriptionError if an annotation does not allow a value."""
+    for name, hint in typing.get_type_hints(cls, localns=named, include_extras=True).items():
+        if name in values:
+            check_value(name, values[name], hint)
+
+
+def check_value(name: str, value: Any, hint: Any) -> None:
+    """Check a value against an annotation; limits in it are a container of the allowed numbers. Raises DescriptionError if the
+    annotation does not allow the value."""
+    limits = next((item for item in getattr(hint, "__metadata__", ()) if isinstance(item, Container)), None)
+    hint = hint.__origin__ if limits is not None else hint
+    if value is None and _matches(value, hint):
+        return
+    if limits is not None:
+        if isinstance(value, float) and not math.isfinite(value):
+            raise DescriptionError(f"{name} is {value}; give a finite number")
+        if isinstance(value, bool) or not isinstance(value, int | float) or value not in limits:
+            raise DescriptionError(f"{name} is {value!r}; give {limits}")
+    if typing.get_origin(hint) is Literal and value not in typing.get_args(hint):
+        raise DescriptionError(f"{name} is '{value}'; choose {_either(map(str, typing.get_args(hint)))}")
+    if not _matches(value, hint):
+        text = repr(value) if len(repr(value)) <= _MAX_SHOWN else f"of type {type(value).__name__}"
+        raise DescriptionError(f"{name} is {text}; give {_describe(hint)}")
+
+
+def check_arguments(name: str, function: Callable[..., Any], arguments: Iterable[str]) -> None:
+    """Check that a function takes so many arguments; ``arguments`` are their names. Raises DescriptionError if it does not."""
+    try:
+        signature = inspect.signature(function)
+    except (TypeError, ValueError):  # some functions in C have none
+        return
+    names = tuple(arguments)
+    try:
+        signature.bind(*names)
+    except TypeError:
+        raise DescriptionError(f"{name} takes other arguments, {signature}; write a function of ({', '.join(names)})") from None
+
+
+def _matches(value: Any, hint: Any) -> bool:
+    """Whether a value is of the annotated type; True for an annotation that is no type."""
+    cls, parts = typing.get_origin(hint) or hint, typing.get_args(hint)
+    if cls in _UNIONS:
+        return any(_matches(value, part) for part in parts)
+    if cls is Any or not isinstance(cls, type):
+        return True
+    if cls in (int, float) and isinstance(value, bool):
+        return False
+    is_instance = isinstance(value, int | float if cls is float else cls)
+    if not is_instance:
+        return False
+    if cls is not tuple or not parts:
+        return True
+    if parts[-1] is ...:
+        return all(_matches(part, parts[0]) for part in value)
+    return len(value) == len(parts) and all(map(_matches, value, parts))
+
+
+def _describe(hint: Any) -> str:
+    """The values that an annotation allows, in words."""
+    cls, parts = typing.get_origin(hint) or hint, typing.get_args(hint)
+    if cls in _UNIONS:
+        return _either(_describe(part) for part in parts if part is not type(None))
+    if cls is tuple and parts:
+        return f"{'several' if parts[-1] is ... else len(parts)} values, each {_describe(parts[0])}"
+    if issubclass(cls, enum.Enum):
+        return _either(map(str, cls))
+    return _NAMES.get(cls, f"{cls.__name__}(...)")
+
+
+def _either(words: Iterable[str]) -> str:
+    """``"a, b or c"``."""
+    *others, last = words
+    return f"{', '.join(others)} or {last}" if others else last
+
+
+_UNIONS = (types.UnionType, typing.Union)
+_MAX_SHOWN = 40
+"""Maximum length of a value that a message shows."""
+_NAMES: dict[Any, str] = {
+    int: "a whole number",
+    float: "a number",
+    bool: "True or False",
+    str: "a text",
+    tuple: "several values",
+    dict: "a table of names and values",
+    Mapping: "a table of names and values",
+    Callable: "a function",
+}

@@ -1,0 +1,206 @@
+"""Durable files: written completely or not at all, and on the disk when the call returns. Locks of folders."""
+
+from __future__ import annotations
+
+import contextlib
+import difflib
+import errno
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import BinaryIO
+
+from brickhub.errors import BricksError, WriteError
+
+TEMPORARY_PREFIX = ".part-"
+"""Prefix of the names of incomplete files and folders."""
+LOCK = ".lock"
+"""Name of the lock of a folder's writer."""
+FULL = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC))
+"""Numbers of errors of a full disk."""
+
+
+def quoted(path: Path | str) -> str:
+    """A path as one word of a command line."""
+    return subprocess.list2cmdline([str(path)]) if os.name == "nt" else shlex.quote(str(path))
+
+
+def refuse_existing(path: Path, error: type[BricksError]) -> None:
+    """Raise ``error`` if there is a file or folder at ``path``, which is to be written."""
+    if path.exists():
+        raise error(f"{path} exists already; choose another name")
+
+
+def folder_with(folder: Path, *files: str) -> str:
+    """``a folder with a config.json, such as runs/a or runs/b``, for a message that ``folder`` has none of these files. Names up
+    to three folders that have one: the one that it is in, the newest of those in it, or those beside it with a similar name."""
+    found: list[str] = []
+    with contextlib.suppress(OSError):
+        around, inside, beside = (
+            [path for path in paths if any((path / file).is_file() for file in files)]
+            for paths in (folder.parents, folder.glob("*"), folder.parent.glob("*"))
+        )
+        inside.sort(key=lambda path: path.stat().st_mtime, reverse=True)
+        similar = difflib.get_close_matches(folder.name, [path.name for path in beside])
+        found = [str(path) for path in around[:1] or inside[:3] or [folder.parent / name for name in similar]]
+    return f"a folder with a {files[0]}{', such as ' if found else ''}{' or '.join(found)}"
+
+
+@contextlib.contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Raise WriteError, which says what to do, for an OSError in this context, whose subject is ``path``."""
+    try:
+        yield
+    except OSError as failure:
+        reason = failure.strerror or str(failure)
+        if isinstance(failure, FileExistsError):  # a folder was to be made
+            reason = os.strerror(errno.ENOTDIR)
+        remedy = "make room on that disk, or name another place" if failure.errno in FULL else "name another place"
+        error = WriteError(f"cannot write {path} ({reason}); {remedy}")
+        error.errno, error.strerror, error.filename = failure.errno, reason, str(path)
+        raise error from None
+
+
+def check_writable(path: Path) -> None:
+    """Raise WriteError if no file can be written to ``path``. Makes neither the file nor its folder."""
+    with writing(path):
+        if path.is_dir():
+            raise IsADirectoryError(errno.EISDIR, "it is a folder")
+        if path.exists():
+            path.open("ab").close()
+        else:
+            folder = next(parent for parent in path.absolute().parents if parent.exists())
+            tempfile.TemporaryFile(dir=folder, prefix=TEMPORARY_PREFIX).close()
+
+
+def write_durably(path: Path, data: bytes) -> None:
+    """Write ``data`` to a temporary file, sync it, rename it to ``path``, and sync the folder.
+
+    ``path`` always has either its previous content or all of ``data``, even if the process is killed or the power fails. Raises
+    WriteError if it cannot be written.
+    """
+    with writing(path):
+        _write(path, data)
+
+
+def _write(path: Path, data: bytes) -> None:
+    temporary = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=TEMPORARY_PREFIX)
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        Path(temporary).chmod(0o644)
+        Path(temporary).replace(path)
+    except BaseException:
+        if temporary is not None:
+            Path(temporary).unlink(missing_ok=True)
+        raise
+    _sync_folder(path.parent)
+
+
+@contextlib.contextmanager
+def atomic_folder(path: Path) -> Iterator[Path]:
+    """A temporary folder, which is renamed to ``path`` at the end of the context, or removed after an exception, together
+    with the parent folders that were made for it.
+
+    ``path`` is always complete, even if the process is killed; a remnant then has a name that begins with `TEMPORARY_PREFIX`.
+    Raises WriteError if it cannot be written.
+    """
+    made = [parent for parent in path.parents if not parent.exists()]
+    with writing(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        folder = Path(tempfile.mkdtemp(dir=path.parent, prefix=TEMPORARY_PREFIX))
+    try:
+        yield folder
+        with writing(path):
+            folder.chmod(0o755)
+            folder.rename(path)
+    except BaseException as error:
+        shutil.rmtree(folder, ignore_errors=True)
+        with contextlib.suppress(OSError):  # one that is used meanwhile stays
+            for parent in made:
+                parent.rmdir()
+        if isinstance(error, WriteError):  # of a file in it: a user knows nothing of the temporary folder
+            with writing(path):
+                raise
+        raise
+    _sync_folder(path.parent)
+
+
+def _sync_folder(path: Path) -> None:
+    if sys.platform == "win32":  # folders cannot be opened there, and names are kept without
+        return
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def is_unused(root: Path) -> bool:
+    """Whether a folder is empty, except for remnants of a writer that was killed before it wrote anything."""
+    files = (path for path in root.rglob("*") if not path.is_dir())
+    return all(path.name.startswith((TEMPORARY_PREFIX, LOCK)) for path in files)
+
+
+def remove_unfinished(root: Path) -> int:
+    """Remove the unfinished files of killed writers below ``root``, and return their number; only for the folder's writer."""
+    unfinished = list(root.rglob(f"{TEMPORARY_PREFIX}*"))
+    for path in unfinished:
+        path.unlink(missing_ok=True)
+    return len(unfinished)
+
+
+@contextlib.contextmanager
+def only_writer(root: Path, error: type[BricksError]) -> Iterator[None]:
+    """Exclusive lock of a folder for one writer, released at the end of the process too. Raises ``error`` if another process
+    holds it, WriteError if the folder cannot be written."""
+    with _lock_file(root) as file:
+        try:
+            _lock(file.fileno())
+        except OSError:
+            raise error(f"another program writes into {root} at this moment; wait for its end or choose another folder") from None
+        yield
+
+
+@contextlib.contextmanager
+def serialized(root: Path, timeout_s: float = 60.0) -> Iterator[None]:
+    """Lock of a folder that other processes wait for; after ``timeout_s`` they continue without it. Raises WriteError if the
+    folder cannot be written."""
+    end_s = time.monotonic() + timeout_s
+    with _lock_file(root) as file:
+        while time.monotonic() < end_s:
+            try:
+                _lock(file.fileno())
+                break
+            except OSError:
+                time.sleep(0.05)
+        yield
+
+
+def _lock_file(root: Path) -> BinaryIO:
+    with writing(root):
+        root.mkdir(parents=True, exist_ok=True)
+        return (root / LOCK).open("a+b")
+
+
+if sys.platform == "win32":
+    import msvcrt
+
+    def _lock(handle: int) -> None:
+        msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)
+
+else:
+    import fcntl
+
+    def _lock(handle: int) -> None:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -1,0 +1,326 @@
+"""Commands of a hub to its motors, drive base, light and loudspeaker, sent at every step.
+
+Each is one number with a range, to which the hub clamps it, and one line of the hub program. Endless moves (``RunSpeed``,
+``RunDuty``, ``DriveSpeed``, ``DriveTurnRate``) continue until the next step; if the host falls silent, the hub's watchdog stops
+them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+from brickhub.errors import DescriptionError
+from brickhub.hub.kinds import WIRE_MAX, Command, Imports
+from brickhub.robot import DriveBase, HubKind, Robot
+
+_MAX_TEST_TURN_DEG = 10.0
+"""Largest turn that the test of an endless move requires."""
+_LOWEST_TONE_HZ = 64
+
+
+def _test_turn_deg(turn_deg: float) -> float:
+    return max(-_MAX_TEST_TURN_DEG, min(_MAX_TEST_TURN_DEG, turn_deg))
+
+
+# ---------------------------------------------------------------- one motor
+
+
+@dataclass(frozen=True)
+class _MotorCommand(Command):
+    """Command of one motor."""
+
+    motor: str
+    low: float
+    high: float
+
+    @property
+    def name(self) -> str:
+        return self.motor
+
+    @property
+    def mover(self) -> str:
+        return f"motor_{self.motor}"
+
+    def motors(self, robot: Robot) -> tuple[str, ...]:
+        return (robot.motor(self.motor).name,)
+
+
+@dataclass(frozen=True)
+class RunAngle(_MotorCommand):
+    """Turn one motor by an angle, without waiting: ``Motor.run_angle(speed, angle, wait=False)``."""
+
+    speed_deg_s: int
+    unit: ClassVar[str] = "deg"
+    description: ClassVar[str] = "turn by {0.low:g} to {0.high:g} deg at {0.speed_deg_s} deg/s"
+
+    def check(self, robot: Robot) -> None:
+        if not 1 <= self.speed_deg_s <= WIRE_MAX:
+            raise DescriptionError(
+                f"command '{self.name}': speed {self.speed_deg_s} deg/s; give a positive one, the sign is the angle's"
+            )
+
+    def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
+        return (amount,)
+
+    def start(self, robot: Robot, amount: str) -> str:
+        if robot.motor(self.motor).range_deg is not None:
+            return f"{self.mover}.turn({self.speed_deg_s}, {amount})"
+        return f"{self.mover}.run_angle({self.speed_deg_s}, {amount}, wait=False)"
+
+
+@dataclass(frozen=True)
+class _Endless(_MotorCommand):
+    """Command that turns a motor until the next command; not for motors with a range."""
+
+    ends: ClassVar[bool] = False
+
+    def check(self, robot: Robot) -> None:
+        if robot.motor(self.motor).range_deg is not None:
+            raise DescriptionError(
+                f"command '{self.name}' turns endlessly, and motor '{self.motor}' has a range; use RunAngle or TrackTarget"
+            )
+
+    def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
+        return (_test_turn_deg(amount),)
+
+
+@dataclass(frozen=True)
+class RunSpeed(_Endless):
+    """Turn one motor at a controlled speed: ``Motor.run(speed)``."""
+
+    unit: ClassVar[str] = "deg/s"
+    description: ClassVar[str] = "run at {0.low:g} to {0.high:g} deg/s"
+    code: ClassVar[str] = "{0.mover}.run({1})"
+
+
+@dataclass(frozen=True)
+class RunDuty(_Endless):
+    """Drive one motor with a duty cycle, in percent of the battery's voltage: ``Motor.dc(duty)``."""
+
+    low: float = -100.0
+    high: float = 100.0
+    unit: ClassVar[str] = "%"
+    description: ClassVar[str] = "run with {0.low:g} to {0.high:g} % of the battery's voltage"
+    code: ClassVar[str] = "{0.mover}.dc({1})"
+
+    def check(self, robot: Robot) -> None:
+        super().check(robot)
+        if self.low < -100 or self.high > 100:
+            raise DescriptionError(f"command '{self.name}' ranges from {self.low:g} to {self.high:g} %; stay within -100 to 100")
+
+
+@dataclass(frozen=True)
+class TrackTarget(_MotorCommand):
+    """Move one motor to an angle as fast as possible, without a profile, and hold it: ``Motor.track_target(angle)``."""
+
+    unit: ClassVar[str] = "deg"
+    ends: ClassVar[bool] = False
+    description: ClassVar[str] = "go to {0.low:g} to {0.high:g} deg"
+    code: ClassVar[str] = "{0.mover}.track_target({1})"
+
+    def check(self, robot: Robot) -> None:
+        range_deg = robot.motor(self.motor).range_deg
+        if range_deg is not None and not range_deg[0] <= self.low < self.high <= range_deg[1]:
+            raise DescriptionError(
+                f"command '{self.name}' ranges from {self.low:g} to {self.high:g} deg, beyond the motor's range of "
+                f"{range_deg[0]} to {range_deg[1]}; stay within"
+            )
+
+    def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
+        return (0.0,)
+
+
+# ---------------------------------------------------------------- a drive base
+
+
+@dataclass(frozen=True)
+class _DriveBaseCommand(Command):
+    """Command of both motors of the drive base."""
+
+    low: float
+    high: float
+    mover: ClassVar[str] = "drive_base"
+    is_turn: ClassVar[bool] = False
+    imports: ClassVar[Imports] = (("pybricks.robotics", "DriveBase"),)
+
+    def check(self, robot: Robot) -> None:
+        for name in sorted(self.motors(robot)):
+            if robot.motor(name).range_deg is not None:
+                raise DescriptionError(
+                    f"motor '{name}' of the drive base has a range; wheels turn endlessly, take range_deg away"
+                )
+
+    def motors(self, robot: Robot) -> tuple[str, ...]:
+        base = drive_base(robot, self.name)
+        return base.left, base.right
+
+    def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
+        base = drive_base(robot, self.name)
+        if self.is_turn:
+            turn_deg = amount * base.axle_track_mm / base.wheel_diameter_mm
+            return turn_deg, -turn_deg
+        return (base.turn_deg(amount),) * 2
+
+    def setup(self, robot: Robot) -> tuple[str, ...]:
+        return drive_base_setup(robot, self.name)
+
+
+@dataclass(frozen=True)
+class DriveStraight(_DriveBaseCommand):
+    """Drive the drive base by a distance, without waiting: ``DriveBase.straight(distance, wait=False)``."""
+
+    unit: ClassVar[str] = "mm"
+    name: ClassVar[str] = "straight"
+    description: ClassVar[str] = "drive {0.low:g} to {0.high:g} mm"
+    code: ClassVar[str] = "{0.mover}.straight({1}, wait=False)"
+
+
+@dataclass(frozen=True)
+class Turn(_DriveBaseCommand):
+    """Turn the drive base on the spot, clockwise positive, without waiting: ``DriveBase.turn(angle, wait=False)``."""
+
+    unit: ClassVar[str] = "deg"
+    name: ClassVar[str] = "turn"
+    is_turn: ClassVar[bool] = True
+    description: ClassVar[str] = "turn by {0.low:g} to {0.high:g} deg"
+    code: ClassVar[str] = "{0.mover}.turn({1}, wait=False)"
+
+
+@dataclass(frozen=True)
+class Curve(_DriveBaseCommand):
+    """Drive along a circle by an angle, to the right for a positive one, without waiting: ``DriveBase.curve(..., wait=False)``.
+    ``radius_mm``: radius of the path of the robot's centre; negative to drive backwards."""
+
+    radius_mm: int
+    unit: ClassVar[str] = "deg"
+    name: ClassVar[str] = "curve"
+    description: ClassVar[str] = "drive along a circle of {0.radius_mm} mm by {0.low:g} to {0.high:g} deg"
+    code: ClassVar[str] = "{0.mover}.curve({0.radius_mm}, {1}, wait=False)"
+
+    def check(self, robot: Robot) -> None:
+        super().check(robot)
+        if not 10 <= abs(self.radius_mm) <= WIRE_MAX:
+            raise DescriptionError(
+                f"command '{self.name}': a radius of {self.radius_mm} mm; give 10 or more, or Turn on the spot"
+            )
+
+    def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
+        base = drive_base(robot, self.name)
+        path, turn = abs(amount) * self.radius_mm, math.copysign(amount, amount * self.radius_mm) * base.axle_track_mm / 2
+        return 2 * (path + turn) / base.wheel_diameter_mm, 2 * (path - turn) / base.wheel_diameter_mm
+
+
+@dataclass(frozen=True)
+class _Drive(_DriveBaseCommand):
+    """One of the two arguments of ``DriveBase.drive(speed, turn_rate)``; the other is 0 unless it is a command too."""
+
+    ends: ClassVar[bool] = False
+    call: ClassVar[str] = "drive"
+
+    def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
+        return tuple(map(_test_turn_deg, super().turns_deg(robot, amount)))
+
+    def start(self, robot: Robot, amount: str) -> str:
+        return self.start_all(robot, {self.name: amount})
+
+    def start_all(self, robot: Robot, amounts: Mapping[str, str]) -> str:
+        speed, turn_rate = (amounts.get(command.name, "0") for command in (DriveSpeed, DriveTurnRate))
+        return f"{self.mover}.drive({speed}, {turn_rate})"
+
+
+@dataclass(frozen=True)
+class DriveSpeed(_Drive):
+    """Speed of ``DriveBase.drive(speed, turn_rate)``, forward positive."""
+
+    unit: ClassVar[str] = "mm/s"
+    name: ClassVar[str] = "drive_speed"
+    description: ClassVar[str] = "drive at {0.low:g} to {0.high:g} mm/s"
+
+
+@dataclass(frozen=True)
+class DriveTurnRate(_Drive):
+    """Turn rate of ``DriveBase.drive(speed, turn_rate)``, clockwise positive."""
+
+    unit: ClassVar[str] = "deg/s"
+    name: ClassVar[str] = "turn_rate"
+    is_turn: ClassVar[bool] = True
+    description: ClassVar[str] = "turn at {0.low:g} to {0.high:g} deg/s"
+
+
+def drive_base(robot: Robot, needed_by: str) -> DriveBase:
+    """The robot's drive base. Raises DescriptionError if the robot has no drive base."""
+    if robot.drive_base is None:
+        raise DescriptionError(f"robot '{robot.name}' has no drive base for '{needed_by}'; describe one or command its motors")
+    return robot.drive_base
+
+
+def drive_base_setup(robot: Robot, needed_by: str) -> tuple[str, ...]:
+    """Statement of a hub program that makes the object ``drive_base``."""
+    base = drive_base(robot, needed_by)
+    size = f"wheel_diameter={base.wheel_diameter_mm!r}, axle_track={base.axle_track_mm!r}"
+    return (f"drive_base = DriveBase(motor_{base.left}, motor_{base.right}, {size})",)
+
+
+# ---------------------------------------------------------------- the hub itself
+
+
+@dataclass(frozen=True)
+class _HubCommand(Command):
+    """Command of the hub itself, without a motor."""
+
+    mover: ClassVar[None] = None
+
+    def motors(self, robot: Robot) -> tuple[str, ...]:
+        return ()
+
+    def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
+        return ()
+
+
+@dataclass(frozen=True)
+class HubLight(_HubCommand):
+    """Hue of the hub's light: ``hub.light.on(Color(hue, 100, 100))``; 0 is red, 120 green, 240 blue."""
+
+    low: float = 0.0
+    high: float = 359.0
+    unit: ClassVar[str] = "deg"
+    name: ClassVar[str] = "light"
+    imports: ClassVar[Imports] = (("pybricks.parameters", "Color"),)
+    description: ClassVar[str] = "light of a hue of {0.low:g} to {0.high:g} deg"
+    code: ClassVar[str] = "hub.light.on(Color({1}, 100, 100))"
+
+    def check(self, robot: Robot) -> None:
+        if self.low < 0 or self.high > 360:
+            raise DescriptionError(f"command '{self.name}' ranges from {self.low:g} to {self.high:g}; hues are 0 to 360 degrees")
+
+
+@dataclass(frozen=True)
+class HubSound(_HubCommand):
+    """Short tone of the hub's loudspeaker: ``hub.speaker.beep(frequency, duration)``; silent below 64 Hz. ``duration_ms``:
+    duration of the tone, for which the hub waits."""
+
+    low: float = 0.0
+    high: float = 2000.0
+    duration_ms: int = 50
+    scale: ClassVar[int] = 1
+    unit: ClassVar[str] = "Hz"
+    name: ClassVar[str] = "sound"
+    description: ClassVar[str] = "a tone of {0.low:g} to {0.high:g} Hz for {0.duration_ms} ms"
+    code: ClassVar[str] = "play_tone({1})"
+
+    def check(self, robot: Robot) -> None:
+        if robot.hub is not HubKind.PRIME:
+            raise DescriptionError(
+                f"command '{self.name}': a {robot.hub.value} hub has no loudspeaker; choose a prime hub, or use HubLight"
+            )
+        if self.low < 0 or not 1 <= self.duration_ms <= 200:
+            raise DescriptionError(
+                f"command '{self.name}': {self.low:g} Hz at least, for {self.duration_ms} ms; give 0 Hz or more, and 1 to 200 ms"
+            )
+
+    def setup(self, robot: Robot) -> tuple[str, ...]:
+        play = f"hub.speaker.beep(frequency_hz, {self.duration_ms})"
+        return ("def play_tone(frequency_hz):", f"    if frequency_hz >= {_LOWEST_TONE_HZ}:", f"        {play}", "")

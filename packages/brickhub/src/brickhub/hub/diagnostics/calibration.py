@@ -1,0 +1,118 @@
+"""Calibration of one robot against its description: zeros and reversed directions of its motors.
+
+A calibration belongs to a hub, by its address, and to the robot built around it. It modifies the description, from which the hub
+program is made.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from brickhub.errors import BricksError, DescriptionError
+from brickhub.files import write_durably
+from brickhub.robot import Direction, Motor, Robot
+
+
+class CalibrationError(BricksError):
+    """A calibration that cannot be read, or does not belong to the robot."""
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Zeros and directions found on one robot.
+
+    Attributes:
+        zeros_deg: for each motor, the measured output angle at the description's 0.
+        reversed: motors that turn opposite to the description.
+    """
+
+    zeros_deg: dict[str, int] = field(default_factory=dict)
+    reversed: frozenset[str] = frozenset()
+
+
+def calibrated(robot: Robot, calibration: Calibration) -> Robot:
+    """The robot's description with its calibration applied. Raises DescriptionError if the calibration names motors that the
+    robot does not have."""
+    unknown = sorted((set(calibration.zeros_deg) | calibration.reversed) - {motor.name for motor in robot.motors})
+    if unknown:
+        raise DescriptionError(f"robot '{robot.name}' has no motor '{unknown[0]}'; calibrate it again")
+    return replace(robot, motors=tuple(_calibrated(motor, calibration) for motor in robot.motors))
+
+
+def _calibrated(motor: Motor, calibration: Calibration) -> Motor:
+    direction = Direction(-motor.direction.value) if motor.name in calibration.reversed else motor.direction
+    return replace(motor, direction=direction, zero_deg=calibration.zeros_deg.get(motor.name, motor.zero_deg))
+
+
+def zero_between(stops_deg: tuple[int, int], motor: Motor) -> int:
+    """Zero of a joint from the measured angles of its two stops: its range is centred between them. Raises CalibrationError if
+    the motor has no range, or the stops are too close for it."""
+    if motor.range_deg is None:
+        raise CalibrationError(f"motor '{motor.name}' has no range, so no stops; calibrate it by hand")
+    width, required = stops_deg[1] - stops_deg[0], motor.range_deg[1] - motor.range_deg[0]
+    if width < required:
+        raise CalibrationError(
+            f"motor '{motor.name}' is blocked after {width} degrees and has to turn by {required}; clear its way and try again"
+        )
+    return round((sum(stops_deg) - sum(motor.range_deg)) / 2)
+
+
+def calibration_folder() -> Path:
+    """Folder of the calibrations, in the user's settings folder."""
+    home = Path.home()
+    if sys.platform == "win32":
+        base = Path(os.environ.get("APPDATA") or home / "AppData" / "Roaming")
+    elif sys.platform == "darwin":
+        base = home / "Library" / "Application Support"
+    else:
+        base = Path(os.environ.get("XDG_CONFIG_HOME") or home / ".config")
+    return base / "bricksrl" / "calibrations"
+
+
+def load_calibration(hub_id: str, robot: Robot, folder: Path | None = None) -> Calibration:
+    """Saved calibration of the robot on this hub; an empty one if there is none. Raises CalibrationError if it is invalid."""
+    path = _path(hub_id, robot, folder)
+    try:
+        data = json.loads(path.read_bytes())
+        zeros = {str(name): int(zero) for name, zero in data["zeros_deg"].items()}
+        return Calibration(zeros, frozenset(map(str, data["reversed"])))
+    except FileNotFoundError:
+        return Calibration()
+    except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
+        raise CalibrationError(f"cannot read the calibration in {path}; delete the file and calibrate again") from None
+
+
+def calibration_of(hub_id: Callable[[], str], folder: Path | None = None) -> Callable[[Robot], Robot]:
+    """Argument ``calibrate`` for a link; ``hub_id`` is called when the hub is connected."""
+
+    def calibrate(robot: Robot) -> Robot:
+        return calibrated(robot, load_calibration(hub_id(), robot, folder))
+
+    return calibrate
+
+
+def save_calibration(hub_id: str, robot: Robot, calibration: Calibration, folder: Path | None = None) -> Path:
+    """Write a calibration atomically; returns its path. Raises WriteError if the file cannot be written."""
+    path = _path(hub_id, robot, folder)
+    data = {"hub": hub_id, "zeros_deg": calibration.zeros_deg, "reversed": sorted(calibration.reversed)}
+    write_durably(path, (json.dumps(data, indent=2) + "\n").encode())
+    return path
+
+
+def forget_calibration(hub_id: str, robot: Robot, folder: Path | None = None) -> None:
+    """Delete the saved calibration; without effect if there is none. Raises CalibrationError if the file cannot be deleted."""
+    path = _path(hub_id, robot, folder)
+    try:
+        path.unlink(missing_ok=True)
+    except OSError as error:
+        raise CalibrationError(f"cannot delete {path} ({error.strerror}); delete it yourself") from None
+
+
+def _path(hub_id: str, robot: Robot, folder: Path | None) -> Path:
+    return (folder or calibration_folder()) / re.sub(r"[^\w-]+", "-", hub_id) / f"{robot.name}.json"

@@ -1,0 +1,184 @@
+"""Survey of a hub: programs generated from the robot's description that report the connected devices, for any transport.
+
+Each runs once and prints lines of words; it begins with a HELLO frame with its hash, by which a transport identifies it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+
+from brickhub.errors import HubError, HubProgramError, HubTimeoutError
+from brickhub.hub.program.generate import onboard_text, sorted_imports
+from brickhub.hub.program.traceback import describe_traceback
+from brickhub.hub.protocol import Up, control_frame, hello_payload
+from brickhub.hub.transport import HubProgram, Transport
+from brickhub.robot import Motor, Robot
+
+STALL_SPEED_DEG_S = 60
+STALL_TORQUE_MNM = 250
+"""More than a medium motor has: a raised arm needs all of it, and at this speed the stops are not damaged."""
+STALL_LIMIT_MS = 10_000
+STALL_LIMIT_DEG = 400
+_SURVEY_S = 20.0
+_READS = 10_000
+
+_END = b"\r\nend\r\n"
+
+
+@dataclass(frozen=True)
+class Survey:
+    """Result of a survey.
+
+    Attributes:
+        ports: device id on each port, 0 for none.
+        angles_deg: output angle of each connected motor.
+        battery_mv, firmware, name: battery voltage, firmware version and name of the hub.
+        imu_ready, imu_still: state of the IMU; ``None`` on a hub without one.
+        pitch_deg, roll_deg: tilt of the hub; 0 on a hub without an IMU.
+    """
+
+    ports: dict[str, int]
+    angles_deg: dict[str, int]
+    battery_mv: int
+    firmware: str
+    name: str
+    imu_ready: bool | None = None
+    imu_still: bool | None = None
+    pitch_deg: int = 0
+    roll_deg: int = 0
+
+
+def survey_program(robot: Robot) -> HubProgram:
+    """Hub program of `survey`."""
+    model = robot.hub.model
+    ports = ", ".join(f'("{port}", Port.{port})' for port in model.ports)
+    return _program(
+        f"Asks what is plugged into the robot '{robot.name}', and how the hub is. Moves nothing.",
+        ["from pybricks import version", "from pybricks.iodevices import PUPDevice", *_IMPORTS],
+        [f"PORTS = ({ports})", _motors(robot.motors), f"HAS_IMU = {model.has_imu}"],
+        robot,
+        "inventory",
+    )
+
+
+def survey(transport: Transport, robot: Robot) -> Survey:
+    """Survey a hub over an open transport. Nothing moves; a running program is stopped. Raises HubError if the hub cannot be
+    reached, or does not answer, HubProgramError if the program raised."""
+    return parse_survey(run(transport, survey_program(robot), _SURVEY_S))
+
+
+def parse_survey(lines: list[str]) -> Survey:
+    """Survey from the lines that the program printed. Raises HubError if the lines are incomplete."""
+    records: dict[str, list[list[str]]] = {}
+    for line in lines:
+        key, *values = line.split(" ")
+        records.setdefault(key, []).append(values)
+    try:
+        imu = [int(number) for number in records["imu"][0]] if "imu" in records else []
+        return Survey(
+            ports={port: int(number) for port, number in records["port"]},
+            angles_deg={motor: int(angle) for motor, angle in records.get("angle", [])},
+            battery_mv=int(records["battery"][0][0]),
+            firmware=records["firmware"][0][0],
+            name=" ".join(records["name"][0]),
+            imu_ready=bool(imu[0]) if imu else None,
+            imu_still=bool(imu[1]) if imu else None,
+            pitch_deg=imu[2] if imu else 0,
+            roll_deg=imu[3] if imu else 0,
+        )
+    except (KeyError, ValueError, IndexError):
+        raise HubError("the hub's answer is incomplete; bring it near and try again") from None
+
+
+def stops_program(robot: Robot) -> HubProgram:
+    """Hub program of `find_stops`."""
+    constants = [
+        _motors(_joints(robot)),
+        f"TORQUE_MNM = {STALL_TORQUE_MNM}",
+        f"SPEED_DEG_S = {STALL_SPEED_DEG_S}",
+        f"LIMIT_MS = {STALL_LIMIT_MS}",
+        f"LIMIT_DEG = {STALL_LIMIT_DEG}",
+    ]
+    imports = [*_IMPORTS, "from pybricks.tools import StopWatch, wait"]
+    return _program(f"Turns the joints of the robot '{robot.name}' to their stops.", imports, constants, robot, "find_stops")
+
+
+def find_stops(transport: Transport, robot: Robot) -> dict[str, tuple[int, int] | None]:
+    """Turn each motor with a range to both stops, one motor at a time, and stop in the middle. This moves the robot.
+
+    Returns:
+        For each motor, the measured angles of its stops; ``None`` if it has none.
+
+    Raises:
+        HubError: the hub cannot be reached, or does not answer; the motors are then stopped.
+        HubProgramError: the program raised.
+    """
+    joints = _joints(robot)
+    if not joints:
+        return {}
+    timeout_s = 5.0 + 3 * len(joints) * STALL_LIMIT_MS / 1000
+    stops_deg: dict[str, tuple[int, int] | None] = {}
+    for line in run(transport, stops_program(robot), timeout_s):
+        match line.split(" "):
+            case ["stops", name, low, high]:
+                stops_deg[name] = (int(low), int(high))
+            case ["free", name]:
+                stops_deg[name] = None
+    return stops_deg
+
+
+def run(transport: Transport, program: HubProgram, timeout_s: float) -> list[str]:
+    """Run a program and return the lines that it prints before the last one, ``end``; it is stopped after the timeout.
+
+    Raises:
+        HubError: the hub cannot be reached, or the program ended without that line.
+        HubTimeoutError: the program took too long.
+        HubProgramError: the program raised.
+    """
+    transport.start(program)
+    data = b""
+    deadline_s = transport.now_s() + timeout_s
+    try:
+        for _ in range(_READS):
+            left_s = deadline_s - transport.now_s()
+            if left_s <= 0 or _END in data:
+                break
+            data += transport.read(left_s)
+    except HubError:
+        if b"Traceback (" not in data and _END not in data:
+            raise
+    text = data.decode("utf-8", "replace")
+    if "Traceback (" in text:
+        raise HubProgramError(describe_traceback(text, program.source))
+    if _END not in data:
+        transport.stop()
+        raise HubTimeoutError(f"the program that looks at the hub did not end within {timeout_s:g} s; switch the hub off and on")
+    return text.partition(_END.decode())[0].split("\r\n")[1:]  # the first line is the HELLO
+
+
+_IMPORTS = ["from pybricks.parameters import Direction, Port", "from pybricks.pupdevices import Motor", "from usys import stdout"]
+
+
+def _joints(robot: Robot) -> tuple[Motor, ...]:
+    return tuple(motor for motor in robot.motors if motor.range_deg is not None)
+
+
+def _motors(motors: tuple[Motor, ...]) -> str:
+    rows = [
+        f'    ("{motor.name}", Port.{motor.port}, Direction.{motor.direction.name}, {list(motor.gears) or None}),\n'
+        for motor in motors
+    ]
+    return f"MOTORS = (\n{''.join(rows)})"
+
+
+def _program(purpose: str, imports: list[str], constants: list[str], robot: Robot, script: str) -> HubProgram:
+    model = robot.hub.model
+    hub_import = f"from pybricks.hubs import {model.class_name}"
+    comments = [f"# {purpose}", "# Written by BricksRL from the robot's description."]
+    head = [*comments, *sorted_imports([hub_import, *imports]), "", *constants, ""]
+    body = [f"hub = {model.class_name}()", "print()", onboard_text(script).strip(), ""]
+    program_hash = hashlib.sha256("\n".join([*head, *body]).encode()).digest()[:4]
+    number = int.from_bytes(program_hash, "little")
+    hello = f"stdout.buffer.write({control_frame(Up.HELLO, hello_payload(number))!r})"
+    return HubProgram("\n".join([*head, hello, "", *body]), number)

@@ -1,0 +1,353 @@
+"""Interface between a task and a hub: the commands that the hub takes and the channels that it reports.
+
+An ``Interface`` and a ``Robot`` determine the hub program, the wire format and the specs of the environment. All values are in
+the units of their names; the wire carries int16 fixed-point numbers.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from brickhub.errors import DescriptionError, hint
+from brickhub.fields import check_fields, check_value
+from brickhub.hub.commands import (
+    Curve,
+    DriveSpeed,
+    DriveStraight,
+    DriveTurnRate,
+    HubLight,
+    HubSound,
+    RunAngle,
+    RunDuty,
+    RunSpeed,
+    TrackTarget,
+    Turn,
+    drive_base,
+    drive_base_setup,
+)
+from brickhub.hub.kinds import Channel, Command, Imports
+from brickhub.robot import PoweredUpSensor, Robot, UltrasonicSensor
+
+__all__ = [
+    "PARTS",
+    "Curve",
+    "Distance",
+    "DriveAngle",
+    "DriveDistance",
+    "DriveSpeed",
+    "DriveStraight",
+    "DriveTurnRate",
+    "Heading",
+    "HubLight",
+    "HubSound",
+    "Interface",
+    "MotorAngle",
+    "Pitch",
+    "Roll",
+    "RunAngle",
+    "RunDuty",
+    "RunSpeed",
+    "SensorReading",
+    "TrackTarget",
+    "Turn",
+    "UntilDone",
+    "Wait",
+    "YawRate",
+]
+
+
+@dataclass(frozen=True)
+class MotorAngle(Channel):
+    """``Motor.angle()``; wrapped into 0..360 if that is the range, else unchanged, even beyond the range."""
+
+    motor: str
+    low: float = 0.0
+    high: float = 360.0
+    unit: ClassVar[str] = "deg"
+    roughness: ClassVar[float] = 0.5
+
+    @property
+    def name(self) -> str:
+        return f"{self.motor}_angle"
+
+    @property
+    def device(self) -> str:
+        return self.motor
+
+    @property
+    def wraps(self) -> bool:
+        return (self.low, self.high) == (0.0, 360.0)
+
+    @property
+    def is_nominal(self) -> bool:  # type: ignore[override]  # a constant of most kinds
+        return not self.wraps
+
+    def check(self, robot: Robot) -> None:
+        robot.motor(self.motor)
+
+    @property
+    def expression(self) -> str:
+        return f"motor_{self.motor}.angle()" + (" % 360" if self.wraps else "")
+
+
+class _ImuChannel(Channel):
+    """Channel of the hub's IMU."""
+
+    def check(self, robot: Robot) -> None:
+        if not robot.hub.model.has_imu:
+            raise DescriptionError(
+                f"channel '{self.name}' needs an IMU, which the {robot.hub.value} hub lacks; "
+                "choose a prime, essential or technic hub, or omit the channel"
+            )
+
+
+@dataclass(frozen=True)
+class _Tilt(_ImuChannel):
+    low: float = -90.0
+    high: float = 90.0
+    scale: ClassVar[int] = 100
+    unit: ClassVar[str] = "deg"
+    statement: ClassVar[str] = "pitch, roll = hub.imu.tilt()"
+    noise: ClassVar[str] = "tilt_noise_deg"
+    roughness: ClassVar[float] = 0.3
+
+    @property
+    def expression(self) -> str:
+        return self.name
+
+
+@dataclass(frozen=True)
+class Pitch(_Tilt):
+    """First value of ``hub.imu.tilt()``: nose down is positive."""
+
+    name: ClassVar[str] = "pitch"
+
+
+@dataclass(frozen=True)
+class Roll(_Tilt):
+    """Second value of ``hub.imu.tilt()``."""
+
+    name: ClassVar[str] = "roll"
+
+
+@dataclass(frozen=True)
+class YawRate(_ImuChannel):
+    """``hub.imu.angular_velocity(Axis.Z)``; the range is nominal: faster turns are reported as they are."""
+
+    low: float = -100.0
+    high: float = 100.0
+    unit: ClassVar[str] = "deg/s"
+    name: ClassVar[str] = "yaw_rate"
+    is_nominal: ClassVar[bool] = True
+    imports: ClassVar[Imports] = (("pybricks.parameters", "Axis"),)
+    expression: ClassVar[str] = "hub.imu.angular_velocity(Axis.Z)"
+    noise: ClassVar[str] = "gyro_noise_deg_s"
+    roughness: ClassVar[float] = 4.0
+
+
+@dataclass(frozen=True)
+class Heading(_ImuChannel):
+    """``hub.imu.heading()``, clockwise positive, not wrapped; the range is nominal."""
+
+    low: float = -180.0
+    high: float = 180.0
+    unit: ClassVar[str] = "deg"
+    name: ClassVar[str] = "heading"
+    expression: ClassVar[str] = "hub.imu.heading()"
+    is_nominal: ClassVar[bool] = True
+
+
+@dataclass(frozen=True)
+class _DriveBaseChannel(Channel):
+    """Odometry of the drive base since the program started; the range is nominal."""
+
+    low: float
+    high: float
+    imports: ClassVar[Imports] = (("pybricks.robotics", "DriveBase"),)
+    is_nominal: ClassVar[bool] = True
+
+    def check(self, robot: Robot) -> None:
+        drive_base(robot, self.name)
+
+    def devices(self, robot: Robot) -> tuple[str, ...]:
+        base = drive_base(robot, self.name)
+        return base.left, base.right
+
+    def setup(self, robot: Robot) -> tuple[str, ...]:
+        return drive_base_setup(robot, self.name)
+
+
+@dataclass(frozen=True)
+class DriveDistance(_DriveBaseChannel):
+    """``DriveBase.distance()``, forward positive."""
+
+    scale: ClassVar[int] = 1
+    unit: ClassVar[str] = "mm"
+    name: ClassVar[str] = "drive_distance"
+    roughness: ClassVar[float] = 2.0
+    expression: ClassVar[str] = "drive_base.distance()"
+
+
+@dataclass(frozen=True)
+class DriveAngle(_DriveBaseChannel):
+    """``DriveBase.angle()``, clockwise positive."""
+
+    unit: ClassVar[str] = "deg"
+    name: ClassVar[str] = "drive_angle"
+    roughness: ClassVar[float] = 2.0
+    expression: ClassVar[str] = "drive_base.angle()"
+
+
+@dataclass(frozen=True)
+class Distance(Channel):
+    """``UltrasonicSensor.distance()``; ``FARTHEST_MM`` if nothing is in range."""
+
+    sensor: str
+    low: float = 0.0
+    high: float = 2000.0
+    scale: ClassVar[int] = 1
+    unit: ClassVar[str] = "mm"
+    name: ClassVar[str] = "distance"
+    noise: ClassVar[str] = "distance_noise_mm"
+    noise_share: ClassVar[str] = "distance_noise_ratio"
+    roughness: ClassVar[float] = 3.0
+    FARTHEST_MM: ClassVar[float] = float(UltrasonicSensor.FARTHEST_MM)
+
+    @property
+    def device(self) -> str:
+        return self.sensor
+
+    def check(self, robot: Robot) -> None:
+        if not isinstance(robot.sensor(self.sensor), UltrasonicSensor):
+            raise DescriptionError(f"channel '{self.name}': '{self.sensor}' is not an UltrasonicSensor; use a SensorReading")
+
+    @property
+    def expression(self) -> str:
+        return f"sensor_{self.sensor}.distance()"
+
+
+PARTS = {"hsv": ("hue", "saturation", "value"), "tilt": ("pitch", "roll")}
+"""Names of the numbers that some methods of sensors return together."""
+
+
+@dataclass(frozen=True)
+class SensorReading(Channel):
+    """Number that a method of a sensor returns, such as ``ColorSensor.reflection()``, with its range.
+
+    Attributes:
+        part: name of the number if the method returns several, such as ``"hue"`` of ``"hsv"``: see ``PARTS``. The hub calls the
+            method once for all of them.
+    """
+
+    sensor: str
+    method: str
+    low: float
+    high: float
+    unit: str = ""
+    part: str | None = None
+
+    @property
+    def name(self) -> str:
+        return f"{self.sensor}_{self.part or self.method}"
+
+    @property
+    def device(self) -> str:
+        return self.sensor
+
+    @property
+    def wraps(self) -> bool:
+        return (self.low, self.high, self.unit) == (0.0, 360.0, "deg")
+
+    def check(self, robot: Robot) -> None:
+        sensor = robot.sensor(self.sensor)
+        if not isinstance(sensor, PoweredUpSensor):
+            raise DescriptionError(f"channel '{self.name}': '{self.sensor}' is an UltrasonicSensor; use Distance")
+        readings = sensor.kind.readings
+        if self.method not in readings:
+            known = f"{hint(self.method, readings)}; it has {', '.join(readings) or 'none'}"
+            raise DescriptionError(f"channel '{self.name}': a {sensor.class_name} has no reading '{self.method}'{known}")
+        parts = PARTS.get(self.method)
+        if parts is None and self.part is not None:
+            raise DescriptionError(f"channel '{self.name}': {self.method}() is one number; omit the part '{self.part}'")
+        if parts is not None and self.part not in parts:
+            raise DescriptionError(
+                f"channel '{self.name}': {self.method}() is {len(parts)} numbers; give as part one of {', '.join(parts)}"
+            )
+
+    @property
+    def statement(self) -> str | None:
+        return None if self.part is None else f"{self._parts} = {self._call}"
+
+    @property
+    def expression(self) -> str:
+        return self._call if self.part is None else f"{self._parts}[{PARTS[self.method].index(self.part)}]"
+
+    @property
+    def _call(self) -> str:
+        return f"sensor_{self.sensor}.{self.method}()"
+
+    @property
+    def _parts(self) -> str:
+        return f"read_{self.sensor}_{self.method}"
+
+
+@dataclass(frozen=True)
+class Wait:
+    """Steps of a fixed time: the hub answers that long after the commands started."""
+
+    time_ms: int
+
+    @property
+    def fixed_ms(self) -> int | None:
+        """Duration of a step; ``None`` if it varies."""
+        return self.time_ms
+
+    @property
+    def longest_ms(self) -> int:
+        """Longest duration of a step."""
+        return self.time_ms
+
+
+@dataclass(frozen=True)
+class UntilDone:
+    """Steps that end when all moves have ended; a move that takes longer than the timeout is stopped."""
+
+    timeout_ms: int = 3000
+
+    @property
+    def fixed_ms(self) -> int | None:
+        return None
+
+    @property
+    def longest_ms(self) -> int:
+        return self.timeout_ms
+
+
+@dataclass(frozen=True)
+class Interface:
+    """Commands in the order of the action vector, channels in the order of the observation vector. Raises DescriptionError if
+    they are none."""
+
+    commands: tuple[Command, ...]
+    channels: tuple[Channel, ...]
+    settle: Wait | UntilDone
+
+    def __post_init__(self) -> None:
+        for field in ("commands", "channels"):  # a list is as good, but has no hash
+            value = getattr(self, field)
+            object.__setattr__(self, field, tuple(value) if isinstance(value, list) else value)
+        check_fields(Interface, vars(self))
+        for part in (*self.commands, *self.channels):
+            check_value(f"low of '{part.name}'", part.low, float)
+            check_value(f"high of '{part.name}'", part.high, float)
+
+    @property
+    def angle_indices(self) -> dict[str, int]:
+        """Index of each motor's angle among the channels, by motor name."""
+        return {channel.motor: index for index, channel in enumerate(self.channels) if isinstance(channel, MotorAngle)}
+
+    @property
+    def distance_index(self) -> int | None:
+        """Index of the first distance among the channels; ``None`` if there is none."""
+        return next((index for index, channel in enumerate(self.channels) if isinstance(channel, Distance)), None)

@@ -1,0 +1,379 @@
+"""Lock-step exchange with the program on a hub: one command down, one answer up.
+
+Lost frames: the host resends the same frame after a quarter of its timeout. The hub recognises a repeated sequence
+number: it resends its last answer, or continues the current move, so that a command is never carried out twice. Answers
+to other sequence numbers are ignored. If no answer comes in time, the link is in FAULT until ``open`` is called; the hub
+stops its motors by itself. During a step, the host sends keepalives (``keepalive.py``).
+If the program on the hub has ended because the host was silent for too long, ``read`` restarts it; ``act`` does not,
+because the robot has meanwhile stopped holding its position. ``states.py`` has all transitions as a table.
+
+``emergency_stop`` may be called from any thread. Nothing moves then until ``release``, even if ``open`` is called.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import struct
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from brickhub.errors import HubError, HubProgramError, StoppedError
+from brickhub.hub.errors import SilentHubError
+from brickhub.hub.interface import Interface
+from brickhub.hub.link.clock import HubClock
+from brickhub.hub.link.keepalive import keepalive_times_s
+from brickhub.hub.link.reading import Reading, bye_error, check_hello, is_hello
+from brickhub.hub.link.receiver import Listener
+from brickhub.hub.link.states import Cause, LinkState, after, cause_of
+from brickhub.hub.link.statistics import LinkMeter, LinkStatistics
+from brickhub.hub.program.generate import WATCHDOG_MS, generate
+from brickhub.hub.protocol import ControlFrame, DataFrame, Down, Frame, Up, WireFormat, control_frame, data_frame, next_seq
+from brickhub.hub.transport import Pipe, Transport
+from brickhub.robot import Robot
+
+_log = logging.getLogger(__name__)
+
+_SENDS_PER_TIMEOUT = 4
+_EXCHANGES_PER_WATCHDOG_CHECK = 50
+_WATCHDOG_ROUND_TRIPS = 4
+_WATCHDOG_MAX_MS = 0xFFFF
+
+
+class HubLink:
+    """Link to one robot, over any transport. Use it as a context manager: leaving stops the robot.
+
+    Args:
+        transport: transport to the hub; the link opens and closes it.
+        robot, interface: robot and interface that the hub's program is generated from.
+        timeout_s: time limit of an answer, beyond the duration of the commands.
+        watchdog_s: silence after which the hub stops its motors; raised to four times the 99th percentile of the link's
+            delays if that is more.
+        pipe: channel for input to the program.
+        calibrate: applies the robot's calibration to the description; called when the hub is connected.
+
+    Raises:
+        DescriptionError, ProgramError: see ``generate``.
+    """
+
+    def __init__(
+        self,
+        transport: Transport,
+        robot: Robot,
+        interface: Interface,
+        *,
+        timeout_s: float = 5.0,
+        watchdog_s: float = WATCHDOG_MS / 1000,
+        pipe: Pipe = Pipe.STDIN,
+        calibrate: Callable[[Robot], Robot] | None = None,
+    ) -> None:
+        self._robot, self._interface, self._pipe, self._calibrate = robot, interface, pipe, calibrate
+        self.program = generate(robot, interface, pipe)
+        self.wire = WireFormat.of(interface)
+        self.state = LinkState.DISCONNECTED
+        self._transport = transport
+        self._transport_is_open = False
+        self._has_started = False
+        self._halted = threading.Event()
+        self._timeout_s = timeout_s
+        settle = interface.settle
+        self._longest_move_s = settle.longest_ms / 1000
+        self._known_move_s = None if settle.fixed_ms is None else self._longest_move_s
+        self._least_watchdog_ms = _watchdog_ms(watchdog_s)
+        self._watchdog_ms = WATCHDOG_MS
+        self._seq = 0
+        self._clock = HubClock()
+        self._meter = LinkMeter()
+        self._listener = Listener(transport, self.wire, self._meter)
+
+    def open(self) -> None:
+        """Connect, start the program and wait for its HELLO. Also leaves FAULT; without effect on an open link.
+
+        Raises:
+            HubError: the hub cannot be reached.
+            HubProtocolError: another program answers.
+            HubTimeoutError: no program answers.
+            HubProgramError: the program raised at its start, for example because a device is not plugged in.
+            StoppedError: an emergency stop came before or meanwhile.
+        """
+        self._check_halted()
+        if self.is_open:
+            return
+        with self._fault():
+            if not self._transport_is_open:
+                self._transport.open()
+                if self._calibrate is not None:
+                    self.program = generate(self._calibrate(self._robot), self._interface, self._pipe)
+                self._transport_is_open = True
+            self._start_program()
+
+    @property
+    def is_open(self) -> bool:
+        """True if the program is running, as far as is known."""
+        return self.state in (LinkState.READY, LinkState.ARMED)
+
+    def read(self) -> Reading:
+        """Read the sensors without moving. Restarts the program if it ended by itself.
+
+        Raises:
+            HubError: the link is not open, or failed.
+            HubTimeoutError: no answer came.
+            HubProgramError: the program raised.
+        """
+        try:
+            return self._read()
+        except SilentHubError:
+            _log.info("the program on the hub had ended; starting it again")
+            self.open()
+            return self._read()
+
+    def act(self, values: Sequence[float] | NDArray[np.floating]) -> Reading:
+        """Carry out the commands ``[n_commands]``, in their units, and read the channels when they have settled.
+
+        Raises:
+            EncodingError: the wrong number of values, or one that is not a number; nothing was sent.
+            HubError: the link is not open, or failed, or the program on the hub has ended.
+            HubTimeoutError: no answer came; whether the robot moved is unknown.
+            HubProgramError: the program raised.
+            StoppedError: an emergency stop came before or meanwhile.
+        """
+        return self._exchange(self._next_frame(values), self._longest_move_s, self._known_move_s)
+
+    def _next_frame(self, values: Sequence[float] | NDArray[np.floating]) -> bytes:
+        """Frame of the next commands. Raises the errors of `act` that come before anything is sent."""
+        payload = self.wire.encode_actions(values)
+        self._require_open()
+        self._seq = next_seq(self._seq)
+        self.state = after(self.state, Cause.ACTED)
+        return data_frame(self._seq, payload)
+
+    def rest(self) -> None:
+        """Stop the motors; the program keeps running, in READY. For a pause, in which ``read`` keeps the program alive.
+
+        Raises:
+            HubError: the link is not open, or failed; the hub's watchdog then stops the motors.
+            StoppedError: as ``act``.
+        """
+        self._require_open()
+        with self._fault():
+            self._request_hello()
+            self._seq = 0
+            self._begin()
+            self.state = after(self.state, Cause.RESTED)
+
+    def emergency_stop(self) -> None:
+        """Stop motors and program at once, from any thread; a call that waits for an answer raises ``StoppedError``. Raises
+        HubError if the hub could not be reached; its watchdog then stops the motors.
+
+        All later calls raise ``StoppedError`` until ``release``.
+        """
+        self._halted.set()
+        self._transport.stop()
+
+    def release(self) -> None:
+        """End an emergency stop: ``open`` may start the program again."""
+        if self._halted.is_set() and self.is_open:
+            self.state = after(self.state, Cause.HALTED)
+        self._halted.clear()
+
+    def now_s(self) -> float:
+        """Time of the transport's clock: the computer's, or the simulated one."""
+        return self._transport.now_s()
+
+    def stop(self) -> None:
+        """Stop the motors and the program. ``open`` starts it again. Raises HubError if the transport failed; the hub's watchdog
+        then stops the motors."""
+        if self.state is LinkState.DISCONNECTED:
+            return
+        self.state = after(self.state, Cause.STOPPED)
+        self._transport.stop()
+
+    def close(self) -> None:
+        """Stop the program and disconnect. May be called in any state and repeatedly, and never raises."""
+        for name, step in (("stop", self.stop), ("disconnect", self._transport.close)):
+            try:
+                step()
+            except Exception as error:  # noqa: BLE001  closing must go on; the hub stops by itself
+                is_ours = isinstance(error, HubError)
+                _log.warning("closing the link to the hub: could not %s (%s)", name, error, exc_info=not is_ours)
+        self._transport_is_open = self._has_started = False
+        self.state = after(self.state, Cause.STOPPED)
+
+    def __enter__(self) -> Self:
+        try:
+            self.open()
+        except BaseException:
+            self.close()
+            raise
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
+
+    @property
+    def statistics(self) -> LinkStatistics:
+        """Snapshot of the link's statistics."""
+        return self._meter.snapshot(self._watchdog_ms / 1000)
+
+    def _check_halted(self) -> None:
+        if self._halted.is_set():
+            raise _stopped()
+
+    @contextlib.contextmanager
+    def _fault(self) -> Iterator[None]:
+        """Set the state that the table has for an error raised inside; during an emergency stop raise StoppedError instead."""
+        try:
+            yield
+        except (HubError, StoppedError) as error:
+            self.state = after(self.state, Cause.HALTED if self._halted.is_set() else cause_of(error))
+            if self._halted.is_set() and not isinstance(error, StoppedError):
+                raise _stopped() from error
+            raise
+
+    def _require_open(self) -> None:
+        self._check_halted()
+        if self.state is LinkState.FAULT:
+            raise HubError("the link failed before; call open() to start it again")
+        if self.state is LinkState.DISCONNECTED:
+            raise HubError("the link is not open; call open() first")
+
+    def _start_program(self) -> None:
+        self._listener.begin(self.program.source)
+        self._clock = HubClock()
+        self._seq = 0
+        self._watchdog_ms = WATCHDOG_MS
+        if self._has_started:
+            with contextlib.suppress(HubError):  # if the hub is out of reach, the start will raise
+                self._transport.stop()
+        self._transport.start(self.program)
+        self._has_started = True
+        if self._halted.is_set():  # an emergency stop during the start may have stopped only the previous program
+            self._transport.stop()
+            raise _stopped()
+        # The program sends a HELLO at its start; it is requested if that one does not come.
+        check_hello(self._receive_hello() or self._request_hello(), self.program.hash)
+        watchdog_ms = max(self._least_watchdog_ms, self._needed_watchdog_ms())
+        if watchdog_ms != WATCHDOG_MS:
+            self._set_watchdog(watchdog_ms)
+        self._begin()
+        self.state = after(self.state, Cause.OPENED)
+
+    def _begin(self) -> None:
+        """Hook: set up a program that has just sent its HELLO."""
+
+    def _receive_hello(self) -> ControlFrame | None:
+        frame = self._listener.wait_for(is_hello, self._timeout_s / _SENDS_PER_TIMEOUT)
+        return frame if isinstance(frame, ControlFrame) else None
+
+    def _request_hello(self) -> ControlFrame:
+        """Request a HELLO, on which the hub stops its motors, until it comes."""
+        for _ in range(_SENDS_PER_TIMEOUT - 1):
+            self._transport.write(control_frame(Down.HELLO))
+            hello = self._receive_hello()
+            if hello is not None:
+                return hello
+        raise self._listener.timeout_error("the program did not say hello", self._timeout_s)
+
+    def _read(self) -> Reading:
+        self._require_open()
+        self._seq = next_seq(self._seq)
+        return self._exchange(control_frame(Down.READ, bytes((self._seq,))), 0.0, 0.0)
+
+    def _exchange(self, frame: bytes, longest_move_s: float, known_move_s: float | None) -> Reading:
+        """Send until the answer comes; the same frame may go out several times."""
+        with self._fault_with_cause():
+            self._adapt_watchdog()
+            started_s, resends = self.now_s(), self._meter.resends
+            answer = self._send_and_wait(frame, longest_move_s, known_move_s)
+            return self._answered(answer, started_s, longest_move_s, known_move_s, resends)
+
+    def _answered(
+        self, answer: DataFrame | None, started_s: float, longest_move_s: float, known_move_s: float | None, resends: int
+    ) -> Reading:
+        """Reading of an exchange that began at ``started_s``, when ``resends`` frames had been sent again. Raises
+        HubTimeoutError if there was no answer."""
+        if answer is None:
+            raise self._listener.timeout_error("the hub did not answer", longest_move_s + self._timeout_s)
+        reading = self._reading(answer, started_s, known_move_s or 0.0)
+        self._meter.record(reading.round_trip_s, reading.age_s, known_move_s, resends)
+        return reading
+
+    def _reading(self, answer: DataFrame, started_s: float, move_s: float) -> Reading:
+        """Reading from an answer that has just arrived, to a command sent at ``started_s`` that takes at least ``move_s``."""
+        arrived_s = self.now_s()
+        wrapped_ms, values = self.wire.decode_answer(answer.payload)
+        time_ms = self._clock.unwrap(wrapped_ms)
+        self._clock.compare(time_ms, started_s + move_s, arrived_s)
+        return Reading(values, time_ms, arrived_s - started_s, self._clock.age_s(time_ms, arrived_s))
+
+    @contextlib.contextmanager
+    def _fault_with_cause(self) -> Iterator[None]:
+        """``_fault`` that prefers the program's traceback or BYE to the error of the transport."""
+        with self._fault():
+            try:
+                yield
+            except (SilentHubError, HubProgramError):
+                raise
+            except HubError:
+                self._listener.raise_program_error()
+                raise
+
+    def _send_and_wait(self, frame: bytes, longest_move_s: float, known_move_s: float | None) -> DataFrame | None:
+        started_s = self.now_s()
+        deadline_s = started_s + longest_move_s + self._timeout_s
+        window_s = self._timeout_s / _SENDS_PER_TIMEOUT
+        for attempt in range(int((deadline_s - started_s) / window_s) + 1):
+            self._meter.resends += attempt > 0
+            move_s = None if known_move_s is None else max(0.0, started_s + known_move_s - self.now_s())
+            self._transport.write(frame)
+            answer = self._await_answer(min(window_s, deadline_s - self.now_s()), move_s)
+            if answer is not None:
+                return answer
+        return None
+
+    def _await_answer(self, window_s: float, move_s: float | None) -> DataFrame | None:
+        """The answer, if it comes in time. Meanwhile, send keepalives to the hub."""
+        started_s = self.now_s()
+        for keepalive_s in keepalive_times_s(move_s, self._watchdog_ms / 1000):
+            answer = self._listener.wait_for(self._is_answer, started_s + min(keepalive_s, window_s) - self.now_s())
+            if isinstance(answer, DataFrame):
+                return answer
+            if keepalive_s >= window_s:
+                break
+            self._set_watchdog(self._watchdog_ms)
+        return None
+
+    def _is_answer(self, frame: Frame) -> bool:
+        if isinstance(frame, ControlFrame):
+            if frame.kind == Up.BYE:
+                raise bye_error(frame)
+            return False
+        self._meter.stale_answers += frame.seq != self._seq
+        return frame.seq == self._seq
+
+    def _adapt_watchdog(self) -> None:
+        if self._meter.exchanges % _EXCHANGES_PER_WATCHDOG_CHECK:
+            return
+        needed_ms = self._needed_watchdog_ms()
+        if needed_ms > self._watchdog_ms:
+            self._set_watchdog(needed_ms)
+
+    def _needed_watchdog_ms(self) -> int:
+        return _watchdog_ms(_WATCHDOG_ROUND_TRIPS * self._meter.delay_p99_s())
+
+    def _set_watchdog(self, watchdog_ms: int) -> None:
+        self._transport.write(control_frame(Down.WATCHDOG, struct.pack("<H", watchdog_ms)))
+        self._watchdog_ms = watchdog_ms
+
+
+def _stopped() -> StoppedError:
+    return StoppedError("the robot was stopped by hand; release it when it may move again")
+
+
+def _watchdog_ms(seconds: float) -> int:
+    return max(1, min(_WATCHDOG_MAX_MS, round(seconds * 1000)))

@@ -1,0 +1,106 @@
+"""Streaming link: the hub sends observations continuously, and applies the latest command.
+
+In lock-step a step takes two connection intervals beyond its own time, during which the robot idles. Here steps have a
+fixed rate: ``act`` sends the command and returns at the end of its step, with the newest observation that the hub made
+under that command. Its age is in ``Reading.age_s``.
+
+The frame is sent at least three times within the time of the watchdog, as a keepalive; the hub ignores commands with a
+sequence number that it has seen.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from brickhub.errors import DescriptionError
+from brickhub.hub.interface import Interface
+from brickhub.hub.link.lockstep import HubLink
+from brickhub.hub.link.reading import Reading
+from brickhub.hub.protocol import ControlFrame, DataFrame, Down, Frame, control_frame
+from brickhub.hub.transport import Transport
+from brickhub.robot import Robot
+
+PERIOD_MS = 10
+"""Period of the observations: 100 Hz."""
+_SENDS_PER_WATCHDOG = 3
+_TICK_S = 0.0005
+"""Half a tick of a simulated clock: shorter waits do not advance it."""
+_WAITS_PER_STEP = 100_000
+
+
+class StreamingLink(HubLink):
+    """A :class:`HubLink`, with the same arguments, whose hub sends observations by itself. Raises DescriptionError if a step of
+    this interface has no fixed time."""
+
+    def __init__(self, transport: Transport, robot: Robot, interface: Interface, **options: Any) -> None:
+        super().__init__(transport, robot, interface, **options)
+        step_ms = interface.settle.fixed_ms
+        if step_ms is None:
+            raise DescriptionError("a step that ends when its moves have ended cannot be streamed; omit streaming")
+        self._step_s = step_ms / 1000
+        self._due_s = -math.inf
+
+    def act(self, values: Sequence[float] | NDArray[np.floating]) -> Reading:
+        """Send a new command, and return at the end of the step with the newest observation made under it.
+
+        Steps start ``settle.time_ms`` apart, if the caller takes less time than that between them.
+
+        Raises:
+            EncodingError, HubError, HubTimeoutError, HubProgramError: as in lock-step.
+        """
+        frame = self._next_frame(values)
+        started_s = self.now_s()
+        on_time_s = self._due_s + self._step_s
+        self._due_s = on_time_s if on_time_s > started_s else started_s + self._step_s
+        with self._fault_with_cause():
+            self._adapt_watchdog()
+            resends = self._meter.resends
+            reading = self._stream(frame, started_s)
+            self._meter.record(reading.round_trip_s, reading.age_s, 0.0, resends)
+        return reading
+
+    def _begin(self) -> None:
+        self._due_s = -math.inf
+        self._request_stream()
+
+    def _request_stream(self) -> None:
+        """Ask the hub to send observations."""
+        self._transport.write(control_frame(Down.STREAM, struct.pack("<H", PERIOD_MS)))
+
+    def _is_answer(self, frame: Frame) -> bool:
+        """Whether a frame answers; observations under an earlier command are normal here, and not counted as stale."""
+        if isinstance(frame, ControlFrame):
+            return super()._is_answer(frame)
+        return frame.seq == self._seq
+
+    def _stream(self, frame: bytes, started_s: float) -> Reading:
+        """Collect observations until the step is over and there is one under this command."""
+        alive_s = self._watchdog_ms / 1000 / _SENDS_PER_WATCHDOG
+        give_up_s = self._due_s + self._timeout_s
+        newest: Reading | None = None
+        next_send_s = started_s
+        for _ in range(_WAITS_PER_STEP):  # bounded, in case the transport's clock stands still
+            now_s = self.now_s() + _TICK_S
+            if newest is not None and now_s >= self._due_s and not self._listener.has_frames:
+                return replace(newest, age_s=self._clock.age_s(newest.hub_time_ms, self.now_s()))
+            if now_s >= give_up_s:
+                break
+            if now_s >= next_send_s:
+                if newest is None and next_send_s > started_s:  # the command was lost, or the request for observations
+                    self._meter.resends += 1
+                    self._request_stream()
+                self._transport.write(frame)
+                next_send_s = now_s + alive_s
+            wake_s = min(next_send_s, give_up_s if newest is None else self._due_s)
+            answer = self._listener.wait_for(self._is_answer, wake_s - self.now_s())
+            if isinstance(answer, DataFrame):
+                reading = self._reading(answer, started_s, 0.0)
+                newest = reading if newest is None else replace(reading, round_trip_s=newest.round_trip_s)
+        raise self._listener.timeout_error("the hub sent no observation", give_up_s - started_s)

@@ -1,0 +1,258 @@
+"""Generator of the MicroPython program for a robot and an interface.
+
+A program consists of a header comment, the constants of the wire, the robot's devices, ``start_moves`` and
+``read_channels``, and the loop from ``onboard/loop.py``, which is the same for every robot.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from importlib import resources
+
+from brickhub.hub.commands import RunAngle
+from brickhub.hub.interface import Interface
+from brickhub.hub.kinds import Command
+from brickhub.hub.program.validate import validate
+from brickhub.hub.protocol import (
+    APP_DATA_BYTES,
+    CONTROL_OVERHEAD,
+    CRC_POLYNOMIAL,
+    DOWN_PAYLOAD_BYTES,
+    MAGIC,
+    NOTIFICATION_BYTES,
+    PROTOCOL_VERSION,
+    ByeReason,
+    Down,
+    Up,
+    WireFormat,
+)
+from brickhub.hub.transport import HubProgram, Pipe
+from brickhub.robot import Direction, Motor, Robot, Sensor
+from brickhub.robot.spec import HUB_FLAT
+
+WATCHDOG_MS = 400
+"""Default silence after which the hub stops its motors; a WATCHDOG frame changes it."""
+END_MS = 10_000
+"""Further silence after which the program ends, so that the hub advertises again."""
+
+_INPUT_FILES = {Pipe.STDIN: "stdio", Pipe.APP_DATA: "app_data"}
+
+
+def generate(robot: Robot, interface: Interface, pipe: Pipe = Pipe.STDIN) -> HubProgram:
+    """Generate the program with which ``robot`` takes the commands and reports the channels of ``interface``.
+
+    The hash is that of the text with a hash of zeros.
+
+    Raises:
+        DescriptionError: robot and interface do not match.
+        ProgramError: the robot's hub cannot run such a program.
+    """
+    validate(robot, interface)
+    loop_imports, loop = _onboard("loop")
+    input_imports, input_part = _onboard(_INPUT_FILES[pipe])
+    parts = [
+        _constants(interface, pipe),
+        input_part,  # first, since the host may write as soon as the program runs
+        _devices(robot, interface),
+        _start_moves(robot, interface),
+        _read_channels(interface),
+        loop,
+    ]
+    if _joints(robot, interface):
+        parts.insert(1, _onboard("joint")[1])
+    imports = _robot_imports(robot, interface) + input_imports + loop_imports
+    head = "\n".join([_header(robot, interface), *sorted_imports(imports), ""])
+    text = "\n\n".join([head, *parts])
+    program_hash = hashlib.sha256(text.encode()).digest()[:4]
+    source = text.replace(_hash_line(bytes(4)), _hash_line(program_hash), 1)
+    return HubProgram(source, int.from_bytes(program_hash, "little"), pipe)
+
+
+def _onboard(name: str) -> tuple[list[str], str]:
+    """Import lines and body of the hub's part of a file in ``onboard``."""
+    lines = onboard_text(name).splitlines()
+    imports = [line for line in lines if line.startswith(("import ", "from "))]
+    return imports, "\n".join(line for line in lines if line not in imports).strip() + "\n"
+
+
+def onboard_text(name: str) -> str:
+    """The hub's part of a file in ``onboard``."""
+    text = resources.files("brickhub.hub.program.onboard").joinpath(f"{name}.py").read_text(encoding="utf-8")
+    return text.split("# --- the hub's part ---\n", 1)[1]
+
+
+def sorted_imports(lines: list[str]) -> list[str]:
+    """Import lines in the order of their modules."""
+    return sorted(lines, key=lambda line: (line.split()[1], line))
+
+
+def _hash_line(program_hash: bytes) -> str:
+    return f"PROGRAM_HASH = {program_hash!r}"
+
+
+def _header(robot: Robot, interface: Interface) -> str:
+    lines = [
+        f'Program of the robot "{robot.name}" for the {robot.hub.value} hub, written by BricksRL from the robot\'s description.',
+        "Do not edit: it is written anew whenever the description changes.",
+        "Commands, in the order of the action:",
+        *(f"  {command.name}: {command.description.format(command)}" for command in interface.commands),
+        "Channels, in the order of the observation:",
+        *(f"  {channel.name}, {channel.low:g} to {channel.high:g} {channel.unit}" for channel in interface.channels),
+        _settle_text(interface),
+    ]
+    return "".join(f"# {line}\n" for line in lines)
+
+
+def _settle_text(interface: Interface) -> str:
+    settle = interface.settle
+    if settle.fixed_ms is None:
+        return f"It answers when all moves have ended, or after {settle.longest_ms} ms, when it stops those that have not."
+    return f"It answers {settle.fixed_ms} ms after the commands started."
+
+
+def _robot_imports(robot: Robot, interface: Interface) -> list[str]:
+    motors, sensors = _motors(robot, interface), _sensors(robot, interface)
+    names = {("pybricks.hubs", robot.hub.model.class_name)}
+    names |= {("pybricks.pupdevices", "Motor") for _ in motors}
+    names |= {("pybricks.pupdevices", sensor.class_name) for sensor in sensors}
+    names |= {pair for number in (*interface.commands, *interface.channels) for pair in number.imports}
+    if motors or sensors:
+        names.add(("pybricks.parameters", "Port"))
+    if any(motor.direction is Direction.COUNTERCLOCKWISE for motor in motors):
+        names.add(("pybricks.parameters", "Direction"))
+    if robot.hub_sides != HUB_FLAT:
+        names.add(("pybricks.parameters", "Axis"))
+    modules = sorted({module for module, _ in names})
+    return [f"from {module} import {', '.join(sorted(name for origin, name in names if origin == module))}" for module in modules]
+
+
+def _constants(interface: Interface, pipe: Pipe) -> str:
+    wire = WireFormat.of(interface)
+    until_done = interface.settle.fixed_ms is None
+    sizes = ", ".join(f"{kind.name}: {CONTROL_OVERHEAD + DOWN_PAYLOAD_BYTES[kind]}" for kind in Down)
+    lines = [
+        "# The wire, from the same definitions as on the host's side. Kinds of frames are ASCII letters.",
+        f"MAGIC = 0x{MAGIC:02X}",
+        f"CRC_POLYNOMIAL = 0x{CRC_POLYNOMIAL:X}",
+        *(f"{kind.name} = {kind.value}  # '{chr(kind.value)}'" for kind in Down),
+        *(f"{reason.name} = {reason.value}" for reason in ByeReason),
+        f'ACTION_FORMAT = "{wire.action_format}"',
+        f'ANSWER_FORMAT = "{wire.answer_format}"',
+        f"COMMAND_BYTES = {wire.down_frame_bytes}  # length of a frame with actions",
+        f"CONTROL_BYTES = {{{sizes}}}",
+        f"PIECE_BYTES = {NOTIFICATION_BYTES}  # what fits one notification",
+        f"HELLO_HEAD = bytes([MAGIC, 0, {Up.HELLO.value}, {PROTOCOL_VERSION}])",
+        f"BYE_HEAD = bytes([MAGIC, 0, {Up.BYE.value}])",
+        *([f"SLOT_BYTES = {APP_DATA_BYTES}  # of AppData"] if pipe is Pipe.APP_DATA else []),
+        _hash_line(bytes(4)),
+        "",
+        f"UNTIL_DONE = {until_done}  # answer when all moves have ended",
+        f"SETTLE_MS = {interface.settle.longest_ms}  # answer after this time {'at the latest' if until_done else 'in any case'}",
+        f"WATCHDOG_MS = {WATCHDOG_MS}  # silence that stops the motors",
+        f"END_MS = {END_MS}  # further silence that ends the program",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _motors(robot: Robot, interface: Interface) -> list[Motor]:
+    """Motors that the interface commands or reads, in the robot's order."""
+    names = {name for channel in interface.channels for name in channel.devices(robot)}
+    names |= {name for command in interface.commands for name in command.motors(robot)}
+    return [motor for motor in robot.motors if motor.name in names]
+
+
+def _sensors(robot: Robot, interface: Interface) -> list[Sensor]:
+    """Sensors that the interface reads, without duplicates, in the order of its channels."""
+    names = [name for channel in interface.channels for name in channel.devices(robot)]
+    sensors = {sensor.name: sensor for sensor in robot.sensors}
+    return [sensors[name] for name in dict.fromkeys(names) if name in sensors]
+
+
+def _joints(robot: Robot, interface: Interface) -> set[str]:
+    """Names of the motors with a range that are commanded by `RunAngle`."""
+    commanded = {name for command in interface.commands if isinstance(command, RunAngle) for name in command.motors(robot)}
+    return {motor.name for motor in robot.motors if motor.name in commanded and motor.range_deg is not None}
+
+
+_AXES = {"ahead": "Axis.X", "back": "-Axis.X", "left": "Axis.Y", "right": "-Axis.Y", "up": "Axis.Z", "down": "-Axis.Z"}
+
+
+def _hub_sides(robot: Robot) -> str:
+    """Arguments of a hub that does not lie flat and forwards."""
+    if robot.hub_sides == HUB_FLAT:
+        return ""
+    top, front = (_AXES[side] for side in robot.hub_sides)
+    return f"top_side={top}, front_side={front}"
+
+
+def _devices(robot: Robot, interface: Interface) -> str:
+    joints = _joints(robot, interface)
+    lines = [f"hub = {robot.hub.model.class_name}({_hub_sides(robot)})"]
+    for motor in _motors(robot, interface):
+        lines += _motor_lines(motor, motor.name in joints)
+    setups = dict.fromkeys(command.setup(robot) for command in interface.commands)
+    setups |= dict.fromkeys(channel.setup(robot) for channel in interface.channels)
+    lines += [line for setup in setups for line in setup]
+    lines += [f"sensor_{sensor.name} = {sensor.class_name}(Port.{sensor.port})" for sensor in _sensors(robot, interface)]
+    movers = dict.fromkeys(command.mover for command in interface.commands if command.mover is not None)
+    lines += ["", f"MOVERS = [{', '.join(movers)}]"]
+    return "\n".join(lines) + "\n"
+
+
+def _motor_lines(motor: Motor, is_joint: bool) -> list[str]:
+    variable = f"motor_{motor.name}"
+    arguments = [f"Port.{motor.port}"]
+    if motor.direction is Direction.COUNTERCLOCKWISE:
+        arguments.append("Direction.COUNTERCLOCKWISE")
+    if motor.gears:
+        arguments.append(f"gears={list(motor.gears)}")
+    lines = [f"{variable} = Motor({', '.join(arguments)})"]
+    if motor.zero_deg:
+        lines.append(f"{variable}.reset_angle({_from_zero(motor, f'{variable}.angle()')})")
+    limits = {"speed": motor.speed_limit_deg_s, "acceleration": motor.acceleration_deg_s2, "torque": motor.torque_limit_mnm}
+    limit_arguments = ", ".join(f"{name}={value}" for name, value in limits.items() if value is not None)
+    if limit_arguments:
+        lines.append(f"{variable}.control.limits({limit_arguments})")
+    if is_joint and motor.range_deg is not None:
+        lines.append(f"{variable} = Joint({variable}, {motor.range_deg[0]}, {motor.range_deg[1]})")
+    return lines
+
+
+def _from_zero(motor: Motor, angle: str) -> str:
+    """Expression of the angle relative to the calibrated zero, shifted by whole turns to be near the range."""
+    if not motor.turn_deg.is_integer():
+        return f"{angle} - {motor.zero_deg}"
+    turn, middle = int(motor.turn_deg), sum(motor.range_deg or (0, 0)) // 2
+    lowest = middle - turn // 2
+    return f"({angle} - {motor.zero_deg + lowest}) % {turn} + {lowest}"
+
+
+def _start_moves(robot: Robot, interface: Interface) -> str:
+    lines = [
+        "def start_moves(actions):",
+        '    """Start the commands, clamped to their ranges, without waiting for their ends."""',
+    ]
+    calls: dict[str, list[tuple[Command, str]]] = {}
+    for index, command in enumerate(interface.commands):
+        low, high = round(command.low * command.scale), round(command.high * command.scale)
+        amount = f"whole(actions[{index}], {low}, {high}, {command.scale})"
+        calls.setdefault(command.call or command.name, []).append((command, amount))
+    for group in calls.values():
+        amounts = {command.name: amount for command, amount in group}
+        lines.append("    " + group[0][0].start_all(robot, amounts))
+    return "\n".join(lines) + "\n"
+
+
+def _read_channels(interface: Interface) -> str:
+    statements = dict.fromkeys(channel.statement for channel in interface.channels if channel.statement is not None)
+    lines = [
+        "def read_channels(time_ms):",
+        '    """The answer\'s numbers: the clock, and each channel in its unit times its scale."""',
+        *(f"    {statement}" for statement in statements),
+        "    return ustruct.pack(",
+        "        ANSWER_FORMAT,",
+        "        time_ms,",
+        *(f"        wire({channel.expression} * {channel.scale})," for channel in interface.channels),
+        "    )",
+    ]
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,151 @@
+"""Run of a user's program on a hub, with its output, traceback and input."""
+
+from __future__ import annotations
+
+import contextlib
+import queue
+import re
+import threading
+from typing import BinaryIO, TextIO
+
+from brickhub.hub.errors import HubBusyError, ProgramStoppedError
+from brickhub.hub.program.user_program import check_time_limit
+from brickhub.hub.protocol import WRITE_BYTES
+from brickhub.hub.transport import HubProgram, Transport, as_typed
+
+_READ_S = 0.25
+_LONGEST_READ = 1024
+_READ_BESIDE_INPUT_S = 0.02
+_TRACEBACK_HEAD = "Traceback (most recent call last):"
+_LOCATION = "  File "
+_STOPPED = re.compile(r"The program was stopped \(\w+\)\.")
+_CLOSING_LINES = (_TRACEBACK_HEAD.encode(), b"The program was stopped (SystemExit).")
+
+
+def run_program(
+    transport: Transport,
+    program: HubProgram,
+    *,
+    stdout: BinaryIO,
+    stderr: TextIO,
+    stdin: BinaryIO | TextIO | None = None,
+    time_limit_s: float | None = None,
+) -> int:
+    """Start a program over a transport, connecting it if necessary, and wait until it ends.
+
+    Args:
+        transport: transport to the hub.
+        program: from :func:`~brickhub.hub.program.user_program.load_program`.
+        stdout: receives the program's output as it comes.
+        stderr: receives the traceback, or the message that the program was stopped.
+        stdin: input of the program, bytes, or text as if it were typed; read in a thread, and passed on as the hub accepts it.
+        time_limit_s: seconds after which the program is stopped.
+
+    Returns:
+        Exit code: 1 if the program raised, else 0.
+
+    Raises:
+        ProgramError: the program is invalid or too large for the hub, or the time limit is invalid.
+        HubError: the hub cannot be reached, or the link was lost.
+    """
+    check_time_limit(time_limit_s)
+    transcript = Transcript(stdout, stderr)
+    transport.start(program)
+    reader = _InputReader(stdin) if stdin is not None else None
+    deadline_s = None if time_limit_s is None else transport.now_s() + time_limit_s
+    try:
+        while True:
+            if deadline_s is not None and transport.now_s() >= deadline_s:
+                deadline_s = None
+                transport.stop()
+            elif reader is not None and (data := reader.next()):
+                try:
+                    transport.write(data)
+                except HubBusyError:
+                    reader.put_back(data)  # the program is not reading at present
+            transcript.feed(transport.read(_READ_S if reader is None else _READ_BESIDE_INPUT_S))
+    except ProgramStoppedError:
+        return transcript.end()
+
+
+class _InputReader:
+    """Non-blocking standard input, read in a separate thread."""
+
+    def __init__(self, stream: BinaryIO | TextIO) -> None:
+        self._stream = stream
+        self._pieces: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+        self._returned = b""
+        threading.Thread(target=self._read, name="standard input", daemon=True).start()
+
+    def _read(self) -> None:
+        read = getattr(self._stream, "read1", self._stream.readline)
+        with contextlib.suppress(OSError, ValueError):  # the stream was closed
+            while data := as_typed(read(_LONGEST_READ)):
+                for start in range(0, len(data), WRITE_BYTES):
+                    self._pieces.put(data[start : start + WRITE_BYTES])
+
+    def next(self) -> bytes:
+        """Next bytes; ``b""`` while there are none."""
+        data, self._returned = self._returned, b""
+        try:
+            return data or self._pieces.get_nowait()
+        except queue.Empty:
+            return b""
+
+    def put_back(self, data: bytes) -> None:
+        self._returned = data
+
+
+class Transcript:
+    """Separator of a program's output from the firmware's closing message: a hub writes both to the same stream.
+
+    A traceback that is followed by other output was printed by the program itself.
+    """
+
+    def __init__(self, stdout: BinaryIO, stderr: TextIO) -> None:
+        self._stdout = stdout
+        self._stderr = stderr
+        self._line = b""
+        self._pending: list[str] = []
+
+    def feed(self, data: bytes) -> None:
+        """Process further output of the hub."""
+        *lines, self._line = (self._line + data).replace(b"\r\n", b"\n").split(b"\n")
+        for line in lines:
+            self._feed_line(line)
+        partial = self._line.removesuffix(b"\r")  # the "\n" of a line end may follow
+        if not self._pending and not any(line.startswith(partial) for line in _CLOSING_LINES):
+            self._print(partial)
+            self._line = self._line[len(partial) :]
+
+    def end(self) -> int:
+        """Flush at the end of the output; returns the exit code."""
+        if self._line:
+            self._print_pending()
+            self._print(self._line)
+        for line in self._pending:
+            self._stderr.write(f"{line}\n")
+        return int(_TRACEBACK_HEAD in self._pending)
+
+    def _feed_line(self, line: bytes) -> None:
+        text = line.decode("utf-8", "replace")
+        if self._pending and not self._continues_traceback(text):
+            self._print_pending()
+        if self._pending or text == _TRACEBACK_HEAD or _STOPPED.fullmatch(text):
+            self._pending.append(text)
+        else:
+            self._print(line + b"\n")
+
+    def _continues_traceback(self, text: str) -> bool:
+        """True if a line continues the pending traceback: locations, then the error."""
+        if self._pending[0] != _TRACEBACK_HEAD:
+            return False
+        return text.startswith(_LOCATION) if len(self._pending) == 1 else self._pending[-1].startswith(_LOCATION)
+
+    def _print_pending(self) -> None:
+        self._print("".join(f"{line}\n" for line in self._pending).encode())
+        self._pending = []
+
+    def _print(self, data: bytes) -> None:
+        self._stdout.write(data)
+        self._stdout.flush()

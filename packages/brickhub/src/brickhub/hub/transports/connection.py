@@ -1,0 +1,315 @@
+"""Connection to one hub, over Bluetooth or USB: commands with timeouts, status, and the program's output.
+
+All methods run in the event loop's thread.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+from brickhub.errors import HubError, HubProtocolError, HubTimeoutError
+from brickhub.hub.errors import HubBusyError, HubDisconnectedError, ProgramStoppedError
+from brickhub.hub.transports import profile
+from brickhub.hub.transports.profile import Status, StatusReport
+from brickhub.hub.transports.stdout_buffer import Output
+from brickhub.robot import HubKind
+
+_log = logging.getLogger(__name__)
+
+_OLDEST_PROFILE = (1, 3)
+_FIRST_STATUS_S = 3 * profile.STATUS_PERIOD_S
+_OUTPUT_GRACE_S = 0.3
+"""Time for the rest of a program's output, which may arrive after the report of its end."""
+_BUSY_PAUSE_S = 0.01
+_LONGEST_BUSY_PAUSE_S = 0.16
+
+
+class Port(Protocol):
+    """Medium of a connection, Bluetooth or USB.
+
+    Errors are ``HubError`` or its subclasses; a call that takes too long is cancelled.
+
+    Attributes:
+        name, address: name and address of the hub.
+    """
+
+    name: str
+    address: str
+
+    async def open(self, on_event: Callable[[bytes], None], on_loss: Callable[[str], None]) -> None:
+        """Connect. After ``subscribe``, each event goes to ``on_event``; the reason of a lost link goes to ``on_loss``."""
+
+    async def read(self, characteristic: str) -> bytes:
+        """Value of a characteristic, by its UUID."""
+
+    async def subscribe(self) -> None:
+        """Subscribe to the hub's events."""
+
+    async def write(self, command: bytes, operation: str) -> None:
+        """Write a command and wait for its acknowledgement; ``operation`` describes it in error messages."""
+
+    async def close(self) -> None:
+        """Disconnect."""
+
+
+@dataclass(frozen=True)
+class HubIdentity:
+    """Identity that a connected hub reports.
+
+    Attributes:
+        name, address: advertised name and address; on macOS the address is valid on this computer only.
+        kind: kind of hub.
+        firmware: version of Pybricks, e.g. ``"4.0.1"``.
+        profile_version: version of the Pybricks Profile, e.g. ``(1, 5)``.
+        capabilities: sizes and features.
+    """
+
+    name: str
+    address: str
+    kind: HubKind
+    firmware: str
+    profile_version: tuple[int, int]
+    capabilities: profile.Capabilities
+
+
+class HubConnection:
+    """Connection to a hub, from ``connect`` to ``disconnect`` or to a failure; it cannot be reused.
+
+    Attributes:
+        identity: identity of the hub; set by ``connect``.
+        status: last status report; set by ``connect``.
+        output: buffer of the program's output and its end.
+    """
+
+    identity: HubIdentity
+    status: StatusReport
+
+    def __init__(self, port: Port, *, answer_timeout_s: float, connect_timeout_s: float) -> None:
+        self.output = Output()
+        self._port = port
+        self._answer_timeout_s = answer_timeout_s
+        self._connect_timeout_s = connect_timeout_s
+        self._loss: str | None = "not connected yet"
+        self._reports = 0
+        self._is_running_expected = False
+        self._end_timer: asyncio.TimerHandle | None = None
+        self._changed = asyncio.Event()
+        self._write_lock = asyncio.Lock()
+        self._write_timeout: asyncio.Timeout | None = None
+
+    @property
+    def is_connected(self) -> bool:
+        return self._loss is None
+
+    @property
+    def is_running(self) -> bool:
+        """True if a program runs on the hub, by its last report."""
+        return self.is_connected and Status.USER_PROGRAM_RUNNING in self.status.flags
+
+    @property
+    def program_location(self) -> str:
+        """Location of the program that the hub would start: its address and the selected slot."""
+        return f"{self.identity.address} slot {self.status.slot}"
+
+    async def connect(self) -> None:
+        """Connect, identify the hub, and subscribe to its reports. Raises a subclass of HubError with the reason."""
+        self._loss = None
+        try:
+            async with asyncio.timeout(self._connect_timeout_s):
+                await self._port.open(self._on_event, self._lose)
+                self.identity = await self._identify()
+                await self._port.subscribe()
+                if not await self._wait_for(lambda: self._reports > 0, _FIRST_STATUS_S):
+                    raise HubTimeoutError("the hub does not report its status; switch it off and on")
+                self._check_connected()
+        except TimeoutError as error:
+            await self.disconnect()
+            if isinstance(error, HubError):
+                raise
+            raise HubTimeoutError("the hub did not answer while connecting; switch it off and on, and bring it near") from None
+        except BaseException:
+            await self.disconnect()
+            raise
+
+    async def disconnect(self) -> None:
+        """Disconnect. Never raises, and has a timeout."""
+        self._lose("this computer disconnected")
+        try:
+            async with asyncio.timeout(self._answer_timeout_s):
+                await self._port.close()
+        except Exception as error:  # noqa: BLE001  a backend may raise anything; the hub notices by itself
+            _log.debug("disconnecting from the hub: %s", error)
+
+    async def command(self, data: bytes, operation: str) -> None:
+        """Write a command; retry while the hub is busy.
+
+        Raises:
+            HubBusyError: the hub stayed busy.
+            HubRefusedError: the hub refused the command.
+            HubTimeoutError: the hub did not acknowledge it; the link is dropped, since its state is unknown.
+            HubDisconnectedError: the link is broken.
+        """
+        loop = asyncio.get_running_loop()
+        deadline_s = loop.time() + self._answer_timeout_s
+        pause_s = _BUSY_PAUSE_S
+        while True:
+            try:
+                await self._write(data, operation)
+            except HubBusyError:
+                if loop.time() + pause_s > deadline_s:
+                    raise
+                await asyncio.sleep(pause_s)
+                pause_s = min(2 * pause_s, _LONGEST_BUSY_PAUSE_S)
+            else:
+                return
+
+    async def download(self, blob: bytes) -> None:
+        """Download a program to the hub.
+
+        Raises:
+            HubProtocolError: the program is too large for the hub, or the hub cannot run it.
+            HubError: see ``command``.
+        """
+        capabilities = self.identity.capabilities
+        if not capabilities.features & profile.Feature.MPY_V6:
+            raise HubProtocolError("the hub's firmware cannot run our programs; update it on code.pybricks.com")
+        if len(blob) > capabilities.max_program_bytes:
+            raise HubProtocolError(
+                f"the program has {len(blob)} bytes, the hub takes {capabilities.max_program_bytes}; use a larger hub"
+            )
+        for command in profile.download(blob, capabilities.max_write_bytes):
+            await self.command(command, "write the program onto the hub")
+
+    async def start_program(self) -> None:
+        """Start the program on the hub and wait until it runs or has ended.
+
+        Raises:
+            HubError: see ``command``.
+        """
+        slot = self.status.slot if self.identity.capabilities.slots else None
+        if self._end_timer is not None:
+            await asyncio.sleep(_OUTPUT_GRACE_S)
+        self.output.begin()
+        await self.command(profile.start_program(slot), "write the command that starts the program")
+        self._is_running_expected = True
+        # The first report from now on may still be from before the start; the second one is not.
+        reports = self._reports
+        await self._wait_for(lambda: self.is_running or self._reports >= reports + 2, self._answer_timeout_s)
+        self._check_connected()
+        if not self.is_running:
+            self._end_program()
+
+    async def stop_program(self) -> None:
+        """Stop the program, and with it the motors; wait until it has ended.
+
+        Raises:
+            HubTimeoutError: the program did not end.
+            HubError: see ``command``.
+        """
+        self._is_running_expected = False
+        await self.command(profile.stop_program(), "write the command that stops the program")
+        if not await self._wait_for(lambda: not self.is_running, self._answer_timeout_s):
+            raise HubTimeoutError("the program on the hub does not stop; press the hub's button")
+        self.output.end(ProgramStoppedError, "the program on the hub was stopped; start it again")
+        self._check_connected()
+
+    async def wait_for_output(self, data: bytes, timeout_s: float) -> bool:
+        """True if the program writes these bytes in time; they remain in the buffer."""
+        await self._wait_for(lambda: self.output.contains(data) or not self.is_running, timeout_s)
+        return self.output.contains(data)
+
+    async def _identify(self) -> HubIdentity:
+        version = profile.parse_version(await self._port.read(profile.PROFILE_VERSION_UUID))
+        if version[0] != _OLDEST_PROFILE[0] or version < _OLDEST_PROFILE:
+            raise HubProtocolError(f"the hub speaks Pybricks Profile {version[0]}.{version[1]}; update it on code.pybricks.com")
+        return HubIdentity(
+            name=self._port.name,
+            address=self._port.address,
+            kind=profile.parse_hub_kind(await self._port.read(profile.PNP_ID_UUID)),
+            firmware=(await self._port.read(profile.FIRMWARE_REVISION_UUID)).decode("utf-8", "replace"),
+            profile_version=version,
+            capabilities=profile.parse_capabilities(await self._port.read(profile.CAPABILITIES_UUID)),
+        )
+
+    async def _write(self, data: bytes, operation: str) -> None:
+        try:
+            async with asyncio.timeout(self._answer_timeout_s) as timeout, self._write_lock:
+                self._check_connected()
+                self._write_timeout = timeout
+                try:
+                    await self._port.write(data, operation)
+                finally:
+                    self._write_timeout = None
+        except HubDisconnectedError:
+            self._lose("it takes no commands")
+            raise
+        except TimeoutError:
+            self._check_connected()
+            self._lose("it did not acknowledge a command")
+            raise HubTimeoutError(
+                f"could not {operation}: the hub did not acknowledge it within {self._answer_timeout_s:g} s; open the link again"
+            ) from None
+
+    async def _wait_for(self, condition: Callable[[], bool], timeout_s: float) -> bool:
+        """Wait until ``condition()``, or until the link is lost or the time is up."""
+        try:
+            async with asyncio.timeout(timeout_s):
+                while not condition() and self.is_connected:
+                    self._changed.clear()
+                    await self._changed.wait()
+        except TimeoutError:
+            pass
+        return condition()
+
+    def _check_connected(self) -> None:
+        if self._loss is not None:
+            raise HubDisconnectedError(f"the link to the hub is lost ({self._loss}); open it again")
+
+    def _on_event(self, data: bytes) -> None:
+        try:
+            event = profile.parse_event(data)
+        except HubProtocolError as error:
+            _log.warning("%s", error)
+            return
+        if isinstance(event, bytes):
+            self.output.put(event)
+        elif isinstance(event, StatusReport):
+            self._on_status(event)
+        self._changed.set()
+
+    def _on_status(self, report: StatusReport) -> None:
+        before = self.status.flags if self._reports else Status(0)
+        self._reports += 1
+        self.status = report
+        set_flags, cleared_flags = report.flags & ~before, before & ~report.flags
+        if set_flags & (Status.BATTERY_LOW | Status.BATTERY_EMPTY):
+            _log.warning("the hub's battery is low; charge it soon")
+        if set_flags & (Status.BATTERY_HOT | Status.BATTERY_TOO_HOT):
+            _log.warning("the hub's battery is hot; let it rest")
+        if set_flags & (Status.SHUTDOWN | Status.SHUTDOWN_REQUESTED):
+            self._lose("the hub is switching off")
+        elif cleared_flags & Status.USER_PROGRAM_RUNNING and self._is_running_expected:
+            self._end_program()
+
+    def _end_program(self) -> None:
+        self._is_running_expected = False
+        self._end_timer = asyncio.get_running_loop().call_later(_OUTPUT_GRACE_S, self._end_output)
+
+    def _end_output(self) -> None:
+        self._end_timer = None
+        self.output.end(ProgramStoppedError, "the program on the hub has ended; start it again")
+
+    def _lose(self, reason: str) -> None:
+        if self._loss is not None:
+            return
+        self._loss = reason
+        if self._end_timer is not None:
+            self._end_timer.cancel()
+        self.output.end(HubDisconnectedError, f"the link to the hub is lost ({reason}); open it again")
+        if self._write_timeout is not None and not self._write_timeout.expired():
+            self._write_timeout.reschedule(0)  # wake up the pending write
+        self._changed.set()

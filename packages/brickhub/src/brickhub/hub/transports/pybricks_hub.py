@@ -1,0 +1,240 @@
+"""Transport to a real hub, independent of the medium: common part of Bluetooth and USB.
+
+A hub keeps its program. The program that this computer downloaded last is recorded, and started without a download if it
+is the wanted one; its HELLO confirms it. An unknown program is never started, because it might move the robot.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import atexit
+import itertools
+import logging
+import time
+from abc import ABC, abstractmethod
+from pathlib import Path
+
+from brickhub.errors import HubError, HubProtocolError
+from brickhub.hub.errors import AmbiguousHubError, HubDisconnectedError, MediumUnavailableError
+from brickhub.hub.program.compile import compile_program, program_blob
+from brickhub.hub.protocol import WRITE_BYTES, Up, app_data_slot, control_frame, hello_payload
+from brickhub.hub.transport import HubProgram, Pipe
+from brickhub.hub.transports import profile
+from brickhub.hub.transports.connection import HubConnection, HubIdentity, Port
+from brickhub.hub.transports.event_loop import EventLoopThread
+from brickhub.hub.transports.profile import StatusReport
+from brickhub.hub.transports.program_cache import ProgramRecord
+from brickhub.robot import HubKind
+
+_log = logging.getLogger(__name__)
+
+_LONGEST_CONNECT_S = 10.0
+_HELLO_S = 3.0
+_FIRST_PAUSE_S = 0.25
+_LONGEST_PAUSE_S = 2.0
+_DOWNLOAD_S = 120.0
+_GRACE_S = 3.0
+
+
+class ProfileTransport(ABC):
+    """A :class:`~brickhub.hub.transport.Transport` to a hub that runs Pybricks.
+
+    Args:
+        timeout_s: time limit to find and connect the hub. A hub whose link was lost can be found again after its program
+            has ended, ten seconds later.
+        answer_timeout_s: time limit for the acknowledgement of a command.
+        record: file that records which program is on which hub; ``None`` for the file in the user's cache.
+    """
+
+    def __init__(self, *, timeout_s: float, answer_timeout_s: float, record: Path | None) -> None:
+        self._timeout_s = timeout_s
+        self._answer_timeout_s = answer_timeout_s
+        self._record = ProgramRecord(record)
+        self._loop: EventLoopThread | None = None
+        self._connection: HubConnection | None = None
+        self._first_hub: HubIdentity | None = None
+        """Hub of the first connection; after a loss, only this one is reconnected."""
+        self._pipe = Pipe.STDIN
+        self._counts = itertools.cycle(range(1, 256))
+
+    @abstractmethod
+    async def _find(self, timeout_s: float) -> Port:
+        """Find the hub; on a reconnection, the same one."""
+
+    @property
+    def identity(self) -> HubIdentity | None:
+        """Identity of the hub; ``None`` while it is not connected."""
+        return self._connection.identity if self._connection is not None else None
+
+    @property
+    def status(self) -> StatusReport | None:
+        """Latest status report of the hub; ``None`` while it is not connected."""
+        return self._connection.status if self._connection is not None else None
+
+    def open(self) -> None:
+        """Find the hub and connect to it, with retries until the timeout.
+
+        Raises:
+            MediumUnavailableError: Bluetooth or USB is not available on this computer.
+            HubNotFoundError: the hub is not in reach.
+            HubProtocolError: the hub needs newer firmware.
+            HubError: the hub cannot be connected.
+        """
+        if self._loop is None:
+            self._loop = EventLoopThread("bricksrl-hub")
+            atexit.register(self.close)
+        self._loop.run(self._connected(), self._timeout_s + _GRACE_S, "connect to the hub")
+
+    def start(self, program: HubProgram) -> None:
+        """Download the program to the hub, unless it is there already, and start it. Reconnects after a loss.
+
+        Raises:
+            ProgramError: the program is invalid or too large for the hub.
+            HubError: the hub cannot be reached, or refuses the program.
+        """
+        modules = compile_program(program)
+        if self._loop is None:
+            self.open()
+        limit_s = self._timeout_s + _DOWNLOAD_S + _GRACE_S
+        self._pipe = program.pipe
+        self._running_loop().run(self._start(program, modules), limit_s, "start the program on the hub")
+
+    def write(self, data: bytes) -> None:
+        """Write to the program; waits, with a timeout, while its buffer is full.
+
+        Raises:
+            HubBusyError: the buffer stayed full.
+            HubTimeoutError: the hub did not acknowledge the bytes; the link is dropped.
+            HubDisconnectedError: the link is lost.
+            HubError: no program runs, or the data has more than 20 bytes.
+        """
+        if len(data) > WRITE_BYTES:
+            raise HubError(f"{len(data)} bytes in one write; a hub takes {WRITE_BYTES} at most, split them")
+        connection = self._require_connection()
+        connection.output.check()
+        if self._pipe is Pipe.APP_DATA:
+            packet = profile.write_app_data(0, app_data_slot(next(self._counts), data))
+        else:
+            packet = profile.write_stdin(data)
+        command = connection.command(packet, "write to the program")
+        self._running_loop().run(command, 2 * self._answer_timeout_s + _GRACE_S, "write to the program")
+
+    def read(self, timeout_s: float) -> bytes:
+        """Next output of the program; ``b""`` if none came in time, and once when the program has ended.
+
+        Raises:
+            HubDisconnectedError: the link is lost, and everything has been read.
+            ProgramStoppedError: the program has ended, and everything has been read.
+        """
+        return self._require_connection().output.read(timeout_s)
+
+    def stop(self) -> None:
+        """Stop the program, and with it the motors. If the link is lost, the hub does so by itself. Raises HubError if the hub
+        does not answer, or does not stop."""
+        connection = self._connection
+        if connection is None or not connection.is_connected:
+            return
+        self._running_loop().run(connection.stop_program(), 3 * self._answer_timeout_s + _GRACE_S, "stop the program")
+
+    def close(self) -> None:
+        """Stop the program and disconnect. May be called in any state and repeatedly; failures are logged."""
+        loop, self._loop = self._loop, None
+        connection, self._connection = self._connection, None
+        if loop is None:
+            return
+        atexit.unregister(self.close)
+        try:
+            if connection is not None:
+                loop.run(self._close(connection), 4 * self._answer_timeout_s + _GRACE_S, "disconnect from the hub")
+        except HubError as error:
+            _log.warning("%s", error)
+        finally:
+            loop.close()
+
+    def now_s(self) -> float:
+        return time.perf_counter()  # which, unlike the monotonic clock of Windows, tells milliseconds
+
+    # ---- in the thread of the event loop
+
+    async def _connected(self) -> HubConnection:
+        """The open connection; connects if there is none."""
+        if self._connection is not None:
+            if self._connection.is_connected:
+                return self._connection
+            await self._connection.disconnect()
+            self._connection = None
+        loop = asyncio.get_running_loop()
+        deadline_s = loop.time() + self._timeout_s
+        pause_s = _FIRST_PAUSE_S
+        while True:
+            try:
+                self._connection = await self._connect(deadline_s - loop.time())
+            except (AmbiguousHubError, MediumUnavailableError, HubProtocolError):
+                raise
+            except HubError as error:
+                if loop.time() + pause_s >= deadline_s:
+                    raise
+                _log.info("%s; trying again", error)
+                await asyncio.sleep(pause_s)
+                pause_s = min(2 * pause_s, _LONGEST_PAUSE_S)
+            else:
+                return self._connection
+
+    async def _connect(self, timeout_s: float) -> HubConnection:
+        port = await self._find(timeout_s)
+        connect_timeout_s = min(timeout_s, _LONGEST_CONNECT_S)
+        connection = HubConnection(port, answer_timeout_s=self._answer_timeout_s, connect_timeout_s=connect_timeout_s)
+        await connection.connect()
+        self._first_hub = identity = connection.identity
+        _log.info("connected to the %s hub '%s', firmware %s", identity.kind.value, identity.name, identity.firmware)
+        return connection
+
+    async def _start(self, program: HubProgram, modules: dict[str, bytes]) -> None:
+        connection = await self._connected()
+        kind, location = connection.identity.kind, connection.program_location
+        if kind is HubKind.MOVE and program.says_hello:
+            raise HubProtocolError("a Move Hub cannot run our programs; use another hub")
+        blob = program_blob(modules, kind)
+        if connection.is_running:
+            await connection.stop_program()
+        if program.says_hello and self._record.get(location) == program.hash and await _start_stored_program(connection, program):
+            return
+        self._record.set(location, None)
+        await connection.download(blob)
+        self._record.set(location, program.hash if program.says_hello else None)
+        await connection.start_program()
+
+    async def _close(self, connection: HubConnection) -> None:
+        try:
+            if connection.is_connected:
+                await connection.stop_program()
+        finally:
+            await connection.disconnect()
+
+    # ---- in the caller's thread
+
+    def _running_loop(self) -> EventLoopThread:
+        if self._loop is None:
+            raise HubError("the link to the hub is not open; open it first")
+        return self._loop
+
+    def _require_connection(self) -> HubConnection:
+        if self._connection is None:
+            raise HubDisconnectedError("the hub is not connected; open the link first")
+        return self._connection
+
+
+async def _start_stored_program(connection: HubConnection, program: HubProgram) -> bool:
+    """Start the program that is on the hub; True if it is the expected one, else it is stopped again."""
+    hello = control_frame(Up.HELLO, hello_payload(program.hash))
+    try:
+        await connection.start_program()
+        if await connection.wait_for_output(hello, _HELLO_S):
+            return True
+    except HubError as error:
+        if not connection.is_connected:
+            raise
+        _log.info("the program on the hub cannot be started: %s", error)
+    if connection.is_running:
+        await connection.stop_program()
+    return False

@@ -1,0 +1,240 @@
+"""Transport to a hub with Pybricks 4.1 over USB: a serial port with frames of ``cobs.py``.
+
+Message, host to hub: ``1 on`` subscribes to events, ``2 tag command`` is a command of the profile, ``3 service u16`` reads
+a characteristic. Hub to host: ``1 tag u32`` is a command's error code (0 for none), ``2 event`` an event,
+``3 service u16 value`` a characteristic. Source: ``lib/pbio/include/pbio/protocol.h`` of the firmware.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import errno
+import struct
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from brickhub.errors import message_of
+from brickhub.hub.errors import AmbiguousHubError, HubDisconnectedError, HubNotFoundError, Reason, UsbUnavailableError
+from brickhub.hub.transports import cobs, profile
+from brickhub.hub.transports.connection import Port
+from brickhub.hub.transports.profile import refusal
+from brickhub.hub.transports.pybricks_hub import ProfileTransport
+
+_LEGO_VENDOR = 0x0694
+_PRODUCTS = {0x0009: 0x81, 0x0010: 0x81, 0x000D: 0x83}
+"""USB product to Pybricks product: SPIKE Prime, Robot Inventor, SPIKE Essential."""
+_READ_S = 0.05
+_SUBSCRIBE, _COMMAND, _READ = 1, 2, 3
+_RESPONSE, _EVENT, _VALUE = 1, 2, 3
+_STANDARD, _PYBRICKS = 1, 2
+_RESPONSE_BODY = struct.Struct("<BI")
+_SELECTOR = struct.Struct("<BH")
+_CHARACTERISTICS = {
+    profile.DEVICE_NAME_UUID: (_STANDARD, 0x2A00),
+    profile.FIRMWARE_REVISION_UUID: (_STANDARD, 0x2A26),
+    profile.PROFILE_VERSION_UUID: (_STANDARD, 0x2A28),
+    profile.PNP_ID_UUID: (_STANDARD, 0x2A50),
+    profile.CAPABILITIES_UUID: (_PYBRICKS, 0x0003),
+}
+
+
+class SerialPort(Protocol):
+    """Used part of ``serial.Serial``; ``read`` waits for ``_READ_S`` at most."""
+
+    @property
+    def in_waiting(self) -> int: ...
+
+    def read(self, size: int, /) -> bytes: ...
+
+    def write(self, data: bytes, /) -> int | None: ...
+
+    def close(self) -> None: ...
+
+
+OpenSerial = Callable[[str], SerialPort]
+
+
+@dataclass(frozen=True)
+class UsbHub:
+    """Hub on a serial port.
+
+    Attributes:
+        device: name of the port.
+        address: identifier of the hub: its serial number if known, else the port.
+        product: id of the USB product; 0 if unknown.
+    """
+
+    device: str
+    address: str
+    product: int = 0
+
+
+def list_usb_hubs() -> list[UsbHub]:
+    """Hubs on this computer's USB ports, by their USB ids."""
+    from serial.tools.list_ports import comports
+
+    ports = [port for port in comports() if port.vid == _LEGO_VENDOR and port.pid in _PRODUCTS]
+    return [UsbHub(port.device, port.serial_number or port.device, port.pid) for port in ports]
+
+
+class UsbTransport(ProfileTransport):
+    """A :class:`~brickhub.hub.transport.Transport` over USB.
+
+    Args:
+        port: serial port, such as ``/dev/ttyACM0`` or ``COM3``; without one there must be a single hub.
+        open_serial: opens a serial port; by default with pyserial.
+        find_hubs: lists the connected hubs.
+        timeout_s, answer_timeout_s, record: see :class:`ProfileTransport`.
+    """
+
+    def __init__(
+        self,
+        port: str | None = None,
+        *,
+        open_serial: OpenSerial | None = None,
+        find_hubs: Callable[[], list[UsbHub]] = list_usb_hubs,
+        timeout_s: float = 20.0,
+        answer_timeout_s: float = 2.0,
+        record: Path | None = None,
+    ) -> None:
+        super().__init__(timeout_s=timeout_s, answer_timeout_s=answer_timeout_s, record=record)
+        self._serial_port = port
+        self._open_serial = open_serial or _open_serial
+        self._find_hubs = find_hubs
+
+    async def _find(self, timeout_s: float) -> Port:
+        hubs, port, first = await asyncio.to_thread(self._find_hubs), self._serial_port, self._first_hub
+        if first is not None:  # it may be at another port after it was plugged in again
+            hubs = [hub for hub in hubs if hub.address == first.address]
+        elif port is not None:
+            hubs = [hub for hub in hubs if hub.device == port]
+        if not hubs and port is not None and (first is None or first.address == port):
+            hubs = [UsbHub(port, port)]
+        if not hubs:
+            raise HubNotFoundError("no hub with Pybricks 4.1 is on USB; plug it in and switch it on, or name its serial port")
+        if len(hubs) > 1:
+            ports = ", ".join(hub.device for hub in hubs)
+            raise AmbiguousHubError(f"several hubs are on USB: {ports}; say which one by its port")
+        return UsbPort(hubs[0], self._open_serial)
+
+
+class UsbPort:
+    """Pybricks Profile over a serial port. Reads run in a separate thread; writes, which have a timeout, do not: at the end of
+    this program, when the hub is stopped, Python starts no more work in other threads."""
+
+    def __init__(self, hub: UsbHub, open_serial: OpenSerial) -> None:
+        self.name, self.address = hub.device, hub.address
+        self._hub, self._open_serial = hub, open_serial
+        self._serial: SerialPort | None = None
+        self._framer = cobs.Framer()
+        self._is_closing = threading.Event()
+        self._tag = 0
+        self._response: asyncio.Future[int] | None = None
+        self._values: dict[tuple[int, int], asyncio.Future[bytes]] = {}
+
+    async def open(self, on_event: Callable[[bytes], None], on_loss: Callable[[str], None]) -> None:
+        self._loop = asyncio.get_running_loop()
+        self._on_event, self._on_loss = on_event, on_loss
+        with _serial_errors(f"open the serial port {self._hub.device}"):
+            self._serial = await asyncio.to_thread(self._open_serial, self._hub.device)
+        self._reader = threading.Thread(target=self._read_loop, args=(self._serial,), name="bricksrl-usb", daemon=True)
+        self._reader.start()
+        await self._send(b"")  # ends a partial frame that another program left
+        self.name = (await self.read(profile.DEVICE_NAME_UUID)).decode("utf-8", "replace") or self._hub.device
+
+    async def read(self, characteristic: str) -> bytes:
+        selector = _CHARACTERISTICS[characteristic]
+        future: asyncio.Future[bytes] = self._loop.create_future()
+        self._values[selector] = future
+        await self._send(bytes((_READ,)) + _SELECTOR.pack(*selector))
+        value = await future
+        if not value and characteristic == profile.PNP_ID_UUID:  # the first betas do not report it
+            product = _PRODUCTS.get(self._hub.product, 0)
+            return struct.pack("<BHHH", 1, profile.LEGO_COMPANY_ID, product, 0)
+        return value
+
+    async def subscribe(self) -> None:
+        await self._send(bytes((_SUBSCRIBE, 1)))
+
+    async def write(self, command: bytes, operation: str) -> None:
+        self._tag = (self._tag + 1) % 256
+        self._response = self._loop.create_future()
+        await self._send(bytes((_COMMAND, self._tag)) + command)
+        code = await self._response
+        if code:
+            raise refusal(operation, code)
+
+    async def close(self) -> None:
+        serial, self._serial = self._serial, None
+        if serial is None:
+            return
+        self._is_closing.set()
+        try:
+            serial.write(cobs.encode(bytes((_SUBSCRIBE, 0))))
+        finally:
+            serial.close()
+            self._reader.join(1.0)
+
+    async def _send(self, message: bytes) -> None:
+        serial = self._serial
+        if serial is None:
+            raise HubDisconnectedError("the serial port is closed; open the link again")
+        frame = cobs.encode(message) if message else bytes((cobs.END,))
+        with _serial_errors("write to the hub"):
+            serial.write(frame)
+
+    def _read_loop(self, serial: SerialPort) -> None:
+        """Body of the reading thread."""
+        reason = "its cable was pulled, or it was switched off"
+        while not self._is_closing.is_set():
+            try:
+                data = serial.read(max(1, serial.in_waiting))
+            except (OSError, TypeError, ValueError):  # the port is gone, or is being closed
+                break
+            for message in self._framer.feed(data):
+                self._call_in_loop(self._handle, message)
+        if not self._is_closing.is_set():
+            self._call_in_loop(self._on_loss, reason)
+
+    def _call_in_loop(self, call: Callable[..., None], *arguments: object) -> None:
+        with contextlib.suppress(RuntimeError):  # the event loop has ended
+            self._loop.call_soon_threadsafe(call, *arguments)
+
+    def _handle(self, message: bytes) -> None:
+        """Handle one message, in the event loop's thread; truncated ones are dropped."""
+        kind, body = message[0], message[1:]
+        if kind == _EVENT:
+            self._on_event(body)
+        elif kind == _RESPONSE and len(body) >= _RESPONSE_BODY.size:
+            tag, code = _RESPONSE_BODY.unpack_from(body)
+            if tag == self._tag and self._response is not None and not self._response.done():
+                self._response.set_result(code)
+        elif kind == _VALUE and len(body) >= _SELECTOR.size:
+            future = self._values.get(_SELECTOR.unpack_from(body))
+            if future is not None and not future.done():
+                future.set_result(body[_SELECTOR.size :])
+
+
+def _open_serial(device: str) -> SerialPort:
+    import serial
+
+    # The hub sends only while the port is open (DTR, which pyserial sets).
+    return serial.Serial(device, timeout=_READ_S, write_timeout=1.0, exclusive=True)  # type: ignore[no-any-return]
+
+
+@contextlib.contextmanager
+def _serial_errors(operation: str) -> Iterator[None]:
+    """Translate pyserial's errors into ours."""
+    try:
+        yield
+    except OSError as error:  # serial.SerialException is one
+        why = message_of(error)
+        if error.errno in (errno.EACCES, errno.EPERM):
+            remedy = "allow it: on Linux, join the group dialout and log in again"
+            raise UsbUnavailableError(f"could not {operation} ({why}); {remedy}", Reason.DENIED) from error
+        remedy = "plug the hub in, switch it on, and close other programs that use it"
+        raise HubDisconnectedError(f"could not {operation} ({why}); {remedy}") from error

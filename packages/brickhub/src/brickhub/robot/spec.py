@@ -1,0 +1,378 @@
+"""Description of a LEGO robot: hub, ports, motors, sensors, drive base. Pure, frozen, validated data.
+
+Sources of the hub table: Pybricks 4 documentation and firmware configuration.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections import Counter
+from dataclasses import dataclass
+from typing import ClassVar, TypeVar
+
+from brickhub.errors import DescriptionError
+from brickhub.fields import check_fields
+
+
+@dataclass(frozen=True)
+class HubModel:
+    """Properties of a kind of hub.
+
+    Attributes:
+        class_name: class in ``pybricks.hubs``.
+        ports: letters of the ports for motors and sensors.
+        has_imu: whether a gyroscope and an accelerometer report tilt and angular velocity.
+        stdin_bytes: usable size of the standard input ring buffer; 0 means no stdin.
+        program_bytes: largest size of a user program.
+        has_float: whether the hub's MicroPython has floating-point numbers.
+    """
+
+    class_name: str
+    ports: str
+    has_imu: bool
+    stdin_bytes: int
+    program_bytes: int
+    has_float: bool = True
+
+
+class HubKind(enum.Enum):
+    """Hubs supported by Pybricks 4 (except EV3 and NXT bricks, which are reached over USB only)."""
+
+    PRIME = "prime"
+    ESSENTIAL = "essential"
+    TECHNIC = "technic"
+    CITY = "city"
+    MOVE = "move"
+
+    @property
+    def model(self) -> HubModel:
+        return _HUB_MODELS[self]
+
+
+_HUB_MODELS = {
+    HubKind.PRIME: HubModel("PrimeHub", "ABCDEF", True, 63, 272 * 1024),
+    HubKind.ESSENTIAL: HubModel("EssentialHub", "AB", True, 63, 258 * 1024),
+    HubKind.TECHNIC: HubModel("TechnicHub", "ABCD", True, 20, 32 * 1024),
+    HubKind.CITY: HubModel("CityHub", "AB", False, 20, 20 * 1024),
+    HubKind.MOVE: HubModel("MoveHub", "ABCD", False, 0, 7 * 1024, has_float=False),
+}
+
+
+class MotorKind(enum.Enum):
+    """Motors with a rotation sensor."""
+
+    SPIKE_SMALL = "spike-small"
+    SPIKE_MEDIUM = "spike-medium"
+    SPIKE_LARGE = "spike-large"
+    TECHNIC_M_ANGULAR = "technic-m-angular"
+    TECHNIC_L_ANGULAR = "technic-l-angular"
+    TECHNIC_L = "technic-l"
+    TECHNIC_XL = "technic-xl"
+    INTERACTIVE = "interactive"
+
+
+class Direction(enum.Enum):
+    """Direction in which a motor counts up, seen from its shaft."""
+
+    CLOCKWISE = 1
+    COUNTERCLOCKWISE = -1
+
+
+@dataclass(frozen=True)
+class Motor:
+    """Motor on a port; angles and speeds are those of the gear train's output.
+
+    Attributes:
+        port: port of the hub; "" takes the one of that name in the robot's plan.
+        gears: teeth from the motor to the output, as in Pybricks, e.g. ``(20, 60)``. Empty takes those of the robot's plan, if
+            any; ``(1, 1)`` means the motor's shaft.
+        range_deg: range that the hub clamps every target to; ``None`` for endless rotation.
+        speed_limit_deg_s, acceleration_deg_s2, torque_limit_mnm: arguments of ``Motor.control.limits``; ``None`` keeps the
+            firmware's default.
+        zero_deg: output angle, after the hub is switched on, at which our angle is 0. It depends on how the motor is mounted;
+            `bricksrl hub calibrate` finds it.
+    """
+
+    name: str
+    port: str = ""
+    kind: MotorKind = MotorKind.SPIKE_MEDIUM
+    direction: Direction = Direction.CLOCKWISE
+    gears: tuple[int, ...] = ()
+    range_deg: tuple[int, int] | None = None
+    speed_limit_deg_s: int | None = None
+    acceleration_deg_s2: int | None = None
+    torque_limit_mnm: int | None = None
+    zero_deg: int = 0
+
+    @property
+    def turn_deg(self) -> float:
+        """Output angle per turn of the motor's shaft; absolute angles are ambiguous beyond it."""
+        return 360.0 * self.gears[0] / self.gears[-1] if self.gears else 360.0
+
+    @property
+    def shaft_turns(self) -> float:
+        """Clockwise turns of the motor's shaft per turn of the output; negative if the motor counts up counterclockwise."""
+        ratio = self.gears[-1] / self.gears[0] if self.gears else 1.0
+        return ratio * self.direction.value
+
+    def __post_init__(self) -> None:
+        _check_device(self)
+        if len(self.gears) == 1 or any(teeth < 1 for teeth in self.gears):
+            raise DescriptionError(
+                f"motor '{self.name}': gears {self.gears} are not a train; give the teeth from motor to output, e.g. (20, 60)"
+            )
+        if self.range_deg is not None and self.range_deg[0] >= self.range_deg[1]:
+            raise DescriptionError(f"motor '{self.name}': range {self.range_deg} is empty; give (lowest, highest) in degrees")
+        for field in ("speed_limit_deg_s", "acceleration_deg_s2", "torque_limit_mnm"):
+            value = getattr(self, field)
+            if value is not None and value < 1:
+                raise DescriptionError(f"motor '{self.name}': {field} is {value}; give a positive number or None")
+
+
+LOOKS: dict[str, tuple[float, float, float]] = {
+    "ahead": (1.0, 0.0, 0.0),
+    "back": (-1.0, 0.0, 0.0),
+    "left": (0.0, 1.0, 0.0),
+    "right": (0.0, -1.0, 0.0),
+    "up": (0.0, 0.0, 1.0),
+    "down": (0.0, 0.0, -1.0),
+}
+"""Directions in the axes of a robot: x forward, y left, z up."""
+HUB_FLAT = ("up", "ahead")
+
+
+@dataclass(frozen=True)
+class Mount:
+    """Mount of a sensor on a driving robot, for its virtual body; a real robot ignores it. Raises DescriptionError if position or
+    direction is invalid.
+
+    Attributes:
+        at_mm: position of its eye, or its button: ahead of the middle of the axle, to the left of it, and above the floor.
+        looks: viewing direction, one of ``LOOKS``.
+    """
+
+    at_mm: tuple[float, float, float]
+    looks: str = "ahead"
+
+    def __post_init__(self) -> None:
+        check_fields(Mount, vars(self))
+        if self.looks not in LOOKS:
+            raise DescriptionError(f"a sensor cannot look '{self.looks}'; choose {', '.join(LOOKS)}")
+        if not all(math.isfinite(value) for value in self.at_mm) or self.at_mm[2] <= 0:
+            raise DescriptionError(f"a sensor cannot sit at {self.at_mm}; give mm ahead, to the left and above the floor")
+
+
+@dataclass(frozen=True)
+class UltrasonicSensor:
+    """SPIKE distance sensor, with a range of 40 to 2000 mm."""
+
+    name: str
+    port: str = ""
+    mount: Mount | None = None
+    class_name: ClassVar[str] = "UltrasonicSensor"
+    NEAREST_MM: ClassVar[int] = 40
+    FARTHEST_MM: ClassVar[int] = 2000
+
+    def __post_init__(self) -> None:
+        _check_device(self)
+
+
+class SensorKind(enum.Enum):
+    """Sensors and lights, by the name of their class in ``pybricks.pupdevices``."""
+
+    COLOR = "ColorSensor"
+    COLOR_DISTANCE = "ColorDistanceSensor"
+    FORCE = "ForceSensor"
+    INFRARED = "InfraredSensor"
+    TILT = "TiltSensor"
+    LIGHT = "Light"
+    COLOR_LIGHT_MATRIX = "ColorLightMatrix"
+
+    @property
+    def readings(self) -> tuple[str, ...]:
+        """Methods that return measurements, as numbers or booleans; empty for a light."""
+        return _READINGS.get(self, ())
+
+
+_READINGS = {
+    SensorKind.COLOR: ("reflection", "ambient", "hsv"),
+    SensorKind.COLOR_DISTANCE: ("reflection", "ambient", "hsv", "distance"),
+    SensorKind.FORCE: ("force", "distance", "pressed", "touched"),
+    SensorKind.INFRARED: ("reflection", "distance", "count"),
+    SensorKind.TILT: ("tilt",),
+}
+
+
+@dataclass(frozen=True)
+class PoweredUpSensor:
+    """Any other sensor on a port, read by a ``SensorReading``."""
+
+    name: str
+    port: str
+    kind: SensorKind
+    mount: Mount | None = None
+
+    @property
+    def class_name(self) -> str:
+        """Class in ``pybricks.pupdevices``."""
+        return self.kind.value
+
+    def __post_init__(self) -> None:
+        _check_device(self)
+
+
+Sensor = UltrasonicSensor | PoweredUpSensor
+_Device = TypeVar("_Device", Motor, Sensor)
+
+
+@dataclass(frozen=True)
+class DriveBase:
+    """Drive base of two named motors. A wheel diameter or axle track of 0 is taken from the robot's plan."""
+
+    left: str
+    right: str
+    wheel_diameter_mm: float = 0.0
+    axle_track_mm: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_fields(DriveBase, vars(self))
+        if self.left == self.right:
+            raise DescriptionError(f"drive base: left and right are both '{self.left}'; name two motors")
+        if self.wheel_diameter_mm < 0 or self.axle_track_mm < 0:
+            raise DescriptionError("drive base: wheel diameter and axle track must be positive millimetres")
+
+    def turn_deg(self, distance_mm: float) -> float:
+        """Angle that the wheels turn by over a distance."""
+        return 360.0 * distance_mm / (math.pi * self.wheel_diameter_mm)
+
+
+@dataclass(frozen=True)
+class Chassis:
+    """Chassis of a driving robot, for its virtual body; positions in mm ahead of the middle of the axle, and to the left of it.
+    Raises DescriptionError if a value is invalid.
+
+    Attributes:
+        hub_mm: middle of the hub; ``None`` for slightly behind the axle.
+        caster_mm: position of the ball caster.
+        ballast_g: mass in addition to hub, motors, sensors, wheels and a light frame.
+    """
+
+    hub_mm: tuple[float, float] | None = None
+    caster_mm: tuple[float, float] = (-60.0, 0.0)
+    ballast_g: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_fields(Chassis, vars(self))
+        numbers = (*(self.hub_mm or (0.0, 0.0)), *self.caster_mm, self.ballast_g)
+        if not all(math.isfinite(number) for number in numbers) or self.ballast_g < 0 or abs(self.caster_mm[0]) < 20:
+            raise DescriptionError(
+                f"a chassis with its caster at {self.caster_mm} mm and {self.ballast_g} g; put the caster 20 mm or more before "
+                "or behind the axle, and give 0 g or more"
+            )
+
+
+@dataclass(frozen=True)
+class Robot:
+    """Description of a robot: one hub with its devices. Raises DescriptionError if the description is invalid.
+
+    Attributes:
+        hub_sides: where the hub's top and its front, with the USB port, look: names of :data:`LOOKS`. By default as in the plan,
+            or ``("up", "ahead")``. The IMU's values are along the robot's axes, however the hub is mounted.
+        model: MuJoCo model of a virtual robot: ``"package.module:function"``, which is called with the robot and its scene and
+            returns an ``MjSpec``, or the path of an MJCF file (see ``bricktwin.twin.models.mjcf_file``) or of a building plan.
+            Without a model, a robot with a drive base gets a generated body, and any other one is a bench.
+        plan: path of the building plan, an LDraw file. It completes this description: missing motors and sensors, ports that are
+            "", gears, wheel diameter and axle track; and it is the model if there is none.
+        chassis: chassis of the generated body of a drive base without model and plan.
+    """
+
+    name: str
+    hub: HubKind
+    motors: tuple[Motor, ...] = ()
+    sensors: tuple[Sensor, ...] = ()
+    drive_base: DriveBase | None = None
+    needs_imu: bool = False
+    hub_sides: tuple[str, ...] = ()
+    model: str | None = None
+    plan: str | None = None
+    chassis: Chassis = Chassis()
+
+    def __post_init__(self) -> None:
+        _check_name(str(self.name).replace("-", "_"))
+        for field in ("motors", "sensors"):  # a list is as good, but has no hash
+            value = getattr(self, field)
+            object.__setattr__(self, field, tuple(value) if isinstance(value, list) else value)
+        check_fields(Robot, vars(self))
+        if self.plan is not None:
+            from bricktwin.robots.planned import completed
+
+            for field, value in zip(("motors", "sensors", "drive_base", "hub_sides"), completed(self), strict=True):
+                object.__setattr__(self, field, value)
+        if not self.hub_sides:
+            object.__setattr__(self, "hub_sides", HUB_FLAT)
+        self._check_hub_sides()
+        devices: tuple[Motor | Sensor, ...] = (*self.motors, *self.sensors)
+        for kind, keys in (("port", [d.port for d in devices]), ("name", [d.name for d in devices])):
+            for key, count in Counter(keys).items():
+                if count > 1:
+                    raise DescriptionError(f"robot '{self.name}': {kind} {key} is used {count} times; give each device its own")
+        model = self.hub.model
+        for device in devices:
+            if not device.port:
+                raise DescriptionError(f"robot '{self.name}': '{device.name}' has no port; say it, or name a plan that does")
+            if len(device.port) != 1 or device.port not in model.ports:
+                raise DescriptionError(
+                    f"robot '{self.name}': '{device.name}' is on port {device.port}, but a {self.hub.value} hub has "
+                    f"ports {', '.join(model.ports)}; move it or choose another hub"
+                )
+        if self.needs_imu and not model.has_imu:
+            raise DescriptionError(
+                f"robot '{self.name}': a {self.hub.value} hub has no IMU; choose a prime, essential or technic hub"
+            )
+        if self.drive_base is not None:
+            if not (self.drive_base.wheel_diameter_mm and self.drive_base.axle_track_mm):
+                raise DescriptionError(
+                    f"robot '{self.name}': its drive base has no wheel diameter or no axle track; say both in mm, or name a plan"
+                )
+            left, right = self.motor(self.drive_base.left), self.motor(self.drive_base.right)
+            if left.gears != right.gears:
+                raise DescriptionError(f"robot '{self.name}': both motors of a drive base need the same gears")
+
+    def _check_hub_sides(self) -> None:
+        known = [LOOKS[side] for side in self.hub_sides if side in LOOKS]
+        if len(self.hub_sides) != 2 or len(known) != 2 or sum(a * b for a, b in zip(*known, strict=True)):
+            raise DescriptionError(
+                f"robot '{self.name}': the hub's top and front cannot look {self.hub_sides}; "
+                f'give two of {", ".join(LOOKS)} at right angles, such as ("up", "ahead")'
+            )
+        if self.hub_sides != HUB_FLAT and not self.needs_imu:
+            raise DescriptionError(f"robot '{self.name}': only the IMU depends on hub_sides; omit them, or say needs_imu=True")
+
+    def motor(self, name: str) -> Motor:
+        """The motor of that name. Raises DescriptionError if the robot has no such motor."""
+        return _find_device(self, "motor", self.motors, name)
+
+    def sensor(self, name: str) -> Sensor:
+        """The sensor of that name. Raises DescriptionError if the robot has no such sensor."""
+        return _find_device(self, "sensor", self.sensors, name)
+
+
+def _check_device(device: Motor | Sensor) -> None:
+    _check_name(device.name)
+    if not isinstance(device.port, str):
+        raise DescriptionError(f"'{device.name}' is on port {device.port!r}; give the port's letter, such as 'A'")
+    check_fields(type(device), vars(device))
+
+
+def _check_name(name: str) -> None:
+    if not isinstance(name, str) or not name.isidentifier():
+        raise DescriptionError(f"'{name}' is not a name; use letters, digits and underscores, not starting with a digit")
+
+
+def _find_device(robot: Robot, kind: str, devices: tuple[_Device, ...], name: str) -> _Device:
+    for device in devices:
+        if device.name == name:
+            return device
+    known = ", ".join(d.name for d in devices) or "none"
+    raise DescriptionError(f"robot '{robot.name}' has no {kind} '{name}' (it has: {known})")

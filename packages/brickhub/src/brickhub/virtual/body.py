@@ -1,0 +1,92 @@
+"""Body of a virtual robot: the interface between hub and physics."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
+
+from brickhub.robot import MotorKind, Robot
+from brickhub.virtual.stimuli import Sense, Sensed
+
+if TYPE_CHECKING:
+    import numpy as np
+
+
+class Body(Protocol):
+    """Physical part of a virtual robot: what motors move and sensors measure.
+
+    Motor angles are those of the shaft, clockwise positive, before direction and gears.
+    """
+
+    robot: Robot
+    """Hub, motors and sensors with their ports."""
+    battery_mv: int
+
+    @property
+    def link_interval_ms(self) -> float:
+        """Connection interval of the hub's link; 0 for no delay."""
+
+    def reset(self, rng: np.random.Generator) -> None:
+        """Place the robot at the start of an episode."""
+
+    def advance_to(self, time_ms: int) -> None:
+        """Integrate the physics up to a simulated time."""
+
+    def angle_mdeg(self, port: str) -> int:
+        """Angle of a motor's shaft by its rotation sensor."""
+
+    def set_voltage(self, port: str, voltage_mv: int | None) -> None:
+        """Apply a voltage to a motor; ``None`` opens the circuit (coast)."""
+
+    def distance_mm(self, port: str) -> int:
+        """Reading of an ultrasonic sensor, 40..2000."""
+
+    def tilt_deg(self) -> tuple[float, float]:
+        """Pitch and roll as of ``hub.imu.tilt``."""
+
+    def angular_velocity_deg_s(self) -> tuple[float, float, float]:
+        """Gyroscope in the hub's frame: x forward, y left, z up."""
+
+    def acceleration_mm_s2(self) -> tuple[float, float, float]:
+        """Accelerometer in the hub's frame; at rest (0, 0, +9810)."""
+
+    def heading_deg(self) -> float:
+        """Rotation about the vertical since the start, clockwise positive, not wrapped."""
+
+    def rotation_deg(self) -> tuple[float, float, float]:
+        """Angular velocity in the hub's frame, integrated since the start."""
+
+
+@runtime_checkable
+class SensingBody(Protocol):
+    """A body with other sensors."""
+
+    def sensed(self, port: str, sense: Sense) -> Sensed:
+        """Current stimulus of the sensor on a port."""
+
+
+@runtime_checkable
+class FittingBody(Protocol):
+    """A body that provides the devices that a program uses."""
+
+    motors: dict[str, MotorKind]
+    """Kind of motor by port letter."""
+
+    def plug_in(self, port: str, device: str) -> bool:
+        """Plug in a device of a class of ``pybricks.pupdevices``. Returns whether it is there now."""
+
+    def device(self, port: str) -> str | None:
+        """Class name of the device on a port."""
+
+    def block(self, port: str, direction: int) -> None:
+        """Something is in the way of a motor that runs until it stalls, clockwise (1) or counterclockwise (-1)."""
+
+    def put_on_wheels(self, turns: Mapping[str, float]) -> None:
+        """The hub rides on wheels that do not slip: degrees that it turns clockwise for one millidegree of each motor."""
+
+    def find_wheels(self, directions: Mapping[str, int]) -> None:
+        """The program reads the gyroscope without a drive base: positive directions of its motors, clockwise 1 or
+        counterclockwise -1, by port in order of creation."""
+
+    def mount(self, up: tuple[float, float, float]) -> None:
+        """In a robot with motors, up is this direction in the hub's frame."""

@@ -1,0 +1,335 @@
+"""Position and speed controller: PID along a trajectory, with anti-windup, stall detection and completion."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+from math import trunc
+
+from brickhub.virtual.firmware import trajectory as trajectories
+from brickhub.virtual.firmware.integrators import LOOPS_PER_S, PositionIntegrator, SpeedIntegrator
+from brickhub.virtual.firmware.logger import Logger
+from brickhub.virtual.firmware.settings import ControlSettings, multiply_by_gain, to_int32
+from brickhub.virtual.firmware.trajectory import FOREVER_MS, Command, Reference, Trajectory
+
+_FOREVER = FOREVER_MS * 10
+_UNBOUNDED = 2**31 - 1
+
+
+class OnCompletion(enum.Enum):
+    """Behaviour at the end of a move."""
+
+    COAST = "coast"
+    BRAKE = "brake"
+    HOLD = "hold"
+    CONTINUE = "continue"
+    COAST_SMART = "coast_smart"
+    BRAKE_SMART = "brake_smart"
+
+    @property
+    def is_active(self) -> bool:
+        return self in (OnCompletion.HOLD, OnCompletion.CONTINUE)
+
+    @property
+    def is_smart(self) -> bool:
+        return self in (OnCompletion.COAST_SMART, OnCompletion.BRAKE_SMART)
+
+    @property
+    def passive(self) -> OnCompletion:
+        """Coast or brake, without the smart variant."""
+        return OnCompletion.COAST if self in (OnCompletion.COAST, OnCompletion.COAST_SMART) else OnCompletion.BRAKE
+
+
+class ControlType(enum.Enum):
+    NONE = 0
+    TIMED = 1
+    POSITION = 2
+
+
+@dataclass(slots=True)
+class State:
+    """Measured position (mdeg) and speed (mdeg/s), and the observer's estimates."""
+
+    position: int
+    speed: int
+    speed_estimate: int
+    position_estimate: int = 0
+
+
+Action = tuple[int, int, int, OnCompletion | None, bool]
+"""Output of a controller: torque (uNm), speed and acceleration of the reference, passive stop or ``None``, and whether it is
+saturated."""
+
+ACTUATIONS = {OnCompletion.COAST: 0, OnCompletion.BRAKE: 1, None: 3}
+"""Codes of a log, as in the firmware; 2 is a voltage, 3 a torque."""
+_POSITION, _TIMED = ControlType.POSITION, ControlType.TIMED
+
+
+def _sign(value: int) -> int:
+    return (value > 0) - (value < 0)
+
+
+class Controller:
+    """Follows one command at a time; times are control ticks, quantities control units.
+
+    Attributes:
+        torque_limit: limit of the current command (uNm); that of a single motor includes the feedforward.
+        is_done: whether the command is complete, or there is none.
+    """
+
+    def __init__(self, settings: ControlSettings) -> None:
+        self.settings = settings
+        self.type = ControlType.NONE
+        self.on_completion = OnCompletion.COAST
+        self.trajectory = Trajectory(0, 0)
+        self.pid_average = 0
+        self._until_stalled = False
+        self.torque_limit = settings.max_torque
+        self._stalled = False
+        self.is_done = True
+        self._is_fast = False
+        self._acts_when_done = False
+        self._position = PositionIntegrator(settings, 0)
+        self._speed = SpeedIntegrator(settings)
+        self.log = Logger()
+        self._terms = (0,) * 7
+
+    @property
+    def is_active(self) -> bool:
+        return self.type is not ControlType.NONE
+
+    @property
+    def is_stalled(self) -> bool:
+        return self.is_active and self._stalled
+
+    def stop(self) -> None:
+        """Become passive; ``on_completion`` is kept for smart stops."""
+        self.type = ControlType.NONE
+        self.is_done, self._stalled = True, False
+        self.pid_average = 0
+
+    def reset(self) -> None:
+        self.stop()
+        self.on_completion = OnCompletion.COAST
+
+    def reference(self, time: int, state: State) -> Reference:
+        """Reference at a time, without the shifts caused by load."""
+        ref = self.trajectory.reference(self._trajectory_time(time))
+        if self.type is _TIMED:
+            error = ref.position - state.position
+            shift = self._speed.error(error) - error
+            return Reference(ref.time, ref.position + shift, ref.speed, ref.acceleration)
+        return ref
+
+    # ---- commands
+
+    def start_position(
+        self, time: int, state: State, target: int, speed: int, then: OnCompletion, allow_shift: bool = True
+    ) -> None:
+        """Run to a position; speed 0 is the default speed. Raises ValueError for a move that is too long."""
+        active = self.is_active
+        start = self.reference(time, state) if active else Reference(time, state.position, state.speed, 0)
+        command = self._command(start, speed or self.settings.default_speed, then, end=target)
+        new = trajectories.to_angle(command)
+        if self.type is _POSITION and allow_shift and new.a0 == start.acceleration:
+            # Start where the current phase began, so that commands in a tight loop do not accumulate rounding errors.
+            # The firmware compares deg/s2 with mdeg/s2, so this applies only if neither accelerates.
+            new = trajectories.to_angle(_from_vertex(command, self.trajectory.last_vertex(start.time)))
+        self._follow(_POSITION, new, time, then)
+
+    def start_relative(
+        self, time: int, state: State, distance: int, speed: int, then: OnCompletion, allow_shift: bool = True
+    ) -> None:
+        """Run by a distance (control units), from the reference if active, else from the measured position."""
+        if self.is_active:
+            origin = self.reference(time, state).position
+        else:
+            origin = state.position
+            end = self.trajectory.end.position
+            if self.on_completion.is_smart and abs(end - origin) < self.settings.position_tolerance * 2:
+                origin = end
+        self.start_position(time, state, origin + distance, speed, then, allow_shift)
+
+    def start_hold(self, time: int, position: int) -> None:
+        """Hold a position, without a ramp to it."""
+        self._follow(_POSITION, Trajectory(self._trajectory_time(time), position), time, OnCompletion.HOLD)
+
+    def start_timed(self, time: int, state: State, duration: int, speed: int, then: OnCompletion) -> None:
+        """Run at a speed (control units) for a duration in ticks."""
+        if then.is_smart:
+            then = then.passive
+        active = self.is_active
+        start = (
+            self.trajectory.reference(self._trajectory_time(time)) if active else Reference(time, state.position, state.speed, 0)
+        )
+        command = self._command(start._replace(time=time), speed, then, duration=duration)
+        new = trajectories.for_time(command)
+        if self.type is _TIMED and new.a0 == start.acceleration:
+            new = trajectories.for_time(_from_vertex(command, self.trajectory.last_vertex(time)))
+        self._follow(_TIMED, new, time, then)
+
+    def start_forever(self, time: int, state: State, speed: int) -> None:
+        self.start_timed(time, state, _FOREVER, speed, OnCompletion.CONTINUE)
+
+    def start_until_stalled(self, time: int, state: State, speed: int, torque_limit: int, then: OnCompletion) -> None:
+        """Run until stalled, with a torque limit (uNm) for this run only.
+
+        It starts as an endless run, whose integral it continues, but not that of another run until stalled.
+        """
+        self.start_forever(time, state, speed)
+        self.on_completion, self._acts_when_done = then, False
+        self._until_stalled = True
+        self.torque_limit = torque_limit
+
+    def _command(self, start: Reference, speed: int, then: OnCompletion, **goal: int) -> Command:
+        s = self.settings
+        limits = s.max_speed, s.acceleration, s.deceleration
+        return Command(start.time, start.position, start.speed, speed, *limits, then is OnCompletion.CONTINUE, **goal)
+
+    # ---- the loop
+
+    def update(self, time: int, position: int, speed: int, speed_estimate: int, paused_by_other: bool = False) -> Action:
+        """One control step. Inlined, because most of a virtual robot's computing time is spent here.
+
+        Args:
+            position, speed: measured, mdeg and mdeg/s.
+            speed_estimate: the observer's.
+            paused_by_other: whether the drive base pauses both its controllers.
+        """
+        s, limit = self.settings, self.torque_limit
+        end_time, end_position, end_speed, _ = self.trajectory.end
+        integrator: PositionIntegrator | SpeedIntegrator
+        if self.type is _POSITION:
+            integrator = self._position
+            reference_time = integrator.trajectory_time(time)
+            reference, reference_speed, acceleration = self.trajectory.at(reference_time)
+            used_error = error = reference - position
+            target_error = end_position - position
+            integral = integrator.update(error, target_error)
+        else:
+            integrator, reference_time = self._speed, time
+            reference, reference_speed, acceleration = self.trajectory.at(time)
+            error, target_error, integral = reference - position, _UNBOUNDED, 0
+            used_error = integrator.error(error)
+        kp = s.kp if self._is_fast or error == 0 else self._soft_kp(error, target_error)
+        proportional = trunc(kp * used_error / 1000)
+        torque = proportional + trunc(s.kd * (reference_speed - speed_estimate) / 1000)
+        if integral:
+            torque += trunc(integral * s.ki / 1000)
+        torque = limit if torque > limit else -limit if torque < -limit else torque
+        at_limit = abs(proportional) >= limit and self._is_winding_up(proportional, speed, reference_speed, acceleration)
+        if integrator.running is (at_limit or paused_by_other):
+            self._pause_or_resume(integrator.running, time, error)
+        self._stalled = integrator.is_stalled(time, speed, reference_speed)
+        self.pid_average = trunc((self.pid_average * 95 + torque * 5) / 100)
+        if self.log.is_active:
+            derivative = trunc(s.kd * (reference_speed - speed_estimate) / 1000)
+            terms = proportional, trunc(integral * s.ki / 1000), derivative
+            self._terms = reference_time, reference + used_error - error, reference_speed, *terms, int(at_limit)
+        action = torque, reference_speed, acceleration, None, at_limit
+        self.is_done = reference_time >= end_time and self._has_arrived(end_position - position, end_speed, speed)
+        if self.type is _TIMED and not self.is_done:
+            self.is_done = self._stalled if self._until_stalled else self.trajectory.t3 >= _FOREVER
+        if not self.is_done or self._acts_when_done:
+            return action
+        return self._end(time, position, reference_time - end_time, action)
+
+    def log_row(self, time_ms: int, state: State, torque: int, passive: OnCompletion | None) -> None:
+        """Log the last :meth:`update` and its outcome."""
+        s = self.settings
+        reference_time, reference, reference_speed, proportional, integral, derivative, at_limit = self._terms
+        actuation = ACTUATIONS[passive] | self._stalled << 2 | self.is_done << 3 | at_limit << 4
+        self.log.add(
+            time_ms,
+            reference_time - self.trajectory.time,
+            s.position_to_unit(state.position),
+            s.to_unit(state.speed),
+            actuation,
+            torque,
+            s.position_to_unit(reference),
+            s.to_unit(reference_speed),
+            s.position_to_unit(state.position_estimate),
+            s.to_unit(state.speed_estimate),
+            proportional,
+            integral,
+            derivative,
+        )
+
+    def _end(self, time: int, position: int, since: int, action: Action) -> Action:
+        """Action of a move that has been complete for ``since`` ticks."""
+        s, then = self.settings, self.on_completion
+        if then.is_active:  # a timed move that ends in HOLD
+            self.start_hold(time, s.position_from_unit(s.position_to_unit(position)))
+        elif not then.is_smart or since >= s.smart_hold_time:
+            self.stop()
+            return 0, *action[1:3], then.passive, action[4]
+        return action
+
+    def _trajectory_time(self, time: int) -> int:
+        return self._position.trajectory_time(time) if self.type is _POSITION else time
+
+    def _follow(self, new: ControlType, trajectory: Trajectory, time: int, then: OnCompletion) -> None:
+        self.trajectory = trajectory
+        self._is_fast = abs(trajectory.wu) * 100 >= self.settings.kp_low_speed
+        self.on_completion = then
+        self._acts_when_done = then.is_active and (new is _POSITION or then is OnCompletion.CONTINUE)
+        self.torque_limit = self.settings.max_torque
+        self.is_done = False
+        if self.type is new and not self._until_stalled:
+            return
+        self._stalled = False
+        if new is _POSITION:
+            self._position = PositionIntegrator(self.settings, time)
+        else:
+            self._speed = SpeedIntegrator(self.settings)
+        self.type, self._until_stalled = new, False
+
+    def _soft_kp(self, error: int, target_error: int) -> int:
+        """Position gain of a slow move: reduced for small errors, full near the target."""
+        s = self.settings
+        target_error, near = abs(target_error), s.saturation_error
+        if target_error < near:
+            return s.kp
+        error, low = abs(error), s.kp * s.kp_low_pct // 100
+        piecewise = low if error <= s.kp_low_error else s.kp - s.kp_low_error * (s.kp - low) // error
+        far = near * 100 // s.kp_low_pct
+        if target_error > far:
+            return max(piecewise, low)
+        # This product overflows 32 bits in the firmware, which goes on with the wrapped value.
+        product = to_int32(s.kp * (100 - s.kp_low_pct) * (far - target_error))
+        return max(piecewise, low + trunc(trunc(product / (far - near)) / 100))
+
+    def _is_winding_up(self, proportional: int, speed: int, reference_speed: int, acceleration: int) -> bool:
+        """Whether the proportional part alone exceeds the torque limit, and the reference will not reduce it."""
+        s = self.settings
+        margin = trunc(abs(speed) / LOOPS_PER_S) * 2
+        if abs(proportional) < self.torque_limit + multiply_by_gain(margin, s.kp):
+            return False
+        moving = 0 if abs(speed) < s.stall_speed else speed
+        sign = _sign(proportional)
+        return sign != -_sign(reference_speed - moving) and sign != -_sign(acceleration)
+
+    def _pause_or_resume(self, pause: bool, time: int, error: int) -> None:
+        if self.type is _POSITION:
+            if pause:
+                self._position.pause(time)
+            else:
+                self._position.resume(time)
+        elif pause:
+            self._speed.pause(time, error)
+        else:
+            self._speed.resume(error)
+
+    def _has_arrived(self, remaining: int, end_speed: int, speed: int) -> bool:
+        """Whether the end is reached, given that its time is over."""
+        if self.type is _TIMED:
+            return not self._until_stalled
+        if end_speed != 0:
+            return _sign(remaining) != _sign(end_speed)
+        s = self.settings
+        return abs(speed) <= s.speed_tolerance and abs(remaining) <= s.position_tolerance
+
+
+def _from_vertex(command: Command, vertex: Reference) -> Command:
+    duration = command.duration + command.time - vertex.time if command.duration else 0
+    return command._replace(time=vertex.time, position=vertex.position, speed=vertex.speed, duration=duration)

@@ -1,0 +1,340 @@
+"""Servo: a motor with encoder, observer, controller and voltage."""
+
+from __future__ import annotations
+
+import errno
+from math import trunc
+from typing import Protocol
+
+from brickhub.robot import Direction, MotorKind
+from brickhub.virtual.body import Body, FittingBody
+from brickhub.virtual.firmware.angle import TURN_MDEG, Angle, difference, from_unit, split, to_mdeg, to_unit
+from brickhub.virtual.firmware.clock import Clock
+from brickhub.virtual.firmware.control import Controller, ControlType, OnCompletion, State
+from brickhub.virtual.firmware.logger import Logger
+from brickhub.virtual.firmware.motor_model import MOTOR_TYPES
+from brickhub.virtual.firmware.observer import Observer
+from brickhub.virtual.firmware.settings import ControlSettings, servo_settings
+
+_NONE = ControlType.NONE
+_VOLTAGE = 2
+
+
+class Parent(Protocol):
+    """Controller of several motors, which releases them when one gets another command."""
+
+    def stop_from_servo(self) -> None: ...
+
+
+class Servo:
+    """One motor port. Angles and speeds are whole degrees at the gear train's output.
+
+    Until :meth:`setup` the motor only coasts. Refused commands raise ValueError for a bad value, OSError with EBUSY, or with
+    ENODEV if it is not in use.
+
+    Attributes:
+        is_plain: whether it lacks a rotation sensor.
+        is_taken: whether it must be closed before the next :meth:`setup`. A setup that is refused for this still ends the
+            control loop, and the motor keeps its voltage.
+        driven_ms: time at which it began to coast; ``None`` before its first voltage.
+    """
+
+    def __init__(self, kind: MotorKind, port: str, body: Body, clock: Clock) -> None:
+        self.kind = kind
+        self.port = port
+        self.type = MOTOR_TYPES[kind]
+        self._drive_mv = self.type.model.drive_mv
+        self.is_taken = self._is_updated = False
+        self.is_plain = False
+        self.parent: Parent | None = None
+        self.body = body
+        self.clock = clock
+        self._sign = 1
+        self._set_zero((0, 0))
+        self._voltage_mv: int | None = None
+        self.driven_ms: int | None = None
+        self._max_voltage_mv = self.type.max_voltage_mv
+        self.control = Controller(servo_settings(self.type, 1000, 0))
+        self.observer = self._new_observer()
+        self.log = Logger()
+
+    @property
+    def settings(self) -> ControlSettings:
+        return self.control.settings
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it takes commands. Its control loop runs, also after :meth:`close`, until something first asks this."""
+        self._is_updated = self._is_updated and self.is_taken
+        return self._is_updated
+
+    @property
+    def direction(self) -> int:
+        """1 if the angle increases when the shaft turns clockwise, else -1."""
+        return self._sign
+
+    @property
+    def is_coasting(self) -> bool:
+        return self._voltage_mv is None
+
+    @property
+    def max_voltage_mv(self) -> int:
+        """Limit of the voltage."""
+        return self._max_voltage_mv
+
+    @max_voltage_mv.setter
+    def max_voltage_mv(self, value: int) -> None:
+        if not 0 <= value <= self.type.max_voltage_mv:
+            raise ValueError("the voltage limit is out of range")
+        self._max_voltage_mv = value
+
+    def setup(self, direction: Direction, gear_ratio_milli: int, reset_angle: bool, profile_deg: int) -> None:
+        """Take the motor into use; ``gear_ratio_milli`` is 1000 times the motor's turns for one of the output. Raises OSError
+        (EBUSY) if it is in use, ValueError if the gear ratio or the profile is out of range."""
+        self._is_updated = False
+        if reset_angle:
+            self._set_zero(difference(split(self._shaft_mdeg()), (0, self._absolute_mdeg())))
+        if self.is_taken:
+            raise OSError(errno.EBUSY, "the motor is in use already")
+        self.set_voltage(None)
+        self._sign = direction.value
+        self.is_taken = True
+        self._max_voltage_mv = self.type.max_voltage_mv
+        self.control.reset()
+        self.control = Controller(servo_settings(self.type, gear_ratio_milli, profile_deg))
+        measured_speed, self.observer = self.observer.measured_speed, self._new_observer()
+        self.observer.measured_speed = measured_speed  # until the next step
+        self.observer.reset(self.position())
+        self._is_updated = True
+
+    def setup_plain(self, direction: Direction) -> None:
+        """Take it into use as a motor without rotation sensor: voltage only."""
+        self.is_plain = True
+        self.set_voltage(None)
+        self._sign = direction.value
+        self._max_voltage_mv = self.type.max_voltage_mv
+
+    def close(self) -> None:
+        """Coast, and allow a new setup."""
+        self.set_voltage(None)
+        self._end_control()
+        self.parent = None
+        self.is_taken = False
+
+    def check_open(self) -> None:
+        """Raise OSError (ENODEV) unless its control loop runs."""
+        if not self.is_open:
+            raise OSError(errno.ENODEV, "the motor is not in use")
+
+    # ---- state
+
+    def position(self) -> int:
+        """Angle of the motor's shaft in mdeg, in the program's direction and from its zero."""
+        return (self.body.angle_mdeg(self.port) - self._zero_mdeg) * self._sign
+
+    def angle(self) -> Angle:
+        """:meth:`position` as the firmware stores it."""
+        turns, mdeg = difference(split(self._shaft_mdeg()), self._zero)
+        return turns * self._sign, mdeg * self._sign
+
+    def state(self) -> State:
+        observer = self.observer
+        return State(self.position(), observer.measured_speed, observer.speed, observer.angle)
+
+    def angle_deg(self) -> int:
+        self.check_open()
+        return to_unit(self.angle(), self.settings.steps_per_unit)
+
+    def speed_deg_s(self, window_ms: int = 100) -> int:
+        """Mean speed over the last ``window_ms``. Raises ValueError for a window over 300 ms."""
+        return self.settings.to_unit(self.observer.window_speed(window_ms))
+
+    def load_mnm(self) -> int:
+        """Estimated torque of the load."""
+        self.check_open()
+        if self._voltage_mv is None:
+            return 0
+        if self.control.is_active:
+            return trunc(-self.control.pid_average / 1000)
+        return trunc(self.type.model.torque_unm(self.observer.feedback_mv(self.position())) / 1000)
+
+    def is_done(self) -> bool:
+        return self.control.is_done
+
+    def is_stalled(self) -> bool:
+        self.check_open()
+        if self.control.is_active:
+            return self.control.is_stalled
+        return self._voltage_mv is not None and self.observer.is_stalled(self.clock.time_ticks)
+
+    # ---- commands
+
+    def reset_angle(self, angle_deg: int | None) -> None:
+        """Set the angle, with ``None`` to the absolute angle of the shaft. A running move stops."""
+        was_active, then = self.control.is_active, self.control.on_completion
+        voltage = self._voltage_mv
+        self.stop(OnCompletion.COAST)
+        self.control.reset()
+        if angle_deg is None:
+            turns, mdeg = 0, self._absolute_mdeg() * self._sign
+        else:
+            turns, mdeg = from_unit(angle_deg, self.settings.steps_per_unit)
+        self._set_zero(difference(split(self._shaft_mdeg()), (turns * self._sign, mdeg * self._sign)))
+        self.observer.reset(to_mdeg((turns, mdeg)))
+        if was_active:
+            self.stop(then)
+        elif voltage is not None:
+            self.set_voltage(voltage)
+
+    def dc(self, duty_pct: int) -> None:
+        """Apply a percentage of the battery voltage, -100..100."""
+        self._end_control()
+        self.set_voltage(trunc(max(-100, min(100, duty_pct)) * self.body.battery_mv / 100))
+
+    def coast(self) -> None:
+        self._end_control()
+        self.set_voltage(None)
+
+    def brake(self) -> None:
+        self._end_control()
+        self.set_voltage(0)
+
+    def hold(self) -> None:
+        self.stop(OnCompletion.HOLD)
+
+    def stop(self, then: OnCompletion) -> None:
+        """End the running move: hold at its reference, or become passive."""
+        self._take_over()
+        if then.is_active:
+            state = self.state()
+            time = self.clock.time_ticks
+            target = self.control.reference(time, state).position if self.control.is_active else state.position
+            self.track_target(self.settings.position_to_unit(target))
+            return
+        self.control.stop()
+        self.set_voltage(None if then.passive is OnCompletion.COAST else 0)
+
+    def run(self, speed: int) -> None:
+        self._take_over()
+        self.control.start_forever(self.clock.time_ticks, self.state(), self.settings.from_unit(speed))
+
+    def run_time(self, speed: int, time_ms: int, then: OnCompletion) -> None:
+        self._take_over()
+        self.control.start_timed(self.clock.time_ticks, self.state(), time_ms * 10, self.settings.from_unit(speed), then)
+
+    def run_until_stalled(self, speed: int, then: OnCompletion, duty_limit_pct: int | None) -> None:
+        limit = self.settings.max_torque
+        if duty_limit_pct is not None:
+            limit = self.type.model.torque_unm(trunc(duty_limit_pct * self.body.battery_mv / 100))
+        self.run_until_stalled_with(speed, then, limit)
+
+    def run_until_stalled_with(self, speed: int, then: OnCompletion, limit: int) -> None:
+        """:meth:`run_until_stalled` with the limit as a torque in uNm. Raises ValueError for ``CONTINUE``."""
+        if then is OnCompletion.CONTINUE:
+            raise ValueError("a stalled motor cannot continue")
+        self._take_over()
+        speed = self.settings.from_unit(speed)
+        if isinstance(self.body, FittingBody):
+            self.body.block(self.port, self._sign if speed > 0 else -self._sign)
+        self.control.start_until_stalled(self.clock.time_ticks, self.state(), speed, limit, then)
+
+    def run_angle(self, speed: int, angle: int, then: OnCompletion) -> None:
+        """Run by an angle; a negative speed reverses it, at speed 0 the motor stays."""
+        self._take_over()
+        s = self.settings
+        if speed == 0:
+            angle = 0
+        distance = s.position_from_unit(-angle if speed < 0 else angle)
+        self.control.start_relative(self.clock.time_ticks, self.state(), distance, s.from_unit(speed), then)
+
+    def run_target(self, speed: int, target: int, then: OnCompletion) -> None:
+        """Run to an angle at the magnitude of the speed; at speed 0 the motor stays."""
+        if speed == 0:
+            self.run_angle(0, 0, then)
+            return
+        self._take_over()
+        s = self.settings
+        position = s.position_from_unit(target)
+        self.control.start_position(self.clock.time_ticks, self.state(), position, s.from_unit(speed), then)
+
+    def track_target(self, target: int) -> None:
+        self._take_over()
+        self.control.start_hold(self.clock.time_ticks, self.settings.position_from_unit(target))
+
+    # ---- the loop
+
+    def update(self) -> None:
+        """One control step: controller, voltage, observer."""
+        if not self._is_updated:
+            return
+        time, position = self.clock.time_ms * 10, (self.body.angle_mdeg(self.port) - self._zero_mdeg) * self._sign
+        control, observer = self.control, self.observer
+        torque = speed = acceleration = 0
+        if control.type is not _NONE:
+            torque, speed, acceleration, passive, _ = control.update(time, position, observer.measured_speed, observer.speed)
+            if passive is None:
+                self.set_voltage(self._drive_mv(torque, speed, acceleration, control.torque_limit))
+            else:
+                self.set_voltage(None if passive is OnCompletion.COAST else 0)
+            if control.log.is_active:
+                control.log_row(self.clock.time_ms, self.state(), torque, passive)
+        if self.log.is_active:
+            self._log_row(position, torque, self.type.model.feedforward_unm(speed, acceleration))
+        observer.update(time, position, self._voltage_mv or 0)
+
+    def actuate(self, torque_unm: int, speed: int, acceleration: int) -> None:
+        """Exert a torque plus the feedforward of a reference (mdeg/s, mdeg/s2)."""
+        self.set_voltage(self._drive_mv(torque_unm, speed, acceleration))
+
+    def set_voltage(self, voltage_mv: int | None) -> None:
+        """Set the voltage, or coast for ``None``, without a change of the controllers."""
+        if voltage_mv is None:
+            if self._voltage_mv is not None:
+                self.driven_ms = self.clock.time_ms
+            self._voltage_mv = None
+            self.body.set_voltage(self.port, None)
+            return
+        limit = self._max_voltage_mv
+        self._voltage_mv = voltage_mv = limit if voltage_mv > limit else -limit if voltage_mv < -limit else voltage_mv
+        self.body.set_voltage(self.port, voltage_mv * self._sign)
+
+    def _log_row(self, position: int, feedback_unm: int, feedforward_unm: int) -> None:
+        s, observer = self.settings, self.observer
+        self.log.add(
+            self.clock.time_ms,
+            self.clock.time_ticks,
+            s.position_to_unit(position),
+            s.to_unit(observer.measured_speed),
+            (0 if self._voltage_mv is None else _VOLTAGE) | self.is_stalled() << 2,
+            self._voltage_mv or 0,
+            s.position_to_unit(observer.angle),
+            s.to_unit(observer.speed),
+            feedback_unm,
+            feedforward_unm,
+            observer.feedback_mv(position),
+        )
+
+    def _take_over(self) -> None:
+        self.check_open()
+        if self.parent is not None:
+            self.parent.stop_from_servo()
+
+    def _end_control(self) -> None:
+        """End the control by its controller or by its drive base."""
+        if self.control.is_active:
+            self.control.reset()
+        elif self.parent is not None:
+            self.parent.stop_from_servo()
+
+    def _shaft_mdeg(self) -> int:
+        return self.body.angle_mdeg(self.port)
+
+    def _absolute_mdeg(self) -> int:
+        """Absolute angle of the shaft, clockwise, -180..180 degrees."""
+        return (self._shaft_mdeg() + TURN_MDEG // 2) % TURN_MDEG - TURN_MDEG // 2
+
+    def _set_zero(self, zero: Angle) -> None:
+        self._zero, self._zero_mdeg = zero, to_mdeg(zero)
+
+    def _new_observer(self) -> Observer:
+        return Observer(self.type, self.settings.stall_speed, self.settings.stall_time)

@@ -1,0 +1,198 @@
+"""Settings of a controller, stored in control units, read and set in the program's units (deg or mm)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import trunc
+
+from brickhub.virtual.firmware.angle import split, to_unit
+from brickhub.virtual.firmware.motor_model import MAX_TORQUE_UNM, MotorType
+from brickhub.virtual.firmware.trajectory import validate_acceleration, validate_speed
+
+_INT32_MAX = 2**31 - 1
+
+
+@dataclass(slots=True)
+class ControlSettings:
+    """Limits, gains and tolerances; ``steps_per_unit`` control steps (mdeg) make one unit of the program.
+
+    Attributes:
+        saturation_error: position error at which the proportional part alone saturates.
+        max_integral: integral at which the integral part alone saturates.
+    """
+
+    steps_per_unit: int
+    max_speed: int
+    default_speed: int
+    acceleration: int
+    deceleration: int
+    max_torque: int
+    kp: int
+    ki: int
+    kd: int
+    kp_low_pct: int
+    kp_low_error: int
+    kp_low_speed: int
+    integral_deadzone: int
+    integral_rate: int
+    speed_tolerance: int
+    position_tolerance: int
+    stall_speed: int
+    stall_time: int
+    smart_hold_time: int
+    saturation_error: int = field(init=False)
+    max_integral: int = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._derive()
+
+    def to_unit(self, value: int) -> int:
+        """A speed or a small angle in the program's units, truncated."""
+        return trunc(value / self.steps_per_unit)
+
+    def position_to_unit(self, position: int) -> int:
+        """A position in the program's units: whole turns truncated, the rest rounded, as in the firmware."""
+        return to_unit(split(position), self.steps_per_unit)
+
+    def from_unit(self, value: int) -> int:
+        return max(-_INT32_MAX, min(_INT32_MAX, value * self.steps_per_unit))
+
+    def position_from_unit(self, value: int) -> int:
+        """A position in control units, not limited to 32 bits."""
+        return value * self.steps_per_unit
+
+    def limits(self) -> tuple[int, int, int, int]:
+        """Speed, acceleration and deceleration in the program's units, torque in mNm."""
+        to_unit = self.to_unit
+        return to_unit(self.max_speed), to_unit(self.acceleration), to_unit(self.deceleration), self.max_torque // 1000
+
+    def set_limits(self, speed: int, acceleration: int, deceleration: int, torque_mnm: int) -> None:
+        """Set what :meth:`limits` returns. Raises ValueError for a value out of range; if only the torque is, the others are
+        set."""
+        validate_speed(self.steps_per_unit, speed)
+        validate_acceleration(self.steps_per_unit, acceleration)
+        validate_acceleration(self.steps_per_unit, deceleration)
+        self.max_speed = self.from_unit(speed)
+        self.acceleration, self.deceleration = self.from_unit(acceleration), self.from_unit(deceleration)
+        if not 1 <= torque_mnm <= MAX_TORQUE_UNM // 1000:
+            raise ValueError("the torque limit is out of range")
+        self.max_torque = torque_mnm * 1000
+        self._derive()
+
+    def pid(self) -> tuple[int, int, int, int, int]:
+        """kp, ki, kd in control units; integral deadzone and integral rate in the program's units."""
+        return self.kp, self.ki, self.kd, self.to_unit(self.integral_deadzone), self.to_unit(self.integral_rate)
+
+    def set_pid(self, kp: int, ki: int, kd: int, integral_deadzone: int, integral_rate: int) -> None:
+        """Set what :meth:`pid` returns. Raises ValueError for a value out of range."""
+        if min(kp, ki, kd) < 0:
+            raise ValueError("a gain is negative")
+        validate_speed(self.steps_per_unit, integral_rate)
+        self._validate_position(integral_deadzone)
+        self.kp, self.ki, self.kd = kp, ki, kd
+        self.integral_deadzone, self.integral_rate = self.from_unit(integral_deadzone), self.from_unit(integral_rate)
+        self._derive()
+
+    def target_tolerances(self) -> tuple[int, int]:
+        """Speed and position within which a move is complete."""
+        return self.to_unit(self.speed_tolerance), self.to_unit(self.position_tolerance)
+
+    def set_target_tolerances(self, speed: int, position: int) -> None:
+        """Set what :meth:`target_tolerances` returns. Raises ValueError for a value out of range."""
+        validate_speed(self.steps_per_unit, speed)
+        self._validate_position(position)
+        self.speed_tolerance, self.position_tolerance = self.from_unit(speed), self.from_unit(position)
+
+    def stall_tolerances(self) -> tuple[int, int]:
+        """Maximum speed and minimum time (ms) of a stall."""
+        return self.to_unit(self.stall_speed), self.stall_time // 10
+
+    def set_stall_tolerances(self, speed: int, time_ms: int) -> None:
+        """Set what :meth:`stall_tolerances` returns. Raises ValueError for a speed out of range."""
+        validate_speed(self.steps_per_unit, speed)
+        self.stall_speed, self.stall_time = self.from_unit(speed), time_ms * 10
+
+    def _derive(self) -> None:
+        self.saturation_error = divide_by_gain(self.max_torque, self.kp)
+        self.max_integral = divide_by_gain(self.max_torque, self.ki)
+
+    def _validate_position(self, value: int) -> None:
+        if not 0 <= value <= self.to_unit(_INT32_MAX):
+            raise ValueError("the angle is out of range")
+
+
+def multiply_by_gain(value: int, gain: int) -> int:
+    """Torque (uNm) of a value (mdeg, mdeg/s or mdeg s) and a gain (uNm per degree)."""
+    return trunc(gain * value / 1000)
+
+
+def to_int32(value: int) -> int:
+    """The value wrapped to a signed 32-bit integer."""
+    return (value + 2**31) % 2**32 - 2**31
+
+
+def divide_by_gain(torque: int, gain: int) -> int:
+    """Value (mdeg) for which a gain (uNm per degree) gives a torque (uNm); 0 for a gain of 0."""
+    return trunc(torque * 1000 / gain) if gain > 0 else 0
+
+
+def servo_settings(motor: MotorType, gear_ratio_milli: int, profile_deg: int) -> ControlSettings:
+    """The firmware's settings of a single motor. Raises ValueError for a gear ratio under 1/1000 or a profile under 5 degrees."""
+    precision_deg = profile_deg or motor.precision_deg
+    if gear_ratio_milli < 1 or precision_deg < 5:
+        raise ValueError("the gear ratio or the profile is out of range")
+    nominal_torque = motor.model.torque_unm(min(motor.max_voltage_mv, 7500))
+    speed = motor.max_speed_deg_s * 1000
+    return ControlSettings(
+        steps_per_unit=gear_ratio_milli,
+        max_speed=speed,
+        default_speed=speed,
+        acceleration=2_000_000,
+        deceleration=2_000_000,
+        max_torque=motor.model.torque_unm(motor.max_voltage_mv),
+        kp=nominal_torque // precision_deg,
+        ki=nominal_torque // precision_deg // 2,
+        kd=nominal_torque // motor.precision_deg // 8,
+        kp_low_pct=50,
+        kp_low_error=5_000,
+        kp_low_speed=motor.low_kp_speed_deg_s * 1000,
+        integral_deadzone=8_000,
+        integral_rate=15_000,
+        speed_tolerance=50_000,
+        position_tolerance=precision_deg * 1000,
+        stall_speed=20_000,
+        stall_time=2_000,
+        smart_hold_time=1_000,
+    )
+
+
+def drive_base_settings(left: ControlSettings, right: ControlSettings) -> tuple[ControlSettings, ControlSettings]:
+    """Settings of the distance and the heading controller, by the weaker motor; the caller sets ``steps_per_unit``."""
+    kp = min(left.kp, right.kp) * min(left.kp_low_pct, right.kp_low_pct) // 100
+    max_torque, max_speed = min(left.max_torque, right.max_torque), min(left.max_speed, right.max_speed)
+
+    def settings(default_speed: int, torque: int) -> ControlSettings:
+        return ControlSettings(
+            steps_per_unit=1,
+            max_speed=max_speed,
+            default_speed=default_speed,
+            acceleration=min(left.acceleration, right.acceleration) * 3 // 4,
+            deceleration=min(left.deceleration, right.deceleration) * 3 // 4,
+            max_torque=torque,
+            kp=kp,
+            ki=0,
+            kd=min(left.kd, right.kd),
+            kp_low_pct=0,
+            kp_low_error=0,
+            kp_low_speed=0,
+            integral_deadzone=max(left.integral_deadzone, right.integral_deadzone),
+            integral_rate=min(left.integral_rate, right.integral_rate),
+            speed_tolerance=min(left.speed_tolerance, right.speed_tolerance),
+            position_tolerance=divide_by_gain(max_torque, kp),
+            stall_speed=min(left.stall_speed, right.stall_speed),
+            stall_time=min(left.stall_time, right.stall_time),
+            smart_hold_time=max(left.smart_hold_time, right.smart_hold_time),
+        )
+
+    # Default speed: 40 % of the maximum ahead, 33 % in turns. Twice the torque, so that a saturated heading wins.
+    return settings(max_speed * 10 // 25, max_torque), settings(max_speed // 3, max_torque * 2)

@@ -1,0 +1,119 @@
+"""Sensor readings as text (``B=red``, ``B=200mm``), constant or over time from a file."""
+
+from __future__ import annotations
+
+import bisect
+import math
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from brickhub.errors import TwinError
+from brickhub.virtual.stimuli import Sense, Sensed
+
+_COLORS: Mapping[str, tuple[float, float, float]] = {
+    "none": (0, 0, 0), "black": (0, 0, 10), "gray": (0, 0, 50), "white": (0, 0, 100), "red": (0, 100, 100),
+    "orange": (30, 100, 100), "brown": (30, 100, 50), "yellow": (60, 100, 100), "green": (120, 100, 100),
+    "cyan": (180, 100, 100), "blue": (240, 100, 100), "violet": (270, 100, 100), "magenta": (300, 100, 100),
+}  # fmt: skip
+_BUTTON_FORCES_N: Mapping[str, float] = {"pressed": 10.0, "released": 0.0}
+_UNIT_SENSES = {"mm": (Sense.DISTANCE,), "n": (Sense.FORCE,), "deg": (Sense.TILT,)}
+_EXAMPLES = "B=red, B=120,80,50 (hue, saturation, value), B=40%, B=200mm, B=3N, B=pressed, B=10,-5deg (pitch, roll), B=@file"
+_VALUE_COUNTS = {
+    Sense.SURFACE: (1, 3),
+    Sense.AMBIENT: (1, 3),
+    Sense.DISTANCE: (1,),
+    Sense.FORCE: (1,),
+    Sense.TILT: (2,),
+    Sense.COUNT: (1,),
+}
+
+
+@dataclass(frozen=True)
+class GivenReading:
+    """Readings of one sensor over time.
+
+    Attributes:
+        port: letter of the port.
+        sense: what is sensed; ``None`` for the sensor's first sense.
+        times_s: simulated seconds, ascending, from which each value holds; the first also before.
+        values: one per time.
+    """
+
+    port: str
+    sense: Sense | None
+    times_s: tuple[float, ...]
+    values: tuple[Sensed, ...]
+
+    def at(self, time_s: float) -> Sensed:
+        """The value at a simulated time."""
+        return self.values[max(0, bisect.bisect_right(self.times_s, time_s) - 1)]
+
+    def check(self, sense: Sense, device: str) -> None:
+        """Raise TwinError unless the values suit the sense."""
+        for value in self.values:
+            if (len(value) if isinstance(value, tuple) else 1) not in _VALUE_COUNTS[sense]:
+                raise TwinError(
+                    f"--reading {self.port}: {value} is not a {sense} for the {device} there; give one such as {_EXAMPLES}"
+                )
+
+
+def parse_reading(text: str) -> GivenReading:
+    """Parse ``B=red``, ``B.ambient=20%`` or ``B=@distances.csv`` (lines ``seconds, value``). Raises TwinError if the text is
+    invalid, or the file cannot be read."""
+    match = re.fullmatch(r"([A-Fa-f])(?:\.([a-z]+))?=(.+)", text.strip())
+    if match is None:
+        raise TwinError(f"'{text}' is not a reading; give one such as {_EXAMPLES}")
+    port, name, value = match[1].upper(), match[2], match[3].strip()
+    if name is not None and name not in set(Sense):
+        raise TwinError(f"'{text}': nothing senses '{name}'; choose from {', '.join(Sense)}")
+    sense = Sense(name) if name else None
+    if not value.startswith("@"):
+        stimulus, unit_sense = _value(value, text)
+        return GivenReading(port, sense or unit_sense, (0.0,), (stimulus,))
+    times, values = _from_file(Path(value[1:]))
+    return GivenReading(port, sense, times, values)
+
+
+def _value(value: str, text: str) -> tuple[Sensed, Sense | None]:
+    word = value.lower()
+    if word in _COLORS:
+        return _COLORS[word], Sense.SURFACE
+    if word in _BUTTON_FORCES_N:
+        return _BUTTON_FORCES_N[word], Sense.FORCE
+    match = re.fullmatch(r"([-+.\d,\s]+?)\s*(mm|%|n|deg)?", word)
+    try:
+        numbers = tuple(float(part) for part in match[1].split(","))  # type: ignore[index]
+    except (TypeError, ValueError):
+        raise TwinError(f"'{text}' is not a reading; give one such as {_EXAMPLES}") from None
+    if len(numbers) > 3 or not all(map(math.isfinite, numbers)):
+        raise TwinError(f"'{text}' is not a reading; give one such as {_EXAMPLES}")
+    sense = _UNIT_SENSES.get(match[2] or "", (None,))[0]  # type: ignore[index]
+    return numbers if len(numbers) > 1 else numbers[0], sense
+
+
+def _from_file(path: Path) -> tuple[tuple[float, ...], tuple[Sensed, ...]]:
+    try:
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise TwinError(f"cannot read the readings in '{path}' ({error}); give a file with lines such as: 2.5, red") from None
+    times, values = [], []
+    for number, line in enumerate(lines, 1):
+        row = line.partition("#")[0].strip()
+        if not row:
+            continue
+        time, _, value = row.partition(",")
+        try:
+            times.append(float(time))
+        except ValueError:
+            raise TwinError(f"{path}, line {number}: '{time}' is not a time in seconds; write a line such as: 2.5, red") from None
+        values.append(_value(value.strip(), f"{path}, line {number}: {value.strip()}")[0])
+    if not times or times != sorted(times):
+        raise TwinError(f"{path} has no readings in order of time; write lines such as: 2.5, red")
+    return tuple(times), tuple(values)
+
+
+def for_port(readings: Iterable[GivenReading], port: str) -> list[GivenReading]:
+    """The readings of one port."""
+    return [reading for reading in readings if reading.port == port]

@@ -1,0 +1,85 @@
+"""Interpreter of hub programs on CPython, with the behaviour of a hub's MicroPython."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from types import ModuleType
+from typing import Any
+
+from brickhub.hub.transport import HubModule
+from brickhub.virtual.console import Console
+from brickhub.virtual.micropython.builtins import builtin_names
+from brickhub.virtual.micropython.compiler import compile_source
+from brickhub.virtual.micropython.errors import reword
+from brickhub.virtual.micropython.numbers import module
+
+
+class Modules(dict[str, ModuleType]):
+    """Modules that a program can import, by name.
+
+    Attributes:
+        tick: called at each iteration of a ``while`` loop, so that simulated time passes in one that does not wait.
+        turn: called with a value at each iteration of a ``for`` loop, and returns it.
+        branch: called with the value on which a program branches, and returns it.
+        callee: called with a function that may be calling itself, and returns it. Raises RuntimeError if the stack is full.
+        missing_builtins: builtin names that the hub does not have.
+        find_module: returns a module of the program by its name, or ``None``.
+        namespaces: globals of the program and of its modules, added while it runs.
+    """
+
+    def __init__(
+        self,
+        modules: dict[str, ModuleType],
+        tick: Callable[[], None] = lambda: None,
+        turn: Callable[[Any], Any] = lambda value: value,
+        branch: Callable[[Any], Any] = lambda value: value,
+        callee: Callable[[Any], Any] = lambda function: function,
+        namespaces: list[dict[str, Any]] | None = None,
+        missing_builtins: Collection[str] = (),
+    ) -> None:
+        super().__init__(modules)
+        self.tick, self.turn, self.branch, self.callee = tick, turn, branch, callee
+        self.missing_builtins = missing_builtins
+        self.find_module: Callable[[str], HubModule | None] = lambda name: None
+        self.namespaces = [] if namespaces is None else namespaces
+
+
+def execute(source: str, filename: str, modules: dict[str, ModuleType], console: Console) -> None:
+    """Run a program as ``__main__`` to its end; its exceptions propagate, with the hub's messages.
+
+    Args:
+        source: the program.
+        filename: its name in tracebacks, e.g. ``main.py``.
+        modules: the modules that it can import, such as those of ``virtual_hub.pybricks.modules``.
+        console: its standard input and output.
+
+    Raises:
+        SyntaxError: the hub's compiler refuses the program.
+        OverflowError: a constant needs more than 31 bits.
+    """
+    code = compile_source(source, filename)
+    importable = modules if isinstance(modules, Modules) else Modules(modules)
+    main = module("__main__", {})
+    namespace = main.__dict__
+    importable.namespaces.append(namespace)
+
+    def find_module(name: str) -> ModuleType:
+        if name == "__main__":
+            return main
+        if name not in importable:
+            own_module = importable.find_module(name)
+            if own_module is None:
+                raise ImportError(f"no module named '{name}'")
+            importable[name] = module(name, {"__builtins__": namespace["__builtins__"]})
+            importable.namespaces.append(importable[name].__dict__)
+            exec(compile_source(own_module.source, own_module.file), importable[name].__dict__)
+        return importable[name]
+
+    hooks: dict[str, Callable[..., Any]] = {"@tick": importable.tick, "@callee": importable.callee}
+    hooks |= {"@branch": importable.branch, "@element": importable.branch, "@turn": importable.turn}
+    namespace["__builtins__"] = builtin_names(importable.namespaces, find_module, console, hooks, importable.missing_builtins)
+    try:
+        exec(code, namespace)
+    except Exception as error:
+        reword(error, importable.namespaces)
+        raise

@@ -1,0 +1,201 @@
+"""Machine behind a virtual hub: clock, the firmware's 5 ms control loop, and the body.
+
+Time is a whole number of milliseconds and passes only in methods of :class:`Machine`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from brickhub.virtual.body import Body, FittingBody
+from brickhub.virtual.firmware.drive_base import DriveBaseControl
+from brickhub.virtual.firmware.heading import Heading
+from brickhub.virtual.firmware.servo import Servo
+from brickhub.virtual.micropython.errors import SwitchedOff
+from brickhub.virtual.pace import Pace
+from brickhub.virtual.panel import Panel
+
+CONTROL_LOOP_MS = 5
+# On a hub each call takes some 10 us. Here calls are free until there are many of them without a wait: otherwise no simulated
+# time would ever pass in a program that only polls.
+_FREE_CALLS = 200
+_CALLS_PER_MS = 100
+_AFTER_LOOP_TICKS = 10
+
+
+class Machine:
+    """Clock, servos and drive bases of one virtual hub.
+
+    Attributes:
+        runs_program: whether a program runs that the stop button can stop.
+        pace: keeps simulated time to real time at each control loop; ``None`` for as fast as possible.
+        panel: buttons, light, display and loudspeaker.
+        heading: heading of the robot by the gyroscope.
+        modes: mode of each device that has modes, by port.
+        check_memory: returns the number of branches until its next call. Raises MemoryError if the program does not fit.
+        time_ms: simulated time since the hub was switched on.
+        time_ticks: the same for the motor control, in ticks of 0.1 ms. After the control loop the firmware sleeps until its next
+            event, at most 1 ms, before it resumes the program: commands are that much later than the loop of the same ms.
+        alarm_ms: simulated time at which ``on_alarm`` is called from within :meth:`advance`; ``None`` for never.
+    """
+
+    def __init__(self, body: Body, panel: Panel | None = None) -> None:
+        self.robot = body.robot
+        self.body = body
+        self.panel = panel or Panel(body.robot.hub)
+        self.panel.clock_ms = lambda: self.time_ms
+        self.runs_program = False
+        self.pace: Pace | None = None
+        self.time_ms = 0
+        self.time_ticks = _AFTER_LOOP_TICKS
+        self.alarm_ms: int | None = None
+        self.on_alarm: Callable[[], None] = lambda: None
+        self.heading = Heading(body)
+        self.servos = {motor.port: Servo(motor.kind, motor.port, body, self) for motor in body.robot.motors}
+        self.drive_bases: list[DriveBaseControl] = []
+        self.modes: dict[str, str] = {}
+        self.check_memory: Callable[[], int] = lambda: 1 << 30
+        self._branches_to_check = 0
+        self._calls = 0
+        self._is_ahead = self._is_stopping = False
+
+    @property
+    def body_ms(self) -> int:
+        """Simulated time of the body: the program's, or 1 ms ahead of it."""
+        return self.time_ms + self._is_ahead
+
+    def plug_in(self, port: str, device: str) -> bool:
+        """Plug a device into a :class:`FittingBody`; returns whether it is on the port now."""
+        if not (isinstance(self.body, FittingBody) and self.body.plug_in(port, device)):
+            return False
+        if port in self.body.motors and port not in self.servos:
+            self.servos[port] = Servo(self.body.motors[port], port, self.body, self)
+        return True
+
+    def new_drive_base(self, left: Servo, right: Servo, wheel_diameter_um: int, axle_track_um: int) -> DriveBaseControl:
+        """A drive base in the control loop. Raises ValueError and OSError as :class:`DriveBaseControl`."""
+        base = DriveBaseControl(left, right, wheel_diameter_um, axle_track_um, self.heading)
+        self.drive_bases.append(base)
+        if isinstance(self.body, FittingBody):
+            turn = wheel_diameter_um / (2 * axle_track_um * left.settings.steps_per_unit)
+            self.body.put_on_wheels({left.port: turn * left.direction, right.port: -turn * right.direction})
+        return base
+
+    def advance(self, duration_ms: int) -> None:
+        """Let time pass: physics, control loop, alarm."""
+        self._calls = 0
+        end_ms = self.time_ms + duration_ms
+        while self.time_ms < end_ms:
+            self._advance_towards(end_ms)
+
+    def advance_to_alarm(self, duration_ms: int) -> int:
+        """Let time pass, but not beyond the next alarm, which may bring input; returns the ms that passed."""
+        self._calls = 0
+        start_ms = self.time_ms
+        end_ms = start_ms + duration_ms
+        while self.time_ms < end_ms and not self._advance_towards(end_ms):
+            pass
+        return self.time_ms - start_ms
+
+    def _advance_towards(self, end_ms: int) -> bool:
+        """Advance to the next control loop, panel event or alarm, at most to ``end_ms``; returns whether it was an alarm."""
+        time_ms = self.time_ms
+        event_ms = self.panel.next_ms
+        if self._is_ahead:
+            stop_ms = self.time_ms = time_ms + 1
+            self._is_ahead = False
+        else:
+            next_ms = time_ms - time_ms % CONTROL_LOOP_MS + CONTROL_LOOP_MS
+            stop_ms = next_ms if next_ms < end_ms else end_ms
+            if event_ms is not None and event_ms < stop_ms:
+                stop_ms = max(event_ms, time_ms + 1)
+            alarm_ms = self.alarm_ms
+            if alarm_ms is not None and time_ms < alarm_ms < stop_ms:
+                stop_ms = alarm_ms
+            self._run_to(stop_ms)
+        self.time_ticks = stop_ms * 10 + _AFTER_LOOP_TICKS
+        if event_ms is not None and event_ms <= stop_ms and self.panel.poll(stop_ms) and self.runs_program:
+            self.time_ms, self.time_ticks, self._is_ahead = stop_ms - 1, stop_ms * 10, True
+            raise SwitchedOff if self.panel.is_off else SystemExit
+        if self.alarm_ms is None or stop_ms < self.alarm_ms:
+            return False
+        self.on_alarm()
+        return True
+
+    def _run_to(self, time_ms: int) -> None:
+        """Advance the body to a time, and run the control loop if due."""
+        self.body.advance_to(time_ms)
+        self.time_ms = time_ms
+        if time_ms % CONTROL_LOOP_MS == 0:
+            self.time_ticks = time_ms * 10
+            for base in self.drive_bases:
+                base.update()
+            for servo in self.servos.values():
+                servo.update()
+            if self.pace is not None:
+                self.pace.keep(time_ms)
+
+    def settle(self) -> None:
+        """Let the rest of the hub catch up with the program.
+
+        A program resumes at the beginning of a millisecond, the rest of the hub only at the program's first branch in it, such as
+        the next iteration of a loop.
+        """
+        time_ms, time_ticks = self.time_ms, self.time_ticks
+        self._run_to(time_ms + 1)
+        self.time_ms, self.time_ticks, self._is_ahead = time_ms, time_ticks, True
+        self._branches_to_check -= 1
+        if self._branches_to_check < 0:
+            self._branches_to_check = self.check_memory()
+
+    def branch(self, value: Any) -> Any:
+        """``value``, on which the program branches; the rest of the hub catches up first."""
+        if not (self._is_ahead or self._is_stopping):
+            self.settle()
+        return value
+
+    def turn(self, value: Any) -> Any:
+        """``value``, for one iteration of a loop that ends by itself."""
+        if not (self._is_ahead or self._is_stopping):
+            self.settle()
+        self._branches_to_check -= 1
+        if self._branches_to_check < 0:
+            self._branches_to_check = self.check_memory()
+        return value
+
+    @contextlib.contextmanager
+    def stopping(self) -> Iterator[None]:
+        """Context in which branches let no time pass."""
+        self._is_stopping = True
+        try:
+            yield
+        finally:
+            self._is_stopping = False
+
+    def turn_loop(self) -> None:
+        """One iteration of a loop that may not wait."""
+        self.turn(None)
+        self.charge_call()
+
+    def advance_to_control(self) -> None:
+        """Let time pass until the next control loop, at which moves end."""
+        self.advance(CONTROL_LOOP_MS - self.time_ms % CONTROL_LOOP_MS)
+
+    def charge_call(self) -> None:
+        """Count a call that takes no simulated time; time passes after many of them."""
+        self._calls = calls = self._calls + 1
+        if calls > _FREE_CALLS and calls % _CALLS_PER_MS == 0:
+            self.advance(1)
+            self._calls = calls
+
+    def stop_motors(self) -> None:
+        """End a program as the firmware does: motors coast and are closed, drive bases are released, the display is cleared."""
+        self.runs_program = False
+        self.panel.start_program()
+        for base in self.drive_bases:
+            base.release()
+        self.drive_bases.clear()
+        for servo in self.servos.values():
+            servo.close()

@@ -1,0 +1,171 @@
+"""Attributes of types, restricted to those that exist on a hub."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from types import BuiltinFunctionType, FunctionType, GeneratorType, ModuleType
+from typing import Any
+
+from brickhub.virtual.micropython.byte_array import HubBytearray
+from brickhub.virtual.micropython.classes import FIRMWARE, HubSuper, defines, is_native
+from brickhub.virtual.micropython.containers import HubDict, HubSet
+from brickhub.virtual.micropython.errors import CATCHABLE, SwitchedOff, function_name
+from brickhub.virtual.micropython.iterables import is_dropped
+from brickhub.virtual.micropython.streams import BytesIO
+from brickhub.virtual.micropython.text import type_name
+
+_SEQUENCE_TEXT = (
+    "count endswith find format index isalpha isdigit islower isspace isupper join lower lstrip replace rfind rindex rsplit "
+    "rstrip split startswith strip upper"
+)
+_PRESENT: dict[type, str] = {
+    str: _SEQUENCE_TEXT,
+    bytes: _SEQUENCE_TEXT,
+    HubBytearray: _SEQUENCE_TEXT + " append extend",
+    int: "to_bytes from_bytes",
+    bool: "to_bytes from_bytes",
+    float: "",
+    complex: "real imag",
+    range: "start stop step",
+    slice: "start stop step",
+    memoryview: "",
+    GeneratorType: "send throw close",
+    BytesIO: "read readinto readline write seek tell flush close getvalue",
+    BaseException: "args",
+    list: "append clear copy count extend index insert pop remove reverse sort",
+    tuple: "count index",
+    HubDict: "clear copy fromkeys get items keys pop popitem setdefault update values",
+    HubSet: "add clear copy difference difference_update discard intersection intersection_update isdisjoint issubset issuperset "
+    "pop remove symmetric_difference symmetric_difference_update union update",
+}
+_HIDDEN = {
+    kind: frozenset(name for name in dir(kind) if not name.startswith("__")) - frozenset(names.split())
+    for kind, names in _PRESENT.items()
+}
+_SPECIAL: dict[type, tuple[str, ...]] = {
+    object: ("__next__", "__enter__", "__exit__"),
+    HubDict: ("__getitem__", "__setitem__", "__delitem__"),
+    HubSet: ("__contains__",),
+}
+"""Special names that native objects have on a hub too, if they have them here."""
+_FIRST_ARGUMENT = frozenset(["errno", "value"])
+"""Attributes of all exceptions on a hub, not only ``OSError`` and ``StopIteration``."""
+_CLASS_ATTRIBUTES = ("__module__", "__qualname__")
+"""Attributes of a program's classes; the second is the name without its enclosing scopes."""
+_OF_MODULES = frozenset(["__builtins__", *vars(ModuleType("")).keys() - {"__name__"}])
+"""Names that CPython puts into modules."""
+_HIDDEN_NAMES = _FIRST_ARGUMENT.union(*_HIDDEN.values())
+
+
+def _is_special(name: str) -> bool:
+    return name.startswith("__") and name.endswith("__")
+
+
+def may_be_hidden(name: str) -> bool:
+    """Whether :func:`visible_attribute` has to look for an attribute, as some type has it only on CPython."""
+    return _is_special(name) or name in _HIDDEN_NAMES
+
+
+def visible_attribute(value: Any, name: str) -> Any:
+    """``value.name`` for a name that a hub's type may lack. Raises AttributeError as on the hub."""
+    owner = value if isinstance(value, type) else type(value)
+    if name in _FIRST_ARGUMENT and isinstance(value, BaseException) and not hasattr(value, name):
+        return value.args[0] if value.args else None
+    if name in _CLASS_ATTRIBUTES and not is_native(owner):
+        return owner.__module__ if name == "__module__" else owner.__name__
+    if owner is HubSuper or _is_visible(value, owner, name):
+        return getattr(value, name)
+    if owner is not value and any(defines(kind, "__getattr__") for kind in owner.__mro__):
+        return value.__getattr__(name)
+    subject = f"type object '{type_name(owner)}'" if owner is value else f"'{type_name(owner)}' object"
+    raise AttributeError(f"{subject} has no attribute '{name}'")
+
+
+def _is_visible(value: Any, owner: type, name: str) -> bool:
+    if any(defines(kind, name) for kind in owner.__mro__):
+        return True
+    if owner is not value and name in getattr(value, "__dict__", ()):
+        return name not in _OF_MODULES
+    if not _is_special(name):
+        return not any(name in _HIDDEN.get(kind, ()) for kind in owner.__mro__)
+    return hasattr(value, name) and any(name in _SPECIAL.get(kind, ()) for kind in owner.__mro__)
+
+
+def store_attribute(value: Any, owner: Any, name: str) -> None:
+    """``owner.name = value``; fails for functions, modules, types and firmware objects. Raises AttributeError as on the hub."""
+    kind = type(owner)
+    is_closed = (
+        kind is FunctionType
+        or (kind.__module__.startswith(FIRMWARE) and "__setattr__" not in kind.__dict__)
+        or (kind is ModuleType and "__builtins__" not in owner.__dict__)
+        or (isinstance(owner, type) and is_native(owner))
+        or (isinstance(owner, BaseException) and kind.__module__ == "builtins")
+    )
+    if is_closed:
+        label = function_name(owner) if kind is FunctionType else kind.__name__
+        raise AttributeError(f"'{label}' object has no attribute '{name}'")
+    setattr(owner, name, value)
+
+
+def directory(value: Any) -> list[str]:
+    """``dir(value)``."""
+    if isinstance(value, ModuleType):
+        return sorted(name for name in vars(value) if name != "__builtins__" and "@" not in name)
+    kind = value if isinstance(value, type) else type(value)
+    if any("__dir__" in base.__dict__ for base in kind.__mro__[:-1]) and kind is not value:
+        return list(value.__dir__())
+    names = {name for name in dir(value) if not name.startswith("_") and name not in _HIDDEN.get(kind, ())}
+    for base in kind.__mro__:
+        if not is_native(base):
+            names |= {name for name in base.__dict__ if defines(base, name)} | {*_CLASS_ATTRIBUTES}
+            names |= getattr(value, "__dict__", {}).keys() if base is kind and value is not kind else set()
+    return sorted(name for name in names if "@" not in name)
+
+
+_WITH_KEYWORDS = frozenset(["sort", "update", "sorted", "max", "min"])
+_KINDS_WITHOUT_KEYWORDS = frozenset(
+    [bool, HubBytearray, complex, enumerate, HubSet, list, map, range, reversed, slice, tuple, type, zip]
+)
+
+
+def with_keywords(function: Any) -> Any:
+    """A callable that accepts keyword arguments, which few builtins do. Raises TypeError if it accepts none."""
+    if isinstance(function, FunctionType):
+        code = function.__code__
+        accepts_keywords = (
+            code.co_argcount > code.co_posonlyargcount or code.co_kwonlyargcount or code.co_flags & inspect.CO_VARKEYWORDS
+        )
+        refuses = function.__module__.startswith(FIRMWARE) and not accepts_keywords
+    elif isinstance(function, type):
+        refuses = function in _KINDS_WITHOUT_KEYWORDS
+    else:
+        refuses = type(function) is BuiltinFunctionType and function.__name__ not in _WITH_KEYWORDS
+    if refuses:
+        raise TypeError("function doesn't take keyword arguments")
+    return function
+
+
+class Manager:
+    """Context manager of a ``with`` statement as on a hub: a pair of attributes, which see no traceback.
+
+    Args:
+        value: the value of the expression.
+        reword: gives an error the hub's message.
+    """
+
+    def __init__(self, value: Any, reword: Callable[[BaseException], BaseException]) -> None:
+        self._exit = visible_attribute(value, "__exit__")
+        self._enter = visible_attribute(value, "__enter__")
+        self._reword = reword
+
+    def __enter__(self) -> Any:
+        return self._enter()
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, traceback: object) -> Any:
+        if isinstance(error, SwitchedOff) or (isinstance(error, GeneratorExit) and is_dropped()):
+            return None
+        if error is None or isinstance(error, CATCHABLE):
+            return self._exit(kind, error and self._reword(error), None)
+        self._exit(SystemExit, SystemExit(), None)  # stopped from outside: whatever the answer is
+        return None

@@ -1,0 +1,292 @@
+"""Builtin functions of a hub."""
+
+from __future__ import annotations
+
+import builtins
+import inspect
+import math
+import sys
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from types import FrameType, MethodType, ModuleType
+from typing import Any
+
+from brickhub.virtual.console import Console
+from brickhub.virtual.micropython.attributes import (
+    Manager,
+    directory,
+    may_be_hidden,
+    store_attribute,
+    visible_attribute,
+    with_keywords,
+)
+from brickhub.virtual.micropython.byte_array import HubBytearray
+from brickhub.virtual.micropython.classes import HubStaticMethod, HubSuper, build_class
+from brickhub.virtual.micropython.compiler import compile_string
+from brickhub.virtual.micropython.containers import HubDict, HubSet
+from brickhub.virtual.micropython.errors import EXCEPTIONS, HubOSError, ProgramInterrupt
+from brickhub.virtual.micropython.floats import SMALL_MAX, int_from_float
+from brickhub.virtual.micropython.formatting import to_number
+from brickhub.virtual.micropython.hash_table import hash_of
+from brickhub.virtual.micropython.numbers import module
+from brickhub.virtual.micropython.operators import operators, to_float, to_int, to_str
+from brickhub.virtual.micropython.sorting import sorted_list
+from brickhub.virtual.micropython.streams import as_bytes, write_text
+from brickhub.virtual.micropython.text import representation, text
+
+_UNCHANGED = """
+    all any bin bool bytes callable chr classmethod complex enumerate float hex int len list max memoryview min
+    object oct ord range reversed slice str tuple type zip
+""".split()  # noqa: SIM905  a list would take a line for each
+
+_ENTER, _CTRL_C, _CTRL_D, _BACKSPACES = "\r", "\x03", "\x04", "\b\x7f"
+
+
+def cooked(data: bytes) -> bytes:
+    """Text as sent over the wire, with CR LF line ends."""
+    return data.replace(b"\n", b"\r\n")
+
+
+def builtin_names(
+    namespaces: Sequence[Mapping[str, Any]],
+    find_module: Callable[[str], ModuleType],
+    console: Console,
+    hooks: Mapping[str, Callable[..., Any]],
+    missing_builtins: Collection[str],
+) -> dict[str, Any]:
+    """Builtin names for a program without ``missing_builtins``. ``namespaces``: globals of its modules. ``find_module`` raises
+    ImportError."""
+    result: dict[str, Any] = {name: getattr(builtins, name) for name in (*_UNCHANGED, *EXCEPTIONS)}
+    result.update(operators(namespaces))
+    result.update(hooks)
+    result.update({"@attr": visible_attribute, "@store": store_attribute, "@keywords": with_keywords, "@with": Manager})
+    result.update({"Ellipsis": ..., "__debug__": True, "OSError": HubOSError, "super": HubSuper, "dict": HubDict, "set": HubSet})
+    result.update({"bytearray": HubBytearray, "sorted": sorted_list, "staticmethod": HubStaticMethod})
+    result["@del"] = _delete_global
+    result["__build_class__"] = build_class
+    result.update(_number_functions(result["@n"], result["@pow"]))
+    result.update(_stream_functions(console))
+    result.update(_identity_functions())
+    result.update(_attribute_functions())
+    result.update(_program_functions())
+    present = {name: value for name, value in result.items() if name not in missing_builtins}
+    builtins_module = module("builtins", {name: value for name, value in present.items() if "@" not in name})
+    present["__import__"] = builtins_module.__dict__["__import__"] = _importer(
+        lambda name: builtins_module if name == "builtins" else find_module(name)
+    )
+    return present
+
+
+def _importer(find_module: Callable[[str], ModuleType]) -> Callable[..., ModuleType]:
+    def find(name: str, globals: object = None, locals: object = None, fromlist: object = (), level: int = 0) -> ModuleType:
+        if level:
+            raise NotImplementedError("relative import")
+        found = find_module(name)
+        if fromlist == ("*",):  # a hub does not know `__all__`
+            return module(name, {key: value for key, value in vars(found).items() if not key.startswith("_")})
+        return found
+
+    return find
+
+
+def _number_functions(normalize: Callable[[Any], Any], power: Callable[[Any, Any], Any]) -> dict[str, Any]:
+    def sum_(values: Iterable[Any], start: Any = 0, /) -> Any:
+        for value in values:
+            start = normalize(start + value)
+        return start
+
+    def round_(value: Any, digits: int | None = None, /) -> Any:
+        value = to_number(value, "float")
+        if digits is None:
+            return int_from_float(round(value)) if math.isfinite(value) else int_from_float(value)
+        if isinstance(value, int):
+            raise NotImplementedError
+        scale = 10.0**digits
+        scaled = normalize(value * scale)
+        if math.isfinite(scaled):
+            scaled = math.copysign(round(scaled), scaled)
+        return normalize(scaled / scale)
+
+    def divmod_(a: Any, b: Any, /) -> tuple[Any, Any]:
+        quotient, rest = divmod(a, b)
+        return normalize(quotient), normalize(rest)
+
+    def pow_(a: Any, b: Any, modulus: int | None = None, /) -> Any:
+        if modulus is not None:
+            raise NotImplementedError("3-arg pow() not supported")
+        return power(a, b)
+
+    def map_(function: Any, *values: Iterable[Any]) -> Any:
+        conversions: dict[Any, Callable[..., Any]] = {int: to_int, float: to_float, str: to_str}
+        convert = conversions.get(function) if isinstance(function, type) else None
+        return map(function, *values) if convert is None else map(lambda *args: convert(function, *args), *values)
+
+    def next_(values: Any, /) -> Any:
+        return next(values)
+
+    def abs_(value: Any, /) -> Any:
+        return normalize(abs(value))
+
+    def iter_(values: Any, /) -> Any:
+        return iter(values)
+
+    numbers = {
+        "abs": abs_,
+        "sum": sum_,
+        "round": round_,
+        "divmod": divmod_,
+        "pow": pow_,
+        "map": map_,
+    }
+    return numbers | {"next": next_, "iter": iter_}
+
+
+def _expect_text(*values: Any) -> None:
+    for value in values:
+        if not isinstance(value, str):
+            raise TypeError(f"can't convert '{type(value).__name__}' object to str implicitly")
+
+
+def _stream_functions(console: Console) -> dict[str, Any]:
+    def print_(*values: Any, sep: str = " ", end: str = "\n", file: Any = None) -> None:
+        _expect_text(sep, end)
+        if file is None:
+            console.write(cooked((sep.join(map(text, values)) + end).encode()))
+            return
+        for index, value in enumerate(values):
+            if index:
+                write_text(file, sep)
+            write_text(file, text(value))
+        write_text(file, end)
+
+    def input_(prompt: object = "", /) -> str:
+        """A line of the hub's editor, which echoes, deletes backwards, and knows no characters outside ASCII."""
+        console.write(cooked(text(prompt).encode()))
+        line = ""
+        while (key := console.read(1).decode("latin-1")) != _ENTER:
+            if key == _CTRL_C:
+                raise ProgramInterrupt
+            if key == _CTRL_D and not line:
+                raise EOFError
+            if " " <= key <= "~":
+                line += key
+                console.write(key.encode())
+            elif key in _BACKSPACES and line:
+                line = line[:-1]
+                console.write(b"\b\x1b[K")
+        console.write(b"\r\n")
+        return line
+
+    def open_(*args: object, **kwargs: object) -> None:
+        raise HubOSError(2)
+
+    return {"print": print_, "input": input_, "open": open_}
+
+
+def _identity_functions() -> dict[str, Any]:
+    def id_(value: Any, /) -> int:
+        return id(value) & SMALL_MAX
+
+    def hash_(value: Any, /) -> int:
+        value_hash = hash_of(value)
+        if value_hash is not None:
+            return value_hash
+        address = id(value.__self__) ^ id(value.__func__) if isinstance(value, MethodType) else id(value)
+        return address >> 4 & SMALL_MAX
+
+    return {"repr": representation, "id": id_, "hash": hash_}
+
+
+def _delete_global(name: str) -> None:
+    """``del name`` outside functions."""
+    names = sys._getframe(1).f_globals
+    if name not in names:
+        raise KeyError(name)
+    del names[name]
+
+
+def _attribute_functions() -> dict[str, Any]:
+    def getattr_(value: Any, name: str, *default: Any) -> Any:
+        _expect_text(name)
+        try:
+            return visible_attribute(value, name) if may_be_hidden(name) else getattr(value, name)
+        except AttributeError:
+            if default:
+                return default[0]
+            raise
+
+    def dir_(*values: Any) -> list[str]:
+        if not values:
+            return sorted(name for name in _namespace(sys._getframe(1)) if "@" not in name and name != "__builtins__")
+        return directory(values[0])
+
+    def hasattr_(value: Any, name: str) -> bool:
+        missing = object()
+        return getattr_(value, name, missing) is not missing
+
+    def isinstance_(value: Any, kinds: Any) -> bool:
+        return isinstance(value, _without_int(kinds) if type(value) is bool else kinds)
+
+    def issubclass_(kind: Any, kinds: Any) -> bool:
+        return issubclass(kind, _without_int(kinds) if kind is bool else kinds)
+
+    def setattr_(value: Any, name: str, new: Any, /) -> None:
+        _expect_text(name)
+        store_attribute(new, value, name)
+
+    return {
+        "dir": dir_,
+        "getattr": getattr_,
+        "setattr": setattr_,
+        "hasattr": hasattr_,
+        "isinstance": isinstance_,
+        "issubclass": issubclass_,
+    }
+
+
+def _without_int(kinds: Any) -> Any:
+    """``kinds`` without ``int``: on a hub ``True`` is not an integer."""
+    if isinstance(kinds, tuple):
+        return tuple(kind for kind in kinds if kind is not int)
+    return () if kinds is int else kinds
+
+
+def _namespace(frame: FrameType) -> Any:
+    """Names of the module or class around a frame; on a hub the locals of a function have no names."""
+    is_class = not frame.f_code.co_flags & inspect.CO_OPTIMIZED and frame.f_code.co_name != "<module>"
+    return frame.f_locals if is_class else frame.f_globals
+
+
+def _program_functions() -> dict[str, Any]:
+    def run(code: Any, globals: dict[str, Any] | None, locals: Any) -> Any:
+        frame = sys._getframe(2)
+        if not (isinstance(globals, dict | None) and isinstance(locals, dict | None)):
+            raise TypeError
+        if globals is None:
+            return eval(code, frame.f_globals, _namespace(frame) if locals is None else locals)
+        names = dict(globals) if isinstance(globals, HubDict) else globals
+        added = {"__builtins__", "__name__"} - names.keys()
+        names.update((name, frame.f_globals[name]) for name in added)
+        try:
+            return eval(code, names, names if locals is None or locals is globals else locals)
+        finally:
+            if names is not globals:
+                for name in set(globals) - set(names):
+                    del globals[name]
+                globals.update((name, value) for name, value in names.items() if name not in added)
+
+    def decoded(source: Any) -> str:
+        return source if isinstance(source, str) else as_bytes(source).decode()
+
+    def eval_(source: Any, globals: dict[str, Any] | None = None, locals: Any = None) -> Any:
+        return run(compile_string(decoded(source), "eval"), globals, locals)
+
+    def exec_(source: Any, globals: dict[str, Any] | None = None, locals: Any = None) -> None:
+        run(compile_string(decoded(source)), globals, locals)
+
+    def globals_() -> dict[str, Any]:
+        return sys._getframe(1).f_globals
+
+    def locals_() -> Any:
+        return _namespace(sys._getframe(1))
+
+    return {"eval": eval_, "exec": exec_, "globals": globals_, "locals": locals_}

@@ -1,0 +1,113 @@
+"""Iterables of a hub: functions that collect items refuse more than fit on any hub, and a generator that a program drops in the
+middle just stays there, where CPython closes it."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from types import GeneratorType
+from typing import Any
+
+from brickhub.virtual.memory import check_allocation, extend, items_of
+
+
+def _to_list(kind: type, values: Any) -> Any:
+    """``list(values)``, named ``kind`` in the program."""
+    return items_of(values) if kind is list else kind(values)
+
+
+def _to_tuple(kind: type, values: Any) -> Any:
+    """``tuple(values)``, named ``kind`` in the program."""
+    return tuple(items_of(values)) if kind is tuple and not isinstance(values, tuple) else kind(values)
+
+
+def _to_bytes(kind: type, values: Any) -> Any:
+    """``bytes(values)``, named ``kind`` in the program: of a size, a buffer or an iterable."""
+    if kind is bytes and isinstance(values, bool):
+        raise TypeError("'bool' object isn't iterable")
+    if kind is bytes and isinstance(values, int):
+        check_allocation(values + 1)
+    elif kind is bytes and not isinstance(values, str | bytes | bytearray | memoryview):
+        values = items_of(values, item_bytes=1)
+    return kind(values)
+
+
+def _star(values: Any) -> Any:
+    """Arguments ``*values``, whose number the hub asks for first, as it makes room for them and the function."""
+    if isinstance(values, list | tuple | str | bytes | dict):
+        return values
+    if isinstance(values, range):
+        check_allocation(4 * (1 + len(values)))
+    return items_of(values)
+
+
+def _extend(owner: Any, values: Any) -> Any:
+    """``owner.extend(values)``."""
+    if not isinstance(owner, list) or type(owner).extend is not list.extend or isinstance(values, list | tuple):
+        return owner.extend(values)
+    return extend(owner, values)
+
+
+def _join(owner: Any, values: Any) -> Any:
+    """``owner.join(values)``."""
+    if not isinstance(owner, str | bytes):
+        return owner.join(values)
+    parts = values if isinstance(values, list | tuple) else items_of(values)
+    check_allocation(sum(len(part) + len(owner) for part in parts if isinstance(part, str | bytes)))
+    return owner.join(parts)
+
+
+def add_in_place(a: Any, b: Any) -> Any:
+    """``a += b``."""
+    if type(a) is list and not isinstance(b, list | tuple):
+        extend(a, b)
+    else:
+        a += b
+    return a
+
+
+class _Ending(threading.local):
+    """Number of calls that end a generator, in this thread."""
+
+    calls = 0
+
+
+_ending = _Ending()
+
+
+def close(owner: Any, *args: Any, **kwargs: Any) -> Any:
+    """``owner.close(...)``."""
+    _ending.calls += 1
+    try:
+        return owner.close(*args, **kwargs)
+    finally:
+        _ending.calls -= 1
+
+
+def _throw(generator: Any, *args: Any, **kwargs: Any) -> Any:
+    """``generator.throw(...)``; a generator that has ended remains so."""
+    if isinstance(generator, GeneratorType) and generator.gi_frame is None:
+        raise StopIteration
+    _ending.calls += 1
+    try:
+        return generator.throw(*args, **kwargs)
+    finally:
+        _ending.calls -= 1
+
+
+def is_dropped() -> bool:
+    """Whether CPython ends a generator now that a program has dropped."""
+    return not _ending.calls and isinstance(sys.exc_info()[1], GeneratorExit)
+
+
+ITERABLE_FUNCTIONS = {
+    "@list": _to_list,
+    "@tuple": _to_tuple,
+    "@bytes": _to_bytes,
+    "@star": _star,
+    "@close": close,
+    "@throw": _throw,
+    "@extend": _extend,
+    "@join": _join,
+}
+"""Functions by their names in the transformed program."""

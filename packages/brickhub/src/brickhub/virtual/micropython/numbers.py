@@ -1,0 +1,251 @@
+"""Modules ``math``, ``random`` and ``struct`` of a hub."""
+
+from __future__ import annotations
+
+import math
+import re
+import struct
+from collections.abc import Callable, Sequence
+from types import ModuleType
+from typing import Any
+
+from brickhub.virtual.memory import check_allocation
+from brickhub.virtual.micropython.floats import int_from_float, to_single
+from brickhub.virtual.micropython.formatting import to_number
+from brickhub.virtual.micropython.operators import small
+from brickhub.virtual.micropython.streams import as_bytes
+
+_MASK = 0xFFFFFFFF
+
+
+def module(name: str, names: dict[str, Any]) -> ModuleType:
+    """A module with these names."""
+    result = ModuleType(name)
+    result.__dict__.clear()
+    result.__dict__.update({"__name__": name, **names})
+    return result
+
+
+def _as_float(value: Any) -> float:
+    return to_single(to_number(value, "float"))
+
+
+_PI = to_single(math.pi)
+_RADIANS, _DEGREES = to_single(_PI / 180), to_single(180 / _PI)  # as computed by the hub's compiler
+_BINARY_FUNCTIONS = ("atan2", "pow", "fmod", "copysign")
+
+
+def math_module() -> ModuleType:
+    def rounded(function: Callable[..., float]) -> Callable[..., float]:
+        count = 2 if function.__name__ in _BINARY_FUNCTIONS else 1
+
+        def call(*args: Any) -> float:
+            if len(args) != count:
+                raise TypeError(f"function takes {count} positional arguments but {len(args)} were given")
+            values = [_as_float(value) for value in args]
+            try:
+                result = to_single(function(*values))
+            except (OverflowError, ValueError):
+                raise ValueError("math domain error") from None
+            if math.isinf(result) and not any(map(math.isinf, values)):
+                raise ValueError("math domain error")
+            return result
+
+        return call
+
+    def log(x: Any, base: Any = None) -> float:
+        x = _as_float(x)
+        if x <= 0 or (base is not None and _as_float(base) <= 0):
+            raise ValueError("math domain error")
+        if base == 1:
+            raise ZeroDivisionError("divide by zero")
+        return to_single(math.log(x) if base is None else math.log(x) / math.log(base))
+
+    names: dict[str, Any] = {
+        name: rounded(getattr(math, name))
+        for name in ["sin", "asin", "cos", "acos", "tan", "atan", "exp", "sqrt", "fabs", *_BINARY_FUNCTIONS]
+    }
+    names.update({name: getattr(math, name) for name in ("isfinite", "isinf", "isnan")})
+    names["degrees"] = lambda x, /: to_single(_as_float(x) * _DEGREES)
+    names["radians"] = lambda x, /: to_single(_as_float(x) * _RADIANS)
+    names["ldexp"] = lambda m, p: to_single(math.ldexp(_as_float(m), p))
+    names["frexp"] = lambda x: math.frexp(_as_float(x))
+    names["modf"] = lambda x: tuple(map(to_single, math.modf(_as_float(x))))
+    for name in ("ceil", "floor", "trunc"):
+        names[name] = _to_integer(getattr(math, name))
+    return module("math", {**names, "log": log, "e": to_single(math.e), "pi": _PI})
+
+
+def _to_integer(function: Callable[[float], int]) -> Callable[[Any], int]:
+    def call(x: Any) -> int:
+        x = _as_float(x)
+        return int_from_float(float(function(x)) if math.isfinite(x) else x)
+
+    return call
+
+
+class _Yasmarang:
+    """The hub's pseudo-random generator: equal seeds give equal sequences."""
+
+    def __init__(self, seed: int) -> None:
+        self.seed(seed)
+
+    def seed(self, seed: int) -> None:
+        self._pad, self._n, self._d, self._dat = seed & _MASK, 69, 233, 0
+
+    def next(self) -> int:
+        pad = (self._pad + self._dat + self._d * self._n) & _MASK
+        pad = ((pad << 3) + (pad >> 29)) & _MASK
+        self._pad, self._n = pad, pad | 2
+        self._d ^= ((pad << 31) + (pad >> 1)) & _MASK
+        self._dat ^= (pad ^ (self._d >> 8) ^ 1) & 0xFF
+        return (pad ^ (self._d << 5) ^ (pad >> 18) ^ (self._dat << 1)) & _MASK
+
+    def below(self, n: int) -> int:
+        mask = 1
+        while (n & mask) < n:
+            mask = mask << 1 | 1
+        while (value := self.next() & mask) >= n:
+            pass
+        return value
+
+    def fraction(self) -> float:
+        return (self.next() & 0x7FFFFF) / 0x800000
+
+
+def expect_int(*values: Any) -> None:
+    """Raise TypeError unless all are integers."""
+    for value in values:
+        if not isinstance(value, int):
+            raise TypeError(f"can't convert {type(value).__name__} to int")
+
+
+def random_module(clock_us: int) -> ModuleType:
+    """``clock_us``: the hub's seed at program start."""
+    source = _Yasmarang(clock_us)
+
+    def getrandbits(k: int, /) -> int:
+        expect_int(k)
+        if not 0 <= k <= 32:
+            raise ValueError("bits must be 32 or less")
+        return small(source.next() & (_MASK >> (32 - k))) if k else 0
+
+    def randrange(start: int, stop: int | None = None, step: int = 1, /) -> int:
+        expect_int(start, step, 0 if stop is None else stop)
+        low, high = (0, start) if stop is None else (start, stop)
+        count = (high - low + step - (1 if step > 0 else -1)) // step if step else 0
+        if count <= 0:
+            raise ValueError
+        return low + step * source.below(count)
+
+    def randint(a: int, b: int, /) -> int:
+        expect_int(a, b)
+        if a > b:
+            raise ValueError
+        return a + source.below(b - a + 1)
+
+    def choice(values: Sequence[Any], /) -> Any:
+        if not values:
+            raise IndexError
+        return values[source.below(len(values))]
+
+    def uniform(a: float, b: float, /) -> float:
+        low, high = _as_float(a), _as_float(b)
+        return to_single(low + to_single(to_single(high - low) * source.fraction()))
+
+    def seed(a: int | None = None, /) -> None:
+        expect_int(0 if a is None else a)
+        source.seed(clock_us if a is None else a)
+
+    names = {"getrandbits": getrandbits, "randrange": randrange, "randint": randint, "choice": choice, "uniform": uniform}
+    return module("random", {**names, "seed": seed, "random": source.fraction})
+
+
+_CODES = re.compile(r"(\d*)([xbBhHiIlLqQPOsefd])")
+_WIDE = frozenset("iIlLqQd")
+_HALF_INFINITE = 65520.0
+"""Least float that is infinite in 16 bits."""
+
+
+class _Layout:
+    """A format string as a hub reads it: native ``l`` has 4 bytes; values wrap around."""
+
+    def __init__(self, text: str) -> None:
+        if not re.fullmatch(r"[@<>!]?(\d*[xbBhHiIlLqQPOsefd])*", text):
+            raise ValueError("bad typecode")
+        order = text[:1] if text[:1] in "@<>!" and text[:1] else "@"
+        codes = text.lstrip("@<>!").replace("P", "I").replace("O", "I")
+        if order == "@":
+            codes = codes.replace("l", "i").replace("L", "I")
+        self.struct = struct.Struct(order + codes)
+        check_allocation(self.struct.size)
+        self.codes = [
+            code for count, code in _CODES.findall(codes) for _ in range(1 if code in "sx" else int(count or 1)) if code != "x"
+        ]
+        self.is_wide = bool(_WIDE & set(self.codes))
+
+    def pack(self, values: tuple[Any, ...]) -> bytes:
+        try:
+            return self.struct.pack(*values)
+        except (struct.error, OverflowError):
+            return self.struct.pack(*map(self._wrapped, self.codes, values))
+
+    @staticmethod
+    def _wrapped(code: str, value: Any) -> Any:
+        if code == "s":
+            return as_bytes(value)
+        if code in "efd":
+            number = to_single(_as_float(value))
+            return math.copysign(math.inf, number) if code == "e" and abs(number) >= _HALF_INFINITE else number
+        if isinstance(value, float) or not isinstance(value, int):
+            raise TypeError(f"can't convert {type(value).__name__} to int")
+        bits = 8 * struct.calcsize("=" + code)
+        value &= (1 << bits) - 1
+        return value - (1 << bits) if code.islower() and value >> (bits - 1) else value
+
+    def checked(self, values: tuple[Any, ...]) -> tuple[Any, ...]:
+        if not self.is_wide:
+            return values
+        return tuple(small(v) if type(v) is int else to_single(v) if type(v) is float else v for v in values)
+
+
+def struct_module() -> ModuleType:
+    layouts: dict[str, _Layout] = {}
+
+    def cached_layout(text: str) -> _Layout:
+        if text not in layouts:
+            layouts[text] = _Layout(text)
+        return layouts[text]
+
+    def pack(fmt: str, /, *values: Any) -> bytes:
+        layout = cached_layout(fmt)
+        if len(values) != len(layout.codes):
+            values = (values + (0,) * len(layout.codes))[: len(layout.codes)]
+        return layout.pack(values)
+
+    def pack_into(fmt: str, buffer: bytearray, offset: int, /, *values: Any) -> None:
+        if not isinstance(buffer, bytearray | memoryview):
+            raise TypeError("object with buffer protocol required")
+        data = pack(fmt, *values)
+        start = offset + len(buffer) if offset < 0 else offset
+        if start < 0 or start + len(data) > len(buffer):
+            raise ValueError("buffer too small")
+        buffer[start : start + len(data)] = data
+
+    def unpack_from(fmt: str, data: bytes, offset: int = 0, /) -> tuple[Any, ...]:
+        layout = cached_layout(fmt)
+        try:
+            return layout.checked(layout.struct.unpack_from(data, offset))
+        except struct.error:
+            raise ValueError("buffer too small") from None
+        except TypeError:
+            return unpack_from(fmt, as_bytes(data), offset)
+
+    def unpack(fmt: str, data: bytes, /) -> tuple[Any, ...]:
+        return unpack_from(fmt, data)
+
+    def calcsize(fmt: str, /) -> int:
+        return cached_layout(fmt).struct.size
+
+    names = {"pack": pack, "pack_into": pack_into, "unpack": unpack, "unpack_from": unpack_from, "calcsize": calcsize}
+    return module("struct", names)

@@ -1,0 +1,252 @@
+"""Panel of a hub: buttons, also those of a remote control and an Xbox controller, light, display and loudspeaker.
+
+Buttons are pressed by a script (``Press``, at a simulated time), or from Python and by keys while the program runs.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+
+from brickhub.errors import TwinError
+from brickhub.robot import HubKind
+
+DEFAULT_PRESS_S = 0.2
+POLL_MS = 50
+"""Poll interval of a hub's stop button (``pbio/sys/core.c``, v4)."""
+STOP_BUTTON = "center"
+_SWITCH_OFF_MS = 2000
+_SHADES = ".-+#"
+_DIRECTIONS = ("up", "down", "left", "right")
+_WIRELESS_BUTTONS = {
+    "remote": ("left_plus", "left", "left_minus", "right_plus", "right", "right_minus", "center"),
+    "xbox": (
+        *("a", "b", "x", "y", "lb", "rb", "view", "menu", "guide", "lj", "rj", "upload", "p1", "p2", "p3", "p4", *_DIRECTIONS),
+        *("left_trigger", "right_trigger", *(f"joystick_{side}_{end}" for side in ("left", "right") for end in _DIRECTIONS)),
+    ),
+}
+"""Buttons of wireless devices; a stick and a trigger are pressed all the way."""
+WIRELESS = frozenset(_WIRELESS_BUTTONS)
+_MIN_S, _MAX_S = 0.0, 100_000.0
+
+
+@dataclass(frozen=True)
+class Press:
+    """One press of a button.
+
+    Attributes:
+        button: ``left``, ``right``, ``center``, ``bluetooth``; ``remote.left_plus`` and so on for a remote control, ``xbox.a``,
+            ``xbox.joystick_left_up`` and so on for an Xbox controller.
+        start_s, duration_s: simulated seconds.
+
+    Raises:
+        TwinError: at construction, a time is out of range.
+    """
+
+    button: str
+    start_s: float
+    duration_s: float = DEFAULT_PRESS_S
+
+    def __post_init__(self) -> None:
+        if not (_MIN_S <= self.start_s <= _MAX_S and 0.0 < self.duration_s <= _MAX_S):
+            raise TwinError(
+                f"the time of the press of '{self.button}' is out of range; give {self.button}@2.5s or {self.button}@2.5s+1s"
+            )
+
+
+def parse_press(text: str) -> Press:
+    """The press for ``left@2.5s``, or ``left@2.5s+1s`` with a duration of 1 s. Raises TwinError for any other text."""
+    match = re.fullmatch(r"([a-z_.]+\d?)@([\d.]+)s?(?:\+([\d.]+)s?)?", text.strip().lower())
+    try:
+        start_s, duration_s = float(match[2]), float(match[3] or DEFAULT_PRESS_S)  # type: ignore[index]
+    except (TypeError, ValueError):
+        raise TwinError(f"'{text}' is not a button press; give one such as left@2.5s, or center@4s+0.5s") from None
+    return Press(match[1], start_s, duration_s)  # type: ignore[index]
+
+
+class Panel:
+    """Buttons, light, display and loudspeaker of a hub.
+
+    Attributes:
+        buttons: names of the hub's buttons.
+        stop_buttons: buttons that stop the program when pressed together; none if empty.
+        near: wireless devices that a program can connect to, of ``WIRELESS``.
+        has_display: whether the hub has a display of 5 x 5 pixels.
+        light: color of the status light as (hue, saturation, value); ``None`` if off.
+        display: brightness of the 25 pixels of the display in %, row by row from the top.
+        text: the character or number that the display shows instead.
+        sound_hz: frequency of the loudspeaker; 0 if silent.
+        clock_ms: simulated time, set by the panel's machine.
+        is_watched: whether a person may press a button at any time.
+        on_change: called with the panel after a change of light, display or sound.
+        is_off: whether the center button was held so long that the hub is switched off.
+        next_ms: simulated time of the next poll or animation; ``None`` for none.
+
+    Raises:
+        TwinError: the hub has no such button.
+    """
+
+    def __init__(self, hub: HubKind, presses: Iterable[Press] = (), near: Iterable[str] = ()) -> None:
+        self.buttons = (STOP_BUTTON, "left", "right", "bluetooth") if hub is HubKind.PRIME else (STOP_BUTTON,)
+        self.has_display = hub is HubKind.PRIME
+        self._hub = hub
+        self._presses: list[tuple[int, int, str]] = []
+        self._held: set[str] = set()
+        self.stop_buttons = frozenset({STOP_BUTTON})
+        self.near = set(near)
+        self.on_change: Callable[[Panel], None] | None = None
+        self._light: tuple[int, int, int] | None = None
+        self._sound_hz = 0
+        self.display = [0] * 25
+        self.text = ""
+        self.is_watched = self.is_off = False
+        self.clock_ms: Callable[[], int] = lambda: self._now_ms
+        self.next_ms: int | None = None
+        self._now_ms = 0
+        self._stop_pressed_ms = -POLL_MS
+        self._center_polls = (-POLL_MS, -POLL_MS)  # first and last of those that found the center button down without a break
+        self._animations: dict[str, tuple[int, Iterator[int]]] = {}
+        for press in presses:
+            self.press(press)
+
+    @property
+    def light(self) -> tuple[int, int, int] | None:
+        return self._light
+
+    @light.setter
+    def light(self, color: tuple[int, int, int] | None) -> None:
+        if color != self._light:
+            self._light = color
+            self._changed()
+
+    @property
+    def sound_hz(self) -> int:
+        return self._sound_hz
+
+    @sound_hz.setter
+    def sound_hz(self, frequency: int) -> None:
+        if frequency != self._sound_hz:
+            self._sound_hz = frequency
+            self._changed()
+
+    @property
+    def now_s(self) -> float:
+        """Simulated time."""
+        return self.clock_ms() / 1000
+
+    def describe(self) -> str:
+        """Light, display and sound in one line; the display as five rows of five, from ``.`` to ``#``."""
+        light = "off" if self._light is None else f"hue {self._light[0]}, {self._light[1]} %, {self._light[2]} %"
+        rows = (self.display[i : i + 5] for i in range(0, 25, 5))
+        display = self.text or "/".join("".join(_SHADES[min(3, value * 3 // 100 + (value > 0))] for value in row) for row in rows)
+        return f"light {light}; display {display if any(self.display) or self.text else 'off'}; sound {self._sound_hz or 'off'}"
+
+    def tap(self, button: str) -> None:
+        """Press a button now, for :data:`DEFAULT_PRESS_S`."""
+        self.press(Press(button, self.clock_ms() / 1000 + 0.001))
+
+    def press(self, press: Press) -> None:
+        """Schedule a press."""
+        self._check(press.button)
+        self.near |= {press.button.partition(".")[0]} & WIRELESS
+        start_ms = round(press.start_s * 1000)
+        self._presses.append((start_ms, start_ms + max(1, math.ceil(press.duration_s * 1000)), press.button))
+        self._schedule(self.clock_ms())
+
+    def hold(self, button: str) -> None:
+        """Press a button now, until :meth:`release`."""
+        self._check(button)
+        self._held.add(button)
+        self._schedule(self.clock_ms())
+
+    def release(self, button: str) -> None:
+        self._held.discard(button)
+
+    @property
+    def is_unattended(self) -> bool:
+        """Whether no button will ever be pressed again."""
+        now_ms = self.clock_ms()
+        return not (self.is_watched or self._held or any(end_ms > now_ms for _, end_ms, _ in self._presses))
+
+    def pressed(self, time_ms: int) -> frozenset[str]:
+        """Buttons of the hub that are down at a simulated time."""
+        return frozenset(name for name in self._down(time_ms) if "." not in name)
+
+    def pressed_on(self, device: str, time_ms: int) -> frozenset[str]:
+        """Buttons of a wireless device that are down at a simulated time."""
+        return frozenset(name.partition(".")[2] for name in self._down(time_ms) if name.startswith(f"{device}."))
+
+    def poll(self, time_ms: int) -> bool:
+        """Process animations and the poll that are due; returns whether a program ends, as the stop button was pressed since the
+        last poll, or the hub is switched off."""
+        self._now_ms = time_ms
+        for part, (due_ms, frames) in tuple(self._animations.items()):
+            if due_ms <= time_ms:
+                self._animations[part] = time_ms + max(1, next(frames)), frames
+        self._schedule(time_ms + 1)
+        # The poll belongs to the millisecond before, in which the program has not resumed yet.
+        if time_ms % POLL_MS:
+            return False
+        down = self.pressed(time_ms - 1)
+        if STOP_BUTTON in down:
+            first_ms, last_ms = self._center_polls
+            first_ms = first_ms if last_ms == time_ms - POLL_MS else time_ms
+            self._center_polls = first_ms, time_ms
+            self.is_off = time_ms - first_ms >= _SWITCH_OFF_MS
+            if self.is_off:
+                return True
+        if not self.stop_buttons or not self.stop_buttons <= down:
+            return False
+        was_pressed = self._stop_pressed_ms == time_ms - POLL_MS
+        self._stop_pressed_ms = time_ms
+        return not was_pressed
+
+    def animate(self, part: str, frames: Iterator[int]) -> None:
+        """Animate the light or the display (``part``), in place of its last animation.
+
+        Args:
+            frames: endless; each step shows the next picture and gives its duration in ms.
+        """
+        self._animations[part] = self.clock_ms() + 1 + max(1, next(frames)), frames
+        self._schedule(self.clock_ms() + 1)
+
+    def stop_animation(self, part: str) -> bool:
+        """Keep the current picture; returns whether there was an animation."""
+        return self._animations.pop(part, None) is not None
+
+    def start_program(self) -> None:
+        """Reset as before each program: default stop button, no light, sound or display."""
+        self.stop_buttons = frozenset({STOP_BUTTON})
+        self._animations.clear()
+        self.light, self.sound_hz = None, 0
+        self.show([0] * 25)
+
+    def show(self, pixels: list[int], text: str = "") -> None:
+        """Show pixels (brightness in %, 25 values) or a text."""
+        if (pixels, text) != (self.display, self.text):
+            self.display, self.text = pixels, text
+            self._changed()
+
+    def _changed(self) -> None:
+        if self.on_change is not None:
+            self.on_change(self)
+
+    def _down(self, time_ms: int) -> set[str]:
+        return self._held | {name for start_ms, end_ms, name in self._presses if start_ms <= time_ms < end_ms}
+
+    def _schedule(self, from_ms: int) -> None:
+        """Compute :attr:`next_ms`: the next poll of a pressed button or step of an animation."""
+        polls = [(max(start_ms + 1, from_ms), end_ms) for start_ms, end_ms, _ in self._presses if end_ms >= from_ms]
+        polls += [(from_ms, from_ms + POLL_MS)] * bool(self._held)
+        due = [poll_ms for begin_ms, end_ms in polls if (poll_ms := -(-begin_ms // POLL_MS) * POLL_MS) <= end_ms]
+        self.next_ms = min((*due, *(due_ms for due_ms, _ in self._animations.values())), default=None)
+
+    def _check(self, button: str) -> None:
+        device = button.partition(".")[0]
+        names = [f"{device}.{name}" for name in _WIRELESS_BUTTONS.get(device, ())]
+        if button not in (names or self.buttons):
+            owner = f"the {device}" if names else f"the {self._hub.value} hub"
+            known = ", ".join(names or [*self.buttons, "or of a wireless device, such as remote.left_plus or xbox.a"])
+            raise TwinError(f"{owner} has no button '{button}'; press one of {known}")

@@ -1,0 +1,275 @@
+"""Modes of LEGO's Powered Up devices: names, values, and what the devices send in them.
+
+Sources: messages of devices 37, 38, 46 and 47 in the firmware's ``test_lump.c``, and its list of modes in ``lego/device.h``
+(v4.0.1); the Raspberry Pi Build HAT's lists of 48 and 64; users' lists of 34 and 35, of 61 and 62 (of set 51515), and of 63. All
+motors with an absolute angle are taken to be alike. Raw colors are those from which the firmware computes ``hsv()``. Unknown
+values, such as a calibration, are zero.
+"""
+
+from __future__ import annotations
+
+import colorsys
+import enum
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from brickhub.hub.diagnostics.devices import MOTOR_IDS, SENSOR_IDS, ULTRASONIC_ID
+from brickhub.robot import MotorKind, SensorKind, UltrasonicSensor
+from brickhub.virtual.machine import Machine
+from brickhub.virtual.pybricks.colors import nearest
+from brickhub.virtual.stimuli import Hsv, Sense, brightness_pct, color, number, pitch_and_roll, reflection_pct
+
+MAX_FORCE_MN = 10_000
+_MAX_TILT_DEG = 45
+_INFRARED_MAX_RAW = 500
+_DISTS_MAX_MM = 320
+_NOTHING_NEAR = -1
+_ECHO_US_PER_MM, _MAX_ECHO_US = 2 / 0.343, 14_577
+_FORCE_RELEASED_RAW, _FORCE_MAX_RAW = 384, 701  # each sensor has its own, as CALIB reports
+_BOOST_FULL_RAW, _SPIKE_FULL_RAW = 440, 1024
+_LEGO_COLORS: Mapping[int, Hsv] = {
+    -1: (0, 0, 0), 0: (0, 0, 10), 3: (240, 100, 100), 4: (180, 100, 100), 5: (120, 100, 100), 7: (60, 100, 100), 9: (0, 100, 100),
+    10: (0, 0, 100),
+}  # fmt: skip
+
+
+class DataType(enum.IntEnum):
+    """Signed integers of 8, 16 and 32 bits, by number in the protocol."""
+
+    INT8 = 0
+    INT16 = 1
+    INT32 = 2
+
+    @property
+    def bits(self) -> int:
+        return 8 << self
+
+
+class Plug:
+    """Device on a port, and its stimuli."""
+
+    def __init__(self, machine: Machine, port: str) -> None:
+        self.machine = machine
+        self.port = port
+        self._last_sample = (0, 0)
+
+    def color(self, sense: Sense = Sense.SURFACE) -> Hsv:
+        return color(self._sensed(sense))
+
+    def ambient_pct(self) -> float:
+        return brightness_pct(self._sensed(Sense.AMBIENT))
+
+    def proximity(self) -> int:
+        """Distance in tenths of the largest."""
+        return min(max(round(number(self._sensed(Sense.DISTANCE)) / 10), 0), 10)
+
+    def distance_mm(self) -> int | None:
+        """Distance for an ultrasonic sensor; ``None`` if nothing is near."""
+        distance_mm = self.machine.body.distance_mm(self.port)
+        return distance_mm if distance_mm < UltrasonicSensor.FARTHEST_MM else None
+
+    def infrared_raw(self) -> int:
+        """Reflected infrared light: the more, the nearer (``pb_type_pupdevices_infraredsensor.c``)."""
+        distance_pct = min(max(number(self._sensed(Sense.DISTANCE)), 1.0), 100.0)
+        return min(round(1100 / distance_pct) - 10, _INFRARED_MAX_RAW)
+
+    def passed(self) -> int:
+        return int(number(self._sensed(Sense.COUNT)))
+
+    def force_mn(self) -> int:
+        return min(max(round(number(self._sensed(Sense.FORCE)) * 1000), 0), MAX_FORCE_MN)
+
+    def tilt_deg(self) -> tuple[int, int]:
+        """Pitch and roll."""
+        angles = pitch_and_roll(self._sensed(Sense.TILT))
+        pitch, roll = (min(max(round(angle), -_MAX_TILT_DEG), _MAX_TILT_DEG) for angle in angles)
+        return pitch, roll
+
+    def angle_mdeg(self) -> int:
+        """Angle of a motor's shaft."""
+        return self.machine.body.angle_mdeg(self.port)
+
+    def speed_pct(self) -> int:
+        """Mean speed of a motor since the last call, in % of its kind's maximum; at first 0."""
+        (time_ms, mdeg), self._last_sample = self._last_sample, (self.machine.time_ms, self.angle_mdeg())
+        elapsed_ms = self._last_sample[0] - time_ms
+        max_deg_s = self.machine.servos[self.port].type.max_speed_deg_s
+        speed_pct = 100 * (self._last_sample[1] - mdeg) / (elapsed_ms * max_deg_s) if time_ms and elapsed_ms else 0
+        return max(-100, min(100, round(speed_pct)))
+
+    def _sensed(self, sense: Sense) -> Any:
+        body: Any = self.machine.body  # a SensingBody, or nothing would be there
+        return body.sensed(self.port, sense)
+
+
+Read = Callable[[Plug], Iterable[int]]
+
+
+@dataclass(frozen=True)
+class DeviceMode:
+    """One mode: its name, number and type of values, whether it can be written, what is read (``None``: zeros)."""
+
+    name: str
+    count: int
+    data_type: DataType
+    read: Read | None = None
+    is_writable: bool = False
+
+    def values(self, plug: Plug) -> tuple[int, ...]:
+        """Present values, with zeros for unknown ones."""
+        readings = tuple(self.read(plug)) if self.read is not None else ()
+        return readings + (0,) * (self.count - len(readings))
+
+
+def _lego_color(plug: Plug) -> Iterable[int]:
+    index = nearest(plug.color(), list(_LEGO_COLORS.values()))
+    return () if index is None else (list(_LEGO_COLORS)[index],)
+
+
+def _boost_rgb(plug: Plug) -> Iterable[int]:
+    hue, saturation, value = plug.color()
+    return _rgb(hue, saturation, 100 - math.sqrt(10_000 - 100 * value), _BOOST_FULL_RAW)
+
+
+def _spike_rgb(plug: Plug) -> Iterable[int]:
+    hue, saturation, value = plug.color()
+    return _rgb(hue, 100 - math.sqrt(10_000 - 100 * saturation), 150 - math.sqrt(22_500 - 200 * value), _SPIKE_FULL_RAW)
+
+
+def _rgb(hue: float, saturation: float, value: float, full: int) -> Iterable[int]:
+    return (round(share * full) for share in colorsys.hsv_to_rgb(hue / 360, saturation / 100, value / 100))
+
+
+def _hsv(sense: Sense) -> Read:
+    def read(plug: Plug) -> Iterable[int]:
+        hue, saturation, value = plug.color(sense)
+        return hue, saturation * 10, value * 10
+
+    return read
+
+
+def _millimetres(max_mm: float) -> Read:
+    def read(plug: Plug) -> Iterable[int]:
+        distance_mm = plug.distance_mm()
+        return (_NOTHING_NEAR if distance_mm is None or distance_mm > max_mm else distance_mm,)
+
+    return read
+
+
+def _echo_us(plug: Plug) -> Iterable[int]:
+    distance_mm = plug.distance_mm()
+    return (_MAX_ECHO_US if distance_mm is None else round(distance_mm * _ECHO_US_PER_MM),)
+
+
+def _force_raw(plug: Plug) -> Iterable[int]:
+    return (_FORCE_RELEASED_RAW + (_FORCE_MAX_RAW - _FORCE_RELEASED_RAW) * plug.force_mn() // MAX_FORCE_MN,)
+
+
+_8, _16, _32 = DataType.INT8, DataType.INT16, DataType.INT32
+_REFLECTION = DeviceMode("REFLT", 1, _8, lambda plug: (reflection_pct(plug.color()),))
+_AMBIENT = DeviceMode("AMBI", 1, _8, lambda plug: (round(plug.ambient_pct()),))
+_POWER = DeviceMode("POWER", 1, _8, is_writable=True)
+_ABSOLUTE_MOTOR = (
+    _POWER,
+    DeviceMode("SPEED", 1, _8, lambda plug: (plug.speed_pct(),), is_writable=True),
+    DeviceMode("POS", 1, _32, lambda plug: (plug.angle_mdeg() // 1000,), is_writable=True),
+    DeviceMode("APOS", 1, _16, lambda plug: ((plug.angle_mdeg() // 1000 + 180) % 360 - 180,), is_writable=True),
+    DeviceMode("CALIB", 2, _16, lambda plug: (0, plug.angle_mdeg() // 100 % 3600)),
+    DeviceMode("STATS", 14, _16),
+)
+_RELATIVE_MOTOR = (
+    _POWER,
+    DeviceMode("SPEED", 1, _8, lambda plug: (plug.speed_pct(),)),
+    DeviceMode("POS", 1, _32, lambda plug: (plug.angle_mdeg() // 1000,)),
+    DeviceMode("TEST", 5, _16),
+)
+_SENSORS: Mapping[SensorKind, tuple[DeviceMode, ...]] = {
+    SensorKind.TILT: (
+        DeviceMode("LPF2-ANGLE", 2, _8, lambda plug: reversed(plug.tilt_deg())),
+        DeviceMode("LPF2-TILT", 1, _8),
+        DeviceMode("LPF2-CRASH", 3, _8),
+        DeviceMode("LPF2-CAL", 3, _8),
+    ),
+    SensorKind.INFRARED: (
+        DeviceMode("LPF2-DETECT", 1, _8, lambda plug: (plug.proximity(),)),
+        DeviceMode("LPF2-COUNT", 1, _32, lambda plug: (plug.passed(),)),
+        DeviceMode("LPF2-CAL", 3, _16, lambda plug: (plug.infrared_raw(),)),
+    ),
+    SensorKind.COLOR_DISTANCE: (
+        DeviceMode("COLOR", 1, _8, _lego_color),
+        DeviceMode("PROX", 1, _8, lambda plug: (plug.proximity(),)),
+        DeviceMode("COUNT", 1, _32),
+        _REFLECTION,
+        _AMBIENT,
+        DeviceMode("COL O", 1, _8, is_writable=True),
+        DeviceMode("RGB I", 3, _16, _boost_rgb),
+        DeviceMode("IR Tx", 1, _16, is_writable=True),
+        DeviceMode("SPEC 1", 4, _8),
+        DeviceMode("DEBUG", 2, _16),
+        DeviceMode("CALIB", 8, _16),
+    ),
+    SensorKind.COLOR: (
+        DeviceMode("COLOR", 1, _8, _lego_color),
+        _REFLECTION,
+        _AMBIENT,
+        DeviceMode("LIGHT", 3, _8, is_writable=True),
+        DeviceMode("RREFL", 2, _16),
+        DeviceMode("RGB I", 4, _16, _spike_rgb),
+        DeviceMode("HSV", 3, _16, _hsv(Sense.SURFACE)),
+        DeviceMode("SHSV", 4, _16, _hsv(Sense.AMBIENT)),
+        DeviceMode("DEBUG", 4, _16),
+        DeviceMode("CALIB", 7, _16),
+    ),
+    SensorKind.FORCE: (
+        DeviceMode("FORCE", 1, _8, lambda plug: (plug.force_mn() * 100 // MAX_FORCE_MN,)),
+        DeviceMode("TOUCH", 1, _8, lambda plug: (int(plug.force_mn() > 0),)),
+        DeviceMode("TAP", 1, _8),
+        DeviceMode("FPEAK", 1, _8),
+        DeviceMode("FRAW", 1, _16, _force_raw),
+        DeviceMode("FPRAW", 1, _16),
+        DeviceMode("CALIB", 8, _16, lambda plug: (0, 0, _FORCE_RELEASED_RAW, 0, 0, 0, _FORCE_MAX_RAW)),
+    ),
+    SensorKind.COLOR_LIGHT_MATRIX: (
+        DeviceMode("LEV O", 1, _8, is_writable=True),
+        DeviceMode("COL O", 1, _8, is_writable=True),
+        DeviceMode("PIX O", 9, _8, is_writable=True),
+        DeviceMode("TRANS", 1, _8, is_writable=True),
+    ),
+}
+_ULTRASONIC = (
+    DeviceMode("DISTL", 1, _16, _millimetres(math.inf)),
+    DeviceMode("DISTS", 1, _16, _millimetres(_DISTS_MAX_MM)),
+    DeviceMode("SINGL", 1, _16, _millimetres(math.inf)),
+    DeviceMode("LISTN", 1, _8),
+    DeviceMode("TRAW", 1, _32, _echo_us),
+    DeviceMode("LIGHT", 4, _8, is_writable=True),
+    DeviceMode("PING", 1, _8, is_writable=True),
+    DeviceMode("ADRAW", 1, _16),
+    DeviceMode("CALIB", 7, _16),
+)
+MODES: Mapping[int, tuple[DeviceMode, ...]] = {
+    **dict.fromkeys(MOTOR_IDS.values(), _ABSOLUTE_MOTOR),
+    MOTOR_IDS[MotorKind.INTERACTIVE]: _RELATIVE_MOTOR,
+    **{SENSOR_IDS[kind]: modes for kind, modes in _SENSORS.items()},
+    ULTRASONIC_ID: _ULTRASONIC,
+}
+"""Modes by the number of the device; none of a passive device such as a light."""
+STALE_MS = {SENSOR_IDS[SensorKind.COLOR_DISTANCE]: 30, SENSOR_IDS[SensorKind.COLOR]: 30, ULTRASONIC_ID: 50}
+"""Time after a change of mode until values are fresh (``lego_device_stale_data_delay``), by number; else 0."""
+
+
+def first_mode(device: int) -> str:
+    """Mode after plugging in (``pbio_port_lump_sync_thread``): of motors, where the firmware reads their angle."""
+    modes = MODES[device]
+    if modes is _ABSOLUTE_MOTOR:
+        return "CALIB"
+    if modes is _RELATIVE_MOTOR:
+        return "POS"
+    return "RGB I" if device == SENSOR_IDS[SensorKind.COLOR_DISTANCE] else modes[0].name
+
+
+def reports_angle(kind: MotorKind, mode: str | None) -> bool:
+    """Whether the firmware gets a motor's angle in its mode; ``None``: the mode after plugging in."""
+    return mode in (None, first_mode(MOTOR_IDS[kind]))

@@ -1,0 +1,239 @@
+"""``hub.imu``."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from brickhub.virtual.body import FittingBody
+from brickhub.virtual.firmware.heading import Heading
+from brickhub.virtual.micropython.errors import HubOSError
+from brickhub.virtual.micropython.floats import to_single
+from brickhub.virtual.pybricks.context import Context, charged, get_array, get_number
+from brickhub.virtual.pybricks.matrix import Matrix, vector
+from brickhub.virtual.pybricks.parameters import Axis, Side
+
+_DEG_PER_RAD = 57.296
+_GRAVITY_MM_S2 = 9806.65
+_REST_MS = 1000
+"""Duration of 833 samples of the gyroscope, all below the threshold."""
+_DEFAULTS = (2.0, 2500.0, (0.0, 0.0, 0.0), (360.0, 360.0, 360.0), (_GRAVITY_MM_S2, -_GRAVITY_MM_S2) * 3, 360.0)
+_NAMES = (
+    "angular_velocity_threshold",
+    "acceleration_threshold",
+    "angular_velocity_bias",
+    "angular_velocity_scale",
+    "acceleration_correction",
+    "heading_correction",
+)
+_BOUNDS: dict[str, tuple[tuple[float, ...], float]] = {
+    "angular_velocity_scale": ((360.0,) * 3, 15.0),
+    "heading_correction": ((360.0,), 15.0),
+    "acceleration_correction": ((_GRAVITY_MM_S2, -_GRAVITY_MM_S2) * 3, _GRAVITY_MM_S2 / 10),
+}
+"""Nominal values, and the largest deviation that the firmware accepts."""
+_LENGTHS = {"angular_velocity_bias": 3, "angular_velocity_scale": 3, "acceleration_correction": 6}
+_Vector = tuple[float, float, float]
+
+
+def side_up(upwards: _Vector) -> Any:
+    """The ``Side`` of the hub through which a vector in its frame passes."""
+    magnitudes = [abs(part) for part in upwards]
+    largest = magnitudes.index(max(magnitudes))
+    sides = ((Side.FRONT, Side.BACK), (Side.LEFT, Side.RIGHT), (Side.TOP, Side.BOTTOM))[largest]
+    return sides[0 if upwards[largest] >= 0 else 1]
+
+
+def _axis(value: Any) -> _Vector:
+    if not isinstance(value, Matrix):
+        raise TypeError("Axis must be Matrix.")
+    values = value.flat()
+    if len(values) != 3:
+        raise ValueError("Axis must be 1x3 or 3x1 matrix.")
+    return values[0], values[1], values[2]
+
+
+def _project(value: _Vector, axis: Any) -> float:
+    direction = _axis(axis)
+    length = math.sqrt(_dot(direction, direction))
+    if not length:
+        raise ValueError("Invalid argument")
+    return to_single(_dot(value, direction) / length)
+
+
+def _along(value: _Vector, axis: Any) -> Any:
+    return vector(*value) if axis is None else _project(value, axis)
+
+
+def _dot(a: _Vector, b: _Vector) -> float:
+    return sum(x * y for x, y in zip(a, b, strict=True))
+
+
+class IMU:
+    """Gyroscope and accelerometer, in the robot's frame as defined by ``top_side`` and ``front_side``."""
+
+    def __init__(self, context: Context) -> None:
+        self._machine = context.machine
+        body = self._machine.body
+        self._bench = body if isinstance(body, FittingBody) else None
+        self._settings: dict[str, Any] = dict(zip(_NAMES, _DEFAULTS, strict=True))
+        self._turned_ms: int | None = None
+        self.orient(Axis.Z, Axis.X)
+
+    def orient(self, top_side: Any, front_side: Any) -> None:
+        """Set the directions of the hub's top and front in the robot's frame, and the heading to 0. Raises ValueError if they are
+        not at right angles."""
+        front, top = _axis(front_side), _axis(top_side)
+        if abs(_dot(front, top)) > 1e-3 or not _dot(front, front) or not _dot(top, top):
+            raise ValueError("Invalid argument")
+        front, top = (tuple(x / math.sqrt(_dot(v, v)) for x in v) for v in (front, top))  # type: ignore[assignment]
+        left = (
+            top[1] * front[2] - top[2] * front[1],
+            top[2] * front[0] - top[0] * front[2],
+            top[0] * front[1] - top[1] * front[0],
+        )
+        self._frame = self._heading.frame = front, left, top
+        if self._bench is not None:
+            self._bench.mount((front[2], left[2], top[2]))
+        self._heading.set_angle(0.0)
+        self._is_aligned = front == (1.0, 0.0, 0.0) and top == (0.0, 0.0, 1.0)
+
+    @property
+    def _heading(self) -> Heading:
+        """Heading, once the bench has found its wheels."""
+        if self._bench is not None:
+            self._bench.find_wheels({port: servo.direction for port, servo in self._machine.servos.items()})
+        return self._machine.heading
+
+    @charged
+    def tilt(self, calibrated: Any = True) -> tuple[float, float]:
+        return self._tilt(calibrated)
+
+    def _tilt(self, calibrated: Any) -> tuple[float, float]:
+        pitch, roll = self._machine.body.tilt_deg()
+        if not (calibrated and self._is_aligned):
+            x, y, z = self._in_robot_frame(self._gravity_in_hub() if calibrated else self._machine.body.acceleration_mm_s2())
+            pitch = math.atan2(-x, math.hypot(y, z)) * _DEG_PER_RAD
+            roll = math.atan2(y + 0.0, z) * _DEG_PER_RAD  # -0.0 would change it by 360
+        return to_single(pitch), to_single(roll)
+
+    @charged
+    def up(self, calibrated: Any = True) -> Any:
+        return side_up(self._gravity_in_hub() if calibrated else self._machine.body.acceleration_mm_s2())
+
+    @charged
+    def acceleration(self, axis: Any = None, calibrated: Any = True) -> Any:
+        force = self._machine.body.acceleration_mm_s2()
+        return _along(self._in_robot_frame(self._corrected(force) if calibrated else force), axis)
+
+    @charged
+    def angular_velocity(self, axis: Any = None, calibrated: Any = True) -> Any:
+        rates = self._heading.rates_deg_s(calibrated=bool(calibrated))
+        return _along(self._in_robot_frame(rates), axis)
+
+    @charged
+    def heading(self) -> float:
+        return to_single(self._heading.angle_deg())
+
+    @charged
+    def reset_heading(self, angle: Any) -> None:
+        if any(base.needs_gyro for base in self._machine.drive_bases):
+            raise HubOSError("Can't reset heading while gyro in use. Stop driving first.")
+        if not isinstance(angle, int | float):
+            raise TypeError(f"can't convert {type(angle).__name__} to float")
+        self._heading.set_angle(angle)
+
+    @charged
+    def rotation(self, axis: Any = None, calibrated: Any = True) -> float:
+        return _project(self._in_robot_frame(self._heading.rotation_deg(calibrated=bool(calibrated))), axis)
+
+    @charged
+    def orientation(self) -> Any:
+        pitch, roll = (math.radians(a) for a in self._machine.body.tilt_deg())
+        yaw = -math.radians(self._heading.yaw_deg())
+        cp, sp, cr, sr, cy, sy = (f(a) for a in (pitch, roll, yaw) for f in (math.cos, math.sin))
+        return Matrix(
+            [
+                [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+                [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+                [-sp, cp * sr, cp * cr],
+            ]
+        )
+
+    @charged
+    def ready(self) -> bool:
+        return True
+
+    @charged
+    def stationary(self) -> bool:
+        """Whether the hub has been at rest for a second, its motors coasting. It rests while no motor drives it and it is not
+        seen to turn."""
+        servos, limit = self._machine.servos.values(), self._settings["angular_velocity_threshold"]
+        if any(abs(rate) >= limit for rate in self._machine.body.angular_velocity_deg_s()):
+            self._turned_ms = self._machine.time_ms
+        moved_ms = [ms for ms in (self._turned_ms, *(servo.driven_ms for servo in servos)) if ms is not None]
+        rests = not moved_ms or self._machine.time_ms - max(moved_ms) >= _REST_MS
+        return rests and all(servo.is_coasting for servo in servos)
+
+    @charged
+    def settings(
+        self,
+        angular_velocity_threshold: Any = None,
+        acceleration_threshold: Any = None,
+        heading_correction: Any = None,
+        angular_velocity_bias: Any = None,
+        angular_velocity_scale: Any = None,
+        acceleration_correction: Any = None,
+    ) -> tuple[Any, ...] | None:
+        arguments = {
+            "angular_velocity_threshold": angular_velocity_threshold,
+            "acceleration_threshold": acceleration_threshold,
+            "heading_correction": heading_correction,
+            "angular_velocity_bias": angular_velocity_bias,
+            "angular_velocity_scale": angular_velocity_scale,
+            "acceleration_correction": acceleration_correction,
+        }
+        if all(value is None for value in arguments.values()):
+            return tuple(map(_to_singles, self._settings.values()))
+        for name, value in arguments.items():
+            if value is None:
+                continue
+            if name in _LENGTHS and len(get_array(value)) != _LENGTHS[name]:
+                label = name.replace("_", " ").capitalize()
+                raise ValueError(f"{label} must be a {_LENGTHS[name]}-element tuple.")
+            numbers = tuple(map(get_number, value if name in _LENGTHS else (value,)))
+            if name in _BOUNDS:
+                _check_deviation(numbers, *_BOUNDS[name])
+            self._settings[name] = numbers if name in _LENGTHS else numbers[0]
+        self._heading.turn_deg = self._settings["heading_correction"]
+        if angular_velocity_scale is not None:
+            self._heading.calibrate(self._settings["angular_velocity_scale"])
+        return None
+
+    def _corrected(self, force: _Vector) -> _Vector:
+        """An acceleration, corrected by the readings for gravity along each axis that a program has set."""
+        limits = self._settings["acceleration_correction"]
+        pairs = zip(force, limits[::2], limits[1::2], strict=True)
+        x, y, z = ((value - (up + down) / 2) * _GRAVITY_MM_S2 / ((up - down) / 2) for value, up, down in pairs)
+        return x, y, z
+
+    def _gravity_in_hub(self) -> _Vector:
+        """Unit vector upwards in the hub's frame."""
+        pitch, roll = (math.radians(a) for a in self._machine.body.tilt_deg())
+        return -math.sin(pitch), math.cos(pitch) * math.sin(roll), math.cos(pitch) * math.cos(roll)
+
+    def _in_robot_frame(self, v: _Vector) -> _Vector:
+        if self._is_aligned:
+            return v
+        front, left, top = self._frame
+        x, y, z = (v[0] * front[i] + v[1] * left[i] + v[2] * top[i] for i in range(3))
+        return x, y, z
+
+
+def _check_deviation(values: tuple[float, ...], nominal: tuple[float, ...], max_deviation: float) -> None:
+    if any(abs(value - other) > max_deviation for value, other in zip(values, nominal, strict=True)):
+        raise ValueError("Invalid argument")
+
+
+def _to_singles(value: Any) -> Any:
+    return tuple(map(to_single, value)) if isinstance(value, tuple) else to_single(value)

@@ -1,0 +1,223 @@
+"""``pybricks.iodevices``: plugged-in devices. UART: ``pb_type_uart_device.c`` and the hub's driver, v4."""
+
+from __future__ import annotations
+
+import errno
+import math
+from collections.abc import Callable
+from types import ModuleType
+from typing import Any
+
+from brickhub.hub.diagnostics.devices import DC_MOTOR_ID, MOTOR_IDS, NOTHING, device_id
+from brickhub.robot import HubKind, PoweredUpSensor, SensorKind, UltrasonicSensor
+from brickhub.virtual.body import FittingBody
+from brickhub.virtual.console import Console
+from brickhub.virtual.machine import Machine
+from brickhub.virtual.micropython.byte_array import HubBytearray
+from brickhub.virtual.micropython.containers import HubDict
+from brickhub.virtual.micropython.numbers import module
+from brickhub.virtual.pybricks.context import (
+    Awaited,
+    Context,
+    RunLoop,
+    bind,
+    charged,
+    get_array,
+    get_exact_int,
+    get_int,
+    get_text,
+    os_error,
+)
+from brickhub.virtual.pybricks.device_modes import MODES, STALE_MS, first_mode, reports_angle
+from brickhub.virtual.pybricks.parameters import Parameters
+from brickhub.virtual.pybricks.pupsensors import SEND_MS, WRITE_MS, Device
+from brickhub.virtual.pybricks.wireless import LWP3Device, XboxController, wireless
+
+_BITS_PER_BYTE = 10  # with start and stop bit
+_WARNING = b"Custom electronics may damage your LEGO hub. Proceed at your own risk.\r\nPress Y to proceed. Press N to cancel.\r\n"
+
+
+class PUPDevice(Device):
+    """Any device on a port, in its own modes (``pb_type_iodevices_pupdevice.c``, v4)."""
+
+    def _is_plugged_in(self) -> bool:
+        device = _device_id(self._machine, self._letter)
+        self._id = device or NOTHING
+        self._modes = MODES.get(self._id, ())
+        self._mode = self._machine.modes.get(self._letter) or (first_mode(self._id) if self._modes else "")
+        self._switch_ms = STALE_MS.get(self._id, 0)
+        return device is not None
+
+    @charged
+    def info(self) -> dict[str, Any]:
+        modes = tuple((mode.name, mode.count, int(mode.data_type)) for mode in self._modes)
+        return HubDict(id=self._id, modes=modes) if modes else HubDict(id=self._id)
+
+    @charged
+    def reset(self) -> None:
+        """Reset to the state after plugging in."""
+        self._expect_modes()
+        self._machine.modes[self._letter] = first_mode(self._id)
+
+    def read(self, mode: Any) -> Any:
+        self._expect_modes()
+        number = get_exact_int(mode) & 0xFF
+        if number >= len(self._modes):
+            raise ValueError("Invalid argument")
+        device_mode = self._modes[number]
+        self._release_motor(device_mode.name)
+        return self._measure(device_mode.name, lambda: device_mode.values(self._plug))
+
+    def write(self, mode: Any, data: Any) -> Any:
+        """Command without a visible effect; values are checked."""
+        self._expect_modes()
+        number = get_exact_int(mode) & 0xFF
+        if number >= len(self._modes):
+            raise ValueError("Invalid mode")
+        device_mode = self._modes[number]
+        if not device_mode.is_writable:
+            raise ValueError("Mode not writable")
+        if len(get_array(data)) != device_mode.count:
+            raise ValueError(f"Expected {device_mode.count} values")
+        limit = 1 << device_mode.data_type.bits - 1
+        if not all(-limit <= get_exact_int(value) < limit for value in data):
+            raise ValueError(f"Value out of range for int{device_mode.data_type.bits}")
+        self._release_motor(device_mode.name)
+        return self._write(device_mode.name, SEND_MS if device_mode.name == "IR Tx" else WRITE_MS)
+
+    def _expect_modes(self) -> None:
+        """Raise OSError (EPERM) for a passive device."""
+        if not self._modes:
+            raise os_error(errno.EPERM)
+
+    def _release_motor(self, mode: str) -> None:
+        """Close a motor that no longer reports its angle, as the firmware does."""
+        servo = self._machine.servos.get(self._letter)
+        if servo is not None and not reports_angle(servo.kind, mode):
+            servo.close()
+
+
+def _device_id(machine: Machine, port: str) -> int | None:
+    devices = (*machine.robot.motors, *machine.robot.sensors)
+    described_id = next((device_id(device) for device in devices if device.port == port), None)
+    if described_id is not None or not isinstance(machine.body, FittingBody):
+        return described_id
+    plugged_in = machine.body.device(port)
+    if plugged_in == "DCMotor":
+        return DC_MOTOR_ID
+    if port in machine.body.motors:
+        return MOTOR_IDS[machine.body.motors[port]]
+    if plugged_in is None:
+        return None
+    is_ultrasonic = plugged_in == UltrasonicSensor.__name__
+    return device_id(UltrasonicSensor("it", port) if is_ultrasonic else PoweredUpSensor("it", port, SensorKind(plugged_in)))
+
+
+class UARTDevice:
+    """UART on a port, with nothing at the other end.
+
+    An abandoned transfer, such as a read that lost a race, keeps it busy until ``clear()``.
+    """
+
+    _context: Context
+    _loop: RunLoop
+    _parameters: Parameters
+
+    def __init__(self, port: Any, baudrate: Any = 115200, timeout: Any = None, power_pin: Any = 0) -> None:
+        self._machine = self._context.machine
+        self._timeout_ms = None if timeout is None else get_int(timeout)
+        if self._timeout_ms is not None and self._timeout_ms < 1:
+            raise ValueError("Invalid argument")
+        self._parameters.port_letter(port)
+        self.set_baudrate(baudrate)
+        _ask_for_power(get_int(power_pin), self._context.console)
+        self._busy: set[str] = set()
+        self._awaits_pattern = False
+        self._reads, self._writes = Awaited(self._loop), Awaited(self._loop)
+
+    @charged
+    def set_baudrate(self, baudrate: Any) -> None:
+        rate = get_int(baudrate)
+        if rate < 1:
+            raise ValueError("Invalid argument")
+        self._bits_per_s = rate
+
+    @charged
+    def read(self, length: Any = 1) -> Any:
+        duration_ms = math.inf if get_int(length) > 0 else 0.0
+        return self._reads.finish(self._transfer("read", duration_ms), lambda: b"", poll_ms=1)
+
+    @charged
+    def read_all(self) -> bytes:
+        return b""
+
+    @charged
+    def write(self, data: Any) -> Any:
+        content = data.encode() if isinstance(data, str) else data
+        if type(content) not in (bytes, HubBytearray):
+            raise ValueError("Invalid argument")
+        duration_ms = len(content) * _BITS_PER_BYTE * 1000 / self._bits_per_s
+        return self._writes.finish(self._transfer("write", duration_ms), poll_ms=1)
+
+    @charged
+    def waiting(self) -> int:
+        return 0
+
+    @charged
+    def wait_until(self, pattern: Any) -> Any:
+        if self._awaits_pattern:
+            raise os_error(errno.EBUSY)
+        if not get_text(pattern):
+            raise ValueError("Invalid argument")
+        self._awaits_pattern = True
+        return self._reads.finish(lambda: False, poll_ms=1)
+
+    @charged
+    def clear(self) -> None:
+        self._busy.clear()
+
+    def _transfer(self, direction: str, duration_ms: float) -> Callable[[], bool]:
+        """Whether a transfer is done; it begins at the first call. Raises OSError: EBUSY, ETIMEDOUT."""
+        start_ms: int | None = None
+
+        def is_done() -> bool:
+            nonlocal start_ms
+            if start_ms is None:
+                if direction in self._busy:
+                    raise os_error(errno.EBUSY)
+                self._busy.add(direction)
+                start_ms = self._machine.time_ms
+            waited_ms = self._machine.time_ms - start_ms
+            is_late = self._timeout_ms is not None and waited_ms >= self._timeout_ms
+            if waited_ms < duration_ms and not is_late:
+                return False
+            self._busy.discard(direction)
+            if is_late:
+                raise os_error(errno.ETIMEDOUT)
+            return True
+
+        return is_done
+
+
+def _ask_for_power(pin: int, console: Console) -> None:
+    """Ask a person for permission to put the battery's voltage on a pin, unless it is none (0)."""
+    if not pin:
+        return
+    if pin not in (1, 2):
+        raise ValueError("Invalid argument")
+    console.write(_WARNING)
+    answer = console.read(1)
+    if answer not in b"yY":
+        console.write(b"Cancelled. Power not enabled.\r\n")
+        raise os_error(errno.EOPNOTSUPP)
+    console.write(answer + b". Port power may be enabled.\r\n")
+
+
+def iodevices_module(context: Context, parameters: Parameters) -> ModuleType:
+    has_xbox = context.machine.robot.hub is not HubKind.CITY
+    names: dict[str, Any] = wireless((LWP3Device, XboxController) if has_xbox else (LWP3Device,), context)
+    for kind in (PUPDevice, UARTDevice):
+        subclass: Any = bind(kind, context)
+        subclass._parameters = parameters
+        names[kind.__name__] = subclass
+    return module("iodevices", names)

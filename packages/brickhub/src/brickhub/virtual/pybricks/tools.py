@@ -1,0 +1,199 @@
+"""``pybricks.tools``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from inspect import isgeneratorfunction
+from types import FunctionType, ModuleType
+from typing import Any
+
+from brickhub.errors import TwinError
+from brickhub.virtual.machine import Machine
+from brickhub.virtual.micropython.iterables import close
+from brickhub.virtual.micropython.numbers import module
+from brickhub.virtual.pybricks.context import Async, Context, RunLoop, bind, get_int
+from brickhub.virtual.pybricks.hub_parts import LightMatrix
+from brickhub.virtual.pybricks.matrix import Matrix, cross, vector
+from brickhub.virtual.pybricks.parameters import Axis
+
+
+class StopWatch:
+    """Time in ms since construction or reset, without pauses."""
+
+    _machine: Machine
+
+    def __init__(self, *_unused: Any, **_named: Any) -> None:
+        self._start = self._machine.time_ms
+        self._pause: int | None = None
+
+    def time(self) -> int:
+        machine = self._machine
+        machine.charge_call()
+        return (machine.time_ms if self._pause is None else self._pause) - self._start
+
+    def pause(self) -> None:
+        self._machine.charge_call()
+        if self._pause is None:
+            self._pause = self._machine.time_ms
+
+    def resume(self) -> None:
+        self._machine.charge_call()
+        if self._pause is not None:
+            self._start += self._machine.time_ms - self._pause
+            self._pause = None
+
+    def reset(self) -> None:
+        self._machine.charge_call()
+        self._start = self._machine.time_ms
+        if self._pause is not None:
+            self._pause = self._start
+
+
+class Task:
+    """``multitask(...)``: tasks in turns until all, or with ``race`` one, are done."""
+
+    _loop: RunLoop
+
+    def __init__(self, *tasks: Any, **race: Any) -> None:
+        self._tasks = tasks
+        self._iterators: list[Iterator[Any]] = [_iterator(task) for task in tasks]
+        self._results: list[Any] = [None] * len(tasks)
+        self._open = list(range(len(tasks)))
+        is_race = len(race) == 1 and all(race.values())  # whatever its name is
+        self._required = 1 if is_race else len(tasks)
+
+    def __iter__(self) -> Task:
+        return self
+
+    def __next__(self) -> None:
+        loop, all_wait = self._loop, True
+        try:
+            for index in tuple(self._open):
+                loop.is_waiting = False
+                try:
+                    next(self._iterators[index])
+                except StopIteration as stop:
+                    all_wait = False
+                    self._results[index] = stop.value
+                    self._open.remove(index)
+                    if len(self._tasks) - len(self._open) >= self._required:
+                        break
+                else:
+                    all_wait = all_wait and loop.is_waiting
+        except BaseException:
+            self.close()
+            raise
+        if len(self._tasks) - len(self._open) >= self._required:
+            self.close()
+            loop.is_waiting = False
+            raise StopIteration(tuple(self._results))
+        loop.is_waiting = all_wait
+
+    def close(self) -> None:
+        for index in self._open:
+            if hasattr(self._tasks[index], "close"):
+                close(self._tasks[index])
+        self._open = []
+
+
+def _iterator(task: Any) -> Iterator[Any]:
+    """Iterator of a task; raises TypeError for an uncalled one."""
+    if isinstance(task, FunctionType) and isgeneratorfunction(task):
+        raise TypeError("'generator' object isn't iterable")
+    return iter(task)
+
+
+def tools_module(context: Context, has_display: bool, app_data: type[Any]) -> ModuleType:
+    """``pybricks.tools``, which also has the old ``AppData``."""
+    machine, loop = context.machine, context.loop
+
+    def wait(time: Any) -> Any:
+        duration = time if type(time) is int else get_int(time)
+        if not loop.is_active:
+            if duration > 0:
+                machine.advance(duration)
+            else:
+                machine.charge_call()
+            return None
+        if duration == 0:
+            return loop.yield_once()
+        end_ms = machine.time_ms + duration
+        return Async(loop, lambda: machine.time_ms >= end_ms)
+
+    def run_task(task: Any = None) -> bool | None:
+        if task is None:
+            return loop.is_active
+        if loop.is_active:
+            raise RuntimeError("Run loop already active.")
+        loop.is_active, loop.is_waiting = True, False
+        try:
+            iterator = _iterator(task)
+            while next(iterator, _DONE) is not _DONE:
+                loop.advance_turn()
+        finally:
+            loop.is_active = False
+        return None
+
+    def read_input_byte(last: Any = False, chr: Any = False) -> int | str | None:
+        machine.charge_call()
+        count = context.console.available()
+        if not count:
+            return None
+        byte = context.console.read(count if last else 1)[-1]
+        if not chr:
+            return byte
+        return bytes((byte,)).decode() if 32 <= byte <= 126 else None
+
+    def hub_menu(*entries: Any) -> Any:
+        if len(entries) < 2:
+            raise TypeError(f"function missing {2 - len(entries)} required positional arguments")
+        return _menu(context, entries)
+
+    names: dict[str, Any] = {"wait": wait, "run_task": run_task, "read_input_byte": read_input_byte, "AppData": app_data}
+    names.update(
+        {"StopWatch": bind(StopWatch, context), "multitask": bind(Task, context)}, **_geometry(machine.robot.hub.model.has_float)
+    )
+    if has_display:
+        names["hub_menu"] = hub_menu
+    return module("tools", names)
+
+
+def _geometry(has_float: bool) -> dict[str, Any]:
+    return {"Matrix": Matrix, "vector": vector, "cross": cross, "Axis": Axis} if has_float else {}
+
+
+def _menu(context: Context, entries: tuple[Any, ...]) -> Any:
+    """The entry selected by the left, right and center buttons. Raises TwinError if nobody can press them."""
+    machine, display, panel = context.machine, LightMatrix(context), context.machine.panel
+    for entry in reversed(entries):
+        display.show_symbol(entry)
+    context.loop.assert_blocking()
+
+    def wait_for_buttons(pressed: bool) -> frozenset[str]:
+        while bool(down := panel.pressed(machine.time_ms)) is not pressed:
+            if pressed and panel.is_unattended:
+                raise TwinError(
+                    'hub_menu waits for a button, and nobody presses one; choose with --press "right@1s" --press "center@2s"'
+                )
+            machine.advance(1)
+        return down
+
+    stop_buttons = panel.stop_buttons
+    if stop_buttons != {"bluetooth"}:
+        panel.stop_buttons = frozenset()
+    try:
+        selected = 0
+        while True:
+            wait_for_buttons(pressed=False)
+            down = wait_for_buttons(pressed=True)
+            if "center" in down:
+                break
+            selected = (selected + ("right" in down) - ("right" not in down and "left" in down)) % len(entries)
+            display.show_symbol(entries[selected])
+        wait_for_buttons(pressed=False)
+    finally:
+        panel.stop_buttons = stop_buttons
+    return entries[selected]
+
+
+_DONE = object()

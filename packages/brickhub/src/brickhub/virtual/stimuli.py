@@ -1,0 +1,90 @@
+"""Stimuli: what sensors sense, before the firmware turns it into values."""
+
+from __future__ import annotations
+
+import colorsys
+import enum
+from collections.abc import Callable, Mapping
+
+from brickhub.errors import TwinError
+from brickhub.robot import PoweredUpSensor, Sensor, SensorKind
+
+Sensed = float | tuple[float, ...]
+"""A number, a color (hue, saturation, value), or a tilt (pitch, roll)."""
+Reading = Callable[[Mapping[str, float]], Sensed]
+"""A stimulus as a function of motor angles (deg at the output, by name)."""
+Hsv = tuple[int, int, int]
+
+
+class Sense(enum.StrEnum):
+    """Kind of stimulus.
+
+    SURFACE: look of a surface in the sensor's light: a color, or the brightness of a gray in %.
+    AMBIENT: incoming light while the sensor's is off, likewise.
+    DISTANCE: mm for the ultrasonic sensor, % for infrared sensors.
+    FORCE: N on the button.
+    TILT: pitch and roll, degrees.
+    COUNT: number of passed objects.
+    """
+
+    SURFACE = "surface"
+    AMBIENT = "ambient"
+    DISTANCE = "distance"
+    FORCE = "force"
+    TILT = "tilt"
+    COUNT = "count"
+
+
+_SENSES = {
+    SensorKind.COLOR: (Sense.SURFACE, Sense.AMBIENT),
+    SensorKind.COLOR_DISTANCE: (Sense.SURFACE, Sense.DISTANCE, Sense.AMBIENT),
+    SensorKind.FORCE: (Sense.FORCE,),
+    SensorKind.INFRARED: (Sense.DISTANCE, Sense.COUNT),
+    SensorKind.TILT: (Sense.TILT,),
+    SensorKind.LIGHT: (),
+    SensorKind.COLOR_LIGHT_MATRIX: (),
+}
+DEFAULT_STIMULI: Mapping[Sense, float] = {Sense.AMBIENT: 0.0, Sense.DISTANCE: 100.0, Sense.COUNT: 0.0}
+"""Defaults of secondary senses: dark, nothing near, nothing passed."""
+
+
+def senses(sensor: Sensor) -> tuple[Sense, ...]:
+    """Senses of a sensor; scenes refer to the first by the sensor's name. Empty for lights."""
+    return _SENSES[sensor.kind] if isinstance(sensor, PoweredUpSensor) else (Sense.DISTANCE,)
+
+
+def number(sensed: Sensed) -> float:
+    """A stimulus as a number. Raises TwinError if it is not a number."""
+    return float(_expect(sensed, 1)[0])
+
+
+def brightness_pct(sensed: Sensed) -> float:
+    """Brightness 0..100 of a color or gray. Raises TwinError if it is neither."""
+    value = sensed if isinstance(sensed, int | float) else _expect(sensed, 3)[2]
+    return min(max(float(value), 0.0), 100.0)
+
+
+def color(sensed: Sensed) -> Hsv:
+    """Hue 0..359, saturation and value 0..100; a number is a gray's value. Raises TwinError if it is neither."""
+    hue, saturation, value = (0.0, 0.0, sensed) if isinstance(sensed, int | float) else _expect(sensed, 3)
+    return round(hue) % 360, *(min(max(round(share), 0), 100) for share in (saturation, value))  # type: ignore[return-value]
+
+
+def pitch_and_roll(sensed: Sensed) -> tuple[float, float]:
+    """Both angles of a tilt. Raises TwinError if it is not a tilt."""
+    pitch, roll = _expect(sensed, 2)
+    return pitch, roll
+
+
+def reflection_pct(hsv: Hsv) -> int:
+    """Mean of red, green and blue, as in the firmware."""
+    hue, saturation, value = hsv
+    return int(round(sum(colorsys.hsv_to_rgb(hue / 360, saturation / 100, value / 100)) / 3 * 100, 6))
+
+
+def _expect(sensed: Sensed, count: int) -> tuple[float, ...]:
+    values = sensed if isinstance(sensed, tuple) else (sensed,)
+    if len(values) != count:
+        expected = {1: "a number", 2: "(pitch, roll)", 3: "a brightness or (hue, saturation, value)"}[count]
+        raise TwinError(f"the scene lets a sensor sense {sensed}; give {expected}")
+    return values

@@ -1,0 +1,306 @@
+"""Transport to a virtual hub, which runs a LEGO hub's program on a body in simulated time.
+
+The program is a greenlet that runs only while the host waits: no threads, reproducible runs. Bytes travel at connection events,
+as over Bluetooth.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import sys
+import threading
+from collections import deque
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from greenlet import getcurrent, greenlet
+
+from brickhub.errors import HubError, HubProgramError, TwinError
+from brickhub.hub.program.traceback import describe_traceback
+from brickhub.hub.protocol import app_data_slot
+from brickhub.hub.transport import HubProgram, Pipe
+from brickhub.virtual import interpreter
+from brickhub.virtual.body import Body
+from brickhub.virtual.machine import Machine
+from brickhub.virtual.micropython.errors import SwitchedOff
+from brickhub.virtual.micropython.system import is_program_error
+from brickhub.virtual.micropython.text import format_traceback
+from brickhub.virtual.pace import MAX_STEP_MS, Pace
+from brickhub.virtual.pybricks import modules
+
+if TYPE_CHECKING:
+    import numpy as np
+
+MAX_WRITE_BYTES = 20
+_LONGEST_RUN_DOWN_MS = 1000
+_AT_REST_MDEG = 50  # for one piece: some 3 degrees a second
+PLACEMENT_MS = 1000
+"""Duration of placing a robot: longer than the hub's watchdog."""
+
+
+class _Stopped(BaseException):
+    """Thrown into a program to stop it; programs cannot catch it."""
+
+
+class _Wire:
+    """Standard streams of the program, with bytes in transit to the host."""
+
+    def __init__(self, hub: VirtualHub, stdin_bytes: int) -> None:
+        self._hub = hub
+        self._capacity = stdin_bytes
+        self._stdin = bytearray()
+        self.inbox = bytearray()
+        self.outbox: deque[tuple[float, bytes]] = deque()
+
+    def available(self) -> int:
+        return len(self._stdin)
+
+    def read(self, n: int) -> bytes:
+        while len(self._stdin) < n:
+            self._hub.machine.advance(1)
+        data = bytes(self._stdin[:n])
+        del self._stdin[:n]
+        return data
+
+    def write(self, data: bytes) -> None:
+        self._hub.machine.charge_call()
+        due_ms = self._hub.next_event_ms()
+        self.outbox.append((due_ms, data))
+        self._hub.wake_at(due_ms)
+
+    def write_app_data(self, data: bytes) -> None:
+        self.write(data)
+
+    def deliver_app_data(self, data: bytes) -> None:
+        """Overwrite the AppData with the host's bytes."""
+        if len(data) > len(self.inbox):
+            raise HubError("the program on the hub has no AppData buffer; create AppData in it")
+        self.inbox[: len(data)] = data
+
+    def deliver(self, data: bytes) -> None:
+        """Put the host's bytes into the ring buffer; like the firmware, refuses writes that do not fit."""
+        if len(self._stdin) + len(data) > self._capacity:
+            raise HubError("the hub's input buffer is full; wait for the program's answer before writing")
+        self._stdin += data
+
+
+class VirtualHub:
+    """A :class:`~brickhub.hub.transport.Transport` to a virtual robot.
+
+    Args:
+        body: a ``BenchBody``, or a twin of ``bricktwin.twin``.
+        realtime: run in real time: the robot moves on while the host computes.
+
+    Attributes:
+        in_reach: set to False to break the link.
+    """
+
+    def __init__(self, body: Body, *, realtime: bool = False) -> None:
+        self.robot = body.robot
+        self.body = body
+        self.machine = Machine(body)
+        self.machine.on_alarm = self._switch_to_host
+        self._wire = _Wire(self, self.robot.hub.model.stdin_bytes)
+        self._program: greenlet | None = None
+        self._host: greenlet | None = None
+        self._thread = threading.get_ident()
+        self._stop_requested = False
+        self._error: str | None = None
+        self._pipe = Pipe.STDIN
+        self._counts = itertools.cycle(range(1, 256))
+        self._pace = Pace() if realtime else None
+        self.in_reach: Callable[[], bool] = lambda: True
+
+    @property
+    def is_realtime(self) -> bool:
+        """Whether it runs in real time."""
+        return self._pace is not None
+
+    def open(self) -> None:
+        """Connect. Raises HubError if the hub is out of reach."""
+        self._check_reach()
+
+    def start(self, program: HubProgram) -> None:
+        """Start a program; a running one is stopped first."""
+        self.stop()
+        if self._program is not None:  # another thread started it, and cannot be made to end it
+            self.machine.stop_motors()
+        self._pipe = program.pipe
+        self._stop_requested = False  # an earlier stop request was for the previous program
+        self._error = None
+        self._wire = _Wire(self, self.robot.hub.model.stdin_bytes)
+        self._keep_pace()  # otherwise a new program sees the elapsed real time as silence
+        self._program = greenlet(self._run)
+        self._thread = threading.get_ident()
+        self._run_until(self.machine.time_ms, program)
+
+    def write(self, data: bytes) -> None:
+        """Send bytes; they arrive at the next connection event. Raises HubError for over 20 bytes, no program, or a full input
+        buffer, HubProgramError if the program raised."""
+        if len(data) > MAX_WRITE_BYTES:
+            raise HubError(f"{len(data)} bytes in one write; split them into {MAX_WRITE_BYTES} bytes or less")
+        self._check_reach()
+        self._keep_pace()
+        arrival_ms = math.ceil(self.next_event_ms())
+        self._run_until(self._next_stop_ms(arrival_ms))
+        self.run_on_until(arrival_ms)
+        self._check()
+        if self._pipe is Pipe.APP_DATA:
+            self._wire.deliver_app_data(app_data_slot(next(self._counts), data))
+        else:
+            self._wire.deliver(data)
+
+    def read(self, timeout_s: float) -> bytes:
+        """The program's next output; ``b""`` after the (simulated) timeout. Raises HubError if no program runs and no output is
+        left, HubProgramError if the program raised."""
+        self._check_reach()
+        self._keep_pace()
+        deadline_ms = self.machine.time_ms + round(timeout_s * 1000)
+        outbox = self._wire.outbox
+        while not (outbox and outbox[0][0] <= self.machine.time_ms):
+            if not outbox:
+                self._check()
+            if self.machine.time_ms >= deadline_ms:
+                return b""
+            self._run_until(self._next_stop_ms(min(deadline_ms, math.ceil(outbox[0][0])) if outbox else deadline_ms))
+            self._wait_for_real_time()
+        data = bytearray()
+        while outbox and outbox[0][0] <= self.machine.time_ms:
+            data += outbox.popleft()[1]
+        self._keep_pace()
+        return bytes(data)
+
+    def stop(self) -> None:
+        """Stop the program; the motors coast.
+
+        A program runs in the thread that started it; other threads only request the stop.
+        """
+        if threading.get_ident() != self._thread:
+            self._stop_requested = self._program is not None
+            return
+        self._stop_requested = False
+        if self._program is not None:
+            program, self._program = self._program, None
+            try:
+                if not program.dead and not sys.is_finalizing():  # then greenlets cannot switch any more
+                    with self.machine.stopping():  # no time may pass: other hubs of the same world do not run now
+                        program.throw(_Stopped)
+            finally:
+                self.machine.stop_motors()
+            self._come_to_rest()
+
+    def close(self) -> None:
+        self.stop()
+
+    def now_s(self) -> float:
+        return self.machine.time_ms / 1000
+
+    def reset(self, rng: np.random.Generator) -> None:
+        """Place the robot at the start of an episode, while the program goes on.
+
+        This takes longer than the hub's watchdog timeout.
+        """
+        self.run_on_until(self.machine.time_ms + PLACEMENT_MS)
+        self.body.reset(rng)
+
+    # ---- between host and program
+
+    def next_event_ms(self) -> float:
+        """Time of the next connection event; an interval of 0 is a link without delay."""
+        interval_ms, now_ms = self.body.link_interval_ms, self.machine.body_ms
+        return (now_ms // interval_ms + 1) * interval_ms if interval_ms else now_ms
+
+    def wake_at(self, time_ms: float) -> None:
+        """Return to the host no later than this."""
+        alarm_ms = self.machine.alarm_ms
+        if alarm_ms is not None:
+            self.machine.alarm_ms = min(alarm_ms, math.ceil(time_ms))
+
+    def _run_until(self, time_ms: int, new_program: HubProgram | None = None) -> None:
+        """Run the program until a simulated time, its next output, or its end."""
+        if self._stop_requested:
+            self.stop()
+        program = self._program
+        if program is None or program.dead:
+            self.machine.alarm_ms = None
+            self.machine.advance(max(0, time_ms - self.machine.time_ms))
+            return
+        self._host = getcurrent()
+        try:
+            program.parent = self._host
+        except ValueError:
+            raise TwinError(
+                "the virtual hub was started in another thread; use an environment in one thread, or make one in each"
+            ) from None
+        self.machine.alarm_ms = max(time_ms, self.machine.time_ms + 1)
+        program.switch(*(() if new_program is None else (new_program,)))
+        self.machine.alarm_ms = None
+
+    def run_on_until(self, time_ms: int) -> None:
+        """Run the program until a simulated time, whatever it writes."""
+        while self.machine.time_ms < time_ms:
+            self._run_until(self._next_stop_ms(time_ms))
+            self._wait_for_real_time()
+
+    def _next_stop_ms(self, time_ms: int) -> int:
+        """Next stop on the way to a simulated time."""
+        return time_ms if self._pace is None else min(time_ms, self.machine.time_ms + MAX_STEP_MS)
+
+    def _come_to_rest(self) -> None:
+        """In real time: show how the motors run down after a stop."""
+        if self._pace is None:
+            return
+        before: list[int] = []
+        end_ms = self.machine.time_ms + _LONGEST_RUN_DOWN_MS
+        while self.machine.time_ms < end_ms:
+            angles = [self.body.angle_mdeg(port) for port in self.machine.servos]
+            if before and max((abs(a - b) for a, b in zip(angles, before, strict=True)), default=0) <= _AT_REST_MDEG:
+                return
+            before = angles
+            self.machine.advance(MAX_STEP_MS)
+            self._wait_for_real_time()
+
+    def _switch_to_host(self) -> None:
+        self.machine.alarm_ms = None
+        if self._host is not None and getcurrent() is self._program:
+            self._host.switch()
+
+    def _run(self, program: HubProgram) -> None:
+        """Body of the greenlet."""
+        importable = modules(self.machine, self._wire)
+        importable.find_module = {module.name: module for module in program.modules}.get
+        try:
+            interpreter.execute(program.source, program.name, importable, self._wire)
+        except (SystemExit, SwitchedOff, _Stopped):
+            pass
+        except BaseException as error:
+            if not is_program_error(error):
+                raise
+            self._error = describe_traceback(format_traceback(error, program.name), program.source, program.name)
+        finally:
+            if getcurrent() is self._program:  # neither stopped, nor replaced by another thread's program
+                self.machine.stop_motors()
+
+    def _check_reach(self) -> None:
+        if not self.in_reach():
+            raise HubError("the virtual hub is out of reach; set in_reach")
+
+    def _check(self) -> None:
+        if self._error is not None:
+            raise HubProgramError(self._error)
+        if self._program is None or self._program.dead:
+            raise HubError("no program runs on the hub; start one")
+
+    def _keep_pace(self) -> None:
+        """In real time: advance by the time that the host needed, or wait for it."""
+        if self._pace is None:
+            return
+        wall_ms = self._pace.wall_ms()
+        if self.machine.time_ms < wall_ms - 1:
+            self.run_on_until(int(wall_ms))
+        self._wait_for_real_time()
+
+    def _wait_for_real_time(self) -> None:
+        if self._pace is not None:
+            self._pace.keep(self.machine.time_ms)

@@ -1,0 +1,203 @@
+"""Calibration from end stops to zeros, program and observations."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from brickhub import robot as robots
+from bricksrl.envs.registry import get_task
+from brickhub.errors import DescriptionError, WriteError
+from brickhub.hub.diagnostics.calibration import (
+    Calibration,
+    CalibrationError,
+    calibrated,
+    calibration_folder,
+    calibration_of,
+    forget_calibration,
+    load_calibration,
+    save_calibration,
+    zero_between,
+)
+from brickhub.hub.diagnostics.survey import find_stops
+from brickhub.hub.link.lockstep import HubLink
+from brickhub.hub.program.generate import generate
+from brickhub.robot import Direction, Motor
+from bricktwin.robots import ROBO_ARM, TWO_WHEELER
+from bricktwin.twin.make_body import make_body
+from brickhub.virtual.transport import VirtualHub
+
+ARM = get_task("RoboArm-v0").interface
+
+
+class MisbuiltHub(VirtualHub):
+    """A robot with motors mounted at an angle or reversed."""
+
+    def __init__(self, shifts_deg: dict[str, int], mirrored: tuple[str, ...] = (), robot: robots.Robot = ROBO_ARM) -> None:
+        super().__init__(make_body(robot))
+        body = self.body
+        angle, apply = body.angle_mdeg, body.set_voltage
+        self.true_angle_mdeg = angle
+        sign = {motor.port: -1 if motor.port in mirrored else 1 for motor in robot.motors}
+        body.angle_mdeg = lambda port: sign[port] * angle(port) + 1000 * shifts_deg.get(port, 0)
+        body.set_voltage = lambda port, mv: apply(port, None if mv is None else sign[port] * mv)
+
+
+def observe(hub: VirtualHub, calibration: Calibration | None, robot: robots.Robot = ROBO_ARM) -> np.ndarray:
+    calibrate = None if calibration is None else lambda described: calibrated(described, calibration)
+    with HubLink(hub, robot, ARM, calibrate=calibrate) as link:
+        return link.read().values
+
+
+SHIFTS = {"D": 35, "A": -120, "E": 150}
+"""Shaft angles; the last two cross the wrap of the sensor."""
+
+
+def test_end_stop_calibration_corrects_observation() -> None:
+    right = observe(VirtualHub(make_body(ROBO_ARM)), None)
+    hub = MisbuiltHub(SHIFTS)
+    wrong = observe(hub, None)
+    assert abs(wrong - right)[1:].min() > 30
+    stops = find_stops(hub, ROBO_ARM)
+    zeros = {name: zero_between(found, ROBO_ARM.motor(name)) for name, found in stops.items()}
+    turned_deg = {"low": 35, "high": -120, "grab": 150}
+    assert zeros.keys() == turned_deg.keys()
+    assert all(abs((zeros[name] - turned_deg[name] + 180) % 360 - 180) <= 3 for name in zeros)
+    again = MisbuiltHub(SHIFTS)  # at its start, as the right one
+    np.testing.assert_allclose(observe(again, Calibration(zeros)), right, atol=3)
+
+
+def test_calibrated_targets_stay_in_range() -> None:
+    """Without its calibration the arm would drive against its stops."""
+    for calibration, low_end in ((None, True), (Calibration({"low": 35}), False)):
+        hub = MisbuiltHub({"D": 35})
+        calibrate = None if calibration is None else lambda robot: calibrated(robot, Calibration({"low": 35}))
+        with HubLink(hub, ROBO_ARM, ARM, calibrate=calibrate) as link:
+            for _ in range(6):
+                link.act([0, -30, 0, 0])
+            shaft_deg = hub.body.angle_mdeg("D") / 1000 - 35
+        assert (shaft_deg < 5) is low_end, "stops at 0; the range begins at 10"
+
+
+def test_mirrored_motor_direction_is_reversed() -> None:
+    hub = MisbuiltHub({}, mirrored=("A",), robot=TWO_WHEELER)
+    interface = get_task("Spinning-v0").interface
+    turned = []
+    for calibration in (Calibration(), Calibration({}, frozenset({"right"}))):
+        with HubLink(hub, TWO_WHEELER, interface, calibrate=lambda robot, c=calibration: calibrated(robot, c)) as link:
+            before = hub.true_angle_mdeg("A")
+            for _ in range(5):
+                link.act([0, 100])
+            turned.append(hub.true_angle_mdeg("A") - before)
+    assert turned[0] * turned[1] < 0
+
+
+def test_program_without_calibration_is_unchanged() -> None:
+    assert calibrated(ROBO_ARM, Calibration()) == ROBO_ARM
+    program = generate(ROBO_ARM, ARM)
+    assert generate(calibrated(ROBO_ARM, Calibration({"low": 0})), ARM).hash == program.hash
+    other = generate(calibrated(ROBO_ARM, Calibration({"low": 7})), ARM)
+    assert other.hash != program.hash
+    assert "motor_low.reset_angle((motor_low.angle() - -133) % 360 + -140)" in other.source
+
+
+@given(zero=st.integers(-360, 360), angle=st.integers(10, 70))
+def test_hub_computes_angle_from_zero(zero: int, angle: int) -> None:
+    motor = replace(ROBO_ARM.motor("low"), zero_deg=zero)
+    shown = (angle + zero + 180) % 360 - 180
+    line = generate(replace(ROBO_ARM, motors=(motor, *[m for m in ROBO_ARM.motors if m.name != "low"])), ARM).source
+    if zero:
+        expression = line.split("motor_low.reset_angle(")[1].splitlines()[0][:-1]
+        assert eval(expression.replace("motor_low.angle()", str(shown))) == angle  # noqa: S307  our own line
+
+
+def test_geared_motor_position_within_shaft_turn() -> None:
+    assert ROBO_ARM.motor("rotation").turn_deg == 120.0
+    source = generate(calibrated(ROBO_ARM, Calibration({"rotation": 10})), ARM).source
+    assert "motor_rotation.reset_angle((motor_rotation.angle() - -50) % 120 + -60)" in source
+    odd = replace(ROBO_ARM, motors=(Motor("rotation", "B", gears=(20, 28), zero_deg=4), *ROBO_ARM.motors[1:]))
+    assert "motor_rotation.reset_angle(motor_rotation.angle() - 4)" in generate(odd, ARM).source
+
+
+@given(st.integers(-500, 500), st.integers(0, 40))
+def test_range_is_centred_between_stops(zero: int, margin: int) -> None:
+    motor = ROBO_ARM.motor("high")
+    low, high = motor.range_deg
+    assert zero_between((low + zero - margin, high + zero + margin), motor) == zero
+
+
+def test_early_block_is_not_calibrated() -> None:
+    with pytest.raises(CalibrationError, match="blocked after 100 degrees and has to turn by 160; clear its way"):
+        zero_between((0, 100), ROBO_ARM.motor("high"))
+    with pytest.raises(CalibrationError, match="by hand"):
+        zero_between((0, 100), ROBO_ARM.motor("rotation"))
+
+
+def test_unknown_motors_and_directions() -> None:
+    robot = calibrated(TWO_WHEELER, Calibration({}, frozenset({"left"})))
+    assert robot.motor("left").direction is Direction.CLOCKWISE
+    assert calibrated(robot, Calibration({}, frozenset({"left"}))) == TWO_WHEELER
+    for stranger in (Calibration({"tail": 1}), Calibration({}, frozenset({"tail"}))):
+        with pytest.raises(DescriptionError, match="no motor 'tail'; calibrate"):
+            calibrated(TWO_WHEELER, stranger)
+
+
+def test_calibration_is_per_hub_and_robot(tmp_path: Path) -> None:
+    hub_id, one = "C0:01:02:03:04:05", Calibration({"low": -3}, frozenset({"high"}))
+    assert load_calibration(hub_id, ROBO_ARM, tmp_path) == Calibration()
+    path = save_calibration(hub_id, ROBO_ARM, one, tmp_path)
+    assert path.is_relative_to(tmp_path) and ":" not in path.name
+    assert load_calibration(hub_id, ROBO_ARM, tmp_path) == one
+    for other in (("C0:01:02:03:04:06", ROBO_ARM), (hub_id, TWO_WHEELER)):
+        assert load_calibration(*other, tmp_path) == Calibration()
+    forget_calibration(hub_id, ROBO_ARM, tmp_path)
+    forget_calibration(hub_id, ROBO_ARM, tmp_path)
+    assert load_calibration(hub_id, ROBO_ARM, tmp_path) == Calibration()
+
+
+@pytest.mark.parametrize(
+    "text", ["", "{", "[]", "{}", '{"zeros_deg": [1], "reversed": []}', '{"zeros_deg": {"low": "x"}, "reversed": []}']
+)
+def test_damaged_calibration_file_raises(tmp_path: Path, text: str) -> None:
+    path = save_calibration("hub", ROBO_ARM, Calibration(), tmp_path)
+    path.write_text(text)
+    with pytest.raises(CalibrationError, match="delete the file and calibrate again"):
+        load_calibration("hub", ROBO_ARM, tmp_path)
+
+
+def test_link_does_not_open_without_its_calibration(tmp_path: Path) -> None:
+    path = save_calibration("hub", ROBO_ARM, Calibration({"low": 7}), tmp_path)
+    text = path.read_text()
+    path.write_text("")
+    hub = VirtualHub(make_body(ROBO_ARM))
+    link = HubLink(hub, ROBO_ARM, ARM, calibrate=calibration_of(lambda: "hub", tmp_path))
+    for _ in range(2):
+        with pytest.raises(CalibrationError, match="delete the file and calibrate again"):
+            link.open()
+    path.write_text(text)
+    with link:
+        assert link.program == generate(calibrated(ROBO_ARM, Calibration({"low": 7})), ARM)
+
+
+def test_unwritable_folder_raises(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(WriteError, match="name another place"):
+        save_calibration("hub", ROBO_ARM, Calibration(), tmp_path / "file")
+
+
+def test_calibration_folder_is_in_user_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr("sys.platform", "linux")
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    assert calibration_folder() == tmp_path / "bricksrl" / "calibrations"
+    monkeypatch.setattr("sys.platform", "darwin")
+    assert calibration_folder().relative_to(Path.home()).parts[:2] == ("Library", "Application Support")
+    if os.name == "posix":
+        monkeypatch.setattr("sys.platform", "win32")
+        monkeypatch.setenv("APPDATA", str(tmp_path / "roaming"))
+        assert calibration_folder() == tmp_path / "roaming" / "bricksrl" / "calibrations"

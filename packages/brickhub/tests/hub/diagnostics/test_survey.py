@@ -1,0 +1,118 @@
+"""Survey programs on the virtual hub and over the simulated radio."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+from ble_world import World, bounded
+from hub_programs import unplug
+
+from brickhub import robot as robots
+from brickhub.errors import HubError, HubProgramError, HubTimeoutError
+from brickhub.hub.diagnostics.survey import STALL_LIMIT_DEG, find_stops, parse_survey, run, stops_program, survey, survey_program
+from brickhub.hub.program.compile import compile_program, program_blob
+from brickhub.hub.program.lint import require_clean
+from brickhub.hub.transport import HubProgram
+from brickhub.robot import HubKind, Motor, Robot
+from bricktwin.robots import ROBO_ARM, TWO_WHEELER
+from bricktwin.twin.make_body import make_body
+from brickhub.virtual.transport import VirtualHub
+
+pytestmark = pytest.mark.realtime
+
+
+@pytest.mark.parametrize("hub", [HubKind.PRIME, HubKind.ESSENTIAL, HubKind.TECHNIC, HubKind.CITY])
+def test_survey_programs_fit_every_hub(hub: HubKind) -> None:
+    robot = Robot("any", hub, (Motor("one", "A", gears=(12, 20)), Motor("two", "B", range_deg=(0, 90))))
+    for program in (survey_program(robot), stops_program(robot)):
+        require_clean(program.source, hub)
+        program_blob(compile_program(program), hub)
+
+
+@pytest.mark.parametrize("name", robots.ROBOTS)
+def test_survey_finds_devices_without_motion(name: str) -> None:
+    robot = robots.get(name)
+    hub = VirtualHub(make_body(robot))
+    before = [hub.body.angle_mdeg(port) for port in hub.machine.servos]
+    found = survey(hub, robot)
+    taken = {port for port, number in found.ports.items() if number}
+    assert taken == {device.port for device in (*robot.motors, *robot.sensors)}
+    assert set(found.angles_deg) == {motor.name for motor in robot.motors}
+    assert found.battery_mv == hub.body.battery_mv
+    assert (found.firmware, found.name) == ("4.0.1", "Pybricks Hub")
+    assert found.imu_ready and found.imu_still
+    assert [hub.body.angle_mdeg(port) for port in hub.machine.servos] == before
+
+
+def test_survey_angle_has_described_direction() -> None:
+    hub = VirtualHub(make_body(ROBO_ARM))
+    assert survey(hub, ROBO_ARM).angles_deg["high"] == -70
+    turned = dataclasses.replace(ROBO_ARM.motor("high"), direction=robots.Direction.COUNTERCLOCKWISE)
+    other = dataclasses.replace(ROBO_ARM, motors=(turned,))
+    assert survey(hub, other).angles_deg == {"high": 70}
+
+
+def test_survey_tolerates_missing_device() -> None:
+    hub = VirtualHub(make_body(TWO_WHEELER))
+    unplug(hub.machine, "A")
+    found = survey(hub, TWO_WHEELER)
+    assert found.ports["A"] == 0 and found.ports["E"] == 48
+    assert set(found.angles_deg) == {"left"}
+
+
+def test_survey_turns_joints_to_stops_and_back() -> None:
+    hub = VirtualHub(make_body(ROBO_ARM))
+    found = find_stops(hub, ROBO_ARM)
+    assert found == {
+        "low": pytest.approx((-5, 85), abs=2),
+        "high": pytest.approx((-165, 25), abs=2),
+        "grab": pytest.approx((-163, -30), abs=2),
+    }
+    angles = survey(hub, ROBO_ARM).angles_deg
+    assert angles["low"] == pytest.approx(40, abs=8) and angles["grab"] == pytest.approx(-96, abs=8)
+
+
+def test_unblocked_joint_gives_up() -> None:
+    robot = Robot("free", HubKind.PRIME, (Motor("one", "A", range_deg=(0, 90)),))
+    hub = VirtualHub(make_body(robot))
+    assert find_stops(hub, robot) == {"one": None}
+    assert abs(hub.body.angle_mdeg("A")) < 1000 * (STALL_LIMIT_DEG + 50)
+
+
+def test_a_robot_without_joints_does_not_move() -> None:
+    assert find_stops(VirtualHub(make_body(TWO_WHEELER)), TWO_WHEELER) == {}
+
+
+@pytest.mark.parametrize("lines", [[], ["port A"], ["port A 48", "battery x", "firmware 4", "name n"], ["battery 8000"]])
+def test_incomplete_answer_raises(lines: list[str]) -> None:
+    with pytest.raises(HubError, match="incomplete; bring it near"):
+        parse_survey(lines)
+
+
+@pytest.mark.parametrize(
+    ("source", "error", "says"),
+    [
+        ("print('x')\n1 / 0\n", HubProgramError, "ZeroDivisionError at|raised ZeroDivisionError"),
+        ("from pybricks.tools import wait\nwhile True:\n    wait(100)\n", HubTimeoutError, "did not end within 3 s"),
+        ("print('x')\n", HubError, "no program runs"),
+    ],
+)
+def test_failing_programs(source: str, error: type[HubError], says: str) -> None:
+    hub = VirtualHub(make_body(TWO_WHEELER))
+    with pytest.raises(error, match=says):
+        run(hub, HubProgram(source, 1), 3.0)
+    assert not any(servo.is_open for servo in hub.machine.servos.values())
+
+
+def test_survey_twice_over_bluetooth_downloads_once(world: World) -> None:
+    world.hub.library.append(survey_program(TWO_WHEELER).source)
+    transport = world.transport()
+    transport.open()
+    for _ in range(2):
+        found = survey(transport, TWO_WHEELER)
+        assert found.ports["A"] == found.ports["E"] == 48 and found.ports["C"] == 62
+    assert world.hub.commands.count(3) == 2, "one download"
+    world.hub.library.append("from pybricks.tools import wait\nwhile True:\n    wait(10)\n")
+    bounded(lambda: run(transport, HubProgram(world.hub.library[-1], 7), 0.5), HubTimeoutError, 6.0)
+    assert not world.hub.is_running

@@ -1,0 +1,67 @@
+"""Keepalive frames."""
+
+from __future__ import annotations
+
+import itertools
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from stand_in import RUN_AWAY, SPINNING, WALKER_INTERFACE, StandInHub
+
+from brickhub.errors import HubError
+from brickhub.hub.errors import SilentHubError
+from brickhub.hub.interface import Interface
+from brickhub.hub.link.keepalive import keepalive_times_s
+from brickhub.hub.link.lockstep import HubLink
+from brickhub.hub.link.states import LinkState
+from brickhub.hub.program.generate import WATCHDOG_MS
+from brickhub.hub.protocol import Down
+from brickhub.robot import Robot
+from bricktwin.robots import TWO_WHEELER
+from bricktwin.robots.walker import WALKER
+
+WATCHDOG_S = WATCHDOG_MS / 1000
+
+
+@given(st.none() | st.floats(0.0, 10.0), st.floats(0.05, 2.0))
+def test_keepalive_interval_is_bounded(move_s: float | None, watchdog_s: float) -> None:
+    times_s = list(itertools.takewhile(lambda time_s: time_s < 12.0, keepalive_times_s(move_s, watchdog_s)))
+    pauses_s = [after - before for before, after in itertools.pairwise([0.0, *times_s])]
+    assert max(pauses_s) <= 0.7501 * watchdog_s, "a quarter is left for the way"
+    if move_s is not None:
+        assert not any(move_s - 1e-9 <= time_s < move_s + 0.249 * watchdog_s for time_s in times_s)
+
+
+def signs(hub: StandInHub) -> int:
+    return sum(write[1] == 0 and write[2] == Down.WATCHDOG for write in hub.writes)
+
+
+@pytest.mark.parametrize(
+    ("robot", "interface", "values", "count"),
+    [(TWO_WHEELER, SPINNING, [30, 30], 0), (WALKER, WALKER_INTERFACE, [-30] * 4, 1), (TWO_WHEELER, RUN_AWAY, [90], 2)],
+)
+def test_keepalive_lets_long_step_finish(robot: Robot, interface: Interface, values: list[float], count: int) -> None:
+    hub = StandInHub()
+    with HubLink(hub, robot, interface) as link:
+        for _ in range(3):
+            link.act(values)
+        assert signs(hub) == 3 * count and hub.starts == 1
+        assert (link.statistics.resends, link.statistics.stale_answers) == (0, 0)
+
+
+def test_lost_keepalives_abort_step() -> None:
+    hub = StandInHub()
+    link = HubLink(hub, TWO_WHEELER, RUN_AWAY)
+    link.open()
+    hub.motors["A"].blocked = True
+    sent = itertools.count()
+    hub.down = lambda data: data if next(sent) == 0 else b""
+    with pytest.raises(SilentHubError):
+        link.act([90])
+    assert link.state is LinkState.FAULT and not hub.running and not any(motor.moving for motor in hub.motors.values())
+    with pytest.raises(HubError, match="open"):
+        link.act([90])
+    hub.down = lambda data: data
+    link.open()
+    link.act([90])

@@ -1,0 +1,203 @@
+"""All commands: clamping, execution, validation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bricksrl.envs.registry import get_task
+from brickhub.errors import DescriptionError
+from brickhub.finding import Outcome
+from brickhub.hub.diagnostics.preflight import check_robot
+from brickhub.hub.interface import (
+    Curve,
+    Distance,
+    DriveAngle,
+    DriveDistance,
+    DriveSpeed,
+    DriveStraight,
+    DriveTurnRate,
+    Heading,
+    HubLight,
+    HubSound,
+    Interface,
+    MotorAngle,
+    RunDuty,
+    RunSpeed,
+    TrackTarget,
+    Turn,
+    UntilDone,
+    Wait,
+)
+from brickhub.hub.kinds import Command
+from brickhub.hub.link.lockstep import HubLink
+from brickhub.hub.program.compile import compile_program
+from brickhub.hub.program.generate import generate
+from brickhub.hub.program.lint import lint
+from brickhub.hub.program.validate import validate
+from brickhub.hub.transport import Pipe
+from brickhub.robot import HubKind
+from bricktwin.robots import ROBO_ARM, TWO_WHEELER
+from bricktwin.twin.make_body import make_body
+from brickhub.virtual.transport import VirtualHub
+
+TECHNIC = replace(TWO_WHEELER, name="technic", hub=HubKind.TECHNIC, motors=tuple(
+    replace(motor, port=port) for motor, port in zip(TWO_WHEELER.motors, "AB", strict=True)
+))  # fmt: skip
+ANGLES = (MotorAngle("left", -3000, 3000), MotorAngle("right", -3000, 3000))
+HASHES = {
+    "RoboArm-v0": "7c6c912e 8589c8e8",
+    "RoboArm_mixed-v0": "bc4646b1 cdf4e55a",
+    "RunAway-v0": "61ceb58e a5d10101",
+    "Spinning-v0": "2610b962 8735c7f1",
+    "Walker-v0": "0697608c 0b84c165",
+    "Walker-v1": "0697608c 0b84c165",
+}
+
+
+def interface(*commands: Command, settle: Wait | UntilDone | None = None) -> Interface:
+    return Interface(commands, (*ANGLES, DriveDistance(-2000, 2000), DriveAngle(-360, 360), Heading()), settle or Wait(500))
+
+
+def carried_out(wanted: Interface, *steps: Sequence[float], robot: Any = TWO_WHEELER) -> tuple[np.ndarray, VirtualHub]:
+    """Readings after the steps ``[1 + steps, channels]``, relative to the first, and the hub."""
+    hub = VirtualHub(make_body(robot))
+    link = HubLink(hub, robot, wanted)
+    link.open()
+    readings = [link.read().values, *(link.act(step).values for step in steps)]
+    return np.array(readings) - readings[0], hub
+
+
+@pytest.mark.parametrize("env_id", HASHES)
+def test_paper_program_hashes_are_unchanged(env_id: str) -> None:
+    task = get_task(env_id)
+    assert " ".join(f"{generate(task.robot, task.interface, pipe).hash:08x}" for pipe in Pipe) == HASHES[env_id]
+
+
+EVERY = [
+    (RunSpeed("left", -500, 500), RunSpeed("right", -500, 500)),
+    (RunDuty("left"), RunDuty("right", -50, 50)),
+    (TrackTarget("left", -90, 90), HubLight()),
+    (DriveSpeed(-200, 200), DriveTurnRate(-100, 100)),
+    (DriveTurnRate(-100, 100), DriveSpeed(-200, 200)),
+    (DriveSpeed(-200, 200),),
+    (DriveTurnRate(-100, 100), HubSound()),
+    (Turn(-90, 90),),
+    (Curve(-90, 90, radius_mm=100), HubLight(), HubSound()),
+]
+
+
+@pytest.mark.parametrize("commands", EVERY, ids=lambda commands: "+".join(type(command).__name__ for command in commands))
+@pytest.mark.parametrize("pipe", Pipe)
+def test_the_program_is_clean_and_runs(commands: tuple[Command, ...], pipe: Pipe) -> None:
+    wanted = interface(*commands)
+    program = generate(TWO_WHEELER, wanted, pipe)
+    assert lint(program.source, HubKind.PRIME) == ()
+    compile_program(program)
+    link = HubLink(VirtualHub(make_body(TWO_WHEELER)), TWO_WHEELER, wanted, pipe=pipe)
+    link.open()
+    link.act([command.high for command in commands])
+    link.act([0.0] * len(commands))
+
+
+def test_speed_command_is_held_and_clamped() -> None:
+    seen, _ = carried_out(interface(RunSpeed("left", -300, 300), RunSpeed("right", -300, 300)), (200, 200), (200, 200), (900, 0))
+    steps = np.diff(seen[:, :2], axis=0)
+    assert steps[1] == pytest.approx([200 * 0.53] * 2, abs=12)
+    assert steps[2, 0] < 300 * 0.6, "clamped to 300 deg/s"
+    assert steps[2, 1] < 40, "stopped"
+
+
+def test_duty_command_is_share_of_battery() -> None:
+    seen, _ = carried_out(interface(RunDuty("left"), RunDuty("right", -50, 50)), (100, 100), (100, 100), (100, 100))
+    left, right = np.diff(seen[:, :2], axis=0)[-1]
+    assert left > 1.6 * right > 150
+
+
+def test_target_command_holds_angle() -> None:
+    seen, hub = carried_out(interface(TrackTarget("left", -90, 90), settle=Wait(800)), (60,), (300,))
+    start_deg = hub.machine.servos["E"].angle_deg() - seen[-1, 0]
+    assert start_deg + seen[1:, 0] == pytest.approx([60, 90], abs=12)
+
+
+def test_drive_command_signs() -> None:
+    seen, hub = carried_out(interface(DriveSpeed(-200, 200), DriveTurnRate(-90, 90)), *((200, 0),) * 3, *((0, 90),) * 3)
+    assert seen[3, 2] == pytest.approx(200 * 1.6, abs=60) and abs(seen[3, 3]) < 4
+    assert seen[6, 3] - seen[3, 3] == pytest.approx(90 * 1.6, abs=30)
+    assert seen[6, 4] == pytest.approx(seen[6, 3], abs=8), "the gyroscope agrees"
+    assert hub.body.pose().heading_deg == pytest.approx(seen[6, 4], abs=5)
+
+
+def test_drive_command_order_follows_action() -> None:
+    seen, _ = carried_out(interface(DriveTurnRate(-90, 90), DriveSpeed(-200, 200)), (0, 200), (0, 200))
+    assert seen[2, 2] > 120 and abs(seen[2, 3]) < 4
+
+
+def test_turns_and_curves_end_correctly() -> None:
+    until = UntilDone(5000)
+    turned, _ = carried_out(interface(Turn(-90, 90), settle=until), (90,), (-45,))
+    assert turned[1:, 3] == pytest.approx([90, 45], abs=4)
+    curved, _ = carried_out(interface(Curve(-90, 90, radius_mm=100), settle=until), (90,), (-90,))
+    assert curved[1, 2:4] == pytest.approx([157, 90], abs=6)
+    assert curved[2, 2:4] == pytest.approx([314, 0], abs=8), "to the left now, and ahead again"
+
+
+def test_light_and_sound_commands() -> None:
+    wanted = interface(HubLight(), HubSound(duration_ms=100), settle=Wait(100))
+    _, hub = carried_out(wanted, (120, 440))
+    assert hub.machine.panel.light is not None and hub.machine.panel.light[0] == 120
+    seen = []
+    hub.machine.panel.on_change = seen.append
+    link = HubLink(hub, TWO_WHEELER, wanted)
+    link.open()
+    link.act((240, 0))
+    assert hub.machine.panel.sound_hz == 0, "below 64 Hz it is silent"
+
+
+@pytest.mark.parametrize(
+    ("robot", "wanted", "message"),
+    [
+        (TWO_WHEELER, interface(RunSpeed("left", -1, 1), settle=UntilDone()), "let the step Wait, not UntilDone"),
+        (TWO_WHEELER, interface(DriveSpeed(-1, 1), Turn(-1, 1)), "moved by the commands 'drive_speed' and 'turn'"),
+        (TWO_WHEELER, interface(DriveSpeed(-1, 1), RunSpeed("left", 0, 1)), "moved by the commands 'drive_speed' and 'left'"),
+        (TWO_WHEELER, interface(RunDuty("left", -200, 100)), "stay within -100 to 100"),
+        (TWO_WHEELER, interface(Curve(-9, 9, radius_mm=3)), "a radius of 3 mm"),
+        (TWO_WHEELER, interface(HubLight(0, 720)), "hues are 0 to 360"),
+        (TWO_WHEELER, interface(HubSound(duration_ms=900)), "1 to 200 ms"),
+        (replace(TECHNIC), Interface((HubSound(),), ANGLES, Wait(9)), "a technic hub has no loudspeaker"),
+        (ROBO_ARM, Interface((RunSpeed("low", -9, 9),), (MotorAngle("low", 10, 70),), Wait(9)), "turns endlessly"),
+        (ROBO_ARM, Interface((RunDuty("low"),), (MotorAngle("low", 10, 70),), Wait(9)), "turns endlessly"),
+        (ROBO_ARM, Interface((TrackTarget("low", 0, 70),), (MotorAngle("low", 10, 70),), Wait(9)), "range of 10 to 70"),
+        (ROBO_ARM, Interface((Turn(-9, 9),), (MotorAngle("low", 10, 70),), Wait(9)), "no drive base for 'turn'"),
+        (ROBO_ARM, Interface((HubLight(),), (DriveDistance(0, 9),), Wait(9)), "no drive base for 'drive_distance'"),
+    ],
+)
+def test_unsupported_commands_raise(robot: Any, wanted: Interface, message: str) -> None:
+    with pytest.raises(DescriptionError, match=message):
+        validate(robot, wanted)
+
+
+def test_joint_tracks_targets_in_range() -> None:
+    wanted = Interface((TrackTarget("high", -120, 0),), (MotorAngle("high", -150, 10),), Wait(600))
+    hub = VirtualHub(make_body(ROBO_ARM))
+    link = HubLink(hub, ROBO_ARM, wanted)
+    link.open()
+    assert link.act((-40,)).values[0] == pytest.approx(-40, abs=12)
+
+
+@pytest.mark.parametrize("commands", EVERY[:1] + EVERY[3:4] + EVERY[7:], ids=str)
+def test_preflight_tries_commands(commands: tuple[Command, ...]) -> None:
+    wanted = replace(interface(*commands), channels=(MotorAngle("left"), MotorAngle("right"), Distance("eyes")))
+    transport = VirtualHub(make_body(TWO_WHEELER))
+    findings = list(check_robot(transport, TWO_WHEELER, wanted, may_move=lambda: True))
+    assert [finding for finding in findings if finding.outcome is Outcome.ERROR] == []
+    assert len(findings) > len(commands)
+
+
+def test_straight_command_is_unchanged() -> None:
+    seen, _ = carried_out(interface(DriveStraight(-100, 100), settle=UntilDone()), (80,))
+    assert seen[1, 2] == pytest.approx(80, abs=4)

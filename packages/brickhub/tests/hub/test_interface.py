@@ -1,0 +1,43 @@
+"""Commands and channels: names, ranges, units."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+
+from brickhub.hub.interface import Distance, DriveStraight, MotorAngle, Pitch, Roll, RunAngle, YawRate
+from brickhub.hub.kinds import Channel, Command
+
+COMMANDS: list[Command] = [RunAngle("left", -100, 50, 400), DriveStraight(-100, 50)]
+CHANNELS: list[Channel] = [MotorAngle("left"), Pitch(), Roll(), YawRate(), Distance("eyes")]
+
+
+def test_names() -> None:
+    assert [command.name for command in COMMANDS] == ["left", "straight"]
+    assert [channel.name for channel in CHANNELS] == ["left_angle", "pitch", "roll", "yaw_rate", "distance"]
+    assert [channel.unit for channel in CHANNELS] == ["deg", "deg", "deg", "deg/s", "mm"]
+
+
+def test_command_ranges_have_units() -> None:
+    assert {(command.low, command.high) for command in COMMANDS} == {(-100, 50)}
+
+
+@pytest.mark.parametrize("item", [*COMMANDS, *CHANNELS])
+def test_every_range_fits_an_int16(item: Command | Channel) -> None:
+    assert item.low < item.high
+    assert item.low * item.scale > -(2**15) and item.high * item.scale < 2**15
+
+
+@pytest.mark.parametrize(("low", "high", "wraps"), [(0, 360, True), (0, 359, False), (-180, 180, False), (10, 70, False)])
+def test_full_turn_angles_wrap(low: float, high: float, wraps: bool) -> None:
+    assert MotorAngle("left", low, high).wraps is wraps
+    assert MotorAngle("left").wraps
+
+
+@pytest.mark.parametrize("item", [*COMMANDS, *CHANNELS])
+def test_interfaces_are_values(item: Command | Channel) -> None:
+    assert item == dataclasses.replace(item)
+    assert hash(item) == hash(dataclasses.replace(item))
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        item.low = 0  # type: ignore[misc, union-attr]

@@ -1,0 +1,209 @@
+"""Frames of the wire protocol."""
+
+from __future__ import annotations
+
+import itertools
+import struct
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from stand_in import RUN_AWAY, SPINNING, WALKER_INTERFACE
+
+from brickhub.errors import BricksError, HubProtocolError
+from brickhub.hub.protocol import (
+    CRC_POLYNOMIAL,
+    NOTIFICATION_BYTES,
+    UP_PAYLOAD_BYTES,
+    WRITE_BYTES,
+    ByeReason,
+    ControlFrame,
+    DataFrame,
+    EncodingError,
+    Frame,
+    FrameDecoder,
+    Up,
+    WireFormat,
+    control_frame,
+    crc8,
+    data_frame,
+    hello_payload,
+    next_seq,
+    parse_hello,
+)
+
+PAYLOAD_BYTES = 12
+
+payloads = st.binary(min_size=PAYLOAD_BYTES, max_size=PAYLOAD_BYTES)
+data_frames = st.builds(DataFrame, st.integers(1, 255), payloads)
+hellos = st.builds(lambda program_hash: ControlFrame(Up.HELLO, hello_payload(program_hash)), st.integers(0, 2**32 - 1))
+byes = st.sampled_from([ControlFrame(Up.BYE, bytes([reason])) for reason in ByeReason])
+frames = st.one_of(data_frames, hellos, byes)
+
+
+def decoder() -> FrameDecoder:
+    return FrameDecoder(PAYLOAD_BYTES, UP_PAYLOAD_BYTES)
+
+
+def encode(frame: Frame) -> bytes:
+    return data_frame(frame.seq, frame.payload) if isinstance(frame, DataFrame) else control_frame(frame.kind, frame.payload)
+
+
+def crc8_bit_by_bit(data: bytes) -> int:
+    crc = 0
+    for byte in data:
+        crc ^= byte
+        for _ in range(8):
+            crc = crc << 1 ^ (CRC_POLYNOMIAL if crc & 0x80 else 0)
+    return crc
+
+
+@given(st.binary(max_size=40))
+def test_crc(data: bytes) -> None:
+    assert crc8(data) == crc8_bit_by_bit(data)
+    assert crc8(data + bytes([crc8(data)])) == 0
+
+
+def test_crc_check_value() -> None:
+    assert crc8(b"123456789") == 0xF4  # published for CRC-8, polynomial 07
+
+
+def test_sequence_numbers_are_1_to_255() -> None:
+    seqs = list(itertools.islice(itertools.accumulate(itertools.repeat(0), lambda seq, _: next_seq(seq)), 1, 512))
+    assert seqs == [*range(1, 256), *range(1, 256), 1]
+
+
+@pytest.mark.parametrize("seq", [0, 256, -1])
+def test_invalid_sequence_numbers_raise(seq: int) -> None:
+    with pytest.raises(EncodingError, match="sequence"):
+        data_frame(seq, b"")
+
+
+@given(st.lists(frames, max_size=8), st.lists(st.integers(0, 200), max_size=10))
+def test_frames_survive_any_splitting(sent: list[Frame], cuts: list[int]) -> None:
+    stream = b"".join(map(encode, sent))
+    places = [0, *sorted(min(cut, len(stream)) for cut in cuts), len(stream)]
+    reader, received = decoder(), []
+    for start, end in itertools.pairwise(places):
+        received += reader.feed(stream[start:end])
+    assert received == sent
+    assert (reader.crc_errors, reader.skipped_bytes) == (0, 0)
+
+
+@given(st.lists(st.binary(max_size=60), max_size=6))
+def test_reader_accounts_for_all_bytes(chunks: list[bytes]) -> None:
+    reader = decoder()
+    received = [frame for chunk in chunks for frame in reader.feed(chunk)]
+    used = sum(len(encode(frame)) for frame in received)
+    waiting = sum(map(len, chunks)) - used - reader.skipped_bytes
+    assert 0 <= waiting < PAYLOAD_BYTES + 3
+    for frame in received:
+        assert encode(frame) in b"".join(chunks)  # whole, crc included
+
+
+@given(st.binary(max_size=60), data_frames, data_frames, data_frames)
+def test_reader_resyncs_within_two_frames(garbage: bytes, first: DataFrame, second: DataFrame, third: DataFrame) -> None:
+    reader = decoder()
+    reader.feed(garbage)
+    received = reader.feed(encode(first)) + reader.feed(encode(second))
+    fooled = any(frame not in (first, second) for frame in received)  # 1 in 256 of the things that look like a frame
+    assert second in received or fooled
+    assert reader.feed(encode(third))[-1:] == [third] or fooled
+
+
+@given(data_frames, st.integers(0, 8 * (PAYLOAD_BYTES + 3) - 1))
+def test_a_flipped_bit_never_makes_another_data_frame(frame: DataFrame, bit: int) -> None:
+    damaged = bytearray(encode(frame))
+    damaged[bit // 8] ^= 1 << bit % 8
+    reader = decoder()
+    received = reader.feed(bytes(damaged))
+    assert not any(isinstance(other, DataFrame) for other in received)
+    if damaged[0] == 0xA5 and damaged[1]:
+        assert reader.crc_errors >= 1
+
+
+@given(data_frames, st.integers(0, PAYLOAD_BYTES + 2), st.integers(1, 255))
+def test_a_burst_within_a_byte_is_detected(frame: DataFrame, place: int, change: int) -> None:
+    damaged = bytearray(encode(frame))
+    damaged[place] ^= change
+    assert not any(isinstance(other, DataFrame) for other in decoder().feed(bytes(damaged)))
+
+
+@given(data_frames)
+def test_text_between_frames_is_kept(frame: DataFrame) -> None:
+    reader = decoder()
+    assert reader.feed(b"Traceback:\r\n" + encode(frame) + b"the end") == [frame]
+    assert reader.text == "Traceback:\r\nthe end"
+    reader.feed(b"x" * 100_000)
+    assert len(reader.text) < 10_000
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_hello(program_hash: int) -> None:
+    assert parse_hello(hello_payload(program_hash))[1] == program_hash
+
+
+def test_sizes_on_the_wire() -> None:
+    sizes = {
+        "run-away": WireFormat.of(RUN_AWAY),
+        "spinning": WireFormat.of(SPINNING),
+        "walker": WireFormat.of(WALKER_INTERFACE),
+    }
+    assert {name: (wire.down_frame_bytes, wire.up_frame_bytes) for name, wire in sizes.items()} == {
+        "run-away": (5, 15),
+        "spinning": (7, 15),
+        "walker": (11, NOTIFICATION_BYTES),
+    }
+    assert all(wire.down_frame_bytes <= WRITE_BYTES and wire.up_frame_bytes <= NOTIFICATION_BYTES for wire in sizes.values())
+
+
+def _as_hub_reads(wire: WireFormat, values: tuple[float, ...]) -> tuple[float, ...]:
+    """Actions as the hub decodes them."""
+    numbers = struct.unpack(wire.action_format, wire.encode_actions(values))
+    return tuple(number / scale for number, scale in zip(numbers, wire.command_scales, strict=True))
+
+
+@given(st.tuples(*[st.floats(-3276, 3276)] * 2))
+def test_actions_keep_their_values(values: tuple[float, float]) -> None:
+    wire = WireFormat.of(SPINNING)
+    assert _as_hub_reads(wire, values) == pytest.approx(values, abs=0.0501)
+
+
+@given(st.integers(0, 10**7), st.tuples(*[st.floats(-327, 327, width=32)] * 5))
+def test_channels_keep_their_values(time_ms: int, values: tuple[float, ...]) -> None:
+    wire = WireFormat.of(SPINNING)
+    time, decoded = wire.decode_answer(wire.encode_answer(time_ms, values))
+    assert time == time_ms % 65536
+    assert decoded.dtype == np.float32 and decoded.shape == (5,)
+    np.testing.assert_allclose(decoded, values, atol=0.051)
+
+
+@given(st.floats(allow_nan=False))
+def test_large_values_saturate(value: float) -> None:
+    wire = WireFormat.of(SPINNING)
+    decoded = _as_hub_reads(wire, (value, 0.0))[0]
+    assert decoded == pytest.approx(min(max(value, -3276.8), 3276.7), abs=0.0501)
+
+
+def test_nan_raises() -> None:
+    wire = WireFormat.of(SPINNING)
+    with pytest.raises(EncodingError, match="'right' is not a number"):
+        wire.encode_actions([0.0, float("nan")])
+    with pytest.raises(BricksError, match="'pitch'"):
+        wire.encode_answer(0, np.array([0, 0, np.nan, 0, 0]))
+
+
+@pytest.mark.parametrize("values", [[], [1.0], [1.0, 2.0, 3.0]])
+def test_wrong_number_of_values_raises(values: list[float]) -> None:
+    with pytest.raises(EncodingError, match="for 2 \\(left, right\\)"):
+        WireFormat.of(SPINNING).encode_actions(values)
+
+
+@pytest.mark.parametrize("payload", [b"", b"abc", bytes(20)])
+def test_wrong_payload_length_raises(payload: bytes) -> None:
+    wire = WireFormat.of(SPINNING)
+    with pytest.raises(HubProtocolError):
+        wire.decode_answer(payload)
+    with pytest.raises(HubProtocolError):
+        parse_hello(payload)

@@ -1,0 +1,78 @@
+"""Event loop thread: results, errors, time bounds."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+import time
+
+import pytest
+
+from brickhub.errors import HubError, HubTimeoutError
+from brickhub.hub.transports.event_loop import EventLoopThread
+
+
+async def value() -> int:
+    await asyncio.sleep(0.01)
+    return 7
+
+
+async def fail() -> None:
+    raise ValueError("mine")
+
+
+async def refuse_once() -> None:
+    try:
+        await asyncio.sleep(60)
+    except asyncio.CancelledError:
+        await asyncio.sleep(60)
+
+
+def test_results_and_errors_are_passed() -> None:
+    loop = EventLoopThread("test")
+    try:
+        assert loop.run(value(), 1.0, "get a value") == 7
+        with pytest.raises(ValueError, match="mine"):
+            loop.run(fail(), 1.0, "fail")
+    finally:
+        loop.close()
+
+
+def test_slow_call_is_cancelled() -> None:
+    loop = EventLoopThread("test")
+    cancelled = threading.Event()
+
+    async def sleep() -> None:
+        try:
+            await asyncio.sleep(60)
+        finally:
+            cancelled.set()
+
+    try:
+        with pytest.raises(HubTimeoutError, match="could not sleep within"):
+            loop.run(sleep(), 0.05, "sleep")
+        assert cancelled.wait(1.0)
+    finally:
+        loop.close()
+
+
+def test_close_is_bounded_and_ends_pending_calls() -> None:
+    loop = EventLoopThread("test")
+    errors: list[Exception] = []
+
+    def call() -> None:
+        try:
+            loop.run(asyncio.sleep(60), 30.0, "sleep")
+        except HubError as error:
+            errors.append(error)
+
+    thread = threading.Thread(target=call)
+    thread.start()
+    with pytest.raises(HubTimeoutError):
+        loop.run(refuse_once(), 0.05, "wait")
+    start_s = time.monotonic()
+    loop.close()
+    thread.join(1.0)
+    assert time.monotonic() - start_s < 3.0 and len(errors) == 1
+    with pytest.raises(HubError, match="open it again"):
+        loop.run(value(), 1.0, "get a value")

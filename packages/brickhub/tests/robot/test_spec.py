@@ -1,0 +1,202 @@
+"""Robot descriptions: validation with remedies."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Callable
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from brickhub import robot as robots
+from brickhub.errors import DescriptionError, UnknownNameError
+from brickhub.robot import Chassis, DriveBase, HubKind, Motor, MotorKind, Mount, Robot, UltrasonicSensor
+from bricktwin.robots import ROBOTS
+
+names = st.from_regex(r"[a-z_][a-z0-9_]{0,8}", fullmatch=True)
+hubs = st.sampled_from(HubKind)
+
+
+@st.composite
+def descriptions(draw: st.DrawFn) -> Robot:
+    """Any valid robot."""
+    hub = draw(hubs)
+    ports = draw(st.permutations(hub.model.ports))
+    count = draw(st.integers(0, len(ports)))
+    device_names = draw(st.lists(names, min_size=count, max_size=count, unique=True))
+    motor_count = draw(st.integers(0, count))
+    devices = list(zip(device_names, ports[:count], strict=True))
+    motors = tuple(Motor(name, port, kind=draw(st.sampled_from(MotorKind))) for name, port in devices[:motor_count])
+    sensors = tuple(UltrasonicSensor(name, port) for name, port in devices[motor_count:])
+    base = DriveBase(motors[0].name, motors[1].name, 56, 130) if motor_count > 1 and draw(st.booleans()) else None
+    return Robot(draw(names), hub, motors, sensors, base, needs_imu=hub.model.has_imu and draw(st.booleans()))
+
+
+@given(descriptions())
+def test_valid_robots_are_values(robot: Robot) -> None:
+    assert robot == dataclasses.replace(robot)
+    assert hash(robot) == hash(dataclasses.replace(robot))
+    assert [robot.motor(motor.name) for motor in robot.motors] == list(robot.motors)
+    assert [robot.sensor(sensor.name) for sensor in robot.sensors] == list(robot.sensors)
+
+
+@given(descriptions(), names)
+def test_missing_devices_are_named(robot: Robot, name: str) -> None:
+    if name not in {motor.name for motor in robot.motors}:
+        with pytest.raises(DescriptionError, match=f"no motor '{name}'"):
+            robot.motor(name)
+    if name not in {sensor.name for sensor in robot.sensors}:
+        with pytest.raises(DescriptionError, match=f"no sensor '{name}'"):
+            robot.sensor(name)
+
+
+@given(hubs, st.text(max_size=3))
+def test_ports_follow_hub(hub: HubKind, port: str) -> None:
+    if len(port) == 1 and port in hub.model.ports:
+        assert Robot("r", hub, (Motor("m", port),))
+    else:
+        with pytest.raises(DescriptionError, match="has ports|has no port"):
+            Robot("r", hub, (Motor("m", port),))
+
+
+@given(st.text(max_size=5))
+def test_names_are_identifiers(name: str) -> None:
+    for make in (lambda: Motor(name, "A"), lambda: UltrasonicSensor(name, "A")):
+        if name.isidentifier():
+            assert make().name == name
+        else:
+            with pytest.raises(DescriptionError, match="is not a name"):
+                make()
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"gears": (20,)}, "not a train"),
+        ({"gears": (20, 0)}, "not a train"),
+        ({"range_deg": (10, 10)}, "is empty"),
+        ({"range_deg": (70, 10)}, "is empty"),
+        ({"speed_limit_deg_s": 0}, "speed_limit_deg_s is 0"),
+        ({"acceleration_deg_s2": -1}, "acceleration_deg_s2 is -1"),
+        ({"torque_limit_mnm": 0}, "torque_limit_mnm is 0"),
+    ],
+)
+def test_invalid_motors(fields: dict[str, object], message: str) -> None:
+    with pytest.raises(DescriptionError, match=message):
+        Motor("m", "A", **fields)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "wheel_mm", "axle_mm", "message"),
+    [("a", "a", 56, 130, "both 'a'"), ("a", "b", -56, 130, "positive"), ("a", "b", 56, -1, "positive")],
+)
+def test_invalid_drive_bases(left: str, right: str, wheel_mm: float, axle_mm: float, message: str) -> None:
+    with pytest.raises(DescriptionError, match=message):
+        DriveBase(left, right, wheel_mm, axle_mm)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Mount([60, 0, 12]), r"at_mm is \[60, 0, 12\]; give 3 values, each a number"),  # type: ignore[arg-type]
+        (lambda: Mount(("a", 0, 12)), "give 3 values, each a number"),  # type: ignore[arg-type]
+        (lambda: Chassis(caster_mm=[-60, 0]), "give 2 values, each a number"),  # type: ignore[arg-type]
+        (lambda: Chassis(hub_mm=3), "hub_mm is 3"),  # type: ignore[arg-type]
+        (lambda: UltrasonicSensor("eyes", "A", 60), "mount is 60"),  # type: ignore[arg-type]
+    ],
+)
+def test_invalid_mounts_and_chassis(make: Callable[[], object], message: str) -> None:
+    with pytest.raises(DescriptionError, match=message):
+        make()
+
+
+A, B = Motor("a", "A"), Motor("b", "B")
+
+
+@pytest.mark.parametrize(
+    ("robot", "message"),
+    [
+        (lambda: Robot("two wheels", HubKind.PRIME), "is not a name"),
+        (lambda: Robot("r", HubKind.PRIME, (A, Motor("b", "A"))), "port A is used 2 times"),
+        (lambda: Robot("r", HubKind.PRIME, (A,), (UltrasonicSensor("eyes", "A"),)), "port A is used 2 times"),
+        (lambda: Robot("r", HubKind.PRIME, (A, Motor("a", "B"))), "name a is used 2 times"),
+        (lambda: Robot("r", HubKind.CITY, needs_imu=True), "no IMU"),
+        (lambda: Robot("r", HubKind.PRIME, (A,), drive_base=DriveBase("a", "b", 56, 130)), "no motor 'b'"),
+        (
+            lambda: Robot("r", HubKind.PRIME, (A, Motor("b", "B", gears=(1, 3))), drive_base=DriveBase("a", "b", 56, 130)),
+            "same gears",
+        ),
+    ],
+)
+def test_invalid_robots(robot: object, message: str) -> None:
+    assert callable(robot)
+    with pytest.raises(DescriptionError, match=message) as info:
+        robot()
+    assert "\n" not in str(info.value)
+
+
+def test_robots_are_found_by_name() -> None:
+    assert all(robots.get(name) is robot and robot.name == name for name, robot in ROBOTS.items())
+    with pytest.raises(UnknownNameError, match=re.escape(", ".join(sorted(ROBOTS)))):
+        robots.get("r2d2")
+
+
+def test_small_hubs_have_no_standard_input() -> None:
+    for hub in HubKind:
+        assert hub.model.has_float == (hub.model.stdin_bytes >= 20)
+        assert len(set(hub.model.ports)) == len(hub.model.ports)
+
+
+@pytest.mark.parametrize("sides", [("up",), ("up", "down"), ("up", "north"), ("up", "ahead", "left")])
+def test_hub_sides_are_at_right_angles(sides: tuple[str, ...]) -> None:
+    with pytest.raises(DescriptionError, match="give two of ahead, back"):
+        Robot("mine", HubKind.PRIME, needs_imu=True, hub_sides=sides)
+
+
+def test_hub_sides_need_imu() -> None:
+    with pytest.raises(DescriptionError, match="only the IMU depends on hub_sides"):
+        Robot("mine", HubKind.PRIME, hub_sides=("ahead", "down"))
+
+
+@pytest.mark.parametrize(
+    ("parts", "message"),
+    [
+        ({"hub": "prime"}, "hub is 'prime'; give HubKind.PRIME, HubKind.ESSENTIAL, "),
+        ({"hub": None}, "hub is None; give HubKind.PRIME"),
+        ({"motors": Motor("a", "A")}, r"motors is of type Motor; give several values, each Motor\(...\)"),
+        ({"motors": ("A",)}, r"motors is \('A',\); give several values, each Motor\(...\)"),
+        ({"sensors": None}, r"sensors is None; give several values, each UltrasonicSensor\(...\) or PoweredUpSensor\(...\)"),
+        ({"drive_base": "left right"}, r"drive_base is 'left right'; give DriveBase\(...\)"),
+        ({"needs_imu": "no"}, "needs_imu is 'no'; give True or False"),
+    ],
+)
+def test_parts_of_another_type_raise(parts: dict[str, object], message: str) -> None:
+    with pytest.raises(DescriptionError, match=message) as caught:
+        Robot(**{"name": "r", "hub": HubKind.PRIME, **parts})  # type: ignore[arg-type]
+    assert "\n" not in str(caught.value)
+
+
+def test_list_of_devices_becomes_tuple() -> None:
+    assert hash(Robot("r", HubKind.PRIME, motors=[Motor("m", "A")])) == hash(Robot("r", HubKind.PRIME, (Motor("m", "A"),)))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"kind": "spike-medium"},
+        {"direction": "clockwise"},
+        {"gears": 3},
+        {"gears": ("a", "b")},
+        {"range_deg": 3},
+        {"range_deg": (1,)},
+        {"range_deg": ("a", "b")},
+        {"speed_limit_deg_s": "fast"},
+        {"zero_deg": "up"},
+    ],
+)
+def test_motor_of_another_type_raises(change: dict[str, object]) -> None:
+    with pytest.raises(DescriptionError, match=f"^{next(iter(change))} is .*; give ") as caught:
+        Motor("m", "A", **change)  # type: ignore[arg-type]
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,113 @@
+"""Agents: algorithms by name or from a user's file, settings, presets. Importing this loads no torch."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+from dataclasses import MISSING, dataclass, fields, is_dataclass
+from typing import TYPE_CHECKING, Any
+
+from bricksrl.envs.user_files import is_reference, load_object
+from bricksrl.errors import BricksError, DescriptionError, UnknownNameError, hint, message_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from torchrl.envs import EnvBase
+
+    from bricksrl.agents.learner import Learner
+
+AGENTS = ("sac", "droq", "redq", "td3", "crossq", "tqc", "ppo", "bc", "act", "diffusion", "iql", "cql", "td3bc", "random")
+"""Algorithms by name; DroQ and REDQ are settings of SAC."""
+_MODULES = {
+    **dict.fromkeys(("droq", "redq"), "sac"),
+    **{name: f"imitation.{name}" for name in ("bc", "act", "diffusion")},
+    **{name: f"offline.{name}" for name in ("iql", "cql", "td3bc")},
+}
+"""Modules of algorithms with other names."""
+PRESETS = ("default", "paper")
+"""Presets by name."""
+
+
+@dataclass(frozen=True)
+class Algorithm:
+    """An algorithm: its settings, a frozen dataclass, and the function that builds its `Learner`."""
+
+    name: str
+    settings: type[Any]
+    build: Callable[..., Learner]
+
+
+def algorithm(agent: str) -> Algorithm:
+    """The algorithm with a name, or in a user's file: a function ``build(env, settings: Settings, device)``. Raises
+    UnknownNameError if there is none, DescriptionError if the user's code cannot be loaded or ``settings`` has no type."""
+    from bricktwin.twin.make_body import check_mujoco
+
+    check_mujoco()  # TorchRL imports it, whatever the agent
+    if is_reference(agent):
+        build = load_object(agent, "build")
+        module = inspect.getmodule(build)
+    elif agent in AGENTS:
+        module = importlib.import_module(f"bricksrl.agents.{_MODULES.get(agent, agent)}")
+        build = module.build
+    else:
+        remedy = f"{hint(agent, AGENTS)}; choose one of {', '.join(AGENTS)}, or give a file: my_agent.py"
+        raise UnknownNameError(f"there is no agent '{agent}'{remedy}")
+    remedy = "write build(env, settings: Settings, device) with a frozen dataclass Settings"
+    try:
+        settings = inspect.signature(build).parameters["settings"].annotation
+    except (KeyError, TypeError, ValueError):
+        raise DescriptionError(f"{agent} takes no settings; {remedy}") from None
+    settings = getattr(module, settings, None) if isinstance(settings, str) else settings
+    if not (isinstance(settings, type) and is_dataclass(settings)):
+        raise DescriptionError(f"{agent} has no type for its settings; {remedy}")
+    return Algorithm(agent, settings, build)
+
+
+def preset(name: str = "default", agent: str = "sac", *, images: bool = False) -> Any:
+    """Settings of a preset for an algorithm; ``images``: for a camera. Raises UnknownNameError if there is no such name."""
+    if name not in PRESETS:
+        raise UnknownNameError(f"there is no preset '{name}'; choose one of {', '.join(PRESETS)}")
+    settings_type = algorithm(agent).settings
+    if is_reference(agent):
+        if name != "default":
+            raise UnknownNameError(f"{agent} has no preset '{name}'; it has its own defaults")
+        missing = [
+            field.name for field in fields(settings_type) if field.init and field.default is field.default_factory is MISSING
+        ]
+        if missing:
+            raise DescriptionError(f"the settings of {agent} have no default for {', '.join(missing)}; give it one")
+        return settings_type()
+    from bricksrl.agents.presets import values
+
+    return settings_type(**values(name, agent, settings_type, images=images))
+
+
+def make_learner(agent: str, env: EnvBase, settings: Any = None, device: str = "cpu") -> Learner:
+    """A new learner for an environment, on a device, with the ``settings`` or those of the preset "default". Initialized from
+    torch's global generator. Raises UnknownNameError if there is no such algorithm, DescriptionError if the settings are of
+    another algorithm or do not suit the environment, or a user's code raised."""
+    from bricksrl.agents.learner import Learner
+
+    chosen = algorithm(agent)
+    images = "image" in env.full_observation_spec_unbatched.keys()  # noqa: SIM118  a Composite
+    settings = preset("default", agent, images=images) if settings is None else settings
+    if is_reference(agent) and type(settings).__name__ == chosen.settings.__name__:
+        settings = chosen.settings(**vars(settings))  # the user's file was reloaded, and its class with it
+    if not isinstance(settings, chosen.settings):
+        actual = type(settings).__name__
+        raise DescriptionError(f"{agent} has {chosen.settings.__name__}, not {actual}; see preset('default', '{agent}')")
+    try:
+        learner = chosen.build(env, settings, device)
+    except BricksError:
+        raise
+    except Exception as error:
+        if not (is_reference(agent) or vars(settings).get("network")):
+            raise
+        raise DescriptionError(f"{agent} cannot be built ({message_of(error, typed=True)}); correct it") from error
+    if not isinstance(learner, Learner):
+        raise DescriptionError(f"{agent} builds a {type(learner).__name__}; let it return a bricksrl.agents.learner.Learner")
+    return learner
+
+
+__all__ = ["AGENTS", "PRESETS", "Algorithm", "algorithm", "is_reference", "make_learner", "preset"]

@@ -1,0 +1,304 @@
+"""``bricksrl data``: inspect, check, repair, merge, split, plot, import, export and share datasets."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from tyro.conf import Positional
+
+from brickhub.cli.options import Flag, option
+from brickhub.cli.terminal import load_learning, print_line
+from bricksrl.errors import DataError, counted, percent
+from brickhub.files import folder_with, quoted
+
+if TYPE_CHECKING:
+    from bricksrl.data.episode_index import Index
+
+DatasetArgument = Annotated[Positional[Path], option(metavar="DIR", help="Folder of the dataset.")]
+
+
+@dataclass(frozen=True)
+class Info:
+    """Show a summary of datasets: episodes, transitions, returns, and their origin.
+
+    The folder of a run stands for its dataset.
+
+    Examples:
+      bricksrl data info datasets/walker_expert
+      bricksrl data info datasets/* --json
+    """
+
+    datasets: Annotated[Positional[tuple[Path, ...]], option(metavar="DIR")]
+    """Folders of datasets."""
+    json: Flag = False
+    """Print one JSON object per dataset and line."""
+
+    def execute(self) -> None:
+        from bricksrl.data.summary import summarise
+
+        for path in _not_empty(self.datasets):
+            summary = summarise(path)
+            if self.json:
+                print_line(summary.to_json())
+                continue
+            success = "" if summary.success_rate is None else f"  success {percent(summary.success_rate)}"
+            rate = f"{summary.rate_hz:g} {'step' if summary.rate_hz == 1 else 'steps'}/s"
+            print_line(f"{path}: {summary.env} on {summary.robot or 'no robot'}, {rate}")
+            print_line(f"  episodes      {summary.episodes}{success}  broken off {summary.broken_off}")
+            print_line(f"  transitions   {summary.transitions}  ({summary.length_mean:.1f} an episode)")
+            spread = f"from {summary.return_min:.4g} to {summary.return_max:.4g}"
+            print_line(f"  return        {summary.return_mean:.4g} ± {summary.return_std:.4g}  ({spread})")
+            print_line(f"  policy        {', '.join(f'{name} ({count})' for name, count in summary.policies.items())}")
+            print_line(f"  by hand       {counted(summary.interventions, 'step')}")
+            print_line(
+                f"  observation   {', '.join(summary.observation)}{f', images of {summary.camera}' if summary.camera else ''}"
+            )
+            print_line(f"  action        {', '.join(summary.action)}")
+
+
+@dataclass(frozen=True)
+class Check:
+    """Check every file, digest and step of a dataset, without changing anything. Exit code 1 when something is wrong.
+
+    Examples:
+      bricksrl data check datasets/walker_expert
+    """
+
+    dataset: DatasetArgument
+
+    def execute(self) -> int:
+        from bricksrl.data.integrity import check
+
+        faults = check(self.dataset)
+        for line in faults or ["all is well"]:
+            print_line(line)
+        return 1 if faults else 0
+
+
+@dataclass(frozen=True)
+class Repair:
+    """Repair a dataset after its recording was killed, or save the intact episodes of a damaged one.
+
+    Without --out the index is rebuilt from the intact files; exit code 1 if something is still wrong. With --out the dataset is
+    not changed, and its intact episodes are written to a new one.
+
+    Examples:
+      bricksrl data repair datasets/walker_expert
+      bricksrl data repair datasets/damaged --out datasets/saved
+    """
+
+    dataset: DatasetArgument
+    out: Annotated[Path | None, option(metavar="DIR")] = None
+    """Folder for the intact episodes of a damaged dataset, which must not exist."""
+
+    def execute(self) -> int:
+        from bricksrl.data.edit import salvage
+        from bricksrl.data.episode_index import dataset_folder
+        from bricksrl.data.integrity import check
+        from bricksrl.data.layout import Layout
+        from bricksrl.data.repair import recover
+        from brickhub.files import only_writer
+
+        root = dataset_folder(self.dataset)
+        if self.out is not None:
+            index, lost = salvage(root, self.out)
+            for line in lost:
+                print_line(f"lost: {line}")
+            print_line(f"{counted(len(index.rows), 'episode')}: {self.out}")
+            return 0
+        if not Layout(root).description.exists():
+            raise DataError(f"there is no dataset of ours in {root}; choose {folder_with(root, 'meta/bricksrl.json')}")
+        with only_writer(root, DataError):
+            recovery = recover(root, rebuild=True)
+        print_line(
+            f"{counted(len(recovery.index.rows), 'episode')}; {recovery.adopted} new in the index, "
+            f"{counted(recovery.unfinished, 'unfinished file')} removed"
+        )
+        faults = check(root)
+        for line in faults:
+            print_line(line)
+        if faults:
+            print_line(f"save the intact episodes to a new dataset with `bricksrl data repair {quoted(self.dataset)} --out DIR`")
+        return 1 if faults else 0
+
+
+@dataclass(frozen=True)
+class Merge:
+    """Merge datasets of the same robot, rate and shape into a new one with few files; a single one is compacted.
+
+    Examples:
+      bricksrl data merge datasets/monday datasets/tuesday --out datasets/both
+    """
+
+    datasets: Annotated[Positional[tuple[Path, ...]], option(metavar="DIR")]
+    """Folders of datasets, in order."""
+    out: Annotated[Path, option(metavar="DIR")]
+    """Folder of the new dataset, which must not exist."""
+
+    def execute(self) -> None:
+        from bricksrl.data.edit import merge
+
+        index = merge(_not_empty(self.datasets), self.out)
+        print_line(f"{_size(index)}: {self.out}")
+
+
+@dataclass(frozen=True)
+class Split:
+    """Split a dataset into two new ones, by episodes drawn at random.
+
+    Examples:
+      bricksrl data split datasets/walker --share 0.8 --out datasets/train --rest datasets/test
+    """
+
+    dataset: DatasetArgument
+    out: Annotated[Path, option(metavar="DIR")]
+    """Folder for the drawn share, which must not exist."""
+    rest: Annotated[Path, option(metavar="DIR")]
+    """Folder for the other episodes, which must not exist."""
+    share: Annotated[float, option(metavar="SHARE")] = 0.8
+    """Share of the episodes, between 0 and 1."""
+    seed: Annotated[int, option(metavar="N")] = 0
+    """Seed of the random split."""
+
+    def execute(self) -> None:
+        from bricksrl.data.edit import split
+
+        parts = split(self.dataset, self.out, self.rest, self.share, self.seed)
+        for index, path in zip(parts, (self.out, self.rest), strict=True):
+            print_line(f"{_size(index)}: {path}")
+
+
+@dataclass(frozen=True)
+class Plot:
+    """Plot the returns and every channel of a dataset.
+
+    Examples:
+      bricksrl data plot datasets/walker_expert --out walker.png
+    """
+
+    dataset: DatasetArgument
+    out: Annotated[Path, option(metavar="FILE")]
+    """PNG file to write."""
+
+    def execute(self) -> None:
+        from bricksrl.data.summary import plot
+
+        plot(self.dataset, self.out)
+        print_line(f"picture  {self.out}")
+
+
+@dataclass(frozen=True)
+class Import:
+    """Import datasets of the BricksRL paper: folders of memory-mapped tensors, of one task or of all.
+
+    Examples:
+      bricksrl data import BricksRL-Datasets --out datasets/paper
+      bricksrl data import my_buffer --env Walker-v0 --out datasets/walker
+    """
+
+    source: Annotated[Positional[Path], option(metavar="DIR")]
+    """Folder of one such dataset, or a parent folder of several."""
+    out: Annotated[Path, option(metavar="DIR")]
+    """Folder to write to."""
+    env: Annotated[str | None, option(metavar="ENV")] = None
+    """Environment of the datasets; by default inferred from the names of the folders."""
+
+    def execute(self) -> None:
+        from bricksrl.data.importing import import_paper
+
+        for dataset in import_paper(self.source, self.out, env=self.env):
+            print_line(f"{dataset.source}: {dataset.index.description.env}, {_size(dataset.index)}: {dataset.out}")
+
+
+@dataclass(frozen=True)
+class Export:
+    """Export a dataset to the format of another tool.
+
+    Examples:
+      bricksrl data export datasets/walker --format numpy --out walker.npz
+      bricksrl data export datasets/walker --format parquet --out walker.parquet
+      bricksrl data export datasets/walker --format minari --out ~/.minari/datasets/bricksrl/walker-v0
+    """
+
+    dataset: DatasetArgument
+    format: Literal["numpy", "parquet", "minari"]
+    """Format to write. A Parquet file has no images."""
+    out: Annotated[Path, option(metavar="PATH")]
+    """File or folder to write, which must not exist."""
+
+    def execute(self) -> None:
+        from bricksrl.data.export import export_minari, export_numpy, export_parquet
+
+        load_learning()
+        {"numpy": export_numpy, "parquet": export_parquet, "minari": export_minari}[self.format](self.dataset, self.out)
+        print_line(f"{self.format}  {self.out}")
+
+
+@dataclass(frozen=True)
+class Push:
+    """Upload a dataset, or the policy of a run, to the Hugging Face hub, with a card.
+
+    Log in first: `hf auth login`, or set HF_TOKEN.
+
+    Examples:
+      bricksrl data push datasets/walker_expert me/walker-expert
+      bricksrl data push runs/walker me/walker-sac --policy
+    """
+
+    folder: Annotated[Positional[Path], option(metavar="DIR")]
+    """Folder of the dataset, or of the run."""
+    repo: Annotated[Positional[str], option(metavar="REPO")]
+    """Repository on the Hugging Face hub: owner/name."""
+    policy: Flag = False
+    """Share the policy of the run instead of its data: a safetensors file, never a pickle."""
+    private: Flag = False
+    """Make the repository private."""
+    licence: Annotated[str, option(metavar="NAME")] = "mit"
+    """Licence on the card, by the hub's name for it, such as cc-by-4.0."""
+
+    def execute(self) -> None:
+        from bricksrl.data.share import push_dataset
+        from bricksrl.policies.sharing import push_policy
+
+        load_learning()
+        push = push_policy if self.policy else push_dataset
+        print_line(push(self.folder, self.repo, private=self.private, licence=self.licence))
+
+
+@dataclass(frozen=True)
+class Pull:
+    """Download a dataset, or a policy, from the Hugging Face hub. It is checked before it is moved to its folder.
+
+    Examples:
+      bricksrl data pull me/walker-expert --out datasets/walker_expert
+      bricksrl data pull me/walker-sac --policy --out policies/walker
+    """
+
+    repo: Annotated[Positional[str], option(metavar="REPO")]
+    """Repository on the Hugging Face hub: owner/name."""
+    out: Annotated[Path, option(metavar="DIR")]
+    """Folder to write to, which must not exist."""
+    policy: Flag = False
+    """Download a policy instead of a dataset."""
+    revision: Annotated[str | None, option(metavar="NAME")] = None
+    """Branch, tag or commit; by default the newest."""
+
+    def execute(self) -> None:
+        from bricksrl.data.share import pull_dataset
+        from bricksrl.policies.sharing import pull_policy
+
+        load_learning()
+        pull = pull_policy if self.policy else pull_dataset
+        print_line(str(pull(self.repo, self.out, revision=self.revision)))
+
+
+def _size(index: Index) -> str:
+    return f"{counted(len(index.rows), 'episode')}, {counted(index.steps, 'step')}"
+
+
+def _not_empty(paths: tuple[Path, ...]) -> tuple[Path, ...]:
+    if not paths:
+        raise DataError("no dataset is named; give its folder")
+    return paths

@@ -1,0 +1,233 @@
+"""Live page on the command line: its flags, its address, and the commands ``play`` and ``drive``."""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+import webbrowser
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Self
+
+from tyro.conf import OmitArgPrefixes, Positional
+
+from brickhub.cli.options import PageFlag, option, refuse_ignored
+from bricksrl.cli.robot_flags import RobotFlags, RobotGroup
+from brickhub.cli.terminal import Interrupted, load_learning, place_robot, print_line, print_note
+from bricksrl.errors import DescriptionError, RunError, StoppedError, counted
+from brickhub.files import folder_with
+
+if TYPE_CHECKING:
+    from torchrl.envs import EnvBase
+
+    from bricksrl.page.live import LivePage
+    from bricksrl.page.server import PageOptions
+    from bricksrl.policies.named import Player
+
+
+@dataclass(frozen=True, kw_only=True)
+class PageAddress:
+    """Address flags of the live page."""
+
+    page_host: Annotated[str, option(metavar="ADDRESS")] = "127.0.0.1"
+    """Address that serves the live page; 0.0.0.0 also admits devices in the same network that know the page's full address."""
+    page_port: Annotated[int | None, option(metavar="N")] = None
+    """Port of the live page; by default the first free one from 8090."""
+
+    def page_options(self) -> PageOptions:
+        """Options of the page's server."""
+        from bricksrl.page.server import PageOptions
+
+        return PageOptions(self.page_host, self.page_port)
+
+    def shown(self, page: bool) -> Self | None:
+        """This address if the page is to be shown, else ``None``. Raises DescriptionError if it is given without ``--page``."""
+        if page:
+            return self
+        refuse_ignored(self, (), "without --page")
+        return None
+
+
+LivePageGroup = Annotated[PageAddress, OmitArgPrefixes]
+"""Address of a command's live page, as a separate group in the help."""
+
+
+def announce(url: str) -> None:
+    """Print the address of a page, and open it if there is a screen."""
+    print_note(f"live page: {url}")
+    if has_screen():
+        webbrowser.open(url)
+
+
+def show_file(path: Path) -> None:
+    """Open a file in the browser if there is a screen."""
+    if has_screen():
+        webbrowser.open(path.absolute().as_uri())
+
+
+def has_screen() -> bool:
+    """Whether the user can see a browser that is opened here."""
+    if sys.stderr is None or not sys.stderr.isatty() or os.environ.get("SSH_CONNECTION"):
+        return False
+    return sys.platform in ("win32", "darwin") or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+@dataclass(frozen=True)
+class Play:
+    """Play episodes with a trained agent; with --page in the browser, at the speed of a real robot.
+
+    Without a page, a virtual robot is as fast as this computer unless --realtime is given. The page can switch between policies:
+    random, first (untrained), best and last. Ctrl-C ends it.
+
+    Examples:
+      bricksrl play runs/spin --page
+      bricksrl play Walker-v1 --page
+      bricksrl play runs/spin --hub ble --page
+      bricksrl play runs/spin --episodes 3
+    """
+
+    target: Annotated[Positional[str], option(metavar="RUN|ENV")]
+    """Folder of a run or of a shared policy; or an environment, for random actions."""
+    policy: Annotated[str | None, option(metavar="NAME")] = None
+    """Policy to begin with: random, first, best or last; by default the last."""
+    episodes: Annotated[int | None, option(metavar="N")] = None
+    """Episodes to play; by default until Ctrl-C."""
+    seed: Annotated[int, option(metavar="N")] = 1000
+    """Seed of the episodes and of random actions."""
+    page: PageFlag = False
+    robot: RobotGroup = RobotFlags()
+    live_page: LivePageGroup = PageAddress()
+
+    def execute(self) -> None:
+        from bricksrl.envs.user_files import is_reference
+        from bricksrl.policies.named import named_policies, random_player
+
+        address = self.live_page.shown(self.page)
+        if self.episodes is not None and self.episodes < 1:
+            raise DescriptionError(f"episodes is {self.episodes}; give 1 or more")
+        load_learning()
+        folder = Path(self.target)
+        is_run = folder.is_dir()
+        if not is_run and len(folder.parts) > 1 and not is_reference(self.target):
+            remedy = f"name {folder_with(folder, 'config.json', 'policy.json')}, or an environment"
+            raise RunError(f"there is no run in {self.target}; {remedy}")
+        with _environment(self, self.target, folder if is_run else None) as (env, env_id):
+            players = named_policies(folder, env, self.seed) if is_run else {"random": lambda: random_player(env, self.seed)}
+            policy = self.policy or list(players)[-1]
+            if policy not in players:
+                raise DescriptionError(f"{self.target} has no policy '{policy}'; choose {', '.join(players)}")
+            players[policy] = players.pop(policy)  # the page begins with the last one
+            if address is not None:
+                subtitle = self.target if is_run else ""
+                _on_page(address, env, env_id, players, subtitle=subtitle, episodes=self.episodes)
+            else:
+                _in_terminal(env, players[policy](), self.episodes, self.seed)
+
+
+@dataclass(frozen=True)
+class Drive:
+    """Drive a robot, by default a virtual one, with the sliders and the joystick of a page in the browser. Ctrl-C ends it.
+
+    Examples:
+      bricksrl drive Spinning-v0
+      bricksrl drive RoboArm-v0
+      bricksrl drive Walker-v0 --hub ble
+      bricksrl drive Spinning-v0 --page-host 0.0.0.0
+    """
+
+    env: Annotated[Positional[str], option(metavar="ENV")]
+    """Environment; `bricksrl list` shows them. A task of your own: my_task.py, my_task.py:TASK or module:TASK."""
+    seed: Annotated[int, option(metavar="N")] = 0
+    """Seed of the episodes."""
+    robot: RobotGroup = RobotFlags()
+    live_page: LivePageGroup = PageAddress()
+
+    def execute(self) -> None:
+        from bricksrl.page.play import resting_player
+
+        load_learning()
+        with _environment(self, self.env, None) as (env, env_id):
+            players = {"by hand": lambda: resting_player(env)}
+            _on_page(self.live_page, env, env_id, players, subtitle="driven by hand", in_charge=True)
+
+
+@contextmanager
+def _environment(flags: Play | Drive, target: str, run: Path | None) -> Iterator[tuple[EnvBase, str]]:
+    """The named environment, or that of a run, open inside this context, and its id."""
+    from bricksrl.envs import make
+    from bricksrl.policies import config_of
+
+    env_id, options = target, flags.robot.env_options()
+    if run is not None:
+        config = config_of(run)
+        env_id = config.env
+        options = options.changed(**config.options | options.options)
+    with closing(make(env_id, options, seed=flags.seed, place=place_robot)) as env:
+        yield env, env_id
+
+
+def _on_page(
+    address: PageAddress,
+    env: EnvBase,
+    env_id: str,
+    players: Mapping[str, Callable[[], Player]],
+    *,
+    subtitle: str,
+    in_charge: bool = False,
+    episodes: int | None = None,
+) -> None:
+    from bricksrl.cli.emergency_stop import EmergencyStop
+    from bricksrl.page.live import LivePage
+    from bricksrl.page.play import play_on_page
+
+    page = LivePage(
+        env_id, subtitle, task=env.task, in_charge=in_charge, policies=tuple(players), speed="1x", options=address.page_options()
+    )
+    try:
+        with page, EmergencyStop(stop := threading.Event(), print_note) as emergency_stop:
+            announce(page.url)
+            emergency_stop.attach(env)
+            returns = play_on_page(env, page, players, episodes=episodes, stop=stop)
+    except (KeyboardInterrupt, StoppedError):
+        raise Interrupted from None
+    print_line(f"{counted(len(returns), 'episode')}, mean return {sum(returns) / len(returns):.4g}")
+
+
+def _in_terminal(env: EnvBase, player: Player, episodes: int | None, seed: int) -> None:
+    """Play without a page, and print a line for each whole episode."""
+    from bricksrl.cli.emergency_stop import EmergencyStop
+    from bricksrl.envs.rollout import play_episodes
+
+    try:
+        with EmergencyStop(threading.Event(), print_note) as emergency_stop:
+            emergency_stop.attach(env)
+            scores = play_episodes(env, player.act, episodes or sys.maxsize, seed, reset_policy=player.reset)
+            for number, score in enumerate(scores, 1):
+                print_line(f"episode {number}  return {score.return_:.4g}  {counted(score.length, 'step')}")
+    except (KeyboardInterrupt, StoppedError):
+        raise Interrupted from None
+
+
+@contextmanager
+def run_on_page(
+    address: PageAddress | None,
+    env_id: str,
+    options: Mapping[str, object],
+    *,
+    on_stop: Callable[[], None] = lambda: None,
+    can_drive: bool = True,
+) -> Iterator[LivePage | None]:
+    """The live page of a run or a recording, served inside this context; ``None`` without an address."""
+    if address is None:
+        yield None
+        return
+    from bricksrl.envs import get_task
+    from bricksrl.page.live import LivePage
+
+    task = get_task(env_id, **options)
+    with LivePage(env_id, task=task, can_drive=can_drive, on_stop=on_stop, options=address.page_options()) as page:
+        announce(page.url)
+        yield page

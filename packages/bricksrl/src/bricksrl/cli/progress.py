@@ -1,0 +1,183 @@
+"""Progress of a training run: a live bar on a terminal, a line per episode elsewhere."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from brickhub.cli.terminal import place_robot, print_line, print_note
+from bricksrl.envs.user_files import without_folder
+from bricksrl.errors import counted
+from brickhub.files import quoted
+from bricksrl.training.callbacks import Callback, Episode, Phase, Progress, RunResult
+from bricksrl.training.fleet.robot_state import RobotState
+
+if TYPE_CHECKING:
+    import numpy as np
+    from torchrl.envs import EnvBase
+
+    from bricksrl.errors import BricksError
+    from bricksrl.training.config import TrainConfig
+
+_BARS = "▁▂▃▄▅▆▇█"
+_SPARKLINE_EPISODES = 30
+
+
+class LineProgress(Callback):
+    """Progress as a line per episode.
+
+    Attributes:
+        run_dir: folder of the run; ``None`` before it started.
+        episodes_done: whole episodes in the folder.
+        on_ready: called with the environment before the robot moves.
+
+    Args:
+        hub: how the robot is reached; finding a real one may take half a minute.
+    """
+
+    def __init__(self, hub: str = "virtual") -> None:
+        self._hub = hub
+        self.run_dir: Path | None = None
+        self.episodes_done = 0
+        self.on_ready: Callable[[EnvBase], None] = lambda env: None
+        self.quiet: Callable[[], AbstractContextManager[None]] = nullcontext
+        self._asynchronous = False
+        self._trouble = ""
+
+    def on_env(self, env: EnvBase) -> None:
+        self.on_ready(env)
+        if self._hub != "virtual":
+            self.note(f"connecting to the robot ({self._hub})")
+
+    def on_start(self, config: TrainConfig, run_dir: Path, episodes_done: int) -> None:
+        self.run_dir, self.episodes_done = run_dir, episodes_done
+        self._asynchronous = bool(config.asynchronous)
+        print_line(f"{without_folder(config.agent)} on {without_folder(config.env)}, seed {config.seed}: {run_dir}")
+
+    def on_episode(self, episode: Episode, progress: Progress) -> None:
+        self.episodes_done = episode.episode
+        print_line(
+            f"episode {episode.episode}/{progress.episodes_total}  return {episode.return_:.4g}  "
+            + (f"{episode.robot}  " if episode.robot else "")
+            + f"{progress.steps_per_s:.3g} steps/s  {clock(progress.remaining_s)} left"
+            + ("  (random start)" if episode.phase is Phase.PREFILL else "")
+            + self._learning(episode)
+        )
+
+    def _learning(self, episode: Episode) -> str:
+        """Text with the updates per step of asynchronous learning; else empty."""
+        if not self._asynchronous or episode.updates_per_step is None:
+            return ""
+        return f"  {episode.updates_per_step:.3g} updates/step"
+
+    def on_link_lost(self, episode: int, length: int, error: BricksError) -> None:
+        event = f"the link broke in episode {episode} after {counted(length, 'step')}" if length else "the robot is out of reach"
+        line = f"{event} ({error}); trying to reach it again"
+        if line != self._trouble:  # each try may fail for the same reason
+            print_line(line)
+        self._trouble = line
+
+    def on_robot(self, robot: str, state: RobotState, reason: str) -> None:
+        if state is RobotState.PLACED:
+            print_note(f"put {robot} where an episode starts")
+        elif state is RobotState.LEFT:
+            print_note(f"{robot} has left: {reason}")
+        elif state is RobotState.GIVEN_UP:
+            print_note(f"{robot} is given up: {reason}")
+
+    def on_catching_up(self, updates: int) -> None:
+        print_line(f"the robot is done; {counted(updates, 'update')} left to learn, Ctrl-C leaves out the rest")
+
+    def place(self, rng: np.random.Generator) -> None:
+        """Ask for the robot to be placed, as :func:`place_robot`."""
+        with self.quiet():
+            place_robot(rng)
+
+    def on_end(self, result: RunResult) -> None:
+        self.close()
+
+    def note(self, line: str) -> None:
+        """Print a line for the user, apart from the results."""
+        print_note(line)
+
+    def saved(self) -> str:
+        """Text on what is saved if the run ends now."""
+        if self.run_dir is None or not self.episodes_done:
+            return "no episode was finished, so nothing was saved"
+        return (
+            f"saved {counted(self.episodes_done, 'episode')} in {self.run_dir}; `bricksrl resume {quoted(self.run_dir)}` goes on"
+        )
+
+    def close(self) -> None:
+        """Restore the terminal; may be called repeatedly."""
+
+
+class LiveProgress(LineProgress):
+    """Progress as a bar, with a sparkline of the last returns."""
+
+    def __init__(self, hub: str = "virtual") -> None:
+        from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
+        from rich.progress import Progress as Bar
+
+        super().__init__(hub)
+        self._returns: list[float] = []
+        self._bar = Bar(
+            TextColumn("episode"),
+            MofNCompleteColumn(),
+            BarColumn(20),
+            TextColumn("return {task.fields[value]}  {task.fields[spark]}  {task.fields[rate]}", markup=False),
+        )
+        self._task = self._bar.add_task("", total=None, value="-", spark="", rate="")
+
+    def on_start(self, config: TrainConfig, run_dir: Path, episodes_done: int) -> None:
+        super().on_start(config, run_dir, episodes_done)
+        self._bar.update(self._task, total=config.episodes, completed=episodes_done)
+        self._bar.start()
+
+    def on_episode(self, episode: Episode, progress: Progress) -> None:
+        self.episodes_done = episode.episode
+        self._returns.append(episode.return_)
+        self._bar.update(
+            self._task,
+            completed=episode.episode,
+            value=f"{episode.return_:.4g}",
+            spark=sparkline(self._returns[-_SPARKLINE_EPISODES:]),
+            rate=f"{progress.steps_per_s:.3g} steps/s  {clock(progress.remaining_s)} left{self._learning(episode)}",
+        )
+
+    def note(self, line: str) -> None:
+        self._bar.console.print(line, markup=False, highlight=False)
+
+    def place(self, rng: np.random.Generator) -> None:
+        self._bar.stop()  # or it would overwrite the question
+        try:
+            super().place(rng)
+        finally:
+            if self.run_dir is not None:
+                self._bar.start()
+
+    def close(self) -> None:
+        self._bar.stop()
+
+
+def make_progress(hub: str) -> LineProgress:
+    """Progress display for standard output: live on a terminal, else lines."""
+    return LiveProgress(hub) if sys.stdout.isatty() else LineProgress(hub)
+
+
+def clock(seconds: float) -> str:
+    """Duration as ``h:mm:ss``, or ``m:ss`` below one hour."""
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"
+
+
+def sparkline(values: list[float]) -> str:
+    """Sparkline with a bar per value, scaled between the lowest and the highest one."""
+    low, high = min(values), max(values)
+    if low == high:
+        return _BARS[len(_BARS) // 2] * len(values)
+    return "".join(_BARS[round((value - low) / (high - low) * (len(_BARS) - 1))] for value in values)

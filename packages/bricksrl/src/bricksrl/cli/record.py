@@ -1,0 +1,168 @@
+"""``bricksrl record``: record datasets of a policy or a human."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from tyro.conf import Positional
+
+from brickhub.cli.options import Flag, PageFlag, option
+from bricksrl.cli.page import LivePageGroup, PageAddress, run_on_page
+from bricksrl.cli.robot_flags import RobotFlags, RobotGroup
+from bricksrl.cli.teleop import DEVICES, driving, quiet, with_human
+from brickhub.cli.terminal import Interrupted, load_learning, print_line, print_note
+from bricksrl.cli.video import filmed_env
+from bricksrl.errors import DataError, DescriptionError, RunError, StoppedError, counted, hint
+from brickhub.files import quoted
+from brickhub.seed import check_seed
+
+if TYPE_CHECKING:
+    import numpy as np
+    from torchrl.envs import EnvBase
+
+    from bricksrl.cli.emergency_stop import EmergencyStop
+    from bricksrl.data.collect import Collected
+    from bricksrl.data.recorder import Recorder
+    from bricksrl.data.schema import Description
+    from bricksrl.envs.options import EnvOptions
+    from bricksrl.envs.rollout import Driver, Policy
+    from bricksrl.page.live import LivePage
+
+
+@dataclass(frozen=True)
+class Record:
+    """Record episodes of a policy or a human as a dataset in LeRobot's format.
+
+    Each episode is on the disk when its line is printed. Ctrl-C ends the recording and keeps the whole episodes; keys and signals
+    stop and pause the robot as in training. An existing dataset is extended, if it has the same robot, environment and shape.
+
+    Examples:
+      bricksrl record RunAway-v0 --policy random --episodes 100 --out datasets/run_away_random
+      bricksrl record Walker-v0 --policy runs/walker --episodes 100 --out datasets/walker_expert
+      bricksrl record Spinning-v0 --policy keyboard --episodes 5 --out datasets/by_hand
+      bricksrl record Walker-v0 --policy runs/walker --take-over gamepad --out datasets/corrected
+    """
+
+    env: Annotated[Positional[str], option(metavar="ENV")]
+    """Environment; `bricksrl list` shows them. A task of your own: my_task.py, my_task.py:TASK or module:TASK."""
+    out: Annotated[Path, option(metavar="DIR")]
+    """Folder of the dataset: a new one, or one to extend."""
+    policy: Annotated[str, option(metavar="POLICY")] = "random"
+    """Policy: random, keyboard, gamepad, or the folder of a run or of a shared policy."""
+    take_over: Annotated[Literal["keyboard", "gamepad"] | None, option(metavar="DEVICE")] = None
+    """Let a human intervene with this device; these steps are marked in the data."""
+    episodes: Annotated[int, option(metavar="N")] = 10
+    """Episodes to record."""
+    seed: Annotated[int, option(metavar="N")] = 0
+    """Seed of the episodes and of random actions."""
+    video: Annotated[Path | None, option(metavar="FILE")] = None
+    """Film the virtual robot into this mp4 file."""
+    explore: Flag = False
+    """Let the agent of a run explore as in training; by default it acts deterministically."""
+    page: PageFlag = False
+    robot: RobotGroup = RobotFlags()
+    live_page: LivePageGroup = PageAddress()
+
+    def execute(self) -> None:
+        from bricksrl.cli.emergency_stop import EmergencyStop
+        from bricksrl.data.recorder import Recorder
+        from bricksrl.data.schema import describe
+        from bricksrl.envs import get_task
+
+        if self.episodes < 1:
+            raise DataError(f"episodes is {self.episodes}; record at least 1")
+        check_seed(self.seed)
+        self._check_policy()
+        address = self.live_page.shown(self.page)
+        load_learning()
+        count = 0
+
+        def report(episode: Collected) -> None:
+            nonlocal count
+            count += 1
+            by_hand = f"  {counted(episode.interventions, 'step')} by hand" if episode.interventions else ""
+            print_line(
+                f"episode {count}/{self.episodes}  return {episode.return_:.4g}  {counted(episode.length, 'step')}{by_hand}"
+            )
+
+        device = self.policy if self.policy in DEVICES else self.take_over
+        options = self.robot.env_options()
+        task = get_task(self.env, **options.options)
+        options = options if device is None else with_human(options, self.env)
+        try:
+            with (
+                EmergencyStop(threading.Event(), print_note, keys=False if device == "keyboard" else None) as emergency_stop,
+                driving(device, self.env, task, in_charge=self.policy in DEVICES) as human,
+                closing(self._environment(options, human, emergency_stop)) as env,
+                filmed_env(env, self.video, f"{self.env}: {self.policy}"),
+                Recorder(self.out, describe(env, options.options)) as recorder,
+                run_on_page(address, self.env, options.options, can_drive=human is None) as page,
+            ):
+                emergency_stop.attach(env)
+                self._collect(env, recorder, human, report, page)
+        except (KeyboardInterrupt, StoppedError):
+            raise Interrupted(f"saved {counted(count, 'whole episode')} in {self.out}") from None
+        print_line(f"dataset         {self.out}")
+        if self.video is not None:
+            print_line(f"video           {self.video}")
+        print_line(f"look at it      bricksrl data info {quoted(self.out)}")
+
+    def _check_policy(self) -> None:
+        """Refuse names of no policy, and options that the policy ignores."""
+        known = ("random", *DEVICES)
+        if self.policy not in known and not Path(self.policy).exists():
+            raise RunError(f"there is no run in {self.policy}{hint(self.policy, known)}; name a folder, or {', '.join(known)}")
+        if self.policy in DEVICES and self.take_over is not None:
+            raise DescriptionError("a human drives from the start; omit --take-over, or name another --policy")
+        if self.explore and self.policy in known:
+            raise DescriptionError(f"--explore has no effect with the policy '{self.policy}'; omit it, or name a run")
+
+    def _environment(self, options: EnvOptions, human: Driver | None, emergency_stop: EmergencyStop) -> EnvBase:
+        from bricksrl.envs import make
+
+        def place(rng: np.random.Generator) -> None:
+            with quiet(human):
+                emergency_stop.place(rng)
+
+        return make(self.env, options, seed=self.seed, place=place)
+
+    def _collect(
+        self, env: EnvBase, recorder: Recorder, human: Driver | None, report: Callable[[Collected], None], page: LivePage | None
+    ) -> None:
+        from bricksrl.data.collect import collect
+
+        def on_episode(episode: Collected) -> None:
+            report(episode)
+            if page is not None:
+                page.end(episode.return_, f"{episode.episode + 1}")
+                page.begin()
+
+        hooks: dict[str, Any] = {"driver": human}
+        if page is not None:
+            page.attach(env)
+            hooks = {"driver": human or page.driver, "on_frame": page.show_step_and_hold}
+        policy, reset_policy = self._policy(env, recorder.description)
+        hooks |= {"reset_policy": reset_policy, "on_episode": on_episode}
+        collect(env, policy, recorder, self.episodes, name=self.policy, seed=self.seed, hub=self.robot.hub, **hooks)
+
+    def _policy(self, env: EnvBase, description: Description) -> tuple[Policy, Callable[[], None]]:
+        """The policy, and the reset of its state."""
+        from bricksrl.data.collect import random_policy
+        from bricksrl.teleop.mapping import rest_action
+
+        if self.policy == "random":
+            return random_policy(env, self.seed), lambda: None
+        if self.policy in DEVICES:
+            resting = rest_action(description.action)
+            return lambda state: state.set("action", resting), lambda: None  # the robot rests while the human does not drive
+        from bricksrl.policies.sharing import is_policy, load_shared
+        from bricksrl.training import load_learner
+
+        path = Path(self.policy)
+        learner = load_shared(path, env) if is_policy(path) else load_learner(path, env).learner
+        return (learner.explore if self.explore else learner.exploit), learner.reset_policy

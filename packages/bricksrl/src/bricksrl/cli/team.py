@@ -1,0 +1,159 @@
+"""``bricksrl team``: train robots that share one world."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from tyro.conf import Positional, UseAppendAction
+
+from brickhub.cli.options import option, refuse_ignored, run_folder
+from brickhub.cli.terminal import Interrupted, load_learning, print_line
+from bricksrl.errors import RenderingUnavailableError, RunError, UnknownNameError, counted, percent
+from brickhub.files import check_writable, folder_with, quoted
+
+if TYPE_CHECKING:
+    from bricksrl.training.teams.team import Team, TeamConfig, TeamProgress
+
+TEAM_FILE, FILM_FILE = "team.bin", "film.mp4"
+_SIMULATED_FRAMES, _ARENA_FRAMES = 300_000, 10_000
+_EVALUATION_SEED = 7000
+_FILMED_EPISODES = 2
+_MAX_LINES = 20
+"""Maximum number of lines on the progress of a training."""
+
+
+@dataclass(frozen=True)
+class TrainTeam:
+    """Train robots that share one world, let them play, and film them.
+
+    They learn in a kinematic simulation of their arena or, with --copies 0 or without such a simulation, in the arena itself:
+    virtual hubs in one physics world, where they also play afterwards. The folder gets team.bin and, with OpenGL, a film.
+    Ctrl-C ends the training after the current round and keeps the team; another one ends at once.
+    Algorithms: mappo has a critic of the whole group, ippo a critic of each robot, sac learns from each robot independently.
+
+    Examples:
+      bricksrl team Tag-v0
+      bricksrl team Tag-v0 --agent sac --learn runner
+      bricksrl team --play runs/tag
+      bricksrl team Carry-v0
+    """
+
+    env: Annotated[Positional[str | None], option(metavar="ARENA")] = None
+    """Arena; `bricksrl list` shows them."""
+    agent: Annotated[Literal["mappo", "ippo", "sac"] | None, option(metavar="NAME")] = None
+    """Algorithm; by default ippo in the simulation, and sac, which needs fewer steps, in the arena itself."""
+    learn: Annotated[UseAppendAction[tuple[str, ...]], option(metavar="GROUP")] = ()
+    """Group of robots that learns; the others follow their scripts. May be repeated. By default the arena's first group."""
+    frames: Annotated[int | None, option(metavar="N")] = None
+    """Steps of all copies together; by default 300,000 in the simulation, 10,000 in the arena itself."""
+    copies: Annotated[int | None, option(metavar="N")] = None
+    """Copies of the simulation; 0 for the arena itself. By default 256 if there is a simulation."""
+    seed: Annotated[int, option(metavar="N")] = 0
+    """Seed of all random numbers: the same seed gives the same team."""
+    episodes: Annotated[int, option(metavar="N")] = 20
+    """Episodes to play after the training."""
+    run: Annotated[Path | None, option(metavar="DIR")] = None
+    """Folder to write to, which must not exist; by default runs/<arena>-<agent>-<seed>-<time>."""
+    play: Annotated[Path | None, option(metavar="DIR")] = None
+    """Play with the team of this folder instead of training one."""
+
+    def execute(self) -> None:
+        from bricksrl.envs.arenas import ARENAS
+        from bricksrl.training.teams.team import load_team
+
+        if self.episodes < 1:
+            raise RunError(f"episodes is {self.episodes}; give 1 or more")
+        if self.play is not None and self.env is not None:
+            raise RunError("a team that only plays has an arena; omit ARENA or --play")
+        if self.play is not None:
+            refuse_ignored(self, ("--play", "--seed", "--episodes"), "with --play")
+        load_learning()
+        if self.play is not None:
+            if not (self.play / TEAM_FILE).exists():
+                remedy = f"name {folder_with(self.play, TEAM_FILE)}, which `bricksrl team ARENA` writes"
+                raise RunError(f"there is no team in {self.play}; {remedy}")
+            self._play(load_team(self.play / TEAM_FILE), None)
+            return
+        if self.env is None:
+            raise RunError(f"name an arena to train in ({', '.join(ARENAS)}), or a folder to --play")
+        config = self.config(self.env)
+        folder = run_folder(self.run, self.env, next(iter(config.agents.values())), self.seed)
+        if folder.exists():
+            raise RunError(f"{folder} exists already; choose another folder with --run")
+        check_writable(folder / TEAM_FILE)
+        try:
+            self._play(self._train(config, folder), folder)
+        except KeyboardInterrupt:
+            raise Interrupted(_kept(folder)) from None
+
+    def _train(self, config: TeamConfig, folder: Path) -> Team:
+        from bricksrl.training.signals import StopSignals
+        from bricksrl.training.teams.team import train_team
+
+        learning = ", ".join(f"{group} by {agent}" for group, agent in config.agents.items())
+        print_line(f"{config.env}, seed {config.seed}: {learning}; {folder}")
+
+        lines = 0
+
+        def report(progress: TeamProgress) -> None:
+            nonlocal lines
+            if progress.episodes and progress.frames * _MAX_LINES >= (lines + 1) * config.frames:
+                lines = progress.frames * _MAX_LINES // config.frames
+                returns = "  ".join(f"{group} {value:.4g}" for group, value in progress.returns.items())
+                line = f"step {progress.frames}/{config.frames}  {counted(progress.episodes, 'episode')}  return {returns}"
+                print_line(f"{line}  success {percent(progress.success)}")
+
+        stop = threading.Event()
+        with StopSignals(stop) as signals:
+            team = train_team(config, on_progress=report, stop=stop)
+            with signals.held_back():
+                team.save(folder / TEAM_FILE)
+        if stop.is_set():
+            raise KeyboardInterrupt
+        return team
+
+    def config(self, env: str) -> TeamConfig:
+        """Configuration of the training. Raises UnknownNameError for an unknown arena or group."""
+        from bricksrl.envs.arenas import get_arena_task
+        from bricksrl.training.teams.team import TeamConfig
+
+        task = get_arena_task(env)
+        for group in self.learn:
+            if group not in task.groups:
+                raise UnknownNameError(f"{env} has no group '{group}'; choose {', '.join(task.groups)}")
+        learning = self.learn or tuple(task.groups)[:1]
+        scripts = {group: task.opponents.get(group, "random") for group in task.groups if group not in learning}
+        copies = self.copies if self.copies is not None else 0 if task.arena.loads else 256
+        default_frames = _SIMULATED_FRAMES if copies else _ARENA_FRAMES
+        frames = default_frames if self.frames is None else self.frames
+        agent = self.agent or ("ippo" if copies else "sac")
+        return TeamConfig(env, dict.fromkeys(learning, agent), scripts, frames, copies, self.seed)
+
+    def _play(self, team: Team, folder: Path | None) -> None:
+        from bricksrl.envs.arenas import make_arena
+        from bricksrl.evaluation.arena_film import film_arena
+        from bricksrl.training.teams.team import play_team
+
+        env = make_arena(team.config.env)
+        episodes = play_team(env, team.policy, self.episodes, _EVALUATION_SEED + self.seed)
+        succeeded = sum(episode.success for episode in episodes)
+        mean_steps = sum(episode.length for episode in episodes) / len(episodes)
+        count = counted(len(episodes), "episode")
+        print_line(f"success         {succeeded} of {count} in the arena, {mean_steps:.1f} steps on average")
+        if folder is not None:
+            print_line(f"team            {folder / TEAM_FILE}")
+            try:
+                film_arena(env, team.policy, folder / FILM_FILE, _FILMED_EPISODES, _EVALUATION_SEED)
+                print_line(f"film            {folder / FILM_FILE}")
+            except RenderingUnavailableError as error:
+                print_line(f"film            none: {error}")
+        env.close()
+
+
+def _kept(folder: Path) -> str:
+    """Text on what is saved of a training that ends now."""
+    saved = (folder / TEAM_FILE).exists()
+    return f"the team is in {folder}; `bricksrl team --play {quoted(folder)}` plays with it" if saved else "nothing was saved"

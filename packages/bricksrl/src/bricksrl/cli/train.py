@@ -1,0 +1,303 @@
+"""``bricksrl train`` and ``bricksrl resume``: train, evaluate, report."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from tyro.conf import Positional, UseAppendAction
+
+from brickhub.cli.options import Flag, PageFlag, option, refuse_ignored, run_folder
+from bricksrl.cli.page import LivePageGroup, PageAddress, run_on_page
+from bricksrl.cli.robot_flags import RobotFlags, RobotGroup
+from brickhub.cli.terminal import Interrupted, load_learning, print_line
+from bricksrl.errors import DescriptionError, RunError, StoppedError, counted
+from brickhub.files import only_writer, quoted
+
+if TYPE_CHECKING:
+    import numpy as np
+    from torchrl.envs import EnvBase
+
+    from bricksrl.cli.emergency_stop import EmergencyStop
+    from bricksrl.envs.rollout import Driver
+    from bricksrl.page.live import LivePage
+    from bricksrl.training import RunResult, TrainConfig
+    from bricksrl.training.callbacks import Callback
+
+_EVALUATED_EPISODES = 5
+_CONFIG_FIELDS = ("seed", "device", "compile", "num_envs", "robots", "eval_every", "eval_episodes", "stop_at", "log")
+"""Options that a `TrainConfig` has by the same name."""
+
+
+@dataclass(frozen=True)
+class Train:
+    """Train an agent on a robot, by default a virtual one.
+
+    The run folder gets the configuration, the metrics, a checkpoint, the learning curve, an evaluation and, with OpenGL, a video.
+    Ctrl-C ends the training early and keeps what was learned. In a terminal, space, q or Esc stops the robot at once, and p
+    pauses it; the signals SIGUSR1 and SIGTERM (Windows: Ctrl-Break) stop it too.
+
+    Examples:
+      bricksrl train RunAway-v0
+      bricksrl train Walker-v1 --page
+      bricksrl train Spinning-v0 --episodes 15 --seed 3 --run runs/spin
+      bricksrl train RunAway-v0 --preset paper
+      bricksrl train Walker-v0 --data datasets/walker
+      bricksrl train Walker-v0 --from runs/first
+      bricksrl train Walker-v0 --agent sac --from runs/bc --data datasets/walker
+      bricksrl train Walker-v0 --set learning_rate=3e-4 --set hidden=128,128
+      bricksrl train Walker-v0 --hub ble
+      bricksrl train Walker-v0 --hub ble:A,ble:B
+      bricksrl train RunAway-v0 --robots 4 --realtime
+      bricksrl train WalkerSim-v0 --seeds 5
+      bricksrl train WalkerSim-v0 --seeds 10 --on ray
+      bricksrl train WalkerSim-v0 --agent ppo --num-envs 1024
+      bricksrl train Walker-v0 --agent my_agent.py
+      bricksrl train --resume runs/spin
+    """
+
+    env: Annotated[Positional[str | None], option(metavar="ENV")] = None
+    """Environment; `bricksrl list` shows them. A task of your own: my_task.py, my_task.py:TASK or module:TASK."""
+    agent: Annotated[str | None, option(metavar="NAME")] = None
+    """Agent; `bricksrl list` shows them. An algorithm of your own: my_agent.py[:NAME]. Default: sac, or the agent of --from."""
+    episodes: Annotated[int | None, option(metavar="N")] = None
+    """Episodes to train for; the default depends on the environment."""
+    seed: Annotated[int, option(metavar="N")] = 0
+    """Seed of all random numbers: the same seed gives the same run."""
+    run: Annotated[Path | None, option(metavar="DIR")] = None
+    """Folder to write to, which must not exist; by default runs/<env>-<agent>-<seed>-<time>."""
+    page: PageFlag = False
+    changes: Annotated[UseAppendAction[tuple[str, ...]], option(name="set", metavar="NAME=VALUE")] = ()
+    """A single setting, such as learning_rate=3e-4 or hidden=128,128. May be repeated."""
+    preset: Annotated[str | None, option(metavar="NAME")] = None
+    """Settings of the agent: default, or paper for those of the BricksRL paper. Default: default, or the settings of --from."""
+    settings: Annotated[Path | None, option(metavar="FILE")] = None
+    """Settings that replace those of the preset: a JSON file such as `bricksrl tune` writes."""
+    data: Annotated[Path | None, option(metavar="DIR")] = None
+    """Learn from this dataset too: half of each batch is drawn from it."""
+    start: Annotated[Path | None, option(name="from", metavar="RUN")] = None
+    """Folder of a run to warm-start from: its agent continues to learn or, with another --agent, provides the initial policy."""
+    resume: Annotated[Path | None, option(metavar="RUN")] = None
+    """Resume this run, as `bricksrl resume` does, instead of starting a new one."""
+    seeds: Annotated[int | None, option(metavar="N")] = None
+    """Train N seeds, starting with --seed, in parallel, and summarise them."""
+    on: Annotated[str | None, option(metavar="WHERE")] = None
+    """Where to train the --seeds: ray, or ray:ADDRESS for a cluster (pip install 'bricksrl[distributed]')."""
+    num_envs: Annotated[int, option(metavar="N")] = 1
+    """Environments to train on in parallel: a simulation runs as one batch, virtual robots in one process each."""
+    robots: Annotated[int, option(metavar="N")] = 1
+    """Virtual robots that train one agent, each in its process; real ones are named by --hub, such as ble:A,ble:B."""
+    device: Annotated[Literal["cpu", "cuda", "mps", "auto"], option(metavar="NAME")] = "cpu"
+    """Device of networks, replay buffer and simulations: cpu, cuda, mps, or auto for the best available."""
+    compile: Flag = False
+    """Compile loss and gradients into one graph; slow to start, worth it for long runs."""
+    eval_every: Annotated[int, option(metavar="N")] = 0
+    """Evaluate after every N episodes, and keep the best checkpoint; 0 to do neither."""
+    eval_episodes: Annotated[int, option(metavar="N")] = 5
+    """Episodes of each of these evaluations."""
+    stop_at: Annotated[float | None, option(metavar="RETURN")] = None
+    """Stop when the mean return of the last five episodes, or of an evaluation with --eval-every, reaches this."""
+    take_over: Annotated[Literal["keyboard", "gamepad"] | None, option(metavar="DEVICE")] = None
+    """Let a human intervene with this device; the agent learns from these steps too, and the data marks them."""
+    no_record: Flag = False
+    """Do not record the transitions; by default they are a dataset in the run's folder data."""
+    log: Annotated[Literal["none", "tensorboard", "wandb", "trackio"], option(metavar="NAME")] = "none"
+    """Also log to tensorboard, wandb or trackio; metrics.csv is always written."""
+    asynchronous: Flag = False
+    """Learn in parallel with the robot, which never waits; the default on a real robot and with --realtime."""
+    synchronous: Flag = False
+    """Learn while the robot waits, even on a real robot; runs of a virtual robot are then reproducible."""
+    patience: Annotated[float, option(metavar="SECONDS")] = 300.0
+    """How long to retry when the link to a robot is lost."""
+    robot: RobotGroup = RobotFlags()
+    live_page: LivePageGroup = PageAddress()
+
+    def execute(self) -> None:
+        if self.resume is not None:
+            if self.env is not None:
+                raise DescriptionError("a run that is resumed has an environment; omit ENV or --resume")
+            refuse_ignored(self, ("--resume", "--episodes", "--page", "--page-host", "--page-port"), "with --resume")
+            Resume(self.resume, self.episodes, self.page, self.live_page).execute()
+            return
+        if self.env is None:
+            raise DescriptionError("name an environment to train in, or a run to --resume; `bricksrl list` shows environments")
+        address = self.live_page.shown(self.page)
+        if self.seeds is not None and (self.page or self.take_over is not None):
+            raise DescriptionError(
+                "several seeds have no page and nobody who takes over; omit --seeds, or --page and --take-over"
+            )
+        if self.eval_episodes != type(self).eval_episodes and not self.eval_every:
+            raise DescriptionError("--eval-episodes has no effect without --eval-every; omit it, or give both")
+        load_learning()  # algorithms are registered when their modules are imported
+        config = self.config(self.env)
+        if self.seeds is not None:
+            from bricksrl.cli.seeds import train_seeds
+
+            train_seeds(config, self.seeds, self.on)
+            return
+        if self.on is not None:
+            raise DescriptionError("a single run needs no cluster; give --seeds, or omit --on")
+        from bricksrl.training import train
+
+        if self.take_over is None:
+            run_training(partial(train, config), config, address)
+            return
+        from bricksrl.cli.teleop import driving
+        from bricksrl.envs import get_task
+
+        keys = False if self.take_over == "keyboard" else None  # all keys of a keyboard are for driving
+        with driving(self.take_over, self.env, get_task(self.env, **config.options), in_charge=False) as driver:
+            run_training(partial(train, config), config, address, driver=driver, keys=keys)
+
+    def config(self, env: str) -> TrainConfig:
+        """Configuration of the run from the flags."""
+        from bricksrl.cli.teleop import with_human
+        from bricksrl.envs.registry import training_episodes
+        from bricksrl.evaluation.settings_text import read_settings, with_changes
+        from bricksrl.training import RunFolder, TrainConfig
+        from bricksrl.training.config import settings_for
+        from bricksrl.training.offline import settings_like
+
+        if self.asynchronous and self.synchronous:
+            raise DescriptionError("a run is synchronous or asynchronous; choose one of the two")
+        source = None if self.start is None else RunFolder(self.start).read_config()
+        agent = self.agent if self.agent is not None else "sac" if source is None else source.agent
+        if source is not None and self.preset is None and source.agent == agent:
+            settings = source.settings
+        else:
+            settings = settings_for(env, "default" if self.preset is None else self.preset, agent)
+            settings = settings if source is None or source.agent == agent else settings_like(source, settings)
+        if self.settings is not None:
+            settings = read_settings(self.settings, settings)
+        options = self.robot.env_options()
+        return TrainConfig(
+            **vars(options if self.take_over is None else with_human(options, env)),
+            env=env,
+            agent=agent,
+            episodes=training_episodes(env) if self.episodes is None else self.episodes,
+            **{name: getattr(self, name) for name in _CONFIG_FIELDS},
+            record=not self.no_record,
+            asynchronous=True if self.asynchronous else False if self.synchronous else None,
+            patience_s=self.patience,
+            settings=with_changes(settings, self.changes),
+            data=None if self.data is None else str(self.data.absolute()),
+            start=None if self.start is None else str(self.start.absolute()),
+            run_dir=run_folder(self.run, env, agent, self.seed),
+        )
+
+
+@dataclass(frozen=True)
+class Resume:
+    """Resume an interrupted run, or train a finished one for longer.
+
+    Examples:
+      bricksrl resume runs/spin
+      bricksrl resume runs/spin --episodes 60
+    """
+
+    run: Annotated[Positional[Path], option(metavar="RUN")]
+    """Folder that `bricksrl train` wrote."""
+    episodes: Annotated[int | None, option(metavar="N")] = None
+    """Total number of episodes, including those already trained; by default as when the run was started."""
+    page: PageFlag = False
+    live_page: LivePageGroup = PageAddress()
+
+    def execute(self) -> None:
+        from bricksrl.training import RunFolder, resume
+
+        address, config = self.live_page.shown(self.page), RunFolder(self.run).read_config()
+        run_training(partial(resume, self.run, episodes=self.episodes), config, address)
+
+
+def run_training(
+    run: Callable[..., RunResult],
+    config: TrainConfig,
+    address: PageAddress | None,
+    *,
+    driver: Driver | None = None,
+    keys: bool | None = None,
+    can_drive: bool = True,
+) -> None:
+    """Run, evaluate and report a training with its displays, in the terminal and on an optional page.
+
+    Args:
+        run: `train` or `resume`, called with a callback and with ``place``, ``stop`` and ``driver``.
+        driver: a human who may take over; by default one at the page.
+        keys: as in :class:`EmergencyStop`.
+        can_drive: whether a human at the page may drive.
+    """
+    from bricksrl.cli.emergency_stop import EmergencyStop
+    from bricksrl.cli.progress import make_progress
+    from bricksrl.cli.teleop import quiet
+
+    progress, stop = make_progress(config.hub), threading.Event()
+    can_drive = can_drive and driver is None and config.num_envs == len(config.hubs) == 1
+
+    def place(rng: np.random.Generator) -> None:
+        with quiet(driver):
+            progress.place(rng)
+
+    try:
+        load_learning()
+        with (
+            run_on_page(address, config.env, config.options, on_stop=stop.set, can_drive=can_drive) as page,
+            EmergencyStop(stop, progress.note, keys=keys) as emergency_stop,
+        ):
+            progress.on_ready, progress.quiet = emergency_stop.attach, emergency_stop.quiet
+            callback: Callback = progress
+            if page is not None:
+                from bricksrl.page.training import PageCallback
+                from bricksrl.training.callbacks import CallbackList
+
+                callback, driver = CallbackList(progress, PageCallback(page, stop)), driver or page.driver
+            result = run(callback, place=place, stop=stop, driver=driver)
+            progress.close()
+            if not result.interrupted:
+                with only_writer(result.run_dir, RunError):
+                    _report(result, emergency_stop, page)
+                return
+    except (KeyboardInterrupt, StoppedError):  # before or after the training, or a second time during it
+        pass
+    finally:
+        progress.close()
+    raise Interrupted(progress.saved())
+
+
+def _report(result: RunResult, emergency_stop: EmergencyStop, page: LivePage | None) -> None:
+    """Evaluate, film, and print the paths of the results."""
+    from bricksrl.cli.evaluate import describe
+    from bricksrl.cli.page import show_file
+    from bricksrl.cli.video import report
+    from bricksrl.evaluation import evaluate
+    from bricksrl.training import RunFolder
+
+    last = result.episodes[-1]
+    print_line(f"trained {counted(last.episode, 'episode')}, {counted(last.steps, 'step')}, in {last.seconds:.0f} s")
+    if result.caught_up:
+        print_line(
+            f"learning made {result.updates_per_step:.3g} updates a step while the robot was at work, {result.caught_up} after it"
+        )
+
+    def on_env(env: EnvBase) -> None:
+        emergency_stop.attach(env)
+        if page is not None:
+            page.board.update_status(state="evaluating")
+            page.attach(env)
+
+    print_line("evaluating")
+    evaluation = evaluate(result.run_dir, episodes=_EVALUATED_EPISODES, save=False, on_env=on_env, place=emergency_stop.place)
+    for line in describe(evaluation):
+        print_line(line)
+    evaluation.save()
+    if page is not None:
+        page.finish(f"Done. `bricksrl play {quoted(result.run_dir)} --page` shows what it has learned.")
+    summary, video = report(result, evaluation)
+    print_line(f"learning curve  {RunFolder(result.run_dir).curve_path}")
+    print_line(f"video           {video}")
+    print_line(f"report          {summary}")
+    print_line(f"more episodes   bricksrl evaluate {quoted(result.run_dir)} --episodes 20")
+    show_file(summary)

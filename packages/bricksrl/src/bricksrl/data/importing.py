@@ -1,0 +1,191 @@
+"""Import of the paper's datasets: folders of memory-mapped tensors, as the released code saved its replay buffers.
+
+A folder holds ``meta.json`` with shapes and types, one ``.memmap`` file of plain numbers for each tensor, and the same below
+``next``. Only these are read; nothing is unpickled.
+
+The released code differs from the paper in orders and ranges, which is undone here: angles from -180 to 179 become 0 to 360; the
+Walker's actions are ordered left front, left back, right front, right back; the RoboArm's angles and goals grab, high, low,
+rotation. Some versions of its Walker report an acceleration instead of the distance: the channel is then renamed. Time limits
+were stored like any other end; here they become truncations.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bricksrl.data.edit import write_dataset
+from bricksrl.data.episode import About, Step, new_episode
+from bricksrl.data.schema import describe_task
+from brickhub.entry import Entry
+from bricksrl.errors import DataError
+
+if TYPE_CHECKING:
+    from bricksrl.data.episode_index import Index
+    from bricksrl.data.schema import Description
+    from bricksrl.envs.task import Task
+
+_TYPES = {
+    "torch.float32": np.float32,
+    "torch.float64": np.float64,
+    "torch.int64": np.int64,
+    "torch.bool": np.bool_,
+    "torch.uint8": np.uint8,
+}
+_MAX_META_BYTES = 1_000_000
+Arrays = dict[str, NDArray[Any]]
+
+
+_ORDERS = {
+    "Walker-v0": ([0, 1, 2, 3, 4, 5, 6], [0, 2, 1, 3]),
+    "RoboArm-v0": ([3, 2, 1, 0, 7, 6, 5, 4], [0, 1, 2, 3]),
+    "RunAway-v0": ([0, 1, 2, 3, 4], [0]),
+    "Spinning-v0": ([0, 1, 2, 3, 4, 5], [0, 1]),
+}
+"""Columns of the released code's observations and actions, in our order, by environment."""
+
+
+@dataclass(frozen=True)
+class Imported:
+    """Imported dataset: its source, its new folder and its index."""
+
+    source: Path
+    out: Path
+    index: Index
+
+
+def import_paper(source: Path, out: Path, *, env: str | None = None) -> list[Imported]:
+    """Import one of the paper's datasets into ``out``, or all below a folder, each into a subfolder of ``out``. Raises DataError
+    if there is no dataset, one is damaged, or ``out`` exists.
+
+    Args:
+        env: environment of the datasets; by default inferred from the names of the folders.
+    """
+    folders = [path.parent for path in sorted(source.rglob("meta.json")) if (path.parent / "next").is_dir()]
+    if not folders:
+        raise DataError(f"there is no dataset of memory-mapped tensors in {source}; choose a folder with a meta.json and a next")
+    imported = []
+    for folder in folders:
+        task = env or _task_of(folder)
+        policy = "expert" if "expert" in folder.name else "random" if "random" in folder.name else folder.name
+        target = out if folder == source else out / f"{task}-{policy}"
+        imported.append(Imported(folder, target, _import_one(folder, target, task, policy)))
+    return imported
+
+
+def _task_of(folder: Path) -> str:
+    for part in reversed(folder.resolve().parts):
+        for env in _ORDERS:
+            if env.removesuffix("-v0").lower() in part.lower():
+                return env
+    raise DataError(f"the names of {folder} do not tell which task it is of; say it: --env {' or '.join(_ORDERS)}")
+
+
+def _import_one(folder: Path, out: Path, env: str, policy: str) -> Index:
+    from bricksrl.envs import get_task
+
+    if env not in _ORDERS:
+        raise DataError(f"the paper has no dataset of {env}; choose one of {', '.join(_ORDERS)}")
+    task, action_order = get_task(env), _ORDERS[env][1]
+    current, after = read_tensors(folder), read_tensors(folder / "next")
+    observation = _observations(current, task, folder)
+    action = _rows(current, "action", folder)
+    next_observation = _observations(after, task, folder / "next")
+    reward, done = (_rows(after, name, folder / "next").reshape(-1) for name in ("reward", "done"))
+    rows = {len(observation), len(next_observation), len(action), len(reward), len(done)}
+    if len(rows) != 1 or action.shape[1] != len(action_order):
+        raise DataError(f"{folder} holds tensors of shapes that are not those of {env}; name its task with --env")
+    done = done.astype(bool)
+    # Where the next row does not continue this one, an episode ended too.
+    jumps = np.append(~np.isclose(observation[1:], next_observation[:-1], equal_nan=True).all(axis=1), True)
+    ends = np.flatnonzero(done | jumps)
+    lengths = np.diff(ends, prepend=-1)
+    terminated, truncated = np.zeros_like(done), np.zeros_like(done)
+    terminated[ends] = done[ends] & (lengths < task.max_steps)
+    truncated[ends] = ~terminated[ends]
+    columns = (observation, action[:, action_order], reward.tolist(), next_observation, terminated.tolist(), truncated.tolist())
+    steps = [Step(*row) for row in zip(*columns, strict=True)]
+    description = _description(task, observation)
+    episodes = (
+        new_episode(steps[end + 1 - length : end + 1], About(policy=policy, whole=bool(done[end])), description)
+        for end, length in zip(ends, lengths, strict=True)
+    )
+    return write_dataset(out, description, episodes)
+
+
+def _rows(arrays: Arrays, name: str, folder: Path) -> NDArray[Any]:
+    """A tensor as ``[N, n]``. Raises DataError if there is none, or it has no rows or numbers that are none."""
+    if name not in arrays:
+        raise DataError(f"{folder} has no tensor {name}; it is not a dataset of the paper")
+    array = arrays[name]
+    with np.errstate(all="ignore"):
+        is_finite = np.isfinite(array.astype(np.float32)).all()
+    if not is_finite:
+        raise DataError(f"{folder} has numbers in its tensor {name} that are none, or too large; restore it from a copy")
+    if array.size == 0 or array.ndim == 0:
+        raise DataError(f"{folder} has no steps in its tensor {name}; restore it from a copy")
+    return array.reshape(len(array), -1)
+
+
+def _observations(arrays: Arrays, task: Task, folder: Path) -> NDArray[np.float32]:
+    """Observations ``[N, n]`` in our order and ranges."""
+    names = ["observation", "goal_observation"] if task.id == "RoboArm-v0" else ["observation"]
+    parts = [_rows(arrays, name, folder) for name in names]
+    order, width = _ORDERS[task.id][0], sum(part.shape[1] for part in parts)
+    if width != len(order):
+        raise DataError(f"{folder} observes {width} numbers and {task.id} has {len(order)}; name its task with --env")
+    if len({len(part) for part in parts}) != 1:
+        raise DataError(f"{folder} has observations and goals of different numbers of steps; restore it from a copy")
+    ordered: NDArray[np.float32] = np.concatenate(parts, axis=1).astype(np.float32)[:, order]
+    wraps = [entry.wraps for entry in task.entries]
+    ordered[:, wraps] %= 360.0
+    return ordered
+
+
+def _description(task: Task, observation: NDArray[np.float32]) -> Description:
+    """Description of the task, with the last channel renamed where the released code reports an acceleration in it."""
+    description = describe_task(task)
+    last, values = description.observation[-1], observation[:, -1]
+    if last.name == "distance" and ((values < 0).any() or (values > 2000).any()):
+        acceleration = Entry("acceleration_x", unit="mm/s^2")
+        description = replace(description, observation=(*description.observation[:-1], acceleration))
+    return description
+
+
+def read_tensors(folder: Path) -> Arrays:
+    """Read the tensors of one folder, by name, as plain numbers. Raises DataError if ``meta.json`` or a file is missing, damaged
+    or of the wrong size."""
+    meta = folder / "meta.json"
+    try:
+        if meta.stat().st_size > _MAX_META_BYTES:
+            raise DataError(f"{meta} is too large for what it should hold; it is not of the paper")
+        tensors = json.loads(meta.read_bytes())
+    except OSError as error:
+        raise DataError(f"cannot read {meta} ({error.strerror}); choose a folder with memory-mapped tensors") from None
+    except (ValueError, RecursionError):
+        raise DataError(f"{meta} is not JSON; restore it from a copy") from None
+    if not isinstance(tensors, dict):
+        raise DataError(f"{meta} describes no tensors; restore it from a copy")
+    described = {name: entry for name, entry in tensors.items() if isinstance(entry, dict) and {"dtype", "shape"} <= entry.keys()}
+    return {name: _read_tensor(folder, name, entry) for name, entry in described.items()}
+
+
+def _read_tensor(folder: Path, name: str, entry: dict[str, Any]) -> NDArray[Any]:
+    dtype, shape = _TYPES.get(str(entry["dtype"])), entry["shape"]
+    is_shape = isinstance(shape, list) and len(shape) <= 8 and all(type(side) is int and side >= 0 for side in shape)
+    if dtype is None or not is_shape or not name.isidentifier():
+        raise DataError(f"{folder / 'meta.json'} describes a tensor '{name}' that is not of the paper; restore it from a copy")
+    path = folder / f"{name}.memmap"
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise DataError(f"cannot read {path} ({error.strerror}); restore it from a copy") from None
+    if len(data) != math.prod(shape) * np.dtype(dtype).itemsize:
+        raise DataError(f"{path} has {len(data)} bytes, which is not what its meta.json says; restore it from a copy")
+    return np.frombuffer(data, dtype).reshape(shape).copy()

@@ -1,0 +1,114 @@
+"""Sharing of datasets and policies on the Hugging Face hub.
+
+``HF_ENDPOINT`` selects another server. A download is checked before it is moved to its folder, and nothing in it is executed: a
+policy is a safetensors file and two JSON files.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bricksrl.data.cards import dataset_card
+from bricksrl.data.episode_index import dataset_folder
+from bricksrl.data.integrity import check
+from bricksrl.data.layout import CODEBASE_VERSION
+from bricksrl.data.summary import summarise
+from bricksrl.errors import DataError, message_of
+from brickhub.files import FULL, atomic_folder, refuse_existing, writing
+
+if TYPE_CHECKING:
+    from huggingface_hub import HfApi
+
+CARD = "README.md"
+_FILES = ["meta/**", "data/**", "videos/**"]
+
+
+def push_dataset(path: Path, repo: str, *, private: bool = False, licence: str = "mit") -> str:
+    """Upload a dataset to the hub, with a generated card and the version tag that LeRobot requires; returns its address. Raises
+    DataError if the dataset is not intact, huggingface_hub is not installed, or the hub is out of reach or refuses.
+
+    Args:
+        repo: name of the repository, as ``name/dataset``.
+        licence: of the data, for the card, by the hub's name for it.
+    """
+    root = dataset_folder(path)
+    faults = check(root)
+    if faults:
+        raise DataError(f"{root} is not sound: {faults[0]}; see `bricksrl data check {root}`")
+    card = dataset_card(summarise(root), licence)
+    with hub_client(repo) as api:
+        api.create_repo(repo, repo_type="dataset", private=private, exist_ok=True)
+        hidden = "*/.*"
+        api.upload_folder(repo_id=repo, repo_type="dataset", folder_path=str(root), allow_patterns=_FILES, ignore_patterns=hidden)
+        api.upload_file(path_or_fileobj=card.encode(), path_in_repo=CARD, repo_id=repo, repo_type="dataset")
+        api.create_tag(repo, tag=CODEBASE_VERSION, repo_type="dataset", exist_ok=True)
+        return f"{api.endpoint}/datasets/{repo}"
+
+
+def pull_dataset(repo: str, out: Path, *, revision: str | None = None) -> Path:
+    """Download a dataset from the hub into the folder ``out``. Raises DataError if ``out`` exists, there is no such dataset of
+    BricksRL, it is damaged, or the hub is out of reach.
+
+    Args:
+        revision: branch, tag or commit; by default the newest.
+    """
+    with downloaded(repo, "dataset", out, [*_FILES, CARD], revision) as folder:
+        faults = [line for line in check(folder) if "is not a file of a dataset" not in line]
+        if faults:
+            raise DataError(
+                f"{repo} is not sound: {faults[0].replace(str(folder), repo)}; ask its owner, or take another revision"
+            )
+    return out
+
+
+@contextmanager
+def downloaded(repo: str, repo_type: str, out: Path, patterns: list[str], revision: str | None) -> Iterator[Path]:
+    """Download a repository into a temporary folder, which is renamed to ``out`` on success and removed on an error."""
+    refuse_existing(out, DataError)
+    with atomic_folder(out) as folder, writing(out):
+        with hub_client(repo) as api:
+            api.snapshot_download(
+                repo, repo_type=repo_type, revision=revision, local_dir=str(folder), allow_patterns=patterns, max_workers=2
+            )
+        shutil.rmtree(folder / ".cache", ignore_errors=True)
+        yield folder
+
+
+@contextmanager
+def hub_client(repo: str) -> Iterator[HfApi]:
+    """Client of the hub; its errors inside this context are translated into ours. Raises DataError if huggingface_hub is not
+    installed, the hub is out of reach, or it refuses."""
+    try:
+        from huggingface_hub import HfApi, errors
+        from huggingface_hub.utils.tqdm import disable_progress_bars
+    except ImportError as error:
+        raise DataError("no huggingface_hub is here to share with; install it: pip install 'bricksrl[data]'") from error
+    disable_progress_bars()
+    transport_error: type[Exception] = vars(errors)["HTTPError"]  # its HTTP client differs between versions
+    api = HfApi(endpoint=os.environ.get("HF_ENDPOINT"))
+    try:
+        yield api
+    except errors.LocalTokenNotFoundError:
+        raise DataError("the hub does not know who you are; log in with `hf auth login`, or set HF_TOKEN") from None
+    except errors.HFValidationError:
+        raise DataError(f"'{repo}' is not a name on the hub; give one like name/dataset") from None
+    except (errors.RepositoryNotFoundError, errors.RevisionNotFoundError):
+        raise DataError(f"the hub shows no {repo} to you; check its name and revision, or log in with `hf auth login`") from None
+    except errors.HfHubHTTPError as error:
+        raise DataError(_refusal(repo, error)) from None
+    except (errors.OfflineModeIsEnabled, transport_error, OSError) as error:
+        if isinstance(error, OSError) and (error.errno in FULL or error.filename is not None):
+            raise  # of a file
+        raise DataError(f"the hub at {api.endpoint} cannot be reached ({message_of(error)}); try again with a network") from None
+
+
+def _refusal(repo: str, error: Any) -> str:
+    status = getattr(getattr(error, "response", None), "status_code", None)
+    if status in (401, 403):
+        return f"the hub does not let you at {repo}; log in with `hf auth login` or set HF_TOKEN, as somebody who may"
+    return f"the hub refuses {repo} ({message_of(error)}); try again later"

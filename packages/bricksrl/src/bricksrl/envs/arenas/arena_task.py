@@ -1,0 +1,153 @@
+"""Task of several robots: an arena, interfaces, and pure functions of tensors. Importing this loads no torch.
+
+All functions are batched: a state has poses ``[*batch, things, 3]`` of the robots and then of the loads; values of the robots
+have the shape ``[*batch, robots, n]``.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from brickhub.entry import Entry
+from bricksrl.errors import DescriptionError, hint
+from brickhub.fields import check_arguments, check_fields
+from brickhub.hub.interface import Interface, RunAngle
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from bricktwin.twin.arena import Arena
+
+
+@dataclass(frozen=True)
+class ArenaState:
+    """State of an arena.
+
+    Attributes:
+        poses: ``[*batch, things, 3]``: x and y in metres, and the heading in radians, counter-clockwise, 0 along x.
+        moved: ``[*batch, robots, 2]``: turn of the left and the right wheel in the last step, as a share of the largest command.
+    """
+
+    poses: Tensor
+    moved: Tensor
+
+
+@dataclass(frozen=True)
+class ArenaTask:
+    """A task of several robots. Raises DescriptionError if the parts do not fit.
+
+    Attributes:
+        id: name and version, such as ``"Tag-v0"``.
+        doc: the description; its first line is the summary.
+        interfaces: interface of each of the arena's robots, with `RunAngle` of the left and of the right wheel, equally far
+            back and forth, and the `MotorAngle` of both.
+        groups: names of the robots that learn together, by group; each robot is in one. By default the first group learns.
+        max_steps: steps after which an episode is truncated.
+        entries: entries of each robot's observation.
+        observe: maps a state to the observations, ``[*batch, robots, n]``.
+        reward: maps the states before and after a step to the rewards, ``[*batch, robots, 1]``.
+        terminated: maps a state to ``[*batch, 1]`` bool.
+        success: maps the state after the last step to ``[*batch, 1]`` bool.
+        scripts: hand-written policies by name, from an observation ``[*batch, n]`` of one robot to its action ``[*batch, 2]``.
+        opponents: script of each group while it does not learn, or several separated by commas for the copies in turn.
+    """
+
+    id: str
+    doc: str
+    arena: Arena
+    interfaces: tuple[Interface, ...]
+    groups: Mapping[str, tuple[str, ...]]
+    max_steps: int
+    entries: tuple[Entry, ...]
+    observe: Callable[[ArenaState], Tensor]
+    reward: Callable[[ArenaState, ArenaState], Tensor]
+    terminated: Callable[[ArenaState], Tensor]
+    success: Callable[[ArenaState], Tensor]
+    scripts: Mapping[str, Callable[[Tensor], Tensor]] = field(default_factory=dict)
+    opponents: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        from bricktwin.twin.arena import Arena  # an arena has loaded it
+
+        check_fields(ArenaTask, vars(self), Tensor=Any, Arena=Arena)
+        for name, arguments in _ARGUMENTS.items():
+            check_arguments(f"{name} of {self.id}", getattr(self, name), arguments)
+        for name, script in self.scripts.items():
+            check_arguments(f"script '{name}' of {self.id}", script, ("observation",))
+        if re.fullmatch(r"\w+-v\d+", self.id) is None:
+            raise DescriptionError(f"'{self.id}' is not an id for a task; take a name and a version, such as 'Tag-v0'")
+        names = [robot.name for robot in self.arena.robots]
+        if len(self.interfaces) != len(names):
+            raise DescriptionError(f"task {self.id} has {len(names)} robots and {len(self.interfaces)} interfaces; give one each")
+        if sorted(name for group in self.groups.values() for name in group) != sorted(names):
+            raise DescriptionError(f"task {self.id}: each of {', '.join(names)} belongs to one group; name it there once")
+        self._check_opponents()
+        for interface in self.interfaces:
+            turns = [command for command in interface.commands if isinstance(command, RunAngle) and command.low == -command.high]
+            wheels = [turn.motor for turn in turns]
+            if wheels != ["left", "right"] or len(interface.commands) > 2 or set(interface.angle_indices) != set(wheels):
+                wanted = "RunAngle of the left and of the right wheel, as far back as forth, and the MotorAngle of both"
+                raise DescriptionError(f"task {self.id}: each robot needs {wanted}")
+
+    def _check_opponents(self) -> None:
+        known = ("random", *self.scripts)
+        for group, opponents in self.opponents.items():
+            if group not in self.groups:
+                raise DescriptionError(
+                    f"task {self.id}: opponents names '{group}', which is no group{hint(group, self.groups)}; name one that is"
+                )
+            for name in opponents.split(","):
+                if name not in known:
+                    raise DescriptionError(f"task {self.id}: there is no script '{name}'; choose {', '.join(known)}")
+
+    @property
+    def robots(self) -> tuple[str, ...]:
+        """Names of the robots, in the arena's order."""
+        return tuple(robot.name for robot in self.arena.robots)
+
+    @property
+    def summary(self) -> str:
+        """The first line of the description."""
+        return self.doc.strip().partition("\n")[0]
+
+    def places(self, group: str) -> list[int]:
+        """Indices of a group's robots among all robots."""
+        return [self.robots.index(name) for name in self.groups[group]]
+
+
+_ARGUMENTS = {"observe": ("state",), "reward": ("before", "after"), "terminated": ("state",), "success": ("state",)}
+"""Arguments of the functions of a task."""
+
+
+def seen_from(poses: Tensor, viewer: int, seen: int) -> Tensor:
+    """Pose of a thing in a robot's frame, ``[*batch, 4]``: metres ahead and to the left, cosine and sine of the difference of
+    their headings."""
+    import torch
+
+    x, y, heading = (poses[..., viewer, i] for i in range(3))
+    dx, dy = poses[..., seen, 0] - x, poses[..., seen, 1] - y
+    turn = poses[..., seen, 2] - heading
+    ahead, left = dx * heading.cos() + dy * heading.sin(), dy * heading.cos() - dx * heading.sin()
+    return torch.stack((ahead, left, turn.cos(), turn.sin()), -1)
+
+
+def own_pose(poses: Tensor, robot: int) -> Tensor:
+    """Pose of a robot in the arena, ``[*batch, 4]``: x, y, and cosine and sine of its heading."""
+    import torch
+
+    x, y, heading = (poses[..., robot, i] for i in range(3))
+    return torch.stack((x, y, heading.cos(), heading.sin()), -1)
+
+
+def steer_towards(ahead: Tensor, left: Tensor, speed: float = 1.0) -> Tensor:
+    """Action ``[*batch, 2]`` that turns a robot on two wheels towards a direction in its frame, and drives on as far as it faces
+    it."""
+    import torch
+
+    angle = torch.atan2(left, ahead)
+    forward, turn = speed * angle.cos().clamp_min(0.0), (1.5 * angle).clamp(-1.0, 1.0) * 0.6
+    action = torch.stack((forward - turn, forward + turn), -1)
+    return action / action.abs().amax(-1, keepdim=True).clamp_min(1.0)

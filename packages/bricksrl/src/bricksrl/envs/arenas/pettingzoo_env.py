@@ -1,0 +1,150 @@
+"""Arenas in PettingZoo's parallel API (the extra ``arenas``)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import torch
+from gymnasium.spaces import Box
+from gymnasium.utils.seeding import np_random
+from numpy.typing import NDArray
+from tensordict import TensorDict
+
+from bricksrl.envs.arenas.arena_registry import make_arena
+from bricksrl.errors import RunError, UnknownOptionError, hint
+
+if TYPE_CHECKING:
+    from bricksrl.envs.arenas.arena_env import ArenaEnv
+    from bricksrl.envs.arenas.arena_task import ArenaTask
+    from bricktwin.twin.render.opengl import Renderer
+
+try:
+    from pettingzoo import ParallelEnv
+except ImportError:
+    raise RunError("PettingZoo is not installed; run `pip install 'bricksrl[arenas]'`") from None
+
+Array = NDArray[np.float32]
+_RENDER_MODES = ("rgb_array",)
+_SIZE_PX = (480, 360)
+
+
+class ArenaParallelEnv(ParallelEnv):  # type: ignore[misc]
+    """Several robots of an arena, by their names.
+
+    Args:
+        env: a name of `bricksrl.envs.arenas.ARENAS`, or a task of your own.
+        render_mode: ``None``, or ``"rgb_array"`` to draw the arena.
+        named: keyword arguments of `make_arena`, without ``batch_size`` and ``device``.
+
+    Attributes:
+        state_space: space of `state`.
+        np_random: generator of wrappers, such as SuperSuit's, that draw from their environment's; the robots have their own.
+    """
+
+    def __init__(self, env: str | ArenaTask, render_mode: str | None = None, **named: Any) -> None:
+        if named.get("batch_size"):
+            raise UnknownOptionError("PettingZoo's arenas are single ones; omit batch_size, or use make_arena")
+        if render_mode not in (None, *_RENDER_MODES):
+            given = f"{render_mode!r}{hint(str(render_mode), _RENDER_MODES)}"
+            raise UnknownOptionError(f"an arena has no render_mode {given}; choose {' or '.join(_RENDER_MODES)}, or omit it")
+        self._env: ArenaEnv = make_arena(env, **named)
+        task = self._env.task
+        fps = round(1000.0 / (task.interfaces[0].settle.fixed_ms or 1000.0))
+        self.metadata = {
+            "name": task.id,
+            "is_parallelizable": True,
+            "render_modes": list(_RENDER_MODES),
+            "render_fps": max(1, fps),
+        }
+        self.render_mode = render_mode
+        self._renderer: Renderer | None = None
+        self.possible_agents = list(task.robots)
+        self.agents: list[str] = []
+        low, high = np.array([entry.bounds for entry in task.entries], np.float32).T
+        self.observation_spaces = {name: Box(low, high) for name in task.robots}
+        self.state_space = Box(np.tile(low, len(task.robots)), np.tile(high, len(task.robots)))
+        self.action_spaces = {name: Box(-1.0, 1.0, (2,), np.float32) for name in task.robots}
+        self._state: Any = None
+        self.np_random, _ = np_random(named.get("seed"))
+
+    def observation_space(self, agent: str) -> Box:
+        """Space of a robot's observation."""
+        return self.observation_spaces[agent]
+
+    def action_space(self, agent: str) -> Box:
+        """Space of a robot's action."""
+        return self.action_spaces[agent]
+
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Array], dict[str, dict[str, Any]]]:
+        """Start an episode, reproducibly with a seed."""
+        if seed is not None:
+            self._env.set_seed(seed)
+            self._close_renderer()  # the new seed has a world of its own
+            self.np_random, _ = np_random(seed)
+        self._state = self._env.reset()
+        self.agents = list(self.possible_agents)
+        return self._per_robot(self._state, "observation"), {name: {} for name in self.agents}
+
+    def step(
+        self, actions: dict[str, Array]
+    ) -> tuple[dict[str, Array], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
+        """One step of all robots; the episode ends for all at once. Infos say whether a link broke, and whether the task's aim is
+        reached. Raises RunError without an episode, or an action of each."""
+        task = self._env.task
+        if set(actions) != set(self.agents) or not self.agents:
+            raise RunError(f"{task.id} got actions of {', '.join(actions) or 'none'}; reset it, then give one of each agent")
+        for group, names in task.groups.items():
+            group_actions = torch.tensor(np.stack([actions[name] for name in names]), dtype=torch.float32)
+            self._state[group, "action"] = group_actions
+        out = self._env.step(TensorDict(self._state))["next"]
+        self._state = out.exclude("terminated", "truncated", "done")
+        info = {name: bool(out[name]) for name in ("link_lost", "success")}
+        rewards = {name: float(value[0]) for name, value in self._per_robot(out, "reward").items()}
+        ends = [dict.fromkeys(self.agents, bool(out[name])) for name in ("terminated", "truncated")]
+        infos: dict[str, dict[str, Any]] = {name: dict(info) for name in self.agents}
+        observations = self._per_robot(out, "observation")
+        if bool(out["done"]):
+            self.agents = []
+        return observations, rewards, ends[0], ends[1], infos
+
+    def state(self) -> Array:
+        """What all robots observe, in the order of `possible_agents`, for critics that see everything. Raises RunError before the
+        first episode."""
+        if self._state is None:
+            raise RunError(f"{self._env.task.id} has no state before its first episode; reset it first")
+        return np.concatenate(list(self._per_robot(self._state, "observation").values()))
+
+    def _per_robot(self, tensordict: Any, name: str) -> dict[str, Array]:
+        values = {}
+        for group, names in self._env.task.groups.items():
+            for robot, value in zip(names, tensordict[group, name].unbind(0), strict=True):
+                values[robot] = value.numpy().copy()
+        return {robot: values[robot] for robot in self._env.task.robots}
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """Image of the arena from above, uint8 ``[height, width, 3]``; ``None`` without a render mode. Raises
+        RenderingUnavailableError if OpenGL is missing."""
+        if self.render_mode is None:
+            return None
+        if self._renderer is None:
+            from bricktwin.twin.render.opengl import Renderer
+
+            self._renderer = Renderer(self._env.world.bodies[0], *_SIZE_PX, "arena")
+        return self._renderer.render()
+
+    def close(self) -> None:
+        """Stop all robots. May be called twice."""
+        self._close_renderer()
+        self._env.close(raise_if_closed=False)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Pickled without an episode, as the arena is."""
+        return {**self.__dict__, "agents": [], "_state": None, "_renderer": None}
+
+    def _close_renderer(self) -> None:
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None

@@ -1,0 +1,168 @@
+"""A 2Wheeler catches another one, which is a little slower, between four walls.
+
+Both start at random places of a floor of 1.6 by 1.6 m, at least 0.6 m apart. An action turns the two wheels for 250 ms, without
+waiting; the runner's wheels turn three quarters as far as the catcher's. The robots' positions come from the simulation, in place
+of a camera overhead, and the turns of the wheels from their hubs.
+
+## Action (of each robot)
+
+| Num | Action | Min | Max | Drives from | Drives to | Unit |
+|-----|--------|-----|-----|-------------|-----------|------|
+| 0   | left   | -1  | 1   | -150        | 150       | deg  |
+| 1   | right  | -1  | 1   | -150        | 150       | deg  |
+
+## Observation (of each robot)
+
+| Num | Observation      | Min  | Max | Unit                                     |
+|-----|------------------|------|-----|------------------------------------------|
+| 0-1 | x, y             | -0.8 | 0.8 | m                                        |
+| 2-3 | heading_cos, _sin| -1   | 1   | 1                                        |
+| 4-5 | other_ahead, _left | -2.3 | 2.3 | m, seen from the robot                 |
+| 6-7 | other_cos, _sin  | -1   | 1   | 1, heading of the other one against its own |
+| 8-9 | left_moved, right_moved | -2 | 2 | share of the widest command          |
+
+## Reward
+
+The catcher gets ten times the metres by which it came nearer and 5 when it catches the runner; the runner gets the opposite.
+
+## End of an episode
+
+| End        | When                                            |
+|------------|-------------------------------------------------|
+| terminated | the middles of the axles are within 0.2 m       |
+| truncated  | after 80 steps, or when the link to a robot breaks |
+
+The catcher succeeds when it catches the runner.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from brickhub.entry import Entry
+from bricksrl.envs.arenas.arena_task import ArenaState, ArenaTask, own_pose, seen_from, steer_towards
+from brickhub.hub.interface import Interface, MotorAngle, RunAngle, Wait
+from bricktwin.robots import TWO_WHEELER
+from bricktwin.twin.arena import Arena, Contestant, Place
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+HALF_M = 0.8
+CAUGHT_M = 0.2
+CATCHER, RUNNER = 0, 1
+STEP_MS = 250
+_TRAVEL_DEG = (150.0, 112.0)
+_SPEED_DEG_S = 900
+_STEP_M = (0.073, 0.055)
+"""Largest travel of the catcher and the runner in a step, with wheels of 56 mm."""
+_TURN_RAD = 0.7
+"""Approximate angle by which the runner turns in place in a step, including acceleration."""
+_REACH_M = 0.73
+"""Largest distance of a robot from the middle along x and y; the walls are at 0.8 m."""
+_DIRECTIONS, _LOOK_STEPS = 16, 16
+_CATCH_REWARD = 5.0
+_REWARD_PER_M = 10.0
+
+ENTRIES = (
+    *(Entry(name, -HALF_M, HALF_M, "m") for name in ("x", "y")),
+    *(Entry(f"heading_{name}", -1.0, 1.0) for name in ("cos", "sin")),
+    *(Entry(f"other_{name}", -2.3, 2.3, "m") for name in ("ahead", "left")),
+    *(Entry(f"other_{name}", -1.0, 1.0) for name in ("cos", "sin")),
+    *(Entry(f"{name}_moved", -2.0, 2.0) for name in ("left", "right")),
+)
+
+
+def distance_m(state: ArenaState) -> Tensor:
+    """Distance of the two robots, ``[*batch, 1]``."""
+    apart = state.poses[..., CATCHER, :2] - state.poses[..., RUNNER, :2]
+    length_m: Tensor = apart.norm(dim=-1, keepdim=True)
+    return length_m
+
+
+def observe(state: ArenaState) -> Tensor:
+    """Observations of catcher and runner, ``[*batch, 2, 10]``."""
+    import torch
+
+    views = [
+        torch.cat((own_pose(state.poses, robot), seen_from(state.poses, robot, other), state.moved[..., robot, :]), -1)
+        for robot, other in ((CATCHER, RUNNER), (RUNNER, CATCHER))
+    ]
+    return torch.stack(views, -2)
+
+
+def caught(state: ArenaState) -> Tensor:
+    """True if the runner is caught; bool ``[*batch, 1]``."""
+    near: Tensor = distance_m(state) <= CAUGHT_M
+    return near
+
+
+def reward(before: ArenaState, after: ArenaState) -> Tensor:
+    """Rewards of catcher and runner, ``[*batch, 2, 1]``; their sum is 0."""
+    import torch
+
+    gain = _REWARD_PER_M * (distance_m(before) - distance_m(after)) + _CATCH_REWARD * caught(after)
+    return torch.stack((gain, -gain), -2)
+
+
+def flee(observation: Tensor) -> Tensor:
+    """The runner's script, ``[*batch, 10]`` to ``[*batch, 2]``. Of 16 directions it takes the one in which it is caught latest by
+    a catcher that drives straight at it, if it turns there first, drives on and slides along the walls."""
+    import torch
+
+    start, cos, sin = observation[..., 0:2], observation[..., 2], observation[..., 3]
+    ahead, left = observation[..., 4], observation[..., 5]
+    angles = torch.arange(_DIRECTIONS, device=observation.device) * (2.0 * math.pi / _DIRECTIONS)
+    directions = torch.stack((angles.cos(), angles.sin()), -1)
+    catcher = start + torch.stack((ahead * cos - left * sin, ahead * sin + left * cos), -1)
+    runner, catcher = (position.unsqueeze(-2).expand(*position.shape[:-1], _DIRECTIONS, 2) for position in (start, catcher))
+    alignment = torch.stack((cos, sin), -1) @ directions.T
+    turn_steps = alignment.clamp(-1.0, 1.0).arccos() / _TURN_RAD  # steps until it faces that way
+    free, score = torch.ones_like(turn_steps), torch.zeros_like(turn_steps)
+    for step in range(1, _LOOK_STEPS + 1):
+        driven = _STEP_M[RUNNER] * (step - turn_steps).clamp(0.0, 1.0)
+        runner = (runner + driven.unsqueeze(-1) * directions).clamp(-_REACH_M, _REACH_M)
+        gap = runner - catcher
+        gap_m = gap.norm(dim=-1)
+        catcher = catcher + gap * (_STEP_M[CATCHER] / gap_m.clamp_min(_STEP_M[CATCHER])).unsqueeze(-1)
+        free = free * (gap_m > CAUGHT_M + _STEP_M[CATCHER])
+        score = score + free * (1.0 + gap_m)
+    direction = directions[score.argmax(-1)]
+    return steer_towards(direction[..., 0] * cos + direction[..., 1] * sin, direction[..., 1] * cos - direction[..., 0] * sin)
+
+
+def chase(observation: Tensor) -> Tensor:
+    """The catcher's script: drive straight at the runner; ``[*batch, 10]`` to ``[*batch, 2]``."""
+    return steer_towards(observation[..., 4], observation[..., 5])
+
+
+def _interface(travel_deg: float) -> Interface:
+    commands = tuple(RunAngle(name, -travel_deg, travel_deg, _SPEED_DEG_S) for name in ("left", "right"))
+    return Interface(commands=commands, channels=(MotorAngle("left"), MotorAngle("right")), settle=Wait(STEP_MS))
+
+
+_ANYWHERE = Place((-0.6, 0.6), (-0.6, 0.6), (-180.0, 180.0))
+
+TAG = ArenaTask(
+    id="Tag-v0",
+    doc=__doc__,
+    arena=Arena(
+        robots=(
+            Contestant("catcher", TWO_WHEELER, _ANYWHERE, (0.85, 0.15, 0.1)),
+            Contestant("runner", TWO_WHEELER, _ANYWHERE, (0.1, 0.3, 0.85)),
+        ),
+        half_size_m=(HALF_M, HALF_M),
+        gap_m=0.6,
+    ),
+    interfaces=tuple(_interface(travel_deg) for travel_deg in _TRAVEL_DEG),
+    groups={"catcher": ("catcher",), "runner": ("runner",)},
+    max_steps=80,
+    entries=ENTRIES,
+    observe=observe,
+    reward=reward,
+    terminated=caught,
+    success=caught,
+    scripts={"flee": flee, "chase": chase},
+    opponents={"catcher": "chase", "runner": "flee,random"},
+)

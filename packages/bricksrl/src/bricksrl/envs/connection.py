@@ -1,0 +1,88 @@
+"""Connection of an environment to its robot, and reconnection after the link broke."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bricksrl.errors import HubError
+from brickhub.hub.errors import HubNotFoundError, MediumUnavailableError
+
+if TYPE_CHECKING:
+    from bricksrl.envs.odometry import Odometer
+    from bricksrl.envs.vision.camera import Camera
+    from brickhub.hub.link.lockstep import HubLink
+    from brickhub.virtual.transport import VirtualHub
+
+_FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.5, 15.0
+
+Placement = Callable[[np.random.Generator], None]
+"""Places the robot at the start of an episode: a virtual robot is moved by a method, a real one by a person."""
+
+
+@dataclass(frozen=True)
+class Connection:
+    """A connected robot.
+
+    Attributes:
+        link: link to the hub; the environment opens and closes it.
+        place: places the robot at the start of an episode; called at every reset, while the link is open.
+        odometer: measures the distance travelled.
+        twin: the virtual hub, for rendering; ``None`` for a real robot.
+        camera: source of images, for a task with a camera.
+    """
+
+    link: HubLink
+    place: Placement
+    odometer: Odometer
+    twin: VirtualHub | None = None
+    camera: Camera | None = None
+
+
+@dataclass
+class Reconnect:
+    """Reconnection after the link broke: at once, then with exponential backoff. An error that lasts until a person acts, such as
+    Bluetooth that is switched off, is raised at once if the robot has never answered.
+
+    Attributes:
+        patience_s: time to retry before the error is raised; 0 raises it at once.
+        wait: sleeps for a number of seconds; may raise.
+        on_error: called with each error of a step or a reset.
+    """
+
+    patience_s: float = 0.0
+    wait: Callable[[float], object] = time.sleep
+    on_error: Callable[[HubError], None] = lambda _: None
+    _has_answered: bool = False
+    _error: HubError | None = None
+    _since_s: float = 0.0
+    _tries: int = 0
+
+    def answered(self, *, to_step: bool) -> None:
+        """Record an answer of the robot. After an error, only an answer to a step counts as recovery, not one to a reset."""
+        self._has_answered = True
+        if to_step or self._error is None:
+            self._error, self._tries = None, 0
+
+    def failed(self, error: HubError) -> None:
+        """Record that the link broke in a step or a reset. Raises the error if trying again is useless."""
+        if not self._has_answered and isinstance(error, MediumUnavailableError | HubNotFoundError) and error.reason.is_lasting:
+            self._tries = 0
+            raise error
+        self.on_error(error)
+        self._since_s = time.monotonic() if self._error is None else self._since_s
+        self._error = error
+
+    def before_try(self) -> None:
+        """Wait until the next reset may be tried. Raises the last HubError once ``patience_s`` is used up."""
+        if self._error is not None and self._tries:
+            pause_s = min(_FIRST_PAUSE_S * 2.0 ** (self._tries - 1), _LONGEST_PAUSE_S)
+            if time.monotonic() + pause_s - self._since_s >= self.patience_s:
+                error, self._error, self._tries = self._error, None, 0
+                raise error
+            self.wait(pause_s)
+        self._tries += 1

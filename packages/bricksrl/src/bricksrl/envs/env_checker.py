@@ -1,0 +1,199 @@
+"""Checker of environments and tasks: one finding for each part of an environment's contract."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from typing import TYPE_CHECKING
+
+from bricksrl.envs.registry import get_task, make
+from bricksrl.envs.task import Task
+from bricksrl.envs.user_files import line_of_user
+from bricksrl.errors import BricksError, RenderingUnavailableError
+from brickhub.finding import Finding, Outcome
+
+if TYPE_CHECKING:
+    from tensordict import TensorDictBase
+
+_STEPS = 5
+_SEED = 7
+
+
+class Broken(Exception):
+    """A failed check; the message says what is wrong."""
+
+
+class Skip(Exception):
+    """A check that does not apply; the message says why."""
+
+
+def check_env(env_id: str) -> Iterator[Finding]:
+    """Check a task and, on the virtual hub or in its simulation, the environment made of it. Raises UnknownNameError or
+    DescriptionError if there is no such task.
+
+    Args:
+        env_id: as :func:`bricksrl.make` takes it.
+    """
+    task = get_task(env_id)
+    yield from run_checks(
+        {
+            "description": lambda: _description(task),
+            "functions": lambda: _functions(task),
+            "hub program": lambda: _program(task),
+            "specs": lambda: _specs(env_id),
+            "reset": lambda: _reset(env_id),
+            "determinism": lambda: _determinism(env_id),
+            "twin": lambda: _twin(env_id),
+        }
+    )
+
+
+def run_checks(checks: dict[str, Callable[[], str]]) -> Iterator[Finding]:
+    """Run checks by name: each returns its result as text, or raises `Broken` or `Skip`."""
+    first_checks: dict[str, str] = {}
+    for name, check in checks.items():
+        try:
+            yield Finding(name, Outcome.OK, check())
+        except (Skip, RenderingUnavailableError) as reason:
+            yield Finding(name, Outcome.SKIPPED, str(reason))
+        except Exception as error:  # noqa: BLE001 - any error of the user's functions is a finding
+            error_type = "" if isinstance(error, (Broken, BricksError)) else f"{type(error).__name__}: "
+            line = "" if isinstance(error, (Broken, BricksError)) else line_of_user(error)
+            text = " ".join(f"{error_type}{error}{line}".split())
+            first = first_checks.setdefault(text, name)
+            yield Finding(name, Outcome.ERROR, text if first == name else f"the same as in {first}")
+
+
+def table(doc: str, heading: str) -> list[list[str]]:
+    """Rows of the table below a heading of a description, without its header; empty if there is none."""
+    section = doc.partition(f"## {heading}\n")[2].partition("\n## ")[0]
+    rows = [line for line in section.splitlines() if line.startswith("|")]
+    return [[cell.strip() for cell in row.strip("|").split("|")] for row in rows[2:]]
+
+
+def _description(task: Task) -> str:
+    if not task.summary:
+        raise Broken("the description is empty; say in one line what is to be learned")
+    headings = [heading for heading in ("Action", "Observation", "End of an episode") if table(task.doc, heading)]
+    if not headings:
+        raise Skip("it has no tables of action, observation and end")
+    actions = [
+        (str(number), command.name, -1.0, 1.0, command.low, command.high, command.unit)
+        for number, command in enumerate(task.interface.commands)
+    ]
+    entries = [(str(number), entry.name, entry.low, entry.high, entry.unit) for number, entry in enumerate(task.entries)]
+    for heading, expected in (("Action", actions), ("Observation", entries)):
+        rows = [
+            tuple(_number(cell) if 2 <= i < len(row) - 1 else cell for i, cell in enumerate(row))
+            for row in table(task.doc, heading)
+        ]
+        if heading in headings and rows != expected:
+            wrong = next((row for row, right in zip(rows, expected, strict=False) if row != right), f"{len(rows)} rows")
+            raise Broken(f"the table of the {heading.lower()} does not fit the task at {wrong}")
+    ends = [row[1] for row in table(task.doc, "End of an episode") if row[0] == "truncated"]
+    if "End of an episode" in headings and ends != [f"after {task.max_steps} steps"]:
+        raise Broken(f"the table of ends does not say: truncated, after {task.max_steps} steps")
+    return f"the tables ({', '.join(headings).lower()}) fit the task"
+
+
+def _number(cell: str) -> float | str:
+    try:
+        return float(cell)
+    except ValueError:
+        return cell
+
+
+def _program(task: Task) -> str:
+    from brickhub.hub.program.compile import compile_program, program_blob
+    from brickhub.hub.program.generate import generate
+    from brickhub.hub.program.lint import require_clean
+
+    program = generate(task.robot, task.interface)
+    require_clean(program.source, task.robot.hub)
+    size = len(program_blob(compile_program(program), task.robot.hub))
+    return f"{size} of the {task.robot.hub.value} hub's {task.robot.hub.model.program_bytes} bytes"
+
+
+def _specs(env_id: str) -> str:
+    from torchrl.envs import check_env_specs
+
+    with closing(make(env_id, seed=_SEED)) as env:
+        with warnings.catch_warnings(action="ignore"):
+            check_env_specs(env, seed=_SEED)
+        return f"observation {list(env.observation_spec['observation'].shape)}, action {list(env.action_spec.shape)}"
+
+
+def _reset(env_id: str) -> str:
+    import torch
+
+    with closing(make(env_id, seed=_SEED)) as env:
+        first = env.reset()["observation"]
+        again = env.reset()["observation"]
+    for observation in (first, again):
+        if not bool(torch.isfinite(observation).all()):
+            raise Broken(f"the observation holds {observation.tolist()}; all entries have to be numbers")
+    return f"twice, the observation starts with {[round(value, 1) for value in first.tolist()[:4]]}"
+
+
+def _determinism(env_id: str) -> str:
+    first, second = _rollout(env_id), _rollout(env_id)
+    if first.shape != second.shape or not bool((first == second).all()):
+        raise Broken("the same seed and actions gave another episode; draw random numbers in sampled entries only")
+    return f"the same seed and actions repeat {first.shape[0]} steps bit for bit"
+
+
+def _rollout(env_id: str) -> TensorDictBase:
+    """A few random steps, the same on every call."""
+    import torch
+
+    with closing(make(env_id, seed=_SEED)) as env, torch.random.fork_rng(devices=[]):
+        torch.manual_seed(_SEED)
+        return env.rollout(_STEPS)
+
+
+def _twin(env_id: str) -> str:
+    import torch
+
+    with closing(make(env_id, seed=_SEED)) as env:
+        if getattr(env, "twin", None) is None:
+            raise Skip("it is simulated without a robot")
+        state = env.reset()
+        started_s, before = env.twin.now_s(), state["observation"]
+        changed = torch.zeros_like(before, dtype=torch.bool)
+        for value in (1.0, 0.0, -1.0, 0.5, 0.5):
+            state["action"] = torch.full(env.action_spec.shape, value)
+            stepped, state = env.step_and_maybe_reset(state)
+            changed |= stepped["next", "observation"] != before
+        elapsed_s = env.twin.now_s() - started_s
+    if not bool(changed.any()):
+        raise Broken("nothing that it observes changed in five steps; let the observation show what the commands do")
+    return f"five steps in {elapsed_s:.2f} simulated seconds, {int(changed.sum())} of {len(changed)} entries changed"
+
+
+def _functions(task: Task) -> str:
+    """Check that reward, ends, success and metrics return the documented shapes and types on a batch."""
+    import torch
+
+    generator, steps = torch.Generator().manual_seed(_SEED), _STEPS
+    low, high = (torch.tensor([getattr(entry, end) for entry in task.task_entries]) for end in ("low", "high"))
+    before, after = low + (high - low) * torch.rand((2, steps, len(low)), generator=generator)
+    action = 2 * torch.rand((steps, len(task.interface.commands)), generator=generator) - 1
+    shapes = {
+        "reward": (task.reward(before, action, after), (steps, 1)),
+        "terminated": (task.terminated(after), (steps, 1)),
+        "blocked": (task.blocked(after), (steps, 1)),
+        "success": (task.success(torch.stack((after, after))), (2,)),
+        **{name: (value, (2,)) for name, value in task.metrics(torch.stack((after, after))).items()},
+    }
+    for name, (value, shape) in shapes.items():
+        if not isinstance(value, torch.Tensor):
+            raise Broken(f"{name} is no tensor but {type(value).__name__}; compute it from the observations")
+        if tuple(value.shape) != shape:
+            raise Broken(f"{name} has the shape {list(value.shape)} for observations of {steps} steps; give {list(shape)}")
+    if not bool(torch.isfinite(shapes["reward"][0]).all()):
+        raise Broken("the reward is not always a number")
+    flags = [name for name in ("terminated", "blocked", "success") if shapes[name][0].dtype is not torch.bool]
+    if flags:
+        raise Broken(f"{', '.join(flags)} is not bool; compare")
+    return f"{', '.join(shapes)} have the right shapes"

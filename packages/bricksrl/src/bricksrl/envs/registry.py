@@ -1,0 +1,308 @@
+"""Registry of environments. Importing it imports neither torch nor MuJoCo; making an environment does."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import logging
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from bricksrl.envs import user_files
+from bricksrl.envs.arenas.arena_registry import ARENAS
+from bricksrl.envs.kinematics import Kinematics
+from bricksrl.envs.options import EnvOptions
+from bricksrl.envs.task import Task
+from bricksrl.envs.tasks.line_follow import LINE_FOLLOW
+from bricksrl.envs.tasks.park import PARK
+from bricksrl.envs.tasks.robo_arm import robo_arm
+from bricksrl.envs.tasks.robo_arm_mixed import robo_arm_mixed
+from bricksrl.envs.tasks.run_away import RUN_AWAY
+from bricksrl.envs.tasks.spinning import SPINNING
+from bricksrl.envs.tasks.walker import walker
+from bricksrl.envs.tasks.walker_forward import WALKER_FORWARD
+from bricksrl.errors import DescriptionError, UnknownNameError, UnknownOptionError, hint
+from brickhub.fields import check_value
+from brickhub.hub.transport import Transport
+from brickhub.hub.transports.address import parse_hub
+from brickhub.robot import Robot
+from brickhub.seed import check_seed
+from bricktwin.twin.make_body import check_mujoco, make_body
+
+if TYPE_CHECKING:
+    import numpy as np
+    from torchrl.envs import EnvBase
+
+    from bricksrl.envs.connection import Placement
+    from bricksrl.envs.env import HubEnv
+    from brickhub.hub.link.lockstep import HubLink
+    from brickhub.hub.transports.pybricks_hub import ProfileTransport
+
+_log = logging.getLogger(__name__)
+
+Calibration = Callable[[Robot], Robot]
+
+
+@dataclass(frozen=True)
+class _Spec:
+    """A registered environment.
+
+    Attributes:
+        build: makes the task from its options.
+        kinematics: parameters of its kinematic simulation; ``None`` where a robot, real or virtual, runs the task.
+        episodes: default length of a training run: the paper's budget, where it has one.
+        note: difference from other environments of the same task.
+    """
+
+    build: Callable[..., Task]
+    kinematics: Kinematics | None = None
+    episodes: int = 40
+    note: str = ""
+
+
+_SIMULATED = " (simulated without a hub, thousands at once)"
+_BUILT_IN = {
+    "LineFollow-v0": _Spec(lambda: LINE_FOLLOW, episodes=30),
+    "Park-v0": _Spec(lambda: PARK, episodes=30),
+    "RunAway-v0": _Spec(lambda: RUN_AWAY),
+    "Spinning-v0": _Spec(lambda: SPINNING, episodes=15),
+    "Walker-v0": _Spec(functools.partial(walker, "Walker-v0"), episodes=75),
+    "Walker-v1": _Spec(lambda: WALKER_FORWARD, episodes=75),
+    "WalkerSim-v0": _Spec(functools.partial(walker, "WalkerSim-v0"), Kinematics(noise=0.1), episodes=75, note=_SIMULATED),
+    "WalkerSim-v1": _Spec(
+        functools.partial(walker, "WalkerSim-v1"),
+        Kinematics(noise=0.02, motion="firmware"),
+        episodes=75,
+        note=f"{_SIMULATED[:-1]}; legs turn as the firmware turns them)",
+    ),
+    "RoboArm-v0": _Spec(functools.partial(robo_arm, "RoboArm-v0"), episodes=250),
+    "RoboArm_mixed-v0": _Spec(functools.partial(robo_arm_mixed, "RoboArm_mixed-v0"), episodes=250),
+    "RoboArmSim-v0": _Spec(functools.partial(robo_arm, "RoboArmSim-v0"), Kinematics(noise=0.05), episodes=250, note=_SIMULATED),
+}
+_specs = dict(_BUILT_IN)
+
+
+def make(
+    env_id: str,
+    options: EnvOptions | None = None,
+    *,
+    seed: int | None = None,
+    batch_size: int | Sequence[int] = 0,
+    device: str = "cpu",
+    kinematics: Kinematics | None = None,
+    place: Placement | None = None,
+    **named: Any,
+) -> EnvBase:
+    """Make an environment: ``make("RoboArm-v0", hub="ble", sparse=True)``.
+
+    Pickling it, unless it is a real robot's, makes a fresh one with the same options and seed; without a seed, with another one.
+
+    Args:
+        env_id: one of :func:`list_envs`, or the location of a user's task: ``"my_task.py:TASK"``, ``"module:TASK"``.
+        options: connection, physics and task options.
+        seed: seed of all random numbers; the same seed and actions give the same episodes, bit for bit.
+        batch_size, device: for a kinematic simulation: number of copies (``8``, or ``[8]`` as in TorchRL), 0 for one without a
+            batch dimension; and the device of its tensors.
+        kinematics: for a kinematic simulation: parameters in place of the environment's.
+        place: places a real robot at the start of an episode and returns when it is there; by default the log asks for it.
+        named: single fields of :class:`EnvOptions` by name, such as ``hub`` and ``realtime``, and options of the task, such as
+            ``sparse`` and ``threshold_deg`` of the RoboArm.
+
+    Raises:
+        UnknownNameError: there is no such environment or no such kind of hub.
+        RunError: there is no such device.
+        DescriptionError: the environment has no such option, its steps have no fixed time and cannot be streamed, or the seed
+            is invalid.
+    """
+    check_seed(seed)
+    check_value("options", options, EnvOptions | None)
+    options = (options or EnvOptions()).env_options.changed(**named)
+    address = parse_hub(options.hub)
+    spec = _spec(env_id)
+    task = _build(env_id, spec, options.options)
+    check_mujoco()  # TorchRL imports it, whatever the environment
+    if spec.kinematics is not None:
+        if replace(options, options={}) != EnvOptions():
+            raise DescriptionError(f"{env_id} is simulated without a robot; omit hub, realtime, physics and the like")
+        from bricksrl.envs.simulation import SimulatedEnv
+
+        simulation = SimulatedEnv(task, kinematics or spec.kinematics, batch_size=batch_size, device=device, seed=seed)
+        simulation.remake = functools.partial(make, env_id, options, batch_size=batch_size, device=device, kinematics=kinematics)
+        return simulation
+    if batch_size or device != "cpu" or kinematics is not None:
+        raise DescriptionError(f"{env_id} is one robot; omit batch_size, device and kinematics")
+    if address.is_virtual:
+        env = _virtual_env(task, options, seed)
+        env.remake = functools.partial(make, env_id, options)
+        return env
+    if options.realtime or options.physics_or_draw is not None:
+        raise DescriptionError("a real robot has its own time and physics; omit realtime and physics")
+    if "calibration" not in options.options:
+        task = _with_saved_red(task)
+    return _real_env(task, options, address.transport(), seed, place)
+
+
+def _link(task: Task, options: EnvOptions, transport: Transport, calibrate: Calibration | None = None) -> HubLink:
+    from brickhub.hub.link.lockstep import HubLink
+    from brickhub.hub.link.streaming import StreamingLink
+
+    link_type = StreamingLink if options.streaming else HubLink
+    return link_type(transport, task.robot, task.interface, pipe=options.pipe, calibrate=calibrate)
+
+
+def _virtual_env(task: Task, options: EnvOptions, seed: int | None) -> HubEnv:
+    from bricksrl.envs.connection import Connection
+    from bricksrl.envs.env import HubEnv
+    from bricksrl.envs.odometry import SonarOdometer, TrueOdometer
+    from bricksrl.envs.vision.camera import TwinCamera
+    from brickhub.virtual.transport import VirtualHub
+
+    def connect(twin_seed: int) -> Connection:
+        body = make_body(task.robot, scene=task.scene, physics=options.physics_or_draw, seed=twin_seed)
+        twin = VirtualHub(body, realtime=options.realtime)
+        pose = getattr(body, "pose", None)
+        odometer = SonarOdometer(task.interface) if pose is None else TrueOdometer(pose)
+        camera = None if task.camera is None else TwinCamera(body, task.camera)
+        return Connection(_link(task, options, twin), twin.reset, odometer, twin, camera)
+
+    return HubEnv(task, connect, seed=seed)
+
+
+def _with_saved_red(task: Task) -> Task:
+    """The task with the saved color calibration of its camera, if there is one."""
+    from bricksrl.envs.vision.color_calibration import saved_red
+
+    view = task.camera
+    if view is None or view.goal is None:
+        return task
+    red = saved_red(view.device)
+    return task if red is None else replace(task, camera=replace(view, goal=replace(view.goal, red=red)))
+
+
+def _real_env(task: Task, options: EnvOptions, transport: ProfileTransport, seed: int | None, place: Placement | None) -> HubEnv:
+    from bricksrl.envs.connection import Connection
+    from bricksrl.envs.env import HubEnv
+    from bricksrl.envs.odometry import SonarOdometer
+    from bricksrl.envs.vision.camera import VideoCamera
+    from brickhub.hub.diagnostics.calibration import calibration_of
+
+    def ask_to_place(_rng: np.random.Generator) -> None:
+        _log.warning("%s: put the robot where an episode starts", task.id)
+
+    camera = None if task.camera is None else VideoCamera(task.camera)
+    calibrate = calibration_of(lambda: transport.identity.address if transport.identity else "")
+    link = _link(task, options, transport, calibrate)
+    connection = Connection(link, place or ask_to_place, SonarOdometer(task.interface), camera=camera)
+    return HubEnv(task, lambda _seed: connection, seed=seed)
+
+
+def is_simulation(env_id: str) -> bool:
+    """Whether an environment is a batched kinematic simulation. Raises UnknownNameError if there is no such environment."""
+    return _spec(env_id).kinematics is not None
+
+
+def training_episodes(env_id: str) -> int:
+    """Default number of training episodes of an environment. Raises UnknownNameError if there is no environment of that name."""
+    return _spec(env_id).episodes
+
+
+def list_envs() -> dict[str, str]:
+    """Summary of each environment, in one line, by id."""
+    return {env_id: _build(env_id, spec, {}).summary + spec.note for env_id, spec in sorted(_specs.items())}
+
+
+def get_task(env_id: str, **options: Any) -> Task:
+    """The task of an environment. Raises UnknownNameError if there is no environment of that name, UnknownOptionError if it has
+    no such option."""
+    return _build(env_id, _spec(env_id), options)
+
+
+def options_of(env_id: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Those of the options that an environment has. Raises UnknownNameError if there is no environment of that name."""
+    unknown = _unknown(_spec(env_id), options)
+    return {name: value for name, value in options.items() if name not in unknown}
+
+
+def _unknown(spec: _Spec, options: Iterable[str]) -> list[str]:
+    """Names of the options that an environment does not have."""
+    parameters = inspect.signature(spec.build).parameters
+    takes_all = any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters.values())
+    return [] if takes_all else [name for name in options if name not in parameters]
+
+
+def _build(env_id: str, spec: _Spec, options: dict[str, Any]) -> Task:
+    if unknown := _unknown(spec, options):
+        parameters = inspect.signature(spec.build).parameters
+        known = f"it has {', '.join(parameters)}" if parameters else "it has no options at all"
+        python_message = f"unexpected keyword argument '{unknown[0]}'"
+        raise UnknownOptionError(f"{env_id} has no option {unknown[0]}; {known} ({python_message})")
+    try:
+        return spec.build(**options)
+    except TypeError as error:
+        raise DescriptionError(f"{env_id} cannot be made with {options} ({error}); see its description") from error
+
+
+def _spec(env_id: str) -> _Spec:
+    check_value("env_id", env_id, str)
+    if user_files.is_reference(env_id):
+        return _Spec(_with_own_id(user_files.load_builder(env_id)))
+    try:
+        return _specs[env_id]
+    except KeyError:
+        if env_id in ARENAS:
+            message = f"{env_id} has several robots; train it with `bricksrl team {env_id}`, make it with bricksrl.make_arena"
+            raise UnknownNameError(message) from None
+        known = sorted(_specs)
+        message = f"there is no environment '{env_id}'{hint(env_id, known)}; choose one of {', '.join(known)}"
+        raise UnknownNameError(message) from None
+
+
+def _with_own_id(build: Callable[..., Task]) -> Callable[..., Task]:
+    """A builder of a user's task that rejects the id of a different built-in task."""
+
+    @functools.wraps(build)
+    def checked(**options: Any) -> Task:
+        task = build(**options)
+        _check_id(task)
+        return task
+
+    return checked
+
+
+def _check_id(task: Task) -> None:
+    built_in = _BUILT_IN[task.id].build() if task.id in _BUILT_IN else None
+    parts = ("doc", "robot", "interface", "max_steps", "scene")
+    if built_in is not None and any(getattr(built_in, part) != getattr(task, part) for part in parts):
+        raise DescriptionError(f"{task.id} comes with BricksRL; give your task another name or version")
+
+
+def register(task: Task) -> None:
+    """Register a task by its id for :func:`make` and, as ``bricksrl/<id>``, for Gymnasium. Raises DescriptionError if the id is
+    one of the environments that come with BricksRL.
+
+    Registering the same id again replaces the earlier task.
+    """
+    check_value("task", task, Task)
+    if task.id in _BUILT_IN:
+        raise DescriptionError(f"{task.id} comes with BricksRL; give your task another name or version")
+    _specs[task.id] = _Spec(lambda: task)
+    if "gymnasium" in sys.modules:
+        register_with_gymnasium((task.id,))
+
+
+def register_with_gymnasium(env_ids: Iterable[str] | None = None) -> None:
+    """Register environments, by default all, with Gymnasium as ``bricksrl/<id>``; called when Gymnasium is imported."""
+    import gymnasium
+
+    for env_id in _specs if env_ids is None else env_ids:
+        gym_id = f"bricksrl/{env_id}"
+        gymnasium.registry.pop(gym_id, None)
+        gymnasium.register(
+            id=gym_id,
+            entry_point="bricksrl.envs.gymnasium:GymnasiumEnv",
+            vector_entry_point="bricksrl.envs.gymnasium:GymnasiumVectorEnv" if _specs[env_id].kinematics else None,
+            max_episode_steps=get_task(env_id).max_steps,
+            kwargs={"env_id": env_id},
+        )

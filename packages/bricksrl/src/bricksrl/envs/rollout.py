@@ -1,0 +1,186 @@
+"""Rollout: the one episode loop of training, evaluation, recording and filming."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Protocol
+
+import torch
+
+from bricksrl.envs.task import metrics_of, success_of
+from brickhub.seed import derive_seed
+
+if TYPE_CHECKING:
+    from tensordict import TensorDictBase
+    from torch import Tensor
+    from torchrl.envs import EnvBase
+
+Policy = Callable[["TensorDictBase"], "TensorDictBase"]
+"""A TorchRL policy: writes "action" ``[m]``, in -1..1, into the environment's tensordict."""
+
+
+class Driver(Protocol):
+    """A human, or a program in place of one, that may override the policy's action."""
+
+    def __call__(self, observation: Tensor) -> Tensor | None:
+        """Action ``[m]`` in -1..1 for an observation ``[n]``, or ``None`` to leave this step to the policy."""
+
+
+def play(
+    env: EnvBase,
+    policy: Policy,
+    start: TensorDictBase | None = None,
+    *,
+    driver: Driver | None = None,
+    reset_policy: Callable[[], None] = lambda: None,
+) -> Iterator[TensorDictBase]:
+    """Play one episode and yield its frames, as ``EnvBase.step`` returns them: observation and action, and "next" the outcome.
+    Raises HubError if the robot cannot be reached at the start of the episode.
+
+    Args:
+        start: the output of a reset; without it the environment is reset.
+        driver: asked first at each step; "intervention" then tells whether the action was the driver's.
+        reset_policy: called when the next observation does not follow from the policy's last action: at the start of the
+            episode, and when the driver chose an action.
+    """
+    state = env.reset() if start is None else start
+    reset_policy()
+    done = False
+    while not done:
+        driver_action = None if driver is None else driver(state["observation"])
+        if driver_action is not None:
+            reset_policy()
+        state = policy(state) if driver_action is None else state.set("action", driver_action)
+        if driver is not None:
+            state["intervention"] = torch.tensor(driver_action is not None)
+        frame = env.step(state)
+        done = bool(frame["next", "done"])
+        yield frame
+        state = env.step_mdp(frame)
+
+
+def seed_episode(env: EnvBase, seed: int, purpose: str, episode: int) -> None:
+    """Seed the next episode of ``env`` so that it depends only on these arguments and the actions.
+
+    An interrupted run can therefore resume exactly, without saving any state of the environment.
+    """
+    # many environments seed torch's global generator here, which the policy draws from: restore it
+    state = torch.get_rng_state()
+    env.set_seed(derive_seed(seed, purpose, episode))
+    torch.set_rng_state(state)
+
+
+def link_lost(frame: TensorDictBase) -> bool:
+    """Whether the link to the robot broke in a frame, which then has no valid outcome."""
+    lost = frame["next"].get("link_lost", None)
+    return lost is not None and bool(lost)
+
+
+@dataclass
+class Rollout:
+    """Rewards, actions and observations of an episode, collected frame by frame.
+
+    Attributes:
+        rewards: one per step.
+        action_sizes: mean absolute value of each step's action, in 0..1.
+        observations: the observation ``[n]`` after each step.
+        is_lost: whether the link to the robot broke; that frame does not count.
+    """
+
+    rewards: list[float] = field(default_factory=list)
+    action_sizes: list[float] = field(default_factory=list)
+    observations: list[Tensor] = field(default_factory=list)
+    is_lost: bool = False
+
+    def add(self, frame: TensorDictBase) -> None:
+        """Add a frame."""
+        if link_lost(frame):
+            self.is_lost = True
+            return
+        self.rewards.append(float(frame["next", "reward"]))
+        self.action_sizes.append(float(frame["action"].abs().mean()))
+        self.observations.append(frame["next", "observation"])
+
+    @property
+    def action_size(self) -> float:
+        """Mean absolute value of the actions, in 0..1."""
+        return sum(self.action_sizes) / max(1, len(self.action_sizes))
+
+    @property
+    def return_(self) -> float:
+        """Sum of the rewards."""
+        return float(torch.tensor(self.rewards).sum())
+
+    def success(self, env: EnvBase) -> bool | None:
+        """Success by the task, for the last episode of ``env``; ``None`` if ``env`` has no task or the episode no step."""
+        task = getattr(env, "task", None)
+        return None if task is None or not self.rewards else success_of(task, self._task_observations(env))
+
+    def metrics(self, env: EnvBase) -> dict[str, float]:
+        """Metrics by the task, for the last episode of ``env``; empty if ``env`` has no task or the episode no step."""
+        task = getattr(env, "task", None)
+        if task is None or not self.rewards:
+            return {}
+        metrics = metrics_of(task, self._task_observations(env))
+        walk = getattr(env, "walk_metrics", None)
+        return metrics if walk is None else {**metrics, **walk()}
+
+    def _task_observations(self, env: EnvBase) -> Tensor:
+        """Observations ``[steps, n]`` as the task's functions get them."""
+        observations = torch.stack(self.observations)
+        convert = getattr(env, "task_observations", None)
+        return observations if convert is None else convert(observations)
+
+
+@dataclass(frozen=True)
+class EpisodeScore:
+    """Result of an episode, evaluated by its task before the next reset."""
+
+    return_: float
+    length: int
+    action_size: float
+    success: bool | None
+    metrics: dict[str, float]
+
+
+def play_episodes(
+    env: EnvBase, policy: Policy, episodes: int, seed: int, *, reset_policy: Callable[[], None] = lambda: None
+) -> Iterator[EpisodeScore]:
+    """Play whole episodes; episode ``k`` depends only on ``seed``, ``k`` and the policy, and on the number of copies if the
+    environment has some, which run in parallel. Raises HubError if the link to the robot broke."""
+    if env.batch_size:
+        yield from _play_copies(env, policy, episodes, seed, reset_policy)
+        return
+    for number in range(1, episodes + 1):
+        episode: Rollout | None = None
+        while episode is None or getattr(env, "is_cut", False):  # an episode that a pause truncated does not count
+            episode = Rollout()
+            seed_episode(env, seed, "evaluation", number)
+            for frame in play(env, policy, reset_policy=reset_policy):
+                episode.add(frame)
+            if episode.is_lost:
+                raise env.link_error
+        yield EpisodeScore(episode.return_, len(episode.rewards), episode.action_size, episode.success(env), episode.metrics(env))
+
+
+def _play_copies(
+    env: EnvBase, policy: Policy, episodes: int, seed: int, reset_policy: Callable[[], None]
+) -> Iterator[EpisodeScore]:
+    """The first episode of each copy, repeated until ``episodes`` are played. A task that judges more than the agent sees, such
+    as the true pose of a robot in another process, gives no success and no metrics."""
+    copies, task = env.batch_size.numel(), env.task
+    for start in range(0, episodes, copies):
+        seed_episode(env, seed, "evaluation", 1 + start)
+        reset_policy()
+        rollout = env.rollout(task.max_steps, policy, break_when_any_done=False).cpu()
+        frames, sizes = rollout["next"], rollout["action"].abs().mean(-1)
+        done = frames["done"].squeeze(-1)
+        lengths = torch.where(done.any(-1), done.int().argmax(-1) + 1, done.shape[-1])
+        for copy in range(min(copies, episodes - start)):
+            episode = frames[copy, : int(lengths[copy])]
+            judged = None if task.has_hidden_entries else episode["observation"]
+            success = None if judged is None else success_of(task, judged)
+            numbers = {} if judged is None else metrics_of(task, judged)
+            size = float(sizes[copy, : len(episode)].mean())
+            yield EpisodeScore(float(episode["reward"].sum()), len(episode), size, success, numbers)

@@ -1,0 +1,214 @@
+"""Kinematic simulation: batched copies of a task without a robot, on any device.
+
+Each commanded motor turns by its command, at once (``angle += command``) or as far as the firmware's trajectory gets in the
+task's step time. Endless motors wrap into 0..360 degrees, joints stop at their range, as on the hub. Other channels read 0.
+
+The state is stored as ``[n, copies]``, so that all arithmetic runs along contiguous memory, which is twice as fast. Outputs are
+transposed views.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import torch
+from tensordict import TensorDict, TensorDictBase
+from torch import Tensor
+from torchrl.data import Binary, Bounded, Composite, Unbounded
+from torchrl.envs import EnvBase
+
+from bricksrl.envs.kinematics import Kinematics
+from bricksrl.envs.motor_profile import turned_angle
+from bricksrl.envs.options import PicklableEnv
+from bricksrl.envs.specs import NominalBounded, clamped
+from bricksrl.envs.task import Task
+from bricksrl.errors import DescriptionError, RunError
+from brickhub.hub.interface import RunAngle
+
+
+class SimulatedEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
+    """``batch_size`` independent copies of a task; keys and specs are those of :class:`~bricksrl.envs.env.HubEnv`, without
+    ``link_lost`` and ``image``. Raises DescriptionError if the task has commands, motors or entries that kinematics do not
+    know, or the batch size is invalid; RunError if there is no such device.
+
+    Args:
+        task: a task whose commands all turn motors, and whose motor channels are all commanded.
+        kinematics: motion and noise.
+        batch_size: number of copies, as an integer or as in TorchRL (``[8]``); 0 or ``[]`` for one without a batch dimension.
+        device: device of the tensors, as for `resolve_device`.
+        seed: seed of starts, goals and noise.
+    """
+
+    def __init__(
+        self,
+        task: Task,
+        kinematics: Kinematics,
+        *,
+        batch_size: int | Sequence[int] = 0,
+        device: str | torch.device = "cpu",
+        seed: int | None = None,
+    ) -> None:
+        shape = batch_shape(batch_size)
+        super().__init__(batch_size=shape, device=resolve_device(device))
+        self.task = task
+        self._kinematics = kinematics
+        self._rng = torch.Generator(self.device)
+        self._plan(task)
+        self._make_specs()
+        self._set_seed(seed)
+        self._copies = shape.numel()
+        self._state = torch.zeros(len(task.entries), self._copies, device=self.device)
+        self._steps = torch.zeros(self._copies, 1, dtype=torch.int32, device=self.device)
+        self._speed = torch.zeros(len(task.interface.commands), self._copies, device=self.device)
+
+    def _plan(self, task: Task) -> None:
+        """Convert the task's commands and channels into tensors, with one row per command."""
+        commands, channels = task.interface.commands, task.interface.channels
+        if task.measured_entries or task.observes_commands or task.has_hidden_entries:
+            unknown = "distances, last commands, targets and cameras"
+            raise DescriptionError(f"{task.id} cannot be simulated; kinematics know nothing of {unknown}")
+        angle_index = task.interface.angle_indices
+        turns = [command for command in commands if isinstance(command, RunAngle)]
+        if len(turns) < len(commands) or {turn.motor for turn in turns} != set(angle_index):
+            raise DescriptionError(f"{task.id} cannot be simulated; every motor needs a RunAngle command and an angle channel")
+        indices = [angle_index[turn.motor] for turn in turns]
+        angles = [channels[index] for index in indices]
+
+        def tensor(values: list[float]) -> Tensor:
+            return torch.tensor(values, dtype=torch.float32, device=self.device)[:, None]
+
+        self._middle = tensor([(c.low + c.high) / 2 for c in commands])
+        self._half = tensor([(c.high - c.low) / 2 for c in commands])
+        self._noise = self._kinematics.noise * self._half
+        self._limit = tensor([turn.speed_deg_s for turn in turns])
+        self._time_s = _time_s(task, self._kinematics)
+        self._low, self._high = tensor([a.low for a in angles]), tensor([a.high for a in angles])
+        # Wrap and stop in one formula: whole turns are subtracted for endless motors, then all angles are clamped.
+        wraps = tensor([float(angle.wraps) for angle in angles])
+        self._turns_per_deg, self._deg_per_turn = wraps / 360.0, wraps * 360.0
+        # A slice where the commanded motors are contiguous: indexing then copies nothing.
+        contiguous = indices == list(range(indices[0], indices[0] + len(indices)))
+        self._angles = slice(indices[0], indices[0] + len(indices)) if contiguous else torch.tensor(indices, device=self.device)
+        entries = task.entries
+        drawn = {*indices, *range(len(channels), len(entries))}
+        # Entries that a reset draws uniformly; the others read 0. Integers are rounded down, so their range ends at high + 1.
+        self._whole = torch.tensor([False] * len(channels) + [e.whole for e in task.sampled_entries], device=self.device)[:, None]
+        ends = [e.high + whole for e, whole in zip(entries, self._whole[:, 0].tolist(), strict=True)]
+        self._start_low = tensor([e.low if i in drawn else 0.0 for i, e in enumerate(entries)])
+        self._start_span = tensor(
+            [end - e.low if i in drawn else 0.0 for i, (e, end) in enumerate(zip(entries, ends, strict=True))]
+        )
+
+    def _make_specs(self) -> None:
+        shape = self.batch_size
+        self.observation_spec = Composite(observation=NominalBounded.of(self.task.entries, shape, self.device), shape=shape)
+        self._action_shape = torch.Size((*shape, len(self.task.interface.commands)))
+        self.action_spec = Bounded(-1.0, 1.0, shape=self._action_shape, device=self.device)
+        self.reward_spec = Unbounded(shape=(*shape, 1), device=self.device)
+        flag = Binary(1, shape=(*shape, 1), dtype=torch.bool, device=self.device)
+        self.done_spec = Composite(done=flag, terminated=flag.clone(), truncated=flag.clone(), shape=shape)
+
+    def _set_seed(self, seed: int | None) -> None:
+        self._seed = seed
+        if seed is None:
+            self._rng.seed()
+        else:
+            self._rng.manual_seed(int(seed))  # it takes no NumPy integers
+
+    def maybe_reset(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Reset the copies that are done, and only those: resetting all would dominate the time of a step."""
+        done = tensordict.get("done").view(-1).nonzero().squeeze(1)
+        if len(done):
+            self._start(done)
+            tensordict.set("observation", self._out(self._state.t()))
+            for key in self.done_keys:
+                tensordict.set(key, torch.zeros_like(tensordict.get(key)))
+        return tensordict
+
+    def _reset(self, tensordict: TensorDictBase | None = None, **_kwargs: Any) -> TensorDictBase:
+        mask = tensordict.get("_reset", None) if tensordict is not None else None
+        all_copies = torch.arange(self._copies, device=self.device)
+        self._start(all_copies if mask is None else mask.view(-1).nonzero().squeeze(1))
+        return TensorDict({"observation": self._out(self._state.t())}, self.batch_size, device=self.device)
+
+    def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
+        action = clamped(tensordict["action"], self._action_shape, self.task.id).view(self._copies, -1).t().contiguous()
+        before, (self._state, self._speed) = self._state, self._move(self._state, action)
+        self._steps = self._steps + 1
+        observation = self._state.t()
+        terminated = self.task.terminated(observation)
+        truncated = self._steps >= self.task.max_steps
+        out = {
+            "observation": observation,
+            "reward": self.task.reward(before.t(), action.t(), observation),
+            "terminated": terminated,
+            "truncated": truncated,
+            "done": terminated | truncated,
+        }
+        return TensorDict({key: self._out(value) for key, value in out.items()}, self.batch_size, device=self.device)
+
+    def _move(self, state: Tensor, action: Tensor) -> tuple[Tensor, Tensor]:
+        """Next state ``[n, copies]`` and speeds ``[m, copies]``; ``state`` and ``action [m, copies]`` are not changed."""
+        noise = torch.randn(action.shape, generator=self._rng, device=self.device).mul_(self._noise)
+        turn = torch.addcmul(self._middle, action, self._half)
+        on_action = self._kinematics.noise_on == "action"
+        turn = turn.add_(noise) if on_action else turn
+        speed = self._speed
+        if self._time_s is not None:
+            turn, speed = turned_angle(turn, speed, self._limit, self._time_s)
+        angles = self._bounded(turn.add_(state[self._angles]))
+        if not on_action:
+            angles = self._bounded(angles.add_(noise))
+        moved = state.clone()
+        moved[self._angles] = angles
+        return moved, speed
+
+    def _bounded(self, angles: Tensor) -> Tensor:
+        """Wrap endless motors and clamp joints; changes ``angles`` in place and returns it."""
+        turns = (angles * self._turns_per_deg).floor_()
+        return angles.addcmul_(turns, self._deg_per_turn, value=-1.0).clamp_(self._low, self._high)
+
+    def _start(self, copies: Tensor) -> None:
+        """Draw new start states for ``copies``; tensors returned earlier are not changed."""
+        share = torch.rand((self._state.shape[0], len(copies)), generator=self._rng, device=self.device)
+        drawn = torch.addcmul(self._start_low, share, self._start_span)
+        drawn = torch.where(self._whole, drawn.floor(), drawn)
+        self._state = self._state.index_copy(1, copies, drawn)
+        self._steps = self._steps.index_fill(0, copies, 0)
+        self._speed = self._speed.index_fill(1, copies, 0.0)
+
+    def _out(self, batch: Tensor) -> Tensor:
+        return batch if self.batch_size else batch[0].clone()  # a caller's in-place change must not alter the state
+
+
+def resolve_device(name: str | torch.device) -> torch.device:
+    """A device by name; "auto" is the best one here. Raises RunError if there is no such device."""
+    if name == "auto":
+        name = "cuda" if torch.cuda.is_available() else "mps" if torch.backends.mps.is_available() else "cpu"
+    try:
+        return torch.empty(0, device=torch.device(name)).device
+    except (RuntimeError, AssertionError, NotImplementedError, TypeError):
+        raise RunError(f"there is no device '{name}' here; choose cpu, cuda, mps or auto") from None
+
+
+def batch_shape(batch_size: int | Sequence[int]) -> torch.Size:
+    """Shape of a number of copies, as an integer or as in TorchRL. Raises DescriptionError if it is no number of copies."""
+    sizes = list(batch_size) if isinstance(batch_size, Sequence) else [batch_size] if batch_size else []
+    if len(sizes) > 1 or not all(hasattr(size, "__index__") and size > 0 for size in sizes):
+        raise DescriptionError(f"batch_size is {batch_size!r}; give a number of copies, or 0 for one without a batch dimension")
+    return torch.Size([int(size) for size in sizes])
+
+
+def _time_s(task: Task, kinematics: Kinematics) -> float | None:
+    """Time until the next command; ``None`` for instant motion. Raises DescriptionError if the task's steps have no fixed time,
+    or a motor has end stops, where the firmware is not modelled."""
+    if kinematics.motion == "instant":
+        return None
+    interface = task.interface
+    wraps = all(interface.channels[index].wraps for index in interface.angle_indices.values())
+    if interface.settle.fixed_ms is None or not wraps:
+        raise DescriptionError(
+            f"{task.id} cannot be simulated with the firmware's motion; it needs a Wait, and motors without ends"
+        )
+    return interface.settle.fixed_ms / 1000

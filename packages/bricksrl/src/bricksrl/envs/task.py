@@ -1,0 +1,187 @@
+"""Task: a robot, its commands and channels, and pure functions of tensors.
+
+A task is independent of TorchRL and of the hub, and importing one imports neither torch nor MuJoCo. All functions are batched:
+observations have the shape ``[*batch, n]``, actions ``[*batch, m]`` (in -1..1), rewards and ends ``[*batch, 1]``.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from brickhub.entry import Entry
+from bricksrl.envs.dead_reckoning import Target, wheels
+from bricksrl.envs.vision.camera import CameraView
+from bricksrl.errors import DescriptionError
+from brickhub.fields import check_arguments, check_fields, check_value
+from brickhub.hub.interface import Interface
+from brickhub.robot import Robot
+from bricktwin.twin.scene import OPEN_FLOOR, Scene
+
+if TYPE_CHECKING:
+    import numpy as np
+    from torch import Tensor
+
+
+@dataclass(frozen=True)
+class SampledEntry(Entry):
+    """Entry of the observation that is drawn at every reset and constant for the episode. ``whole``: draw an integer ``low, low
+    + 1, ..., high`` instead of a real number."""
+
+    whole: bool = False
+
+    def draw(self, rng: np.random.Generator) -> float:
+        """A uniformly random value."""
+        if self.whole:
+            return float(rng.integers(int(self.low), int(self.high), endpoint=True))
+        return float(rng.uniform(self.low, self.high))
+
+
+def never(observation: Tensor) -> Tensor:
+    """``False`` of shape ``[*batch, 1]``: ``terminated`` of a task that ends by its time limit only."""
+    return observation.new_zeros((*observation.shape[:-1], 1)).bool()
+
+
+@dataclass(frozen=True)
+class Task:
+    """A reinforcement learning task on a robot. Raises DescriptionError if the parts are inconsistent.
+
+    The observation consists of the interface's channels in order, the sampled entries, the measured entries, the last commands
+    and the target's entries. With a target, the wheel angles are left out. Where a camera has a goal, the task's functions get
+    two further entries that the agent does not: see ``task_entries``.
+
+    Attributes:
+        id: name and version, such as ``"RunAway-v0"``.
+        doc: the description; its first line is the summary.
+        max_steps: steps after which an episode is truncated.
+        reward: maps ``(previous observation, action, observation)`` to the reward ``[*batch, 1]``. The action is the agent's,
+            in -1..1, before it is mapped to commands.
+        success: maps the observations ``[*batch, steps, n]`` after each step of a whole episode to bool ``[*batch]``.
+        metrics: maps the same observations to named numbers ``[*batch]``; units in the names.
+        terminated: maps an observation to bool ``[*batch, 1]``.
+        blocked: maps an observation to bool ``[*batch, 1]``: an obstacle is in the robot's way; the robot then waits, motors
+            held, until it is gone. A kinematic simulation never waits.
+        scene: surroundings of a virtual robot.
+        sampled_entries, measured_entries: entries after the channels. The measured ones are computed by the host after every
+            step (the distance forward in it), and 0 after a reset.
+        observes_commands: whether the last commands are observed (0 after a reset): for a robot that comes to a new speed so late
+            that much of a step is still the command before.
+        target: a pose that a driving robot is to reach; success and metrics get the true pose of a virtual robot.
+        walks: whether a virtual robot reports distance, speed and straightness.
+        camera: a camera on the robot, which adds an image to the observation.
+    """
+
+    id: str
+    doc: str
+    robot: Robot
+    interface: Interface
+    max_steps: int
+    reward: Callable[[Tensor, Tensor, Tensor], Tensor]
+    success: Callable[[Tensor], Tensor]
+    metrics: Callable[[Tensor], dict[str, Tensor]]
+    terminated: Callable[[Tensor], Tensor] = never
+    blocked: Callable[[Tensor], Tensor] = never
+    scene: Scene = OPEN_FLOOR
+    sampled_entries: tuple[SampledEntry, ...] = ()
+    measured_entries: tuple[Entry, ...] = ()
+    observes_commands: bool = False
+    target: Target | None = None
+    walks: bool = False
+    camera: CameraView | None = None
+
+    def __post_init__(self) -> None:
+        check_fields(Task, vars(self), Tensor=Any)
+        for name, arguments in _ARGUMENTS.items():
+            check_arguments(f"{name} of {self.id}", getattr(self, name), arguments)
+        if re.fullmatch(r"\w+-v\d+", self.id) is None:
+            raise DescriptionError(f"'{self.id}' is not an id for a task; take a name and a version, such as 'MyTask-v0'")
+        if self.max_steps < 1:
+            raise DescriptionError(f"task {self.id}: an episode of {self.max_steps} steps is empty; give max_steps of 1 or more")
+        if self.target is not None:
+            wheels(self.robot, self.interface)  # raises where dead reckoning is impossible
+        if not self.interface.commands or not self.entries:
+            raise DescriptionError(f"task {self.id}: nothing to command or nothing to observe; name commands and channels")
+        names = [entry.name for entry in self.entries]
+        if len(set(names)) < len(names):
+            raise DescriptionError(f"task {self.id}: the observation {', '.join(names)} names an entry twice; rename one")
+
+    @property
+    def summary(self) -> str:
+        """The first line of the description."""
+        return self.doc.strip().partition("\n")[0]
+
+    @property
+    def rate_hz(self) -> float:
+        """Nominal steps per second; 1 if they have no fixed time."""
+        step_ms = self.interface.settle.fixed_ms
+        return 1.0 if step_ms is None else 1000.0 / step_ms
+
+    @property
+    def observed_channels(self) -> tuple[int, ...]:
+        """Indices of the channels that are in the observation."""
+        wheel_angles = () if self.target is None else wheels(self.robot, self.interface)
+        return tuple(index for index in range(len(self.interface.channels)) if index not in wheel_angles)
+
+    @property
+    def entries(self) -> tuple[Entry, ...]:
+        """Entries of the observation vector."""
+        channels = (self.interface.channels[index].entry for index in self.observed_channels)
+        target = () if self.target is None else self.target.entries
+        return (*channels, *self.sampled_entries, *self.measured_entries, *self.command_entries, *target)
+
+    @property
+    def command_entries(self) -> tuple[Entry, ...]:
+        """Entries of the last commands, where they are observed."""
+        if not self.observes_commands:
+            return ()
+        commands = self.interface.commands
+        return tuple(Entry(f"last_{c.name}", c.low, c.high, c.unit, limits=(min(c.low, 0.0), max(c.high, 0.0))) for c in commands)
+
+    @property
+    def has_hidden_entries(self) -> bool:
+        """Whether success and metrics may get more than the agent sees."""
+        return self.camera is not None or self.target is not None
+
+    @property
+    def task_entries(self) -> tuple[Entry, ...]:
+        """Entries that reward, ends, success and metrics get: the observation and, where a camera has a goal, two distances.
+
+        These are the mean distance of the red objects from it (the last seen in the episode; 0 before) and that of the nearest.
+        """
+        if self.camera is None or self.camera.goal is None:
+            return self.entries
+        farthest_px = self.camera.farthest_px
+        names = ("mean_distance", "nearest_distance")
+        return (*self.entries, *(Entry(name, 0.0, farthest_px, "px") for name in names))
+
+
+_ARGUMENTS = {
+    "reward": ("previous", "action", "observation"),
+    "success": ("observations",),
+    "metrics": ("observations",),
+    "terminated": ("observation",),
+    "blocked": ("observation",),
+}
+"""Arguments of the functions of a task."""
+
+
+def success_of(task: Task, observations: Tensor) -> bool:
+    """Success of one episode, by its observations ``[steps, n]``. Raises DescriptionError if the task's function gives none."""
+    return bool(_number(task, "success", task.success(observations)))
+
+
+def metrics_of(task: Task, observations: Tensor) -> dict[str, float]:
+    """Metrics of one episode, by its observations ``[steps, n]``. Raises DescriptionError if the task's function gives none."""
+    values = task.metrics(observations)
+    check_value(f"what metrics of {task.id} returns", values, dict)
+    return {name: _number(task, f"metrics['{name}']", value) for name, value in values.items()}
+
+
+def _number(task: Task, name: str, value: Any) -> float:
+    try:
+        return float(value)
+    except (RuntimeError, TypeError, ValueError):
+        given = f"of shape {list(value.shape)}" if hasattr(value, "shape") else repr(value)
+        raise DescriptionError(f"{name} of {task.id} is {given}; give one number for an episode") from None

@@ -1,0 +1,124 @@
+"""The scout follows the left edge of a black line with its color sensor, clockwise around a course with curves to both sides.
+
+A step is 60 ms of driving. The robot starts with its sensor near the edge, at a small angle to it. It observes only the
+brightness below its sensor, which on the edge is halfway between line and floor, and its yaw rate.
+
+## Action
+
+| Num | Action        | Min | Max | Drives from | Drives to | Unit  |
+|-----|---------------|-----|-----|-------------|-----------|-------|
+| 0   | drive_speed   | -1  | 1   | 40          | 100       | mm/s  |
+| 1   | turn_rate     | -1  | 1   | -45         | 45        | deg/s |
+
+## Observation
+
+| Num | Observation       | Min  | Max | Unit  |
+|-----|-------------------|------|-----|-------|
+| 0   | light_reflection  | 0    | 100 | %     |
+| 1   | yaw_rate          | -100 | 100 | deg/s |
+
+Counter-clockwise is positive for the yaw rate, clockwise for the turn rate. The sensor is 56 mm in front of the axle and detects
+the edge within 6 mm to both sides. A turn at 45 deg/s moves it by about half of that in a step; the sharpest curve needs 26 deg/s
+at full speed.
+
+## Reward
+
+Nearness to the edge, from 1 at the brightness of the edge to 0 over bare line or bare floor, times 0.5 at the lowest speed to 1
+at the highest. A step beside the edge costs 0.25 if the robot turns back as fast as it can, to the right over the floor and to
+the left over the line, and up to 0.75 if it turns away. Turning back is not rewarded, as robots then learn to turn in circles.
+
+## End of an episode
+
+| End       | When              |
+|-----------|-------------------|
+| truncated | after 100 steps   |
+
+## Success and metrics
+
+The robot follows the line while its sensor detects the edge, neither bare floor nor bare line. An episode succeeds if it does so
+in 95 % of the steps. The metrics are the share of these steps, `on_line_share`, and the mean difference of the brightness from
+that of the edge, `mean_off_pct`; a virtual robot adds its distance, speed and straightness.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from bricksrl.envs.task import Task
+from brickhub.hub.interface import DriveSpeed, DriveTurnRate, Interface, SensorReading, Wait, YawRate
+from bricktwin.robots import SCOUT
+from bricktwin.twin.objects import Line
+from bricktwin.twin.scene import Scene
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+EDGE_PCT = 45.0
+"""Brightness halfway between the line and the floor."""
+BARE_PCT = 35.0
+"""Difference from it at which the sensor sees only the line or only the floor."""
+SUCCESS_SHARE = 0.95
+LINE_MM = 30.0
+_RADIUS_MM, _LOBES_MM, _LOBES = 450.0, 80.0, 3
+
+
+def course() -> tuple[tuple[float, float], ...]:
+    """Points of a closed line with curves to both sides, of radii down to 0.22 m; its left edge begins at the origin, along x.
+
+    It runs clockwise: a robot that drives straight on leaves it to the left, where a turn to the right finds the edge again.
+    Counter-clockwise, the robot would cross the line to a floor that looks the same but requires the opposite turn.
+    """
+    outer_mm = _RADIUS_MM + _LOBES_MM
+    points = []
+    for step in range(120):
+        angle = math.tau * step / 120
+        radius_mm = _RADIUS_MM + _LOBES_MM * math.cos(_LOBES * angle)
+        points.append((radius_mm * math.sin(angle), radius_mm * math.cos(angle) - outer_mm - LINE_MM / 2))
+    return tuple(points)
+
+
+def _off_pct(observation: Tensor) -> Tensor:
+    return (observation[..., :1] - EDGE_PCT).abs()
+
+
+def reward(_previous: Tensor, action: Tensor, observation: Tensor) -> Tensor:
+    """Nearness to the edge times a share of the speed, or the turn towards it where it is lost; ``[*batch, 1]``."""
+    off_pct = _off_pct(observation)
+    near = (1.0 - off_pct / BARE_PCT).clamp(min=0.0)
+    towards = (observation[..., :1] - EDGE_PCT).sign() * action[..., 1:2]
+    return near * (0.75 + 0.25 * action[..., :1]) + (0.25 * towards - 0.5) * (off_pct >= BARE_PCT)
+
+
+def _on_line_share(observations: Tensor) -> Tensor:
+    return (_off_pct(observations)[..., 0] < BARE_PCT).float().mean(-1)
+
+
+def success(observations: Tensor) -> Tensor:
+    """True if the robot saw the edge for 95 % of the episode ``[*batch, steps, n]``; bool ``[*batch]``."""
+    return _on_line_share(observations) >= SUCCESS_SHARE
+
+
+def metrics(observations: Tensor) -> dict[str, Tensor]:
+    """Share of the steps on the line and mean distance from the edge of the episode ``[*batch, steps, n]``; ``[*batch]``."""
+    return {"on_line_share": _on_line_share(observations), "mean_off_pct": _off_pct(observations)[..., 0].mean(-1)}
+
+
+LINE_FOLLOW = Task(
+    id="LineFollow-v0",
+    doc=__doc__,
+    robot=SCOUT,
+    interface=Interface(
+        commands=(DriveSpeed(40, 100), DriveTurnRate(-45, 45)),
+        channels=(SensorReading("light", "reflection", 0, 100, "%"), YawRate()),
+        settle=Wait(60),
+    ),
+    max_steps=100,
+    reward=reward,
+    success=success,
+    metrics=metrics,
+    walks=True,
+    scene=Scene(
+        objects=(Line(course(), width_mm=LINE_MM, closed=True),), start_mm=((-60.0, -50.0), (-2.0, 2.0)), heading_deg=(-4.0, 4.0)
+    ),
+)

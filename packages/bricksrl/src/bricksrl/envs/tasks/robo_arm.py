@@ -1,0 +1,114 @@
+"""The RoboArm moves its four joints to angles that are drawn for each episode.
+
+The hub turns each joint by the commanded angle, within the joint's range, and answers 250 ms later.
+
+## Action
+
+| Num | Action        | Min | Max | Turns from | Turns to | Unit |
+|-----|---------------|-----|-----|------------|----------|------|
+| 0   | rotation      | -1  | 1   | -100       | 100      | deg  |
+| 1   | low           | -1  | 1   | -30        | 30       | deg  |
+| 2   | high          | -1  | 1   | -60        | 60       | deg  |
+| 3   | grab          | -1  | 1   | -25        | 25       | deg  |
+
+## Observation
+
+| Num | Observation    | Min  | Max | Unit |
+|-----|----------------|------|-----|------|
+| 0   | rotation_angle | 0    | 360 | deg  |
+| 1   | low_angle      | 10   | 70  | deg  |
+| 2   | high_angle     | -150 | 10  | deg  |
+| 3   | grab_angle     | -148 | -45 | deg  |
+| 4   | rotation_goal  | 0    | 360 | deg  |
+| 5   | low_goal       | 10   | 70  | deg  |
+| 6   | high_goal      | -150 | 10  | deg  |
+| 7   | grab_goal      | -148 | -45 | deg  |
+
+The rotation is wrapped into 0..360. A joint may yield a little beyond its range.
+
+## Reward
+
+Minus the sum of the four shortest angles between joints and goals, divided by 100. With `sparse=True` it is 1 if that sum is
+below the threshold, else 0.
+
+## End of an episode
+
+| End        | When                                                  |
+|------------|-------------------------------------------------------|
+| terminated | the sum of the four angles is under 50 degrees        |
+| truncated  | after 100 steps                                       |
+
+## Success and metrics
+
+An episode succeeds when it reaches the goal. The metric is the sum of the four joints' angles to
+their goals at the end, `error_sum_deg`.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from bricksrl.envs.task import SampledEntry, Task
+from bricksrl.envs.tasks.walker import shortest_angle_deg
+from bricksrl.errors import DescriptionError
+from brickhub.hub.interface import Interface, MotorAngle, RunAngle, Wait
+from bricktwin.robots import ROBO_ARM
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+THRESHOLD_DEG = 50.0
+"""Sum of the four errors under which a goal counts as reached; the paper's stricter one is 20."""
+
+_TURNS_DEG = {"rotation": 100, "low": 30, "high": 60, "grab": 25}
+_CHANNELS = tuple(MotorAngle(m.name, *map(float, m.range_deg or (0, 360))) for m in ROBO_ARM.motors)
+
+INTERFACE = Interface(
+    commands=tuple(RunAngle(name, -turn, turn, speed_deg_s=250) for name, turn in _TURNS_DEG.items()),
+    channels=_CHANNELS,
+    settle=Wait(250),
+)
+
+
+def error_deg(observation: Tensor) -> Tensor:
+    """Sum of the angles between joints and goals; ``[*batch, 1]``."""
+    return shortest_angle_deg(observation[..., :4], observation[..., 4:]).sum(-1, keepdim=True)
+
+
+def robo_arm(env_id: str, *, sparse: bool = False, threshold_deg: float = THRESHOLD_DEG) -> Task:
+    """The task with its options.
+
+    Args:
+        sparse: reward 1 at the goal and 0 elsewhere.
+        threshold_deg: sum of the errors under which the goal is reached.
+
+    Raises:
+        DescriptionError: the threshold is not positive.
+    """
+    if not threshold_deg > 0:
+        raise DescriptionError(f"{env_id}: a threshold of {threshold_deg} degrees is never reached; give a positive one")
+
+    def terminated(observation: Tensor) -> Tensor:
+        return error_deg(observation) < threshold_deg
+
+    def reward(_previous: Tensor, _action: Tensor, observation: Tensor) -> Tensor:
+        return terminated(observation).to(observation.dtype) if sparse else -error_deg(observation) / 100.0
+
+    def success(observations: Tensor) -> Tensor:
+        return terminated(observations[..., -1, :])[..., 0]
+
+    def metrics(observations: Tensor) -> dict[str, Tensor]:
+        return {"error_sum_deg": error_deg(observations[..., -1, :])[..., 0]}
+
+    return Task(
+        id=env_id,
+        doc=__doc__,
+        robot=ROBO_ARM,
+        interface=INTERFACE,
+        max_steps=100,
+        reward=reward,
+        success=success,
+        metrics=metrics,
+        terminated=terminated,
+        sampled_entries=tuple(SampledEntry(f"{c.motor}_goal", c.low, c.high, "deg", wraps=c.wraps) for c in _CHANNELS),
+    )

@@ -1,0 +1,106 @@
+"""The 2Wheeler drives away from a wall as far as its ultrasonic sensor sees.
+
+Each action is one straight drive; the next observation is taken when the drive has ended. The robot starts 200 to 300 mm
+in front of a wall, facing it, so that only driving backwards is rewarded.
+
+## Action
+
+| Num | Action        | Min | Max | Drives from | Drives to | Unit |
+|-----|---------------|-----|-----|-------------|-----------|------|
+| 0   | straight      | -1  | 1   | -100        | 100       | mm   |
+
+## Observation
+
+| Num | Observation   | Min | Max  | Unit |
+|-----|---------------|-----|------|------|
+| 0   | left_angle    | 0   | 360  | deg  |
+| 1   | right_angle   | 0   | 360  | deg  |
+| 2   | pitch         | -90 | 90   | deg  |
+| 3   | roll          | -90 | 90   | deg  |
+| 4   | distance      | 0   | 2000 | mm   |
+
+Wheel angles are wrapped into 0..360. Nose down is positive pitch.
+
+## Reward
+
++1 when the distance grew in this step, -1 when it shrank, 0 when it stayed or when it is 40 mm or less.
+
+## End of an episode
+
+| End        | When                                       |
+|------------|--------------------------------------------|
+| terminated | distance is 2000 mm, the sensor's limit    |
+| terminated | distance is 40 mm or less                  |
+| truncated  | after 20 steps                             |
+
+## Success and metrics
+
+The paper defines no success for this task. Here an episode succeeds when it ends 1000 mm or more from the wall. (Not at 2000 mm:
+the best policy uses all 20 steps, because reaching the sensor's limit ends the episode and its rewards.) The metrics are the last
+distance, `final_distance_mm`, and the largest pitch, `largest_pitch_deg`.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from bricksrl.envs.task import Task
+from brickhub.hub.interface import Distance, DriveStraight, Interface, MotorAngle, Pitch, Roll, UntilDone
+from bricktwin.robots import TWO_WHEELER
+from bricktwin.twin.scene import Scene
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+NEAR_MM = 40.0
+"""The ultrasonic sensor reports nothing nearer."""
+FAR_MM = 2000.0
+"""The ultrasonic sensor reports nothing farther."""
+AWAY_MM = 1000.0
+"""Least final distance of a successful episode."""
+
+_PITCH = 2
+_DISTANCE = slice(4, 5)
+
+
+def reward(previous: Tensor, _action: Tensor, observation: Tensor) -> Tensor:
+    """The sign of the change in distance, 0 at the wall; ``[*batch, 1]``."""
+    distance_mm = observation[..., _DISTANCE]
+    return (distance_mm - previous[..., _DISTANCE]).sign().masked_fill(distance_mm <= NEAR_MM, 0.0)
+
+
+def terminated(observation: Tensor) -> Tensor:
+    """At the wall or at the sensor's limit; bool ``[*batch, 1]``."""
+    distance_mm = observation[..., _DISTANCE]
+    return (distance_mm <= NEAR_MM) | (distance_mm >= FAR_MM)
+
+
+def success(observations: Tensor) -> Tensor:
+    """True if the episode ``[*batch, steps, n]`` ended well away from the wall; bool ``[*batch]``."""
+    return observations[..., -1, _DISTANCE.start] >= AWAY_MM
+
+
+def metrics(observations: Tensor) -> dict[str, Tensor]:
+    """The last distance and the largest pitch of the episode ``[*batch, steps, n]``; ``[*batch]``."""
+    return {
+        "final_distance_mm": observations[..., -1, _DISTANCE.start],
+        "largest_pitch_deg": observations[..., _PITCH].abs().amax(-1),
+    }
+
+
+RUN_AWAY = Task(
+    id="RunAway-v0",
+    doc=__doc__,
+    robot=TWO_WHEELER,
+    interface=Interface(
+        commands=(DriveStraight(-100, 100),),
+        channels=(MotorAngle("left"), MotorAngle("right"), Pitch(), Roll(), Distance("eyes")),
+        settle=UntilDone(),
+    ),
+    max_steps=20,
+    reward=reward,
+    success=success,
+    metrics=metrics,
+    terminated=terminated,
+    scene=Scene(wall_distance_mm=(200.0, 300.0), heading_deg=(-5.0, 5.0)),
+)

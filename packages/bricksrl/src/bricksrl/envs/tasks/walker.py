@@ -1,0 +1,148 @@
+"""The Walker turns its four leg cranks so that diagonal legs move together.
+
+The hub turns each leg by the commanded angle and answers 250 ms later, whether the legs have arrived or not. The paper's reward
+is for large steps and a trot, hardly for progress.
+
+## Action
+
+| Num | Action        | Min | Max | Turns from | Turns to | Unit |
+|-----|---------------|-----|-----|------------|----------|------|
+| 0   | left_front    | -1  | 1   | -100       | 0        | deg  |
+| 1   | right_front   | -1  | 1   | -100       | 0        | deg  |
+| 2   | left_back     | -1  | 1   | -100       | 0        | deg  |
+| 3   | right_back    | -1  | 1   | -100       | 0        | deg  |
+
+## Observation
+
+| Num | Observation       | Min | Max  | Unit |
+|-----|-------------------|-----|------|------|
+| 0   | left_front_angle  | 0   | 360  | deg  |
+| 1   | right_front_angle | 0   | 360  | deg  |
+| 2   | left_back_angle   | 0   | 360  | deg  |
+| 3   | right_back_angle  | 0   | 360  | deg  |
+| 4   | pitch             | -90 | 90   | deg  |
+| 5   | roll              | -90 | 90   | deg  |
+| 6   | distance          | 0   | 2000 | mm   |
+
+Leg angles are wrapped into 0..360.
+
+## Reward
+
+`-sum(action)/40 - d(lf, rb)/180 - d(rf, lb)/180 - (180 - d(lf, rf))/180 - (180 - d(lb, rb))/180` with `d` the shortest angle
+between two legs, and the action as the agent gave it: 0.1 a step at best.
+
+## End of an episode
+
+| End        | When                                              |
+|------------|---------------------------------------------------|
+| terminated | pitch or roll is beyond 60 degrees to either side |
+| truncated  | after 100 steps                                   |
+
+While an obstacle is within 40 mm (option `blocked_at_mm`), the robot waits with its motors held and logs a warning. With the
+option `step_ms`, the time of a step, an episode has as many steps as fit into the same 25 seconds.
+
+## Success and metrics
+
+An episode succeeds when the robot does not fall over. The metric is the mean reward of a step for a trot alone,
+`mean_gait_reward`, at most 0.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from bricksrl.envs.task import Task
+from bricksrl.errors import DescriptionError
+from brickhub.fields import check_value
+from brickhub.hub.interface import Distance, Interface, MotorAngle, Pitch, Roll, RunAngle, Wait
+from bricktwin.robots import WALKER
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+STEP_MS = 250
+EPISODE_MS = 25_000
+SAFE_TILT_DEG = 60.0
+"""A Walker that is tilted further has fallen over."""
+BLOCKED_AT_MM = 40.0
+"""The ultrasonic sensor reports nothing nearer."""
+
+_LEGS = ("left_front", "right_front", "left_back", "right_back")
+_TILT = slice(4, 6)
+_DISTANCE = slice(6, 7)
+
+
+def shortest_angle_deg(first: Tensor, second: Tensor) -> Tensor:
+    """Angle between two directions, in 0..180 degrees."""
+    turn = second - first
+    return turn.sub((turn / 360.0).round_(), alpha=360.0).abs_()
+
+
+def gait_reward(observation: Tensor) -> Tensor:
+    """Negative deviation of the legs from a trot, 0 at best; ``[*batch, 1]``."""
+    lf, rf, lb, rb = (observation[..., i : i + 1] for i in range(4))
+    apart = shortest_angle_deg(lf, rf) + shortest_angle_deg(lb, rb)
+    together = shortest_angle_deg(lf, rb) + shortest_angle_deg(rf, lb)
+    return (apart - together) / 180.0 - 2.0
+
+
+def reward(_previous: Tensor, action: Tensor, observation: Tensor) -> Tensor:
+    """Reward for large steps in a trot; ``[*batch, 1]``."""
+    return gait_reward(observation) - action.sum(-1, keepdim=True) / 40.0
+
+
+def terminated(observation: Tensor) -> Tensor:
+    """True if the robot has fallen over; bool ``[*batch, 1]``."""
+    return (observation[..., _TILT].abs() > SAFE_TILT_DEG).any(-1, keepdim=True)
+
+
+def success(observations: Tensor) -> Tensor:
+    """True if the robot stayed on its legs in the episode ``[*batch, steps, n]``; bool ``[*batch]``."""
+    return ~terminated(observations)[..., 0].any(-1)
+
+
+def metrics(observations: Tensor) -> dict[str, Tensor]:
+    """Mean gait reward of the episode ``[*batch, steps, n]``; ``[*batch]``."""
+    return {"mean_gait_reward": gait_reward(observations)[..., 0].mean(-1)}
+
+
+INTERFACE = Interface(
+    commands=tuple(RunAngle(leg, -100, 0, speed_deg_s=600) for leg in _LEGS),
+    channels=(*(MotorAngle(leg) for leg in _LEGS), Pitch(), Roll(), Distance("eyes")),
+    settle=Wait(STEP_MS),
+)
+
+
+def walker(env_id: str, *, blocked_at_mm: float = BLOCKED_AT_MM, step_ms: int = STEP_MS) -> Task:
+    """The task, for the robot or for its simulation.
+
+    Args:
+        blocked_at_mm: distance at which, and nearer, the robot waits until its way is clear.
+        step_ms: time of a step, from the command to the answer.
+
+    Raises:
+        DescriptionError: the distance is negative, or a step takes no whole number of ms, or longer than an episode.
+    """
+    check_value("step_ms", step_ms, int)
+    if blocked_at_mm < 0:
+        raise DescriptionError(f"{env_id}: blocked_at_mm is {blocked_at_mm}; give 0 or more")
+    if not 1 <= step_ms <= EPISODE_MS:
+        raise DescriptionError(f"{env_id}: step_ms is {step_ms}; give 1 to {EPISODE_MS}")
+
+    def blocked(observation: Tensor) -> Tensor:
+        return observation[..., _DISTANCE] <= blocked_at_mm
+
+    return Task(
+        id=env_id,
+        doc=__doc__,
+        robot=WALKER,
+        interface=replace(INTERFACE, settle=Wait(step_ms)),
+        max_steps=EPISODE_MS // step_ms,
+        reward=reward,
+        success=success,
+        metrics=metrics,
+        terminated=terminated,
+        blocked=blocked,
+        walks=True,
+    )

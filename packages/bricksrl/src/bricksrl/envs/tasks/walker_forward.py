@@ -1,0 +1,93 @@
+"""The Walker learns to walk forward: only progress is rewarded, which Walker-v0 hardly rewards.
+
+Robot, actions and leg angles are those of Walker-v0. A further entry of the observation is the distance of the last step. On a
+virtual robot it is measured; on a real one it is estimated from the ultrasonic sensor, so let it walk towards a wall.
+
+## Action
+
+| Num | Action        | Min | Max | Turns from | Turns to | Unit |
+|-----|---------------|-----|-----|------------|----------|------|
+| 0   | left_front    | -1  | 1   | -100       | 0        | deg  |
+| 1   | right_front   | -1  | 1   | -100       | 0        | deg  |
+| 2   | left_back     | -1  | 1   | -100       | 0        | deg  |
+| 3   | right_back    | -1  | 1   | -100       | 0        | deg  |
+
+## Observation
+
+| Num | Observation       | Min  | Max  | Unit |
+|-----|-------------------|------|------|------|
+| 0   | left_front_angle  | 0    | 360  | deg  |
+| 1   | right_front_angle | 0    | 360  | deg  |
+| 2   | left_back_angle   | 0    | 360  | deg  |
+| 3   | right_back_angle  | 0    | 360  | deg  |
+| 4   | pitch             | -90  | 90   | deg  |
+| 5   | roll              | -90  | 90   | deg  |
+| 6   | distance          | 0    | 2000 | mm   |
+| 7   | forward           | -100 | 100  | mm   |
+
+## Reward
+
+Distance forward in this step, in units of 20 mm: about 1 a step for a trot at full speed.
+
+## End of an episode
+
+| End        | When                                              |
+|------------|---------------------------------------------------|
+| terminated | pitch or roll is beyond 60 degrees to either side |
+| truncated  | after 100 steps                                   |
+
+## Success and metrics
+
+An episode succeeds when the robot moves forward by 10 mm a step on average and does not fall over. The metric is that mean,
+`mean_step_mm`; a virtual robot adds its true distance, speed and straightness.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from brickhub.entry import Entry
+from bricksrl.envs.task import Task
+from bricksrl.envs.tasks.walker import INTERFACE, terminated
+from bricktwin.robots import WALKER
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+UNIT_MM = 20.0
+"""Distance forward with reward 1."""
+SUCCESS_STEP_MM = 10.0
+"""Least mean distance forward per step of a successful episode."""
+
+_FORWARD = slice(7, 8)
+
+
+def reward(_previous: Tensor, _action: Tensor, observation: Tensor) -> Tensor:
+    """Distance forward in units of 20 mm; ``[*batch, 1]``."""
+    return observation[..., _FORWARD] / UNIT_MM
+
+
+def success(observations: Tensor) -> Tensor:
+    """True if the robot walked far enough without falling in the episode ``[*batch, steps, n]``; bool ``[*batch]``."""
+    fell = terminated(observations)[..., 0].any(-1)
+    return (observations[..., _FORWARD.start].mean(-1) >= SUCCESS_STEP_MM) & ~fell
+
+
+def metrics(observations: Tensor) -> dict[str, Tensor]:
+    """Mean distance forward per step of the episode ``[*batch, steps, n]``; ``[*batch]``."""
+    return {"mean_step_mm": observations[..., _FORWARD.start].mean(-1)}
+
+
+WALKER_FORWARD = Task(
+    id="Walker-v1",
+    doc=__doc__,
+    robot=WALKER,
+    interface=INTERFACE,
+    max_steps=100,
+    reward=reward,
+    success=success,
+    metrics=metrics,
+    terminated=terminated,
+    walks=True,
+    measured_entries=(Entry("forward", -100.0, 100.0, "mm", limits=(-32767.0, 32767.0)),),
+)

@@ -1,0 +1,84 @@
+"""Trust in runs and policies whose config names code: code from elsewhere is executed only after the user allowed it.
+
+A config may name files: a task, an algorithm, a network. Using the run executes them. The digests of configs that were written
+on this computer, or declared trusted, are therefore kept in the user's settings folder.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+from bricksrl.envs.user_files import is_reference
+from bricksrl.errors import RunError
+from brickhub.files import folder_with, quoted, write_durably
+from brickhub.hub.diagnostics.calibration import calibration_folder
+
+_CONFIGS = "config.json", "policy.json"
+
+
+def code_in(config: Any) -> tuple[str, ...]:
+    """References to Python files or modules in a config; using the config executes them."""
+    if not isinstance(config, dict):
+        return ()
+    settings = config.get("settings")
+    network = settings.get("network", "") if isinstance(settings, dict) else ""
+    names = (config.get("env"), config.get("agent"), network)
+    return tuple(name for name in names if isinstance(name, str) and is_reference(name))
+
+
+def remember(data: bytes) -> None:
+    """Keep the digest of a config file written here; if it cannot be written, the user has to declare trust later."""
+    with contextlib.suppress(OSError):
+        _keep(data)
+
+
+def require_trusted(path: Path, data: bytes, config: Any) -> None:
+    """Require that a config names no code, was written here, or was declared trusted. Raises RunError if the config names code,
+    and was made elsewhere or changed.
+
+    Args:
+        path: file of the config; ``data`` are its bytes, and ``config`` is its content.
+    """
+    code = code_in(config)
+    if code and not _digest_path(data).exists():
+        raise RunError(
+            f"{path} would run code ({', '.join(code)}) and was made elsewhere or changed; "
+            f"read that code, then allow it with `bricksrl trust {quoted(path.parent)}`"
+        )
+
+
+def trust(folder: Path) -> tuple[str, ...]:
+    """Declare the present config of a run or a shared policy trusted; returns the references to code in it. Raises RunError if
+    there is no run or policy in the folder, or the digest cannot be written."""
+    for name in _CONFIGS:
+        path = folder / name
+        if path.is_file():
+            data = path.read_bytes()
+            try:
+                config = json.loads(data)
+            except (ValueError, RecursionError):
+                raise RunError(f"{path} is not JSON; restore the file") from None
+            try:
+                _keep(data)
+            except OSError as error:
+                raise RunError(f"cannot write to {_folder()} ({error.strerror}); make it writable") from None
+            return code_in(config.get("config")) if isinstance(config, dict) else ()
+    raise RunError(f"there is no run in {folder}; choose {folder_with(folder, *_CONFIGS)}")
+
+
+def _keep(data: bytes) -> None:
+    path = _digest_path(data)
+    if not path.exists():
+        write_durably(path, b"")
+
+
+def _digest_path(data: bytes) -> Path:
+    return _folder() / hashlib.sha256(data).hexdigest()
+
+
+def _folder() -> Path:
+    return calibration_folder().parent / "trusted"

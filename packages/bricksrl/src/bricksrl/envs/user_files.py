@@ -1,0 +1,188 @@
+"""Loading of tasks and robots from the user's code: ``my_task.py``, ``my_task.py:TASK``, ``package.module:TASK``."""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import importlib.util
+import os
+import sys
+import sysconfig
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from bricksrl.envs.task import Task
+from bricksrl.errors import DescriptionError, UnknownNameError
+from brickhub.robot import Robot
+from bricktwin.twin.scene import Scene
+
+
+def is_reference(env_id: str) -> bool:
+    """True if this refers to the user's code rather than to a registered name."""
+    return ":" in env_id or env_id.endswith(".py")
+
+
+def with_absolute_file(reference: str) -> str:
+    """A reference with the absolute path of its file, without ``..``, for use in any folder; names and modules as they are."""
+    location, name = _parts(reference)
+    if not location.endswith(".py"):
+        return reference
+    path = os.path.abspath(location)  # noqa: PTH100  Path.resolve follows links
+    return ":".join(filter(None, (path, name)))
+
+
+def without_folder(reference: str) -> str:
+    """A reference with only the name of its file, for display and for other computers; names and modules as they are."""
+    return Path(reference).name if _parts(reference)[0].endswith(".py") else reference
+
+
+def load_object(reference: str, default: str | type[Task | Robot]) -> Any:
+    """Object of that name in the user's code.
+
+    Args:
+        reference: a Python file or an importable module, a colon, and the name; for a file the name may be omitted.
+        default: the name where it is omitted, or the type of the file's only object of that type.
+
+    Raises:
+        UnknownNameError: there is no such file, module or name.
+        DescriptionError: the code raised.
+    """
+    location, name = _parts(reference)
+    module = _load(location, reference)
+    name = name or (default if isinstance(default, str) else _only(default, module, reference))
+    try:
+        return getattr(module, name)
+    except AttributeError:
+        wanted = "what" if isinstance(default, str) else f"a {default.__name__.lower()} that"
+        raise UnknownNameError(f"there is no '{name}' in {location}; name {wanted} is written there") from None
+
+
+def _parts(reference: str) -> tuple[str, str]:
+    """File or module, and the name in it, which may be empty."""
+    location, colon, name = reference.rpartition(":")
+    return (reference, "") if not colon or name.endswith(".py") else (location, name)
+
+
+def load_builder(reference: str) -> Callable[..., Task]:
+    """Builder of a task in the user's code, as a function of its options.
+
+    Args:
+        reference: a Python file or an importable module, a colon, and the name of a :class:`Task` in it or of a function that
+            returns one; the name may be omitted for a file with a single task.
+
+    Raises:
+        UnknownNameError: there is no such file, module or name.
+        DescriptionError: the named object is no task, or the code raised.
+    """
+    builder = load_object(reference, Task)
+    if isinstance(builder, Task):
+        return lambda: builder
+    if not callable(builder):
+        raise DescriptionError(f"{reference} is a {type(builder).__name__} and no task; name a bricksrl.envs.Task")
+
+    @functools.wraps(builder)
+    def build(**options: object) -> Task:
+        task = builder(**options)
+        if not isinstance(task, Task):
+            raise DescriptionError(f"{reference} returns a {type(task).__name__} and no task; let it return a bricksrl.envs.Task")
+        return task
+
+    return build
+
+
+def load_robot(reference: str) -> tuple[Robot, Scene | None]:
+    """Robot in the user's code, and the scene if it is given by a task.
+
+    Args:
+        reference: as for tasks; names a :class:`bricktwin.robots.Robot` or a task. Without a name it is the file's only task, or
+            else its only robot.
+
+    Raises:
+        UnknownNameError: there is no such file, module or name, or the file has no single robot.
+        DescriptionError: the named object is no robot, or the code raised.
+    """
+    try:
+        value = load_object(reference, Task)
+    except UnknownNameError:
+        value = load_object(reference, Robot)
+    if isinstance(value, Task):
+        return value.robot, value.scene
+    if not isinstance(value, Robot):
+        raise DescriptionError(f"{reference} is not a robot; name a bricktwin.robots.Robot that is written there")
+    return value, None
+
+
+def _load(location: str, reference: str) -> ModuleType:
+    path = Path(location)
+    is_file = location.endswith(".py")
+    if is_file and not path.is_file():
+        if path.is_absolute():
+            raise UnknownNameError(f"there is no file {location}; put it there, or give the path of another Python file")
+        remedy = "give the path of a Python file, or go to the right folder"
+        raise UnknownNameError(f"there is no file {location} in {Path.cwd()}; {remedy}")
+    try:
+        with _importable(str(path.resolve().parent if is_file else Path.cwd())):
+            return _run_file(path) if is_file else importlib.import_module(location)
+    except (ImportError, ValueError) as error:
+        if not is_file and getattr(error, "name", location) == location:
+            raise UnknownNameError(
+                f"there is no module '{location}'; give one that can be imported, or a file: my_task.py"
+            ) from None
+        raise DescriptionError(f"{reference} cannot be loaded ({error}{line_of_user(error)}); correct it") from error
+    except (Exception, SystemExit) as error:  # a script may end the program
+        raise DescriptionError(
+            f"{reference} cannot be loaded ({type(error).__name__}: {error}{line_of_user(error)}); correct it"
+        ) from error
+
+
+def line_of_user(error: BaseException) -> str:
+    """Location in the user's files where an exception was raised, as ", my_task.py, line 7"; empty if there is none."""
+    installed = {sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib", "scripts")}
+    foreign = [str(Path(__file__).resolve().parents[1]), *filter(None, installed)]
+    for frame in reversed(traceback.extract_tb(error.__traceback__)):
+        path = Path(frame.filename)
+        if path.is_file() and not any(path.resolve().is_relative_to(Path(folder).resolve()) for folder in foreign):
+            return f", {path.name}, line {frame.lineno}"
+    return ""
+
+
+def failure_of_user(error: BaseException) -> str | None:
+    """One-line message of an exception raised in the user's files; ``None`` for any other."""
+    line = line_of_user(error)
+    return f"{type(error).__name__}: {error}{line}; correct it" if line else None
+
+
+def _run_file(path: Path) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(f"bricksrl_own_{path.stem}", path)
+    if spec is None or spec.loader is None:
+        raise ImportError(f"{path} is not a Python file")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # dataclasses of the file look it up
+    spec.loader.exec_module(module)
+    return module
+
+
+@contextmanager
+def _importable(folder: str) -> Iterator[None]:
+    """Put the folder of the user's file on ``sys.path``, as if Python ran that file."""
+    sys.path.insert(0, folder)
+    try:
+        yield
+    finally:
+        sys.path.remove(folder)
+
+
+def _only(type_: type[Task | Robot], module: ModuleType, reference: str) -> str:
+    """Name of the only task or robot in a module. Raises UnknownNameError for none or several."""
+    # An object does not record the module that defines it, so imported ones count too; aliases of one object count once.
+    names = {id(value): name for name, value in vars(module).items() if isinstance(value, type_)}
+    if len(names) != 1:
+        known, noun = ", ".join(names.values()), type_.__name__.lower()
+        if not names:
+            raise UnknownNameError(f"{reference} has no {noun}; `bricksrl new {noun} FILE` writes a file with one")
+        raise UnknownNameError(f"{reference} has {len(names)} {noun}s ({known}); name one: {reference}:{noun.upper()}")
+    return next(iter(names.values()))

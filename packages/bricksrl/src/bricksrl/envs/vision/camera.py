@@ -1,0 +1,179 @@
+"""Camera as a sensor: its description in a task, and sources of frames.
+
+The agent does not get the frame but a small image of it with the goal drawn in.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from bricksrl.envs.vision.frames import Frame, Place, RedWindow
+from bricksrl.errors import CameraError, DescriptionError, RenderingUnavailableError
+
+if TYPE_CHECKING:
+    from bricktwin.twin.mujoco_body import MujocoBody
+    from bricktwin.twin.render.opengl import Renderer
+    from bricktwin.twin.render.raycast import RayCaster
+    from brickhub.virtual.body import Body
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class VisualGoal:
+    """Goal position in the frame for a red object; drawn for every episode.
+
+    Attributes:
+        places: candidate positions; one is drawn uniformly.
+        jitter_px: maximum random shift of it, in whole px, in x and in y.
+        radius_px: radius of the green disc that shows the goal to the agent.
+        red: window of colours that count as red.
+    """
+
+    places: tuple[Place, ...]
+    jitter_px: tuple[int, int] = (0, 0)
+    radius_px: int = 25
+    red: RedWindow = field(default_factory=RedWindow)
+
+    def draw(self, rng: np.random.Generator) -> Place:
+        """A random goal."""
+        x, y = self.places[int(rng.integers(len(self.places)))]
+        shift_x, shift_y = (int(rng.integers(-jitter, jitter, endpoint=True)) for jitter in self.jitter_px)
+        return x + shift_x, y + shift_y
+
+
+@dataclass(frozen=True)
+class CameraView:
+    """Camera that looks at the robot. Its image is part of the observation, under the key ``"image"``. Raises DescriptionError if
+    the image is larger than the frame or the goal lies outside of it.
+
+    Attributes:
+        name: camera in a virtual robot's model.
+        device: camera of a real robot: its OpenCV number, or the address of a stream.
+        width_px, height_px: size of a frame.
+        image_px: side of the agent's square image.
+        goal: goal in the image; ``None`` for a camera without one.
+        spot_px: without OpenGL, a virtual robot is drawn by ray casting, with one ray per square of this side.
+    """
+
+    name: str = "webcam"
+    device: int | str = 0
+    width_px: int = 640
+    height_px: int = 480
+    image_px: int = 64
+    goal: VisualGoal | None = None
+    spot_px: int = 5
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.image_px <= min(self.width_px, self.height_px):
+            raise DescriptionError(
+                f"an image of {self.image_px} px cannot be made of a frame of {self.width_px} x {self.height_px}; make it smaller"
+            )
+        if self.spot_px < 1:
+            raise DescriptionError(f"spots of {self.spot_px} px do not fill a frame; give 1 px or more")
+        places = self.goal.places if self.goal is not None else ((0, 0),)
+        if not places or not all(0 <= x < self.width_px and 0 <= y < self.height_px for x, y in places):
+            raise DescriptionError(f"a goal needs places within the frame of {self.width_px} x {self.height_px} px; give some")
+
+    @property
+    def farthest_px(self) -> float:
+        """Diagonal of a frame: the largest possible distance."""
+        return math.hypot(self.width_px, self.height_px)
+
+
+class Camera(Protocol):
+    """Source of frames."""
+
+    def frame(self) -> Frame:
+        """Present frame, as a new array; opens the camera if it is closed. Raises CameraError if a real camera cannot be read, or
+        OpenCV is not installed, RenderingUnavailableError if a virtual robot cannot be drawn."""
+
+    def close(self) -> None:
+        """Release the camera; closing twice does nothing."""
+
+
+class TwinCamera:
+    """Camera in the model of a virtual robot. Without OpenGL it is ray cast, coarser and without specular light."""
+
+    def __init__(self, body: Body, view: CameraView) -> None:
+        self._body, self._view = body, view
+        self._renderer: Renderer | RayCaster | None = None
+
+    def frame(self) -> Frame:
+        """Present frame. Raises RenderingUnavailableError if the virtual robot has no MuJoCo model."""
+        if self._renderer is None:
+            from bricktwin.twin.mujoco_body import MujocoBody
+
+            if not isinstance(self._body, MujocoBody):
+                raise RenderingUnavailableError("the virtual robot has no picture; give it a MuJoCo model or no camera")
+            self._renderer = self._open(self._body)
+        return self._renderer.render()
+
+    def _open(self, body: MujocoBody) -> Renderer | RayCaster:
+        from bricktwin.twin.render.opengl import Renderer
+        from bricktwin.twin.render.raycast import RayCaster
+
+        view = self._view
+        try:
+            # Anti-aliasing would take most of the time, and its effect vanishes in the small image.
+            return Renderer(body, view.width_px, view.height_px, view.name, smooth=False)
+        except RenderingUnavailableError as error:
+            _log.info("drawing by rays: %s", error)
+            return RayCaster(body, view.width_px, view.height_px, view.name, view.spot_px)
+
+    def close(self) -> None:
+        """Release the renderer."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
+
+class VideoCamera:
+    """Camera beside a real robot, read with OpenCV."""
+
+    def __init__(self, view: CameraView) -> None:
+        self._view = view
+        self._capture: Any = None
+
+    def frame(self) -> Frame:
+        """Present frame. Raises CameraError if OpenCV is not installed, the camera cannot be read, or its frames have another
+        size."""
+        view = self._view
+        if self._capture is None:
+            self._capture = _open_capture(view)
+        self._capture.grab()  # discard the driver's buffered frame, taken before the robot moved
+        is_read, frame = self._capture.read()
+        if not is_read:
+            self.close()
+            raise CameraError(f"camera {view.device} shows nothing; plug it in, end other programs that use it, or name another")
+        height, width = frame.shape[:2]
+        if (width, height) != (view.width_px, view.height_px):
+            self.close()
+            expected = f"{view.width_px} x {view.height_px}"
+            raise CameraError(f"camera {view.device} gives {width} x {height} px, not {expected}; take one that can")
+        return np.ascontiguousarray(frame[..., ::-1])  # BGR to RGB
+
+    def close(self) -> None:
+        """Release the camera."""
+        if self._capture is not None:
+            self._capture.release()
+            self._capture = None
+
+
+def _open_capture(view: CameraView) -> Any:
+    try:
+        import cv2
+    except ImportError as error:
+        raise CameraError("no OpenCV is here to read cameras with; install it: pip install 'bricksrl[vision]'") from error
+    level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # of a missing camera our own message tells
+    capture = cv2.VideoCapture(view.device)
+    cv2.utils.logging.setLogLevel(level)
+    capture.set(cv2.CAP_PROP_FRAME_WIDTH, view.width_px)
+    capture.set(cv2.CAP_PROP_FRAME_HEIGHT, view.height_px)
+    capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
+    return capture

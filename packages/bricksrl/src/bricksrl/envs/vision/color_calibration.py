@@ -1,0 +1,159 @@
+"""Calibration of red: the colours of a ball for this camera and light, estimated from a frame and kept in a file."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bricksrl.envs.vision.frames import Frame, Place, RedWindow
+from bricksrl.errors import BricksError, CameraError
+from brickhub.files import write_durably
+from brickhub.hub.diagnostics.calibration import calibration_folder
+
+_AROUND_RED_DEG = 60.0
+_LEAST_CHROMA = 0.12  # saturation times value; below it the hue is unreliable
+_LEAST_PX = 5  # fewer are sensor noise
+_SEED_PX = 50  # rank of the pixel whose chroma sets the threshold for seeds
+_POINT_PX = 3  # half side of the square around a given point whose colour is taken
+_UNLIKE_HUE_DEG, _LEAST_SATURATION_RATIO, _LEAST_VALUE_RATIO = 30.0, 0.5, 0.35
+"""Spread of one object's colour around its median: darker in shade, less saturated in highlights."""
+_MARGIN_DEG, _MARGIN = 8.0, 0.8
+
+
+@dataclass(frozen=True)
+class FoundRed:
+    """Window of red fitted to an object, and the object's mask: bool ``[height, width]``."""
+
+    window: RedWindow
+    mask: NDArray[np.bool_]
+
+    @property
+    def middle(self) -> Place:
+        """Centroid of the object, in px."""
+        rows, columns = np.nonzero(self.mask)
+        return round(float(columns.mean())), round(float(rows.mean()))
+
+
+def calibrate_red(frame: Frame, at: Place | None = None) -> FoundRed:
+    """Find the red object in a frame, and the HSV window that holds its colours with a margin. Raises CameraError if nothing is
+    red, at that point or anywhere, or the object is too small.
+
+    Args:
+        frame: uint8 ``[height, width, 3]``.
+        at: a point of the object; by default it is the largest of the most strongly red regions.
+    """
+    hue_deg, saturation, value = _colours(frame)
+    chroma = np.where(np.abs(hue_deg) <= _AROUND_RED_DEG, saturation * value, 0.0)
+    seed = _around(frame, at) if at is not None else _strongest(chroma)
+    if seed.sum() < _LEAST_PX or np.median(chroma[seed]) < _LEAST_CHROMA:
+        place = "the frame" if at is None else f"the frame at {at[0]}, {at[1]}"
+        raise CameraError(f"nothing is red in {place}; bring the ball into the picture, give it light, or name a point of it")
+    hue, strong, bright = (float(np.median(part[seed])) for part in (hue_deg, saturation, value))
+    similar = (chroma > 0) & (np.abs(hue_deg - hue) <= _UNLIKE_HUE_DEG)
+    similar &= (saturation >= _LEAST_SATURATION_RATIO * strong) & (value >= _LEAST_VALUE_RATIO * bright)
+    mask = _region(similar, seed)  # around a point near its edge, the object's colours only
+    if mask.sum() <= RedWindow.area_px:
+        raise CameraError(f"the red thing has only {mask.sum()} px; bring it nearer to the camera, or name a point of the ball")
+    low, high = np.percentile(hue_deg[mask], (1, 99)).tolist()
+    window = RedWindow(
+        hue_deg=(round(max(low - _MARGIN_DEG, -_AROUND_RED_DEG), 1), round(min(high + _MARGIN_DEG, _AROUND_RED_DEG), 1)),
+        saturation=round(_MARGIN * float(np.percentile(saturation[mask], 2)), 3),
+        value=round(_MARGIN * float(np.percentile(value[mask], 2)), 3),
+    )
+    return FoundRed(window, mask)
+
+
+def _colours(frame: Frame) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Hue (-60..60 degrees where red is the strongest, else 180), saturation and value (0..1); ``[height, width]`` each."""
+    red, green, blue = np.moveaxis(frame.astype(np.float64) / 255, -1, 0)
+    value, least = frame.max(-1) / 255, frame.min(-1) / 255
+    chroma = value - least
+    safe = np.where(chroma > 0, chroma, 1.0)
+    hue_deg = np.where((red == value) & (chroma > 0), 60.0 * (green - blue) / safe, 180.0)
+    return hue_deg, chroma / np.where(value > 0, value, 1.0), value
+
+
+def _around(frame: Frame, at: Place) -> NDArray[np.bool_]:
+    rows, columns = np.ogrid[: frame.shape[0], : frame.shape[1]]
+    near: NDArray[np.bool_] = (np.abs(rows - at[1]) <= _POINT_PX) & (np.abs(columns - at[0]) <= _POINT_PX)
+    return near
+
+
+def _strongest(chroma: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """The largest region of nearly the strongest chroma."""
+    count = min(_SEED_PX, chroma.size)
+    strong = chroma >= max(0.75 * float(np.partition(chroma, -count, axis=None)[-count]), _LEAST_CHROMA)
+    return _region(strong, strong)
+
+
+def _region(mask: NDArray[np.bool_], seed: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The connected component of the mask that holds most of the seed."""
+    from scipy import ndimage
+
+    labels, _ = ndimage.label(mask, np.ones((3, 3)))
+    counts = np.bincount(labels[seed & mask], minlength=2)
+    counts[0] = 0
+    region: NDArray[np.bool_] = labels == int(counts.argmax())
+    return region if counts.any() else np.zeros_like(mask)
+
+
+def spanning(windows: list[RedWindow]) -> RedWindow:
+    """The smallest window that contains all of these."""
+    return RedWindow(
+        (min(window.hue_deg[0] for window in windows), max(window.hue_deg[1] for window in windows)),
+        min(window.saturation for window in windows),
+        min(window.value for window in windows),
+    )
+
+
+def picture(frame: Frame, found: FoundRed) -> Frame:
+    """The frame with the object outlined and, beside it, dimmed outside of the window; ``[height, 2 width, 3]``."""
+    from scipy import ndimage
+
+    window = found.window
+    hue_deg, saturation, value = _colours(frame)
+    inside = (hue_deg >= window.hue_deg[0]) & (hue_deg <= window.hue_deg[1])
+    inside &= (saturation >= window.saturation) & (value >= window.value)
+    outlined, dimmed = frame.copy(), frame // 5
+    outlined[ndimage.binary_dilation(found.mask, iterations=2) & ~found.mask] = (0, 255, 0)
+    dimmed[inside] = frame[inside]
+    return np.hstack((outlined, dimmed))
+
+
+# ---------------------------------------------------------------- files
+
+
+def saved_path(device: int | str, folder: Path | None = None) -> Path:
+    """Path of a camera's calibration, in the folder of the robots' calibrations."""
+    return (folder or calibration_folder()) / f"camera-{re.sub(r'[^A-Za-z0-9_-]+', '-', str(device))}.json"
+
+
+def write_red(path: Path, window: RedWindow) -> None:
+    """Write a window atomically. Raises WriteError if the file cannot be written."""
+    write_durably(path, (json.dumps({"red": dataclasses.asdict(window)}, indent=2) + "\n").encode())
+
+
+def read_red(path: Path) -> RedWindow:
+    """Read the window that `write_red` wrote. Raises CameraError if the file is missing or invalid."""
+    try:
+        data: dict[str, Any] = json.loads(path.read_bytes())["red"]
+        low, high = map(float, data["hue_deg"])
+        return RedWindow((low, high), float(data["saturation"]), float(data["value"]), int(data["area_px"]))
+    except OSError as error:
+        reason = error.strerror
+    except (ValueError, TypeError, KeyError, BricksError, RecursionError):
+        reason = "it is not a calibration"
+    raise CameraError(f"cannot read the calibration {path} ({reason}); make one with `bricksrl camera calibrate`")
+
+
+def saved_red(device: int | str, folder: Path | None = None) -> RedWindow | None:
+    """The saved window of this camera; ``None`` if there is none. Raises CameraError if the file is invalid."""
+    path = saved_path(device, folder)
+    return read_red(path) if path.exists() else None

@@ -1,0 +1,214 @@
+"""Evaluation of a trained agent: whole episodes without exploration or learning."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bricksrl.envs.user_files import is_reference, with_absolute_file
+from bricksrl.errors import RunError
+from bricksrl.evaluation.statistics import Interval, interquartile_mean, mean, seeds_interval, wilson_interval
+from brickhub.files import write_durably
+from brickhub.seed import check_seed
+from bricksrl.training.restore import Which, load_learner, one_robot
+from bricksrl.training.run import make_env
+from bricksrl.training.run_folder import RunFolder
+
+if TYPE_CHECKING:
+    from torchrl.envs import EnvBase
+
+    from bricksrl.envs.connection import Placement
+    from bricksrl.envs.rollout import EpisodeScore
+    from bricksrl.training.config import TrainConfig
+
+_log = logging.getLogger(__name__)
+
+MAX_COPIES = 1024
+"""Maximum number of simulation copies that are evaluated in parallel."""
+OnEpisode = Callable[[int, float], None]
+"""Called with the number of a finished episode, from 1, and its return."""
+
+
+@dataclass(frozen=True)
+class EvaluationResult:
+    """Result of the deterministic evaluation of one agent.
+
+    Attributes:
+        run_dir, env, agent, hub, seed: run, environment, agent, connection, and seed of the evaluation.
+        trained_episodes: episodes that the agent was trained for.
+        as_trained: whether environment, options and physics are those of the training, of an environment of the caller its id;
+            `bricksrl compare` counts no other.
+        return_mean, return_std: mean and population standard deviation of the returns; the latter is 0 for one episode.
+        return_iqm: interquartile mean of the returns.
+        return_interval: 95 % bootstrap interval of their mean; ``None`` for fewer than five episodes.
+        action_size: mean absolute value of the actions, in 0..1.
+        success_rate, success_interval: rate of success and its 95 % Wilson interval; ``None`` where the environment defines no
+            success.
+        metrics: mean of each metric of the task, units in the names.
+    """
+
+    run_dir: str
+    env: str
+    agent: str
+    hub: str
+    seed: int
+    episodes: int
+    trained_episodes: int
+    as_trained: bool
+    return_mean: float
+    return_std: float
+    return_iqm: float
+    return_interval: Interval | None
+    returns: tuple[float, ...]
+    lengths: tuple[int, ...]
+    action_size: float
+    success_rate: float | None
+    success_interval: Interval | None
+    metrics: dict[str, float]
+
+    def to_json(self) -> str:
+        """One JSON object on one line."""
+        return json.dumps(dataclasses.asdict(self))
+
+    def save(self) -> None:
+        """Write the result to the run's ``evaluation.json``, replacing an earlier one. Raises RunError if the file cannot be
+        written."""
+        path = RunFolder(self.run_dir).evaluation_path
+        try:
+            write_durably(path, (self.to_json() + "\n").encode())
+        except OSError as error:
+            raise RunError(f"the evaluation is not saved: cannot write {path} ({error.strerror}); make room or copy it") from None
+
+
+def evaluate(
+    run_dir: Path | str,
+    env: EnvBase | str | None = None,
+    *,
+    episodes: int = 5,
+    seed: int = 1000,
+    which: Which = "last",
+    save: bool = True,
+    on_episode: OnEpisode | None = None,
+    on_env: Callable[[EnvBase], None] | None = None,
+    place: Placement | None = None,
+    **named: Any,
+) -> EvaluationResult:
+    """Evaluate the agent of a run deterministically.
+
+    Args:
+        env: an environment (it stays open) or an id; by default the environment of the training.
+        seed: seed of the episodes, which differ from those of any training.
+        which: checkpoint: the last one, or that of the best evaluation during training.
+        save: write the result to the run's ``evaluation.json``, replacing an earlier one.
+        on_env: called with the environment before the robot moves, for instance to keep it for stop and pause.
+        place: places a real robot at the start of an episode and returns when it is there.
+        named: for an environment made here: fields of :class:`~bricksrl.envs.EnvOptions` that differ from the training, such as
+            ``hub``, and options of the task. By default it is neither randomized nor in real time, whatever the training was,
+            and has those options of the training that ``env`` has; a warning in the log names the others.
+
+    Raises:
+        RunError: there is no run in the folder, or ``episodes`` is below 1.
+        DescriptionError: the seed is invalid.
+        CheckpointError: the checkpoint is damaged, or ``env`` has other observations or actions than the training.
+        DivergedError: the weights of the agent are not finite.
+    """
+    if episodes < 1:
+        raise RunError(f"episodes is {episodes}; evaluate at least 1")
+    check_seed(seed)
+    from bricksrl.envs.registry import is_simulation
+    from bricksrl.envs.rollout import play_episodes
+    from brickhub.seed import derive_seed
+    from bricksrl.training.seeding import reproducible
+
+    config = RunFolder(run_dir).read_config()
+    own: EnvBase | None = None
+    if env is None or isinstance(env, str):
+        nominal, config = evaluation_config(config, config.env), evaluation_config(config, env or config.env, **named)
+        _warn_without(nominal.options, config, named)
+        as_trained = all(getattr(config, name) == getattr(nominal, name) for name in ("env", "options", "physics", "randomize"))
+        side_by_side = is_simulation(config.env) and config.hub == "virtual" and not config.realtime
+        copies = min(episodes, MAX_COPIES) if side_by_side and not hasattr(config.settings, "chunk") else 1
+        env = own = make_env(replace(config, num_envs=copies), place)
+    else:
+        task = getattr(env, "task", None)
+        as_trained = task is None or is_reference(config.env) or task.id == config.env  # the task of a file has an id of its own
+    try:
+        if on_env is not None:
+            on_env(env)
+        with reproducible(derive_seed(seed, "evaluation")):
+            trained = load_learner(run_dir, env, which=which)
+            actor = trained.learner
+            actor.act_on(getattr(env, "device", None))
+            scores = []
+            for score in play_episodes(env, actor.exploit, episodes, seed, reset_policy=actor.reset_policy):
+                scores.append(score)
+                if on_episode is not None:
+                    on_episode(len(scores), score.return_)
+        result = _summarise(scores, env, config, trained.episodes, seed, run_dir, as_trained=as_trained)
+    finally:
+        if own is not None:
+            own.close(raise_if_closed=False)
+    if save:
+        result.save()
+    return result
+
+
+def evaluation_config(config: TrainConfig, env: str, **named: Any) -> TrainConfig:
+    """The config for an evaluation: one robot, without physics of another environment or hub, with the options of the training
+    that the environment has."""
+    from bricksrl.envs.registry import options_of
+
+    same_env, hub = with_absolute_file(env) == config.env, named.get("hub", config.hub)
+    keeps_physics = same_env and hub == "virtual" and not named.get("randomize", False)
+    physics, options = config.physics if keeps_physics else None, config.options if same_env else options_of(env, config.options)
+    config = replace(one_robot(config), env=env, realtime=False, randomize=False, physics=physics, options=options)
+    return replace(config, updates=0, asynchronous=False).changed(**named)
+
+
+def _warn_without(trained: dict[str, Any], config: TrainConfig, named: dict[str, Any]) -> None:
+    """Warn of the options of a training that an environment does not have."""
+    left_out = [name for name in trained if name not in config.options and "options" not in named]
+    if left_out:
+        _log.warning("%s has no %s, which the training had; it is evaluated without", config.env, ", ".join(left_out))
+
+
+def _summarise(
+    scores: list[EpisodeScore],
+    env: EnvBase,
+    config: TrainConfig,
+    trained_episodes: int,
+    seed: int,
+    run_dir: Path | str,
+    *,
+    as_trained: bool,
+) -> EvaluationResult:
+    task = getattr(env, "task", None)
+    returns = np.array([score.return_ for score in scores])
+    outcomes = [score.success for score in scores if score.success is not None]
+    return EvaluationResult(
+        run_dir=str(run_dir),
+        env=config.env if task is None else task.id,
+        agent=config.agent,
+        hub=config.hub,
+        seed=seed,
+        episodes=len(scores),
+        trained_episodes=trained_episodes,
+        as_trained=as_trained,
+        return_mean=float(returns.mean()),
+        return_std=float(returns.std()),
+        return_iqm=float(interquartile_mean(returns)),
+        return_interval=seeds_interval(returns.tolist(), mean),
+        returns=tuple(returns.tolist()),
+        lengths=tuple(score.length for score in scores),
+        action_size=sum(score.action_size for score in scores) / len(scores),
+        success_rate=sum(outcomes) / len(outcomes) if outcomes else None,
+        success_interval=wilson_interval(sum(outcomes), len(outcomes)) if outcomes else None,
+        metrics={name: sum(score.metrics[name] for score in scores) / len(scores) for name in scores[0].metrics},
+    )

@@ -1,0 +1,238 @@
+"""Films of policies on virtual robots, with a room, captions and goals; and of two policies side by side."""
+
+from __future__ import annotations
+
+import subprocess
+import time
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bricksrl.errors import TwinError
+
+if TYPE_CHECKING:
+    from torchrl.envs import EnvBase
+
+    from bricksrl.envs.rollout import Policy
+    from bricktwin.twin.mujoco_body import MujocoBody
+    from bricktwin.twin.render.opengl import Image, Renderer, VideoWriter
+    from bricktwin.twin.render.room import Room
+
+QUICK_S = 0.03
+"""Longest time to draw an image without shadows for shadows to be tried."""
+_LAST_S = 0.8
+"""Duration of the last image of an episode."""
+_HOLDS = (1, 2, 3, 4)
+_NORMAL_SPEED_S, _SPEED = 12.0, 2.0
+"""Longer episodes are shown twice as fast."""
+
+
+@dataclass(frozen=True)
+class FilmOptions:
+    """Options of a film.
+
+    Attributes:
+        title: caption of each image; by default the task's id.
+        episodes: number of episodes, shown one after the other.
+        seed: seed of the episodes.
+        size: width and height in px.
+        budget_s: approximate time for drawing; a small one reduces the frame rate.
+    """
+
+    title: str = ""
+    episodes: int = 1
+    seed: int = 1000
+    size: tuple[int, int] = (1280, 720)
+    budget_s: float = 40.0
+
+
+@dataclass(frozen=True)
+class Filmed:
+    """A film, and the return and the distance forward (m; 0 unless the robot walks) of each of its episodes."""
+
+    path: Path
+    returns: tuple[float, ...]
+    forward_m: tuple[float, ...]
+
+
+def check_filmable(env: EnvBase) -> None:
+    """Raise TwinError unless an environment has a virtual robot with a body that can be seen."""
+    from bricktwin.twin.make_body import lies_on_bench
+
+    if not hasattr(env, "watch"):
+        raise TwinError(f"{env.task.id} has no virtual robot to film; choose an environment with a hub")
+    if lies_on_bench(env.task.robot, env.task.scene):
+        raise TwinError(
+            f"{env.task.id} has nothing to film, as its robot lies on a bench; describe a drive base, a plan or a model of it"
+        )
+
+
+def film(
+    env: EnvBase, act: Policy, path: Path, options: FilmOptions | None = None, *, reset: Callable[[], None] = lambda: None
+) -> Filmed:
+    """Film a policy into an mp4 file.
+
+    Args:
+        env: an environment with a virtual robot that has a MuJoCo model.
+        reset: resets the policy's state at the start of each episode.
+
+    Raises:
+        RenderingUnavailableError: no OpenGL library works here.
+        TwinError: the environment has no such robot.
+    """
+    check_filmable(env)
+    from bricksrl.envs.rollout import play, seed_episode
+    from bricktwin.twin.mujoco_body import MujocoBody
+    from bricktwin.twin.render.opengl import VideoWriter
+    from bricktwin.twin.render.video import Filmed as FilmedBody
+
+    options = options or FilmOptions()
+    returns, distances_m = [], []
+    with VideoWriter(path, 25.0) as video:
+        for number in range(1, options.episodes + 1):
+            seed_episode(env, options.seed, "evaluation", number)
+            start = env.reset()
+            twin = getattr(env, "twin", None)
+            if twin is None or not isinstance(twin.body, MujocoBody):
+                raise TwinError(f"{env.task.id} has no virtual robot to film")
+            with closing(_Take(env, twin.body, options, number, start, video)) as take:
+                twin.machine.body = FilmedBody(twin.machine.body, take.render, take.frame_ms, twin.machine.time_ms, take.show)
+                for frame in play(env, act, start, reset_policy=reset):
+                    take.add(frame)
+                take.show(take.render(), round(25 * _LAST_S))
+            returns.append(take.total)
+            distances_m.append(take.forward_m)
+    return Filmed(path, tuple(returns), tuple(distances_m))
+
+
+@dataclass
+class _Take:
+    """Recording of one episode, drawn and written while the robot moves: an image every ``frame_ms`` of simulated time."""
+
+    env: EnvBase
+    body: MujocoBody
+    options: FilmOptions
+    number: int
+    start: Any
+    video: VideoWriter
+    total: float = 0.0
+    forward_m: float = 0.0
+    step: int = 0
+    reward: float = 0.0
+
+    def __post_init__(self) -> None:
+        from bricktwin.twin.render.room import Room
+
+        self.room: Room = Room(self.body, goals_of(self.env, self.start))
+        self.renderer, cost_s = self._renderer()
+        expected_s = self.env.task.max_steps / self.env.task.rate_hz
+        self.speed = _SPEED if expected_s > _NORMAL_SPEED_S else 1.0
+        affordable = max(1.0, self.options.budget_s / self.options.episodes / cost_s)
+        # At 25 images/s, an image covers 40 ms at speed 1; if that is too many to draw in the budget, each is held for longer.
+        self.hold = next((n for n in _HOLDS if expected_s * 25 / (n * self.speed) <= affordable), _HOLDS[-1])
+        self.frame_ms = round(40 * self.speed * self.hold)
+
+    def _renderer(self) -> tuple[Renderer, float]:
+        """A renderer, with shadows if they are fast enough, and its time per image."""
+        from bricktwin.twin.render.opengl import Renderer
+
+        width, height = self.options.size
+
+        def make(*, shadows: bool) -> tuple[Renderer, float]:
+            renderer = Renderer(
+                self.body, width, height, self.room.camera, shadows=shadows, smooth=shadows, decorate=self.room.decorate
+            )
+            renderer.render()
+            start_s = time.perf_counter()
+            renderer.render()
+            return renderer, time.perf_counter() - start_s
+
+        plain, cost_s = make(shadows=False)
+        if cost_s > QUICK_S:
+            return plain, cost_s
+        shaded, shaded_s = make(shadows=True)
+        (plain if shaded_s <= 2 * QUICK_S else shaded).close()
+        return (shaded, shaded_s) if shaded_s <= 2 * QUICK_S else (plain, cost_s)
+
+    def render(self) -> Image:
+        """One image with captions."""
+        from bricktwin.twin.render.captions import captioned
+
+        self.room.follow()
+        image = self.renderer.render()
+        parts = [f"episode {self.number}"] if self.options.episodes > 1 else []
+        parts += [f"step {self.step}", f"reward {self.reward:.2f}", f"return {self.total:.1f}"]
+        if self.env.task.walks:
+            parts.append(f"distance {self._distance_m():.2f} m")
+        if self.speed != 1.0:
+            parts.append(f"{self.speed:g}x speed")
+        marks = self.room.metre_marks(*self.options.size)
+        return captioned(image, self.options.title or self.env.task.id, "   ".join(parts), marks)
+
+    def _distance_m(self) -> float:
+        metrics = self.env.walk_metrics() if hasattr(self.env, "walk_metrics") else {}
+        return float(metrics.get("forward_m", 0.0))
+
+    def add(self, frame: Any) -> None:
+        """Update the captions' values from a frame."""
+        self.reward = float(frame["next", "reward"])
+        self.total, self.step = self.total + self.reward, self.step + 1
+        self.forward_m = self._distance_m()
+
+    def show(self, image: Image, times: int = 0) -> None:
+        """Add an image to the film, ``hold`` times by default."""
+        for _ in range(times or self.hold):
+            self.video.add(image)
+
+    def close(self) -> None:
+        """Release the renderer."""
+        self.renderer.close()
+
+
+def goals_of(env: EnvBase, start: Any) -> dict[str, float]:
+    """Goal angles of the motors in this episode, by motor: the entries named like ``low_goal``."""
+    values = start["observation"].tolist()
+    names = [entry.name for entry in env.task.entries]
+    return {n.removesuffix("_goal"): v for n, v in zip(names, values, strict=False) if n.endswith("_goal")}
+
+
+def side_by_side(left: Path, right: Path, path: Path, height: int = 540) -> Path:
+    """Join two films side by side, each ``height`` px high, for the duration of the longer one. Raises TwinError if they cannot
+    be joined."""
+    import imageio_ffmpeg
+
+    fit = f"scale=-2:{height},setsar=1,tpad=stop_mode=clone:stop_duration=60"
+    graph = f"[0:v]{fit}[a];[1:v]{fit}[b];[a][b]hstack=inputs=2"
+    longest_s = max(_duration_s(left), _duration_s(right))
+    inputs = [word for film in (left, right) for word in ("-i", f"file:{film}")]  # a colon in a name ends no protocol
+    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-v", "error", *inputs, "-filter_complex", graph]
+    command += ["-t", f"{longest_s:.2f}", "-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "26", "-movflags", "+faststart"]
+    command.append(f"file:{path}")
+    process = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603  our own arguments
+    if process.returncode:
+        raise TwinError(f"{left} and {right} cannot be joined ({' '.join(process.stderr.split())[:120]}); make them again")
+    return path
+
+
+def _duration_s(path: Path) -> float:
+    import imageio_ffmpeg
+
+    frames, seconds = imageio_ffmpeg.count_frames_and_secs(f"file:{path}")
+    return float(seconds) if frames else 0.0
+
+
+def film_run(run_dir: Path, which: str, path: Path, options: FilmOptions, **changes: Any) -> Filmed:
+    """Film the policy of a run: ``first`` (untrained), ``best``, ``last``, or ``random`` actions. ``changes``: fields of
+    `EnvOptions` that differ from the training. Raises RunError or CheckpointError if there is no such run or policy,
+    RenderingUnavailableError or TwinError as :func:`film`."""
+    from bricksrl.evaluation.evaluator import evaluation_config
+    from bricksrl.policies.named import named_policies
+    from bricksrl.training.run import make_env
+    from bricksrl.training.run_folder import RunFolder
+
+    config = RunFolder(run_dir).read_config()
+    with closing(make_env(evaluation_config(config, config.env, hub="virtual", **changes))) as env:
+        policy = named_policies(run_dir, env, options.seed)[which]()
+        return film(env, policy.act, path, options, reset=policy.reset)

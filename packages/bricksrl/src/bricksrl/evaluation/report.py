@@ -1,0 +1,159 @@
+"""Report of a run: one HTML file with results, learning curve and films."""
+
+from __future__ import annotations
+
+import base64
+import html
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from string import Template
+from typing import TYPE_CHECKING
+
+from bricksrl.envs.reference_returns import REFERENCES, reference_lines
+from bricksrl.envs.registry import is_simulation
+from bricksrl.errors import counted, percent
+from brickhub.files import quoted, write_durably
+from bricksrl.training.callbacks import Episode
+from bricksrl.training.curve import draw_learning_curve
+from bricksrl.training.run_folder import RunFolder
+
+if TYPE_CHECKING:
+    from bricksrl.evaluation.evaluator import EvaluationResult
+    from bricksrl.evaluation.film import Filmed
+    from bricksrl.training.config import TrainConfig
+
+MOST_EMBEDDED_BYTES = 12_000_000
+"""Size above which a film is linked rather than embedded."""
+
+
+@dataclass(frozen=True)
+class Films:
+    """Films of a run: before training, after it, and both side by side."""
+
+    before: Filmed
+    after: Filmed
+    both: Path
+
+
+def write_report(
+    run_dir: Path, episodes: Sequence[Episode], result: EvaluationResult, films: Films | None, no_films: str = ""
+) -> Path:
+    """Write ``report.html`` into a run's folder.
+
+    Args:
+        episodes: episodes of the training.
+        result: evaluation after the training.
+        films: films of the run, or ``None``.
+        no_films: reason why there are none.
+
+    Returns:
+        Path of the report.
+    """
+    curve = run_dir / "report_curve.png"
+    draw_learning_curve(curve, episodes, "", reference_lines(result.env))
+    body = [
+        f"<h1>{html.escape(result.env)}: what the robot has learned</h1>",
+        f"<p class=lead>{_lead(episodes, result, films)}</p>",
+        *_film_part(films, no_films),
+        "<h2>Return, episode by episode</h2>",
+        f'<img src="{_data_url(curve, "image/png")}" alt="learning curve">',
+        f"<p>{_curve_text(result.env)}</p>",
+        "<h2>Evaluation</h2>",
+        _table(_rows(result)),
+        "<h2>Go on</h2>",
+        _commands(run_dir, RunFolder(run_dir).read_config(), result.trained_episodes),
+    ]
+    path = run_dir / "report.html"
+    template = Template(resources.files("bricksrl.evaluation").joinpath("report.html").read_text(encoding="utf-8"))
+    text = template.substitute(title=html.escape(result.env), body="\n".join(body))
+    write_durably(path, text.encode(errors="surrogateescape"))  # names of folders that this computer's locale cannot read
+    curve.unlink(missing_ok=True)
+    return path
+
+
+def _lead(episodes: Sequence[Episode], result: EvaluationResult, films: Films | None) -> str:
+    last, learned, played = episodes[-1], counted(episodes[-1].episode, "episode"), counted(result.episodes, "episode")
+    text = (
+        f"The agent <b>{html.escape(result.agent)}</b> learned for {learned} ({counted(last.steps, 'step')} of the robot) in "
+        f"{last.seconds:.0f} s. Then it did its best in {played}: a mean return of "
+        f"<b>{result.return_mean:.4g}</b>"
+    )
+    reference = REFERENCES.get(result.env)
+    if reference is not None:
+        text += f", where random actions get {reference.random:.4g} and a controller written by hand {reference.scripted:.4g}"
+    walked = result.metrics.get("forward_m")
+    if walked is not None:
+        text += f". It walked <b>{walked:.2f} m</b> in an episode"
+        before = films.before.forward_m if films is not None else ()
+        text += f"; before it had learned, {sum(before) / len(before):.2f} m" if before else ""
+    return text + "."
+
+
+def _film_part(films: Films | None, no_films: str) -> Iterable[str]:
+    yield "<h2>Before and after</h2>"
+    if films is None:
+        yield f"<p>There is no film: {html.escape(no_films)}</p>"
+        return
+    small = films.both.stat().st_size <= MOST_EMBEDDED_BYTES
+    source = _data_url(films.both, "video/mp4") if small else html.escape(films.both.name)
+    yield f'<video src="{source}" controls autoplay loop muted playsinline></video>'
+    links = ", ".join(f'<a href="{path.name}">{path.name}</a>' for path in (films.before.path, films.after.path, films.both))
+    before, after = (f"{sum(film.returns) / len(film.returns):.4g}" for film in (films.before, films.after))
+    yield f"<p>Left before learning (return {before}), right after it (return {after}). The files: {links}.</p>"
+
+
+def _curve_text(env: str) -> str:
+    text = "Each dot is an episode of training, in which the agent also tries what it does not know yet; the line is their mean."
+    if env in REFERENCES:
+        text += (
+            " The dashed lines are what random actions get, a controller that was written by somebody who knows the robot "
+            "(<code>benchmarks/baselines.py</code>), and, where the paper has the environment, its SAC."
+        )
+    return text
+
+
+_UNITS = {"_m_s": "m/s", "_deg_s": "deg/s", "_mm": "mm", "_m": "m", "_deg": "deg", "_pct": "%", "_px": "px"}
+"""Units of metrics by ending of the name, longest endings first."""
+
+
+def _rows(result: EvaluationResult) -> Iterable[tuple[str, str]]:
+    interval = result.return_interval
+    mean = f" (95 % interval of the mean: {interval.low:.4g} to {interval.high:.4g})" if interval is not None else ""
+    yield "return", f"{result.return_mean:.4g} ± {result.return_std:.3g}{mean}"
+    if result.success_rate is not None:
+        rate = result.success_interval
+        bounds = f" (95 % interval of the rate: {percent(rate.low)} to {percent(rate.high)})" if rate is not None else ""
+        yield "success", f"{percent(result.success_rate)} of {counted(result.episodes, 'episode')}{bounds}"
+    for name, value in result.metrics.items():
+        yield labelled(name, value)
+
+
+def labelled(name: str, value: float) -> tuple[str, str]:
+    """Label and value of a metric, with its unit: "forward speed" and "0.05246 m/s" for ``forward_speed_m_s``."""
+    ending, unit = next(((ending, unit) for ending, unit in _UNITS.items() if name.endswith(ending)), ("", ""))
+    return name.removesuffix(ending).replace("_", " "), f"{value:.4g} {unit}".rstrip()
+
+
+def _table(rows: Iterable[tuple[str, str]]) -> str:
+    return "<table>" + "".join(f"<tr><th>{html.escape(n)}</th><td>{html.escape(v)}</td></tr>" for n, v in rows) + "</table>"
+
+
+def _commands(run_dir: Path, config: TrainConfig, trained_episodes: int) -> str:
+    run, env = quoted(run_dir), quoted(config.env)
+    longer = f"bricksrl resume {run} --episodes {2 * trained_episodes} --page"
+    commands = {
+        "watch it, and compare it with how it began": f"bricksrl play {run} --page",
+        "let it learn for longer": f"bricksrl train {env} --agent sac --from {run}" if config.updates else longer,
+        "count more episodes": f"bricksrl evaluate {run} --episodes 20",
+        "on a LEGO robot": "" if is_simulation(config.env) else f"bricksrl evaluate {run} --hub ble",
+        "use the policy in a program of your own": f"bricksrl export {run} --out policy.pt2",
+    }
+    shown = {label: html.escape(command, quote=False) for label, command in commands.items() if command}
+    rows = "".join(f"<tr><th>{label}</th><td><code>{command}</code></td></tr>" for label, command in shown.items())
+    return f"<table>{rows}</table>"
+
+
+def _data_url(path: Path, mime_type: str) -> str:
+    return f"data:{mime_type};base64,{base64.b64encode(path.read_bytes()).decode()}"

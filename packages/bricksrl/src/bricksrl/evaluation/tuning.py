@@ -1,0 +1,312 @@
+"""Hyperparameter tuning with Optuna: each proposed set is trained with a few seeds for a number of steps, and evaluated.
+
+The study is an SQLite file in a folder, so that it can be resumed, and several commands may work on it at a time.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import logging
+import math
+import tempfile
+import threading
+import typing
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bricksrl.agents.settings import Range
+from bricksrl.errors import DivergedError, RunError, message_of
+from bricksrl.evaluation.cluster import connected, map_on_cluster, parse_on
+from brickhub.files import serialized, write_durably
+from brickhub.seed import LARGEST_SEED, check_seed
+from bricksrl.training.callbacks import Callback, Episode, Progress
+from bricksrl.training.config import TrainConfig, settings_for
+
+if TYPE_CHECKING:
+    import optuna
+
+STUDY = "study.db"
+BEST = "best.json"
+
+_Space = dict[str, tuple[float, float, bool] | list[Any]]
+"""Settings to tune: least and greatest value, and whether the scale is logarithmic; or choices."""
+
+_NUMBERS: _Space = {
+    "learning_rate": (1e-4, 3e-3, True),
+    "gamma": (0.9, 0.995, False),
+    "tau": (2e-3, 5e-2, True),
+    "alpha_init": (0.02, 1.0, True),
+    "target_entropy": (-2.0, 0.0, False),
+    "min_scale": (0.01, 0.3, True),
+    "momentum": (3e-3, 0.1, True),
+    "dropout": (0.0, 0.1, False),
+    "exploration_noise": (0.05, 0.5, False),
+    "target_noise": (0.05, 0.4, False),
+}
+"""A user's other floats are tuned around their default."""
+
+_GOAL_NUMBERS: _Space = {"hindsight": (0.0, 0.5, False), "new_goals": (0.0, 0.5, False)}
+"""Further ranges, for tasks with goals only."""
+
+_CHOICES: _Space = {
+    "hidden": ["64,64", "128,128", "256,256"],
+    "batch_size": [64, 128, 256, 512],
+    "updates_per_step": [1.0, 2.0, 4.0, 8.0, 20.0],
+    "actor_delay": [1, 2, 3],
+    "prefill_episodes": [1, 2, 3],
+    "adam_beta": [0.5, 0.9],
+    "critic_layer_norm": [True, False],
+    "n_step": [1, 3],
+}
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Definition of a tuning study.
+
+    Attributes:
+        steps: robot steps of each training, which ends with the episode that reaches them.
+        seeds: trainings per trial; the objective is the mean of their evaluations.
+        episodes: episodes of each evaluation.
+    """
+
+    env: str
+    agent: str
+    steps: int = 2000
+    seeds: int = 2
+    episodes: int = 10
+
+    def __post_init__(self) -> None:
+        for name in ("steps", "seeds", "episodes"):
+            if getattr(self, name) < 1:
+                raise RunError(f"{name} is {getattr(self, name)}; give 1 or more")
+
+
+@dataclass(frozen=True)
+class Best:
+    """Best settings so far, the mean return of their evaluations, and the number of finished trials."""
+
+    settings: Any
+    value: float
+    trials: int
+
+
+OnTrial = Callable[[int, float | None, float | None], None]
+"""Called with a trial's number, its value (``None`` if it was pruned), and the best value so far."""
+
+
+def propose(trial: optuna.trial.BaseTrial, start: Any, *, goals: bool) -> Any:
+    """Settings ``start`` with the values that the trial proposes."""
+    values: dict[str, Any] = {}
+    for name, limits in _space(start, goals=goals).items():
+        if isinstance(limits, list):
+            values[name] = trial.suggest_categorical(name, limits)
+        else:
+            low, high, log = limits
+            values[name] = trial.suggest_float(name, low, high, log=log)
+    if "hidden" in values:
+        values["hidden"] = tuple(int(part) for part in values["hidden"].split(","))
+    proposed: Any = replace(start, **values)
+    return proposed
+
+
+def _space(start: Any, *, goals: bool) -> _Space:
+    """Search space of settings: the tables above, and other floats of a user's algorithm, within their `Range`."""
+    known = _NUMBERS | _GOAL_NUMBERS | _CHOICES
+    space = {name: known[name] for name in known if name in vars(start) and (goals or name not in _GOAL_NUMBERS)}
+    if type(start).__module__.startswith("bricksrl."):
+        return space
+    hints = typing.get_type_hints(type(start), include_extras=True)
+    for name, value in vars(start).items():
+        if name not in known and isinstance(value, float):
+            low, high = sorted((value / 10.0, value * 10.0)) if value else (0.0, 1.0)
+            for limits in getattr(hints.get(name), "__metadata__", ()):
+                if isinstance(limits, Range):
+                    low, high = max(low, limits.low), min(high, limits.high)
+            space[name] = (low, high, low > 0)
+    return space
+
+
+def tune(
+    tuning: Tuning, folder: Path, trials: int, *, seed: int = 0, on: str | None = None, on_trial: OnTrial = lambda *_: None
+) -> Best:
+    """Run ``trials`` more trials, and write the best settings so far to ``best.json``.
+
+    Args:
+        on: "ray", or "ray:ADDRESS" for a cluster, to train the seeds of a trial in parallel; the results are the same.
+
+    Raises:
+        RunError: Optuna is not installed, there is no such cluster, the folder holds a study of another definition, or no trial
+            was finished.
+        DescriptionError: the seed is invalid.
+        UnknownNameError: there is no such environment or agent.
+    """
+    from bricksrl.envs.registry import get_task
+
+    try:
+        import optuna
+    except ImportError:
+        raise RunError("Optuna is not installed; run `pip install 'bricksrl[tune]'`") from None
+    check_seed(seed)
+    if on is not None:
+        parse_on(on)
+    start = settings_for(tuning.env, "default", tuning.agent)
+    goals = any(entry.name.endswith("_goal") for entry in get_task(tuning.env).entries)
+    optuna.logging.set_verbosity(logging.ERROR)  # a failed trial raises: one message is enough
+    _check_trains(tuning)
+    name, storage = f"{tuning.env} {tuning.agent}", f"sqlite:///{(folder / STUDY).absolute()}"
+    with _storage(folder / STUDY), serialized(folder):  # several commands may begin with the same study at once
+        for other in set(optuna.get_all_study_names(storage)) - {name}:
+            raise RunError(f"{folder} holds a study of {other}; choose another folder")
+        study = optuna.create_study(
+            study_name=name,
+            storage=storage,
+            direction="maximize",
+            load_if_exists=True,
+            pruner=optuna.pruners.MedianPruner(n_startup_trials=5),
+        )
+        _check_same(study, tuning, folder)
+        study.sampler = optuna.samplers.TPESampler(seed=(seed + len(study.trials)) % (LARGEST_SEED + 1))
+        if not study.trials:
+            study.enqueue_trial(_as_proposed(start, goals=goals))  # the default settings are the first trial
+
+    def objective(trial: optuna.Trial) -> float:
+        settings = propose(trial, start, goals=goals)
+        values: list[float] = []
+        for index, value in enumerate(evaluated(settings)):
+            if math.isnan(value):
+                raise optuna.TrialPruned
+            values.append(value)
+            mean = sum(values) / len(values)
+            trial.report(mean, index)
+            if index + 1 < tuning.seeds and trial.should_prune():
+                raise optuna.TrialPruned
+        return mean
+
+    def after_trial(study: optuna.Study, trial: optuna.trial.FrozenTrial) -> None:
+        done = trial.state == optuna.trial.TrialState.COMPLETE
+        best = _write_best(study, tuning, start, folder, goals=goals)
+        on_trial(trial.number, trial.value if done else None, None if best is None else best.value)
+
+    with _storage(folder / STUDY), _evaluations(tuning, on) as evaluated:
+        study.optimize(objective, n_trials=trials, callbacks=[after_trial])
+    best = _write_best(study, tuning, start, folder, goals=goals)
+    if best is None:
+        raise RunError(f"no trial of {folder} was finished; give more --trials")
+    return best
+
+
+@contextmanager
+def _storage(path: Path) -> Iterator[None]:
+    """Raise RunError where Optuna cannot use its file inside this context, as when it is damaged or the disk is full."""
+    from optuna.exceptions import StorageInternalError
+    from sqlalchemy.exc import SQLAlchemyError
+
+    try:
+        yield
+    except (SQLAlchemyError, StorageInternalError) as error:
+        reason = message_of(getattr(error, "orig", None) or error)
+        remedy = "make room on the disk" if "full" in reason else "restore that file"
+        raise RunError(f"cannot use the study {path} ({reason}); {remedy}, or choose another folder") from None
+
+
+class _StopAt(Callback):
+    """Callback that ends a run with the episode that reaches ``steps``."""
+
+    def __init__(self, steps: int) -> None:
+        self.stop = threading.Event()
+        self._steps = steps
+
+    def on_episode(self, episode: Episode, progress: Progress) -> None:
+        if episode.steps >= self._steps:
+            self.stop.set()
+
+
+@contextmanager
+def _evaluations(tuning: Tuning, on: str | None) -> Iterator[Callable[[Any], Iterable[float]]]:
+    """A function from settings to their evaluations, one per seed: computed one by one, or in parallel on a cluster."""
+    if on is None:
+        yield lambda settings: (_train_and_evaluate(tuning, settings, seed) for seed in range(tuning.seeds))
+        return
+    with connected(parse_on(on)) as ray:
+        seeds = range(tuning.seeds)
+        yield lambda settings: list(map_on_cluster(ray, _train_and_evaluate, [(tuning, settings, seed) for seed in seeds]))
+
+
+def _train_and_evaluate(tuning: Tuning, settings: Any, seed: int) -> float:
+    """Mean return of a trained agent; not a number if it diverged."""
+    from bricksrl.evaluation.evaluator import evaluate
+    from bricksrl.training.run import train
+
+    with tempfile.TemporaryDirectory() as folder:
+        run_dir = Path(folder) / "run"
+        observer = _StopAt(tuning.steps)
+        config = TrainConfig(
+            tuning.env, tuning.agent, episodes=tuning.steps, seed=seed, settings=settings, run_dir=run_dir, asynchronous=False
+        )
+        try:
+            result = train(config, observer, stop=observer.stop)
+            if result.interrupted and not (result.episodes and result.episodes[-1].steps >= tuning.steps):
+                raise KeyboardInterrupt
+            return evaluate(run_dir, episodes=tuning.episodes, save=False).return_mean
+        except DivergedError:
+            return math.nan
+
+
+def _check_trains(tuning: Tuning) -> None:
+    """Raise RunError for an agent that does not learn online."""
+    from bricksrl.agents import make_learner
+    from bricksrl.envs import make
+
+    with closing(make(tuning.env)) as env:
+        learner = make_learner(tuning.agent, env)
+    if learner.imitates or learner.loss is None:
+        raise RunError(f"{tuning.agent} does not learn from a robot, and tuning gives it nothing else; choose another agent")
+
+
+def _as_proposed(settings: Any, *, goals: bool) -> dict[str, Any]:
+    """Trial parameters that propose these settings, as far as they lie in the search space."""
+    parameters: dict[str, Any] = {}
+    for name, limits in _space(settings, goals=goals).items():
+        value: Any = getattr(settings, name)
+        value = ",".join(map(str, value)) if isinstance(value, tuple) else value
+        if value in limits if isinstance(limits, list) else value is not None and limits[0] <= value <= limits[1]:
+            parameters[name] = value
+    return parameters
+
+
+def _check_same(study: optuna.Study, tuning: Tuning, folder: Path) -> None:
+    known = study.user_attrs.get("tuning")
+    if known is None:
+        study.set_user_attr("tuning", dataclasses.asdict(tuning))
+    elif known != dataclasses.asdict(tuning):
+        values = ", ".join(f"{name} {known.get(name)}" for name, value in vars(tuning).items() if known.get(name) != value)
+        raise RunError(f"{folder} holds a study of {values}; give the same, or another folder")
+
+
+def _write_best(study: optuna.Study, tuning: Tuning, start: Any, folder: Path, *, goals: bool) -> Best | None:
+    """Write the best settings so far; ``None`` while no trial is finished."""
+    import optuna
+
+    finished = [trial for trial in study.trials if trial.state == optuna.trial.TrialState.COMPLETE]
+    if not finished:
+        return None
+    best = study.best_trial
+    settings = propose(optuna.trial.FixedTrial(best.params), start, goals=goals)
+    result = Best(settings, float(study.best_value), len(finished))
+    data = {
+        "settings": dataclasses.asdict(settings),
+        "provenance": {
+            "found_by": f"bricksrl tune {tuning.env} --agent {tuning.agent}",
+            **dataclasses.asdict(tuning),
+            "trials": len(study.trials),
+            "trial": best.number,
+            "return_mean": result.value,
+        },
+    }
+    write_durably(folder / BEST, (json.dumps(data, indent=2) + "\n").encode())
+    return result

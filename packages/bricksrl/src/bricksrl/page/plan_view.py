@@ -1,0 +1,144 @@
+"""Building plan in the browser, with sliders for its step and for each motor and free joint."""
+
+from __future__ import annotations
+
+import math
+import threading
+from dataclasses import replace
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from bricksrl.errors import PlanError
+from bricksrl.page.board import Board
+from bricksrl.page.presses import is_finite
+from bricksrl.page.scene import HIDDEN, Floats, Mesh, Scene, SceneBody, Shape, View, flat_mesh, poses
+from bricktwin.plans.colours import colour_of
+from bricktwin.plans.geometry import M_PER_LDU
+from bricktwin.plans.mechanism.kinematics import TO_TWIN
+from bricktwin.plans.mechanism.posing import STILL, Motion, Poser
+from bricktwin.plans.part import Part
+from bricktwin.plans.plan import Plan
+from bricktwin.plans.planned_robot import PlannedRobot, planned
+from bricktwin.plans.shapes import TINTS, Tint, surface_of
+
+_MAX_DEG = 360
+
+
+class PlanView:
+    """View of a plan on a page.
+
+    Args:
+        plan: plan to show; one that is not a complete robot has steps but no joints.
+
+    Attributes:
+        board: board for the page's server.
+    """
+
+    def __init__(self, plan: Plan) -> None:
+        if not plan.parts:
+            raise PlanError(f"{plan.path} has no part that the catalogue knows; run `bricksrl plan check` on it")
+        self.board = Board()
+        self._plan, self._lock = plan, threading.Lock()
+        self._robot: PlannedRobot | None = None
+        message = ""
+        try:
+            self._robot = planned(plan)
+        except PlanError as error:
+            message = f"{error}. The joints are not shown."
+        self._poser = Poser(self._robot.articulation) if self._robot is not None else None
+        self._step = len(plan.steps)
+        self._sliders = self._joints()
+        self._angles: dict[str | int, float] = {}
+        self.board.show_scene(_scene(plan), self._poses())
+        self._message = message
+        self.board.update_status(title=plan.title, subtitle="building plan", state="", controls=["step", "reset"])
+        self._publish()
+
+    def press(self, name: str, value: Any) -> None:
+        """Handle a press on the page; unknown ones are ignored."""
+        with self._lock:
+            if name == "step":
+                self._step = self._step % len(self._plan.steps) + 1
+            elif name == "reset":
+                self._angles, self._step = {}, len(self._plan.steps)
+                self._poser = Poser(self._robot.articulation) if self._robot is not None else None
+            elif name == "slider" and isinstance(value, list) and len(value) == 2:
+                self._slide(*value)
+            else:
+                return
+            self.board.show_poses(self._poses())
+            self._publish()
+
+    def _slide(self, name: object, value: object) -> None:
+        if not isinstance(name, str) or not is_finite(value):
+            return
+        if name == "Step":
+            self._step = min(max(round(value), 1), len(self._plan.steps))
+        elif name in self._sliders:
+            self._angles[self._sliders[name]] = math.radians(min(max(float(value), -_MAX_DEG), _MAX_DEG))
+
+    def _joints(self) -> dict[str, str | int]:
+        """Sliders by name, each with the motor's port or the number of the joint that it turns."""
+        if self._robot is None or self._poser is None:
+            return {}
+        sliders: dict[str, str | int] = {}
+        for drive in self._robot.articulation.drives:
+            placed = self._robot.device(drive.port)
+            name = placed.device if placed is not None and placed.device else "motor"
+            sliders[f"{name}, port {drive.port}, deg"] = drive.port
+        sliders |= {f"joint {number + 1}, deg": joint for number, joint in enumerate(self._poser.free)}
+        return sliders
+
+    def _publish(self) -> None:
+        step = self._plan.steps[self._step - 1]
+        sliders: list[dict[str, Any]] = [
+            {"name": "Step", "low": 1, "high": len(self._plan.steps), "value": self._step, "text": f"{self._step}"}
+        ]
+        for label, joint in self._sliders.items():
+            angle_deg = round(math.degrees(self._angles.get(joint, 0.0)))
+            sliders.append({"name": label, "low": -_MAX_DEG, "high": _MAX_DEG, "value": angle_deg})
+        assembly = step.assembly[-1].rpartition(":")[0] if step.assembly else ""
+        facts = {"step": f"{self._step} of {len(self._plan.steps)}", "parts": len(self._plan.present_parts(step))}
+        facts |= {"builds": assembly} if assembly else {}
+        self.board.update_status(sliders=sliders, facts=facts, message=self._message, note=step.note)
+
+    def _poses(self) -> Floats:
+        """Poses of the parts [parts, 7]."""
+        motions: dict[int, Motion] = {}
+        if self._robot is not None and self._poser is not None:
+            shafts = {port: angle for port, angle in self._angles.items() if isinstance(port, str)}
+            swings = {joint: angle for joint, angle in self._angles.items() if isinstance(joint, int)}
+            motions = self._poser.of_parts(shafts, self._poser.motions(shafts, swings))
+        visible, positions = self._plan.present_parts(self._plan.steps[self._step - 1]), []
+        turns = np.empty((len(self._plan.parts), 4))
+        for turn, placed in zip(turns, self._plan.parts, strict=True):
+            motion = motions.get(placed.index, STILL)
+            mujoco.mju_mat2Quat(turn, (motion.turn @ TO_TWIN @ placed.rotation).ravel())
+            position = motion.of(TO_TWIN @ placed.position * M_PER_LDU)
+            positions.append(position if placed.index in visible else np.array([HIDDEN, 0.0, 0.0]))
+        return poses(np.array(positions), turns)
+
+
+def _scene(plan: Plan) -> Scene:
+    """Scene with a body for each part, with the part's origin."""
+    pieces: dict[Part, dict[Tint, Mesh]] = {}
+    bodies, corners = [], []
+    for placed in plan.parts:
+        part = placed.part
+        if part not in pieces:
+            surface = surface_of(part)
+            by_tint = {tint: surface.triangles[surface.tints == int(tint)] for tint in Tint}
+            pieces[part] = {tint: flat_mesh(triangles * M_PER_LDU) for tint, triangles in by_tint.items() if len(triangles)}
+        main = colour_of(placed.colour).rgb
+        shapes = tuple(Shape(mesh, (*TINTS.get(tint, main), 1.0)) for tint, mesh in pieces[part].items())
+        bodies.append(SceneBody(f"{placed.index}", shapes))
+        low, high = part.bounds
+        corners += [TO_TWIN @ placed.to_plan(np.array([low]))[0], TO_TWIN @ placed.to_plan(np.array([high]))[0]]
+    points = np.array(corners) * M_PER_LDU
+    lowest, highest = points.min(axis=0), points.max(axis=0)
+    x, y, z = ((lowest + highest) / 2).tolist()
+    size = float(np.linalg.norm(highest - lowest))
+    view = replace(View(), target=(x, y, z), distance_m=1.8 * size, yaw_deg=35.0)
+    return Scene(tuple(bodies), floor_m=float(lowest[2]), view=view)

@@ -1,0 +1,54 @@
+"""Trained policies: loading, sharing, export. Importing this loads no torch."""
+
+from __future__ import annotations
+
+from contextlib import closing, nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bricksrl.errors import RunError
+from brickhub.fields import check_value
+
+if TYPE_CHECKING:
+    from torchrl.envs import EnvBase
+
+    from bricksrl.policies.policy import Policy
+    from bricksrl.training.config import TrainConfig
+    from bricksrl.training.restore import Which
+
+
+def load_policy(path: Path | str, env: EnvBase | None = None, *, which: Which = "last") -> Policy:
+    """Load the policy of a run, or a shared one, as a TensorDict module for ``env.rollout(100, policy)``.
+
+    Args:
+        path: folder of a run, or of a shared policy.
+        env: environment to act in; by default that of the training.
+        which: the last checkpoint, or that of the best evaluation.
+
+    Raises:
+        RunError: there is no run in the folder, or a shared policy and ``which`` is not the last checkpoint.
+        CheckpointError: the policy is damaged, or ``env`` has other observations or actions than the run's environment.
+    """
+    from bricksrl.policies.policy import Policy
+    from bricksrl.policies.sharing import is_policy, load_shared
+    from bricksrl.training.restore import load_learner, one_robot
+    from bricksrl.training.run import make_env
+
+    check_value("path", path, Path | str)
+    path = Path(path)
+    if which != "last" and is_policy(path):
+        raise RunError(f"{path} holds the policy of one checkpoint; take the last one")
+    with closing(make_env(one_robot(config_of(path)))) if env is None else nullcontext(env) as env:
+        learner = load_shared(path, env) if is_policy(path) else load_learner(path, env, which=which).learner
+        return Policy(learner.policy, env.observation_spec["observation"].shape[-1])
+
+
+def config_of(path: Path) -> TrainConfig:
+    """Config of a run, or of a shared policy. Raises RunError or CheckpointError if the folder has neither, or it is damaged."""
+    from bricksrl.policies.sharing import is_policy, read_policy
+    from bricksrl.training.run_folder import RunFolder
+
+    return read_policy(path).config if is_policy(path) else RunFolder(path).read_config()
+
+
+__all__ = ["config_of", "load_policy"]

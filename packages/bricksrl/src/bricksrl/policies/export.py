@@ -1,0 +1,141 @@
+"""Export of a trained policy, from observation to action, to one file that is independent of BricksRL, and verified."""
+
+from __future__ import annotations
+
+import importlib.util
+import io
+import logging
+import warnings
+from collections.abc import Callable
+from contextlib import closing
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import torch
+from tensordict import TensorDict
+from torch import Tensor, nn
+from torchrl.envs.utils import ExplorationType, set_exploration_type
+
+from bricksrl.envs.specs import ObservationLayout
+from bricksrl.errors import RunError, message_of
+from brickhub.files import check_writable, refuse_existing, write_durably
+from bricksrl.policies import config_of, load_policy
+from bricksrl.training.restore import Which, one_robot
+from bricksrl.training.run import make_env
+
+if TYPE_CHECKING:
+    from bricksrl.policies.policy import Policy
+
+Format = Literal["torch-export", "onnx"]
+"""File format: a program of ``torch.export``, or ONNX."""
+TOLERANCE = 1e-4
+"""Largest allowed difference between an action of the file and the policy's; actions are in -1..1."""
+_OBSERVATIONS = 64
+_ONNX = ("onnx", "onnxscript")
+
+
+class BestAction(nn.Module):
+    """Deterministic action ``[batch, m]`` of a policy, as a function of observations ``[batch, n]`` and images, if used."""
+
+    def __init__(self, policy: Policy) -> None:
+        super().__init__()
+        self.module, self.names = policy.module, [str(key) for key in policy.in_keys]
+
+    def forward(self, *inputs: Tensor) -> Tensor:
+        observed = TensorDict(dict(zip(self.names, inputs, strict=True)), inputs[0].shape[:1])
+        with set_exploration_type(ExplorationType.DETERMINISTIC):
+            action: Tensor = self.module(observed)["action"]
+        return action
+
+
+def export_model(path: Path | str, out: Path, format_: Format = "torch-export", *, which: Which = "last") -> float:
+    """Export the policy of a run, or a shared one, to the file ``out``; read it back, and compare.
+
+    Returns:
+        The largest difference of its actions from the policy's, over random observations.
+
+    Raises:
+        RunError: ``out`` exists, packages are missing, or the policy is no function of its observation.
+        WriteError: ``out`` cannot be written.
+        CheckpointError: the policy is damaged.
+    """
+    refuse_existing(out, RunError)
+    check_writable(out)
+    missing = [name for name in _ONNX if format_ == "onnx" and importlib.util.find_spec(name) is None]
+    if missing:
+        names = " and ".join(missing)
+        raise RunError(f"export as onnx needs {names}; run `pip install 'bricksrl[onnx]'`, or export as torch-export")
+    with closing(make_env(one_robot(config_of(Path(path))))) as env:
+        policy, inputs = load_policy(path, env, which=which), _observations(ObservationLayout.of(env))
+    acting = BestAction(policy).eval().requires_grad_(False)
+    with torch.no_grad():
+        expected = _best(policy, acting, inputs)
+        data = _program(acting, inputs, format_)
+    write_durably(out, data)
+    with torch.no_grad():
+        difference = float((_reader(out, format_)(inputs) - expected).abs().max())
+    if not difference <= TOLERANCE:
+        out.unlink()
+        raise RunError(f"what was written acts otherwise, by {difference:.2g} of 2; export in another format")
+    return difference
+
+
+def _best(policy: Policy, acting: BestAction, inputs: tuple[Tensor, ...]) -> Tensor:
+    """The policy's actions, computed twice in different order. Raises RunError if the results differ."""
+    first: Tensor = acting(*inputs)
+    policy.reset()
+    flipped = acting(*(value.flip(0) for value in inputs)).flip(0)
+    if not torch.allclose(first, flipped, atol=TOLERANCE):
+        raise RunError(
+            "the policy's action depends on more than what it observes; export one that acts at once and not by chance"
+        )
+    return first
+
+
+def _observations(layout: ObservationLayout) -> tuple[Tensor, ...]:
+    """Random observations ``[batch, n]`` within their bounds, and images if there are any."""
+    generator = torch.Generator().manual_seed(0)
+    low, high = (torch.tensor(end).nan_to_num(posinf=1.0, neginf=-1.0) for end in (layout.low, layout.high))
+    observation = low + (high - low) * torch.rand(_OBSERVATIONS, len(low), generator=generator)
+    if not layout.image_px:
+        return (observation,)
+    side = layout.image_px
+    return observation, torch.randint(0, 256, (_OBSERVATIONS, side, side, 3), generator=generator, dtype=torch.uint8)
+
+
+def _program(acting: BestAction, inputs: tuple[Tensor, ...], format_: Format) -> bytes:
+    """Content of the file, for any batch size. Raises RunError if torch cannot export the policy."""
+    any_batch = tuple({0: torch.export.Dim.DYNAMIC} for _ in inputs)
+    buffer, logger = io.BytesIO(), logging.getLogger("torch.onnx")
+    level = logger.level
+    logger.setLevel(logging.ERROR)
+    try:
+        with warnings.catch_warnings(action="ignore"):  # torch's warnings
+            program = torch.export.export(acting, inputs, dynamic_shapes=(any_batch,))
+            if format_ == "torch-export":
+                torch.export.save(program, buffer)
+            else:
+                write: Any = torch.onnx.export  # it accepts buffers too, contrary to its annotations
+                write(program, (), buffer, input_names=acting.names, output_names=["action"], verbose=False)
+    except Exception as error:  # noqa: BLE001  torch may raise anything on a user's network
+        raise RunError(f"torch cannot export this policy ({message_of(error)}); use it through bricksrl.load_policy") from None
+    finally:
+        logger.setLevel(level)
+    return buffer.getvalue()
+
+
+def _reader(path: Path, format_: Format) -> Callable[[tuple[Tensor, ...]], Tensor]:
+    """The exported file as a function."""
+    if format_ == "torch-export":
+        module: Any = torch.export.load(path).module()
+        return lambda inputs: module(*inputs)
+    from onnx.reference import ReferenceEvaluator
+
+    evaluator = ReferenceEvaluator(str(path))
+
+    def evaluate(inputs: tuple[Tensor, ...]) -> Tensor:
+        feed = {name: value.numpy() for name, value in zip(evaluator.input_names, inputs, strict=True)}
+        outputs: Any = evaluator.run(None, feed)
+        return torch.from_numpy(outputs[0])
+
+    return evaluate

@@ -1,0 +1,129 @@
+"""Sharing of policies on the Hugging Face hub: tensors as safetensors and config as JSON. No pickles."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from contextlib import closing
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bricksrl.data.cards import policy_card
+from bricksrl.data.share import CARD, downloaded, hub_client
+from bricksrl.envs.trust import remember, require_trusted
+from bricksrl.errors import CheckpointError, RunError
+from brickhub.files import atomic_folder, folder_with, refuse_existing, write_durably
+from bricksrl.training.config import TrainConfig, portable
+from bricksrl.training.run_folder import RunFolder
+
+if TYPE_CHECKING:
+    from torchrl.envs import EnvBase
+
+    from bricksrl.agents.learner import Learner
+
+TENSORS, ABOUT = "policy.safetensors", "policy.json"
+_VERSION = 1
+
+
+def is_policy(path: Path) -> bool:
+    """Whether a folder holds a shared policy rather than a run."""
+    return (path / ABOUT).is_file() and (path / TENSORS).is_file()
+
+
+def export_policy(run_dir: Path, out: Path, *, licence: str = "mit") -> Path:
+    """Write the policy of a run to the folder ``out``, atomically: `TENSORS`, `ABOUT` and a card. Raises RunError if ``out``
+    exists or cannot be written, or there is no run, CheckpointError if the run's checkpoint is damaged."""
+    from safetensors.torch import save
+
+    from bricksrl.training.restore import load_learner, one_robot
+    from bricksrl.training.run import make_env
+
+    refuse_existing(out, RunError)
+    folder = RunFolder(run_dir)
+    config = folder.read_config()
+    with closing(make_env(one_robot(config))) as env:
+        trained = load_learner(run_dir, env)
+    tensors = {name: tensor.contiguous() for name, tensor in trained.learner.policy_state().items()}
+    shared = portable(replace(one_robot(config), data=None, updates=0, start=None, compile=False).to_dict())
+    about = {"bricksrl_policy": _VERSION, "episodes": trained.episodes, "config": shared}
+    card = policy_card(shared["env"], shared["agent"], trained.episodes, folder.own_evaluation(trained.episodes), licence)
+    with atomic_folder(out) as new:
+        write_durably(new / TENSORS, save(tensors))
+        text = (json.dumps(about, indent=1, default=str) + "\n").encode()
+        remember(text)
+        write_durably(new / ABOUT, text)
+        write_durably(new / CARD, card.encode())
+    return out
+
+
+@dataclass(frozen=True)
+class SharedPolicy:
+    """Shared policy, as written by `export_policy`: the config of its run, and its tensors by name."""
+
+    config: TrainConfig
+    tensors: dict[str, Any]
+
+
+def read_policy(path: Path) -> SharedPolicy:
+    """Read the policy in a folder. Nothing in it is executed. Raises CheckpointError or RunError if there is no policy, it is
+    damaged, or its config names untrusted code."""
+    from safetensors import SafetensorError
+    from safetensors.torch import load
+
+    try:
+        text = (path / ABOUT).read_bytes()
+        about = json.loads(text)
+        data = (path / TENSORS).read_bytes()
+    except OSError as error:
+        raise CheckpointError(f"there is no policy in {path} ({error.strerror}); choose {folder_with(path, TENSORS)}") from None
+    except (ValueError, RecursionError):
+        raise CheckpointError(f"{path / ABOUT} is not JSON; fetch the policy again") from None
+    if not isinstance(about, dict) or about.get("bricksrl_policy") != _VERSION or not isinstance(about.get("config"), dict):
+        raise CheckpointError(f"{path / ABOUT} describes no policy of this version of BricksRL; choose another")
+    require_trusted(path / ABOUT, text, about["config"])
+    try:
+        tensors = load(data)
+    except (SafetensorError, ValueError, KeyError, TypeError):
+        raise CheckpointError(f"{path / TENSORS} is not a valid safetensors file; fetch the policy again") from None
+    try:
+        return SharedPolicy(TrainConfig.from_dict(about["config"]), tensors)
+    except RunError as error:
+        raise CheckpointError(f"{path / ABOUT} is damaged: {error}") from None
+
+
+def load_shared(path: Path, env: EnvBase) -> Learner:
+    """A learner with a shared policy, to act in ``env``; its other training state is not restored. Raises CheckpointError if
+    there is no policy, it is damaged, or ``env`` has other observations or actions."""
+    from bricksrl.training.restore import make_learner_for
+
+    shared = read_policy(path)
+    learner = make_learner_for(shared.config, env, device="cpu")
+    state = learner.policy_state()
+    if {name: tensor.shape for name, tensor in state.items()} != {name: tensor.shape for name, tensor in shared.tensors.items()}:
+        raise CheckpointError(f"the policy in {path} observes or acts otherwise than this environment; use the one it is for")
+    learner.policy.load_state_dict(shared.tensors)
+    return learner
+
+
+def push_policy(run_dir: Path, repo: str, *, private: bool = False, licence: str = "mit") -> str:
+    """Upload the policy of a run, or a shared one, to the hub; returns its address. Raises RunError or CheckpointError as in
+    `export_policy`, DataError if the hub is out of reach or refuses. A shared policy keeps the ``licence`` on its card."""
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = run_dir if is_policy(run_dir) else export_policy(run_dir, Path(temporary) / "policy", licence=licence)
+        with hub_client(repo) as api:
+            api.create_repo(repo, repo_type="model", private=private, exist_ok=True)
+            api.upload_folder(repo_id=repo, repo_type="model", folder_path=str(folder), allow_patterns=[TENSORS, ABOUT, CARD])
+            return f"{api.endpoint}/{repo}"
+
+
+def pull_policy(repo: str, out: Path, *, revision: str | None = None) -> Path:
+    """Download a policy from the hub into the folder ``out``; it is checked before it is moved there.
+
+    Raises:
+        CheckpointError: the repository has no policy of BricksRL, or it is damaged.
+        DataError: ``out`` exists, there is no such policy, or the hub is out of reach.
+    """
+    with downloaded(repo, "model", out, [TENSORS, ABOUT, CARD], revision) as folder:
+        read_policy(folder)
+    return out

@@ -1,0 +1,51 @@
+"""Checkpoints: one file, written atomically, verified by a digest, loaded without executing code.
+
+Format: a magic line, the SHA-256 digest of the rest, and nested tensors, numbers, strings and lists as written by `torch.save`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import pickle
+import struct
+import warnings
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from bricksrl.errors import CheckpointError
+from brickhub.files import write_durably
+
+MAGIC = b"BricksRL checkpoint 1\n"
+_DIGEST_SIZE = hashlib.sha256().digest_size
+
+
+def save_checkpoint(path: Path, state: dict[str, Any]) -> None:
+    """Write ``state`` atomically."""
+    buffer = io.BytesIO()
+    torch.save(state, buffer)
+    payload = buffer.getvalue()
+    write_durably(path, MAGIC + hashlib.sha256(payload).digest() + payload)
+
+
+def load_checkpoint(path: Path) -> dict[str, Any]:
+    """Load a checkpoint. Raises CheckpointError if the file is missing, damaged, or no checkpoint."""
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise CheckpointError(f"cannot read the checkpoint {path} ({error.strerror}); choose the folder of a run") from None
+    if not data.startswith(MAGIC):
+        raise CheckpointError(f"{path} is not a checkpoint of this version of BricksRL; choose another or train again")
+    digest, payload = data[len(MAGIC) : len(MAGIC) + _DIGEST_SIZE], data[len(MAGIC) + _DIGEST_SIZE :]
+    if hashlib.sha256(payload).digest() != digest:
+        raise CheckpointError(f"the checkpoint {path} is damaged; restore a copy or train again")
+    try:
+        with warnings.catch_warnings(action="ignore"):  # warnings about foreign pickles, which are refused anyway
+            state = torch.load(io.BytesIO(payload), map_location="cpu", weights_only=True)
+    except (pickle.UnpicklingError, struct.error, AttributeError, EOFError, LookupError, RuntimeError, TypeError, ValueError):
+        state = None
+    if not isinstance(state, dict):
+        raise CheckpointError(f"the checkpoint {path} has no training state; train again")
+    return state

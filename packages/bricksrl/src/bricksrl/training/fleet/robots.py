@@ -1,0 +1,269 @@
+"""Fleet: several robots of one kind, each in its own process with its link, watchdog and resets.
+
+Each process runs assigned episodes and sends each frame. Robots with a lost link reconnect; ended processes are restarted.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from queue import Empty, SimpleQueue
+from typing import TYPE_CHECKING, Any
+
+from bricksrl.child_process import ChildProcess, Message
+from bricksrl.envs.specs import SpecsEnv
+from bricksrl.errors import LearnerError, RunError
+from brickhub.seed import derive_seed
+from bricksrl.training.fleet.robot_state import RobotState
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from bricksrl.envs.connection import Placement
+    from bricksrl.training.config import TrainConfig
+
+_END_TIMEOUT_S = 10.0
+_RESTART_S = 2.0
+_LONGEST_RESTART_S = 60.0
+_MAX_DEATHS = 5
+"""Ends of a robot's process in a row, without a complete episode, after which it is given up."""
+
+
+@dataclass
+class Member:
+    """One robot of a fleet, in the run's process.
+
+    Attributes:
+        name: for users and the dataset.
+        number: in the replay buffer.
+        hub: its address.
+        since_s: monotonic time of the last change of reachability.
+        is_ready: whether its process can start an episode.
+        starts: number of process starts.
+        deaths: of its process since its last complete episode.
+    """
+
+    name: str
+    number: int
+    hub: str
+    state: RobotState = RobotState.STARTING
+    reason: str = ""
+    since_s: float = field(default_factory=time.monotonic)
+    is_ready: bool = False
+    starts: int = 0
+    deaths: int = 0
+    restart_at_s: float | None = None
+    process: ChildProcess | None = None
+
+    @property
+    def is_out(self) -> bool:
+        """Whether it does not answer."""
+        return self.state in (RobotState.LEFT, RobotState.GIVEN_UP)
+
+
+Event = tuple[Member, str, Any]
+
+
+def members_of(config: TrainConfig) -> list[Member]:
+    """The robots of a config."""
+    hubs = config.hubs
+    names = [hub if hub != "virtual" else f"virtual-{number + 1}" for number, hub in enumerate(hubs)]
+    return [Member(name, number, hub) for number, (name, hub) in enumerate(zip(names, hubs, strict=True))]
+
+
+class Fleet(SpecsEnv):
+    """Several robots of one kind: common specs and task, and their processes.
+
+    ``stop``, ``pause`` and ``resume`` affect all robots and may be called from any thread.
+
+    Args:
+        config: of the run.
+        place: places a real robot at the start position; called for one robot at a time.
+
+    Raises:
+        RunError: robots of this kind cannot learn together.
+        UnknownNameError: there is no such environment or hub.
+    """
+
+    def __init__(self, config: TrainConfig, place: Placement | None = None) -> None:
+        from bricksrl.envs.registry import is_simulation, make
+        from brickhub.hub.transports.address import parse_hub
+
+        if is_simulation(config.env):
+            raise RunError(f"{config.env} is a simulation without a robot; train copies of it with num_envs")
+        for hub in config.hubs:
+            parse_hub(hub)
+        env = make(config.env, options=None, **config.options)
+        names = ("observation_spec", "action_spec", "reward_spec", "done_spec")
+        super().__init__({name: getattr(env, name).clone() for name in names}, env.task)
+        env.close(raise_if_closed=False)
+        self.config, self.members = config, members_of(config)
+        self.events: SimpleQueue[Event] = SimpleQueue()
+        self.is_paced = config.hub == "virtual" and not config.realtime
+        self._placer = None if place is None else _Placer(place, self._placed)
+        self._weights: dict[str, Tensor] | None = None
+        self._is_paused = self._is_over = False
+
+    # ---- control of all robots
+
+    def stop(self) -> None:
+        """Stop all robots at once, permanently."""
+        self._is_over = True
+        self._send_all("stop")
+
+    def pause(self) -> None:
+        """Pause all robots after their current steps."""
+        self._is_paused = True
+        self._send_all("pause")
+
+    def resume(self) -> None:
+        """Resume after `pause`."""
+        self._is_paused = False
+        self._send_all("resume")
+
+    @property
+    def is_paused(self) -> bool:
+        """Whether the robots are paused."""
+        return self._is_paused
+
+    def cut(self, name: str, duration_s: float) -> None:
+        """Break a virtual robot's link for a time, for tests."""
+        self._send(next(member for member in self.members if member.name == name), "cut", duration_s)
+
+    def _send_all(self, kind: str, content: Any = None) -> None:
+        for member in self.members:
+            self._send(member, kind, content)
+
+    # ---- processes
+
+    def start(self) -> None:
+        """Start all missing processes."""
+        for member in self.members:
+            if member.process is None:
+                self._start(member)
+
+    def _start(self, member: Member) -> None:
+        member.restart_at_s, member.is_ready = None, False
+        member.starts += 1
+        start = member.starts
+
+        def deliver(message: Message | None) -> None:
+            self.events.put((member, "gone", start) if message is None else (member, *message))
+
+        try:
+            member.process = ChildProcess("bricksrl.training.fleet.worker", deliver)
+        except OSError as error:
+            raise LearnerError(f"cannot start the process of {member.name} ({error.strerror}); use fewer robots") from None
+        robot_config = replace(self.config, hub=member.hub, robots=1, asynchronous=False, run_dir=None, start=None, data=None)
+        begin = {
+            "config": robot_config.to_dict(),
+            "seed": derive_seed(self.config.seed, f"robot {member.name}", member.deaths),
+            "is_recorded": self.config.record,
+            "is_paced": self.is_paced,
+            "is_placed": self._placer is not None,
+        }
+        self._send(member, "begin", begin)
+
+    def begin_sending(self, member: Member) -> None:
+        """Send the weights to a new process, and include it in `send_weights`; it knows of no stop or pause before."""
+        member.is_ready = True
+        if self._is_over or self._is_paused:
+            self._send(member, "stop" if self._is_over else "pause")
+        if self._weights is not None:
+            self._send(member, "weights", self._weights)
+
+    def next_event(self, timeout_s: float) -> Event | None:
+        """The next event of a robot, or ``None`` after the timeout. Restarts ended processes, but for those of robots that it
+        gives up."""
+        now_s = time.monotonic()
+        for member in self.members:
+            if member.restart_at_s is not None and now_s >= member.restart_at_s and not self._is_over:
+                self._start(member)
+        try:
+            member, kind, content = self.events.get(timeout=timeout_s)
+        except Empty:
+            return None
+        if kind == "gone":
+            if content != member.starts:
+                return None
+            code, member.is_ready = self._reap(member), False
+            member.deaths += 1
+            if member.deaths >= _MAX_DEATHS:
+                times = f"{member.deaths} times in a row without a complete episode"
+                return member, "given up", f"its process ended {times}, the last time with code {code}"
+            member.restart_at_s = now_s + min(_RESTART_S * 2.0 ** (member.deaths - 1), _LONGEST_RESTART_S)
+            return member, "gone", f"its process ended with code {code}"
+        if kind == "place" and self._placer is not None:
+            self._placer.ask(member)
+        return member, kind, content
+
+    def _placed(self, member: Member, error: BaseException | None) -> None:
+        if error is None:
+            self._send(member, "placed")
+        else:
+            self.events.put((member, "unplaced", error))
+
+    def order(self, member: Member, episode: dict[str, Any]) -> None:
+        """Start an episode on a robot."""
+        self._send(member, "episode", episode)
+
+    def go_on(self, member: Member) -> None:
+        """Let a robot in simulated time make its next step."""
+        if self.is_paced:
+            self._send(member, "go")
+
+    def send_weights(self, weights: dict[str, Tensor]) -> None:
+        """Send weights to all started processes: the pipe to a starting one would be full for seconds and block all robots."""
+        self._weights = weights
+        for member in self.members:
+            if member.is_ready:
+                self._send(member, "weights", weights)
+
+    def _send(self, member: Member, kind: str, content: Any = None) -> None:
+        if member.process is not None:
+            with contextlib.suppress(OSError, ValueError):  # its reader reports the end
+                member.process.send(kind, content)
+
+    def _reap(self, member: Member) -> int | None:
+        process, member.process = member.process, None
+        return None if process is None else process.end(_END_TIMEOUT_S)
+
+    def close(self, *, raise_if_closed: bool = True) -> None:
+        """End all processes; each stops its robot first."""
+        self._is_over = True
+        self._send_all("end")
+        for member in self.members:
+            self._reap(member)
+        if self._placer is not None:
+            self._placer.end()
+        super().close(raise_if_closed=raise_if_closed)
+
+
+class _Placer:
+    """A thread that has robots placed one after the other, by one person."""
+
+    def __init__(self, place: Placement, report: Callable[[Member, BaseException | None], None]) -> None:
+        self._place, self._report = place, report
+        self._queue: SimpleQueue[Member | None] = SimpleQueue()
+        threading.Thread(target=self._work, name="placer", daemon=True).start()
+
+    def ask(self, member: Member) -> None:
+        self._queue.put(member)
+
+    def end(self) -> None:
+        self._queue.put(None)
+
+    def _work(self) -> None:
+        import numpy as np
+
+        rng = np.random.default_rng()
+        while (member := self._queue.get()) is not None:
+            try:
+                self._place(rng)
+            except BaseException as error:  # noqa: BLE001  raised again in the run's thread
+                self._report(member, error)
+            else:
+                self._report(member, None)

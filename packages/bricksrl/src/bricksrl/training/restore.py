@@ -1,0 +1,136 @@
+"""Restoring learners from checkpoints of runs."""
+
+from __future__ import annotations
+
+import contextlib
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, get_args
+
+from bricksrl.agents import make_learner
+from bricksrl.errors import BricksError, CheckpointError, DescriptionError, DivergedError, RunError
+from brickhub.fields import check_fields
+from bricksrl.training.callbacks import Episode
+from bricksrl.training.config import TrainConfig, portable
+from bricksrl.training.run_folder import RunFolder
+
+if TYPE_CHECKING:
+    from torchrl.envs import EnvBase
+
+    from bricksrl.agents.learner import Learner
+
+Which = Literal["last", "best"]
+"""The last checkpoint of a run, or that of its best evaluation."""
+
+
+@dataclass(frozen=True)
+class Trained:
+    """A restored learner and its number of training episodes."""
+
+    learner: Learner
+    episodes: int
+
+
+def load_learner(run_dir: Path | str, env: EnvBase, *, which: Which = "last") -> Trained:
+    """The learner of a run, on the CPU, for ``env``. Raises RunError if there is no run in the folder, CheckpointError if it is
+    damaged, or the observation or action of ``env`` differs, DivergedError if its weights are not finite."""
+    folder = RunFolder(run_dir)
+    config = folder.read_config()
+    learner = make_learner_for(config, env, device="cpu")
+    state = load_state(folder, config, env, which=which)
+    learner.load_state_dict({key: value for key, value in state["agent"].items() if key != "memory"})
+    check_weights(learner)
+    return Trained(learner, len(state["episodes"]))
+
+
+def check_weights(learner: Learner) -> None:
+    """Raise DivergedError if a weight of the acting policy is not finite."""
+    if not all(bool(tensor.isfinite().all()) for tensor in learner.acting.state_dict().values()):
+        raise DivergedError("the agent has diverged: its weights are not finite; train it with a smaller learning_rate")
+
+
+def one_robot(config: TrainConfig) -> TrainConfig:
+    """The config for a single robot, the first, on the CPU."""
+    return replace(config, num_envs=1, robots=1, hub=config.hubs[0], device="cpu")
+
+
+def make_learner_for(config: TrainConfig, env: EnvBase, device: str | None = None) -> Learner:
+    """A new learner from a config, for ``env``. Raises RunError without enough memory, device or compiler."""
+    from bricksrl.envs.simulation import resolve_device
+
+    device = str(resolve_device(config.device)) if device is None else device
+    try:
+        learner = make_learner(config.agent, env, config.settings, device)
+    except RuntimeError as error:
+        if "memory" not in str(error):
+            raise
+        raise RunError(f"there is not enough memory for the agent {config.agent}; give it smaller networks or memory") from None
+    if config.compile:
+        from bricksrl.agents.compiled import compile_updates
+
+        compile_updates(learner)
+    return learner
+
+
+def identity_of(config: TrainConfig, env: EnvBase) -> dict[str, Any]:
+    """Values that must be equal in a checkpoint and its run."""
+    from bricksrl.agents.networks import action_size
+    from bricksrl.envs.specs import ObservationLayout
+
+    data = config.to_dict()
+    run = {key: data[key] for key in ("env", "agent", "seed", "settings")}
+    return {**run, "layout": asdict(ObservationLayout.of(env)), "action_size": action_size(env)}
+
+
+def load_state(folder: RunFolder, config: TrainConfig, env: EnvBase, *, which: Which = "last") -> dict[str, Any]:
+    """A verified checkpoint of a run. Raises CheckpointError if it is damaged, missing, or of another run or environment."""
+    from bricksrl.training.checkpoint import load_checkpoint
+
+    if which not in get_args(Which):
+        raise RunError(f"there is no checkpoint '{which}'; choose {' or '.join(get_args(Which))}")
+    if which == "best" and not folder.best_path.exists():
+        raise CheckpointError(f"the run in {folder.path} has no best checkpoint; train with evaluations, or take the last one")
+    path = folder.checkpoint_path if which == "last" else folder.best_path
+    state, identity = load_checkpoint(path), identity_of(config, env)
+    differs = _differences(state.get("identity"), identity, config)
+    if differs and differs <= {"layout", "action_size"}:
+        raise CheckpointError(f"{folder.path} learned in {config.env}; choose an environment with its observations and actions")
+    if differs:
+        raise CheckpointError(f"{path} belongs to another config; restore the run's own config.json")
+    try:
+        _check_state(state)
+    except (AttributeError, BricksError, LookupError, OverflowError, RuntimeError, TypeError, ValueError):
+        raise CheckpointError(f"{path} lacks a part of a run's state; restore a copy or train again") from None
+    return state
+
+
+def _differences(saved: Any, identity: dict[str, Any], config: TrainConfig) -> set[str]:
+    """Names of the values that differ in a checkpoint, where settings that are newer than it have their defaults."""
+    with contextlib.suppress(DescriptionError, LookupError, TypeError):
+        defaults = TrainConfig(config.env, config.agent, settings=type(config.settings)()).to_dict()["settings"]
+        saved = {**saved, "settings": {**defaults, **saved["settings"]}}
+    try:
+        saved, identity = portable(saved), portable(identity)
+        return {key for key, value in identity.items() if value != saved[key]}
+    except (AttributeError, LookupError, RuntimeError, TypeError):  # a part is missing, or a tensor in place of a number
+        return set(identity)
+
+
+def _check_state(state: dict[str, Any]) -> None:
+    """Raise any error unless the state is complete; the learner checks its own part."""
+    import torch
+
+    for episode in map(Episode.from_dict, state["episodes"]):
+        check_fields(Episode, vars(episode))
+        for value in (*episode.losses.values(), episode.updates_per_step or 0.0, episode.evaluation or 0.0):
+            float(value)
+    if any(type(state["pace"][name]) is not int for name in ("asked", "done")):
+        raise TypeError
+    torch.Generator().set_state(state["generator"])
+    float(state["best"] or 0.0)
+    for frames in state["collected"]:
+        frames["next"]["done"].shape  # noqa: B018
+    sizes = {"observation": len(state["identity"]["layout"]["low"]), "action": state["identity"]["action_size"]}
+    rows = state["agent"].get("memory", {"rows": {}})["rows"]
+    if any(name in rows and rows[name].shape[1:] != (size,) for name, size in sizes.items()):
+        raise ValueError

@@ -1,0 +1,196 @@
+"""`train` and `resume`: runs from a config to files."""
+
+from __future__ import annotations
+
+import threading
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bricksrl.errors import DescriptionError, RunError, counted
+from brickhub.fields import check_value
+from brickhub.files import only_writer
+from bricksrl.training.callbacks import Callback, CallbackList, RunResult
+from bricksrl.training.config import TrainConfig
+from bricksrl.training.offline import attach_dataset, warm_start
+from bricksrl.training.restore import identity_of, load_state, make_learner_for
+from bricksrl.training.run_folder import RunFolder
+from bricksrl.training.signals import StopSignals
+
+if TYPE_CHECKING:
+    from torchrl.envs import EnvBase
+
+    from bricksrl.agents.learner import Learner
+    from bricksrl.envs.connection import Placement
+    from bricksrl.envs.rollout import Driver
+    from bricksrl.training.async_learner import AsyncLearner
+    from bricksrl.training.learner_side import InLoopLearner
+
+
+def train(
+    config: TrainConfig,
+    callback: Callback | None = None,
+    *,
+    env: EnvBase | None = None,
+    place: Placement | None = None,
+    stop: threading.Event | None = None,
+    driver: Driver | None = None,
+) -> RunResult:
+    """Train a new agent into a new folder, which is created once the robot is connected.
+
+    Ctrl-C, or ``stop`` set from any thread, ends the run after the current step; `resume` continues after the last complete
+    episode. A lost link ends the episode, and the run continues when the robot is back.
+
+    Args:
+        env: your own environment, which stays open; by default ``config.env`` is made and closed.
+        place: places a real robot at the start position, as for `bricksrl.make`.
+        driver: may take over from the agent at any step.
+
+    Raises:
+        RunError: the folder exists, or the config does not suit the environment or computer.
+        UnknownNameError: there is no such environment, hub or agent.
+        HubError: the robot is out of reach; earlier progress is saved.
+        LearnerError: the process of an asynchronous learner failed; earlier progress is saved.
+        DivergedError: the weights of the agent are not finite any more.
+        KeyboardInterrupt: Ctrl-C before the robot was connected; nothing was created.
+    """
+    check_value("config", config, TrainConfig)
+    if config.run_dir is not None and config.run_dir.exists():
+        raise RunError(f"{config.run_dir} exists already; resume that run or choose another folder")
+    return _run(config, None, callback, env, place, stop, driver)
+
+
+def resume(
+    run_dir: Path | str,
+    callback: Callback | None = None,
+    *,
+    episodes: int | None = None,
+    env: EnvBase | None = None,
+    place: Placement | None = None,
+    stop: threading.Event | None = None,
+    driver: Driver | None = None,
+) -> RunResult:
+    """Continue a run after its last complete episode; synchronous runs on the CPU end bit-identical to uninterrupted ones.
+    ``episodes``: total number, if more than before; ``env, place, driver``: as in `train`.
+
+    Raises:
+        RunError: there is no run in the folder, or another process works on it.
+        CheckpointError: its checkpoint is damaged or of another run.
+        HubError, LearnerError: as in `train`.
+    """
+    folder = RunFolder(run_dir)
+    config = folder.read_config()
+    if episodes is not None and episodes < config.episodes:
+        whole = counted(config.episodes, "episode")
+        raise RunError(f"the run in {run_dir} is meant to have {whole}; give that number or more, not {episodes}")
+    if config.updates and episodes not in (None, config.episodes):
+        raise RunError(f"the run in {run_dir} learned from data; `bricksrl train ENV --from RUN` goes on from it on a robot")
+    with only_writer(folder.path, RunError):
+        return _run(replace(config, episodes=episodes or config.episodes), folder, callback, env, place, stop, driver)
+
+
+def _run(
+    config: TrainConfig,
+    folder: RunFolder | None,
+    callback: Callback | None,
+    env: EnvBase | None,
+    place: Placement | None,
+    stop: threading.Event | None,
+    driver: Driver | None,
+) -> RunResult:
+    """A new run, or one from the checkpoint in ``folder``."""
+    if len(config.hubs) > 1 and (env is not None or driver is not None):
+        raise RunError("a fleet takes no env and no driver; omit them")
+    if env is not None and env.batch_size and not {"episode_reward", "step_count"} <= set(env.full_observation_spec.keys()):
+        raise RunError("copies of your own need TorchRL's RewardSum and StepCounter; add them, or omit env and give num_envs")
+    from brickhub.seed import derive_seed
+    from bricksrl.training.seeding import reproducible
+
+    callback = callback or Callback()
+    if config.log != "none":
+        from bricksrl.training.loggers import Tracking
+
+        callback = CallbackList(callback, Tracking(config.log))
+    with ExitStack() as stack:
+        if env is None:
+            env = make_env(config, place)
+            stack.callback(env.close, raise_if_closed=False)
+        stack.enter_context(reproducible(derive_seed(config.seed, "agent")))
+        signals = stack.enter_context(StopSignals(stop or threading.Event()))
+        return _run_in(env, config, folder, callback, signals, driver)
+
+
+def _run_in(
+    env: EnvBase, config: TrainConfig, folder: RunFolder | None, callback: Callback, signals: StopSignals, driver: Driver | None
+) -> RunResult:
+    import torch
+
+    from bricksrl.training.fleet.loop import FleetLoop
+    from bricksrl.training.fleet.robots import Fleet
+    from bricksrl.training.run_loop import RunLoop, run_state
+
+    learner = make_learner_for(config, env)
+    if len(config.hubs) > 1 and learner.frames_per_batch > 1:
+        raise RunError(f"{config.agent} collects from many simulated copies; choose another agent for several robots")
+    attach_dataset(config, learner, env)
+    if folder is None:
+        warm_start(config, learner, env)
+        own = {"agent": learner.state_dict(), "pace": {"asked": 0, "done": 0}, "collected": []}
+        state = {**own, **run_state(identity_of(config, env), [])}
+    else:
+        state = load_state(folder, config, env)
+    callback.on_env(env)
+    callback.on_learner(learner)
+    with ExitStack() as lock, ExitStack() as stack:  # a learner in another process may write until it has ended
+        side = _learning(stack, config, env, learner, state, signals)
+        torch.set_rng_state(state["generator"])
+        make = FleetLoop if isinstance(env, Fleet) else RunLoop
+        loop = make(config, env, side, callback, signals, state, driver)
+        start = loop.reset() if folder is None and not config.updates else None
+        losses = tuple(name for name in getattr(learner.loss, "out_keys", ()) if isinstance(name, str))
+        with signals.held_back():
+            if folder is None:
+                folder = RunFolder.create(config, state, losses)
+                lock.enter_context(only_writer(folder.path, RunError))
+            else:
+                folder.write_episodes(loop.episodes, losses)
+                folder.write_config(config)
+        del state  # may be large
+        return loop.run(folder, start)
+
+
+def _learning(
+    stack: ExitStack, config: TrainConfig, env: EnvBase, learner: Learner, state: dict[str, Any], signals: StopSignals
+) -> InLoopLearner | AsyncLearner:
+    """The learner from a checkpoint's state, here or in another process until the end of the ``stack``."""
+    from bricksrl.training.async_learner import AsyncLearner
+    from bricksrl.training.learner_side import InLoopLearner
+
+    if not config.asynchronous or learner.loss is None or config.updates:
+        learner.load_state_dict(state["agent"])
+        learner.act_on(env.device)
+        return InLoopLearner(learner, state)
+    side = stack.enter_context(AsyncLearner(config, env, learner, state))
+    with signals.at_once():
+        side.wait_until_ready()
+    return side
+
+
+def make_env(config: TrainConfig, place: Placement | None = None) -> EnvBase:
+    """The environment of a config; ``place`` places a real robot at the start position. Raises UnknownNameError if there is no
+    such environment or hub, RunError if it does not support copies."""
+    if len(config.hubs) > 1:
+        from bricksrl.training.fleet.robots import Fleet
+
+        return Fleet(config, place if config.hub != "virtual" else None)
+    if config.num_envs == 1:
+        from bricksrl.envs.registry import make
+
+        return make(config.env, config, seed=config.seed, place=place)
+    from bricksrl.training.collection import make_copies
+
+    try:
+        return make_copies(config.env, config, config.num_envs, seed=config.seed, device=config.device)
+    except DescriptionError as error:
+        raise RunError(f"cannot make {config.num_envs} copies of {config.env}: {error}") from None

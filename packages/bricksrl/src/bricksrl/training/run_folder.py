@@ -1,0 +1,158 @@
+"""Folder of a run: config, metrics, checkpoint, learning curve, evaluation. Never overwritten by another run."""
+
+from __future__ import annotations
+
+import csv
+import io
+import itertools
+import json
+import platform
+import re
+from collections.abc import Iterable
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from bricksrl.envs.trust import code_in, remember, require_trusted
+from bricksrl.envs.user_files import without_folder
+from bricksrl.errors import RunError, WriteError
+from brickhub.fields import check_value
+from brickhub.files import TEMPORARY_PREFIX, atomic_folder, folder_with, write_durably
+from bricksrl.training.callbacks import Episode, Phase
+from bricksrl.training.config import TrainConfig
+
+_HEAD = ("episode", "phase", "steps", "length", "return", "success")
+_TAIL = ("seconds", "updates_per_step", "link_lost", "evaluation", "robot")
+
+
+class RunFolder:
+    """Paths and files of one run; ``best_path`` is of the best evaluation. Raises DescriptionError if the path is none."""
+
+    def __init__(self, path: Path | str) -> None:
+        check_value("run", path, Path | str)
+        self.path = path = Path(path)
+        self.config_path, self.metrics_path = path / "config.json", path / "metrics.csv"
+        self.checkpoint_path, self.best_path = path / "checkpoint.bin", path / "best.bin"
+        self.curve_path, self.evaluation_path = path / "learning_curve.png", path / "evaluation.json"
+
+    @classmethod
+    def create(cls, config: TrainConfig, state: dict[str, Any], losses: tuple[str, ...]) -> RunFolder:
+        """Create a folder with config and first checkpoint, atomically. Raises RunError if it exists, or WriteError."""
+        from bricksrl.training.checkpoint import save_checkpoint
+
+        default = Path("runs") / f"{file_name(config.env)}-{file_name(config.agent)}-seed-{config.seed}"
+        numbered = (default.with_name(f"{default.name}-{number}") for number in itertools.count(2))
+        paths: Iterable[Path] = itertools.chain([default], numbered) if config.run_dir is None else [config.run_dir]
+        for path in paths:
+            if path.exists():
+                continue
+            try:
+                with atomic_folder(path) as temporary:
+                    folder = cls(temporary)
+                    folder.write_config(config)
+                    folder.write_episodes([], losses)
+                    save_checkpoint(folder.checkpoint_path, state)
+            except WriteError:
+                if path.exists():  # another process created it meanwhile
+                    continue
+                raise
+            return cls(path)
+        raise RunError(f"{config.run_dir} exists already; resume that run or choose another folder")
+
+    def write_config(self, config: TrainConfig) -> None:
+        """Write the config with the package versions."""
+        packages = {name: metadata.version(name) for name in ("bricksrl", "torch", "torchrl", "tensordict", "mujoco")}
+        versions = {**packages, "python": platform.python_version()}
+        data = {"bricksrl_run": 1, "config": config.to_dict(), "versions": versions}
+        text = (json.dumps(data, indent=2) + "\n").encode()
+        if code_in(data["config"]):
+            remember(text)
+        write_durably(self.config_path, text)
+
+    def read_config(self) -> TrainConfig:
+        """Read the config. Raises RunError if there is no run, its config is invalid, or it names code from another computer."""
+        try:
+            text = self.config_path.read_bytes()
+            data = json.loads(text)
+        except OSError:
+            raise RunError(f"there is no run in {self.path}; choose {folder_with(self.path, 'config.json')}") from None
+        except (ValueError, RecursionError):
+            raise RunError(f"{self.config_path} is not JSON; restore the file or start a new run") from None
+        if not isinstance(data, dict) or data.get("bricksrl_run") != 1 or not isinstance(data.get("config"), dict):
+            raise RunError(f"{self.config_path} is not the config of a run; choose the folder of a run")
+        require_trusted(self.config_path, text, data["config"])
+        return TrainConfig.from_dict(data["config"], run_dir=self.path)
+
+    def read_evaluation(self) -> dict[str, Any] | None:
+        """The latest evaluation, as `EvaluationResult` wrote it; ``None`` if there is none, or it is damaged."""
+        try:
+            data = json.loads(self.evaluation_path.read_bytes())
+            for name in ("return_mean", "return_std", "episodes", "trained_episodes"):
+                float(data[name])
+        except (OSError, ValueError, LookupError, TypeError, RecursionError):
+            return None
+        return dict(data)
+
+    def own_evaluation(self, episodes: int) -> dict[str, Any] | None:
+        """The evaluation if it is of the agent after this number of episodes, under the conditions of its training."""
+        data = self.read_evaluation()
+        return data if data is not None and data["trained_episodes"] == episodes and data.get("as_trained") else None
+
+    def append(self, episode: Episode) -> None:
+        """Append an episode to the metrics."""
+        with self.metrics_path.open("r+b") as file:
+            columns = file.readline().decode().strip().split(",")
+            file.seek(0, 2)
+            file.write(_csv(columns, [episode]))
+
+    def read_episodes(self) -> tuple[Episode, ...]:
+        """Read the metrics, without a last row that a crash has cut. Raises RunError if they are missing or invalid."""
+        try:
+            whole_lines, _, _ = self.metrics_path.read_text().rpartition("\n")
+            return tuple(map(_episode, csv.DictReader(whole_lines.splitlines())))
+        except OSError as error:
+            raise RunError(f"cannot read {self.metrics_path} ({error.strerror}); restore the file or start a new run") from None
+        except (KeyError, ValueError, TypeError):
+            raise RunError(f"{self.metrics_path} has an invalid row; restore the file or start a new run") from None
+
+    def write_episodes(self, episodes: Iterable[Episode], losses: tuple[str, ...]) -> None:
+        """Replace the metrics, which after a crash may be ahead of the checkpoint, and remove incomplete files."""
+        for remnant in self.path.glob(f"{TEMPORARY_PREFIX}*"):
+            remnant.unlink(missing_ok=True)
+        columns = [*_HEAD, *losses, *_TAIL]
+        write_durably(self.metrics_path, f"{','.join(columns)}\n".encode() + _csv(columns, episodes))
+
+
+def file_name(env_id: str) -> str:
+    """An environment's id, or the file of a user's task, as part of a file name."""
+    return re.sub(r"[^\w.-]+", "-", without_folder(env_id)).strip("-.")
+
+
+def _csv(columns: list[str], episodes: Iterable[Episode]) -> bytes:
+    text = io.StringIO()
+    csv.DictWriter(text, columns, extrasaction="ignore", lineterminator="\n").writerows(map(_row, episodes))
+    return text.getvalue().encode()
+
+
+def _row(episode: Episode) -> dict[str, Any]:
+    success = None if episode.success is None else int(episode.success)
+    ratio = None if episode.updates_per_step is None else f"{episode.updates_per_step:.4g}"
+    texts = {"seconds": f"{episode.seconds:.3f}", "updates_per_step": ratio, "link_lost": int(episode.link_lost)}
+    return {**episode.losses, **vars(episode), **texts, "return": episode.return_, "success": success}
+
+
+def _episode(row: dict[str, str]) -> Episode:
+    return Episode(
+        episode=int(row["episode"]),
+        phase=Phase(row["phase"]),
+        steps=int(row["steps"]),
+        length=int(row["length"]),
+        return_=float(row["return"]),
+        success=bool(int(row["success"])) if row["success"] else None,
+        losses={name: float(value) for name, value in row.items() if value and name not in (*_HEAD, *_TAIL)},
+        seconds=float(row["seconds"]),
+        updates_per_step=float(row["updates_per_step"]) if row["updates_per_step"] else None,
+        link_lost=row["link_lost"] == "1",
+        evaluation=float(row["evaluation"]) if row["evaluation"] else None,
+        robot=row.get("robot") or "",
+    )

@@ -1,0 +1,195 @@
+"""Training and evaluation of teams: groups of robots in an arena."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bricksrl.errors import CheckpointError, RunError, message_of
+from brickhub.seed import check_seed, derive_seed
+
+if TYPE_CHECKING:
+    from tensordict.nn import TensorDictModuleBase
+    from torchrl.envs import EnvBase
+
+    from bricksrl.training.teams.groups import GroupLearner, TeamSettings
+
+MAX_COPIES = 2**16
+"""Maximum number of copies of a simulation."""
+
+
+@dataclass(frozen=True)
+class TeamConfig:
+    """Training of one or several groups.
+
+    Attributes:
+        env: name of an arena.
+        agents: algorithm of each learning group.
+        scripts: script of each other group: one of the task, "random", or several separated by commas for the copies in turn.
+        frames: total steps of all copies.
+        copies: number of copies of the kinematic simulation; 0 trains in the arena itself, with its hubs.
+    """
+
+    env: str
+    agents: Mapping[str, str]
+    scripts: Mapping[str, str] = field(default_factory=dict)
+    frames: int = 500_000
+    copies: int = 256
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        check_seed(self.seed)
+        if not self.agents or self.frames < 1 or not 0 <= self.copies <= MAX_COPIES:
+            raise RunError(f"a team needs a learning group, 1 frame or more, and 0 to {MAX_COPIES:,} copies")
+
+
+@dataclass(frozen=True)
+class TeamProgress:
+    """Progress of a training: mean return per robot of each group, and success rate, over the episodes that ended."""
+
+    frames: int
+    episodes: int
+    returns: dict[str, float]
+    success: float
+
+
+@dataclass
+class Team:
+    """Trained groups. ``policy``: policy of all robots; explores under ``ExplorationType.RANDOM``."""
+
+    config: TeamConfig
+    settings: TeamSettings
+    learners: dict[str, GroupLearner]
+    policy: TensorDictModuleBase
+
+    def save(self, path: Path | str) -> None:
+        """Save the acting networks."""
+        from bricksrl.training.checkpoint import save_checkpoint
+
+        plain = {**asdict(self.config), "agents": dict(self.config.agents), "scripts": dict(self.config.scripts)}
+        own = {**asdict(self.settings), "hidden": list(self.settings.hidden)}
+        groups = {group: learner.state_dict() for group, learner in self.learners.items()}
+        save_checkpoint(Path(path), {"config": plain, "settings": own, "groups": groups})
+
+
+def load_team(path: Path | str, scripts: Mapping[str, str] | None = None) -> Team:
+    """Load a team, optionally against other scripts. Raises CheckpointError if it is damaged or no team."""
+    from bricksrl.envs.arenas import make_arena
+    from bricksrl.training.checkpoint import load_checkpoint
+    from bricksrl.training.teams.groups import TeamSettings
+
+    state = load_checkpoint(Path(path))
+    try:
+        config = TeamConfig(**{**state["config"], **({} if scripts is None else {"scripts": dict(scripts)})})
+        settings = TeamSettings(**{**state["settings"], "hidden": tuple(state["settings"]["hidden"])})
+        team = _new_team(make_arena(config.env), config, settings)
+        for group, learner in team.learners.items():
+            learner.load_state_dict(state["groups"][group])
+    except (KeyError, TypeError, RuntimeError) as error:
+        raise CheckpointError(f"{path} has no team ({message_of(error, typed=True)}); choose another file or train one") from None
+    return team
+
+
+def _new_team(env: EnvBase, config: TeamConfig, settings: TeamSettings) -> Team:
+    from bricksrl.training.teams.groups import make_group, team_policy
+
+    agents: Any = config.agents
+    learners = {group: make_group(env, group, agent, settings) for group, agent in agents.items()}
+    return Team(config, settings, learners, team_policy(env, learners, config.scripts))
+
+
+def train_team(
+    config: TeamConfig,
+    settings: TeamSettings | None = None,
+    on_progress: Callable[[TeamProgress], None] = lambda _: None,
+    stop: threading.Event | None = None,
+) -> Team:
+    """Train the groups of a config; reproducible. Ends after the round in which ``stop`` is set. Raises UnknownNameError or
+    DescriptionError if there is no such arena, group, agent or script."""
+    from bricksrl.envs.arenas import make_arena
+    from bricksrl.training.seeding import reproducible
+    from bricksrl.training.teams.groups import TeamSettings
+
+    settings = settings or TeamSettings()
+    env = make_arena(config.env, seed=derive_seed(config.seed, "arena"), batch_size=config.copies)
+    with reproducible(derive_seed(config.seed, "team")):
+        team = _new_team(env, config, settings)
+        _learn(env, team, on_progress, stop or threading.Event())
+    env.close(raise_if_closed=False)
+    return team
+
+
+def _learn(env: EnvBase, team: Team, on_progress: Callable[[TeamProgress], None], stop: threading.Event) -> None:
+    import torch
+
+    from bricksrl.training.collection import collect_round
+
+    config, copies = team.config, max(1, team.config.copies)
+    batch = team.settings.steps * copies
+    running = {group: torch.zeros(copies) for group in config.agents}
+    frames_done = 0
+    steps = max(1, config.frames // batch) * team.settings.steps
+    for frames in collect_round(env, team.policy, steps, team.settings.steps):
+        frames = frames if frames.ndim == 2 else frames[None]
+        frames_done += frames.numel()
+        on_progress(_progress(team, frames, running, frames_done))
+        for learner in team.learners.values():
+            learner.learn(frames)
+        if stop.is_set():
+            return
+
+
+def _progress(team: Team, frames: Any, running: dict[str, Any], frames_done: int) -> TeamProgress:
+    """Progress over the episodes that ended in these frames; ``running`` has the returns of the current ones."""
+    after = frames["next"]
+    done = after["done"].squeeze(-1)
+    ended = int(done.sum())
+    returns = {}
+    for group in team.config.agents:
+        total = 0.0
+        rewards = after[group, "reward"].mean((-1, -2))
+        for step in range(frames.shape[1]):
+            running[group] += rewards[:, step]
+            total += float((running[group] * done[:, step]).sum())
+            running[group] *= ~done[:, step]
+        returns[group] = total / ended if ended else float("nan")
+    success = float((after["success"] & after["done"]).sum()) / ended if ended else float("nan")
+    return TeamProgress(frames_done, ended, returns, success)
+
+
+@dataclass(frozen=True)
+class TeamEpisode:
+    """An evaluated episode: success, steps, and mean return of each group's robots."""
+
+    success: bool
+    length: int
+    returns: dict[str, float]
+
+
+def play_team(env: EnvBase, policy: TensorDictModuleBase, episodes: int, seed: int) -> list[TeamEpisode]:
+    """Run episodes in an arena with its hubs; episode ``k`` depends on ``seed``, ``k`` and the policy only. Raises HubError if a
+    link broke."""
+    import torch
+    from torchrl.envs.utils import ExplorationType, set_exploration_type
+
+    played = []
+    for number in range(1, episodes + 1):
+        env.set_seed(derive_seed(seed, "evaluation", number))
+        torch.manual_seed(derive_seed(seed, "policy", number))
+        state, length, returns = env.reset(), 0, dict.fromkeys(env.task.groups, 0.0)
+        with torch.no_grad(), set_exploration_type(ExplorationType.DETERMINISTIC):
+            while True:
+                frame = env.step(policy(state))
+                length += 1
+                if bool(frame["next", "link_lost"]):
+                    raise env.link_error
+                for group in returns:
+                    returns[group] += float(frame["next", group, "reward"].mean())
+                if bool(frame["next", "done"]):
+                    break
+                state = env.step_mdp(frame)
+        played.append(TeamEpisode(bool(frame["next", "success"]), length, returns))
+    return played

@@ -1,0 +1,249 @@
+"""Help, version, and errors in one line."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import bricksrl as package
+from brickhub.cli.app import one_line, run
+
+HUB_TOOLS = ("hub scan", "hub check", "hub latency", "hub calibrate", "hub stop", "hub rename")
+COMMANDS = ("list", "train", "train-offline", "resume", "evaluate", "doctor", "hub", "hub program", "hub run", *HUB_TOOLS)
+HEAVY = ("torch", "torchrl", "tensordict", "mujoco", "matplotlib", "scipy")
+
+
+def test_version(bricksrl):
+    done = bricksrl("--version")
+    assert (done.returncode, done.stdout, done.stderr) == (0, f"bricksrl {package.__version__}\n", "")
+
+
+@pytest.mark.parametrize("command", ["", *COMMANDS])
+def test_help_imports_no_torch(command):
+    script = (
+        "import sys\n"
+        "from bricksrl.cli import main\n"
+        "try:\n"
+        f"    main({[*command.split(), '--help']!r})\n"
+        "except SystemExit as end:\n"
+        "    assert not end.code, end.code\n"
+        f"print('loaded:', *sorted(set(sys.modules) & set({HEAVY!r})))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=True)
+    usage, *_, last = done.stdout.splitlines()
+    assert usage.startswith(f"usage: bricksrl {command}".rstrip())
+    assert last == "loaded:"
+
+
+def test_command_without_arguments_prints_help(bricksrl):
+    alone, told = bricksrl(), bricksrl("--help")
+    assert (alone.returncode, alone.stdout, alone.stderr) == (0, told.stdout, "")
+
+
+@pytest.mark.parametrize("command", ["", "train", "hub", "hub scan"])
+def test_help_is_a_command_too(command, bricksrl):
+    told, asked = bricksrl("help", *command.split()), bricksrl(*command.split(), "--help")
+    assert (told.returncode, told.stdout, told.stderr) == (0, asked.stdout, "")
+
+
+def test_python_runs_the_package_as_the_command():
+    done = subprocess.run(
+        [sys.executable, "-m", "bricksrl", "--version"], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert (done.returncode, done.stdout) == (0, f"bricksrl {package.__version__}\n")
+
+
+@pytest.mark.parametrize("command", ["--version", "--help"])
+@pytest.mark.parametrize("output", ["| true", ">&-"])
+def test_unread_output_ends_quietly(command, output):
+    """A reader that has left, such as ``head``, and standard streams that are closed."""
+    line = f"{shlex.quote(sys.executable)} -m bricksrl {command} {output}"
+    done = subprocess.run(["sh", "-c", line], capture_output=True, text=True, timeout=60, check=False)
+    assert (done.stdout, done.stderr) == ("", "")
+
+
+def test_second_ctrl_c_at_the_end_is_quiet():
+    interrupted = "import atexit, os, signal; atexit.register(os.kill, os.getpid(), signal.SIGINT); "
+    program = f"{interrupted}from bricksrl.cli import main; raise SystemExit(main(['--version']))"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_missing_docstrings_print_one_line():
+    command = [sys.executable, "-OO", "-m", "bricksrl", "settings", "sac"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stdout) == (2, "") and "unset PYTHONOPTIMIZE" in done.stderr and done.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ("train RunAway-v0 --seeds nan", "--seeds is 'nan'; give a whole number"),
+        ("train RunAway-v0 --seed x", "--seed is 'x'; give a whole number"),
+        ("train RunAway-v0 --stop-at x", "--stop-at is 'x'; give a number"),
+        ("train RunAway-v0 --take-over x", "--take-over is 'x'; choose gamepad, keyboard"),
+        ("camera calibrate RoboArm_mixed-v0 --at 1", "--at is '1'; give two whole numbers"),
+        ("data split a", "--out DIR and --rest DIR are missing"),
+        ("train RunAway-v0 --seed", "--seed needs a value"),
+        ("evaluate --run runs/spin", "run is no option; give it without --run"),
+        ("train RunAway-v0 --jsn", "there is no option or argument --jsn"),
+        ("train RunAway-v0 --agnet sac", "there is no option or argument --agnet, sac (did you mean --agent?)"),
+        ("trian", "there is no option or argument trian (did you mean 'train'?)"),
+        ("hub scna", "there is no option or argument scna (did you mean 'scan'?)"),
+        ("camera", "a command is missing; choose calibrate"),
+    ],
+)
+def test_wrong_arguments_have_plain_messages(fails, arguments, says):
+    fails(*arguments.split(), says=f"error: {says}; see")
+
+
+@pytest.mark.parametrize("environment", [{"PYTHONIOENCODING": "cp1252"}, {"PYTHONIOENCODING": "ascii"}, {"COLUMNS": "30"}])
+def test_wrong_arguments_have_plain_messages_on_any_console(bricksrl, environment):
+    done = bricksrl("train", "RunAway-v0", "--agnet", "sac", **environment)
+    says = "error: there is no option or argument --agnet, sac (did you mean --agent?); see `bricksrl train --help`\n"
+    assert (done.returncode, done.stdout, done.stderr) == (2, "", says)
+
+
+def test_help_names_every_command(bricksrl):
+    done = bricksrl("--help")
+    for command in ("list", "train", "train-offline", "resume", "evaluate", "hub"):
+        assert f"• {command} " in done.stdout
+
+
+def test_help_of_a_command_has_examples(bricksrl):
+    for command in COMMANDS:
+        if command != "hub":
+            assert f"\n  bricksrl {command}" in bricksrl(*command.split(), "--help").stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ("trian RunAway-v0", "trian"),
+        ("train", "name an environment"),
+        ("train RunAway-v0 --agnet sac", "--agnet"),
+        ("train RunAway-v0 --seed x", "--seed"),
+        ("train RunAway-v0 --hub telepathy", "telepathy"),
+        ("train RunAway-v0 Spinning-v0", "Spinning-v0"),
+        ("hub", "program, run"),
+        ("hub run", "FILE"),
+        ("evaluate", "RUN"),
+    ],
+)
+def test_wrong_arguments_print_one_line(fails, arguments, says):
+    fails(*arguments.split(), says=says)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ("data split no --out a --rest b --share nan", "share is nan"),
+        ("data split no --out a --rest b --share inf", "share is inf"),
+        ("data split no --out a --rest b --share 80", "share is 80; give a number between 0 and 1"),
+        ("data split no --out a --rest b --seed -1", "seed is -1"),
+        ("record WalkerSim-v0 --out a --seed -1", "seed is -1"),
+        ("tune WalkerSim-v0 --seed -1 --folder a", "seed is -1"),
+        ("twin record two-wheeler --out a --steps 0", "steps is 0"),
+        ("twin record two-wheeler --out a --seed -1", "seed is -1"),
+        ("train WalkerSim-v0 --run a --seed -1", "seed is -1"),
+        (
+            "train WalkerSim-v0 --run a --seed 4294967295 --seeds 2",
+            "seed is 4294967296; give a whole number from 0 to 4294967295",
+        ),
+        ("train-offline WalkerSim-v0 --data no --run a --seed -1", "seed is -1"),
+        ("evaluate no --seed -1", "seed is -1"),
+        ("train-offline WalkerSim-v0 --data no --updates 0", "updates is 0"),
+        ("train WalkerSim-v0 --set target_entropy=nan --run a", "target_entropy is nan"),
+        ("train TD --set entropy=nan --run a", "no environment 'TD'"),
+        ("train RoboArm-v0 --option threshold=5 --run a", "no option threshold; it has sparse, threshold_deg"),
+        ("train RunAway-v0 --option colour=red --run a", "no option colour; it has no options at all"),
+        ('train RoboArm-v0 --option threshold_deg="x" --run a', "cannot be made with"),
+        ("train RoboArm-v0 --option threshold_deg=NaN --run a", "never reached"),
+        ("study sim-to-robot --quick --on slurm", "no 'slurm' to run on"),
+        ("tune WalkerSim-v0 --folder a --on slurm", "no 'slurm' to run on"),
+        ("train WalkerSim-v0 --run a --seeds 2 --on slurm", "no 'slurm' to run on"),
+        ("train WalkerSim-v0 --run a --stop-at nan", "stop_at is not a finite number"),
+        ("train WalkerSim-v0 --run a --seeds 2 --stop-at inf", "stop_at is not a finite number"),
+        ("doctor --timeout-s nan", "timeout-s is nan"),
+        ("doctor --timeout-s inf", "timeout-s is inf"),
+        ("twin record two-wheeler --out .", "is a folder"),
+        ("twin record two-wheeler --out a --hub telepathy", "telepathy"),
+        ("twin record two-wheeler --out a --hub ble --physics other.json", "its own physics"),
+        ("twin record two-wheeler --out a --hub ble", "give --yes"),
+        ("hub run main.py --time-limit-s nan", "time limit is nan"),
+        ("hub run main.py --time-limit-s inf", "time limit is inf"),
+        ("hub run main.py --time-limit-s -1", "time limit is -1"),
+        ("hub run other.py", "(No such file or directory)"),
+        ("twin fit other.jsonl", "(No such file or directory)"),
+        ("evaluate no --physics other.json", "other.json (No such file or directory)"),
+    ],
+)
+def test_invalid_values_print_one_line(arguments, says, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "main.py").write_text("print(1)")
+    assert run(shlex.split(arguments, posix=False)) == 2
+    told = capsys.readouterr()
+    assert told.out == "" and told.err.count("\n") == 1 and says in told.err
+    assert [path.name for path in tmp_path.iterdir()] == ["main.py"], "nothing was made"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "command"),
+    [
+        ("train RunAway-v0 --agnet sac", "bricksrl train"),
+        ("train RunAway-v0 --seed x", "bricksrl train"),
+        ("evaluate runs/spin --episodes many", "bricksrl evaluate"),
+        ("hub latency Walker-v1 --exchanges x", "bricksrl hub latency"),
+        ("data split", "bricksrl data split"),
+        ("hub scam", "bricksrl hub"),
+        ("trian RunAway-v0", "bricksrl"),
+    ],
+)
+def test_argument_error_names_help(fails, arguments, command):
+    fails(*arguments.split(), says=f"; see `{command} --help`\n")
+
+
+def test_closed_stdout_is_not_an_error():
+    command = f"{sys.executable} -m bricksrl list --json | true"
+    done = subprocess.run(command, shell=True, capture_output=True, text=True, timeout=60, check=False)  # noqa: S602
+    assert done.stderr == ""
+
+
+def test_one_line_error_keeps_message_and_help():
+    box = (
+        "╭─ Value error ────────╮\n"
+        "│ Error parsing --seed: │\n"
+        "│ not a number.         │\n"
+        "│ ───────────────────── │\n"
+        "│ For full helptext, see bricksrl --help │\n"
+        "╰──────────────────────╯\n"
+    )
+    assert one_line(box, "bricksrl train") == "Error parsing --seed: not a number; see `bricksrl train --help`"
+
+
+def test_unknown_error_prints_one_line():
+    assert "\n" not in one_line("")
+    assert "\n" not in one_line("Traceback\nsomething\n\nelse\n")
+
+
+def test_missing_package_is_named(bricksrl, tmp_path: Path) -> None:
+    """As of an installation that was broken off."""
+    (tmp_path / "sitecustomize.py").write_text(
+        "from importlib.machinery import PathFinder\n"
+        "find = PathFinder.find_spec\n"
+        "PathFinder.find_spec = lambda name, *rest: None if name.startswith('pyarrow') else find(name, *rest)\n"
+    )
+    done = bricksrl("data", "info", str(tmp_path), PYTHONPATH=f"{tmp_path}{os.pathsep}{os.environ.get('PYTHONPATH', '')}")
+    told = r"error: the package 'pyarrow' is missing in .*; install BricksRL there again, or activate its environment\n"
+    assert done.returncode == 2 and re.fullmatch(told, done.stderr), done.stderr
+
+
+def test_names_are_whole_in_a_narrow_terminal(bricksrl) -> None:
+    told = bricksrl("list", COLUMNS="40").stdout
+    assert "RoboArm_mixed-v0" in told and "LineFollow-v0" in told

@@ -1,0 +1,119 @@
+"""Commands with a page."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import re
+from contextlib import closing
+
+import pytest
+
+from bricksrl import make
+from bricksrl.cli import main
+from brickhub.cli.app import parse
+from bricksrl.cli.page import Drive, Play, _in_terminal, has_screen
+from bricksrl.errors import HubError
+from bricksrl.policies.named import Player
+
+
+def test_record_on_page(tmp_path, capfd):
+    out = tmp_path / "data"
+    assert main(["record", "RunAway-v0", "--episodes", "2", "--out", str(out), "--page"]) == 0
+    told = capfd.readouterr()
+    assert re.search(r"^live page: http://127\.0\.0\.1:\d+/\?token=\S{20,}$", told.err, re.MULTILINE)
+    assert told.out.count("episode ") == 2
+
+
+def test_play_on_page(capfd):
+    assert main(["play", "RunAway-v0", "--episodes", "1", "--page"]) == 0
+    told = capfd.readouterr()
+    assert told.out.startswith("1 episode, mean return") and "live page: http://127.0.0.1:" in told.err
+
+
+def test_play_in_terminal_ends_with_a_lost_link(capfd):
+    env, steps = make("RunAway-v0", seed=0), itertools.count()
+
+    def act(state):
+        if next(steps) == 5:
+            env.twin.in_reach = lambda: False
+        return state.set("action", env.action_spec.zero())
+
+    with closing(env), pytest.raises(HubError, match="out of reach"):
+        _in_terminal(env, Player(act), 2, 0)
+    assert capfd.readouterr().out == "", "no line about half an episode"
+
+
+def test_play_in_terminal_plays_what_is_evaluated(tmp_path, capfd):
+    run = str(tmp_path / "run")
+    assert main(["train", "Spinning-v0", "--episodes", "2", "--run", run]) == 0
+    capfd.readouterr()
+    assert main(["evaluate", run, "--episodes", "3", "--json"]) == 0
+    returns = json.loads(capfd.readouterr().out)["returns"]
+    assert len(set(returns)) == 3
+    assert main(["play", run, "--episodes", "3"]) == 0
+    played = re.findall(r"^episode \d  return (\S+)  50 steps$", capfd.readouterr().out, re.MULTILINE)
+    assert played == [f"{value:.4g}" for value in returns]
+
+
+def test_random_actions_are_those_of_the_seed(capfd):
+    def play(seed):
+        assert main(["play", "Walker-v0", "--episodes", "1", "--seed", seed]) == 0
+        return capfd.readouterr().out
+
+    assert play("3") == play("3") != play("4")
+
+
+def test_program_on_page(tmp_path, capfd):
+    program = tmp_path / "main.py"
+    program.write_text("from pybricks.tools import wait\nwait(100)\nprint('done')\n")
+    assert main(["hub", "run", str(program), "--page"]) == 0
+    told = capfd.readouterr()
+    assert told.out == "done\n" and "live page: http://" in told.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("play", "runs/nothing"), "there is no run in runs/nothing; name a folder with a config.json, or an environment"),
+        (("record", "RunAway-v0", "--out", "x", "--policy", "keybord"), "in keybord (did you mean 'keyboard'?); name"),
+        (("team", "--play", "runs/nothing"), "there is no team in runs/nothing; name a folder"),
+        (("team", "tag-v0"), "there is no arena 'tag-v0' (did you mean 'Tag-v0'?); choose"),
+        (("study", "robots-time"), "there is no study 'robots-time' (did you mean 'robot-time'?); choose"),
+        (("play", "RunAway-v0", "--hub", "virtul"), "there is no hub 'virtul' (did you mean 'virtual'?); choose"),
+        (
+            ("data", "repair", "runs/nothing"),
+            "in runs/nothing; choose a folder with a meta/bricksrl.json",
+        ),
+        (("camera", "calibrate", "--camera", "99"), "camera 99 shows nothing; plug it in"),
+        (("play", "RunAway-v0", "--policy", "best"), "choose random"),
+        (("play", "RunAway-v0", "--page", "--page-port", "70000"), "is not a port"),
+        (("drive", "RunAway-v0", "--page-host", "256.0.0.1"), "name another host"),
+        (("hub", "run", __file__, "--page", "--hub", "ble"), "only a program on a virtual hub"),
+        (("hub", "run", __file__, "--page-port", "9000"), "--page-port has no effect without --page; omit it"),
+        (("record", "RunAway-v0", "--out", "x", "--video", "x.gif"), "end it in .mp4"),
+        (("play", "RunAway-v0", "--page-host", "::1"), "--page-host has no effect without --page; omit it"),
+        (("play", "RunAway-v0", "--page", "--episodes", "0"), "episodes is 0; give 1 or more"),
+        (("record", "RunAway-v0", "--out", "x", "--page-port", "1"), "--page-port has no effect without --page; omit it"),
+        (("record", "RunAway-v0", "--out", "x", "--explore"), "--explore has no effect with the policy 'random'"),
+        (("record", "RunAway-v0", "--out", "x", "--policy", "gamepad", "--take-over", "keyboard"), "omit --take-over"),
+        (("train-offline", "RunAway-v0", "--data", "x", "--page-port", "1"), "--page-port has no effect without --page"),
+        (("evaluate", "x", "--video", "x.gif"), "end it in .mp4"),
+    ],
+)
+def test_errors_print_one_line(fails, tmp_path, monkeypatch, arguments, says):
+    monkeypatch.chdir(tmp_path)
+    fails(*arguments, says=says)
+    assert not list(tmp_path.iterdir())
+
+
+def test_page_is_local_by_default():
+    for words in (["drive", "Spinning-v0"], ["play", "runs/spin", "--page"], ["train", "Walker-v1", "--page"]):
+        options = parse(words).live_page.page_options()
+        assert (options.host, options.port) == ("127.0.0.1", None)
+    assert isinstance(parse(["drive", "Spinning-v0"]), Drive) and isinstance(parse(["play", "runs/spin"]), Play)
+
+
+def test_no_browser_without_display(monkeypatch):
+    monkeypatch.setattr("sys.stderr", None)
+    assert not has_screen()

@@ -1,0 +1,113 @@
+"""Scenes as bytes, primitives, twin scenes."""
+
+from __future__ import annotations
+
+import json
+import struct
+
+import numpy as np
+import pytest
+
+from bricksrl.errors import PageError
+from bricksrl.page.robot_view import Mirror
+from bricksrl.page.scene import HIDDEN, Mesh, Scene, SceneBody, Shape, box, capsule, cylinder, ellipsoid, poses
+from bricksrl.page.twin_scene import twin_scene
+from bricktwin.robots import ROBO_ARM, TWO_WHEELER, WALKER
+from bricktwin.twin.make_body import make_body
+from bricktwin.twin.scene import OPEN_FLOOR
+from bricktwin.twin.scene import Scene as Surroundings
+from bricktwin.twin.sensed_pose import sensed_qpos
+
+
+def volume(mesh: Mesh) -> float:
+    """Volume of a closed mesh with outward faces."""
+    a, b, c = (mesh.points[mesh.faces[:, i]].astype(float) for i in range(3))
+    return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6)
+
+
+@pytest.mark.parametrize(
+    ("mesh", "expected"),
+    [
+        (box((1.0, 2.0, 3.0)), 48.0),
+        (ellipsoid((1.0, 1.0, 1.0)), 4 / 3 * np.pi),
+        (ellipsoid((1.0, 2.0, 0.5)), 4 / 3 * np.pi),
+        (cylinder(1.0, 2.0), 4 * np.pi),
+        (capsule(1.0, 2.0), 4 * np.pi + 4 / 3 * np.pi),
+    ],
+)
+def test_primitives_are_closed_and_face_outwards(mesh: Mesh, expected: float) -> None:
+    assert 0.95 * expected < volume(mesh) < 1.0001 * expected
+    assert np.allclose(np.linalg.norm(mesh.normals, axis=1), 1.0, atol=1e-5)
+    a, b, c = (mesh.points[mesh.faces[:, i]] for i in range(3))
+    across = np.cross(b - a, c - a)
+    flat = np.linalg.norm(across, axis=1) > 1e-7
+    assert (np.einsum("ij,ij->i", across, mesh.normals[mesh.faces[:, 0]])[flat] > 0).all()
+
+
+def test_too_large_mesh_raises() -> None:
+    good = box((1.0, 1.0, 1.0))
+    with pytest.raises(PageError, match="numbers below 36"):
+        Mesh(good.points, good.normals, good.faces + 1)
+    with pytest.raises(PageError, match=r"\[n, 3\]"):
+        Mesh(good.points, good.normals[:-1], good.faces)
+
+
+def test_scene_bytes() -> None:
+    cube = box((1.0, 1.0, 1.0))
+    red, blue = (Shape(cube, colour, (0.0, 0.0, z)) for colour, z in (((1.0, 0, 0, 1.0), 0.0), ((0, 0, 1.0, 0.5), 2.0)))
+    data = Scene((SceneBody("both", (red, blue)), SceneBody("one", (red,))), floor_m=None).to_bytes()
+    (length,) = struct.unpack_from("<I", data)
+    header = json.loads(data[4 : 4 + length])
+    assert (4 + length) % 4 == 0 and len(header["meshes"]) == 1, "a mesh that is used three times is sent once"
+    mesh = header["meshes"][0]
+    points = np.frombuffer(data, "<f4", 3 * mesh["vertices"], 4 + length + mesh["points"]).reshape(-1, 3)
+    faces = np.frombuffer(data, "<u4", 3 * mesh["triangles"], 4 + length + mesh["faces"])
+    assert np.array_equal(points, cube.points) and faces.max() == mesh["vertices"] - 1
+    assert len(data) == 4 + length + mesh["faces"] + 12 * mesh["triangles"]
+    assert [shape["colour"][3] for shape in header["bodies"][0]["shapes"]] == [1.0, 0.5] and header["floor"] is None
+
+
+def test_poses() -> None:
+    both = poses([[1, 2, 3], [HIDDEN, 0, 0]])
+    assert both.shape == (2, 7) and both.dtype == np.float32
+    assert both[0].tolist() == [1, 2, 3, 1, 0, 0, 0] and np.isnan(both[1, 0])
+
+
+@pytest.mark.parametrize(
+    ("robot", "surroundings"),
+    [(WALKER, Surroundings(wall_distance_mm=(300, 300))), (TWO_WHEELER, OPEN_FLOOR), (ROBO_ARM, Surroundings(ball=True))],
+)
+def test_twin_scene(robot, surroundings) -> None:
+    body = make_body(robot, scene=surroundings)
+    twin = twin_scene(body)
+    names = [one.name for one in twin.scene.bodies]
+    assert ("world" in names) == (surroundings.wall_distance_mm is not None)
+    assert all(one.shapes for one in twin.scene.bodies)
+    walls = [shape for one in twin.scene.bodies for shape in one.shapes if shape.pattern == "bricks"]
+    assert len(walls) == (surroundings.wall_distance_mm is not None)
+    assert len(twin.scene.to_bytes()) < 2_000_000
+    mirror = Mirror(robot, surroundings)
+    body.data.qpos[-1] += 0.1
+    body.update_visuals()
+    assert np.allclose(mirror.poses(body.data.qpos), twin.poses(body.data))
+
+
+@pytest.mark.parametrize("robot", [WALKER, TWO_WHEELER, ROBO_ARM])
+def test_pose_follows_sensors(robot) -> None:
+    """Sensor values of one twin give another the same pose."""
+    body, mirror = make_body(robot), Mirror(robot, OPEN_FLOOR)
+    for port, voltage in zip((motor.port for motor in robot.motors), (3000, -2500, 2000, -3500), strict=False):
+        body.set_voltage(port, voltage)
+    for time_ms in range(10, 600, 10):
+        body.advance_to(time_ms)
+    body.update_visuals()
+    angles = {m.name: body.angle_mdeg(m.port) / 1000 * m.direction.value * m.turn_deg / 360 for m in robot.motors}
+    seen = sensed_qpos(mirror.body, angles, body.tilt_deg())
+    for joint in range(body.model.njnt):
+        if body.model.jnt_type[joint] == 3 and "backlash" not in body.model.joint(joint).name:
+            address = int(body.model.jnt_qposadr[joint])
+            # a rotation sensor tells whole degrees, a crank has some play
+            apart = (seen[address] - body.data.qpos[address] + np.pi) % (2 * np.pi) - np.pi
+            assert abs(apart) < np.radians(7.0), body.model.joint(joint).name
+    lowest = min(mirror.poses(seen)[:, 2])
+    assert -0.01 < lowest < 0.2

@@ -1,0 +1,102 @@
+"""Plan view without a browser."""
+
+from __future__ import annotations
+
+import json
+import struct
+import urllib.request
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bricksrl.errors import PlanError
+from bricksrl.page.plan_view import PlanView
+from bricksrl.page.server import PageOptions, PageServer
+from bricktwin.plans import ldraw_file
+from bricktwin.plans.plan import make_plan, read_plan
+from brickhub.robot import plans
+
+PLANS = Path(plans.__path__[0])
+
+
+def view(name: str) -> PlanView:
+    """One of our robots."""
+    return PlanView(read_plan(PLANS / f"{name}.ldr"))
+
+
+def places(shown: PlanView) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
+    """Poses [parts, 7]; nan where a part is hidden."""
+    poses = shown.board.poses[1]
+    assert isinstance(poses, np.ndarray)
+    return poses
+
+
+def test_steps_show_their_parts() -> None:
+    shown = view("two_wheeler")
+    assert np.isfinite(places(shown)).all()
+    shown.press("slider", ["Step", 1])
+    assert np.isfinite(places(shown)[:, 0]).sum() == 5
+    shown.press("step", None)
+    assert np.isfinite(places(shown)[:, 0]).sum() == 7
+    facts = shown.board.status[1]
+    assert facts["facts"]["step"] == "2 of 12"
+    assert facts["note"].startswith("The motors hang below it")
+    shown.press("reset", None)
+    assert np.isfinite(places(shown)).all()
+
+
+def test_slider_turns_one_leg() -> None:
+    shown = view("walker")
+    before = places(shown).copy()
+    name = next(one["name"] for one in shown.board.status[1]["sliders"] if "port C" in one["name"])
+    shown.press("slider", [name, 90])
+    moved = np.linalg.norm(places(shown)[:, :3] - before[:, :3], axis=1) > 1e-4
+    # The crank's beam and pin, the rocker with its pins, and the five parts of the leg.
+    assert 8 <= moved.sum() <= 12
+    shown.press("slider", [name, 0])
+    assert np.allclose(places(shown), before, atol=2e-4)
+
+
+@pytest.mark.parametrize(
+    "press",
+    [
+        ("slider", None),
+        ("slider", ["Step"]),
+        ("slider", ["Step", "x"]),
+        ("slider", ["Step", float("nan")]),
+        ("slider", ["Step", 10**400]),
+        ("slider", [["Step"], 1]),
+        ("x", 1),
+    ],
+)
+def test_invalid_press_is_ignored(press: tuple[str, object]) -> None:
+    shown = view("two_wheeler")
+    before = places(shown).copy()
+    shown.press(*press)
+    assert np.array_equal(places(shown), before)
+
+
+def test_incomplete_plan_shows_steps() -> None:
+    lines = ["1 15 0 0 0 1 0 0 0 1 0 0 0 1 54696p02.dat", "0 STEP", "1 4 0 60 0 1 0 0 0 1 0 0 0 1 32316.dat"]
+    shown = PlanView(make_plan(ldraw_file.parse("\n".join(lines), "try.ldr")))
+    assert "has no port" in shown.board.status[1]["message"]
+    assert [one["name"] for one in shown.board.status[1]["sliders"]] == ["Step"]
+
+
+def test_plan_without_parts_raises() -> None:
+    with pytest.raises(PlanError, match="no part that the catalogue knows"):
+        PlanView(make_plan(ldraw_file.parse("1 4 0 0 0 1 0 0 0 1 0 0 0 1 99999.dat", "try.ldr")))
+
+
+@pytest.mark.realtime
+def test_the_page_serves_its_scene() -> None:
+    shown = view("two_wheeler")
+    with PageServer(shown.board, shown.press, lambda: None, PageOptions(port=0)) as server:
+        address = server.url.replace("/?", "/scene.bin?")
+        with urllib.request.urlopen(address, timeout=20) as answer:
+            data = answer.read()
+    (length,) = struct.unpack("<I", data[:4])
+    header = json.loads(data[4 : 4 + length])
+    assert len(header["bodies"]) == 36
+    assert len(header["meshes"]) < 36

@@ -1,0 +1,93 @@
+"""A program on a virtual hub on the page."""
+
+from __future__ import annotations
+
+import io
+import socket
+import threading
+import time
+import urllib.request
+from pathlib import Path
+
+import pytest
+
+from bricksrl.errors import PageError
+from bricksrl.page.program import ProgramPage
+from bricksrl.page.robot_view import panel_of
+from bricksrl.page.server import PageOptions
+from brickhub.robot import HubKind
+from bricktwin.robots import TWO_WHEELER
+from bricktwin.twin.make_body import make_body
+from brickhub.virtual.panel import Panel
+from brickhub.virtual.run import Operation, run_file
+
+PROGRAM = """
+from pybricks.hubs import TechnicHub
+from pybricks.parameters import Color, Port
+from pybricks.pupdevices import Motor
+from pybricks.tools import wait
+hub = TechnicHub()
+hub.light.on(Color.GREEN)
+motor = Motor(Port.{port})
+motor.run(500)
+while True:
+    try:
+        wait(10)
+    except SystemExit:
+        pass
+"""
+
+
+def test_program_is_shown_and_stopped(tmp_path: Path) -> None:
+    path = tmp_path / "main.py"
+    body = make_body(TWO_WHEELER)
+    name = TWO_WHEELER.hub.model.class_name
+    path.write_text(PROGRAM.format(port=TWO_WHEELER.motors[0].port).replace("TechnicHub", name))
+    said = io.StringIO()
+    with ProgramPage("main.py") as page:
+
+        def stop_once_shown() -> None:
+            while page.board.poses[0] < 5 or (page.board.status[1].get("hub") or {}).get("light") is None:
+                time.sleep(0.02)
+            page.stop()
+
+        thread = threading.Thread(target=stop_once_shown)
+        thread.start()
+        code = run_file(path, body, stdout=io.BytesIO(), stderr=said, operation=Operation(attend=page.attend))
+        thread.join()
+        status = page.board.status[1]
+    assert code == 0 and "stopped" in said.getvalue(), "also a program that takes no SystemExit"
+    assert status["state"] == "stopped" and status["controls"] == ["stop", "speed"]
+    assert page.board.scene[0] == 1
+
+
+def test_used_port_raises() -> None:
+    with ProgramPage("one") as page:
+        port = int(page.url.split(":")[2].split("/")[0])
+        with pytest.raises(PageError, match="name another host or port") as caught, ProgramPage("two", PageOptions(port=port)):
+            pass
+        assert "\n" not in str(caught.value)
+        with ProgramPage("three") as another:
+            assert another.url != page.url, "without a name the next free port is taken"
+    for bad in (PageOptions("256.0.0.1"), PageOptions(port=70000), PageOptions(port=-1)):
+        with pytest.raises(PageError), ProgramPage("bad", bad):
+            pass
+
+
+@pytest.mark.skipif(not socket.has_dualstack_ipv6(), reason="this computer has no IPv6")
+def test_page_on_all_addresses_is_where_it_says() -> None:
+    with ProgramPage("all", PageOptions("::", 0)) as page, urllib.request.urlopen(page.url, timeout=10) as answer:
+        assert answer.status == 200
+
+
+def test_unknown_host_raises() -> None:
+    with (
+        pytest.raises(PageError, match=r"on no\.invalid:8090 \([^()]+\); name another host or port"),
+        ProgramPage("nowhere", PageOptions("no.invalid")),
+    ):
+        pass
+
+
+@pytest.mark.parametrize(("hub", "pixels"), [(HubKind.PRIME, 25), (HubKind.TECHNIC, 0), (HubKind.CITY, 0)])
+def test_only_hubs_with_a_display_show_one(hub: HubKind, pixels: int) -> None:
+    assert len(panel_of(Panel(hub))["display"] or ()) == pixels

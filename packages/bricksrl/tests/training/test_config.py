@@ -1,0 +1,139 @@
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import bricksrl
+from bricksrl.agents import AGENTS, preset
+from bricksrl.agents.sac import SACSettings
+from bricksrl.errors import DescriptionError, RunError
+from brickhub.seed import LARGEST_SEED
+from bricksrl.training import TrainConfig
+
+
+@given(st.integers(0, LARGEST_SEED), st.lists(st.integers(1, 512), min_size=1, max_size=4), st.floats(1e-6, 1.0), st.booleans())
+def test_config_json_round_trip(seed: int, hidden: list[int], rate: float, realtime: bool) -> None:
+    settings = SACSettings(hidden=tuple(hidden), learning_rate=rate)
+    config = TrainConfig(env="RunAway-v0", seed=seed, realtime=realtime, settings=settings)
+    assert TrainConfig.from_dict(json.loads(json.dumps(config.to_dict()))) == config
+
+
+def test_folder_is_not_part_of_the_dictionary() -> None:
+    config = TrainConfig(env="RunAway-v0", settings=preset("paper"), run_dir=Path("here"))
+    assert "run_dir" not in config.to_dict()
+    assert replace(config, run_dir="here") == config, "a string too"
+    assert TrainConfig.from_dict(config.to_dict(), run_dir=Path("there")) == replace(config, run_dir=Path("there"))
+
+
+@pytest.mark.parametrize("agent", AGENTS)
+@pytest.mark.parametrize("name", ["default", "paper"])
+def test_settings_round_trip_for_every_agent(agent: str, name: str) -> None:
+    config = TrainConfig(env="RunAway-v0", agent=agent, settings=preset(name, agent))
+    assert TrainConfig.from_dict(json.loads(json.dumps(config.to_dict()))) == config
+
+
+@pytest.mark.parametrize("agent", AGENTS)
+def test_default_settings_are_saved(agent: str) -> None:
+    config = TrainConfig(env="RunAway-v0", agent=agent)
+    assert config.settings == preset("default", agent)
+    assert config.to_dict()["settings"].keys() == vars(preset("default", agent)).keys()
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        {"colour": "red"},
+        {"episodes": "many"},
+        {"episodes": 0},
+        {"episodes": True},
+        {"seed": 1.5},
+        {"settings": []},
+        {"settings": {"hidden": 256}},
+        {"settings": {"gamma": 3}},
+        {"settings": {"momentum": 0.9}},
+    ],
+)
+def test_damaged_config_raises(damage: dict[str, object]) -> None:
+    data = TrainConfig(env="RunAway-v0").to_dict()
+    with pytest.raises(RunError, match=r"config|settings") as caught:
+        TrainConfig.from_dict({**data, **damage})
+    assert "\n" not in str(caught.value)
+
+
+def test_config_without_environment_raises() -> None:
+    with pytest.raises(RunError, match="env"):
+        TrainConfig.from_dict({})
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"episodes": "3"},
+        {"episodes": 3.5},
+        {"episodes": True},
+        {"eval_every": None},
+        {"patience_s": "1"},
+        {"env": None},
+        {"agent": 3},
+        {"device": None},
+        {"compile": "yes"},
+        {"hub": 3},
+        {"options": [1]},
+        {"data": 3},
+        {"run_dir": 3},
+        {"settings": {"gamma": 0.9}},
+        {"settings": "default"},
+    ],
+)
+def test_values_of_another_type_raise(change: dict[str, Any]) -> None:
+    (name,) = change
+    with pytest.raises(DescriptionError, match=f"{name} is .*; give ") as caught:
+        TrainConfig(**{"env": "RunAway-v0", **change})
+    assert "\n" not in str(caught.value)
+
+
+def test_folders_may_be_paths() -> None:
+    config = TrainConfig(env="RunAway-v0", data=Path("datasets/walk"), start=Path("runs/walk"))  # type: ignore[arg-type]
+    assert (config.data, config.start) == ("datasets/walk", "runs/walk")
+
+
+@pytest.mark.parametrize("config", ["RunAway-v0", None])
+def test_training_without_config_raises(config: Any) -> None:
+    with pytest.raises(DescriptionError, match=r"config is .*; give TrainConfig\(...\)"):
+        bricksrl.train(config)
+
+
+@pytest.mark.parametrize("change", [{"episodes": 0}, {"seed": -1}, {"seed": LARGEST_SEED + 1}])
+def test_invalid_numbers_raise(change: dict[str, int]) -> None:
+    with pytest.raises((DescriptionError, RunError), match=next(iter(change))):
+        TrainConfig(env="RunAway-v0", **change)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    "stop_at",
+    [float("nan"), float("inf"), -float("inf"), np.float64("nan"), 10**5000],
+    ids=["nan", "inf", "-inf", "numpy", "huge"],
+)
+def test_return_to_stop_at_is_finite(stop_at: float) -> None:
+    with pytest.raises(RunError, match="^stop_at is not a finite number; give the return to stop at, or omit it$"):
+        TrainConfig(env="RunAway-v0", stop_at=stop_at)
+    assert TrainConfig(env="RunAway-v0", stop_at=-3).stop_at == -3
+
+
+def test_numpy_numbers_become_plain() -> None:
+    config = TrainConfig("RunAway-v0", seed=np.int64(3), episodes=np.int32(5))  # type: ignore[arg-type]
+    assert (type(config.seed), config.seed, config.episodes) == (int, 3, 5)
+
+
+def test_numpy_numbers_in_settings_become_plain() -> None:
+    settings = preset("default", "sac")
+    for rate in np.logspace(-4, -3, 2):
+        config = TrainConfig("RunAway-v0", settings=replace(settings, learning_rate=rate))
+        assert (type(config.settings.learning_rate), config.settings.learning_rate) == (float, rate)

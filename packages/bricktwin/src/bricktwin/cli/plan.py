@@ -1,0 +1,161 @@
+"""``bricksrl plan``: check a building plan, list its parts, draw its booklet, show it in the browser."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from tyro.conf import Positional
+
+from brickhub.cli.options import option, refuse_ignored
+from bricksrl.cli.page import LivePageGroup, PageAddress, announce
+from brickhub.cli.terminal import Interrupted, print_line
+from brickhub.errors import PlanError, counted
+
+if TYPE_CHECKING:
+    from bricktwin.plans.plan import Plan
+
+_ROBOTS = "two-wheeler, walker, robo-arm"
+_PLAN = f"An LDraw file (.ldr, .mpd), Studio's .io, or a robot: {_ROBOTS}."
+PlanArgument = Annotated[Positional[Path], option(metavar="FILE", help=_PLAN)]
+
+
+def _read(path: Path) -> Plan:
+    """The plan in a file, or that of a robot of this package."""
+    from bricktwin import robots
+    from bricktwin.plans.plan import read_plan
+    from bricktwin.robots.planned import plan_file
+
+    if path.is_dir() and str(path) not in robots.ROBOTS:
+        raise PlanError(f"{path} is a folder; name an LDraw file in it (.ldr, .mpd or .io), or a robot: {_ROBOTS}")
+    if path.is_file() or path.suffix:
+        return read_plan(path)
+    robot = robots.get(str(path))
+    file = plan_file(robot.model or "")
+    if file is None:
+        raise PlanError(f"{robot.name} has no building plan; name an LDraw file (.ldr, .mpd or .io)")
+    return read_plan(file)
+
+
+@dataclass(frozen=True)
+class CheckPlan:
+    """Check a building plan: unknown, loose and half-held parts, collisions, gears, steps, ports, cables.
+
+    One line per finding, with the line of the file and advice; exit code 1 if there are any.
+
+    Examples:
+      bricksrl plan check two-wheeler
+      bricksrl plan check my_robot.mpd
+    """
+
+    plan: PlanArgument
+
+    def execute(self) -> int:
+        from bricktwin.plans.check import check
+        from bricktwin.robots.planned import check_named
+
+        plan = _read(self.plan)
+        findings = check(plan) + check_named(plan)
+        for finding in findings:
+            location = f"line {finding.line}" if finding.line else "the plan"
+            print_line(f"{location:10}{finding.name:14}{finding.detail}")
+        kinds = len({placed.part for placed in plan.parts})
+        parts, steps = counted(len(plan.parts), "part"), counted(len(plan.steps), "step")
+        summary = f"{parts} of {counted(kinds, 'kind')}, {steps}, {plan.mass_g:.0f} g"
+        print_line(f"{summary}: {counted(len(findings), 'finding')}" if findings else f"{summary}: all is well")
+        return 1 if findings else 0
+
+
+@dataclass(frozen=True)
+class PlanParts:
+    """List the parts of a building plan, as a table or as a file for part shops, and the sets that contain its electronics.
+
+    Without a plan, list the catalogue.
+
+    Examples:
+      bricksrl plan parts two-wheeler
+      bricksrl plan parts two-wheeler --out parts.csv
+      bricksrl plan parts two-wheeler --format bricklink --out wanted.xml
+      bricksrl plan parts
+    """
+
+    plan: Annotated[Positional[Path | None], option(metavar="FILE", help=_PLAN)] = None
+    out: Annotated[Path | None, option(metavar="FILE")] = None
+    """File to write."""
+    format: Literal["csv", "rebrickable", "bricklink"] = "csv"
+    """Format of the file: a table with masses, Rebrickable's CSV, or BrickLink's wanted list in XML."""
+
+    def execute(self) -> None:
+        from brickhub.files import write_durably
+        from bricktwin.plans import catalogue
+        from bricktwin.plans.parts_list import as_text, parts_list
+        from bricktwin.plans.sets import purchases
+
+        if self.out is None:
+            refuse_ignored(self, ("--plan",), "without --out")
+        if self.plan is None:
+            if self.out is not None:
+                raise PlanError("--out needs a plan; name an LDraw file")
+            for part in catalogue.parts():
+                print_line(f"{part.number:10}{part.family:12}{part.mass_g:8.2f} g  {part.name}")
+            return
+        plan = _read(self.plan)
+        entries = parts_list(plan)
+        if self.out is not None:
+            write_durably(self.out, as_text(entries, self.format).encode())
+        else:
+            for entry in entries:
+                columns = f"{entry.count:4} x  {entry.part.number:10}{entry.colour.name:20}{entry.mass_g:8.2f} g"
+                print_line(f"{columns}  {entry.part.name}")
+        for unknown in plan.unknown:
+            print_line(f"{len(unknown.lines):4} x  {unknown.number:10}not in the catalogue")
+        print_line(f"{counted(len(plan.parts), 'part')}, {plan.mass_g:.0f} g{f': {self.out}' if self.out else ''}")
+        for purchase in purchases(plan):
+            print_line(f"Set {purchase}")
+
+
+@dataclass(frozen=True)
+class PlanSteps:
+    """Draw the booklet of a building plan: cover, parts list, a page for each step, cables.
+
+    Examples:
+      bricksrl plan steps two-wheeler --out two_wheeler.pdf
+      bricksrl plan steps my_robot.mpd --out my_robot.html
+    """
+
+    plan: PlanArgument
+    out: Annotated[Path, option(metavar="FILE")]
+    """The .pdf or .html to write."""
+
+    def execute(self) -> None:
+        from bricktwin.plans.booklet import write_booklet
+
+        plan = _read(self.plan)
+        print_line(f"{counted(write_booklet(plan, self.out), 'page')}: {self.out}")
+
+
+@dataclass(frozen=True)
+class ShowPlan:
+    """Show a building plan in the browser in 3D, step by step, with sliders for its joints. Ctrl-C ends it.
+
+    Examples:
+      bricksrl plan show walker
+      bricksrl plan show my_robot.mpd --page-host 0.0.0.0
+    """
+
+    plan: PlanArgument
+    live_page: LivePageGroup = PageAddress()
+
+    def execute(self) -> None:
+        from bricksrl.page.plan_view import PlanView
+        from bricksrl.page.server import PageServer
+
+        view = PlanView(_read(self.plan))
+        try:
+            with PageServer(view.board, view.press, lambda: None, self.live_page.page_options()) as server:
+                announce(server.url)
+                threading.Event().wait()
+        except KeyboardInterrupt:
+            raise Interrupted from None

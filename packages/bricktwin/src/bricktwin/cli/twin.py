@@ -1,0 +1,174 @@
+"""``bricksrl twin``: record a robot's motion, and fit its twin to it."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from tyro.conf import Positional
+
+from brickhub.cli.options import Flag, option
+from bricksrl.cli.robot_flags import named_robot
+from brickhub.cli.terminal import confirm, print_line
+from brickhub.errors import TwinError, counted
+from brickhub.seed import check_seed
+
+# Listed here, because importing the fit takes a second.
+FITTED = ("battery_v", "friction_scale", "motor_friction_scale", "mass_scale", "backlash_deg")
+
+if TYPE_CHECKING:
+    from brickhub.hub.interface import Interface
+    from brickhub.hub.link.lockstep import HubLink
+    from brickhub.robot import Robot
+    from bricktwin.twin.scene import Scene
+    from bricktwin.twin.system_id import Fit as FitResult
+
+
+@dataclass(frozen=True)
+class Record:
+    """Record a robot's motion under identification commands, for `bricksrl twin fit`.
+
+    It needs a metre of free floor: it stands still for a second, jerks, then runs at full speed, about ten seconds in all.
+    Ctrl-C stops it.
+
+    Examples:
+      bricksrl twin record two-wheeler --out robot.jsonl
+      bricksrl twin record two-wheeler --hub ble --out robot.jsonl
+      bricksrl twin record walker --steps 200 --out walker.jsonl
+      bricksrl twin record my_robot.py --out robot.jsonl
+    """
+
+    robot: Annotated[Positional[str], option(metavar="ROBOT")]
+    """Robot: two-wheeler, walker, robo-arm or bench; RunAway-v0 or another environment, for its robot; my_robot.py."""
+    out: Annotated[Path, option(metavar="FILE")]
+    """File to write."""
+    hub: Annotated[str, option(metavar="HUB")] = "virtual"
+    """How to reach the robot: virtual, ble, ble:NAME, ble:ADDRESS, usb or usb:PORT."""
+    yes: Flag = False
+    """Let a real robot move without asking."""
+    steps: Annotated[int, option(metavar="N")] = 160
+    """Commands, at some 13 per second."""
+    seed: Annotated[int, option(metavar="N")] = 0
+    """Seed of the commands."""
+    physics: Annotated[Path | None, option(metavar="FILE")] = None
+    """Physics of a virtual robot: a JSON file such as `bricksrl twin fit` writes."""
+
+    def execute(self) -> None:
+        import numpy as np
+
+        from brickhub.files import check_writable
+        from bricktwin.twin.motion_log import identification_commands, identification_interface, record, write_log
+
+        if self.steps < 1:
+            raise TwinError(f"steps is {self.steps}; give at least 1")
+        check_seed(self.seed)
+        check_writable(self.out)
+        robot, scene = named_robot(self.robot)
+        interface = identification_interface(robot)
+        commands = identification_commands(interface, self.steps, np.random.default_rng(self.seed))
+        with self._link(robot, _bench_scene(scene), interface) as link:
+            log = record(link, robot, interface, commands)
+        write_log(self.out, log)
+        seconds = (log.times_ms[-1] - log.times_ms[0]) / 1000
+        print_line(f"{counted(len(log.commands), 'command')} in {seconds:.1f} s of {robot.name}: {self.out}")
+
+    def _link(self, robot: Robot, scene: Scene | None, interface: Interface) -> HubLink:
+        """An unopened link to the robot; asks the user before a real one may move."""
+        from brickhub.hub.diagnostics.calibration import calibration_of
+        from brickhub.hub.link.lockstep import HubLink
+        from brickhub.hub.transports.address import parse_hub
+        from bricktwin.twin.make_body import make_body
+        from bricktwin.twin.physics import read_physics
+        from brickhub.virtual.transport import VirtualHub
+
+        address = parse_hub(self.hub)
+        if address.is_virtual:
+            physics = None if self.physics is None else read_physics(self.physics)
+            return HubLink(VirtualHub(make_body(robot, scene=scene, physics=physics, seed=self.seed)), robot, interface)
+        if self.physics is not None:
+            raise TwinError("a real robot has its own physics; omit --physics")
+        if not (self.yes or confirm(f"The {robot.name} needs a metre of room to move at full speed. Move it now?")):
+            raise TwinError(f"nobody said that the {robot.name} may move; answer y in a terminal, or give --yes")
+        transport = address.transport()
+        calibrate = calibration_of(lambda: transport.identity.address if transport.identity else "")
+        return HubLink(transport, robot, interface, calibrate=calibrate)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Fit the physics of a twin to a recorded motion, and print the twin's error before and after.
+
+    Takes about two minutes for ten seconds of log. Use the result with `bricksrl train ENV --physics FILE`.
+
+    Examples:
+      bricksrl twin fit robot.jsonl
+      bricksrl twin fit robot.jsonl --out robot.json
+      bricksrl twin fit robot.jsonl --robot my_robot.py
+    """
+
+    log: Annotated[Positional[Path], option(metavar="LOG")]
+    """File that `bricksrl twin record` wrote."""
+    robot: Annotated[str | None, option(metavar="ROBOT")] = None
+    """Robot, as for `bricksrl twin record`; by default the built-in one that the log names."""
+    parameters: Annotated[tuple[str, ...], option(metavar="NAME")] = FITTED
+    """Parameters to fit; leave out those that you know."""
+    out: Annotated[Path | None, option(metavar="FILE")] = None
+    """File for the physics; by default the log's name with the suffix .physics.json."""
+
+    def execute(self) -> None:
+        from bricktwin import robots
+        from brickhub.files import check_writable
+        from bricktwin.twin.motion_log import read_log
+        from bricktwin.twin.physics import write_physics
+        from bricktwin.twin.system_id import fit
+
+        def report(replay: int, error: float) -> None:
+            _show_progress(f"replay {replay}, error {error:.3g} ")
+
+        log = read_log(self.log)
+        if self.robot is None and log.robot not in robots.ROBOTS:
+            raise TwinError(
+                f"{self.log} is of the robot '{log.robot}', which is not built in; name its file, such as --robot my_robot.py"
+            )
+        robot, scene = named_robot(self.robot or log.robot)
+        out = self.out or self.log.with_suffix(".physics.json")
+        check_writable(out)
+        result = fit(log, robot=robot, scene=_bench_scene(scene), names=self.parameters, on_replay=report)
+        _show_progress("")
+        write_physics(out, result.physics)
+        _print(result)
+        print_line(f"physics  {out}")
+
+
+def _bench_scene(scene: Scene | None) -> Scene | None:
+    """What a task's scene says of a robot on the bench; a robot with a body is recorded on an open floor."""
+    from bricktwin.twin.scene import Scene
+
+    if scene is None or not (scene.readings or scene.end_stops):
+        return None
+    return Scene(readings=scene.readings, end_stops=scene.end_stops)
+
+
+def _print(result: FitResult) -> None:
+    from bricktwin.twin.physics import PARAMETERS, Physics
+
+    print_line("error of the twin (root mean square)")
+    for name, before in result.error_before.items():
+        print_line(f"  {name:24}{before:8.3g} -> {result.error_after[name]:.3g}")
+    print_line("parameters")
+    default = Physics()
+    for name, parameter in PARAMETERS.items():
+        value, before = getattr(result.physics, name), getattr(default, name)
+        if name in result.identified or value != before:
+            print_line(f"  {name:24}{before:8.3g} -> {value:.3g} {parameter.unit.removesuffix('1')}".rstrip())
+    for name in result.unidentified:
+        print_line(f"  {name:24}{getattr(default, name):8.3g}    not identifiable from this log")
+
+
+def _show_progress(text: str) -> None:
+    """Overwrite the line of progress on a terminal; clear it with an empty text."""
+    if sys.stderr.isatty():
+        sys.stderr.write(f"\r\033[K{text}")
+        sys.stderr.flush()

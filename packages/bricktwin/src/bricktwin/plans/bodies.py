@@ -1,0 +1,353 @@
+"""Rigid bodies of a plan, the joints between them and their possible motions. LDraw units, plan frame.
+
+A motion is six rates per body (linear at the plan's origin, angular). Each joint and each gear mesh is a linear constraint on
+the rates; the motions are the null space.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bricktwin.plans.connections import Connection, Mesh
+from bricktwin.plans.geometry import Floats, lines_coincide
+from bricktwin.plans.part import DeviceKind, Fit, Site
+from bricktwin.plans.plan import Placed
+
+RATE_LENGTH = 100.0
+"""LDU: scales angular rates, so that linear and angular rates have the same magnitude."""
+_RANK_TOLERANCE, _MOTION_TOLERANCE = 1e-4, 1e-4
+_AXIS_TOLERANCE = 1.5
+MAX_BODIES = 250
+"""No motions are computed above this number."""
+_MAX_LOOSE_DISTANCE = 60.0
+_STOP_LOW, _STOP_HIGH = -2.0, 9.0
+"""Distance between bush and beam at which an axle still cannot slide: up to 3.6 mm of play."""
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A hinge between two bodies, which may also slide along its axis, or a ball joint.
+
+    Attributes:
+        bodies: indices of the bodies.
+        motor: index of the motor whose shaft this is, or ``None``.
+    """
+
+    bodies: tuple[int, int]
+    point: Floats
+    axis: Floats
+    slides: bool
+    motor: int | None
+    is_ball: bool = False
+
+
+@dataclass(frozen=True)
+class Bodies:
+    """Rigid bodies.
+
+    Attributes:
+        members: parts of each body; a motor's case counts as the motor.
+        rotors: motors whose rotor belongs to each body.
+        meshes: pairs of bodies with their gear mesh.
+    """
+
+    members: tuple[tuple[int, ...], ...]
+    rotors: tuple[tuple[int, ...], ...]
+    joints: tuple[Joint, ...]
+    meshes: tuple[tuple[int, int, Mesh], ...]
+
+    def motions(self, *, locked: Iterable[int] = ()) -> Floats:
+        """Possible motions [6 x bodies, n], orthonormal; the first body is at rest, the motors in ``locked`` are braked."""
+        rows = [_constraint_rows(np.eye(6), 0, None, len(self.members))]
+        braked = set(locked)
+        for joint in self.joints:
+            can_turn = joint.motor not in braked
+            block = _joint_rows(joint.point, joint.axis, slides=joint.slides, turns=can_turn, is_ball=joint.is_ball)
+            rows.append(_constraint_rows(block, joint.bodies[0], joint.bodies[1], len(self.members)))
+        for body, axis in self._free_spins():
+            rows.append(_constraint_rows(np.concatenate([np.zeros(3), axis])[None, :], body, None, len(self.members)))
+        for first, second, mesh in self.meshes:
+            row = np.zeros((1, 6 * len(self.members)))
+            scaled = np.concatenate([mesh.motion[:, :3], mesh.motion[:, 3:] / RATE_LENGTH], axis=1)
+            row[0, 6 * first : 6 * first + 6] += scaled[0]
+            row[0, 6 * second : 6 * second + 6] += scaled[1]
+            rows.append(row)
+        return _null_space(np.concatenate(rows))
+
+    def _free_spins(self) -> Iterator[tuple[int, Floats]]:
+        """Bodies between two ball joints, and the axis of their free spin, which moves nothing else."""
+        for body in range(1, len(self.members)):
+            joints = [joint for joint in self.joints if body in joint.bodies]
+            if len(joints) == 2 and all(joint.is_ball for joint in joints) and not any(body in mesh[:2] for mesh in self.meshes):
+                axis = joints[1].point - joints[0].point
+                if (length := np.linalg.norm(axis)) > _AXIS_TOLERANCE:
+                    yield body, axis / length
+
+    def rates(self, motor: int, motions: Floats) -> Floats:
+        """Angular rate of a motor's shaft relative to its case in each motion [n]."""
+        joint = next(joint for joint in self.joints if joint.motor == motor)
+        case, rotor = joint.bodies
+        relative = motions[6 * rotor + 3 : 6 * rotor + 6] - motions[6 * case + 3 : 6 * case + 6]
+        return np.asarray(joint.axis @ relative)
+
+
+def _null_space(rows: Floats) -> Floats:
+    """Orthonormal basis [m, n] of the null space of ``rows`` [k, m]."""
+    eigenvalues, eigenvectors = np.linalg.eigh(rows.T @ rows)
+    return np.asarray(eigenvectors[:, eigenvalues < _RANK_TOLERANCE**2])
+
+
+def _joint_rows(point: Floats, axis: Floats, *, slides: bool, turns: bool = True, is_ball: bool = False) -> Floats:
+    """Constraints [3..6, 6] on the difference of two bodies' rates."""
+    helper = np.eye(3)[int(np.argmin(np.abs(axis)))]
+    first = np.cross(axis, helper)
+    first /= np.linalg.norm(first)
+    normals = [first, np.cross(axis, first)]
+    blocked = normals if slides else [*normals, axis]
+    rows = [np.concatenate([direction, np.cross(point, direction) / RATE_LENGTH]) for direction in blocked]
+    if not is_ball:
+        rows += [np.concatenate([np.zeros(3), direction]) for direction in (normals if turns else [*normals, axis])]
+    return np.array(rows)
+
+
+def _constraint_rows(block: Floats, first: int, second: int | None, count: int) -> Floats:
+    rows = np.zeros((len(block), 6 * count))
+    rows[:, 6 * first : 6 * first + 6] = block
+    if second is not None:
+        rows[:, 6 * second : 6 * second + 6] -= block
+    return rows
+
+
+class _Groups:
+    """Disjoint sets (union-find)."""
+
+    def __init__(self, count: int) -> None:
+        self._parents = list(range(count))
+
+    def find(self, node: int) -> int:
+        """The representative of a node's set."""
+        while self._parents[node] != node:
+            self._parents[node] = self._parents[self._parents[node]]
+            node = self._parents[node]
+        return node
+
+    def join(self, first: int, second: int) -> None:
+        """Merge two sets."""
+        self._parents[self.find(first)] = self.find(second)
+
+
+@dataclass(frozen=True)
+class _Link:
+    """A connection between two nodes: a part, or the rotor of a motor, ``len(parts) + index``."""
+
+    connection: Connection
+    male: int
+    female: int
+
+    @property
+    def is_axle(self) -> bool:
+        return self.connection.male_site.fit is Fit.AXLE
+
+
+def find_bodies(parts: Sequence[Placed], connections: Sequence[Connection], meshes: Sequence[Mesh]) -> Bodies:
+    """The bodies of the parts, the heaviest first; bodies that are not connected to it are left out.
+
+    Parts are one body if their connections leave no relative motion, first in pairs, then in the whole mechanism.
+    """
+    count = len(parts)
+    links = [
+        _Link(link, link.male + count * link.male_site.turns, link.female + count * link.female_site.turns)
+        for link in connections
+        if link.fits and not link.is_crossed
+    ]
+    groups = _Groups(2 * count)
+    for link in links:
+        if link.connection.is_rigid:
+            groups.join(link.male, link.female)
+    _join_fasteners(parts, links, groups)
+    _join_loose(parts, groups)
+    while True:
+        while _merge_rigid(links, groups):
+            pass
+        bodies, roots = _bodies(parts, links, meshes, groups)
+        if len(roots) > MAX_BODIES or not _merge_equal_motions(bodies, roots, groups):
+            return bodies
+
+
+def _bodies(parts: Sequence[Placed], links: Sequence[_Link], meshes: Sequence[Mesh], groups: _Groups) -> tuple[Bodies, list[int]]:
+    """The current bodies and the representative of each."""
+    count = len(parts)
+    motors = [placed.index for placed in parts if any(site.turns for site in placed.part.sites)]
+    roots = _ordered(parts, motors, links, groups)
+    number_of = {root: number for number, root in enumerate(roots)}
+    joints = []
+    for motor in motors:
+        if groups.find(motor) in number_of:
+            point, axis = _shaft(parts[motor])
+            pair = (number_of[groups.find(motor)], number_of[groups.find(motor + count)])
+            joints.append(Joint(pair, point, axis, False, motor))
+    slides = _sliding(parts, links, groups)
+    for (first, second), bundles in _bundles(links, groups).items():
+        if first in number_of and second in number_of:
+            can_slide = frozenset((first, second)) in slides
+            pair = (number_of[first], number_of[second])
+            joints += [
+                Joint(pair, *_line_of(bundle), bundle[0].is_axle and can_slide, None, bundle[0].connection.is_ball)
+                for bundle in bundles
+            ]
+    geared_bodies = [
+        (number_of[groups.find(mesh.first)], number_of[groups.find(mesh.second)], mesh)
+        for mesh in meshes
+        if mesh.is_good and groups.find(mesh.first) in number_of and groups.find(mesh.second) in number_of
+    ]
+    members = tuple(tuple(part for part in range(count) if groups.find(part) == root) for root in roots)
+    rotors = tuple(tuple(motor for motor in motors if groups.find(motor + count) == root) for root in roots)
+    return Bodies(members, rotors, tuple(joints), tuple(geared_bodies)), roots
+
+
+def _bundles(links: Sequence[_Link], groups: _Groups) -> dict[tuple[int, int], list[list[_Link]]]:
+    """The connections between each pair of bodies, grouped by axis; in each group those that cannot slide come first."""
+    bundles_of: dict[tuple[int, int], list[list[_Link]]] = {}
+    for link in sorted(links, key=lambda link: link.is_axle):
+        first, second = groups.find(link.male), groups.find(link.female)
+        if first == second:
+            continue
+        bundles = bundles_of.setdefault((min(first, second), max(first, second)), [])
+        bundle = next((bundle for bundle in bundles if _is_coaxial(link.connection, bundle[0].connection)), None)
+        if bundle is None:
+            bundles.append([link])
+        else:
+            bundle.append(link)
+    return bundles_of
+
+
+def _line_of(bundle: Sequence[_Link]) -> tuple[Floats, Floats]:
+    """Midpoint and direction of coaxial connections; independent of their order."""
+    axis = bundle[0].connection.axis
+    axis = axis * np.sign(axis[int(np.argmax(np.abs(np.round(axis, 6))))])
+    points = np.array([link.connection.point for link in bundle])
+    along = points @ axis
+    mean = points.mean(axis=0)
+    return mean + axis * ((along.min() + along.max()) / 2 - float(mean @ axis)), axis
+
+
+def _is_coaxial(first: Connection, second: Connection) -> bool:
+    is_ball = first.is_ball or second.is_ball
+    return not is_ball and lines_coincide(first.point, first.axis, second.point, second.axis, offset=_AXIS_TOLERANCE, sine=0.05)
+
+
+def _shaft(placed: Placed) -> tuple[Floats, Floats]:
+    """Position and outward direction of a motor's shaft."""
+    site = next(site for site in placed.part.sites if site.turns and site.fit is Fit.AXLE_HOLE)
+    device = placed.part.device
+    shaft = device.shaft if device is not None and device.kind is DeviceKind.MOTOR and device.shaft else site.axis
+    return placed.point(site.centre), placed.rotation @ np.array(shaft)
+
+
+def _join_fasteners(parts: Sequence[Placed], links: Sequence[_Link], groups: _Groups) -> None:
+    """Join each pin, and each axle to which nothing is fixed, to a part around it: its own rotation does not matter."""
+    fixed = {node for link in links if link.connection.is_rigid for node in (link.male, link.female)}
+    for link in links:
+        sites = parts[link.connection.male].part.sites
+        is_alone = len({(site.centre[1], site.centre[2]) for site in sites}) == 1
+        if is_alone and all(site.fit.is_male for site in sites) and link.male not in fixed and not link.connection.is_ball:
+            groups.join(link.male, link.female)
+            fixed.add(link.male)
+
+
+def _join_loose(parts: Sequence[Placed], groups: _Groups) -> None:
+    """Join parts with unmodelled connections to the nearest part, such as a tyre to its rim."""
+    for placed in parts:
+        others = [other for other in parts if other.index != placed.index and not other.part.is_loose]
+        if placed.part.family == "tyres":
+            others = [other for other in others if other.part.family == "wheels"]
+        is_chain = placed.part.family == "chains"
+        if is_chain:  # it keeps its place, while its gears turn
+            others = [other for other in others if other.part.family in ("beams", "hubs", "motors")]
+        if placed.part.is_loose and others:
+            nearest = min(others, key=lambda other: float(np.linalg.norm(other.position - placed.position)))
+            if is_chain or np.linalg.norm(nearest.position - placed.position) < _MAX_LOOSE_DISTANCE:
+                groups.join(placed.index, nearest.index)
+
+
+def _merge_rigid(links: Sequence[_Link], groups: _Groups) -> bool:
+    """Join pairs of bodies without relative motion. Returns whether there were any."""
+    merged = False
+    for pair, bundles in _bundles(links, groups).items():
+        if len(bundles) < 2:
+            continue
+        connections = [bundle[0].connection for bundle in bundles]
+        origin = connections[0].point
+        blocks = [
+            _joint_rows(link.point - origin, link.axis, slides=link.male_site.fit is Fit.AXLE, is_ball=link.is_ball)
+            for link in connections
+        ]
+        if not _null_space(np.concatenate(blocks)).size:
+            groups.join(*pair)
+            merged = True
+    return merged
+
+
+def _merge_equal_motions(bodies: Bodies, roots: Sequence[int], groups: _Groups) -> bool:
+    """Join bodies with equal rates in all motions. Returns whether there were any."""
+    motions = bodies.motions()
+    merged = False
+    for number, root in enumerate(roots):
+        rates = motions[6 * number : 6 * number + 6]
+        for other in range(number):
+            if np.abs(motions[6 * other : 6 * other + 6] - rates).max(initial=0.0) < _MOTION_TOLERANCE:
+                groups.join(root, roots[other])
+                merged = True
+                break
+    return merged
+
+
+def _ordered(parts: Sequence[Placed], motors: Sequence[int], links: Sequence[_Link], groups: _Groups) -> list[int]:
+    """Representatives of the bodies connected to the heaviest one, which comes first."""
+    count = len(parts)
+    masses: dict[int, float] = defaultdict(float)
+    for placed in parts:
+        masses[groups.find(placed.index)] += placed.part.mass_g
+    neighbours: dict[int, set[int]] = defaultdict(set)
+    for first, second in [(link.male, link.female) for link in links] + [(motor, motor + count) for motor in motors]:
+        neighbours[groups.find(first)].add(groups.find(second))
+        neighbours[groups.find(second)].add(groups.find(first))
+    start = max(masses, key=lambda root: masses[root])
+    seen, waiting = {start}, [start]
+    while waiting:
+        for other in sorted(neighbours[waiting.pop(0)] - seen):
+            seen.add(other)
+            waiting.append(other)
+    return [start, *sorted(seen - {start})]
+
+
+def _sliding(parts: Sequence[Placed], links: Sequence[_Link], groups: _Groups) -> set[frozenset[int]]:
+    """Pairs of bodies that slide along a common axle: no part fixed to the axle stops them in both directions."""
+    fixed_to: dict[int, list[Connection]] = defaultdict(list)
+    for link in links:
+        if link.is_axle and groups.find(link.male) == groups.find(link.female):
+            fixed_to[link.male].append(link.connection)
+    stops: dict[frozenset[int], list[int]] = defaultdict(lambda: [0, 0])
+    for link in links:
+        first, second, connection = groups.find(link.male), groups.find(link.female), link.connection
+        if not link.is_axle or first == second:
+            continue
+        ends = stops[frozenset((first, second))]
+        # Parallel axles have the same two directions, whichever of the bodies has the axle.
+        sign = float(np.sign(connection.axis[int(np.argmax(np.abs(connection.axis)))])) * (1 if first < second else -1)
+        low, high = _span(parts[connection.female], connection.female_site, connection)
+        for fixed in fixed_to[link.male]:
+            start, end = _span(parts[fixed.female], fixed.female_site, connection)
+            ends[0 if sign > 0 else 1] += _STOP_LOW < start - high < _STOP_HIGH
+            ends[1 if sign > 0 else 0] += _STOP_LOW < low - end < _STOP_HIGH
+    return {pair for pair, ends in stops.items() if not all(ends)}
+
+
+def _span(placed: Placed, site: Site, link: Connection) -> tuple[float, float]:
+    """Ends of a hole along an axle, from the middle of the connection."""
+    middle = float((placed.point(site.centre) - link.point) @ link.axis)
+    return middle - site.length / 2, middle + site.length / 2

@@ -1,0 +1,137 @@
+"""Check of building steps: each new part connects to the assembly and has a free path to its place.
+
+A step is tried backwards: its parts are removed one after the other, each along a straight line.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bricktwin.plans.connections import Connection
+from bricktwin.plans.contact import Occupancy
+from bricktwin.plans.geometry import Bools, Floats
+from bricktwin.plans.plan import Plan, Step
+
+_MAX_QUERIES, _MAX_ITEMS = 6000, 60
+"""Limits of the search: collision queries per plan, parts per step."""
+_PATH_LDU = (5.0, 11.0, 17.0, 24.0, 34.0, 46.0, 70.0, 110.0, 170.0)
+"""Distances at which a path is checked; 5 LDU is more than the tolerance of the collision test."""
+
+
+class Fault(enum.Enum):
+    """Reasons why a step fails."""
+
+    UNCONNECTED = "is not connected to the assembly"
+    BLOCKED = "has no free path to its place"
+    UNCHECKED = "and the others are too many to check"
+
+
+@dataclass(frozen=True)
+class StepFault:
+    """Parts of a step that cannot be placed."""
+
+    step: Step
+    parts: tuple[int, ...]
+    kind: Fault
+
+
+def step_faults(plan: Plan, connections: Sequence[Connection], occupancy: Occupancy) -> list[StepFault]:
+    """All steps that fail. Parts with unmodelled connections, such as tyres, count as connected."""
+    neighbours: dict[int, set[int]] = defaultdict(set)
+    axes: dict[int, list[Floats]] = defaultdict(list)
+    for link in connections:
+        neighbours[link.male].add(link.female)
+        neighbours[link.female].add(link.male)
+        axes[link.male].append(link.axis)
+        axes[link.female].append(link.axis)
+    faults: list[StepFault] = []
+    built: dict[tuple[str, ...], set[int]] = defaultdict(set)
+    for step in plan.steps:
+        before = set(built[step.assembly])
+        items = [(part,) for part in step.new] + list(step.joined)
+        after = before | {part for item in items for part in item}
+        built[step.assembly] = after
+        faults += _unconnected(plan, step, items, before, after, neighbours)
+        if len(items) > _MAX_ITEMS or occupancy.queries > _MAX_QUERIES:
+            faults.append(StepFault(step, items[0][:1], Fault.UNCHECKED))
+            continue
+        blocked = _blocked(items, after, occupancy, axes, neighbours, len(plan.parts))
+        if blocked:
+            faults.append(StepFault(step, blocked, Fault.BLOCKED))
+    return faults
+
+
+def _unconnected(
+    plan: Plan, step: Step, items: Sequence[tuple[int, ...]], before: set[int], after: set[int], neighbours: dict[int, set[int]]
+) -> list[StepFault]:
+    """Parts that are not connected to the rest after the step."""
+    start = (
+        min(before) if before else max((part for item in items for part in item), key=lambda part: plan.parts[part].part.mass_g)
+    )
+    seen, queue = {start}, [start]
+    while queue:
+        unseen = (neighbours[queue.pop()] & after) - seen
+        seen |= unseen
+        queue += unseen
+    unconnected = tuple(part for item in items for part in item if part not in seen and not plan.parts[part].part.is_loose)
+    return [StepFault(step, unconnected, Fault.UNCONNECTED)] if unconnected else []
+
+
+def _blocked(
+    items: Sequence[tuple[int, ...]],
+    after: set[int],
+    occupancy: Occupancy,
+    axes: dict[int, list[Floats]],
+    neighbours: dict[int, set[int]],
+    count: int,
+) -> tuple[int, ...]:
+    """Parts of a step without a free straight path."""
+    present = np.zeros(count, dtype=bool)
+    present[list(after)] = True
+    remaining = list(items)
+    if len(remaining) == len(after):  # the first step: its first item lies on the table
+        remaining = remaining[1:]
+    has_removed = True
+    while remaining and has_removed and occupancy.queries <= _MAX_QUERIES:
+        has_removed = False
+        for group in _groups(remaining, neighbours):
+            parts = [part for item in group for part in item]
+            if _is_removable(parts, present, occupancy, _directions(parts, axes)):
+                present[parts] = False
+                remaining = [item for item in remaining if item not in group]
+                has_removed = True
+                break
+    return tuple(part for item in remaining for part in item)
+
+
+def _groups(remaining: Sequence[tuple[int, ...]], neighbours: dict[int, set[int]]) -> Iterable[list[tuple[int, ...]]]:
+    """Groups to remove together: each item, each with the new items that it touches, all items."""
+    for item in reversed(remaining):
+        yield [item]
+    for item in reversed(remaining):
+        touched = {other for part in item for other in neighbours[part]}
+        group = [other for other in remaining if other == item or touched & set(other)]
+        if 1 < len(group) < len(remaining):
+            yield group
+    if len(remaining) > 1:
+        yield list(remaining)
+
+
+def _directions(parts: Sequence[int], axes: dict[int, list[Floats]]) -> list[Floats]:
+    """Directions to try: along the connections, then along the plan's axes."""
+    directions: list[Floats] = []
+    for axis in [axis for part in parts for axis in axes[part]] + list(np.eye(3)):
+        if not any(abs(float(axis @ direction)) > 0.999 for direction in directions):
+            directions.append(axis)
+    return [sign * direction for direction in directions for sign in (1.0, -1.0)]
+
+
+def _is_removable(parts: Sequence[int], present: Bools, occupancy: Occupancy, directions: Sequence[Floats]) -> bool:
+    others = present.copy()
+    others[list(parts)] = False
+    return any(all(occupancy.is_free(parts, others, direction * distance) for distance in _PATH_LDU) for direction in directions)

@@ -1,0 +1,77 @@
+"""Part catalogue, by LDraw number: the tables ``parts.csv`` and ``devices.csv``."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+
+from brickhub.errors import UnknownNameError
+from bricktwin.plans.catalogue import part_notation
+from bricktwin.plans.part import Device, DeviceKind, MassSource, Part
+from brickhub.tables import read_table
+
+
+@functools.cache
+def parts() -> tuple[Part, ...]:
+    """All parts by family."""
+    devices = {row["number"]: row for row in read_table(__package__, "devices")}
+    return tuple(_part(row, devices.get(row["number"])) for row in read_table(__package__, "parts"))
+
+
+@functools.cache
+def _by_number() -> dict[str, Part]:
+    return {number: part for part in parts() for number in (part.number, *part.aliases)}
+
+
+def find(number: str) -> Part | None:
+    """The part with an LDraw number, with or without ``.dat``, or ``None``."""
+    return _by_number().get(number.lower().removesuffix(".dat"))
+
+
+def get(number: str) -> Part:
+    """The part with an LDraw number. Raises UnknownNameError if it is not in the catalogue."""
+    part = find(number)
+    if part is None:
+        raise UnknownNameError(f"part '{number}' is not in the catalogue; use one that `bricksrl plan parts` lists")
+    return part
+
+
+def _part(row: Mapping[str, str], electric: Mapping[str, str] | None) -> Part:
+    """The part of a row of ``parts.csv`` and, of a hub, motor or sensor, its row of ``devices.csv``."""
+    if row["sites"].startswith("chain"):
+        sites, solids = part_notation.beam(row["sites"])
+    else:
+        sites = part_notation.sites(row["sites"])
+        solids = part_notation.solids(row["solids"] or "tubes", sites)
+    return Part(
+        row["number"],
+        row["name"],
+        row["family"],
+        sites if electric is None else (*sites, *part_notation.sites(electric["rotor"], turns=True)),
+        solids,
+        float(row["mass_g"]),
+        MassSource[row["mass_source"].upper()],
+        tuple(row["aliases"].split()),
+        () if electric is None else part_notation.solids(electric["rotor_solids"]),
+        part_notation.gears(row["gears"]),
+        None if electric is None else _device(electric),
+        int(row["length"] or 0),
+        float(row["wheel_mm"] or 0.0),
+        bool(row["is_loose"]),
+    )
+
+
+def _device(row: Mapping[str, str]) -> Device:
+    kind = DeviceKind(row["kind"])
+    ports = [port.partition("=") for port in row["ports"].split()]
+    direction = part_notation.point(row["direction"]) if row["direction"] else None
+    return Device(
+        kind,
+        row["name"],
+        part_notation.point(row["plug"]),
+        float(row["cable_mm"] or 0.0),
+        tuple((name, part_notation.point(place)) for name, _, place in ports),
+        shaft=direction if kind is DeviceKind.MOTOR else None,
+        looks=direction if kind is DeviceKind.SENSOR else None,
+        sold_as=row["sold_as"],
+    )

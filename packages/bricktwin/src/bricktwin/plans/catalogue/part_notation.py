@@ -1,0 +1,155 @@
+"""Notation of ``parts.csv`` and ``devices.csv``: points, connection sites, solids, gears. LDraw units, the part's frame.
+
+Points are words ``x,y,z``. A coordinate is a number, ``±40`` (-40 and 40), ``0..60`` (each module of 20), ``0..80/40`` (each
+40), or several of these with ``;``; the last coordinate runs fastest. Groups are separated by ``|``:
+
+- sites: kind, axis with length, centres, as in ``o y20: 0,0,±20``. Kinds: ``o`` pin hole, ``+`` axle hole, and those of `_FITS`.
+  ``z20 tilted 45`` turns a group about x by 45 degrees.
+- beams: an axis with the thickness, a hole for each point (``-`` for none), and the points that bars connect, as in
+  ``chain y20 +oo: 0,0,0..40``.
+- solids: ``box 0,0,±60 80,20,20``, ``cylinder z20 0,0,0 9.5``, ``ring y15 0,0,0 74.5 68`` (outer and inner radius),
+  ``ball 0,0,0 24``, or ``tubes`` around all sites.
+- gears: form, teeth, axis with width, centre and further fields, as in ``bevel 12 z10 0,0,2 set_back=0``.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from bricktwin.plans.geometry import AXES, Solid, Triple, ball, bar, box, cylinder, ring, triple
+from bricktwin.plans.part import Fit, Gear, GearForm, Site
+
+_FITS = {
+    "o": Fit.HOLE,
+    "+": Fit.AXLE_HOLE,
+    "pin": Fit.PIN,
+    "friction": Fit.FRICTION_PIN,
+    "axle": Fit.AXLE,
+    "turntable": Fit.TURNTABLE,
+    "stud": Fit.STUD,
+    "under": Fit.STUD_HOLE,
+    "peg": Fit.PEG,
+    "ball": Fit.BALL,
+    "socket": Fit.SOCKET,
+}
+_WITHOUT_SOLIDS = (Fit.TURNTABLE, Fit.STUD, Fit.STUD_HOLE, Fit.BALL, Fit.SOCKET)
+"""Sites without solids: collisions ignore studs, sockets and the hollows for them; a towball's head is added to its part."""
+_MODULE = 20.0
+_WALL_RADIUS, _PIN_RADIUS = 9.0, 6.0
+
+
+def points(text: str) -> list[Triple]:
+    """Points of a text such as ``"0,0,-20 ±40,0,0..60"``."""
+    return [(x, y, z) for word in text.split() for x, y, z in itertools.product(*map(_coordinates, word.split(",")))]
+
+
+def point(text: str) -> Triple:
+    """A single point."""
+    return points(text)[0]
+
+
+def _coordinates(text: str) -> list[float]:
+    values = []
+    for word in text.split(";"):
+        ends, _, step = word.partition("/")
+        first, _, last = ends.partition("..")
+        if last:
+            start, span = float(first), float(last) - float(first)
+            stride = math.copysign(float(step or _MODULE), span)
+            values += [start + stride * index for index in range(round(span / stride) + 1)]
+        else:
+            values += [-float(first[1:]), float(first[1:])] if first.startswith("±") else [float(first)]
+    return values
+
+
+def sites(text: str, *, turns: bool = False) -> tuple[Site, ...]:
+    """Connection sites; ``turns``: of a motor's rotor."""
+    found = []
+    for group in _groups(text):
+        head, _, centres = group.partition(":")
+        fit, along, *tilt = head.split()
+        axis, length = _axis(along)
+        tilt_deg = float(tilt[1]) if tilt else 0.0
+        found += [
+            Site(_FITS[fit], _tilted(centre, tilt_deg), _tilted(axis, tilt_deg), length, turns) for centre in points(centres)
+        ]
+    return tuple(found)
+
+
+def _tilted(vector: Triple, angle_deg: float) -> Triple:
+    """A vector turned about x."""
+    x, y, z = vector
+    sine, cosine = math.sin(math.radians(angle_deg)), math.cos(math.radians(angle_deg))
+    return (x, y * cosine - z * sine, y * sine + z * cosine) if angle_deg else vector
+
+
+def beam(text: str) -> tuple[tuple[Site, ...], tuple[Solid, ...]]:
+    """Holes and solids of a beam; chains that meet share a hole."""
+    found: dict[Triple, Site] = {}
+    bars = []
+    for chain in _groups(text):
+        head, _, places = chain.partition(":")
+        _, along, kinds = head.split()
+        (axis, thickness), centres = _axis(along), points(places)
+        bars += [bar(start, end, axis, 2 * _WALL_RADIUS, thickness) for start, end in itertools.pairwise(centres)]
+        for index, (kind, centre) in enumerate(zip(kinds, centres, strict=True)):
+            if kind != "-":
+                arm = np.array(centre) - np.array(centres[index - 1 if index else min(1, len(centres) - 1)])
+                arm /= max(float(np.linalg.norm(arm)), 1e-9)
+                found.setdefault(centre, Site(_FITS[kind], centre, axis, thickness, arm=triple(arm)))
+    holes = tuple(found.values())
+    return holes, (*bars, *_tubes(holes))
+
+
+def solids(text: str, part_sites: Iterable[Site] = ()) -> tuple[Solid, ...]:
+    """Solids of a part with these sites."""
+    found: list[Solid] = []
+    for group in _groups(text):
+        match group.split():
+            case ["tubes"]:
+                found += _tubes(part_sites)
+            case ["box", centres, size]:
+                found += [box(centre, point(size)) for centre in points(centres)]
+            case ["ball", centre, radius]:
+                found.append(ball(point(centre), float(radius)))
+            case ["cylinder", along, centres, radius]:
+                found += [cylinder(centre, *_axis(along), float(radius)) for centre in points(centres)]
+            case ["ring", along, centres, outer, inner]:
+                found += [ring(centre, *_axis(along), float(outer), float(inner)) for centre in points(centres)]
+    return tuple(found)
+
+
+def _tubes(part_sites: Iterable[Site]) -> list[Solid]:
+    """A tube around each hole, a round bar for each pin and axle."""
+    return [
+        cylinder(site.centre, site.axis, site.length, _PIN_RADIUS if site.fit.is_male else _WALL_RADIUS)
+        for site in part_sites
+        if site.fit not in _WITHOUT_SOLIDS
+    ]
+
+
+def gears(text: str) -> tuple[Gear, ...]:
+    """Gears of a part."""
+    found = []
+    for group in _groups(text):
+        form, teeth, along, centre, *further = group.split()
+        axis, width = _axis(along)
+        gear = Gear(GearForm[form.upper()], int(teeth), point(centre), axis, width)
+        for name, _, value in (word.partition("=") for word in further):
+            gear = replace(gear, up=point(value)) if name == "up" else replace(gear, set_back=float(value))
+        found.append(gear)
+    return tuple(found)
+
+
+def _axis(text: str) -> tuple[Triple, float]:
+    """Direction and length of a text such as ``"z20"``."""
+    return AXES[text[0]], float(text[1:])
+
+
+def _groups(text: str) -> list[str]:
+    return [group for group in text.split("|") if group.strip()]

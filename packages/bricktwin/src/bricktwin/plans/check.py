@@ -1,0 +1,184 @@
+"""Check of a plan: mistakes with their lines in the file and what to do."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from brickhub.errors import percent
+from brickhub.finding import Finding, Outcome
+from bricktwin.plans.bodies import MAX_BODIES, RATE_LENGTH, Bodies, find_bodies
+from bricktwin.plans.building import Fault, step_faults
+from bricktwin.plans.chains import chain_meshes
+from bricktwin.plans.connections import Connection, Mesh, connections, meshes
+from bricktwin.plans.contact import Occupancy
+from bricktwin.plans.geometry import MM_PER_LDU, Floats
+from bricktwin.plans.plan import Placed, Plan
+from bricktwin.plans.wiring import wiring
+
+_MAX_NAMES = 5
+_MIN_RATE = 0.02
+_REMEDIES = {
+    Fault.UNCONNECTED: "connect it, or add it later",
+    Fault.BLOCKED: "add it in an earlier step",
+    Fault.UNCHECKED: "split the step",
+}
+
+
+@dataclass(frozen=True)
+class Structure:
+    """Connections, meshing and chained gears, and bodies of a plan."""
+
+    connections: tuple[Connection, ...]
+    meshes: tuple[Mesh, ...]
+    bodies: Bodies
+
+
+def structure_of(plan: Plan) -> Structure:
+    """Compute the structure of a plan."""
+    links, gears = connections(plan.parts), [*meshes(plan.parts), *chain_meshes(plan.parts)]
+    return Structure(tuple(links), tuple(gears), find_bodies(plan.parts, links, gears))
+
+
+def check(plan: Plan) -> list[Finding]:
+    """All findings about a plan, in the order of its lines; empty if it can be built."""
+    findings = list(_check_count(plan))
+    if plan.parts:
+        structure, occupancy = structure_of(plan), Occupancy(plan.parts)
+        findings += _check_connections(plan, structure)
+        collisions = occupancy.collisions()
+        findings += _check_collisions(plan, collisions)
+        findings += _check_gears(plan, structure)
+        findings += _check_motions(plan, structure)
+        findings += _check_steps(plan, structure, occupancy, collisions)
+        findings += wiring(plan)
+    return sorted(findings, key=lambda finding: (finding.line, finding.name, finding.detail))
+
+
+def _check_count(plan: Plan) -> Iterator[Finding]:
+    """Unknown parts, and a part count other than declared."""
+    for unknown in plan.unknown:
+        text = f"part {unknown.number} ({_times(len(unknown.lines))}) is not in the catalogue; use another, or add it there"
+        yield Finding("unknown part", Outcome.ERROR, text, unknown.lines[0])
+    count = len(plan.parts) + sum(len(unknown.lines) for unknown in plan.unknown)
+    if plan.count not in (None, count):
+        text = f"the plan says PARTS {plan.count}, but places {count}; put back what is missing, or correct the number"
+        yield Finding("count", Outcome.ERROR, text)
+
+
+def _times(count: int) -> str:
+    return "once" if count == 1 else f"{count} times"
+
+
+def _check_connections(plan: Plan, structure: Structure) -> Iterator[Finding]:
+    """Pins in axle holes, misaligned axles, connections that are not deep enough, unconnected parts."""
+    for link in structure.connections:
+        male, female = plan.parts[link.male], plan.parts[link.female]
+        pair = f"{male.name} and {female.name} of line {female.line}"
+        if not link.fits:
+            text = f"{pair}: a pin does not go into an axle hole; use an axle"
+            yield Finding("misfit", Outcome.ERROR, text, male.line)
+        elif link.is_crossed:
+            text = f"{pair}: the axle is misaligned with its hole; turn one of them"
+            yield Finding("misfit", Outcome.ERROR, text, male.line)
+        elif not link.is_seated:
+            text = f"{pair}: only {link.depth * MM_PER_LDU:.1f} mm are inside; push it in, or use a longer part"
+            yield Finding("half-held", Outcome.ERROR, text, male.line)
+    connected = {part for members in structure.bodies.members for part in members}
+    for placed in plan.parts:
+        if placed.index not in connected and not placed.part.is_loose:
+            text = f"{placed.name} is not connected to the main body; add a pin or an axle, or remove it"
+            yield Finding("loose", Outcome.ERROR, text, placed.line)
+    uses = Counter(link.male for link in structure.connections if link.fits)
+    for placed in plan.parts:
+        if placed.part.family == "pins" and uses[placed.index] == 1:
+            text = f"{placed.name} goes into one part only; add a second part, or remove it"
+            yield Finding("half-held", Outcome.ERROR, text, placed.line)
+
+
+def _check_collisions(plan: Plan, pairs: list[tuple[int, int]]) -> Iterator[Finding]:
+    for first, second in ((plan.parts[index], plan.parts[other]) for index, other in pairs):
+        text = f"{second.name} is inside {first.name} of line {first.line}; move one of the two"
+        yield Finding("collision", Outcome.ERROR, text, second.line)
+
+
+def _check_gears(plan: Plan, structure: Structure) -> Iterator[Finding]:
+    """Adjacent gears that mesh badly."""
+    for mesh in structure.meshes:
+        if mesh.is_good:
+            continue
+        first, second = plan.parts[mesh.first], plan.parts[mesh.second]
+        if abs(mesh.error) <= 1.0:
+            fault = f"meet over only {percent(mesh.engaged)} of their width; shift one along its axle"
+        else:
+            fault = f"are {abs(mesh.error) * MM_PER_LDU:.1f} mm too {'far apart' if mesh.error > 0 else 'close'}; move one"
+        text = f"the teeth of {second.name} and {first.name} of line {first.line} {fault}"
+        yield Finding("gears", Outcome.ERROR, text, second.line)
+
+
+def _check_motions(plan: Plan, structure: Structure) -> Iterator[Finding]:
+    """Parts that move although all motors are braked, and motors that cannot turn."""
+    bodies = structure.bodies
+    if len(bodies.members) > MAX_BODIES:
+        text = f"{len(bodies.members)} parts or groups of parts can move, too many to check; connect them"
+        yield Finding("half-held", Outcome.ERROR, text)
+        return
+    motors = [joint.motor for joint in bodies.joints if joint.motor is not None]
+    motions = bodies.motions(locked=motors)
+    if motions.shape[1]:
+        for number, members in enumerate(bodies.members):
+            rates = _remove_spin(plan, members, motions[6 * number : 6 * number + 6])
+            if np.abs(rates).max() < _MIN_RATE or any(plan.parts[part].is_free for part in members):
+                continue
+            names = _names([plan.parts[part] for part in members])
+            line = min((plan.parts[part].line for part in members), default=0)
+            text = f"{names} can swing or slide; connect it at a second place, or write 0 !BRICKSRL FREE before it"
+            yield Finding("half-held", Outcome.ERROR, text, line)
+    yield from _check_motors(plan, bodies, motors)
+
+
+def _remove_spin(plan: Plan, members: tuple[int, ...], rates: Floats) -> Floats:
+    """Rates [6, n] of a body; an axle with bushes may spin, so its spin is removed."""
+    axles = [plan.parts[part] for part in members if plan.parts[part].part.family == "axles"]
+    if not axles or any(plan.parts[part].part.family not in ("axles", "bushes") for part in members):
+        return rates
+    axis, point = axles[0].rotation[:, 0], axles[0].position / RATE_LENGTH
+    angular = rates[3:]
+    return np.concatenate([rates[:3] + np.cross(angular, point, axis=0), angular - np.outer(axis, axis @ angular)])
+
+
+def _check_motors(plan: Plan, bodies: Bodies, motors: list[int]) -> Iterator[Finding]:
+    if not motors:
+        return
+    motions = bodies.motions()
+    rates = np.array([bodies.rates(motor, motions) for motor in motors]).reshape(len(motors), -1)
+    locked = [motor for motor, row in zip(motors, rates, strict=True) if not len(row) or np.abs(row).max() < _MIN_RATE]
+    for motor in locked:
+        text = f"{plan.parts[motor].name} cannot turn: its load is fixed to its mount; remove a pin or a gear"
+        yield Finding("locked", Outcome.ERROR, text, plan.parts[motor].line)
+    rank = int(np.linalg.matrix_rank(rates, tol=_MIN_RATE)) if rates.size else 0
+    if rank < len(motors) - len(locked):
+        names = ", ".join(f"line {plan.parts[motor].line}" for motor in motors if motor not in locked)
+        text = f"motors block one another ({names}): they drive the same part; remove one"
+        yield Finding("locked", Outcome.ERROR, text, plan.parts[motors[0]].line)
+
+
+def _names(placed: list[Placed]) -> str:
+    counts = Counter(part.name for part in placed)
+    names = [f"{count} x {name}" if count > 1 else name for name, count in counts.items()]
+    return ", ".join(names[:_MAX_NAMES]) + (f" and {len(names) - _MAX_NAMES} more" if len(names) > _MAX_NAMES else "")
+
+
+def _check_steps(plan: Plan, structure: Structure, occupancy: Occupancy, pairs: list[tuple[int, int]]) -> Iterator[Finding]:
+    colliding = {part for pair in pairs for part in pair}
+    for fault in step_faults(plan, structure.connections, occupancy):
+        parts = tuple(part for part in fault.parts if fault.kind is not Fault.BLOCKED or part not in colliding)
+        if not parts:
+            continue
+        placed = [plan.parts[part] for part in parts]
+        remedy = _REMEDIES[fault.kind]
+        text = f"step {fault.step.index + 1}: {_names(placed)} {fault.kind.value}; {remedy}"
+        yield Finding("step", Outcome.ERROR, text, placed[0].line)

@@ -1,0 +1,296 @@
+"""Articulation: the bodies and joints of a mechanism that a simulation needs. Plain data.
+
+Balanced shafts and gears become visual parts of their carrier; a light link between two pins becomes a rod. Metres, kilograms,
+radians; x forward, y left, z up, in the plan's position.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bricktwin.plans.geometry import Floats
+from bricktwin.plans.mechanism.kinematics import Hinge, Link, Mechanism, Mounted, Wheel, merged
+from bricktwin.plans.mechanism.trains import Train, is_balanced, is_coaxial
+
+_BALANCED_KG_M = 1.2e-5
+"""12 g, 1 mm off the axis: 0.1 Nmm, 1/200 of a motor's friction."""
+_ROD_KG = 0.010
+"""Heavier links are separate bodies."""
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """A hinge: bodies ``parent`` and ``child`` (indices), a point [3], an axis [3]; or a ball joint."""
+
+    parent: int
+    child: int
+    point_m: Floats
+    axis: Floats
+    is_ball: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """A motor and the joint that it drives.
+
+    Attributes:
+        gear: turns of the motor's shaft, clockwise from outside, per turn of the child.
+        armature: inertia of the other geared parts at the axis, kg m².
+    """
+
+    port: str
+    joint: Joint
+    gear: float
+    armature: float
+    teeth: tuple[int, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Geared:
+    """A joint geared to a motor; ``ratio`` is turns per turn of the drive."""
+
+    port: str
+    joint: Joint
+    ratio: float
+
+
+@dataclass(frozen=True, eq=False)
+class Follower:
+    """Visual parts on a body that turn with a motor; ``ratio`` is turns per turn of the drive."""
+
+    body: int
+    parts: tuple[int, ...]
+    point_m: Floats
+    axis: Floats
+    port: str
+    ratio: float
+
+
+@dataclass(frozen=True, eq=False)
+class Rod:
+    """A light link between two pins or balls: bodies, points [3] (of pins in a plane across them), parts.
+
+    Half of its mass is added to each body.
+    """
+
+    near: int
+    near_m: Floats
+    far: int
+    far_m: Floats
+    parts: tuple[int, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Articulation:
+    """The articulation of a robot; the first body is the base.
+
+    Attributes:
+        is_fixed: whether the base is fixed.
+        swings: joints without a motor.
+        loops: joints between bodies that are already connected.
+        wheels, mounted: as in the mechanism; their ``link`` is the index of a body.
+    """
+
+    bodies: tuple[Link, ...]
+    is_fixed: bool
+    drives: tuple[Drive, ...]
+    geared: tuple[Geared, ...]
+    swings: tuple[Joint, ...]
+    loops: tuple[Joint, ...]
+    followers: tuple[Follower, ...]
+    rods: tuple[Rod, ...]
+    wheels: tuple[Wheel, ...]
+    mounted: tuple[Mounted, ...]
+
+    @property
+    def joints(self) -> list[Joint]:
+        """All joints of the tree, parents first."""
+        joints = [*(drive.joint for drive in self.drives), *(geared.joint for geared in self.geared), *self.swings]
+        return sorted(joints, key=lambda joint: joint.child)
+
+
+def articulation(mechanism: Mechanism, trains: tuple[Train, ...]) -> Articulation:
+    """The articulation of a mechanism and its gear trains."""
+    simplifier = _Simplifier(mechanism, trains)
+    simplifier.make_followers()
+    simplifier.merge_shafts()
+    simplifier.find_rods()
+    return simplifier.result()
+
+
+class _Simplifier:
+    """Stepwise simplification of a mechanism."""
+
+    def __init__(self, mechanism: Mechanism, trains: tuple[Train, ...]) -> None:
+        self.mechanism, self.trains = mechanism, trains
+        self.merged_into = list(range(len(mechanism.links)))
+        """For each link, the one that it has been merged into."""
+        self.hinges = dict(enumerate(mechanism.hinges))
+        self.followers: list[tuple[int, Hinge, str, float]] = []
+        self.rods: list[tuple[int, Hinge, Hinge]] = []
+        self.armature: dict[str, float] = {}
+        self.coupled = {train.output for train in trains} | {number for train in trains for number, _ in train.others}
+        self.wheels = {wheel.link for wheel in mechanism.wheels}
+        self.preserved = self.wheels | {device.link for device in mechanism.mounted} | {mechanism.fixed or 0}
+
+    def find(self, link: int) -> int:
+        """The link that a link has been merged into."""
+        while self.merged_into[link] != link:
+            link = self.merged_into[link]
+        return link
+
+    def _hinges_of(self, link: int) -> list[int]:
+        return [number for number, hinge in self.hinges.items() if link in (self.find(hinge.parent), self.find(hinge.child))]
+
+    def make_followers(self) -> None:
+        """Add balanced shafts and gears that turn with a motor to their carriers as visual parts."""
+        for train in self.trains:
+            output = self.mechanism.hinges[train.output]
+            self.armature[train.port] = 0.0
+            for number, ratio in train.others:
+                hinge = self.mechanism.hinges[number]
+                link = hinge.child if len(self._hinges_of(hinge.child)) == 1 else hinge.parent
+                is_alone = len(self._hinges_of(link)) == 1 and link not in self.preserved
+                if not is_alone or not is_balanced(self.mechanism, hinge, link, _BALANCED_KG_M) or hinge is output:
+                    continue
+                carrier = hinge.parent if link == hinge.child else hinge.child
+                inertia = float(hinge.axis @ self.mechanism.links[link].inertia @ hinge.axis)
+                relative = ratio / train.ratio * (1.0 if link == hinge.child else -1.0)
+                self.armature[train.port] += inertia * relative**2
+                self.followers.append((link, hinge, train.port, relative))
+                self.merged_into[link] = carrier
+                del self.hinges[number]
+
+    def merge_shafts(self) -> None:
+        """Merge an axle that spins freely about one axis with one of the parts around it."""
+        for link in sorted(range(len(self.mechanism.links)), key=lambda link: self.mechanism.links[link].mass_kg):
+            numbers = self._hinges_of(link)
+            if link in self.preserved or self.find(link) != link or not numbers or self.coupled & set(numbers):
+                continue
+            hinges = [self.hinges[number] for number in numbers]
+            if not all(is_coaxial(hinges[0], hinge) for hinge in hinges):
+                continue
+            if self.mechanism.links[link].mass_kg < _ROD_KG and is_balanced(self.mechanism, hinges[0], link, _BALANCED_KG_M):
+                self.merged_into[link] = self.find(hinges[0].parent if self.find(hinges[0].child) == link else hinges[0].child)
+                del self.hinges[numbers[0]]
+        self._drop_duplicates()
+
+    def _drop_duplicates(self) -> None:
+        """Remove duplicate hinges between two links about one axis."""
+        for number, hinge in list(self.hinges.items()):
+            ends = {self.find(hinge.parent), self.find(hinge.child)}
+            for other, earlier in self.hinges.items():
+                is_same = {self.find(earlier.parent), self.find(earlier.child)} == ends and is_coaxial(earlier, hinge)
+                if len(ends) == 1 or (is_same and other != number and (other in self.coupled or other < number)):
+                    if number not in self.coupled:
+                        del self.hinges[number]
+                    break
+
+    def find_rods(self) -> None:
+        """Turn the lightest links of closed loops between two pins, or two balls, into rods."""
+        for link in sorted(range(len(self.mechanism.links)), key=lambda link: self.mechanism.links[link].mass_kg):
+            numbers = self._hinges_of(link)
+            if len(numbers) != 2 or link in self.preserved or self.coupled & set(numbers) or self.find(link) != link:
+                continue
+            first, second = (self.hinges[number] for number in numbers)
+            is_parallel = np.linalg.norm(np.cross(first.axis, second.axis)) < 0.02 and not is_coaxial(first, second)
+            is_rod = (first.is_ball and second.is_ball) or (is_parallel and not first.is_ball and not second.is_ball)
+            if is_rod and self.mechanism.links[link].mass_kg < _ROD_KG and self._is_in_loop(link, numbers):
+                self.rods.append((link, first, second))
+                for number in numbers:
+                    del self.hinges[number]
+
+    def _is_in_loop(self, link: int, numbers: list[int]) -> bool:
+        """Whether the link's neighbours are connected without it."""
+        ends = [self._other_link(self.hinges[number], link) for number in numbers]
+        reached, queue = {ends[0]}, [ends[0]]
+        while queue:
+            current = queue.pop()
+            for number in self._hinges_of(current):
+                other = self._other_link(self.hinges[number], current)
+                if number not in numbers and other not in reached:
+                    reached.add(other)
+                    queue.append(other)
+        return ends[1] in reached
+
+    def _other_link(self, hinge: Hinge, link: int) -> int:
+        first, second = self.find(hinge.parent), self.find(hinge.child)
+        return second if first == link else first
+
+    def result(self) -> Articulation:
+        """The tree of the remaining links from the first body on, and the loops."""
+        mechanism = self.mechanism
+        base = self.find(mechanism.fixed or 0)
+        order, tree, loops = [base], [], []
+        remaining = sorted(self.hinges, key=lambda number: number not in self.coupled)
+        while remaining:
+            ends = {number: (self.find(self.hinges[number].parent), self.find(self.hinges[number].child)) for number in remaining}
+            open_ends = [number for number in remaining if (ends[number][0] in order) != (ends[number][1] in order)]
+            if not open_ends:
+                loops += [number for number in remaining if set(ends[number]) <= set(order)]
+                break
+            number = open_ends[0]
+            remaining.remove(number)
+            order.append(next(link for link in ends[number] if link not in order))
+            tree.append(number)
+        roots = {link: self.find(link) for link in range(len(mechanism.links))}
+        body_of = {link: order.index(root) for link, root in roots.items() if root in order}
+        joints = {number: self._joint(self.hinges[number], body_of) for number in (*tree, *loops)}
+        rods = tuple(_rod(mechanism.links[link], first, second, link, body_of) for link, first, second in self.rods)
+        pieces = {number: [mechanism.links[link] for link in body_of if body_of[link] == number] for number in range(len(order))}
+        for rod, (link, _, _) in zip(rods, self.rods, strict=True):
+            for number, point_m in ((rod.near, rod.near_m), (rod.far, rod.far_m)):
+                pieces[number].append(Link((), mechanism.links[link].mass_kg / 2, point_m, np.zeros((3, 3))))
+        bodies = tuple(merged(pieces[number]) for number in range(len(order)))
+        return Articulation(
+            bodies,
+            mechanism.fixed is not None,
+            self._drives(joints),
+            self._geared(joints),
+            tuple(joints[number] for number in tree if number not in self.coupled),
+            tuple(joints[number] for number in loops),
+            tuple(
+                Follower(body_of[link], mechanism.links[link].parts, hinge.point_m, hinge.axis, port, ratio)
+                for link, hinge, port, ratio in self.followers
+            ),
+            rods,
+            tuple(replace(wheel, link=body_of[wheel.link]) for wheel in mechanism.wheels),
+            tuple(replace(device, link=body_of[device.link]) for device in mechanism.mounted),
+        )
+
+    def _joint(self, hinge: Hinge, body_of: dict[int, int]) -> Joint:
+        """A hinge as a joint; the child is the later body, and the axis is reversed if that was the parent."""
+        parent, child = body_of[hinge.parent], body_of[hinge.child]
+        if parent < child:
+            return Joint(parent, child, hinge.point_m, hinge.axis, hinge.is_ball)
+        return Joint(child, parent, hinge.point_m, -hinge.axis, hinge.is_ball)
+
+    def _drives(self, joints: dict[int, Joint]) -> tuple[Drive, ...]:
+        """The motors; seen from outside, a clockwise turn is against the shaft's direction."""
+        drives = []
+        for train in self.trains:
+            joint = _flipped(joints[train.output])
+            drives.append(Drive(train.port, joint, 1.0 / train.ratio, self.armature[train.port], train.teeth))
+        return tuple(drives)
+
+    def _geared(self, joints: dict[int, Joint]) -> tuple[Geared, ...]:
+        """Bodies geared to a motor's output; the sign follows the joint's axis."""
+        return tuple(
+            Geared(train.port, _flipped(joints[number]), ratio / train.ratio)
+            for train in self.trains
+            for number, ratio in train.others
+            if number in joints
+        )
+
+
+def _flipped(joint: Joint) -> Joint:
+    return Joint(joint.parent, joint.child, joint.point_m, -joint.axis)
+
+
+def _rod(link: Link, first: Hinge, second: Hinge, number: int, body_of: dict[int, int]) -> Rod:
+    """A link as a rod; two pins are moved to the plane of the first one."""
+    near, far = (hinge.parent if hinge.child == number else hinge.child for hinge in (first, second))
+    shift = 0.0 if first.is_ball else float((second.point_m - first.point_m) @ first.axis)
+    return Rod(body_of[near], first.point_m, body_of[far], second.point_m - shift * first.axis, link.parts)

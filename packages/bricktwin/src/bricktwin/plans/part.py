@@ -1,0 +1,237 @@
+"""Kinds of parts: connection sites, solids, masses and numbers in shops. LDraw units."""
+
+from __future__ import annotations
+
+import enum
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+
+from bricktwin.plans.geometry import Bools, Floats, Solid, Triple
+
+HOLE_RADIUS = 6.2
+"""Radius of pin and axle holes; that of a pin is 6."""
+
+
+class Fit(enum.Enum):
+    """Kinds of connection sites."""
+
+    HOLE = "pin hole"
+    AXLE_HOLE = "axle hole"
+    PIN = "pin"
+    FRICTION_PIN = "friction pin"
+    AXLE = "axle"
+    TURNTABLE = "turntable"
+    STUD = "stud"
+    STUD_HOLE = "stud hole"
+    PEG = "peg"
+    """On a differential: round, fits into the axle hole of a gear that turns on it."""
+    BALL = "ball"
+    """A towball; the axis is that of its pin."""
+    SOCKET = "ball socket"
+
+    @property
+    def is_male(self) -> bool:
+        """Whether it goes into another part."""
+        return self in (Fit.PIN, Fit.FRICTION_PIN, Fit.AXLE, Fit.STUD, Fit.PEG, Fit.BALL)
+
+
+@dataclass(frozen=True)
+class Site:
+    """A connection site.
+
+    Attributes:
+        centre: midpoint.
+        axis: direction of length 1.
+        length: along the axis.
+        turns: whether it belongs to a motor's rotor, not its case.
+        arm: direction of an axle hole's cross; a coordinate axis by default.
+    """
+
+    fit: Fit
+    centre: Triple
+    axis: Triple
+    length: float
+    turns: bool = False
+    arm: Triple | None = None
+
+
+class GearForm(enum.Enum):
+    """Kinds of gears."""
+
+    SPUR = "spur"
+    BEVEL = "bevel"
+    DOUBLE_BEVEL = "double bevel"
+    CROWN = "crown"
+    WORM = "worm"
+    RACK = "rack"
+
+
+@dataclass(frozen=True)
+class Gear:
+    """Teeth around an axis.
+
+    Attributes:
+        teeth: number of teeth; of threads for a worm.
+        axis: of rotation; direction of travel for a rack.
+        width: along the axis.
+        up: of a rack, from the pitch line to the teeth.
+        set_back: at right angles, how far the gear's middle is from the other axis beyond the other's pitch radius.
+    """
+
+    form: GearForm
+    teeth: int
+    centre: Triple
+    axis: Triple
+    width: float
+    up: Triple = (0.0, 0.0, 0.0)
+    set_back: float = 5.0
+
+    @property
+    def pitch_radius(self) -> float:
+        """1.25 LDU (0.5 mm) per tooth."""
+        return 1.25 * self.teeth
+
+
+class DeviceKind(enum.Enum):
+    """Kinds of electric parts."""
+
+    HUB = "hub"
+    MOTOR = "motor"
+    SENSOR = "sensor"
+
+
+@dataclass(frozen=True)
+class Device:
+    """An electric part.
+
+    Attributes:
+        name: as in ``bricktwin.robots``.
+        plug: position of the cable's exit; a hub's middle.
+        cable_mm: length of the cable, 0 for a hub.
+        ports: positions of a hub's ports.
+        shaft: outward direction of a motor's shaft.
+        looks: viewing direction of a sensor.
+        sold_as: LEGO's number of the device sold singly, "" if there is none.
+    """
+
+    kind: DeviceKind
+    name: str
+    plug: Triple
+    cable_mm: float = 0.0
+    ports: tuple[tuple[str, Triple], ...] = ()
+    shaft: Triple | None = None
+    looks: Triple | None = None
+    sold_as: str = ""
+
+
+class MassSource(enum.Enum):
+    """Sources of masses."""
+
+    VOLUME = "volume of the shape at LDraw.org, 1.05 g/cm3"
+    RULE = "rule fitted to the volumes of the family's shapes at LDraw.org, 1.05 g/cm3"
+    ESTIMATE = "estimate"
+
+
+@dataclass(frozen=True)
+class Part:
+    """A kind of part.
+
+    Attributes:
+        number: of the LDraw file, without ``.dat``, and in shops.
+        aliases: other LDraw numbers of the same shape.
+        family: beams, pins and so on.
+        sites: connection sites.
+        solids: occupied space, holes not subtracted.
+        turning: solids of a motor's rotor.
+        mass_g: grams.
+        length: of an axle, in modules; else 0.
+        wheel_mm: rolling diameter of a wheel, else 0.
+        is_loose: whether its connection is not modelled (a tyre on its rim, a ball in its cup).
+    """
+
+    number: str
+    name: str
+    family: str
+    sites: tuple[Site, ...]
+    solids: tuple[Solid, ...]
+    mass_g: float
+    mass_source: MassSource
+    aliases: tuple[str, ...] = ()
+    turning: tuple[Solid, ...] = ()
+    gears: tuple[Gear, ...] = ()
+    device: Device | None = None
+    length: int = 0
+    wheel_mm: float = 0.0
+    is_loose: bool = False
+
+    @property
+    def holes(self) -> tuple[Site, ...]:
+        """The female sites."""
+        return tuple(site for site in self.sites if site.fit in (Fit.HOLE, Fit.AXLE_HOLE))
+
+    def contains(self, points: Floats, margin: float) -> Bools:
+        """Whether points [n, 3], in the part's frame, are deeper than ``margin`` in the material [n]."""
+        inside = np.zeros(len(points), dtype=bool)
+        for solid in (*self.solids, *self.turning):
+            inside |= solid.contains(points, margin)
+        if inside.any():
+            inside[inside] = ~self._in_hole(points[inside], 0.0)
+        return inside
+
+    def _in_hole(self, points: Floats, margin: float) -> Bools:
+        """Whether points [n, 3] are in a hole, or less than ``margin`` from one [n]."""
+        inside = np.zeros(len(points), dtype=bool)
+        for site in self.holes:
+            offset = points - np.array(site.centre)
+            along = offset @ np.array(site.axis)
+            squared = np.einsum("ij,ij->i", offset, offset) - along * along  # of the distance from the axis
+            inside |= (squared < (HOLE_RADIUS + margin) ** 2) & (np.abs(along) < site.length / 2 + 0.5)
+        return inside
+
+    @functools.cached_property
+    def mirror(self) -> Floats | None:
+        """Signs [3] of a reflection along an axis that maps the part onto itself; ``None`` for a part with a left and a right."""
+        for signs in 1.0 - 2.0 * np.eye(3):
+            if self._features(signs) == self._features(np.ones(3)) and self.contains(self.samples * signs, -0.2).all():
+                return np.asarray(signs)
+        return None
+
+    def _features(self, signs: Floats) -> list[tuple[object, ...]]:
+        """Sites, gears and device after a reflection; axes without their directions."""
+
+        def point(values: Triple | None) -> tuple[float, ...]:
+            return () if values is None else tuple((np.array(values) * signs).round(2) + 0.0)
+
+        def line(values: Triple | None) -> tuple[float, ...]:
+            return max(point(values), point(None if values is None else (-values[0], -values[1], -values[2])))
+
+        sites = [(s.fit.value, point(s.centre), line(s.axis), s.length, s.turns, line(s.arm)) for s in self.sites]
+        gears = [(g.form.value, point(g.centre), line(g.axis), g.width, g.teeth, point(g.up)) for g in self.gears]
+        if self.device is None:
+            return [*sorted(sites), *sorted(gears)]
+        ports = sorted((name, point(at)) for name, at in self.device.ports)
+        return [
+            *sorted(sites),
+            *sorted(gears),
+            (ports, point(self.device.plug), point(self.device.shaft), point(self.device.looks)),
+        ]
+
+    @functools.cached_property
+    def corners(self) -> Floats:
+        """Corners [n, 3] of the bounding boxes of all solids."""
+        return np.concatenate([solid.corners() for solid in (*self.solids, *self.turning)])
+
+    @functools.cached_property
+    def samples(self) -> Floats:
+        """Points [n, 3] in the material, at least 0.9 LDU below the surface."""
+        solids = (*self.solids, *self.turning)
+        points = [solid.samples(3.5 if min(solid.half) < 12 else 7.0, 0.9) for solid in solids]
+        samples = np.concatenate(points) if points else np.zeros((0, 3))
+        return samples[~self._in_hole(samples, 0.9)]
+
+    @functools.cached_property
+    def bounds(self) -> tuple[Floats, Floats]:
+        """Lowest and highest coordinates [3]."""
+        return self.corners.min(axis=0), self.corners.max(axis=0)

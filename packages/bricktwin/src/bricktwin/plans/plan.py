@@ -1,0 +1,248 @@
+"""Building plans: placed parts in building order."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from brickhub.errors import PlanError
+from bricktwin.plans import catalogue, ldraw_file
+from bricktwin.plans.geometry import Floats, Triple, triple
+from bricktwin.plans.ldraw_file import Document, Marks, Model, Reference
+from bricktwin.plans.part import Device, DeviceKind, Part
+
+MAX_PARTS, MAX_DEPTH = 3000, 16
+_MAIN_COLOUR = 16
+
+
+@dataclass(frozen=True, eq=False)
+class Placed(Marks):
+    """A part at its place.
+
+    Attributes:
+        index: in ``Plan.parts``.
+        rotation: [3, 3], from the part's frame to the plan's.
+        position: [3], LDU.
+        step: index of the step that adds it.
+        line: of the file.
+        assembly: names of its sub-assemblies with their lines, the outermost first.
+    """
+
+    index: int
+    part: Part
+    colour: int
+    rotation: Floats
+    position: Floats
+    step: int
+    line: int
+    assembly: tuple[str, ...]
+
+    def to_plan(self, points: Floats) -> Floats:
+        """Points [n, 3] from the part's frame to the plan's."""
+        return np.asarray(points @ self.rotation.T + self.position)
+
+    def point(self, point: Triple | Floats) -> Floats:
+        """A point [3] from the part's frame to the plan's."""
+        return np.asarray(self.to_plan(np.array([point]))[0])
+
+    def to_part(self, points: Floats) -> Floats:
+        """Points [n, 3] from the plan's frame to the part's."""
+        return np.asarray((points - self.position) @ self.rotation)
+
+    @functools.cached_property
+    def samples(self) -> Floats:
+        """Points [n, 3] in the material, in the plan's frame."""
+        return self.to_plan(self.part.samples)
+
+    @functools.cached_property
+    def bounds(self) -> tuple[Floats, Floats]:
+        """Lowest and highest coordinates [3] in the plan's frame."""
+        corners = self.to_plan(self.part.corners)
+        return corners.min(axis=0), corners.max(axis=0)
+
+    @property
+    def name(self) -> str:
+        """Name for messages."""
+        return f"{self.part.name} ({self.part.number})"
+
+    @property
+    def electric(self) -> Device:
+        """The hub, motor or sensor that it is; only for one of `Plan.devices`."""
+        assert self.part.device is not None  # noqa: S101
+        return self.part.device
+
+
+@dataclass(frozen=True)
+class Step:
+    """A building step.
+
+    Attributes:
+        new: indices of the parts that are added.
+        joined: parts of each sub-assembly that is put in place.
+        assembly: as in ``Placed.assembly``; empty for the robot itself.
+        number: of the step in its model.
+    """
+
+    index: int
+    new: tuple[int, ...]
+    joined: tuple[tuple[int, ...], ...]
+    assembly: tuple[str, ...]
+    number: int
+    note: str
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """A part that is not in the catalogue, and the lines that place it."""
+
+    number: str
+    lines: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A building plan.
+
+    Attributes:
+        robot: name of the robot that it builds.
+        count: declared number of parts.
+    """
+
+    path: str
+    title: str
+    robot: str | None
+    count: int | None
+    parts: tuple[Placed, ...]
+    steps: tuple[Step, ...]
+    unknown: tuple[Unknown, ...]
+
+    def devices(self, *kinds: DeviceKind) -> list[Placed]:
+        """The hubs, motors or sensors, kind by kind."""
+        devices = [placed for placed in self.parts if placed.part.device is not None]
+        return [placed for kind in kinds for placed in devices if placed.electric.kind is kind]
+
+    def present_parts(self, step: Step) -> set[int]:
+        """Indices of the parts that are in the current sub-assembly after a step."""
+        steps = [earlier for earlier in self.steps[: step.index + 1] if earlier.assembly == step.assembly]
+        return {part for earlier in steps for group in (earlier.new, *earlier.joined) for part in group}
+
+    @property
+    def mass_g(self) -> float:
+        """Total mass of the known parts, grams."""
+        return sum(placed.part.mass_g for placed in self.parts)
+
+
+def read_plan(path: Path) -> Plan:
+    """Read a plan from an LDraw file. Raises PlanError if the file is unreadable, invalid or too large."""
+    return make_plan(ldraw_file.parse(ldraw_file.read_text(path), str(path)))
+
+
+def make_plan(document: Document) -> Plan:
+    """The plan of a document. Raises PlanError if a model contains itself, or there are too many parts."""
+    builder = _Builder(document)
+    builder.build(document.main, _MAIN_COLOUR, np.eye(3), np.zeros(3), ())
+    unknown = tuple(Unknown(number, tuple(lines)) for number, lines in sorted(builder.unknown.items()))
+    title = document.main.title or Path(document.path).stem
+    return Plan(document.path, title, document.robot, document.count, tuple(builder.parts), tuple(builder.steps), unknown)
+
+
+class _Builder:
+    """Recursive expansion of a document's models."""
+
+    def __init__(self, document: Document) -> None:
+        self.document = document
+        self.parts: list[Placed] = []
+        self.steps: list[Step] = []
+        self.unknown: dict[str, list[int]] = {}
+        self._visits = 0
+
+    def build(self, model: Model, colour: int, matrix: Floats, offset: Floats, assembly: tuple[str, ...]) -> tuple[int, ...]:
+        """Add a model's parts and steps. Returns the indices of its parts."""
+        if len(assembly) > MAX_DEPTH:
+            raise PlanError(
+                f"{self.document.path}, line {model.line}: '{model.name}' is nested more than {MAX_DEPTH} deep or in itself"
+            )
+        first = len(self.parts)
+        for number, group in itertools.groupby(model.references, lambda reference: reference.step):
+            references = [(self._located(ref, colour, matrix, offset), self._assembly(ref)) for ref in group]
+            joined = [self._join(ref, inner, assembly) for ref, inner in references if inner is not None]
+            step, groups = len(self.steps), tuple(filter(None, joined))
+            placed = [self._place(ref, step, assembly) for ref, inner in references if inner is None]
+            new = tuple(part.index for part in placed if part is not None)
+            if new or groups:
+                self.steps.append(Step(step, new, groups, assembly, number, " ".join(model.notes.get(number, ()))))
+        return tuple(range(first, len(self.parts)))
+
+    def _located(self, reference: Reference, colour: int, matrix: Floats, offset: Floats) -> Reference:
+        """A reference of a placed model, in the plan's frame and with its colour."""
+        colour = colour if reference.colour == _MAIN_COLOUR else reference.colour
+        return replace(reference, colour=colour, matrix=matrix @ reference.matrix, offset=matrix @ reference.offset + offset)
+
+    def _assembly(self, reference: Reference) -> Model | None:
+        """The sub-model of a reference, or ``None`` for a part."""
+        model = self.document.models.get(ldraw_file.key_of(reference.name))
+        return None if model is None or catalogue.find(reference.name) or self._is_drawn(model) else model
+
+    def _is_drawn(self, model: Model) -> bool:
+        """Whether a model is one part: a shape, or a hose or cable of stretched pieces."""
+        if model.is_shape or not any(reference.is_stretched for reference in model.references):
+            return model.is_shape
+        models = self.document.models
+        return not any(catalogue.find(part.name) or ldraw_file.key_of(part.name) in models for part in model.references)
+
+    def _join(self, reference: Reference, model: Model, assembly: tuple[str, ...]) -> tuple[int, ...]:
+        self._count(reference)
+        self._check(reference)
+        inner = (*assembly, f"{model.name}:{reference.line}")
+        parts = self.build(model, reference.colour, reference.matrix, reference.offset, inner)
+        if reference.is_free or reference.is_fixed or reference.ball is not None:
+            raise self._fault(reference, f"'{reference.name}' is no part; write FREE, FIXED and BALL before a part in it")
+        if reference.port is not None:
+            self._plug(reference, parts)
+        return parts
+
+    def _plug(self, reference: Reference, parts: Iterable[int]) -> None:
+        """Give the port of a sub-model to its motor or sensor: of two equal sub-models, each has its own."""
+        devices = [self.parts[index] for index in parts]
+        devices = [placed for placed in devices if placed.part.device and placed.part.device.kind is not DeviceKind.HUB]
+        if len(devices) != 1:
+            text = f"'{reference.name}' has {len(devices)} motors and sensors; write PORT before a motor or sensor in it"
+            raise self._fault(reference, text)
+        port, device, angle_deg = reference.port, reference.device, reference.angle_deg
+        self.parts[devices[0].index] = replace(devices[0], port=port, device=device, angle_deg=angle_deg)
+
+    def _place(self, reference: Reference, step: int, assembly: tuple[str, ...]) -> Placed | None:
+        self._count(reference)
+        part = catalogue.find(reference.name)
+        if part is None:
+            self.unknown.setdefault(reference.name.lower().removesuffix(".dat"), []).append(reference.line)
+            return None
+        self._check(reference)
+        rotation, marks = reference.matrix, reference.marks
+        if np.linalg.det(rotation) < 0.0:  # editors mirror halves of a model; a symmetric part can be turned instead
+            if part.mirror is None:
+                raise self._fault(reference, f"'{reference.name}' is mirrored, and {part.name} has a left and a right; turn it")
+            rotation = rotation * part.mirror
+            marks["ball"] = None if reference.ball is None else triple(np.array(reference.ball) * part.mirror)
+        line = reference.line
+        placed = Placed(len(self.parts), part, reference.colour, rotation, reference.offset, step, line, assembly, **marks)
+        self.parts.append(placed)
+        return placed
+
+    def _check(self, reference: Reference) -> None:
+        """Refuse stretched known parts; unknown ones, such as pieces of a hose, may be stretched."""
+        if reference.is_stretched:
+            raise self._fault(reference, f"'{reference.name}' is stretched; place it without scaling")
+
+    def _count(self, reference: Reference) -> None:
+        self._visits += 1
+        if self._visits > MAX_PARTS:
+            raise self._fault(reference, f"more than {MAX_PARTS} parts; split the plan")
+
+    def _fault(self, reference: Reference, text: str) -> PlanError:
+        return PlanError(f"{self.document.path}, line {reference.line}: {text}")

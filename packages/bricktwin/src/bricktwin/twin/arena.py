@@ -1,0 +1,350 @@
+"""Arena: several virtual robots in one MuJoCo world and on one clock.
+
+Each robot's hub has a separate body, and all bodies are parts of one world. The world advances only after every hub has run up
+to that time: a hub that lets time pass first runs the other hubs, so that each motor's voltage is set before the physics step
+that it acts in. The simulation is deterministic, bit for bit.
+"""
+
+from __future__ import annotations
+
+import copy
+import functools
+import itertools
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from brickhub.errors import TwinError, message_of
+from brickhub.robot import Robot
+from bricktwin.twin.imu import FloatingBase, Turns
+from bricktwin.twin.model_physics import RobotPart, set_physics, up
+from bricktwin.twin.models.load import load_model
+from bricktwin.twin.models.mjcf import (
+    LOOKS,
+    OBSTACLE_GROUP,
+    SHAPE_GROUP,
+    add_camera,
+    add_light,
+    add_surroundings,
+    new_spec,
+    yaw_quaternion,
+)
+from bricktwin.twin.models.planned_looks import Spinners
+from bricktwin.twin.models.rods import Rods
+from bricktwin.twin.models.scenery import add_geom
+from bricktwin.twin.mujoco_body import MujocoBody, Pose
+from bricktwin.twin.physics import Physics
+from bricktwin.twin.scene import OPEN_FLOOR
+from bricktwin.twin.starts import refuse_overlap
+
+_STEPS_PER_UPDATE = 20
+_SETTLING_STEPS = 400
+_WALL_HALF_HEIGHT_M, _WALL_HALF_WIDTH_M = 0.04, 0.012
+_WALL_RGB, _LOAD_RGB = (0.55, 0.58, 0.62), (0.85, 0.55, 0.15)
+_MAX_DRAWS, _DRAWS_AT_ONCE = 20_000, 200
+_MAX_MOTORS = 31
+"""Number of actuator groups that MuJoCo can disable."""
+
+Range = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Place:
+    """Ranges of a start pose, drawn uniformly: metres, and degrees clockwise seen from above, 0 along x."""
+
+    x_m: Range = (0.0, 0.0)
+    y_m: Range = (0.0, 0.0)
+    heading_deg: Range = (0.0, 0.0)
+
+    def draw(self, rng: np.random.Generator) -> Pose:
+        """Draw a start pose."""
+        x_m, y_m, heading_deg = (float(rng.uniform(*bounds)) for bounds in (self.x_m, self.y_m, self.heading_deg))
+        return Pose(x_m, y_m, heading_deg)
+
+    def farthest_m(self, other: Place) -> float:
+        """Largest distance between a position drawn here and one drawn at another place."""
+        ranges = ((self.x_m, other.x_m), (self.y_m, other.y_m))
+        return math.hypot(*(max(abs(high - low2), abs(high2 - low)) for (low, high), (low2, high2) in ranges))
+
+
+@dataclass(frozen=True)
+class Contestant:
+    """Robot in an arena: its name, description, start pose, and identifying colour (RGB in 0..1)."""
+
+    name: str
+    robot: Robot
+    place: Place
+    color: tuple[float, float, float] = (0.1, 0.6, 0.6)
+
+
+@dataclass(frozen=True)
+class Load:
+    """Box that robots can push, with its half sizes (along x, y and z) in metres and its friction on the floor."""
+
+    name: str
+    half_size_m: tuple[float, float, float]
+    mass_kg: float
+    friction: float
+    place: Place
+
+
+@dataclass(frozen=True)
+class Arena:
+    """Robots, start places and scene. Raises TwinError if names are not unique, there are too many motors, or two robots cannot
+    keep the gap at the start.
+
+    Attributes:
+        half_size_m: half size of the floor within the walls, along x and y; ``None`` for an open floor.
+        gap_m: least distance between any two robots at the start.
+    """
+
+    robots: tuple[Contestant, ...]
+    loads: tuple[Load, ...] = ()
+    half_size_m: tuple[float, float] | None = None
+    gap_m: float = 0.3
+
+    def __post_init__(self) -> None:
+        names = [*(contestant.name for contestant in self.robots), *(load.name for load in self.loads)]
+        if not self.robots or len(set(names)) < len(names):
+            raise TwinError(f"an arena of {', '.join(names) or 'nothing'}; give each robot and each load a name of its own")
+        if sum(len(contestant.robot.motors) for contestant in self.robots) > _MAX_MOTORS:
+            raise TwinError(f"the robots of an arena have more than {_MAX_MOTORS} motors; take fewer robots")
+        for one, other in itertools.combinations(self.robots, 2):
+            if one.place.farthest_m(other.place) < self.gap_m:
+                text = f"'{one.name}' and '{other.name}' can never start {self.gap_m:g} m apart"
+                raise TwinError(f"{text}; give them other places, or the arena a smaller gap_m")
+
+    def too_narrow(self) -> TwinError:
+        """The error for starts that are not found."""
+        names = ", ".join(contestant.name for contestant in self.robots)
+        text = f"no starts were found where {names} are {self.gap_m:g} m apart"
+        return TwinError(f"{text}; give them other places, or the arena a smaller gap_m")
+
+
+@functools.lru_cache(maxsize=4)
+def _compiled(arena: Arena) -> mujoco.MjModel:
+    spec = new_spec("arena")
+    add_surroundings(spec, OPEN_FLOOR)
+    world = spec.worldbody
+    add_light(world)
+    add_camera(world, "arena", (0.0, 0.0, 0.0), (0.0, -0.75, 1.0), 2.6 * max(arena.half_size_m or (0.7,)) + 0.4)
+    if arena.half_size_m is not None:
+        _add_walls(world, *arena.half_size_m)
+    for number, contestant in enumerate(arena.robots):
+        child = load_model(contestant.robot, OPEN_FLOOR, alone=False)
+        chassis = child.body("chassis")
+        if chassis is None or not chassis.joints or chassis.joints[0].type != mujoco.mjtJoint.mjJNT_FREE:
+            raise TwinError(f"robot '{contestant.robot.name}' stands on a fixed base; an arena is for robots that move about")
+        for geom in child.geoms:
+            if geom.contype:  # robots collide with one another and with their surroundings
+                others = sum(2 << other for other in range(len(arena.robots)) if other != number)
+                geom.contype, geom.conaffinity = 1 | 2 << number, others
+        for light in list(child.lights):
+            child.delete(light)
+        child.option.jacobian = spec.option.jacobian  # one for all
+        world.add_frame().attach_body(chassis, f"{contestant.name}/", "")
+        spec.body(f"{contestant.name}/chassis").add_geom(
+            type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+            pos=[-0.016, 0.0, 0.062],
+            size=[0.022, 0.004, 0.0],
+            rgba=[*contestant.color, 1.0],
+            mass=0.0,
+            **LOOKS,
+        )
+    for group, actuator in enumerate(spec.actuators):
+        actuator.group = group
+    for load in arena.loads:
+        _add_load(world, load)
+    try:
+        return spec.compile()
+    except ValueError as error:
+        raise TwinError(f"the arena does not compile ({message_of(error)}); correct its parts") from error
+
+
+def _add_walls(world: mujoco.MjsBody, half_x_m: float, half_y_m: float) -> None:
+    for axis, side in ((0, 1), (0, -1), (1, 1), (1, -1)):
+        position, size = [0.0, 0.0, _WALL_HALF_HEIGHT_M], [half_x_m, half_y_m, _WALL_HALF_HEIGHT_M]
+        position[axis] = side * ((half_x_m, half_y_m)[axis] + _WALL_HALF_WIDTH_M)
+        size[axis] = _WALL_HALF_WIDTH_M
+        add_geom(world, f"wall_{axis}{'+' if side > 0 else '-'}", position, size, _WALL_RGB)
+
+
+def _add_load(world: mujoco.MjsBody, load: Load) -> None:
+    body = world.add_body(name=load.name, pos=[0.0, 0.0, load.half_size_m[2]])
+    body.add_freejoint(name=load.name)
+    half = list(load.half_size_m)
+    add_geom(body, load.name, [0.0] * 3, half, _LOAD_RGB, mass_kg=load.mass_kg, friction=load.friction, priority=2)
+
+
+class ArenaWorld:
+    """World of an arena, with a body for each robot's hub.
+
+    Args:
+        physics: physics of all robots.
+        seed: seed of the sensors' noise.
+
+    Attributes:
+        bodies: bodies in the order of the arena's robots.
+        runners: functions that run a robot's hub up to a time in ms, in the same order; to be set before any time passes.
+        on_time: called with each time in ms that the world has reached, for a film.
+    """
+
+    def __init__(self, arena: Arena, physics: Physics | None = None, seed: int = 0) -> None:
+        self.arena = arena
+        self._nominal = _compiled(arena)
+        self.model = copy.copy(self._nominal)
+        self.data = mujoco.MjData(self.model)
+        self.time_ms, self._steps = 0, 0
+        self.open_circuits = 0
+        self.runners: list[Callable[[int], None]] = []
+        self.on_time: Callable[[int], None] = lambda _: None
+        self._target_ms: dict[int, int] = {}
+        seeds = np.random.SeedSequence(seed).spawn(len(arena.robots))
+        robots = zip(arena.robots, seeds, strict=True)
+        physics = physics or Physics()
+        self.bodies = [ArenaBody(self, contestant, physics, noise_seed) for contestant, noise_seed in robots]
+        loads = [int(self.model.body(load.name).id) for load in arena.loads]
+        scaled = [body for body in range(self.model.nbody) if body not in loads]
+        set_physics(self.model, self._nominal, physics, [body.part for body in self.bodies], scaled)
+        self._loads = [int(self.model.joint(load.name).qposadr[0]) for load in arena.loads]
+        self._settle()
+
+    def _settle(self) -> None:
+        """Let all robots settle on the floor, far from one another, and record their stances."""
+        for number, address in enumerate([*(body.base_address for body in self.bodies), *self._loads]):
+            self.data.qpos[address] = 2.0 * number
+        slope, self.model.opt.gravity[:] = self.model.opt.gravity.copy(), self._nominal.opt.gravity
+        mujoco.mj_step(self.model, self.data, _SETTLING_STEPS)
+        self.model.opt.gravity[:] = slope
+        for body in self.bodies:
+            body.record_stance()
+
+    def place(self, rng: np.random.Generator) -> None:
+        """Place robots and loads for the start of an episode; motors keep their angles, the clock is not reset. Raises TwinError
+        if no starts are found that keep the arena's gap, or a robot would be inside of a wall or load."""
+        starts = self._starts(rng)
+        self.data.qvel[:] = 0.0
+        for body, start in zip(self.bodies, starts, strict=True):
+            body.place_at(start)
+        for load, address in zip(self.arena.loads, self._loads, strict=True):
+            start = load.place.draw(rng)
+            quaternion = yaw_quaternion(-math.radians(start.heading_deg))
+            self.data.qpos[address : address + 7] = (start.x_m, start.y_m, load.half_size_m[2], *quaternion)
+        self.data.qacc_warmstart[:] = 0.0
+        mujoco.mj_forward(self.model, self.data)
+        refuse_overlap(self.model, self.data)
+        for body in self.bodies:
+            body.update_turns()
+
+    def _starts(self, rng: np.random.Generator) -> list[Pose]:
+        starts: list[Pose] = []
+        for number in range(1, _MAX_DRAWS + 1):
+            start = self.arena.robots[len(starts)].place.draw(rng)
+            if all(math.hypot(start.x_m - other.x_m, start.y_m - other.y_m) >= self.arena.gap_m for other in starts):
+                starts.append(start)
+            if len(starts) == len(self.arena.robots):
+                return starts
+            if number % _DRAWS_AT_ONCE == 0:  # the first robots may leave no room for the others
+                starts.clear()
+        raise self.arena.too_narrow()
+
+    def poses(self) -> list[Pose]:
+        """True poses of the robots, then of the loads."""
+        poses = [body.pose() for body in self.bodies]
+        for address in self._loads:
+            x_m, y_m, _, w, x, y, z = self.data.qpos[address : address + 7].tolist()
+            heading = math.atan2(-2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+            poses.append(Pose(x_m, y_m, math.degrees(heading)))
+        return poses
+
+    def advance_for(self, number: int, time_ms: int) -> None:
+        """Advance the world to ``time_ms`` for robot ``number``, after running all other hubs up to that time."""
+        self._target_ms[number] = time_ms
+        while self.time_ms < time_ms:
+            next_ms = min(self._target_ms.values())
+            for other, run in enumerate(self.runners):
+                if other not in self._target_ms and self.time_ms < next_ms:
+                    run(next_ms)
+            if self.time_ms < next_ms:
+                self._advance_to(next_ms)
+        del self._target_ms[number]
+
+    def _advance_to(self, time_ms: int) -> None:
+        remaining = time_ms * 2 // 5 - self._steps
+        while remaining > 0:
+            steps = min(remaining, _STEPS_PER_UPDATE)
+            mujoco.mj_step(self.model, self.data, steps)
+            remaining -= steps
+            self._steps += steps
+            for body in self.bodies:
+                body.update_turns()
+        self.time_ms = time_ms
+        self.on_time(time_ms)
+
+
+class ArenaBody(MujocoBody):
+    """Part of an arena's world that belongs to one robot; implements :class:`brickhub.virtual.body.Body`."""
+
+    def __init__(self, world: ArenaWorld, contestant: Contestant, physics: Physics, seed: np.random.SeedSequence) -> None:
+        self.robot, self.scene, self.physics = contestant.robot, OPEN_FLOOR, physics
+        self._up = up(physics)
+        self._arena = world
+        self.model, self.data = world.model, world.data
+        self._number = world.arena.robots.index(contestant)
+        self._noise = np.random.default_rng(seed)
+        self.battery_mv = round(physics.battery_v * 1000)
+        self._encoder_step_mdeg = round(physics.encoder_resolution_deg * 1000)
+        self._bind_part(f"{contestant.name}/")
+        self._turns, self._heading_at_start_deg = Turns(), 0.0
+        for port in self._terminals:
+            self.set_voltage(port, None)
+
+    def _bind_part(self, prefix: str) -> None:
+        model, data = self.model, self.data
+        self._bind_motors(prefix)
+        chassis = model.body(f"{prefix}chassis")
+        self.part = RobotPart([(self._terminals[motor.port][0], motor.kind) for motor in self.robot.motors], int(chassis.id))
+        root = int(chassis.jntadr[0])
+        self.base_address, self._base_dof = int(model.jnt_qposadr[root]), int(model.jnt_dofadr[root])
+        self._base = FloatingBase(model, data, self.base_address, self._base_dof, f"{prefix}imu")
+        self._bind_sensors(prefix, int(chassis.id))
+        self._rods, self._spinners = Rods(model), Spinners(model)
+        self._detected_groups = np.zeros(6, np.uint8)
+        self._detected_groups[[OBSTACLE_GROUP, SHAPE_GROUP]] = 1  # other robots too
+        self._qpos, self._qvel = data.qpos, data.qvel
+        self._bind_values()
+
+    # ---- called by the world
+
+    def record_stance(self) -> None:
+        """Record the stance, after the robot has settled on the floor."""
+        self._standing = self._qpos[self.base_address + 2 : self.base_address + 7].copy()
+
+    def place_at(self, start: Pose) -> None:
+        """Place the robot at a start pose, in its stance."""
+        quaternion = np.empty(4)
+        mujoco.mju_mulQuat(quaternion, np.array(yaw_quaternion(-math.radians(start.heading_deg))), self._standing[1:])
+        self._qpos[self.base_address : self.base_address + 7] = (start.x_m, start.y_m, self._standing[0], *quaternion)
+
+    def update_turns(self) -> None:
+        """Add the turn since the last call; to be called before the robot has turned by half a turn."""
+        self._update_turns()
+
+    # ---- called by the hub, where it differs from a robot alone
+
+    def reset(self, rng: np.random.Generator) -> None:
+        """Place all robots for the start of an episode."""
+        self._arena.place(rng)
+
+    def advance_to(self, time_ms: int) -> None:
+        """Advance the world to this time, and all other robots with it."""
+        self._arena.advance_for(self._number, time_ms)
+
+    def set_voltage(self, port: str, voltage_mv: int | None) -> None:
+        """Apply a voltage; the set of open circuits is shared by the world."""
+        self._open_circuits = self._arena.open_circuits
+        super().set_voltage(port, voltage_mv)
+        self._arena.open_circuits = self._open_circuits

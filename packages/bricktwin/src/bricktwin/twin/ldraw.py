@@ -1,0 +1,213 @@
+"""Reader of parts, as triangles, from an LDraw library (https://www.ldraw.org) on this computer.
+
+It implements the LDraw.org file format with its colour definition (``LDConfig.ldr``) and back face culling extensions. A part is
+a tree of files; unreadable ones are skipped, and nothing outside the library is opened.
+"""
+
+from __future__ import annotations
+
+import functools
+import logging
+import math
+import os
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+
+from brickhub.errors import TwinError
+from bricktwin.plans.colours import code_of
+from bricktwin.plans.geometry import Floats
+
+Triangles = dict[int, Floats]
+"""Triangles [n, 3, 3] by colour code, counter-clockwise seen from outside."""
+
+MAIN_COLOUR = 16
+"""Code of the colour that is chosen where the part is used."""
+
+_SYSTEM_FOLDERS = ("/usr/share/ldraw", "/usr/local/share/ldraw", "/Library/LDraw", "C:/LDraw")
+_DIRECT_COLOUR = 0x2000000
+_MAX_DEPTH = 24
+_MAX_FILE_BYTES = 8_000_000
+_MAX_TRIANGLES, _MAX_VISITS = 400_000, 20_000
+_COLOUR = re.compile(r"0 !COLOUR\s+\S+\s+CODE\s+(\d{1,9})\s+VALUE\s+#([0-9A-Fa-f]{6})\b")
+_ALPHA = re.compile(r"\bALPHA\s+(\d{1,3})\b")
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Reference to another file: its colour, matrix [3, 3], offset [3], and whether it is inverted (inside out)."""
+
+    colour: int
+    matrix: Floats
+    offset: Floats
+    name: str
+    inverted: bool
+
+
+@dataclass(frozen=True)
+class _File:
+    references: tuple[Reference, ...]
+    triangles: Triangles
+
+
+def folder() -> Path | None:
+    """Folder of an installed LDraw library: ``LDRAWDIR``, else a system folder; ``None`` if there is none."""
+    path = os.environ.get("LDRAWDIR")
+    if path and not _is_library(Path(path)):
+        _log.warning("LDRAWDIR=%s is not an LDraw library (a folder with LDConfig.ldr, parts and p); using our own parts", path)
+        return None
+    candidates = (path,) if path else _SYSTEM_FOLDERS
+    return next((Path(candidate) for candidate in candidates if _is_library(Path(candidate))), None)
+
+
+def _is_library(path: Path) -> bool:
+    return (path / "LDConfig.ldr").is_file() and (path / "parts").is_dir()
+
+
+@functools.lru_cache(maxsize=2)
+def library(root: Path) -> Library:
+    """Library in a folder, cached."""
+    return Library(root)
+
+
+class Library:
+    """LDraw library: parts and colours below a folder."""
+
+    def __init__(self, root: Path) -> None:
+        self._root = root
+        self._colours = _read_colours(root / "LDConfig.ldr")
+        self._files: dict[str, _File] = {}
+
+    def rgba(self, code: int) -> tuple[float, float, float, float]:
+        """Colour of a code, as RGBA in 0..1; medium grey if undefined."""
+        if code >= _DIRECT_COLOUR:
+            return (code >> 16 & 255) / 255, (code >> 8 & 255) / 255, (code & 255) / 255, 1.0
+        return self._colours.get(code, (0.5, 0.5, 0.5, 1.0))
+
+    def part(self, name: str) -> Triangles:
+        """Triangles of a part, such as ``"37316.dat"``, in LDraw units: 0.4 mm, y downwards. Raises TwinError if the library does
+        not have the part, or it is empty or too large."""
+        if self._path(name) is None:
+            raise TwinError(f"the LDraw library in {self._root} has no part '{name}'; install a newer one")
+        collector = _Collector(self._file)
+        with np.errstate(all="ignore"):
+            collector.collect(name, MAIN_COLOUR, np.eye(3), np.zeros(3), False, ())
+        merged = {colour: np.concatenate(pieces) for colour, pieces in collector.pieces.items()}
+        if collector.is_full or not merged or not all(np.isfinite(triangles).all() for triangles in merged.values()):
+            raise TwinError(f"'{name}' of the LDraw library in {self._root} cannot be drawn; reinstall the library")
+        return merged
+
+    def _file(self, name: str) -> _File:
+        if name not in self._files:
+            path = self._path(name)
+            self._files[name] = _File((), {}) if path is None else parse(_text(path))
+        return self._files[name]
+
+    def _path(self, name: str) -> Path | None:
+        """Path of a file; ``None`` if there is none, or if its name leads out of the library."""
+        parts = PurePosixPath(name).parts
+        if not parts or any(part == ".." or ":" in part or part.startswith("/") for part in parts):
+            return None
+        candidates = (self._root / folder / Path(*parts) for folder in ("parts", "p"))
+        return next((path for path in candidates if path.is_file()), None)
+
+
+@dataclass
+class _Collector:
+    """Collector of a part's triangles from its files, bounded against deep or cyclic references."""
+
+    file: Callable[[str], _File]
+    pieces: dict[int, list[Floats]] = field(default_factory=dict)
+    triangles: int = 0
+    visits: int = 0
+
+    @property
+    def is_full(self) -> bool:
+        return self.triangles > _MAX_TRIANGLES or self.visits > _MAX_VISITS
+
+    def collect(self, name: str, colour: int, matrix: Floats, offset: Floats, inverted: bool, ancestors: tuple[str, ...]) -> None:
+        """Add the triangles of a file and its references, transformed by ``matrix`` [3, 3] and ``offset`` [3]."""
+        self.visits += 1
+        if self.is_full or name in ancestors or len(ancestors) >= _MAX_DEPTH:
+            return
+        file = self.file(name)
+        flipped = inverted != bool(np.linalg.det(matrix) < 0)
+        for code, local in file.triangles.items():
+            triangles = local @ matrix.T + offset
+            self.triangles += len(triangles)
+            pieces = self.pieces.setdefault(colour if code == MAIN_COLOUR else code, [])
+            pieces.append(triangles[:, ::-1] if flipped else triangles)
+        for ref in file.references:
+            code = colour if ref.colour == MAIN_COLOUR else ref.colour
+            ref_offset = matrix @ ref.offset + offset
+            self.collect(ref.name, code, matrix @ ref.matrix, ref_offset, inverted != ref.inverted, (*ancestors, name))
+
+
+def parse(text: str) -> _File:
+    """Parse one file into triangles and references; malformed lines are skipped."""
+    references: list[Reference] = []
+    triangles: dict[int, list[Floats]] = {}
+    certified, clockwise, inverted = False, False, False
+    for line in text.splitlines():
+        words = line.split()
+        if words[:2] == ["0", "BFC"]:
+            certified = "NOCERTIFY" not in words and (certified or bool({"CERTIFY", "CW", "CCW"} & set(words)))
+            clockwise = "CW" in words or (clockwise and "CCW" not in words)
+            inverted = "INVERTNEXT" in words
+            continue
+        if words and words[0] in ("1", "3", "4"):
+            _read_line(words, references, triangles, certified, clockwise, inverted)
+        inverted = inverted and not words  # only the next line
+    return _File(tuple(references), {colour: np.concatenate(pieces) for colour, pieces in triangles.items()})
+
+
+def _read_line(
+    words: list[str],
+    references: list[Reference],
+    triangles: dict[int, list[Floats]],
+    certified: bool,
+    clockwise: bool,
+    inverted: bool,
+) -> None:
+    try:
+        colour = code_of(words[1])
+        count = 12 if words[0] == "1" else 3 * int(words[0])
+        numbers = [float(word) for word in words[2 : 2 + count]]
+    except (ValueError, IndexError):
+        return
+    if len(numbers) < count or not all(map(math.isfinite, numbers)):
+        return
+    if words[0] == "1":
+        name = " ".join(words[14:]).replace("\\", "/").lower()
+        references.append(Reference(colour, np.array(numbers[3:]).reshape(3, 3), np.array(numbers[:3]), name, inverted))
+        return
+    corners = np.array(numbers).reshape(-1, 3)
+    faces = corners[None, :] if len(corners) == 3 else corners[[[0, 1, 2], [0, 2, 3]]]
+    if clockwise:
+        faces = faces[:, ::-1]
+    if not certified:  # the winding is undefined: draw both sides
+        faces = np.concatenate([faces, faces[:, ::-1]])
+    triangles.setdefault(colour, []).append(faces)
+
+
+def _text(path: Path) -> str:
+    try:
+        with path.open(encoding="utf-8", errors="replace") as file:
+            return file.read(_MAX_FILE_BYTES)
+    except OSError:
+        return ""
+
+
+def _read_colours(path: Path) -> dict[int, tuple[float, float, float, float]]:
+    colours = {}
+    for line in _text(path).splitlines():
+        if match := _COLOUR.match(line):
+            red, green, blue = bytes.fromhex(match[2])
+            alpha = _ALPHA.search(line)
+            opacity = min(int(alpha[1]), 255) / 255 if alpha else 1.0
+            colours[int(match[1])] = (red / 255, green / 255, blue / 255, opacity)
+    return colours

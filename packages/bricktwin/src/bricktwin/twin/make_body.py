@@ -1,0 +1,71 @@
+"""Factory of virtual robots' bodies: the robot's MuJoCo model or a generated driving robot, else the bench."""
+
+from __future__ import annotations
+
+import importlib
+import logging
+import os
+import sys
+
+from brickhub.errors import TwinError
+from brickhub.robot import Robot
+from bricktwin.twin.physics import Physics, RandomPhysics
+from bricktwin.twin.scene import OPEN_FLOOR, Scene
+from brickhub.virtual.body import Body
+
+_log = logging.getLogger(__name__)
+
+
+def make_body(robot: Robot, *, scene: Scene | None = None, physics: Physics | RandomPhysics | None = None, seed: int = 0) -> Body:
+    """Build the body of a virtual robot. Raises TwinError if the robot cannot be placed in this scene, or a sensor has no
+    readings.
+
+    Args:
+        robot: any robot. Without a MuJoCo model, its body is generated from its drive base, or is a bench, where its motors turn
+            without load, if it has no drive base or if the scene defines readings or end stops.
+        scene: surroundings of the robot; ``None`` for an open floor.
+        physics: parameters, or a sampler of them for each episode; ``None`` for the defaults.
+        seed: seed of the sensors' noise and of the first start.
+    """
+    scene = scene or OPEN_FLOOR
+    has_stimuli = bool(scene.readings or scene.end_stops)
+    if not lies_on_bench(robot, scene):
+        if has_stimuli:
+            raise TwinError(
+                f"the MuJoCo model of '{robot.name}' has sensors of its own; omit the scene's readings and end stops, or "
+                "the model (model=None), and it lies on the bench"
+            )
+        check_mujoco()
+        from bricktwin.twin.mujoco_body import MujocoBody
+
+        return MujocoBody(robot, scene, physics or Physics(), seed)
+    from bricktwin.twin.bench_twin import BenchTwin
+
+    if scene.wall_distance_mm is not None or scene.ball or scene.objects:
+        raise TwinError(
+            f"robot '{robot.name}' lies on the bench, without wall, ball or other objects; describe a drive base or a model and "
+            "no readings, or give Scene(readings=...) only"
+        )
+    return BenchTwin(robot, scene, physics)
+
+
+def lies_on_bench(robot: Robot, scene: Scene) -> bool:
+    """Whether `make_body` gives a robot no body that can be seen, only a bench."""
+    if robot.model is not None or robot.plan is not None:
+        return False
+    return robot.drive_base is None or bool(scene.readings or scene.end_stops)
+
+
+def check_mujoco() -> None:
+    """Import MuJoCo, which loads the library of ``MUJOCO_GL`` at once; if that fails, import it without rendering."""
+    try:
+        importlib.import_module("mujoco")
+    except Exception as error:
+        backend = os.environ.get("MUJOCO_GL", "")
+        if not backend or backend == "disable":
+            raise
+        _log.warning("MUJOCO_GL=%s does not work (%s); everything but pictures and videos does", backend, error)
+        os.environ["MUJOCO_GL"] = "disable"
+        for name in [name for name in sys.modules if name == "mujoco" or (name.startswith("mujoco.") and "._" not in name)]:
+            del sys.modules[name]  # compiled modules stay: they can be loaded only once
+        importlib.import_module("mujoco")

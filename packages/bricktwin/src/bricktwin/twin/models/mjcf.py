@@ -1,0 +1,366 @@
+"""MJCF elements shared by the models: physics options, LEGO's motors as actuators, floor and wall, cameras.
+
+Names define the wiring: the joint and actuator ``motor_E`` belong to port E, the site ``ultrasonic_C`` to port C.
+Geom groups: obstacles that ultrasound detects, floor, looks, and the robot's collision shapes.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from bricktwin.plans.geometry import Floats, Triple
+from brickhub.robot import Motor, MotorKind
+from bricktwin.twin.objects import Block, Field, Lamp, Line, Object, Ramp
+from bricktwin.twin.scene import Scene
+from brickhub.virtual.firmware.motor_model import MOTOR_TYPES, PRESCALE_ACCELERATION, PRESCALE_SPEED, PRESCALE_VOLTAGE
+
+TIMESTEP_S = 0.0025
+TYRE_FRICTION = 1.0
+"""Sliding friction of rubber on a smooth floor; an estimate."""
+OBSTACLE_GROUP, FLOOR_GROUP, LOOKS_GROUP, SHAPE_GROUP = 0, 1, 2, 3
+WALL_X_M = 0.35
+"""Position of the wall's face."""
+WEBCAM_HEIGHT_M = 0.68
+"""Height of the webcam over the table."""
+BALL_RADIUS_M, _BALL_KG = 0.024, 0.006
+_WALL_HALF_SIZE = (0.012, 1.5, 0.096)
+_BRICK = (0.78, 0.16, 0.12)
+
+
+@dataclass(frozen=True)
+class MotorConstants:
+    """Constants of a motor with its gear train, at its shaft. Inductance is neglected: it decays in a millisecond.
+
+    Attributes:
+        torque_nm_v: stall torque per volt.
+        drag_nm_s: loss of torque per rad/s, by back-EMF.
+        inertia_kg_m2: inertia of the rotor, through the gears.
+        friction_nm: dry friction.
+    """
+
+    torque_nm_v: float
+    drag_nm_s: float
+    inertia_kg_m2: float
+    friction_nm: float
+
+
+@functools.cache
+def motor_constants(kind: MotorKind) -> MotorConstants:
+    """Constants of a kind of motor, from the curves that the Pybricks authors measured and their firmware stores.
+
+    (``servo_settings.c`` v4, in ``virtual_hub/firmware/motor_model.py``: a medium motor has 460 rad/s2 from standstill at 7.2 V.)
+    """
+    model = MOTOR_TYPES[kind].model
+    per_rad = 180.0 / math.pi * 1e-3  # from mdeg and uNm
+    return MotorConstants(
+        torque_nm_v=PRESCALE_VOLTAGE / model.torque_by_voltage * 1e-3,
+        drag_nm_s=PRESCALE_SPEED / model.torque_by_speed * per_rad,
+        inertia_kg_m2=PRESCALE_ACCELERATION / model.torque_by_acceleration * per_rad,
+        friction_nm=model.friction_unm * 1e-6,
+    )
+
+
+def new_spec(name: str) -> mujoco.MjSpec:
+    """Empty model with the physics options of all twins."""
+    spec = mujoco.MjSpec()
+    spec.modelname = name
+    spec.compiler.degree = False
+    set_options(spec)
+    return spec
+
+
+def set_options(spec: mujoco.MjSpec) -> None:
+    """Set the physics options of all twins; the timestep of 2.5 ms divides the hub's control loop of 5 ms."""
+    spec.option.timestep = TIMESTEP_S
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.impratio = 5.0
+
+
+def add_motor(
+    spec: mujoco.MjSpec, joint: mujoco.MjsJoint, port: str, kind: MotorKind, *, gear: float = 1.0, train_friction_nm: float = 0.0
+) -> None:
+    """Add a voltage-driven motor to a joint. MuJoCo's dcmotor assumes equal motor constants, an error of 25 % here.
+
+    Args:
+        gear: turns of the motor's shaft per turn of the joint; negative for opposite directions.
+        train_friction_nm: dry friction between motor and joint, at the joint.
+    """
+    motor = motor_constants(kind)
+    actuator = spec.add_actuator(name=f"motor_{port}", target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+    actuator.gear[0] = gear
+    actuator.gaintype = mujoco.mjtGain.mjGAIN_FIXED
+    actuator.biastype = mujoco.mjtBias.mjBIAS_AFFINE
+    actuator.gainprm[0] = motor.torque_nm_v
+    actuator.biasprm[2] = -motor.drag_nm_s
+    # A separate group, so that the body can open this motor's circuit.
+    actuator.group = len(spec.actuators) - 1
+    joint.armature = motor.inertia_kg_m2 * gear**2
+    joint.frictionloss = motor.friction_nm * abs(gear) + train_friction_nm
+    # With MuJoCo's default a joint creeps by 3 degrees per second at torques below its friction.
+    joint.solimp_friction = [0.999, 0.999, 0.001, 0.5, 2.0]
+
+
+STIFF = [0.006, 1.0]
+"""``solref`` of a hard contact: its time constant (s; 20 ms, MuJoCo's default, lets a robot sink in) and damping ratio."""
+COLLIDING: dict[str, Any] = {"group": SHAPE_GROUP, "contype": 1, "conaffinity": 0}
+"""Attributes of the robot's shapes that touch floor and obstacles."""
+OBSTACLE: dict[str, Any] = {"group": OBSTACLE_GROUP, "contype": 0, "conaffinity": 1}
+"""Attributes of fixed obstacles."""
+LOOKS: dict[str, Any] = {"group": LOOKS_GROUP, "contype": 0, "conaffinity": 0}
+"""Attributes of visual shapes."""
+
+
+def add_box(
+    body: mujoco.MjsBody,
+    middle_mm: Triple | Floats,
+    size_mm: Triple,
+    mass_kg: float,
+    *,
+    turn: Sequence[float] = (1.0, 0.0, 0.0, 0.0),
+    collides: bool = True,
+) -> None:
+    """Add an invisible box with mass; ``turn`` is its quaternion."""
+    body.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        pos=[float(value) / 1000 for value in middle_mm],
+        size=[side / 2000 for side in size_mm],
+        quat=list(turn),
+        mass=mass_kg,
+        **{**COLLIDING, "contype": int(collides)},
+    )
+
+
+def contact_attributes(friction: float, mass_kg: float = 0.0) -> dict[str, Any]:
+    """Attributes of wheels and feet."""
+    return {"mass": mass_kg, "friction": [friction, 0.005, 0.0001], "priority": 1, "solref": STIFF, **COLLIDING}
+
+
+def add_rotor(
+    spec: mujoco.MjSpec,
+    parent: mujoco.MjsBody,
+    motor: Motor,
+    at_m: Triple,
+    axis: Triple = (0.0, 1.0, 0.0),
+    gear: float = 1.0,
+    train_friction_nm: float = 0.0,
+) -> mujoco.MjsBody:
+    """Add a motor with an almost massless rotor body, which has the joint ``motor_PORT``; see :func:`add_motor`."""
+    rotor = parent.add_body(name=f"rotor_{motor.port}", pos=list(at_m))
+    shaft = rotor.add_joint(name=f"motor_{motor.port}", type=mujoco.mjtJoint.mjJNT_HINGE, axis=list(axis))
+    rotor.explicitinertial, rotor.mass, rotor.inertia = True, 0.002, [1e-7, 1e-7, 1e-7]
+    add_motor(spec, shaft, motor.port, motor.kind, gear=gear, train_friction_nm=train_friction_nm)
+    return rotor
+
+
+def add_driven(rotor: mujoco.MjsBody, name: str, port: str, axis: Triple, *, is_heavy: bool = False) -> mujoco.MjsBody:
+    """Add a body to a rotor, with backlash; that of a heavy body is softer and more damped."""
+    body = rotor.add_body(name=name)
+    body.add_joint(
+        name=f"backlash_{port}",
+        type=mujoco.mjtJoint.mjJNT_HINGE,
+        axis=list(axis),
+        limited=True,
+        range=[-0.05, 0.05],
+        damping=4e-3 if is_heavy else 5e-4,
+        solref_limit=[0.010 if is_heavy else 0.005, 1.0],
+    )
+    return body
+
+
+def add_tyre(
+    body: mujoco.MjsBody,
+    name: str,
+    size_m: Triple,
+    mass_kg: float = 0.0,
+    at_m: Triple | Floats = (0.0, 0.0, 0.0),
+    turn: Sequence[float] | Floats = (1.0, 0.0, 0.0, 0.0),
+) -> None:
+    """Add a tyre with these half sizes. An ellipsoid touches in one point, which takes the solver half the time of a cylinder."""
+    shape, attributes = mujoco.mjtGeom.mjGEOM_ELLIPSOID, contact_attributes(TYRE_FRICTION, mass_kg)
+    body.add_geom(name=name, type=shape, size=list(size_m), pos=list(at_m), quat=list(turn), **attributes)
+
+
+def add_caster(body: mujoco.MjsBody, name: str, centre_m: Triple | Floats, radius_m: float, mass_kg: float = 0.0) -> None:
+    """Add a ball caster without friction. (Dry friction of a sliding ball would make the contact chatter.)"""
+    shape, attributes = mujoco.mjtGeom.mjGEOM_SPHERE, contact_attributes(1.0, mass_kg)
+    body.add_geom(name=name, type=shape, pos=list(centre_m), size=[radius_m, 0, 0], condim=1, **attributes)
+
+
+def add_surroundings(spec: mujoco.MjSpec, scene: Scene) -> None:
+    """Add floor, wall, sky, and the fixed camera."""
+    _add_looks(spec)
+    world = spec.worldbody
+    world.add_geom(
+        name="floor",
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        size=[0, 0, 0.1],
+        material="floor",
+        group=FLOOR_GROUP,
+        contype=0,
+        conaffinity=1,
+    )
+    if scene.wall_distance_mm is not None:
+        world.add_geom(
+            name="wall",
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            pos=[WALL_X_M + _WALL_HALF_SIZE[0], 0.0, _WALL_HALF_SIZE[2]],
+            size=list(_WALL_HALF_SIZE),
+            rgba=[*_BRICK, 1.0],
+            **OBSTACLE,
+        )
+        # A box stretches its texture over each side; a plane in front of it repeats it.
+        world.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_PLANE,
+            pos=[WALL_X_M - 0.0005, 0.0, _WALL_HALF_SIZE[2]],
+            size=[*_WALL_HALF_SIZE[1:], 0.1],
+            quat=[0.5, -0.5, -0.5, 0.5],
+            material="bricks",
+            **LOOKS,
+        )
+    target, distance_m = ((-0.62, 0.1, 0.0), 1.95) if scene.wall_distance_mm is not None else ((0.0, 0.0, 0.0), 1.1)
+    if scene.objects:
+        target, distance_m = _overview_of(scene)
+    add_camera(world, "overview", target, (-0.18, -1.0, 0.72), distance_m)
+
+
+def _overview_of(scene: Scene) -> tuple[Triple, float]:
+    """Centre of the objects and the robot's start area (m), and a camera distance that shows all of them."""
+    points_mm = [point for item in scene.objects for point in _points_mm(item)]
+    points = np.array([*zip(*scene.start_mm, strict=True), *points_mm]) / 1000
+    low, high = points.min(0), points.max(0)
+    x, y = ((low + high) / 2).tolist()
+    return (x, y, 0.0), max(1.1, 1.25 * float(np.linalg.norm(high - low)))
+
+
+def _points_mm(item: Object) -> list[tuple[float, float]]:
+    """Points that bound an object's extent on the floor."""
+    if isinstance(item, Line):
+        return list(item.points_mm)
+    if isinstance(item, (Field, Block, Ramp)):
+        reach = max(item.size_mm[:2]) / 2 if isinstance(item, (Field, Block)) else item.length_mm
+        return [(item.at_mm[0] + side * reach, item.at_mm[1] + side * reach) for side in (-1, 1)]
+    return [item.at_mm[:2]] if isinstance(item, Lamp) else [item.from_mm, item.to_mm]
+
+
+def pair_contacts(spec: mujoco.MjSpec) -> None:
+    """List explicit contact pairs, after everything is added: each shape of the robot with each of the surroundings.
+
+    MuJoCo then checks these pairs only. Its own broad phase would take a tenth of the time of each step.
+    """
+    surroundings = [geom for geom in spec.geoms if geom.conaffinity]
+    shapes = [geom for geom in spec.geoms if geom.contype]
+    for number, shape in enumerate(shapes):
+        shape.name = shape.name or f"shape_{number}"
+        for other in surroundings:
+            pair = spec.add_pair(geomname1=other.name, geomname2=shape.name)
+            pair.condim = shape.condim if shape.priority > other.priority else max(shape.condim, other.condim)
+            # NaN: MuJoCo derives these from the two geoms, as without an explicit pair.
+            pair.friction, pair.solref, pair.solimp = [math.nan] * 5, [math.nan] * 2, [math.nan] * 5
+    for geom in (*surroundings, *shapes):
+        geom.contype = geom.conaffinity = 0
+
+
+def add_camera(body: mujoco.MjsBody, name: str, target: Triple, direction: Triple, distance_m: float) -> None:
+    """Add a camera that looks at a point of a body's frame from a direction; on a moving body it follows without turning."""
+    backward = np.array(direction) / np.linalg.norm(direction)
+    right = np.cross((0.0, 0.0, 1.0), backward)
+    right /= np.linalg.norm(right)
+    quaternion = np.empty(4)
+    mujoco.mju_mat2Quat(quaternion, np.column_stack([right, np.cross(backward, right), backward]).ravel())
+    is_moving = body.name != "world"
+    mode = mujoco.mjtCamLight.mjCAMLIGHT_TRACK if is_moving else mujoco.mjtCamLight.mjCAMLIGHT_FIXED
+    position = np.array(target) + distance_m * backward
+    body.add_camera(name=name, pos=position.tolist(), quat=quaternion.tolist(), fovy=40, mode=mode)
+
+
+def add_webcam(world: mujoco.MjsBody) -> None:
+    """Add the camera of the RoboArm's camera task, which looks down. Its image has the robot's front at the bottom and its left
+    on the right."""
+    world.add_camera(name="webcam", pos=[0.0, 0.0, WEBCAM_HEIGHT_M], xyaxes=[0, 1, 0, -1, 0, 0], fovy=45)
+
+
+def add_ball(body: mujoco.MjsBody, at_m: Triple) -> None:
+    """Add the red ball that a gripper holds."""
+    shape, size = mujoco.mjtGeom.mjGEOM_SPHERE, [BALL_RADIUS_M, 0, 0]
+    body.add_geom(name="ball", type=shape, pos=list(at_m), size=size, mass=_BALL_KG, material="red", **LOOKS)
+
+
+def yaw_quaternion(angle: float) -> list[float]:
+    """Quaternion of a rotation about the vertical, counter-clockwise seen from above, in radians."""
+    return [math.cos(angle / 2), 0.0, 0.0, math.sin(angle / 2)]
+
+
+def add_light(body: mujoco.MjsBody) -> None:
+    """Add the sun, which follows the robot, because shadows are drawn only near the centre of its beam."""
+    direction = np.array([0.3, 0.4, -0.85])
+    body.add_light(
+        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+        mode=mujoco.mjtCamLight.mjCAMLIGHT_TRACK,
+        pos=(-0.8 * direction).tolist(),
+        dir=direction.tolist(),
+        diffuse=[0.55] * 3,
+        specular=[0.3] * 3,
+        castshadow=True,
+    )
+
+
+def _add_looks(spec: mujoco.MjSpec) -> None:
+    visual = spec.visual
+    visual.map.znear, visual.map.zfar = 0.02, 30.0
+    visual.map.shadowclip = 4.0
+    visual.quality.shadowsize = 4096
+    visual.headlight.ambient, visual.headlight.diffuse, visual.headlight.specular = [0.38] * 3, [0.30] * 3, [0.1] * 3
+    spec.stat.extent, spec.stat.center = 0.5, [0.0, 0.0, 0.05]
+    spec.add_texture(
+        name="sky",
+        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        rgb1=[0.96, 0.97, 0.98],
+        rgb2=[0.72, 0.80, 0.88],
+        width=64,
+        height=64,
+    )
+    _add_tiles(spec, "floor", _floor_tile(), (0.2, 0.2))
+    _add_tiles(spec, "bricks", _brick_tile(), (0.128, 0.064))
+
+
+def _add_tiles(spec: mujoco.MjSpec, name: str, image: NDArray[np.uint8], size_m: tuple[float, float]) -> None:
+    height, width, channels = image.shape
+    texture = spec.add_texture(name=name, type=mujoco.mjtTexture.mjTEXTURE_2D, width=width, height=height, nchannel=channels)
+    texture.data = image.tobytes()
+    material = spec.add_material(
+        name=name, texuniform=True, texrepeat=[1 / size_m[0], 1 / size_m[1]], specular=0.1, shininess=0.1, reflectance=0.0
+    )
+    material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = texture.name
+
+
+def _floor_tile() -> NDArray[np.uint8]:
+    """Floor texture of 2 x 2 squares of 100 mm in two light greys, separated by fine lines, which makes motion visible."""
+    index = np.arange(256) // 128
+    is_even = (index[:, None] + index) % 2 == 0
+    tone = np.where(is_even, 214, 204)
+    line = np.arange(256) % 128 < 1
+    tone[line, :] = tone[:, line] = 186
+    return np.stack([tone, tone + 2, tone + 5], axis=-1).astype(np.uint8)
+
+
+def _brick_tile() -> NDArray[np.uint8]:
+    """Wall texture of two staggered courses of bricks."""
+    rows, columns = np.arange(64), np.arange(128)
+    shift = np.where(rows < 32, 0, 32)
+    joint = (rows % 32 < 2)[:, None] | ((columns[None, :] + shift[:, None]) % 64 < 2)
+    light = (rows % 32 > 29)[:, None] & ~joint
+    tile = np.empty((64, 128, 3))
+    tile[:] = np.array(_BRICK) * 255
+    tile[joint] *= 0.62
+    tile[light] = np.minimum(tile[light] * 1.18, 255)
+    return tile.astype(np.uint8)

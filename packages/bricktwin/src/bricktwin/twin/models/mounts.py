@@ -1,0 +1,144 @@
+"""Mounts of sensors: sites in a sensor's viewing direction, its case, and a force sensor's touch sensor."""
+
+from __future__ import annotations
+
+import functools
+
+import mujoco
+import numpy as np
+
+from bricktwin.plans import catalogue
+from bricktwin.plans.geometry import MM_PER_LDU, Floats, Triple
+from bricktwin.plans.part import DeviceKind
+from brickhub.robot import Mount, PoweredUpSensor, Sensor, SensorKind
+from brickhub.robot.spec import LOOKS
+from bricktwin.twin.models import lego
+from bricktwin.twin.models.meshes import X_AXIS, Z_AXIS, Part, box, cylinder, ring
+from bricktwin.twin.models.mjcf import SHAPE_GROUP, add_box
+
+_DEFAULT = Mount((60.0, 0.0, 40.0), "ahead")
+_MOUNTS = {
+    SensorKind.COLOR: Mount((60.0, 0.0, 12.0), "down"),
+    SensorKind.COLOR_DISTANCE: Mount((60.0, 0.0, 12.0), "down"),
+    SensorKind.FORCE: Mount((80.0, 0.0, 30.0), "ahead"),
+}
+"""Default mounts of sensors without one in their description."""
+_BUTTON_MM = 8.0
+
+
+@functools.cache
+def case_of(kind: DeviceKind, name: str) -> tuple[Triple, float] | None:
+    """Size of an electric part's case, the longest side first (mm), and its mass (g); ``None`` if not in the catalogue."""
+    for part in catalogue.parts():
+        if part.device is not None and (part.device.kind, part.device.name) == (kind, name):
+            sides = sorted((2.0 * MM_PER_LDU * half for half in part.solids[0].half), reverse=True)
+            return (sides[0], sides[1], sides[2]), part.mass_g
+    return None
+
+
+def hub_axes(sides: tuple[str, ...]) -> Floats:
+    """Rotation matrix [3, 3] from the axes of a hub, whose top and front look to these sides of the robot, to the robot's."""
+    top, front = (np.array(LOOKS[side]) for side in sides)
+    return np.column_stack([front, np.cross(top, front), top])
+
+
+def add_hub_site(body: mujoco.MjsBody, axes: Floats, at_m: Triple = (0.0, 0.0, 0.0)) -> None:
+    """Add the site of a hub. ``axes``: rotation matrix [3, 3] from the hub's axes to the body's."""
+    quaternion = np.empty(4)
+    mujoco.mju_mat2Quat(quaternion, axes.ravel())
+    body.add_site(name="imu", pos=list(at_m), quat=quaternion.tolist(), group=SHAPE_GROUP)
+
+
+def mount_of(sensor: Sensor) -> Mount:
+    """Mount of a sensor; by default in front, a color sensor facing the floor."""
+    if sensor.mount is not None:
+        return sensor.mount
+    return _MOUNTS.get(sensor.kind, _DEFAULT) if isinstance(sensor, PoweredUpSensor) else _DEFAULT
+
+
+def mount_sensor(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, sensor: Sensor, axle_m: float) -> Part:
+    """Add a sensor's site, mass and button to a chassis with its origin at ``axle_m`` height; returns the drawn part (mm)."""
+    mount = mount_of(sensor)
+    ahead, left, up = mount.at_mm
+    eye = np.array([ahead, left, up - axle_m * 1000.0])
+    gaze = np.array(LOOKS[mount.looks])
+    size, mass_g = case_of(DeviceKind.SENSOR, sensor.class_name) or ((24.0, 24.0, 24.0), 12.0)
+    depth = min(size)
+    middle = eye - gaze * depth / 2
+    turn = _quaternion(gaze)
+    add_sensor_site(spec, chassis, sensor, eye / 1000, turn)
+    if isinstance(sensor, PoweredUpSensor) and sensor.kind is SensorKind.FORCE:
+        middle = eye - gaze * (max(size) / 2 + _BUTTON_MM)
+        add_box(chassis, eye - gaze * _BUTTON_MM / 2, (_BUTTON_MM, 16.0, 16.0), 0.002, turn=turn)
+        add_box(chassis, middle, size, mass_g / 1000 - 0.002, turn=turn, collides=False)
+        return _aimed(_force_sensor(size), gaze).at(*eye.tolist())
+    if not isinstance(sensor, PoweredUpSensor):
+        add_box(chassis, middle, (size[2], size[0], size[1]), mass_g / 1000, turn=turn)
+        return _aimed(lego.ultrasonic_sensor().at(-13.0, 0, 0), gaze).at(*eye.tolist())
+    add_box(chassis, middle, (depth, size[0], size[1]), mass_g / 1000, turn=turn, collides=False)
+    return _aimed(_small_sensor(size), gaze).at(*eye.tolist())
+
+
+def add_sensor_site(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, sensor: Sensor, at_m: Floats, turn: list[float]) -> None:
+    """Add a sensor's site, whose x axis is the viewing direction; that of a force sensor measures the contacts near it."""
+    pose = {"pos": at_m.tolist(), "quat": turn}
+    if not isinstance(sensor, PoweredUpSensor):
+        chassis.add_site(name=f"ultrasonic_{sensor.port}", group=SHAPE_GROUP, **pose)
+    elif sensor.kind is SensorKind.FORCE:
+        box = mujoco.mjtGeom.mjGEOM_BOX
+        chassis.add_site(name=f"sensor_{sensor.port}", type=box, size=[0.012] * 3, group=5, **pose)
+        add_touch(spec, sensor)
+    else:
+        chassis.add_site(name=f"sensor_{sensor.port}", group=SHAPE_GROUP, **pose)
+
+
+def add_touch(spec: mujoco.MjSpec, sensor: Sensor) -> None:
+    """Add a touch sensor of the contact forces (N) within a sensor's site."""
+    site = f"sensor_{sensor.port}"
+    spec.add_sensor(
+        name=f"force_{sensor.port}", type=mujoco.mjtSensor.mjSENS_TOUCH, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=site
+    )
+
+
+def _quaternion(gaze: Floats) -> list[float]:
+    """Quaternion that rotates x to a direction along an axis."""
+    quaternion, cross = np.array([1.0, 0.0, 0.0, 0.0]), np.cross(X_AXIS, gaze)
+    if gaze[0] < -0.5:
+        quaternion = np.array([0.0, 0.0, 0.0, 1.0])
+    elif np.linalg.norm(cross) > 0.5:
+        mujoco.mju_axisAngle2Quat(quaternion, cross, np.pi / 2)
+    turn: list[float] = quaternion.tolist()
+    return turn
+
+
+def _aimed(part: Part, gaze: Floats) -> Part:
+    """A part facing x, rotated to face another axis."""
+    if gaze[0] < -0.5:
+        return part.turned(Z_AXIS, 180.0)
+    cross = np.cross(X_AXIS, gaze)
+    return part if not cross.any() else part.turned((float(cross[0]), float(cross[1]), float(cross[2])), 90.0)
+
+
+def _small_sensor(size: Triple) -> Part:
+    """Sensor with one round eye, facing x; its eye is the origin."""
+    depth, width, height = min(size), size[0], size[1]
+    rim = ring(8.6, 6.2, 2.0).along(X_AXIS).at(-0.8, 0, 0)
+    return Part(
+        (
+            ("white", box(depth - 2, width, height, radius=2.0).at(-depth / 2 - 1, 0, 0)),
+            ("black", cylinder(8.8, 1.6, bevel=0.4).along(X_AXIS).at(-1.4, 0, 0)),
+            ("azure", rim),
+        )
+    )
+
+
+def _force_sensor(size: Triple) -> Part:
+    """Force sensor facing x, with its button at the end; the button's front is the origin."""
+    length, width, height = size
+    return Part(
+        (
+            ("white", box(length, width, height, radius=2.0).at(-_BUTTON_MM - length / 2, 0, 0)),
+            ("black", cylinder(8.0, _BUTTON_MM, bevel=1.0).along(X_AXIS).at(-_BUTTON_MM / 2, 0, 0)),
+            ("light_grey", box(length * 0.4, width + 0.4, 6, radius=0.8).at(-_BUTTON_MM - length / 2, 0, 3)),
+        )
+    )

@@ -1,0 +1,194 @@
+"""Looks of a plan's parts: our meshes or those of an installed LDraw library, and shafts that turn visually only."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from brickhub.errors import TwinError
+from bricktwin.plans.colours import colour_of
+from bricktwin.plans.geometry import MM_PER_LDU, Floats
+from bricktwin.plans.mechanism.kinematics import TO_TWIN
+from bricktwin.plans.part import DeviceKind, Part
+from bricktwin.plans.plan import Placed, Plan
+from bricktwin.plans.planned_robot import PlannedRobot
+from bricktwin.plans.shapes import COARSE, TINTS, Tint, offset_points, surface_of
+from bricktwin.twin import ldraw
+from bricktwin.twin.models import lego, meshes
+from bricktwin.twin.models.looks import library_shapes, shape_of, signed_axes
+from bricktwin.twin.models.meshes import Shape, colour_name
+
+_CLEARANCE = 0.5
+"""LDU: 0.1 mm on each side of a part."""
+_BEND = 80.0
+"""LDU: how far a cable's curve is pulled away from its ends."""
+_PREFIX = "spin_"
+_SPOKED_MM = 40.0
+"""Diameter from which a wheel is drawn with spokes."""
+_DETAILED: dict[str, tuple[Callable[[], meshes.Part], tuple[int, int, int]]] = {
+    "prime": (lego.hub, (3, -1, -2)),
+    "spike-medium": (lego.medium_motor_case, (-3, -2, -1)),
+    "UltrasonicSensor": (lego.ultrasonic_sensor, (-3, 1, -2)),
+}
+"""Our drawings of electric parts, and the signed axes of the catalogue's part that are our x, y and z (1 is its x)."""
+
+
+def looks_of(
+    plan: Plan, parts: Iterable[int], origin_m: Floats, *, axes: Floats | None = None, shafts: Iterable[int] = ()
+) -> meshes.Part:
+    """Looks of parts of a plan in the frame of their body, mm.
+
+    Args:
+        parts: indices of the parts.
+        origin_m: the body's origin [3] in the twin's axes.
+        axes: the body's axes as rows [3, 3]; by default the twin's.
+        shafts: indices of motors of which only the turning output is drawn; it is left out otherwise.
+    """
+    frame = (np.eye(3) if axes is None else axes) @ TO_TWIN
+    shift = (np.eye(3) if axes is None else axes) @ origin_m * 1000
+    shapes: list[tuple[str, Shape]] = []
+    placed_parts = [plan.parts[part] for part in parts]
+    motors = [plan.parts[motor] for motor in shafts]
+    for placed, is_shaft in [*((part, False) for part in placed_parts), *((motor, True) for motor in motors)]:
+        turn = frame @ placed.rotation
+        can_hide = not is_shaft and ldraw.folder() is None  # the shapes of a library are not those of our solids
+        near = [part for part in placed_parts if can_hide and _touch(part.bounds, placed.bounds)]
+        for colour, shape in _shapes(placed, only_turning=is_shaft):
+            visible = _uncovered(placed, shape, [part for part in near if part is not placed])
+            points = (visible.points @ turn.T + frame @ placed.position) * MM_PER_LDU - shift
+            if len(visible.faces):
+                shapes.append((colour, Shape(points, visible.normals @ turn.T, visible.faces)))
+    return meshes.Part(tuple(shapes))
+
+
+def _touch(first: tuple[Floats, Floats], second: tuple[Floats, Floats]) -> bool:
+    return bool((first[0] <= second[1]).all() and (second[0] <= first[1]).all())
+
+
+def _uncovered(placed: Placed, shape: Shape, others: list[Placed]) -> Shape:
+    """A shape of a part without the triangles that other parts hide, which have material just outside."""
+    samples = offset_points(placed.to_plan(shape.points)[shape.faces], _CLEARANCE)
+    covered = np.zeros(samples.shape[:2], dtype=bool)
+    for other in others:
+        points = other.to_part(samples.reshape(-1, 3))
+        for solid in other.part.solids:
+            covered |= solid.contains(points, 0.0).reshape(covered.shape)
+    visible = shape.faces[~covered.all(axis=1)]
+    used, faces = np.unique(visible, return_inverse=True)
+    return Shape(shape.points[used], shape.normals[used], faces.reshape(visible.shape).astype(np.int32))
+
+
+def _shapes(placed: Placed, *, only_turning: bool) -> list[tuple[str, Shape]]:
+    """Coloured shapes of a part in its frame, in LDraw units."""
+    main = colour_of(placed.colour).rgb
+    if not only_turning and (root := ldraw.folder()) is not None and (shapes := _of_library(placed.part, root)):
+        return [(colour or colour_name(main), shape) for colour, shape in shapes]
+    device = placed.part.device
+    is_motor = device is not None and device.kind is DeviceKind.MOTOR
+    if not only_turning and (detailed := _detailed(placed.part)):
+        return detailed
+    by_tint = _of_catalogue(placed.part).items()
+    shown = [(tint, shape) for tint, shape in by_tint if not is_motor or only_turning is (tint is Tint.TURNING)]
+    return [(colour_name(TINTS.get(tint, main)), shape) for tint, shape in shown]
+
+
+@functools.lru_cache(maxsize=512)
+def _of_catalogue(part: Part) -> dict[Tint, Shape]:
+    """Our shapes of a part."""
+    surface = surface_of(part, COARSE)
+    triangles = surface.triangles * _less_clearance(*part.bounds)
+    shapes = {tint: shape_of(triangles[surface.tints == int(tint)]) for tint in Tint}
+    return {tint: shape for tint, shape in shapes.items() if shape is not None}
+
+
+def _less_clearance(low: Floats, high: Floats) -> Floats:
+    """Factors [3] that make a part's drawing smaller by the clearance between parts, so that no two surfaces coincide."""
+    return 1.0 - _CLEARANCE / np.maximum(high - low, 10.0)
+
+
+@functools.lru_cache(maxsize=64)
+def _detailed(part: Part) -> list[tuple[str, Shape]]:
+    """Our detailed shapes of a hub, motor, sensor or wheel, without a motor's output; empty if there are none."""
+    device = part.device.name if part.device is not None else ""
+    if device in _DETAILED:
+        make, axes = _DETAILED[device]
+        drawing = make()
+    elif part.wheel_mm > _SPOKED_MM:
+        drawing, axes = lego.wheel(part.wheel_mm), (-1, -3, -2)
+    else:
+        return []
+    turn = signed_axes(axes)  # from the part's axes to ours
+    points = np.concatenate([shape.points for _, shape in drawing.shapes]) @ turn / MM_PER_LDU
+    low, high = part.bounds
+    case = part.solids[0].corners()
+    low, high = (case.min(axis=0), case.max(axis=0)) if device else (low, high)
+    shift = (low + high - points.min(axis=0) - points.max(axis=0)) / 2
+    return [
+        (colour, Shape(shape.points @ turn / MM_PER_LDU + shift, shape.normals @ turn, shape.faces))
+        for colour, shape in drawing.shapes
+    ]
+
+
+@functools.lru_cache(maxsize=256)
+def _of_library(part: Part, root: Path) -> tuple[tuple[str, Shape], ...]:
+    """Shapes of a part in an LDraw library by colour, "" for its main colour; empty if it has none."""
+    for number in (part.number, *part.aliases):
+        with suppress(TwinError):
+            return library_shapes(root, f"{number}.dat", np.eye(3))
+    return ()
+
+
+def cables_of(plan: Plan, parts: Iterable[int], origin_m: Floats) -> list[meshes.Part]:
+    """Cables between the hub and the motors and sensors on the same body, in that body's frame, mm."""
+    devices = [(plan.parts[part], plan.parts[part].part.device) for part in parts]
+    hub = next((placed for placed, device in devices if device is not None and device.kind is DeviceKind.HUB), None)
+    sockets = dict(hub.part.device.ports) if hub is not None and hub.part.device is not None else {}
+    cables = []
+    for placed, device in devices:
+        if hub is None or placed is hub or device is None or placed.port not in sockets:
+            continue
+        socket, plug = np.array(sockets[placed.port]), np.array(device.plug)
+        outward, back = np.sign(socket) * [_BEND, 0.0, 0.0], np.sign(plug) * [0.0, 0.0, _BEND]
+        line = np.concatenate([hub.to_plan(np.stack([socket, socket + outward])), placed.to_plan(np.stack([plug + back, plug]))])
+        cables.append(lego.cable([(x, y, z) for x, y, z in (line @ TO_TWIN.T * MM_PER_LDU - origin_m * 1000).tolist()]))
+    return cables
+
+
+def draw_spinners(
+    spec: mujoco.MjSpec, planned: PlannedRobot, bodies: dict[int, mujoco.MjsBody], origins: dict[int, Floats]
+) -> None:
+    """Draw shafts and gears that turn visually only: massless bodies, with their ratio and axis as user data."""
+    for number, follower in enumerate(planned.articulation.followers):
+        if follower.body not in bodies:
+            continue
+        name, place_m = f"{_PREFIX}{follower.port}_{number}", (follower.point_m - origins[follower.body]).tolist()
+        body = bodies[follower.body].add_body(name=name, pos=place_m, userdata=[follower.ratio, *(-follower.axis).tolist()])
+        meshes.draw(spec, body, [looks_of(planned.plan, follower.parts, follower.point_m)])
+
+
+class Spinners:
+    """Shafts and gears of a model that turn visually only."""
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        self._spinners: list[tuple[int, int, float, Floats]] = []
+        """Body, address of the joint's position, ratio and axis [3] of each."""
+        for body in range(model.nbody if model.nuser_body else 0):
+            robot, slash, name = model.body(body).name.rpartition("/")  # "ROBOT/" in an arena
+            if name.startswith(_PREFIX):
+                ratio, *axis = model.body_user[body, :4].tolist()
+                address = int(model.joint(f"{robot}{slash}motor_{name.split('_')[1]}").qposadr[0])
+                self._spinners.append((body, address, ratio, np.array(axis)))
+
+    def turn(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        """Turn each with its motor's joint; positions must be up to date, and are so afterwards."""
+        if not self._spinners:
+            return
+        for body, address, ratio, axis in self._spinners:
+            angle = ratio * float(data.qpos[address] - model.qpos0[address])
+            mujoco.mju_axisAngle2Quat(model.body_quat[body], axis, angle)
+        mujoco.mj_kinematics(model, data)

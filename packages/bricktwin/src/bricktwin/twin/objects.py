@@ -1,0 +1,229 @@
+"""Objects of a scene: lines and fields on the floor, walls, fixed and pushable blocks, ramps and lamps.
+
+Positions are millimetres on the floor, ``(x, y)``: a robot that starts at the origin with a heading of 0 looks along x, y is to
+its left. Headings are degrees, clockwise seen from above. Lines and fields affect colour sensors only.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from brickhub.errors import TwinError, counted
+from bricktwin.plans.geometry import Floats
+
+Point = tuple[float, float]
+Size = tuple[float, float, float]
+
+COLORS: dict[str, Size] = {
+    "white": (0.93, 0.93, 0.93),
+    "light_grey": (0.70, 0.70, 0.72),
+    "grey": (0.40, 0.40, 0.42),
+    "black": (0.07, 0.07, 0.08),
+    "red": (0.80, 0.06, 0.08),
+    "orange": (0.95, 0.45, 0.08),
+    "yellow": (0.96, 0.80, 0.12),
+    "green": (0.08, 0.55, 0.22),
+    "blue": (0.08, 0.30, 0.75),
+    "purple": (0.45, 0.18, 0.62),
+    "brown": (0.42, 0.26, 0.14),
+}
+"""Reflectance of red, green and blue light, by colour name."""
+_COMPLEX = np.array((1.0, 1.0j))
+"""Points times this are complex numbers, which NumPy adds and multiplies faster than pairs."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """Line on the floor, such as tape. Raises TwinError if a value is invalid.
+
+    Attributes:
+        points_mm: corners of the polyline.
+        width_mm: width from edge to edge.
+        closed: whether the last point is connected to the first.
+    """
+
+    points_mm: tuple[Point, ...]
+    width_mm: float = 20.0
+    color: str = "black"
+    closed: bool = False
+
+    def __post_init__(self) -> None:
+        _check(self.color, "a line", (self.width_mm,), 1, self.points_mm)
+        object.__setattr__(self, "points_mm", tuple(map(tuple, self.points_mm)))  # lists are welcome
+        if len(self.points_mm) < 2:
+            raise TwinError(f"scene: a line of {counted(len(self.points_mm), 'point')}; give two or more")
+
+    @property
+    def ends_mm(self) -> tuple[Floats, Floats]:
+        """Start and end of each segment, ``[n, 2]`` each."""
+        points = np.array(self.points_mm + (self.points_mm[:1] if self.closed else ()), dtype=np.float64)
+        return points[:-1], points[1:]
+
+    @cached_property
+    def _segments(self) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        """Start and direction of each segment as complex numbers, ``[n]`` each."""
+        starts, ends = (points @ _COMPLEX for points in self.ends_mm)
+        return starts, ends - starts
+
+    def covers(self, points_mm: Floats) -> NDArray[np.bool_]:
+        """Whether points ``[n, 2]`` are on it; ``[n]``."""
+        starts, directions = self._segments
+        offsets = (points_mm @ _COMPLEX)[:, None] - starts
+        fraction = np.clip((offsets * directions.conj()).real / np.maximum(np.abs(directions) ** 2, 1e-9), 0.0, 1.0)
+        distance = np.abs(offsets - fraction * directions)
+        covered: NDArray[np.bool_] = distance.min(1) <= self.width_mm / 2
+        return covered
+
+
+@dataclass(frozen=True)
+class Field:
+    """Coloured rectangle or ellipse on the floor. Raises TwinError if a value is invalid.
+
+    Attributes:
+        at_mm: its centre.
+        size_mm: size along x and y, before rotation.
+        round: whether it is an ellipse of that size.
+    """
+
+    at_mm: Point
+    size_mm: Point
+    color: str = "red"
+    heading_deg: float = 0.0
+    round: bool = False
+
+    def __post_init__(self) -> None:
+        _check(self.color, "a field", self.size_mm, 2, (self.at_mm, (self.heading_deg, 0.0)))
+
+    def covers(self, points_mm: Floats) -> NDArray[np.bool_]:
+        """Whether points ``[n, 2]`` are on it; ``[n]``."""
+        yaw = -math.radians(self.heading_deg)
+        turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
+        scaled = np.abs((points_mm - np.array(self.at_mm)) @ turn) / (np.array(self.size_mm) / 2)
+        covered: NDArray[np.bool_] = (scaled**2).sum(-1) <= 1.0 if self.round else scaled.max(-1) <= 1.0
+        return covered
+
+
+@dataclass(frozen=True)
+class Wall:
+    """Wall between two points. Raises TwinError if a value is invalid."""
+
+    from_mm: Point
+    to_mm: Point
+    height_mm: float = 100.0
+    thickness_mm: float = 16.0
+    color: str = "red"
+
+    def __post_init__(self) -> None:
+        _check(self.color, "a wall", (self.height_mm, self.thickness_mm), 2, (self.from_mm, self.to_mm))
+        if self.from_mm == self.to_mm:
+            raise TwinError(f"scene: a wall from {self.from_mm} to the same point; give two")
+
+
+@dataclass(frozen=True)
+class Block:
+    """Block, or with ``round`` an upright cylinder, that is fixed or, with a mass, can be pushed. Raises TwinError if a value is
+    invalid.
+
+    Attributes:
+        at_mm: its centre.
+        size_mm: size along x and y, before rotation, and height.
+        mass_g: mass; ``None`` for a fixed block.
+        spread_mm: maximum random shift along x and y at the start of each episode; only with a mass.
+    """
+
+    at_mm: Point
+    size_mm: Size = (64.0, 64.0, 64.0)
+    color: str = "blue"
+    heading_deg: float = 0.0
+    mass_g: float | None = None
+    round: bool = False
+    spread_mm: Point = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        _check(self.color, "a block", self.size_mm, 3, (self.at_mm, self.spread_mm, (self.heading_deg, 0.0)))
+        if self.mass_g is not None and not (math.isfinite(self.mass_g) and self.mass_g > 0):
+            raise TwinError(f"scene: a block of {self.mass_g} g; give a positive mass, or None for one that stands still")
+        if min(self.spread_mm) < 0 or (self.mass_g is None and any(self.spread_mm)):
+            raise TwinError(f"scene: a spread of {self.spread_mm} mm; give 0 or more, and a mass to what is to be moved")
+
+
+@dataclass(frozen=True)
+class Ramp:
+    """Ramp that begins at the floor. Raises TwinError if a value is invalid.
+
+    Attributes:
+        at_mm: middle of its lower edge.
+        heading_deg: direction in which it rises.
+        length_mm: length on the floor; ``height_mm`` is that of its upper end.
+    """
+
+    at_mm: Point
+    length_mm: float = 400.0
+    width_mm: float = 300.0
+    height_mm: float = 60.0
+    heading_deg: float = 0.0
+    color: str = "light_grey"
+
+    def __post_init__(self) -> None:
+        size = (self.length_mm, self.width_mm, self.height_mm)
+        _check(self.color, "a ramp", size, 3, (self.at_mm, (self.heading_deg, 0.0)))
+
+
+@dataclass(frozen=True)
+class Lamp:
+    """Lamp, detected by ambient light sensors. Raises TwinError if a value is invalid.
+
+    Attributes:
+        at_mm: position and height.
+        light_pct: reading of a sensor that faces it from 300 mm away.
+    """
+
+    at_mm: Size
+    light_pct: float = 80.0
+
+    def __post_init__(self) -> None:
+        if not _are_numbers(self.at_mm, 3) or not 0.0 < self.light_pct <= 100.0:
+            raise TwinError(
+                f"scene: a lamp at {self.at_mm} of {self.light_pct} %; give a place (x, y, height) in mm, and up to 100 %"
+            )
+
+
+Mark = Line | Field
+Solid = Wall | Block | Ramp
+Object = Line | Field | Wall | Block | Ramp | Lamp
+
+
+def oval(length_mm: float, width_mm: float) -> tuple[Point, ...]:
+    """Points of a closed line with half circles as ends, of this total size, from the origin along x, then to the left."""
+    radius, straight = width_mm / 2, length_mm - width_mm
+    if straight < 0 or radius <= 0:
+        raise TwinError(f"scene: an oval of {length_mm} x {width_mm} mm; give a length of at least its width")
+    angles = np.linspace(-math.pi / 2, math.pi / 2, 25)
+    right = np.stack([straight / 2 + radius * np.cos(angles), radius + radius * np.sin(angles)], -1)
+    points = np.concatenate([[(0.0, 0.0)], right, right * (-1.0, -1.0) + (0.0, width_mm)])
+    return tuple((float(x), float(y)) for x, y in points)
+
+
+def _check(color: str, noun: str, sizes: tuple[float, ...], count: int, points: tuple[Point, ...]) -> None:
+    """Raise TwinError unless there is such a color, and so many positive sizes, and the points are pairs of numbers."""
+    if not isinstance(color, str) or color not in COLORS:
+        raise TwinError(f"scene: there is no color '{color}'; choose {', '.join(COLORS)}")
+    if not _are_numbers(sizes, count) or min(sizes) <= 0:
+        shown = ", ".join(map(str, sizes)) if isinstance(sizes, tuple | list) else sizes
+        raise TwinError(f"scene: {noun} of {shown} mm; give {counted(count, 'positive size')}")
+    if not isinstance(points, tuple | list) or not all(_are_numbers(point, 2) for point in points):
+        raise TwinError(f"scene: {noun} at {points}; give places (x, y) in mm and headings in degrees, all finite")
+
+
+def _are_numbers(values: Sequence[float], count: int) -> bool:
+    """Whether these are so many finite numbers, as a user's values may be of any type."""
+    try:
+        return len(values) == count and all(math.isfinite(value) for value in values)
+    except TypeError:
+        return False

@@ -1,0 +1,156 @@
+"""Physics of a twin: parameters that differ between real robots, and their ranges for domain randomization."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from brickhub.errors import TwinError
+from brickhub.files import write_durably
+
+if TYPE_CHECKING:
+    import numpy as np
+
+Range = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """Properties of one field of :class:`Physics`.
+
+    Attributes:
+        unit: unit of the value; "1" for a factor.
+        random_range: lowest and highest value of domain randomization.
+        allowed_range: lowest and highest allowed value.
+        source: source of the default and the range.
+    """
+
+    unit: str
+    random_range: Range
+    allowed_range: Range
+    source: str
+
+
+def _parameter(default: float, unit: str, random_range: Range, allowed_range: Range, source: str) -> Any:
+    return dataclasses.field(default=default, metadata={"parameter": Parameter(unit, random_range, allowed_range, source)})
+
+
+@dataclass(frozen=True)
+class Physics:
+    """Parameters of a twin; the defaults are a freshly charged robot on a smooth floor. Raises TwinError if a value is outside of
+    its allowed range.
+
+    Attributes:
+        battery_v: voltage of the battery, which limits the motors'.
+        friction_scale: factor on the friction between tyres and floor.
+        mass_scale: factor on all masses and inertias.
+        motor_friction_scale: factor on the dry friction inside the motors.
+        backlash_deg: backlash between motor and wheel, to either side.
+        encoder_resolution_deg: step of a motor's rotation sensor.
+        distance_noise_mm: standard deviation of the ultrasonic sensor at zero distance.
+        distance_noise_ratio: increase of this deviation per millimetre of distance.
+        tilt_noise_deg: standard deviation of pitch and roll.
+        gyro_noise_deg_s: standard deviation of each axis of the gyroscope.
+        acceleration_noise_mm_s2: standard deviation of each axis of the accelerometer.
+        color_noise_pct: standard deviation of the light reflected to a color sensor.
+        link_interval_ms: connection interval of Bluetooth; messages are transmitted at its ticks.
+        slope_deg: slope of the floor, uphill along x, the direction in which robots start.
+        side_load_g: mass fastened to the left side of the chassis, 6 modules from its centre of mass.
+        weak_motor_scale: factor on the torque per volt of the first motor of the description.
+    """
+
+    battery_v: float = _parameter(
+        8.0, "V", (7.2, 8.3), (6.0, 9.0), "two lithium cells, 8.3 V charged, 7.2 V nominal; the hub switches off at 6 V"
+    )
+    friction_scale: float = _parameter(1.0, "1", (0.7, 1.2), (0.05, 3.0), "estimate: rubber on wood, laminate, a dusty floor")
+    mass_scale: float = _parameter(1.0, "1", (0.9, 1.15), (0.3, 3.0), "parts are estimated; 10 % for cables and other bricks")
+    motor_friction_scale: float = _parameter(1.0, "1", (0.7, 1.5), (0.0, 5.0), "estimate: new and worn motors")
+    backlash_deg: float = _parameter(2.5, "deg", (0.0, 4.0), (0.0, 10.0), "estimate: gears of a medium motor, axle in its hole")
+    encoder_resolution_deg: float = _parameter(
+        1.0, "deg", (1.0, 1.0), (0.001, 10.0), "motors report whole degrees; the same in every motor, so never drawn"
+    )
+    distance_noise_mm: float = _parameter(1.0, "mm", (0.5, 3.0), (0.0, 50.0), "estimate: readings of a still wall")
+    distance_noise_ratio: float = _parameter(
+        0.004, "1", (0.002, 0.008), (0.0, 0.2), "estimate: a wall far off against one nearby"
+    )
+    tilt_noise_deg: float = _parameter(0.3, "deg", (0.1, 0.6), (0.0, 10.0), "estimate: a hub at rest")
+    gyro_noise_deg_s: float = _parameter(0.5, "deg/s", (0.2, 1.0), (0.0, 50.0), "estimate: a hub at rest")
+    acceleration_noise_mm_s2: float = _parameter(20.0, "mm/s2", (10.0, 50.0), (0.0, 2000.0), "estimate: a hub at rest")
+    color_noise_pct: float = _parameter(0.5, "%", (0.2, 1.5), (0.0, 20.0), "estimate: readings of a still sheet of paper")
+    link_interval_ms: float = _parameter(
+        15.0, "ms", (7.5, 50.0), (0.0, 4000.0), "Bluetooth LE: 7.5 ms to 4 s, computers give 7.5 to 50"
+    )
+    slope_deg: float = _parameter(0.0, "deg", (0.0, 0.0), (-30.0, 30.0), "a level floor; never drawn")
+    side_load_g: float = _parameter(0.0, "g", (0.0, 0.0), (0.0, 500.0), "nothing carried; never drawn")
+    weak_motor_scale: float = _parameter(1.0, "1", (1.0, 1.0), (0.1, 1.0), "equal motors; never drawn")
+
+    def __post_init__(self) -> None:
+        for name, parameter in PARAMETERS.items():
+            value, (low, high) = getattr(self, name), parameter.allowed_range
+            if not (math.isfinite(value) and low <= value <= high):
+                unit = "" if parameter.unit == "1" else f" {parameter.unit}"
+                raise TwinError(f"physics: {name} is {value}{unit}; give a value from {low} to {high}")
+
+    @classmethod
+    def from_dict(cls, data: object) -> Physics:
+        """Physics from a dict of parameters; others keep their defaults. Raises TwinError if a name is unknown, or a value is no
+        number or out of range."""
+        if not isinstance(data, dict):
+            raise TwinError('physics: this is not a table of names and numbers; give one such as {"battery_v": 7.4}')
+        for name, value in data.items():
+            if name not in PARAMETERS:
+                raise TwinError(f"physics: there is no parameter '{name}'; choose from {', '.join(PARAMETERS)}")
+            if not isinstance(value, (int, float)) or isinstance(value, bool):
+                raise TwinError(f"physics: {name} is {value!r}; give a number")
+        return cls(**data)
+
+
+def read_physics(path: Path) -> Physics:
+    """Read the parameters from a JSON file such as ``bricksrl twin fit`` writes. Raises TwinError if the file cannot be read, or
+    its content is invalid."""
+    try:
+        data = json.loads(path.read_bytes())
+    except OSError as error:
+        raise TwinError(
+            f"cannot read the physics in {path} ({error.strerror}); give a JSON file that `bricksrl twin fit` wrote"
+        ) from None
+    except (ValueError, RecursionError):
+        raise TwinError(f"{path} is not JSON; give a file that `bricksrl twin fit` wrote") from None
+    return Physics.from_dict(data)
+
+
+def write_physics(path: Path, physics: Physics) -> None:
+    """Write all parameters to a JSON file; its folder is created. Raises WriteError if that is impossible."""
+    write_durably(path, (json.dumps(dataclasses.asdict(physics), indent=2) + "\n").encode())
+
+
+PARAMETERS: dict[str, Parameter] = {field.name: field.metadata["parameter"] for field in dataclasses.fields(Physics)}
+"""Properties of every field of :class:`Physics`, by name."""
+
+
+@dataclass(frozen=True)
+class RandomPhysics:
+    """Sampler of a :class:`Physics` for every episode (domain randomization). Raises TwinError if the width is not in 0..1.
+
+    Attributes:
+        width: 1 draws each parameter uniformly from its whole range, 0 keeps the defaults.
+    """
+
+    width: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.width <= 1.0:
+            raise TwinError(f"random physics: width is {self.width}; give a value from 0 to 1")
+
+    def sample(self, rng: np.random.Generator) -> Physics:
+        """Draw the parameters."""
+        nominal, values = Physics(), {}
+        for name, parameter in PARAMETERS.items():
+            default = getattr(nominal, name)
+            low, high = (default + self.width * (bound - default) for bound in parameter.random_range)
+            values[name] = float(rng.uniform(low, high))
+        return Physics(**values)

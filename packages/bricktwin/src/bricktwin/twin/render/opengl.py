@@ -1,0 +1,289 @@
+"""Offscreen OpenGL renderer of virtual robots. Training never imports this."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import errno
+import importlib
+import os
+import shutil
+import sys
+import tempfile
+import weakref
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NoReturn, Self
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from brickhub.errors import RenderingUnavailableError, TwinError, message_of
+from brickhub.files import TEMPORARY_PREFIX, check_writable, writing
+from bricktwin.twin.mujoco_body import MujocoBody
+from bricktwin.twin.render.view import Box, MovingParts, aim, is_fixed_camera, is_opaque
+
+Image = NDArray[np.uint8]
+
+_REMEDY = "install one (Debian: apt install libegl1 libgl1-mesa-dri, or libosmesa6) or set MUJOCO_GL to one that works"
+_LIBRARIES = {"egl": ("libEGL.so.1",), "osmesa": ("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so")}
+_DISABLED = ("disable", "disabled", "off", "false", "0")
+"""Values of MUJOCO_GL that disable MuJoCo's rendering."""
+_MAX_GEOMS = 1000
+_PIXEL = np.dtype("V3")
+"""A pixel is copied as one value, several times as fast as by colour."""
+
+Decorate = Callable[[mujoco.MjvScene], None]
+"""Adds decorations to a scene before each rendering."""
+
+
+class Renderer:
+    """Renderer of a body, as seen by a camera.
+
+    With a fixed camera, the static background is drawn once; after that, only the part of the image with moving geometry is
+    redrawn. Without anti-aliasing and transparency, only the moving geometry is drawn there, and composited over the background
+    by depth.
+
+    Args:
+        body: the robot.
+        width, height: size of the image in pixels.
+        camera: name of a camera: "chase" follows the robot, "overview" is fixed; or a camera object, whose present pose is used
+            for each image.
+        decorate: adds decorations to the scene.
+        shadows: draw shadows; without a graphics card they take far longer than all the rest.
+        smooth: anti-aliasing; without a graphics card it doubles the time.
+
+    Raises:
+        RenderingUnavailableError: no OpenGL library works here.
+        TwinError: there is no such camera, or the image size is invalid.
+    """
+
+    def __init__(
+        self,
+        body: MujocoBody,
+        width: int = 320,
+        height: int = 240,
+        camera: str | mujoco.MjvCamera = "chase",
+        *,
+        decorate: Decorate | None = None,
+        shadows: bool = False,
+        smooth: bool = True,
+    ) -> None:
+        if not isinstance(body, MujocoBody):
+            raise TwinError(f"there is nothing to see of robot '{body.robot.name}', which has no MuJoCo model")
+        model = body.model
+        if width < 1 or height < 1:
+            raise TwinError(f"an image of {width} x {height} cannot be drawn; give positive sizes in pixels")
+        self._camera = _named_camera(model, camera) if isinstance(camera, str) else camera
+        self._decorate = decorate
+        self._body = body
+        self._option = mujoco.MjvOption()
+        self._scene = mujoco.MjvScene(model, maxgeom=_MAX_GEOMS)
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = shadows
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False
+        self._whole = Box(0, 0, width, height)
+        self._background: tuple[Image, NDArray[np.float32]] | None = None
+        self._moving: MovingParts | None = None
+        is_free = not isinstance(camera, str)
+        if not shadows and not is_free and decorate is None and is_fixed_camera(model, self._camera.fixedcamid):
+            self._moving = MovingParts(model, self._camera.fixedcamid, width, height, self._option.geomgroup)
+            self._is_composited = not smooth and is_opaque(model, self._option.geomgroup)
+        model.vis.global_.offwidth, model.vis.global_.offheight = width, height
+        model.vis.quality.offsamples = 4 if smooth else 0
+        self._gl, self._context = _open_context(model, width, height)
+        # OpenGL objects must be freed in their own context, or another context's objects of the same number would be freed.
+        self._free = weakref.finalize(self, _free_context, self._gl, self._context)
+        self._free.atexit = False  # the end of the process frees all of it
+
+    def render(self) -> Image:
+        """Draw the present image.
+
+        Returns:
+            RGB image, uint8 [height, width, 3].
+        """
+        if not self._free.alive:
+            raise TwinError("this renderer is closed; make a new one")
+        data = self._body.data
+        self._body.update_visuals()
+        self._gl.make_current()
+        if self._moving is None:
+            return self._draw(self._whole, mujoco.mjtCatBit.mjCAT_ALL)[0].copy()
+        if self._background is None:
+            self._background = self._draw(self._whole, mujoco.mjtCatBit.mjCAT_STATIC)
+        background, background_depth = self._background
+        image, box = background.copy(), self._moving.box(data)
+        if box.width and box.height:
+            part = slice(box.top, box.bottom), slice(box.left, box.right)
+            pixels, depth = self._draw(box, mujoco.mjtCatBit.mjCAT_DYNAMIC if self._is_composited else mujoco.mjtCatBit.mjCAT_ALL)
+            nearer = (depth < background_depth[part])[..., None] if self._is_composited else np.True_
+            np.copyto(image.view(_PIXEL)[part], pixels.view(_PIXEL), where=nearer)
+        return image
+
+    def _draw(self, box: Box, categories: int) -> tuple[Image, NDArray[np.float32]]:
+        """Part of the image and its depth, 0 (near) to 1; ``categories`` selects all, static or moving geometry."""
+        mujoco.mjv_updateScene(self._body.model, self._body.data, self._option, None, self._camera, categories, self._scene)
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = categories != mujoco.mjtCatBit.mjCAT_DYNAMIC
+        if self._decorate is not None:
+            self._decorate(self._scene)
+        aim(self._scene, box, self._whole.width, self._whole.height)
+        viewport, pixels = mujoco.MjrRect(0, 0, box.width, box.height), np.empty((box.height, box.width, 3), np.uint8)
+        depth = np.empty((box.height, box.width), np.float32)
+        # A buffer of exactly this size is cleared at once, a part of a larger one pixel by pixel.
+        mujoco.mjr_resizeOffscreen(box.width, box.height, self._context)
+        mujoco.mjr_render(viewport, self._scene, self._context)
+        mujoco.mjr_readPixels(pixels, depth, viewport, self._context)
+        return pixels[::-1], depth[::-1]
+
+    def close(self) -> None:
+        """Free the OpenGL context; closing twice does nothing."""
+        self._free()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+class VideoWriter:
+    """Writer of an mp4 file (H.264, playable in browsers), image by image; the file is renamed to ``path`` when complete. Raises
+    WriteError if it cannot be written.
+
+    Args:
+        path: path of the file; its folder is created.
+        fps: images per second.
+    """
+
+    def __init__(self, path: str | Path, fps: float) -> None:
+        self.path = Path(path)
+        check_writable(self.path)
+        self._fps = fps
+        self._file: Any = None
+        self._part: Path | None = None
+        self._size: tuple[int, ...] = ()
+
+    def add(self, frame: Image) -> None:
+        """Add an image, uint8 [height, width, 3]. Raises TwinError if its size differs from the first one's."""
+        if self._file is None:
+            self._open(frame)
+        if frame.shape != self._size or frame.dtype != np.uint8:
+            raise TwinError(f"a frame is {frame.dtype} {frame.shape}, the first was uint8 {self._size}; give frames of one size")
+        try:
+            self._file.send(np.ascontiguousarray(frame))
+        except (OSError, StopIteration):  # the encoder has ended
+            self._file = None
+            self._fail()
+
+    def _open(self, frame: Image) -> None:
+        import imageio_ffmpeg
+
+        with writing(self.path):
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            handle, name = tempfile.mkstemp(dir=self.path.parent, prefix=TEMPORARY_PREFIX, suffix=".mp4")
+        os.close(handle)
+        self._part, self._size = Path(name), frame.shape
+        self._file = imageio_ffmpeg.write_frames(
+            name,
+            (self._size[1], self._size[0]),
+            fps=self._fps,
+            codec="libx264",
+            quality=7,
+            macro_block_size=2,
+            ffmpeg_log_level="quiet",
+        )
+        self._file.send(None)
+
+    def close(self, *, complete: bool = True) -> None:
+        """Finish and rename the file, or delete it if it is not ``complete``; closing twice does nothing."""
+        file, self._file = self._file, None
+        if file is None or self._part is None:
+            return
+        try:
+            file.close()
+            if complete and not self._is_whole(self._part):
+                self._fail()
+            if complete:
+                self._part.chmod(0o644)
+                self._part.replace(self.path)
+        finally:
+            self._part.unlink(missing_ok=True)
+
+    @staticmethod
+    def _is_whole(path: Path) -> bool:
+        """Whether the encoder has written the table of the images, which comes last."""
+        with path.open("rb") as file:
+            file.seek(max(0, path.stat().st_size - 2**20))
+            return b"moov" in file.read()
+
+    def _fail(self) -> NoReturn:
+        with writing(self.path):
+            assert self._part is not None  # noqa: S101  the encoder has begun it
+            self._part.unlink(missing_ok=True)
+            is_full = shutil.disk_usage(self.path.parent).free < 2**20
+            code = errno.ENOSPC if is_full else errno.EIO
+            raise OSError(code, os.strerror(code) if is_full else "the encoder ended")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        self.close(complete=kind is None)
+
+
+def _named_camera(model: mujoco.MjModel, name: str) -> mujoco.MjvCamera:
+    camera = mujoco.MjvCamera()
+    camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
+    camera.fixedcamid = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, name)
+    if camera.fixedcamid < 0:
+        cameras = ", ".join(model.camera(index).name for index in range(model.ncam))
+        raise TwinError(f"there is no camera '{name}'; choose one of {cameras}")
+    return camera
+
+
+def _free_context(gl: Any, context: Any) -> None:
+    with contextlib.suppress(Exception):  # fails while the process ends and MuJoCo has closed the display: all of it is freed
+        gl.make_current()
+        context.free()
+        gl.free()
+
+
+def _open_context(model: mujoco.MjModel, width: int, height: int) -> tuple[Any, Any]:
+    """An OpenGL context and MuJoCo's rendering context in it."""
+    backend = os.environ.get("MUJOCO_GL", "").lower().strip() or _choose_backend()
+    if backend:
+        # MuJoCo's library reads this when it loads OpenGL's functions.
+        os.environ["MUJOCO_GL"] = backend
+    if backend in _DISABLED:
+        raise RenderingUnavailableError(f"nothing is drawn with MUJOCO_GL={backend}; unset it, or {_REMEDY}")
+    try:
+        module = importlib.import_module(f"mujoco.{backend}") if backend in ("egl", "osmesa", "glfw", "cgl") else mujoco
+        if not hasattr(module.GLContext, "_context"):
+            module.GLContext._context = None  # its destructor reads this, even if the constructor failed
+        gl = module.GLContext(width, height)
+        gl.make_current()
+        context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
+    except Exception as error:
+        # Libraries raise different errors: ImportError, AttributeError, RuntimeError, errors of ctypes or of GL.
+        name = backend or "the system's OpenGL"
+        raise RenderingUnavailableError(f"nothing can be drawn with {name} ({message_of(error, 120)}); {_REMEDY}") from error
+    mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, context)
+    return gl, context
+
+
+def _choose_backend() -> str:
+    """OpenGL library if the user named none; empty for MuJoCo's default."""
+    if not sys.platform.startswith("linux") or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
+        return ""
+    for backend, names in _LIBRARIES.items():
+        if any(_loads(name) for name in names):
+            return backend
+    raise RenderingUnavailableError(f"no OpenGL library is here to draw with; {_REMEDY}")
+
+
+def _loads(name: str) -> bool:
+    try:
+        ctypes.CDLL(name)
+    except OSError:
+        return False
+    return True

@@ -1,0 +1,111 @@
+"""Pose of a real robot from its sensors: joints from motor angles, chassis from the tilt, feet or wheels on the floor."""
+
+from __future__ import annotations
+
+import math
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from brickhub.robot import Motor
+from bricktwin.twin.models.mjcf import SHAPE_GROUP
+from bricktwin.twin.mujoco_body import MujocoBody
+
+_STEP_DEG = 15.0
+_MAX_STEPS = 8
+_TOLERANCE = 1e-5
+_STEP_RAD, _DIFFERENCE_RAD = 0.3, 1e-5
+"""Largest rotation of a joint per Gauss-Newton step, and step of its finite differences."""
+
+
+def sensed_qpos(body: MujocoBody, angles_deg: dict[str, float], tilt_deg: tuple[float, float]) -> NDArray[np.float64]:
+    """Positions of all joints of the model, solved from ``body``'s present ones, which are changed.
+
+    Args:
+        angles_deg: motor angles by name, at the output, as in Pybricks; whole turns are ignored.
+        tilt_deg: pitch (nose down positive) and roll (right side down positive), as reported by the hub.
+    """
+    model, data = body.model, body.data
+    motors = [motor for motor in body.robot.motors if motor.name in angles_deg]
+    joints = [model.joint(f"motor_{motor.port}") for motor in motors]
+    addresses = [int(joint.qposadr[0]) for joint in joints]
+    factors = np.array([_joint_per_output(model, motor) for motor in motors])
+    turns_deg = np.array([angles_deg[motor.name] for motor in motors]) - np.degrees(data.qpos[addresses]) / factors
+    turns_deg = (turns_deg + 180.0) % 360.0 - 180.0
+    passive = _passive_hinges(model, {int(joint.id) for joint in joints})
+    steps = max(1, math.ceil(np.abs(turns_deg).max(initial=0.0) / _STEP_DEG))
+    for _ in range(steps):  # in small steps, so that a linkage does not flip
+        data.qpos[addresses] += np.radians(turns_deg * factors) / steps
+        if passive:
+            _close_loops(model, data, passive)
+    if model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE:
+        _stand(model, data, tilt_deg)
+    qpos: NDArray[np.float64] = data.qpos.copy()
+    return qpos
+
+
+def _joint_per_output(model: mujoco.MjModel, motor: Motor) -> float:
+    """Degrees of a motor's joint per degree at its output; the model counts the shaft, clockwise positive."""
+    gear = float(model.actuator_gear[model.actuator(f"motor_{motor.port}").id, 0])
+    return motor.direction.value * 360.0 / motor.turn_deg / gear
+
+
+def _passive_hinges(model: mujoco.MjModel, driven: set[int]) -> list[int]:
+    """Position indices of passive hinges, which are neither driven nor backlash."""
+    if not model.neq:
+        return []
+    hinges = (joint for joint in range(model.njnt) if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE)
+    return [
+        int(model.jnt_qposadr[joint])
+        for joint in hinges
+        if joint not in driven and not model.joint(joint).name.startswith("backlash_")
+    ]
+
+
+def _close_loops(model: mujoco.MjModel, data: mujoco.MjData, passive: list[int]) -> None:
+    """Solve the passive hinges for the rods' lengths and the gear constraints, by Gauss-Newton."""
+    start = data.qpos[passive].copy()
+    for _ in range(_MAX_STEPS):
+        error = _gaps(model, data)
+        if np.abs(error).max() < _TOLERANCE:
+            return
+        slopes = np.empty((len(error), len(passive)))
+        for column, address in enumerate(passive):
+            data.qpos[address] += _DIFFERENCE_RAD
+            slopes[:, column] = (_gaps(model, data) - error) / _DIFFERENCE_RAD
+            data.qpos[address] -= _DIFFERENCE_RAD
+        step = np.linalg.lstsq(slopes, -error, rcond=1e-6)[0]
+        data.qpos[passive] += np.clip(step, -_STEP_RAD, _STEP_RAD)
+    if np.abs(_gaps(model, data)).max() > 100 * _TOLERANCE:
+        data.qpos[passive] = start  # not converged: keep the previous pose
+
+
+def _gaps(model: mujoco.MjModel, data: mujoco.MjData) -> NDArray[np.float64]:
+    """Residuals: each rod's change of length (m), and each coupled joint's deviation, weighted by 0.01."""
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    mujoco.mj_tendon(model, data)
+    followers = np.flatnonzero(model.eq_type == mujoco.mjtEq.mjEQ_JOINT)
+    gaps = np.empty(model.ntendon + len(followers))
+    gaps[: model.ntendon] = data.ten_length - model.tendon_length0
+    for row, number in enumerate(followers, model.ntendon):
+        follower, leader = (model.jnt_qposadr[ids[number]] for ids in (model.eq_obj1id, model.eq_obj2id))
+        target = np.polyval(model.eq_data[number, 4::-1], data.qpos[leader] - model.qpos0[leader])
+        gaps[row] = 0.01 * (data.qpos[follower] - model.qpos0[follower] - target)
+    return gaps
+
+
+def _stand(model: mujoco.MjModel, data: mujoco.MjData, tilt_deg: tuple[float, float]) -> None:
+    """Tilt the chassis, and put the robot's lowest drawn point on the floor."""
+    pitch, roll = (math.radians(angle) / 2 for angle in tilt_deg)
+    quaternion = np.empty(4)
+    pitch_quaternion = np.array([math.cos(pitch), 0.0, math.sin(pitch), 0.0])
+    mujoco.mju_mulQuat(quaternion, pitch_quaternion, np.array([math.cos(roll), math.sin(roll), 0.0, 0.0]))
+    data.qpos[0:7] = (0.0, 0.0, 1.0, *quaternion)
+    mujoco.mj_kinematics(model, data)
+    drawn = np.flatnonzero((model.body_weldid[model.geom_bodyid] != 0) & (model.geom_group != SHAPE_GROUP))
+    middle, half = model.geom_aabb[drawn, :3], model.geom_aabb[drawn, 3:]
+    frames = data.geom_xmat[drawn].reshape(-1, 3, 3)
+    lowest = data.geom_xpos[drawn, 2] + (frames[:, 2] * middle).sum(1) - (np.abs(frames[:, 2]) * half).sum(1)
+    data.qpos[2] -= float(lowest.min())

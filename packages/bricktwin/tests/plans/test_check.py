@@ -1,0 +1,140 @@
+"""Check of plans."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections import Counter
+
+import pytest
+from plan_lines import BEAM, PLANS, ROBOTS, findings_of, pin
+from plan_mutants import mutant
+
+from bricktwin.plans import ldraw_file
+from bricktwin.plans.plan import make_plan, read_plan
+
+_COUNT = re.compile(r"^0 !BRICKSRL PARTS .*\n", re.MULTILINE)
+SEEDS = {"two_wheeler": 56, "walker": 32, "robo_arm": 32}
+FRAME = "1 72 0 20 0 1 0 0 0 1 0 0 0 1 32316.dat"
+HELD = (BEAM, FRAME, pin(0, 10, 20), pin(0, 10, -20))
+
+
+def line(number: str, x: float, y: float, z: float, matrix: str = "1 0 0 0 1 0 0 0 1") -> str:
+    """A line that places a part."""
+    return f"1 4 {x} {y} {z} {matrix} {number}.dat"
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_our_plans_pass_check(robot):
+    plan = read_plan(PLANS / f"{robot}.ldr")
+    assert findings_of(plan) == []
+    assert 30 <= len(plan.parts) <= 250
+    assert plan.robot is not None
+
+
+def test_two_beams_on_two_pins_pass(findings):
+    assert findings(*HELD) == []
+
+
+@pytest.mark.parametrize(
+    ("lines", "kind", "number", "says"),
+    [
+        ((*HELD, line("12345", 0, 0, 0)), "unknown part", 5, "part 12345 (once) is not in the catalogue"),
+        ((*HELD, "0 !BRICKSRL PARTS 5"), "count", 0, "says PARTS 5, but places 4"),
+        ((*HELD, line("2780", 99, 0, 0)), "loose", 5, "not connected to the main body"),
+        (HELD[:3], "half-held", 2, "can swing or slide; connect it at a second place"),
+        ((*HELD[:3], pin(0, -10, -20)), "half-held", 4, "goes into one part only"),
+        ((*HELD[:3], pin(0, 20, -20)), "half-held", 4, "only 4.0 mm are inside"),
+        ((*HELD, FRAME), "collision", 5, "is inside Beam 5 (32316) of line 2"),
+        ((*HELD, line("60483", 0, -20, 40), pin(0, -10, 40)), "misfit", 6, "a pin does not go into an axle hole"),
+        ((*HELD, line("54696p02", 0, 60, 0)), "wiring", 0, "has no hub"),
+    ],
+)
+def test_each_mistake_has_its_line(findings, lines, kind, number, says):
+    found = [one for one in findings(*lines) if one.name == kind and one.line == number]
+    assert any(says in one.detail for one in found), findings(*lines)
+
+
+def test_free_beam_is_allowed(findings):
+    assert findings(BEAM, "0 !BRICKSRL FREE", FRAME, pin(0, 10, 20)) == []
+
+
+def _gears(distance: float, shift: float = 0.0) -> list[str]:
+    """Two axles in a base plate with a gear of 24 teeth each."""
+    along_y = "1 0 0 0 0 1 0 -1 0"
+    lines = [line("39369", 0, 0, 0)]
+    for x, y in ((0.0, 0.0), (distance, shift)):
+        lines += [
+            line("3705", x, -10, 0, "0 -1 0 1 0 0 0 0 1"),
+            line("3713", x, 20, 0, along_y),
+            line("3648b", x, -20 - y, 0, along_y),
+        ]
+    return [
+        "0 !BRICKSRL FREE" if text.endswith("3705.dat") else text
+        for text in lines
+        for text in ([text] if not text.endswith("3705.dat") else ["0 !BRICKSRL FREE", text])
+    ]
+
+
+def test_gears_at_correct_distance_mesh(findings):
+    assert [one for one in findings(*_gears(60)) if one.name == "gears"] == []
+
+
+def test_misplaced_gears_are_found(findings):
+    far = [one.detail for one in findings(*_gears(66)) if one.name == "gears"]
+    beside = [one.detail for one in findings(*_gears(60, 10)) if one.name == "gears"]
+    assert len(far) == len(beside) == 1
+    assert "are 2.4 mm too far apart" in far[0]
+    assert "meet over only" in beside[0]
+
+
+def test_enclosed_part_is_found(findings):
+    # A beam lies between two others that are pinned together outside it, before it comes.
+    frame = line("39794", 0, 0, 0)
+    inner = line("32316", 0, 0, 0)
+    lid, floor = line("39369", 0, -20, 0), line("39369", 0, 20, 0)
+    pins = [pin(x, y, z) for y in (-10, 10) for x, z in ((60, 100), (-60, 100), (60, -100))]
+    text = [one.detail for one in findings(frame, floor, *pins[3:], "0 STEP", lid, *pins[:3], "0 STEP", inner)]
+    assert any("has no free path to its place" in one for one in text)
+
+
+def test_unconnected_part_is_found(findings):
+    found = findings(BEAM, "0 STEP", FRAME, "0 STEP", *HELD[2:])
+    assert [(one.name, one.line) for one in found] == [("step", 3)]
+
+
+@pytest.mark.parametrize("number", ["67718", "2780", "3648b"])
+def test_a_thousand_parts_in_one_place_are_found_in_seconds(findings, number):
+    started = time.process_time()
+    found = findings(*[line(number, 0, 0, 0)] * 1000)
+    assert {"collision"} <= {one.name for one in found}
+    assert len(found) < 2500
+    assert time.process_time() - started < 30
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_mutants_are_found(robot):
+    """At least 95 % of mistakes of eight kinds; those without a changed part count and without loose parts are excluded."""
+    text = (PLANS / f"{robot}.ldr").read_text(encoding="utf-8")
+    missed = []
+    for seed in range(SEEDS[robot]):
+        one = mutant(text, seed)
+        if not findings_of(make_plan(ldraw_file.parse(one.text, "mutant.ldr"))):
+            missed.append(one)
+    assert len(missed) <= 0.05 * SEEDS[robot], Counter(one.kind for one in missed)
+    assert all(one.kind == "steps swapped" for one in missed), missed
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_missing_part_is_mostly_found(robot):
+    text = _COUNT.sub("", (PLANS / f"{robot}.ldr").read_text(encoding="utf-8"))
+    mutants = [mutant(text, seed) for seed in range(0, 80, 8)]
+    found = sum(bool(findings_of(make_plan(ldraw_file.parse(one.text, "mutant.ldr")))) for one in mutants)
+    assert found >= 5
+
+
+def test_only_ball_of_arm_is_red() -> None:
+    # The camera task finds the ball by its colour.
+    assert all(placed.colour != 4 for placed in read_plan(PLANS / "robo_arm.ldr").parts)

@@ -1,0 +1,97 @@
+"""LEGO sets with the parts of a plan."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import pytest
+from plan_lines import BEAM, PLANS, plan_of
+
+from bricktwin.plans.plan import read_plan
+from bricktwin.plans.sets import needs, purchases, sets
+
+HUB = "1 15 0 0 0 1 0 0 0 1 0 0 0 1 67718.dat"
+LARGE = "1 15 0 0 900 1 0 0 0 1 0 0 0 1 54675.dat"
+RACK = "1 15 0 0 1800 1 0 0 0 1 0 0 0 1 87761.dat"
+UNKNOWN = "1 15 0 0 2700 1 0 0 0 1 0 0 0 1 99999.dat"
+EXAMPLE = PLANS.parents[3] / "examples" / "13_front_steered.ldr"
+PATHS = [PLANS / f"{name}.ldr" for name in ("two_wheeler", "walker", "robo_arm")] + [EXAMPLE]
+
+
+@pytest.mark.parametrize(
+    ("path", "lines"),
+    [
+        (PATHS[0], ["45678 SPIKE Prime: 36 of 36 parts"]),
+        (
+            PATHS[1],
+            [
+                "45678 SPIKE Prime and 45681 SPIKE Prime expansion: 82 of 84 parts; add 2 x Medium angular motor (45603)",
+                "45678 SPIKE Prime: 70 of 84 parts; add 2 x Medium angular motor (45603), 12 x Pin (3673)",
+            ],
+        ),
+        (PATHS[3], ["45678 SPIKE Prime: 32 of 33 parts; add 1 x Axle 12 (3708)"]),
+    ],
+    ids=lambda value: getattr(value, "stem", ""),
+)
+def test_sets_for_our_plans(path, lines):
+    found = [str(one) for one in purchases(read_plan(path))]
+    assert [line for line in found if line in lines] == lines
+
+
+def test_arm_needs_parts_besides_two_sets():
+    first, second, *_ = purchases(read_plan(PATHS[2]))
+    assert [one.number for one in first.sets + second.sets] == ["45678", "45560", "45678", "45681"]
+    assert first.missing == {"spike-medium": 2, "94925": 4, "18938": 1, "18939": 1}
+    assert second.missing == {"spike-medium": 2, "94925": 4, "3648b": 2, "43857": 1}
+
+
+@pytest.mark.parametrize("path", PATHS, ids=lambda path: path.stem)
+def test_sets_and_what_is_added_are_what_a_plan_needs(path):
+    plan = read_plan(path)
+    needed = needs(plan)
+    assert needed.total() == len(plan.parts)
+    for one in purchases(plan):
+        have = sum((chosen.parts for chosen in one.sets), Counter())
+        assert one.missing + one.uncompared == needed - have
+        assert one.present == (needed & have).total()
+
+
+def test_set_without_parts_list_compares_devices_only():
+    (found,) = [one for one in purchases(plan_of(HUB, LARGE, BEAM)) if one.sets[0].number == "51515"]
+    assert str(found) == "51515 MINDSTORMS Robot Inventor: 1 of 3 parts; 1 not compared; add 1 x Large angular motor (45602)"
+
+
+def test_second_set_must_add_a_part():
+    pairs = {one.sets[1].number for one in purchases(plan_of(HUB, LARGE, RACK)) if len(one.sets) == 2}
+    assert pairs == {"45681"}
+
+
+def test_unknown_part_is_named_and_not_bought():
+    lines = [str(one) for one in purchases(plan_of(HUB, UNKNOWN, UNKNOWN))]
+    assert lines[0] == "45678 SPIKE Prime: 1 of 3 parts; 2 not compared (not in the catalogue: 99999)"
+
+
+def test_devices_are_named_first_and_many_kinds_are_shortened():
+    kinds = ("3003", "3648b", "3649", "10928", "2905", "10197", "98989", "99010")
+    lines = [f"1 15 0 0 {900 * place} 1 0 0 0 1 0 0 0 1 {number}.dat" for place, number in enumerate(kinds, 2)]
+    alone = next(one for one in purchases(plan_of(HUB, LARGE, LARGE, *lines)) if len(one.sets) == 1)
+    assert "add 1 x Large angular motor (45602), 1 x" in str(alone)
+    assert str(alone).endswith(") and 1 more of other kinds")
+
+
+def test_plan_without_hub_lists_no_set():
+    assert purchases(plan_of(BEAM, LARGE)) == []
+
+
+def test_moulds_and_assemblies_count_as_the_parts_of_a_set():
+    """A notched axle serves for a plain one; a rim with its tyre is two parts; the hub's colour does not matter."""
+    lines = ("3704", "56145c01", "45601", "6558", "42924")
+    needed = needs(plan_of(*(f"1 15 0 0 {900 * place} 1 0 0 0 1 0 0 0 1 {number}.dat" for place, number in enumerate(lines))))
+    assert needed == {"32062": 1, "56145": 1, "44309": 1, "prime": 1, "6558": 2}
+
+
+def test_inventories():
+    """All parts are in the catalogue, with as many as the sources say."""
+    totals = {one.number: one.parts.total() for one in sets()}
+    assert totals == {"45678": 469, "51515": 7, "45681": 558, "17101": 3, "31313": 543, "45544": 462, "45560": 736}
+    assert [one.number for one in sets() if not one.is_listed] == ["51515", "17101"]

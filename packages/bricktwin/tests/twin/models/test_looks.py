@@ -1,0 +1,108 @@
+"""Robots with LDraw looks: same physics."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from ldraw_library import placed, write_library, write_robot_parts
+
+from brickhub.errors import RenderingUnavailableError
+from brickhub.robot import Robot
+from bricktwin.robots import ROBO_ARM, TWO_WHEELER, WALKER
+from bricktwin.twin import ldraw
+from bricktwin.twin.models import lego, looks
+from bricktwin.twin.models.mjcf import LOOKS_GROUP
+from bricktwin.twin.mujoco_body import MujocoBody
+from bricktwin.twin.physics import Physics
+from bricktwin.twin.render.opengl import Image, Renderer
+from bricktwin.twin.scene import OPEN_FLOOR
+
+
+@pytest.fixture
+def no_library(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("LDRAWDIR", raising=False)
+    monkeypatch.setattr(ldraw, "_SYSTEM_FOLDERS", ())
+
+
+def body(robot: Robot) -> MujocoBody:
+    return MujocoBody(robot, OPEN_FLOOR, Physics(), 0)
+
+
+def motion(robot: MujocoBody) -> bytes:
+    """Positions after half a second with all motors on."""
+    for port in [motor.port for motor in robot.robot.motors]:
+        robot.set_voltage(port, 5000)
+    robot.advance_to(500)
+    return robot.data.qpos.tobytes() + robot.data.qvel.tobytes()
+
+
+@pytest.mark.usefixtures("no_library")
+@pytest.mark.parametrize("robot", [TWO_WHEELER, WALKER, ROBO_ARM], ids=lambda robot: robot.name)
+def test_looks_do_not_change_physics(robot: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    ours = body(robot)
+    monkeypatch.setenv("LDRAWDIR", str(write_robot_parts(tmp_path)))
+    theirs = body(robot)
+    windows = [
+        i for i in range(theirs.model.ngeom) if theirs.model.geom(i).matid >= 0 and _material(theirs.model, i) == "#10c02080"
+    ]
+    assert [int(theirs.model.geom_group[i]) for i in windows] == [LOOKS_GROUP], "the hub's green window"
+    assert theirs.model.nmesh != ours.model.nmesh or theirs.model.nmeshvert != ours.model.nmeshvert
+    for name in ("body_mass", "body_inertia", "body_ipos", "body_iquat", "dof_armature"):
+        assert np.array_equal(getattr(ours.model, name), getattr(theirs.model, name)), name
+    assert motion(ours) == motion(theirs)
+
+
+def _material(model: mujoco.MjModel, geom: int) -> str:
+    return str(model.material(int(model.geom_matid[geom])).name)
+
+
+@pytest.mark.usefixtures("no_library")
+def test_looks_change_picture(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def picture() -> Image:
+        with Renderer(body(TWO_WHEELER), 160, 120, "portrait") as renderer:
+            return renderer.render()
+
+    try:
+        ours = picture()
+    except RenderingUnavailableError as error:
+        pytest.skip(str(error))
+    monkeypatch.setenv("LDRAWDIR", str(write_robot_parts(tmp_path)))
+    theirs = picture()
+    assert _green(ours) == 0
+    assert _green(theirs) > 50, "the hub's window"
+
+
+def _green(image: Image) -> int:
+    red, green, blue = (image[..., channel].astype(int) for channel in range(3))
+    return int(((green > red + 40) & (green > blue + 40)).sum())
+
+
+@pytest.mark.usefixtures("no_library")
+def test_ldraw_part_matches_position(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for part in (lego.hub, lego.ultrasonic_sensor, lego.medium_motor):
+        monkeypatch.delenv("LDRAWDIR", raising=False)
+        ours = np.concatenate([shape.points for _, shape in part().shapes])
+        monkeypatch.setenv("LDRAWDIR", str(tmp_path if (tmp_path / "p").exists() else write_robot_parts(tmp_path)))
+        dressed = part()
+        assert len(dressed.shapes) < 3, "a box, and perhaps a window"
+        theirs = np.concatenate([shape.points for _, shape in dressed.shapes])
+        assert (theirs.min(axis=0) + theirs.max(axis=0)) / 2 == pytest.approx((ours.min(axis=0) + ours.max(axis=0)) / 2, abs=1e-6)
+        for _, shape in dressed.shapes:
+            corners = shape.points[shape.faces]
+            across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+            assert np.einsum("ij,ij->i", across, shape.normals[shape.faces[:, 0]]).min() > 0, "normals point outwards"
+
+
+@pytest.mark.usefixtures("no_library")
+def test_ldraw_part_of_other_size_is_rejected(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    ours = lego.hub()
+    root = write_library(tmp_path, **{"67718p01": "0 BFC CERTIFY CCW\n" + placed("box8.dat", size=(40, 40, 40))})
+    monkeypatch.setenv("LDRAWDIR", str(root))
+    assert [colour for colour, _ in lego.hub().shapes] == [colour for colour, _ in ours.shapes]
+    assert "unknown size" in caplog.text
+    assert looks.from_library("no such part", "white", ours) is ours

@@ -1,0 +1,167 @@
+"""Motion logs."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bricksrl.envs import get_task
+from brickhub.errors import TwinError
+from brickhub.hub.link.lockstep import HubLink
+from brickhub.hub.program.generate import generate
+from bricktwin.robots import ROBOTS, TWO_WHEELER
+from bricktwin.twin.make_body import make_body
+from bricktwin.twin.motion_log import RunLog, identification_commands, identification_interface, read_log, record, write_log
+from brickhub.virtual.transport import VirtualHub
+
+
+@pytest.fixture(scope="module")
+def log() -> RunLog:
+    interface = identification_interface(TWO_WHEELER)
+    commands = identification_commands(interface, 30, np.random.default_rng(0))
+    with HubLink(VirtualHub(make_body(TWO_WHEELER)), TWO_WHEELER, interface) as link:
+        return record(link, TWO_WHEELER, interface, commands)
+
+
+def assert_equal(one: RunLog, other: RunLog) -> None:
+    for field in dataclasses.fields(RunLog):
+        assert np.array_equal(getattr(one, field.name), getattr(other, field.name)), field.name
+
+
+def test_log_has_commands_answers_hub_time(log: RunLog) -> None:
+    assert log.robot == "two-wheeler"
+    assert log.program_hash == generate(TWO_WHEELER, log.interface).hash
+    assert log.commands.shape == (30, 2)
+    assert log.channels.shape == (31, 6)
+    assert (np.diff(log.times_ms) >= 50).all()
+    assert not log.commands[:16].any(), "the robot rests at first"
+    assert log.commands[16:].any(axis=1).all()
+
+
+@pytest.mark.parametrize("robot", ROBOTS.values(), ids=lambda robot: robot.name)
+def test_every_robot_has_a_log_interface(robot) -> None:
+    interface = identification_interface(robot)
+    generate(robot, interface)
+    commands = identification_commands(interface, 120, np.random.default_rng(1))
+    high = np.array([command.high for command in interface.commands])
+    assert (np.abs(commands) <= high).all()
+    assert (np.abs(commands) == high).mean(axis=0).min() > 0.3, "much of it at full speed"
+    assert not commands.sum(axis=0).any(), "there and back"
+
+
+def test_motion_log_round_trip(log: RunLog, tmp_path: Path) -> None:
+    write_log(tmp_path / "log.jsonl", log)
+    assert_equal(read_log(tmp_path / "log.jsonl"), dataclasses.replace(log, gaps_ms=log.gaps_ms.round(3)))
+    header = json.loads((tmp_path / "log.jsonl").read_text().splitlines()[0])
+    assert (header["robot"], header["program"]) == ("two-wheeler", f"{log.program_hash:08x}")
+
+
+def test_log_that_an_editor_saved_is_read(log: RunLog, tmp_path: Path) -> None:
+    write_log(tmp_path / "log.jsonl", log)
+    text = (tmp_path / "log.jsonl").read_text()
+    (tmp_path / "saved.jsonl").write_bytes(f"{text}\n".replace("\n", "\r\n").encode("utf-8-sig"))
+    assert_equal(read_log(tmp_path / "saved.jsonl"), read_log(tmp_path / "log.jsonl"))
+
+
+def test_drive_base_tasks_can_be_logged(tmp_path: Path) -> None:
+    task = get_task("RunAway-v0")
+    with HubLink(VirtualHub(make_body(task.robot, scene=task.scene)), task.robot, task.interface) as link:
+        log = record(link, task.robot, task.interface, [[-50.0], [30.0]])
+    write_log(tmp_path / "log.jsonl", log)
+    assert_equal(read_log(tmp_path / "log.jsonl"), dataclasses.replace(log, gaps_ms=log.gaps_ms.round(3)))
+    assert log.channels[1, 4] > log.channels[0, 4]
+
+
+@pytest.mark.parametrize(
+    "harm",
+    [
+        lambda lines: [],
+        lambda lines: lines[:1],
+        lambda lines: ["{}", *lines[1:]],
+        lambda lines: [lines[0].replace('"bricksrl_log": 1', '"bricksrl_log": 9'), *lines[1:]],
+        lambda lines: [lines[0].replace("RunAngle", "Teleport"), *lines[1:]],
+        lambda lines: [*lines[:-1], lines[-1][:20]],
+        lambda lines: [*lines[:-1], lines[-1].replace('"channels": [', '"channels": [1.0, ')],
+        lambda lines: [lines[0], *lines[:0:-1]],
+        lambda lines: [*lines[:-1], json.dumps(json.loads(lines[-1]) | {"time_ms": np.inf})],
+        lambda lines: [*lines[:-1], json.dumps(json.loads(lines[-1]) | {"command": [np.nan, 0.0]})],
+        lambda lines: ["[" * 100_000, *lines[1:]],
+    ],
+)
+def test_damaged_log_raises(log: RunLog, tmp_path: Path, harm) -> None:
+    path = tmp_path / "log.jsonl"
+    write_log(path, log)
+    path.write_text("\n".join(harm(path.read_text().splitlines())))
+    with pytest.raises(TwinError, match="cannot read the log") as caught:
+        read_log(path)
+    assert "\n" not in str(caught.value)
+    with pytest.raises(TwinError, match="cannot read the log"):
+        read_log(tmp_path / "nothing.jsonl")
+
+
+def _header(**values: object) -> Callable[[list[str]], list[str]]:
+    return lambda lines: [json.dumps(json.loads(lines[0]) | values), *lines[1:]]
+
+
+def _line_5(**values: object) -> Callable[[list[str]], list[str]]:
+    return lambda lines: [*lines[:4], json.dumps(json.loads(lines[4]) | values), *lines[5:]]
+
+
+def _command(**values: object) -> Callable[[list[str]], list[str]]:
+    return lambda lines: _header(commands=[part | values for part in json.loads(lines[0])["commands"]])(lines)
+
+
+@pytest.mark.parametrize(
+    ("harm", "reason"),
+    [
+        (lambda lines: [], "it has no header and no readings"),
+        (lambda lines: lines[:1], "it has no header and no readings"),
+        (lambda lines: ["[]", *lines[1:]], "line 1 is not a table of names and values"),
+        (lambda lines: [*lines[:4], "3", *lines[5:]], "line 5 is not a table of names and values"),
+        (lambda lines: [lines[0], "", *lines[1:3], "{", *lines[4:]], "line 5 is not a table of names and values"),
+        (lambda lines: [*lines[:4], "9" * 5000, *lines[5:]], "line 5 is not a table of names and values"),
+        (lambda lines: ["{}", *lines[1:]], "it has no header"),
+        (_header(bricksrl_log=9), "format 9 is unknown"),
+        (_header(robot=["two-wheeler"]), "the header's robot is not a text"),
+        (_header(program=3), "the header's program is not a hash"),
+        (_header(program="zz"), "the header's program is not a hash"),
+        (_header(commands="ab"), "the header's commands are not a list"),
+        (_header(settle=None), "the header's settle is not a table of names and values"),
+        (_command(kind="Teleport"), "there is no command or channel 'Teleport'"),
+        (_command(kind=[]), "there is no command or channel []"),
+        (_command(kind="Command"), "there is no command or channel 'Command'"),
+        (_command(speed_ms=3), "RunAngle cannot be made of motor, low, high, speed_deg_s, speed_ms"),
+        (_command(speed_deg_s="fast"), "speed_deg_s is 'fast'; give a whole number"),
+        (_command(motor=1), "motor is 1; give a text"),
+        (_line_5(command=[1.0]), "line 5 has no 2 numbers as command"),
+        (_line_5(command=["1.0", "2.0"]), "line 5 has no 2 numbers as command"),
+        (_line_5(command=[[1.0], [2.0]]), "line 5 has no 2 numbers as command"),
+        (_line_5(command=[10**400, 0]), "line 5 has no 2 numbers as command"),
+        (_line_5(channels=None), "line 5 has no 6 numbers as channels"),
+        (_line_5(gap_ms=None), "line 5 has no gap_ms of 0 or more"),
+        (_line_5(gap_ms=-5.0), "line 5 has no gap_ms of 0 or more"),
+        (_line_5(time_ms="noon"), "line 5 has no whole number as time_ms"),
+        (_line_5(time_ms=10**30), "line 5 has no whole number as time_ms"),
+        (_line_5(time_ms=0), "time runs backwards in line 5"),
+    ],
+)
+def test_error_says_what_is_wrong_with_a_log(log: RunLog, tmp_path: Path, harm, reason: str) -> None:
+    """In words of the log, not of Python."""
+    path = tmp_path / "log.jsonl"
+    write_log(path, log)
+    path.write_text("\n".join(harm(path.read_text().splitlines())))
+    with pytest.raises(TwinError) as caught:
+        read_log(path)
+    assert str(caught.value) == f"cannot read the log {path} ({reason}); give a file that `bricksrl twin record` wrote"
+
+
+@pytest.mark.parametrize("content", [bytes(range(256)), '{"bricksrl_log": 1}\n{}'.encode("utf-16")])
+def test_other_file_is_no_log(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "log.jsonl").write_bytes(content)
+    with pytest.raises(TwinError, match=r"\(line [12] is not a table of names and values\)"):
+        read_log(tmp_path / "log.jsonl")

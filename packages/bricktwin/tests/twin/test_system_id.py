@@ -1,0 +1,90 @@
+"""System identification with hidden parameters."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from bricksrl.envs import get_task
+from brickhub.errors import TwinError
+from brickhub.hub.interface import Interface
+from brickhub.hub.link.lockstep import HubLink
+from brickhub.robot import Robot
+from bricktwin.robots import TWO_WHEELER
+from bricktwin.twin.make_body import make_body
+from bricktwin.twin.motion_log import RunLog, identification_commands, identification_interface, record
+from bricktwin.twin.physics import PARAMETERS, Physics
+from bricktwin.twin.system_id import FITTED, fit, replay
+from brickhub.virtual.transport import VirtualHub
+
+HIDDEN = Physics(
+    battery_v=7.3, friction_scale=0.8, motor_friction_scale=1.4, mass_scale=1.1, backlash_deg=1.2, gyro_noise_deg_s=0.8
+)
+# Recovered parameters are within this share of the range that randomisation draws from.
+TOLERANCE = 0.25
+
+
+def recorded(physics: Physics, steps: int, robot: Robot = TWO_WHEELER, interface: Interface | None = None) -> RunLog:
+    interface = interface or identification_interface(robot)
+    commands = identification_commands(interface, steps, np.random.default_rng(0))
+    with HubLink(VirtualHub(make_body(robot, physics=physics, seed=3)), robot, interface) as link:
+        return record(link, robot, interface, commands)
+
+
+@pytest.fixture(scope="module")
+def log() -> RunLog:
+    return recorded(HIDDEN, 160)  # as many steps as `bricksrl twin record` makes
+
+
+def test_true_parameters_reproduce_motion(log: RunLog) -> None:
+    """Replayed commands have recorded times: the noiseless angles match exactly."""
+
+    def off_deg(physics: Physics) -> np.ndarray:
+        return (replay(log, physics)[:, :2] - log.channels[:, :2] + 180.0) % 360.0 - 180.0
+
+    assert not off_deg(HIDDEN).any()
+    assert np.sqrt((off_deg(Physics()) ** 2).mean()) > 5.0
+
+
+def test_drive_base_moves_are_replayed() -> None:
+    task = get_task("RunAway-v0")
+    physics = Physics(distance_noise_mm=0, distance_noise_ratio=0)
+    with HubLink(VirtualHub(make_body(task.robot, scene=task.scene, physics=physics)), task.robot, task.interface) as link:
+        log = record(link, task.robot, task.interface, [[-80.0], [50.0], [-100.0]])
+    assert np.abs(replay(log, physics)[:, 4] - log.channels[:, 4]).max() < 15.0
+
+
+@pytest.mark.slow
+def test_hidden_parameters_are_found(log: RunLog) -> None:
+    found = fit(log)
+    for name in ("left_angle", "right_angle", "yaw_rate"):
+        assert found.error_after[name] < found.error_before[name] / 2, name
+    assert set(found.identified) | set(found.unidentified) == set(FITTED)
+    assert {"battery_v", "motor_friction_scale", "mass_scale", "backlash_deg"} <= set(found.identified)
+    for name in found.identified:
+        off = abs(getattr(found.physics, name) - getattr(HIDDEN, name))
+        assert off < TOLERANCE * np.ptp(PARAMETERS[name].random_range), name
+    for name in found.unidentified:
+        assert getattr(found.physics, name) == getattr(Physics(), name)
+
+
+def test_noise_is_estimated_at_rest() -> None:
+    noisy = Physics(gyro_noise_deg_s=2.0, tilt_noise_deg=1.0)
+    commands = np.zeros((150, 2))
+    interface = identification_interface(TWO_WHEELER)
+    with HubLink(VirtualHub(make_body(TWO_WHEELER, physics=noisy, seed=1)), TWO_WHEELER, interface) as link:
+        found = fit(record(link, TWO_WHEELER, interface, commands), names=("battery_v",))
+    assert found.physics.gyro_noise_deg_s == pytest.approx(2.0, rel=0.2)
+    assert found.physics.tilt_noise_deg == pytest.approx(1.0, rel=0.2)
+    assert found.identified == {}, "a robot at rest does not tell its battery"
+    assert found.physics.battery_v == Physics().battery_v
+
+
+def test_unidentifiable_parameters_are_reported(log: RunLog) -> None:
+    with pytest.raises(TwinError, match="does not tell encoder_resolution_deg"):
+        fit(log, names=("encoder_resolution_deg",))
+    short = dataclasses.replace(log, commands=log.commands[:5], gaps_ms=log.gaps_ms[:5])
+    with pytest.raises(TwinError, match="5 steps"):
+        fit(short)
