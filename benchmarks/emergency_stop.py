@@ -20,12 +20,12 @@ from pathlib import Path
 
 from machine import command, write
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "hub"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "packages/brickhub/tests/hub"))
 from ble_world import World  # type: ignore[import-not-found]
 
-from bricksrl.errors import StoppedError
 from brickhub.hub.interface import Interface, MotorAngle, RunAngle, Wait
 from brickhub.hub.link.lockstep import HubLink
+from bricksrl.errors import StoppedError
 
 INTERVALS_MS = (7.5, 15.0, 30.0, 45.0)
 TRIALS = 30

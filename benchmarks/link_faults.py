@@ -21,7 +21,7 @@ from typing import Any
 
 from machine import command, write
 
-TESTS = Path(__file__).parent.parent / "tests" / "hub"
+TESTS = Path(__file__).parents[1] / "packages/brickhub/tests/hub"
 _COUNTED = ("faults", "phases", "errors")
 _SUMMED = ("transitions", "grown")
 _LONGEST = (

@@ -14,10 +14,10 @@ from collections import Counter
 
 from machine import command, write
 
-from bricksrl.errors import HubProtocolError
 from brickhub.hub.protocol import UP_PAYLOAD_BYTES, DataFrame, FrameDecoder, Up, control_frame, data_frame, hello_payload
 from brickhub.hub.transports import cobs
 from brickhub.hub.transports.profile import parse_capabilities, parse_event, parse_hub_kind, parse_version
+from bricksrl.errors import HubProtocolError
 
 PAYLOAD_BYTES = 16
 

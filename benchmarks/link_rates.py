@@ -19,14 +19,14 @@ from typing import Any
 import numpy as np
 from machine import command, write
 
-from bricksrl.envs import get_task
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.link.streaming import StreamingLink
 from brickhub.hub.protocol import Up, control_frame, data_frame, hello_payload
 from brickhub.hub.transport import HubProgram
+from bricksrl.envs import get_task
 from bricktwin.robots import TWO_WHEELER, WALKER
 
-TESTS = Path(__file__).parent.parent / "tests" / "hub"
+TESTS = Path(__file__).parents[1] / "packages/brickhub/tests/hub"
 INTERVALS_MS = (7.5, 15.0, 30.0, 45.0)
 SECONDS = 4.0
 OVERHEAD_EXCHANGES = 5000

@@ -24,9 +24,9 @@ from typing import Any
 
 import numpy as np
 
+from brickhub.entry import Entry
 from bricksrl.data.episode import About, Step
 from bricksrl.data.schema import Description
-from brickhub.entry import Entry
 
 KILLS_PER_FOLDER = 20
 LONGEST_S = 0.15

@@ -10,14 +10,14 @@ from pathlib import Path
 
 import pytest
 
+from brickhub.finding import Outcome
+from brickhub.virtual import run_file
 from bricksrl.envs.env_checker import check_env
 from bricksrl.envs.registry import _BUILT_IN, get_task
 from bricksrl.errors import RenderingUnavailableError
 from bricksrl.evaluation.film import FilmOptions, film_run
-from brickhub.finding import Outcome
 from bricksrl.training import TrainConfig, train
 from bricktwin.twin.make_body import make_body
-from brickhub.virtual import run_file
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 DRIVING_LINES = 35  # the whole file of a driving robot with its task, its body and its floor

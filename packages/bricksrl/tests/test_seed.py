@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from brickhub.seed import LARGEST_SEED, check_seed
 from bricksrl import TrainConfig, evaluate, make
 from bricksrl.data.collect import collect, random_policy
 from bricksrl.data.edit import split
 from bricksrl.errors import DescriptionError
 from bricksrl.evaluation.tuning import Tuning, tune
-from brickhub.seed import LARGEST_SEED, check_seed
 from bricktwin.twin.system_id import fit
 
 NOWHERE = Path("nowhere")

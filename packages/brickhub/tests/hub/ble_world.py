@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from described import TWO_WHEELER
 from played_hub import PlayedHub
 from radio import Fault, Radio
 
@@ -16,7 +17,6 @@ from brickhub.hub.interface import Interface, MotorAngle, RunAngle, Wait
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.transports.ble import BleTransport
 from brickhub.robot import Robot
-from bricktwin.robots import TWO_WHEELER
 
 NAME = "Pybricks Hub"
 LONG_RUN = Interface(

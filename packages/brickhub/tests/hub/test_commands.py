@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from described import ROBO_ARM, TWO_WHEELER
 
-from bricksrl.envs.registry import get_task
 from brickhub.errors import DescriptionError
 from brickhub.finding import Outcome
 from brickhub.hub.diagnostics.preflight import check_robot
@@ -41,9 +41,9 @@ from brickhub.hub.program.lint import lint
 from brickhub.hub.program.validate import validate
 from brickhub.hub.transport import Pipe
 from brickhub.robot import HubKind
-from bricktwin.robots import ROBO_ARM, TWO_WHEELER
-from bricktwin.twin.make_body import make_body
 from brickhub.virtual.transport import VirtualHub
+from bricksrl.envs.registry import get_task
+from bricktwin.twin.make_body import make_body
 
 TECHNIC = replace(TWO_WHEELER, name="technic", hub=HubKind.TECHNIC, motors=tuple(
     replace(motor, port=port) for motor, port in zip(TWO_WHEELER.motors, "AB", strict=True)

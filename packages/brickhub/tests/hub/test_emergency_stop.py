@@ -9,6 +9,7 @@ from contextlib import contextmanager
 
 import pytest
 from ble_world import BOUND_S, World, bounded
+from described import TWO_WHEELER
 from radio import ATT_WRITE_REQUEST, ATT_WRITE_RESPONSE
 from stand_in import SPINNING
 
@@ -19,9 +20,8 @@ from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.link.states import LinkState
 from brickhub.hub.link.streaming import StreamingLink
 from brickhub.hub.transports.profile import Command
-from bricktwin.robots import TWO_WHEELER
-from bricktwin.twin.make_body import make_body
 from brickhub.virtual.transport import VirtualHub
+from bricktwin.twin.make_body import make_body
 
 pytestmark = pytest.mark.realtime
 

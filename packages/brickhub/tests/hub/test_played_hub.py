@@ -8,6 +8,7 @@ from collections.abc import Iterator
 
 import bleak
 import pytest
+from described import TWO_WHEELER
 from hub_firmware import Refusal
 from played_hub import PlayedHub
 from radio import Radio
@@ -15,7 +16,6 @@ from radio import Radio
 from brickhub.hub.program.compile import compile_mpy, program_blob
 from brickhub.hub.transports.profile import Command, CommandError, Status, StatusReport, parse_capabilities, parse_event
 from brickhub.robot import HubKind
-from bricktwin.robots import TWO_WHEELER
 
 pytestmark = pytest.mark.realtime
 

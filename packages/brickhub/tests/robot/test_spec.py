@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from brickhub import robot as robots
+from bricktwin import robots
 from brickhub.errors import DescriptionError, UnknownNameError
 from brickhub.robot import Chassis, DriveBase, HubKind, Motor, MotorKind, Mount, Robot, UltrasonicSensor
 from bricktwin.robots import ROBOTS

@@ -45,7 +45,7 @@ def test_larger_stacks_hold_more_calls() -> None:
 
 
 def test_page_says_how_many() -> None:
-    text = " ".join((Path(__file__).parents[2] / "docs" / "virtual_hub.md").read_text(encoding="utf-8").split())
+    text = " ".join((Path(__file__).parents[4] / "docs" / "virtual_hub.md").read_text(encoding="utf-8").split())
     assert all(re.search(rf"\b{most_nested_calls(hub)} on an? {hub.value.capitalize()}\b", text) for hub in HubKind)
 
 

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from described import TWO_WHEELER
 
-from bricksrl.envs.registry import get_task
-from bricksrl.envs.tasks.run_away import RUN_AWAY
 from brickhub.errors import HubError
 from brickhub.hub.link.lockstep import HubLink, LinkState
-from bricktwin.robots import TWO_WHEELER
-from bricktwin.twin.make_body import make_body
 from brickhub.virtual import transport
 from brickhub.virtual.pace import Pace
 from brickhub.virtual.transport import VirtualHub
+from bricksrl.envs.registry import get_task
+from bricksrl.envs.tasks.run_away import RUN_AWAY
+from bricktwin.twin.make_body import make_body
 
 ON_A_ROBOT = ("RunAway-v0", "Spinning-v0", "Walker-v0", "RoboArm-v0")
 

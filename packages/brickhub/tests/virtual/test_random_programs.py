@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-SCRIPT = Path(__file__).parents[2] / "benchmarks" / "firmware_programs.py"
+SCRIPT = Path(__file__).parents[4] / "benchmarks" / "firmware_programs.py"
 FIRMWARE = f"""#!{sys.executable}
 import sys
 from brickhub.virtual import run_file

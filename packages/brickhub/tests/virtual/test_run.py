@@ -9,16 +9,16 @@ from typing import Any
 
 import pytest
 
-from brickhub import robot as robots
+from bricktwin import robots
 from brickhub.errors import ProgramError, TwinError
 from brickhub.robot import BENCH
-from bricktwin.twin.make_body import make_body
 from brickhub.virtual.bench_body import BenchBody
 from brickhub.virtual.given_readings import parse_reading
 from brickhub.virtual.machine import Machine
 from brickhub.virtual.pace import Pace
 from brickhub.virtual.panel import Panel, parse_press
 from brickhub.virtual.run import Operation, run_file
+from bricktwin.twin.make_body import make_body
 
 
 def run(

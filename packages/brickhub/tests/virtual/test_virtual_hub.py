@@ -9,15 +9,15 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+from described import TWO_WHEELER
 
 from brickhub.errors import HubError, HubProgramError, SceneError, TwinError
 from brickhub.hub.transport import HubModule, HubProgram
 from brickhub.robot import BENCH
-from bricktwin.robots import TWO_WHEELER
+from brickhub.virtual.transport import VirtualHub
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.physics import Physics
 from bricktwin.twin.scene import Scene
-from brickhub.virtual.transport import VirtualHub
 
 ECHO = """
 from usys import stdin, stdout

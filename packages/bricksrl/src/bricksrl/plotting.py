@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import contextlib
-import importlib
 import io
-import os
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bricksrl.errors import DescriptionError
 from brickhub.files import write_durably
+from bricksrl.errors import DescriptionError
+from bricktwin.drawing import import_matplotlib
 
 if TYPE_CHECKING:
     import numpy as np
@@ -38,21 +35,6 @@ def new_figure(width_in: float = 8.0, height_in: float = 4.5) -> Figure:
     figure = Figure(figsize=(width_in, height_in), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
-
-
-def import_matplotlib() -> None:
-    """Import Matplotlib, even if ``MPLBACKEND`` names an unavailable window system, as no window is opened."""
-    if "matplotlib" in sys.modules:
-        return
-    backend = os.environ.pop("MPLBACKEND", None)
-    try:
-        matplotlib = importlib.import_module("matplotlib")
-        if backend is not None:
-            with contextlib.suppress(ValueError):
-                matplotlib.rcParams["backend"] = backend
-    finally:
-        if backend is not None:
-            os.environ["MPLBACKEND"] = backend
 
 
 def check_picture(path: Path | str) -> Path:

@@ -15,6 +15,7 @@ import pytest
 from small import ENV, SIGHT
 from toys import Cart
 
+from brickhub.fields import check_value
 from bricksrl.agents import AGENTS, PRESETS, algorithm, make_learner, preset
 from bricksrl.agents.imitation.act import ACTSettings
 from bricksrl.agents.presets import values
@@ -22,7 +23,6 @@ from bricksrl.agents.sac import SACSettings
 from bricksrl.agents.settings import Positive, Range, Settings
 from bricksrl.agents.td3 import TD3Settings
 from bricksrl.errors import DescriptionError, UnknownNameError
-from brickhub.fields import check_value
 
 OF_ALL = [
     {"learning_rate": 0.0},

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from bricksrl.cli import doctor, main
-from bricksrl.errors import HubError
 from brickhub.finding import Outcome
 from brickhub.hub.errors import BluetoothUnavailableError
 from brickhub.hub.transports import bluetooth
+from bricksrl.cli import doctor, main
+from bricksrl.errors import HubError
 
 
 def test_doctor_answers_on_this_computer(capfd) -> None:
@@ -26,7 +26,7 @@ def test_doctor_answers_on_this_computer(capfd) -> None:
 
 
 def test_json(capfd, monkeypatch) -> None:
-    monkeypatch.setattr(doctor, "CHECKS", {"disk": doctor.check_disk, "bad": lambda: (Outcome.ERROR, "it is; mend it")})
+    monkeypatch.setattr(doctor.Doctor, "checks", {"disk": doctor.check_disk, "bad": lambda: (Outcome.ERROR, "it is; mend it")})
     assert main(("doctor", "--json")) == 1
     told = json.loads(capfd.readouterr().out)
     assert told["ok"] is False
@@ -37,7 +37,7 @@ def test_doctor_never_hangs_or_raises(capfd, monkeypatch) -> None:
     def broken() -> doctor.Answer:
         raise RuntimeError("a library\nof another time")
 
-    monkeypatch.setattr(doctor, "CHECKS", {"slow": lambda: time.sleep(20), "broken": broken})
+    monkeypatch.setattr(doctor.Doctor, "checks", {"slow": lambda: time.sleep(20), "broken": broken})
     start_s = time.monotonic()
     assert main(("doctor", "--timeout-s", "0.3")) == 1
     assert time.monotonic() - start_s < 5.0

@@ -10,18 +10,18 @@ from pathlib import Path
 
 import pytest
 
+from brickhub.hub.errors import HubNotFoundError
+from brickhub.hub.link.lockstep import HubLink
+from brickhub.virtual.transport import VirtualHub
 from bricksrl.cli import main
 from bricksrl.envs import get_task
 from bricksrl.envs.connection import Connection
 from bricksrl.envs.env import HubEnv
 from bricksrl.envs.odometry import SonarOdometer
-from brickhub.hub.errors import HubNotFoundError
-from brickhub.hub.link.lockstep import HubLink
 from bricksrl.training import TrainConfig, train
 from bricktwin.twin.make_body import make_body
-from brickhub.virtual.transport import VirtualHub
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
+EXAMPLES = Path(__file__).parents[4] / "examples"
 
 
 def test_stdout_has_json_only(bricksrl, trained):

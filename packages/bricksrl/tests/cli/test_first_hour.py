@@ -14,8 +14,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bricksrl.cli import main
 from brickhub.cli.app import run
+from brickhub.robot import Motor, PoweredUpSensor, SensorKind
+from bricksrl.cli import main
 from bricksrl.cli.new import write_template
 from bricksrl.cli.video import film_before_and_after
 from bricksrl.data.edit import read_index
@@ -23,11 +24,10 @@ from bricksrl.envs.registry import get_task
 from bricksrl.envs.trust import trust
 from bricksrl.errors import DescriptionError, RunError, TwinError, WriteError
 from bricksrl.policies import load_policy
-from brickhub.robot import Motor, PoweredUpSensor, SensorKind
 from bricksrl.training import RunFolder, TrainConfig, train
 from bricktwin.twin.render.opengl import VideoWriter
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
+EXAMPLES = Path(__file__).parents[4] / "examples"
 OWN = f"""
 import sys
 from dataclasses import replace

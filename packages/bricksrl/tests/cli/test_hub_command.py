@@ -11,8 +11,8 @@ import time
 
 import pytest
 
-from bricksrl.envs import get_task
 from brickhub.hub.program.generate import generate
+from bricksrl.envs import get_task
 
 
 def test_program_equals_generated_one(bricksrl):

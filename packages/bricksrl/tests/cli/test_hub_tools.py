@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from bricksrl.cli import main
 from brickhub.virtual import transport
+from bricksrl.cli import main
 
 pytestmark = pytest.mark.realtime
 

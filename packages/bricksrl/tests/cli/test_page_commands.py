@@ -9,9 +9,9 @@ from contextlib import closing
 
 import pytest
 
+from brickhub.cli.app import parse
 from bricksrl import make
 from bricksrl.cli import main
-from brickhub.cli.app import parse
 from bricksrl.cli.page import Drive, Play, _in_terminal, has_screen
 from bricksrl.errors import HubError
 from bricksrl.policies.named import Player

@@ -51,7 +51,7 @@ def test_study_ignores_no_option(command: StudyCommand, says: str) -> None:
 
 
 def test_benchmark_study_uses_results(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    benchmarks = Path(__file__).parents[2] / "benchmarks"
+    benchmarks = Path(__file__).parents[4] / "benchmarks"
     StudyCommand("datasets", folder=tmp_path / "study", benchmarks=benchmarks).execute()
     page = tmp_path / "study" / "study.md"
     assert str(page) in capsys.readouterr().out and "-69.12" in page.read_text()

@@ -17,8 +17,11 @@ import pytest
 import torch
 from videos import read_video
 
-from bricksrl.cli import main
 from brickhub.cli.app import parse
+from brickhub.hub.errors import HubNotFoundError
+from brickhub.hub.transport import Pipe
+from brickhub.virtual.transport import VirtualHub
+from bricksrl.cli import main
 from bricksrl.cli.progress import LineProgress, clock, sparkline
 from bricksrl.cli.train import Train
 from bricksrl.cli.video import filmed_env, report
@@ -26,11 +29,8 @@ from bricksrl.data import load
 from bricksrl.envs import make
 from bricksrl.errors import RunError
 from bricksrl.evaluation import evaluate
-from brickhub.hub.errors import HubNotFoundError
-from brickhub.hub.transport import Pipe
 from bricksrl.training import RunFolder
 from bricksrl.training.callbacks import RunResult
-from brickhub.virtual.transport import VirtualHub
 
 
 def test_train_prints_progress(trained):

@@ -6,7 +6,8 @@ import json
 
 import pytest
 
-from bricksrl.cli import main, twin
+from bricksrl.cli import main
+from bricktwin.cli import twin
 from bricksrl.training import RunFolder
 from bricktwin.twin import motion_log
 from bricktwin.twin.motion_log import read_log

@@ -14,7 +14,7 @@ from bricksrl.data import load
 from bricksrl.data.integrity import check
 from bricksrl.data.repair import recover
 
-KILL = runpy.run_path(str(Path(__file__).parents[2] / "benchmarks/record_kill.py"), run_name="kill")
+KILL = runpy.run_path(str(Path(__file__).parents[4] / "benchmarks/record_kill.py"), run_name="kill")
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason=f"there is no signal {int(signal.SIGINT)} like SIGKILL")

@@ -13,10 +13,10 @@ import pyarrow.parquet as pq
 import pytest
 from toy_data import SEEING, TOY, record, record_episode, steps
 
+from brickhub.entry import Entry
 from bricksrl.data import About, Recorder, load
 from bricksrl.data.images import encode
 from bricksrl.data.integrity import check
-from brickhub.entry import Entry
 from bricksrl.errors import DataError
 
 

@@ -13,11 +13,11 @@ from hub_server import TOKEN, Hub, serving
 from toy_data import SEEING, record
 
 import bricksrl
+from brickhub.files import writing
 from bricksrl.agents import preset
 from bricksrl.data import load
 from bricksrl.data.share import pull_dataset, push_dataset
 from bricksrl.errors import CheckpointError, DataError, WriteError
-from brickhub.files import writing
 from bricksrl.policies import load_policy, sharing
 from bricksrl.policies.sharing import export_policy, is_policy, pull_policy, push_policy
 from bricksrl.training import TrainConfig, train

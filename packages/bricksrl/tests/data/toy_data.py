@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from bricksrl.data import About, Description, Recorder, Step
 from brickhub.entry import Entry
+from bricksrl.data import About, Description, Recorder, Step
 
 TOY = Description(
     env="Toy-v0",

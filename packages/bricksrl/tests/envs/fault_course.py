@@ -21,15 +21,15 @@ from host_process import START_S, host_process
 from radio import ATT_NOTIFICATION, ATT_WRITE_REQUEST, ATT_WRITE_RESPONSE, SUPERVISION_TIMEOUT_S, Fault
 from tensordict import TensorDictBase
 
+from brickhub.hub.program import generate
+from brickhub.hub.program.generate import WATCHDOG_MS
+from brickhub.hub.transports.profile import Command, CommandError, Event
 from bricksrl.envs.connection import Connection
 from bricksrl.envs.env import HubEnv
 from bricksrl.envs.odometry import SonarOdometer
 from bricksrl.envs.rollout import link_lost, play
 from bricksrl.envs.task import Task
 from bricksrl.errors import HubError
-from brickhub.hub.program import generate
-from brickhub.hub.program.generate import WATCHDOG_MS
-from brickhub.hub.transports.profile import Command, CommandError, Event
 from bricktwin.robots import TWO_WHEELER
 
 ATT_READ_REQUEST = 0x0A

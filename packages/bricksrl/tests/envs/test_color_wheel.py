@@ -12,7 +12,7 @@ import torch
 import bricksrl
 from bricksrl.envs import get_task
 
-DOCUMENT = Path(__file__).parents[2] / "docs" / "virtual_hub.md"
+DOCUMENT = Path(__file__).parents[4] / "docs" / "virtual_hub.md"
 
 
 @pytest.fixture

@@ -21,16 +21,16 @@ from torchrl.envs import (
 )
 
 import bricksrl
+from brickhub.hub.errors import BluetoothUnavailableError, Reason
+from brickhub.hub.link.lockstep import HubLink
+from brickhub.virtual.transport import VirtualHub
 from bricksrl.envs.connection import Connection
 from bricksrl.envs.env import HubEnv
 from bricksrl.envs.odometry import SonarOdometer
 from bricksrl.envs.tasks.run_away import RUN_AWAY
 from bricksrl.envs.tasks.spinning import SPINNING
 from bricksrl.errors import BricksError, HubError
-from brickhub.hub.errors import BluetoothUnavailableError, Reason
-from brickhub.hub.link.lockstep import HubLink
 from bricktwin.twin.make_body import make_body
-from brickhub.virtual.transport import VirtualHub
 
 IDS = pytest.mark.parametrize("env_id", ["RunAway-v0", "Spinning-v0"])
 

@@ -9,13 +9,13 @@ import pytest
 import torch
 
 import bricksrl
+from brickhub.finding import Outcome
+from brickhub.hub.interface import Interface, MotorAngle, RunAngle, Wait
+from brickhub.robot import HubKind, Motor, Robot
 from bricksrl.envs.env_checker import check_env
 from bricksrl.envs.task import Task
 from bricksrl.envs.tasks.run_away import RUN_AWAY
 from bricksrl.envs.tasks.spinning import SPINNING
-from brickhub.finding import Outcome
-from brickhub.hub.interface import Interface, MotorAngle, RunAngle, Wait
-from brickhub.robot import HubKind, Motor, Robot
 
 MINE = replace(SPINNING, id="Mine-v0", doc="Spins.", max_steps=4)
 

@@ -1,4 +1,4 @@
-"""Motors of `WalkerSim-v1` against the firmware (tests/data/firmware_motion.json)."""
+"""Motors of `WalkerSim-v1` against the firmware (data/firmware_motion.json)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from bricksrl.envs.registry import get_task
 from bricksrl.envs.simulation import SimulatedEnv
 from bricksrl.errors import DescriptionError
 
-FIRMWARE = json.loads((Path(__file__).parents[1] / "data" / "firmware_motion.json").read_text())
+FIRMWARE = json.loads((Path(__file__).parents[3] / "brickhub/tests/virtual/data/firmware_motion.json").read_text())
 LAG_DEG = 2.0
 """Lag of the motor, and rounding to degrees."""
 SPEEDS, TURNS = st.floats(-600, 600), st.floats(-360, 360)

@@ -10,9 +10,9 @@ import torch
 from tensordict import TensorDict
 
 import bricksrl
+from brickhub.hub.link.states import LinkState
 from bricksrl.envs.env import HubEnv
 from bricksrl.errors import StoppedError
-from brickhub.hub.link.states import LinkState
 
 pytestmark = pytest.mark.realtime
 

@@ -11,18 +11,18 @@ import torch
 from tensordict import TensorDict
 
 import bricksrl
-from bricksrl.envs.env import HubEnv
-from bricksrl.envs.tasks.spinning import SPINNING
-from bricksrl.errors import DescriptionError, HubError
 from brickhub.hub.interface import Interface, MotorAngle, RunAngle, Wait
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.link.streaming import StreamingLink
 from brickhub.hub.program.generate import WATCHDOG_MS
 from brickhub.hub.transport import HubProgram, Pipe
+from brickhub.virtual.transport import VirtualHub
+from bricksrl.envs.env import HubEnv
+from bricksrl.envs.tasks.spinning import SPINNING
+from bricksrl.errors import DescriptionError, HubError
 from bricktwin.robots import TWO_WHEELER
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.physics import Physics
-from brickhub.virtual.transport import VirtualHub
 
 STEP_S = 0.1
 

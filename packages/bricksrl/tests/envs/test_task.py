@@ -12,13 +12,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import bricksrl
+from brickhub.hub.interface import Distance, DriveStraight, Interface, MotorAngle, UntilDone
 from bricksrl.envs.registry import get_task
 from bricksrl.envs.rollout import play_episodes
 from bricksrl.envs.task import SampledEntry, Task
 from bricksrl.envs.tasks.run_away import RUN_AWAY
 from bricksrl.envs.tasks.spinning import SPINNING
 from bricksrl.errors import DescriptionError
-from brickhub.hub.interface import Distance, DriveStraight, Interface, MotorAngle, UntilDone
 
 DISTANCES_MM = st.integers(0, 2000).map(float)
 RATES_DEG_S = st.integers(-3000, 3000).map(lambda tenths: tenths / 10)

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 import bricksrl
-from bricksrl.envs.user_files import load_robot, with_absolute_file
+from brickhub.user_files import with_absolute_file
+from bricksrl.envs.user_tasks import load_robot
 from bricksrl.errors import DescriptionError, UnknownNameError
 
 FILE = """

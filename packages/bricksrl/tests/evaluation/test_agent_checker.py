@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from bricksrl.evaluation.agent_checker import check_agent, is_agent
 from brickhub.finding import Outcome
+from bricksrl.evaluation.agent_checker import check_agent, is_agent
 
 OWN = """
 from dataclasses import dataclass, replace

@@ -18,7 +18,7 @@ from bricksrl.plotting import finish, new_figure, number
 from bricksrl.training import Episode, Phase, RunFolder, TrainConfig
 from bricksrl.training.curve import draw_learning_curve
 
-RESULTS = Path(__file__).parents[2] / "benchmarks/results"
+RESULTS = Path(__file__).parents[4] / "benchmarks/results"
 
 
 def write_run(path: Path, config: TrainConfig, returns: list[float], evaluation: float | None = None) -> Path:

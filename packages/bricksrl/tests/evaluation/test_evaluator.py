@@ -13,6 +13,7 @@ import torch
 from tensordict import TensorDictBase
 from toys import Cart
 
+from brickhub.hub.interface import Interface, Wait
 from bricksrl import make
 from bricksrl.agents.sac import SACSettings
 from bricksrl.cli.evaluate import describe
@@ -22,7 +23,6 @@ from bricksrl.evaluation import evaluate
 from bricksrl.evaluation.comparison import compare
 from bricksrl.evaluation.film import FilmOptions, film_run, side_by_side
 from bricksrl.evaluation.statistics import wilson_interval
-from brickhub.hub.interface import Interface, Wait
 from bricksrl.policies.sharing import export_policy
 from bricksrl.training import TrainConfig, train
 from bricktwin.twin.physics import Physics

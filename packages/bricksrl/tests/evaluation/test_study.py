@@ -296,7 +296,7 @@ def test_study_uses_benchmark_results_and_adds_missing(tmp_path: Path) -> None:
 
 def test_repository_results_build_tables() -> None:
     for study in BENCHMARK_STUDIES.values():
-        text = page(result_of(study, Path(__file__).parents[2] / "benchmarks/results"))
+        text = page(result_of(study, Path(__file__).parents[4] / "benchmarks/results"))
         assert text.count("\n| ") > 8
         assert all(script.quick is not None for script in study.scripts[:1])
 

@@ -9,13 +9,13 @@ from pathlib import Path
 import pytest
 import torch
 
+from brickhub.files import only_writer
 from bricksrl.agents import preset
 from bricksrl.agents.learner import Learner
 from bricksrl.errors import RunError, UnknownNameError
 from bricksrl.evaluation import tuning
 from bricksrl.evaluation.settings_text import read_settings
 from bricksrl.evaluation.tuning import BEST, Tuning, tune
-from brickhub.files import only_writer
 
 optuna = pytest.importorskip("optuna")
 

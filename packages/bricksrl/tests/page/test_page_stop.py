@@ -10,10 +10,10 @@ from browser import chromium, tab
 from radio import ATT_WRITE_REQUEST
 from test_emergency_stop import SLOW_STEP, Act, eventually, held, patient_link
 
-from bricksrl.errors import StoppedError
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.program import generate
 from brickhub.hub.transports.profile import Command
+from bricksrl.errors import StoppedError
 from bricksrl.page.live import LivePage
 
 pytestmark = pytest.mark.realtime

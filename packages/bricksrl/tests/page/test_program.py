@@ -11,15 +11,15 @@ from pathlib import Path
 
 import pytest
 
+from brickhub.robot import HubKind
+from brickhub.virtual.panel import Panel
+from brickhub.virtual.run import Operation, run_file
 from bricksrl.errors import PageError
 from bricksrl.page.program import ProgramPage
 from bricksrl.page.robot_view import panel_of
 from bricksrl.page.server import PageOptions
-from brickhub.robot import HubKind
 from bricktwin.robots import TWO_WHEELER
 from bricktwin.twin.make_body import make_body
-from brickhub.virtual.panel import Panel
-from brickhub.virtual.run import Operation, run_file
 
 PROGRAM = """
 from pybricks.hubs import TechnicHub

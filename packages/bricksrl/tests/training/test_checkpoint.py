@@ -10,7 +10,7 @@ import torch
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from bricksrl import files
+from brickhub import files
 from bricksrl.errors import CheckpointError
 from bricksrl.training.checkpoint import MAGIC, load_checkpoint, save_checkpoint
 

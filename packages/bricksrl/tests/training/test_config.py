@@ -11,10 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import bricksrl
+from brickhub.seed import LARGEST_SEED
 from bricksrl.agents import AGENTS, preset
 from bricksrl.agents.sac import SACSettings
 from bricksrl.errors import DescriptionError, RunError
-from brickhub.seed import LARGEST_SEED
 from bricksrl.training import TrainConfig
 
 

@@ -14,8 +14,8 @@ from pathlib import Path
 import pytest
 from test_run_loop import assert_same_run
 
-from bricksrl.agents import preset
 from brickhub.files import TEMPORARY_PREFIX
+from bricksrl.agents import preset
 from bricksrl.training import RunFolder, TrainConfig, resume, train
 from bricksrl.training.checkpoint import load_checkpoint
 

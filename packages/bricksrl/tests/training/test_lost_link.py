@@ -14,6 +14,8 @@ from test_run_loop import Recorder, ctrl_c, rows
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 from toys import Cart, LosingCart
 
+from brickhub.hub.link.lockstep import HubLink
+from brickhub.virtual.transport import VirtualHub
 from bricksrl.agents import make_learner
 from bricksrl.agents.ppo import PPOSettings
 from bricksrl.agents.sac import SACSettings
@@ -23,12 +25,10 @@ from bricksrl.envs.env import HubEnv
 from bricksrl.envs.odometry import SonarOdometer
 from bricksrl.envs.tasks.run_away import RUN_AWAY
 from bricksrl.errors import BricksError, HubError, HubTimeoutError
-from brickhub.hub.link.lockstep import HubLink
 from bricksrl.training import RunResult, TrainConfig, train
 from bricksrl.training.checkpoint import load_checkpoint
 from bricksrl.training.learner_side import InLoopLearner
 from bricktwin.twin.make_body import make_body
-from brickhub.virtual.transport import VirtualHub
 
 pytestmark = pytest.mark.realtime
 

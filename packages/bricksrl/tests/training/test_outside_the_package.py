@@ -13,14 +13,14 @@ import pytest
 import torch
 
 import bricksrl
-from bricksrl.data import load
 from brickhub.entry import Entry
+from brickhub.finding import Outcome
+from brickhub.hub.program.generate import generate
+from bricksrl.data import load
 from bricksrl.envs.env_checker import check_env
 from bricksrl.envs.trust import trust
 from bricksrl.errors import RunError
 from bricksrl.evaluation import evaluate
-from brickhub.finding import Outcome
-from brickhub.hub.program.generate import generate
 from bricksrl.policies import load_policy
 from bricksrl.policies.sharing import export_policy
 from bricksrl.training import TrainConfig, resume, train

@@ -21,7 +21,7 @@ from bricksrl.policies import load_policy
 from bricksrl.training import RunFolder, TrainConfig, resume, train
 from bricksrl.training.checkpoint import load_checkpoint
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "12_own_agent.py"
+EXAMPLE = Path(__file__).parents[4] / "examples" / "12_own_agent.py"
 
 REDQ = '''
 from dataclasses import dataclass

@@ -9,10 +9,10 @@ import pytest
 from plan_lines import solid_volume
 
 from brickhub.errors import UnknownNameError
+from brickhub.tables import read_table
 from bricktwin.plans import catalogue
 from bricktwin.plans.catalogue import part_notation
 from bricktwin.plans.part import DeviceKind, Fit, Part
-from brickhub.tables import read_table
 
 PARTS = catalogue.parts()
 

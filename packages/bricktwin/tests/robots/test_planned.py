@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from brickhub.errors import DescriptionError, PlanError
-from brickhub.robot import Direction, DriveBase, HubKind, Motor, MotorKind, Robot, UltrasonicSensor, plans
+from brickhub.robot import Direction, DriveBase, HubKind, Motor, MotorKind, Robot, UltrasonicSensor
+from bricktwin.robots import plans
 from bricktwin.robots import ROBO_ARM, TWO_WHEELER, WALKER
 from bricktwin.robots.planned import check_description, plan_file
 

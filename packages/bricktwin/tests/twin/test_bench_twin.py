@@ -12,12 +12,12 @@ from brickhub.hub.interface import Distance, Interface, MotorAngle, RunAngle, Se
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.program.generate import generate
 from brickhub.robot import Direction, HubKind, Motor, PoweredUpSensor, Robot, SensorKind, UltrasonicSensor
+from brickhub.virtual.pybricks import pupsensors
+from brickhub.virtual.transport import VirtualHub
 from bricktwin.robots import TWO_WHEELER, WALKER
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.physics import Physics, RandomPhysics
 from bricktwin.twin.scene import Scene
-from brickhub.virtual.pybricks import pupsensors
-from brickhub.virtual.transport import VirtualHub
 
 ROBOT = Robot(
     "crank",

@@ -11,7 +11,22 @@ import numpy as np
 import pytest
 
 from brickhub.errors import DescriptionError, TwinError
-from brickhub.robot import Chassis, Direction, DriveBase, HubKind, Motor, MotorKind, Mount, PoweredUpSensor, Robot, SensorKind, UltrasonicSensor
+from brickhub.robot import (
+    Chassis,
+    Direction,
+    DriveBase,
+    HubKind,
+    Motor,
+    MotorKind,
+    Mount,
+    PoweredUpSensor,
+    Robot,
+    SensorKind,
+    UltrasonicSensor,
+)
+from brickhub.virtual.firmware.control import OnCompletion
+from brickhub.virtual.machine import Machine
+from brickhub.virtual.stimuli import Sense
 from bricktwin.robots import TWO_WHEELER
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.models.mjcf import motor_constants
@@ -19,9 +34,6 @@ from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.objects import COLORS, Block, Field, Lamp, Line, Ramp, Wall, oval
 from bricktwin.twin.physics import Physics
 from bricktwin.twin.scene import OPEN_FLOOR, Scene
-from brickhub.virtual.firmware.control import OnCompletion
-from brickhub.virtual.machine import Machine
-from brickhub.virtual.stimuli import Sense
 
 QUIET = Physics(color_noise_pct=0.0, distance_noise_mm=0.0, distance_noise_ratio=0.0, tilt_noise_deg=0.0)
 ROVER = Robot(

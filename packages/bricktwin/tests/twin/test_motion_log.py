@@ -10,14 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bricksrl.envs import get_task
 from brickhub.errors import TwinError
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.program.generate import generate
+from brickhub.virtual.transport import VirtualHub
+from bricksrl.envs import get_task
 from bricktwin.robots import ROBOTS, TWO_WHEELER
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.motion_log import RunLog, identification_commands, identification_interface, read_log, record, write_log
-from brickhub.virtual.transport import VirtualHub
 
 
 @pytest.fixture(scope="module")

@@ -11,14 +11,14 @@ import pytest
 
 from brickhub.errors import TwinError
 from brickhub.robot import BENCH, HubKind, MotorKind, Robot
+from brickhub.virtual.bench_body import BenchBody
+from brickhub.virtual.transport import VirtualHub
 from bricktwin.robots import TWO_WHEELER
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.models.mjcf import motor_constants
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.physics import Physics, RandomPhysics
 from bricktwin.twin.scene import OPEN_FLOOR, Scene
-from brickhub.virtual.bench_body import BenchBody
-from brickhub.virtual.transport import VirtualHub
 
 QUIET = Physics(distance_noise_mm=0, distance_noise_ratio=0, tilt_noise_deg=0, gyro_noise_deg_s=0, acceleration_noise_mm_s2=0)
 LEFT, RIGHT, EYES = "E", "A", "C"

@@ -7,17 +7,17 @@ import dataclasses
 import numpy as np
 import pytest
 
-from bricksrl.envs import get_task
 from brickhub.errors import TwinError
 from brickhub.hub.interface import Interface
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.robot import Robot
+from brickhub.virtual.transport import VirtualHub
+from bricksrl.envs import get_task
 from bricktwin.robots import TWO_WHEELER
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.motion_log import RunLog, identification_commands, identification_interface, record
 from bricktwin.twin.physics import PARAMETERS, Physics
 from bricktwin.twin.system_id import FITTED, fit, replay
-from brickhub.virtual.transport import VirtualHub
 
 HIDDEN = Physics(
     battery_v=7.3, friction_scale=0.8, motor_friction_scale=1.4, mass_scale=1.1, backlash_deg=1.2, gyro_noise_deg_s=0.8

@@ -1,16 +1,14 @@
-"""Command-line options, for all commands: their annotations, the default folder of a run, the refusal of ignored options."""
+"""Command-line options, for all commands: their annotations, the refusal of ignored options."""
 
 from __future__ import annotations
 
 import dataclasses
 import typing
 from collections.abc import Container, Iterator
-from datetime import datetime
 from functools import partial
-from pathlib import Path
 from typing import Annotated, Any
 
-from tyro.conf import Positional, arg
+from tyro.conf import arg
 
 from brickhub.errors import DescriptionError
 
@@ -26,18 +24,6 @@ Flag = Annotated[bool, option()]
 """An option without a value."""
 JsonFlag = Annotated[bool, option(help="Print only one JSON object on standard output.")]
 """``--json``."""
-PageFlag = Annotated[bool, option(help="Show it live in the browser: the robot in 3D, curves, buttons, and sliders to drive it.")]
-"""``--page``."""
-EnvArgument = Annotated[Positional[str], option(metavar="ENV", help="Environment; `bricksrl list` shows them.")]
-"""Positional argument ``ENV``."""
-
-
-def run_folder(named: Path | None, env: str, agent: str, seed: int) -> Path:
-    """The folder that the user has named for a run; by default one with the run's and the time's name."""
-    from bricksrl.training.run_folder import file_name
-
-    time = datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
-    return named or Path("runs") / f"{file_name(env)}-{file_name(agent)}-{seed}-{time}"
 
 
 def changed_options(command: Any) -> Iterator[str]:

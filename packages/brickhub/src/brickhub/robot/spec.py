@@ -6,10 +6,13 @@ Sources of the hub table: Pybricks 4 documentation and firmware configuration.
 from __future__ import annotations
 
 import enum
+import functools
 import math
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar, TypeVar
+from importlib import metadata
+from typing import Any, ClassVar, TypeVar
 
 from brickhub.errors import DescriptionError
 from brickhub.fields import check_fields
@@ -91,7 +94,7 @@ class Motor:
         speed_limit_deg_s, acceleration_deg_s2, torque_limit_mnm: arguments of ``Motor.control.limits``; ``None`` keeps the
             firmware's default.
         zero_deg: output angle, after the hub is switched on, at which our angle is 0. It depends on how the motor is mounted;
-            `bricksrl hub calibrate` finds it.
+            `brickhub calibrate` finds it.
     """
 
     name: str
@@ -305,9 +308,7 @@ class Robot:
             object.__setattr__(self, field, tuple(value) if isinstance(value, list) else value)
         check_fields(Robot, vars(self))
         if self.plan is not None:
-            from bricktwin.robots.planned import completed
-
-            for field, value in zip(("motors", "sensors", "drive_base", "hub_sides"), completed(self), strict=True):
+            for field, value in zip(("motors", "sensors", "drive_base", "hub_sides"), _completion()(self), strict=True):
                 object.__setattr__(self, field, value)
         if not self.hub_sides:
             object.__setattr__(self, "hub_sides", HUB_FLAT)
@@ -356,6 +357,15 @@ class Robot:
     def sensor(self, name: str) -> Sensor:
         """The sensor of that name. Raises DescriptionError if the robot has no such sensor."""
         return _find_device(self, "sensor", self.sensors, name)
+
+
+@functools.cache
+def _completion() -> Callable[[Robot], tuple[Any, ...]]:
+    """Function that reads a robot's plan: the entry point ``complete`` of the group ``brickhub.plan``."""
+    for point in metadata.entry_points(group="brickhub.plan", name="complete"):
+        complete: Callable[[Robot], tuple[Any, ...]] = point.load()
+        return complete
+    raise DescriptionError("a building plan is read by bricktwin, which is not installed; run `pip install bricktwin`")
 
 
 def _check_device(device: Motor | Sensor) -> None:

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from described import ROBO_ARM, TWO_WHEELER
 from hypothesis import given
 from hypothesis import strategies as st
 
 from brickhub import robot as robots
-from bricksrl.envs.registry import get_task
 from brickhub.errors import DescriptionError, WriteError
 from brickhub.hub.diagnostics.calibration import (
     Calibration,
@@ -29,9 +29,9 @@ from brickhub.hub.diagnostics.survey import find_stops
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.program.generate import generate
 from brickhub.robot import Direction, Motor
-from bricktwin.robots import ROBO_ARM, TWO_WHEELER
-from bricktwin.twin.make_body import make_body
 from brickhub.virtual.transport import VirtualHub
+from bricksrl.envs.registry import get_task
+from bricktwin.twin.make_body import make_body
 
 ARM = get_task("RoboArm-v0").interface
 

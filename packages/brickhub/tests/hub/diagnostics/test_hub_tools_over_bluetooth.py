@@ -9,9 +9,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from ble_world import NAME, World
+from described import TWO_WHEELER
 
-from bricksrl.cli import main
-from bricksrl.envs.registry import get_task
 from brickhub.finding import Outcome
 from brickhub.hub.diagnostics.latency import measure
 from brickhub.hub.diagnostics.preflight import check_hub, check_robot
@@ -22,7 +21,8 @@ from brickhub.hub.transports.address import HubAddress
 from brickhub.hub.transports.profile import Command
 from brickhub.hub.transports.scan import scan
 from brickhub.robot import HubKind
-from bricktwin.robots import TWO_WHEELER
+from bricksrl.cli import main
+from bricksrl.envs.registry import get_task
 from bricktwin.twin.motion_log import identification_interface, read_log
 
 pytestmark = pytest.mark.realtime

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from described import ROBO_ARM, TWO_WHEELER, WALKER
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bricksrl.envs.registry import get_task
 from brickhub.finding import Finding, Outcome
 from brickhub.hub.diagnostics.devices import MOTOR_IDS, device_id, device_name
 from brickhub.hub.diagnostics.latency import advice, latency
@@ -25,9 +25,9 @@ from brickhub.hub.diagnostics.preflight import (
 from brickhub.hub.diagnostics.survey import Survey
 from brickhub.hub.interface import RunAngle, UntilDone, Wait
 from brickhub.robot import HubKind, MotorKind, PoweredUpSensor, SensorKind
-from bricktwin.robots import ROBO_ARM, TWO_WHEELER, WALKER
-from bricktwin.twin.make_body import make_body
 from brickhub.virtual.transport import VirtualHub
+from bricksrl.envs.registry import get_task
+from bricktwin.twin.make_body import make_body
 
 GOOD = Survey(
     {"A": 48, "B": 0, "C": 62, "D": 0, "E": 48, "F": 0}, {"left": 0, "right": 0}, 8000, "4.0.1", "hub", True, True, 0, 0

@@ -6,18 +6,18 @@ import dataclasses
 
 import pytest
 from ble_world import World, bounded
+from described import ROBO_ARM, TWO_WHEELER
 from hub_programs import unplug
 
-from brickhub import robot as robots
+from bricktwin import robots
 from brickhub.errors import HubError, HubProgramError, HubTimeoutError
 from brickhub.hub.diagnostics.survey import STALL_LIMIT_DEG, find_stops, parse_survey, run, stops_program, survey, survey_program
 from brickhub.hub.program.compile import compile_program, program_blob
 from brickhub.hub.program.lint import require_clean
 from brickhub.hub.transport import HubProgram
 from brickhub.robot import HubKind, Motor, Robot
-from bricktwin.robots import ROBO_ARM, TWO_WHEELER
-from bricktwin.twin.make_body import make_body
 from brickhub.virtual.transport import VirtualHub
+from bricktwin.twin.make_body import make_body
 
 pytestmark = pytest.mark.realtime
 

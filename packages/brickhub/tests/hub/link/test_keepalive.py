@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 
 import pytest
+from described import TWO_WHEELER, WALKER
 from hypothesis import given
 from hypothesis import strategies as st
 from stand_in import RUN_AWAY, SPINNING, WALKER_INTERFACE, StandInHub
@@ -18,8 +19,6 @@ from brickhub.hub.link.states import LinkState
 from brickhub.hub.program.generate import WATCHDOG_MS
 from brickhub.hub.protocol import Down
 from brickhub.robot import Robot
-from bricktwin.robots import TWO_WHEELER
-from bricktwin.robots.walker import WALKER
 
 WATCHDOG_S = WATCHDOG_MS / 1000
 

@@ -9,6 +9,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from described import TWO_WHEELER
 from stand_in import RUN_AWAY, SPINNING, StandInHub
 
 from brickhub.errors import HubError, HubProgramError, HubProtocolError, HubTimeoutError
@@ -17,7 +18,6 @@ from brickhub.hub.link.lockstep import HubLink, LinkState
 from brickhub.hub.program.generate import END_MS, WATCHDOG_MS, generate
 from brickhub.hub.protocol import Down, EncodingError, control_frame
 from brickhub.hub.transport import HubProgram
-from bricktwin.robots import TWO_WHEELER
 
 
 def make(hub: StandInHub, interface: Interface = SPINNING, **options: float) -> HubLink:

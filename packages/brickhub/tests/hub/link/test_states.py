@@ -10,7 +10,7 @@ from brickhub.errors import HubError, StoppedError
 from brickhub.hub import errors
 from brickhub.hub.link.states import TABLE, Cause, LinkState, after, cause_of, markdown
 
-LINK_DOC = (Path(__file__).parents[3] / "docs" / "link.md").read_text(encoding="utf-8")
+LINK_DOC = (Path(__file__).parents[5] / "docs" / "link.md").read_text(encoding="utf-8")
 
 
 def test_every_cause_has_a_defined_action() -> None:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from described import TWO_WHEELER
 from stand_in import SPINNING, StandInHub
 
 from brickhub.errors import HubTimeoutError
 from brickhub.hub.link.team import TeamLink
-from bricktwin.robots import TWO_WHEELER
 
 
 def test_commands_are_sent_before_answers_are_read() -> None:

@@ -6,6 +6,7 @@ import ast
 import dataclasses
 
 import pytest
+from described import ROBO_ARM, TWO_WHEELER, WALKER
 from stand_in import RUN_AWAY, SPINNING, WALKER_INTERFACE
 
 from brickhub.hub.interface import Distance, DriveStraight, Interface, MotorAngle, Pitch, RunAngle, UntilDone, Wait
@@ -13,9 +14,6 @@ from brickhub.hub.program.compile import compile_mpy, compile_program, program_b
 from brickhub.hub.program.generate import generate
 from brickhub.hub.program.lint import lint
 from brickhub.robot import BENCH, Direction, DriveBase, HubKind, Motor, Robot, UltrasonicSensor
-from bricktwin.robots import TWO_WHEELER
-from bricktwin.robots.robo_arm import ROBO_ARM
-from bricktwin.robots.walker import WALKER
 
 KINDS = [HubKind.PRIME, HubKind.ESSENTIAL, HubKind.TECHNIC, HubKind.CITY]
 

@@ -7,6 +7,7 @@ import struct
 from dataclasses import replace
 
 import pytest
+from described import TWO_WHEELER, WALKER
 from stand_in import RUN_AWAY, SPINNING, WALKER_INTERFACE, StandInHub
 
 from brickhub.hub.interface import Interface, MotorAngle, RunAngle, UntilDone, Wait
@@ -27,8 +28,6 @@ from brickhub.hub.protocol import (
     parse_hello,
 )
 from brickhub.robot import HubKind, Motor, Robot
-from bricktwin.robots import TWO_WHEELER
-from bricktwin.robots.walker import WALKER
 
 ARM = Robot("arm", HubKind.TECHNIC, motors=(Motor("low", "D", gears=(12, 36), range_deg=(10, 70), torque_limit_mnm=900),))
 ARM_INTERFACE = Interface((RunAngle("low", -30, 30, 250),), (MotorAngle("low", 10, 70),), Wait(250))

@@ -13,7 +13,6 @@ from ble_world import World
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bricksrl.cli import main
 from brickhub.errors import ProgramError
 from brickhub.hub.errors import HubDisconnectedError
 from brickhub.hub.program.compile import compile_program, program_blob
@@ -21,6 +20,7 @@ from brickhub.hub.program.run import Transcript, run_program
 from brickhub.hub.program.user_program import load_program
 from brickhub.hub.transports.address import HubAddress
 from brickhub.robot import HubKind, Motor, Robot
+from bricksrl.cli import main
 
 pytestmark = pytest.mark.realtime
 

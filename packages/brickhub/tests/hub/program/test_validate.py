@@ -6,6 +6,7 @@ import dataclasses
 from typing import Any
 
 import pytest
+from described import ROBO_ARM, TWO_WHEELER
 from stand_in import RUN_AWAY, SPINNING
 
 from brickhub.errors import BricksError, DescriptionError, ProgramError
@@ -24,8 +25,6 @@ from brickhub.hub.interface import (
 from brickhub.hub.program.generate import generate
 from brickhub.hub.program.validate import validate
 from brickhub.robot import DriveBase, HubKind, Motor, PoweredUpSensor, Robot, SensorKind
-from bricktwin.robots import TWO_WHEELER
-from bricktwin.robots.robo_arm import ROBO_ARM
 
 LEFT = RunAngle("left", -100, 100, 400)
 

@@ -7,17 +7,17 @@ from pathlib import Path
 
 import pytest
 import torch
+from described import TWO_WHEELER
 from played_usb_hub import PlayedUsbHub
 from tensordict import TensorDict
 
 import bricksrl
-from bricksrl.envs import get_task
 from brickhub.errors import UnknownNameError
 from brickhub.hub.program.generate import generate
 from brickhub.hub.transports.address import HubAddress, parse_hub
 from brickhub.hub.transports.ble import BleTransport
 from brickhub.hub.transports.usb import UsbTransport
-from bricktwin.robots import TWO_WHEELER
+from bricksrl.envs import get_task
 
 
 @pytest.mark.parametrize(

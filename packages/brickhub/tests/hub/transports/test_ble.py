@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from ble_world import BOUND_S, NAME, World, bounded
+from described import WALKER
 from hub_programs import unplug
 from played_hub import PlayedHub
 from radio import ATT_WRITE_REQUEST
@@ -23,7 +24,6 @@ from brickhub.hub.transports.ble import BleTransport
 from brickhub.hub.transports.profile import Command
 from brickhub.hub.transports.scan import scan
 from brickhub.robot import HubKind
-from bricktwin.robots import WALKER
 
 pytestmark = pytest.mark.realtime
 

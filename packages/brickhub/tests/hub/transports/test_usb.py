@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 import serial
 from ble_world import BOUND_S, LONG_RUN, bounded
+from described import TWO_WHEELER
 from played_usb_hub import PlayedUsbHub, SocketSerial
 from stand_in import SPINNING
 
@@ -36,7 +37,6 @@ from brickhub.hub.program import generate
 from brickhub.hub.transports.profile import Command, CommandError
 from brickhub.hub.transports.usb import UsbHub, UsbTransport, list_usb_hubs
 from brickhub.robot import HubKind
-from bricktwin.robots import TWO_WHEELER
 
 pytestmark = pytest.mark.realtime
 
@@ -224,7 +224,7 @@ from ble_world import LONG_RUN
 from brickhub.hub.program import generate
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.transports.usb import UsbTransport
-from bricktwin.robots import TWO_WHEELER
+from described import TWO_WHEELER
 from pathlib import Path
 generate.END_MS = 500
 link = HubLink(UsbTransport(sys.argv[1], record=Path(sys.argv[2])), TWO_WHEELER, LONG_RUN)

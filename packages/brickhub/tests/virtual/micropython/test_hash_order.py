@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from brickhub.virtual.micropython.containers import HubDict, HubSet
 from brickhub.virtual.micropython.hash_table import HashTable, hash_of
 
-_KNOWN = json.loads((Path(__file__).parents[2] / "data" / "micropython_containers.json").read_text())
+_KNOWN = json.loads((Path(__file__).parents[1] / "data" / "micropython_containers.json").read_text())
 
 
 @pytest.mark.parametrize("known", _KNOWN["programs"])
@@ -36,9 +36,7 @@ def test_dict_of_subclass_object_raises() -> None:
 
 
 def test_hash_order_is_process_independent() -> None:
-    program = (
-        "from brickhub.virtual.micropython.containers import HubSet; print(list(HubSet(['one', 'two', 'three', 'four'])))"
-    )
+    program = "from brickhub.virtual.micropython.containers import HubSet; print(list(HubSet(['one', 'two', 'three', 'four'])))"
     outputs = {
         subprocess.run(
             [sys.executable, "-c", program], capture_output=True, check=True, env={**os.environ, "PYTHONHASHSEED": seed}

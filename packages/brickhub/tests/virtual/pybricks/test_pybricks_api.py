@@ -10,7 +10,7 @@ import pytest
 
 from brickhub.robot import HubKind
 
-BENCHMARKS = Path(__file__).parents[3] / "benchmarks"
+BENCHMARKS = Path(__file__).parents[5] / "benchmarks"
 COMMON = """
 class Battery:
     def voltage(self): ...

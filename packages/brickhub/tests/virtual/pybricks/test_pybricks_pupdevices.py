@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from hub_programs import output
 
-from brickhub import robot as robots
+from bricktwin import robots
 from brickhub.robot import HubKind, Motor, MotorKind, Robot, UltrasonicSensor
 from brickhub.virtual.bench_body import BenchBody
 from brickhub.virtual.firmware.trajectory import InfeasibleMoveError

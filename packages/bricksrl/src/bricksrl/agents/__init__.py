@@ -7,7 +7,7 @@ import inspect
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from typing import TYPE_CHECKING, Any
 
-from bricksrl.envs.user_files import is_reference, load_object
+from brickhub.user_files import is_reference, load_object
 from bricksrl.errors import BricksError, DescriptionError, UnknownNameError, hint, message_of
 
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ import itertools
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from bricksrl.errors import DescriptionError
 from brickhub.fields import check_fields
+from bricksrl.errors import DescriptionError
 
 LARGEST, MAX_UNITS, MAX_WEIGHTS = 2**24, 2**14, 2**26
 """Limits of numbers, layer sizes and hidden weights, as settings come from files."""

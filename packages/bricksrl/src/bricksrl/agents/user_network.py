@@ -7,7 +7,7 @@ import copy
 import torch
 from torch import Tensor, nn
 
-from bricksrl.envs.user_files import load_object
+from brickhub.user_files import load_object
 from bricksrl.errors import DescriptionError, message_of
 
 

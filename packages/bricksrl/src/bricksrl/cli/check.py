@@ -8,7 +8,8 @@ from typing import Annotated
 from tyro.conf import Positional
 
 from brickhub.cli.options import option
-from brickhub.cli.terminal import load_learning, print_findings
+from brickhub.cli.terminal import print_findings
+from bricksrl.cli.terminal import load_learning
 
 
 @dataclass(frozen=True)

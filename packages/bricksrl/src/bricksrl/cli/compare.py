@@ -80,7 +80,7 @@ def _print(comparison: Comparison) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from bricksrl.envs.user_files import without_folder
+    from brickhub.user_files import without_folder
     from bricksrl.plotting import number
 
     table = Table("environment", "agent", "seeds", "episodes", "robot steps", "score", "95 % interval", box=None, pad_edge=False)

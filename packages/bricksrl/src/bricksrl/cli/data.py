@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from tyro.conf import Positional
 
 from brickhub.cli.options import Flag, option
-from brickhub.cli.terminal import load_learning, print_line
-from bricksrl.errors import DataError, counted, percent
+from brickhub.cli.terminal import print_line
 from brickhub.files import folder_with, quoted
+from bricksrl.cli.terminal import load_learning
+from bricksrl.errors import DataError, counted, percent
 
 if TYPE_CHECKING:
     from bricksrl.data.episode_index import Index
@@ -94,12 +95,12 @@ class Repair:
     """Folder for the intact episodes of a damaged dataset, which must not exist."""
 
     def execute(self) -> int:
+        from brickhub.files import only_writer
         from bricksrl.data.edit import salvage
         from bricksrl.data.episode_index import dataset_folder
         from bricksrl.data.integrity import check
         from bricksrl.data.layout import Layout
         from bricksrl.data.repair import recover
-        from brickhub.files import only_writer
 
         root = dataset_folder(self.dataset)
         if self.out is not None:

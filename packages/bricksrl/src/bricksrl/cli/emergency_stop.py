@@ -10,7 +10,8 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any, Self
 
 from brickhub.cli.key_listener import KeyListener, can_listen, interrupt_main
-from brickhub.cli.terminal import place_robot, print_error
+from brickhub.cli.terminal import print_error
+from bricksrl.cli.terminal import place_robot
 from bricksrl.errors import BricksError
 
 if TYPE_CHECKING:

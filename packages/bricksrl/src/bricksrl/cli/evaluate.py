@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 from tyro.conf import Positional
 
 from brickhub.cli.options import Flag, JsonFlag, option
-from brickhub.cli.terminal import Interrupted, load_learning, print_line, print_note
+from brickhub.cli.terminal import Interrupted, print_line, print_note
+from bricksrl.cli.terminal import load_learning
 from bricksrl.cli.video import check_film
 from bricksrl.errors import StoppedError, TwinError, counted, percent
 

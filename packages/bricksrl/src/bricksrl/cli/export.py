@@ -9,7 +9,8 @@ from typing import Annotated, Literal
 from tyro.conf import Positional
 
 from brickhub.cli.options import Flag, option
-from brickhub.cli.terminal import load_learning, print_line
+from brickhub.cli.terminal import print_line
+from bricksrl.cli.terminal import load_learning
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,8 @@ from tyro.conf import Positional
 
 from brickhub.cli.options import option
 from brickhub.cli.terminal import print_line
-from bricksrl.errors import DescriptionError
 from brickhub.files import quoted, refuse_existing, write_durably
+from bricksrl.errors import DescriptionError
 
 
 def write_template(kind: str, path: Path | str) -> None:

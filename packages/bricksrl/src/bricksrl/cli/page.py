@@ -14,11 +14,13 @@ from typing import TYPE_CHECKING, Annotated, Self
 
 from tyro.conf import OmitArgPrefixes, Positional
 
-from brickhub.cli.options import PageFlag, option, refuse_ignored
-from bricksrl.cli.robot_flags import RobotFlags, RobotGroup
-from brickhub.cli.terminal import Interrupted, load_learning, place_robot, print_line, print_note
-from bricksrl.errors import DescriptionError, RunError, StoppedError, counted
+from brickhub.cli.options import option, refuse_ignored
+from brickhub.cli.terminal import Interrupted, print_line, print_note
 from brickhub.files import folder_with
+from bricksrl.cli.options import PageFlag
+from bricksrl.cli.robot_flags import RobotFlags, RobotGroup
+from bricksrl.cli.terminal import load_learning, place_robot
+from bricksrl.errors import DescriptionError, RunError, StoppedError, counted
 
 if TYPE_CHECKING:
     from torchrl.envs import EnvBase
@@ -102,7 +104,7 @@ class Play:
     live_page: LivePageGroup = PageAddress()
 
     def execute(self) -> None:
-        from bricksrl.envs.user_files import is_reference
+        from brickhub.user_files import is_reference
         from bricksrl.policies.named import named_policies, random_player
 
         address = self.live_page.shown(self.page)

@@ -8,10 +8,11 @@ from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from brickhub.cli.terminal import place_robot, print_line, print_note
-from bricksrl.envs.user_files import without_folder
-from bricksrl.errors import counted
+from brickhub.cli.terminal import print_line, print_note
 from brickhub.files import quoted
+from brickhub.user_files import without_folder
+from bricksrl.cli.terminal import place_robot
+from bricksrl.errors import counted
 from bricksrl.training.callbacks import Callback, Episode, Phase, Progress, RunResult
 from bricksrl.training.fleet.robot_state import RobotState
 

@@ -11,15 +11,17 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional
 
-from brickhub.cli.options import Flag, PageFlag, option
+from brickhub.cli.options import Flag, option
+from brickhub.cli.terminal import Interrupted, print_line, print_note
+from brickhub.files import quoted
+from brickhub.seed import check_seed
+from bricksrl.cli.options import PageFlag
 from bricksrl.cli.page import LivePageGroup, PageAddress, run_on_page
 from bricksrl.cli.robot_flags import RobotFlags, RobotGroup
 from bricksrl.cli.teleop import DEVICES, driving, quiet, with_human
-from brickhub.cli.terminal import Interrupted, load_learning, print_line, print_note
+from bricksrl.cli.terminal import load_learning
 from bricksrl.cli.video import filmed_env
 from bricksrl.errors import DataError, DescriptionError, RunError, StoppedError, counted, hint
-from brickhub.files import quoted
-from brickhub.seed import check_seed
 
 if TYPE_CHECKING:
     import numpy as np

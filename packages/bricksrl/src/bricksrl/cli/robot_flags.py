@@ -10,12 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 from tyro.conf import OmitArgPrefixes, UseAppendAction
 
 from brickhub.cli.options import Flag, option
-from bricksrl.errors import DescriptionError, UnknownNameError
+from bricksrl.errors import DescriptionError
 
 if TYPE_CHECKING:
     from bricksrl.envs.options import EnvOptions
-    from brickhub.robot import Robot
-    from bricktwin.twin.scene import Scene
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,29 +53,6 @@ class RobotFlags:
 
 RobotGroup = Annotated[RobotFlags, OmitArgPrefixes]
 """Robot flags of a command, as a separate group in the help."""
-
-
-def named_robot(name: str) -> tuple[Robot, Scene | None]:
-    """The robot of that name, of an environment or of the user's file, and its scene if a task gives one. Raises UnknownNameError
-    if there is none, DescriptionError if the user's file has an error."""
-    from bricktwin import robots
-
-    if name in robots.ROBOTS:
-        return robots.get(name), None
-    from bricksrl.envs import get_task
-    from bricksrl.envs.user_files import is_reference, load_robot
-
-    if is_reference(name):
-        return load_robot(name)
-    if name.lower().endswith((".ldr", ".mpd", ".io")):
-        raise UnknownNameError(f"{name} is a building plan; name a Python file with its robot: Robot(..., plan='{name}')")
-    try:
-        task = get_task(name)
-    except UnknownNameError:
-        raise UnknownNameError(
-            f"there is no robot and no environment '{name}'; choose {', '.join(robots.ROBOTS)}, or see `bricksrl list`"
-        ) from None
-    return task.robot, task.scene
 
 
 def parse_option(text: str) -> tuple[str, Any]:

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self
 
 from brickhub.cli.terminal import Interrupted, print_line
-from bricksrl.errors import counted
 from brickhub.files import quoted
+from bricksrl.errors import counted
 
 if TYPE_CHECKING:
     from rich.table import Table

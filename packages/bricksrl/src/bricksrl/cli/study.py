@@ -12,7 +12,8 @@ from typing import Annotated
 from tyro.conf import Positional
 
 from brickhub.cli.options import Flag, option, refuse_ignored
-from brickhub.cli.terminal import Interrupted, load_learning, print_line
+from brickhub.cli.terminal import Interrupted, print_line
+from bricksrl.cli.terminal import load_learning
 
 
 @dataclass(frozen=True)

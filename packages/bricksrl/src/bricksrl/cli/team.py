@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import Positional, UseAppendAction
 
-from brickhub.cli.options import option, refuse_ignored, run_folder
-from brickhub.cli.terminal import Interrupted, load_learning, print_line
-from bricksrl.errors import RenderingUnavailableError, RunError, UnknownNameError, counted, percent
+from brickhub.cli.options import option, refuse_ignored
+from brickhub.cli.terminal import Interrupted, print_line
 from brickhub.files import check_writable, folder_with, quoted
+from bricksrl.cli.options import run_folder
+from bricksrl.cli.terminal import load_learning
+from bricksrl.errors import RenderingUnavailableError, RunError, UnknownNameError, counted, percent
 
 if TYPE_CHECKING:
     from bricksrl.training.teams.team import Team, TeamConfig, TeamProgress

@@ -11,12 +11,14 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import Positional, UseAppendAction
 
-from brickhub.cli.options import Flag, PageFlag, option, refuse_ignored, run_folder
+from brickhub.cli.options import Flag, option, refuse_ignored
+from brickhub.cli.terminal import Interrupted, print_line
+from brickhub.files import only_writer, quoted
+from bricksrl.cli.options import PageFlag, run_folder
 from bricksrl.cli.page import LivePageGroup, PageAddress, run_on_page
 from bricksrl.cli.robot_flags import RobotFlags, RobotGroup
-from brickhub.cli.terminal import Interrupted, load_learning, print_line
+from bricksrl.cli.terminal import load_learning
 from bricksrl.errors import DescriptionError, RunError, StoppedError, counted
-from brickhub.files import only_writer, quoted
 
 if TYPE_CHECKING:
     import numpy as np

@@ -9,8 +9,9 @@ from typing import Annotated
 from tyro.conf import Positional
 
 from brickhub.cli.options import option
-from brickhub.cli.terminal import Interrupted, load_learning, print_line
+from brickhub.cli.terminal import Interrupted, print_line
 from brickhub.files import quoted
+from bricksrl.cli.terminal import load_learning
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bricksrl.errors import RenderingUnavailableError, TwinError
 from brickhub.files import check_writable
+from bricksrl.errors import RenderingUnavailableError, TwinError
 
 if TYPE_CHECKING:
     from torchrl.envs import EnvBase

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import torch
 
+from brickhub.seed import check_seed
 from bricksrl.data.transitions import about, step_of
 from bricksrl.envs.rollout import Driver, Policy, Rollout, link_lost, play
-from brickhub.seed import check_seed
 
 if TYPE_CHECKING:
     from tensordict import TensorDictBase

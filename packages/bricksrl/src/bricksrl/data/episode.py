@@ -12,11 +12,11 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import ArrayLike, NDArray
 
+from brickhub.files import write_durably
 from bricksrl.data.images import encode
 from bricksrl.data.layout import STEP_COLUMNS, FileIndex, Layout, features, numbers
 from bricksrl.data.parquet import Statistics, image_statistics, statistics, to_parquet, to_table
 from bricksrl.data.schema import Description
-from brickhub.files import write_durably
 
 Image = NDArray[np.uint8]
 

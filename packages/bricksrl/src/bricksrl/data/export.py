@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyarrow as pa
 
+from brickhub.files import atomic_folder, refuse_existing, write_durably
 from bricksrl.data.parquet import to_parquet
 from bricksrl.data.reader import COLUMNS, load
 from bricksrl.errors import DataError
-from brickhub.files import atomic_folder, refuse_existing, write_durably
 
 if TYPE_CHECKING:
     from bricksrl.data.reader import Episodes

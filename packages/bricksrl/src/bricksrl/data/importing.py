@@ -20,10 +20,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from brickhub.entry import Entry
 from bricksrl.data.edit import write_dataset
 from bricksrl.data.episode import About, Step, new_episode
 from bricksrl.data.schema import describe_task
-from brickhub.entry import Entry
 from bricksrl.errors import DataError
 
 if TYPE_CHECKING:

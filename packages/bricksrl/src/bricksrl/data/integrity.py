@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from brickhub.files import LOCK, TEMPORARY_PREFIX, quoted
 from bricksrl.data.episode_index import Index, read_all_rows, read_index, task_instruction, to_json, unfinished_files
 from bricksrl.data.layout import NEXT, OBSERVATION, FileIndex, info
 from bricksrl.data.parquet import has_task, join_statistics
 from bricksrl.data.reader import EpisodeReader
 from bricksrl.errors import DataError
-from brickhub.files import LOCK, TEMPORARY_PREFIX, quoted
 
 _CARD = "README.md"
 

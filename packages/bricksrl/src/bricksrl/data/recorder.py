@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
+from brickhub.files import is_unused, only_writer, write_durably
 from bricksrl.data.episode import About, Step, new_episode, write_episodes
 from bricksrl.data.episode_index import is_dataset, rows_table, task_instruction, write_index
 from bricksrl.data.layout import FileIndex, Layout
@@ -14,7 +15,6 @@ from bricksrl.data.parquet import tasks_table, to_parquet
 from bricksrl.data.repair import recover
 from bricksrl.data.schema import Description
 from bricksrl.errors import DataError
-from brickhub.files import is_unused, only_writer, write_durably
 
 if TYPE_CHECKING:
     from bricksrl.data.episode import EpisodeRow

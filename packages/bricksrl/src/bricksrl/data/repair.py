@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from brickhub.files import remove_unfinished, write_durably
 from bricksrl.data.episode_index import (
     Index,
     check_order,
@@ -18,7 +19,6 @@ from bricksrl.data.episode_index import (
 from bricksrl.data.layout import Layout
 from bricksrl.data.parquet import has_task, tasks_table
 from bricksrl.errors import DataError
-from brickhub.files import remove_unfinished, write_durably
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from brickhub.entry import Entry
-from bricksrl.errors import DataError
 from brickhub.fields import check_fields
+from bricksrl.errors import DataError
 
 if TYPE_CHECKING:
     from torchrl.envs import EnvBase

@@ -13,13 +13,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from brickhub.files import FULL, atomic_folder, refuse_existing, writing
 from bricksrl.data.cards import dataset_card
 from bricksrl.data.episode_index import dataset_folder
 from bricksrl.data.integrity import check
 from bricksrl.data.layout import CODEBASE_VERSION
 from bricksrl.data.summary import summarise
 from bricksrl.errors import DataError, message_of
-from brickhub.files import FULL, atomic_folder, refuse_existing, writing
 
 if TYPE_CHECKING:
     from huggingface_hub import HfApi

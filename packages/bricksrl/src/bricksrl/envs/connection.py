@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bricksrl.errors import HubError
 from brickhub.hub.errors import HubNotFoundError, MediumUnavailableError
+from bricksrl.errors import HubError
 
 if TYPE_CHECKING:
-    from bricksrl.envs.odometry import Odometer
-    from bricksrl.envs.vision.camera import Camera
     from brickhub.hub.link.lockstep import HubLink
     from brickhub.virtual.transport import VirtualHub
+    from bricksrl.envs.odometry import Odometer
+    from bricksrl.envs.vision.camera import Camera
 
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.5, 15.0
 

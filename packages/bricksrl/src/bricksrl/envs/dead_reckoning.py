@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from brickhub.entry import Entry
-from bricksrl.errors import DescriptionError
 from brickhub.hub.interface import Interface
 from brickhub.robot import Robot
+from bricksrl.errors import DescriptionError
 
 if TYPE_CHECKING:
     import numpy as np

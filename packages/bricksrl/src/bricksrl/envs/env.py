@@ -25,10 +25,10 @@ from bricksrl.envs.vision.watch import Watch
 from bricksrl.errors import BricksError, CameraError, DescriptionError, HubError, HubProgramError, StoppedError
 
 if TYPE_CHECKING:
-    from bricksrl.envs.odometry import Odometer
     from brickhub.hub.link.lockstep import HubLink
     from brickhub.hub.link.reading import Reading
     from brickhub.virtual.transport import VirtualHub
+    from bricksrl.envs.odometry import Odometer
 
 BLOCKED_TIMEOUT_S = 120.0
 """Time that a blocked robot waits for the obstacle to be removed."""

@@ -7,11 +7,11 @@ from collections.abc import Callable, Iterator
 from contextlib import closing
 from typing import TYPE_CHECKING
 
+from brickhub.finding import Finding, Outcome
+from brickhub.user_files import line_of_user
 from bricksrl.envs.registry import get_task, make
 from bricksrl.envs.task import Task
-from bricksrl.envs.user_files import line_of_user
 from bricksrl.errors import BricksError, RenderingUnavailableError
-from brickhub.finding import Finding, Outcome
 
 if TYPE_CHECKING:
     from tensordict import TensorDictBase

@@ -9,9 +9,9 @@ from typing import Any, Self
 
 import numpy as np
 
-from bricksrl.errors import BricksError, DescriptionError
 from brickhub.fields import check_fields
 from brickhub.hub.transport import Pipe
+from bricksrl.errors import BricksError, DescriptionError
 from bricktwin.twin.physics import Physics, RandomPhysics
 
 

@@ -10,7 +10,12 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from bricksrl.envs import user_files
+from brickhub.fields import check_value
+from brickhub.hub.transport import Transport
+from brickhub.hub.transports.address import parse_hub
+from brickhub.robot import Robot
+from brickhub.seed import check_seed
+from brickhub.user_files import is_reference
 from bricksrl.envs.arenas.arena_registry import ARENAS
 from bricksrl.envs.kinematics import Kinematics
 from bricksrl.envs.options import EnvOptions
@@ -23,22 +28,18 @@ from bricksrl.envs.tasks.run_away import RUN_AWAY
 from bricksrl.envs.tasks.spinning import SPINNING
 from bricksrl.envs.tasks.walker import walker
 from bricksrl.envs.tasks.walker_forward import WALKER_FORWARD
+from bricksrl.envs.user_tasks import load_builder
 from bricksrl.errors import DescriptionError, UnknownNameError, UnknownOptionError, hint
-from brickhub.fields import check_value
-from brickhub.hub.transport import Transport
-from brickhub.hub.transports.address import parse_hub
-from brickhub.robot import Robot
-from brickhub.seed import check_seed
 from bricktwin.twin.make_body import check_mujoco, make_body
 
 if TYPE_CHECKING:
     import numpy as np
     from torchrl.envs import EnvBase
 
-    from bricksrl.envs.connection import Placement
-    from bricksrl.envs.env import HubEnv
     from brickhub.hub.link.lockstep import HubLink
     from brickhub.hub.transports.pybricks_hub import ProfileTransport
+    from bricksrl.envs.connection import Placement
+    from bricksrl.envs.env import HubEnv
 
 _log = logging.getLogger(__name__)
 
@@ -153,11 +154,11 @@ def _link(task: Task, options: EnvOptions, transport: Transport, calibrate: Cali
 
 
 def _virtual_env(task: Task, options: EnvOptions, seed: int | None) -> HubEnv:
+    from brickhub.virtual.transport import VirtualHub
     from bricksrl.envs.connection import Connection
     from bricksrl.envs.env import HubEnv
     from bricksrl.envs.odometry import SonarOdometer, TrueOdometer
     from bricksrl.envs.vision.camera import TwinCamera
-    from brickhub.virtual.transport import VirtualHub
 
     def connect(twin_seed: int) -> Connection:
         body = make_body(task.robot, scene=task.scene, physics=options.physics_or_draw, seed=twin_seed)
@@ -182,11 +183,11 @@ def _with_saved_red(task: Task) -> Task:
 
 
 def _real_env(task: Task, options: EnvOptions, transport: ProfileTransport, seed: int | None, place: Placement | None) -> HubEnv:
+    from brickhub.hub.diagnostics.calibration import calibration_of
     from bricksrl.envs.connection import Connection
     from bricksrl.envs.env import HubEnv
     from bricksrl.envs.odometry import SonarOdometer
     from bricksrl.envs.vision.camera import VideoCamera
-    from brickhub.hub.diagnostics.calibration import calibration_of
 
     def ask_to_place(_rng: np.random.Generator) -> None:
         _log.warning("%s: put the robot where an episode starts", task.id)
@@ -246,8 +247,8 @@ def _build(env_id: str, spec: _Spec, options: dict[str, Any]) -> Task:
 
 def _spec(env_id: str) -> _Spec:
     check_value("env_id", env_id, str)
-    if user_files.is_reference(env_id):
-        return _Spec(_with_own_id(user_files.load_builder(env_id)))
+    if is_reference(env_id):
+        return _Spec(_with_own_id(load_builder(env_id)))
     try:
         return _specs[env_id]
     except KeyError:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Protocol
 
 import torch
 
-from bricksrl.envs.task import metrics_of, success_of
 from brickhub.seed import derive_seed
+from bricksrl.envs.task import metrics_of, success_of
 
 if TYPE_CHECKING:
     from tensordict import TensorDictBase

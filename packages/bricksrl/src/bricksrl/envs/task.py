@@ -12,12 +12,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from brickhub.entry import Entry
-from bricksrl.envs.dead_reckoning import Target, wheels
-from bricksrl.envs.vision.camera import CameraView
-from bricksrl.errors import DescriptionError
 from brickhub.fields import check_arguments, check_fields, check_value
 from brickhub.hub.interface import Interface
 from brickhub.robot import Robot
+from bricksrl.envs.dead_reckoning import Target, wheels
+from bricksrl.envs.vision.camera import CameraView
+from bricksrl.errors import DescriptionError
 from bricktwin.twin.scene import OPEN_FLOOR, Scene
 
 if TYPE_CHECKING:

@@ -12,10 +12,10 @@ import json
 from pathlib import Path
 from typing import Any
 
-from bricksrl.envs.user_files import is_reference
-from bricksrl.errors import RunError
 from brickhub.files import folder_with, quoted, write_durably
 from brickhub.hub.diagnostics.calibration import calibration_folder
+from brickhub.user_files import is_reference
+from bricksrl.errors import RunError
 
 _CONFIGS = "config.json", "policy.json"
 

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING
 
 import torch
 
+from brickhub.finding import Finding
+from brickhub.user_files import load_object
 from bricksrl.agents import AGENTS, Algorithm, algorithm, is_reference, make_learner, preset
 from bricksrl.envs import make
 from bricksrl.envs.env_checker import Broken, Skip, run_checks
-from bricksrl.envs.user_files import load_object
 from bricksrl.errors import BricksError, counted
 from bricksrl.evaluation.settings_text import with_changes
-from brickhub.finding import Finding
 from bricksrl.training.config import settings_from
 from bricksrl.training.seeding import reproducible
 

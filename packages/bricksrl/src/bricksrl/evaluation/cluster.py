@@ -15,8 +15,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from bricksrl.errors import RunError, message_of
 from brickhub.files import TEMPORARY_PREFIX, write_durably
+from bricksrl.errors import RunError, message_of
 
 _POLL_S = 0.5
 _RETRIES = 3

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from brickhub.user_files import without_folder
 from bricksrl.envs.reference_returns import reference_lines
-from bricksrl.envs.user_files import without_folder
 from bricksrl.errors import RunError
 from bricksrl.evaluation.statistics import (
     FEWEST_SEEDS,

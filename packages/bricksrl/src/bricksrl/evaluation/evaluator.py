@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bricksrl.envs.user_files import is_reference, with_absolute_file
-from bricksrl.errors import RunError
-from bricksrl.evaluation.statistics import Interval, interquartile_mean, mean, seeds_interval, wilson_interval
 from brickhub.files import write_durably
 from brickhub.seed import check_seed
+from brickhub.user_files import is_reference, with_absolute_file
+from bricksrl.errors import RunError
+from bricksrl.evaluation.statistics import Interval, interquartile_mean, mean, seeds_interval, wilson_interval
 from bricksrl.training.restore import Which, load_learner, one_robot
 from bricksrl.training.run import make_env
 from bricksrl.training.run_folder import RunFolder
@@ -122,9 +122,9 @@ def evaluate(
     if episodes < 1:
         raise RunError(f"episodes is {episodes}; evaluate at least 1")
     check_seed(seed)
+    from brickhub.seed import derive_seed
     from bricksrl.envs.registry import is_simulation
     from bricksrl.envs.rollout import play_episodes
-    from brickhub.seed import derive_seed
     from bricksrl.training.seeding import reproducible
 
     config = RunFolder(run_dir).read_config()

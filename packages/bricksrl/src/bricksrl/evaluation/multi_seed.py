@@ -16,12 +16,12 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any
 
+from brickhub.files import write_durably, writing
+from brickhub.seed import check_seed
 from bricksrl.child_process import END, ChildProcess, Message
 from bricksrl.errors import RunError
 from bricksrl.evaluation.cluster import parse_on, train_on_cluster
 from bricksrl.evaluation.comparison import Group, compare, draw
-from brickhub.files import write_durably, writing
-from brickhub.seed import check_seed
 
 if TYPE_CHECKING:
     from bricksrl.training.config import TrainConfig

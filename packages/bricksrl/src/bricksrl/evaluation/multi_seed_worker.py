@@ -10,8 +10,8 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
 
+from brickhub.user_files import failure_of_user
 from bricksrl.child_process import END, Message, leave, parent_channel
-from bricksrl.envs.user_files import failure_of_user
 from bricksrl.errors import BricksError
 from bricksrl.evaluation import evaluate
 from bricksrl.training import Callback, Episode, Progress, TrainConfig, train

@@ -11,10 +11,10 @@ from pathlib import Path
 from string import Template
 from typing import TYPE_CHECKING
 
+from brickhub.files import quoted, write_durably
 from bricksrl.envs.reference_returns import REFERENCES, reference_lines
 from bricksrl.envs.registry import is_simulation
 from bricksrl.errors import counted, percent
-from brickhub.files import quoted, write_durably
 from bricksrl.training.callbacks import Episode
 from bricksrl.training.curve import draw_learning_curve
 from bricksrl.training.run_folder import RunFolder

@@ -24,12 +24,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from brickhub.files import write_durably
 from bricksrl.errors import BricksError, DataError, RunError
 from bricksrl.evaluation.cluster import connected, map_on_cluster, parse_on
 from bricksrl.evaluation.statistics import ends, interquartile_mean, probability_of_improvement, seeds_interval, wilson_interval
 from bricksrl.evaluation.study_page import page
 from bricksrl.evaluation.study_tables import Cell, Condition, Study
-from brickhub.files import write_durably
 
 if TYPE_CHECKING:
     from bricksrl.training import RunResult

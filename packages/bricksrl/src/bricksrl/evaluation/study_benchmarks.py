@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from brickhub.files import writing
 from bricksrl.errors import RunError
 from bricksrl.evaluation import paper
 from bricksrl.evaluation.study import over_seeds, write_study
-from brickhub.files import writing
 
 Numbers = dict[str, Any]
 

@@ -18,11 +18,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from brickhub.files import serialized, write_durably
+from brickhub.seed import LARGEST_SEED, check_seed
 from bricksrl.agents.settings import Range
 from bricksrl.errors import DivergedError, RunError, message_of
 from bricksrl.evaluation.cluster import connected, map_on_cluster, parse_on
-from brickhub.files import serialized, write_durably
-from brickhub.seed import LARGEST_SEED, check_seed
 from bricksrl.training.callbacks import Callback, Episode, Progress
 from bricksrl.training.config import TrainConfig, settings_for
 

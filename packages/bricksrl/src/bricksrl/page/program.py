@@ -5,13 +5,13 @@ from __future__ import annotations
 import threading
 from typing import Any, Self
 
+from brickhub.virtual.machine import Machine
+from brickhub.virtual.run import stop_program
 from bricksrl.page.board import Board
 from bricksrl.page.clock import SPEEDS
 from bricksrl.page.presses import chosen
 from bricksrl.page.robot_view import RobotView
 from bricksrl.page.server import PageOptions, PageServer
-from brickhub.virtual.machine import Machine
-from brickhub.virtual.run import stop_program
 
 
 class ProgramPage:

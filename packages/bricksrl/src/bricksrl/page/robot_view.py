@@ -14,18 +14,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from brickhub.virtual.panel import Panel
 from bricksrl.page.board import Board
 from bricksrl.page.clock import VIEW_PERIOD_S, SteeredPace
 from bricksrl.page.scene import Floats
-from brickhub.virtual.panel import Panel
 
 if TYPE_CHECKING:
-    from bricksrl.envs.connection import Connection
     from brickhub.robot import Robot
-    from bricktwin.twin.mujoco_body import MujocoBody
-    from bricktwin.twin.scene import Scene
     from brickhub.virtual.body import Body
     from brickhub.virtual.machine import Machine
+    from bricksrl.envs.connection import Connection
+    from bricktwin.twin.mujoco_body import MujocoBody
+    from bricktwin.twin.scene import Scene
 
 NUMBERS_S = 0.2
 _NO_MODEL = "This robot has no model to draw; its numbers are below."

@@ -6,8 +6,8 @@ import threading
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bricksrl.envs.user_files import without_folder
 from brickhub.files import quoted
+from brickhub.user_files import without_folder
 from bricksrl.page.live import LivePage
 from bricksrl.training.callbacks import Callback, Episode, Phase, Progress, RunResult
 

@@ -6,8 +6,8 @@ from contextlib import closing, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bricksrl.errors import RunError
 from brickhub.fields import check_value
+from bricksrl.errors import RunError
 
 if TYPE_CHECKING:
     from torchrl.envs import EnvBase

@@ -16,9 +16,9 @@ from tensordict import TensorDict
 from torch import Tensor, nn
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
+from brickhub.files import check_writable, refuse_existing, write_durably
 from bricksrl.envs.specs import ObservationLayout
 from bricksrl.errors import RunError, message_of
-from brickhub.files import check_writable, refuse_existing, write_durably
 from bricksrl.policies import config_of, load_policy
 from bricksrl.training.restore import Which, one_robot
 from bricksrl.training.run import make_env

@@ -55,8 +55,8 @@ def random_player(env: EnvBase, seed: int) -> Player:
 
 def _first(run_dir: Path, env: EnvBase) -> Player:
     """The untrained agent of a run, with its initial parameters."""
-    from bricksrl.policies.policy import Policy
     from brickhub.seed import derive_seed
+    from bricksrl.policies.policy import Policy
     from bricksrl.training.restore import make_learner_for
     from bricksrl.training.run_folder import RunFolder
     from bricksrl.training.seeding import reproducible

@@ -9,11 +9,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from brickhub.files import atomic_folder, folder_with, refuse_existing, write_durably
 from bricksrl.data.cards import policy_card
 from bricksrl.data.share import CARD, downloaded, hub_client
 from bricksrl.envs.trust import remember, require_trusted
 from bricksrl.errors import CheckpointError, RunError
-from brickhub.files import atomic_folder, folder_with, refuse_existing, write_durably
 from bricksrl.training.config import TrainConfig, portable
 from bricksrl.training.run_folder import RunFolder
 

@@ -20,12 +20,12 @@ from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 from torchrl.envs import EnvBase
 
+from brickhub.seed import derive_seed
 from bricksrl.agents.learner import Learner, means
 from bricksrl.child_process import END, ChildProcess, Message, Send, leave, parent_channel
 from bricksrl.envs.registry import get_task
 from bricksrl.envs.specs import SpecsEnv
 from bricksrl.errors import BricksError, LearnerError, message_of
-from brickhub.seed import derive_seed
 from bricksrl.training.config import TrainConfig
 from bricksrl.training.learner_side import InLoopLearner, Pace
 from bricksrl.training.offline import attach_dataset

@@ -15,8 +15,8 @@ from typing import Any
 
 import torch
 
-from bricksrl.errors import CheckpointError
 from brickhub.files import write_durably
+from bricksrl.errors import CheckpointError
 
 MAGIC = b"BricksRL checkpoint 1\n"
 _DIGEST_SIZE = hashlib.sha256().digest_size

@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from brickhub.fields import check_fields
+from brickhub.seed import check_seed
+from brickhub.user_files import with_absolute_file, without_folder
 from bricksrl.agents import algorithm, preset
 from bricksrl.agents.settings import LARGEST
 from bricksrl.envs.options import EnvOptions
-from bricksrl.envs.user_files import with_absolute_file, without_folder
 from bricksrl.errors import BricksError, DescriptionError, RunError, UnknownNameError, counted
-from brickhub.fields import check_fields
-from brickhub.seed import check_seed
 from bricktwin.twin.physics import Physics
 
 _LEAST = {"episodes": 1, "num_envs": 1, "robots": 1, "eval_episodes": 1, "eval_every": 0, "updates": 0, "patience_s": 0}

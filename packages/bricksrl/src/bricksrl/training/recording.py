@@ -8,12 +8,12 @@ from pathlib import Path
 from tensordict import TensorDictBase
 from torchrl.envs import EnvBase
 
+from brickhub.seed import derive_seed
+from brickhub.user_files import without_folder
 from bricksrl.data.recorder import Recorder
 from bricksrl.data.schema import describe
 from bricksrl.data.transitions import about, step_of
-from bricksrl.envs.user_files import without_folder
 from bricksrl.errors import BricksError
-from brickhub.seed import derive_seed
 from bricksrl.training.callbacks import Callback, Episode, Phase, Progress
 from bricksrl.training.config import TrainConfig
 

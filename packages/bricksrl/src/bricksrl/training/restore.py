@@ -7,9 +7,9 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
+from brickhub.fields import check_fields
 from bricksrl.agents import make_learner
 from bricksrl.errors import BricksError, CheckpointError, DescriptionError, DivergedError, RunError
-from brickhub.fields import check_fields
 from bricksrl.training.callbacks import Episode
 from bricksrl.training.config import TrainConfig, portable
 from bricksrl.training.run_folder import RunFolder

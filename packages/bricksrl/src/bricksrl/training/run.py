@@ -8,9 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bricksrl.errors import DescriptionError, RunError, counted
 from brickhub.fields import check_value
 from brickhub.files import only_writer
+from bricksrl.errors import DescriptionError, RunError, counted
 from bricksrl.training.callbacks import Callback, CallbackList, RunResult
 from bricksrl.training.config import TrainConfig
 from bricksrl.training.offline import attach_dataset, warm_start

@@ -13,11 +13,11 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from bricksrl.envs.trust import code_in, remember, require_trusted
-from bricksrl.envs.user_files import without_folder
-from bricksrl.errors import RunError, WriteError
 from brickhub.fields import check_value
 from brickhub.files import TEMPORARY_PREFIX, atomic_folder, folder_with, write_durably
+from brickhub.user_files import without_folder
+from bricksrl.envs.trust import code_in, remember, require_trusted
+from bricksrl.errors import RunError, WriteError
 from bricksrl.training.callbacks import Episode, Phase
 from bricksrl.training.config import TrainConfig
 

@@ -15,13 +15,13 @@ from torch import Tensor
 from torchrl.envs import EnvBase
 from torchrl.modules import RandomPolicy
 
+from brickhub.files import quoted
+from brickhub.user_files import without_folder
 from bricksrl.agents.learner import means
 from bricksrl.envs.connection import Reconnect
 from bricksrl.envs.reference_returns import reference_lines
 from bricksrl.envs.rollout import Driver, Rollout, play, play_episodes, seed_episode
-from bricksrl.envs.user_files import without_folder
 from bricksrl.errors import BricksError, DescriptionError, HubError, RunError
-from brickhub.files import quoted
 from bricksrl.training.async_learner import AsyncLearner
 from bricksrl.training.callbacks import Callback, CallbackList, Episode, Phase, Progress, RunResult
 from bricksrl.training.collection import collect_round

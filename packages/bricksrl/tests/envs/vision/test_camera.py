@@ -19,6 +19,9 @@ from tensordict import TensorDict
 from torchrl.envs import check_env_specs
 
 import bricksrl
+from brickhub.hub.link.lockstep import HubLink
+from brickhub.robot import Robot
+from brickhub.virtual.transport import VirtualHub
 from bricksrl.envs.connection import Connection
 from bricksrl.envs.env import HubEnv
 from bricksrl.envs.kinematics import Kinematics
@@ -35,15 +38,12 @@ from bricksrl.envs.vision.camera import (
 from bricksrl.envs.vision.frames import Frame, RedWindow, changed_part, distances_px, draw_disc, find_red, shrink
 from bricksrl.envs.vision.watch import Watch
 from bricksrl.errors import BricksError, CameraError, DescriptionError, RenderingUnavailableError
-from brickhub.hub.link.lockstep import HubLink
-from brickhub.robot import Robot
 from bricktwin.robots import ROBO_ARM
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.physics import Physics
 from bricktwin.twin.render import opengl
 from bricktwin.twin.scene import Scene
-from brickhub.virtual.transport import VirtualHub
 
 RED = (220, 10, 10)
 GOAL = VisualGoal(((30, 20),), radius_px=4)

@@ -1,8 +1,7 @@
-"""``bricksrl plan``: check a building plan, list its parts, draw its booklet, show it in the browser."""
+"""``bricktwin plan``: check a building plan, list its parts, draw its booklet."""
 
 from __future__ import annotations
 
-import threading
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -10,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from tyro.conf import Positional
 
 from brickhub.cli.options import option, refuse_ignored
-from bricksrl.cli.page import LivePageGroup, PageAddress, announce
-from brickhub.cli.terminal import Interrupted, print_line
+from brickhub.cli.terminal import print_line
 from brickhub.errors import PlanError, counted
 
 if TYPE_CHECKING:
@@ -22,7 +20,7 @@ _PLAN = f"An LDraw file (.ldr, .mpd), Studio's .io, or a robot: {_ROBOTS}."
 PlanArgument = Annotated[Positional[Path], option(metavar="FILE", help=_PLAN)]
 
 
-def _read(path: Path) -> Plan:
+def read_named_plan(path: Path) -> Plan:
     """The plan in a file, or that of a robot of this package."""
     from bricktwin import robots
     from bricktwin.plans.plan import read_plan
@@ -46,8 +44,8 @@ class CheckPlan:
     One line per finding, with the line of the file and advice; exit code 1 if there are any.
 
     Examples:
-      bricksrl plan check two-wheeler
-      bricksrl plan check my_robot.mpd
+      bricktwin plan check two-wheeler
+      bricktwin plan check my_robot.mpd
     """
 
     plan: PlanArgument
@@ -56,7 +54,7 @@ class CheckPlan:
         from bricktwin.plans.check import check
         from bricktwin.robots.planned import check_named
 
-        plan = _read(self.plan)
+        plan = read_named_plan(self.plan)
         findings = check(plan) + check_named(plan)
         for finding in findings:
             location = f"line {finding.line}" if finding.line else "the plan"
@@ -75,10 +73,10 @@ class PlanParts:
     Without a plan, list the catalogue.
 
     Examples:
-      bricksrl plan parts two-wheeler
-      bricksrl plan parts two-wheeler --out parts.csv
-      bricksrl plan parts two-wheeler --format bricklink --out wanted.xml
-      bricksrl plan parts
+      bricktwin plan parts two-wheeler
+      bricktwin plan parts two-wheeler --out parts.csv
+      bricktwin plan parts two-wheeler --format bricklink --out wanted.xml
+      bricktwin plan parts
     """
 
     plan: Annotated[Positional[Path | None], option(metavar="FILE", help=_PLAN)] = None
@@ -101,7 +99,7 @@ class PlanParts:
             for part in catalogue.parts():
                 print_line(f"{part.number:10}{part.family:12}{part.mass_g:8.2f} g  {part.name}")
             return
-        plan = _read(self.plan)
+        plan = read_named_plan(self.plan)
         entries = parts_list(plan)
         if self.out is not None:
             write_durably(self.out, as_text(entries, self.format).encode())
@@ -121,8 +119,8 @@ class PlanSteps:
     """Draw the booklet of a building plan: cover, parts list, a page for each step, cables.
 
     Examples:
-      bricksrl plan steps two-wheeler --out two_wheeler.pdf
-      bricksrl plan steps my_robot.mpd --out my_robot.html
+      bricktwin plan steps two-wheeler --out two_wheeler.pdf
+      bricktwin plan steps my_robot.mpd --out my_robot.html
     """
 
     plan: PlanArgument
@@ -132,30 +130,5 @@ class PlanSteps:
     def execute(self) -> None:
         from bricktwin.plans.booklet import write_booklet
 
-        plan = _read(self.plan)
+        plan = read_named_plan(self.plan)
         print_line(f"{counted(write_booklet(plan, self.out), 'page')}: {self.out}")
-
-
-@dataclass(frozen=True)
-class ShowPlan:
-    """Show a building plan in the browser in 3D, step by step, with sliders for its joints. Ctrl-C ends it.
-
-    Examples:
-      bricksrl plan show walker
-      bricksrl plan show my_robot.mpd --page-host 0.0.0.0
-    """
-
-    plan: PlanArgument
-    live_page: LivePageGroup = PageAddress()
-
-    def execute(self) -> None:
-        from bricksrl.page.plan_view import PlanView
-        from bricksrl.page.server import PageServer
-
-        view = PlanView(_read(self.plan))
-        try:
-            with PageServer(view.board, view.press, lambda: None, self.live_page.page_options()) as server:
-                announce(server.url)
-                threading.Event().wait()
-        except KeyboardInterrupt:
-            raise Interrupted from None

@@ -1,4 +1,4 @@
-"""``bricksrl twin``: record a robot's motion, and fit its twin to it."""
+"""``bricktwin twin``: record a robot's motion, and fit its twin to it."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import Positional
 
 from brickhub.cli.options import Flag, option
-from bricksrl.cli.robot_flags import named_robot
 from brickhub.cli.terminal import confirm, print_line
 from brickhub.errors import TwinError, counted
 from brickhub.seed import check_seed
+from brickhub.target import find
 
 # Listed here, because importing the fit takes a second.
 FITTED = ("battery_v", "friction_scale", "motor_friction_scale", "mass_scale", "backlash_deg")
@@ -28,20 +28,20 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Record:
-    """Record a robot's motion under identification commands, for `bricksrl twin fit`.
+    """Record a robot's motion under identification commands, for `bricktwin twin fit`.
 
     It needs a metre of free floor: it stands still for a second, jerks, then runs at full speed, about ten seconds in all.
     Ctrl-C stops it.
 
     Examples:
-      bricksrl twin record two-wheeler --out robot.jsonl
-      bricksrl twin record two-wheeler --hub ble --out robot.jsonl
-      bricksrl twin record walker --steps 200 --out walker.jsonl
-      bricksrl twin record my_robot.py --out robot.jsonl
+      bricktwin twin record two-wheeler --out robot.jsonl
+      bricktwin twin record two-wheeler --hub ble --out robot.jsonl
+      bricktwin twin record walker --steps 200 --out walker.jsonl
+      bricktwin twin record my_robot.py --out robot.jsonl
     """
 
     robot: Annotated[Positional[str], option(metavar="ROBOT")]
-    """Robot: two-wheeler, walker, robo-arm or bench; RunAway-v0 or another environment, for its robot; my_robot.py."""
+    """Robot: two-wheeler, walker, robo-arm or bench; my_robot.ldr; my_robot.py; with bricksrl an environment, for its robot."""
     out: Annotated[Path, option(metavar="FILE")]
     """File to write."""
     hub: Annotated[str, option(metavar="HUB")] = "virtual"
@@ -53,7 +53,7 @@ class Record:
     seed: Annotated[int, option(metavar="N")] = 0
     """Seed of the commands."""
     physics: Annotated[Path | None, option(metavar="FILE")] = None
-    """Physics of a virtual robot: a JSON file such as `bricksrl twin fit` writes."""
+    """Physics of a virtual robot: a JSON file such as `bricktwin twin fit` writes."""
 
     def execute(self) -> None:
         import numpy as np
@@ -65,7 +65,8 @@ class Record:
             raise TwinError(f"steps is {self.steps}; give at least 1")
         check_seed(self.seed)
         check_writable(self.out)
-        robot, scene = named_robot(self.robot)
+        target = find(self.robot)
+        robot, scene = target.robot, target.scene
         interface = identification_interface(robot)
         commands = identification_commands(interface, self.steps, np.random.default_rng(self.seed))
         with self._link(robot, _bench_scene(scene), interface) as link:
@@ -79,9 +80,9 @@ class Record:
         from brickhub.hub.diagnostics.calibration import calibration_of
         from brickhub.hub.link.lockstep import HubLink
         from brickhub.hub.transports.address import parse_hub
+        from brickhub.virtual.transport import VirtualHub
         from bricktwin.twin.make_body import make_body
         from bricktwin.twin.physics import read_physics
-        from brickhub.virtual.transport import VirtualHub
 
         address = parse_hub(self.hub)
         if address.is_virtual:
@@ -103,23 +104,23 @@ class Fit:
     Takes about two minutes for ten seconds of log. Use the result with `bricksrl train ENV --physics FILE`.
 
     Examples:
-      bricksrl twin fit robot.jsonl
-      bricksrl twin fit robot.jsonl --out robot.json
-      bricksrl twin fit robot.jsonl --robot my_robot.py
+      bricktwin twin fit robot.jsonl
+      bricktwin twin fit robot.jsonl --out robot.json
+      bricktwin twin fit robot.jsonl --robot my_robot.py
     """
 
     log: Annotated[Positional[Path], option(metavar="LOG")]
-    """File that `bricksrl twin record` wrote."""
+    """File that `bricktwin twin record` wrote."""
     robot: Annotated[str | None, option(metavar="ROBOT")] = None
-    """Robot, as for `bricksrl twin record`; by default the built-in one that the log names."""
+    """Robot, as for `bricktwin twin record`; by default the built-in one that the log names."""
     parameters: Annotated[tuple[str, ...], option(metavar="NAME")] = FITTED
     """Parameters to fit; leave out those that you know."""
     out: Annotated[Path | None, option(metavar="FILE")] = None
     """File for the physics; by default the log's name with the suffix .physics.json."""
 
     def execute(self) -> None:
-        from bricktwin import robots
         from brickhub.files import check_writable
+        from bricktwin import robots
         from bricktwin.twin.motion_log import read_log
         from bricktwin.twin.physics import write_physics
         from bricktwin.twin.system_id import fit
@@ -132,7 +133,8 @@ class Fit:
             raise TwinError(
                 f"{self.log} is of the robot '{log.robot}', which is not built in; name its file, such as --robot my_robot.py"
             )
-        robot, scene = named_robot(self.robot or log.robot)
+        target = find(self.robot or log.robot)
+        robot, scene = target.robot, target.scene
         out = self.out or self.log.with_suffix(".physics.json")
         check_writable(out)
         result = fit(log, robot=robot, scene=_bench_scene(scene), names=self.parameters, on_replay=report)

@@ -21,12 +21,12 @@ from PIL import Image
 
 from brickhub.errors import PlanError
 from brickhub.files import check_writable, write_durably
+from bricktwin.drawing import import_matplotlib
 from bricktwin.plans.geometry import MM_PER_LDU
 from bricktwin.plans.part import DeviceKind, Part
 from bricktwin.plans.parts_list import Entry, parts_list
 from bricktwin.plans.picture import VIEWS, Canvas, Pixels, View, draw
 from bricktwin.plans.plan import Placed, Plan, Step
-from bricksrl.plotting import import_matplotlib
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -84,7 +84,7 @@ def write_booklet(plan: Plan, path: Path) -> int:
     if path.suffix.lower() not in FORMATS:
         raise PlanError(f"{path}: a booklet is a .pdf or .html file; name one of these")
     if not plan.parts:
-        raise PlanError(f"{plan.path} has no part that the catalogue knows; run `bricksrl plan check` on it")
+        raise PlanError(f"{plan.path} has no part that the catalogue knows; run `bricktwin plan check` on it")
     check_writable(path)
     pages = list(pages_of(plan))
     data = _pdf(plan, pages) if path.suffix.lower() == ".pdf" else _html(plan, pages).encode()

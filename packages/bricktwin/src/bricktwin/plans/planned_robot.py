@@ -73,7 +73,7 @@ def _planned(path: Path, _resolved: Path, _changed_ns: int, _size: int) -> Plann
 def planned(plan: Plan) -> PlannedRobot:
     """The robot of a plan. Raises PlanError if a motor has no port, two devices share one, or something has no twin."""
     if not plan.parts:
-        raise PlanError(f"{plan.path} has no part that the catalogue knows; run `bricksrl plan check` on it")
+        raise PlanError(f"{plan.path} has no part that the catalogue knows; run `bricktwin plan check` on it")
     ports: set[str] = set()
     for placed in plan.devices(DeviceKind.MOTOR, DeviceKind.SENSOR):
         if placed.port is None:

@@ -6,10 +6,10 @@ import functools
 from collections import Counter
 from dataclasses import dataclass, field
 
+from brickhub.tables import read_table
 from bricktwin.plans import catalogue
 from bricktwin.plans.part import Part
 from bricktwin.plans.plan import Plan
-from brickhub.tables import read_table
 
 NAMES = {
     "45678": "SPIKE Prime",

@@ -12,10 +12,6 @@ import numpy as np
 
 from brickhub.errors import DescriptionError, PlanError, UnknownNameError
 from brickhub.finding import Finding, Outcome
-from bricktwin.plans.mechanism.kinematics import TO_TWIN
-from bricktwin.plans.part import DeviceKind
-from bricktwin.plans.plan import Placed, Plan
-from bricktwin.plans.planned_robot import PlannedRobot, planned, planned_robot
 from brickhub.robot.spec import (
     LOOKS,
     Direction,
@@ -27,6 +23,11 @@ from brickhub.robot.spec import (
     SensorKind,
     UltrasonicSensor,
 )
+from bricktwin import robots
+from bricktwin.plans.mechanism.kinematics import TO_TWIN
+from bricktwin.plans.part import DeviceKind
+from bricktwin.plans.plan import Placed, Plan
+from bricktwin.plans.planned_robot import PlannedRobot, planned, planned_robot
 
 if TYPE_CHECKING:
     from brickhub.robot.spec import Robot
@@ -220,8 +221,6 @@ def check_named(plan: Plan) -> list[Finding]:
 
     A plan that is not a complete robot has none here; the check of plans reports it.
     """
-    from bricktwin import robots
-
     if plan.robot is None:
         return []
     try:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from brickhub.robot import Robot
+from brickhub.virtual.bench_body import BenchBody
 from bricktwin.twin.physics import Physics, RandomPhysics
 from bricktwin.twin.scene import Scene
-from brickhub.virtual.bench_body import BenchBody
 
 if TYPE_CHECKING:
     import numpy as np

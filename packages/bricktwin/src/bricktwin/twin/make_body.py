@@ -9,9 +9,9 @@ import sys
 
 from brickhub.errors import TwinError
 from brickhub.robot import Robot
+from brickhub.virtual.body import Body
 from bricktwin.twin.physics import Physics, RandomPhysics
 from bricktwin.twin.scene import OPEN_FLOOR, Scene
-from brickhub.virtual.body import Body
 
 _log = logging.getLogger(__name__)
 

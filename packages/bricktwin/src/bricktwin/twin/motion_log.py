@@ -146,7 +146,7 @@ def read_log(path: Path) -> RunLog:
         reason = error.strerror
     except DescriptionError as error:
         reason = str(error)
-    raise TwinError(f"cannot read the log {path} ({reason}); give a file that `bricksrl twin record` wrote")
+    raise TwinError(f"cannot read the log {path} ({reason}); give a file that `bricktwin twin record` wrote")
 
 
 def _parse(data: bytes) -> RunLog:

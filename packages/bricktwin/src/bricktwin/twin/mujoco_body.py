@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from brickhub.errors import TwinError, message_of
 from brickhub.robot import MotorKind, PoweredUpSensor, Robot, SensorKind, UltrasonicSensor
+from brickhub.virtual.stimuli import Sense, Sensed, senses
 from bricktwin.twin import ldraw
 from bricktwin.twin.imu import FixedBase, FloatingBase, Turns, Vector
 from bricktwin.twin.model_physics import RobotPart, backlash_joints, set_physics, up
@@ -29,7 +30,6 @@ from bricktwin.twin.scene import Scene
 from bricktwin.twin.senses import WorldSenses, percent
 from bricktwin.twin.stance import Feet, standing_pose
 from bricktwin.twin.starts import ends_of_ranges, refuse_overlap
-from brickhub.virtual.stimuli import Sense, Sensed, senses
 
 _NEAREST_MM, _FARTHEST_MM = UltrasonicSensor.NEAREST_MM, UltrasonicSensor.FARTHEST_MM
 _CONE_DEG = (-12.0, -6.0, 0.0, 6.0, 12.0)

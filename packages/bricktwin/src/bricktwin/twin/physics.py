@@ -110,16 +110,16 @@ class Physics:
 
 
 def read_physics(path: Path) -> Physics:
-    """Read the parameters from a JSON file such as ``bricksrl twin fit`` writes. Raises TwinError if the file cannot be read, or
+    """Read the parameters from a JSON file such as ``bricktwin twin fit`` writes. Raises TwinError if the file cannot be read, or
     its content is invalid."""
     try:
         data = json.loads(path.read_bytes())
     except OSError as error:
         raise TwinError(
-            f"cannot read the physics in {path} ({error.strerror}); give a JSON file that `bricksrl twin fit` wrote"
+            f"cannot read the physics in {path} ({error.strerror}); give a JSON file that `bricktwin twin fit` wrote"
         ) from None
     except (ValueError, RecursionError):
-        raise TwinError(f"{path} is not JSON; give a file that `bricksrl twin fit` wrote") from None
+        raise TwinError(f"{path} is not JSON; give a file that `bricktwin twin fit` wrote") from None
     return Physics.from_dict(data)
 
 

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from brickhub.errors import TwinError
-from bricktwin.twin.objects import Object
 from brickhub.virtual.stimuli import Reading
+from bricktwin.twin.objects import Object
 
 FLOOR = (0.82, 0.82, 0.84)
 """Reflectance of red, green and blue light of the bare floor."""

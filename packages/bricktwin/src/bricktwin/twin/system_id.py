@@ -15,17 +15,17 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.stats import qmc
 
-from bricktwin import robots
 from brickhub.errors import TwinError
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.robot import Robot, UltrasonicSensor
 from brickhub.seed import check_seed
+from brickhub.virtual.machine import CONTROL_LOOP_MS
+from brickhub.virtual.transport import VirtualHub
+from bricktwin import robots
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.motion_log import RunLog
 from bricktwin.twin.physics import PARAMETERS, Physics
 from bricktwin.twin.scene import Scene
-from brickhub.virtual.machine import CONTROL_LOOP_MS
-from brickhub.virtual.transport import VirtualHub
 
 Vector = NDArray[np.float64]
 OnReplay = Callable[[int, float], None]
@@ -118,7 +118,7 @@ def fit(
         raise TwinError(f"motion does not tell {', '.join(unknown) or 'nothing'}; choose from {', '.join(FITTED)}")
     if len(log.commands) < 2 * len(names):
         raise TwinError(
-            f"the log has {len(log.commands)} steps; record {2 * len(names)} or more, `bricksrl twin record` makes 160"
+            f"the log has {len(log.commands)} steps; record {2 * len(names)} or more, `bricktwin twin record` makes 160"
         )
     search = _Search(log, robot, scene, _noise(log), on_replay)
     before = search.errors(Physics())

@@ -8,15 +8,15 @@ from pathlib import Path
 
 import pytest
 
-from bricksrl.data.schema import describe_task
-from bricksrl.envs import get_task
 from brickhub.errors import TwinError
 from brickhub.robot import Direction, HubKind, Motor, PoweredUpSensor, Robot, SensorKind, UltrasonicSensor
+from brickhub.virtual import run_file
+from bricksrl.data.schema import describe_task
+from bricksrl.envs import get_task
 from bricktwin.robots import TWO_WHEELER
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.scene import Scene
-from brickhub.virtual import run_file
 
 ROVER_XML = """
 <mujoco>

@@ -10,11 +10,14 @@ from pathlib import Path
 import mujoco
 import pytest
 
-from bricksrl.envs import get_task
 from brickhub.errors import DescriptionError, TwinError
 from brickhub.hub.interface import Pitch, Roll
 from brickhub.hub.link.lockstep import HubLink
-from brickhub.robot import DriveBase, HubKind, Motor, PoweredUpSensor, Robot, SensorKind, plans
+from brickhub.robot import DriveBase, HubKind, Motor, PoweredUpSensor, Robot, SensorKind
+from bricktwin.robots import plans
+from brickhub.virtual import VirtualHub
+from brickhub.virtual.stimuli import Sense
+from bricksrl.envs import get_task
 from bricktwin.robots import ROBO_ARM, TWO_WHEELER, WALKER
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.models.planned_looks import Spinners
@@ -22,10 +25,8 @@ from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.objects import Block, Field, Ramp
 from bricktwin.twin.physics import Physics
 from bricktwin.twin.scene import OPEN_FLOOR, Scene
-from brickhub.virtual import VirtualHub
-from brickhub.virtual.stimuli import Sense
 
-ROOT = Path(__file__).parents[3]
+ROOT = Path(__file__).parents[5]
 PLANS = Path(plans.__path__[0])
 QUIET = Physics(distance_noise_mm=0, distance_noise_ratio=0, tilt_noise_deg=0, backlash_deg=0)
 
@@ -121,7 +122,7 @@ def test_steered_car_drives_circle() -> None:
 
 
 def test_ball_jointed_links_steer_both_front_wheels() -> None:
-    plan = str(ROOT / "tests" / "plans" / "link_steered.ldr")
+    plan = str(Path(__file__).parents[2] / "plans" / "link_steered.ldr")
     one = body(Robot("links", HubKind.PRIME, motors=(Motor("steering", range_deg=(-30, 30)),), needs_imu=True, plan=plan))
     links_m = one.data.ten_length.copy()
     one.set_voltage("B", 5000)

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from brickhub.errors import TwinError
+from brickhub.virtual.firmware.control import OnCompletion
+from brickhub.virtual.machine import Machine
 from bricktwin.robots import ROBO_ARM
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.models.load import load_model
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.physics import Physics, RandomPhysics
 from bricktwin.twin.scene import OPEN_FLOOR, Scene
-from brickhub.virtual.firmware.control import OnCompletion
-from brickhub.virtual.machine import Machine
 
 QUIET = Physics(distance_noise_mm=0, distance_noise_ratio=0, tilt_noise_deg=0, gyro_noise_deg_s=0, acceleration_noise_mm_s2=0)
 START = {"rotation": 0, "low": 40, "high": -70, "grab": -96}

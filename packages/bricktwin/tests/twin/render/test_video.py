@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 from videos import read_video
 
-from bricksrl.cli import main
 from brickhub.errors import RenderingUnavailableError, TwinError
+from brickhub.virtual.run import run_file
+from bricksrl.cli import main
 from bricktwin.robots import TWO_WHEELER
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.mujoco_body import MujocoBody
@@ -20,7 +21,6 @@ from bricktwin.twin.physics import Physics
 from bricktwin.twin.render.opengl import Renderer
 from bricktwin.twin.render.video import filmed
 from bricktwin.twin.scene import Scene
-from brickhub.virtual.run import run_file
 
 DRIVE = """
 from pybricks.pupdevices import Motor

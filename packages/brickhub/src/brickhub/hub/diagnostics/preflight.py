@@ -176,7 +176,7 @@ def check_angles(robot: Robot, interface: Interface, values: NDArray[np.float32]
         if low - _RANGE_MARGIN_DEG <= values[index] <= high + _RANGE_MARGIN_DEG:
             yield Finding(f"angle {name}", Outcome.OK, angle)
         else:
-            detail = f"{angle}; put the joint within its range, or find its zero with `bricksrl hub calibrate`"
+            detail = f"{angle}; put the joint within its range, or find its zero with `brickhub calibrate`"
             yield Finding(f"angle {name}", Outcome.ERROR, detail)
 
 
@@ -230,7 +230,7 @@ def _check_move(link: HubLink, robot: Robot, interface: Interface, index: int, i
     if is_right is not None and not is_right(f"{name} {motion}"):
         ports = " and ".join(motor.port for motor in motors)
         names = " ".join(motor.name for motor in motors)
-        remedy = f"swap the cables (port {ports}), or `bricksrl hub calibrate --reverse {names}`"
+        remedy = f"swap the cables (port {ports}), or `brickhub calibrate --reverse {names}`"
         return Finding(name, Outcome.ERROR, f"{motion}, and you say that it was another motor or the wrong way; {remedy}")
     return Finding(name, Outcome.OK, motion + ("" if is_right is not None else ", nobody watched"))
 

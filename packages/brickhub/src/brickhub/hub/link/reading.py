@@ -46,7 +46,7 @@ def check_hello(hello: ControlFrame, expected_hash: int) -> None:
     version, program_hash = parse_hello(hello.payload)
     if version != PROTOCOL_VERSION:
         raise HubProtocolError(
-            f"the hub speaks protocol {version}, this computer {PROTOCOL_VERSION}; install one version of bricksrl"
+            f"the hub speaks protocol {version}, this computer {PROTOCOL_VERSION}; install one version of brickhub"
         )
     if program_hash != expected_hash:
         raise HubProtocolError(

@@ -28,7 +28,7 @@ _REASONS = {
     "DENIED_BY_UNKNOWN": Reason.DENIED,
 }
 _REMEDIES = {
-    "linux": f"see that Bluetooth's service runs ({_SERVICES}) and that you may use it (`bricksrl doctor` tells)",
+    "linux": f"see that Bluetooth's service runs ({_SERVICES}) and that you may use it (`brickhub doctor` tells)",
     "darwin": "switch Bluetooth on, and allow the terminal to use it (System Settings, Privacy & Security, Bluetooth)",
     "win32": "switch Bluetooth on (Settings, Bluetooth & devices)",
 }

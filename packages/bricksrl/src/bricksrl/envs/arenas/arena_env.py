@@ -10,14 +10,14 @@ import torch
 from tensordict import TensorDictBase
 from torchrl.envs import EnvBase
 
+from brickhub.hub.link.team import TeamLink
+from brickhub.virtual.transport import PLACEMENT_MS, VirtualHub
 from bricksrl.envs.arenas.arena_specs import frame, joined_actions, set_specs
 from bricksrl.envs.arenas.arena_task import ArenaState, ArenaTask
 from bricksrl.envs.connection import Reconnect
 from bricksrl.envs.options import PicklableEnv
 from bricksrl.errors import BricksError, HubError, StoppedError
-from brickhub.hub.link.team import TeamLink
 from bricktwin.twin.arena import ArenaWorld
-from brickhub.virtual.transport import PLACEMENT_MS, VirtualHub
 
 if TYPE_CHECKING:
     from brickhub.hub.link.reading import Reading

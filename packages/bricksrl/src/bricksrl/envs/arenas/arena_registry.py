@@ -7,8 +7,8 @@ import importlib
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from bricksrl.errors import DescriptionError, UnknownNameError, hint
 from brickhub.seed import check_seed
+from bricksrl.errors import DescriptionError, UnknownNameError, hint
 
 if TYPE_CHECKING:
     from torchrl.envs import EnvBase

@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from brickhub.entry import Entry
-from bricksrl.errors import DescriptionError, hint
 from brickhub.fields import check_arguments, check_fields
 from brickhub.hub.interface import Interface, RunAngle
+from bricksrl.errors import DescriptionError, hint
 
 if TYPE_CHECKING:
     from torch import Tensor

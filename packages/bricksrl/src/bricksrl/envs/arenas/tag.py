@@ -41,8 +41,8 @@ import math
 from typing import TYPE_CHECKING
 
 from brickhub.entry import Entry
-from bricksrl.envs.arenas.arena_task import ArenaState, ArenaTask, own_pose, seen_from, steer_towards
 from brickhub.hub.interface import Interface, MotorAngle, RunAngle, Wait
+from bricksrl.envs.arenas.arena_task import ArenaState, ArenaTask, own_pose, seen_from, steer_towards
 from bricktwin.robots import TWO_WHEELER
 from bricktwin.twin.arena import Arena, Contestant, Place
 

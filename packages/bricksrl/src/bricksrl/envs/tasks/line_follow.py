@@ -45,8 +45,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from bricksrl.envs.task import Task
 from brickhub.hub.interface import DriveSpeed, DriveTurnRate, Interface, SensorReading, Wait, YawRate
+from bricksrl.envs.task import Task
 from bricktwin.robots import SCOUT
 from bricktwin.twin.objects import Line
 from bricktwin.twin.scene import Scene

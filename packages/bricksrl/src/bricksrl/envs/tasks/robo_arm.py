@@ -48,10 +48,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from brickhub.hub.interface import Interface, MotorAngle, RunAngle, Wait
 from bricksrl.envs.task import SampledEntry, Task
 from bricksrl.envs.tasks.walker import shortest_angle_deg
 from bricksrl.errors import DescriptionError
-from brickhub.hub.interface import Interface, MotorAngle, RunAngle, Wait
 from bricktwin.robots import ROBO_ARM
 
 if TYPE_CHECKING:

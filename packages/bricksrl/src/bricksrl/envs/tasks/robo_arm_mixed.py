@@ -56,9 +56,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from brickhub.hub.interface import Interface, MotorAngle, RunAngle, Wait
 from bricksrl.envs.task import Task
 from bricksrl.envs.vision.camera import CameraView, VisualGoal
-from brickhub.hub.interface import Interface, MotorAngle, RunAngle, Wait
 from bricktwin.robots import ROBO_ARM
 from bricktwin.twin.scene import Scene
 

@@ -44,8 +44,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bricksrl.envs.task import Task
 from brickhub.hub.interface import Distance, DriveStraight, Interface, MotorAngle, Pitch, Roll, UntilDone
+from bricksrl.envs.task import Task
 from bricktwin.robots import TWO_WHEELER
 from bricktwin.twin.scene import Scene
 

@@ -45,8 +45,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bricksrl.envs.task import SampledEntry, Task
 from brickhub.hub.interface import Interface, MotorAngle, Pitch, Roll, RunAngle, Wait, YawRate
+from bricksrl.envs.task import SampledEntry, Task
 from bricktwin.robots import TWO_WHEELER
 
 if TYPE_CHECKING:

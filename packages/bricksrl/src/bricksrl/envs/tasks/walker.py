@@ -52,10 +52,10 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from bricksrl.envs.task import Task
-from bricksrl.errors import DescriptionError
 from brickhub.fields import check_value
 from brickhub.hub.interface import Distance, Interface, MotorAngle, Pitch, Roll, RunAngle, Wait
+from bricksrl.envs.task import Task
+from bricksrl.errors import DescriptionError
 from bricktwin.robots import WALKER
 
 if TYPE_CHECKING:

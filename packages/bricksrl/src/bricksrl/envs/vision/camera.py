@@ -16,10 +16,10 @@ from bricksrl.envs.vision.frames import Frame, Place, RedWindow
 from bricksrl.errors import CameraError, DescriptionError, RenderingUnavailableError
 
 if TYPE_CHECKING:
+    from brickhub.virtual.body import Body
     from bricktwin.twin.mujoco_body import MujocoBody
     from bricktwin.twin.render.opengl import Renderer
     from bricktwin.twin.render.raycast import RayCaster
-    from brickhub.virtual.body import Body
 
 _log = logging.getLogger(__name__)
 

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bricksrl.envs.vision.frames import Frame, Place, RedWindow
-from bricksrl.errors import BricksError, CameraError
 from brickhub.files import write_durably
 from brickhub.hub.diagnostics.calibration import calibration_folder
+from bricksrl.envs.vision.frames import Frame, Place, RedWindow
+from bricksrl.errors import BricksError, CameraError
 
 _AROUND_RED_DEG = 60.0
 _LEAST_CHROMA = 0.12  # saturation times value; below it the hue is unreliable

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 from tensordict import TensorDict
 
-from bricksrl.envs.user_files import without_folder
-from bricksrl.errors import HubError, RunError
 from brickhub.seed import derive_seed
+from brickhub.user_files import without_folder
+from bricksrl.errors import HubError, RunError
 from bricksrl.training.callbacks import Episode, Phase
 from bricksrl.training.fleet.robot_state import RobotState
 from bricksrl.training.recording import open_recorder

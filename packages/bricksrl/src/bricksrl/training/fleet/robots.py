@@ -13,10 +13,10 @@ from dataclasses import dataclass, field, replace
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
 
+from brickhub.seed import derive_seed
 from bricksrl.child_process import ChildProcess, Message
 from bricksrl.envs.specs import SpecsEnv
 from bricksrl.errors import LearnerError, RunError
-from brickhub.seed import derive_seed
 from bricksrl.training.fleet.robot_state import RobotState
 
 if TYPE_CHECKING:
@@ -89,8 +89,8 @@ class Fleet(SpecsEnv):
     """
 
     def __init__(self, config: TrainConfig, place: Placement | None = None) -> None:
-        from bricksrl.envs.registry import is_simulation, make
         from brickhub.hub.transports.address import parse_hub
+        from bricksrl.envs.registry import is_simulation, make
 
         if is_simulation(config.env):
             raise RunError(f"{config.env} is a simulation without a robot; train copies of it with num_envs")

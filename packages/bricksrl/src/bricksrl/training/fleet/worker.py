@@ -13,8 +13,8 @@ from collections.abc import Callable
 from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any
 
+from brickhub.user_files import line_of_user
 from bricksrl.child_process import END, Message, leave, parent_channel
-from bricksrl.envs.user_files import line_of_user
 from bricksrl.errors import StoppedError, message_of
 
 if TYPE_CHECKING:

@@ -8,8 +8,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bricksrl.errors import CheckpointError, RunError, message_of
 from brickhub.seed import check_seed, derive_seed
+from bricksrl.errors import CheckpointError, RunError, message_of
 
 if TYPE_CHECKING:
     from tensordict.nn import TensorDictModuleBase

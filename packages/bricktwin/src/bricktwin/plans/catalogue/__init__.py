@@ -6,9 +6,9 @@ import functools
 from collections.abc import Mapping
 
 from brickhub.errors import UnknownNameError
+from brickhub.tables import read_table
 from bricktwin.plans.catalogue import part_notation
 from bricktwin.plans.part import Device, DeviceKind, MassSource, Part
-from brickhub.tables import read_table
 
 
 @functools.cache
@@ -32,7 +32,7 @@ def get(number: str) -> Part:
     """The part with an LDraw number. Raises UnknownNameError if it is not in the catalogue."""
     part = find(number)
     if part is None:
-        raise UnknownNameError(f"part '{number}' is not in the catalogue; use one that `bricksrl plan parts` lists")
+        raise UnknownNameError(f"part '{number}' is not in the catalogue; use one that `bricktwin plan parts` lists")
     return part
 
 

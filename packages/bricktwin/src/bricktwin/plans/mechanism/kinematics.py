@@ -124,7 +124,7 @@ class Mechanism:
 def mechanism(plan: Plan, bodies: Bodies) -> Mechanism:
     """The mechanism of a plan from its rigid bodies. Raises PlanError if there are too many bodies to be one robot."""
     if len(bodies.members) > MAX_BODIES:
-        raise PlanError(f"{plan.path} has {len(bodies.members)} bodies; run `bricksrl plan check` on it and connect them")
+        raise PlanError(f"{plan.path} has {len(bodies.members)} bodies; run `bricktwin plan check` on it and connect them")
     motions = bodies.motions()
     members = bodies.members
     link_of = {part: number for number, parts in enumerate(members) for part in parts}

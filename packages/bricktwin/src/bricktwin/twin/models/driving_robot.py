@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import mujoco
 
 from brickhub.errors import TwinError
+from brickhub.robot import DriveBase, HubKind, Motor, MotorKind, Robot
 from bricktwin.plans.geometry import Triple
 from bricktwin.plans.part import DeviceKind
-from brickhub.robot import DriveBase, HubKind, Motor, MotorKind, Robot
 from bricktwin.twin.models import lego
 from bricktwin.twin.models.meshes import X_AXIS, Y_AXIS, Z_AXIS, Part, box, cylinder, draw
 from bricktwin.twin.models.mjcf import (

@@ -16,11 +16,11 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from bricktwin.plans.geometry import Floats, Triple
 from brickhub.robot import Motor, MotorKind
+from brickhub.virtual.firmware.motor_model import MOTOR_TYPES, PRESCALE_ACCELERATION, PRESCALE_SPEED, PRESCALE_VOLTAGE
+from bricktwin.plans.geometry import Floats, Triple
 from bricktwin.twin.objects import Block, Field, Lamp, Line, Object, Ramp
 from bricktwin.twin.scene import Scene
-from brickhub.virtual.firmware.motor_model import MOTOR_TYPES, PRESCALE_ACCELERATION, PRESCALE_SPEED, PRESCALE_VOLTAGE
 
 TIMESTEP_S = 0.0025
 TYRE_FRICTION = 1.0

@@ -19,7 +19,15 @@ import mujoco
 
 from brickhub.errors import TwinError, message_of
 from brickhub.robot import Robot, SensorKind, UltrasonicSensor
-from bricktwin.twin.models.mjcf import LOOKS_GROUP, OBSTACLE_GROUP, add_camera, add_light, add_motor, add_surroundings, set_options
+from bricktwin.twin.models.mjcf import (
+    LOOKS_GROUP,
+    OBSTACLE_GROUP,
+    add_camera,
+    add_light,
+    add_motor,
+    add_surroundings,
+    set_options,
+)
 from bricktwin.twin.models.mounts import add_hub_site, add_touch, hub_axes
 from bricktwin.twin.scene import Scene
 

@@ -7,11 +7,11 @@ import functools
 import mujoco
 import numpy as np
 
+from brickhub.robot import Mount, PoweredUpSensor, Sensor, SensorKind
+from brickhub.robot.spec import LOOKS
 from bricktwin.plans import catalogue
 from bricktwin.plans.geometry import MM_PER_LDU, Floats, Triple
 from bricktwin.plans.part import DeviceKind
-from brickhub.robot import Mount, PoweredUpSensor, Sensor, SensorKind
-from brickhub.robot.spec import LOOKS
 from bricktwin.twin.models import lego
 from bricktwin.twin.models.meshes import X_AXIS, Z_AXIS, Part, box, cylinder, ring
 from bricktwin.twin.models.mjcf import SHAPE_GROUP, add_box

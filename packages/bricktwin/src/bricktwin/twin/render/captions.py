@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from bricksrl.plotting import import_matplotlib
+from bricktwin.drawing import import_matplotlib
 
 Pixels = NDArray[np.uint8]
 _INK, _MUTED, _BACKGROUND, _OPACITY = (31, 36, 48), (73, 81, 94), (255, 255, 255), 205

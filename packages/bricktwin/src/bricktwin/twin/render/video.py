@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from brickhub.errors import TwinError
+from brickhub.virtual.body import Body
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.render.opengl import Image, Renderer, VideoWriter
-from brickhub.virtual.body import Body
 
 SIZE = (480, 360)
 _FRAME_MS = 40

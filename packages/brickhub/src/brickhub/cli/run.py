@@ -1,4 +1,4 @@
-"""``bricksrl hub``: the program of a hub, and programs on a virtual hub."""
+"""``brickhub run``: programs on a hub, virtual or real."""
 
 from __future__ import annotations
 
@@ -15,11 +15,9 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, UseAppendAction
 
-from brickhub.cli.options import EnvArgument, Flag, PageFlag, option
-from bricksrl.cli.page import LivePageGroup, PageAddress, announce
-from bricksrl.cli.robot_flags import named_robot
-from brickhub.cli.terminal import Interrupted, print_line, print_note
-from brickhub.errors import DescriptionError, counted
+from brickhub.cli.options import Flag, changed_options, option
+from brickhub.cli.terminal import Interrupted, print_note
+from brickhub.errors import DescriptionError
 
 if TYPE_CHECKING:
     from brickhub.virtual.body import Body
@@ -29,64 +27,30 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Program:
-    """Print the MicroPython program that runs on the hub for an environment, or write it to a file.
-
-    Examples:
-      bricksrl hub program RunAway-v0
-      bricksrl hub program RunAway-v0 --out run_away.py
-    """
-
-    env: EnvArgument
-    out: Annotated[Path | None, option(metavar="FILE")] = None
-    """The .py file to write; by default the program is printed."""
-
-    def execute(self) -> None:
-        from bricksrl.envs import get_task
-        from brickhub.files import write_durably
-        from brickhub.hub.program.generate import generate
-
-        task = get_task(self.env)
-        source = generate(task.robot, task.interface).source.rstrip("\n")
-        if self.out is None:
-            print_line(source)
-            return
-        if self.out.suffix != ".py":
-            raise DescriptionError(f"'{self.out}' is not a name of a program; end it in .py")
-        write_durably(self.out, f"{source}\n".encode())
-        print_line(f"{counted(len(source.splitlines()), 'line')}: {self.out}")
-
-
-@dataclass(frozen=True)
 class Run:
     """Run a Pybricks program on a hub, virtual or real, and print its output and traceback; exit code 1 if it raises.
 
     Files that it imports from its folder are included. The program can read standard input. Ctrl-C stops it and its motors.
 
     Without --robot, the virtual hub adapts to the program: its kind is the one that the program imports, and each port has the
-    device that the program expects there. With --video or --page, the robot is the two-wheeler by default.
+    device that the program expects there.
 
     Examples:
-      bricksrl hub run main.py
-      bricksrl hub run main.py --reading B=red --reading C=200mm --press left@2.5s
-      bricksrl hub run main.py --realtime --panel
-      bricksrl hub run main.py --robot two-wheeler --time-limit-s 60
-      bricksrl hub run main.py --robot walker --video walk.mp4
-      bricksrl hub run main.py --robot walker --page
-      bricksrl hub run main.py --robot my_robot.py
-      bricksrl hub run main.py --hub ble
+      brickhub run main.py
+      brickhub run main.py --reading B=red --reading C=200mm --press left@2.5s
+      brickhub run main.py --realtime --panel
+      brickhub run main.py --robot my_robot.py --time-limit-s 60
+      brickhub run main.py --hub ble
     """
 
     file: Annotated[Positional[Path], option(metavar="FILE")]
     """Pybricks program."""
     robot: Annotated[str | None, option(metavar="ROBOT")] = None
-    """Virtual robot: two-wheeler, walker, robo-arm or bench; RunAway-v0, with its scene, or another environment; my_robot.py."""
+    """Virtual robot: my_robot.py, or a name that bricktwin or bricksrl adds, such as walker or RunAway-v0."""
     hub: Annotated[str, option(metavar="HUB")] = "virtual"
     """Which hub: virtual, in simulated time, or ble, ble:NAME, ble:ADDRESS, usb, usb:PORT."""
     time_limit_s: Annotated[float | None, option(metavar="SECONDS")] = None
     """Stop the program after this time, without an error."""
-    video: Annotated[Path | None, option(metavar="FILE")] = None
-    """Film the virtual robot into this mp4 file."""
     press: Annotated[UseAppendAction[tuple[str, ...]], option(metavar="BUTTON@TIME")] = ()
     """Button press on the virtual hub: left@2.5s, center@4s+1s (held for 1 s), remote.left_plus@3s. May be repeated."""
     reading: Annotated[UseAppendAction[tuple[str, ...]], option(metavar="PORT=VALUE")] = ()
@@ -97,8 +61,6 @@ class Run:
     """Run a virtual hub in real time. The keys left, right, space (center) and b (bluetooth) press its buttons."""
     panel: Flag = False
     """Print each change of the virtual hub's light, display and loudspeaker on standard error."""
-    page: PageFlag = False
-    live_page: LivePageGroup = PageAddress()
 
     def execute(self) -> int:
         # Ctrl-C must not reach the program on the virtual hub, where a KeyboardInterrupt is an ordinary error.
@@ -115,7 +77,6 @@ class Run:
         from brickhub.hub.transports.address import parse_hub
 
         address = parse_hub(self.hub)
-        self.live_page.shown(self.page)
         out, err, stdin = sys.stdout.buffer, sys.stderr, sys.stdin
         if isinstance(stdin, io.TextIOWrapper):
             stdin.reconfigure(errors="surrogateescape")  # a program may be given any bytes
@@ -127,42 +88,35 @@ class Run:
             with ExitStack() as stack:
                 return run_file(
                     self.file,
-                    self._body(stack),
+                    self.body(stack),
                     stdout=out,
                     stderr=err,
                     stdin=source,
                     time_limit_s=self.time_limit_s,
                     operation=self._operation(stack),
                 )
-        if self.page:
-            raise DescriptionError("only a program on a virtual hub can be shown; leave out --page or --hub")
-        if self.video is not None:
-            raise DescriptionError("only a virtual robot can be filmed; leave out --video or --hub")
-        if self.press or self.reading or self.end_stop or self.realtime or self.panel or self.robot is not None:
-            raise DescriptionError(
-                "a real hub has its own robot, buttons and time; leave out --hub, or what is for a virtual one"
-            )
+        virtual = next((name for name in changed_options(self) if name not in ("--file", "--hub", "--time-limit-s")), None)
+        if virtual is not None:
+            raise DescriptionError(f"a real hub has its own robot, buttons and time; leave out --hub, or {virtual}")
         from brickhub.hub.program.run import run_program
 
         program = load_program(self.file)
         with closing(address.transport()) as transport:
             return run_program(transport, program, stdout=out, stderr=err, stdin=stdin, time_limit_s=self.time_limit_s)
 
-    def _body(self, stack: ExitStack) -> Body | None:
-        """Body of the robot, filmed on request; ``None`` for the bench that adapts to the program."""
-        from bricktwin import robots
-
-        robot, scene = named_robot(self.robot or ("two-wheeler" if self.video is not None or self.page else "bench"))
-        if robot is robots.BENCH and self.video is None:
+    def body(self, stack: ExitStack) -> Body | None:
+        """Body of the virtual robot; ``None`` for the bench that adapts to the program. ``stack`` closes what it needs."""
+        if self.robot is None:
             return None
-        from bricktwin.twin.make_body import make_body
+        from brickhub.robot import BENCH
+        from brickhub.target import find
 
-        body = make_body(robot, scene=scene)
-        if self.video is None:
-            return body
-        from bricktwin.twin.render.video import filmed
+        target = find(self.robot)
+        return None if target.robot is BENCH else target.make_body()
 
-        return stack.enter_context(filmed(body, self.video))
+    def attend(self, stack: ExitStack) -> Callable[[Machine], None] | None:
+        """Function that is given the machine before the program starts; ``stack`` closes what it needs."""
+        return None
 
     def _operation(self, stack: ExitStack) -> Operation:
         from brickhub.cli.key_listener import KeyListener, can_listen
@@ -185,20 +139,8 @@ class Run:
             end_stops=dict(_end_stop(text) for text in self.end_stop),
             realtime=self.realtime,
             watch=watch,
-            attend=self._attend(stack),
+            attend=self.attend(stack),
         )
-
-    def _attend(self, stack: ExitStack) -> Callable[[Machine], None] | None:
-        """The live page's hook into the machine; ``None`` without a page."""
-        if not self.page:
-            return None
-        if self.video is not None or self.realtime:
-            raise DescriptionError("the page has a pace of its own; leave out --page, or --video and --realtime")
-        from bricksrl.page.program import ProgramPage
-
-        page = stack.enter_context(ProgramPage(self.file.name, self.live_page.page_options()))
-        announce(page.url)
-        return page.attend
 
 
 _KEYS = {"left": "left", "right": "right", " ": "center", "c-m": "center", "b": "bluetooth"}

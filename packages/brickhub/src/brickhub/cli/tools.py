@@ -1,4 +1,4 @@
-"""``bricksrl hub``: tools for a hub, real or virtual: scan, rename, stop, latency, check, calibrate."""
+"""Tools for a hub, real or virtual: scan, program, stop, latency, check, calibrate."""
 
 from __future__ import annotations
 
@@ -10,20 +10,27 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional
 
-from brickhub.cli.options import EnvArgument, Flag, JsonFlag, option, refuse_ignored
+from brickhub.cli.options import Flag, JsonFlag, option, refuse_ignored
 from brickhub.cli.terminal import confirm, is_terminal, print_findings, print_line
-from brickhub.errors import BricksError, DescriptionError, HubError, percent
+from brickhub.errors import BricksError, DescriptionError, counted, percent
 
 if TYPE_CHECKING:
-    from bricksrl.envs.task import Task
     from brickhub.hub.diagnostics.calibration import Calibration
     from brickhub.hub.transport import Transport
     from brickhub.robot import Robot
+    from brickhub.target import Target
 
-_NAME_BYTES = 15
 _SCAN_S = 5.0
 
 Hub = Annotated[str, option(metavar="HUB", help="Which hub: ble, ble:NAME, ble:ADDRESS, usb, usb:PORT, or virtual.")]
+TargetArgument = Annotated[
+    Positional[str],
+    option(
+        metavar="ROBOT",
+        help="Robot in a file: my_robot.py or my_robot.py:ROBOT. bricktwin adds its robots, such as walker, and building plans; "
+        "bricksrl adds environments, such as RunAway-v0, with their robots and commands.",
+    ),
+]
 Folder = Annotated[Path | None, option(metavar="DIR")]
 
 
@@ -34,9 +41,9 @@ class Scan:
     A hub does not advertise while it runs a program or is connected to a computer.
 
     Examples:
-      bricksrl hub scan
-      bricksrl hub scan --seconds 10 --json
-      bricksrl hub scan --hub virtual
+      brickhub scan
+      brickhub scan --seconds 10 --json
+      brickhub scan --hub virtual
     """
 
     hub: Annotated[str, option(metavar="HUB")] = "ble"
@@ -70,25 +77,31 @@ class Scan:
 
 
 @dataclass(frozen=True)
-class Rename:
-    """Explain how to rename a hub: Pybricks sets the name only when its firmware is installed.
+class Program:
+    """Print the MicroPython program that runs on a robot's hub, or write it to a file.
 
     Examples:
-      bricksrl hub rename Rover
+      brickhub program my_robot.py
+      brickhub program my_robot.py --out hub_program.py
     """
 
-    name: Annotated[Positional[str], option(metavar="NAME")]
-    """The new name, 15 bytes at most."""
+    target: TargetArgument
+    out: Annotated[Path | None, option(metavar="FILE")] = None
+    """The .py file to write; by default the program is printed."""
 
     def execute(self) -> None:
-        """Print what to do; exit code 2, because nothing was renamed."""
-        size = len(self.name.encode())
-        if not 1 <= size <= _NAME_BYTES or not self.name.isprintable():
-            raise DescriptionError(f"a hub's name has 1 to {_NAME_BYTES} bytes, this one {size}; choose another")
-        raise HubError(
-            "the firmware of Pybricks has no command that renames a hub, it takes a name only when it is installed; install it "
-            f"again on code.pybricks.com with the name '{self.name}', or with `pybricksdev flash --name '{self.name}' FILE.zip`"
-        )
+        from brickhub.files import write_durably
+        from brickhub.hub.program.generate import generate
+
+        target = _find(self.target)
+        source = generate(target.robot, target.interface).source.rstrip("\n")
+        if self.out is None:
+            print_line(source)
+            return
+        if self.out.suffix != ".py":
+            raise DescriptionError(f"'{self.out}' is not a name of a program; end it in .py")
+        write_durably(self.out, f"{source}\n".encode())
+        print_line(f"{counted(len(source.splitlines()), 'line')}: {self.out}")
 
 
 @dataclass(frozen=True)
@@ -98,8 +111,8 @@ class Stop:
     A hub that runs a program without a connected computer cannot be reached: press its button.
 
     Examples:
-      bricksrl hub stop
-      bricksrl hub stop --hub ble:Rover
+      brickhub stop
+      brickhub stop --hub ble:Rover
     """
 
     hub: Hub = "ble"
@@ -132,12 +145,11 @@ class Latency:
     """Measure the latency of the link to a robot, without moving it.
 
     Examples:
-      bricksrl hub latency Walker-v1
-      bricksrl hub latency RunAway-v0 --hub virtual --json
+      brickhub latency my_robot.py
+      brickhub latency my_robot.py --hub virtual --json
     """
 
-    env: Annotated[Positional[str], option(metavar="ENV")]
-    """Environment, whose program runs on the hub."""
+    target: TargetArgument
     hub: Hub = "ble"
     exchanges: Annotated[int, option(metavar="N")] = 100
     """Number of readings to time."""
@@ -149,9 +161,9 @@ class Latency:
 
         if self.exchanges < 1:
             raise DescriptionError(f"exchanges is {self.exchanges}; measure at least 1")
-        task = _task(self.env)
-        with HubLink(_transport(self.hub, task), task.robot, task.interface) as link:
-            result = measure(link, task.interface, self.exchanges)
+        target = _find(self.target)
+        with HubLink(_transport(self.hub, target), target.robot, target.interface) as link:
+            result = measure(link, target.interface, self.exchanges)
         if self.json:
             print_line(json.dumps(dataclasses.asdict(result)))
             return
@@ -164,18 +176,18 @@ class Latency:
 
 
 @dataclass(frozen=True)
-class CheckHub:
+class Check:
     """Check a robot before training: hub, ports, battery, IMU, angles, round trip, and the direction of each motor.
 
     Test moves need confirmation. Exit code 1 if something is wrong.
 
     Examples:
-      bricksrl hub check Walker-v1
-      bricksrl hub check RunAway-v0 --hub virtual --yes
-      bricksrl hub check RoboArm-v0 --hub ble:Arm --json
+      brickhub check my_robot.py
+      brickhub check my_robot.py --hub virtual --yes
+      brickhub check my_robot.py --hub ble:Arm --json
     """
 
-    env: EnvArgument
+    target: TargetArgument
     hub: Hub = "ble"
     yes: Flag = False
     """Make the test moves without asking for permission, or whether they were right."""
@@ -187,20 +199,20 @@ class CheckHub:
         from brickhub.hub.diagnostics.calibration import calibration_of
         from brickhub.hub.diagnostics.preflight import check_robot
 
-        task = _task(self.env)
-        transport = _transport(self.hub, task)
+        target = _find(self.target)
+        transport = _transport(self.hub, target)
         is_watched = not self.yes and is_terminal()
         findings = check_robot(
             transport,
-            task.robot,
-            task.interface,
-            may_move=lambda: self.yes or confirm(f"The {task.robot.name} needs room to move each motor a little. Move it now?"),
+            target.robot,
+            target.interface,
+            may_move=lambda: self.yes or confirm(f"The {target.robot.name} needs room to move each motor a little. Move it now?"),
             is_right=(lambda move: confirm(f"{move}: was it this motor, and in the right direction?")) if is_watched else None,
             calibrate=calibration_of(lambda: _hub_id(transport), self.calibrations),
         )
-        code = print_findings(findings, (9, 18), as_json=self.json, env=task.id, hub=self.hub)
+        code = print_findings(findings, (9, 18), as_json=self.json, env=target.name, hub=self.hub)
         if not self.json:
-            print_line("not ready: see the errors above" if code else f"ready for {task.id}")
+            print_line("not ready: see the errors above" if code else f"ready for {target.name}")
         return code
 
 
@@ -211,13 +223,13 @@ class Calibrate:
     Joints with a range are turned to their stops. With `--by-hand`, the present angles of all other motors become their zeros.
 
     Examples:
-      bricksrl hub calibrate RoboArm-v0
-      bricksrl hub calibrate Walker-v1 --by-hand
-      bricksrl hub calibrate RunAway-v0 --reverse left right
-      bricksrl hub calibrate RoboArm-v0 --forget
+      brickhub calibrate my_robot.py
+      brickhub calibrate my_robot.py --by-hand
+      brickhub calibrate my_robot.py --reverse left right
+      brickhub calibrate my_robot.py --forget
     """
 
-    env: EnvArgument
+    target: TargetArgument
     hub: Hub = "ble"
     by_hand: Flag = False
     """Set the zeros of motors without a range to their present angles; put legs and turntable at their zeros first."""
@@ -235,27 +247,27 @@ class Calibrate:
 
         for flag, alone in (("--forget", self.forget), ("--reverse", self.reverse)):
             if alone:
-                refuse_ignored(self, ("--env", "--hub", "--yes", "--calibrations", flag), f"with {flag}")
-        task = _task(self.env)
+                refuse_ignored(self, ("--target", "--hub", "--yes", "--calibrations", flag), f"with {flag}")
+        target = _find(self.target)
         for name in self.reverse:
-            task.robot.motor(name)  # raises for an unknown name
-        transport = _transport(self.hub, task)
+            target.robot.motor(name)  # raises for an unknown name
+        transport = _transport(self.hub, target)
         try:
             transport.open()
             hub_id = _hub_id(transport)
             if self.forget:
-                forget_calibration(hub_id, task.robot, self.calibrations)
-                print_line(f"{task.robot.name} on {hub_id}: as described")
+                forget_calibration(hub_id, target.robot, self.calibrations)
+                print_line(f"{target.robot.name} on {hub_id}: as described")
                 return
-            saved = load_calibration(hub_id, task.robot, self.calibrations)
+            saved = load_calibration(hub_id, target.robot, self.calibrations)
             if self.reverse:
                 calibration = Calibration(saved.zeros_deg, saved.reversed ^ set(self.reverse))
             else:
-                zeros_deg = self._zeros_deg(transport, task.robot, saved)
+                zeros_deg = self._zeros_deg(transport, target.robot, saved)
                 calibration = Calibration(saved.zeros_deg | zeros_deg, saved.reversed)
         finally:
             transport.close()
-        path = save_calibration(hub_id, task.robot, calibration, self.calibrations)
+        path = save_calibration(hub_id, target.robot, calibration, self.calibrations)
         for name, zero_deg in sorted(calibration.zeros_deg.items()):
             print_line(f"zero     {name:12}{zero_deg} deg")
         for name in sorted(calibration.reversed):
@@ -285,23 +297,22 @@ class Calibrate:
         return zeros_deg
 
 
-def _task(env_id: str) -> Task:
-    from bricksrl.envs.registry import get_task
+def _find(name: str) -> Target:
+    from brickhub.target import find
 
-    return get_task(env_id)
+    return find(name)
 
 
-def _transport(hub: str, task: Task) -> Transport:
+def _transport(hub: str, target: Target) -> Transport:
     """An unopened transport to the hub."""
     from brickhub.hub.transports.address import parse_hub
 
     address = parse_hub(hub)
     if not address.is_virtual:
         return address.transport()
-    from bricktwin.twin.make_body import make_body
     from brickhub.virtual.transport import VirtualHub
 
-    return VirtualHub(make_body(task.robot, scene=task.scene))
+    return VirtualHub(target.make_body())
 
 
 def _hub_id(transport: Transport) -> str:

@@ -1,24 +1,22 @@
-"""Loading of tasks and robots from the user's code: ``my_task.py``, ``my_task.py:TASK``, ``package.module:TASK``."""
+"""Loading of objects from the user's code: ``my_robot.py``, ``my_robot.py:ROBOT``, ``package.module:ROBOT``."""
 
 from __future__ import annotations
 
-import functools
 import importlib
 import importlib.util
 import os
 import sys
 import sysconfig
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from bricksrl.envs.task import Task
-from bricksrl.errors import DescriptionError, UnknownNameError
+from brickhub import HOUSES
+from brickhub.errors import DescriptionError, UnknownNameError
 from brickhub.robot import Robot
-from bricktwin.twin.scene import Scene
 
 
 def is_reference(env_id: str) -> bool:
@@ -40,12 +38,13 @@ def without_folder(reference: str) -> str:
     return Path(reference).name if _parts(reference)[0].endswith(".py") else reference
 
 
-def load_object(reference: str, default: str | type[Task | Robot]) -> Any:
+def load_object(reference: str, default: str | type, *, missing: str = "write one there") -> Any:
     """Object of that name in the user's code.
 
     Args:
         reference: a Python file or an importable module, a colon, and the name; for a file the name may be omitted.
         default: the name where it is omitted, or the type of the file's only object of that type.
+        missing: what to do where a file has no object of that type, for the message.
 
     Raises:
         UnknownNameError: there is no such file, module or name.
@@ -53,7 +52,7 @@ def load_object(reference: str, default: str | type[Task | Robot]) -> Any:
     """
     location, name = _parts(reference)
     module = _load(location, reference)
-    name = name or (default if isinstance(default, str) else _only(default, module, reference))
+    name = name or (default if isinstance(default, str) else _only(default, module, reference, missing))
     try:
         return getattr(module, name)
     except AttributeError:
@@ -67,53 +66,13 @@ def _parts(reference: str) -> tuple[str, str]:
     return (reference, "") if not colon or name.endswith(".py") else (location, name)
 
 
-def load_builder(reference: str) -> Callable[..., Task]:
-    """Builder of a task in the user's code, as a function of its options.
-
-    Args:
-        reference: a Python file or an importable module, a colon, and the name of a :class:`Task` in it or of a function that
-            returns one; the name may be omitted for a file with a single task.
-
-    Raises:
-        UnknownNameError: there is no such file, module or name.
-        DescriptionError: the named object is no task, or the code raised.
-    """
-    builder = load_object(reference, Task)
-    if isinstance(builder, Task):
-        return lambda: builder
-    if not callable(builder):
-        raise DescriptionError(f"{reference} is a {type(builder).__name__} and no task; name a bricksrl.envs.Task")
-
-    @functools.wraps(builder)
-    def build(**options: object) -> Task:
-        task = builder(**options)
-        if not isinstance(task, Task):
-            raise DescriptionError(f"{reference} returns a {type(task).__name__} and no task; let it return a bricksrl.envs.Task")
-        return task
-
-    return build
-
-
-def load_robot(reference: str) -> tuple[Robot, Scene | None]:
-    """Robot in the user's code, and the scene if it is given by a task.
-
-    Args:
-        reference: as for tasks; names a :class:`bricktwin.robots.Robot` or a task. Without a name it is the file's only task, or
-            else its only robot.
-
-    Raises:
-        UnknownNameError: there is no such file, module or name, or the file has no single robot.
-        DescriptionError: the named object is no robot, or the code raised.
-    """
-    try:
-        value = load_object(reference, Task)
-    except UnknownNameError:
-        value = load_object(reference, Robot)
-    if isinstance(value, Task):
-        return value.robot, value.scene
-    if not isinstance(value, Robot):
-        raise DescriptionError(f"{reference} is not a robot; name a bricktwin.robots.Robot that is written there")
-    return value, None
+def load_robot(reference: str) -> Robot:
+    """Robot in the user's code; the name may be omitted for a file with a single robot. Raises as `load_object`, and
+    DescriptionError if the named object is no robot."""
+    robot = load_object(reference, Robot)
+    if not isinstance(robot, Robot):
+        raise DescriptionError(f"{reference} is not a robot; name a Robot that is written there")
+    return robot
 
 
 def _load(location: str, reference: str) -> ModuleType:
@@ -142,7 +101,8 @@ def _load(location: str, reference: str) -> ModuleType:
 def line_of_user(error: BaseException) -> str:
     """Location in the user's files where an exception was raised, as ", my_task.py, line 7"; empty if there is none."""
     installed = {sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib", "scripts")}
-    foreign = [str(Path(__file__).resolve().parents[1]), *filter(None, installed)]
+    ours = (getattr(sys.modules.get(house), "__file__", None) for house in HOUSES)
+    foreign = [*(str(Path(file).resolve().parent) for file in ours if file), *filter(None, installed)]
     for frame in reversed(traceback.extract_tb(error.__traceback__)):
         path = Path(frame.filename)
         if path.is_file() and not any(path.resolve().is_relative_to(Path(folder).resolve()) for folder in foreign):
@@ -176,13 +136,13 @@ def _importable(folder: str) -> Iterator[None]:
         sys.path.remove(folder)
 
 
-def _only(type_: type[Task | Robot], module: ModuleType, reference: str) -> str:
-    """Name of the only task or robot in a module. Raises UnknownNameError for none or several."""
+def _only(type_: type, module: ModuleType, reference: str, missing: str) -> str:
+    """Name of the only object of a type in a module. Raises UnknownNameError for none or several."""
     # An object does not record the module that defines it, so imported ones count too; aliases of one object count once.
     names = {id(value): name for name, value in vars(module).items() if isinstance(value, type_)}
     if len(names) != 1:
         known, noun = ", ".join(names.values()), type_.__name__.lower()
         if not names:
-            raise UnknownNameError(f"{reference} has no {noun}; `bricksrl new {noun} FILE` writes a file with one")
+            raise UnknownNameError(f"{reference} has no {noun}; {missing}")
         raise UnknownNameError(f"{reference} has {len(names)} {noun}s ({known}); name one: {reference}:{noun.upper()}")
     return next(iter(names.values()))

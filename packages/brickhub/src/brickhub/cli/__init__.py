@@ -1,0 +1,53 @@
+"""The command ``brickhub``, and the start of every command line of this project.
+
+Modules of commands are imported when they are needed, so that help is printed at once.
+"""
+
+from __future__ import annotations
+
+import atexit
+import os
+import signal
+import sys
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+
+_MIN_COLUMNS = 20
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command of ``brickhub`` and return its exit code, as `start`."""
+
+    def run(words: Sequence[str]) -> int:
+        from brickhub.cli import app, commands
+
+        return app.run(commands.LINE, words)
+
+    return start(run, arguments)
+
+
+def start(run: Callable[[Sequence[str]], int], arguments: Sequence[str] | None = None) -> int:
+    """Run one command in a terminal of any kind, and return its exit code: 0, 1 for a hub program that failed, 2 for an error,
+    130 for Ctrl-C. ``arguments`` are those of the process by default."""
+    if sys.flags.optimize > 1:  # the help texts need docstrings
+        sys.stderr.write("error: Python leaves docstrings out (-OO); unset PYTHONOPTIMIZE or set it to 1\n")
+        return 2
+    columns = os.environ.get("COLUMNS", "")
+    if columns.isdecimal() and int(columns) < _MIN_COLUMNS:
+        del os.environ["COLUMNS"]  # tables this narrow are unreadable
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed by the caller
+            setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_WRONLY), "w"))
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="replace")  # for terminals that lack a character
+    try:
+        return run(sys.argv[1:] if arguments is None else arguments)
+    except KeyboardInterrupt:
+        sys.stderr.write("interrupted: nothing was saved\n")
+        return 130
+    finally:  # another Ctrl-C would show a traceback of what libraries do at the end of the process
+        atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)

@@ -1,0 +1,93 @@
+"""Exceptions, all derived from one. Each message is one line: what happened, and what to do."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class BricksError(Exception):
+    """Root of all errors that BricksRL raises on purpose."""
+
+
+class DescriptionError(BricksError, ValueError):
+    """A robot or an interface is described that cannot be built."""
+
+
+class UnknownOptionError(DescriptionError, TypeError):
+    """An option that an environment does not have; also a ``TypeError``, as expected by libraries that try options out."""
+
+
+class PlanError(BricksError):
+    """A building plan that cannot be read or followed."""
+
+
+class UnknownNameError(BricksError, LookupError):
+    """A name of an environment, agent, robot or option that is not registered."""
+
+
+class ProgramError(BricksError):
+    """A hub program that cannot run on the hub: language, size or compilation."""
+
+
+class HubError(BricksError):
+    """The link to a hub failed."""
+
+
+class HubTimeoutError(HubError, TimeoutError):
+    """The hub did not answer in time."""
+
+
+class HubProtocolError(HubError):
+    """The hub's answer is not of our protocol."""
+
+
+class HubProgramError(HubError):
+    """The program on the hub raised; the message holds the hub's own text."""
+
+
+class StoppedError(BricksError):
+    """A human stopped the robot. Not a fault of the link, which is therefore not repaired."""
+
+
+class TwinError(BricksError):
+    """A virtual robot or its scene cannot be built, or cannot do what is requested."""
+
+
+class SceneError(TwinError):
+    """A function of a user's scene raised; not an error of the program on the hub that called it."""
+
+
+class RenderingUnavailableError(TwinError):
+    """No OpenGL library works on this computer."""
+
+
+class WriteError(BricksError, OSError):
+    """A file or folder that cannot be written where the user wants it; raised by `brickhub.files`."""
+
+    def __str__(self) -> str:
+        return str(self.args[0])
+
+
+def message_of(error: BaseException, characters: int = 200, *, typed: bool = False) -> str:
+    """Message of a library's or user's error in one line, at most of so many characters; with its type if it has none, or
+    ``typed``: the type of an error in somebody's code says more than its message."""
+    message, name = " ".join(str(error).split())[:characters], type(error).__name__
+    return message if message and not typed else f"{name}: {message}".removesuffix(": ")
+
+
+def hint(name: str, known: Iterable[str]) -> str:
+    """``" (did you mean 'x'?)"``, with the known name that is most like ``name`` in any case, or ``""``."""
+    by_lower = {candidate.lower(): candidate for candidate in known}
+    close = difflib.get_close_matches(name.lower(), by_lower, n=1)
+    return f" (did you mean '{by_lower[close[0]]}'?)" if close else ""
+
+
+def counted(number: int, noun: str) -> str:
+    """``"1 episode"`` or ``"2 episodes"``."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
+def percent(share: float | None) -> str:
+    """``"57 %"`` for 0.57; an empty string for ``None``."""
+    return "" if share is None else f"{100 * share:.0f} %"

@@ -1,0 +1,76 @@
+"""Target of a command: a robot with an interface and a body, found by the name that a user gives.
+
+A house to the right that knows more names than the user's files (robots, plans, environments) declares its own `find` as an entry
+point of the group ``brickhub.target``, and asks the one of the house before for what it does not know.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import metadata
+from typing import Any
+
+from brickhub import HOUSES
+from brickhub.errors import UnknownNameError
+from brickhub.hub.interface import Distance, Interface, MotorAngle, Pitch, Roll, RunAngle, Wait, YawRate
+from brickhub.hub.kinds import Channel
+from brickhub.robot import BENCH, Robot, UltrasonicSensor
+from brickhub.user_files import is_reference, load_robot
+from brickhub.virtual.bench_body import BenchBody
+from brickhub.virtual.body import Body
+
+_FAST_DEG_S = 1000
+_TURN_DEG = 600.0
+
+
+@dataclass(frozen=True)
+class Target:
+    """Robot of a command.
+
+    Attributes:
+        name: of the robot, or of the environment that it is for.
+        interface: commands and channels of the program on its hub.
+        make_body: builds the body of the virtual robot; its options are those of the house that found it.
+        scene: surroundings of the virtual robot, as that house describes them; ``None`` if nothing is said.
+    """
+
+    name: str
+    robot: Robot
+    interface: Interface
+    make_body: Callable[..., Body]
+    scene: Any = None
+
+
+def whole_interface(robot: Robot) -> Interface:
+    """Interface with every motor at full speed, the IMU and the distance sensor, 50 ms after each command."""
+    channels: list[Channel] = [MotorAngle(motor.name, *(map(float, motor.range_deg or (0, 360)))) for motor in robot.motors]
+    if robot.needs_imu:
+        channels += [Pitch(), Roll(), YawRate()]
+    channels += [Distance(sensor.name) for sensor in robot.sensors if isinstance(sensor, UltrasonicSensor)][:1]
+    commands = tuple(RunAngle(motor.name, -_TURN_DEG, _TURN_DEG, _FAST_DEG_S) for motor in robot.motors)
+    return Interface(commands, tuple(channels), Wait(50))
+
+
+def find_in_files(name: str) -> Target:
+    """The robot in a user's file, or ``bench``, on the bench. Raises UnknownNameError if there is none, DescriptionError if the
+    file is wrong."""
+    if not is_reference(name) and name != BENCH.name:
+        raise UnknownNameError(f"there is no robot '{name}'; name a Python file with one, such as my_robot.py, or bench")
+    robot = BENCH if name == BENCH.name else load_robot(name)
+    return Target(robot.name, robot, whole_interface(robot), functools.partial(BenchBody, robot))
+
+
+def find(name: str) -> Target:
+    """The target of that name, as the last house that is installed knows it. Raises UnknownNameError if there is none,
+    DescriptionError if a user's file is wrong."""
+    return _finder()(name)
+
+
+@functools.cache
+def _finder() -> Callable[[str], Target]:
+    points = {point.name: point for point in metadata.entry_points(group="brickhub.target")}
+    last = next((points[house] for house in reversed(HOUSES) if house in points), None)
+    finder: Callable[[str], Target] = find_in_files if last is None else last.load()
+    return finder

@@ -1,0 +1,113 @@
+"""Commands of ``bricksrl``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from brickhub.cli import app
+from brickhub.cli.app import Command, CommandLine
+from bricksrl import __version__
+
+LINE = CommandLine(
+    "bricksrl",
+    __version__,
+    """Reinforcement learning on LEGO robots that run Pybricks.
+
+Without a robot, everything runs on a virtual hub, which executes the same hub program in simulated time.
+
+Examples:
+  bricksrl list
+  bricksrl train RunAway-v0
+  bricksrl evaluate runs/<folder>
+  bricksrl train --help
+  bricksrl --version
+""",
+    {
+        "list": "bricksrl.cli.envs:List",
+        "train": "bricksrl.cli.train:Train",
+        "train-offline": "bricksrl.cli.offline:TrainOffline",
+        "team": "bricksrl.cli.team:TrainTeam",
+        "resume": "bricksrl.cli.train:Resume",
+        "tune": "bricksrl.cli.tune:Tune",
+        "study": "bricksrl.cli.study:StudyCommand",
+        "evaluate": "bricksrl.cli.evaluate:Evaluate",
+        "play": "bricksrl.cli.page:Play",
+        "drive": "bricksrl.cli.page:Drive",
+        "compare": "bricksrl.cli.compare:Compare",
+        "plot": "bricksrl.cli.compare:Plot",
+        "export": "bricksrl.cli.export:Export",
+        "record": "bricksrl.cli.record:Record",
+        "settings": "bricksrl.cli.settings:Settings",
+        "check": "bricksrl.cli.check:Check",
+        "doctor": "bricksrl.cli.doctor:Doctor",
+        "trust": "bricksrl.cli.trust:Trust",
+    },
+    {
+        "hub": (
+            "Hubs: find, check, calibrate and stop one; print its program; run your own programs.",
+            {
+                "scan": "brickhub.cli.tools:Scan",
+                "check": "brickhub.cli.tools:Check",
+                "latency": "brickhub.cli.tools:Latency",
+                "calibrate": "brickhub.cli.tools:Calibrate",
+                "stop": "brickhub.cli.tools:Stop",
+                "program": "brickhub.cli.tools:Program",
+                "run": "bricksrl.cli.hub_run:Run",
+            },
+        ),
+        "data": (
+            "Datasets: inspect, repair, merge, split, import, export and share them.",
+            {
+                "info": "bricksrl.cli.data:Info",
+                "check": "bricksrl.cli.data:Check",
+                "repair": "bricksrl.cli.data:Repair",
+                "merge": "bricksrl.cli.data:Merge",
+                "split": "bricksrl.cli.data:Split",
+                "plot": "bricksrl.cli.data:Plot",
+                "import": "bricksrl.cli.data:Import",
+                "export": "bricksrl.cli.data:Export",
+                "push": "bricksrl.cli.data:Push",
+                "pull": "bricksrl.cli.data:Pull",
+            },
+        ),
+        "camera": ("The camera of a task: calibrate its colors.", {"calibrate": "bricksrl.cli.camera:CalibrateCamera"}),
+        "plan": (
+            "Building plans: check an LDraw file, list its parts, draw its booklet, show it in the browser.",
+            {
+                "check": "bricktwin.cli.plan:CheckPlan",
+                "parts": "bricktwin.cli.plan:PlanParts",
+                "steps": "bricktwin.cli.plan:PlanSteps",
+                "show": "bricksrl.cli.plan:ShowPlan",
+            },
+        ),
+        "new": (
+            "Templates: write a commented Python file as a start for your own task, robot or algorithm.",
+            {
+                "task": "bricksrl.cli.new:NewTask",
+                "robot": "bricksrl.cli.new:NewRobot",
+                "agent": "bricksrl.cli.new:NewAgent",
+            },
+        ),
+        "twin": (
+            "The twin of a robot: record the robot's motion, fit the twin's physics to it.",
+            {"record": "bricktwin.cli.twin:Record", "fit": "bricktwin.cli.twin:Fit"},
+        ),
+    },
+    spelling={
+        "bricktwin plan": "bricksrl plan",
+        "bricktwin twin": "bricksrl twin",
+        "bricktwin run": "bricksrl hub run",
+        "brickhub (check|program|latency|calibrate) my_robot.py": r"bricksrl hub \2 RunAway-v0",
+        "brickhub": "bricksrl hub",
+    },
+)
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run the command that these arguments name; returns its exit code."""
+    return app.run(LINE, arguments)
+
+
+def parse(arguments: Sequence[str]) -> Command:
+    """Parse the arguments into a command; exits like argparse for help and for invalid arguments."""
+    return app.parse(LINE, arguments)

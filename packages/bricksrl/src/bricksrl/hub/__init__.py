@@ -1,0 +1,1 @@
+"""Names of `brickhub.hub` under their earlier place."""

@@ -1,0 +1,1 @@
+"""Names of `bricktwin.plans` under their earlier place."""

@@ -1,0 +1,1 @@
+"""Names of `bricktwin.plans.mechanism` under their earlier place."""

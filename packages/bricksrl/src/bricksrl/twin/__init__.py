@@ -1,0 +1,1 @@
+"""Names of `bricktwin.twin` under their earlier place."""

@@ -1,0 +1,34 @@
+"""Commands of ``bricktwin``."""
+
+from __future__ import annotations
+
+from brickhub.cli.app import CommandLine
+from bricktwin import __version__
+
+LINE = CommandLine(
+    "bricktwin",
+    __version__,
+    """Bodies for Pybricks robots: physics, building plans, films.
+
+Examples:
+  bricktwin run main.py --robot walker --video walk.mp4
+  bricktwin plan check my_robot.ldr
+  bricktwin run --help
+  bricktwin --version
+""",
+    {"run": "bricktwin.cli.run:Run"},
+    {
+        "plan": (
+            "Building plans: check an LDraw file, list its parts, draw its booklet.",
+            {
+                "check": "bricktwin.cli.plan:CheckPlan",
+                "parts": "bricktwin.cli.plan:PlanParts",
+                "steps": "bricktwin.cli.plan:PlanSteps",
+            },
+        ),
+        "twin": (
+            "The twin of a robot: record the robot's motion, fit the twin's physics to it.",
+            {"record": "bricktwin.cli.twin:Record", "fit": "bricktwin.cli.twin:Fit"},
+        ),
+    },
+)

@@ -1,0 +1,55 @@
+"""Targets with a body: our robots, robots in the user's files, and building plans."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+from brickhub.errors import DescriptionError, UnknownNameError
+from brickhub.robot import HubKind, Robot
+from brickhub.target import Target, find_in_files, whole_interface
+from brickhub.user_files import is_reference
+from bricktwin import robots
+from bricktwin.twin.make_body import make_body
+
+PLAN_SUFFIXES = (".ldr", ".mpd", ".io")
+"""Suffixes of building plans."""
+
+
+def find(name: str) -> Target:
+    """One of our robots, the robot of a building plan, or the robot in a user's file. Raises UnknownNameError if there is none,
+    DescriptionError or PlanError if a file is wrong."""
+    if name in robots.ROBOTS:
+        return with_body(robots.get(name))
+    if name.lower().endswith(PLAN_SUFFIXES):
+        return with_body(robot_of_plan(Path(name)))
+    if not is_reference(name):
+        raise UnknownNameError(
+            f"there is no robot '{name}'; choose {', '.join(robots.ROBOTS)}, or name a file: my_robot.ldr or my_robot.py"
+        )
+    target = find_in_files(name)
+    return replace(target, make_body=partial(make_body, target.robot))
+
+
+def with_body(robot: Robot) -> Target:
+    """A robot on an open floor, or on the bench if it has no body."""
+    return Target(robot.name, robot, whole_interface(robot), partial(make_body, robot))
+
+
+def robot_of_plan(path: Path) -> Robot:
+    """The robot that a building plan describes: its hub, and the motors and sensors on the hub's ports. Raises PlanError if the
+    plan cannot be read, DescriptionError if it has no hub of ours."""
+    from bricktwin.plans.part import DeviceKind
+    from bricktwin.plans.plan import read_plan
+    from bricktwin.plans.planned_robot import planned_robot
+    from bricktwin.robots.planned import hub_sides
+
+    hub = next(iter(read_plan(path).devices(DeviceKind.HUB)), None)
+    kinds = {kind.value: kind for kind in HubKind}
+    if hub is None or hub.electric.name not in kinds:
+        raise DescriptionError(f"{path} has {'no hub' if hub is None else hub.name}; a robot needs one that runs Pybricks")
+    kind = kinds[hub.electric.name]
+    needs_imu = kind.model.has_imu and len(hub_sides(planned_robot(path))) == 2
+    stem = "".join(letter if letter.isalnum() else "_" for letter in path.stem)
+    return Robot(stem if stem.isidentifier() else f"robot_{stem}", kind, needs_imu=needs_imu, plan=str(path))

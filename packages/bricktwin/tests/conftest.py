@@ -1,0 +1,5 @@
+"""Settings of the tests."""
+
+from __future__ import annotations
+
+import hermetic  # noqa: F401  before anything else is imported
