@@ -45,12 +45,12 @@ _COMMANDS = {
     "study": "study:StudyCommand",
     "evaluate": "evaluate:Evaluate",
     "play": "page:Play",
-    "drive": "page:Drive",
+    "drive": "page:DriveRobot",
     "compare": "compare:Compare",
     "plot": "compare:Plot",
     "export": "export:Export",
     "record": "record:Record",
-    "settings": "settings:Settings",
+    "settings": "settings:ShowSettings",
     "check": "check:Check",
     "doctor": "doctor:Doctor",
     "trust": "trust:Trust",
@@ -67,13 +67,13 @@ _HUB = {
 }
 _DATA = {
     "info": "data:Info",
-    "check": "data:Check",
+    "check": "data:CheckData",
     "repair": "data:Repair",
     "merge": "data:Merge",
     "split": "data:Split",
-    "plot": "data:Plot",
+    "plot": "data:PlotData",
     "import": "data:Import",
-    "export": "data:Export",
+    "export": "data:ExportData",
     "push": "data:Push",
     "pull": "data:Pull",
 }
@@ -91,12 +91,12 @@ _GROUPS = {
     ),
     "twin": (
         "The twin of a robot: record the robot's motion, fit the twin's physics to it.",
-        {"record": "twin:Record", "fit": "twin:Fit"},
+        {"record": "twin:RecordMotion", "fit": "twin:FitTwin"},
     ),
 }
 
 
-class Command(Protocol):
+class ParsedCommand(Protocol):
     """One parsed command line."""
 
     def execute(self) -> int | None:
@@ -148,7 +148,7 @@ def _missing_package(error: Exception) -> str | None:
     return f"the package '{package}' is missing in {sys.prefix}; install BricksRL there again, or activate its environment"
 
 
-def parse(arguments: Sequence[str]) -> Command:
+def parse(arguments: Sequence[str]) -> ParsedCommand:
     """Parse the arguments into a command; exits like argparse for help and for invalid arguments."""
     words = command_words(arguments)
     messages = io.StringIO()
@@ -159,7 +159,7 @@ def parse(arguments: Sequence[str]) -> Command:
         if end.code:
             print_error(one_line(messages.getvalue(), " ".join(["bricksrl", *words])))
         raise
-    return cast(Command, parsed)
+    return cast(ParsedCommand, parsed)
 
 
 def _parse(words: Sequence[str], arguments: Sequence[str]) -> object:
