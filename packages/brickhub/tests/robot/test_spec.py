@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bricktwin import robots
 from brickhub.errors import DescriptionError, UnknownNameError
 from brickhub.robot import Chassis, DriveBase, HubKind, Motor, MotorKind, Mount, Robot, UltrasonicSensor
+from bricktwin import robots
 from bricktwin.robots import ROBOTS
 
 names = st.from_regex(r"[a-z_][a-z0-9_]{0,8}", fullmatch=True)

@@ -9,7 +9,6 @@ from typing import Any
 
 import pytest
 
-from bricktwin import robots
 from brickhub.errors import ProgramError, TwinError
 from brickhub.robot import BENCH
 from brickhub.virtual.bench_body import BenchBody
@@ -18,6 +17,7 @@ from brickhub.virtual.machine import Machine
 from brickhub.virtual.pace import Pace
 from brickhub.virtual.panel import Panel, parse_press
 from brickhub.virtual.run import Operation, run_file
+from bricktwin import robots
 from bricktwin.twin.make_body import make_body
 
 

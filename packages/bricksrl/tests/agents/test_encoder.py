@@ -9,13 +9,10 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from small import ENV, LAYOUT, SIGHT, settings
-from torchrl.envs import TransformedEnv
-from torchrl.envs.utils import check_env_specs
 from toys import Cart
 
-from bricksrl.agents.encoder import ObservationEncoder, encoder_keys, make_encoder
-from bricksrl.agents.images import Convolutions, ImageEncoder, Keypoints, shift_images
-from bricksrl.agents.operators import EncodeObservation
+from bricksrl.agents.encoder import Convolutions, ImageEncoder, Keypoints, ObservationEncoder, encoder_keys, make_encoder
+from bricksrl.agents.replay.buffer import shift_images
 from bricksrl.envs.registry import get_task
 from bricksrl.envs.specs import ObservationLayout
 from bricksrl.errors import DescriptionError
@@ -90,18 +87,6 @@ def test_layouts_come_from_the_task_or_from_the_bounds_of_the_spec() -> None:
     assert ObservationLayout.of(Cart()) == ObservationLayout((0.0, -1.0), (1000.0, 1.0), (False, False))
     assert ObservationLayout.of(SIGHT) == ObservationLayout((-1.0,) * 2, (1.0,) * 2, (False,) * 2, image_px=32)
     assert LAYOUT.goals == ((4, 0), (5, 1), (6, 2), (7, 3))
-
-
-def test_encoder_works_as_transform() -> None:
-    encoder = ObservationEncoder(LAYOUT)
-    env = TransformedEnv(ENV, EncodeObservation(encoder))
-    check_env_specs(env)
-    found = env.rollout(3)
-    torch.testing.assert_close(found["features"], encoder(found["observation"]))
-    torch.testing.assert_close(found["next", "features"], encoder(found["next", "observation"]))
-    env = TransformedEnv(Cart(), EncodeObservation(make_encoder(Cart(), settings("sac")), "seen"))  # type: ignore[arg-type]
-    check_env_specs(env)
-    assert env.observation_spec["seen"].shape == (2,)
 
 
 def test_images_and_observations_are_joined() -> None:

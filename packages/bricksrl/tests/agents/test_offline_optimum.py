@@ -20,7 +20,7 @@ from torchrl.envs import EnvBase
 
 from bricksrl.agents import make_learner, preset
 from bricksrl.agents.learner import Learner
-from bricksrl.agents.replay.episodic_buffer import EpisodicReplayBuffer
+from bricksrl.agents.replay.buffer import EpisodicReplayBuffer
 
 GAMMA, REACH, GAIN, NOISE = 0.8, 0.3, 0.5, 0.6
 GRID = torch.linspace(-1.0, 1.0, 401)

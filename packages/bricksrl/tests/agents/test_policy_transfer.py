@@ -9,7 +9,7 @@ from torch import nn
 
 from bricksrl.agents.actor_critic import ActorCriticLoss
 from bricksrl.agents.learner import Learner
-from bricksrl.agents.policy_transfer import ALPHA, REACH, PolicyAnchor, PolicyFormError, anchor, transfer_policy
+from bricksrl.agents.policy_transfer import ALPHA, REACH, PolicyAnchor, PolicyFormError, anchor, restore, transfer_policy
 
 
 def of(learner: Learner) -> ActorCriticLoss:
@@ -124,7 +124,7 @@ def test_anchor_state_is_restored() -> None:
     one.remember(steps(30))
     one.make_updates(3)
     other = make("sac", seed=5)
-    other.load_state_dict(saved(one))
+    restore(other, saved(one))
     assert of(other).anchor is not None
     assert of(other).anchor.get_extra_state() == {"made": 3}  # type: ignore[union-attr]
     for each in (one, other):

@@ -10,8 +10,7 @@ from small import ENV, LAYOUT, TASK, make, settings, steps
 from tensordict import TensorDict
 from torch import Tensor
 
-from bricksrl.agents.replay.buffer import make_replay_buffer
-from bricksrl.agents.replay.episodic_buffer import HORIZON, EpisodicReplayBuffer, GoalRelabelling
+from bricksrl.agents.replay.buffer import HORIZON, EpisodicReplayBuffer, GoalRelabelling, make_replay_buffer
 
 GOALS = GoalRelabelling(TASK, LAYOUT, 0.5, 0.5)
 

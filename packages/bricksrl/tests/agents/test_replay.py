@@ -14,7 +14,7 @@ from tensordict import TensorDict
 
 from bricksrl.agents.imitation.chunks import recorded_memory
 from bricksrl.agents.learner_state import load_memory_state, memory_state
-from bricksrl.agents.replay.episodic_buffer import EpisodicReplayBuffer
+from bricksrl.agents.replay.buffer import EpisodicReplayBuffer
 from bricksrl.errors import DescriptionError
 
 GAMMA = 0.9

@@ -12,7 +12,7 @@ import pytest
 from brickhub.cli.app import parse
 from bricksrl import make
 from bricksrl.cli import main
-from bricksrl.cli.page import Drive, Play, _in_terminal, has_screen
+from bricksrl.cli.page import DriveRobot, Play, _in_terminal, has_screen
 from bricksrl.errors import HubError
 from bricksrl.policies.named import Player
 
@@ -111,7 +111,7 @@ def test_page_is_local_by_default():
     for words in (["drive", "Spinning-v0"], ["play", "runs/spin", "--page"], ["train", "Walker-v1", "--page"]):
         options = parse(words).live_page.page_options()
         assert (options.host, options.port) == ("127.0.0.1", None)
-    assert isinstance(parse(["drive", "Spinning-v0"]), Drive) and isinstance(parse(["play", "runs/spin"]), Play)
+    assert isinstance(parse(["drive", "Spinning-v0"]), DriveRobot) and isinstance(parse(["play", "runs/spin"]), Play)
 
 
 def test_no_browser_without_display(monkeypatch):

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from bricktwin.robots import plans
 from bricksrl.cli import main
+from bricktwin.robots import plans
 
 PLAN = str(Path(plans.__path__[0]) / "two_wheeler.ldr")
 

@@ -7,8 +7,8 @@ import json
 import pytest
 
 from bricksrl.cli import main
-from bricktwin.cli import twin
 from bricksrl.training import RunFolder
+from bricktwin.cli import twin
 from bricktwin.twin import motion_log
 from bricktwin.twin.motion_log import read_log
 from bricktwin.twin.system_id import FITTED

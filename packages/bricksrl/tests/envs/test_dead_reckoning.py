@@ -76,7 +76,7 @@ def test_last_commands_are_observed() -> None:
 
 def test_real_robot_is_placed_at_start(caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level(logging.WARNING):
-        start = start_pose(PARK, None, np.random.default_rng(0))
+        start = start_pose(PARK.scene, PARK.id, None, np.random.default_rng(0))
     assert -550 <= start.x_mm <= -300 and abs(start.y_mm) <= 150 and abs(start.heading_deg) <= 40
     assert f"x = {start.x_mm:.0f} mm" in caplog.text
 

@@ -8,7 +8,7 @@ import struct
 import numpy as np
 
 from brickhub.entry import Entry
-from bricksrl.page.board import IMAGE, POSES, Board, Reader, Series, to_json
+from bricksrl.page.board import IMAGE, POSES, Board, BoardReader, Series, to_json
 from bricksrl.page.driver import PageDriver, stick_map
 from bricksrl.page.scene import Scene, SceneBody, Shape, box, poses
 
@@ -20,7 +20,7 @@ def test_reader_gets_snapshot_then_changes() -> None:
     board.update_status(state="running")
     series = board.new_series("reward", ("reward",))
     series.add((0.5,))
-    reader = Reader(board)
+    reader = BoardReader(board)
     news = reader.changes(numbers=True)
     assert news[0] == {"scene": 1} and news[1][0] == POSES and news[2] == {"status": {"state": "running"}}
     assert news[3] == {"series": {"reward": {"first": 0, "rows": [[0.5]], "names": ("reward",), "kept": 400}}}
@@ -32,32 +32,32 @@ def test_reader_gets_snapshot_then_changes() -> None:
     board.show_poses(lambda: poses([[0, 0, 2]]))
     (moved,) = reader.changes(numbers=False)
     assert struct.unpack("<7f", moved[4:])[:3] == (0, 0, 2)
-    assert [type(one) for one in Reader(board).changes(numbers=True)] == [dict, bytes, dict, dict]
+    assert [type(one) for one in BoardReader(board).changes(numbers=True)] == [dict, bytes, dict, dict]
 
 
 def test_board_image() -> None:
     board = Board()
     board.show_image(np.arange(24, dtype=np.uint8).reshape(2, 4, 3))
-    message = Reader(board).changes(numbers=True)[0]
+    message = BoardReader(board).changes(numbers=True)[0]
     assert struct.unpack_from("<BxHH", message) == (IMAGE, 2, 4) and message[8:] == bytes(range(24))
 
 
 def test_late_reader_gets_bounded_series() -> None:
     board = Board()
     series = board.new_series("return", ("return",), max_rows=5)
-    reader = Reader(board)
+    reader = BoardReader(board)
     reader.changes(numbers=True)
     for value in range(12):
         series.add((value,))
     assert reader.changes(numbers=True)[-1]["series"]["return"]["first"] == 7
-    assert Reader(board).changes(numbers=True)[-1]["series"]["return"]["rows"] == [[7.0], [8.0], [9.0], [10.0], [11.0]]
+    assert BoardReader(board).changes(numbers=True)[-1]["series"]["return"]["rows"] == [[7.0], [8.0], [9.0], [10.0], [11.0]]
     assert Series(("a",)).since(0) == (0, [])
 
 
 def test_new_series_replaces_same_name() -> None:
     board = Board()
     board.new_series("channels", ("a",)).add((1.0,))
-    reader = Reader(board)
+    reader = BoardReader(board)
     reader.changes(numbers=True)
     board.new_series("channels", ("a", "b")).add((1.0, 2.0))
     told = reader.changes(numbers=True)[-1]["series"]["channels"]
@@ -97,6 +97,6 @@ def test_numbers_that_json_lacks_are_null() -> None:
     board = Board()
     board.update_status(facts={"reward": float("nan"), "episode": "1/2"})
     board.new_series("reward", ("reward",)).add((float("inf"),))
-    status, series = (json.loads(to_json(message), parse_constant=float) for message in Reader(board).changes(numbers=True))
+    status, series = (json.loads(to_json(message), parse_constant=float) for message in BoardReader(board).changes(numbers=True))
     assert status == {"status": {"facts": {"reward": None, "episode": "1/2"}}}
     assert series["series"]["reward"]["rows"] == [[None]]

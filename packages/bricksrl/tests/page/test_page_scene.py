@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import json
 import struct
+import threading
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from brickhub.robot import DriveBase, HubKind, Motor, Robot, plans
 from bricksrl.errors import PageError
-from bricksrl.page.robot_view import Mirror
+from bricksrl.page.board import Board
+from bricksrl.page.robot_view import Mirror, RobotView
 from bricksrl.page.scene import HIDDEN, Mesh, Scene, SceneBody, Shape, box, capsule, cylinder, ellipsoid, poses
 from bricksrl.page.twin_scene import twin_scene
 from bricktwin.robots import ROBO_ARM, TWO_WHEELER, WALKER
@@ -111,3 +115,38 @@ def test_pose_follows_sensors(robot) -> None:
             assert abs(apart) < np.radians(7.0), body.model.joint(joint).name
     lowest = min(mirror.poses(seen)[:, 2])
     assert -0.01 < lowest < 0.2
+
+
+MOTORS = (Motor("left", "A"), Motor("right", "B"))
+
+
+def shown(robot: Robot) -> Board:
+    """A board with a real robot's pose."""
+    board = Board()
+    RobotView(board, threading.Event(), lambda: 1.0).show_sensed(robot, OPEN_FLOOR, {"left": 10.0, "right": 20.0}, (0.0, 0.0))
+    return board
+
+
+@pytest.mark.parametrize(
+    "robot",
+    [
+        Robot("planned", HubKind.PRIME, plan=str(Path(plans.__path__[0]) / "two_wheeler.ldr")),
+        Robot("driving", HubKind.PRIME, MOTORS, drive_base=DriveBase("left", "right", 56, 130)),
+    ],
+)
+def test_real_robot_is_drawn_from_plan_or_drive_base(robot: Robot) -> None:
+    board = shown(robot)
+    assert "no_scene" not in board.status[1]
+    assert callable(board.poses[1]) and np.isfinite(board.poses[1]()).all()
+
+
+@pytest.mark.parametrize(
+    ("robot", "says"),
+    [
+        (Robot("bench", HubKind.PRIME, MOTORS), "no model to draw"),
+        (Robot("narrow", HubKind.PRIME, MOTORS, drive_base=DriveBase("left", "right", 8, 130)), "leave no room for its motors"),
+    ],
+)
+def test_page_says_why_real_robot_is_not_drawn(robot: Robot, says: str) -> None:
+    board = shown(robot)
+    assert says in board.status[1]["no_scene"] and board.poses[1] is None

@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bricktwin.robots import plans
 from bricksrl.errors import PlanError
 from bricksrl.page.plan_view import PlanView
 from bricksrl.page.server import PageOptions, PageServer
 from bricktwin.plans import ldraw_file
 from bricktwin.plans.plan import make_plan, read_plan
+from bricktwin.robots import plans
 
 PLANS = Path(plans.__path__[0])
 

@@ -33,7 +33,7 @@ from bricksrl.errors import LearnerError
 from bricksrl.training import TrainConfig, resume, train
 from bricksrl.training.async_learner import AsyncLearner, Inbox, serve
 from bricksrl.training.checkpoint import load_checkpoint
-from bricksrl.training.learner_side import Pace
+from bricksrl.training.learner_side import LearningPace
 
 pytestmark = pytest.mark.realtime
 
@@ -61,7 +61,7 @@ def started(monkeypatch: pytest.MonkeyPatch) -> list[subprocess.Popen[bytes]]:
 
 
 @contextlib.contextmanager
-def learner(*, patient: bool = False, pace: Pace = Pace()) -> Iterator[AsyncLearner]:  # noqa: B008  it is frozen
+def learner(*, patient: bool = False, pace: LearningPace = LearningPace()) -> Iterator[AsyncLearner]:  # noqa: B008  it is frozen
     torch.manual_seed(0)
     acting, config = make_learner("sac", Cart(), SMALL), TrainConfig("Cart", settings=SMALL, realtime=not patient)
     state = {"agent": acting.state_dict(), "pace": asdict(pace), "collected": []}
@@ -91,9 +91,9 @@ def test_learner_never_leads_robot(tmp_path: Path) -> None:
             side.learn(1)
             assert side.pace.done <= side.pace.asked
         asked_s = time.perf_counter() - started_s
-        assert side.pace == Pace(200, side.pace.done)
+        assert side.pace == LearningPace(200, side.pace.done)
         side.finish(lambda: True)
-        assert side.pace == Pace(200, 200)
+        assert side.pace == LearningPace(200, 200)
         assert asked_s < 0.5 * (time.perf_counter() - started_s), "asking waits for no gradient"
         losses = side.learn(1)
         assert losses["loss_qvalue"] > 0
@@ -111,7 +111,7 @@ def test_learner_never_leads_robot(tmp_path: Path) -> None:
 
 
 def test_pending_updates_are_made_after_resume() -> None:
-    with learner(patient=True, pace=Pace(30, 10)) as side:
+    with learner(patient=True, pace=LearningPace(30, 10)) as side:
         remember(side, 30)
         side.learn(1)
         assert side.pace.done >= 31 - 4

@@ -6,13 +6,13 @@ import math
 from pathlib import Path
 
 from brickhub.finding import Finding
-from bricktwin.robots import plans
 from bricktwin.plans import ldraw_file
 from bricktwin.plans.bodies import Bodies
 from bricktwin.plans.check import check
 from bricktwin.plans.geometry import Form
 from bricktwin.plans.part import Part
 from bricktwin.plans.plan import Plan, make_plan
+from bricktwin.robots import plans
 from bricktwin.robots.planned import check_named
 
 PLANS = Path(plans.__path__[0])

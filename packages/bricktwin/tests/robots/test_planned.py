@@ -8,8 +8,7 @@ import pytest
 
 from brickhub.errors import DescriptionError, PlanError
 from brickhub.robot import Direction, DriveBase, HubKind, Motor, MotorKind, Robot, UltrasonicSensor
-from bricktwin.robots import plans
-from bricktwin.robots import ROBO_ARM, TWO_WHEELER, WALKER
+from bricktwin.robots import ROBO_ARM, TWO_WHEELER, WALKER, plans
 from bricktwin.robots.planned import check_description, plan_file
 
 PLANS = Path(plans.__path__[0])

@@ -47,7 +47,7 @@ class CommandLine:
     spelling: Mapping[str, str] = field(default_factory=dict)
 
 
-class Command(Protocol):
+class ParsedCommand(Protocol):
     """One parsed command line."""
 
     def execute(self) -> int | None:
@@ -99,7 +99,7 @@ def _missing_package(line: CommandLine, error: Exception) -> str | None:
     return f"the package '{package}' is missing in {sys.prefix}; install {line.prog} there again, or activate its environment"
 
 
-def parse(line: CommandLine, arguments: Sequence[str]) -> Command:
+def parse(line: CommandLine, arguments: Sequence[str]) -> ParsedCommand:
     """Parse the arguments into a command; exits like argparse for help and for invalid arguments."""
     words = command_words(line, arguments)
     messages = io.StringIO()
@@ -110,7 +110,7 @@ def parse(line: CommandLine, arguments: Sequence[str]) -> Command:
         if end.code:
             print_error(one_line(messages.getvalue(), " ".join([line.prog, *words])))
         raise
-    return cast(Command, parsed)
+    return cast(ParsedCommand, parsed)
 
 
 def _parse(line: CommandLine, words: Sequence[str], arguments: Sequence[str]) -> object:

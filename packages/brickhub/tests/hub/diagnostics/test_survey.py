@@ -9,7 +9,6 @@ from ble_world import World, bounded
 from described import ROBO_ARM, TWO_WHEELER
 from hub_programs import unplug
 
-from bricktwin import robots
 from brickhub.errors import HubError, HubProgramError, HubTimeoutError
 from brickhub.hub.diagnostics.survey import STALL_LIMIT_DEG, find_stops, parse_survey, run, stops_program, survey, survey_program
 from brickhub.hub.program.compile import compile_program, program_blob
@@ -17,6 +16,7 @@ from brickhub.hub.program.lint import require_clean
 from brickhub.hub.transport import HubProgram
 from brickhub.robot import HubKind, Motor, Robot
 from brickhub.virtual.transport import VirtualHub
+from bricktwin import robots
 from bricktwin.twin.make_body import make_body
 
 pytestmark = pytest.mark.realtime

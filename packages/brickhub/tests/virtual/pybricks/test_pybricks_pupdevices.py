@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 from hub_programs import output
 
-from bricktwin import robots
 from brickhub.robot import HubKind, Motor, MotorKind, Robot, UltrasonicSensor
 from brickhub.virtual.bench_body import BenchBody
 from brickhub.virtual.firmware.trajectory import InfeasibleMoveError
 from brickhub.virtual.pybricks.context import firmware_errors
+from bricktwin import robots
 
 HEAD = """
 from pybricks.pupdevices import *

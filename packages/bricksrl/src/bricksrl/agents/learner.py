@@ -19,8 +19,14 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type
 from torchrl.objectives import LossModule
 
 from bricksrl.agents.learner_state import load_loss, load_memory_state, memory_state
-from bricksrl.agents.replay.buffer import TransitionReplayBuffer, cut_at_lost_links, link_lost, make_replay_buffer, with_outcome
-from bricksrl.agents.replay.episodic_buffer import EpisodicReplayBuffer
+from bricksrl.agents.replay.buffer import (
+    EpisodicReplayBuffer,
+    TransitionReplayBuffer,
+    cut_at_lost_links,
+    link_lost,
+    make_replay_buffer,
+    with_outcome,
+)
 from bricksrl.agents.settings import OffPolicySettings, Settings
 from bricksrl.errors import CheckpointError, message_of
 
@@ -239,10 +245,6 @@ class Learner:
             self.policy.load_state_dict(state["policy"])
             self.updates, self.due = int(state["updates"]), float(state["due"])
             if self.loss is not None and self.optimizer is not None:
-                if any(name.startswith("anchor.") for name in state["loss"]):
-                    from bricksrl.agents.policy_transfer import anchor
-
-                    anchor(self)
                 load_loss(self.loss, state["loss"])
                 self.optimizer.load_state_dict(state["optimizer"])
             if self.memory is not None:

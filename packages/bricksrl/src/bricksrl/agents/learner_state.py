@@ -9,8 +9,7 @@ from tensordict import TensorDict
 from torchrl.data import ReplayBuffer
 from torchrl.objectives import LossModule
 
-from bricksrl.agents.replay.buffer import TransitionReplayBuffer
-from bricksrl.agents.replay.episodic_buffer import EpisodicReplayBuffer
+from bricksrl.agents.replay.buffer import EpisodicReplayBuffer, TransitionReplayBuffer
 
 
 class CountedUpdates:

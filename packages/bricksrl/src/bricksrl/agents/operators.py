@@ -1,13 +1,12 @@
-"""Adapters of networks and encoders for TorchRL's losses and environments."""
+"""Operators: encoders and networks as values of states and actions, for TorchRL's losses."""
 
 from __future__ import annotations
 
 import torch
 from torch import Tensor, nn
-from torchrl.envs.transforms import UnaryTransform
 from torchrl.modules import ValueOperator
 
-from bricksrl.agents.encoder import ObservationEncoder, encoder_keys
+from bricksrl.agents.encoder import encoder_keys
 from bricksrl.agents.networks import Actor
 
 
@@ -31,10 +30,3 @@ def value_operator(encoder: nn.Module, body: nn.Module) -> ValueOperator:
 def critic_operator(encoder: nn.Module, body: nn.Module) -> ValueOperator:
     """An action value for TorchRL's losses."""
     return ValueOperator(Critic(encoder, body), in_keys=[*encoder_keys(encoder), "action"])
-
-
-class EncodeObservation(UnaryTransform):  # type: ignore[misc]
-    """An encoder as a transform: adds "features" ``[*batch, size]`` to an environment or a replay buffer."""
-
-    def __init__(self, encoder: ObservationEncoder, out_key: str = "features") -> None:
-        super().__init__(in_keys=["observation"], out_keys=[out_key], fn=encoder)

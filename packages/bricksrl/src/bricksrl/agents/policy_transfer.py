@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import copy
 import math
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -70,6 +71,15 @@ def anchor(learner: Learner) -> None:
         outputs = len(_layers(loss.actor)[-1])
         updates = max(1, round(STEPS * learner.updates_per_step / learner.actor_delay))
         loss.anchor = PolicyAnchor(loss.actor, outputs // 2 if isinstance(loss, SACLoss) else outputs, updates)
+
+
+def restore(learner: Learner, state: dict[str, Any]) -> None:
+    """Restore `Learner.state_dict` of a learner that may be anchored. Raises CheckpointError as `Learner.load_state_dict` does,
+    RunError if an anchored one is compiled."""
+    loss = state.get("loss")
+    if isinstance(loss, dict) and any(str(name).startswith("anchor.") for name in loss):
+        anchor(learner)
+    learner.load_state_dict(state)
 
 
 class PolicyAnchor(CountedUpdates, nn.Module):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from brickhub.cli import app
-from brickhub.cli.app import Command, CommandLine
+from brickhub.cli.app import CommandLine, ParsedCommand
 from bricksrl import __version__
 
 LINE = CommandLine(
@@ -32,12 +32,12 @@ Examples:
         "study": "bricksrl.cli.study:StudyCommand",
         "evaluate": "bricksrl.cli.evaluate:Evaluate",
         "play": "bricksrl.cli.page:Play",
-        "drive": "bricksrl.cli.page:Drive",
+        "drive": "bricksrl.cli.page:DriveRobot",
         "compare": "bricksrl.cli.compare:Compare",
         "plot": "bricksrl.cli.compare:Plot",
         "export": "bricksrl.cli.export:Export",
         "record": "bricksrl.cli.record:Record",
-        "settings": "bricksrl.cli.settings:Settings",
+        "settings": "bricksrl.cli.settings:ShowSettings",
         "check": "bricksrl.cli.check:Check",
         "doctor": "bricksrl.cli.doctor:Doctor",
         "trust": "bricksrl.cli.trust:Trust",
@@ -59,13 +59,13 @@ Examples:
             "Datasets: inspect, repair, merge, split, import, export and share them.",
             {
                 "info": "bricksrl.cli.data:Info",
-                "check": "bricksrl.cli.data:Check",
+                "check": "bricksrl.cli.data:CheckData",
                 "repair": "bricksrl.cli.data:Repair",
                 "merge": "bricksrl.cli.data:Merge",
                 "split": "bricksrl.cli.data:Split",
-                "plot": "bricksrl.cli.data:Plot",
+                "plot": "bricksrl.cli.data:PlotData",
                 "import": "bricksrl.cli.data:Import",
-                "export": "bricksrl.cli.data:Export",
+                "export": "bricksrl.cli.data:ExportData",
                 "push": "bricksrl.cli.data:Push",
                 "pull": "bricksrl.cli.data:Pull",
             },
@@ -90,7 +90,7 @@ Examples:
         ),
         "twin": (
             "The twin of a robot: record the robot's motion, fit the twin's physics to it.",
-            {"record": "bricktwin.cli.twin:Record", "fit": "bricktwin.cli.twin:Fit"},
+            {"record": "bricktwin.cli.twin:RecordMotion", "fit": "bricktwin.cli.twin:FitTwin"},
         ),
     },
     spelling={
@@ -108,6 +108,6 @@ def run(arguments: Sequence[str]) -> int:
     return app.run(LINE, arguments)
 
 
-def parse(arguments: Sequence[str]) -> Command:
+def parse(arguments: Sequence[str]) -> ParsedCommand:
     """Parse the arguments into a command; exits like argparse for help and for invalid arguments."""
     return app.parse(LINE, arguments)

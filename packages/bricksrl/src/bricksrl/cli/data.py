@@ -60,7 +60,7 @@ class Info:
 
 
 @dataclass(frozen=True)
-class Check:
+class CheckData:
     """Check every file, digest and step of a dataset, without changing anything. Exit code 1 when something is wrong.
 
     Examples:
@@ -172,7 +172,7 @@ class Split:
 
 
 @dataclass(frozen=True)
-class Plot:
+class PlotData:
     """Plot the returns and every channel of a dataset.
 
     Examples:
@@ -214,7 +214,7 @@ class Import:
 
 
 @dataclass(frozen=True)
-class Export:
+class ExportData:
     """Export a dataset to the format of another tool.
 
     Examples:

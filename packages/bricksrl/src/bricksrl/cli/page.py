@@ -130,7 +130,7 @@ class Play:
 
 
 @dataclass(frozen=True)
-class Drive:
+class DriveRobot:
     """Drive a robot, by default a virtual one, with the sliders and the joystick of a page in the browser. Ctrl-C ends it.
 
     Examples:
@@ -157,7 +157,7 @@ class Drive:
 
 
 @contextmanager
-def _environment(flags: Play | Drive, target: str, run: Path | None) -> Iterator[tuple[EnvBase, str]]:
+def _environment(flags: Play | DriveRobot, target: str, run: Path | None) -> Iterator[tuple[EnvBase, str]]:
     """The named environment, or that of a run, open inside this context, and its id."""
     from bricksrl.envs import make
     from bricksrl.policies import config_of

@@ -14,7 +14,7 @@ from brickhub.cli.terminal import print_line
 
 
 @dataclass(frozen=True)
-class Settings:
+class ShowSettings:
     """Show the settings of an agent: name, value and meaning; `bricksrl train --set NAME=VALUE` changes one.
 
     Examples:

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from bricksrl.envs.task import Task
     from bricktwin.twin.mujoco_body import Pose
+    from bricktwin.twin.scene import Scene
 
 _log = logging.getLogger(__name__)
 
@@ -156,12 +156,12 @@ def floor_pose(pose: Pose) -> FloorPose:
     return FloorPose(pose.x_m * 1000, pose.y_m * 1000, pose.heading_deg)
 
 
-def start_pose(task: Task, true_pose: Callable[[], Pose] | None, rng: np.random.Generator) -> FloorPose:
+def start_pose(scene: Scene, task_id: str, true_pose: Callable[[], Pose] | None, rng: np.random.Generator) -> FloorPose:
     """Start pose of an episode: a virtual robot's present one; for a real robot a drawn one, where the log asks to put it."""
     if true_pose is not None:
         return floor_pose(true_pose())
-    ranges = (*task.scene.start_mm, task.scene.heading_deg)
+    ranges = (*scene.start_mm, scene.heading_deg)
     start = FloorPose(*(float(rng.uniform(low, high)) for low, high in ranges))
     place = f"x = {start.x_mm:.0f} mm, y = {start.y_mm:.0f} mm, turned by {start.heading_deg:.0f} degrees clockwise"
-    _log.warning("%s: put the robot at %s", task.id, place)
+    _log.warning("%s: put the robot at %s", task_id, place)
     return start

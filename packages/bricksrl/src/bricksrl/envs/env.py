@@ -329,7 +329,7 @@ class HubEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
         if task.target is None:
             return None
         true_pose = None if twin is None else getattr(twin.body, "pose", None)
-        start = start_pose(task, true_pose, self._host_rng)
+        start = start_pose(task.scene, task.id, true_pose, self._host_rng)
         return TargetTracker(task.target, task.robot, task.interface, true_pose, start, reading.values)
 
     @property

@@ -12,7 +12,7 @@ from brickhub.tables import read_table
 
 
 @dataclass(frozen=True)
-class Reference:
+class ReferenceReturns:
     """Mean returns to compare a learning curve with; ``None`` where the paper has none."""
 
     random: float
@@ -25,8 +25,8 @@ class Reference:
         return lines if self.paper is None else {**lines, "paper's SAC": self.paper}
 
 
-def _reference(row: dict[str, str]) -> Reference:
-    return Reference(float(row["random"]), float(row["scripted"]), float(row["paper"]) if row["paper"] else None)
+def _reference(row: dict[str, str]) -> ReferenceReturns:
+    return ReferenceReturns(float(row["random"]), float(row["scripted"]), float(row["paper"]) if row["paper"] else None)
 
 
 REFERENCES = {row["env"]: _reference(row) for row in read_table(__package__, "reference_returns")}

@@ -49,7 +49,7 @@ class FilmOptions:
 
 
 @dataclass(frozen=True)
-class Filmed:
+class Film:
     """A film, and the return and the distance forward (m; 0 unless the robot walks) of each of its episodes."""
 
     path: Path
@@ -71,7 +71,7 @@ def check_filmable(env: EnvBase) -> None:
 
 def film(
     env: EnvBase, act: Policy, path: Path, options: FilmOptions | None = None, *, reset: Callable[[], None] = lambda: None
-) -> Filmed:
+) -> Film:
     """Film a policy into an mp4 file.
 
     Args:
@@ -86,7 +86,7 @@ def film(
     from bricksrl.envs.rollout import play, seed_episode
     from bricktwin.twin.mujoco_body import MujocoBody
     from bricktwin.twin.render.opengl import VideoWriter
-    from bricktwin.twin.render.video import Filmed as FilmedBody
+    from bricktwin.twin.render.video import Filmed
 
     options = options or FilmOptions()
     returns, distances_m = [], []
@@ -98,13 +98,13 @@ def film(
             if twin is None or not isinstance(twin.body, MujocoBody):
                 raise TwinError(f"{env.task.id} has no virtual robot to film")
             with closing(_Take(env, twin.body, options, number, start, video)) as take:
-                twin.machine.body = FilmedBody(twin.machine.body, take.render, take.frame_ms, twin.machine.time_ms, take.show)
+                twin.machine.body = Filmed(twin.machine.body, take.render, take.frame_ms, twin.machine.time_ms, take.show)
                 for frame in play(env, act, start, reset_policy=reset):
                     take.add(frame)
                 take.show(take.render(), round(25 * _LAST_S))
             returns.append(take.total)
             distances_m.append(take.forward_m)
-    return Filmed(path, tuple(returns), tuple(distances_m))
+    return Film(path, tuple(returns), tuple(distances_m))
 
 
 @dataclass
@@ -223,7 +223,7 @@ def _duration_s(path: Path) -> float:
     return float(seconds) if frames else 0.0
 
 
-def film_run(run_dir: Path, which: str, path: Path, options: FilmOptions, **changes: Any) -> Filmed:
+def film_run(run_dir: Path, which: str, path: Path, options: FilmOptions, **changes: Any) -> Film:
     """Film the policy of a run: ``first`` (untrained), ``best``, ``last``, or ``random`` actions. ``changes``: fields of
     `EnvOptions` that differ from the training. Raises RunError or CheckpointError if there is no such run or policy,
     RenderingUnavailableError or TwinError as :func:`film`."""

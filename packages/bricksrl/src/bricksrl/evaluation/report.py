@@ -21,7 +21,7 @@ from bricksrl.training.run_folder import RunFolder
 
 if TYPE_CHECKING:
     from bricksrl.evaluation.evaluator import EvaluationResult
-    from bricksrl.evaluation.film import Filmed
+    from bricksrl.evaluation.film import Film
     from bricksrl.training.config import TrainConfig
 
 MOST_EMBEDDED_BYTES = 12_000_000
@@ -32,8 +32,8 @@ MOST_EMBEDDED_BYTES = 12_000_000
 class Films:
     """Films of a run: before training, after it, and both side by side."""
 
-    before: Filmed
-    after: Filmed
+    before: Film
+    after: Film
     both: Path
 
 

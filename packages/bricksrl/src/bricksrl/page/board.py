@@ -95,7 +95,7 @@ class Board:
         return series
 
 
-class Reader:
+class BoardReader:
     """Reader of a board's changes for one browser. ``board``: the board to read."""
 
     def __init__(self, board: Board) -> None:

@@ -6,6 +6,7 @@ the simulation is bit for bit the same with and without a page.
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -15,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from brickhub.virtual.panel import Panel
+from bricksrl.errors import BricksError
 from bricksrl.page.board import Board
 from bricksrl.page.clock import VIEW_PERIOD_S, SteeredPace
 from bricksrl.page.scene import Floats
@@ -93,16 +95,22 @@ class RobotView:
 
     def show_sensed(self, robot: Robot, scene: Scene, angles_deg: dict[str, float], tilt_deg: tuple[float, float]) -> None:
         """Show a real robot from its sensors: motor angles by name, pitch and roll."""
+        from bricktwin.twin.make_body import lies_on_bench
         from bricktwin.twin.sensed_pose import sensed_qpos
 
-        if robot.model is None:
+        if lies_on_bench(robot, scene):
             self._board.update_status(no_scene=_NO_MODEL)
             return
         now_s = time.monotonic()
         if now_s - self._sensed_s < VIEW_PERIOD_S:
             return
         self._sensed_s = now_s
-        mirror = self._mirror(robot, scene)
+        try:
+            mirror = self._mirror(robot, scene)
+        except BricksError as error:  # the real robot goes on, and nothing is tried again
+            self._sensed_s = math.inf
+            self._board.update_status(no_scene=f"This robot cannot be drawn: {error}.")
+            return
         self._board.show_poses(lambda: mirror.poses(sensed_qpos(mirror.body, angles_deg, tilt_deg)))
 
     def show_link(self) -> None:

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self
 
 from bricksrl.errors import PageError
-from bricksrl.page.board import Board, Reader, to_json
+from bricksrl.page.board import Board, BoardReader, to_json
 from bricksrl.page.guard import HEADERS, Guard, new_token
 
 if TYPE_CHECKING:
@@ -183,7 +183,7 @@ class PageServer:
             self._presses.put(("left", None))
 
     async def _send_changes(self, connection: ServerConnection) -> None:
-        reader, due_s = Reader(self._board), 0.0
+        reader, due_s = BoardReader(self._board), 0.0
         while True:
             now_s = time.monotonic()
             numbers = now_s >= due_s

@@ -22,12 +22,13 @@ from torchrl.envs import EnvBase
 
 from brickhub.seed import derive_seed
 from bricksrl.agents.learner import Learner, means
+from bricksrl.agents.policy_transfer import restore
 from bricksrl.child_process import END, ChildProcess, Message, Send, leave, parent_channel
 from bricksrl.envs.registry import get_task
 from bricksrl.envs.specs import SpecsEnv
 from bricksrl.errors import BricksError, LearnerError, message_of
 from bricksrl.training.config import TrainConfig
-from bricksrl.training.learner_side import InLoopLearner, Pace
+from bricksrl.training.learner_side import InLoopLearner, LearningPace
 from bricksrl.training.offline import attach_dataset
 from bricksrl.training.restore import make_learner_for
 
@@ -71,9 +72,9 @@ class AsyncLearner:
         self._process.end(_END_TIMEOUT_S if in_order else _INTERRUPTED_TIMEOUT_S)
 
     @property
-    def pace(self) -> Pace:
+    def pace(self) -> LearningPace:
         """Pace as last reported."""
-        return Pace(self._asked, self._done)
+        return LearningPace(self._asked, self._done)
 
     def wait_until_ready(self) -> None:
         """Wait until the process is ready."""
@@ -184,7 +185,7 @@ def serve(begin: dict[str, Any], inbox: Inbox, send: Send) -> None:
     torch.manual_seed(derive_seed(config.seed, "learner", asked))
     env = SpecsEnv(begin["specs"], get_task(config.env, **config.options) if begin["has_task"] else None)
     learner = make_learner_for(config, env)
-    learner.load_state_dict(begin["state"]["agent"])
+    restore(learner, begin["state"]["agent"])
     attach_dataset(config, learner, env)
     side = InLoopLearner(learner, {**begin["state"], "pace": {"asked": done}})
     del begin  # may be large

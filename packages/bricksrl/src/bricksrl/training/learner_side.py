@@ -17,7 +17,7 @@ from bricksrl.training.checkpoint import save_checkpoint
 
 
 @dataclass(frozen=True)
-class Pace:
+class LearningPace:
     """Progress of learning: robot steps with requested updates (``asked``), and with completed ones (``done``)."""
 
     asked: int = 0
@@ -28,7 +28,7 @@ class InLoopLearner:
     """Learns while the robot waits: repeatable, bit for bit. ``state``: pace, and frames not learned from yet."""
 
     def __init__(self, actor: Learner, state: dict[str, Any]) -> None:
-        self.actor, self.pace = actor, Pace(state["pace"]["asked"], state["pace"]["asked"])
+        self.actor, self.pace = actor, LearningPace(state["pace"]["asked"], state["pace"]["asked"])
         self._collected: list[TensorDictBase] = [TensorDict(frames).auto_batch_size_(1) for frames in state["collected"]]
         self._updates_sent = -1
 
@@ -58,7 +58,7 @@ class InLoopLearner:
 
     def learn(self, steps: int) -> dict[str, Tensor]:
         """Make the updates for ``steps`` steps, if a batch is complete. Returns mean metrics."""
-        self.pace = Pace(self.pace.asked + steps, self.pace.done + steps)
+        self.pace = LearningPace(self.pace.asked + steps, self.pace.done + steps)
         return {} if self._collected else self.actor.learn(steps)
 
     def save(self, path: Path, state: dict[str, Any]) -> None:

@@ -62,7 +62,7 @@ def attach_dataset(config: TrainConfig, learner: Learner, env: EnvBase) -> None:
 def warm_start(config: TrainConfig, learner: Learner, env: EnvBase) -> None:
     """Copy the whole agent of the config's ``start`` run to a new learner; of another algorithm only the policy, see
     `transfer_policy`. Raises RunError if there is no such run, CheckpointError if it does not fit."""
-    from bricksrl.agents.policy_transfer import PolicyFormError, transfer_policy
+    from bricksrl.agents.policy_transfer import PolicyFormError, restore, transfer_policy
 
     if config.start is None:
         return
@@ -71,7 +71,7 @@ def warm_start(config: TrainConfig, learner: Learner, env: EnvBase) -> None:
     if old_config.agent == config.agent:
         if old_config.to_dict()["settings"] != config.to_dict()["settings"]:  # a user's class differs each time it is loaded
             raise CheckpointError(f"the agent of {config.start} has other settings; go on with its own")
-        learner.load_state_dict(load_state(folder, one_robot(old_config), env)["agent"])
+        restore(learner, load_state(folder, one_robot(old_config), env)["agent"])
         learner.end_episodes()  # those that ran in a fleet do not go on
         return
     try:

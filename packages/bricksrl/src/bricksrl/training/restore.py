@@ -34,11 +34,13 @@ class Trained:
 def load_learner(run_dir: Path | str, env: EnvBase, *, which: Which = "last") -> Trained:
     """The learner of a run, on the CPU, for ``env``. Raises RunError if there is no run in the folder, CheckpointError if it is
     damaged, or the observation or action of ``env`` differs, DivergedError if its weights are not finite."""
+    from bricksrl.agents.policy_transfer import restore
+
     folder = RunFolder(run_dir)
     config = folder.read_config()
     learner = make_learner_for(config, env, device="cpu")
     state = load_state(folder, config, env, which=which)
-    learner.load_state_dict({key: value for key, value in state["agent"].items() if key != "memory"})
+    restore(learner, {key: value for key, value in state["agent"].items() if key != "memory"})
     check_weights(learner)
     return Trained(learner, len(state["episodes"]))
 

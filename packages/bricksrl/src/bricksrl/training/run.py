@@ -164,11 +164,12 @@ def _learning(
     stack: ExitStack, config: TrainConfig, env: EnvBase, learner: Learner, state: dict[str, Any], signals: StopSignals
 ) -> InLoopLearner | AsyncLearner:
     """The learner from a checkpoint's state, here or in another process until the end of the ``stack``."""
+    from bricksrl.agents.policy_transfer import restore
     from bricksrl.training.async_learner import AsyncLearner
     from bricksrl.training.learner_side import InLoopLearner
 
     if not config.asynchronous or learner.loss is None or config.updates:
-        learner.load_state_dict(state["agent"])
+        restore(learner, state["agent"])
         learner.act_on(env.device)
         return InLoopLearner(learner, state)
     side = stack.enter_context(AsyncLearner(config, env, learner, state))

@@ -27,7 +27,7 @@ from bricksrl.training.callbacks import Callback, CallbackList, Episode, Phase, 
 from bricksrl.training.collection import collect_round
 from bricksrl.training.config import TrainConfig
 from bricksrl.training.curve import WINDOW, draw_learning_curve
-from bricksrl.training.learner_side import InLoopLearner, Pace
+from bricksrl.training.learner_side import InLoopLearner, LearningPace
 from bricksrl.training.recording import Recording, open_recorder
 from bricksrl.training.restore import check_weights
 from bricksrl.training.run_folder import RunFolder
@@ -70,7 +70,7 @@ class RunLoop:
         self.identity: dict[str, Any] = state["identity"]  # must be equal in a checkpoint and its run
         self.episodes = [Episode.from_dict(data) for data in state["episodes"]]  # complete ones
         self.best: float | None = state["best"]  # mean return of the best evaluation
-        self._saved_at: Pace | None = None
+        self._saved_at: LearningPace | None = None
         self._length = 0
 
     def run(self, folder: RunFolder, start: TensorDictBase | None = None) -> RunResult:
@@ -274,11 +274,11 @@ class RunLoop:
         self._saved_at = self.learner.pace
         self.learner.save(self.folder.checkpoint_path, run_state(self.identity, self.episodes, self.best))
 
-    def _updates_per_step(self, pace: Pace) -> float | None:
+    def _updates_per_step(self, pace: LearningPace) -> float | None:
         """Updates per step that requires updates, or ``None`` without such steps."""
         return self.actor.updates_per_step * (pace.done / pace.asked) if pace.asked and self.actor.updates_per_step else None
 
-    def _catch_up(self, before: Pace) -> int:
+    def _catch_up(self, before: LearningPace) -> int:
         """Finish pending updates and checkpoints. Returns the number of updates."""
         due = round((before.asked - before.done) * self.actor.updates_per_step)
         if due and not self.signals.requested:

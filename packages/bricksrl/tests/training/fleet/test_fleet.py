@@ -17,7 +17,7 @@ import torch
 from tensordict import TensorDict
 
 from bricksrl.agents.learner_state import memory_state
-from bricksrl.agents.replay.episodic_buffer import EpisodicReplayBuffer
+from bricksrl.agents.replay.buffer import EpisodicReplayBuffer
 from bricksrl.agents.sac import SACSettings
 from bricksrl.data.episode import About
 from bricksrl.data.episode_index import read_index

@@ -28,7 +28,7 @@ Examples:
         ),
         "twin": (
             "The twin of a robot: record the robot's motion, fit the twin's physics to it.",
-            {"record": "bricktwin.cli.twin:Record", "fit": "bricktwin.cli.twin:Fit"},
+            {"record": "bricktwin.cli.twin:RecordMotion", "fit": "bricktwin.cli.twin:FitTwin"},
         ),
     },
 )

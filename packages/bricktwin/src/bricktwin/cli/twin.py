@@ -23,11 +23,11 @@ if TYPE_CHECKING:
     from brickhub.hub.link.lockstep import HubLink
     from brickhub.robot import Robot
     from bricktwin.twin.scene import Scene
-    from bricktwin.twin.system_id import Fit as FitResult
+    from bricktwin.twin.system_id import Fit
 
 
 @dataclass(frozen=True)
-class Record:
+class RecordMotion:
     """Record a robot's motion under identification commands, for `bricktwin twin fit`.
 
     It needs a metre of free floor: it stands still for a second, jerks, then runs at full speed, about ten seconds in all.
@@ -98,7 +98,7 @@ class Record:
 
 
 @dataclass(frozen=True)
-class Fit:
+class FitTwin:
     """Fit the physics of a twin to a recorded motion, and print the twin's error before and after.
 
     Takes about two minutes for ten seconds of log. Use the result with `bricksrl train ENV --physics FILE`.
@@ -153,7 +153,7 @@ def _bench_scene(scene: Scene | None) -> Scene | None:
     return Scene(readings=scene.readings, end_stops=scene.end_stops)
 
 
-def _print(result: FitResult) -> None:
+def _print(result: Fit) -> None:
     from bricktwin.twin.physics import PARAMETERS, Physics
 
     print_line("error of the twin (root mean square)")

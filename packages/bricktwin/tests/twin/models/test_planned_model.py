@@ -14,11 +14,10 @@ from brickhub.errors import DescriptionError, TwinError
 from brickhub.hub.interface import Pitch, Roll
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.robot import DriveBase, HubKind, Motor, PoweredUpSensor, Robot, SensorKind
-from bricktwin.robots import plans
 from brickhub.virtual import VirtualHub
 from brickhub.virtual.stimuli import Sense
 from bricksrl.envs import get_task
-from bricktwin.robots import ROBO_ARM, TWO_WHEELER, WALKER
+from bricktwin.robots import ROBO_ARM, TWO_WHEELER, WALKER, plans
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.models.planned_looks import Spinners
 from bricktwin.twin.mujoco_body import MujocoBody

@@ -1,8 +1,13 @@
-"""Replay buffer of transitions."""
+"""Replay buffers: of transitions, and with successor links for hindsight relabelling and n-step returns.
+
+Reward and termination are pure functions of the observation, and goals do not affect motion, so goals can be replaced afterwards
+(hindsight, Andrychowicz et al., 2017).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import torch
@@ -13,7 +18,11 @@ from torchrl.envs import EnvBase
 
 from bricksrl.agents.settings import OffPolicySettings
 from bricksrl.envs.specs import ObservationLayout
+from bricksrl.envs.task import Task
 from bricksrl.errors import DescriptionError
+
+HORIZON = 4
+"""Hindsight goals are reached at most this number of steps later."""
 
 
 class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
@@ -77,6 +86,176 @@ def cut_at_lost_links(frames: TensorDictBase) -> TensorDictBase:
     return frames
 
 
+@dataclass(frozen=True)
+class GoalRelabelling:
+    """Replacement of goals in shares of a batch: by goals reached later (``hindsight``), by drawn ones (``new_goals``)."""
+
+    task: Task
+    layout: ObservationLayout
+    hindsight: float
+    new_goals: float
+
+    def relabel_batch(self, rows: TensorDictBase, index: Tensor, size: int, observed_later: Callable[[Tensor], Tensor]) -> None:
+        """Relabel shares of rows ``[n, batch]`` with the ``index`` ``[batch]``; ``batch`` may be several batches of ``size``.
+        ``observed_later``: indices ``[*some]`` to later observations ``[*some, o]``."""
+        count = len(index) // size
+        index, rows = index[: count * size], rows[:, : count * size]
+        in_hindsight = round(size * self.hindsight)
+        end = min(size, in_hindsight + round(size * self.new_goals))
+        if not end:
+            return
+        goals = [self.draw(count, end - in_hindsight, device=index.device)]
+        if in_hindsight:
+            reached = [reached for _, reached in self.layout.goals]
+            goals.insert(0, observed_later(index.view(count, size)[:, :in_hindsight])[..., reached])
+        self.relabel(rows.view(len(rows), count, size)[:, :, :end], torch.cat(goals, 1))
+
+    def draw(self, *batch: int, device: torch.device) -> Tensor:
+        """Uniformly random goals ``[*batch, g]``."""
+        ends = (self.layout.low, self.layout.high)
+        low, high = (torch.tensor([end[goal] for goal, _ in self.layout.goals], device=device) for end in ends)
+        return low + torch.rand(*batch, len(low), device=device) * (high - low)
+
+    def relabel(self, rows: TensorDictBase, goals: Tensor) -> None:
+        """Write goals ``[*batch, g]`` into rows ``[n, *batch]`` and update their rewards and ends."""
+        goal_index = [goal for goal, _ in self.layout.goals]
+        after = rows["next"]
+        for observation in (rows["observation"], after["observation"]):
+            observation[..., goal_index] = goals
+        after["reward"].copy_(self.task.reward(rows["observation"], rows["action"], after["observation"]))
+        after["terminated"].copy_(self.task.terminated(after["observation"]))
+
+
+class EpisodicReplayBuffer(TransitionReplayBuffer):
+    """Uniform replay with successor links. The rewards of ``n_step`` steps are summed with discount ``gamma``;
+    "steps_to_next_obs" is their actual number. ``goals``: relabelling of each batch; ``shift_px``: random shift of images;
+    ``args, kwargs``: as of `TransitionReplayBuffer`."""
+
+    def __init__(
+        self,
+        *args: Any,
+        gamma: float = 1.0,
+        n_step: int = 1,
+        goals: GoalRelabelling | None = None,
+        shift_px: int = 0,
+        **kwargs: Any,
+    ) -> None:
+        super().__init__(*args, **kwargs)
+        self._gamma, self._n_step, self._goals, self._shift_px = gamma, n_step, goals, shift_px
+        self._kind = {"gamma": gamma, "n_step": n_step, "goals": goals, "shift_px": shift_px}
+        self._has_links = n_step > 1 or (goals is not None and goals.hindsight > 0)
+        self._none = self._capacity  # index of the missing successor
+        self._successor = torch.full((self._none + 1,) if self._has_links else (0,), self._none, device=self._device)
+        self._last: dict[int, Tensor] = {}  # by robot, of each of its copies
+
+    def extend(self, frames: TensorDictBase, *, robot: int = 0, **_: Any) -> Tensor:
+        """Store transitions that continue the last ones of each copy of this robot, unless the link was lost."""
+        frames = frames if frames.ndim == 2 else frames.reshape(1, -1)
+        index = super().extend(frames)
+        if not len(index):
+            self._last.pop(robot, None)
+        elif self._has_links:
+            self._link(index, frames, robot)
+        return index
+
+    def _link(self, index: Tensor, frames: TensorDictBase, robot: int) -> None:
+        """Link successive transitions, which are stored at ``index``."""
+        lost = link_lost(frames)
+        if lost is None:
+            indices = index.view(frames.shape)
+        else:
+            indices = torch.full(frames.shape, self._none, device=self._device)
+            indices[~lost] = index
+        done = frames["next", "done"].squeeze(-1).to(self._device)
+        last = self._last.get(robot)
+        if last is not None and len(last) == len(indices):
+            self._successor[last] = indices[:, 0]
+        self._successor[indices] = self._none  # afterwards, as the last ones may have been overwritten
+        if indices.shape[1] > 1:
+            self._successor[indices[:, :-1]] = torch.where(done[:, :-1], self._none, indices[:, 1:])
+        for other, ends in self._last.items():  # overwritten transitions have no successor
+            self._last[other] = torch.where(torch.isin(ends, index), self._none, ends)
+        self._last[robot] = torch.where(done[:, -1], self._none, indices[:, -1])
+        self._successor[self._none] = self._none
+
+    def empty(self, empty_write_count: bool = True) -> None:
+        """Remove all transitions."""
+        super().empty(empty_write_count)
+        self._successor.fill_(self._none)
+        self._last.clear()
+
+    def end_episodes(self, robot: int | None = None) -> None:
+        """Do not link the next transitions of this robot, or of any, to the previous ones."""
+        for ended in list(self._last) if robot is None else [robot]:
+            self._last.pop(ended, None)
+
+    def sample(self, batch_size: int | None = None, *, batches: int = 0, **_: Any) -> TensorDictBase:
+        """Uniformly drawn transitions, relabelled, summed over n steps, images shifted; ``batches`` equal ones, if given."""
+        batch = TensorDictReplayBuffer.sample(self, batch_size or self._rows)
+        index = batch.pop("index")
+        if self._goals is not None or self._n_step > 1:
+            batch = self._augmented(batch, index, len(index) // batches if batches else min(self._rows, len(index)))
+        if self._shift_px:
+            for part in (batch, batch["next"]):
+                part["image"] = shift_images(part["image"], self._shift_px)
+        return self._on_device(batch)
+
+    def _augmented(self, batch: TensorDictBase, index: Tensor, size: int) -> TensorDictBase:
+        chain, known = [index], [torch.ones_like(index, dtype=torch.bool)]
+        for _ in range(1, self._n_step):
+            chain.append(self._successor[chain[-1]])
+            known.append(chain[-1] != self._none)
+        rows = batch[None] if self._n_step == 1 else self._storage.get(torch.stack(chain).clamp_max(len(self) - 1))
+        if self._goals is not None:  # each of several batches drawn at once gets its share
+            self._goals.relabel_batch(rows, index, size, self._observed_later)
+        return batch if self._n_step == 1 else self._summed(rows, torch.stack(known))
+
+    def _observed_later(self, index: Tensor) -> Tensor:
+        """For each index an observation up to `HORIZON` steps later, or its own outcome if the episode ends before."""
+        steps, later = torch.randint(1, HORIZON + 1, index.shape, device=index.device), index
+        for step in range(1, HORIZON + 1):
+            later = torch.where(steps >= step, self._successor[later], later)
+        later = torch.where(later == self._none, index, later)
+        observed: Tensor = self._storage.get(later.flatten())["next", "observation"]
+        return observed.view(*index.shape, -1)
+
+    def _summed(self, rows: TensorDictBase, known: Tensor) -> TensorDictBase:
+        """Transitions over up to n steps, from rows ``[n, batch]`` with the mask ``known``."""
+        terminated = rows["next", "terminated"].squeeze(-1)
+        continues = torch.cat((torch.ones_like(known[:1]), ~terminated[:-1]))
+        counted = (known & continues).cumprod(0).bool()
+        discount = self._gamma ** torch.arange(len(rows), device=known.device)[:, None]
+        reward = (rows["next", "reward"].squeeze(-1) * discount * counted).sum(0)
+        steps = counted.sum(0)
+        last = rows[steps - 1, torch.arange(rows.shape[1], device=known.device)]["next"]
+        # TorchRL's losses read the count beside "next"; some keep only "next" and read it there
+        after = last.clone().update({"reward": reward[:, None], "steps_to_next_obs": steps[:, None]})
+        return rows[0].clone().update({"next": after, "steps_to_next_obs": steps[:, None]})
+
+    def links(self) -> dict[str, Any]:
+        """Successor links, for a checkpoint."""
+        return {"successor": self._successor[: len(self)].clone(), "last": self._last.get(0)} if self._has_links else {}
+
+    def load_links(self, state: dict[str, Any]) -> None:
+        """Inverse of `links`, after the transitions are loaded. Raises ValueError or KeyError for another state."""
+        if not self._has_links:
+            return
+        last = state["last"]
+        for indices in (state["successor"], torch.empty(0) if last is None else last):
+            if bool(((indices < 0) | (indices > self._none)).any()):
+                raise ValueError("a successor is missing")
+        self._successor[: len(self)] = state["successor"].to(self._device)
+        self._last = {} if last is None else {0: last.to(self._device)}
+
+
+def shift_images(images: Tensor, max_px: int) -> Tensor:
+    """Images ``[batch, side, side, 3]``, each shifted randomly; edges are repeated. As in DrQ (Kostrikov et al., 2021)."""
+    batch, side = images.shape[:2]
+    shift = torch.randint(-max_px, max_px + 1, (2, batch, 1), device=images.device)
+    rows, columns = (torch.arange(side, device=images.device) + shift).clamp_(0, side - 1)
+    return images[torch.arange(batch, device=images.device)[:, None, None], rows[:, :, None], columns[:, None, :]]
+
+
 def make_replay_buffer(env: EnvBase, settings: OffPolicySettings, device: torch.device | str) -> TransitionReplayBuffer:
     """The replay buffer of the settings for an environment."""
     layout = ObservationLayout.of(env)
@@ -86,7 +265,5 @@ def make_replay_buffer(env: EnvBase, settings: OffPolicySettings, device: torch.
     shift_px = settings.shift_px if layout.image_px else 0
     if not has_goals and settings.n_step == 1 and not shift_px:
         return TransitionReplayBuffer(*args)
-    from bricksrl.agents.replay.episodic_buffer import EpisodicReplayBuffer, GoalRelabelling
-
     goals = GoalRelabelling(env.task, layout, settings.hindsight, settings.new_goals) if has_goals else None
     return EpisodicReplayBuffer(*args, gamma=settings.gamma, n_step=settings.n_step, goals=goals, shift_px=shift_px)

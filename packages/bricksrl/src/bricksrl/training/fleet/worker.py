@@ -77,14 +77,14 @@ class Worker:
     def _prepare(self, begin: dict[str, Any]) -> tuple[EnvBase, Learner]:
         import torch
 
+        from bricksrl.envs.registry import make
         from bricksrl.training.config import TrainConfig
         from bricksrl.training.restore import make_learner_for
-        from bricksrl.training.run import make_env
 
         torch.set_num_threads(1)
         config = TrainConfig.from_dict(begin["config"])
         torch.manual_seed(begin["seed"])
-        env: Any = make_env(config, self._place if begin["is_placed"] else None)
+        env: Any = make(config.env, config, seed=config.seed, place=self._place if begin["is_placed"] else None)
         actor = make_learner_for(config, env, device="cpu")
         actor.weights = self._weights
         env.reconnect.patience_s, env.reconnect.wait = float("inf"), self._wait
