@@ -1,26 +1,35 @@
-# make demo | docs | test | check | format | booklets | clean. Each makes .venv by itself; PYTHON chooses the interpreter.
+# make demo | docs | test | check | wheels | format | booklets | clean. Each makes .venv by itself; PYTHON chooses the interpreter.
 PYTHON ?= python3
 BIN := .venv/bin
 INSTALLED := .venv/.installed
 # The live page, where there is a screen to see it on.
 PAGE := $(if $(DISPLAY)$(WAYLAND_DISPLAY)$(filter Darwin,$(shell uname -s)),--page)
 
-.PHONY: help demo docs test check format booklets clean
+# The three distributions of this workspace, and the test tools of all.
+HOUSES := brickhub bricktwin bricksrl
+WORKSPACE := --editable packages/brickhub --editable packages/bricktwin --editable 'packages/bricksrl[dev]'
+PYTEST := $(BIN)/python -m pytest
+FAST := --numprocesses auto -m 'not realtime and not slow' --reruns 1 --only-rerun Timeout
+CLOCK := --numprocesses 2 -m 'realtime and not slow' --reruns 2
+
+.PHONY: help demo docs test test-slow check wheels format booklets clean $(HOUSES:%=test-%)
 
 help:
 	@echo "make demo    a Walker learns to walk on a virtual hub: films before and after, a report"
 	@echo "make docs    the documentation site, into build/docs"
-	@echo "make test    everything that has to pass: make check, then the tests"
+	@echo "make test    everything that has to pass: make check, then the tests; test-brickhub and so on: of one house alone"
+	@echo "make test-slow  long evidence: trainings, thousands of random programs, every page of the documentation"
 	@echo "make check   ruff, mypy, import-linter"
+	@echo "make wheels  the three distributions, into dist/"
 	@echo "make format  let ruff put the code in order"
 	@echo "make booklets the building booklets of our robots, docs/plans/*.pdf"
 	@echo "make clean   remove .venv, caches and build output (runs/ stays)"
 
-$(INSTALLED): pyproject.toml constraints.txt
+$(INSTALLED): $(HOUSES:%=packages/%/pyproject.toml) constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit("error: Python %d.%d is too old; make PYTHON=python3.11" % sys.version_info[:2] if sys.version_info < (3, 11) else 0)'
 	@echo "Installing into .venv; the first time this takes some minutes."
 	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt $(WORKSPACE)
 	@touch $@
 
 demo: $(INSTALLED)
@@ -37,8 +46,18 @@ check: $(INSTALLED)
 	$(BIN)/lint-imports --no-logo
 
 test: check
-	$(BIN)/python -m pytest --numprocesses auto -m 'not realtime' --reruns 1 --only-rerun Timeout
-	$(BIN)/python -m pytest --numprocesses 2 -m realtime --reruns 2
+	$(PYTEST) $(FAST)
+	$(PYTEST) $(CLOCK)
+
+test-slow: $(INSTALLED)
+	$(PYTEST) --numprocesses auto -m slow
+
+$(HOUSES:%=test-%): test-%: $(INSTALLED)
+	$(PYTEST) $(FAST) packages/$*/tests
+	$(PYTEST) $(CLOCK) packages/$*/tests; test $$? -eq 0 -o $$? -eq 5
+
+wheels: $(INSTALLED)
+	$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir dist $(HOUSES:%=./packages/%)
 
 format: $(INSTALLED)
 	$(BIN)/ruff format .
@@ -49,5 +68,5 @@ booklets: $(INSTALLED)
 	for robot in two-wheeler walker robo-arm; do $(BIN)/bricksrl plan steps $$robot --out docs/plans/$$(echo $$robot | tr - _).pdf || exit 1; done
 
 clean:
-	rm -rf .venv build dist src/bricksrl.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis .import_linter_cache
-	find src tests benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +
+	rm -rf .venv build dist packages/*/build packages/*/src/*.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis .import_linter_cache
+	find packages tests benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +

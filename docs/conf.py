@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 DOCS = Path(__file__).parent
-sys.path.insert(0, str(DOCS.parent / "src"))
+sys.path[:0] = [str(DOCS.parent / "packages" / house / "src") for house in ("brickhub", "bricktwin", "bricksrl")]
 
 import bricksrl
 
@@ -59,10 +59,10 @@ def environments() -> str:
 
 def commands() -> str:
     """The help of each command, as it prints it."""
-    from bricksrl.cli.app import _COMMANDS, _GROUPS
+    from bricksrl.cli.app import LINE
 
     os.environ["COLUMNS"] = "100"
-    names = [[name] for name in _COMMANDS] + [[group, name] for group, (_, below) in _GROUPS.items() for name in below]
+    names = [[name] for name in LINE.commands] + [[group, name] for group, (_, below) in LINE.groups.items() for name in below]
     parts = ["# Command line\n", "All commands, with the help that `bricksrl COMMAND --help` prints.\n"]
     parts += [f"## bricksrl {' '.join(name)}\n\n```text\n{help_of(name)}\n```\n" for name in sorted(names)]
     return "\n".join(parts)

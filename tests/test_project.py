@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 import bricksrl
-from brickhub.cli.app import parse
+from bricksrl.cli.app import parse
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")

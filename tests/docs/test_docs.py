@@ -15,8 +15,8 @@ import nbclient
 import nbformat
 import pytest
 
-from brickhub.cli.app import parse
 from bricksrl.cli import main
+from bricksrl.cli.app import parse
 from bricksrl.envs.registry import _BUILT_IN
 
 ROOT = Path(__file__).parents[2]

@@ -12,9 +12,10 @@ from pathlib import Path
 import pytest
 
 import bricksrl as package
-from brickhub.cli.app import one_line, run
+from brickhub.cli.wording import one_line
+from bricksrl.cli.app import run
 
-HUB_TOOLS = ("hub scan", "hub check", "hub latency", "hub calibrate", "hub stop", "hub rename")
+HUB_TOOLS = ("hub scan", "hub check", "hub latency", "hub calibrate", "hub stop")
 COMMANDS = ("list", "train", "train-offline", "resume", "evaluate", "doctor", "hub", "hub program", "hub run", *HUB_TOOLS)
 HEAVY = ("torch", "torchrl", "tensordict", "mujoco", "matplotlib", "scipy")
 

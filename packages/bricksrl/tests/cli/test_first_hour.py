@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from brickhub.cli.app import run
 from brickhub.robot import Motor, PoweredUpSensor, SensorKind
 from bricksrl.cli import main
+from bricksrl.cli.app import run
 from bricksrl.cli.new import write_template
 from bricksrl.cli.video import film_before_and_after
 from bricksrl.data.edit import read_index

@@ -1,4 +1,4 @@
-"""``bricksrl hub scan | check | latency | calibrate | stop | rename``, on the virtual hub and over a simulated radio."""
+"""``bricksrl hub scan | check | latency | calibrate | stop``, on the virtual hub and over a simulated radio."""
 
 from __future__ import annotations
 
@@ -38,11 +38,6 @@ def test_scan_without_hub_gives_remedy(capfd, monkeypatch) -> None:
 def test_wrong_scans_print_one_line(fails) -> None:
     fails("hub", "scan", "--hub", "infrared", says="choose ble or virtual")
     fails("hub", "scan", "--seconds", "0", says="from 0 to 600")
-
-
-def test_rename_explains_how_hubs_are_named(fails) -> None:
-    fails("hub", "rename", "Rover", says="pybricksdev flash --name 'Rover'")
-    fails("hub", "rename", "a name with many letters", says="1 to 15 bytes")
 
 
 def test_latency(capfd, fails) -> None:
@@ -143,7 +138,7 @@ def test_a_check_uses_the_calibration(capfd, tmp_path: Path) -> None:
     folder.mkdir()
     (folder / "robo-arm.json").write_text('{"hub": "virtual", "zeros_deg": {"low": 90}, "reversed": []}')
     code, out = told(capfd, "hub", "check", "RoboArm-v0", *place)
-    assert code == 1 and "error    angle low" in out and "hub calibrate" in out
+    assert code == 1 and "error    angle low" in out and "brickhub calibrate" in out
 
 
 def test_stop(capfd, fails) -> None:

@@ -9,9 +9,9 @@ from contextlib import closing
 
 import pytest
 
-from brickhub.cli.app import parse
 from bricksrl import make
 from bricksrl.cli import main
+from bricksrl.cli.app import parse
 from bricksrl.cli.page import DriveRobot, Play, _in_terminal, has_screen
 from bricksrl.errors import HubError
 from bricksrl.policies.named import Player

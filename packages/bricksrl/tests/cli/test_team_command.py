@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from videos import read_video
 
-from brickhub.cli.app import run
 from bricksrl.cli import team
+from bricksrl.cli.app import run
 from bricksrl.cli.team import TrainTeam
 from bricksrl.errors import RunError, UnknownNameError
 from bricksrl.training.checkpoint import save_checkpoint

@@ -17,11 +17,11 @@ import pytest
 import torch
 from videos import read_video
 
-from brickhub.cli.app import parse
 from brickhub.hub.errors import HubNotFoundError
 from brickhub.hub.transport import Pipe
 from brickhub.virtual.transport import VirtualHub
 from bricksrl.cli import main
+from bricksrl.cli.app import parse
 from bricksrl.cli.progress import LineProgress, clock, sparkline
 from bricksrl.cli.train import Train
 from bricksrl.cli.video import filmed_env, report

@@ -84,7 +84,7 @@ def test_parts_are_found_by_number_suffix_or_alias():
 
 
 def test_unknown_part_number_raises():
-    with pytest.raises(UnknownNameError, match=r"^part '99999' is not in the catalogue; .*`bricksrl plan parts`"):
+    with pytest.raises(UnknownNameError, match=r"^part '99999' is not in the catalogue; .*`bricktwin plan parts`"):
         catalogue.get("99999")
 
 

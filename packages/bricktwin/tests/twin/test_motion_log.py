@@ -157,7 +157,7 @@ def test_error_says_what_is_wrong_with_a_log(log: RunLog, tmp_path: Path, harm, 
     path.write_text("\n".join(harm(path.read_text().splitlines())))
     with pytest.raises(TwinError) as caught:
         read_log(path)
-    assert str(caught.value) == f"cannot read the log {path} ({reason}); give a file that `bricksrl twin record` wrote"
+    assert str(caught.value) == f"cannot read the log {path} ({reason}); give a file that `bricktwin twin record` wrote"
 
 
 @pytest.mark.parametrize("content", [bytes(range(256)), '{"bricksrl_log": 1}\n{}'.encode("utf-16")])

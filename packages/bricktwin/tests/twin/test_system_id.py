@@ -35,7 +35,7 @@ def recorded(physics: Physics, steps: int, robot: Robot = TWO_WHEELER, interface
 
 @pytest.fixture(scope="module")
 def log() -> RunLog:
-    return recorded(HIDDEN, 160)  # as many steps as `bricksrl twin record` makes
+    return recorded(HIDDEN, 160)  # as many steps as `bricktwin twin record` makes
 
 
 def test_true_parameters_reproduce_motion(log: RunLog) -> None:

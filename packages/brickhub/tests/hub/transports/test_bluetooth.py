@@ -33,7 +33,7 @@ def said_when_the_bus_is_not_there(reason: Reason) -> str:
 
 
 def test_system_errors_name_cause(linux: Path) -> None:
-    assert "bricksrl doctor" in said_when_the_bus_is_not_there(Reason.UNKNOWN)
+    assert "brickhub doctor" in said_when_the_bus_is_not_there(Reason.UNKNOWN)
     (linux / "bus").unlink()
     assert said_when_the_bus_is_not_there(Reason.NO_SERVICE) == (
         "could not look for hubs: the system bus (D-Bus) does not run, which Bluetooth needs; "

@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from importlib import metadata
 from typing import TYPE_CHECKING, Any
 
-import bricksrl
+from brickhub import HOUSES
 from bricksrl.data.episode import About, Step
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from brickhub.hub.interface import Interface
     from brickhub.robot import Robot
 
-_PACKAGES = ("torch", "torchrl", "mujoco")
+_PACKAGES = (*HOUSES, "torch", "torchrl", "mujoco")
 
 
 def step_of(transition: TensorDictBase, env: EnvBase, *, intervention: bool = False) -> Step:
@@ -76,4 +76,4 @@ def _program_hash(robot: Robot, interface: Interface) -> int:
 
 @functools.lru_cache(maxsize=1)
 def _versions() -> tuple[tuple[str, str], ...]:
-    return ("bricksrl", bricksrl.__version__), *((name, metadata.version(name)) for name in _PACKAGES)
+    return tuple((name, metadata.version(name)) for name in _PACKAGES)

@@ -13,6 +13,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from brickhub import HOUSES
 from brickhub.fields import check_value
 from brickhub.files import TEMPORARY_PREFIX, atomic_folder, folder_with, write_durably
 from brickhub.user_files import without_folder
@@ -61,7 +62,7 @@ class RunFolder:
 
     def write_config(self, config: TrainConfig) -> None:
         """Write the config with the package versions."""
-        packages = {name: metadata.version(name) for name in ("bricksrl", "torch", "torchrl", "tensordict", "mujoco")}
+        packages = {name: metadata.version(name) for name in (*HOUSES, "torch", "torchrl", "tensordict", "mujoco")}
         versions = {**packages, "python": platform.python_version()}
         data = {"bricksrl_run": 1, "config": config.to_dict(), "versions": versions}
         text = (json.dumps(data, indent=2) + "\n").encode()
