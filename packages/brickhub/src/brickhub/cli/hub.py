@@ -20,6 +20,7 @@ from bricksrl.cli.page import LivePageGroup, PageAddress, announce
 from bricksrl.cli.robot_flags import named_robot
 from brickhub.cli.terminal import Interrupted, print_line, print_note
 from brickhub.errors import DescriptionError, counted
+from brickhub.virtual.host_stop import HostStop
 
 if TYPE_CHECKING:
     from brickhub.virtual.body import Body
@@ -224,7 +225,7 @@ def _end_stop(text: str) -> tuple[str, tuple[float, float]]:
     return match[1].upper(), (low, high)  # type: ignore[index]
 
 
-class _Interrupted(BaseException):
+class _Interrupted(HostStop):
     """Ctrl-C by the user."""
 
 
