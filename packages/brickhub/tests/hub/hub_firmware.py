@@ -17,7 +17,7 @@ from typing import Any
 from brickhub.hub.program.compile import MAIN_MODULE, compile_mpy
 from brickhub.hub.transport import MAIN_FILE, HubModule
 from brickhub.hub.transports import profile
-from brickhub.hub.transports.profile import Command, CommandError, Event, Status
+from brickhub.hub.transports.profile import CommandError, Event, PybricksCommand, Status
 from brickhub.robot import HubKind, Robot
 from brickhub.virtual import interpreter
 from brickhub.virtual.bench_body import BenchBody
@@ -180,7 +180,7 @@ class PlayedFirmware(ABC):
         self.machine = Machine(self.body)
         self.library: list[str] = []
         self.files: dict[str, str] = {}
-        self.faults: dict[Command, list[int]] = {}
+        self.faults: dict[PybricksCommand, list[int]] = {}
         self.commands: list[int] = []
         self.profile_version = "1.5.0"
         self.battery = Status(0)
@@ -261,22 +261,26 @@ class PlayedFirmware(ABC):
     async def command(self, value: bytes) -> None:
         """One command; raises what it is refused with."""
         self.commands.append(value[0])
-        refusals = self.faults.get(Command(value[0]) if value[0] in set(Command) else Command.START_REPL)
+        refusals = self.faults.get(PybricksCommand(value[0]) if value[0] in set(PybricksCommand) else PybricksCommand.START_REPL)
         if refusals:
             raise Refusal(refusals.pop(0))
         kind, payload = value[0], value[1:]
-        if kind == Command.STOP_USER_PROGRAM:
+        if kind == PybricksCommand.STOP_USER_PROGRAM:
             self.press_button()
-        elif kind == Command.WRITE_STDIN:
+        elif kind == PybricksCommand.WRITE_STDIN:
             if self._run is not None:
                 self._run.deliver(payload)
-        elif kind == Command.START_USER_PROGRAM and len(payload) > 1:
+        elif kind == PybricksCommand.START_USER_PROGRAM and len(payload) > 1:
             raise Refusal(CommandError.VALUE_NOT_ALLOWED)
-        elif kind in (Command.START_USER_PROGRAM, Command.WRITE_USER_PROGRAM_META, Command.WRITE_USER_RAM):
+        elif kind in (
+            PybricksCommand.START_USER_PROGRAM,
+            PybricksCommand.WRITE_USER_PROGRAM_META,
+            PybricksCommand.WRITE_USER_RAM,
+        ):
             if self._run is not None:
                 raise Refusal(CommandError.BUSY)
             await self._change_program(kind, payload)
-        elif kind == Command.WRITE_APP_DATA:
+        elif kind == PybricksCommand.WRITE_APP_DATA:
             if self._run is not None and self._run.inbox and len(payload) <= 2:
                 raise Refusal(CommandError.VALUE_NOT_ALLOWED)
             if self._run is not None:
@@ -285,7 +289,7 @@ class PlayedFirmware(ABC):
             raise Refusal(CommandError.INVALID_COMMAND)
 
     async def _change_program(self, kind: int, payload: bytes) -> None:
-        if kind == Command.START_USER_PROGRAM:
+        if kind == PybricksCommand.START_USER_PROGRAM:
             found = self._recognised()
             if MAIN_MODULE not in found:
                 raise Refusal(CommandError.INVALID_COMMAND)
@@ -296,7 +300,7 @@ class PlayedFirmware(ABC):
         number = struct.unpack("<I", payload[:4])[0]
         if number + len(payload) - 4 > len(self._ram):
             raise Refusal(CommandError.VALUE_NOT_ALLOWED)
-        if kind == Command.WRITE_USER_PROGRAM_META:
+        if kind == PybricksCommand.WRITE_USER_PROGRAM_META:
             self.size = number
         else:
             self._ram[number : number + len(payload) - 4] = payload[4:]

@@ -19,7 +19,7 @@ from brickhub.hub.interface import Interface, MotorAngle, RunAngle, Wait
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.link.states import LinkState
 from brickhub.hub.link.streaming import StreamingLink
-from brickhub.hub.transports.profile import Command
+from brickhub.hub.transports.profile import PybricksCommand
 from brickhub.virtual.transport import VirtualHub
 from bricktwin.twin.make_body import make_body
 
@@ -56,7 +56,7 @@ def held(world: World) -> Iterator[Callable[[], None]]:
         world.radio.call(air.connection_event)
 
 
-def eventually(world: World, opcode: int, command: Command | None = None) -> None:
+def eventually(world: World, opcode: int, command: PybricksCommand | None = None) -> None:
     """Wait until a packet or command is ready for the next connection event."""
     start_s = time.monotonic()
     while not world.radio.link.waits(opcode, command):
@@ -81,7 +81,7 @@ def test_motors_stop_with_the_next_connection_event(world: World) -> None:
     with held(world) as connection_event:
         stopper = threading.Thread(target=link.emergency_stop)
         stopper.start()
-        eventually(world, ATT_WRITE_REQUEST, Command.STOP_USER_PROGRAM)
+        eventually(world, ATT_WRITE_REQUEST, PybricksCommand.STOP_USER_PROGRAM)
         assert world.hub.is_driven
         connection_event()
         world.hub.wait_until("is_driven", False)
@@ -89,7 +89,7 @@ def test_motors_stop_with_the_next_connection_event(world: World) -> None:
         thread.join(BOUND_S)
         assert not thread.is_alive()
     assert isinstance(step.error, StoppedError) and not world.hub.is_running
-    assert world.hub.commands.count(Command.STOP_USER_PROGRAM) == 1
+    assert world.hub.commands.count(PybricksCommand.STOP_USER_PROGRAM) == 1
 
 
 def test_stop_follows_pending_write(world: World) -> None:
@@ -97,16 +97,16 @@ def test_stop_follows_pending_write(world: World) -> None:
     link = patient_link(world, SLOW_STEP)
     with held(world) as connection_event:
         step = Act(link)
-        eventually(world, ATT_WRITE_REQUEST, Command.WRITE_STDIN)
+        eventually(world, ATT_WRITE_REQUEST, PybricksCommand.WRITE_STDIN)
         stopper = threading.Thread(target=link.emergency_stop)
         stopper.start()
         time.sleep(0.05)
         connection_event()
         world.hub.wait_until("is_driven", True)
         eventually(world, ATT_WRITE_RESPONSE)
-        assert not world.radio.link.waits(ATT_WRITE_REQUEST, Command.STOP_USER_PROGRAM)
+        assert not world.radio.link.waits(ATT_WRITE_REQUEST, PybricksCommand.STOP_USER_PROGRAM)
         connection_event()
-        eventually(world, ATT_WRITE_REQUEST, Command.STOP_USER_PROGRAM)
+        eventually(world, ATT_WRITE_REQUEST, PybricksCommand.STOP_USER_PROGRAM)
         assert world.hub.is_driven
         connection_event()
         world.hub.wait_until("is_driven", False)
@@ -225,7 +225,7 @@ def test_rest_stops_motors_not_program(virtual: HubLink) -> None:
     for _ in range(5):
         hub.machine.advance(100)
         again = virtual.read().values[:2]
-    assert abs(again - still).max() < 5
+    assert again == pytest.approx(still, abs=5)
     virtual.act([50, 50])
     assert virtual.state is LinkState.ARMED
 

@@ -14,7 +14,7 @@ from played_hub import PlayedHub
 from radio import Radio
 
 from brickhub.hub.program.compile import compile_mpy, program_blob
-from brickhub.hub.transports.profile import Command, CommandError, Status, StatusReport, parse_capabilities, parse_event
+from brickhub.hub.transports.profile import CommandError, PybricksCommand, Status, StatusReport, parse_capabilities, parse_event
 from brickhub.robot import HubKind
 
 pytestmark = pytest.mark.realtime
@@ -91,14 +91,14 @@ def hub() -> Iterator[PlayedHub]:
 @pytest.mark.parametrize(
     ("command", "code"),
     [
-        (bytes((Command.START_USER_PROGRAM, 0, 0)), CommandError.VALUE_NOT_ALLOWED),
-        (bytes((Command.START_USER_PROGRAM,)), CommandError.INVALID_COMMAND),  # there is none
-        (struct.pack("<BI", Command.WRITE_USER_PROGRAM_META, 10**8), CommandError.VALUE_NOT_ALLOWED),
-        (struct.pack("<BI", Command.WRITE_USER_RAM, 272 * 1024 - 1) + b"ab", CommandError.VALUE_NOT_ALLOWED),
+        (bytes((PybricksCommand.START_USER_PROGRAM, 0, 0)), CommandError.VALUE_NOT_ALLOWED),
+        (bytes((PybricksCommand.START_USER_PROGRAM,)), CommandError.INVALID_COMMAND),  # there is none
+        (struct.pack("<BI", PybricksCommand.WRITE_USER_PROGRAM_META, 10**8), CommandError.VALUE_NOT_ALLOWED),
+        (struct.pack("<BI", PybricksCommand.WRITE_USER_RAM, 272 * 1024 - 1) + b"ab", CommandError.VALUE_NOT_ALLOWED),
         (bytes((99,)), CommandError.INVALID_COMMAND),
-        (bytes((Command.STOP_USER_PROGRAM,)), None),  # nothing to stop is no error
-        (bytes((Command.WRITE_STDIN, 1, 2)), None),
-        (bytes((Command.WRITE_APP_DATA, 0, 0, 5)), None),
+        (bytes((PybricksCommand.STOP_USER_PROGRAM,)), None),  # nothing to stop is no error
+        (bytes((PybricksCommand.WRITE_STDIN, 1, 2)), None),
+        (bytes((PybricksCommand.WRITE_APP_DATA, 0, 0, 5)), None),
     ],
 )
 def test_played_hub_refuses_as_firmware(hub: PlayedHub, command: bytes, code: int | None) -> None:

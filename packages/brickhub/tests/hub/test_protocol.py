@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import ctypes
 import itertools
+import math
 import struct
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -150,12 +151,10 @@ def test_sizes_on_the_wire() -> None:
         "spinning": WireFormat.of(SPINNING),
         "walker": WireFormat.of(WALKER_INTERFACE),
     }
-    assert {name: (wire.down_frame_bytes, wire.up_frame_bytes) for name, wire in sizes.items()} == {
-        "run-away": (5, 15),
-        "spinning": (7, 15),
-        "walker": (11, NOTIFICATION_BYTES),
-    }
-    assert all(wire.down_frame_bytes <= WRITE_BYTES and wire.up_frame_bytes <= NOTIFICATION_BYTES for wire in sizes.values())
+    up = {name: len(data_frame(1, bytes(wire.answer_bytes))) for name, wire in sizes.items()}
+    assert up == {"run-away": 15, "spinning": 15, "walker": NOTIFICATION_BYTES}
+    assert {name: wire.down_frame_bytes for name, wire in sizes.items()} == {"run-away": 5, "spinning": 7, "walker": 11}
+    assert all(wire.down_frame_bytes <= WRITE_BYTES for wire in sizes.values())
 
 
 def _as_hub_reads(wire: WireFormat, values: tuple[float, ...]) -> tuple[float, ...]:
@@ -175,8 +174,14 @@ def test_channels_keep_their_values(time_ms: int, values: tuple[float, ...]) -> 
     wire = WireFormat.of(SPINNING)
     time, decoded = wire.decode_answer(wire.encode_answer(time_ms, values))
     assert time == time_ms % 65536
-    assert decoded.dtype == np.float32 and decoded.shape == (5,)
-    np.testing.assert_allclose(decoded, values, atol=0.051)
+    assert decoded == pytest.approx(values, abs=0.051)
+
+
+@given(st.integers(-(2**15), 2**15 - 1), st.sampled_from((1, 2, 10, 100, 1000)))
+def test_channels_are_rounded_to_float32(number: int, scale: int) -> None:
+    wire = WireFormat((), (), ("channel",), (scale,))
+    _, (value,) = wire.decode_answer(struct.pack("<Hh", 0, number))
+    assert value == ctypes.c_float(number / scale).value
 
 
 @given(st.floats(allow_nan=False))
@@ -191,7 +196,7 @@ def test_nan_raises() -> None:
     with pytest.raises(EncodingError, match="'right' is not a number"):
         wire.encode_actions([0.0, float("nan")])
     with pytest.raises(BricksError, match="'pitch'"):
-        wire.encode_answer(0, np.array([0, 0, np.nan, 0, 0]))
+        wire.encode_answer(0, [0, 0, math.nan, 0, 0])
 
 
 @pytest.mark.parametrize("values", [[], [1.0], [1.0, 2.0, 3.0]])

@@ -13,6 +13,7 @@ from brickhub.errors import ProgramError, TwinError
 from brickhub.robot import BENCH
 from brickhub.virtual.bench_body import BenchBody
 from brickhub.virtual.given_readings import parse_reading
+from brickhub.virtual.host_stop import HostStop
 from brickhub.virtual.machine import Machine
 from brickhub.virtual.pace import Pace
 from brickhub.virtual.panel import Panel, parse_press
@@ -377,3 +378,29 @@ def test_realtime_advances_in_small_steps() -> None:
     machine.pace = Pace(lambda: now_s[0], sleep)
     machine.advance(300)
     assert max(pieces) <= 0.015 and sum(pieces) == pytest.approx(0.3)
+
+
+class Ended(HostStop):
+    """An end of the host, in a module that the virtual hub does not know."""
+
+
+def ending(error: type[BaseException]) -> Operation:
+    """A host that raises an error after half a second."""
+
+    def attend(machine: Machine) -> None:
+        machine.alarm_ms = 500
+        machine.on_alarm = end
+
+    def end() -> None:
+        raise error
+
+    return Operation(attend=attend)
+
+
+@pytest.mark.parametrize("handler", ["except:", "except BaseException:", "except Exception:", "except KeyboardInterrupt:"])
+def test_an_end_from_the_host_passes_a_program(handler: str, tmp_path: Path) -> None:
+    path, out, err = tmp_path / "main.py", io.BytesIO(), io.StringIO()
+    path.write_text(f"from pybricks.tools import wait\ntry:\n    wait(1000)\n{handler}\n    print('caught')\nprint('on')\n")
+    with pytest.raises(Ended):
+        run_file(path, stdout=out, stderr=err, operation=ending(Ended))
+    assert (out.getvalue(), err.getvalue()) == (b"", "")

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import itertools
+import random
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 
-import numpy as np
 import pytest
 from described import TWO_WHEELER
 
 from brickhub.errors import HubError, HubProgramError, SceneError, TwinError
 from brickhub.hub.transport import HubModule, HubProgram
 from brickhub.robot import BENCH
+from brickhub.virtual.host_stop import HostStop
 from brickhub.virtual.transport import VirtualHub
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.physics import Physics
@@ -141,11 +142,16 @@ def test_user_exception_reaches_host() -> None:
         virtual.read(0.1)
 
 
-@pytest.mark.parametrize("kind", [KeyboardInterrupt, type("Ours", (BaseException,), {"__module__": "brickhub.cli.hub"})])
+class Ended(HostStop):
+    """An end of the host, in a module that the virtual hub does not know."""
+
+
+@pytest.mark.parametrize("kind", [KeyboardInterrupt, Ended])
 def test_host_exception_is_not_a_program_error(kind: type[BaseException], monkeypatch: pytest.MonkeyPatch) -> None:
     virtual = hub(DRIVE)
 
     def press(_seconds: object) -> None:
+        monkeypatch.undo()  # once, while the program runs
         raise kind
 
     monkeypatch.setattr(virtual.machine, "advance", press)
@@ -236,7 +242,7 @@ def test_reset_during_program() -> None:
     virtual = VirtualHub(make_body(TWO_WHEELER, scene=Scene(wall_distance_mm=(500, 500))))
     virtual.start(HubProgram(ECHO, 0))
     virtual.read(1.0)
-    virtual.reset(np.random.default_rng(0))
+    virtual.reset(random.Random(0))
     assert virtual.body.distance_mm("C") == pytest.approx(500, abs=20)
     virtual.write(b"x")
     assert virtual.read(1.0) == b"x"

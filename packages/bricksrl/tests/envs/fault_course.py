@@ -23,7 +23,7 @@ from tensordict import TensorDictBase
 
 from brickhub.hub.program import generate
 from brickhub.hub.program.generate import WATCHDOG_MS
-from brickhub.hub.transports.profile import Command, CommandError, Event
+from brickhub.hub.transports.profile import CommandError, Event, PybricksCommand
 from bricksrl.envs.connection import Connection
 from bricksrl.envs.env import HubEnv
 from bricksrl.envs.odometry import SonarOdometer
@@ -271,7 +271,7 @@ class Course:
         return _at(phase, self.rng.randrange(1, 4), self.world.radio.disconnect)
 
     def _refuse(self, code: CommandError) -> None:
-        self.world.hub.faults[self.rng.choice(list(Command))] = [code] * self.rng.choice([1, 3, 100])
+        self.world.hub.faults[self.rng.choice(list(PybricksCommand))] = [code] * self.rng.choice([1, 3, 100])
 
     def _unplug(self) -> None:
         """Unplug and replug a motor: the next command to it raises."""
@@ -282,10 +282,10 @@ def _at(phase: str, count: int, harm: Callable[[], object]) -> Fault:
     """Inject a fault at the count-th packet of the phase, which is lost."""
     wanted = {
         "scan": (ATT_READ_REQUEST, None),
-        "download": (ATT_WRITE_REQUEST, Command.WRITE_USER_RAM),
-        "start": (ATT_WRITE_REQUEST, Command.START_USER_PROGRAM),
-        "close": (ATT_WRITE_REQUEST, Command.STOP_USER_PROGRAM),
-    }.get(phase, (ATT_WRITE_REQUEST, Command.WRITE_STDIN))
+        "download": (ATT_WRITE_REQUEST, PybricksCommand.WRITE_USER_RAM),
+        "start": (ATT_WRITE_REQUEST, PybricksCommand.START_USER_PROGRAM),
+        "close": (ATT_WRITE_REQUEST, PybricksCommand.STOP_USER_PROGRAM),
+    }.get(phase, (ATT_WRITE_REQUEST, PybricksCommand.WRITE_STDIN))
     left = itertools.count(count, -1)
 
     def rule(opcode: int, data: bytes) -> int:

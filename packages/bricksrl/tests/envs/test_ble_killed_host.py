@@ -11,7 +11,7 @@ from radio import SUPERVISION_TIMEOUT_S
 
 from brickhub.hub.program import generate
 from brickhub.hub.program.generate import WATCHDOG_MS
-from brickhub.hub.transports.profile import Command
+from brickhub.hub.transports.profile import PybricksCommand
 
 pytestmark = pytest.mark.realtime
 
@@ -35,6 +35,6 @@ def test_killed_host_stops_motors_and_new_host_connects(world: World, step_ms: i
     assert time.monotonic() - killed_s < bound_s
     with host_process(world, step_ms):
         hub.wait_until("is_driven", True, START_S)
-        assert hub.runs == 2 and hub.commands.count(Command.WRITE_USER_PROGRAM_META) == 2, "it has kept its program"
+        assert hub.runs == 2 and hub.commands.count(PybricksCommand.WRITE_USER_PROGRAM_META) == 2, "it has kept its program"
     assert hub.longest_silent_drive_ms <= WATCHDOG_MS
     hub.wait_until("is_driven", False, 2.0)

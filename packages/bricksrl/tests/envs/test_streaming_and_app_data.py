@@ -98,7 +98,7 @@ def test_latest_command_counts() -> None:
     with stream() as link:
         for angle in (100, -100, 100):
             link.act([angle, angle])
-        assert link.act([0, 0]).values.shape == (5,)
+        assert len(link.act([0, 0]).values) == 5
 
 
 def test_reading_between_steps_is_fresh() -> None:

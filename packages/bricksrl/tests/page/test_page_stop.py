@@ -12,7 +12,7 @@ from test_emergency_stop import SLOW_STEP, Act, eventually, held, patient_link
 
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.program import generate
-from brickhub.hub.transports.profile import Command
+from brickhub.hub.transports.profile import PybricksCommand
 from bricksrl.errors import StoppedError
 from bricksrl.page.live import LivePage
 
@@ -40,11 +40,11 @@ def test_page_stop_acts_at_next_connection_event(world: World, monkeypatch: pyte
         time.sleep(0.1)  # its write has been acknowledged: the step waits for the answer
         with held(world) as connection_event:
             red.click()
-            eventually(world, ATT_WRITE_REQUEST, Command.STOP_USER_PROGRAM)
+            eventually(world, ATT_WRITE_REQUEST, PybricksCommand.STOP_USER_PROGRAM)
             assert world.hub.is_running
             connection_event()
             world.hub.wait_until("is_driven", False)
         page.locator("#state:text-is('STOPPED')").wait_for()
         step.join(BOUND_S)
         assert isinstance(step.error, StoppedError) and not world.hub.is_running
-        assert world.hub.commands.count(Command.STOP_USER_PROGRAM) == 1
+        assert world.hub.commands.count(PybricksCommand.STOP_USER_PROGRAM) == 1

@@ -32,7 +32,7 @@ SCENE = Scene(readings={"light": lambda angles: 50 + angles["crank"] / 10, "eyes
 
 def readings(scene: Scene, command: float) -> list[float]:
     with HubLink(VirtualHub(make_body(ROBOT, scene=scene)), ROBOT, INTERFACE) as link:
-        return link.act([command]).values.tolist()
+        return list(link.act([command]).values)
 
 
 @pytest.mark.parametrize("command", [80.0, -60.0])

@@ -18,6 +18,7 @@ from tyro.conf import Positional, UseAppendAction
 from brickhub.cli.options import Flag, changed_options, option
 from brickhub.cli.terminal import Interrupted, print_note
 from brickhub.errors import DescriptionError
+from brickhub.virtual.host_stop import HostStop
 
 if TYPE_CHECKING:
     from brickhub.virtual.body import Body
@@ -166,7 +167,7 @@ def _end_stop(text: str) -> tuple[str, tuple[float, float]]:
     return match[1].upper(), (low, high)  # type: ignore[index]
 
 
-class _Interrupted(BaseException):
+class _Interrupted(HostStop):
     """Ctrl-C by the user."""
 
 

@@ -9,13 +9,11 @@ data frames follow from the ``Interface``. ``program/generate.py`` generates the
 from __future__ import annotations
 
 import enum
+import operator
 import struct
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
-
-import numpy as np
-from numpy.typing import NDArray
 
 from brickhub.errors import BricksError, HubProtocolError
 from brickhub.hub.interface import Interface
@@ -108,11 +106,6 @@ def control_frame(kind: int, payload: bytes = b"") -> bytes:
     return head + bytes((crc8(head),))
 
 
-def app_data_slot(count: int, frame: bytes) -> bytes:
-    """Content of the program's AppData buffer for a frame; a changed ``count`` (1..255) marks it as new."""
-    return bytes((count, len(frame))) + frame
-
-
 def hello_payload(program_hash: int) -> bytes:
     """Payload of the hub's HELLO."""
     return struct.pack("<BI", PROTOCOL_VERSION, program_hash)
@@ -156,10 +149,6 @@ class WireFormat:
     command_scales: tuple[int, ...]
     channel_names: tuple[str, ...]
     channel_scales: tuple[int, ...]
-    _channel_scale_array: NDArray[np.float32] = field(init=False, repr=False, compare=False)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "_channel_scale_array", np.array(self.channel_scales, np.float32))
 
     @classmethod
     def of(cls, interface: Interface) -> WireFormat:
@@ -182,6 +171,11 @@ class WireFormat:
         return "<H" + "h" * len(self.channel_scales)
 
     @cached_property
+    def _value_format(self) -> str:
+        """``struct`` format of the channels' values as float32, to round them."""
+        return "f" * len(self.channel_scales)
+
+    @cached_property
     def action_bytes(self) -> int:
         return struct.calcsize(self.action_format)
 
@@ -192,10 +186,6 @@ class WireFormat:
     @property
     def down_frame_bytes(self) -> int:
         return DATA_OVERHEAD + self.action_bytes
-
-    @property
-    def up_frame_bytes(self) -> int:
-        return DATA_OVERHEAD + self.answer_bytes
 
     def encode_actions(self, values: Iterable[float]) -> bytes:
         """Payload for the actions ``[n_commands]`` in the units of their names; values out of range saturate. Raises
@@ -208,11 +198,12 @@ class WireFormat:
         numbers = _to_int16(values, self.channel_scales, self.channel_names)
         return struct.pack(self.answer_format, time_ms & 0xFFFF, *numbers)
 
-    def decode_answer(self, payload: bytes) -> tuple[int, NDArray[np.float32]]:
-        """Hub's clock (0..65535 ms) and the channels ``[n_channels]`` in their units. Raises HubProtocolError if the payload has
-        another length."""
+    def decode_answer(self, payload: bytes) -> tuple[int, tuple[float, ...]]:
+        """Hub's clock (0..65535 ms) and the channels ``[n_channels]`` in their units, rounded to float32. Raises HubProtocolError
+        if the payload has another length."""
         time_ms, *numbers = _unpack(self.answer_format, payload)
-        return time_ms, np.array(numbers, np.float32) / self._channel_scale_array
+        values = map(operator.truediv, numbers, self.channel_scales)
+        return time_ms, struct.unpack(self._value_format, struct.pack(self._value_format, *values))
 
 
 class FrameDecoder:

@@ -19,6 +19,11 @@ class Pipe(enum.Enum):
     """AppData: a buffer that every write overwrites, so that nothing queues."""
 
 
+def app_data_slot(count: int, frame: bytes) -> bytes:
+    """Content of the program's AppData buffer for a frame; a changed ``count`` (1..255) marks it as new."""
+    return bytes((count, len(frame))) + frame
+
+
 def as_typed(data: bytes | str) -> bytes:
     """Bytes of input; lines of text end with the Enter key, CR, for which ``input()`` waits on a hub. Bytes that are no UTF-8 are
     surrogate escapes in text."""

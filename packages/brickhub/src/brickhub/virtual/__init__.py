@@ -22,5 +22,5 @@ _MODULES = {"BenchBody": "bench_body", "Body": "body", "VirtualHub": "transport"
 
 def __getattr__(name: str) -> Any:
     if name not in _MODULES:
-        raise AttributeError(f"module 'brickhub.virtual' has no attribute '{name}'")
-    return getattr(importlib.import_module(f"brickhub.virtual.{_MODULES[name]}"), name)
+        raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
+    return getattr(importlib.import_module(f"{__name__}.{_MODULES[name]}"), name)

@@ -8,14 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING
 
 from brickhub.errors import SceneError, TwinError
 from brickhub.robot import Motor, PoweredUpSensor, Robot, UltrasonicSensor
+from brickhub.virtual.body import Rng
 from brickhub.virtual.stimuli import DEFAULT_STIMULI, Reading, Sense, Sensed, number, senses
-
-if TYPE_CHECKING:
-    import numpy as np
 
 _FRICTION_UNM = 21413.268
 _FRICTION_LINEAR_BELOW_MDEG_S = 2000.0
@@ -89,7 +86,7 @@ class BenchBody:
         self._motors = {motor.port: BenchMotor(stops.get(motor.port)) for motor in robot.motors}
         self._time_ms = 0
 
-    def reset(self, rng: np.random.Generator) -> None:
+    def reset(self, rng: Rng) -> None:
         """No effect."""
 
     def advance_to(self, time_ms: int) -> None:

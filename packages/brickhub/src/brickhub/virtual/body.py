@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 from brickhub.robot import MotorKind, Robot
 from brickhub.virtual.stimuli import Sense, Sensed
 
-if TYPE_CHECKING:
-    import numpy as np
+
+class Rng(Protocol):
+    """Source of random numbers, such as NumPy's ``Generator`` or Python's ``random.Random``."""
+
+    def uniform(self, low: float, high: float, /) -> float:
+        """A random number of a range."""
 
 
 class Body(Protocol):
@@ -26,7 +30,7 @@ class Body(Protocol):
     def link_interval_ms(self) -> float:
         """Connection interval of the hub's link; 0 for no delay."""
 
-    def reset(self, rng: np.random.Generator) -> None:
+    def reset(self, rng: Rng) -> None:
         """Place the robot at the start of an episode."""
 
     def advance_to(self, time_ms: int) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 
 from brickhub.virtual.body import Body, FittingBody
 from brickhub.virtual.firmware.drive_base import DriveBaseControl
-from brickhub.virtual.firmware.heading import Heading
+from brickhub.virtual.firmware.heading import GyroHeading
 from brickhub.virtual.firmware.servo import Servo
 from brickhub.virtual.micropython.errors import SwitchedOff
 from brickhub.virtual.pace import Pace
@@ -52,7 +52,7 @@ class Machine:
         self.time_ticks = _AFTER_LOOP_TICKS
         self.alarm_ms: int | None = None
         self.on_alarm: Callable[[], None] = lambda: None
-        self.heading = Heading(body)
+        self.heading = GyroHeading(body)
         self.servos = {motor.port: Servo(motor.kind, motor.port, body, self) for motor in body.robot.motors}
         self.drive_bases: list[DriveBaseControl] = []
         self.modes: dict[str, str] = {}

@@ -20,6 +20,7 @@ from brickhub.robot import HubKind
 from brickhub.virtual.body import Body
 from brickhub.virtual.fitted_bench import FittedBench
 from brickhub.virtual.given_readings import GivenReading
+from brickhub.virtual.host_stop import HostStop
 from brickhub.virtual.interpreter import execute
 from brickhub.virtual.machine import Machine
 from brickhub.virtual.micropython.compiler import compile_source
@@ -32,12 +33,12 @@ from brickhub.virtual.panel import WIRELESS, Panel, Press
 from brickhub.virtual.pybricks import modules
 
 
-class _ProgramStopped(BaseException):
-    """Ends a program past its exception handlers; on a hub the button raises SystemExit."""
+class _ProgramStopped(HostStop):
+    """The program is to end; on a hub the button raises SystemExit."""
 
 
-class _OutputFailed(BaseException):
-    """Ends a program, past its exception handlers, whose output this computer does not take: no hub has that error."""
+class _OutputFailed(HostStop):
+    """This computer does not take the program's output: no hub has that error."""
 
     def __init__(self, error: OSError) -> None:
         super().__init__(error)

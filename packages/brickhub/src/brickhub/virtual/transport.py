@@ -12,25 +12,21 @@ import sys
 import threading
 from collections import deque
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 from greenlet import getcurrent, greenlet
 
 from brickhub.errors import HubError, HubProgramError, TwinError
 from brickhub.hub.program.traceback import describe_traceback
-from brickhub.hub.protocol import app_data_slot
-from brickhub.hub.transport import HubProgram, Pipe
+from brickhub.hub.transport import HubProgram, Pipe, app_data_slot
 from brickhub.virtual import interpreter
-from brickhub.virtual.body import Body
+from brickhub.virtual.body import Body, Rng
+from brickhub.virtual.host_stop import HostStop
 from brickhub.virtual.machine import Machine
 from brickhub.virtual.micropython.errors import SwitchedOff
 from brickhub.virtual.micropython.system import is_program_error
 from brickhub.virtual.micropython.text import format_traceback
 from brickhub.virtual.pace import MAX_STEP_MS, Pace
 from brickhub.virtual.pybricks import modules
-
-if TYPE_CHECKING:
-    import numpy as np
 
 MAX_WRITE_BYTES = 20
 _LONGEST_RUN_DOWN_MS = 1000
@@ -39,8 +35,8 @@ PLACEMENT_MS = 1000
 """Duration of placing a robot: longer than the hub's watchdog."""
 
 
-class _Stopped(BaseException):
-    """Thrown into a program to stop it; programs cannot catch it."""
+class _Stopped(HostStop):
+    """Thrown into a program to stop it."""
 
 
 class _Wire:
@@ -196,7 +192,7 @@ class VirtualHub:
     def now_s(self) -> float:
         return self.machine.time_ms / 1000
 
-    def reset(self, rng: np.random.Generator) -> None:
+    def reset(self, rng: Rng) -> None:
         """Place the robot at the start of an episode, while the program goes on.
 
         This takes longer than the hub's watchdog timeout.

@@ -6,7 +6,6 @@ import os
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 from described import ROBO_ARM, TWO_WHEELER
 from hypothesis import given
@@ -49,7 +48,7 @@ class MisbuiltHub(VirtualHub):
         body.set_voltage = lambda port, mv: apply(port, None if mv is None else sign[port] * mv)
 
 
-def observe(hub: VirtualHub, calibration: Calibration | None, robot: robots.Robot = ROBO_ARM) -> np.ndarray:
+def observe(hub: VirtualHub, calibration: Calibration | None, robot: robots.Robot = ROBO_ARM) -> tuple[float, ...]:
     calibrate = None if calibration is None else lambda described: calibrated(described, calibration)
     with HubLink(hub, robot, ARM, calibrate=calibrate) as link:
         return link.read().values
@@ -63,14 +62,14 @@ def test_end_stop_calibration_corrects_observation() -> None:
     right = observe(VirtualHub(make_body(ROBO_ARM)), None)
     hub = MisbuiltHub(SHIFTS)
     wrong = observe(hub, None)
-    assert abs(wrong - right)[1:].min() > 30
+    assert all(abs(shifted - angle) > 30 for shifted, angle in zip(wrong[1:], right[1:], strict=True))
     stops = find_stops(hub, ROBO_ARM)
     zeros = {name: zero_between(found, ROBO_ARM.motor(name)) for name, found in stops.items()}
     turned_deg = {"low": 35, "high": -120, "grab": 150}
     assert zeros.keys() == turned_deg.keys()
     assert all(abs((zeros[name] - turned_deg[name] + 180) % 360 - 180) <= 3 for name in zeros)
     again = MisbuiltHub(SHIFTS)  # at its start, as the right one
-    np.testing.assert_allclose(observe(again, Calibration(zeros)), right, atol=3)
+    assert observe(again, Calibration(zeros)) == pytest.approx(right, abs=3)
 
 
 def test_calibrated_targets_stay_in_range() -> None:

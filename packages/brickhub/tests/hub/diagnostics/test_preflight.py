@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 from described import ROBO_ARM, TWO_WHEELER, WALKER
 from hypothesis import given
@@ -100,7 +99,7 @@ def test_imu() -> None:
 
 def test_joints_out_of_range_are_errors() -> None:
     interface = get_task("RoboArm-v0").interface
-    values = np.array([0, 40, -70, -95], np.float32)
+    values = [0.0, 40.0, -70.0, -95.0]
     assert [f.outcome for f in check_angles(ROBO_ARM, interface, values)] == [Outcome.OK] * 3
     values[1] = 100
     error = next(iter(check_angles(ROBO_ARM, interface, values)))

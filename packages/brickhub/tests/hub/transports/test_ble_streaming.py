@@ -16,7 +16,7 @@ from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.link.streaming import StreamingLink
 from brickhub.hub.program.generate import WATCHDOG_MS
 from brickhub.hub.transport import HubProgram, Pipe
-from brickhub.hub.transports.profile import Command
+from brickhub.hub.transports.profile import PybricksCommand
 from brickhub.robot import HubKind, Motor, Robot
 
 pytestmark = pytest.mark.realtime
@@ -48,8 +48,8 @@ def test_streaming_over_app_data(world: World) -> None:
     with streaming(world, pipe=Pipe.APP_DATA) as link:
         angles = [link.act([50, 0]).values[0] for _ in range(5)]
         assert len(set(angles)) == 5
-        assert link.read().values.shape == (5,)
-    assert world.hub.commands.count(Command.WRITE_STDIN) == 0
+        assert len(link.read().values) == 5
+    assert world.hub.commands.count(PybricksCommand.WRITE_STDIN) == 0
 
 
 def test_lock_step_over_app_data(world: World) -> None:
@@ -59,7 +59,7 @@ def test_lock_step_over_app_data(world: World) -> None:
         for _ in range(10):
             link.act([30, -30])
         assert link.statistics.resends == 0
-    assert world.hub.commands.count(Command.WRITE_APP_DATA) >= 10
+    assert world.hub.commands.count(PybricksCommand.WRITE_APP_DATA) >= 10
 
 
 def test_streaming_hub_out_of_reach_stops(world: World) -> None:

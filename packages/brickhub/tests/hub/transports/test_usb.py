@@ -13,7 +13,6 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 import serial
 from ble_world import BOUND_S, LONG_RUN, bounded
@@ -34,7 +33,7 @@ from brickhub.hub.interface import Interface
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.link.states import LinkState
 from brickhub.hub.program import generate
-from brickhub.hub.transports.profile import Command, CommandError
+from brickhub.hub.transports.profile import CommandError, PybricksCommand
 from brickhub.hub.transports.usb import UsbHub, UsbTransport, list_usb_hubs
 from brickhub.robot import HubKind
 
@@ -90,7 +89,7 @@ def test_connect_download_exchange(cable: Cable) -> None:
         left, right = link.act([90, -45]).values[:2]
         assert 0 < left < 90 and 315 < right < 360
         time.sleep(0.3)
-        np.testing.assert_allclose(link.read().values[:2], [90, 315], atol=3)
+        assert link.read().values[:2] == pytest.approx((90, 315), abs=3)
     assert not cable.hub.is_running
     cable.hub.wait_until("is_connected", False)
 
@@ -99,7 +98,7 @@ def test_same_program_is_downloaded_once(cable: Cable) -> None:
     for _ in range(2):
         with cable.link() as link:
             link.act([100])
-    assert cable.hub.commands.count(Command.WRITE_USER_PROGRAM_META) == 2  # one download
+    assert cable.hub.commands.count(PybricksCommand.WRITE_USER_PROGRAM_META) == 2  # one download
 
 
 @pytest.mark.skipif(os.name != "posix", reason="pseudo terminals are a thing of POSIX")
@@ -156,13 +155,13 @@ def test_program_error_has_line(cable: Cable) -> None:
 
 
 def test_refused_command(cable: Cable) -> None:
-    cable.hub.faults[Command.WRITE_USER_RAM] = [CommandError.INVALID_COMMAND]
+    cable.hub.faults[PybricksCommand.WRITE_USER_RAM] = [CommandError.INVALID_COMMAND]
     bounded(cable.link().open, HubRefusedError)
 
 
 def test_full_input_buffer_is_retried(cable: Cable) -> None:
     with cable.link() as link:
-        cable.hub.faults[Command.WRITE_STDIN] = [CommandError.BUSY] * 3
+        cable.hub.faults[PybricksCommand.WRITE_STDIN] = [CommandError.BUSY] * 3
         link.act([100])
         assert link.statistics.resends == 0
 
@@ -246,7 +245,7 @@ def test_end_of_host_process_stops_program(cable: Cable) -> None:
     cable.link()
     _, errors = host_process(cable, 0.0).communicate(timeout=60)
     assert not errors
-    assert cable.hub.commands[-1] == Command.STOP_USER_PROGRAM
+    assert cable.hub.commands[-1] == PybricksCommand.STOP_USER_PROGRAM
 
 
 @pytest.mark.skipif(os.name != "posix", reason="pseudo terminals and SIGKILL are things of POSIX")

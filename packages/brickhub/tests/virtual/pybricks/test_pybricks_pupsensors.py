@@ -243,4 +243,4 @@ def test_parts_share_one_measurement(kind, method, sensed, seen) -> None:
     transport = VirtualHub(BenchBody(one(kind), {"it": lambda angles: sensed}))
     with HubLink(transport, one(kind), interface) as link:
         assert link.program.source.count(f"sensor_it.{method}()") == 1
-        assert link.act([10.0]).values.tolist()[1:] == seen
+        assert link.act([10.0]).values[1:] == tuple(seen)

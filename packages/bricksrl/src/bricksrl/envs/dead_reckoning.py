@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -15,7 +15,6 @@ from bricksrl.errors import DescriptionError
 
 if TYPE_CHECKING:
     import numpy as np
-    from numpy.typing import NDArray
 
     from bricktwin.twin.mujoco_body import Pose
     from bricktwin.twin.scene import Scene
@@ -111,7 +110,7 @@ class TargetTracker:
         interface: Interface,
         true_pose: Callable[[], Pose] | None,
         pose: FloorPose,
-        values: NDArray[np.float32],
+        values: Sequence[float],
     ) -> None:
         assert robot.drive_base is not None  # noqa: S101 - the task checked it
         self._target, self._base, self._true_pose, self.pose = target, robot.drive_base, true_pose, pose
@@ -123,7 +122,7 @@ class TargetTracker:
         """The target as `FloorPose.seen_from`, then the distance (mm) and the turn (deg) of the last step."""
         return (*self._target.place.seen_from(self.pose), *self._last_step)
 
-    def follow(self, values: NDArray[np.float32]) -> None:
+    def follow(self, values: Sequence[float]) -> None:
         """Update the pose from the channels ``values [n]`` after a step."""
         angles_deg = self._angles(values)
         left_mm, right_mm = (self._rolled_mm(after - before) for after, before in zip(angles_deg, self._angles_deg, strict=True))
@@ -143,8 +142,8 @@ class TargetTracker:
         ahead_mm, left_mm, turn_deg = floor_pose(self._true_pose()).seen_from(self.pose)
         return {"reckoning_error_mm": math.hypot(ahead_mm, left_mm), "reckoning_error_deg": abs(turn_deg)}
 
-    def _angles(self, values: NDArray[np.float32]) -> tuple[float, ...]:
-        return tuple(float(values[index]) for index in self._wheels)
+    def _angles(self, values: Sequence[float]) -> tuple[float, ...]:
+        return tuple(values[index] for index in self._wheels)
 
     def _rolled_mm(self, turned_deg: float) -> float:
         """Distance rolled by a wheel that turned by less than half a turn."""

@@ -139,7 +139,7 @@ class HubEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
         return self._episode is not None and self._episode.is_cut
 
     def _make_specs(self) -> None:
-        self._entries, self._observed = len(self.task.entries), list(self.task.observed_channels)
+        self._entries, self._observed = len(self.task.entries), self.task.observed_channels
         vector = NominalBounded.of(self.task.entries)
         self.observation_spec = Composite(observation=vector, link_lost=Binary(1, dtype=torch.bool))
         camera = self.task.camera
@@ -177,11 +177,11 @@ class HubEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
         reading = self._guarded(self._start)
         measured_s = self._connected().link.now_s() - reading.age_s
         self.is_closed = False
-        drawn = np.array([entry.draw(self._host_rng) for entry in self.task.sampled_entries], dtype=np.float32)
+        drawn = [entry.draw(self._host_rng) for entry in self.task.sampled_entries]
         commands = [0.0] * len(self.task.command_entries)
-        measured = np.zeros(len(self.task.measured_entries) + len(commands), dtype=np.float32)
+        measured = [0.0] * len(self.task.measured_entries) + commands
         tracker = self._tracker(reading)
-        observation = observe(reading.values[self._observed], drawn, measured, tracker)
+        observation = observe(self._channels(reading), drawn, measured, tracker)
         self._odometer.start(self._connected().link.now_s())
         self._odometer.forward_mm(self._connected().link.now_s(), reading.values)
         out = {"observation": observation.clone(), "link_lost": torch.zeros(1, dtype=torch.bool)}
@@ -286,14 +286,18 @@ class HubEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
         forward_mm: list[float] = []
         if self.task.walks or self.task.measured_entries:
             forward_mm = [self._odometer.forward_mm(self._connected().link.now_s(), reading.values)]
-        measured = np.array([*forward_mm[: len(self.task.measured_entries)], *episode.commands], dtype=np.float32)
+        measured = [*forward_mm[: len(self.task.measured_entries)], *episode.commands]
         if episode.tracker is not None:
             episode.tracker.follow(reading.values)
-        observation = observe(reading.values[self._observed], episode.drawn, measured, episode.tracker)
+        observation = observe(self._channels(reading), episode.drawn, measured, episode.tracker)
         if episode.watch is None:
             return observation
         episode.watch.see(self._guarded(self._camera.frame))
         return with_numbers(observation, episode.watch)
+
+    def _channels(self, reading: Reading) -> list[float]:
+        """The channels that are in the observation."""
+        return [reading.values[index] for index in self._observed]
 
     def task_observations(self, observations: torch.Tensor) -> torch.Tensor:
         """Input of the task's success and metrics for the observations ``[steps, n]`` of the whole current episode. Raises

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -9,8 +10,6 @@ import numpy as np
 import torch
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from bricksrl.envs.dead_reckoning import TargetTracker
     from bricksrl.envs.vision.watch import Watch
 
@@ -43,7 +42,7 @@ class EpisodeState:
         age_s: age of the observation that the last action was chosen for.
     """
 
-    drawn: NDArray[np.float32]
+    drawn: list[float]
     observation: torch.Tensor
     measured_s: float
     commands: list[float]
@@ -57,11 +56,11 @@ class EpisodeState:
 
 
 def observe(
-    channels: NDArray[np.float32], drawn: NDArray[np.float32], measured: NDArray[np.float32], tracker: TargetTracker | None
+    channels: Sequence[float], drawn: Sequence[float], measured: Sequence[float], tracker: TargetTracker | None
 ) -> torch.Tensor:
     """The observation ``[n]``: channels, sampled entries, measured entries (last commands among them), then the target's."""
-    target = () if tracker is None else (np.array(tracker.entries(), dtype=np.float32),)
-    return torch.from_numpy(np.concatenate((channels, drawn, measured, *target)))
+    target = () if tracker is None else tracker.entries()
+    return torch.from_numpy(np.array((*channels, *drawn, *measured, *target), dtype=np.float32))
 
 
 def with_truth(observation: torch.Tensor, tracker: TargetTracker | None, end: int) -> torch.Tensor:

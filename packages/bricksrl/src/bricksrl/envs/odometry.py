@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 from brickhub.hub.interface import Distance, Interface
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from bricktwin.twin.mujoco_body import Pose
 
 
@@ -27,7 +24,7 @@ class TrueOdometer:
         self._start_s = self._now_s = time_s
         self._path_m = self._forward_m = 0.0
 
-    def forward_mm(self, time_s: float, _values: NDArray[np.float32]) -> float:
+    def forward_mm(self, time_s: float, _values: Sequence[float]) -> float:
         """Distance forward since the last call, in mm; ``time_s`` is the time of this one."""
         pose, heading = self._pose(), math.radians(self._start.heading_deg)
         self._path_m += math.hypot(pose.x_m - self._last.x_m, pose.y_m - self._last.y_m)
@@ -61,9 +58,9 @@ class SonarOdometer:
     def start(self, _time_s: float) -> None:
         self._last_mm = Distance.FARTHEST_MM
 
-    def forward_mm(self, _time_s: float, values: NDArray[np.float32]) -> float:
+    def forward_mm(self, _time_s: float, values: Sequence[float]) -> float:
         """Decrease of the distance to the wall since the last call, in mm; 0 where it was out of range."""
-        now_mm = Distance.FARTHEST_MM if self._column is None else float(values[self._column])
+        now_mm = Distance.FARTHEST_MM if self._column is None else values[self._column]
         in_range = max(now_mm, self._last_mm) < Distance.FARTHEST_MM
         step_mm = self._last_mm - now_mm if in_range else 0.0
         self._last_mm = now_mm

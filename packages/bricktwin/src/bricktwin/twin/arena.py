@@ -19,6 +19,7 @@ import numpy as np
 
 from brickhub.errors import TwinError, message_of
 from brickhub.robot import Robot
+from brickhub.virtual.body import Rng
 from bricktwin.twin.imu import FloatingBase, Turns
 from bricktwin.twin.model_physics import RobotPart, set_physics, up
 from bricktwin.twin.models.load import load_model
@@ -59,9 +60,9 @@ class Place:
     y_m: Range = (0.0, 0.0)
     heading_deg: Range = (0.0, 0.0)
 
-    def draw(self, rng: np.random.Generator) -> Pose:
+    def draw(self, rng: Rng) -> Pose:
         """Draw a start pose."""
-        x_m, y_m, heading_deg = (float(rng.uniform(*bounds)) for bounds in (self.x_m, self.y_m, self.heading_deg))
+        x_m, y_m, heading_deg = (rng.uniform(*bounds) for bounds in (self.x_m, self.y_m, self.heading_deg))
         return Pose(x_m, y_m, heading_deg)
 
     def farthest_m(self, other: Place) -> float:
@@ -222,7 +223,7 @@ class ArenaWorld:
         for body in self.bodies:
             body.record_stance()
 
-    def place(self, rng: np.random.Generator) -> None:
+    def place(self, rng: Rng) -> None:
         """Place robots and loads for the start of an episode; motors keep their angles, the clock is not reset. Raises TwinError
         if no starts are found that keep the arena's gap, or a robot would be inside of a wall or load."""
         starts = self._starts(rng)
@@ -239,7 +240,7 @@ class ArenaWorld:
         for body in self.bodies:
             body.update_turns()
 
-    def _starts(self, rng: np.random.Generator) -> list[Pose]:
+    def _starts(self, rng: Rng) -> list[Pose]:
         starts: list[Pose] = []
         for number in range(1, _MAX_DRAWS + 1):
             start = self.arena.robots[len(starts)].place.draw(rng)
@@ -335,7 +336,7 @@ class ArenaBody(MujocoBody):
 
     # ---- called by the hub, where it differs from a robot alone
 
-    def reset(self, rng: np.random.Generator) -> None:
+    def reset(self, rng: Rng) -> None:
         """Place all robots for the start of an episode."""
         self._arena.place(rng)
 

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from brickhub.robot import Robot
 from brickhub.virtual.bench_body import BenchBody
+from brickhub.virtual.body import Rng
 from bricktwin.twin.physics import Physics, RandomPhysics
 from bricktwin.twin.scene import Scene
-
-if TYPE_CHECKING:
-    import numpy as np
 
 
 class BenchTwin(BenchBody):
@@ -39,7 +35,7 @@ class BenchTwin(BenchBody):
         self.motor_friction_scale = physics.motor_friction_scale
         self.link_interval_ms = physics.link_interval_ms
 
-    def reset(self, rng: np.random.Generator) -> None:
+    def reset(self, rng: Rng) -> None:
         """Draw random physics, if any; there is nothing to place."""
         if self._random_physics is not None:
             self._apply(self._random_physics.sample(rng))

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from brickhub.errors import TwinError, message_of
 from brickhub.robot import MotorKind, PoweredUpSensor, Robot, SensorKind, UltrasonicSensor
+from brickhub.virtual.body import Rng
 from brickhub.virtual.stimuli import Sense, Sensed, senses
 from bricktwin.twin import ldraw
 from bricktwin.twin.imu import FixedBase, FloatingBase, Turns, Vector
@@ -205,7 +206,7 @@ class MujocoBody:
         self._qpos[self.model.jnt_qposadr[self._backlash]] = 0.0
         self._qpos[[address for address, _ in self._shaft.values()]] = 0.0
 
-    def reset(self, rng: np.random.Generator) -> None:
+    def reset(self, rng: Rng) -> None:
         """Place the robot at the start of an episode; motors keep their angles, clock and program continue. ``rng``: generator
         of the start pose, and of the physics if random."""
         if self._random_physics is not None:
@@ -229,13 +230,12 @@ class MujocoBody:
                 mujoco.mj_forward(self.model, self.data)
                 refuse_overlap(self.model, self.data, self.scene)
 
-    def _reset_blocks(self, rng: np.random.Generator) -> None:
+    def _reset_blocks(self, rng: Rng) -> None:
         """Put pushable blocks back to their start positions."""
         for address, block in zip(self._block_addresses, self._pushable().values(), strict=True):
             self._qpos[address : address + 7] = self.model.qpos0[address : address + 7]
             if any(block.spread_mm):
-                spread = np.array(block.spread_mm) / 1000
-                self._qpos[address : address + 2] += rng.uniform(-spread, spread)
+                self._qpos[address : address + 2] += [rng.uniform(-spread / 1000, spread / 1000) for spread in block.spread_mm]
 
     def _place(self, draw: Callable[[float, float], float]) -> None:
         """Place the robot on the floor, in front of the wall if there is one; ``draw`` chooses from a range."""

@@ -13,7 +13,7 @@ from brickhub.errors import TwinError
 from brickhub.files import write_durably
 
 if TYPE_CHECKING:
-    import numpy as np
+    from brickhub.virtual.body import Rng
 
 Range = tuple[float, float]
 
@@ -146,11 +146,11 @@ class RandomPhysics:
         if not 0.0 <= self.width <= 1.0:
             raise TwinError(f"random physics: width is {self.width}; give a value from 0 to 1")
 
-    def sample(self, rng: np.random.Generator) -> Physics:
+    def sample(self, rng: Rng) -> Physics:
         """Draw the parameters."""
         nominal, values = Physics(), {}
         for name, parameter in PARAMETERS.items():
             default = getattr(nominal, name)
             low, high = (default + self.width * (bound - default) for bound in parameter.random_range)
-            values[name] = float(rng.uniform(low, high))
+            values[name] = rng.uniform(low, high)
         return Physics(**values)

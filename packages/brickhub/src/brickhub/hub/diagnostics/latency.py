@@ -5,10 +5,9 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass
 
-import numpy as np
-
 from brickhub.hub.interface import Interface
 from brickhub.hub.link.lockstep import HubLink
+from brickhub.hub.link.statistics import percentile
 
 SLOW_INTERVAL_MS = 20.0
 """Connection interval above which a shorter one is possible."""
@@ -60,7 +59,7 @@ def measure(link: HubLink, interface: Interface, exchanges: int = 100) -> Latenc
 
 def latency(round_trips_s: list[float], interface: Interface) -> Latency:
     """Latency statistics of the round trips ``[n]`` of readings, n > 0."""
-    p50_ms, p99_ms = (float(value) * 1000 for value in np.percentile(round_trips_s, (50, 99)))
+    p50_ms, p99_ms = (percentile(round_trips_s, percent) * 1000 for percent in (50, 99))
     step_ms = interface.settle.fixed_ms
     return Latency(
         exchanges=len(round_trips_s),

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-
-import numpy as np
-from numpy.typing import NDArray
+from collections.abc import Callable, Iterator, Sequence
 
 from brickhub.errors import HubError, percent
 from brickhub.finding import Finding, Outcome
@@ -165,7 +162,7 @@ def check_imu(robot: Robot, result: Survey) -> Iterator[Finding]:
         yield Finding("imu", Outcome.OK, f"ready, {tilt}" + ("" if result.imu_still else ", moving"))
 
 
-def check_angles(robot: Robot, interface: Interface, values: NDArray[np.float32]) -> Iterator[Finding]:
+def check_angles(robot: Robot, interface: Interface, values: Sequence[float]) -> Iterator[Finding]:
     """Angle check: joints are within their ranges in the reading ``values [n_channels]``."""
     for name, index in interface.angle_indices.items():
         range_deg = robot.motor(name).range_deg
@@ -223,7 +220,7 @@ def _check_move(link: HubLink, robot: Robot, interface: Interface, index: int, i
         turned = (angle_after - angle_before + 180.0) % 360.0 - 180.0
         if command.ends:  # angles may be wrapped: add the whole turns that bring it nearest to the command
             turned += 360.0 * round((turn_deg - turned) / 360.0)
-        if turned * np.sign(turn_deg) < _LEAST_SHARE * abs(turn_deg):
+        if turned * turn_deg < _LEAST_SHARE * turn_deg**2:
             what = f"'{motor.name}' (port {motor.port}) turned by {turned:.0f} deg after {value:g} {command.unit}"
             return Finding(name, Outcome.ERROR, f"{what}; it is blocked, or its cable is loose")
     motion = f"moved by {value:g} {command.unit}"
@@ -235,7 +232,7 @@ def _check_move(link: HubLink, robot: Robot, interface: Interface, index: int, i
     return Finding(name, Outcome.OK, motion + ("" if is_right is not None else ", nobody watched"))
 
 
-def _angle(interface: Interface, values: NDArray[np.float32], motor: Motor) -> float | None:
+def _angle(interface: Interface, values: Sequence[float], motor: Motor) -> float | None:
     """Angle of a motor, if it is observed."""
     index = interface.angle_indices.get(motor.name)
-    return None if index is None else float(values[index])
+    return None if index is None else values[index]

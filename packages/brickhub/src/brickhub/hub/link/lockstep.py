@@ -16,12 +16,9 @@ import contextlib
 import logging
 import struct
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from types import TracebackType
 from typing import Self
-
-import numpy as np
-from numpy.typing import NDArray
 
 from brickhub.errors import HubError, HubProgramError, StoppedError
 from brickhub.hub.errors import SilentHubError
@@ -132,7 +129,7 @@ class HubLink:
             self.open()
             return self._read()
 
-    def act(self, values: Sequence[float] | NDArray[np.floating]) -> Reading:
+    def act(self, values: Iterable[float]) -> Reading:
         """Carry out the commands ``[n_commands]``, in their units, and read the channels when they have settled.
 
         Raises:
@@ -144,7 +141,7 @@ class HubLink:
         """
         return self._exchange(self._next_frame(values), self._longest_move_s, self._known_move_s)
 
-    def _next_frame(self, values: Sequence[float] | NDArray[np.floating]) -> bytes:
+    def _next_frame(self, values: Iterable[float]) -> bytes:
         """Frame of the next commands. Raises the errors of `act` that come before anything is sent."""
         payload = self.wire.encode_actions(values)
         self._require_open()

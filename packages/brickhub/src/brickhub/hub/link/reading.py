@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from brickhub.errors import HubProtocolError
 from brickhub.hub.errors import SilentHubError
 from brickhub.hub.protocol import PROTOCOL_VERSION, ByeReason, ControlFrame, Frame, Up, parse_hello
@@ -17,13 +14,13 @@ class Reading:
     """One answer of the hub.
 
     Attributes:
-        values: float32 ``[n_channels]``, in channel order and units.
+        values: ``[n_channels]``, in channel order and units, rounded to float32.
         hub_time_ms: the hub's clock when it read its sensors, since its program started; it does not wrap.
         round_trip_s: time from the first sending of the command to the first answer.
         age_s: age of the sensor values when the reading was returned; see ``clock.py``.
     """
 
-    values: NDArray[np.float32]
+    values: tuple[float, ...]
     hub_time_ms: int
     round_trip_s: float
     age_s: float = 0.0

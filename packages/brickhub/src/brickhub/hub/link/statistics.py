@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
-import numpy as np
-
 _RECENT_EXCHANGES = 500
+
+
+def percentile(values: Iterable[float], percent: float) -> float:
+    """Percentile of at least one value, interpolated between the two nearest."""
+    ordered = sorted(values)
+    position = (len(ordered) - 1) * (percent / 100)
+    low, high = ordered[math.floor(position)], ordered[math.ceil(position)]
+    share = position % 1
+    return low + (high - low) * share if share < 0.5 else high - (high - low) * (1 - share)
 
 
 def _recent() -> deque[float]:
@@ -67,19 +76,18 @@ class LinkMeter:
 
     def delay_p99_s(self) -> float:
         """99th percentile of the link's delay; 0 while unknown."""
-        return float(np.percentile(list(self.delays_s), 99)) if self.delays_s else 0.0
+        return percentile(self.delays_s, 99) if self.delays_s else 0.0
 
     def snapshot(self, watchdog_s: float) -> LinkStatistics:
-        percentiles = [np.percentile(list(times) or [0.0], (50, 99)).tolist() for times in (self.round_trips_s, self.ages_s)]
-        (p50_s, p99_s), (age_p50_s, age_p99_s) = percentiles
+        round_trips_s, ages_s = self.round_trips_s or [0.0], self.ages_s or [0.0]
         return LinkStatistics(
             exchanges=self.exchanges,
             resends=self.resends,
             stale_answers=self.stale_answers,
-            round_trip_p50_s=p50_s,
-            round_trip_p99_s=p99_s,
-            age_p50_s=age_p50_s,
-            age_p99_s=age_p99_s,
+            round_trip_p50_s=percentile(round_trips_s, 50),
+            round_trip_p99_s=percentile(round_trips_s, 99),
+            age_p50_s=percentile(ages_s, 50),
+            age_p99_s=percentile(ages_s, 99),
             crc_errors=self.crc_errors,
             skipped_bytes=self.skipped_bytes,
             watchdog_s=watchdog_s,

@@ -12,12 +12,9 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from brickhub.errors import DescriptionError
 from brickhub.hub.interface import Interface
@@ -47,7 +44,7 @@ class StreamingLink(HubLink):
         self._step_s = step_ms / 1000
         self._due_s = -math.inf
 
-    def act(self, values: Sequence[float] | NDArray[np.floating]) -> Reading:
+    def act(self, values: Iterable[float]) -> Reading:
         """Send a new command, and return at the end of the step with the newest observation made under it.
 
         Steps start ``settle.time_ms`` apart, if the caller takes less time than that between them.

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
-import numpy as np
-from numpy.typing import NDArray
+from collections.abc import Iterable
 
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.link.reading import Reading
@@ -17,7 +14,7 @@ class TeamLink(HubLink):
     _frame = b""
     _sent_s = 0.0
 
-    def send(self, values: Sequence[float] | NDArray[np.floating]) -> None:
+    def send(self, values: Iterable[float]) -> None:
         """Send the commands ``[n_commands]``, in their units; `receive` then waits for the answer.
 
         Raises:

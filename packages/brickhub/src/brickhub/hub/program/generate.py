@@ -77,7 +77,7 @@ def _onboard(name: str) -> tuple[list[str], str]:
 
 def onboard_text(name: str) -> str:
     """The hub's part of a file in ``onboard``."""
-    text = resources.files("brickhub.hub.program.onboard").joinpath(f"{name}.py").read_text(encoding="utf-8")
+    text = resources.files(f"{__package__}.onboard").joinpath(f"{name}.py").read_text(encoding="utf-8")
     return text.split("# --- the hub's part ---\n", 1)[1]
 
 

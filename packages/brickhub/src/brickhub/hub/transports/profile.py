@@ -38,7 +38,7 @@ _CAPABILITIES = struct.Struct("<HIIB")
 _DATA_HEAD = struct.Struct("<BI")
 
 
-class Command(enum.IntEnum):
+class PybricksCommand(enum.IntEnum):
     """First byte of a command of the host."""
 
     STOP_USER_PROGRAM = 0
@@ -182,31 +182,31 @@ def parse_hub_kind(pnp_id: bytes) -> HubKind:
 
 def stop_program() -> bytes:
     """Command: stop the program, and with it the motors."""
-    return bytes((Command.STOP_USER_PROGRAM,))
+    return bytes((PybricksCommand.STOP_USER_PROGRAM,))
 
 
 def start_program(slot: int | None) -> bytes:
     """Command: start the program in a slot; ``None`` for a hub without slots."""
-    return bytes((Command.START_USER_PROGRAM,) if slot is None else (Command.START_USER_PROGRAM, slot))
+    return bytes((PybricksCommand.START_USER_PROGRAM,) if slot is None else (PybricksCommand.START_USER_PROGRAM, slot))
 
 
 def write_stdin(data: bytes) -> bytes:
     """Command: bytes for the program's standard input."""
-    return bytes((Command.WRITE_STDIN,)) + data
+    return bytes((PybricksCommand.WRITE_STDIN,)) + data
 
 
 def write_app_data(offset: int, data: bytes) -> bytes:
     """Command: bytes that overwrite the program's incoming AppData from ``offset`` on."""
-    return struct.pack("<BH", Command.WRITE_APP_DATA, offset) + data
+    return struct.pack("<BH", PybricksCommand.WRITE_APP_DATA, offset) + data
 
 
 def download(blob: bytes, max_write_bytes: int) -> Iterator[bytes]:
     """Commands that download a program to the hub, in order; the program is invalid until the last one."""
-    yield _DATA_HEAD.pack(Command.WRITE_USER_PROGRAM_META, 0)
+    yield _DATA_HEAD.pack(PybricksCommand.WRITE_USER_PROGRAM_META, 0)
     piece_bytes = max_write_bytes - _DATA_HEAD.size
     for offset in range(0, len(blob), piece_bytes):
-        yield _DATA_HEAD.pack(Command.WRITE_USER_RAM, offset) + blob[offset : offset + piece_bytes]
-    yield _DATA_HEAD.pack(Command.WRITE_USER_PROGRAM_META, len(blob))
+        yield _DATA_HEAD.pack(PybricksCommand.WRITE_USER_RAM, offset) + blob[offset : offset + piece_bytes]
+    yield _DATA_HEAD.pack(PybricksCommand.WRITE_USER_PROGRAM_META, len(blob))
 
 
 def refusal(operation: str, code: int) -> HubError:

@@ -17,8 +17,8 @@ from pathlib import Path
 from brickhub.errors import HubError, HubProtocolError
 from brickhub.hub.errors import AmbiguousHubError, HubDisconnectedError, MediumUnavailableError
 from brickhub.hub.program.compile import compile_program, program_blob
-from brickhub.hub.protocol import WRITE_BYTES, Up, app_data_slot, control_frame, hello_payload
-from brickhub.hub.transport import HubProgram, Pipe
+from brickhub.hub.protocol import WRITE_BYTES, Up, control_frame, hello_payload
+from brickhub.hub.transport import HubProgram, Pipe, app_data_slot
 from brickhub.hub.transports import profile
 from brickhub.hub.transports.connection import HubConnection, HubIdentity, Port
 from brickhub.hub.transports.event_loop import EventLoopThread

@@ -10,7 +10,7 @@ from brickhub.virtual.firmware import trajectory as trajectories
 from brickhub.virtual.firmware.integrators import LOOPS_PER_S, PositionIntegrator, SpeedIntegrator
 from brickhub.virtual.firmware.logger import Logger
 from brickhub.virtual.firmware.settings import ControlSettings, multiply_by_gain, to_int32
-from brickhub.virtual.firmware.trajectory import FOREVER_MS, Command, Reference, Trajectory
+from brickhub.virtual.firmware.trajectory import FOREVER_MS, Trajectory, TrajectoryCommand, TrajectoryReference
 
 _FOREVER = FOREVER_MS * 10
 _UNBOUNDED = 2**31 - 1
@@ -112,13 +112,13 @@ class Controller:
         self.stop()
         self.on_completion = OnCompletion.COAST
 
-    def reference(self, time: int, state: State) -> Reference:
+    def reference(self, time: int, state: State) -> TrajectoryReference:
         """Reference at a time, without the shifts caused by load."""
         ref = self.trajectory.reference(self._trajectory_time(time))
         if self.type is _TIMED:
             error = ref.position - state.position
             shift = self._speed.error(error) - error
-            return Reference(ref.time, ref.position + shift, ref.speed, ref.acceleration)
+            return TrajectoryReference(ref.time, ref.position + shift, ref.speed, ref.acceleration)
         return ref
 
     # ---- commands
@@ -128,7 +128,7 @@ class Controller:
     ) -> None:
         """Run to a position; speed 0 is the default speed. Raises ValueError for a move that is too long."""
         active = self.is_active
-        start = self.reference(time, state) if active else Reference(time, state.position, state.speed, 0)
+        start = self.reference(time, state) if active else TrajectoryReference(time, state.position, state.speed, 0)
         command = self._command(start, speed or self.settings.default_speed, then, end=target)
         new = trajectories.to_angle(command)
         if self.type is _POSITION and allow_shift and new.a0 == start.acceleration:
@@ -160,7 +160,9 @@ class Controller:
             then = then.passive
         active = self.is_active
         start = (
-            self.trajectory.reference(self._trajectory_time(time)) if active else Reference(time, state.position, state.speed, 0)
+            self.trajectory.reference(self._trajectory_time(time))
+            if active
+            else TrajectoryReference(time, state.position, state.speed, 0)
         )
         command = self._command(start._replace(time=time), speed, then, duration=duration)
         new = trajectories.for_time(command)
@@ -181,10 +183,10 @@ class Controller:
         self._until_stalled = True
         self.torque_limit = torque_limit
 
-    def _command(self, start: Reference, speed: int, then: OnCompletion, **goal: int) -> Command:
+    def _command(self, start: TrajectoryReference, speed: int, then: OnCompletion, **goal: int) -> TrajectoryCommand:
         s = self.settings
         limits = s.max_speed, s.acceleration, s.deceleration
-        return Command(start.time, start.position, start.speed, speed, *limits, then is OnCompletion.CONTINUE, **goal)
+        return TrajectoryCommand(start.time, start.position, start.speed, speed, *limits, then is OnCompletion.CONTINUE, **goal)
 
     # ---- the loop
 
@@ -330,6 +332,6 @@ class Controller:
         return abs(speed) <= s.speed_tolerance and abs(remaining) <= s.position_tolerance
 
 
-def _from_vertex(command: Command, vertex: Reference) -> Command:
+def _from_vertex(command: TrajectoryCommand, vertex: TrajectoryReference) -> TrajectoryCommand:
     duration = command.duration + command.time - vertex.time if command.duration else 0
     return command._replace(time=vertex.time, position=vertex.position, speed=vertex.speed, duration=duration)

@@ -8,7 +8,7 @@ from math import trunc
 
 from brickhub.virtual.firmware.angle import Angle, difference, from_unit, mean, to_mdeg, to_unit, to_unit_float
 from brickhub.virtual.firmware.control import Controller, ControlType, OnCompletion, State
-from brickhub.virtual.firmware.heading import Heading
+from brickhub.virtual.firmware.heading import GyroHeading
 from brickhub.virtual.firmware.servo import Servo
 from brickhub.virtual.firmware.settings import drive_base_settings
 from brickhub.virtual.firmware.trajectory import validate_acceleration, validate_speed
@@ -34,7 +34,7 @@ class DriveBaseControl:
         OSError: EBUSY, a motor belongs to another drive base; ENODEV, it is closed.
     """
 
-    def __init__(self, left: Servo, right: Servo, wheel_diameter_um: int, axle_track_um: int, heading: Heading) -> None:
+    def __init__(self, left: Servo, right: Servo, wheel_diameter_um: int, axle_track_um: int, heading: GyroHeading) -> None:
         steps = left.settings.steps_per_unit
         if left is right or steps != right.settings.steps_per_unit:
             raise ValueError("a drive base needs two motors with the same gears")

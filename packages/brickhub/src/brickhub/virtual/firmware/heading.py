@@ -11,7 +11,7 @@ from brickhub.virtual.firmware.angle import TURN_MDEG, Angle, single
 _Vector = tuple[float, float, float]
 
 
-class Heading:
+class GyroHeading:
     """Degrees, clockwise positive seen from above, not wrapped.
 
     Attributes:

@@ -24,7 +24,7 @@ MAX_TORQUE_UNM = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)
-class MotorModel:
+class ObserverModel:
     """Rows (angle, speed, current) by columns (speed, current, voltage, torque), then the inverse relations."""
 
     angle: tuple[int, int, int, int]
@@ -74,7 +74,7 @@ class MotorType:
         low_kp_speed_deg_s: slower commands use a reduced position gain.
     """
 
-    model: MotorModel
+    model: ObserverModel
     max_speed_deg_s: int
     observer_gain: int
     precision_deg: int
@@ -86,7 +86,7 @@ def _clamp(value: int, limit: int) -> int:
     return limit if value > limit else -limit if value < -limit else value
 
 
-_S_ANGULAR = MotorModel(
+_S_ANGULAR = ObserverModel(
     angle=(179217, 1950303, 5654927, -425928),
     speed=(956, 7666, 11702, -1085),
     current=(-249247, -9356019, 349105, 383927),
@@ -96,7 +96,7 @@ _S_ANGULAR = MotorModel(
     torque_by_acceleration=35129,
     friction_unm=9182,
 )
-_M_ANGULAR = MotorModel(
+_M_ANGULAR = ObserverModel(
     angle=(177194, 2407354, 7431528, -919183),
     speed=(934, 8311, 14444, -2332),
     current=(-165023, 1058029, 225610, 629020),
@@ -106,7 +106,7 @@ _M_ANGULAR = MotorModel(
     torque_by_acceleration=16163,
     friction_unm=21413,
 )
-_L_ANGULAR = MotorModel(
+_L_ANGULAR = ObserverModel(
     angle=(174943, 8368268, 13442903, -3690545),
     speed=(904, 26508, 25105, -9310),
     current=(-58045, 396164, 86900, 975141),
@@ -116,7 +116,7 @@ _L_ANGULAR = MotorModel(
     torque_by_acceleration=3997,
     friction_unm=23239,
 )
-_INTERACTIVE = MotorModel(
+_INTERACTIVE = ObserverModel(
     angle=(179110, 7311289, 4603893, -728461),
     speed=(941, 35750, 10967, -1850),
     current=(-316164, -12014584, 355664, 668004),
@@ -126,7 +126,7 @@ _INTERACTIVE = MotorModel(
     torque_by_acceleration=20588,
     friction_unm=11227,
 )
-_TECHNIC_L = MotorModel(
+_TECHNIC_L = ObserverModel(
     angle=(175977, 5728019, 6164994, -1377701),
     speed=(912, 22787, 12888, -3482),
     current=(-159828, -44152415, 142828, 794862),
@@ -136,7 +136,7 @@ _TECHNIC_L = MotorModel(
     torque_by_acceleration=10751,
     friction_unm=26430,
 )
-_TECHNIC_XL = MotorModel(
+_TECHNIC_XL = ObserverModel(
     angle=(176559, 8098298, 5471477, -1282598),
     speed=(916, 35736, 12148, -3244),
     current=(-175173, -7606150, 156891, 729279),

@@ -23,7 +23,7 @@ class InfeasibleMoveError(ArithmeticError):
     """Rounding put the phases of a move out of order; the firmware refuses the command."""
 
 
-class Command(NamedTuple):
+class TrajectoryCommand(NamedTuple):
     """Start and goal of a trajectory; control units.
 
     ``end`` is the target position of an angle command, ``duration`` (ticks) that of a timed one.
@@ -41,7 +41,7 @@ class Command(NamedTuple):
     duration: int = 0
 
 
-class Reference(NamedTuple):
+class TrajectoryReference(NamedTuple):
     """A point on a trajectory; control units."""
 
     time: int
@@ -67,7 +67,7 @@ class Trajectory:
         self.a0 = self.a2 = 0
         self.end = self._endpoint()
 
-    def last_vertex(self, time: int) -> Reference:
+    def last_vertex(self, time: int) -> TrajectoryReference:
         """Start of the phase at a time."""
         t = time - self.time
         if t < self.t1 or t == self.t1 == 0:
@@ -78,12 +78,12 @@ class Trajectory:
             return self._point(self.t2, self.th2, self.w1, 0)
         return self.end
 
-    def reference(self, time: int) -> Reference:
+    def reference(self, time: int) -> TrajectoryReference:
         """Reference of the motor at a time."""
-        return Reference(time, *self.at(time))
+        return TrajectoryReference(time, *self.at(time))
 
     def at(self, time: int) -> tuple[int, int, int]:
-        """Position, speed and acceleration at a time, without the cost of a :class:`Reference`."""
+        """Position, speed and acceleration at a time, without the cost of a :class:`TrajectoryReference`."""
         t = time - self.time
         if t < self.t1 or t == self.t1 == 0:
             a = self.a0
@@ -120,10 +120,10 @@ class Trajectory:
         self.th2 = self.th1 + _angle(self.w1, self.t2 - self.t1)
         self.end = self._endpoint()
 
-    def _point(self, t: int, th: int, w: int, a: int) -> Reference:
-        return Reference(self.time + t, self.position + th, w * 100, a * 1000)
+    def _point(self, t: int, th: int, w: int, a: int) -> TrajectoryReference:
+        return TrajectoryReference(self.time + t, self.position + th, w * 100, a * 1000)
 
-    def _endpoint(self) -> Reference:
+    def _endpoint(self) -> TrajectoryReference:
         return self._point(self.t3, self.th3, self.w3, 0)
 
     def _check_order(self) -> None:
@@ -136,7 +136,7 @@ class Trajectory:
         self.a0, self.a2 = -self.a0, -self.a2
 
 
-def to_angle(command: Command) -> Trajectory:
+def to_angle(command: TrajectoryCommand) -> Trajectory:
     """The trajectory that ends at ``command.end``; the sign of the target speed is ignored. Raises ValueError if the angle or its
     duration is too long, InfeasibleMoveError if rounding leaves no trajectory."""
     distance = command.end - command.position
@@ -159,7 +159,7 @@ def to_angle(command: Command) -> Trajectory:
     return trajectory
 
 
-def for_time(command: Command) -> Trajectory:
+def for_time(command: TrajectoryCommand) -> Trajectory:
     """The trajectory that lasts ``command.duration``. Raises ValueError if that is too long, InfeasibleMoveError if rounding
     leaves no trajectory, as with almost equal accelerations."""
     if command.duration == 0:
@@ -231,7 +231,7 @@ def _bounded_acceleration(acceleration: int) -> int:
     return max(_ACCELERATION_MIN, min(_ACCELERATION_MAX, trunc(acceleration / 1000)))
 
 
-def _start(command: Command) -> tuple[Trajectory, int, int, int]:
+def _start(command: TrajectoryCommand) -> tuple[Trajectory, int, int, int]:
     """A trajectory with its given speeds, then target speed, acceleration and deceleration."""
     trajectory = Trajectory(command.time, command.position)
     target = trajectory.wu = _bounded_speed(command.target_speed)
@@ -240,7 +240,7 @@ def _start(command: Command) -> tuple[Trajectory, int, int, int]:
     return trajectory, target, _bounded_acceleration(command.acceleration), _bounded_acceleration(command.deceleration)
 
 
-def _forward_angle(command: Command) -> Trajectory:
+def _forward_angle(command: TrajectoryCommand) -> Trajectory:
     tr, target, accel, decel = _start(command)
     tr.th3 = command.end - command.position
     strongest = max(accel, decel)
@@ -292,7 +292,7 @@ def _join_ramps(tr: Trajectory, origin: int, accel: int, keep_running: bool) -> 
         tr.a0 = accel if tr.w0 < tr.w1 else -accel
 
 
-def _forward_time(command: Command) -> Trajectory:
+def _forward_time(command: TrajectoryCommand) -> Trajectory:
     if command.duration > _TIME_MAX:
         raise ValueError("the duration is too long for one move")
     tr, target, accel, decel = _start(command)

@@ -19,7 +19,7 @@ _MADE_BY_CPYTHON = frozenset(
         *("__annotate__", "__annotate_func__", "__annotations_cache__"),  # since Python 3.14
     )
 )
-FIRMWARE = "bricksrl."
+FIRMWARE = __name__.partition(".")[0] + "."
 """Beginning of the names of modules with native classes."""
 
 

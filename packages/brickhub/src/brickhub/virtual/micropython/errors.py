@@ -11,6 +11,8 @@ from collections.abc import Callable, Mapping, Sequence
 from types import BuiltinFunctionType, FrameType, FunctionType, MethodType, ModuleType, TracebackType
 from typing import Any, TypeGuard
 
+from brickhub.virtual.host_stop import HostStop
+
 EXCEPTIONS = """
     ArithmeticError AssertionError AttributeError BaseException EOFError Exception GeneratorExit ImportError
     IndentationError IndexError KeyError KeyboardInterrupt LookupError MemoryError NameError NotImplementedError
@@ -29,8 +31,8 @@ CATCHABLE = (Exception, SystemExit, KeyboardInterrupt, GeneratorExit)
 """What a program can catch: not what stops it from outside."""
 
 
-class SwitchedOff(BaseException):
-    """The hub was switched off: ends a program past its exception handlers."""
+class SwitchedOff(HostStop):
+    """The hub was switched off."""
 
 
 class ProgramInterrupt(KeyboardInterrupt):
@@ -204,7 +206,7 @@ def reword(error: BaseException, namespaces: Sequence[Mapping[str, object]]) -> 
 
 
 _RAISE = dis.opmap["RAISE_VARARGS"]
-_LANGUAGE = "brickhub.virtual.micropython."
+_LANGUAGE = f"{__package__}."
 _FUNCTIONS = (FunctionType, BuiltinFunctionType, MethodType)
 
 

@@ -12,6 +12,7 @@ from greenlet import GreenletExit
 
 from brickhub.errors import SceneError, WriteError
 from brickhub.virtual.console import Console
+from brickhub.virtual.host_stop import HostStop
 from brickhub.virtual.memory import BLOCK_BYTES
 from brickhub.virtual.micropython.builtins import cooked
 from brickhub.virtual.micropython.containers import HubDict
@@ -32,11 +33,9 @@ _FOREVER_MS = 1000  # polling interval
 
 def is_program_error(error: BaseException) -> bool:
     """Whether the program raised it, not an external stop, a failing scene or a film that cannot be written."""
-    if isinstance(error, SceneError | WriteError):
-        return False
-    if isinstance(error, Exception | ProgramInterrupt):
+    if isinstance(error, ProgramInterrupt):
         return True
-    return not isinstance(error, KeyboardInterrupt | GreenletExit) and not type(error).__module__.startswith("bricksrl.")
+    return not isinstance(error, HostStop | SceneError | WriteError | KeyboardInterrupt | GreenletExit)
 
 
 class Keyboard:

@@ -17,6 +17,7 @@ from types import (
 from typing import Any
 
 from brickhub.virtual.micropython.byte_array import HubBytearray
+from brickhub.virtual.micropython.classes import FIRMWARE
 from brickhub.virtual.micropython.containers import DictView, HubDict, HubSet, Mapped
 from brickhub.virtual.micropython.errors import ERROR_NAMES, class_name
 from brickhub.virtual.micropython.float_text import float_text, shortest_text
@@ -67,7 +68,7 @@ def representation(value: object) -> str:
             return repr(value)
         return f"<class '{type_name(value)}'>"
     if kind.__repr__ is object.__repr__:
-        is_native = kind.__module__.startswith("bricksrl.")
+        is_native = kind.__module__.startswith(FIRMWARE)
         return f"<{kind.__name__}>" if is_native else f"<{kind.__name__} object at {_address(value)}>"
     native = _native_base(value)
     if native is None or kind.__repr__ is not native.__repr__:

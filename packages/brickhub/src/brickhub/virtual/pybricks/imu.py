@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from brickhub.virtual.body import FittingBody
-from brickhub.virtual.firmware.heading import Heading
+from brickhub.virtual.firmware.heading import GyroHeading
 from brickhub.virtual.micropython.errors import HubOSError
 from brickhub.virtual.micropython.floats import to_single
 from brickhub.virtual.pybricks.context import Context, charged, get_array, get_number
@@ -99,7 +99,7 @@ class IMU:
         self._is_aligned = front == (1.0, 0.0, 0.0) and top == (0.0, 0.0, 1.0)
 
     @property
-    def _heading(self) -> Heading:
+    def _heading(self) -> GyroHeading:
         """Heading, once the bench has found its wheels."""
         if self._bench is not None:
             self._bench.find_wheels({port: servo.direction for port, servo in self._machine.servos.items()})

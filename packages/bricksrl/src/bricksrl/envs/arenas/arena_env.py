@@ -155,7 +155,7 @@ class ArenaEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
         """Angles of the left and the right wheel, ``[robots, 2]``."""
         indices = [interface.angle_indices for interface in self.task.interfaces]
         rows = zip(readings, indices, strict=True)
-        return torch.tensor([[float(reading.values[index[name]]) for name in ("left", "right")] for reading, index in rows])
+        return torch.tensor([[reading.values[index[name]] for name in ("left", "right")] for reading, index in rows])
 
     def _poses(self) -> torch.Tensor:
         poses = [(pose.x_m, pose.y_m, -math.radians(pose.heading_deg)) for pose in self.world.poses()]
