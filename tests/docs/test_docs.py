@@ -112,6 +112,14 @@ def test_snippets_of_other_pages_are_python(page: Path) -> None:
         compile(block, str(page), "exec")
 
 
+@pytest.mark.parametrize("name", ["own_robot", "plans", "virtual_hub"])
+def test_snippets_about_robots_run(name: str, clone: Path) -> None:
+    (clone / "main.py").write_text("print('hello')\n", encoding="utf-8")
+    names: dict[str, object] = {}
+    for block in blocks(DOCS / f"{name}.md", "python"):
+        exec(block, names)  # noqa: S102
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("path", NOTEBOOKS[1:], ids=lambda path: path.stem)
 def test_notebooks_run(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
