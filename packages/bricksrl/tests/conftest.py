@@ -9,6 +9,9 @@ import signal
 import tempfile
 
 os.environ["XDG_CONFIG_HOME"] = tempfile.mkdtemp(prefix="bricksrl-settings-")  # tests leave the user's own settings alone
+if "PYTEST_XDIST_WORKER" not in os.environ:  # workers share the cache of the session, which begins empty
+    os.environ["XDG_CACHE_HOME"] = tempfile.mkdtemp(prefix="bricksrl-cache-")
+    atexit.register(shutil.rmtree, os.environ["XDG_CACHE_HOME"], ignore_errors=True)
 
 # Before torch is imported, and inherited by the commands that tests start: tests share their cores.
 os.environ.setdefault("OMP_NUM_THREADS", "1")

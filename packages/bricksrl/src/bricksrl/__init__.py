@@ -8,6 +8,10 @@ If Gymnasium is imported too, before or after, the environments are registered t
 from __future__ import annotations
 
 import sys
+import time
+
+LOADED_NS = time.time_ns()
+"""Time at which this process began to load the package."""
 
 TYPE_CHECKING = False  # importing it from typing takes longer than all the rest here
 if TYPE_CHECKING:

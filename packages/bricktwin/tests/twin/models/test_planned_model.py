@@ -17,7 +17,7 @@ from brickhub.hub.link.lockstep import HubLink
 from brickhub.robot import DriveBase, HubKind, Motor, PoweredUpSensor, Robot, SensorKind, plans
 from bricktwin.robots import ROBO_ARM, TWO_WHEELER, WALKER
 from bricktwin.twin.make_body import make_body
-from bricktwin.twin.models.planned_looks import Spinners
+from bricktwin.twin.models.spinners import Spinners
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.objects import Block, Field, Ramp
 from bricktwin.twin.physics import Physics
