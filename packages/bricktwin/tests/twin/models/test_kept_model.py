@@ -18,10 +18,11 @@ import numpy as np
 import pytest
 from ldraw_library import write_robot_parts
 
-import bricksrl
+import brickhub
+import bricktwin
 from brickhub.errors import DescriptionError, PlanError
 from brickhub.robot import Chassis, DriveBase, HubKind, Motor, Mount, PoweredUpSensor, Robot, SensorKind
-from bricksrl import kept
+from bricktwin import kept
 from bricktwin.robots import ROBO_ARM, SCOUT, TWO_WHEELER, WALKER
 from bricktwin.robots.planned import plan_file
 from bricktwin.twin import arena, mujoco_body
@@ -337,11 +338,11 @@ def test_source_that_changes_while_it_is_read_is_not_kept(cache: Cache, tmp_path
 
 
 def test_code_that_changes_in_a_running_process_is_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    newest_ns = max(path.stat().st_ctime_ns for path in Path(bricksrl.__path__[0]).rglob("*.py"))
+    newest_ns = max(path.stat().st_ctime_ns for house in (brickhub, bricktwin) for path in Path(house.__path__[0]).rglob("*.py"))
     code = kept._code.__wrapped__
-    monkeypatch.setattr(bricksrl, "LOADED_NS", newest_ns + 10**9)
+    monkeypatch.setattr(bricktwin, "LOADED_NS", newest_ns + 10**9)
     assert code() == code() is not None
-    monkeypatch.setattr(bricksrl, "LOADED_NS", newest_ns - 1)
+    monkeypatch.setattr(bricktwin, "LOADED_NS", newest_ns - 1)
     assert code() is None
 
 
@@ -350,13 +351,14 @@ class TestProcesses:
 
     @pytest.fixture
     def tree(self, tmp_path: Path) -> Path:
-        tree = tmp_path / "tree" / "bricksrl"
-        shutil.copytree(bricksrl.__path__[0], tree, ignore=shutil.ignore_patterns("__pycache__"))
+        tree = tmp_path / "tree"
+        for house in (brickhub, bricktwin):
+            shutil.copytree(house.__path__[0], tree / house.__name__, ignore=shutil.ignore_patterns("__pycache__"))
         time.sleep(0.05)
         return tree
 
     def start(self, tree: Path) -> subprocess.Popen[str]:
-        names = {"PYTHONPATH": str(tree.parent), "XDG_CACHE_HOME": str(tree.parent / "cache")}
+        names = {"PYTHONPATH": str(tree), "XDG_CACHE_HOME": str(tree / "cache")}
         environment = {name: value for name, value in os.environ.items() if name != "LDRAWDIR"} | names
         return subprocess.Popen([sys.executable, "-c", CHILD], env=environment, stdout=subprocess.PIPE, text=True)
 
@@ -371,9 +373,9 @@ class TestProcesses:
         assert self.told(self.start(tree)) == ("kept", first)
         digests = {first}
         for file, old, new in (
-            ("twin/models/mjcf.py", "TYRE_FRICTION = 1.0", "TYRE_FRICTION = 0.95"),
-            ("plans/catalogue/colours.csv", ",", " ,"),
-            ("virtual_hub/firmware/motor_model.py", "PRESCALE_VOLTAGE =", "PRESCALE_VOLTAGE = 2 *"),
+            ("bricktwin/twin/models/mjcf.py", "TYRE_FRICTION = 1.0", "TYRE_FRICTION = 0.95"),
+            ("bricktwin/plans/catalogue/colours.csv", ",", " ,"),
+            ("brickhub/virtual/firmware/motor_model.py", "PRESCALE_VOLTAGE =", "PRESCALE_VOLTAGE = 2 *"),
         ):
             path = tree / file
             text = path.read_text(encoding="utf-8")
@@ -391,7 +393,7 @@ class TestProcesses:
         (one, first), (other, second) = map(self.told, children)
         assert {one, other} <= {"built", "kept"} and first == second
         assert self.told(self.start(tree)) == ("kept", first)
-        names = [path.name for path in (tree.parent / "cache" / "bricksrl" / "kept").iterdir()]
+        names = [path.name for path in (tree / "cache" / "bricksrl" / "kept").iterdir()]
         assert len(names) == 2 and not any(name.startswith(".") for name in names), "a model and the facts of its plan"
 
 
