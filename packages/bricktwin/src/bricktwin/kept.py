@@ -73,6 +73,7 @@ def described(value: object) -> bytes:
 
 def _text(value: object) -> str:
     kind = type(value)
+    name = f"{kind.__module__}.{kind.__qualname__}"
     if isinstance(value, dict):
         value = tuple(value.items())
     if isinstance(value, tuple | list):
@@ -83,10 +84,10 @@ def _text(value: object) -> str:
         return float.__repr__(value)
     if kind.__module__.partition(".")[0] in {house.__name__ for house in _HOUSES}:
         if isinstance(value, enum.Enum):
-            return f"{kind.__qualname__}.{value.name}"
+            return f"{name}.{value.name}"
         if dataclasses.is_dataclass(value):
             values = (_text(getattr(value, field.name)) for field in dataclasses.fields(value))
-            return f"{kind.__qualname__}({','.join(values)})"
+            return f"{name}({','.join(values)})"
     raise UnkeptError(f"{value!r:.80} has no digest")
 
 

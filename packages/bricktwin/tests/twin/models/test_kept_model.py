@@ -175,7 +175,7 @@ def test_physics_is_not_kept(cache: Cache) -> None:
     [
         (TWO_WHEELER, Scene(wall_distance_mm=(200, 300))),
         (TWO_WHEELER, ROOM),
-        (TWO_WHEELER, replace(ROOM, objects=(replace(ROOM.objects[0], color="red"), *ROOM.objects[1:]))),  # type: ignore[type-var]
+        (TWO_WHEELER, replace(ROOM, objects=(Line(((0, 0), (300, 0)), color="red"), *ROOM.objects[1:]))),
         (replace(TWO_WHEELER, name="other"), OPEN_FLOOR),
         (replace(TWO_WHEELER, model=WALKER.model, motors=WALKER.motors, sensors=WALKER.sensors, drive_base=None), OPEN_FLOOR),
         (SCOUT, OPEN_FLOOR),
