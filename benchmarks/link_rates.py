@@ -1,6 +1,6 @@
 """Rates of the link: lock-step and streaming over a simulated radio, and our own overhead without a radio.
 
-    python benchmarks/link_rates.py
+    python -m benchmarks link_rates
 
 Takes about a minute. The hub is simulated (Bumble delivers at connection events; the generated program runs in it), so this
 measures our side and the protocol; a real hub adds the radio's losses.
@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from machine import command, write
 
+from benchmarks.session import Session
 from bricksrl.envs import get_task
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.link.streaming import StreamingLink
@@ -105,9 +105,9 @@ def overhead() -> dict[str, Any]:
     return {"exchanges": OVERHEAD_EXCHANGES, "wall": spread(wall_ms), "cpu": spread(cpu_ms)}
 
 
-def main() -> None:
+def main(session: Session) -> None:
     """Measure and write."""
-    command(__doc__).parse_args()
+    session.parse()
     sys.path.insert(0, str(TESTS))
     ble_world = importlib.import_module("ble_world")
     result: dict[str, Any] = {"overhead_without_radio": overhead(), "lock_step": {}, "streaming": {}}
@@ -129,8 +129,4 @@ def main() -> None:
                 result["streaming"][f"{interval_ms:g} ms"] = stream(world, link, interval_ms)
                 print(interval_ms, result["streaming"][f"{interval_ms:g} ms"])
         world.close()
-    print(write("link_rates", result))
-
-
-if __name__ == "__main__":
-    main()
+    session.write(result)
