@@ -1,6 +1,6 @@
 """First body of a process: CPU time with its robot's model kept in the cache, and without.
 
-    python benchmarks/first_body.py
+    python -m benchmarks first_body
 
 Each measurement is a process of its own, which imports MuJoCo, imports and makes the robot and its first body, and then a later
 body. The result is the time of the first body with its imports, less that of the later one. Processes with the model kept and
@@ -17,7 +17,8 @@ import sys
 import tempfile
 from typing import Any
 
-from machine import ONE_THREAD, command, write
+from benchmarks.machine import ONE_THREAD
+from benchmarks.session import Session
 
 ROBOTS = {
     "walker": "robots.WALKER",
@@ -52,12 +53,11 @@ def measure(robot: str, cache: str) -> tuple[float, float, float]:
     return mujoco_s, first_s, later_s
 
 
-def main() -> None:
+def main(session: Session) -> None:
     """Measure all robots and write the medians."""
-    parser = command(__doc__)
+    parser = session.parser
     parser.add_argument("--runs", type=int, default=15)
-    parser.add_argument("--out", default="first_body", help="name of the result")
-    args = parser.parse_args()
+    args = session.parse()
     results: dict[str, Any] = {}
     with tempfile.TemporaryDirectory() as folder:
         for robot in ROBOTS:
@@ -71,8 +71,4 @@ def main() -> None:
             results[robot]["kept_max_cpu_s"] = round(max(above["kept"]), 3)
             results[robot]["import_mujoco_cpu_s"] = round(statistics.median(row[0] for row in times["kept"][1:]), 3)
             print(robot, results[robot])
-    print(write(args.out, {"runs": args.runs, "robots": results}))
-
-
-if __name__ == "__main__":
-    main()
+    session.write({"runs": args.runs, "robots": results})
