@@ -20,7 +20,7 @@ from ldraw_library import write_robot_parts
 
 import brickhub
 import bricktwin
-from brickhub.errors import DescriptionError, PlanError
+from brickhub.errors import DescriptionError, PlanError, TwinError
 from brickhub.robot import Chassis, DriveBase, HubKind, Motor, Mount, PoweredUpSensor, Robot, SensorKind
 from bricktwin import kept
 from bricktwin.robots import ROBO_ARM, SCOUT, TWO_WHEELER, WALKER
@@ -222,6 +222,21 @@ def test_changed_mjcf_include_or_mesh_is_built_anew(changed: str, cache: Cache, 
     assert len(cache.built) == 2
 
 
+@pytest.mark.parametrize(
+    "faulty", ["", "<mujoco><worldbody>", MJCF.format(include="body.xml"), MJCF.format(include="nowhere.xml")]
+)
+def test_faulty_mjcf_is_told_as_before(faulty: str, cache: Cache, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("body.xml").write_text("<mujocoinclude><worldbody>")
+    if faulty:
+        Path("robot.xml").write_text(faulty)
+    robot = Robot("mine", HubKind.PRIME, model="robot.xml")
+    for _ in range(2):
+        with pytest.raises(TwinError, match=r"robot\.xml (is not an MJCF file|of robot 'mine'; give)"):
+            cache.body(robot)
+    assert not Path("MUJOCO_LOG.TXT").exists() and not cache.files
+
+
 def test_other_ldraw_library_is_drawn_anew(cache: Cache, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ours = cache.body(TWO_WHEELER)
     root = write_robot_parts(tmp_path / "ldraw")
@@ -271,7 +286,8 @@ def test_damaged_file_is_built_anew(damaged: Callable[[bytes], bytes], cache: Ca
     assert len(cache.built) == 2, "the file is whole again"
 
 
-def test_file_of_another_mujoco_is_built_anew(cache: Cache, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_file_of_another_mujoco_is_built_anew(cache: Cache, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)  # MuJoCo writes its log there
     with monkeypatch.context() as context:
         context.setattr("bricktwin.twin.models.kept._encoded", lambda _: b"another form")
         cache.body(TWO_WHEELER)
