@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-import re
 from collections.abc import Callable
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from brickhub.errors import DescriptionError, UnknownNameError
+from brickhub.errors import DescriptionError
 from brickhub.robot import Chassis, DriveBase, HubKind, Motor, MotorKind, Mount, Robot, UltrasonicSensor
-from bricktwin import robots
-from bricktwin.robots import ROBOTS
 
 names = st.from_regex(r"[a-z_][a-z0-9_]{0,8}", fullmatch=True)
 hubs = st.sampled_from(HubKind)
@@ -135,12 +132,6 @@ def test_invalid_robots(robot: object, message: str) -> None:
     with pytest.raises(DescriptionError, match=message) as info:
         robot()
     assert "\n" not in str(info.value)
-
-
-def test_robots_are_found_by_name() -> None:
-    assert all(robots.get(name) is robot and robot.name == name for name, robot in ROBOTS.items())
-    with pytest.raises(UnknownNameError, match=re.escape(", ".join(sorted(ROBOTS)))):
-        robots.get("r2d2")
 
 
 def test_small_hubs_have_no_standard_input() -> None:
