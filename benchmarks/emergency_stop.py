@@ -20,6 +20,7 @@ from pathlib import Path
 
 from machine import command, write
 
+sys.path.insert(0, str(Path(__file__).parents[1] / "packages/brickhub/tests"))
 sys.path.insert(0, str(Path(__file__).parents[1] / "packages/brickhub/tests/hub"))
 from ble_world import World  # type: ignore[import-not-found]
 

@@ -21,7 +21,8 @@ from typing import Any
 
 from machine import command, write
 
-TESTS = Path(__file__).parents[1] / "packages/brickhub/tests/hub"
+PACKAGES = Path(__file__).parents[1] / "packages"
+TESTS = [str(PACKAGES / folder) for folder in ("brickhub/tests", "brickhub/tests/hub", "bricksrl/tests/envs")]
 _COUNTED = ("faults", "phases", "errors")
 _SUMMED = ("transitions", "grown")
 _LONGEST = (
@@ -37,7 +38,7 @@ _LONGEST = (
 def course(job: tuple[int, int, int]) -> dict[str, Any]:
     """Report of the faults on one hub, run in its own process."""
     faults, seed, end_ms = job
-    sys.path.insert(0, str(TESTS))
+    sys.path[:0] = TESTS
     program = importlib.import_module("brickhub.hub.program.generate")
     program.END_MS = end_ms  # type: ignore[attr-defined]
     with tempfile.TemporaryDirectory() as folder:

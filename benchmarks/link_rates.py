@@ -26,7 +26,7 @@ from brickhub.hub.transport import HubProgram
 from bricksrl.envs import get_task
 from bricktwin.robots import TWO_WHEELER, WALKER
 
-TESTS = Path(__file__).parents[1] / "packages/brickhub/tests/hub"
+TESTS = Path(__file__).parents[1] / "packages/brickhub/tests"
 INTERVALS_MS = (7.5, 15.0, 30.0, 45.0)
 SECONDS = 4.0
 OVERHEAD_EXCHANGES = 5000
@@ -108,7 +108,7 @@ def overhead() -> dict[str, Any]:
 def main() -> None:
     """Measure and write."""
     command(__doc__).parse_args()
-    sys.path.insert(0, str(TESTS))
+    sys.path[:0] = [str(TESTS), str(TESTS / "hub")]
     ble_world = importlib.import_module("ble_world")
     result: dict[str, Any] = {"overhead_without_radio": overhead(), "lock_step": {}, "streaming": {}}
     print(result)

@@ -10,7 +10,7 @@ import pytest
 from described import ROBO_ARM, TWO_WHEELER
 
 from brickhub import target
-from brickhub.errors import DescriptionError, UnknownNameError
+from brickhub.errors import DescriptionError, TwinError, UnknownNameError
 from brickhub.hub.interface import Distance, MotorAngle, Pitch, Roll, RunAngle, Wait, YawRate
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.program.validate import validate
@@ -63,7 +63,7 @@ def test_sensor_without_reading_has_no_bench(tmp_path: Path) -> None:
         "from brickhub.robot import HubKind, PoweredUpSensor, Robot, SensorKind\n"
         "SEEING = Robot('seeing', HubKind.CITY, sensors=(PoweredUpSensor('light', 'A', SensorKind.COLOR),))\n"
     )
-    with pytest.raises(Exception, match="sensor 'light' of robot 'seeing' has no reading"):
+    with pytest.raises(TwinError, match="sensor 'light' of robot 'seeing' has no reading"):
         find_in_files(str(path)).make_body()
 
 
