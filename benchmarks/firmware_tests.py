@@ -21,10 +21,9 @@ from benchmarks.session import Session
 
 _RUN = """
 import sys
-from bricktwin import robots
-from bricktwin.twin.make_body import make_body
+from brickhub.target import find
 from brickhub.virtual import run_file
-sys.exit(run_file(sys.argv[1], make_body(robots.get(sys.argv[2])), time_limit_s=float(sys.argv[3])))
+sys.exit(run_file(sys.argv[1], find(sys.argv[2]).make_body(), time_limit_s=float(sys.argv[3])))
 """
 _REASONS = (
     (r"(?m)^SKIP$", "skips itself"),

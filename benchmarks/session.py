@@ -11,9 +11,8 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from benchmarks.machine import describe
-from benchmarks.parts import Failure, outcomes
+from brickhub.errors import BricksError, DescriptionError
 from brickhub.files import write_durably
-from bricksrl.errors import DescriptionError, RunError
 
 RESULTS = Path(__file__).parent / "results"
 """The published results, of which the tables of the documentation are written."""
@@ -85,7 +84,7 @@ class Session:
         given, self.words = common.parse_known_args(words)
         self.benchmark, self.is_quick, self.is_again = benchmark, given.quick, given.again
         if given.jobs is not None and given.jobs < 1:
-            raise RunError(f"jobs is {given.jobs}; give 1 or more")
+            raise DescriptionError(f"jobs is {given.jobs}; give 1 or more")
         self.jobs: int | None = given.jobs
         self.is_apart = given.quick or given.folder is not None
         self.folder: Path = given.folder or Path("studies") / f"{benchmark.name}{'-quick' if given.quick else ''}"
@@ -111,6 +110,9 @@ class Session:
     ) -> Iterator[Any]:
         """Outcomes of the parts by name, as `outcomes` makes them; those of an earlier run of the same command are kept. Raises
         RunError at the first that fails."""
+        from benchmarks.parts import Failure, outcomes
+        from bricksrl.errors import RunError
+
         paths = {self.folder / f"{name}.json": arguments for name, arguments in parts.items()}
         if self.is_again:
             for path in paths:
@@ -154,13 +156,13 @@ def duration(minutes: float) -> str:
 
 
 def read_result(path: Path) -> dict[str, Any]:
-    """The result in a file. Raises RunError if it is none."""
+    """The result in a file. Raises BricksError if it is none."""
     try:
         result = json.loads(path.read_bytes())
     except (ValueError, RecursionError):
         result = None
     if not isinstance(result, dict) or not result.keys() >= {"machine", "versions"}:
-        raise RunError(f"{path} is not the result of a benchmark; delete it, and the same command measures it again")
+        raise BricksError(f"{path} is not the result of a benchmark; delete it, and the same command measures it again")
     return result
 
 

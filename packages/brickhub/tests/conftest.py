@@ -3,3 +3,12 @@
 from __future__ import annotations
 
 import hermetic  # noqa: F401  before anything else is imported
+import pytest
+
+from brickhub import target
+
+
+@pytest.fixture(autouse=True)
+def _alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Commands know the names of this house, whatever else is installed."""
+    monkeypatch.setattr(target, "_finder", lambda: target.find_in_files)

@@ -1,7 +1,8 @@
-"""Robots of the paper as bare descriptions, without bodies."""
+"""Robots and tasks of the paper as bare descriptions, without bodies: what runs on a hub."""
 
 from __future__ import annotations
 
+from brickhub.hub.interface import Distance, DriveStraight, Interface, MotorAngle, Pitch, Roll, RunAngle, UntilDone, Wait, YawRate
 from brickhub.robot import Direction, DriveBase, HubKind, Motor, Robot, UltrasonicSensor
 
 TWO_WHEELER = Robot(
@@ -35,3 +36,42 @@ ROBO_ARM = Robot(
     ),
     needs_imu=False,
 )
+
+RUN_AWAY = Interface(
+    commands=(DriveStraight(-100, 100),),
+    channels=(MotorAngle("left"), MotorAngle("right"), Pitch(), Roll(), Distance("eyes")),
+    settle=UntilDone(),
+)
+SPINNING = Interface(
+    commands=(RunAngle("left", -100, 100, 400), RunAngle("right", -100, 100, 400)),
+    channels=(MotorAngle("left"), MotorAngle("right"), Pitch(), Roll(), YawRate()),
+    settle=Wait(100),
+)
+LEGS = ("left_front", "right_front", "left_back", "right_back")
+WALKING = Interface(
+    commands=tuple(RunAngle(leg, -100, 0, 600) for leg in LEGS),
+    channels=(*(MotorAngle(leg) for leg in LEGS), Pitch(), Roll(), Distance("eyes")),
+    settle=Wait(250),
+)
+REACHING = Interface(
+    commands=(
+        RunAngle("rotation", -100, 100, 250),
+        RunAngle("low", -30, 30, 250),
+        RunAngle("high", -60, 60, 250),
+        RunAngle("grab", -25, 25, 250),
+    ),
+    channels=(MotorAngle("rotation"), MotorAngle("low", 10, 70), MotorAngle("high", -150, 10), MotorAngle("grab", -148, -45)),
+    settle=Wait(250),
+)
+REACHING_BY_SIGHT = Interface(
+    commands=(RunAngle("rotation", -90, 90, 250), *REACHING.commands[1:3]), channels=REACHING.channels[:3], settle=Wait(250)
+)
+TASKS = {
+    "RoboArm-v0": (ROBO_ARM, REACHING),
+    "RoboArm_mixed-v0": (ROBO_ARM, REACHING_BY_SIGHT),
+    "RunAway-v0": (TWO_WHEELER, RUN_AWAY),
+    "Spinning-v0": (TWO_WHEELER, SPINNING),
+    "Walker-v0": (WALKER, WALKING),
+    "Walker-v1": (WALKER, WALKING),
+}
+"""Robot and interface of environments, by id."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hermetic  # noqa: F401  before anything else is imported
 import pytest
+from ble_fixtures import world  # noqa: F401  a fixture
 
 from bricksrl.envs import registry
 

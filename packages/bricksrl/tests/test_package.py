@@ -6,7 +6,6 @@ import subprocess
 import sys
 
 import bricksrl
-from bricksrl.errors import counted
 
 
 def test_import_is_light() -> None:
@@ -17,7 +16,3 @@ def test_import_is_light() -> None:
 
 def test_public_names_exist() -> None:
     assert all(hasattr(bricksrl, name) for name in bricksrl.__all__)
-
-
-def test_numbers_agree_with_their_noun() -> None:
-    assert (counted(1, "episode"), counted(2, "episode")) == ("1 episode", "2 episodes")

@@ -3,3 +3,13 @@
 from __future__ import annotations
 
 import hermetic  # noqa: F401  before anything else is imported
+import pytest
+from ble_fixtures import world  # noqa: F401  a fixture
+
+from bricktwin import target
+
+
+@pytest.fixture(autouse=True)
+def _without_bricksrl(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Commands know the names of this house, whatever else is installed."""
+    monkeypatch.setattr("brickhub.target._finder", lambda: target.find)

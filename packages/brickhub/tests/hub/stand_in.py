@@ -15,37 +15,8 @@ from typing import Any
 from greenlet import getcurrent, greenlet
 
 from brickhub.errors import HubError
-from brickhub.hub.interface import (
-    Distance,
-    DriveStraight,
-    Interface,
-    MotorAngle,
-    Pitch,
-    Roll,
-    RunAngle,
-    UntilDone,
-    Wait,
-    YawRate,
-)
 from brickhub.hub.program.lint import _BUILTINS, _LARGER_BUILTINS
 from brickhub.hub.transport import HubProgram
-
-RUN_AWAY = Interface(
-    commands=(DriveStraight(-100, 100),),
-    channels=(MotorAngle("left"), MotorAngle("right"), Pitch(), Roll(), Distance("eyes")),
-    settle=UntilDone(),
-)
-SPINNING = Interface(
-    commands=(RunAngle("left", -100, 100, 400), RunAngle("right", -100, 100, 400)),
-    channels=(MotorAngle("left"), MotorAngle("right"), Pitch(), Roll(), YawRate()),
-    settle=Wait(100),
-)
-LEGS = ("left_front", "right_front", "left_back", "right_back")
-WALKER_INTERFACE = Interface(
-    commands=tuple(RunAngle(leg, -100, 0, 600) for leg in LEGS),
-    channels=(*(MotorAngle(leg) for leg in LEGS), Pitch(), Roll(), Distance("eyes")),
-    settle=Wait(250),
-)
 
 _HUB_BUILTINS = frozenset(dir(builtins)) & (_BUILTINS | _LARGER_BUILTINS) | {"__build_class__"}
 

@@ -8,9 +8,9 @@ import math
 import struct
 
 import pytest
+from described import RUN_AWAY, SPINNING, WALKING
 from hypothesis import given
 from hypothesis import strategies as st
-from stand_in import RUN_AWAY, SPINNING, WALKER_INTERFACE
 
 from brickhub.errors import BricksError, HubProtocolError
 from brickhub.hub.protocol import (
@@ -149,7 +149,7 @@ def test_sizes_on_the_wire() -> None:
     sizes = {
         "run-away": WireFormat.of(RUN_AWAY),
         "spinning": WireFormat.of(SPINNING),
-        "walker": WireFormat.of(WALKER_INTERFACE),
+        "walker": WireFormat.of(WALKING),
     }
     up = {name: len(data_frame(1, bytes(wire.answer_bytes))) for name, wire in sizes.items()}
     assert up == {"run-away": 15, "spinning": 15, "walker": NOTIFICATION_BYTES}

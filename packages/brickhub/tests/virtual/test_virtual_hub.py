@@ -14,11 +14,9 @@ from described import TWO_WHEELER
 from brickhub.errors import HubError, HubProgramError, SceneError, TwinError
 from brickhub.hub.transport import HubModule, HubProgram
 from brickhub.robot import BENCH
+from brickhub.virtual.bench_body import BenchBody
 from brickhub.virtual.host_stop import HostStop
 from brickhub.virtual.transport import VirtualHub
-from bricktwin.twin.make_body import make_body
-from bricktwin.twin.physics import Physics
-from bricktwin.twin.scene import Scene
 
 ECHO = """
 from usys import stdin, stdout
@@ -56,7 +54,9 @@ raise ValueError(watch.time())
 
 
 def hub(source: str, interval_ms: float = 15.0, **kwargs: bool) -> VirtualHub:
-    hub = VirtualHub(make_body(TWO_WHEELER, physics=Physics(link_interval_ms=interval_ms)), **kwargs)
+    body = BenchBody(TWO_WHEELER)
+    body.link_interval_ms = interval_ms
+    hub = VirtualHub(body, **kwargs)
     hub.open()
     hub.start(HubProgram(source, 0))
     return hub
@@ -227,7 +227,7 @@ def test_realtime_advances_in_steps_and_stops_soon(monkeypatch: pytest.MonkeyPat
 def test_realtime_motors_run_down_after_stop() -> None:
     source = "from pybricks.pupdevices import Motor\nfrom pybricks.parameters import Port\nfrom pybricks.tools import wait\n"
     source += "motor = Motor(Port.A)\nmotor.dc(100)\nwait(10000)"
-    virtual = VirtualHub(make_body(BENCH), realtime=True)
+    virtual = VirtualHub(BenchBody(BENCH), realtime=True)
     virtual.start(HubProgram(source, 0))
     virtual.read(0.3)
     before_ms = virtual.machine.time_ms
@@ -239,17 +239,19 @@ def test_realtime_motors_run_down_after_stop() -> None:
 
 
 def test_reset_during_program() -> None:
-    virtual = VirtualHub(make_body(TWO_WHEELER, scene=Scene(wall_distance_mm=(500, 500))))
-    virtual.start(HubProgram(ECHO, 0))
+    virtual = hub(ECHO)
     virtual.read(1.0)
-    virtual.reset(random.Random(0))
-    assert virtual.body.distance_mm("C") == pytest.approx(500, abs=20)
+    seen = []
+    virtual.body.reset = seen.append
+    rng = random.Random(0)
+    virtual.reset(rng)
+    assert seen == [rng]
     virtual.write(b"x")
     assert virtual.read(1.0) == b"x"
 
 
 def test_bench_has_hub() -> None:
-    virtual = VirtualHub(make_body(BENCH))
+    virtual = VirtualHub(BenchBody(BENCH))
     virtual.start(HubProgram(ECHO, 0))
     assert virtual.read(1.0) == b"hello"
 
@@ -288,7 +290,7 @@ def test_app_data_refusals_equal_hub() -> None:
 
 
 def test_program_has_modules_and_file_name() -> None:
-    virtual = VirtualHub(make_body(TWO_WHEELER))
+    virtual = VirtualHub(BenchBody(TWO_WHEELER))
     arm = HubModule("arm", "arm.py", "def reach():\n    return 42\n")
     source = "import arm\nfrom pybricks.tools import wait\nprint(arm.reach())\nwait(100)\n1 / 0\n"
     virtual.start(HubProgram(source, 0, name="wave.py", modules=(arm,)))

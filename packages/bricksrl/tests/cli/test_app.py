@@ -12,7 +12,6 @@ from pathlib import Path
 import pytest
 
 import bricksrl as package
-from brickhub.cli.wording import one_line
 from bricksrl.cli.app import run
 
 HUB_TOOLS = ("hub scan", "hub check", "hub latency", "hub calibrate", "hub stop")
@@ -214,23 +213,6 @@ def test_closed_stdout_is_not_an_error():
     command = f"{sys.executable} -m bricksrl list --json | true"
     done = subprocess.run(command, shell=True, capture_output=True, text=True, timeout=60, check=False)  # noqa: S602
     assert done.stderr == ""
-
-
-def test_one_line_error_keeps_message_and_help():
-    box = (
-        "╭─ Value error ────────╮\n"
-        "│ Error parsing --seed: │\n"
-        "│ not a number.         │\n"
-        "│ ───────────────────── │\n"
-        "│ For full helptext, see bricksrl --help │\n"
-        "╰──────────────────────╯\n"
-    )
-    assert one_line(box, "bricksrl train") == "Error parsing --seed: not a number; see `bricksrl train --help`"
-
-
-def test_unknown_error_prints_one_line():
-    assert "\n" not in one_line("")
-    assert "\n" not in one_line("Traceback\nsomething\n\nelse\n")
 
 
 def test_missing_package_is_named(bricksrl, tmp_path: Path) -> None:

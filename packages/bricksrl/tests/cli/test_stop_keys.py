@@ -18,7 +18,6 @@ from prompt_toolkit.input import create_pipe_input
 from torchrl.envs import ParallelEnv
 
 import bricksrl
-from brickhub.cli.key_listener import KeyListener
 from bricksrl.cli.emergency_stop import LEGEND, STOP_SIGNALS, EmergencyStop
 from bricksrl.errors import HubError
 
@@ -62,29 +61,11 @@ def laid_on(robot: object) -> Iterator[tuple[threading.Event, list[str], Callabl
         yield stop, told, source.send_text
 
 
-def test_keys_have_names() -> None:
-    pressed: list[str] = []
-    with create_pipe_input() as source, KeyListener(pressed.append, source):
-        source.send_text("p q")
-        eventually(lambda: len(pressed) == 3)
-        source.send_text("\x1b")
-        eventually(lambda: len(pressed) == 4)
-        source.send_text("\x1b[A")
-        eventually(lambda: len(pressed) == 5)
-    assert pressed == ["p", " ", "q", "escape", "up"]
-    assert not [thread for thread in threading.enumerate() if thread.name == "bricksrl-keys"]
-
-
 def makes_ctrl_c(press: Callable[[], object]) -> None:
     """Expect Ctrl-C from a key."""
     with pytest.raises(KeyboardInterrupt):  # noqa: PT012
         press()
         eventually(lambda: False)
-
-
-def test_ctrl_c_is_unchanged() -> None:
-    with create_pipe_input() as source, KeyListener(lambda key: None, source):
-        makes_ctrl_c(lambda: source.send_text("\x03"))
 
 
 @pytest.mark.parametrize("key", [" ", "q", "\x1b"])

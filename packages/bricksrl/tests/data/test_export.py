@@ -14,8 +14,9 @@ from bricksrl.data.collect import collect, random_policy
 from bricksrl.data.export import export_minari, export_numpy, export_parquet
 from bricksrl.data.recorder import Recorder
 from bricksrl.data.replay import replay
-from bricksrl.data.schema import describe
+from bricksrl.data.schema import describe, describe_task
 from bricksrl.data.summary import plot, summarise
+from bricksrl.envs import get_task
 from bricksrl.errors import DataError
 
 
@@ -108,3 +109,7 @@ def test_summary_counts(tmp_path: Path) -> None:
 def test_picture_is_drawn(tmp_path: Path) -> None:
     plot(record(tmp_path / "set"), tmp_path / "set.png")
     assert (tmp_path / "set.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_dataset_description_omits_model() -> None:
+    assert "model" not in describe_task(get_task("RunAway-v0"), {}).robot

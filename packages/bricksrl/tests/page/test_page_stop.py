@@ -8,7 +8,7 @@ import pytest
 from ble_world import BOUND_S, World
 from browser import chromium, tab
 from radio import ATT_WRITE_REQUEST
-from test_emergency_stop import SLOW_STEP, Act, eventually, held, patient_link
+from stopping import SLOW_STEP, Act, eventually, held, patient_link
 
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.program import generate

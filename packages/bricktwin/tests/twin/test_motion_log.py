@@ -9,15 +9,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from described import RUN_AWAY
 
 from brickhub.errors import TwinError
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.program.generate import generate
 from brickhub.virtual.transport import VirtualHub
-from bricksrl.envs import get_task
 from bricktwin.robots import ROBOTS, TWO_WHEELER
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.motion_log import RunLog, identification_commands, identification_interface, read_log, record, write_log
+from bricktwin.twin.scene import Scene
 
 
 @pytest.fixture(scope="module")
@@ -69,9 +70,9 @@ def test_log_that_an_editor_saved_is_read(log: RunLog, tmp_path: Path) -> None:
 
 
 def test_drive_base_tasks_can_be_logged(tmp_path: Path) -> None:
-    task = get_task("RunAway-v0")
-    with HubLink(VirtualHub(make_body(task.robot, scene=task.scene)), task.robot, task.interface) as link:
-        log = record(link, task.robot, task.interface, [[-50.0], [30.0]])
+    scene = Scene(wall_distance_mm=(200.0, 300.0), heading_deg=(-5.0, 5.0))
+    with HubLink(VirtualHub(make_body(TWO_WHEELER, scene=scene)), TWO_WHEELER, RUN_AWAY) as link:
+        log = record(link, TWO_WHEELER, RUN_AWAY, [[-50.0], [30.0]])
     write_log(tmp_path / "log.jsonl", log)
     assert_equal(read_log(tmp_path / "log.jsonl"), dataclasses.replace(log, gaps_ms=log.gaps_ms.round(3)))
     assert log.channels[1, 4] > log.channels[0, 4]

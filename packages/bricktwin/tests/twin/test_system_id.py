@@ -6,17 +6,18 @@ import dataclasses
 
 import numpy as np
 import pytest
+from described import RUN_AWAY
 
 from brickhub.errors import TwinError
 from brickhub.hub.interface import Interface
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.robot import Robot
 from brickhub.virtual.transport import VirtualHub
-from bricksrl.envs import get_task
 from bricktwin.robots import TWO_WHEELER
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.motion_log import RunLog, identification_commands, identification_interface, record
 from bricktwin.twin.physics import PARAMETERS, Physics
+from bricktwin.twin.scene import Scene
 from bricktwin.twin.system_id import FITTED, fit, replay
 
 HIDDEN = Physics(
@@ -49,10 +50,10 @@ def test_true_parameters_reproduce_motion(log: RunLog) -> None:
 
 
 def test_drive_base_moves_are_replayed() -> None:
-    task = get_task("RunAway-v0")
     physics = Physics(distance_noise_mm=0, distance_noise_ratio=0)
-    with HubLink(VirtualHub(make_body(task.robot, scene=task.scene, physics=physics)), task.robot, task.interface) as link:
-        log = record(link, task.robot, task.interface, [[-80.0], [50.0], [-100.0]])
+    scene = Scene(wall_distance_mm=(200.0, 300.0), heading_deg=(-5.0, 5.0))
+    with HubLink(VirtualHub(make_body(TWO_WHEELER, scene=scene, physics=physics)), TWO_WHEELER, RUN_AWAY) as link:
+        log = record(link, TWO_WHEELER, RUN_AWAY, [[-80.0], [50.0], [-100.0]])
     assert np.abs(replay(log, physics)[:, 4] - log.channels[:, 4]).max() < 15.0
 
 

@@ -7,11 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from described import ROBO_ARM, TWO_WHEELER
+from bench_arm import BenchArm
+from described import REACHING, ROBO_ARM, SPINNING, TWO_WHEELER
 from hypothesis import given
 from hypothesis import strategies as st
 
-from brickhub import robot as robots
 from brickhub.errors import DescriptionError, WriteError
 from brickhub.hub.diagnostics.calibration import (
     Calibration,
@@ -28,29 +28,27 @@ from brickhub.hub.diagnostics.survey import find_stops
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.program.generate import generate
 from brickhub.robot import Direction, Motor
+from brickhub.virtual.bench_body import BenchBody
+from brickhub.virtual.body import Body
 from brickhub.virtual.transport import VirtualHub
-from bricksrl.envs.registry import get_task
-from bricktwin.twin.make_body import make_body
-
-ARM = get_task("RoboArm-v0").interface
 
 
 class MisbuiltHub(VirtualHub):
     """A robot with motors mounted at an angle or reversed."""
 
-    def __init__(self, shifts_deg: dict[str, int], mirrored: tuple[str, ...] = (), robot: robots.Robot = ROBO_ARM) -> None:
-        super().__init__(make_body(robot))
-        body = self.body
+    def __init__(self, shifts_deg: dict[str, int], mirrored: tuple[str, ...] = (), body: Body | None = None) -> None:
+        body = body or BenchArm()
+        super().__init__(body)
         angle, apply = body.angle_mdeg, body.set_voltage
         self.true_angle_mdeg = angle
-        sign = {motor.port: -1 if motor.port in mirrored else 1 for motor in robot.motors}
+        sign = {motor.port: -1 if motor.port in mirrored else 1 for motor in body.robot.motors}
         body.angle_mdeg = lambda port: sign[port] * angle(port) + 1000 * shifts_deg.get(port, 0)
         body.set_voltage = lambda port, mv: apply(port, None if mv is None else sign[port] * mv)
 
 
-def observe(hub: VirtualHub, calibration: Calibration | None, robot: robots.Robot = ROBO_ARM) -> tuple[float, ...]:
+def observe(hub: VirtualHub, calibration: Calibration | None) -> tuple[float, ...]:
     calibrate = None if calibration is None else lambda described: calibrated(described, calibration)
-    with HubLink(hub, robot, ARM, calibrate=calibrate) as link:
+    with HubLink(hub, ROBO_ARM, REACHING, calibrate=calibrate) as link:
         return link.read().values
 
 
@@ -59,7 +57,7 @@ SHIFTS = {"D": 35, "A": -120, "E": 150}
 
 
 def test_end_stop_calibration_corrects_observation() -> None:
-    right = observe(VirtualHub(make_body(ROBO_ARM)), None)
+    right = observe(VirtualHub(BenchArm()), None)
     hub = MisbuiltHub(SHIFTS)
     wrong = observe(hub, None)
     assert all(abs(shifted - angle) > 30 for shifted, angle in zip(wrong[1:], right[1:], strict=True))
@@ -77,7 +75,7 @@ def test_calibrated_targets_stay_in_range() -> None:
     for calibration, low_end in ((None, True), (Calibration({"low": 35}), False)):
         hub = MisbuiltHub({"D": 35})
         calibrate = None if calibration is None else lambda robot: calibrated(robot, Calibration({"low": 35}))
-        with HubLink(hub, ROBO_ARM, ARM, calibrate=calibrate) as link:
+        with HubLink(hub, ROBO_ARM, REACHING, calibrate=calibrate) as link:
             for _ in range(6):
                 link.act([0, -30, 0, 0])
             shaft_deg = hub.body.angle_mdeg("D") / 1000 - 35
@@ -85,11 +83,10 @@ def test_calibrated_targets_stay_in_range() -> None:
 
 
 def test_mirrored_motor_direction_is_reversed() -> None:
-    hub = MisbuiltHub({}, mirrored=("A",), robot=TWO_WHEELER)
-    interface = get_task("Spinning-v0").interface
+    hub = MisbuiltHub({}, mirrored=("A",), body=BenchBody(TWO_WHEELER))
     turned = []
     for calibration in (Calibration(), Calibration({}, frozenset({"right"}))):
-        with HubLink(hub, TWO_WHEELER, interface, calibrate=lambda robot, c=calibration: calibrated(robot, c)) as link:
+        with HubLink(hub, TWO_WHEELER, SPINNING, calibrate=lambda robot, c=calibration: calibrated(robot, c)) as link:
             before = hub.true_angle_mdeg("A")
             for _ in range(5):
                 link.act([0, 100])
@@ -99,9 +96,9 @@ def test_mirrored_motor_direction_is_reversed() -> None:
 
 def test_program_without_calibration_is_unchanged() -> None:
     assert calibrated(ROBO_ARM, Calibration()) == ROBO_ARM
-    program = generate(ROBO_ARM, ARM)
-    assert generate(calibrated(ROBO_ARM, Calibration({"low": 0})), ARM).hash == program.hash
-    other = generate(calibrated(ROBO_ARM, Calibration({"low": 7})), ARM)
+    program = generate(ROBO_ARM, REACHING)
+    assert generate(calibrated(ROBO_ARM, Calibration({"low": 0})), REACHING).hash == program.hash
+    other = generate(calibrated(ROBO_ARM, Calibration({"low": 7})), REACHING)
     assert other.hash != program.hash
     assert "motor_low.reset_angle((motor_low.angle() - -133) % 360 + -140)" in other.source
 
@@ -110,7 +107,7 @@ def test_program_without_calibration_is_unchanged() -> None:
 def test_hub_computes_angle_from_zero(zero: int, angle: int) -> None:
     motor = replace(ROBO_ARM.motor("low"), zero_deg=zero)
     shown = (angle + zero + 180) % 360 - 180
-    line = generate(replace(ROBO_ARM, motors=(motor, *[m for m in ROBO_ARM.motors if m.name != "low"])), ARM).source
+    line = generate(replace(ROBO_ARM, motors=(motor, *[m for m in ROBO_ARM.motors if m.name != "low"])), REACHING).source
     if zero:
         expression = line.split("motor_low.reset_angle(")[1].splitlines()[0][:-1]
         assert eval(expression.replace("motor_low.angle()", str(shown))) == angle  # noqa: S307  our own line
@@ -118,10 +115,10 @@ def test_hub_computes_angle_from_zero(zero: int, angle: int) -> None:
 
 def test_geared_motor_position_within_shaft_turn() -> None:
     assert ROBO_ARM.motor("rotation").turn_deg == 120.0
-    source = generate(calibrated(ROBO_ARM, Calibration({"rotation": 10})), ARM).source
+    source = generate(calibrated(ROBO_ARM, Calibration({"rotation": 10})), REACHING).source
     assert "motor_rotation.reset_angle((motor_rotation.angle() - -50) % 120 + -60)" in source
     odd = replace(ROBO_ARM, motors=(Motor("rotation", "B", gears=(20, 28), zero_deg=4), *ROBO_ARM.motors[1:]))
-    assert "motor_rotation.reset_angle(motor_rotation.angle() - 4)" in generate(odd, ARM).source
+    assert "motor_rotation.reset_angle(motor_rotation.angle() - 4)" in generate(odd, REACHING).source
 
 
 @given(st.integers(-500, 500), st.integers(0, 40))
@@ -174,14 +171,14 @@ def test_link_does_not_open_without_its_calibration(tmp_path: Path) -> None:
     path = save_calibration("hub", ROBO_ARM, Calibration({"low": 7}), tmp_path)
     text = path.read_text()
     path.write_text("")
-    hub = VirtualHub(make_body(ROBO_ARM))
-    link = HubLink(hub, ROBO_ARM, ARM, calibrate=calibration_of(lambda: "hub", tmp_path))
+    hub = VirtualHub(BenchArm())
+    link = HubLink(hub, ROBO_ARM, REACHING, calibrate=calibration_of(lambda: "hub", tmp_path))
     for _ in range(2):
         with pytest.raises(CalibrationError, match="delete the file and calibrate again"):
             link.open()
     path.write_text(text)
     with link:
-        assert link.program == generate(calibrated(ROBO_ARM, Calibration({"low": 7})), ARM)
+        assert link.program == generate(calibrated(ROBO_ARM, Calibration({"low": 7})), REACHING)
 
 
 def test_unwritable_folder_raises(tmp_path: Path) -> None:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import itertools
 import time
-from pathlib import Path
 from types import SimpleNamespace
 
+import described
 import pytest
 from ble_world import NAME, World
-from described import TWO_WHEELER
+from described import SPINNING, TWO_WHEELER
 
+from brickhub.cli import main
 from brickhub.finding import Outcome
 from brickhub.hub.diagnostics.latency import measure
 from brickhub.hub.diagnostics.preflight import check_hub, check_robot
@@ -21,13 +21,8 @@ from brickhub.hub.transports.address import HubAddress
 from brickhub.hub.transports.profile import PybricksCommand
 from brickhub.hub.transports.scan import scan
 from brickhub.robot import HubKind
-from bricksrl.cli import main
-from bricksrl.envs.registry import get_task
-from bricktwin.twin.motion_log import identification_interface, read_log
 
 pytestmark = pytest.mark.realtime
-
-SPINNING = get_task("Spinning-v0").interface
 
 
 def test_scan_shows_kind_of_hub(world: World) -> None:
@@ -61,18 +56,6 @@ def test_connection_interval_is_inferred(world: World, interval_ms: float, is_sl
     assert found.is_slow is is_slow
 
 
-def test_motion_log_over_bluetooth(world: World, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    interface = identification_interface(TWO_WHEELER)
-    world.link(interface)
-    monkeypatch.setattr(HubAddress, "transport", lambda self: world.transport())
-    path = tmp_path / "robot.jsonl"
-    assert main(("twin", "record", "two-wheeler", "--hub", "ble", "--yes", "--steps", "60", "--out", str(path))) == 0
-    log = read_log(path)
-    assert log.interface == interface and log.commands.shape == (60, 2)
-    assert any(abs(later - angle) > 5 for angle, later in itertools.pairwise(log.channels[:, 0])), "it moved"
-    assert not world.hub.is_driven and not world.hub.is_running
-
-
 def test_any_program_can_be_stopped(world: World, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
     """Also a foreign one, over a link that another program left open."""
     other = "from pybricks.parameters import Port\nfrom pybricks.pupdevices import Motor\nfrom pybricks.tools import wait\n"
@@ -84,24 +67,24 @@ def test_any_program_can_be_stopped(world: World, monkeypatch: pytest.MonkeyPatc
     world.hub.wait_until("is_driven", True)
     monkeypatch.setattr(HubAddress, "transport", lambda self: world.transport(name=None, address=self.which))
     start_s = time.monotonic()
-    assert main(("hub", "stop", "--hub", f"ble:{world.hub.address}")) == 0
+    assert main(("stop", "--hub", f"ble:{world.hub.address}")) == 0
     assert "the program was stopped" in capsys.readouterr().out
     assert not world.hub.is_driven and not world.hub.is_running
     assert time.monotonic() - start_s < 3.0
     assert PybricksCommand.STOP_USER_PROGRAM in world.hub.commands
-    assert main(("hub", "stop", "--hub", f"ble:{world.hub.address}")) == 0
+    assert main(("stop", "--hub", f"ble:{world.hub.address}")) == 0
     assert "no program ran" in capsys.readouterr().out
 
 
 def test_unreachable_hub_needs_button(world: World, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
     monkeypatch.setattr(HubAddress, "transport", lambda self: world.transport(name="Rover", timeout_s=0.5))
-    assert main(("hub", "stop", "--hub", "ble:Rover")) == 2
+    assert main(("stop", "--hub", "ble:Rover")) == 2
     assert "hears only its button" in capsys.readouterr().err
 
 
 def test_calibration_is_stored_by_address(world: World, monkeypatch: pytest.MonkeyPatch, capsys, tmp_path) -> None:
     monkeypatch.setattr(HubAddress, "transport", lambda self: world.transport())
-    assert main(("hub", "calibrate", "RunAway-v0", "--reverse", "left", "--calibrations", str(tmp_path))) == 0
+    assert main(("calibrate", f"{described.__file__}:TWO_WHEELER", "--reverse", "left", "--calibrations", str(tmp_path))) == 0
     assert (tmp_path / world.hub.address.replace(":", "-") / "two-wheeler.json").exists()
     capsys.readouterr()
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from described import ROBO_ARM, TWO_WHEELER, WALKER
+from described import REACHING, ROBO_ARM, SPINNING, TWO_WHEELER, WALKER, WALKING
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -24,9 +24,8 @@ from brickhub.hub.diagnostics.preflight import (
 from brickhub.hub.diagnostics.survey import Survey
 from brickhub.hub.interface import RunAngle, UntilDone, Wait
 from brickhub.robot import HubKind, MotorKind, PoweredUpSensor, SensorKind
+from brickhub.virtual.bench_body import BenchBody
 from brickhub.virtual.transport import VirtualHub
-from bricksrl.envs.registry import get_task
-from bricktwin.twin.make_body import make_body
 
 GOOD = Survey(
     {"A": 48, "B": 0, "C": 62, "D": 0, "E": 48, "F": 0}, {"left": 0, "right": 0}, 8000, "4.0.1", "hub", True, True, 0, 0
@@ -98,7 +97,7 @@ def test_imu() -> None:
 
 
 def test_joints_out_of_range_are_errors() -> None:
-    interface = get_task("RoboArm-v0").interface
+    interface = REACHING
     values = [0.0, 40.0, -70.0, -95.0]
     assert [f.outcome for f in check_angles(ROBO_ARM, interface, values)] == [Outcome.OK] * 3
     values[1] = 100
@@ -107,7 +106,7 @@ def test_joints_out_of_range_are_errors() -> None:
 
 
 def test_latency_follows_from_round_trips() -> None:
-    interface = get_task("Walker-v1").interface
+    interface = WALKING
     found = latency([0.09] * 99 + [0.2], interface)
     assert found.interval_ms == pytest.approx(45.0) and found.is_slow
     assert found.link_share == pytest.approx(90 / 340)
@@ -142,23 +141,23 @@ class Blocked(VirtualHub):
     """The right wheel is blocked."""
 
     def __init__(self) -> None:
-        super().__init__(make_body(TWO_WHEELER))
+        super().__init__(BenchBody(TWO_WHEELER))
         apply = self.body.set_voltage
         self.body.set_voltage = lambda port, mv: apply(port, None if port == "A" else mv)
 
 
 def test_blocked_motor_is_an_error() -> None:
-    findings = check_robot(Blocked(), TWO_WHEELER, get_task("Spinning-v0").interface, may_move=lambda: True)
+    findings = check_robot(Blocked(), TWO_WHEELER, SPINNING, may_move=lambda: True)
     told = {finding.name: finding for finding in findings}
     assert told["motor left"].outcome is Outcome.OK
     assert told["motor right"].outcome is Outcome.ERROR and "blocked, or its cable is loose" in told["motor right"].detail
 
 
 def test_failing_program_is_a_finding() -> None:
-    hub = VirtualHub(make_body(TWO_WHEELER))
+    hub = VirtualHub(BenchBody(TWO_WHEELER))
     described = replace(TWO_WHEELER, motors=(replace(TWO_WHEELER.motors[0], port="D"), *TWO_WHEELER.motors[1:]))
     hub.machine.robot = described  # it says that it is there, and cannot be used
-    interface = get_task("Spinning-v0").interface
+    interface = SPINNING
     *_, last = check_robot(hub, described, interface, may_move=lambda: True)
     assert last.outcome is Outcome.ERROR and "ENODEV" in last.detail
     assert not any(servo.is_open for servo in hub.machine.servos.values())

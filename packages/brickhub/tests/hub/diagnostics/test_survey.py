@@ -5,8 +5,9 @@ from __future__ import annotations
 import dataclasses
 
 import pytest
+from bench_arm import START_DEG, STOPS_DEG, BenchArm
 from ble_world import World, bounded
-from described import ROBO_ARM, TWO_WHEELER
+from described import ROBO_ARM, TWO_WHEELER, WALKER
 from hub_programs import unplug
 
 from brickhub.errors import HubError, HubProgramError, HubTimeoutError
@@ -14,10 +15,9 @@ from brickhub.hub.diagnostics.survey import STALL_LIMIT_DEG, find_stops, parse_s
 from brickhub.hub.program.compile import compile_program, program_blob
 from brickhub.hub.program.lint import require_clean
 from brickhub.hub.transport import HubProgram
-from brickhub.robot import HubKind, Motor, Robot
+from brickhub.robot import BENCH, Direction, HubKind, Motor, Robot
+from brickhub.virtual.bench_body import BenchBody
 from brickhub.virtual.transport import VirtualHub
-from bricktwin import robots
-from bricktwin.twin.make_body import make_body
 
 pytestmark = pytest.mark.realtime
 
@@ -30,10 +30,9 @@ def test_survey_programs_fit_every_hub(hub: HubKind) -> None:
         program_blob(compile_program(program), hub)
 
 
-@pytest.mark.parametrize("name", robots.ROBOTS)
-def test_survey_finds_devices_without_motion(name: str) -> None:
-    robot = robots.get(name)
-    hub = VirtualHub(make_body(robot))
+@pytest.mark.parametrize("robot", [TWO_WHEELER, WALKER, ROBO_ARM, BENCH], ids=lambda robot: robot.name)
+def test_survey_finds_devices_without_motion(robot: Robot) -> None:
+    hub = VirtualHub(BenchBody(robot))
     before = [hub.body.angle_mdeg(port) for port in hub.machine.servos]
     found = survey(hub, robot)
     taken = {port for port, number in found.ports.items() if number}
@@ -46,15 +45,15 @@ def test_survey_finds_devices_without_motion(name: str) -> None:
 
 
 def test_survey_angle_has_described_direction() -> None:
-    hub = VirtualHub(make_body(ROBO_ARM))
+    hub = VirtualHub(BenchArm())
     assert survey(hub, ROBO_ARM).angles_deg["high"] == -70
-    turned = dataclasses.replace(ROBO_ARM.motor("high"), direction=robots.Direction.COUNTERCLOCKWISE)
+    turned = dataclasses.replace(ROBO_ARM.motor("high"), direction=Direction.COUNTERCLOCKWISE)
     other = dataclasses.replace(ROBO_ARM, motors=(turned,))
     assert survey(hub, other).angles_deg == {"high": 70}
 
 
 def test_survey_tolerates_missing_device() -> None:
-    hub = VirtualHub(make_body(TWO_WHEELER))
+    hub = VirtualHub(BenchBody(TWO_WHEELER))
     unplug(hub.machine, "A")
     found = survey(hub, TWO_WHEELER)
     assert found.ports["A"] == 0 and found.ports["E"] == 48
@@ -62,26 +61,22 @@ def test_survey_tolerates_missing_device() -> None:
 
 
 def test_survey_turns_joints_to_stops_and_back() -> None:
-    hub = VirtualHub(make_body(ROBO_ARM))
+    hub = VirtualHub(BenchArm())
     found = find_stops(hub, ROBO_ARM)
-    assert found == {
-        "low": pytest.approx((-5, 85), abs=2),
-        "high": pytest.approx((-165, 25), abs=2),
-        "grab": pytest.approx((-163, -30), abs=2),
-    }
+    assert found == {name: pytest.approx(stops, abs=2) for name, stops in STOPS_DEG.items()}
     angles = survey(hub, ROBO_ARM).angles_deg
-    assert angles["low"] == pytest.approx(40, abs=8) and angles["grab"] == pytest.approx(-96, abs=8)
+    assert {name: angles[name] for name in START_DEG} == pytest.approx(START_DEG, abs=8)
 
 
 def test_unblocked_joint_gives_up() -> None:
     robot = Robot("free", HubKind.PRIME, (Motor("one", "A", range_deg=(0, 90)),))
-    hub = VirtualHub(make_body(robot))
+    hub = VirtualHub(BenchBody(robot))
     assert find_stops(hub, robot) == {"one": None}
     assert abs(hub.body.angle_mdeg("A")) < 1000 * (STALL_LIMIT_DEG + 50)
 
 
 def test_a_robot_without_joints_does_not_move() -> None:
-    assert find_stops(VirtualHub(make_body(TWO_WHEELER)), TWO_WHEELER) == {}
+    assert find_stops(VirtualHub(BenchBody(TWO_WHEELER)), TWO_WHEELER) == {}
 
 
 @pytest.mark.parametrize("lines", [[], ["port A"], ["port A 48", "battery x", "firmware 4", "name n"], ["battery 8000"]])
@@ -99,7 +94,7 @@ def test_incomplete_answer_raises(lines: list[str]) -> None:
     ],
 )
 def test_failing_programs(source: str, error: type[HubError], says: str) -> None:
-    hub = VirtualHub(make_body(TWO_WHEELER))
+    hub = VirtualHub(BenchBody(TWO_WHEELER))
     with pytest.raises(error, match=says):
         run(hub, HubProgram(source, 1), 3.0)
     assert not any(servo.is_open for servo in hub.machine.servos.values())

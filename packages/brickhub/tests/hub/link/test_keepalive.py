@@ -5,10 +5,10 @@ from __future__ import annotations
 import itertools
 
 import pytest
-from described import TWO_WHEELER, WALKER
+from described import RUN_AWAY, SPINNING, TWO_WHEELER, WALKER, WALKING
 from hypothesis import given
 from hypothesis import strategies as st
-from stand_in import RUN_AWAY, SPINNING, WALKER_INTERFACE, StandInHub
+from stand_in import StandInHub
 
 from brickhub.errors import HubError
 from brickhub.hub.errors import SilentHubError
@@ -38,7 +38,7 @@ def signs(hub: StandInHub) -> int:
 
 @pytest.mark.parametrize(
     ("robot", "interface", "values", "count"),
-    [(TWO_WHEELER, SPINNING, [30, 30], 0), (WALKER, WALKER_INTERFACE, [-30] * 4, 1), (TWO_WHEELER, RUN_AWAY, [90], 2)],
+    [(TWO_WHEELER, SPINNING, [30, 30], 0), (WALKER, WALKING, [-30] * 4, 1), (TWO_WHEELER, RUN_AWAY, [90], 2)],
 )
 def test_keepalive_lets_long_step_finish(robot: Robot, interface: Interface, values: list[float], count: int) -> None:
     hub = StandInHub()

@@ -9,8 +9,8 @@ import struct
 from collections.abc import Callable
 
 import pytest
-from described import TWO_WHEELER
-from stand_in import RUN_AWAY, SPINNING, StandInHub
+from described import RUN_AWAY, SPINNING, TWO_WHEELER
+from stand_in import StandInHub
 
 from brickhub.errors import HubError, HubProgramError, HubProtocolError, HubTimeoutError
 from brickhub.hub.interface import Interface

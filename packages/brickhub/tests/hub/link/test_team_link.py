@@ -5,8 +5,8 @@ from __future__ import annotations
 import itertools
 
 import pytest
-from described import TWO_WHEELER
-from stand_in import SPINNING, StandInHub
+from described import SPINNING, TWO_WHEELER
+from stand_in import StandInHub
 
 from brickhub.errors import HubTimeoutError
 from brickhub.hub.link.team import TeamLink

@@ -6,8 +6,7 @@ import ast
 import dataclasses
 
 import pytest
-from described import ROBO_ARM, TWO_WHEELER, WALKER
-from stand_in import RUN_AWAY, SPINNING, WALKER_INTERFACE
+from described import REACHING, ROBO_ARM, RUN_AWAY, SPINNING, TWO_WHEELER, WALKER, WALKING
 
 from brickhub.hub.interface import Distance, DriveStraight, Interface, MotorAngle, Pitch, RunAngle, UntilDone, Wait
 from brickhub.hub.program.compile import compile_mpy, compile_program, program_blob
@@ -17,17 +16,7 @@ from brickhub.robot import BENCH, Direction, DriveBase, HubKind, Motor, Robot, U
 
 KINDS = [HubKind.PRIME, HubKind.ESSENTIAL, HubKind.TECHNIC, HubKind.CITY]
 
-ROBO_ARM_INTERFACE = Interface(
-    commands=(
-        RunAngle("rotation", -100, 100, 250),
-        RunAngle("low", -30, 30, 250),
-        RunAngle("high", -60, 60, 250),
-        RunAngle("grab", -25, 25, 250),
-    ),
-    channels=(MotorAngle("rotation"), MotorAngle("low", 10, 70), MotorAngle("high", -150, 10), MotorAngle("grab", -148, -45)),
-    settle=Wait(250),
-)
-PAPER = [(TWO_WHEELER, RUN_AWAY), (TWO_WHEELER, SPINNING), (WALKER, WALKER_INTERFACE), (ROBO_ARM, ROBO_ARM_INTERFACE)]
+PAPER = [(TWO_WHEELER, RUN_AWAY), (TWO_WHEELER, SPINNING), (WALKER, WALKING), (ROBO_ARM, REACHING)]
 
 
 def driver(kind: HubKind, interface: Interface) -> tuple[Robot, Interface]:
@@ -93,7 +82,7 @@ def test_program_sets_up_only_used_devices() -> None:
     assert "motor_left = Motor(Port.E, Direction.COUNTERCLOCKWISE)" in source
     assert "DriveBase(motor_left, motor_right, wheel_diameter=56, axle_track=130)" in source
     assert "Axis" not in source
-    source = generate(ROBO_ARM, ROBO_ARM_INTERFACE).source
+    source = generate(ROBO_ARM, REACHING).source
     assert "motor_rotation = Motor(Port.B, gears=[20, 60])" in source
     assert "motor_low.control.limits(speed=500, acceleration=1000, torque=900)" in source
     assert "motor_low = Joint(motor_low, 10, 70)" in source

@@ -7,8 +7,8 @@ import struct
 from dataclasses import replace
 
 import pytest
-from described import TWO_WHEELER, WALKER
-from stand_in import RUN_AWAY, SPINNING, WALKER_INTERFACE, StandInHub
+from described import RUN_AWAY, SPINNING, TWO_WHEELER, WALKER, WALKING
+from stand_in import StandInHub
 
 from brickhub.hub.interface import Interface, MotorAngle, RunAngle, UntilDone, Wait
 from brickhub.hub.program.generate import END_MS, WATCHDOG_MS, generate
@@ -311,7 +311,7 @@ def test_only_blocked_motor_stops() -> None:
 
 
 def test_walker_answer_fits_one_notification() -> None:
-    session = Session(WALKER, WALKER_INTERFACE)
+    session = Session(WALKER, WALKING)
     session.send(session.command(1, -100, -50, -25, 0))
     (answer,) = session.run_ms(300)
     assert len(session.hub.sent[-1]) == 19

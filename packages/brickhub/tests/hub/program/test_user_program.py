@@ -13,6 +13,7 @@ from ble_world import World
 from hypothesis import given
 from hypothesis import strategies as st
 
+from brickhub.cli import main
 from brickhub.errors import ProgramError
 from brickhub.hub.errors import HubDisconnectedError
 from brickhub.hub.program.compile import compile_program, program_blob
@@ -20,7 +21,6 @@ from brickhub.hub.program.run import Transcript, run_program
 from brickhub.hub.program.user_program import load_program
 from brickhub.hub.transports.address import HubAddress
 from brickhub.robot import HubKind, Motor, Robot
-from bricksrl.cli import main
 
 pytestmark = pytest.mark.realtime
 
@@ -218,12 +218,12 @@ def test_command_runs_user_program(world: World, folder: Path, monkeypatch: pyte
     monkeypatch.setattr(HubAddress, "transport", lambda self: world.transport())
     monkeypatch.setattr(sys, "stdin", None)
     world.hub.files.update(FILES)
-    assert main(("hub", "run", str(folder / "main.py"), "--hub", "ble")) == 0
+    assert main(("run", str(folder / "main.py"), "--hub", "ble")) == 0
     assert capfdbinary.readouterr().out == b"42 1 2\n"
     assert not world.hub.is_connected
 
 
 def test_invalid_program_fails_without_hub(folder: Path, capsys) -> None:
     (folder / "main.py").write_text("x =\n")
-    assert main(("hub", "run", str(folder / "main.py"), "--hub", "ble")) == 2
+    assert main(("run", str(folder / "main.py"), "--hub", "ble")) == 2
     assert "main.py, line 2: SyntaxError" in capsys.readouterr().err

@@ -6,8 +6,7 @@ import dataclasses
 from typing import Any
 
 import pytest
-from described import ROBO_ARM, TWO_WHEELER
-from stand_in import RUN_AWAY, SPINNING
+from described import ROBO_ARM, RUN_AWAY, SPINNING, TWO_WHEELER
 
 from brickhub.errors import BricksError, DescriptionError, ProgramError
 from brickhub.hub.interface import (

@@ -6,18 +6,16 @@ import os
 from pathlib import Path
 
 import pytest
-import torch
-from described import TWO_WHEELER
+from described import SPINNING, TWO_WHEELER
 from played_usb_hub import PlayedUsbHub
-from tensordict import TensorDict
 
-import bricksrl
 from brickhub.errors import UnknownNameError
+from brickhub.hub.link.lockstep import HubLink
+from brickhub.hub.link.streaming import StreamingLink
 from brickhub.hub.program.generate import generate
 from brickhub.hub.transports.address import HubAddress, parse_hub
 from brickhub.hub.transports.ble import BleTransport
 from brickhub.hub.transports.usb import UsbTransport
-from bricksrl.envs import get_task
 
 
 @pytest.mark.parametrize(
@@ -53,20 +51,18 @@ def test_transports() -> None:
 
 
 @pytest.mark.skipif(os.name != "posix", reason="pseudo terminals are a thing of POSIX")
-@pytest.mark.parametrize("streaming", [False, True])
-def test_address_to_moving_motors(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, streaming: bool) -> None:
+@pytest.mark.parametrize("link_class", [HubLink, StreamingLink])
+def test_address_to_moving_motors(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, link_class: type[HubLink]) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr("brickhub.hub.program.generate.END_MS", 500)
     hub = PlayedUsbHub(TWO_WHEELER)
-    hub.library.append(generate(TWO_WHEELER, get_task("Spinning-v0").interface).source)
-    env = bricksrl.make("Spinning-v0", hub=f"usb:{hub.attach_terminal()}", streaming=streaming, place=lambda _: None)
+    hub.library.append(generate(TWO_WHEELER, SPINNING).source)
     try:
-        env.reset()
-        for _ in range(3):
-            state = env.step(TensorDict({"action": torch.ones(2)}))
-        assert state["next", "observation"][0] > 5
-        assert hub.is_running
+        with link_class(parse_hub(f"usb:{hub.attach_terminal()}").transport(), TWO_WHEELER, SPINNING) as link:
+            for _ in range(3):
+                reading = link.act([100, 100])
+            assert reading.values[0] > 5
+            assert hub.is_running
     finally:
-        env.close()
         hub.close()
     assert not hub.is_running

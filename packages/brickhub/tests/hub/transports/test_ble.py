@@ -9,11 +9,10 @@ from pathlib import Path
 
 import pytest
 from ble_world import BOUND_S, NAME, World, bounded
-from described import WALKER
+from described import SPINNING, WALKER, WALKING
 from hub_programs import unplug
 from played_hub import PlayedHub
 from radio import ATT_WRITE_REQUEST
-from stand_in import SPINNING, WALKER_INTERFACE
 
 from brickhub.errors import HubError, HubProgramError
 from brickhub.hub.errors import AmbiguousHubError, HubDisconnectedError, HubNotFoundError
@@ -49,7 +48,7 @@ def test_connect_download_exchange(world: World) -> None:
 def test_an_exchange_takes_two_connection_intervals(tmp_path: Path) -> None:
     world = World(tmp_path, WALKER)
     try:
-        with world.link(WALKER_INTERFACE) as link:
+        with world.link(WALKING) as link:
             assert len(data_frame(1, bytes(link.wire.answer_bytes))) == 19
             for interval_ms, exchanges in ((7.5, 60), (15.0, 40), (30.0, 20), (45.0, 12)):
                 world.set_interval(interval_ms)

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 from ble_world import BOUND_S, World, bounded
+from described import SPINNING
 from radio import SUPERVISION_TIMEOUT_S
-from stand_in import SPINNING
 
 from brickhub.hub.errors import HubBusyError, HubDisconnectedError
 from brickhub.hub.interface import Interface, MotorAngle, RunAngle, Wait

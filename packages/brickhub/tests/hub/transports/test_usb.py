@@ -16,9 +16,8 @@ from typing import Any
 import pytest
 import serial
 from ble_world import BOUND_S, LONG_RUN, bounded
-from described import TWO_WHEELER
+from described import SPINNING, TWO_WHEELER
 from played_usb_hub import PlayedUsbHub, SocketSerial
-from stand_in import SPINNING
 
 from brickhub.errors import HubError, HubProgramError, HubTimeoutError
 from brickhub.hub.errors import (

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import pytest
+from described import TWO_WHEELER
 from hub_programs import output
 
-from brickhub.robot import HubKind, Motor, MotorKind, Robot, UltrasonicSensor
+from brickhub.robot import BENCH, HubKind, Motor, MotorKind, Robot, UltrasonicSensor
 from brickhub.virtual.bench_body import BenchBody
 from brickhub.virtual.firmware.trajectory import InfeasibleMoveError
 from brickhub.virtual.pybricks.context import firmware_errors
-from bricktwin import robots
 
 HEAD = """
 from pybricks.pupdevices import *
@@ -119,7 +119,7 @@ class Blocked(BenchBody):
 
 def test_motor_model_of_blocked_motor_stalls() -> None:
     source = MOTOR + "motor.dc(100)\nwait(150)\nprint(motor.model.state()[3], motor.stalled())\nwait(200)\nprint(motor.stalled())"
-    assert output(source, body=Blocked(robots.BENCH)) == "True False\nTrue"
+    assert output(source, body=Blocked(BENCH)) == "True False\nTrue"
 
 
 STALL = "m = motor.model\n{}\nmotor.dc(100)\nwait({})\nprint(m.state()[3], motor.stalled())"
@@ -137,7 +137,7 @@ STALL = "m = motor.model\n{}\nmotor.dc(100)\nwait({})\nprint(m.state()[3], motor
 )
 def test_model_settings_define_stall(change: str, time_ms: int, seen: str) -> None:
     change = f"s = list(m.settings())\n{change}\nm.settings(s)"
-    assert output(MOTOR + STALL.format(change, time_ms), body=Blocked(robots.BENCH)) == seen
+    assert output(MOTOR + STALL.format(change, time_ms), body=Blocked(BENCH)) == seen
 
 
 @pytest.mark.parametrize(("setting", "value"), [(4, 10), (5, 2000), (6, 1000)])
@@ -145,7 +145,7 @@ def test_model_gains_correct_angle(setting: int, value: int) -> None:
     ends = []
     for change in ("", f"s[{setting}] = {value}\nmotor.model.settings(tuple(s))\n"):
         source = f"s = list(motor.model.settings())\n{change}motor.dc(100)\nwait(1000)\nprint(motor.model.state()[0])"
-        ends.append(float(output(MOTOR + source, body=Blocked(robots.BENCH))))
+        ends.append(float(output(MOTOR + source, body=Blocked(BENCH))))
     usual, tuned = ends
     assert usual > 1
     assert (tuned > usual + 1) if value == 10 else (tuned < usual - 1)
@@ -250,7 +250,7 @@ def test_floats_are_truncated() -> None:
 @pytest.mark.parametrize("device", ["Motor", "UltrasonicSensor", "ColorSensor", "ForceSensor", "TiltSensor", "DCMotor", "Light"])
 def test_empty_port_raises(device: str) -> None:
     source = HEAD + f"try:\n    {device}(Port.B)\nexcept OSError as e:\n    print(e.errno, str(e)[:18])"
-    assert output(source, robot=robots.TWO_WHEELER) == "19 [Errno 19] ENODEV:"
+    assert output(source, robot=TWO_WHEELER) == "19 [Errno 19] ENODEV:"
 
 
 def test_closed_motor_can_only_be_reopened() -> None:

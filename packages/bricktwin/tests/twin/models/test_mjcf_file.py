@@ -11,8 +11,6 @@ import pytest
 from brickhub.errors import TwinError
 from brickhub.robot import Direction, HubKind, Motor, PoweredUpSensor, Robot, SensorKind, UltrasonicSensor
 from brickhub.virtual import run_file
-from bricksrl.data.schema import describe_task
-from bricksrl.envs import get_task
 from bricktwin.robots import TWO_WHEELER
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.mujoco_body import MujocoBody
@@ -169,7 +167,3 @@ def test_wall_needs_ultrasonic_sensor(rover: Robot) -> None:
     for robot in (rover, built):
         with pytest.raises(TwinError, match="no ultrasonic sensor"):
             make_body(replace(robot, sensors=()), scene=Scene(wall_distance_mm=(600.0, 600.0)))
-
-
-def test_dataset_description_omits_model() -> None:
-    assert "model" not in describe_task(get_task("RunAway-v0"), {}).robot

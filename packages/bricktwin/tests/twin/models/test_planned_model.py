@@ -9,6 +9,7 @@ from pathlib import Path
 
 import mujoco
 import pytest
+from described import SPINNING
 
 from brickhub.errors import DescriptionError, TwinError
 from brickhub.hub.interface import Pitch, Roll
@@ -16,7 +17,6 @@ from brickhub.hub.link.lockstep import HubLink
 from brickhub.robot import DriveBase, HubKind, Motor, PoweredUpSensor, Robot, SensorKind
 from brickhub.virtual import VirtualHub
 from brickhub.virtual.stimuli import Sense
-from bricksrl.envs import get_task
 from bricktwin.robots import ROBO_ARM, TWO_WHEELER, WALKER, plans
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.models.spinners import Spinners
@@ -240,7 +240,7 @@ def test_hub_that_looks_backwards(tmp_path: Path) -> None:
     with pytest.raises(DescriptionError, match=r"hub_sides=\('up', 'back'\)"):
         make_body(replace(TWO_WHEELER, model=str(path)))
     # What the program on the hub reads is along the robot's axes.
-    interface = replace(get_task("Spinning-v0").interface, channels=(Pitch(), Roll()))
+    interface = replace(SPINNING, channels=(Pitch(), Roll()))
     for one, body_of_it in ((robot, turned), (TWO_WHEELER, plain)):
         with HubLink(VirtualHub(body_of_it), one, interface) as link:
             assert link.read().values == pytest.approx((-5, 0), abs=0.3)

@@ -213,8 +213,8 @@ def test_dropped_renderer_does_not_affect_next() -> None:
 def test_renderer_is_silently_collected_at_the_end_of_the_process() -> None:
     """After MuJoCo has closed the display; libraries collect garbage there."""
     program = (
-        "import atexit, gc\n"
-        "import torch\n"  # registers the end of all finalizers, which must be later
+        "import atexit, gc, weakref\n"
+        "weakref.finalize(atexit, int)\n"  # registers the end of all finalizers, which must be later
         "atexit.register(gc.collect)\n"
         "from bricktwin.robots import TWO_WHEELER\n"
         "from bricktwin.twin.make_body import make_body\n"

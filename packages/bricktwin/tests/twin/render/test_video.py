@@ -13,7 +13,7 @@ from videos import read_video
 
 from brickhub.errors import RenderingUnavailableError, TwinError
 from brickhub.virtual.run import run_file
-from bricksrl.cli import main
+from bricktwin.cli import main
 from bricktwin.robots import TWO_WHEELER
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.mujoco_body import MujocoBody
@@ -77,8 +77,10 @@ def test_unfilmable_program_raises(tmp_path: Path, capsys) -> None:
     (tmp_path / "main.py").write_text("print(1)")
     with pytest.raises(TwinError, match=r"end it in \.mp4"):
         film(tmp_path, "print(1)", tmp_path / "film.avi")
-    for hub, robot, says in (("virtual", "bench", "nothing to see of robot 'bench'"), ("ble", "bench", "only a virtual robot")):
-        told = ("--hub", hub, "--robot", robot, "--video", str(tmp_path / "a.mp4"))
-        assert main(("hub", "run", str(tmp_path / "main.py"), *told)) == 2
+    for options, says in (
+        (("--robot", "bench"), "nothing to see of robot 'bench'"),
+        (("--hub", "ble"), "a real hub has its own robot, buttons and time; leave out --hub, or --video"),
+    ):
+        assert main(("run", str(tmp_path / "main.py"), *options, "--video", str(tmp_path / "a.mp4"))) == 2
         captured = capsys.readouterr()
         assert captured.out == "" and captured.err.startswith("error: ") and says in captured.err

@@ -1,4 +1,4 @@
-"""``bricksrl plan``."""
+"""``bricktwin plan``."""
 
 from __future__ import annotations
 
@@ -8,22 +8,22 @@ from pathlib import Path
 
 import pytest
 
-from bricksrl.cli import main
+from bricktwin.cli import main
 from bricktwin.robots import plans
 
 PLAN = str(Path(plans.__path__[0]) / "two_wheeler.ldr")
 
 
-def test_correct_plan_passes(bricksrl):
-    done = bricksrl("plan", "check", PLAN)
-    assert (done.returncode, done.stderr) == (0, "")
-    assert done.stdout == "36 parts of 11 kinds, 12 steps, 428 g: all is well\n"
+def test_correct_plan_passes(bricktwin):
+    done = bricktwin("plan", "check", PLAN)
+    assert (done.code, done.err) == (0, "")
+    assert done.out == "36 parts of 11 kinds, 12 steps, 428 g: all is well\n"
 
 
-def test_robots_have_plans(bricksrl):
-    assert bricksrl("plan", "check", "two-wheeler").stdout == bricksrl("plan", "check", PLAN).stdout
-    assert "there is no robot 'two-wheels'; choose one of" in bricksrl("plan", "check", "two-wheels").stderr
-    assert "bench has no building plan; name an LDraw file" in bricksrl("plan", "check", "bench").stderr
+def test_robots_have_plans(bricktwin):
+    assert bricktwin("plan", "check", "two-wheeler").out == bricktwin("plan", "check", PLAN).out
+    assert "there is no robot 'two-wheels'; choose one of" in bricktwin("plan", "check", "two-wheels").err
+    assert "bench has no building plan; name an LDraw file" in bricktwin("plan", "check", "bench").err
 
 
 def test_folder_of_the_name_of_a_robot_is_no_plan(tmp_path, monkeypatch, capsys):
@@ -41,28 +41,28 @@ def test_folder_in_place_of_a_plan_is_named(fails, tmp_path, monkeypatch):
         fails("plan", "check", folder, says=f"error: {says}")
 
 
-def test_plan_of_one_part(bricksrl, tmp_path):
+def test_plan_of_one_part(bricktwin, tmp_path):
     path = tmp_path / "one.ldr"
     path.write_text("0 STEP\n1 0 0 0 0 1 0 0 0 1 0 0 0 1 32316.dat\n", encoding="utf-8")
-    assert bricksrl("plan", "check", str(path)).stdout.splitlines()[-1].startswith("1 part of 1 kind, 1 step, ")
+    assert bricktwin("plan", "check", str(path)).out.splitlines()[-1].startswith("1 part of 1 kind, 1 step, ")
 
 
-def test_mistake_has_line_and_exit_code(bricksrl, tmp_path):
+def test_mistake_has_line_and_exit_code(bricktwin, tmp_path):
     path = tmp_path / "my.ldr"
     path.write_text(Path(PLAN).read_text(encoding="utf-8").replace("!BRICKSRL PORT E", "!BRICKSRL PORT A"), encoding="utf-8")
-    done = bricksrl("plan", "check", str(path))
-    assert done.returncode == 1
-    assert any(line.startswith("line ") and "give each its own" in line for line in done.stdout.splitlines())
+    done = bricktwin("plan", "check", str(path))
+    assert done.code == 1
+    assert any(line.startswith("line ") and "give each its own" in line for line in done.out.splitlines())
 
 
-def test_parts_for_shops(bricksrl, tmp_path):
-    listed = bricksrl("plan", "parts", PLAN).stdout
+def test_parts_for_shops(bricktwin, tmp_path):
+    listed = bricktwin("plan", "parts", PLAN).out
     assert "  18 x  2780      black" in listed
     assert "Set 45678 SPIKE Prime: 36 of 36 parts\n" in listed
     table, wanted, sets = tmp_path / "parts.csv", tmp_path / "wanted.xml", tmp_path / "rebrickable.csv"
-    bricksrl("plan", "parts", PLAN, "--out", str(table))
-    bricksrl("plan", "parts", PLAN, "--out", str(wanted), "--format", "bricklink")
-    bricksrl("plan", "parts", PLAN, "--out", str(sets), "--format", "rebrickable")
+    bricktwin("plan", "parts", PLAN, "--out", str(table))
+    bricktwin("plan", "parts", PLAN, "--out", str(wanted), "--format", "bricklink")
+    bricktwin("plan", "parts", PLAN, "--out", str(sets), "--format", "rebrickable")
     rows = list(csv.DictReader(table.read_text(encoding="utf-8").splitlines()))
     assert list(rows[0]) == ["number", "name", "colour", "count", "mass_g", "mass_source"]
     assert sum(int(row["count"]) for row in rows) == 36
@@ -72,9 +72,9 @@ def test_parts_for_shops(bricksrl, tmp_path):
     assert {row["Part"]: row["Quantity"] for row in csv.DictReader(sets.read_text(encoding="utf-8").splitlines())}["2780"] == "18"
 
 
-def test_the_catalogue(bricksrl):
-    done = bricksrl("plan", "parts")
-    assert "2780      pins            0.19 g  Pin with friction" in done.stdout
+def test_the_catalogue(bricktwin):
+    done = bricktwin("plan", "parts")
+    assert "2780      pins            0.19 g  Pin with friction" in done.out
 
 
 @pytest.mark.parametrize(
@@ -86,6 +86,6 @@ def test_the_catalogue(bricksrl):
         (["parts", "--out", "parts.csv"], "error: --out needs a plan; name an LDraw file"),
     ],
 )
-def test_errors_print_one_line(bricksrl, arguments, says):
-    done = bricksrl("plan", *arguments)
-    assert (done.returncode, done.stderr) == (2, f"{says}\n")
+def test_errors_print_one_line(bricktwin, arguments, says):
+    done = bricktwin("plan", *arguments)
+    assert (done.code, done.err) == (2, f"{says}\n")

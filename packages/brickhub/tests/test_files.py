@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from brickhub.errors import WriteError
 from brickhub.files import atomic_folder, check_writable, folder_with, write_durably
-from bricksrl.errors import WriteError
 
 
 def test_error_names_the_file_that_was_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

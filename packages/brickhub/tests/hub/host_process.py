@@ -12,13 +12,13 @@ from dataclasses import replace
 from pathlib import Path
 
 from ble_world import LONG_RUN, World
+from described import TWO_WHEELER
 from radio import Bluetooth
 
 from brickhub.hub.interface import Interface, Wait
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.program import generate
 from brickhub.hub.transports.ble import BleTransport
-from bricktwin.robots import TWO_WHEELER
 
 START_S = 60.0
 """Timeout for starting Python."""

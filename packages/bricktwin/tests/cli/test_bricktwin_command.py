@@ -1,0 +1,96 @@
+"""The command ``bricktwin`` as a whole, and ``bricktwin run`` with our robots, plans and users' files."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import bricktwin as package
+
+PLAN = Path(__file__).parents[4] / "examples" / "13_front_steered.ldr"
+COMMANDS = ("run", "plan check", "plan parts", "plan steps", "twin record", "twin fit")
+
+
+def test_version_and_help(bricktwin) -> None:
+    assert bricktwin("--version") == (0, f"bricktwin {package.__version__}\n", "")
+    overview = bricktwin("--help")
+    assert overview.code == 0 and all(f"• {command} " in overview.out for command in ("run", "plan", "twin"))
+    for command in COMMANDS:
+        told = bricktwin(*command.split(), "--help")
+        assert told.code == 0 and f"\n  bricktwin {command} " in told.out, command
+
+
+def test_python_runs_the_package_as_the_command() -> None:
+    command = [sys.executable, "-m", "bricktwin", "--version"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (0, f"bricktwin {package.__version__}\n", "")
+
+
+@pytest.mark.parametrize("command", ["", *COMMANDS])
+def test_help_imports_no_mujoco(command: str) -> None:
+    script = (
+        "import sys\n"
+        "from bricktwin.cli import main\n"
+        "try:\n"
+        f"    main({[*command.split(), '--help']!r})\n"
+        "except SystemExit as end:\n"
+        "    assert not end.code, end.code\n"
+        "print('loaded:', *sorted(set(sys.modules) & {'matplotlib', 'mujoco', 'scipy', 'torch', 'bricksrl'}))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout.splitlines()[-1] == "loaded:"
+
+
+DRIVE = """
+from pybricks.parameters import Port
+from pybricks.pupdevices import Motor
+motor = Motor(Port.A)
+motor.run_angle(500, 90)
+print(abs(motor.angle() - 90) <= 5)
+"""
+
+
+@pytest.fixture
+def program(tmp_path: Path) -> Path:
+    path = tmp_path / "main.py"
+    path.write_text(DRIVE)
+    return path
+
+
+@pytest.mark.parametrize("robot", ["walker", "two-wheeler", "bench", str(PLAN)])
+def test_program_runs_on_robots_and_plans(bricktwin, program: Path, robot: str) -> None:
+    assert bricktwin("run", str(program), "--robot", robot) == (0, "True\n", "")
+
+
+def test_robot_in_a_users_file_has_a_body(bricktwin, program: Path, tmp_path: Path) -> None:
+    robot = tmp_path / "car.py"
+    robot.write_text(
+        "from brickhub.robot import *\n"
+        "CAR = Robot('car', HubKind.PRIME, (Motor('left', 'A', direction=Direction.COUNTERCLOCKWISE), Motor('right', 'B')),\n"
+        "            drive_base=DriveBase('left', 'right', 56, 112), needs_imu=True)\n"
+    )
+    program.write_text(
+        "from pybricks.hubs import PrimeHub\nfrom pybricks.parameters import Direction, Port\n"
+        "from pybricks.pupdevices import Motor\nfrom pybricks.robotics import DriveBase\n"
+        "hub, left = PrimeHub(), Motor(Port.A, Direction.COUNTERCLOCKWISE)\n"
+        "DriveBase(left, Motor(Port.B), 56, 112).turn(90)\nprint(abs(hub.imu.heading() - 90) < 10)\n"
+    )
+    assert bricktwin("run", str(program), "--robot", f"{robot}:CAR") == (0, "True\n", "")
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (("--robot", "dog"), "there is no robot 'dog'; choose two-wheeler, scout, walker, robo-arm, bench, or name a file"),
+        (("--robot", "rover.ldr"), "rover.ldr: No such file or directory; name an LDraw file"),
+        (("--robot", "nowhere.py"), "no file nowhere.py"),
+        (("--robot", "walker", "--reading", "B=red"), "--robot bench"),
+        (("--robot", "bench", "--video", "a.mp4"), "nothing to see of robot 'bench'"),
+        (("--hub", "ble", "--video", "a.mp4"), "leave out --hub, or --video"),
+    ],
+)
+def test_mismatched_options_print_one_line(fails, program: Path, options: tuple[str, ...], says: str) -> None:
+    fails("run", str(program), *options, says=says)
