@@ -1,4 +1,4 @@
-"""Sensor readings as text (``B=red``, ``B=200mm``), constant or over time from a file."""
+"""Sensor readings as text (``B=red``, ``B=200mm``), constant or over time from a file, and end stops (``C=-90..120``)."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from brickhub.errors import TwinError
+from brickhub.errors import DescriptionError, TwinError
 from brickhub.virtual.stimuli import Sense, Sensed
 
 _COLORS: Mapping[str, tuple[float, float, float]] = {
@@ -112,6 +112,18 @@ def _from_file(path: Path) -> tuple[tuple[float, ...], tuple[Sensed, ...]]:
     if not times or times != sorted(times):
         raise TwinError(f"{path} has no readings in order of time; write lines such as: 2.5, red")
     return tuple(times), tuple(values)
+
+
+def parse_end_stop(text: str) -> tuple[str, tuple[float, float]]:
+    """Port and angles (deg) of ``C=-90..120``. Raises DescriptionError if the text is invalid."""
+    match = re.fullmatch(r"([A-Fa-f])=(-?[\d.]+)\.\.(-?[\d.]+)", text.strip())
+    try:
+        low, high = float(match[2]), float(match[3])  # type: ignore[index]
+    except (TypeError, ValueError):
+        raise DescriptionError(f"'{text}' is not a pair of end stops; give one such as C=-90..120") from None
+    if not low <= 0.0 <= high:
+        raise DescriptionError(f"'{text}': the motor starts at 0; give a lowest angle below that and a highest above it")
+    return match[1].upper(), (low, high)  # type: ignore[index]
 
 
 def for_port(readings: Iterable[GivenReading], port: str) -> list[GivenReading]:
