@@ -48,7 +48,7 @@ class PybricksHub:
     """Virtual hub of a test.
 
     Args:
-        folder: where files of programs and robots are named from.
+        folder: where files of programs, robots and readings are named from.
         scratch: folder for programs that are given as text.
     """
 
@@ -98,7 +98,7 @@ class PybricksHub:
         body = self._body(robot, readings, end_stops)
         operation = Operation(
             presses=[parse_press(text) for text in presses],
-            readings=[] if isinstance(readings, Mapping) else [parse_reading(text) for text in readings],
+            readings=[] if isinstance(readings, Mapping) else [parse_reading(text, self._folder) for text in readings],
             end_stops={} if isinstance(end_stops, Mapping) else dict(map(parse_end_stop, end_stops)),
             attend=attend,
         )

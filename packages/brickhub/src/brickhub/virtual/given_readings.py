@@ -59,9 +59,9 @@ class GivenReading:
                 )
 
 
-def parse_reading(text: str) -> GivenReading:
-    """Parse ``B=red``, ``B.ambient=20%`` or ``B=@distances.csv`` (lines ``seconds, value``). Raises TwinError if the text is
-    invalid, or the file cannot be read."""
+def parse_reading(text: str, folder: Path = Path()) -> GivenReading:
+    """Parse ``B=red``, ``B.ambient=20%`` or ``B=@distances.csv`` (lines ``seconds, value``), a file in ``folder``. Raises
+    TwinError if the text is invalid, or the file cannot be read."""
     match = re.fullmatch(r"([A-Fa-f])(?:\.([a-z]+))?=(.+)", text.strip())
     if match is None:
         raise TwinError(f"'{text}' is not a reading; give one such as {_EXAMPLES}")
@@ -72,7 +72,7 @@ def parse_reading(text: str) -> GivenReading:
     if not value.startswith("@"):
         stimulus, unit_sense = _value(value, text)
         return GivenReading(port, sense or unit_sense, (0.0,), (stimulus,))
-    times, values = _from_file(Path(value[1:]))
+    times, values = _from_file(folder / value[1:])
     return GivenReading(port, sense, times, values)
 
 
