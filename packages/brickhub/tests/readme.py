@@ -34,10 +34,14 @@ class Readme:
 
     @property
     def commands(self) -> list[list[str]]:
-        """Arguments of the commands in blocks and tables, without redirections."""
+        """Arguments of the commands in blocks, without redirections."""
         lines = [line for block in self.blocks("bash") for line in block.splitlines()]
-        lines += [f"{self.prog} {rest}" for rest in re.findall(rf"`{self.prog} ([^`]+)`", self.text)]
         return [shlex.split(line.partition(" > ")[0], comments=True)[1:] for line in lines if line.startswith(f"{self.prog} ")]
+
+    @property
+    def listed(self) -> list[list[str]]:
+        """Arguments of the commands in tables."""
+        return [shlex.split(line) for line in re.findall(rf"`{self.prog} ([^`]+)` \|", self.text)]
 
     @property
     def consoles(self) -> list[tuple[list[str], str]]:
