@@ -1,12 +1,7 @@
-"""Shared by all benchmarks: the command line, and a description of the machine and the versions.
-
-The description contains no name of a machine or a person.
-"""
+"""The machine and the versions that a result was measured with; no name of a machine or a person."""
 
 from __future__ import annotations
 
-import argparse
-import json
 import os
 import platform
 import re
@@ -14,8 +9,6 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-RESULTS = Path(os.environ.get("BRICKSRL_RESULTS", Path(__file__).parent / "results"))
-"""Folder of the results; `bricksrl study` sets another one for its quick forms."""
 ONE_THREAD = {
     "OMP_NUM_THREADS": "1",
     "MKL_NUM_THREADS": "1",
@@ -29,25 +22,12 @@ ONE_THREAD = {
 _PACKAGES = ("bricksrl", "torch", "torchrl", "tensordict", "mujoco", "numpy", "greenlet")
 
 
-def command(description: str | None) -> argparse.ArgumentParser:
-    """A command line whose ``--help`` is the benchmark's docstring."""
-    return argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
-
-
 def describe() -> dict[str, Any]:
     """Processor, number of cores, system and versions."""
     return {
         "machine": {"processor": _processor(), "cores": os.cpu_count(), "system": platform.system()},
         "versions": {"python": platform.python_version(), **{name: metadata.version(name) for name in _PACKAGES}},
     }
-
-
-def write(name: str, result: dict[str, Any]) -> Path:
-    """Write a result, with machine and versions, to ``results/<name>.json``."""
-    RESULTS.mkdir(exist_ok=True)
-    path = RESULTS / f"{name}.json"
-    path.write_text(json.dumps({**result, **describe()}, indent=2) + "\n")
-    return path
 
 
 def _processor() -> str:

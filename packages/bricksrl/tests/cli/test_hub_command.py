@@ -53,7 +53,7 @@ def test_run_on_unknown_robot_prints_one_line(fails, tmp_path):
         str(tmp_path / "look.py"),
         "--robot",
         "Nonsense",
-        says="no robot and no environment 'Nonsense'; choose two-wheeler",
+        says="there is no environment 'Nonsense'",
     )
 
 
@@ -143,14 +143,15 @@ def test_run_provides_used_devices(bricksrl, tmp_path):
 def test_run_takes_a_robot_from_a_file(bricksrl, tmp_path):
     robot, program = tmp_path / "arm.py", tmp_path / "main.py"
     robot.write_text(
-        "from bricktwin.robots import HubKind, Motor, Robot\nARM = Robot('arm', HubKind.CITY, motors=(Motor('joint', 'B'),))\n"
+        "from bricksrl.robots import HubKind, Motor, Robot\nARM = Robot('arm', HubKind.CITY, motors=(Motor('joint', 'B'),))\n"
     )
     program.write_text(
         "from pybricks.hubs import CityHub\nfrom pybricks.pupdevices import Motor\nfrom pybricks.parameters import Port\n"
         "joint = Motor(Port.B)\njoint.run_angle(500, 90)\nprint(joint.angle() in (89, 90))\n"
     )
     for reference in (str(robot), f"{robot}:ARM"):
-        assert bricksrl("hub", "run", str(program), "--robot", reference).stdout == "True\n"
+        done = bricksrl("hub", "run", str(program), "--robot", reference)
+        assert (done.stdout, done.stderr) == ("True\n", "")
 
 
 def test_run_takes_the_scene_of_the_task_beside_the_robot(bricksrl, tmp_path):
@@ -173,7 +174,7 @@ def test_run_takes_the_scene_of_the_task_beside_the_robot(bricksrl, tmp_path):
         (("--end-stop", "C=10..20"), "starts at 0"),
         (("--end-stop", "C"), "not a pair of end stops"),
         (("--robot", "nowhere.py"), "no file nowhere.py"),
-        (("--robot", "rover.ldr"), "name a Python file with its robot: Robot(..., plan='rover.ldr')"),
+        (("--robot", "rover.ldr"), "rover.ldr: No such file"),
         (("--hub", "ble", "--press", "left@1s"), "leave out --hub"),
         (("--robot", "walker", "--reading", "B=red"), "--robot bench"),
     ],

@@ -46,7 +46,7 @@ def test_record_fit_train(bricksrl, log, capsys, tmp_path):
 
 def test_invalid_log_or_physics_prints_one_line(fails, tmp_path):
     fails("twin", "fit", str(tmp_path / "nothing.jsonl"), says="cannot read the log")
-    fails("twin", "record", "robo-ant", "--out", str(tmp_path / "x"), says="no robot and no environment 'robo-ant'")
+    fails("twin", "record", "robo-ant", "--out", str(tmp_path / "x"), says="there is no environment 'robo-ant'")
     fails("train", "RunAway-v0", "--physics", str(tmp_path / "nothing.json"), says="cannot read the physics")
     (tmp_path / "wrong.json").write_text('{"gravity": 3}')
     fails("train", "RunAway-v0", "--physics", str(tmp_path / "wrong.json"), says="no parameter 'gravity'")
