@@ -121,7 +121,8 @@ def _bytes(value: Any) -> bytes:
 
 def _values(structure: Any) -> Iterator[tuple[str, Any]]:
     for name in sorted(dir(structure)):
-        value = None if name.startswith("_") else getattr(structure, name)
+        # MuJoCo's signature of the specification is not in its binary form.
+        value = None if name.startswith("_") or name == "signature" else getattr(structure, name)
         if value is not None and not callable(value):
             yield name, value
 
