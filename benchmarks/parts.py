@@ -17,7 +17,6 @@ from unittest import mock
 import benchmarks
 from benchmarks.machine import ONE_THREAD
 from brickhub.files import write_durably
-from bricksrl.child_process import leave
 from bricksrl.errors import BricksError, RunError
 from bricksrl.evaluation.cluster import map_on_cluster
 from bricksrl.training.signals import StopSignals
@@ -94,12 +93,16 @@ def _interrupt(*_: object) -> NoReturn:
     raise KeyboardInterrupt
 
 
+_interrupted = threading.Event()
+
+
 def _worker_outcome(*order: Any) -> Any:
-    """In a worker: as `_outcome`; a Ctrl-C ends the worker, which would else begin the next part."""
+    """In a worker: as `_outcome`; after Ctrl-C it begins no other part."""
     try:
-        return _outcome(*order)
+        return _interrupt() if _interrupted.is_set() else _outcome(*order)
     except KeyboardInterrupt:
-        leave(130)
+        _interrupted.set()
+        raise
 
 
 def _start_worker() -> None:
