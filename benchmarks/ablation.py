@@ -1,26 +1,22 @@
 """Ablation of the default settings: each set back, one at a time, to the paper's value.
 
-    python benchmarks/ablation.py
+    python -m benchmarks ablation
 
 An agent trains in a simulation with the default preset, with the paper's, and with the default one in which a single setting is
 the paper's, for `STEPS` robot steps in total. Means over the seeds of ``EVALUATED_EPISODES`` deterministic episodes, with 95 %
-bootstrap intervals over the seeds; all variants use the same seeds. Earlier results of other agents stay in the file.
+bootstrap intervals over the seeds; all variants use the same seeds. Earlier results of other agents stay in the result.
 """
 
 from __future__ import annotations
 
-import json
-import multiprocessing
-import os
 import statistics
 import tempfile
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from machine import RESULTS, command, write
-from stopping import StopWhen
-
+from benchmarks.session import Session
+from benchmarks.stopping import StopWhen
 from bricksrl.agents import AGENTS, preset
 from bricksrl.agents.settings import Settings
 from bricksrl.training import TrainConfig, train
@@ -44,16 +40,14 @@ def variants(env: str, agent: str) -> dict[str, Settings]:
     return {**settings, "paper": paper}
 
 
-def run(env: str, agent: str, settings: Settings, seed: int, steps: int) -> tuple[float, float | None]:
+def run(env: str, agent: str, variant: str, seed: int, steps: int) -> tuple[float, float | None]:
     """Return and success of one agent after its training."""
-    import torch
-
     from bricksrl.evaluation import evaluate
 
-    torch.set_num_threads(1)
     observer = StopWhen(lambda episode: episode.steps >= steps)
     with tempfile.TemporaryDirectory() as parent:
         folder = Path(parent) / "run"
+        settings = variants(env, agent)[variant]
         config = TrainConfig(env, agent, steps, seed, settings=settings, record=False, run_dir=folder)
         train(config, observer, stop=observer.stop)
         result = evaluate(folder, episodes=EVALUATED_EPISODES, save=False)
@@ -74,33 +68,36 @@ def summary(outcomes: list[tuple[float, float | None]]) -> dict[str, Any]:
     }
 
 
-def main() -> None:
+def main(session: Session) -> None:
     """Train all and write the results."""
-    parser = command(__doc__)
+    parser = session.parser
     parser.add_argument("--envs", nargs="+", default=list(STEPS), choices=list(STEPS))
     parser.add_argument("--agent", default="sac", choices=AGENTS)
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--only", nargs="+", help="variants to train")
     parser.add_argument("--steps", type=int, help="robot steps, in place of those of each environment")
-    parser.add_argument("--processes", type=int, default=os.cpu_count())
-    args = parser.parse_args()
-    os.environ.update({"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"})  # before torch is loaded, in the processes
-    path = RESULTS / "ablation.json"
-    known: dict[str, Any] = json.loads(path.read_text())["environments"] if path.exists() else {}
-    with multiprocessing.get_context("spawn").Pool(args.processes, maxtasksperchild=1) as pool:
-        for env in args.envs:
-            outcomes: dict[str, Any] = {}
-            steps = args.steps or STEPS[env]
-            for name, settings in variants(env, args.agent).items():
-                if args.only is not None and name not in args.only:
-                    continue
-                jobs = [(env, args.agent, settings, seed, steps) for seed in range(args.seeds)]
-                value = asdict(settings) if name in ("default", "paper") else {name: getattr(settings, name)}
-                outcomes[name] = {"setting": value, **summary(pool.starmap(run, jobs, chunksize=1))}
-                print(env, name, outcomes[name]["return_mean"], outcomes[name]["return_interval"], flush=True)
-            known.setdefault(env, {})[args.agent] = {"steps": steps, "variants": outcomes}
-            print(write("ablation", {"evaluated_episodes": EVALUATED_EPISODES, "environments": known}), flush=True)
-
-
-if __name__ == "__main__":
-    main()
+    args = session.parse()
+    wanted = {
+        env: {name: settings for name, settings in variants(env, args.agent).items() if args.only is None or name in args.only}
+        for env in args.envs
+    }
+    jobs = {
+        f"{env}-{args.agent}-{name}-{seed}-{args.steps or STEPS[env]}": (env, args.agent, name, seed, args.steps or STEPS[env])
+        for env, names in wanted.items()
+        for name in names
+        for seed in range(args.seeds)
+    }
+    found: dict[tuple[str, str], list[Any]] = {}
+    for (env, _, name, *_), outcome in zip(jobs.values(), session.outcomes(run, jobs), strict=True):
+        found.setdefault((env, name), []).append(outcome)
+    known: dict[str, Any] = session.known().get("environments", {})
+    for env, names in wanted.items():
+        found_of = {
+            name: {
+                "setting": asdict(settings) if name in ("default", "paper") else {name: getattr(settings, name)},
+                **summary(found[env, name]),
+            }
+            for name, settings in names.items()
+        }
+        known.setdefault(env, {})[args.agent] = {"steps": args.steps or STEPS[env], "variants": found_of}
+    session.write({"evaluated_episodes": EVALUATED_EPISODES, "environments": known})

@@ -1,29 +1,27 @@
 """Arena: trained catchers against a random and a scripted runner, and a film of one.
 
-    python benchmarks/arena.py --seeds 5 --film docs/images/tag.mp4
+    python -m benchmarks arena --seeds 5 --film docs/images/tag.mp4
 
 Each catcher learns Tag-v0 in the kinematic simulation, half of whose copies have the scripted runner and half the random one (a
 catcher trained against only one of them does not catch the other). It is then evaluated in the arena itself, two virtual hubs in
 one MuJoCo world, in some episodes per seed against each runner, with other starts than in training. The scripted and a random
-catcher are measured too. Agents that are not measured again stay in the file.
+catcher are measured too. Agents that are not measured again stay in the result.
 """
 
 from __future__ import annotations
 
-import json
-import tempfile
 import time
 from pathlib import Path
 from typing import Any
 
 import torch
-from machine import RESULTS, command, write
 
+from benchmarks.session import Session
 from bricksrl.envs.arenas import make_arena
 from bricksrl.evaluation.arena_film import film_arena
 from bricksrl.evaluation.statistics import FEWEST_SEEDS, wilson_interval
 from bricksrl.training.teams.groups import TeamSettings, team_policy
-from bricksrl.training.teams.team import TeamConfig, TeamEpisode, load_team, play_team, train_team
+from bricksrl.training.teams.team import TeamConfig, load_team, play_team, train_team
 
 ENV, FRAMES, COPIES = "Tag-v0", 300_000, 256
 SETTINGS = {"ippo": TeamSettings(), "mappo": TeamSettings(), "sac": TeamSettings(updates_per_step=8.0)}
@@ -32,30 +30,40 @@ RUNNERS = ("flee", "random")
 EVALUATION_SEED = 7000
 
 
-def rate(played: list[TeamEpisode], *, seeds: int) -> dict[str, Any]:
+Played = list[tuple[bool, int]]
+"""Success and length of each episode."""
+
+
+def rate(played: Played, *, seeds: int) -> dict[str, Any]:
     """Share of episodes that the catcher won, with its Wilson interval from five seeds on, and their mean length."""
-    successes = [episode.success for episode in played]
+    successes = [success for success, _ in played]
     result: dict[str, Any] = {"won": sum(successes), "episodes": len(successes)}
     result["rate"] = round(sum(successes) / len(successes), 3)
     if seeds >= FEWEST_SEEDS:
         interval = wilson_interval(sum(successes), len(successes))
         result["rate_95"] = [round(interval.low, 3), round(interval.high, 3)]
-    result["steps_mean"] = round(sum(episode.length for episode in played) / len(played), 1)
+    result["steps_mean"] = round(sum(length for _, length in played) / len(played), 1)
     return result
 
 
-def train_and_play(agent: str, seed: int, episodes: int, path: Path) -> dict[str, Any]:
-    """Train a catcher, save it to ``path``, and play against each runner."""
+def play(env: Any, policy: Any, episodes: int, seed: int) -> Played:
+    """Play episodes of the arena."""
+    return [(bool(episode.success), episode.length) for episode in play_team(env, policy, episodes, seed)]
+
+
+def train_and_play(agent: str, seed: int, episodes: int, path: Path, film: Path | None) -> dict[str, Any]:
+    """Train a catcher, save it to ``path``, play against each runner, and film three episodes."""
     started_s = time.process_time()
     config = TeamConfig(ENV, {"catcher": agent}, {"runner": ",".join(RUNNERS)}, FRAMES_OF[agent], COPIES, seed)
+    path.parent.mkdir(parents=True, exist_ok=True)
     train_team(config, SETTINGS[agent]).save(path)
     cpu_s, env = time.process_time() - started_s, make_arena(ENV)
     played = {
-        runner: play_team(env, load_team(path, {"runner": runner}).policy, episodes, EVALUATION_SEED + seed) for runner in RUNNERS
+        runner: play(env, load_team(path, {"runner": runner}).policy, episodes, EVALUATION_SEED + seed) for runner in RUNNERS
     }
+    if film is not None:
+        film_arena(env, load_team(path).policy, film, 3, EVALUATION_SEED)
     env.close()
-    for runner, episodes_played in played.items():
-        print(agent, seed, runner, rate(episodes_played, seeds=1), flush=True)
     return {"training_cpu_s": round(cpu_s, 1), "played": played}
 
 
@@ -73,38 +81,28 @@ def scripts(episodes: int) -> dict[str, Any]:
     for catcher in ("chase", "random"):
         for runner in RUNNERS:
             policy = team_policy(env, {}, {"catcher": catcher, "runner": runner})
-            played = play_team(env, policy, episodes, EVALUATION_SEED)
+            played = play(env, policy, episodes, EVALUATION_SEED)
             rates[f"{catcher}_against_{runner}"] = rate(played, seeds=1)
     env.close()
     return rates
 
 
-def main() -> None:
+def main(session: Session) -> None:
     """Measure all and write the results."""
-    parser = command(__doc__)
+    parser = session.parser
     parser.add_argument("--agents", nargs="+", choices=list(SETTINGS), default=list(SETTINGS))
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--episodes", type=int, default=20)
     parser.add_argument("--film", type=Path)
-    args = parser.parse_args()
+    args = session.parse()
     torch.set_num_threads(1)
-    path_before = RESULTS / "arena.json"
-    agents = json.loads(path_before.read_text())["agents"] if path_before.exists() else {}
-    result: dict[str, Any] = {"environment": ENV, "frames": FRAMES_OF, "copies": COPIES, "agents": agents}
-    with tempfile.TemporaryDirectory() as folder:
-        for agent in args.agents:
-            runs = []
-            for seed in range(args.seeds):
-                path = Path(folder) / f"{agent}-{seed}.bin"
-                runs.append(train_and_play(agent, seed, args.episodes, path))
-                result["agents"][agent] = summary(runs)
-                write("arena", result)
-                if args.film is not None and agent == args.agents[0] and seed == 0:
-                    env = make_arena(ENV)
-                    print(film_arena(env, load_team(path).policy, args.film, 3, EVALUATION_SEED), "images", flush=True)
-                    env.close()
-    print(write("arena", {**result, "scripts": scripts(args.episodes)}))
-
-
-if __name__ == "__main__":
-    main()
+    agents: dict[str, Any] = session.known().get("agents", {})
+    for agent in args.agents:
+        jobs: dict[str, tuple[Any, ...]] = {}
+        for seed in range(args.seeds):
+            film = args.film if agent == args.agents[0] and seed == 0 else None
+            name = f"{agent}-{seed}-{args.episodes}{'-filmed' if film else ''}"
+            jobs[name] = (agent, seed, args.episodes, session.folder / f"{agent}-{seed}.bin", film)
+        agents[agent] = summary(list(session.outcomes(train_and_play, jobs, processes=1)))
+    result = {"environment": ENV, "frames": FRAMES_OF, "copies": COPIES, "agents": agents}
+    session.write({**result, "scripts": scripts(args.episodes)})

@@ -1,6 +1,6 @@
 """Random actions and hand-written controllers in every environment, next to the paper's measurements on its robots.
 
-    python benchmarks/baselines.py
+    python -m benchmarks baselines
 
 One process, one thread. The paper's numbers are means and standard deviations over five episodes on LEGO robots (its tables 2
 and 3); those of its simulations are from the same robots.
@@ -8,20 +8,19 @@ and 3); those of its simulations are from the same robots.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import torch
-from machine import RESULTS, command, write
-from scripted import CONTROLLERS
 from tensordict import TensorDictBase
 from torch import Tensor
 
 import bricksrl
+from benchmarks.paper import RETURNS, SUCCESS
+from benchmarks.scripted import CONTROLLERS
+from benchmarks.session import Session
 from bricksrl.envs.rollout import seed_episode
-from bricksrl.evaluation.paper import RETURNS, SUCCESS
 from bricksrl.evaluation.statistics import mean, stratified_bootstrap_interval, wilson_interval
 
 REASONS = {
@@ -83,12 +82,12 @@ def paper_of(env_id: str) -> dict[str, Any] | None:
     return {"random": list(RETURNS[env_id]["random"])} | success
 
 
-def main() -> None:
-    """Measure and write; results of other environments stay in the file."""
-    parser = command(__doc__)
+def main(session: Session) -> None:
+    """Measure and write; results of other environments stay in the result."""
+    parser = session.parser
     parser.add_argument("--envs", nargs="+", default=list(CONTROLLERS), choices=list(CONTROLLERS))
     parser.add_argument("--episodes", type=int, default=50)
-    args = parser.parse_args()
+    args = session.parse()
     torch.set_num_threads(1)
     table: dict[str, Any] = {}
     for env_id in args.envs:
@@ -103,11 +102,6 @@ def main() -> None:
         if env_id in REASONS:
             table[env_id]["why_they_differ"] = REASONS[env_id]
         print(env_id, table[env_id], flush=True)
-    path = RESULTS / "baselines.json"
-    known: dict[str, Any] = json.loads(path.read_text())["environments"] if path.exists() else {}
+    known: dict[str, Any] = session.known().get("environments", {})
     known.update(table)
-    print(write("baselines", {"environments": {env_id: known[env_id] for env_id in CONTROLLERS if env_id in known}}))
-
-
-if __name__ == "__main__":
-    main()
+    session.write({"environments": {env_id: known[env_id] for env_id in CONTROLLERS if env_id in known}})

@@ -1,7 +1,7 @@
 """Learning speed in the camera task: success over episodes, steps and time.
 
-    python benchmarks/camera_learning.py --seeds 5
-    python benchmarks/camera_learning.py --preset paper --marks 100 250 --seeds 3
+    python -m benchmarks camera_learning --seeds 5
+    python -m benchmarks camera_learning --preset paper --marks 100 250 --seeds 3
 
 Initial episodes of random actions are included. Each agent trains in one process on one thread, pauses at each mark, and is
 evaluated there on ``EVALUATED_EPISODES`` deterministic episodes. Medians and ranges over the seeds; times are training times.
@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from machine import command, write
 
+from benchmarks.session import Session
 from bricksrl.agents import preset
 from bricksrl.evaluation import evaluate
 from bricksrl.training import RunResult, TrainConfig, resume, train
@@ -28,8 +28,15 @@ GOAL = 0.8
 """Success that counts as learned; the paper's agents reach 0.68 after 250 episodes."""
 
 
-def run(agent: str, name: str, seed: int, folder: Path, marks: list[int]) -> dict[str, Any]:
+def run(agent: str, name: str, seed: int, marks: list[int]) -> dict[str, Any]:
     """Train one agent from mark to mark."""
+    torch.set_num_threads(1)
+    with tempfile.TemporaryDirectory() as folder:
+        return run_in(Path(folder) / "run", agent, name, seed, marks)
+
+
+def run_in(folder: Path, agent: str, name: str, seed: int, marks: list[int]) -> dict[str, Any]:
+    """Train one agent in a folder."""
     results: list[dict[str, Any]] = []
     cpu_s = wall_s = 0.0
     result: RunResult | None = None
@@ -77,25 +84,24 @@ def summary(runs: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return medians
 
 
-def main() -> None:
+def main(session: Session) -> None:
     """Train all and write the results."""
-    parser = command(__doc__)
+    parser = session.parser
     parser.add_argument("--agents", nargs="+", default=["sac"], choices=["sac", "td3"])
     parser.add_argument("--preset", default="default")
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--marks", type=int, nargs="+", default=[10, 25, 50, 100])
-    args = parser.parse_args()
-    torch.set_num_threads(1)
+    args = session.parse()
     results: dict[str, Any] = {}
+    ends = sorted(args.marks)
     for agent in args.agents:
-        with tempfile.TemporaryDirectory() as folder:
-            runs = [run(agent, args.preset, seed, Path(folder) / str(seed), sorted(args.marks)) for seed in range(args.seeds)]
+        jobs = {
+            f"{agent}-{args.preset}-{seed}-{'-'.join(map(str, ends))}": (agent, args.preset, seed, ends)
+            for seed in range(args.seeds)
+        }
+        runs = list(session.outcomes(run, jobs, processes=1))
         marks = summary(runs)
         learned = next((mark["episodes"] for mark in marks if mark["success_median"] >= GOAL), None)
         results[agent] = {"learned_after_episodes": learned, "summary": marks, "seeds": runs}
-    name = "camera_learning" if args.preset == "default" else f"camera_learning_{args.preset}"
-    print(write(name, {"env": ENV, "preset": args.preset, "evaluated_episodes": EVALUATED_EPISODES, "agents": results}))
-
-
-if __name__ == "__main__":
-    main()
+    result = {"env": ENV, "preset": args.preset, "evaluated_episodes": EVALUATED_EPISODES, "agents": results}
+    session.write(result, "" if args.preset == "default" else f"_{args.preset}")

@@ -1,6 +1,6 @@
 """Speed of the camera task on one core, rendered with OpenGL and by ray casting, and cost of its replay and its learning.
 
-    python benchmarks/camera_speed.py
+    python -m benchmarks camera_speed
 
 Random actions; medians over several runs. Takes a minute. MUJOCO_GL selects the OpenGL library.
 """
@@ -17,10 +17,10 @@ from unittest import mock
 
 import numpy as np
 import torch
-from machine import command, write
 from tensordict import TensorDict
 
 import bricksrl
+from benchmarks.session import Session
 from bricksrl.agents import make_learner, preset
 from bricksrl.envs.env import HubEnv
 from bricksrl.envs.tasks.robo_arm_mixed import GOAL
@@ -118,9 +118,9 @@ def learning(name: str) -> dict[str, float]:
     }
 
 
-def main() -> None:
+def main(session: Session) -> None:
     """Measure and write."""
-    command(__doc__).parse_args()
+    session.parse()
     torch.set_num_threads(1)
     torch.manual_seed(0)
     result: dict[str, Any] = {"env": ENV, "opengl": {**speed(), "drawn_with": os.environ.get("MUJOCO_GL", "")}}
@@ -128,8 +128,4 @@ def main() -> None:
         result["rays"] = speed()
     result["sac"] = {name: learning(name) for name in ("default", "paper")}
     print(result)
-    print(write("camera_speed", result))
-
-
-if __name__ == "__main__":
-    main()
+    session.write(result)

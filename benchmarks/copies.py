@@ -1,6 +1,6 @@
 """Learning from many simulated copies: CPU seconds until the deterministic policy reaches a return on WalkerSim-v0.
 
-    python benchmarks/copies.py [--seeds 5] [--limit 120]
+    python -m benchmarks copies [--seeds 5] [--limit 120]
 
 PPO with 4,096 copies to -12, SAC with 256 copies to -10.5, one thread, each run in its own process, start-up included. After
 each round (as many steps of all copies as an episode has) the policy is evaluated on deterministic episodes, which is included in
@@ -9,17 +9,13 @@ the time. A run that does not reach the return within ``--limit`` CPU seconds co
 
 from __future__ import annotations
 
-import json
-import os
 import statistics
-import subprocess
-import sys
 import tempfile
 import time
 from pathlib import Path
 from typing import Any
 
-from machine import ONE_THREAD, command, write
+from benchmarks.session import Session
 
 ENV = "WalkerSim-v0"
 GOALS = {"ppo": (4096, -12.0), "sac": (256, -10.5)}
@@ -29,12 +25,9 @@ EVALUATED = 40
 
 def run(agent: str, seed: int, limit_s: float) -> list[list[float]]:
     """CPU seconds, steps of all copies and mean return after each round."""
-    import torch
-    from stopping import StopWhen
-
+    from benchmarks.stopping import StopWhen
     from bricksrl.training import Episode, TrainConfig, train
 
-    torch.set_num_threads(1)
     copies, goal = GOALS[agent]
     rounds: list[list[float]] = []
 
@@ -60,23 +53,18 @@ def run(agent: str, seed: int, limit_s: float) -> list[list[float]]:
     return rounds
 
 
-def main() -> None:
+def main(session: Session) -> None:
     """Run all seeds and write the results."""
-
-    parser = command(__doc__)
+    parser = session.parser
     parser.add_argument("--agents", nargs="+", default=list(GOALS), choices=list(GOALS))
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--limit", type=float, default=120.0, help="CPU seconds of a run at most")
-    args = parser.parse_args()
+    args = session.parse()
     agents: dict[str, Any] = {}
     for agent in args.agents:
         copies, goal = GOALS[agent]
-        runs = []
-        for seed in range(args.seeds):
-            command_line = [sys.executable, __file__, "--run", agent, str(seed), str(args.limit)]
-            process = subprocess.run(command_line, env=os.environ | ONE_THREAD, capture_output=True, text=True, check=True)  # noqa: S603
-            runs.append(json.loads(process.stdout.splitlines()[-1]))
-            print(agent, seed, runs[-1][-1], flush=True)
+        jobs = {f"{agent}-{seed}-{args.limit:g}": (agent, seed, args.limit) for seed in range(args.seeds)}
+        runs = list(session.outcomes(run, jobs, processes=1, fresh=True))
         times = [rounds[-1][0] if rounds[-1][2] >= goal else args.limit for rounds in runs]
         agents[agent] = {
             "copies": copies,
@@ -88,11 +76,4 @@ def main() -> None:
         }
         result = agents[agent]
         print(f"{agent}: {result['cpu_s_median']} CPU s to {goal}, {result['reached']} of {len(runs)}")
-    print(write("copies", {"setup": {"env": ENV, "evaluated": EVALUATED, "limit_s": args.limit}, "agents": agents}))
-
-
-if __name__ == "__main__":
-    if sys.argv[1:2] == ["--run"]:
-        print(json.dumps(run(sys.argv[2], int(sys.argv[3]), float(sys.argv[4]))))
-    else:
-        main()
+    session.write({"setup": {"env": ENV, "evaluated": EVALUATED, "limit_s": args.limit}, "agents": agents})

@@ -1,6 +1,6 @@
 """Cost of a CQL update: ours, with the gradient at drawn actions and at all of them, and TorchRL's ``CQLLoss``.
 
-    python benchmarks/cql_updates.py
+    python -m benchmarks cql_updates
 
 The paper's settings (10 sampled actions of each kind, networks of two layers of 256, batches of 256), an observation of 8 numbers
 and an action of 4, one thread. All take turns for ``ROUNDS`` rounds in one process; medians of the CPU time and of the ratio in
@@ -13,11 +13,11 @@ import statistics
 import time
 
 import torch
-from contestants import ACTION, HIDDEN, OBSERVATION, UPDATES, Update, critic, learner_of, spec, stored
-from machine import command, write
 from torch import nn
 from torchrl.objectives import CQLLoss, SoftUpdate
 
+from benchmarks.contestants import ACTION, HIDDEN, OBSERVATION, UPDATES, Update, critic, learner_of, spec, stored
+from benchmarks.session import Session
 from bricksrl.agents.networks import gaussian_policy, mlp
 
 ROUNDS = 5
@@ -68,9 +68,9 @@ def torchrl() -> Update:
     return update
 
 
-def main() -> None:
+def main(session: Session) -> None:
     """Measure in turns and write the medians."""
-    command(__doc__).parse_args()
+    session.parse()
     torch.set_num_threads(1)
     torch.manual_seed(0)
     contestants = {"ours": ours(1), "ours, full gradient": ours(0), "torchrl": torchrl()}
@@ -82,8 +82,4 @@ def main() -> None:
     cpu_ms = {name: round(statistics.median(values), 2) for name, values in runs.items()}
     result = {"cpu_ms": cpu_ms, "updates_per_cpu_s": {name: round(1e3 / value, 1) for name, value in cpu_ms.items()}}
     print(result)
-    print(write("cql_updates", {**result, "cpu_ratio": round(ratio, 2), "rounds": ROUNDS}))
-
-
-if __name__ == "__main__":
-    main()
+    session.write({**result, "cpu_ratio": round(ratio, 2), "rounds": ROUNDS})

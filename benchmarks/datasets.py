@@ -1,6 +1,6 @@
 """The paper's datasets, recorded on the virtual robots, and their table next to the paper's.
 
-    python benchmarks/datasets.py --out runs/datasets
+    python -m benchmarks datasets
 
 For each of the four tasks a SAC agent is trained, and two datasets are recorded: of the trained agent (expert) and of random
 actions, ``--episodes`` each. They are in ``<out>/<task>-expert`` and ``<out>/<task>-random``, the runs in ``<out>/<task>-sac``;
@@ -9,19 +9,21 @@ existing ones are kept. Tasks run in parallel, one per core.
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from machine import command, write
-
-from bricksrl.evaluation.paper import DATASETS
+from benchmarks.paper import DATASETS
+from benchmarks.parts import Failure, outcomes
+from benchmarks.session import Session
+from bricksrl.errors import RunError
 
 TASKS = {"Walker-v0": 75, "RoboArm-v0": 250, "RunAway-v0": 40, "Spinning-v0": 15}
 """Episodes of training, as many as the paper's."""
 SEED = 0
+FOLDER = Path("runs/datasets")
 
 
 def make(env_id: str, out: Path, episodes: int, trained: int) -> dict[str, Any]:
@@ -67,8 +69,25 @@ def record(env_id: str, path: Path, run: Path | None, episodes: int) -> None:
     unfinished.rename(path)
 
 
-def _job(job: tuple[str, Path, int, int]) -> tuple[str, dict[str, Any]]:
-    return job[0], make(*job)
+def made(
+    out: Path,
+    tasks: Sequence[str],
+    episodes: int = 100,
+    trained: int | None = None,
+    *,
+    quick: bool = False,
+    processes: int | None = None,
+) -> dict[str, dict[str, Any]]:
+    """Summaries of the datasets by task; those that are missing in the folder ``out`` are recorded."""
+    if quick:
+        episodes, trained = 2, 2
+    jobs = [(task, out, episodes, trained or TASKS[task]) for task in tasks]
+    parts = {out / f"{task}-{episodes}-{trained}.json": job for job in jobs for task, _, episodes, trained in (job,)}
+    results = dict(zip(tasks, outcomes(make, parts, processes), strict=True))
+    for task, result in results.items():
+        if isinstance(result, Failure):
+            raise RunError(f"{task}: {result}")
+    return results
 
 
 def table(results: dict[str, dict[str, Any]]) -> list[str]:
@@ -85,32 +104,18 @@ def table(results: dict[str, dict[str, Any]]) -> list[str]:
     return lines
 
 
-def main() -> None:
+def main(session: Session) -> None:
     """Run from the command line."""
-    parser = command(__doc__)
-    parser.add_argument("--out", type=Path, default=Path("runs/datasets"))
+    parser = session.parser
+    parser.add_argument("--out", type=Path, help=f"folder of the datasets (default: {FOLDER})")
     parser.add_argument("--tasks", nargs="+", choices=sorted(TASKS), default=list(TASKS))
     parser.add_argument("--episodes", type=int, default=100, help="of each dataset")
     parser.add_argument("--trained", type=int, help="episodes of training, in place of the paper's")
-    parser.add_argument("--processes", type=int, default=os.cpu_count())
-    parser.add_argument("--no-result", action="store_true", help="print the table and leave results/datasets.json as it is")
-    args = parser.parse_args()
-    os.environ.setdefault("OMP_NUM_THREADS", "1")
-    args.out.mkdir(parents=True, exist_ok=True)
-    jobs = [(task, args.out, args.episodes, args.trained or TASKS[task]) for task in args.tasks]
+    args = session.parse()
     started_s = time.perf_counter()
-    results: dict[str, dict[str, Any]] = {}
-    with multiprocessing.get_context("spawn").Pool(args.processes, maxtasksperchild=1) as pool:
-        for env_id, result in pool.imap_unordered(_job, jobs, chunksize=1):
-            results[env_id] = result
-            print(f"{env_id}: {result['seconds']:.0f} s", flush=True)
-    results = {task: results[task] for task in args.tasks}
+    out = args.out or session.place_of(FOLDER)
+    results = made(out, args.tasks, args.episodes, args.trained, processes=session.jobs)
     for line in table(results):
         print(line)
     print("in brackets: the paper's")
-    if not args.no_result:
-        print(write("datasets", {"seed": SEED, "tasks": results, "paper": DATASETS, "seconds": time.perf_counter() - started_s}))
-
-
-if __name__ == "__main__":
-    main()
+    session.write({"seed": SEED, "tasks": results, "paper": DATASETS, "seconds": time.perf_counter() - started_s})

@@ -1,6 +1,6 @@
 """Time until the motors stop after an emergency stop, over Bluetooth simulated by Bumble at several connection intervals.
 
-    python benchmarks/emergency_stop.py
+    python -m benchmarks emergency_stop
 
 Two moments: in the middle of a step, when the computer waits for the answer and only sends keepalives; and any moment of short
 steps in close succession, where a write always waits for its acknowledgement. Bluetooth lets no other write overtake it, so the
@@ -18,7 +18,7 @@ import threading
 import time
 from pathlib import Path
 
-from machine import command, write
+from benchmarks.session import Session
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "packages/brickhub/tests"))
 sys.path.insert(0, str(Path(__file__).parents[1] / "packages/brickhub/tests/hub"))
@@ -66,9 +66,10 @@ def trial(world: World, link: HubLink, rng: random.Random) -> tuple[float, int]:
     return 1000 * stop_s, events
 
 
-def main() -> None:
+def main(session: Session) -> None:
     """Measure, print, and write the results."""
-    command(__doc__).parse_args()
+    session.parser.add_argument("--trials", type=int, default=TRIALS)
+    trials = session.parse().trials
     rng, results = random.Random(0), []
     for interval_ms in INTERVALS_MS:
         for moment, step_ms in MOMENTS.items():
@@ -78,13 +79,13 @@ def main() -> None:
                     link = world.link(interface(step_ms), timeout_s=20.0, answer_timeout_s=2.0)
                     link.open()
                     world.set_interval(interval_ms)
-                    stop_ms, events = zip(*(trial(world, link, rng) for _ in range(TRIALS)), strict=True)
+                    stop_ms, events = zip(*(trial(world, link, rng) for _ in range(trials)), strict=True)
                 finally:
                     world.close()
             row = {
                 "interval_ms": interval_ms,
                 "moment": moment,
-                "trials": TRIALS,
+                "trials": trials,
                 "median_ms": round(statistics.median(stop_ms), 1),
                 "max_ms": round(max(stop_ms), 1),
                 "median_intervals": round(statistics.median(stop_ms) / interval_ms, 2),
@@ -94,8 +95,4 @@ def main() -> None:
             }
             results.append(row)
             sys.stdout.write(f"{row}\n")
-    write("emergency_stop", {"results": results})
-
-
-if __name__ == "__main__":
-    main()
+    session.write({"results": results})

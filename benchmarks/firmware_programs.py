@@ -5,7 +5,7 @@
     sed -i 's/% 16/% 50000/' lib/pbio/drv/clock/clock_test.c
     sed -i 's/initial_angle = 123456/initial_angle = 0/' lib/pbio/platform/virtual_hub/platform.c
     make -C bricks/virtualhub BUILD=build CI_MODE=1
-    python benchmarks/firmware_programs.py pybricks-micropython/bricks/virtualhub/build/pybricks-virtualhub
+    python -m benchmarks firmware_programs pybricks-micropython/bricks/virtualhub/build/pybricks-virtualhub
 
 A program is the same if both print the same, to the last digit. The others are kept in ``--keep`` with both outputs. The firmware
 is changed twice: its clock stands still while a program computes, and its motors start at 0 degrees, as here. It compiles
@@ -24,8 +24,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from machine import command, write
-
+from benchmarks.session import Session
 from brickhub.virtual.run import run_file
 
 FIRMWARE = "v4.1.0b2"
@@ -256,14 +255,14 @@ def compare(kind: str, number: int, binary: Path, folder: Path) -> tuple[str, st
     return source, on_virtual_hub(program), on_firmware(binary, program)
 
 
-def main() -> None:
-    parser = command(__doc__)
+def main(session: Session) -> None:
+    parser = session.parser
     parser.add_argument("binary", type=Path, help="the firmware, built for a computer")
     parser.add_argument("--programs", type=int, default=300, help="programs of each kind (default: 300)")
     parser.add_argument("--first", type=int, default=0, help="number of the first one (default: 0)")
     parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS))
     parser.add_argument("--keep", type=Path, help="folder for the programs that differ")
-    args = parser.parse_args()
+    args = session.parse()
     numbers = range(args.first, args.first + args.programs)
     result: dict[str, Any] = {"firmware": FIRMWARE, "kinds": {}}
     for kind in args.kinds:
@@ -280,8 +279,4 @@ def main() -> None:
         print(f"{kind}: {len(numbers) - len(differ)} of {len(numbers)} the same; differ: {differ}", flush=True)
         result["kinds"][kind] = {"programs": len(numbers), "same": len(numbers) - len(differ), "differ": differ}
     if args.first == 0:
-        print(write("firmware_programs", result))
-
-
-if __name__ == "__main__":
-    main()
+        session.write(result)

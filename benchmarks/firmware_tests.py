@@ -1,7 +1,7 @@
 """Programs with expected output, run on the virtual hub, such as the firmware's tests.
 
     git clone https://github.com/pybricks/pybricks-micropython
-    python benchmarks/firmware_tests.py pybricks-micropython/tests/virtualhub
+    python -m benchmarks firmware_tests pybricks-micropython/tests/virtualhub
 
 Runs every program below the folder with a file of its expected output (``x.py.exp`` or ``x.exp``), on the bench. Programs that
 cannot run on a hub are counted separately, with the reason: they skip themselves, or need a module or long integers that no hub
@@ -17,7 +17,7 @@ import sys
 from collections import Counter, defaultdict
 from pathlib import Path
 
-from machine import command, write
+from benchmarks.session import Session
 
 _RUN = """
 import sys
@@ -62,13 +62,13 @@ def verdict(printed: str, expected: str) -> str:
     return f"differs: {actual!r}, expected {right!r}"
 
 
-def main() -> None:
-    parser = command(__doc__)
+def main(session: Session) -> None:
+    parser = session.parser
     parser.add_argument("folder", type=Path, help="where the programs are")
     parser.add_argument("--robot", default="bench", help="the virtual robot that they run on (default: bench)")
     parser.add_argument("--time-limit-s", type=float, default=60.0, help="simulated seconds for each (default: 60)")
     parser.add_argument("--timeout-s", type=float, default=60.0, help="real seconds for each (default: 60)")
-    args = parser.parse_args()
+    args = session.parse()
     folders: defaultdict[str, Counter[str]] = defaultdict(Counter)
     differences: dict[str, str] = {}
     for program in sorted(args.folder.rglob("*.py")):
@@ -83,8 +83,4 @@ def main() -> None:
         folders[name.parent.as_posix()][result.partition(":")[0]] += 1
     for folder, counts in folders.items():
         print(folder, dict(counts))
-    print(write("firmware_tests", {"folders": {name: dict(c) for name, c in folders.items()}, "differences": differences}))
-
-
-if __name__ == "__main__":
-    main()
+    session.write({"folders": {name: dict(c) for name, c in folders.items()}, "differences": differences})

@@ -1,6 +1,6 @@
 """Fleet: four virtual robots in real time compared with one, and a link that is cut for half a minute.
 
-    python benchmarks/fleet.py --seeds 10
+    python -m benchmarks fleet --seeds 10
 
 Each run is `bricksrl train RunAway-v0 --realtime` with SAC's default settings, with one robot and with four. Measured is the wall
 time from the first robot's first step to the end of three, and of ten, consecutive episodes with a return of 20 of 20. Start-up
@@ -13,19 +13,17 @@ that are not successive steps of one robot.
 
 from __future__ import annotations
 
-import argparse
-import json
 import tempfile
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from machine import RESULTS, command, describe, write
 
+from benchmarks.machine import describe
+from benchmarks.session import Session
 from bricksrl.evaluation.statistics import FEWEST_SEEDS, interquartile_mean, stratified_bootstrap_interval
 from bricksrl.training import Callback, Episode, Progress, RobotState, TrainConfig, train
 
@@ -56,7 +54,7 @@ class UntilSolved(Callback):
             self.stop.set()
 
 
-def race(robots: int, seed: int, episodes: int, *, realtime: bool) -> dict[str, Any]:
+def race(robots: int, seed: int, episodes: int, realtime: bool) -> dict[str, Any]:
     """Result of one run, which ends soon after it is solved."""
     notes = UntilSolved()
     with tempfile.TemporaryDirectory() as folder:
@@ -164,49 +162,39 @@ def summary_of(runs: list[dict[str, Any]], count: int) -> dict[str, Any]:
     return summary
 
 
-def races(args: argparse.Namespace, known: dict[str, Any], on_result: Callable[[dict[str, Any]], object]) -> dict[str, Any]:
+def races(session: Session, seeds: int, episodes: int, *, realtime: bool) -> dict[str, Any]:
     """Results of one robot and of four, with all seeds in turn, and the speedup."""
-    results: dict[str, Any] = {"1_robot": {}, "4_robots": {}}
-    runs = {name: known.get(name, {}).get("runs", []) for name in results}
-    for seed in range(args.seeds):
-        for name, robots in (("1_robot", 1), ("4_robots", 4)):
-            if len(runs[name]) <= seed:
-                runs[name].append(race(robots, seed, args.episodes, realtime=not args.simulated))
-                print(robots, runs[name][-1], flush=True)
-            summaries = {str(count): summary_of(runs[name], count) for count in IN_A_ROW}
-            results[name] = {"runs": runs[name], "in_a_row": summaries}
-        for ratio, value in (("times_as_fast", "solved_s_iqm"), ("times_fewer_steps_of_a_robot", "steps_of_a_robot_iqm")):
-            results[ratio] = {}
-            for count in map(str, IN_A_ROW):
-                one_robot, four_robots = (results[name]["in_a_row"][count].get(value) for name in ("1_robot", "4_robots"))
-                results[ratio][count] = None if one_robot is None or four_robots is None else round(one_robot / four_robots, 2)
-        on_result({**known, **results})
+    kind = "realtime" if realtime else "simulated"
+    jobs = {
+        f"{kind}-{seed}-{robots}-{episodes}": (robots, seed, episodes, realtime) for seed in range(seeds) for robots in (1, 4)
+    }
+    outcomes = list(session.outcomes(race, jobs, processes=1))
+    results: dict[str, Any] = {}
+    for name, runs in (("1_robot", outcomes[::2]), ("4_robots", outcomes[1::2])):
+        results[name] = {"runs": runs, "in_a_row": {str(count): summary_of(runs, count) for count in IN_A_ROW}}
+    for ratio, value in (("times_as_fast", "solved_s_iqm"), ("times_fewer_steps_of_a_robot", "steps_of_a_robot_iqm")):
+        results[ratio] = {}
+        for count in map(str, IN_A_ROW):
+            one_robot, four_robots = (results[name]["in_a_row"][count].get(value) for name in ("1_robot", "4_robots"))
+            results[ratio][count] = None if one_robot is None or four_robots is None else round(one_robot / four_robots, 2)
     return results
 
 
-def main() -> None:
+def main(session: Session) -> None:
     """Measure all and write the results."""
-    parser = command(__doc__)
+    parser = session.parser
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--episodes", type=int, default=60, help="at most, of each run")
-    parser.add_argument("--go-on", action="store_true", help="keep the runs that the results hold")
     parser.add_argument("--cut-episodes", type=int, default=150, help="at most, of the run with a cut")
     parser.add_argument("--simulated", action="store_true", help="in simulated time: the steps only, added to the results")
-    args = parser.parse_args()
-    path = RESULTS / "fleet.json"
-    known: dict[str, Any] = json.loads(path.read_text()) if path.exists() else {}
+    args = session.parse()
+    known = session.known()
     if args.simulated:
-        previous = known.get("simulated", {}) if args.go_on else {}
-        result = races(args, previous, lambda partial: write("fleet", {**known, "simulated": partial}))
-        print(write("fleet", {**known, "simulated": {**result, **describe()}}))
+        session.write({**known, "simulated": {**races(session, args.seeds, args.episodes, realtime=False), **describe()}})
         return
     results: dict[str, Any] = {"environment": ENV, "agent": "sac", "goal": f"{IN_A_ROW} episodes in a row of {GOAL:g}"}
     results |= {name: known[name] for name in ("simulated",) if name in known}
-    results |= races(args, known if args.go_on else {}, lambda partial: write("fleet", {**known, **results, **partial}))
-    results["cut"] = with_a_cut(args.cut_episodes)
+    results |= races(session, args.seeds, args.episodes, realtime=True)
+    (results["cut"],) = session.outcomes(with_a_cut, {f"cut-{args.cut_episodes}": (args.cut_episodes,)}, processes=1)
     print(results["times_as_fast"], results["cut"], flush=True)
-    print(write("fleet", results))
-
-
-if __name__ == "__main__":
-    main()
+    session.write(results)

@@ -1,11 +1,17 @@
-"""Intervals and tables in Markdown."""
+"""Numbers, intervals and tables in Markdown."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
 from bricksrl.evaluation.statistics import FEWEST_SEEDS
-from bricksrl.evaluation.study_page import markdown_table, number
+
+
+def number(value: float | None) -> str:
+    """Three or four significant digits; an empty string for ``None``."""
+    if value is None:
+        return ""
+    return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
 
 
 def within(value: float, interval: Iterable[float], seeds: int = FEWEST_SEEDS) -> str:
@@ -14,6 +20,11 @@ def within(value: float, interval: Iterable[float], seeds: int = FEWEST_SEEDS) -
         return number(value)
     low, high = interval
     return f"{number(value)} [{number(low)}, {number(high)}]"
+
+
+def markdown_table(head: Sequence[str], rows: Iterable[Iterable[str]]) -> list[str]:
+    """Lines of a table; ``head`` are the names of its columns."""
+    return ["| " + " | ".join(line) + " |" for line in (head, ["---"] * len(head), *rows)]
 
 
 def table(head: Sequence[str], rows: Iterable[Iterable[str]]) -> str:

@@ -1,6 +1,6 @@
 """Learning speed in the simulations: return and success over robot steps, CPU time and wall time.
 
-    python benchmarks/learning.py --agents sac td3 --seeds 10 --episodes 25
+    python -m benchmarks learning --agents sac td3 --seeds 10 --episodes 25
 
 Initial episodes of random actions are included. Each run pauses at each mark, at the end of the episode that reaches it, is
 evaluated there on ``EVALUATED_EPISODES`` deterministic episodes, and is resumed from its checkpoint, bit for bit. One process per
@@ -10,21 +10,16 @@ shows the return over robot steps, CPU time and wall time. Earlier results of ot
 
 from __future__ import annotations
 
-import json
-import multiprocessing
-import os
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from machine import ONE_THREAD, RESULTS, command, write
-from stopping import StopWhen
-
+from benchmarks.session import Session
+from benchmarks.stopping import StopWhen
 from bricksrl.agents import AGENTS, preset
 from bricksrl.training import Episode, TrainConfig, resume, train
 
@@ -38,40 +33,30 @@ MARKS = {
 EVALUATED_EPISODES = 40
 
 
-@dataclass(frozen=True)
-class Job:
-    """One run."""
-
-    env: str
-    agent: str
-    preset: str
-    seed: int
-    marks: tuple[int, ...]
-    changes: tuple[tuple[str, Any], ...] = ()
-    """Settings that differ from the preset's, as names and values."""
-
-
 def has_made(steps: int, episode: Episode) -> bool:
     """Whether a run has made this number of robot steps."""
     return episode.steps >= steps
 
 
-def run(job: Job) -> list[dict[str, Any]]:
-    """Train one agent from mark to mark; returns its evaluation and the training time at each."""
+def run(
+    env: str, agent: str, preset_name: str, seed: int, marks: Sequence[int], changes: Mapping[str, Any]
+) -> list[dict[str, Any]]:
+    """Train one agent, whose settings are the preset's with these changes, from mark to mark; returns its evaluation and the
+    training time at each."""
     from bricksrl.evaluation import evaluate
 
     results: list[dict[str, Any]] = []
     cpu_s = wall_s = 0.0
     with tempfile.TemporaryDirectory() as parent:
         folder = Path(parent) / "run"
-        for mark in job.marks:
+        for mark in marks:
             callback = StopWhen(partial(has_made, mark))
             started = time.process_time(), time.perf_counter()
             if results:
                 result = resume(folder, callback, stop=callback.stop)
             else:
-                settings = replace(preset(job.preset, job.agent), **dict(job.changes))
-                config = TrainConfig(job.env, job.agent, job.marks[-1], job.seed, settings=settings, record=False, run_dir=folder)
+                settings = replace(preset(preset_name, agent), **changes)
+                config = TrainConfig(env, agent, marks[-1], seed, settings=settings, record=False, run_dir=folder)
                 result = train(config, callback, stop=callback.stop)
             cpu_s, wall_s = cpu_s + time.process_time() - started[0], wall_s + time.perf_counter() - started[1]
             outcome = evaluate(folder, episodes=EVALUATED_EPISODES, save=False)
@@ -137,63 +122,34 @@ def draw(path: Path, environments: dict[str, Any]) -> None:
     save(figure, path, 110)
 
 
-def pin(cores: Any) -> None:
-    """Pin this process to its own core, with one thread."""
-    import torch
-
-    torch.set_num_threads(1)
-    core = cores.get()
-    if hasattr(os, "sched_setaffinity"):
-        os.sched_setaffinity(0, {core})
-
-
-def cores_here() -> list[int]:
-    """The cores that this process may use."""
-    return sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else list(range(os.cpu_count() or 1))
-
-
-def run_all(jobs: Sequence[Job]) -> Iterator[list[dict[str, Any]]]:
-    """Results of the jobs, in order; one process per core, with one thread each."""
-    os.environ.update(ONE_THREAD)  # before torch is loaded, in the processes
-    context = multiprocessing.get_context("spawn")
-    cores = context.Queue()
-    for core in cores_here():
-        cores.put(core)
-    with ProcessPoolExecutor(len(cores_here()), context, pin, (cores,)) as pool:
-        yield from pool.map(run, jobs)
-
-
-def main() -> None:
+def main(session: Session) -> None:
     """Train all and write the results."""
-    parser = command(__doc__)
+    parser = session.parser
     parser.add_argument("--envs", nargs="+", default=["WalkerSim-v0", "RoboArmSim-v0"], choices=list(MARKS))
     parser.add_argument("--agents", nargs="+", default=["sac"], choices=AGENTS)
     parser.add_argument("--preset", default="default")
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--episodes", type=int, default=25, help=f"as many times {LENGTH} steps, those of the start included")
-    args = parser.parse_args()
+    args = session.parse()
     end = args.episodes * LENGTH
-    jobs = [
-        Job(env, agent, args.preset, seed, (*(mark for mark in MARKS[env] if mark < end), end))
+    jobs: dict[str, tuple[Any, ...]] = {
+        f"{env}-{agent}-{args.preset}-{seed}-{end}": (
+            *(env, agent, args.preset, seed),
+            [*(mark for mark in MARKS[env] if mark < end), end],
+            {},
+        )
         for env in args.envs
         for agent in args.agents
         for seed in range(args.seeds)
-    ]
+    }
+    variant = "" if args.preset == "default" else f"_{args.preset}"
+    known: dict[str, Any] = session.known(variant).get("environments", {})
     environments: dict[str, Any] = {env: {agent: {"seeds": []} for agent in args.agents} for env in args.envs}
-    for job, result in zip(jobs, run_all(jobs), strict=True):
-        environments[job.env][job.agent]["seeds"].append(result)
-        print(job.env, job.agent, job.seed, [(m["steps"], m["return"], m["success_rate"]) for m in result], flush=True)
-    for agents in environments.values():
-        for result_of_agent in agents.values():
-            result_of_agent["summary"] = summary(result_of_agent["seeds"])
-    name = "learning" if args.preset == "default" else f"learning_{args.preset}"
-    path = RESULTS / f"{name}.json"
-    known: dict[str, Any] = json.loads(path.read_text())["environments"] if path.exists() else {}
+    for (env, agent, *_), result in zip(jobs.values(), session.outcomes(run, jobs), strict=True):
+        environments[env][agent]["seeds"].append(result)
     for env, agents in environments.items():
+        for entry in agents.values():
+            entry["summary"] = summary(entry["seeds"])
         known.setdefault(env, {}).update(agents)
-    print(write(name, {"setup": {"preset": args.preset, "evaluated_episodes": EVALUATED_EPISODES}, "environments": known}))
-    draw(path.with_suffix(".png"), known)
-
-
-if __name__ == "__main__":
-    main()
+    session.write({"setup": {"preset": args.preset, "evaluated_episodes": EVALUATED_EPISODES}, "environments": known}, variant)
+    draw(session.path(variant).with_suffix(".png"), known)

@@ -1,6 +1,6 @@
 """LeRobot's commands on virtual robots: record and replay the Walker; record the RoboArm, train policies, record with them.
 
-    python benchmarks/lerobot_commands.py --lerobot PYTHON
+    python -m benchmarks lerobot_commands --lerobot PYTHON
 
 PYTHON is the interpreter of an environment with LeRobot, this package and its plugin (see
 `plugins/lerobot_robot_bricksrl/README.md`). The commands run unchanged, in their own processes, which log the actions sent to the
@@ -20,7 +20,8 @@ from pathlib import Path
 from typing import Any
 
 import pyarrow.parquet as pq
-from machine import command, write
+
+from benchmarks.session import Session
 
 FPS, EPISODES, EPISODE_S = 4, 2, 5
 WALKER = ("--robot.type=bricksrl_walker", "--robot.id=w", "--robot.seed=1")
@@ -164,18 +165,14 @@ def read(python: str, root: Path) -> int:
     return len(answer["episodes"])
 
 
-def main() -> None:
+def main(session: Session) -> None:
     """Run them and write the results."""
-    parser = command(__doc__)
+    parser = session.parser
     parser.add_argument("--lerobot", metavar="PYTHON", required=True, help="the Python of an environment that has LeRobot")
-    python = parser.parse_args().lerobot
+    python = session.parse().lerobot
     process = subprocess.run([python, "-I", "-c", VERSIONS % PACKAGES], check=True, capture_output=True, text=True)  # noqa: S603
     with tempfile.TemporaryDirectory() as folder:
         walker, arm = replay(python, Path(folder)), policies(python, Path(folder))
     measured = {"bricksrl_walker": walker, "RoboArm_mixed-v0": arm}
     result = {"robots": "virtual", "fps": FPS, **measured, "with": json.loads(process.stdout)}
-    print(json.dumps(result, indent=2), write("lerobot_commands", result))
-
-
-if __name__ == "__main__":
-    main()
+    session.write(result)

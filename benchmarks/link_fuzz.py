@@ -1,6 +1,6 @@
 """Fuzzing of the frame decoders: for any bytes, only our exceptions, and resynchronisation within two frames.
 
-    python benchmarks/link_fuzz.py --seconds 600
+    python -m benchmarks link_fuzz --seconds 600
 
 Every decoded stream is compared with what was sent. A checksum of 8 bits misses some damage: of streams damaged in several
 places, about one frame in 256 candidates passes; these are counted. It always detects one flipped bit, and a burst within a byte.
@@ -12,8 +12,7 @@ import random
 import time
 from collections import Counter
 
-from machine import command, write
-
+from benchmarks.session import Session
 from brickhub.hub.protocol import UP_PAYLOAD_BYTES, DataFrame, FrameDecoder, Up, control_frame, data_frame, hello_payload
 from brickhub.hub.transports import cobs
 from brickhub.hub.transports.profile import parse_capabilities, parse_event, parse_hub_kind, parse_version
@@ -103,12 +102,12 @@ def fuzz_profile(rng: random.Random, counts: Counter[str]) -> None:
             counts["refused with our error"] += 1
 
 
-def main() -> None:
+def main(session: Session) -> None:
     """Fuzz for some time."""
-    parser = command(__doc__)
+    parser = session.parser
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--seed", type=int, default=0)
-    args = parser.parse_args()
+    args = session.parse()
     rng, counts = random.Random(args.seed), Counter[str]()
     end_s = time.monotonic() + args.seconds
     while time.monotonic() < end_s:
@@ -117,8 +116,4 @@ def main() -> None:
                 fuzz(rng, counts)
             counts["streams"] += 2
     print(dict(counts))
-    print(write("link_fuzz", {"seed": args.seed, "seconds": args.seconds, "counts": dict(sorted(counts.items()))}))
-
-
-if __name__ == "__main__":
-    main()
+    session.write({"seed": args.seed, "seconds": args.seconds, "counts": dict(sorted(counts.items()))})

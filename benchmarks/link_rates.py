@@ -1,6 +1,6 @@
 """Rates of the link: lock-step and streaming over a simulated radio, and our own overhead without a radio.
 
-    python benchmarks/link_rates.py
+    python -m benchmarks link_rates
 
 Takes about a minute. The hub is simulated (Bumble delivers at connection events; the generated program runs in it), so this
 measures our side and the protocol; a real hub adds the radio's losses.
@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from machine import command, write
 
+from benchmarks.session import Session
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.link.streaming import StreamingLink
 from brickhub.hub.protocol import Up, control_frame, data_frame, hello_payload
@@ -26,7 +26,7 @@ from brickhub.hub.transport import HubProgram
 from bricksrl.envs import get_task
 from bricktwin.robots import TWO_WHEELER, WALKER
 
-TESTS = Path(__file__).parents[1] / "packages/brickhub/tests"
+TESTS = [str(Path(__file__).parents[1] / "packages/brickhub" / tests) for tests in ("tests", "tests/hub")]
 INTERVALS_MS = (7.5, 15.0, 30.0, 45.0)
 SECONDS = 4.0
 OVERHEAD_EXCHANGES = 5000
@@ -105,10 +105,10 @@ def overhead() -> dict[str, Any]:
     return {"exchanges": OVERHEAD_EXCHANGES, "wall": spread(wall_ms), "cpu": spread(cpu_ms)}
 
 
-def main() -> None:
+def main(session: Session) -> None:
     """Measure and write."""
-    command(__doc__).parse_args()
-    sys.path[:0] = [str(TESTS), str(TESTS / "hub")]
+    session.parse()
+    sys.path[:0] = TESTS
     ble_world = importlib.import_module("ble_world")
     result: dict[str, Any] = {"overhead_without_radio": overhead(), "lock_step": {}, "streaming": {}}
     print(result)
@@ -129,8 +129,4 @@ def main() -> None:
                 result["streaming"][f"{interval_ms:g} ms"] = stream(world, link, interval_ms)
                 print(interval_ms, result["streaming"][f"{interval_ms:g} ms"])
         world.close()
-    print(write("link_rates", result))
-
-
-if __name__ == "__main__":
-    main()
+    session.write(result)

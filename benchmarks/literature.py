@@ -1,19 +1,19 @@
 """What the literature offers, next to the default SAC, at equal robot steps.
 
-    python benchmarks/literature.py [--seeds 10]
+    python -m benchmarks literature [--seeds 10]
 
 Each variant is SAC with one change, or another algorithm of TorchRL with its default settings, and trains as in `learning.py`,
-with the same seeds. Networks are those of `networks.py`. Runs in the result are not repeated: an interrupted script resumes.
+with the same seeds. Networks are those of `networks.py`.
 """
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
-from learning import EVALUATED_EPISODES, Job, run_all, summary
-from machine import RESULTS, command, write
+from benchmarks.learning import EVALUATED_EPISODES, summary
+from benchmarks.learning import run as train_to_marks
+from benchmarks.session import Session
 
 MARKS = {"WalkerSim-v0": (500, 1000), "RoboArmSim-v0": (175, 400)}
 VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
@@ -30,30 +30,30 @@ VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
 NETWORKS = Path(__file__).with_name("networks.py")
 
 
-def job(env: str, variant: str, seed: int) -> Job:
+def run(env: str, variant: str, seed: int, marks: tuple[int, ...]) -> list[dict[str, Any]]:
     """The training of a variant."""
     agent, changes = VARIANTS[variant]
     changes = {name: f"{NETWORKS}:{value}" if name == "network" else value for name, value in changes.items()}
-    return Job(env, agent, "default", seed, MARKS[env], tuple(changes.items()))
+    return train_to_marks(env, agent, "default", seed, marks, changes)
 
 
-def main() -> None:
+def main(session: Session) -> None:
     """Train all and write the results."""
-    parser = command(__doc__)
+    parser = session.parser
     parser.add_argument("--seeds", type=int, default=10)
-    args = parser.parse_args()
-    path = RESULTS / "literature.json"
-    known: dict[str, Any] = json.loads(path.read_text())["environments"] if path.exists() else {}
-    results: dict[str, Any] = {env: {name: {"seeds": []} for name in VARIANTS} | known.get(env, {}) for env in MARKS}
-    wanted = [(env, name, seed) for env in MARKS for seed in range(args.seeds) for name in VARIANTS]
-    todo = [(env, name, seed) for env, name, seed in wanted if seed >= len(results[env][name]["seeds"])]
-    for (env, name, seed), result in zip(todo, run_all([job(*one) for one in todo]), strict=True):
-        runs = results[env][name]["seeds"]
-        runs.append(result)
-        results[env][name]["summary"] = summary(runs)
-        print(env, name, seed, [(mark["steps"], mark["return"], mark["success_rate"]) for mark in result], flush=True)
-        write("literature", {"setup": {"evaluated_episodes": EVALUATED_EPISODES}, "environments": results})
-
-
-if __name__ == "__main__":
-    main()
+    parser.add_argument("--variants", nargs="+", default=list(VARIANTS), choices=list(VARIANTS))
+    parser.add_argument("--steps", type=int, help="robot steps, in place of those of each environment")
+    args = session.parse()
+    jobs = {
+        f"{env}-{name}-{seed}-{args.steps or marks[-1]}": (env, name, seed, (args.steps,) if args.steps else marks)
+        for env, marks in MARKS.items()
+        for seed in range(args.seeds)
+        for name in args.variants
+    }
+    results: dict[str, Any] = {env: {name: {"seeds": []} for name in args.variants} for env in MARKS}
+    for (env, name, *_), outcome in zip(jobs.values(), session.outcomes(run, jobs), strict=True):
+        results[env][name]["seeds"].append(outcome)
+    for variants in results.values():
+        for entry in variants.values():
+            entry["summary"] = summary(entry["seeds"])
+    session.write({"setup": {"evaluated_episodes": EVALUATED_EPISODES}, "environments": results})

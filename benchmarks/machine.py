@@ -1,12 +1,7 @@
-"""Shared by all benchmarks: the command line, and a description of the machine and the versions.
-
-The description contains no name of a machine or a person.
-"""
+"""The machine and the versions that a result was measured with; no name of a machine or a person."""
 
 from __future__ import annotations
 
-import argparse
-import json
 import os
 import platform
 import re
@@ -15,8 +10,6 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-RESULTS = Path(os.environ.get("BRICKSRL_RESULTS", Path(__file__).parent / "results"))
-"""Folder of the results; `bricksrl study` sets another one for its quick forms."""
 ONE_THREAD = {
     "OMP_NUM_THREADS": "1",
     "MKL_NUM_THREADS": "1",
@@ -28,11 +21,6 @@ ONE_THREAD = {
 }
 """Environment variables for one thread in any library; to be set before torch or JAX is loaded."""
 _PACKAGES = ("brickhub", "bricktwin", "bricksrl", "torch", "torchrl", "tensordict", "mujoco", "numpy", "greenlet")
-
-
-def command(description: str | None) -> argparse.ArgumentParser:
-    """A command line whose ``--help`` is the benchmark's docstring."""
-    return argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
 
 
 def describe() -> dict[str, Any]:
@@ -50,14 +38,6 @@ def _versions() -> dict[str, str]:
         with suppress(metadata.PackageNotFoundError):
             versions[name] = metadata.version(name)
     return versions
-
-
-def write(name: str, result: dict[str, Any]) -> Path:
-    """Write a result, with machine and versions, to ``results/<name>.json``."""
-    RESULTS.mkdir(exist_ok=True)
-    path = RESULTS / f"{name}.json"
-    path.write_text(json.dumps({**result, **describe()}, indent=2) + "\n")
-    return path
 
 
 def _processor() -> str:

@@ -1,6 +1,6 @@
 """Peak memory of a short training run, and of an agent with a full replay buffer.
 
-    python benchmarks/memory.py
+    python -m benchmarks memory
 
 Each runs in its own process; MiB of resident memory. A full buffer has a million transitions, and is saved once.
 """
@@ -14,7 +14,7 @@ from collections.abc import Callable
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from machine import command, write
+from benchmarks.session import Session
 
 ENV = "WalkerSim-v0"
 
@@ -56,9 +56,9 @@ def peak(work: Callable[[], None], connection: Connection) -> None:
     connection.send(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 2**20)
 
 
-def main() -> None:
+def main(session: Session) -> None:
     """Measure both and write them."""
-    command(__doc__).parse_args()
+    session.parse()
     context = multiprocessing.get_context("spawn")
     peaks: dict[str, int] = {}
     for work in (short_run, full_buffer):
@@ -68,8 +68,4 @@ def main() -> None:
         peaks[f"{work.__name__}_mib"] = round(receiver.recv())
         process.join()
         print(work.__name__, peaks[f"{work.__name__}_mib"], "MiB", flush=True)
-    print(write("memory", {"environment": ENV, "peak": peaks}))
-
-
-if __name__ == "__main__":
-    main()
+    session.write({"environment": ENV, "peak": peaks})

@@ -1,7 +1,7 @@
 """GIFs of robots before and after learning, for the README, from the films of runs.
 
     bricksrl train Walker-v1 --episodes 20 --seed 0 --run runs/walker
-    python benchmarks/moving_pictures.py runs/walker
+    python -m benchmarks moving_pictures runs/walker
 
 Writes ``docs/images/<environment>_learning.gif``, with as many pixels and colours as fit into a megabyte. A film may be given
 instead of a run.
@@ -15,9 +15,9 @@ from pathlib import Path
 
 import imageio_ffmpeg
 import numpy as np
-from machine import command
 from PIL import Image
 
+from benchmarks.session import Session
 from bricksrl.training import RunFolder
 
 FOLDER = Path(__file__).parents[1] / "docs" / "images"
@@ -58,10 +58,10 @@ def gif(pictures: list[Image.Image], width: int, colours: int) -> bytes:
     return data.getvalue()
 
 
-def main() -> None:
-    parser = command(__doc__)
+def main(session: Session) -> None:
+    parser = session.parser
     parser.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="folder of a run that was filmed, or a film")
-    for run in parser.parse_args().runs:
+    for run in session.parse().runs:
         is_film = run.suffix == ".mp4"
         pictures = list(frames(run if is_film else run / "before_after.mp4"))
         name = run.stem if is_film else f"{RunFolder(run).read_config().env.lower().replace('-', '_')}_learning"
@@ -69,10 +69,6 @@ def main() -> None:
             data = gif(pictures, width, colours)
             if len(data) < MAX_BYTES:
                 break
-        path = FOLDER / f"{name}.gif"
+        path = session.place_of(FOLDER) / f"{name}.gif"
         path.write_bytes(data)
         print(f"{path}: {len(data) / 1000:.0f} kB, {width} px wide, {colours} colours, {len(pictures)} pictures")
-
-
-if __name__ == "__main__":
-    main()

@@ -26,8 +26,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from machine import command as command_line
-from machine import write
+from benchmarks.session import Session
 
 LONGEST_S = 60
 VALUES = (
@@ -370,12 +369,12 @@ def cases(shop: Workshop, seed: int, scale: float) -> Iterator[Case]:
     yield from signal_cases(rng, round(20 * scale))
 
 
-def main() -> int:
+def main(session: Session) -> int:
     """Try all inputs, print faults, write the result."""
-    parser = command_line(__doc__)
+    parser = session.parser
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--scale", type=float, default=1.0, help="share of the 500 inputs")
-    args = parser.parse_args()
+    args = session.parse()
     os.environ["MUJOCO_GL"] = "disable"
     tried: Counter[str] = Counter()
     faults: list[dict[str, str]] = []
@@ -398,10 +397,6 @@ def main() -> int:
         "seconds": round(time.monotonic() - start_s),
     }
     print(f"{sum(tried.values())} inputs, {len(faults)} faults, {result['seconds']} s")
-    if args.scale == 1.0:
-        print(write("odd_inputs", result))
+    if args.scale == 1.0 or session.is_apart:
+        session.write(result)
     return 1 if faults else 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,32 +1,27 @@
 """The paper's table of offline learning, measured on the virtual robots, next to the paper's numbers.
 
-    python benchmarks/datasets.py --out runs/datasets
-    python benchmarks/offline.py --seeds 5
+    python -m benchmarks offline --seeds 5
 
 Each agent learns from each dataset with the paper's settings and number of updates, and is evaluated on ``EVALUATED`` episodes of
-the virtual robot. Finished runs are kept in ``--work`` and not repeated, so that the command can be interrupted and resumed, or
-run in parts: the table has all of them, and keeps other cells of the file. One thread per process; the most expensive runs come
-first. Means over the seeds of the mean returns, with 95 % bootstrap intervals over seeds.
+the virtual robot. Missing datasets are recorded first. Earlier cells stay in the result, so that the command may be run in parts.
+One thread per process; the most expensive runs come first. Means over the seeds of the mean returns, with 95 % bootstrap
+intervals over seeds.
 """
 
 from __future__ import annotations
 
 import itertools
-import json
-import multiprocessing
 import statistics
 import tempfile
 import time
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import torch
-from machine import RESULTS, command, write
-
+from benchmarks import datasets
+from benchmarks.paper import OFFLINE
+from benchmarks.session import Session
 from bricksrl.agents import preset
 from bricksrl.evaluation import evaluate
-from bricksrl.evaluation.paper import OFFLINE
 from bricksrl.evaluation.statistics import mean, stratified_bootstrap_interval
 from bricksrl.training import TrainConfig, train
 
@@ -42,63 +37,17 @@ OFFLINE_UPDATES = {
 """Updates that the paper made from each of its datasets, by task and kind of dataset."""
 
 
-@dataclass(frozen=True)
-class Job:
-    """One agent that learns from one dataset."""
-
-    env: str
-    kind: str
-    agent: str
-    seed: int
-    preset: str
-    data: str
-    updates: int
-
-    @property
-    def name(self) -> str:
-        """Name of the file of its result."""
-        return f"{self.preset}-{self.env}-{self.kind}-{self.agent}-{self.updates}-{self.seed}"
-
-
-def run_job(job: Job) -> dict[str, Any]:
-    """Train and evaluate."""
-    torch.set_num_threads(1)
+def run(env: str, agent: str, updates: int, seed: int, preset_name: str, data: str) -> dict[str, Any]:
+    """Train one agent on one dataset, and evaluate it."""
     with tempfile.TemporaryDirectory() as folder:
         run_dir = Path(folder) / "run"
-        config = TrainConfig(
-            job.env,
-            job.agent,
-            episodes=1,
-            seed=job.seed,
-            settings=preset(job.preset, job.agent),
-            data=job.data,
-            updates=job.updates,
-            run_dir=run_dir,
-        )
+        settings = preset(preset_name, agent)
+        config = TrainConfig(env, agent, episodes=1, seed=seed, settings=settings, data=data, updates=updates, run_dir=run_dir)
         started_s = time.process_time()
         train(config)
         cpu_s = time.process_time() - started_s
         result = evaluate(run_dir, episodes=EVALUATED)
-    return {
-        **asdict(job),
-        "return_mean": result.return_mean,
-        "returns": list(result.returns),
-        "success_rate": result.success_rate,
-        "cpu_ms_per_update": 1e3 * cpu_s / job.updates,
-    }
-
-
-def cached_result(work: Path, job: Job) -> dict[str, Any]:
-    """Result of a job, from its file if it was run earlier."""
-    path = work / f"{job.name}.json"
-    if not path.exists():
-        result = run_job(job)
-        temporary = path.with_suffix(".part")
-        temporary.write_text(json.dumps(result))
-        temporary.rename(path)
-        print(f"{job.env} {job.kind} {job.agent} seed {job.seed}: {result['return_mean']:.4g}", flush=True)
-    stored: dict[str, Any] = json.loads(path.read_text())
-    return stored
+    return {"return_mean": result.return_mean, "cpu_ms_per_update": 1e3 * cpu_s / updates}
 
 
 def updates_of(env: str, kind: str, share: float) -> int:
@@ -106,86 +55,51 @@ def updates_of(env: str, kind: str, share: float) -> int:
     return max(1, round(share * OFFLINE_UPDATES[env][kind]))
 
 
-def cell_of(run: dict[str, Any]) -> tuple[str, str, str]:
-    """Cell of the table that a run belongs to."""
-    return run["env"], run["kind"], run["agent"]
-
-
-def finished(work: Path, preset: str, share: float) -> list[dict[str, Any]]:
-    """All finished runs of these settings, also of earlier calls, in the order of the table."""
-    runs = [json.loads(path.read_text()) for path in work.glob(f"{preset}-*.json")]
-    matching = [run for run in runs if run["updates"] == updates_of(run["env"], run["kind"], share)]
-    tasks = list(OFFLINE_UPDATES)
-    return sorted(matching, key=lambda run: (tasks.index(run["env"]), run["kind"], run["agent"], run["seed"]))
-
-
-def summary(runs: list[dict[str, Any]]) -> dict[str, Any]:
+def summary(env: str, kind: str, agent: str, updates: int, runs: list[dict[str, Any]]) -> dict[str, Any]:
     """One cell of the table."""
     means = [run["return_mean"] for run in runs]
     interval = stratified_bootstrap_interval([means], mean)
-    paper = OFFLINE[runs[0]["env"], runs[0]["kind"]].get(runs[0]["agent"])
     return {
         "return_mean": round(statistics.fmean(means), 2),
         "interval": [round(interval.low, 2), round(interval.high, 2)],
         "return_std": round(statistics.pstdev(means), 2),
-        "paper": paper,
+        "paper": OFFLINE[env, kind].get(agent),
         "seeds": [round(value, 2) for value in means],
-        "updates": runs[0]["updates"],
+        "updates": updates,
         "cpu_ms_per_update": round(statistics.median(run["cpu_ms_per_update"] for run in runs), 2),
     }
 
 
-def table(cells: dict[str, dict[str, dict[str, Any]]]) -> str:
-    """The results in Markdown: mean, interval, and in brackets the paper's mean."""
-    lines = ["| | " + " | ".join(cells) + " |", "|---" * (len(cells) + 1) + "|"]
-    for agent in sorted({agent for agents in cells.values() for agent in agents}):
-        row = []
-        for agents in cells.values():
-            cell = agents.get(agent)
-            low, high = cell["interval"] if cell else (0.0, 0.0)
-            paper = f" ({cell['paper']:.4g})" if cell and cell["paper"] is not None else ""
-            row.append(f"{cell['return_mean']:.4g} [{low:.4g}, {high:.4g}]{paper}" if cell else "")
-        lines.append(f"| {agent} | " + " | ".join(row) + " |")
-    return "\n".join(lines)
-
-
-def main() -> None:
+def main(session: Session) -> None:
     """Run all jobs and write the table."""
-    parser = command(__doc__)
-    parser.add_argument("--data", type=Path, default=Path("runs/datasets"), help="folder with the datasets <env>-<kind>")
-    parser.add_argument("--work", type=Path, default=Path("runs/offline-benchmark"), help="folder for finished runs")
+    parser = session.parser
+    parser.add_argument("--data", type=Path, help=f"folder with the datasets <env>-<kind> (default: {datasets.FOLDER})")
     parser.add_argument("--envs", nargs="+", default=list(OFFLINE_UPDATES), choices=list(OFFLINE_UPDATES))
     parser.add_argument("--kinds", nargs="+", default=KINDS, choices=KINDS)
     parser.add_argument("--agents", nargs="+", default=AGENTS, choices=AGENTS)
     parser.add_argument("--preset", default="paper")
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--share", type=float, default=1.0, help="share of the updates, for a quick look")
-    parser.add_argument("--processes", type=int, default=2)
-    args = parser.parse_args()
-    args.work.mkdir(parents=True, exist_ok=True)
-    jobs = [
-        Job(
-            env=env,
-            kind=kind,
-            agent=agent,
-            seed=seed,
-            preset=args.preset,
-            data=str((args.data / f"{env}-{kind}").absolute()),
-            updates=updates_of(env, kind, args.share),
-        )
-        for agent, env, kind, seed in itertools.product(args.agents, args.envs, args.kinds, range(args.seeds))
-    ]
-    with multiprocessing.get_context("spawn").Pool(args.processes) as pool:
-        pool.starmap(cached_result, [(args.work, job) for job in jobs], chunksize=1)
-    name = "offline" if args.preset == "paper" else f"offline_{args.preset}"
-    path = RESULTS / f"{name}.json"
-    cells: dict[str, dict[str, dict[str, Any]]] = json.loads(path.read_text())["datasets"] if path.exists() else {}
-    for (env, kind, agent), runs in itertools.groupby(finished(args.work, args.preset, args.share), key=cell_of):
-        cells.setdefault(f"{env} {kind}", {})[agent] = summary(list(runs))
-    print(table(cells))
+    args = session.parse()
+    data = (args.data or session.place_of(datasets.FOLDER)).absolute()
+    missing = [env for env in args.envs if not all((data / f"{env}-{kind}").exists() for kind in args.kinds)]
+    datasets.made(data, missing, quick=session.is_quick, processes=session.jobs)
+    cells = list(itertools.product(args.agents, args.envs, args.kinds))
+    jobs = {}
+    for agent, env, kind in cells:
+        updates = updates_of(env, kind, args.share)
+        for seed in range(args.seeds):
+            name = f"{args.preset}-{env}-{kind}-{agent}-{updates}-{seed}"
+            jobs[name] = (env, agent, updates, seed, args.preset, str(data / f"{env}-{kind}"))
+    runs = session.outcomes(run, jobs)
+    found: dict[tuple[str, str, str], dict[str, Any]] = {}
+    for agent, env, kind in cells:
+        of_cell = list(itertools.islice(runs, args.seeds))
+        found[env, kind, agent] = summary(env, kind, agent, updates_of(env, kind, args.share), of_cell)
+    variant = "" if args.preset == "paper" else f"_{args.preset}"
+    known: dict[str, dict[str, dict[str, Any]]] = session.known(variant).get("datasets", {})
+    order = list(OFFLINE_UPDATES)
+    for env, kind, agent in sorted(found, key=lambda cell: (order.index(cell[0]), *cell[1:])):
+        known.setdefault(f"{env} {kind}", {})[agent] = found[env, kind, agent]
     setup = {"preset": args.preset, "share": args.share, "evaluated_episodes": EVALUATED}
-    print(write(name, {**setup, "datasets": cells}))
-
-
-if __name__ == "__main__":
-    main()
+    session.write({**setup, "datasets": known}, variant)

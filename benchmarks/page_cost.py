@@ -1,6 +1,6 @@
 """Cost of the live page for a run in simulated time: CPU time and wall time per step.
 
-    python benchmarks/page_cost.py
+    python -m benchmarks page_cost
 
 Walker-v1, the same episodes each time, in turn without a page, with a page without visitors, and with one that a connection reads
 all the time (in its own process, which draws nothing). One thread learns; the page's own thread is included in the CPU time.
@@ -18,8 +18,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from machine import command, write
-
+from benchmarks.session import Session
 from bricksrl.envs import get_task
 from bricksrl.page.live import LivePage
 from bricksrl.page.training import PageCallback
@@ -69,11 +68,11 @@ def run(episodes: int, folder: Path, kind: str) -> dict[str, float]:
     return result
 
 
-def main() -> None:
-    parser = command(__doc__)
+def main(session: Session) -> None:
+    parser = session.parser
     parser.add_argument("--episodes", type=int, default=4)
     parser.add_argument("--repeats", type=int, default=5)
-    args = parser.parse_args()
+    args = session.parse()
     os.environ["OMP_NUM_THREADS"] = "1"
     kinds = ("without", "unwatched", "watched")
     runs: dict[str, list[dict[str, float]]] = {kind: [] for kind in kinds}
@@ -91,8 +90,4 @@ def main() -> None:
             "cpu_ratio": round(median["cpu_s"] / base, 3),
         }
         print(kind, results[kind])
-    write("page_cost", results)
-
-
-if __name__ == "__main__":
-    main()
+    session.write(results)

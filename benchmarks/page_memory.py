@@ -1,6 +1,6 @@
 """Memory of the live page over ten minutes: of the process that plays and serves, and of a browser tab.
 
-    python benchmarks/page_memory.py --minutes 10
+    python -m benchmarks page_memory --minutes 10
 
 A Walker plays in real time on a page that a headless Chromium shows. Resident memory and the tab's heap (after a garbage
 collection) are read every half minute; growth is the slope of a line through them without the first two minutes.
@@ -17,10 +17,10 @@ import time
 from pathlib import Path
 
 import numpy as np
-from machine import command, write
 from playwright.sync_api import sync_playwright
 
 import bricksrl
+from benchmarks.session import Session
 from bricksrl.errors import StoppedError
 from bricksrl.page.live import LivePage
 from bricksrl.page.play import play_on_page
@@ -39,11 +39,11 @@ def resident_mb() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024 / (1024 if sys.platform == "darwin" else 1)
 
 
-def main() -> None:
-    parser = command(__doc__)
+def main(session: Session) -> None:
+    parser = session.parser
     parser.add_argument("--minutes", type=float, default=10.0)
     parser.add_argument("--env", default="Walker-v1")
-    args = parser.parse_args()
+    args = session.parse()
     env, stop = bricksrl.make(args.env, seed=0), threading.Event()
     page = LivePage(args.env, task=env.task, policies=("random",), speed="1x")
     rows: list[tuple[float, float, float, int]] = []
@@ -84,8 +84,4 @@ def main() -> None:
         "growth_mb_per_minute": {name: round(value, 3) for name, value in slopes.items()},
     }
     print(results)
-    write("page_memory", results)
-
-
-if __name__ == "__main__":
-    main()
+    session.write(results)

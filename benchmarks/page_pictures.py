@@ -1,6 +1,6 @@
 """Pictures of the live page for the documentation, taken in a headless Chromium.
 
-    python benchmarks/page_pictures.py
+    python -m benchmarks page_pictures
 
 Writes ``docs/images/page.png``, a Walker in mid-training, and ``docs/images/page_phone.png``, a 2Wheeler driven by hand on a
 screen as wide as a phone's. Needs Chromium and some minutes.
@@ -17,8 +17,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from machine import command
 from playwright.sync_api import Page, sync_playwright
+
+from benchmarks.session import Session
 
 FOLDER = Path(__file__).parents[1] / "docs" / "images"
 FLAGS = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
@@ -55,16 +56,17 @@ def tab(url: str, width: int, height: int) -> Iterator[Page]:
         browser.close()
 
 
-def take(page: Page, name: str) -> None:
+def take(page: Page, path: Path) -> None:
     """Take the picture, of a robot at rest: it is drawn with all pixels."""
     page.get_by_role("button", name="Pause", exact=True).click()
     page.wait_for_timeout(4_000)
-    page.screenshot(path=FOLDER / name)
+    page.screenshot(path=path)
 
 
-def main() -> None:
+def main(session: Session) -> None:
     """Take both pictures."""
-    command(__doc__).parse_args()
+    session.parse()
+    pictures = session.place_of(FOLDER)
     with (
         tempfile.TemporaryDirectory() as folder,
         served(folder, "train", "Walker-v1", "--episodes", "60", "--page", "--no-record", "--run", "runs/walk") as url,
@@ -73,12 +75,8 @@ def main() -> None:
         page.locator(f"#facts:has-text('{EPISODES}/')").wait_for()
         page.get_by_role("button", name="1x", exact=True).click()
         page.wait_for_timeout(8_000)
-        take(page, "page.png")
+        take(page, pictures / "page.png")
     with served(".", "drive", "RunAway-v0") as url, tab(url, 390, 844) as page:
         page.wait_for_timeout(6_000)
-        take(page, "page_phone.png")
-    print(FOLDER)
-
-
-if __name__ == "__main__":
-    main()
+        take(page, pictures / "page_phone.png")
+    print(pictures)

@@ -1,6 +1,6 @@
 """Length of the physics step: the robots at steps of 2.5 and of 5 ms, from the same seeds.
 
-    python benchmarks/physics_step.py
+    python -m benchmarks physics_step
 
 Each controller of ``scripted.py``, and random actions, drive each robot through the same episodes. The result has returns, task
 metrics and walk metrics, each with the standard error of its mean. The longer step is good enough if none of them changes. Takes
@@ -9,6 +9,7 @@ about two minutes.
 
 from __future__ import annotations
 
+import os
 import statistics
 import time
 from typing import TYPE_CHECKING, Any
@@ -16,11 +17,11 @@ from unittest import mock
 
 import mujoco
 import torch
-from machine import command, write
-from scripted import CONTROLLERS
 from torchrl.envs.utils import step_mdp
 
 import bricksrl
+from benchmarks.scripted import CONTROLLERS
+from benchmarks.session import Session
 from bricktwin.twin import mujoco_body
 from bricktwin.twin.models import mjcf
 
@@ -90,10 +91,11 @@ def measure(env_id: str, name: str, step_ms: float) -> dict[str, Any]:
     return {"means_and_errors": means, "cpu_s": round(cpu_s, 2), "physics_cpu_s": round(stepper.cpu_s, 2)}
 
 
-def main() -> None:
+def main(session: Session) -> None:
     """Measure all and write the results."""
-    command(__doc__).parse_args()
+    session.parse()
     torch.set_num_threads(1)
+    os.environ["XDG_CACHE_HOME"] = os.devnull  # models of another step are for nobody else
     results: dict[str, Any] = {}
     for env_id in ENVS:
         for name in ("scripted", "random"):
@@ -101,8 +103,4 @@ def main() -> None:
             results.setdefault(env_id, {})[name] = results_by_step
             for step, result in results_by_step.items():
                 print(env_id, name, step, "ms:", result, flush=True)
-    print(write("physics_step", {"episodes": EPISODES, "steps_ms": STEPS_MS, "environments": results}))
-
-
-if __name__ == "__main__":
-    main()
+    session.write({"episodes": EPISODES, "steps_ms": STEPS_MS, "environments": results})

@@ -1,6 +1,6 @@
 """Plans by others: how many are read, how many of their parts are known, how many joints move.
 
-    python benchmarks/plans_of_others.py FOLDER
+    python -m benchmarks plans_of_others FOLDER
 
 Reads every .ldr, .mpd and .io file below the folder. The result has counts only, nothing of the files themselves.
 """
@@ -12,8 +12,7 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
-from machine import command, write
-
+from benchmarks.session import Session
 from bricksrl.errors import PlanError
 from bricktwin.plans.bodies import MAX_BODIES
 from bricktwin.plans.check import structure_of
@@ -62,11 +61,11 @@ def look(path: Path) -> dict[str, Any]:
     return {**counts, "cpu_s": round(time.process_time() - started_s, 2)}
 
 
-def main() -> None:
+def main(session: Session) -> None:
     """Read all and write the counts."""
-    parser = command(__doc__)
+    parser = session.parser
     parser.add_argument("folder", type=Path)
-    folder: Path = parser.parse_args().folder
+    folder: Path = session.parse().folder
     files = [path for path in sorted(folder.rglob("*")) if path.suffix.lower() in ENDINGS]
     counts = []
     for number, path in enumerate(files, 1):
@@ -90,8 +89,4 @@ def main() -> None:
         "files_whose_motors_turn_wheels": sum(file_counts["wheels_driven"] > 0 for file_counts in read),
         "each": [{name: file_counts[name] for name in _COLUMNS} for file_counts in read],
     }
-    print(write("plans_of_others", summary))
-
-
-if __name__ == "__main__":
-    main()
+    session.write(summary)

@@ -1,7 +1,7 @@
 """Comparison of the virtual hub with Pybricks' documentation: missing classes, methods and arguments, for each kind of hub.
 
     pip install --no-deps --target STUBS pybricks
-    python benchmarks/pybricks_api.py STUBS
+    python -m benchmarks pybricks_api STUBS
 
 The package ``pybricks`` on PyPI is the documentation in the form of Python files without code; they are parsed, not run. What
 only EV3 and NXT bricks have is omitted (``LEFT_OUT``), and so is what a kind of hub does not have (``ONLY_ON``).
@@ -16,8 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from machine import command, write
-
+from benchmarks.session import Session
 from brickhub.robot import HubKind, Robot
 from brickhub.virtual.bench_body import BenchBody
 from brickhub.virtual.machine import Machine
@@ -142,17 +141,13 @@ def _is_of_others(path: str, kind: HubKind) -> bool:
     return path[-1] not in kind.model.ports if is_port else kind not in ONLY_ON.get(path, HubKind)
 
 
-def main() -> None:
-    parser = command(__doc__)
+def main(session: Session) -> None:
+    parser = session.parser
     parser.add_argument("stubs", type=Path, help="folder that the package was installed into")
-    stubs = Stubs(parser.parse_args().stubs)
+    stubs = Stubs(session.parse().stubs)
     result = {}
     for kind in HUBS:
         count, missing = compared(stubs, kind)
         print(f"{kind.value}: {count} names, {len(missing)} missing: {', '.join(missing) or 'none'}")
         result[kind.value] = {"documented": count, "missing": missing}
-    print(write("pybricks_api", {"hubs": result}))
-
-
-if __name__ == "__main__":
-    main()
+    session.write({"hubs": result})

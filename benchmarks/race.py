@@ -1,29 +1,25 @@
 """A race to a return of -20 on WalkerSim-v0: our agents, Stable-Baselines3 and SBX, in robot steps and CPU seconds.
 
-    python benchmarks/race.py [--seeds 5] [--limit 4000]
+    python -m benchmarks race [--seeds 5] [--limit 4000]
 
 Each contestant trains in its own process with one thread, start-up (imports, compilation) included, and is evaluated after every
 100 steps on 40 deterministic episodes, whose time is not included; it has reached the goal once their mean return is -20. The
 others run twice: with our features and the values of our default settings (learning rate, discount, temperature, networks, layer
 normalisation where they have it, updates per step, initial random episodes), and with their own defaults on raw observations. The
 contestants take turns seed by seed, so that all run under the same load; the result is the median over the seeds. A contestant
-that does not reach the goal within ``--limit`` steps counts with this limit. Runs in the result are not repeated: an interrupted
-script resumes, and with ``--contestants`` some get more seeds than others.
+that does not reach the goal within ``--limit`` steps counts with this limit. Other contestants stay in the result.
 """
 
 from __future__ import annotations
 
 import importlib.util
-import json
 import os
 import statistics
-import subprocess
-import sys
 import time
 from collections.abc import Callable
 from typing import Any
 
-from machine import ONE_THREAD, RESULTS, command, write
+from benchmarks.session import Session
 
 ENV, ACTIONS, GOAL, EVERY, EVALUATED = "WalkerSim-v0", 4, -20.0, 100, 40
 CONTESTANTS = {
@@ -170,53 +166,38 @@ def run_other(package: str, agent: str, seed: int, limit: int, *, like_ours: boo
     return race
 
 
-def work(name: str, seed: int, limit: int) -> None:
-    """A contestant's process: runs and prints its evaluations as JSON."""
+def run(name: str, seed: int, limit: int) -> list[tuple[int, float, float]]:
+    """Evaluations of a contestant: steps, CPU seconds, return."""
     if hasattr(os, "sched_setaffinity"):
-        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})  # what starts threads all the same shares one core with them
     package, agent = CONTESTANTS[name]
     if package:
-        race = run_other(package, agent, seed, limit, like_ours=name.endswith("like_ours"))
-    else:
-        race = run_ours(name.removeprefix("ours_"), seed, limit)
-    print(json.dumps(race.returns))
+        return run_other(package, agent, seed, limit, like_ours=name.endswith("like_ours")).returns
+    return run_ours(name.removeprefix("ours_"), seed, limit).returns
 
 
-def main() -> None:
+def main(session: Session) -> None:
     """Race all of them and write the medians."""
-    parser = command(__doc__)
+    parser = session.parser
     parser.add_argument("--seeds", type=int, choices=range(1, 101), metavar="N", default=5)
     parser.add_argument("--limit", type=int, default=4000, help="robot steps at most")
     parser.add_argument("--contestants", nargs="+", default=list(CONTESTANTS), choices=list(CONTESTANTS))
-    parser.add_argument("--work", nargs=2, metavar=("NAME", "SEED"), help="run one contestant; for the processes of this script")
-    args = parser.parse_args()
-    if args.work:
-        work(args.work[0], int(args.work[1]), args.limit)
-        return
+    args = session.parse()
     names = [name for name in args.contestants if not CONTESTANTS[name][0] or importlib.util.find_spec(CONTESTANTS[name][0])]
     for name in set(args.contestants) - set(names):
         print(f"{name} is left out: {CONTESTANTS[name][0]} is missing; pip install 'bricksrl[benchmarks]'")
-    path = RESULTS / "race.json"
-    known: dict[str, Any] = json.loads(path.read_text()) if path.exists() else {}
+    jobs = {f"{name}-{seed}-{args.limit}": (name, seed, args.limit) for seed in range(args.seeds) for name in names}
+    runs: dict[str, list[Any]] = {}
+    for (name, *_), evaluations in zip(jobs.values(), session.outcomes(run, jobs, processes=1, fresh=True), strict=True):
+        runs.setdefault(name, []).append(evaluations)
+    known = session.known()
     setup = {"env": ENV, "goal": GOAL, "limit": args.limit, "evaluated_episodes": EVALUATED}
     results: dict[str, Any] = known["contestants"] if known.get("setup") == setup else {}
-    for seed in range(args.seeds):
-        for name in names:
-            runs = results.get(name, {}).get("runs", [])
-            if len(runs) > seed:
-                continue
-            command_line = [sys.executable, __file__, "--work", name, str(seed), "--limit", str(args.limit)]
-            process = subprocess.run(  # noqa: S603  this script
-                command_line, env={**os.environ, **ONE_THREAD}, capture_output=True, text=True, check=True
-            )
-            results[name] = summary([*runs, json.loads(process.stdout.splitlines()[-1])])
-            steps, cpu_s, value = results[name]["runs"][-1][-1]
-            print(f"seed {seed}  {name:22} {steps:5} steps {cpu_s:7.1f} s CPU  return {value:.1f}", flush=True)
-            write("race", {"setup": setup, "contestants": {name: results[name] for name in CONTESTANTS if name in results}})
+    results |= {name: summary(runs_of) for name, runs_of in runs.items()}
     for name, result in results.items():
         reached = f"{result['there']} of {len(result['runs'])} there"
         print(f"{name:22} {result['steps']:6} steps {result['cpu_s']:7.1f} s CPU, {reached}")
-    print(path)
+    session.write({"setup": setup, "contestants": {name: results[name] for name in CONTESTANTS if name in results}})
 
 
 def summary(runs: list[Any]) -> dict[str, Any]:
@@ -228,7 +209,3 @@ def summary(runs: list[Any]) -> dict[str, Any]:
         "there": sum(end[2] >= GOAL for end in ends),
         "runs": runs,
     }
-
-
-if __name__ == "__main__":
-    main()

@@ -1,7 +1,7 @@
 """Speed of the virtual robots: simulated seconds per CPU second on one core, hub program, link and environment included.
 
-    python benchmarks/realtime_factor.py
-    python benchmarks/realtime_factor.py --envs Walker-v1 RunAway-v0
+    python -m benchmarks realtime_factor
+    python -m benchmarks realtime_factor --envs Walker-v1 RunAway-v0
 
 The result also has the speed of MuJoCo alone, from a replay of the same ``mj_step`` calls with the same states and voltages, and
 the ratio of the total time to it. Random actions, in pieces that are replayed immediately, so that other load affects both;
@@ -19,10 +19,10 @@ from unittest import mock
 import mujoco
 import numpy as np
 import torch
-from machine import command, write
 from numpy.typing import NDArray
 
 import bricksrl
+from benchmarks.session import Session
 from bricksrl.envs import list_envs
 
 if TYPE_CHECKING:
@@ -115,19 +115,15 @@ def measure(env_id: str) -> dict[str, Any]:
     return {**medians, "ratios": [round(ratio, 2) for ratio in sorted(columns["ratio"])]}
 
 
-def main() -> None:
+def main(session: Session) -> None:
     """Measure every environment and write the results."""
     virtual = [env_id for env_id in list_envs() if "Sim-" not in env_id]
-    parser = command(__doc__)
+    parser = session.parser
     parser.add_argument("--envs", nargs="+", default=virtual, choices=virtual)
     torch.set_num_threads(1)
     results: dict[str, Any] = {}
-    for env_id in parser.parse_args().envs:
+    for env_id in session.parse().envs:
         results[env_id] = measure(env_id)
         print(env_id, results[env_id], flush=True)
-    if list(results) == virtual:
-        print(write("realtime_factor", {"environments": results}))
-
-
-if __name__ == "__main__":
-    main()
+    if list(results) == virtual or session.is_apart:
+        session.write({"environments": results})

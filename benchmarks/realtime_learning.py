@@ -1,6 +1,6 @@
 """Asynchronous learning in real time: wall time relative to the robot's motion, and number of updates.
 
-    python benchmarks/realtime_learning.py --episodes 4
+    python -m benchmarks realtime_learning --episodes 4
 
 Trains each agent on `Walker-v0 --realtime` (100 steps of 250 ms per episode) with its default settings. Motion is the duration of
 the same steps in simulated time, where the computer costs nothing: the step and the two connection events of its command and its
@@ -16,8 +16,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from machine import command, write
-
+from benchmarks.session import Session
 from bricksrl import make
 from bricksrl.training import Callback, Phase, RunResult, TrainConfig, train
 
@@ -76,20 +75,16 @@ def run(agent: str, episodes: int, motion: float) -> dict[str, Any]:
     }
 
 
-def main() -> None:
+def main(session: Session) -> None:
     """Measure all and write the results."""
-    parser = command(__doc__)
+    parser = session.parser
     parser.add_argument("--agents", nargs="+", default=list(AGENTS))
     parser.add_argument("--episodes", type=int, default=4)
-    args = parser.parse_args()
+    args = session.parse()
     motion = motion_s()
     agents: dict[str, Any] = {}
     for agent in args.agents:
         agents[agent] = run(agent, args.episodes, motion)
         print(agent, agents[agent], flush=True)
     setup = {"environment": ENV, "episodes": args.episodes, "motion_ms_per_step": round(1e3 * motion, 1)}
-    print(write("realtime_learning", {**setup, "agents": agents}))
-
-
-if __name__ == "__main__":
-    main()
+    session.write({**setup, "agents": agents})

@@ -1,6 +1,6 @@
 """Recordings after their process was killed with SIGKILL at random moments.
 
-    python benchmarks/record_kill.py --kills 200 [--lerobot PYTHON]
+    python -m benchmarks record_kill --kills 200 [--lerobot PYTHON]
 
 A process records episodes of known content and reports each commit. It is killed, the dataset is read and compared, and another
 process continues recording into the same folder: ``KILLS_PER_FOLDER`` kills per folder, every second folder with images. An
@@ -20,13 +20,16 @@ import time
 from contextlib import nullcontext
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from brickhub.entry import Entry
 from bricksrl.data.episode import About, Step
 from bricksrl.data.schema import Description
+
+if TYPE_CHECKING:
+    from benchmarks.session import Session
 
 KILLS_PER_FOLDER = 20
 LONGEST_S = 0.15
@@ -72,7 +75,7 @@ def record(root: Path, description: Description) -> None:
 
 def killed_after(root: Path, kind: str, commits: int, delay_s: float) -> int:
     """Start a recording, kill it ``delay_s`` after so many commits; returns the last reported number of episodes."""
-    command = [sys.executable, __file__, "--record", str(root), "--kind", kind]
+    command = [sys.executable, __file__, str(root), kind]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:  # noqa: S603
         assert process.stdout is not None
         output = "".join(process.stdout.readline() for _ in range(1 + commits))
@@ -156,7 +159,7 @@ class LeRobot:
 
 def recorded(number: int, side: int) -> dict[str, str]:
     """Expected answer of LeRobot's reader for episode ``number``."""
-    from lerobot_reader import digest
+    from benchmarks.lerobot_reader import digest
 
     expected = steps(number, side)
     digests = {
@@ -205,22 +208,16 @@ def _of(lerobot: LeRobot, results: list[dict[str, Any]]) -> dict[str, Any]:
     }
 
 
-def main() -> None:
+def main(session: Session) -> None:
     """Run from the command line."""
-    from machine import command, write
-
-    parser = command(__doc__)
+    parser = session.parser
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--lerobot", metavar="PYTHON", help="the Python of an environment that has LeRobot")
-    parser.add_argument("--record", type=Path, help="run as the process that is killed, recording into this folder")
-    parser.add_argument("--kind", choices=("blind", "seeing"), default="blind")
-    args = parser.parse_args()
-    if args.record is not None:
-        record(args.record, BLIND if args.kind == "blind" else SEEING)
+    args = session.parse()
     with LeRobot(args.lerobot) if args.lerobot else nullcontext() as lerobot:
-        print(write("record_kill", measure(args.kills, args.seed, lerobot)))
+        session.write(measure(args.kills, args.seed, lerobot))
 
 
-if __name__ == "__main__":
-    main()
+if __name__ == "__main__":  # the process that is killed
+    record(Path(sys.argv[1]), BLIND if sys.argv[2] == "blind" else SEEING)

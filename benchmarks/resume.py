@@ -1,6 +1,6 @@
 """A run that was interrupted and resumed several times, compared with an uninterrupted one.
 
-    python benchmarks/resume.py
+    python -m benchmarks resume
 
 Trains SAC on `WalkerSim-v0` twice with one seed: uninterrupted, and stopped within an episode three times. The returns must be
 equal to the last bit; `results/resume.png` shows both curves.
@@ -13,8 +13,8 @@ import threading
 from pathlib import Path
 
 import torch
-from machine import RESULTS, command, write
 
+from benchmarks.session import Session
 from bricksrl.plotting import new_figure, save
 from bricksrl.training import Callback, Phase, TrainConfig, resume, train
 from bricksrl.training.checkpoint import load_checkpoint
@@ -58,9 +58,9 @@ def draw(path: Path, whole: list[float], parts: list[float]) -> None:
     save(figure, path)
 
 
-def main() -> None:
+def main(session: Session) -> None:
     """Train both and write the results."""
-    command(__doc__).parse_args()
+    session.parse()
     with tempfile.TemporaryDirectory() as folder:
         whole_dir, parts_dir = Path(folder) / "whole", Path(folder) / "parts"
         config = {"env": ENV, "episodes": EPISODES, "record": False}
@@ -73,13 +73,9 @@ def main() -> None:
         returns = [[episode.return_ for episode in result.episodes] for result in (whole, parts)]
         same = all(torch.equal(a, b) for a, b in zip(weights(whole_dir), weights(parts_dir), strict=True))
     difference = max(abs(a - b) for a, b in zip(*returns, strict=True))
-    RESULTS.mkdir(exist_ok=True)
-    draw(RESULTS / "resume.png", *returns)
     result = {"environment": ENV, "episodes": EPISODES, "interrupted_at": STOPS}
     outcome = {"largest_difference_of_returns": difference, "weights_are_equal": same}
-    print(outcome, write("resume", {**result, **outcome, "returns": returns}))
+    print(outcome)
+    session.write({**result, **outcome, "returns": returns})
+    draw(session.path().with_suffix(".png"), *returns)
     assert same and difference == 0.0
-
-
-if __name__ == "__main__":
-    main()

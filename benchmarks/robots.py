@@ -1,30 +1,26 @@
 """SAC on each robot over several seeds, with the paper's number of episodes if it has the task, next to the paper's results.
 
-    python benchmarks/robots.py
-    python benchmarks/robots.py --envs Walker-v1 --seeds 3
+    python -m benchmarks robots
+    python -m benchmarks robots --envs Walker-v1 --seeds 3
 
 Each seed trains with the default preset in its own process, on one thread, as many in parallel as there are cores, and is then
-evaluated on other episodes than those of the training. Results of other environments stay in the file, and with ``--keep`` those
-of the same environment's seeds too.
+evaluated on other episodes than those of the training. Other environments stay in the result.
 """
 
 from __future__ import annotations
 
-import json
-import os
+import itertools
 import statistics
 import tempfile
 import time
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from machine import RESULTS, command, write
 
+from benchmarks.paper import RETURNS, SUCCESS
+from benchmarks.session import Session
 from bricksrl.evaluation import evaluate
-from bricksrl.evaluation.paper import RETURNS, SUCCESS
 from bricksrl.evaluation.statistics import interquartile_mean, mean, stratified_bootstrap_interval, wilson_interval
 from bricksrl.training import TrainConfig, train
 
@@ -41,15 +37,13 @@ EPISODES = {
 EVALUATED_EPISODES = 20
 
 
-def run(env_id: str, agent: str, episodes: int, seed: int, folder: str) -> dict[str, Any]:
+def run(env_id: str, agent: str, episodes: int, seed: int) -> dict[str, Any]:
     """Train and evaluate one agent."""
-    import torch
-
-    torch.set_num_threads(1)
-    started_cpu_s = time.process_time()
-    result = train(TrainConfig(env_id, agent, episodes=episodes, seed=seed, run_dir=Path(folder) / f"{env_id}-{seed}"))
-    cpu_s = time.process_time() - started_cpu_s
-    evaluation = evaluate(result.run_dir, episodes=EVALUATED_EPISODES)
+    with tempfile.TemporaryDirectory() as folder:
+        started_cpu_s = time.process_time()
+        result = train(TrainConfig(env_id, agent, episodes=episodes, seed=seed, run_dir=Path(folder) / "run"))
+        cpu_s = time.process_time() - started_cpu_s
+        evaluation = evaluate(result.run_dir, episodes=EVALUATED_EPISODES)
     last = result.episodes[-1]
     return {
         "seed": seed,
@@ -93,31 +87,26 @@ def paper_of(env_id: str) -> dict[str, Any] | None:
     return {agent: list(RETURNS[env_id][agent]) for agent in ("sac", "td3", "droq")} | success
 
 
-def main() -> None:
+def main(session: Session) -> None:
     """Train all and write the results."""
-    parser = command(__doc__)
+    parser = session.parser
     parser.add_argument("--envs", nargs="+", default=list(EPISODES), choices=list(EPISODES))
     parser.add_argument("--agent", default="sac")
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--episodes", type=int, help="instead of the paper's")
-    parser.add_argument("--processes", type=int, default=os.cpu_count())
-    parser.add_argument("--keep", action="store_true", help="train only the seeds that the file does not have yet")
-    args = parser.parse_args()
-    name = "robots" if args.agent == "sac" else f"robots_{args.agent}"
-    path = RESULTS / f"{name}.json"
-    known: dict[str, Any] = json.loads(path.read_text())["environments"] if path.exists() else {}
-    for env_id in args.envs:
-        episodes = args.episodes or EPISODES[env_id]
-        kept = known.get(env_id, {}).get("seeds", []) if args.keep else []
-        seeds = sorted(set(range(args.seeds)) - {run["seed"] for run in kept})
-        with tempfile.TemporaryDirectory() as folder, ProcessPoolExecutor(args.processes, get_context("spawn")) as pool:
-            waiting = [pool.submit(run, env_id, args.agent, episodes, seed, folder) for seed in seeds]
-            runs = sorted([*kept, *(job.result() for job in waiting)], key=lambda run: int(run["seed"]))
-        known[env_id] = {"episodes": episodes, "summary": summary(runs), "paper": paper_of(env_id), "seeds": runs}
+    args = session.parse()
+    variant = "" if args.agent == "sac" else f"_{args.agent}"
+    episodes = {env_id: args.episodes or EPISODES[env_id] for env_id in args.envs}
+    jobs = {
+        f"{env_id}-{args.agent}-{count}-{seed}": (env_id, args.agent, count, seed)
+        for env_id, count in episodes.items()
+        for seed in range(args.seeds)
+    }
+    found = session.outcomes(run, jobs)
+    known: dict[str, Any] = session.known(variant).get("environments", {})
+    for env_id, count in episodes.items():
+        runs = list(itertools.islice(found, args.seeds))
+        known[env_id] = {"episodes": count, "summary": summary(runs), "paper": paper_of(env_id), "seeds": runs}
         print(env_id, known[env_id]["summary"], flush=True)
-        ordered = {env: known[env] for env in EPISODES if env in known}
-        print(write(name, {"agent": args.agent, "preset": "default", "environments": ordered}), flush=True)
-
-
-if __name__ == "__main__":
-    main()
+    ordered = {env_id: known[env_id] for env_id in EPISODES if env_id in known}
+    session.write({"agent": args.agent, "preset": "default", "environments": ordered}, variant)

@@ -1,6 +1,6 @@
 """Training of several seeds: one program with stacked networks, compared with parallel processes.
 
-    python benchmarks/seeds.py
+    python -m benchmarks seeds
 
 Part one: updates of three networks of two layers of 256 (two critics and an actor, as in SAC) on batches of 256, for five seeds:
 one after the other, and as one batched matrix product for all; on one thread and on all. The products are most of an update.
@@ -18,9 +18,9 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from machine import command, write
 from torch import Tensor
 
+from benchmarks.session import Session
 from bricksrl.evaluation.multi_seed import train_seeds
 from bricksrl.training import TrainConfig
 
@@ -74,17 +74,14 @@ def processes(jobs: int, episodes: int) -> float:
         return time.perf_counter() - started_s
 
 
-def main() -> None:
+def main(session: Session) -> None:
     """Measure both and write the results."""
-    parser = command(__doc__)
+    parser = session.parser
     parser.add_argument("--episodes", type=int, default=10)
-    args = parser.parse_args()
+    args = session.parse()
     cores = os.cpu_count() or 1
     updates: dict[str, Any] = {f"{threads}_threads": stacked_or_not(threads) for threads in sorted({1, cores})}
     wall_s = {f"{jobs}_at_a_time_s": round(processes(jobs, args.episodes), 1) for jobs in sorted({1, cores})}
     setup = {"seeds": SEEDS, "networks": NETWORKS, "hidden": HIDDEN, "batch_size": BATCH, "episodes": args.episodes}
-    print(updates, wall_s, write("seeds", {"setup": setup, "updates": updates, "processes": wall_s}))
-
-
-if __name__ == "__main__":
-    main()
+    print(updates, wall_s)
+    session.write({"setup": setup, "updates": updates, "processes": wall_s})

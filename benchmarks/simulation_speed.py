@@ -1,6 +1,6 @@
 """Speed of the batched simulations: environment steps per second through ``EnvBase``, resets of ended copies included.
 
-    python benchmarks/simulation_speed.py
+    python -m benchmarks simulation_speed
 
 Every batch size runs with the same random actions, on one thread and on all cores; medians over several runs. The rate per CPU
 second is independent of other load. Takes about two minutes.
@@ -14,10 +14,10 @@ import time
 from typing import Any
 
 import torch
-from machine import command, write
 from torchrl.envs import EnvBase
 
 import bricksrl
+from benchmarks.session import Session
 
 ENVIRONMENTS = ("WalkerSim-v0", "RoboArmSim-v0")
 BATCH_SIZES = (1, 1024, 4096, 16_384, 65_536)
@@ -51,16 +51,12 @@ def measure_batch(env_id: str, batch_size: int, threads: int) -> dict[str, Any]:
     return {"batch_size": batch_size, "threads": threads, **result}
 
 
-def main() -> None:
+def main(session: Session) -> None:
     """Measure both simulations and write the medians."""
-    command(__doc__).parse_args()
+    session.parse()
     threads = sorted({1, os.cpu_count() or 1})
     results = {
         env_id: [measure_batch(env_id, size, count) for count in threads for size in BATCH_SIZES] for env_id in ENVIRONMENTS
     }
     best = {env_id: max(entry["steps_per_s"] for entry in entries) for env_id, entries in results.items()}
-    print(write("simulation_speed", {"best_steps_per_s": best, "environments": results}))
-
-
-if __name__ == "__main__":
-    main()
+    session.write({"best_steps_per_s": best, "environments": results})

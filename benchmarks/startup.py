@@ -1,6 +1,6 @@
 """Start-up time of commands: from the start of a new process to its end.
 
-    python benchmarks/startup.py
+    python -m benchmarks startup
 
 Each command runs several times in its own process; medians of wall time and of CPU time, which is independent of other load. The
 program prints one word. `hub check` without a hub ends when it has found none. Takes about a minute.
@@ -17,7 +17,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from machine import command, write
+from benchmarks.session import Session
 
 COMMANDS = (
     "--help",
@@ -49,12 +49,11 @@ def _children_s() -> float:
     return used.children_user + used.children_system
 
 
-def main() -> None:
+def main(session: Session) -> None:
     """Measure all commands and write the medians."""
-    parser = command(__doc__)
+    parser = session.parser
     parser.add_argument("--runs", type=int, default=7)
-    parser.add_argument("--out", default="startup", help="name of the result")
-    args = parser.parse_args()
+    args = session.parse()
     with tempfile.TemporaryDirectory() as folder:
         program = Path(folder) / "main.py"
         program.write_text("print('hello')\n")
@@ -62,8 +61,4 @@ def main() -> None:
         for words in COMMANDS:
             results[words] = measure([str(program) if word == "PROGRAM" else word for word in words.split()], args.runs)
             print(f"{results[words]['wall_s']:.2f} s wall, {results[words]['cpu_s']:.2f} s CPU  bricksrl {words}")
-    print(write(args.out, {"commands": results}))
-
-
-if __name__ == "__main__":
-    main()
+    session.write({"commands": results})

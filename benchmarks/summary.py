@@ -8,12 +8,11 @@ from collections.abc import Callable
 from typing import Any, TypeAlias
 
 import numpy as np
-from formatting import table
-from machine import RESULTS
 
+from benchmarks.formatting import number, table
+from benchmarks.session import RESULTS
 from bricksrl.errors import percent
 from bricksrl.evaluation.statistics import interquartile_mean
-from bricksrl.evaluation.study_page import number
 
 Result: TypeAlias = dict[str, Any]
 AGENTS = {"sac": "SAC", "td3": "TD3", "droq": "DroQ", "crossq": "CrossQ"}
@@ -173,7 +172,7 @@ ROWS: tuple[tuple[str, str, Callable[[Result], str], str], ...] = (
 def summary() -> str:
     """The table of all rows whose results exist."""
     rows = [
-        [what, render(json.loads(path.read_text())), f"`{command or f'python benchmarks/{name}.py'}`"]
+        [what, render(json.loads(path.read_text())), f"`{command or f'python -m benchmarks {name}'}`"]
         for name, what, render, command in ROWS
         if (path := RESULTS / f"{name}.json").exists()
     ]

@@ -1,7 +1,7 @@
-"""Tables of the README and of results.md, studies.md and virtual_hub.md in docs/, written from `benchmarks/results/`.
+"""Tables of the README and of benchmarks.md, results.md, studies.md and virtual_hub.md in docs/, written from the results.
 
-    python benchmarks/tables.py            # write them
-    python benchmarks/tables.py --check    # check that they match the results
+    python -m benchmarks tables            # write them
+    python -m benchmarks tables --check    # check that they match the results
 
 A benchmark without a result has no table.
 """
@@ -11,26 +11,25 @@ from __future__ import annotations
 import json
 import re
 import statistics
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from formatting import table, within
-from machine import RESULTS, command
-from summary import summary
-
-from bricksrl.errors import percent
+from benchmarks.formatting import number, table, within
+from benchmarks.registry import GROUPS
+from benchmarks.session import RESULTS, Session, duration
+from benchmarks.study_page import page as study_page
+from benchmarks.study_tables import STUDIES
+from benchmarks.summary import summary
+from bricksrl.errors import RunError, percent
 from bricksrl.evaluation.statistics import FEWEST_SEEDS
-from bricksrl.evaluation.study_page import number
-from bricksrl.evaluation.study_page import page as study_page
-from bricksrl.evaluation.study_tables import STUDIES
 
 Result: TypeAlias = dict[str, Any]
 ROOT = Path(__file__).parent.parent
 PAGE = ROOT / "docs" / "results.md"
 STUDIES_PAGE = ROOT / "docs" / "studies.md"
 README = ROOT / "README.md"
+BENCHMARKS_PAGE = ROOT / "docs" / "benchmarks.md"
 VIRTUAL_HUB_PAGE = ROOT / "docs" / "virtual_hub.md"
 SHOWN_MARKS = (250, 500, 1000, 2500, 7500)
 """Robot steps that the page shows; the results have more."""
@@ -44,7 +43,7 @@ PROGRAMS = {
 BLOCK = re.compile(r"(?<=<!-- benchmarks/tables.py -->\n).*?(?=<!-- end -->)", re.DOTALL)
 HEAD = """# Results
 
-This page is written by `python benchmarks/tables.py` from `benchmarks/results/`, where each result lies with the processor and
+This page is written by `python -m benchmarks tables` from `benchmarks/results/`, where each result lies with the processor and
 the versions it was measured with. Square brackets are 95 % bootstrap intervals over seeds (for rates: Wilson intervals). All
 robots are virtual; nobody here has run this on LEGO's yet.
 
@@ -63,9 +62,10 @@ RoboArm-v0 --policy random --episodes 100 --seed N`, then `bricksrl train-offlin
 
 STUDIES_HEAD = """# Studies
 
-A study is a table of trainings with several seeds. `bricksrl study` lists the studies, and `bricksrl study NAME` runs one. With
-`--quick` it takes a few minutes, to check that everything works. This page is written by `python benchmarks/tables.py` from the
-studies that were run at full length (`benchmarks/results/study_*.json`). The studies `offline`, `datasets` and `ablation` show
+A study is a table of trainings with several seeds. In a clone of the repository `bricksrl study` lists the studies and the other
+[benchmarks](benchmarks.md), and `bricksrl study NAME` runs one. With `--quick` it takes a few minutes, to check that everything
+works. This page is written by `python -m benchmarks tables` from the studies that were run at full length
+(`benchmarks/results/study_*.json`). The studies `offline`, `datasets` and `ablation` show
 results of benchmarks, which are in [results.md](results.md). Wall minutes are those of a computer that had other work, too.
 
 In `agents`, one cell is below the paper's: TD3 on Spinning-v0. One of the five seeds came to spin one way only, whatever the
@@ -329,8 +329,10 @@ def fleet(result: Result) -> str:
     rows = []
     for count, times in result["times_as_fast"].items():
         one, four = (result[name]["in_a_row"][count] for name in ("1_robot", "4_robots"))
-        cells = [within(robots["solved_s_iqm"], robots["solved_s_95"]) for robots in (one, four)]
-        rows.append([f"{count} in a row", *cells, f"{times:.1f}"])
+        cells = [
+            within(robots["solved_s_iqm"], robots["solved_s_95"]) if "solved_s_95" in robots else "" for robots in (one, four)
+        ]
+        rows.append([f"{count} in a row", *cells, "" if times is None else f"{times:.1f}"])
     cut = result["cut"]
     lost = cut["frames_of_ended_episodes_missing_in_the_dataset"] + cut["frames_in_the_buffer_that_the_dataset_lacks"]
     note = (
@@ -420,27 +422,39 @@ SECTIONS: dict[str, tuple[str, Callable[[Result], str]]] = {
     "link_rates": ("Rate of the link, over a simulated radio", link_rates),
 }
 
-COMMANDS = {"offline_default": "offline.py --preset default"}
-"""Scripts of sections that have another name."""
+COMMANDS = {"offline_default": "offline --preset default"}
+"""Benchmarks of sections that have another name."""
+
+
+def section(name: str, result: Result) -> str:
+    """A result with its title and its command."""
+    title, render = SECTIONS[name]
+    return f"## {title}\n\n`python -m benchmarks {COMMANDS.get(name, name)}`\n\n{render(result)}"
 
 
 def page() -> str:
     """All of docs/results.md."""
-    parts = [HEAD]
-    for name, (title, render) in SECTIONS.items():
-        path = RESULTS / f"{name}.json"
-        if path.exists():
-            parts.append(
-                f"## {title}\n\n`python benchmarks/{COMMANDS.get(name, f'{name}.py')}`\n\n{render(json.loads(path.read_text()))}"
-            )
-    return "\n".join(parts)
+    paths = {name: RESULTS / f"{name}.json" for name in SECTIONS}
+    return "\n".join((HEAD, *(section(name, json.loads(path.read_text())) for name, path in paths.items() if path.exists())))
 
 
 def studies() -> str:
     """All of docs/studies.md: the studies that were made."""
-    paths = [RESULTS / f"study_{name}.json" for name in STUDIES]
+    paths = [RESULTS / f"{study.result}.json" for study in STUDIES]
     parts = [study_page(json.loads(path.read_text())) for path in paths if path.exists()]
     return "\n".join((STUDIES_HEAD, *(re.sub("^#", "##", part, flags=re.MULTILINE) for part in parts)))
+
+
+def commands(text: str) -> str:
+    """The page of the benchmarks with the current registry."""
+    rows = []
+    for group, benchmarks in GROUPS.items():
+        rows.append([f"**{group}**", "", "", ""])
+        for one in benchmarks:
+            command = f"`python -m benchmarks {f'{one.name} {one.needs}'.strip()}`"
+            rows.append([command, one.title, duration(one.minutes), duration(one.quick_minutes)])
+    listed = table(["command", "what it measures", "time on two cores", "with `--quick`"], rows)
+    return BLOCK.sub(lambda _: f"\n{listed}\n", text)
 
 
 def readme(text: str) -> str:
@@ -456,19 +470,15 @@ def virtual_hub(text: str) -> str:
     return BLOCK.sub(lambda _: f"\n{table(['random programs', 'number', 'print the same'], rows)}\n", text)
 
 
-def main() -> None:
+def main(session: Session) -> None:
     """Write, or check."""
-    parser = command(__doc__)
-    parser.add_argument("--check", action="store_true")
-    args = parser.parse_args()
-    pages = {PAGE: page(), STUDIES_PAGE: studies(), README: readme(README.read_text(encoding="utf-8"))}
-    pages[VIRTUAL_HUB_PAGE] = virtual_hub(VIRTUAL_HUB_PAGE.read_text(encoding="utf-8"))
+    session.parser.add_argument("--check", action="store_true")
+    args = session.parse()
+    pages = {PAGE: page(), STUDIES_PAGE: studies()}
+    for path, written in ((README, readme), (BENCHMARKS_PAGE, commands), (VIRTUAL_HUB_PAGE, virtual_hub)):
+        pages[path] = written(path.read_text(encoding="utf-8"))
     for path, text in pages.items():
         if not args.check:
             path.write_text(text, encoding="utf-8")
         elif not path.exists() or path.read_text(encoding="utf-8") != text:
-            sys.exit(f"error: {path.relative_to(ROOT)} does not match the results; run python benchmarks/tables.py")
-
-
-if __name__ == "__main__":
-    main()
+            raise RunError(f"{path.relative_to(ROOT)} does not match the results; run python -m benchmarks tables")

@@ -1,6 +1,6 @@
 """Cost of an update: our agents, TorchRL's losses, Stable-Baselines3 and SBX, in CPU time and wall time.
 
-    python benchmarks/updates.py [--agents sac td3] [--contestants ours sb3] [--rounds 9]
+    python -m benchmarks updates [--agents sac td3] [--contestants ours sb3] [--rounds 9]
 
 Every contestant runs in its own process with one thread, and all take turns for ``--rounds`` rounds; medians of the times and of
 the ratios in each round. An update is one of the critics; DroQ and REDQ make 20 of them for one of the actor. `contestants`
@@ -19,7 +19,8 @@ from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from typing import Any
 
-from machine import ONE_THREAD, command, write
+from benchmarks.machine import ONE_THREAD
+from benchmarks.session import Session
 
 AGENTS = ("sac", "td3", "droq", "redq", "crossq")
 NEEDS = {"sb3": "stable_baselines3", "sbx": "sbx"}
@@ -27,7 +28,7 @@ NEEDS = {"sb3": "stable_baselines3", "sbx": "sbx"}
 
 def work(name: str, agent: str, connection: Connection) -> None:
     """A contestant's process: builds its agent, updates once, then at each request; sends the times."""
-    from contestants import CONTESTANTS, UPDATES
+    from benchmarks.contestants import CONTESTANTS, UPDATES
 
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})  # what starts threads all the same shares one core with them
@@ -74,7 +75,7 @@ class Contestant:
 
 def available() -> list[str]:
     """Contestants that can run here; prints why the others cannot."""
-    from contestants import CONTESTANTS
+    from benchmarks.contestants import CONTESTANTS
 
     names = []
     for name in CONTESTANTS:
@@ -87,7 +88,7 @@ def available() -> list[str]:
 
 def race(agent: str, names: list[str], rounds: int) -> dict[str, Any]:
     """Times of all contestants that have the agent, in turns."""
-    from contestants import CONTESTANTS
+    from benchmarks.contestants import CONTESTANTS
 
     contestants = [Contestant(name, agent) for name in names if agent in CONTESTANTS[name][1]]
     for _ in range(rounds):
@@ -107,7 +108,8 @@ def race(agent: str, names: list[str], rounds: int) -> dict[str, Any]:
 def overhead_share(agent: str) -> float:
     """Share of the CPU time of our updates for drawing, relabelling and splitting batches."""
     import torch
-    from contestants import UPDATES, learner_of
+
+    from benchmarks.contestants import UPDATES, learner_of
 
     torch.set_num_threads(1)
     learner, shares = learner_of(agent), []
@@ -121,16 +123,16 @@ def overhead_share(agent: str) -> float:
     return round(statistics.median(shares), 3)
 
 
-def main() -> None:
+def main(session: Session) -> None:
     """Race all agents and write the medians."""
 
-    parser = command(__doc__)
+    parser = session.parser
     parser.add_argument("--agents", nargs="+", default=AGENTS, choices=AGENTS)
     parser.add_argument("--contestants", nargs="+", help="all that can run here, unless given")
     parser.add_argument("--rounds", type=int, default=9)
-    args = parser.parse_args()
+    args = session.parse()
     os.environ.update(ONE_THREAD)  # before torch or JAX is loaded, here and in the processes
-    from contestants import ACTION, BATCH, HIDDEN, OBSERVATION
+    from benchmarks.contestants import ACTION, BATCH, HIDDEN, OBSERVATION
 
     names = [name for name in available() if args.contestants is None or name in ("ours", *args.contestants)]
     agents: dict[str, Any] = {}
@@ -143,7 +145,7 @@ def main() -> None:
             print(f"{agent:7}{name:15}{result['cpu_ms']:8.2f} ms CPU  {first['wall_s']:7.1f} s to the first  {times}", flush=True)
     setup = {"hidden": HIDDEN, "batch_size": BATCH, "observation": OBSERVATION, "action": ACTION, "rounds": args.rounds}
     others = {name: metadata.version(name) for name in ("stable-baselines3", "sbx-rl", "jax") if _installed(name)}
-    print(write("updates", {"setup": setup, "agents": agents, "compared_with": others}))
+    session.write({"setup": setup, "agents": agents, "compared_with": others})
 
 
 def _installed(name: str) -> bool:
@@ -152,7 +154,3 @@ def _installed(name: str) -> bool:
     except metadata.PackageNotFoundError:
         return False
     return True
-
-
-if __name__ == "__main__":
-    main()

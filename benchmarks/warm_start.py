@@ -1,24 +1,24 @@
 """Warm start: episodes on the robot until the return is -25 on Walker-v0, with and without a dataset.
 
-    python benchmarks/datasets.py --out runs/datasets
-    python benchmarks/warm_start.py --data runs/datasets/Walker-v0-expert
+    python -m benchmarks warm_start
 
 Four methods, each with ``--seeds`` seeds, on the virtual robot: SAC from scratch; SAC with half of each batch from the dataset;
 IQL that was trained on the dataset and continues; SAC that continues from the policy of a BC agent trained on the dataset, with
 the dataset. The result is the first episode with a return, exploration included, of -25 or more; an agent that does not reach it
-counts with ``--episodes`` and one more.
+counts with ``--episodes`` and one more. A missing dataset is recorded first.
 """
 
 from __future__ import annotations
 
+import itertools
 import statistics
 import tempfile
 from pathlib import Path
 from typing import Any
 
-from machine import command, write
-from stopping import StopWhen
-
+from benchmarks import datasets
+from benchmarks.session import Session
+from benchmarks.stopping import StopWhen
 from bricksrl.agents import preset
 from bricksrl.training import TrainConfig, train
 from bricksrl.training.offline import settings_like
@@ -52,26 +52,30 @@ def run(way: str, data: str, seed: int, episodes: int, updates: int) -> dict[str
         )
         returns = [episode.return_ for episode in train(config, callback, stop=callback.stop).episodes]
     reached = returns[-1] >= GOAL
-    print(way, seed, [round(value, 1) for value in returns], flush=True)
     return {"seed": seed, "episodes": len(returns) + (not reached), "reached": reached, "returns": returns}
 
 
-def main() -> None:
+def main(session: Session) -> None:
     """Run all and write the results."""
-    parser = command(__doc__)
-    parser.add_argument("--data", type=Path, default=Path("runs/datasets/Walker-v0-expert"))
+    parser = session.parser
+    parser.add_argument("--data", type=Path, help=f"the dataset (default: the expert's in {datasets.FOLDER})")
     parser.add_argument("--ways", nargs="+", default=list(WAYS), choices=list(WAYS))
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--episodes", type=int, default=40)
     parser.add_argument("--updates", type=int, default=5000, help="of IQL and of BC, from the dataset alone")
-    args = parser.parse_args()
+    args = session.parse()
+    data = args.data or session.place_of(datasets.FOLDER) / f"{ENV}-expert"
+    if args.data is None and not data.exists():
+        datasets.made(data.parent, (ENV,), quick=session.is_quick, processes=session.jobs)
+    jobs = {
+        f"{way}-{seed}-{args.episodes}-{args.updates}": (way, str(data.absolute()), seed, args.episodes, args.updates)
+        for way in args.ways
+        for seed in range(args.seeds)
+    }
+    found = session.outcomes(run, jobs)
     results: dict[str, Any] = {}
     for way in args.ways:
-        runs = [run(way, str(args.data.absolute()), seed, args.episodes, args.updates) for seed in range(args.seeds)]
+        runs = list(itertools.islice(found, args.seeds))
         results[way] = {"episodes_median": statistics.median(run_result["episodes"] for run_result in runs), "seeds": runs}
     print({way: run_result["episodes_median"] for way, run_result in results.items()})
-    print(write("warm_start", {"env": ENV, "goal": GOAL, "updates": args.updates, "ways": results}))
-
-
-if __name__ == "__main__":
-    main()
+    session.write({"env": ENV, "goal": GOAL, "updates": args.updates, "ways": results})

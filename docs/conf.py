@@ -13,6 +13,7 @@ DOCS = Path(__file__).parent
 sys.path[:0] = [str(DOCS.parent / "packages" / house / "src") for house in ("brickhub", "bricktwin", "bricksrl")]
 
 import bricksrl
+from brickhub.cli.app import CommandLine
 
 project = "BricksRL"
 author = "The BricksRL developers"
@@ -59,22 +60,27 @@ def environments() -> str:
 
 def commands() -> str:
     """The help of each command, as it prints it."""
-    from bricksrl.cli.app import LINE
+    import brickhub.cli.commands
+    import bricksrl.cli.app
+    import bricktwin.cli.commands
 
     os.environ["COLUMNS"] = "100"
-    names = [[name] for name in LINE.commands] + [[group, name] for group, (_, below) in LINE.groups.items() for name in below]
-    parts = ["# Command line\n", "All commands, with the help that `bricksrl COMMAND --help` prints.\n"]
-    parts += [f"## bricksrl {' '.join(name)}\n\n```text\n{help_of(name)}\n```\n" for name in sorted(names)]
+    parts = ["# Command line\n", "All commands, with the help that `bricksrl COMMAND --help` prints. The last sections are for"]
+    parts += ["those who have `brickhub` or `bricktwin` alone; the same commands are `bricksrl hub`, `plan` and `twin`.\n"]
+    for line in (bricksrl.cli.app.LINE, brickhub.cli.commands.LINE, bricktwin.cli.commands.LINE):
+        names = [[name] for name in line.commands]
+        names += [[group, name] for group, (_, below) in line.groups.items() for name in below]
+        parts += [f"## {line.prog} {' '.join(name)}\n\n```text\n{help_of(line, name)}\n```\n" for name in sorted(names)]
     return "\n".join(parts)
 
 
-def help_of(words: list[str]) -> str:
+def help_of(line: CommandLine, words: list[str]) -> str:
     """The help of one command, without colours."""
-    from bricksrl.cli.app import parse
+    from brickhub.cli.app import parse
 
     text = io.StringIO()
     with contextlib.redirect_stdout(text), contextlib.suppress(SystemExit):
-        parse([*words, "--help"])
+        parse(line, [*words, "--help"])
     return re.sub(r"\x1b\[[0-9;]*m", "", text.getvalue()).rstrip()
 
 

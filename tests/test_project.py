@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import ast
+import importlib
+import pkgutil
 import re
-import runpy
 import shlex
 import subprocess
 import sys
@@ -16,17 +17,34 @@ from pathlib import Path
 import pytest
 
 import bricksrl
-from bricksrl.cli.app import parse
+from brickhub import HOUSES
+from brickhub.cli import app
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+CONTRIBUTING = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+PROJECTS = {
+    house: tomllib.loads((ROOT / "packages" / house / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    for house in HOUSES
+}
+SOURCES = {house: ROOT / "packages" / house / "src" / house for house in HOUSES}
+LINES = {house: importlib.import_module(f"{house}.cli.{'app' if house == 'bricksrl' else 'commands'}").LINE for house in HOUSES}
+"""The command of each house."""
+PAGES = [
+    *(ROOT / name for name in ("README.md", "CONTRIBUTING.md")),
+    *sorted((ROOT / "docs").glob("*.md")),
+    *(ROOT / "packages" / house / "README.md" for house in HOUSES),
+]
 
 
 def test_one_version_everywhere():
     newest = re.search(r"^## \[(\d+\.\d+\.\d+)\]", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
     assert newest is not None
-    assert bricksrl.__version__ == metadata.version("bricksrl") == newest[1]
+    for place, house in enumerate(HOUSES):
+        assert importlib.import_module(house).__version__ == metadata.version(house) == newest[1]
+        required = [name for name in PROJECTS[house]["dependencies"] if name.startswith(HOUSES)]
+        assert required == [f"{before}=={newest[1]}" for before in HOUSES[:place]]
+    assert f"\nversion: {newest[1]}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
 
 
 def test_imports_go_one_way():
@@ -37,42 +55,34 @@ def test_imports_go_one_way():
     assert done.returncode == 0, done.stdout
 
 
-def test_files_are_short_and_found_by_their_name():
-    package = ROOT / "src" / "bricksrl"
-    modules = [path for path in package.rglob("*.py") if path.name != "__init__.py"]
-    assert [path for path in modules if len(path.read_text(encoding="utf-8").splitlines()) > 400] == []
-    folders = {path.parent for path in package.rglob("*") if "__pycache__" not in path.parts and path.is_file()}
-    crowded = [folder.name for folder in folders if sum(path.is_file() for path in folder.iterdir()) > 20]
-    assert sorted(crowded) == ["cli", "pybricks"]
-    names = Counter((path.relative_to(package).parts[0], path.name) for path in modules)
-    assert [name for name, count in names.items() if count > 1] == []
+def test_files_are_found_by_their_name():
+    crowded = []
+    for package in SOURCES.values():
+        folders = {path.parent for path in package.rglob("*") if "__pycache__" not in path.parts and path.is_file()}
+        crowded += [folder.name for folder in folders if sum(path.is_file() for path in folder.iterdir()) > 20]
+        modules = [path.relative_to(package) for path in package.rglob("*.py") if path.name != "__init__.py"]
+        names = Counter((path.parts[0], path.name) for path in modules)
+        assert [name for name, count in names.items() if count > 1] == []
+    assert sorted(crowded) == ["cli", "envs", "pybricks"]
 
 
 def test_published_tables_match_results():
-    done = subprocess.run(
-        [sys.executable, "benchmarks/tables.py", "--check"], cwd=ROOT, capture_output=True, text=True, timeout=60, check=False
-    )
+    command = [sys.executable, "-m", "benchmarks", "tables", "--check"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "benchmarks").glob("*.py")), ids=lambda path: path.stem)
-def test_benchmarks_have_help(path, monkeypatch, capsys):
-    if "__main__" not in (text := path.read_text(encoding="utf-8")):
-        return
-    monkeypatch.setattr(sys, "path", [str(path.parent), *sys.path])
-    monkeypatch.setattr(sys, "argv", [path.name, "--help"])
-    with pytest.raises(SystemExit, match="^0$"):
-        runpy.run_path(str(path), run_name="__main__")
-    assert text.splitlines()[0].strip('"') in capsys.readouterr().out
-
-
 def test_every_dependency_is_pinned():
-    pinned = {line.split("==")[0].lower().replace("_", "-") for line in _constraints()}
-    extras = PROJECT["project"]["optional-dependencies"]
-    installed = {name: extras[name] for name in ("dev", "vision", "data", "tune", "docs", "benchmarks")}
-    wanted = [*PROJECT["project"]["dependencies"], *(one for extra in installed.values() for one in extra)]
-    names = {re.split(r"[<>=\[]", requirement)[0].lower().replace("_", "-") for requirement in wanted}
-    assert names - {"bricksrl"} <= pinned
+    pinned = {_name(line) for line in _constraints()}
+    for project in PROJECTS.values():
+        extras = project["optional-dependencies"]
+        optional = [names for extra, names in extras.items() if extra not in {"encoders", "loggers"}]  # no test installs these
+        wanted = {_name(requirement) for names in (project["dependencies"], *optional) for requirement in names}
+        assert wanted - set(HOUSES) <= pinned, project["name"]
+
+
+def _name(requirement: str) -> str:
+    return re.split(r"[<>=\[]", requirement)[0].lower().replace("_", "-")
 
 
 def test_constraints_are_exact_and_free_of_local_builds():
@@ -118,24 +128,32 @@ def _constraints() -> list[str]:
     return [line for line in lines if line and not line.startswith("#")]
 
 
-def _commands(tool: str) -> list[str]:
-    return re.findall(rf"^ *({tool} [^#\n]*?) *(?:#.*)?$", README, re.MULTILINE)
+def _commands(tool: str, text: str = README) -> list[str]:
+    return re.findall(rf"^ *({tool} [^#\n]*?) *(?:#.*)?$", text, re.MULTILINE)
 
 
-@pytest.mark.parametrize("command", _commands("bricksrl"))
+@pytest.mark.parametrize("command", [command for house in HOUSES for command in _commands(house)])
 def test_readme_commands_exist(command):
-    assert callable(parse(shlex.split(command)[1:]).execute)
+    house, *words = shlex.split(command)
+    assert callable(app.parse(LINES[house], words).execute)
 
 
 def test_readme_has_commands():
     assert len(_commands("bricksrl")) >= 5
     assert len(_commands("make")) >= 2
+    assert all(_commands(house) for house in HOUSES)
 
 
-@pytest.mark.parametrize("command", _commands("make"))
-def test_readme_make_targets_exist(command):
+@pytest.mark.parametrize("command", _commands("make") + _commands("make", CONTRIBUTING))
+def test_make_targets_exist(command):
     done = subprocess.run(["make", "--dry-run", *shlex.split(command)[1:]], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+def test_houses_are_installed_with_those_they_need():
+    installs = [re.findall(r"--editable packages/(\w+)", line) for page in PAGES for line in page.read_text("utf-8").splitlines()]
+    assert list(HOUSES) in installs
+    assert all(tuple(houses) == HOUSES[: len(houses)] for houses in installs)
 
 
 def test_readme_links_exist():
@@ -147,17 +165,23 @@ GENERATED = ("reference/cli.md", "reference/environments.md")
 """Pages that `make docs` writes."""
 
 
-@pytest.mark.parametrize("page", [ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))], ids=lambda page: page.stem)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: f"{page.parent.name}-{page.stem}")
 def test_docs_refer_to_existing_files(page):
     text = page.read_text(encoding="utf-8")
     for target in re.findall(r"\]\((?!https?:)([^)#]+)[^)]*\)", text):
         assert (page.parent / target).exists() or target in GENERATED, target
-    folders = "|".join(path.name for path in (ROOT / "src/bricksrl").iterdir() if path.is_dir())
-    for named in re.findall(rf"`((?:benchmarks|examples|tests|docs|{folders})/[\w/]*(?:\.\w+)?)`", text):
-        assert (ROOT / named).exists() or (ROOT / "src/bricksrl" / named).exists(), named
+    rooms = {path.name for source in SOURCES.values() for path in source.iterdir() if path.is_dir()}
+    folders = "|".join([*rooms, *HOUSES, "benchmarks", "examples", "tests", "docs", "packages"])
+    places = (ROOT, *SOURCES.values(), *(source.parent for source in SOURCES.values()))
+    for named in re.findall(rf"`((?:{folders})/[\w/]*(?:\.\w+)?)`", text):
+        assert any((place / named).exists() for place in places), named
+    for named in re.findall(rf"`((?:{'|'.join(HOUSES)})(?:\.\w+)+)`", text):
+        assert pkgutil.resolve_name(named) is not None
 
 
 def test_docstrings_of_modules_begin_with_their_subject():
-    for path in sorted((ROOT / "src").rglob("*.py")):
+    paths = sorted(path for source in SOURCES.values() for path in source.rglob("*.py"))
+    assert len(paths) > 300
+    for path in paths:
         begins = (ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or "Nothing").split()[0]
         assert begins not in {"How", "What", "When", "Where", "Whether", "Which", "Who", "Why"}, path

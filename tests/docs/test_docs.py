@@ -15,8 +15,11 @@ import nbclient
 import nbformat
 import pytest
 
+import brickhub.cli.commands
+import bricksrl.cli.app
+import bricktwin.cli.commands
+from brickhub.cli.app import parse
 from bricksrl.cli import main
-from bricksrl.cli.app import parse
 from bricksrl.envs.registry import _BUILT_IN
 
 ROOT = Path(__file__).parents[2]
@@ -25,6 +28,8 @@ FOLLOWED = [ROOT / "README.md", *(DOCS / f"{name}.md" for name in ("start", "wat
 """Pages with executed commands."""
 READ = [path for path in sorted(DOCS.glob("*.md")) if path not in FOLLOWED]
 """Pages with commands for the reader's robots and files, which are only parsed."""
+READMES = sorted((ROOT / "packages").glob("*/README.md"))
+LINES = {line.prog: line for line in (brickhub.cli.commands.LINE, bricktwin.cli.commands.LINE, bricksrl.cli.app.LINE)}
 NOTEBOOKS = sorted((DOCS / "tutorials").glob("*.ipynb"))
 
 
@@ -35,11 +40,11 @@ def blocks(page: Path, language: str) -> list[str]:
     return [re.sub(r"^ {3}", "", block, flags=re.MULTILINE) for block in found]
 
 
-def commands(page: Path) -> list[list[str]]:
-    """Arguments of all ``bricksrl`` commands on a page."""
+def commands(page: Path, house: str = "bricksrl") -> list[list[str]]:
+    """Arguments of all commands of a house on a page."""
     lines = [line for block in blocks(page, "bash") for line in block.splitlines()]
-    lines += re.findall(r"^ {4}(bricksrl .*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
-    return [shlex.split(line, comments=True)[1:] for line in lines if line.startswith("bricksrl ")]
+    lines += re.findall(rf"^ {{4}}({house} .*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    return [shlex.split(line, comments=True)[1:] for line in lines if line.startswith(f"{house} ")]
 
 
 def cheap(words: list[str]) -> list[str]:
@@ -86,21 +91,33 @@ def test_docs_pages_can_be_executed(page: Path, clone: Path, capfd: pytest.Captu
         code = main(cheap(words))
         told = capfd.readouterr()
         assert code == 0, (words, told.err)
+    for house, run in (("brickhub", brickhub.cli.main), ("bricktwin", bricktwin.cli.main)):
+        for words in commands(page, house):
+            assert run(cheap(words)) == 0, (words, capfd.readouterr().err)
     for block in blocks(page, "python"):
         exec(block.replace("episodes=15", "episodes=1"), {})  # noqa: S102
     assert done
 
 
-@pytest.mark.parametrize("page", [*FOLLOWED, *READ], ids=lambda page: page.stem)
+@pytest.mark.parametrize("page", [*FOLLOWED, *READ, *READMES], ids=lambda page: f"{page.parent.name}-{page.stem}")
 def test_commands_exist(page: Path) -> None:
-    for words in commands(page):
-        assert callable(parse(words).execute), words
+    for house, line in LINES.items():
+        for words in commands(page, house):
+            assert callable(parse(line, words).execute), words
 
 
 @pytest.mark.parametrize("page", READ, ids=lambda page: page.stem)
 def test_snippets_of_other_pages_are_python(page: Path) -> None:
     for block in blocks(page, "python"):
         compile(block, str(page), "exec")
+
+
+@pytest.mark.parametrize("name", ["own_robot", "plans", "virtual_hub"])
+def test_snippets_about_robots_run(name: str, clone: Path) -> None:
+    (clone / "main.py").write_text("print('hello')\n", encoding="utf-8")
+    names: dict[str, object] = {}
+    for block in blocks(DOCS / f"{name}.md", "python"):
+        exec(block, names)  # noqa: S102
 
 
 @pytest.mark.slow

@@ -31,6 +31,11 @@ def quoted(path: Path | str) -> str:
     return subprocess.list2cmdline([str(path)]) if os.name == "nt" else shlex.quote(str(path))
 
 
+def user_cache() -> Path:
+    """Folder of what is kept between processes and can be lost. Raises RuntimeError if the user has no home."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "bricksrl"
+
+
 def refuse_existing(path: Path, error: type[BricksError]) -> None:
     """Raise ``error`` if there is a file or folder at ``path``, which is to be written."""
     if path.exists():

@@ -2,19 +2,11 @@
 
 from __future__ import annotations
 
-import runpy
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-BENCHMARKS = Path(__file__).parents[4] / "benchmarks"
-
-
-@pytest.fixture
-def script(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
-    monkeypatch.syspath_prepend(BENCHMARKS)
-    return runpy.run_path(str(BENCHMARKS / "firmware_tests.py"), run_name="firmware_tests")
+from benchmarks import firmware_tests
 
 
 @pytest.mark.parametrize(
@@ -27,16 +19,16 @@ def script(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
         ("OverflowError: small int overflow\n", "1180591620717411303424\n", "needs long integers"),
     ],
 )
-def test_verdict_has_reason(script: dict[str, Any], printed: str, expected: str, verdict: str) -> None:
-    assert script["verdict"](printed, expected) == verdict
+def test_verdict_has_reason(printed: str, expected: str, verdict: str) -> None:
+    assert firmware_tests.verdict(printed, expected) == verdict
 
 
-def test_program_runs_with_files_beside_it(script: dict[str, Any], tmp_path: Path) -> None:
+def test_program_runs_with_files_beside_it(tmp_path: Path) -> None:
     program = tmp_path / "main.py"
     program.write_text("import part\nprint(part.VALUE / 3)\n1 / 0\n")
     (tmp_path / "part.py").write_text("VALUE = 2\n")
     (tmp_path / "main.exp").write_text("")
-    assert script["expected_output"](program) == tmp_path / "main.exp"
-    assert script["expected_output"](tmp_path / "part.py") is None
-    printed = script["output"](program, "bench", 60.0, 60.0)
+    assert firmware_tests.expected_output(program) == tmp_path / "main.exp"
+    assert firmware_tests.expected_output(tmp_path / "part.py") is None
+    printed = firmware_tests.output(program, "bench", 60.0, 60.0)
     assert printed.startswith("0.6666667\nTraceback") and printed.endswith("ZeroDivisionError: divide by zero\n")

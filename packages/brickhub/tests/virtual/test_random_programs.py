@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import runpy
 import stat
 import subprocess
 import sys
@@ -12,7 +10,9 @@ from pathlib import Path
 
 import pytest
 
-SCRIPT = Path(__file__).parents[4] / "benchmarks" / "firmware_programs.py"
+from benchmarks import firmware_programs
+
+ROOT = Path(__file__).parents[4]
 FIRMWARE = f"""#!{sys.executable}
 import sys
 from brickhub.virtual import run_file
@@ -29,7 +29,9 @@ def test_different_output_is_counted(tmp_path: Path) -> None:
     subprocess.run(
         [
             sys.executable,
-            str(SCRIPT),
+            "-m",
+            "benchmarks",
+            "firmware_programs",
             str(firmware),
             "--programs",
             "2",
@@ -38,27 +40,25 @@ def test_different_output_is_counted(tmp_path: Path) -> None:
             "drives",
             "--keep",
             str(tmp_path / "keep"),
+            "--folder",
+            str(tmp_path),
         ],
-        env={**os.environ, "BRICKSRL_RESULTS": str(tmp_path)},
+        cwd=ROOT,
         check=True,
         timeout=90,
     )
-    result = json.loads((tmp_path / "firmware_programs.json").read_text())["kinds"]
+    result = json.loads((tmp_path / "study.json").read_text())["kinds"]
     assert result == {kind: {"programs": 2, "same": 1, "differ": [0]} for kind in ("tasks", "drives")}
     assert (tmp_path / "keep" / "drives_0.firmware").read_text() == "changed\n"
     assert "DriveBase" in (tmp_path / "keep" / "tasks_0.py").read_text()
 
 
-def test_programs_without_end_are_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(str(SCRIPT.parent))
-    module = runpy.run_path(str(SCRIPT), run_name="firmware_programs")
+def test_programs_without_end_are_the_same(tmp_path: Path) -> None:
     program = tmp_path / "endless.py"
     program.write_text("from pybricks.tools import wait\nwhile True:\n    wait(1000)\n")
-    assert module["on_virtual_hub"](program) == module["NO_END"]
+    assert firmware_programs.on_virtual_hub(program) == firmware_programs.NO_END
 
 
-def test_branches_follow_lines_that_take_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(str(SCRIPT.parent))
-    module = runpy.run_path(str(SCRIPT), run_name="firmware_programs")
-    lines = module["branching"](["m.run(5)", "    wait(3)", "b.turn(9)"])
-    assert lines == ["m.run(5)", "    wait(3)", f"    {module['BRANCH']}", "b.turn(9)", module["BRANCH"]]
+def test_branches_follow_lines_that_take_time() -> None:
+    lines = firmware_programs.branching(["m.run(5)", "    wait(3)", "b.turn(9)"])
+    assert lines == ["m.run(5)", "    wait(3)", f"    {firmware_programs.BRANCH}", "b.turn(9)", firmware_programs.BRANCH]

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from forked import ForkServer
 
 from bricksrl.cli import main
 
@@ -18,22 +19,21 @@ EXECUTABLE = str(Path(sys.executable).with_name("bricksrl"))
 
 
 @pytest.fixture(scope="session")
-def bricksrl(tmp_path_factory: pytest.TempPathFactory) -> Bricksrl:
-    """Run ``bricksrl`` in a folder of the session."""
+def bricksrl(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bricksrl]:
+    """Run ``bricksrl`` in a folder of the session: in a process of its own, from scratch where a test sets its environment."""
     folder = tmp_path_factory.mktemp("cli")
+    server = ForkServer() if hasattr(os, "fork") else None
 
     def run(*arguments: str, timeout_s: float = 120.0, **environment: str) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            [EXECUTABLE, *arguments],
-            cwd=folder,
-            env={**os.environ, "MUJOCO_GL": "disable", **environment},
-            capture_output=True,
-            text=True,
-            timeout=timeout_s,
-            check=False,
-        )
+        whole = {**os.environ, "MUJOCO_GL": "disable", **environment}
+        if server is not None and not environment:
+            return server.run(arguments, folder, whole, timeout_s)
+        command = [EXECUTABLE, *arguments]
+        return subprocess.run(command, cwd=folder, env=whole, capture_output=True, text=True, timeout=timeout_s, check=False)
 
-    return run
+    yield run
+    if server is not None:
+        server.close()
 
 
 @pytest.fixture

@@ -223,7 +223,7 @@ def test_missing_package_is_named(bricksrl, tmp_path: Path) -> None:
         "PathFinder.find_spec = lambda name, *rest: None if name.startswith('pyarrow') else find(name, *rest)\n"
     )
     done = bricksrl("data", "info", str(tmp_path), PYTHONPATH=f"{tmp_path}{os.pathsep}{os.environ.get('PYTHONPATH', '')}")
-    told = r"error: the package 'pyarrow' is missing in .*; install BricksRL there again, or activate its environment\n"
+    told = r"error: the package 'pyarrow' is missing in .*; install bricksrl there again, or activate its environment\n"
     assert done.returncode == 2 and re.fullmatch(told, done.stderr), done.stderr
 
 

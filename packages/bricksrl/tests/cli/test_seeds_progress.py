@@ -30,8 +30,8 @@ def test_progress_lines_show_episodes_and_lost_workers(capsys: pytest.CaptureFix
 def test_studies_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     StudyCommand().execute()
     listed = capsys.readouterr().out
-    assert "sim-to-robot" in listed and "h on two cores" in listed
-    with pytest.raises(UnknownNameError, match="no study 'poetry'"):
+    assert "sim-to-robot" in listed and "on two cores" in listed
+    with pytest.raises(UnknownNameError, match="no benchmark 'poetry'"):
         StudyCommand("poetry").execute()
     with pytest.raises(RunError, match="jobs is 0"):
         StudyCommand("agents", jobs=0).execute()
@@ -41,8 +41,7 @@ def test_studies_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     ("command", "says"),
     [
         (StudyCommand(quick=True), "--quick has no effect without a study's name"),
-        (StudyCommand("datasets", only=("bc-*",)), "--only has no effect on 'datasets'"),
-        (StudyCommand("agents", benchmarks=Path("elsewhere")), "--benchmarks has no effect on 'agents'"),
+        (StudyCommand("datasets", only=("bc-*",)), "--only bc-\\*; `python -m benchmarks datasets --help`"),
     ],
 )
 def test_study_ignores_no_option(command: StudyCommand, says: str) -> None:
@@ -50,11 +49,20 @@ def test_study_ignores_no_option(command: StudyCommand, says: str) -> None:
         command.execute()
 
 
-def test_benchmark_study_uses_results(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_study_shows_published_result(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     benchmarks = Path(__file__).parents[4] / "benchmarks"
     StudyCommand("datasets", folder=tmp_path / "study", benchmarks=benchmarks).execute()
     page = tmp_path / "study" / "study.md"
-    assert str(page) in capsys.readouterr().out and "-69.12" in page.read_text()
+    assert str(page) in capsys.readouterr().out and "-69.1" in page.read_text()
+
+
+def test_study_outside_of_a_clone_says_where_studies_are(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(RunError, match=r"not in .*elsewhere; run this in a clone of https://"):
+        StudyCommand("agents", benchmarks=tmp_path / "elsewhere").execute()
+    monkeypatch.setattr("bricksrl.cli.study.__file__", str(tmp_path / "site-packages" / "bricksrl" / "cli" / "study.py"))
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(RunError, match="in the folder benchmarks of the repository, not in this package; run this in a clone"):
+        StudyCommand("agents").execute()
 
 
 def test_interrupted_tuning_tells_what_is_there(
@@ -72,12 +80,12 @@ def test_interrupted_tuning_tells_what_is_there(
 def test_interrupted_study_tells_what_is_there(
     tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, started: bool
 ) -> None:
-    def press(_study: object, folder: Path, *_: object, **__: object) -> None:
+    def press(_session: object) -> None:
         if started:
-            folder.mkdir()
+            (tmp_path / "study").mkdir()
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("bricksrl.evaluation.study_benchmarks.run_benchmark_study", press)
-    assert main(["study", "datasets", "--folder", str(tmp_path / "study")]) == 130
-    kept = f"finished runs are in {tmp_path / 'study'}; the same command resumes the study" if started else "nothing was saved"
+    monkeypatch.setattr("benchmarks.datasets.main", press)
+    assert main(["study", "datasets", "--quick", "--folder", str(tmp_path / "study")]) == 130
+    kept = f"what is finished is in {tmp_path / 'study'}; the same command goes on" if started else "nothing was saved"
     assert capfd.readouterr().err == f"interrupted: {kept}\n"

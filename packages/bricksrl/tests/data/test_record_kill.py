@@ -3,26 +3,24 @@
 from __future__ import annotations
 
 import random
-import runpy
 import signal
 import sys
 from pathlib import Path
 
 import pytest
 
+from benchmarks.record_kill import killed_after, opened
 from bricksrl.data import load
 from bricksrl.data.integrity import check
 from bricksrl.data.repair import recover
-
-KILL = runpy.run_path(str(Path(__file__).parents[4] / "benchmarks/record_kill.py"), run_name="kill")
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason=f"there is no signal {int(signal.SIGINT)} like SIGKILL")
 def test_killed_recorder_loses_no_committed_episode(tmp_path: Path) -> None:
     rng = random.Random(1)
     for _ in range(6):
-        committed = KILL["killed_after"](tmp_path / "set", "blind", rng.randrange(3), rng.uniform(0.0, 0.15))
-        found = KILL["opened"](tmp_path / "set", committed)
+        committed = killed_after(tmp_path / "set", "blind", rng.randrange(3), rng.uniform(0.0, 0.15))
+        found = opened(tmp_path / "set", committed)
         assert found["lost"] == 0 and 0 <= found["beyond"] <= 1 and found["pyarrow"], (committed, found)
     before = len(load(tmp_path / "set").rows)
     recover(tmp_path / "set")

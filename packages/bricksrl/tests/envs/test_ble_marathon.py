@@ -1,6 +1,6 @@
 """Random faults during a training on one hub.
 
-For more, set ``BRICKSRL_FAULTS`` or run ``python benchmarks/link_faults.py --faults 1000``.
+For more, set ``BRICKSRL_FAULTS`` or run ``python -m benchmarks link_faults --faults 1000``.
 """
 
 from __future__ import annotations

@@ -5,8 +5,6 @@ from __future__ import annotations
 import dataclasses
 import logging
 import math
-import runpy
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,14 +13,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import bricksrl
+from benchmarks.scripted import CONTROLLERS
 from brickhub.hub.interface import DriveSpeed, Interface, MotorAngle, RunAngle, Wait, YawRate
 from bricksrl.envs.dead_reckoning import FloorPose, Target, TargetTracker, start_pose
 from bricksrl.envs.tasks.line_follow import LINE_FOLLOW
 from bricksrl.envs.tasks.park import PARK, cost, reward
 from bricksrl.errors import DescriptionError
 from bricktwin.robots import TWO_WHEELER, WALKER
-
-CONTROLLERS = runpy.run_path(str(Path(__file__).parents[4] / "benchmarks/scripted.py"))["CONTROLLERS"]
 
 
 def test_place_in_robot_frame() -> None:

@@ -2,4 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
+LOADED_NS = time.time_ns()
+"""Time at which this process began to load the package."""
 __version__ = "0.1.0"

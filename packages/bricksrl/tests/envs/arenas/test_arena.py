@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from dataclasses import replace
 from typing import Any
@@ -166,7 +167,8 @@ def test_shafts_that_turn_only_visually_turn_with_their_own_robot(monkeypatch: p
         spec.body("chassis").add_body(name="spin_A_0", userdata=[2.0, 0.0, 0.0, 1.0])  # turns twice as fast, about z
         return spec
 
-    monkeypatch.setattr("bricktwin.twin.arena.load_model", geared)
+    monkeypatch.setattr("bricktwin.twin.models.load.load_model", geared)
+    monkeypatch.setenv("XDG_CACHE_HOME", os.devnull)  # nothing that a test has changed is kept
     places = (Place(), Place(x_m=(0.5, 0.5)))
     world = ArenaWorld(Arena(tuple(Contestant(name, TWO_WHEELER, place) for name, place in zip("cd", places, strict=True))))
     for body, voltage_mv in zip(world.bodies, (3000, -4000), strict=True):

@@ -62,11 +62,11 @@ def planned_robot(path: Path) -> PlannedRobot:
         state = path.stat()
     except OSError as error:
         raise PlanError(f"{path}: {error.strerror or error}; name an LDraw file (.ldr, .mpd or .io)") from None
-    return _planned(path, path.resolve(), state.st_mtime_ns, state.st_size)
+    return _planned(path, path.resolve(), (state.st_mtime_ns, state.st_ctime_ns), state.st_size)
 
 
 @functools.lru_cache(maxsize=16)
-def _planned(path: Path, _resolved: Path, _changed_ns: int, _size: int) -> PlannedRobot:
+def _planned(path: Path, _resolved: Path, _changed_ns: tuple[int, int], _size: int) -> PlannedRobot:
     return planned(read_plan(path))
 
 

@@ -8,8 +8,6 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from brickhub.errors import DescriptionError, PlanError, UnknownNameError
 from brickhub.finding import Finding, Outcome
 from brickhub.robot.spec import (
@@ -24,13 +22,11 @@ from brickhub.robot.spec import (
     UltrasonicSensor,
 )
 from bricktwin import robots
-from bricktwin.plans.mechanism.kinematics import TO_TWIN
-from bricktwin.plans.part import DeviceKind
-from bricktwin.plans.plan import Placed, Plan
-from bricktwin.plans.planned_robot import PlannedRobot, planned, planned_robot
+from bricktwin.plans.facts import DeviceFacts, PlanFacts, facts_of, read_facts
 
 if TYPE_CHECKING:
     from brickhub.robot.spec import Robot
+    from bricktwin.plans.plan import Plan
 
 _WHEEL_TOLERANCE_MM, _TRACK_TOLERANCE_MM = 0.5, 2.0
 _RATIO_TOLERANCE = 0.01
@@ -54,14 +50,14 @@ def plan_file(model: str) -> Path | None:
 def completed(robot: Robot) -> tuple[tuple[Motor, ...], tuple[Sensor, ...], DriveBase | None, tuple[str, ...]]:
     """Motors, sensors, drive base and hub sides of a description, completed from its plan. Raises DescriptionError if the plan
     contradicts the description, PlanError if the plan cannot be read."""
-    design = planned_robot(Path(robot.plan or ""))
+    design = read_facts(Path(robot.plan or ""))
     _require_known_devices(robot, design)
     motors = _motors(robot, design)
     sensors = _sensors(robot, design)
     base = robot.drive_base
     if base is not None and not (base.wheel_diameter_mm and base.axle_track_mm):
         ports = {motor.name: motor.port for motor in motors}
-        wheels = {wheel.port: wheel for wheel in design.rolling}
+        wheels = {wheel.port: wheel for wheel in design.wheels}
         left, right = (wheels.get(ports.get(name, "")) for name in (base.left, base.right))
         if left is None or right is None:
             missing = base.left if left is None else base.right
@@ -69,24 +65,28 @@ def completed(robot: Robot) -> tuple[tuple[Motor, ...], tuple[Sensor, ...], Driv
         base = replace(
             base,
             wheel_diameter_mm=base.wheel_diameter_mm or left.diameter_mm,
-            axle_track_mm=base.axle_track_mm or round(abs(float(left.centre_m[1] - right.centre_m[1])) * 1000, 3),
+            axle_track_mm=base.axle_track_mm or round(abs(left.left_m - right.left_m) * 1000, 3),
         )
     sides = (robot.hub_sides or hub_sides(design)) if robot.needs_imu else robot.hub_sides
     _raise_first(disagreements(robot, (*motors, *sensors), base, sides, design), robot.plan)
     return motors, sensors, base, sides
 
 
-def hub_sides(design: PlannedRobot) -> tuple[str, ...]:
+def hub_sides(design: PlanFacts) -> tuple[str, ...]:
     """Directions of the top and the front of the plan's hub; empty if it has none, or one at an angle."""
-    for hub in design.plan.devices(DeviceKind.HUB):
-        axes = (TO_TWIN @ hub.rotation @ np.array(side) for side in ((0.0, -1.0, 0.0), (0.0, 0.0, 1.0)))
-        return tuple(name for axis in axes for name, look in LOOKS.items() if float(axis @ np.array(look)) > _ALIGNED_COSINE)
+    for hub in design.devices("hub"):
+        axes = (hub.top, hub.front)
+        return tuple(name for axis in axes for name, look in LOOKS.items() if _dot(axis, look) > _ALIGNED_COSINE)
     return ()
 
 
-def _check_hub_sides(name: str, sides: tuple[str, ...], design: PlannedRobot) -> Iterator[Finding]:
+def _dot(a: Sequence[float], b: Sequence[float]) -> float:
+    return sum(x * y for x, y in zip(a, b, strict=True))
+
+
+def _check_hub_sides(name: str, sides: tuple[str, ...], design: PlanFacts) -> Iterator[Finding]:
     """Findings on the orientation of a hub whose IMU is read."""
-    hub = next(iter(design.plan.devices(DeviceKind.HUB)), None)
+    hub = next(iter(design.devices("hub")), None)
     plan_sides = hub_sides(design)
     if hub is None or (plan_sides == sides and len(sides) == 2):
         return
@@ -99,62 +99,62 @@ def _check_hub_sides(name: str, sides: tuple[str, ...], design: PlannedRobot) ->
     yield Finding("wiring", Outcome.ERROR, text, hub.line)
 
 
-def _require_known_devices(robot: Robot, design: PlannedRobot) -> None:
+def _require_known_devices(robot: Robot, design: PlanFacts) -> None:
     """Refuse motors and sensors that no hub of ours runs, as those of EV3."""
     kinds = {kind.value for kind in (*MotorKind, *SensorKind)} | {UltrasonicSensor.class_name}
-    for part in design.plan.devices(DeviceKind.MOTOR, DeviceKind.SENSOR):
-        if part.electric.name not in kinds:
+    for part in design.devices("motor", "sensor"):
+        if part.name not in kinds:
             where = f"{robot.plan}, line {part.line}"
-            raise DescriptionError(f"{where}: no hub of ours runs {part.name}; take a motor or sensor of Powered Up or SPIKE")
+            raise DescriptionError(f"{where}: no hub of ours runs {part.part}; take a motor or sensor of Powered Up or SPIKE")
 
 
-def _motors(robot: Robot, design: PlannedRobot) -> tuple[Motor, ...]:
+def _motors(robot: Robot, design: PlanFacts) -> tuple[Motor, ...]:
     """Motors of the description, then those that only the plan has."""
-    parts = design.plan.devices(DeviceKind.MOTOR)
+    parts = design.devices("motor")
     motors = [replace(motor, port=motor.port or _port_of(motor.name, parts, robot)) for motor in robot.motors]
-    forward = {wheel.port: wheel.is_clockwise_forward for wheel in design.rolling}
+    forward = {wheel.port: wheel.is_clockwise_forward for wheel in design.wheels}
     for part in parts:
         if part.port is not None and part.port not in {motor.port for motor in motors}:
             # Motors that only the plan has count up when the robot rolls forward.
             direction = Direction.CLOCKWISE if forward.get(part.port, True) else Direction.COUNTERCLOCKWISE
-            name = part.device or f"motor_{part.port.lower()}"
-            motors.append(Motor(name, part.port, MotorKind(part.electric.name), direction))
+            name = part.label or f"motor_{part.port.lower()}"
+            motors.append(Motor(name, part.port, MotorKind(part.name), direction))
     gears = {train.port: train.gears for train in design.trains}
     return tuple(replace(motor, gears=motor.gears or gears.get(motor.port, ())) for motor in motors)
 
 
-def _sensors(robot: Robot, design: PlannedRobot) -> tuple[Sensor, ...]:
-    parts = design.plan.devices(DeviceKind.SENSOR)
+def _sensors(robot: Robot, design: PlanFacts) -> tuple[Sensor, ...]:
+    parts = design.devices("sensor")
     sensors: list[Sensor] = [replace(sensor, port=sensor.port or _port_of(sensor.name, parts, robot)) for sensor in robot.sensors]
     for part in parts:
         port = part.port
         if port is not None and port not in {sensor.port for sensor in sensors}:
-            name, kind = part.device or f"sensor_{port.lower()}", part.electric.name
+            name, kind = part.label or f"sensor_{port.lower()}", part.name
             is_sonar = kind == UltrasonicSensor.class_name
             sensors.append(UltrasonicSensor(name, port) if is_sonar else PoweredUpSensor(name, port, SensorKind(kind)))
     return tuple(sensors)
 
 
-def _port_of(name: str, parts: Sequence[Placed], robot: Robot) -> str:
+def _port_of(name: str, parts: Sequence[DeviceFacts], robot: Robot) -> str:
     """Port of a named device in the plan."""
     for part in parts:
-        if part.device == name and part.port is not None:
+        if part.label == name and part.port is not None:
             return part.port
-    known = ", ".join(part.device for part in parts if part.device) or "none"
+    known = ", ".join(part.label for part in parts if part.label) or "none"
     raise DescriptionError(
         f"robot '{robot.name}': '{name}' has no port, and {robot.plan} no device of that name (it has: {known}); say its port"
     )
 
 
 def disagreements(
-    robot: Robot, devices: Sequence[Motor | Sensor], base: DriveBase | None, sides: tuple[str, ...], design: PlannedRobot
+    robot: Robot, devices: Sequence[Motor | Sensor], base: DriveBase | None, sides: tuple[str, ...], design: PlanFacts
 ) -> Iterator[Finding]:
     """Findings on contradictions between a description, with these devices, drive base and hub sides, and a plan."""
     name, hub = robot.name, robot.hub.value
-    parts = {part.port: part for part in design.plan.devices(DeviceKind.MOTOR, DeviceKind.SENSOR)}
-    for hub_part in design.plan.devices(DeviceKind.HUB):
-        if hub_part.electric.name != hub:
-            text = f"{hub_part.name} is not a {hub} hub, which the robot {name} has; make both agree"
+    parts = {part.port: part for part in design.devices("motor", "sensor")}
+    for hub_part in design.devices("hub"):
+        if hub_part.name != hub:
+            text = f"{hub_part.part} is not a {hub} hub, which the robot {name} has; make both agree"
             yield Finding("wiring", Outcome.ERROR, text, hub_part.line)
     for device in devices:
         part = parts.get(device.port)
@@ -165,7 +165,7 @@ def disagreements(
             yield from _check_device(name, device, part, design)
     for port, part in parts.items():
         if port not in {device.port for device in devices}:
-            text = f"port {port} has {part.name} '{part.device or ''}', but for the robot {name} nothing; make both agree"
+            text = f"port {port} has {part.part} '{part.label or ''}', but for the robot {name} nothing; make both agree"
             yield Finding("wiring", Outcome.ERROR, text, part.line)
     if base is not None:
         ports = {device.name: device.port for device in devices}
@@ -174,14 +174,14 @@ def disagreements(
         yield from _check_hub_sides(name, sides, design)
 
 
-def _check_device(name: str, device: Motor | Sensor, part: Placed, design: PlannedRobot) -> list[Finding]:
+def _check_device(name: str, device: Motor | Sensor, part: DeviceFacts, design: PlanFacts) -> list[Finding]:
     """Findings on name, kind and gears of a motor or sensor."""
     kind = device.kind.value if isinstance(device, Motor) else device.class_name
-    label = f"port {device.port} has {part.name} '{part.device or ''}'"
-    if part.electric.name != kind:
+    label = f"port {device.port} has {part.part} '{part.label or ''}'"
+    if part.name != kind:
         text = f"{label}, but for the robot {name} '{device.name}', a {kind}; make both agree"
         return [Finding("wiring", Outcome.ERROR, text, part.line)]
-    if part.device is not None and part.device != device.name:
+    if part.label is not None and part.label != device.name:
         text = f"{label}, but for the robot {name} '{device.name}'; make both agree"
         return [Finding("wiring", Outcome.ERROR, text, part.line)]
     train = next((train for train in design.trains if train.port == device.port), None)
@@ -195,10 +195,10 @@ def _check_device(name: str, device: Motor | Sensor, part: Placed, design: Plann
 
 
 def _check_wheels(
-    name: str, base: DriveBase, ports: dict[str, str], parts: dict[str | None, Placed], design: PlannedRobot
+    name: str, base: DriveBase, ports: dict[str, str], parts: dict[str | None, DeviceFacts], design: PlanFacts
 ) -> list[Finding]:
     """Findings on a drive base: wheel diameter and axle track."""
-    wheels = {wheel.port: wheel for wheel in design.rolling}
+    wheels = {wheel.port: wheel for wheel in design.wheels}
     sides = []
     for side in (base.left, base.right):
         wheel, part = wheels.get(ports.get(side, "")), parts.get(ports.get(side))
@@ -209,7 +209,7 @@ def _check_wheels(
             text = f"motor '{side}' should turn a wheel of {base.wheel_diameter_mm:g} mm, as {name} says, but turns {turns}"
             return [Finding("wheels", Outcome.ERROR, f"{text}; use the wheel that is meant", part.line)]
         sides.append(wheel)
-    track_mm = abs(float(sides[0].centre_m[1] - sides[1].centre_m[1])) * 1000
+    track_mm = abs(sides[0].left_m - sides[1].left_m) * 1000
     if abs(track_mm - base.axle_track_mm) > _TRACK_TOLERANCE_MM:
         text = f"the wheels are {track_mm:.1f} mm apart, but {name} says {base.axle_track_mm:g}; make both agree"
         return [Finding("wheels", Outcome.ERROR, text, parts[ports[base.left]].line)]
@@ -223,8 +223,10 @@ def check_named(plan: Plan) -> list[Finding]:
     """
     if plan.robot is None:
         return []
+    from bricktwin.plans.planned_robot import planned
+
     try:
-        robot, design = robots.get(plan.robot), planned(plan)
+        robot, design = robots.get(plan.robot), facts_of(planned(plan))
     except UnknownNameError as error:
         return [Finding("wiring", Outcome.ERROR, str(error))]
     except PlanError:
@@ -235,8 +237,8 @@ def check_named(plan: Plan) -> list[Finding]:
 def check_description(robot: Robot, path: Path) -> None:
     """Check that a plan agrees with a description, which may have more sensors. Raises DescriptionError if the plan contradicts
     the description, PlanError if the plan cannot be read."""
-    design = planned_robot(path)
-    ports = {part.port for part in design.plan.devices(DeviceKind.SENSOR)}
+    design = read_facts(path)
+    ports = {part.port for part in design.devices("sensor")}
     sensors = [sensor for sensor in robot.sensors if sensor.port in ports]
     _raise_first(disagreements(robot, (*robot.motors, *sensors), robot.drive_base, robot.hub_sides, design), path)
 

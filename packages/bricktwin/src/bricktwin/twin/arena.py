@@ -22,7 +22,7 @@ from brickhub.robot import Robot
 from brickhub.virtual.body import Rng
 from bricktwin.twin.imu import FloatingBase, Turns
 from bricktwin.twin.model_physics import RobotPart, set_physics, up
-from bricktwin.twin.models.load import load_model
+from bricktwin.twin.models.kept import kept_model
 from bricktwin.twin.models.mjcf import (
     LOOKS,
     OBSTACLE_GROUP,
@@ -33,9 +33,9 @@ from bricktwin.twin.models.mjcf import (
     new_spec,
     yaw_quaternion,
 )
-from bricktwin.twin.models.planned_looks import Spinners
 from bricktwin.twin.models.rods import Rods
 from bricktwin.twin.models.scenery import add_geom
+from bricktwin.twin.models.spinners import Spinners
 from bricktwin.twin.mujoco_body import MujocoBody, Pose
 from bricktwin.twin.physics import Physics
 from bricktwin.twin.scene import OPEN_FLOOR
@@ -127,6 +127,12 @@ class Arena:
 
 @functools.lru_cache(maxsize=4)
 def _compiled(arena: Arena) -> mujoco.MjModel:
+    return kept_model(lambda: _built(arena), [contestant.robot for contestant in arena.robots], arena)
+
+
+def _built(arena: Arena) -> mujoco.MjModel:
+    from bricktwin.twin.models.load import load_model  # takes longer to import than a kept model to load
+
     spec = new_spec("arena")
     add_surroundings(spec, OPEN_FLOOR)
     world = spec.worldbody

@@ -14,17 +14,17 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from brickhub.errors import TwinError, message_of
+from brickhub.errors import TwinError
 from brickhub.robot import MotorKind, PoweredUpSensor, Robot, SensorKind, UltrasonicSensor
 from brickhub.virtual.body import Rng
 from brickhub.virtual.stimuli import Sense, Sensed, senses
 from bricktwin.twin import ldraw
 from bricktwin.twin.imu import FixedBase, FloatingBase, Turns, Vector
 from bricktwin.twin.model_physics import RobotPart, backlash_joints, set_physics, up
-from bricktwin.twin.models.load import load_model
+from bricktwin.twin.models.kept import robot_model
 from bricktwin.twin.models.mjcf import OBSTACLE_GROUP, yaw_quaternion
-from bricktwin.twin.models.planned_looks import Spinners
 from bricktwin.twin.models.rods import Rods
+from bricktwin.twin.models.spinners import Spinners
 from bricktwin.twin.objects import Block, Solid
 from bricktwin.twin.physics import Physics, RandomPhysics
 from bricktwin.twin.scene import Scene
@@ -61,11 +61,7 @@ class Pose:
 @functools.lru_cache(maxsize=8)
 def _compiled(robot: Robot, scene: Scene, _looks: Path | None) -> mujoco.MjModel:
     """Compiled model, cached because a new body is made often and a copy takes a tenth of the time. Copy it before use."""
-    spec = load_model(robot, scene)
-    try:
-        return spec.compile()
-    except ValueError as error:
-        raise TwinError(f"the model of robot '{robot.name}' does not compile ({message_of(error)}); correct it") from error
+    return robot_model(robot, scene)
 
 
 class MujocoBody:

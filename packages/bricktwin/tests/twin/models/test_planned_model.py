@@ -19,7 +19,7 @@ from brickhub.virtual import VirtualHub
 from brickhub.virtual.stimuli import Sense
 from bricktwin.robots import ROBO_ARM, TWO_WHEELER, WALKER, plans
 from bricktwin.twin.make_body import make_body
-from bricktwin.twin.models.planned_looks import Spinners
+from bricktwin.twin.models.spinners import Spinners
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.objects import Block, Field, Ramp
 from bricktwin.twin.physics import Physics

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import json
 import logging
-import os
 from pathlib import Path
 
-from brickhub.files import write_durably
+from brickhub.files import user_cache, write_durably
 
 _log = logging.getLogger(__name__)
 
@@ -16,8 +15,7 @@ class ProgramRecord:
     """File with the hash of the program on each hub, by address and slot; ``None`` for the file in the user's cache."""
 
     def __init__(self, path: Path | None) -> None:
-        cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-        self._path = path or cache / "bricksrl" / "programs.json"
+        self._path = path or user_cache() / "programs.json"
 
     def get(self, address: str) -> int | None:
         """Hash of the program on a hub, if known."""

@@ -1,4 +1,4 @@
-"""Looks of a plan's parts: our meshes or those of an installed LDraw library, and shafts that turn visually only."""
+"""Looks of a plan's parts: our meshes or those of an installed LDraw library, also of shafts that turn visually only."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from bricktwin.twin import ldraw
 from bricktwin.twin.models import lego, meshes
 from bricktwin.twin.models.looks import library_shapes, shape_of, signed_axes
 from bricktwin.twin.models.meshes import Shape, colour_name
+from bricktwin.twin.models.spinners import PREFIX
 
 _CLEARANCE = 0.5
 """LDU: 0.1 mm on each side of a part."""
 _BEND = 80.0
 """LDU: how far a cable's curve is pulled away from its ends."""
-_PREFIX = "spin_"
 _SPOKED_MM = 40.0
 """Diameter from which a wheel is drawn with spokes."""
 _DETAILED: dict[str, tuple[Callable[[], meshes.Part], tuple[int, int, int]]] = {
@@ -166,29 +166,6 @@ def draw_spinners(
     for number, follower in enumerate(planned.articulation.followers):
         if follower.body not in bodies:
             continue
-        name, place_m = f"{_PREFIX}{follower.port}_{number}", (follower.point_m - origins[follower.body]).tolist()
+        name, place_m = f"{PREFIX}{follower.port}_{number}", (follower.point_m - origins[follower.body]).tolist()
         body = bodies[follower.body].add_body(name=name, pos=place_m, userdata=[follower.ratio, *(-follower.axis).tolist()])
         meshes.draw(spec, body, [looks_of(planned.plan, follower.parts, follower.point_m)])
-
-
-class Spinners:
-    """Shafts and gears of a model that turn visually only."""
-
-    def __init__(self, model: mujoco.MjModel) -> None:
-        self._spinners: list[tuple[int, int, float, Floats]] = []
-        """Body, address of the joint's position, ratio and axis [3] of each."""
-        for body in range(model.nbody if model.nuser_body else 0):
-            robot, slash, name = model.body(body).name.rpartition("/")  # "ROBOT/" in an arena
-            if name.startswith(_PREFIX):
-                ratio, *axis = model.body_user[body, :4].tolist()
-                address = int(model.joint(f"{robot}{slash}motor_{name.split('_')[1]}").qposadr[0])
-                self._spinners.append((body, address, ratio, np.array(axis)))
-
-    def turn(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        """Turn each with its motor's joint; positions must be up to date, and are so afterwards."""
-        if not self._spinners:
-            return
-        for body, address, ratio, axis in self._spinners:
-            angle = ratio * float(data.qpos[address] - model.qpos0[address])
-            mujoco.mju_axisAngle2Quat(model.body_quat[body], axis, angle)
-        mujoco.mj_kinematics(model, data)

@@ -8,14 +8,16 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks import paper
+from benchmarks.session import Benchmark
 from bricksrl.envs.registry import training_episodes
-from bricksrl.evaluation import paper
 from bricktwin.twin.physics import Physics, RandomPhysics
 
 DRAWN_TWINS = 20
 LEARN_ON_TWINS = 3
 """Number of drawn twins on which an agent is trained further."""
 _DRAW_SEED = 20
+_STEPS = ("episode_steps",)
 _WALK = ("forward_speed_m_s",)
 _STRATEGY = ("final_distance_mm", "action_size", "largest_pitch_deg", "episode_steps")
 
@@ -56,26 +58,29 @@ class Cell:
 
 
 @dataclass(frozen=True)
-class Study:
+class Study(Benchmark):
     """Table of trainings.
 
     Attributes:
-        hours, quick_minutes: approximate duration on two cores.
         cells: returns the cells of the study, or of its quick form, a smoke test with few episodes.
         metrics: metrics of the evaluated episodes that its page shows.
         note: how to read its table.
         heads: what the rows and the columns of its cells are.
     """
 
-    name: str
-    title: str
-    hours: float
-    quick_minutes: float
-    seeds: int
-    cells: Callable[[bool], tuple[Cell, ...]]
+    cells: Callable[[bool], tuple[Cell, ...]] = field(kw_only=True)
+    seeds: int = 5
     metrics: tuple[str, ...] = ()
     note: str = ""
     heads: tuple[str, str] = ("agent", "environment")
+
+    @property
+    def module(self) -> str:
+        return "study"
+
+    @property
+    def result(self) -> str:
+        return f"study_{self.name}"
 
 
 _PAPER = "Success on RunAway-v0, where the paper has none, is a final distance of 1 m; the greatest return, 20, needs less."
@@ -194,26 +199,20 @@ def _robot_time(quick: bool) -> tuple[Cell, ...]:
     return tuple(cells)
 
 
-STUDIES = {
-    study.name: study
-    for study in (
-        Study(
-            "agents", "Agents of the paper, on the robot and from simulation", 6.0, 5.0, 5, _agents, ("episode_steps",), _PAPER
-        ),
-        Study("sim-to-robot", "From simulation to robots with other physics", 12.0, 4.0, 5, _sim_to_robot, _WALK),
-        Study(
-            "communication",
-            "Steps a second and the link's interval, streaming or not",
-            3.0,
-            4.0,
-            5,
-            _communication,
-            _WALK,
-            _RATES,
-            ("exchange", "rate and interval of the link"),
-        ),
-        Study("strategies", "Strategies on RunAway-v0", 0.5, 2.0, 5, _strategies, _STRATEGY),
-        Study("robot-time", "Robot minutes to a working policy", 0.5, 2.0, 5, _robot_time, ("episode_steps",), _STOPPED),
-    )
-}
-"""Studies by name."""
+STUDIES = (
+    Study("agents", "Agents of the paper, on the robot and from simulation", 360, 5, cells=_agents, metrics=_STEPS, note=_PAPER),
+    Study("sim-to-robot", "From simulation to robots with other physics", 720, 4, cells=_sim_to_robot, metrics=_WALK),
+    Study(
+        "communication",
+        "Steps a second and the link's interval, streaming or not",
+        180,
+        4,
+        cells=_communication,
+        metrics=_WALK,
+        note=_RATES,
+        heads=("exchange", "rate and interval of the link"),
+    ),
+    Study("strategies", "Strategies on RunAway-v0", 30, 2, cells=_strategies, metrics=_STRATEGY),
+    Study("robot-time", "Robot minutes to a working policy", 30, 2, cells=_robot_time, metrics=_STEPS, note=_STOPPED),
+)
+"""All studies."""

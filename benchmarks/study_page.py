@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.formatting import markdown_table, number
 from bricksrl.errors import percent
 from bricksrl.evaluation.statistics import interquartile_mean
 
@@ -148,24 +149,12 @@ def _by_condition(name: str, text: Column, cells: Sequence[Numbers], conditions:
     return ["", title, "", *markdown_table(("condition", *columns), rows)] if rows else []
 
 
-def markdown_table(head: Sequence[str], rows: Iterable[Iterable[str]]) -> list[str]:
-    """Lines of a table; ``head`` are the names of its columns."""
-    return ["| " + " | ".join(line) + " |" for line in (head, ["---"] * len(head), *rows)]
-
-
 def _within(interval: Sequence[float] | None) -> str:
     return "" if interval is None else f" [{number(interval[0])}, {number(interval[1])}]"
 
 
 def _within_percent(interval: Sequence[float] | None) -> str:
     return "" if interval is None else f" [{100 * interval[0]:.0f}, {100 * interval[1]:.0f}]"
-
-
-def number(value: float | None) -> str:
-    """Three or four significant digits; an empty string for ``None``."""
-    if value is None:
-        return ""
-    return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
 
 
 def _spread(value: Sequence[float] | float | None) -> str:

@@ -12,16 +12,15 @@ import numpy as np
 import pytest
 from killed import assert_runs_end_with
 
+from benchmarks.study import name_of, robot_seconds, run_study, summary
+from benchmarks.study_page import page
+from benchmarks.study_tables import OUTSIDE, STUDIES, Cell, Condition, Study, drawn_twins
 from bricksrl.agents.sac import SACSettings
 from bricksrl.errors import RunError
 from bricksrl.evaluation.statistics import (
     interquartile_mean,
     seeds_interval,
 )
-from bricksrl.evaluation.study import name_of, robot_seconds, run_study, summary
-from bricksrl.evaluation.study_benchmarks import BENCHMARK_STUDIES, BenchmarkStudy, Script, result_of, run_benchmark_study
-from bricksrl.evaluation.study_page import page
-from bricksrl.evaluation.study_tables import OUTSIDE, STUDIES, Cell, Condition, Study, drawn_twins
 from bricksrl.training import Episode, RunFolder, TrainConfig, train
 from bricktwin.twin.physics import Physics
 
@@ -37,7 +36,7 @@ def cells(quick: bool) -> tuple[Cell, ...]:
     )
 
 
-TOY = Study("toy", "A toy", 0.1, 0.1, 5, cells)
+TOY = Study("toy", "A toy", 6, 6, seeds=5, cells=cells)
 
 
 def test_study_writes_tables_and_reuses_runs(tmp_path: Path) -> None:
@@ -110,7 +109,7 @@ def test_workers_end_with_a_study_that_is_killed(tmp_path: Path) -> None:
 
 def test_training_that_ctrl_c_ends_has_no_outcome_and_is_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     config = {"env": "WalkerSim-v0", "episodes": 4, "settings": SMALL}
-    study = Study("i", "I", 0.1, 0.1, 5, lambda _: (Cell("sac", "c", config, (Condition("same", episodes=1),)),))
+    study = Study("i", "I", 6, 6, seeds=5, cells=lambda _: (Cell("sac", "c", config, (Condition("same", episodes=1),)),))
     append = RunFolder.append
 
     def interrupt(folder: RunFolder, episode: Episode) -> None:
@@ -127,13 +126,13 @@ def test_training_that_ctrl_c_ends_has_no_outcome_and_is_resumed(tmp_path: Path,
     run = tmp_path / "sac-c" / "seed-0"
     assert len(RunFolder(run).read_episodes()) == 2 and not (run / "outcome.json").exists()
     run_study(study, tmp_path, seeds=1, jobs=1)
-    assert json.loads((run / "outcome.json").read_text())["steps"] == 400
+    assert json.loads((run / "outcome.json").read_text())["outcome"]["steps"] == 400
 
 
 def test_killed_process_raises_one_line(tmp_path: Path) -> None:
     (tmp_path / "killed.py").write_text("import os\nos._exit(9)\n")
     config = {"env": str(tmp_path / "killed.py"), "episodes": 1}
-    study = Study("k", "K", 0.1, 0.1, 5, lambda _: (Cell("sac", "c", config, (Condition("same"),)),))
+    study = Study("k", "K", 6, 6, seeds=5, cells=lambda _: (Cell("sac", "c", config, (Condition("same"),)),))
     with pytest.raises(RunError, match="a process was killed, maybe for lack of memory; repeat the command with fewer --jobs"):
         run_study(study, tmp_path / "study", seeds=2, jobs=2)
 
@@ -149,7 +148,7 @@ def test_failed_seed_is_reported_others_kept(tmp_path: Path) -> None:
         return (cells(quick)[1], Cell("none", "Nowhere-v0", {"env": "Nowhere-v0", "settings": SMALL}, AFTER))
 
     with pytest.raises(RunError, match="2 of 4 runs failed; the first: none-Nowhere-v0 seed 0: there is no environment"):
-        run_study(Study("b", "B", 0.1, 0.1, 2, broken), tmp_path / "b", jobs=1)
+        run_study(Study("b", "B", 6, 6, seeds=2, cells=broken), tmp_path / "b", jobs=1)
     assert len(json.loads((tmp_path / "b" / "study.json").read_text())["cells"]) == 1
 
 
@@ -232,7 +231,7 @@ def test_study_page_shows_cpu_time_where_all_seeds_have_it() -> None:
 def test_fine_tuning_leaves_original_run(tmp_path: Path) -> None:
     later = Condition("later", "RunAway-v0", {"physics": Physics(friction_scale=0.8)}, 1, learn_episodes=2)
     config = {"env": "RunAway-v0", "agent": "sac", "episodes": 2, "settings": SMALL, "stop_at": 1e6}
-    study = Study("l", "L", 0.1, 0.1, 5, lambda _: (Cell("sac", "c", config, (Condition("same", episodes=1), later)),))
+    study = Study("l", "L", 6, 6, seeds=5, cells=lambda _: (Cell("sac", "c", config, (Condition("same", episodes=1), later)),))
     run_study(study, tmp_path, seeds=1, jobs=1)
     cell = json.loads((tmp_path / "study.json").read_text())["cells"][0]
     assert set(cell["conditions"]) == {"same", "later"} and cell["reached"] == [False]
@@ -251,58 +250,8 @@ def test_robot_time_is_hub_time(tmp_path: Path) -> None:
     assert robot_seconds(tmp_path / "sim") is None
 
 
-BENCHMARK = """
-import json, os, pathlib, sys
-out = pathlib.Path(os.environ["BRICKSRL_RESULTS"]) / "small.json"
-machine = {"processor": "P", "cores": 1}
-out.write_text(json.dumps({"value": float(sys.argv[1]), "machine": machine, "versions": {}, "note": "old"}))
-"""
-
-
-def test_study_uses_benchmark_results_and_adds_missing(tmp_path: Path) -> None:
-    def tables(found: dict) -> dict:
-        return {
-            "cells": [
-                {
-                    "row": "r",
-                    "column": "c",
-                    "seeds": 1,
-                    "conditions": {"x": {"return_iqm": found["small"]["value"], "return_95": None}},
-                }
-            ]
-        }
-
-    study = BenchmarkStudy("s", "S", 1.0, 1.0, (Script("small", ("1.5",), ("2.5",)), Script("large", ("3",))), tables)
-    with pytest.raises(RunError, match="needs the repository.s benchmarks"):
-        run_benchmark_study(study, tmp_path / "study", tmp_path)
-    folder = tmp_path / "benchmarks"
-    (folder / "results").mkdir(parents=True)
-    (folder / "machine.py").touch()
-    (folder / "small.py").write_text(BENCHMARK)
-    (folder / "large.py").write_text("raise SystemExit('no room')")
-    quick = run_benchmark_study(study, tmp_path / "quick", folder, quick=True)
-    assert "| r | c | 1 | 2.5 |" in quick.read_text() and "small: old" in quick.read_text()
-    assert not (folder / "results" / "small.json").exists()
-    with pytest.raises(RunError, match="large.py failed: no room"):
-        run_benchmark_study(study, tmp_path / "study", folder)
-    (folder / "results" / "large.json").write_text('{"machine": {}, "versions": {}}')
-    (folder / "small.py").unlink()
-    assert "| 1.5 |" in run_benchmark_study(study, tmp_path / "study", folder).read_text(), "of the try before"
-    for content in ("", "[1]", '{"machine": 1}'):
-        next((folder / "results").glob("*.json")).write_text(content)
-        with pytest.raises(RunError, match=r"json is not the result of a benchmark; delete it, and the same command measures"):
-            run_benchmark_study(study, tmp_path / "study", folder)
-
-
-def test_repository_results_build_tables() -> None:
-    for study in BENCHMARK_STUDIES.values():
-        text = page(result_of(study, Path(__file__).parents[4] / "benchmarks/results"))
-        assert text.count("\n| ") > 8
-        assert all(script.quick is not None for script in study.scripts[:1])
-
-
 def test_studies_match_descriptions() -> None:
-    for study in STUDIES.values():
+    for study in STUDIES:
         whole, quick = study.cells(False), study.cells(True)
         assert study.seeds >= 5 and len(quick) <= len(whole)
         assert len({name_of(cell) for cell in whole}) == len(whole)

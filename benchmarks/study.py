@@ -1,35 +1,33 @@
 """Runner of studies: trains each cell of a table with several seeds, evaluates, and writes the results.
 
-A study's folder holds a run folder for each cell and seed, so that the same command resumes an interrupted study and repeats no
-finished run. ``study.json`` has the numbers, the processor and the versions; ``study.md`` the tables. Both are written after
-every seed, of all that is in the folder.
+The folder of a study holds a run folder for each cell and seed, so that the same command resumes an interrupted study and repeats
+no finished run. Its ``study.json`` has the numbers, the processor and the versions; its ``study.md`` the tables. Both are written
+after every seed, of all that is in the folder.
 """
 
 from __future__ import annotations
 
 import json
 import os
-import platform
 import shutil
-import threading
-from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from fnmatch import fnmatchcase
-from importlib import metadata
-from multiprocessing import get_context, parent_process
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from benchmarks.machine import describe
+from benchmarks.parts import Failure, kept, outcomes
+from benchmarks.session import Session, write_result
+from benchmarks.study_page import page
+from benchmarks.study_tables import Cell, Condition, Study
 from brickhub.files import write_durably
-from bricksrl.errors import BricksError, DataError, RunError
-from bricksrl.evaluation.cluster import connected, map_on_cluster, parse_on
+from bricksrl.cli.terminal import load_learning
+from bricksrl.errors import DataError, RunError
+from bricksrl.evaluation.cluster import connected, parse_on
 from bricksrl.evaluation.statistics import ends, interquartile_mean, probability_of_improvement, seeds_interval, wilson_interval
-from bricksrl.evaluation.study_page import page
-from bricksrl.evaluation.study_tables import Cell, Condition, Study
 
 if TYPE_CHECKING:
     from bricksrl.training import RunResult
@@ -39,7 +37,6 @@ OUTCOME = "outcome.json"
 hub's clock (null without a hub); whether it reached its ``stop_at`` return (null without one); the results of the conditions."""
 _FIRST_EVALUATION = 1000
 """Seed of the evaluation of seed 0. Each seed has episodes of its own, so that intervals over seeds cover their chance too."""
-_PACKAGES = ("bricksrl", "torch", "torchrl", "tensordict", "mujoco", "numpy")
 OnSeed = Callable[[str, int, str | None], None]
 """Called with the name of a cell, a seed, and its error or ``None``, when the seed is done."""
 
@@ -49,30 +46,54 @@ def name_of(cell: Cell) -> str:
     return "".join(char if char.isalnum() or char in "-." else "_" for char in f"{cell.row}-{cell.column}")
 
 
-def run_seed(cell: Cell, seed: int, folder: str) -> dict[str, Any] | str:
-    """Train and evaluate one seed, or resume it; returns its outcome, or the text of an error."""
+def main(session: Session) -> None:
+    """Run a study from the command line."""
+    study = session.benchmark
+    assert isinstance(study, Study)
+    session.parser.add_argument(
+        "--seeds", type=int, metavar="N", help="seeds per cell (default: the study's, 2 in the quick form)"
+    )
+    session.parser.add_argument(
+        "--on", metavar="WHERE", help="ray, or ray:ADDRESS for a cluster whose computers share the folder"
+    )
+    session.parser.add_argument(
+        "--only", nargs="+", default=(), metavar="PATTERN", help="only cells of these names, e.g. 'td3-*'"
+    )
+    args = session.parse()
+    if args.seeds is not None and args.seeds < 1:
+        raise RunError(f"seeds is {args.seeds}; give 1 or more")
+    if args.on is not None:
+        parse_on(args.on)
+    if session.is_again:
+        raise RunError(f"a study keeps its runs; remove {session.folder}, or choose another folder")
+    load_learning()
+
+    def report(cell: str, seed: int, error: str | None) -> None:
+        print(f"{cell}  seed {seed}  {'done' if error is None else f'failed: {error}'}", flush=True)
+
+    options = {"seeds": args.seeds, "jobs": session.jobs, "on": args.on, "only": args.only}
+    written = run_study(study, session.folder, quick=session.is_quick, on_seed=report, **options)
+    print(f"tables   {written}")
+    session.write(json.loads(written.with_suffix(".json").read_text()))
+
+
+def run_seed(cell: Cell, seed: int, path: Path) -> dict[str, Any]:
+    """Train and evaluate one seed in the folder ``path``, or resume it; returns its outcome."""
     from bricksrl.training import RunFolder, TrainConfig, resume, train
     from bricksrl.training.curve import WINDOW
 
-    path = Path(folder) / f"seed-{seed}"
-    done = path / OUTCOME
-    if (outcome := _read_outcome(done)) is not None:
-        return outcome
-    try:
-        cpu_s = None
-        if RunFolder(path).checkpoint_path.exists():
-            _check_whole(resume(path))
-        else:
-            before_s = _cpu_s()
-            _check_whole(train(TrainConfig(**{**cell.config, "seed": seed, "run_dir": path, "asynchronous": False})))
-            cpu_s = _cpu_s() - before_s
-        results = [_evaluate_condition(path, seed, number, condition) for number, condition in enumerate(cell.conditions)]
-        episodes = RunFolder(path).read_episodes()
-        goal, last = cell.config.get("stop_at"), [episode.return_ for episode in episodes[-WINDOW:]]
-        reached = None if goal is None else len(last) == WINDOW and sum(last) / WINDOW >= goal
-    except BricksError as error:
-        return str(error)
-    outcome = {
+    cpu_s = None
+    if RunFolder(path).checkpoint_path.exists():
+        _check_whole(resume(path))
+    else:
+        before_s = _cpu_s()
+        _check_whole(train(TrainConfig(**{**cell.config, "seed": seed, "run_dir": path, "asynchronous": False})))
+        cpu_s = _cpu_s() - before_s
+    results = [_evaluate_condition(path, seed, number, condition) for number, condition in enumerate(cell.conditions)]
+    episodes = RunFolder(path).read_episodes()
+    goal, last = cell.config.get("stop_at"), [episode.return_ for episode in episodes[-WINDOW:]]
+    reached = None if goal is None else len(last) == WINDOW and sum(last) / WINDOW >= goal
+    return {
         "seed": seed,
         "judged": results,
         "steps": episodes[-1].steps,
@@ -81,17 +102,6 @@ def run_seed(cell: Cell, seed: int, folder: str) -> dict[str, Any] | str:
         "robot_s": robot_seconds(path),
         "reached": reached,
     }
-    write_durably(done, (json.dumps(outcome, indent=2) + "\n").encode())
-    return outcome
-
-
-def _read_outcome(path: Path) -> dict[str, Any] | None:
-    """Outcome of a seed; ``None`` if there is none, or the file is damaged, so that the seed is evaluated again."""
-    try:
-        outcome = dict(json.loads(path.read_bytes()))
-    except (OSError, ValueError, TypeError):
-        return None
-    return outcome if outcome.keys() >= {"seed", "judged", "steps", "wall_s", "robot_s", "reached"} else None
 
 
 def _check_whole(result: RunResult) -> None:
@@ -107,7 +117,7 @@ def _cpu_s() -> float:
 
 def _evaluate_condition(run: Path, seed: int, number: int, condition: Condition) -> dict[str, Any]:
     """Evaluate a run under a condition, after further training there if the condition asks for it."""
-    from bricksrl.evaluation.evaluator import evaluate
+    from bricksrl.evaluation import evaluate
     from bricksrl.training import RunFolder, TrainConfig, train
 
     run_dir = run
@@ -169,18 +179,19 @@ def run_study(
         raise RunError(f"no cell of '{study.name}' matches {', '.join(only)}; choose from {', '.join(map(name_of, cells))}")
     _check_folder(folder, study, quick=quick)
     count = seeds or (2 if quick else study.seeds)
-    orders = [(cell, seed, str((folder / name_of(cell)).absolute())) for cell in chosen for seed in range(count)]
+    runs = {(folder / name_of(cell) / f"seed-{seed}").absolute(): (cell, seed) for cell in chosen for seed in range(count)}
+    parts = {path / OUTCOME: (*run, path) for path, run in runs.items()}
     errors = []
     with nullcontext() if on is None else connected(parse_on(on), jobs) as ray:
         written = write_study(folder, _result(study, cells, folder, quick=quick))  # marks the folder before it has any run
-        for (cell, seed, _), outcome in zip(orders, _outcomes(orders, jobs, ray), strict=True):
-            error = outcome if isinstance(outcome, str) else None
+        for (cell, seed), outcome in zip(runs.values(), outcomes(run_seed, parts, jobs, resumable=True, ray=ray), strict=True):
+            error = outcome if isinstance(outcome, Failure) else None
             on_seed(name_of(cell), seed, error)
             if error is not None:
                 errors.append(f"{name_of(cell)} seed {seed}: {error}")
             written = write_study(folder, _result(study, cells, folder, quick=quick))
     if errors:
-        raise RunError(f"{len(errors)} of {len(orders)} runs failed; the first: {errors[0]}")
+        raise RunError(f"{len(errors)} of {len(runs)} runs failed; the first: {errors[0]}")
     return written
 
 
@@ -199,10 +210,10 @@ def _check_folder(folder: Path, study: Study, *, quick: bool) -> None:
 def _result(study: Study, cells: Sequence[Cell], folder: Path, *, quick: bool) -> dict[str, Any]:
     """Numbers of a study, of all seeds that are done."""
     paths_of = {name_of(cell): (folder / name_of(cell)).glob(f"seed-*/{OUTCOME}") for cell in cells}
-    done = {name: [outcome for path in paths if (outcome := _read_outcome(path))] for name, paths in paths_of.items()}
-    outcomes_of = {name: sorted(outcomes, key=lambda outcome: outcome["seed"]) for name, outcomes in done.items()}
+    done = {name: [outcome for path in paths if (outcome := kept(path))] for name, paths in paths_of.items()}
+    outcomes_of = {name: sorted(found, key=lambda outcome: outcome["seed"]) for name, found in done.items()}
     result = {"study": study.name, "title": study.title, "quick": quick, "heads": study.heads, "metrics": study.metrics}
-    result |= _machine()
+    result |= describe()
     result["cells"] = [summary(cell, outcomes_of[name_of(cell)]) for cell in cells if outcomes_of[name_of(cell)]]
     result["improvements"] = improvements(cells, outcomes_of)
     missing = [name for name, outcomes in outcomes_of.items() if not outcomes]
@@ -213,40 +224,9 @@ def _result(study: Study, cells: Sequence[Cell], folder: Path, *, quick: bool) -
 
 def write_study(folder: Path, result: dict[str, Any]) -> Path:
     """Write the numbers of a study and its page; returns the path of the page."""
-    write_durably(folder / "study.json", (json.dumps(result, indent=2) + "\n").encode())
+    write_result(folder / "study.json", result)
     write_durably(folder / "study.md", page(result).encode())
     return folder / "study.md"
-
-
-def _outcomes(orders: Sequence[tuple[Cell, int, str]], jobs: int | None, ray: Any) -> Iterable[dict[str, Any] | str]:
-    """Outcomes of the orders, in order, each as soon as it is ready; ``ray``: the connected module, or ``None``."""
-    if ray is not None:
-        yield from map_on_cluster(ray, run_seed, orders)
-        return
-    workers = min(jobs or os.cpu_count() or 1, len(orders))
-    if workers == 1:
-        yield from (run_seed(*order) for order in orders)
-        return
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_start_worker) as pool:
-        try:
-            yield from pool.map(run_seed, *zip(*orders, strict=True))
-        except BrokenProcessPool:
-            raise RunError("a process was killed, maybe for lack of memory; repeat the command with fewer --jobs") from None
-
-
-def _start_worker() -> None:
-    """Compute on one thread, and end as soon as the study's process does, however it ends."""
-    import torch
-
-    torch.set_num_threads(1)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
-    parent = parent_process()
-    assert parent is not None  # noqa: S101  called in a worker
-    parent.join()
-    os._exit(1)
 
 
 def summary(cell: Cell, outcomes: Sequence[dict[str, Any]]) -> dict[str, Any]:
@@ -305,14 +285,3 @@ def improvements(cells: Sequence[Cell], outcomes_of: dict[str, list[dict[str, An
             pair = {"column": column, "row": first, "over": row}
             pairs.append({**pair, "probability": probability, "probability_95": ends(interval)})
     return pairs
-
-
-def _machine() -> dict[str, Any]:
-    versions = {"python": platform.python_version(), **{name: metadata.version(name) for name in _PACKAGES}}
-    processor = platform.processor()
-    try:
-        names = [line for line in Path("/proc/cpuinfo").read_text().splitlines() if line.startswith("model name")]
-        processor = names[0].partition(":")[2].strip() if names else processor
-    except OSError:
-        pass
-    return {"machine": {"processor": processor, "cores": os.cpu_count(), "system": platform.system()}, "versions": versions}

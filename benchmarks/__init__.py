@@ -1,0 +1,1 @@
+"""Benchmarks: what is behind each number of the documentation. `python -m benchmarks` lists them."""

@@ -1,0 +1,156 @@
+"""Kept results: what takes long to make, in the user's cache under a digest of all that it is made of.
+
+A result is made anew when anything of that changes: its sources, a line of our code or tables, the version of Python or NumPy, or
+the kind of processor, on which the last digits depend. Where nothing can be written, it is made each time.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import enum
+import functools
+import hashlib
+import itertools
+import logging
+import os
+import sys
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+import brickhub
+import bricktwin
+from brickhub.files import user_cache, write_durably
+
+_HOUSES = (brickhub, bricktwin)
+"""Packages whose code may shape a result; all of it counts, as reading it takes milliseconds."""
+_MAX_BYTES = 200_000_000
+"""Size of all kept files, about 50 models; those that were not used for longest are removed."""
+_MAX_WRITTEN = 32
+"""Number of results that one process keeps: one that makes a scene for each episode does not wear out the disk."""
+_TICK_NS = 20_000_000
+"""Steps in which file systems count time."""
+_written = itertools.count()
+_log = logging.getLogger(__name__)
+_Made = TypeVar("_Made")
+
+
+class UnkeptError(Exception):
+    """A source that has no digest; what is made of it is not kept."""
+
+
+def kept(
+    sources: Callable[[], Iterable[bytes]],
+    make: Callable[[], _Made],
+    encode: Callable[[_Made], bytes],
+    decode: Callable[[bytes], _Made],
+) -> _Made:
+    """``make()``, or what an earlier process made of the same sources.
+
+    Args:
+        sources: gives all that the result depends on, except our code. It may raise OSError or UnkeptError: the result is then
+            made and not kept.
+        encode, decode: conversion to bytes and back; ``decode`` raises ValueError for bytes that it does not know.
+    """
+    path = _path(sources)
+    data = None if path is None else _read(path)
+    if data is not None:
+        with contextlib.suppress(ValueError):
+            return decode(data)
+    made = make()
+    if path is not None and path == _path(sources) and next(_written) < _MAX_WRITTEN:  # no source has changed meanwhile
+        _write(path, encode(made))
+    return made
+
+
+def described(value: object) -> bytes:
+    """Text of a value of plain types, enums and dataclasses of ours, equal in each process. Raises UnkeptError for others."""
+    return _text(value).encode()
+
+
+def _text(value: object) -> str:
+    kind = type(value)
+    name = f"{kind.__module__}.{kind.__qualname__}"
+    if isinstance(value, dict):
+        value = tuple(value.items())
+    if isinstance(value, tuple | list):
+        return f"({','.join(map(_text, value))})"
+    if kind in (bool, int, str) or value is None:
+        return repr(value)
+    if isinstance(value, float):  # also one of NumPy
+        return float.__repr__(value)
+    if kind.__module__.partition(".")[0] in {house.__name__ for house in _HOUSES}:
+        if isinstance(value, enum.Enum):
+            return f"{name}.{value.name}"
+        if dataclasses.is_dataclass(value):
+            values = (_text(getattr(value, field.name)) for field in dataclasses.fields(value))
+            return f"{name}({','.join(values)})"
+    raise UnkeptError(f"{value!r:.80} has no digest")
+
+
+def _path(sources: Callable[[], Iterable[bytes]]) -> Path | None:
+    """Path of a result; ``None`` if it cannot be kept."""
+    code = _code()
+    try:
+        return None if code is None else user_cache() / "kept" / _digest((code, *sources())).hex()
+    except (OSError, RuntimeError, UnkeptError) as error:  # RuntimeError: the user has no home
+        _log.debug("not kept: %s", error)
+        return None
+
+
+@functools.cache
+def _code() -> bytes | None:
+    """Digest of our code and of what runs it; ``None`` if this process may have loaded other code than is in the files."""
+    loaded_ns = min(house.LOADED_NS for house in _HOUSES) - _TICK_NS
+    texts = [repr((sys.version, np.__version__, np.show_config(mode="dicts"))).encode()]
+    try:
+        for path in (path for house in _HOUSES for path in sorted(Path(house.__path__[0]).rglob("*"))):
+            if path.suffix in (".py", ".csv"):
+                # The time of the last change of any kind: tools that copy or unpack files set that of their content.
+                if path.stat().st_ctime_ns > loaded_ns:
+                    return None
+                texts += [path.name.encode(), path.read_bytes()]
+    except OSError:
+        return None
+    return _digest(texts) if len(texts) > 1 else None  # none are read from a zip
+
+
+def _digest(texts: Iterable[bytes]) -> bytes:
+    """SHA-256 of a sequence."""
+    digest = hashlib.sha256()
+    for text in texts:
+        digest.update(len(text).to_bytes(8, "big") + text)
+    return digest.digest()
+
+
+def _read(path: Path) -> bytes | None:
+    """Content of a file; ``None`` if there is none, or it is damaged."""
+    try:
+        content = path.read_bytes()
+    except OSError:
+        return None
+    checksum, data = content[:32], content[32:]
+    if hashlib.sha256(data).digest() != checksum:
+        _log.debug("%s is damaged", path)
+        return None
+    with contextlib.suppress(OSError):
+        os.utime(path)
+    return data
+
+
+def _write(path: Path, data: bytes) -> None:
+    """Write a file, and remove the oldest ones if all together are too large."""
+    try:
+        write_durably(path, hashlib.sha256(data).digest() + data)
+        states = {file: file.stat() for file in path.parent.iterdir()}
+        left = sum(state.st_size for state in states.values())
+        for file in sorted(states, key=lambda file: states[file].st_mtime_ns):
+            if left <= _MAX_BYTES:
+                break
+            left -= states[file].st_size
+            file.unlink(missing_ok=True)
+    except OSError as error:  # also of two processes that do this at once
+        _log.debug("not kept: %s", error)

@@ -1,0 +1,83 @@
+"""Kept models: compiled MuJoCo models of robots in their scenes, in MuJoCo's binary form, which loads in milliseconds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from brickhub.errors import TwinError, message_of
+from brickhub.robot import Robot
+from bricktwin.kept import UnkeptError, described, kept
+from bricktwin.robots.planned import plan_file
+from bricktwin.twin import ldraw
+from bricktwin.twin.scene import Scene
+
+
+def robot_model(robot: Robot, scene: Scene) -> mujoco.MjModel:
+    """Compiled model of a robot in its scene. Raises TwinError if there is none, see ``load_model``, or it does not compile."""
+
+    def compiled() -> mujoco.MjModel:
+        from bricktwin.twin.models.load import load_model  # takes longer to import than a kept model to load
+
+        spec = load_model(robot, scene)
+        try:
+            return spec.compile()
+        except ValueError as error:
+            raise TwinError(f"the model of robot '{robot.name}' does not compile ({message_of(error)}); correct it") from error
+
+    return kept_model(compiled, [robot], scene)
+
+
+def kept_model(compiled: Callable[[], mujoco.MjModel], robots: Sequence[Robot], surroundings: object) -> mujoco.MjModel:
+    """``compiled()``, or the equal model of an earlier process. It is not kept if a function of the user makes a robot's model.
+
+    Args:
+        compiled: makes the model, from these robots and surroundings only.
+        surroundings: a scene or an arena.
+    """
+
+    def sources() -> Iterator[bytes]:
+        yield described((robots, surroundings, mujoco.mj_versionString()))
+        for path in [path for robot in robots for path in _model_files(robot)]:
+            yield path.name.encode()
+            yield path.read_bytes()
+        yield from _library()
+
+    return kept(sources, compiled, _encoded, _decoded)
+
+
+def _model_files(robot: Robot) -> list[Path]:
+    """Files of a robot's model: its plan, or its MJCF file with all that this includes."""
+    source = robot.model or robot.plan
+    if source is None:
+        return []
+    if (plan := plan_file(source)) is not None:
+        return [plan]
+    if not source.endswith(".xml"):
+        raise UnkeptError(f"the function {source} may do anything")
+    try:
+        return sorted(map(Path, mujoco.mju_getXMLDependencies(source)))
+    except mujoco.FatalError as error:
+        raise UnkeptError(str(error)) from error
+
+
+def _library() -> Iterator[bytes]:
+    """The installed LDraw library, which parts are drawn from: its folders, with the times of their last changes."""
+    root = ldraw.folder()
+    paths = [] if root is None else [root / name for name in ("LDConfig.ldr", "parts", "parts/s", "p", "p/48", "p/8")]
+    for path in paths:
+        if path.exists():
+            yield f"{path} {path.stat().st_mtime_ns}".encode()
+
+
+def _encoded(model: mujoco.MjModel) -> bytes:
+    buffer = np.empty(mujoco.mj_sizeModel(model), np.uint8)
+    mujoco.mj_saveModel(model, None, buffer)
+    return buffer.tobytes()
+
+
+def _decoded(data: bytes) -> mujoco.MjModel:
+    return mujoco.MjModel.from_binary_path("kept.mjb", {"kept.mjb": data})

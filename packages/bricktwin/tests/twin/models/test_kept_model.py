@@ -1,0 +1,476 @@
+"""Models that are kept in the user's cache."""
+
+from __future__ import annotations
+
+import itertools
+import logging
+import os
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from ldraw_library import write_robot_parts
+
+import brickhub
+import bricktwin
+from brickhub.errors import DescriptionError, PlanError, TwinError
+from brickhub.robot import Chassis, DriveBase, HubKind, Motor, Mount, PoweredUpSensor, Robot, SensorKind
+from bricktwin import kept
+from bricktwin.robots import ROBO_ARM, SCOUT, TWO_WHEELER, WALKER
+from bricktwin.robots.planned import plan_file
+from bricktwin.twin import arena, mujoco_body
+from bricktwin.twin.arena import Arena, ArenaWorld, Contestant, Place
+from bricktwin.twin.make_body import make_body
+from bricktwin.twin.models import load
+from bricktwin.twin.models.kept import _encoded
+from bricktwin.twin.models.load import load_model
+from bricktwin.twin.mujoco_body import MujocoBody
+from bricktwin.twin.objects import Block, Line, Wall
+from bricktwin.twin.physics import Physics, RandomPhysics
+from bricktwin.twin.scene import OPEN_FLOOR, Scene
+
+BUMP = PoweredUpSensor("bump", "F", SensorKind.FORCE, Mount((90, 0, 28), "ahead"))
+GENERATED = Robot(
+    "car", HubKind.TECHNIC, (Motor("left", "A"), Motor("right", "B")), drive_base=DriveBase("left", "right", 56, 120), sensors=()
+)
+ROOM = Scene(
+    objects=(Line(((0, 0), (300, 0))), Wall((500, -100), (500, 100)), Block((200, 0), mass_g=30.0)), start_mm=((0, 9), (0, 0))
+)
+PLAN = plan_file(str(TWO_WHEELER.model))
+assert PLAN is not None
+
+MJCF = """<mujoco><asset><mesh name="case" file="case.obj"/></asset><include file="{include}"/></mujoco>"""
+BODY = """<mujocoinclude><worldbody><body name="base" pos="0 0 0.1"><freejoint/><geom type="mesh" mesh="case" mass="0.1"/>
+<body><joint name="left" axis="0 1 0"/><geom size="0.03" mass="0.02"/></body></body></worldbody></mujocoinclude>"""
+MESH = "v 0 0 0\nv {size} 0 0\nv 0 {size} 0\nv 0 0 {size}\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+
+CHILD = """
+import hashlib, sys
+import mujoco
+from bricktwin.robots import TWO_WHEELER
+from bricktwin.twin.make_body import make_body
+from bricktwin.twin.models.kept import _encoded
+body = make_body(TWO_WHEELER)
+told = "built" if "bricktwin.twin.models.load" in sys.modules else "kept"
+print(told, hashlib.sha256(_encoded(body._nominal)).hexdigest())
+"""
+
+
+@dataclass
+class Cache:
+    """A cache of the test's own, and the robots whose models were built."""
+
+    folder: Path
+    built: list[str]
+
+    def body(self, robot: Robot, scene: Scene = OPEN_FLOOR, physics: Physics | RandomPhysics | None = None) -> MujocoBody:
+        """A body as the first of a process."""
+        mujoco_body._compiled.cache_clear()
+        body = make_body(robot, scene=scene, physics=physics)
+        assert isinstance(body, MujocoBody)
+        return body
+
+    @property
+    def files(self) -> list[Path]:
+        """Kept models, the oldest first."""
+        files = [path for path in (self.folder / "bricksrl" / "kept").glob("*") if path.stat().st_size > 50_000]
+        return sorted(files, key=lambda path: path.stat().st_mtime_ns)
+
+
+@pytest.fixture
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Cache:
+    cache = Cache(tmp_path / "cache", [])
+    monkeypatch.setenv("XDG_CACHE_HOME", str(cache.folder))
+    monkeypatch.delenv("LDRAWDIR", raising=False)
+    monkeypatch.setattr(kept, "_code", lambda: b"code")  # also while somebody edits it
+    monkeypatch.setattr(kept, "_written", itertools.count())
+
+    def recorded(robot: Robot, scene: Scene, **options: bool) -> mujoco.MjSpec:
+        cache.built.append(robot.name)
+        return load_model(robot, scene, **options)
+
+    monkeypatch.setattr(load, "load_model", recorded)
+    return cache
+
+
+def assert_equal(one: mujoco.MjModel, other: mujoco.MjModel) -> None:
+    """Equal in every array and option."""
+    names = [name for name in dir(one) if isinstance(getattr(one, name), np.ndarray)]
+    assert len(names) > 300
+    for name in names:
+        assert np.array_equal(getattr(one, name), getattr(other, name), equal_nan=True), name
+    assert _encoded(one) == _encoded(other)
+
+
+def driven(body: MujocoBody) -> list[bytes]:
+    """States on the way with all motors on, and what is drawn."""
+    states = []
+    for number, motor in enumerate(body.robot.motors):
+        body.set_voltage(motor.port, 4000 - 1500 * number)
+    for time_ms in range(100, 800, 100):
+        body.advance_to(time_ms)
+        body.update_visuals()
+        states += [
+            body.data.qpos.tobytes(),
+            body.data.qvel.tobytes(),
+            body.data.geom_xpos.tobytes(),
+            body.model.body_quat.tobytes(),
+        ]
+    return states
+
+
+@pytest.mark.parametrize(
+    ("robot", "scene"),
+    [
+        (WALKER, OPEN_FLOOR),
+        (ROBO_ARM, Scene(ball=True)),
+        (replace(SCOUT, sensors=(*SCOUT.sensors, BUMP)), ROOM),
+        (GENERATED, OPEN_FLOOR),
+    ],
+    ids=["walker", "robo-arm", "scout", "generated"],
+)
+def test_kept_model_equals_built_one(robot: Robot, scene: Scene, cache: Cache) -> None:
+    built, loaded = cache.body(robot, scene), cache.body(robot, scene)
+    assert cache.built == [robot.name] and len(cache.files) == 1
+    assert_equal(built._nominal, loaded._nominal)
+    for parts in ("_rods", "_spinners", "_backlash", "_terminals", "_shaft"):
+        one, other = getattr(built, parts), getattr(loaded, parts)
+        assert str(getattr(one, "__dict__", one)) == str(getattr(other, "__dict__", other))
+    assert driven(built) == driven(loaded)
+
+
+def test_kept_arena_equals_built_one(cache: Cache) -> None:
+    def world(at_m: float) -> ArenaWorld:
+        arena._compiled.cache_clear()
+        places = (Place(), Place(x_m=(at_m, at_m)))
+        robots = zip("ab", (WALKER, TWO_WHEELER), places, strict=True)
+        return ArenaWorld(Arena(tuple(Contestant(*robot) for robot in robots), half_size_m=(1, 1)))
+
+    built, loaded = world(0.5), world(0.5)
+    assert cache.built == ["walker", "two-wheeler"]
+    assert_equal(built._nominal, loaded._nominal)
+    assert len(loaded.bodies[0]._rods._ends) == len(built.bodies[0]._rods._ends) == 4
+    world(0.6)
+    assert len(cache.built) == 4
+
+
+def test_physics_is_not_kept(cache: Cache) -> None:
+    nominal = driven(cache.body(TWO_WHEELER))
+    changed = cache.body(TWO_WHEELER, physics=Physics(mass_scale=1.5, backlash_deg=6.0))
+    drawn = cache.body(TWO_WHEELER, physics=RandomPhysics())
+    assert cache.built == ["two-wheeler"]
+    assert driven(changed) != nominal != driven(drawn)
+    assert driven(cache.body(TWO_WHEELER)) == nominal
+
+
+@pytest.mark.parametrize(
+    ("robot", "scene"),
+    [
+        (TWO_WHEELER, Scene(wall_distance_mm=(200, 300))),
+        (TWO_WHEELER, ROOM),
+        (TWO_WHEELER, replace(ROOM, objects=(Line(((0, 0), (300, 0)), color="red"), *ROOM.objects[1:]))),
+        (replace(TWO_WHEELER, name="other"), OPEN_FLOOR),
+        (replace(TWO_WHEELER, model=WALKER.model, motors=WALKER.motors, sensors=WALKER.sensors, drive_base=None), OPEN_FLOOR),
+        (SCOUT, OPEN_FLOOR),
+        (GENERATED, OPEN_FLOOR),
+        (replace(GENERATED, chassis=Chassis(ballast_g=1.0)), OPEN_FLOOR),
+    ],
+)
+def test_other_scene_or_robot_has_another_model(robot: Robot, scene: Scene, cache: Cache) -> None:
+    for known_robot, known_scene in ((TWO_WHEELER, OPEN_FLOOR), (GENERATED, ROOM)):
+        cache.body(known_robot, known_scene)
+    built = cache.body(robot, scene)
+    assert len(cache.built) == 3
+    assert_equal(cache.body(robot, scene)._nominal, built._nominal)
+    assert len(cache.built) == 3
+
+
+def test_changed_plan_is_built_anew(cache: Cache, tmp_path: Path) -> None:
+    plan = tmp_path / "car.ldr"
+    shutil.copy(str(PLAN), plan)
+    state = plan.stat()
+    robot = replace(TWO_WHEELER, model=str(plan))
+    first = cache.body(robot)
+    cache.body(robot)
+    assert len(cache.built) == 1
+    text, pin = plan.read_text(), "1 0 70 -100 40 1 0 0 0 0 -1 0 1 0 2780.dat"
+    assert pin in text
+    plan.write_text(text.replace(pin, pin.replace("2780", "6558")))  # a longer one
+    os.utime(plan, ns=(state.st_atime_ns, state.st_mtime_ns))  # as tools do that copy files
+    second = cache.body(robot)
+    assert len(cache.built) == 2 and second._nominal.body_mass.sum() != first._nominal.body_mass.sum()
+
+
+@pytest.mark.parametrize("changed", ["robot.xml", "body.xml", "case.obj"])
+def test_changed_mjcf_include_or_mesh_is_built_anew(changed: str, cache: Cache, tmp_path: Path) -> None:
+    texts = {"robot.xml": MJCF.format(include="body.xml"), "body.xml": BODY, "case.obj": MESH.format(size=0.05)}
+    for name, text in texts.items():
+        (tmp_path / name).write_text(text)
+    robot = Robot("mine", HubKind.PRIME, (Motor("left", "A"),), model=str(tmp_path / "robot.xml"))
+    for _ in range(2):
+        assert cache.body(robot)._nominal.nmesh == 1
+    assert len(cache.built) == 1
+    (tmp_path / changed).write_text(texts[changed].replace("0.05", "0.07").replace("0.02", "0.04").replace("<asset>", "<asset >"))
+    cache.body(robot)
+    assert len(cache.built) == 2
+
+
+@pytest.mark.parametrize(
+    "faulty", ["", "<mujoco><worldbody>", MJCF.format(include="body.xml"), MJCF.format(include="nowhere.xml")]
+)
+def test_faulty_mjcf_is_told_as_before(faulty: str, cache: Cache, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("body.xml").write_text("<mujocoinclude><worldbody>")
+    if faulty:
+        Path("robot.xml").write_text(faulty)
+    robot = Robot("mine", HubKind.PRIME, model="robot.xml")
+    for _ in range(2):
+        with pytest.raises(TwinError, match=r"robot\.xml (is not an MJCF file|of robot 'mine'; give)"):
+            cache.body(robot)
+    assert not Path("MUJOCO_LOG.TXT").exists() and not cache.files
+
+
+def test_other_ldraw_library_is_drawn_anew(cache: Cache, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    ours = cache.body(TWO_WHEELER)
+    root = write_robot_parts(tmp_path / "ldraw")
+    monkeypatch.setenv("LDRAWDIR", str(root))
+    theirs = cache.body(TWO_WHEELER)
+    assert theirs._nominal.nmeshvert != ours._nominal.nmeshvert
+    assert_equal(cache.body(TWO_WHEELER)._nominal, theirs._nominal)
+    assert len(cache.built) == 2
+    (root / "parts" / "99999.dat").write_text("0 a new part\n")
+    cache.body(TWO_WHEELER)
+    assert len(cache.built) == 3
+
+
+def function(robot: Robot, scene: Scene) -> mujoco.MjSpec:
+    """A user's function."""
+    return load_model(replace(robot, model=TWO_WHEELER.model), scene)
+
+
+def test_model_of_a_function_is_not_kept(cache: Cache) -> None:
+    robot = replace(TWO_WHEELER, model=f"{__name__}:function")
+    for count in (1, 2):
+        cache.body(robot)
+        assert len(cache.built) == count
+    assert not cache.files
+
+
+@pytest.mark.parametrize(
+    "damaged",
+    [
+        lambda data: data[: len(data) // 2],
+        lambda data: data[:20],
+        lambda _: b"",
+        lambda data: data[:-9] + bytes([data[-9] ^ 1]) + data[-8:],
+    ],
+    ids=["cut", "short", "empty", "flipped"],
+)
+def test_damaged_file_is_built_anew(damaged: Callable[[bytes], bytes], cache: Cache, monkeypatch: pytest.MonkeyPatch) -> None:
+    built = cache.body(TWO_WHEELER)
+    (path,) = cache.files
+    path.write_bytes(damaged(path.read_bytes()))
+    with monkeypatch.context() as context:
+        context.setattr("bricktwin.twin.models.kept._decoded", pytest.fail)  # MuJoCo does not see it
+        again = cache.body(TWO_WHEELER)
+    assert len(cache.built) == 2
+    assert_equal(built._nominal, again._nominal)
+    cache.body(TWO_WHEELER)
+    assert len(cache.built) == 2, "the file is whole again"
+
+
+def test_file_of_another_mujoco_is_built_anew(cache: Cache, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)  # MuJoCo writes its log there
+    with monkeypatch.context() as context:
+        context.setattr("bricktwin.twin.models.kept._encoded", lambda _: b"another form")
+        cache.body(TWO_WHEELER)
+    cache.body(TWO_WHEELER)
+    assert len(cache.built) == 2
+    cache.body(TWO_WHEELER)
+    assert len(cache.built) == 2
+    monkeypatch.setattr(mujoco, "mj_versionString", lambda: "5.0.0")
+    cache.body(TWO_WHEELER)
+    assert len(cache.built) == 3
+
+
+@pytest.mark.parametrize("home", ["file", "read-only", "none"])
+def test_without_a_cache_all_is_as_before(
+    home: str, cache: Cache, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    if home == "none":
+        monkeypatch.delenv("XDG_CACHE_HOME")
+        monkeypatch.setattr(Path, "home", lambda: (_ for _ in ()).throw(RuntimeError("no home")))
+    elif home == "file":
+        monkeypatch.setenv("XDG_CACHE_HOME", os.devnull)
+    else:
+        monkeypatch.setattr("brickhub.files.tempfile.mkstemp", lambda **_: (_ for _ in ()).throw(OSError(30, "read-only")))
+    with caplog.at_level(logging.INFO):
+        bodies = [cache.body(TWO_WHEELER), cache.body(TWO_WHEELER)]
+    assert len(cache.built) == 2 and not caplog.records and not cache.files
+    assert_equal(bodies[0]._nominal, bodies[1]._nominal)
+
+
+def test_cache_is_bounded_and_the_oldest_goes(cache: Cache, monkeypatch: pytest.MonkeyPatch) -> None:
+    robots = [replace(GENERATED, name=name) for name in ("a", "b", "c")]
+    for robot in robots[:2]:
+        cache.body(robot)
+    size = cache.files[0].stat().st_size
+    monkeypatch.setattr(kept, "_MAX_BYTES", int(2.5 * size))
+    time.sleep(0.02)
+    cache.body(robots[0])  # used later than b
+    assert len(cache.built) == 2
+    cache.body(robots[2])
+    assert len(cache.files) == 2
+    cache.built.clear()
+    for robot in (robots[0], robots[2], robots[1]):
+        cache.body(robot)
+    assert cache.built == ["b"]
+
+
+def test_one_process_keeps_few_models(cache: Cache, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(kept, "_MAX_WRITTEN", 2)
+    for number in range(4):
+        cache.body(replace(GENERATED, name=f"car{number}"))
+    assert len(cache.files) == 2
+
+
+def test_source_that_changes_while_it_is_read_is_not_kept(cache: Cache, tmp_path: Path) -> None:
+    source = tmp_path / "source"
+
+    def make() -> bytes:
+        source.write_bytes(b"new")
+        return b"made of old or new"
+
+    source.write_bytes(b"old")
+    kept.kept(lambda: [source.read_bytes()], make, bytes, bytes)
+    assert kept.kept(lambda: [source.read_bytes()], lambda: b"new", bytes, bytes) == b"new"
+
+
+def test_code_that_changes_in_a_running_process_is_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    newest_ns = max(path.stat().st_ctime_ns for house in (brickhub, bricktwin) for path in Path(house.__path__[0]).rglob("*.py"))
+    code = kept._code.__wrapped__
+    monkeypatch.setattr(bricktwin, "LOADED_NS", newest_ns + 10**9)
+    assert code() == code() is not None
+    monkeypatch.setattr(bricktwin, "LOADED_NS", newest_ns - 1)
+    assert code() is None
+
+
+class TestProcesses:
+    """Processes with a copy of the code."""
+
+    @pytest.fixture
+    def tree(self, tmp_path: Path) -> Path:
+        tree = tmp_path / "tree"
+        for house in (brickhub, bricktwin):
+            shutil.copytree(house.__path__[0], tree / house.__name__, ignore=shutil.ignore_patterns("__pycache__"))
+        time.sleep(0.05)
+        return tree
+
+    def start(self, tree: Path) -> subprocess.Popen[str]:
+        names = {"PYTHONPATH": str(tree), "XDG_CACHE_HOME": str(tree / "cache")}
+        environment = {name: value for name, value in os.environ.items() if name != "LDRAWDIR"} | names
+        return subprocess.Popen([sys.executable, "-c", CHILD], env=environment, stdout=subprocess.PIPE, text=True)
+
+    def told(self, child: subprocess.Popen[str]) -> tuple[str, str]:
+        output, _ = child.communicate(timeout=120)
+        told, digest = output.split()
+        return told, digest
+
+    def test_change_of_a_line_is_built_anew_in_the_next_process(self, tree: Path) -> None:
+        told, first = self.told(self.start(tree))
+        assert told == "built"
+        assert self.told(self.start(tree)) == ("kept", first)
+        digests = {first}
+        for file, old, new in (
+            ("bricktwin/twin/models/mjcf.py", "TYRE_FRICTION = 1.0", "TYRE_FRICTION = 0.95"),
+            ("bricktwin/plans/catalogue/colours.csv", ",", " ,"),
+            ("brickhub/virtual/firmware/motor_model.py", "PRESCALE_VOLTAGE =", "PRESCALE_VOLTAGE = 2 *"),
+        ):
+            path = tree / file
+            text = path.read_text(encoding="utf-8")
+            assert old in text
+            path.write_text(text.replace(old, new) if file.endswith(".py") else f"# changed\n{text}", encoding="utf-8")
+            time.sleep(0.05)
+            told, digest = self.told(self.start(tree))
+            assert told == "built", file
+            assert (digest in digests) is file.endswith(".csv"), "a comment changes nothing in it"
+            digests.add(digest)
+        assert self.told(self.start(tree)) == ("kept", digest)
+
+    def test_two_processes_at_once(self, tree: Path) -> None:
+        children = [self.start(tree), self.start(tree)]
+        (one, first), (other, second) = map(self.told, children)
+        assert {one, other} <= {"built", "kept"} and first == second
+        assert self.told(self.start(tree)) == ("kept", first)
+        names = [path.name for path in (tree / "cache" / "bricksrl" / "kept").iterdir()]
+        assert len(names) == 2 and not any(name.startswith(".") for name in names), "a model and the facts of its plan"
+
+
+class TestFacts:
+    """Descriptions that a plan completes, with its facts kept."""
+
+    def robot(self, **said: object) -> Robot:
+        return Robot("mine", HubKind.PRIME, plan=str(PLAN), **said)  # type: ignore[arg-type]
+
+    def test_kept_facts_complete_as_the_plan_does(self, cache: Cache, monkeypatch: pytest.MonkeyPatch) -> None:
+        base = DriveBase("left", "right")
+        first = self.robot(drive_base=base, needs_imu=True)
+        body = cache.body(first)
+        monkeypatch.setattr("bricktwin.plans.planned_robot.planned_robot", pytest.fail)
+        assert self.robot(drive_base=base, needs_imu=True) == first
+        assert replace(first, name="other").motors == first.motors
+        assert_equal(cache.body(first)._nominal, body._nominal)
+        assert cache.built == ["mine"]
+        with pytest.raises(DescriptionError, match="line 19: port A has .* 'right', but .* 'left'; make both agree"):
+            self.robot(motors=(Motor("left", "A"),))
+        with pytest.raises(DescriptionError, match="130.0 mm apart, but mine says 112"):
+            self.robot(drive_base=DriveBase("left", "right", 0.0, 112.0))
+
+    def test_faulty_plan_raises_each_time(self, cache: Cache, tmp_path: Path) -> None:
+        plan = tmp_path / "car.ldr"
+        plan.write_text("1 4 0 0 0 1 0 0 0 1 0 0 0 1 54696.dat\n")
+        for _ in range(2):
+            with pytest.raises(PlanError, match="line 1: .* has no port"):
+                Robot("mine", HubKind.PRIME, plan=str(plan))
+        assert not cache.folder.exists()
+
+
+@dataclass(frozen=True)
+class Foreign:
+    """A user's class."""
+
+    value: float = 1.0
+
+
+def test_descriptions_of_values() -> None:
+    values = [
+        1,
+        1.0,
+        True,
+        "1",
+        None,
+        (),
+        (1,),
+        ((1,),),
+        {"a": 1},
+        HubKind.PRIME,
+        HubKind.CITY,
+        WALKER,
+        Place(),
+        Mount((1, 2, 3)),
+        -0.0,
+        0.0,
+    ]
+    texts = [kept.described(value) for value in values]
+    assert len(set(texts)) == len(values)
+    assert kept.described([1.5, "a"]) == kept.described((np.float64(1.5), "a"))
+    for value in (Foreign(), lambda: 1, {"light": len}, np.int64(1), Scene(readings={"light": lambda _: 1.0})):
+        with pytest.raises(kept.UnkeptError):
+            kept.described(value)
