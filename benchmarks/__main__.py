@@ -14,7 +14,7 @@ from importlib import import_module
 from benchmarks.registry import BENCHMARKS, GROUPS
 from benchmarks.session import Benchmark, Session, duration, read_result, write_result
 from brickhub.cli.terminal import Interrupted, print_error, print_line, print_note
-from bricksrl.errors import BricksError, UnknownNameError, hint
+from brickhub.errors import BricksError, UnknownNameError, hint
 
 
 def run(words: Sequence[str]) -> int:
