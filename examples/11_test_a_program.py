@@ -1,21 +1,12 @@
 """Test of a Pybricks program without a hub: on the virtual hub, in a robot whose sensor sees a wall 80 cm ahead.
 
-pytest examples/11_test_a_program.py   # works with any test runner; needs neither MuJoCo nor torch
+pytest examples/11_test_a_program.py   # brickhub alone is enough: it has the fixture `pybricks_hub`
 """
 
-import io
 from math import pi
-from pathlib import Path
 
-from bricksrl.robots import Direction, HubKind, Motor, Robot, UltrasonicSensor
-from bricksrl.virtual_hub import BenchBody, run_file
+from brickhub.robot import Direction, HubKind, Motor, Robot, UltrasonicSensor
 
-ROVER = Robot(
-    "rover",
-    HubKind.PRIME,
-    motors=(Motor("left", "A", direction=Direction.COUNTERCLOCKWISE), Motor("right", "B")),
-    sensors=(UltrasonicSensor("eyes", "C"),),
-)
 PROGRAM = """
 from pybricks.parameters import Direction, Port
 from pybricks.pupdevices import Motor, UltrasonicSensor
@@ -29,16 +20,21 @@ while eyes.distance() > 150:
 base.brake()
 print("stopped", eyes.distance(), "mm before the wall")
 """
+ROVER = Robot(
+    "rover",
+    HubKind.PRIME,
+    motors=(Motor("left", "A", direction=Direction.COUNTERCLOCKWISE), Motor("right", "B")),
+    sensors=(UltrasonicSensor("eyes", "C"),),
+)
 
 
-def distance_mm(angles: dict[str, float]) -> float:
+def distance_mm(angles):
     """Reading of the ultrasonic sensor for these wheel angles."""
     return 800 - pi * 56 * (angles["left"] + angles["right"]) / 2 / 360
 
 
-def test_it_stops_before_the_wall(tmp_path: Path) -> None:
-    (tmp_path / "main.py").write_text(PROGRAM)
-    output = io.BytesIO()
-    assert run_file(tmp_path / "main.py", BenchBody(ROVER, {"eyes": distance_mm}), stdout=output, time_limit_s=30) == 0
-    words = output.getvalue().decode().split()
+def test_it_stops_before_the_wall(pybricks_hub):
+    run = pybricks_hub.run(PROGRAM, robot=ROVER, readings={"eyes": distance_mm}, time_limit_s=30)
+    words = run.output.split()
     assert words[0] == "stopped" and 120 <= int(words[1]) <= 150
+    assert max(row["A_speed_deg_s"] for row in run.log) > 400  # it drove: 200 mm/s are 409 deg/s

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import io
-import re
-import signal
 import sys
 from collections.abc import Callable
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, UseAppendAction
@@ -18,7 +15,7 @@ from tyro.conf import Positional, UseAppendAction
 from brickhub.cli.options import Flag, changed_options, option
 from brickhub.cli.terminal import Interrupted, print_note
 from brickhub.errors import DescriptionError
-from brickhub.virtual.host_stop import HostStop
+from brickhub.virtual.host_stop import interruptible
 
 if TYPE_CHECKING:
     from brickhub.virtual.body import Body
@@ -41,6 +38,7 @@ class Run:
       brickhub run main.py --reading B=red --reading C=200mm --press left@2.5s
       brickhub run main.py --realtime --panel
       brickhub run main.py --robot my_robot.py --time-limit-s 60
+      brickhub run main.py --log run.csv
       brickhub run main.py --hub ble
     """
 
@@ -58,20 +56,21 @@ class Run:
     """Reading of a sensor on the bench: B=red, B=40%, B=200mm, B=3N, B=10,-5deg, or B=@FILE with lines "seconds, value"."""
     end_stop: Annotated[UseAppendAction[tuple[str, ...]], option(metavar="PORT=LOW..HIGH")] = ()
     """End stops (deg) of a motor on the bench: C=-90..120."""
+    log: Annotated[Path | None, option(metavar="FILE")] = None
+    """CSV file of what each motor and sensor of the virtual hub did: every 10 ms the motors' angle, speed, load and voltage, and
+    what the program last read from each sensor."""
     realtime: Flag = False
     """Run a virtual hub in real time. The keys left, right, space (center) and b (bluetooth) press its buttons."""
     panel: Flag = False
     """Print each change of the virtual hub's light, display and loudspeaker on standard error."""
 
     def execute(self) -> int:
-        # Ctrl-C must not reach the program on the virtual hub, where a KeyboardInterrupt is an ordinary error.
-        previous_handler = signal.signal(signal.SIGINT, _interrupt)
         try:
-            return self._run()
-        except _Interrupted:
-            raise Interrupted("the program was stopped; there was nothing to save") from None
-        finally:
-            signal.signal(signal.SIGINT, previous_handler)
+            with interruptible():
+                return self._run()
+        except KeyboardInterrupt:
+            saved = "there was nothing to save" if self.log is None else f"its log is in {self.log}"
+            raise Interrupted(f"the program was stopped; {saved}") from None
 
     def _run(self) -> int:
         from brickhub.hub.program.user_program import load_program, read_program
@@ -121,7 +120,7 @@ class Run:
 
     def _operation(self, stack: ExitStack) -> Operation:
         from brickhub.cli.key_listener import KeyListener, can_listen
-        from brickhub.virtual.given_readings import parse_reading
+        from brickhub.virtual.given_readings import parse_end_stop, parse_reading
         from brickhub.virtual.panel import parse_press
         from brickhub.virtual.run import Operation
 
@@ -137,11 +136,29 @@ class Run:
         return Operation(
             presses=[parse_press(text) for text in self.press],
             readings=[parse_reading(text) for text in self.reading],
-            end_stops=dict(_end_stop(text) for text in self.end_stop),
+            end_stops=dict(parse_end_stop(text) for text in self.end_stop),
             realtime=self.realtime,
             watch=watch,
-            attend=self.attend(stack),
+            attend=self._logged(stack),
         )
+
+    def _logged(self, stack: ExitStack) -> Callable[[Machine], None] | None:
+        """`attend`, with the log of the run, which is written however the run ends."""
+        path, attend = self.log, self.attend(stack)
+        if path is None:
+            return attend
+        from brickhub.files import check_writable, write_durably
+        from brickhub.virtual.run_log import RunLog
+
+        check_writable(path)
+
+        def begin(machine: Machine) -> None:
+            machine.log = log = RunLog()
+            stack.callback(lambda: write_durably(path, log.csv().encode()))
+            if attend is not None:
+                attend(machine)
+
+        return begin
 
 
 _KEYS = {"left": "left", "right": "right", " ": "center", "c-m": "center", "b": "bluetooth"}
@@ -154,22 +171,3 @@ def _press(panel: Panel, button: str) -> None:
 
 def _print_panel(panel: Panel) -> None:
     print_note(f"{panel.now_s:9.3f} s  {panel.describe()}")
-
-
-def _end_stop(text: str) -> tuple[str, tuple[float, float]]:
-    match = re.fullmatch(r"([A-Fa-f])=(-?[\d.]+)\.\.(-?[\d.]+)", text.strip())
-    try:
-        low, high = float(match[2]), float(match[3])  # type: ignore[index]
-    except (TypeError, ValueError):
-        raise DescriptionError(f"'{text}' is not a pair of end stops; give one such as C=-90..120") from None
-    if not low <= 0.0 <= high:
-        raise DescriptionError(f"'{text}': the motor starts at 0; give a lowest angle below that and a highest above it")
-    return match[1].upper(), (low, high)  # type: ignore[index]
-
-
-class _Interrupted(HostStop):
-    """Ctrl-C by the user."""
-
-
-def _interrupt(_signum: int, _frame: FrameType | None) -> None:
-    raise _Interrupted

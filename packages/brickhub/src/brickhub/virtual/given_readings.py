@@ -1,4 +1,4 @@
-"""Sensor readings as text (``B=red``, ``B=200mm``), constant or over time from a file."""
+"""Sensor readings as text (``B=red``, ``B=200mm``), constant or over time from a file, and end stops (``C=-90..120``)."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from brickhub.errors import TwinError
+from brickhub.errors import DescriptionError, TwinError
 from brickhub.virtual.stimuli import Sense, Sensed
 
 _COLORS: Mapping[str, tuple[float, float, float]] = {
@@ -59,9 +59,9 @@ class GivenReading:
                 )
 
 
-def parse_reading(text: str) -> GivenReading:
-    """Parse ``B=red``, ``B.ambient=20%`` or ``B=@distances.csv`` (lines ``seconds, value``). Raises TwinError if the text is
-    invalid, or the file cannot be read."""
+def parse_reading(text: str, folder: Path = Path()) -> GivenReading:
+    """Parse ``B=red``, ``B.ambient=20%`` or ``B=@distances.csv`` (lines ``seconds, value``), a file in ``folder``. Raises
+    TwinError if the text is invalid, or the file cannot be read."""
     match = re.fullmatch(r"([A-Fa-f])(?:\.([a-z]+))?=(.+)", text.strip())
     if match is None:
         raise TwinError(f"'{text}' is not a reading; give one such as {_EXAMPLES}")
@@ -72,7 +72,7 @@ def parse_reading(text: str) -> GivenReading:
     if not value.startswith("@"):
         stimulus, unit_sense = _value(value, text)
         return GivenReading(port, sense or unit_sense, (0.0,), (stimulus,))
-    times, values = _from_file(Path(value[1:]))
+    times, values = _from_file(folder / value[1:])
     return GivenReading(port, sense, times, values)
 
 
@@ -112,6 +112,18 @@ def _from_file(path: Path) -> tuple[tuple[float, ...], tuple[Sensed, ...]]:
     if not times or times != sorted(times):
         raise TwinError(f"{path} has no readings in order of time; write lines such as: 2.5, red")
     return tuple(times), tuple(values)
+
+
+def parse_end_stop(text: str) -> tuple[str, tuple[float, float]]:
+    """Port and angles (deg) of ``C=-90..120``. Raises DescriptionError if the text is invalid."""
+    match = re.fullmatch(r"([A-Fa-f])=(-?[\d.]+)\.\.(-?[\d.]+)", text.strip())
+    try:
+        low, high = float(match[2]), float(match[3])  # type: ignore[index]
+    except (TypeError, ValueError):
+        raise DescriptionError(f"'{text}' is not a pair of end stops; give one such as C=-90..120") from None
+    if not low <= 0.0 <= high:
+        raise DescriptionError(f"'{text}': the motor starts at 0; give a lowest angle below that and a highest above it")
+    return match[1].upper(), (low, high)  # type: ignore[index]
 
 
 def for_port(readings: Iterable[GivenReading], port: str) -> list[GivenReading]:

@@ -16,6 +16,7 @@ from brickhub.virtual.firmware.servo import Servo
 from brickhub.virtual.micropython.errors import SwitchedOff
 from brickhub.virtual.pace import Pace
 from brickhub.virtual.panel import Panel
+from brickhub.virtual.run_log import RunLog
 
 CONTROL_LOOP_MS = 5
 # On a hub each call takes some 10 us. Here calls are free until there are many of them without a wait: otherwise no simulated
@@ -31,6 +32,7 @@ class Machine:
     Attributes:
         runs_program: whether a program runs that the stop button can stop.
         pace: keeps simulated time to real time at each control loop; ``None`` for as fast as possible.
+        log: log of the run; ``None`` for none.
         panel: buttons, light, display and loudspeaker.
         heading: heading of the robot by the gyroscope.
         modes: mode of each device that has modes, by port.
@@ -48,6 +50,7 @@ class Machine:
         self.panel.clock_ms = lambda: self.time_ms
         self.runs_program = False
         self.pace: Pace | None = None
+        self.log: RunLog | None = None
         self.time_ms = 0
         self.time_ticks = _AFTER_LOOP_TICKS
         self.alarm_ms: int | None = None
@@ -134,6 +137,8 @@ class Machine:
                 base.update()
             for servo in self.servos.values():
                 servo.update()
+            if self.log is not None and time_ms % self.log.period_ms == 0:
+                self.log.sample(time_ms, self.servos)
             if self.pace is not None:
                 self.pace.keep(time_ms)
 
@@ -199,3 +204,5 @@ class Machine:
         self.drive_bases.clear()
         for servo in self.servos.values():
             servo.close()
+        if self.log is not None:
+            self.log.sample(self.time_ms, self.servos)

@@ -131,6 +131,11 @@ class Observer:
         return trunc((self._history[-1] - self._history[-1 - ticks]) * 1000 / (ticks * 5))
 
     @property
+    def measured_angle(self) -> int:
+        """Angle measured at the last step, mdeg."""
+        return self._history[-1]
+
+    @property
     def current(self) -> int:
         """The model's current, 0.1 mA."""
         return self._current

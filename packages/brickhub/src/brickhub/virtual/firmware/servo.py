@@ -152,11 +152,16 @@ class Servo:
     def load_mnm(self) -> int:
         """Estimated torque of the load."""
         self.check_open()
-        if self._voltage_mv is None:
-            return 0
-        if self.control.is_active:
-            return trunc(-self.control.pid_average / 1000)
-        return trunc(self.type.model.torque_unm(self.observer.feedback_mv(self.position())) / 1000)
+        return self._load_mnm(self.position())
+
+    def observed(self) -> tuple[float | None, int | None, int | None, int | None]:
+        """Angle (deg), mean speed over 100 ms (deg/s), load (mNm) and voltage (mV, ``None`` while it coasts) of the last control
+        step, for a log: nothing is measured. Angle, speed and load are ``None`` without a control loop."""
+        if not self._is_updated:
+            return None, None, None, self._voltage_mv
+        position = self.observer.measured_angle
+        angle_deg = round(position / self.settings.steps_per_unit, 3) + 0.0
+        return angle_deg, self.speed_deg_s(), self._load_mnm(position), self._voltage_mv
 
     def is_done(self) -> bool:
         return self.control.is_done
@@ -325,6 +330,13 @@ class Servo:
             self.control.reset()
         elif self.parent is not None:
             self.parent.stop_from_servo()
+
+    def _load_mnm(self, position: int) -> int:
+        if self._voltage_mv is None:
+            return 0
+        if self.control.is_active:
+            return trunc(-self.control.pid_average / 1000)
+        return trunc(self.type.model.torque_unm(self.observer.feedback_mv(position)) / 1000)
 
     def _shaft_mdeg(self) -> int:
         return self.body.angle_mdeg(self.port)

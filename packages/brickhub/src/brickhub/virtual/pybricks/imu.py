@@ -107,15 +107,15 @@ class IMU:
 
     @charged
     def tilt(self, calibrated: Any = True) -> tuple[float, float]:
-        return self._tilt(calibrated)
-
-    def _tilt(self, calibrated: Any) -> tuple[float, float]:
         pitch, roll = self._machine.body.tilt_deg()
         if not (calibrated and self._is_aligned):
             x, y, z = self._in_robot_frame(self._gravity_in_hub() if calibrated else self._machine.body.acceleration_mm_s2())
             pitch = math.atan2(-x, math.hypot(y, z)) * _DEG_PER_RAD
             roll = math.atan2(y + 0.0, z) * _DEG_PER_RAD  # -0.0 would change it by 360
-        return to_single(pitch), to_single(roll)
+        tilt = to_single(pitch), to_single(roll)
+        if self._machine.log is not None:
+            self._machine.log.read(("pitch_deg", "roll_deg"), tilt)
+        return tilt
 
     @charged
     def up(self, calibrated: Any = True) -> Any:
@@ -133,7 +133,10 @@ class IMU:
 
     @charged
     def heading(self) -> float:
-        return to_single(self._heading.angle_deg())
+        heading_deg = to_single(self._heading.angle_deg())
+        if self._machine.log is not None:
+            self._machine.log.read(("heading_deg",), heading_deg)
+        return heading_deg
 
     @charged
     def reset_heading(self, angle: Any) -> None:

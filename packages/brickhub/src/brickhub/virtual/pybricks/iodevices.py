@@ -66,7 +66,9 @@ class PUPDevice(Device):
             raise ValueError("Invalid argument")
         device_mode = self._modes[number]
         self._release_motor(device_mode.name)
-        return self._measure(device_mode.name, lambda: device_mode.values(self._plug))
+        name = device_mode.name.replace(" ", "_")
+        parts = [f"{name}_{part}" for part in range(device_mode.count)] if device_mode.count > 1 else [name]
+        return self._measure(device_mode.name, lambda: device_mode.values(self._plug), *parts)
 
     def write(self, mode: Any, data: Any) -> Any:
         """Command without a visible effect; values are checked."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from brickhub.robot import PoweredUpSensor, SensorKind
@@ -15,10 +16,12 @@ from brickhub.virtual.pybricks.colors import nearest
 from brickhub.virtual.pybricks.context import RunLoop, expect_type, get_array, get_int, get_number, os_error
 from brickhub.virtual.pybricks.device_modes import MAX_FORCE_MN, Plug
 from brickhub.virtual.pybricks.parameters import NAMED_COLORS, Color, Direction, Parameters
+from brickhub.virtual.run_log import RunLog
 from brickhub.virtual.stimuli import Sense, reflection_pct
 
 _TRAVEL_UM = 6670
 _TOUCHED_UM = 100
+_HSV = ("hue_deg", "saturation_pct", "value_pct")
 SEND_MS = 250
 WRITE_MS = 11  # above the 10 ms of lego_device_data_set_delay
 
@@ -51,14 +54,23 @@ class Device:
         described = (s for s in self._machine.robot.sensors if isinstance(s, PoweredUpSensor) and s.port == self._letter)
         return isinstance(self._machine.body, SensingBody) and any(sensor.kind is self._kind for sensor in described)
 
-    def _measure(self, mode: str, get: Callable[[], Any]) -> Any:
+    def _measure(self, mode: str, get: Callable[[], Any], *quantities: str) -> Any:
+        """Value of ``get`` in a mode of the device; ``quantities`` are its parts' names in the log of the run."""
         self._machine.charge_call()
+        if self._machine.log is not None:
+            get = partial(self._logged, self._machine.log, get, quantities)
         previous_mode = self._machine.modes[self._letter]
         self._machine.modes[self._letter] = mode
         if mode == previous_mode or not self._switch_ms:
             return self._loop.value(get)
         ready_ms = self._machine.time_ms + self._switch_ms
         return self._loop.finish(lambda: self._machine.time_ms >= ready_ms, get, poll_ms=self._switch_ms)
+
+    def _logged(self, log: RunLog, get: Callable[[], Any], quantities: tuple[str, ...]) -> Any:
+        value = get()
+        parts = (value.h, value.s, value.v) if quantities == _HSV else value
+        log.read([f"{self._letter}_{quantity}" for quantity in quantities], parts)
+        return value
 
     def _write(self, mode: str, duration_ms: int = WRITE_MS) -> Any:
         """Command without a visible effect; waits until it is done."""
@@ -120,11 +132,11 @@ class UltrasonicSensor(Device):
         return any(isinstance(sensor, Ultrasonic) and sensor.port == self._letter for sensor in sensors)
 
     def distance(self) -> Any:
-        return self._measure("DISTL", lambda: self._machine.body.distance_mm(self._letter))
+        return self._measure("DISTL", lambda: self._machine.body.distance_mm(self._letter), "distance_mm")
 
     def presence(self) -> Any:
         """Presence of another ultrasonic sensor: there is none."""
-        return self._measure("LISTN", lambda: False)
+        return self._measure("LISTN", lambda: False, "presence")
 
 
 class _ColorDevice(Device):
@@ -145,13 +157,13 @@ class _ColorDevice(Device):
         return None
 
     def reflection(self) -> Any:
-        return self._measure("RGB I", lambda: reflection_pct(self._plug.color()))
+        return self._measure("RGB I", lambda: reflection_pct(self._plug.color()), "reflection_pct")
 
     def _hsv(self, mode: str, sense: Sense) -> Any:
-        return self._measure(mode, lambda: Color(*self._plug.color(sense)))
+        return self._measure(mode, lambda: Color(*self._plug.color(sense)), *_HSV)
 
     def _color(self, mode: str, sense: Sense) -> Any:
-        return self._measure(mode, lambda: self._nearest(sense))
+        return self._measure(mode, lambda: self._nearest(sense), "color")
 
     def _nearest(self, sense: Sense) -> Any:
         index = nearest(self._plug.color(sense), [(color.h, color.s, color.v) for color in self._detectable])
@@ -174,7 +186,7 @@ class ColorSensor(_ColorDevice):
         return self._color("RGB I", Sense.SURFACE) if surface else self._color("SHSV", Sense.AMBIENT)
 
     def ambient(self) -> Any:
-        return self._measure("SHSV", lambda: to_single(self._plug.ambient_pct()))
+        return self._measure("SHSV", lambda: to_single(self._plug.ambient_pct()), "ambient_pct")
 
 
 class ColorDistanceSensor(_ColorDevice):
@@ -193,11 +205,11 @@ class ColorDistanceSensor(_ColorDevice):
         return self._color("RGB I", Sense.SURFACE)
 
     def ambient(self) -> Any:
-        return self._measure("AMBI", lambda: round(self._plug.ambient_pct()))
+        return self._measure("AMBI", lambda: round(self._plug.ambient_pct()), "ambient_pct")
 
     def distance(self) -> Any:
         """In steps of ten."""
-        return self._measure("PROX", lambda: self._plug.proximity() * 10)
+        return self._measure("PROX", lambda: self._plug.proximity() * 10, "distance_pct")
 
 
 class ForceSensor(Device):
@@ -206,17 +218,17 @@ class ForceSensor(Device):
     _kind = SensorKind.FORCE
 
     def force(self) -> Any:
-        return self._measure("FRAW", lambda: to_single(self._plug.force_mn() / 1000))
+        return self._measure("FRAW", lambda: to_single(self._plug.force_mn() / 1000), "force_n")
 
     def distance(self) -> Any:
-        return self._measure("FRAW", lambda: to_single(self._moved_um() / 1000))
+        return self._measure("FRAW", lambda: to_single(self._moved_um() / 1000), "moved_mm")
 
     def pressed(self, force: Any = 3) -> Any:
         threshold_mn = int(get_number(force) * 1000)
-        return self._measure("FRAW", lambda: self._plug.force_mn() >= threshold_mn)
+        return self._measure("FRAW", lambda: self._plug.force_mn() >= threshold_mn, "pressed")
 
     def touched(self) -> Any:
-        return self._measure("FRAW", lambda: self._moved_um() > _TOUCHED_UM)
+        return self._measure("FRAW", lambda: self._moved_um() > _TOUCHED_UM, "touched")
 
     def _moved_um(self) -> int:
         return self._plug.force_mn() * _TRAVEL_UM // MAX_FORCE_MN
@@ -232,13 +244,13 @@ class InfraredSensor(Device):
         self._first_count = self._plug.passed()
 
     def count(self) -> Any:
-        return self._measure("LPF2-COUNT", lambda: self._plug.passed() - self._first_count)
+        return self._measure("LPF2-COUNT", lambda: self._plug.passed() - self._first_count, "count")
 
     def reflection(self) -> Any:
-        return self._measure("LPF2-CAL", lambda: to_single(self._plug.infrared_raw() / 5))
+        return self._measure("LPF2-CAL", lambda: to_single(self._plug.infrared_raw() / 5), "reflection_pct")
 
     def distance(self) -> Any:
-        return self._measure("LPF2-CAL", lambda: 1100 // (10 + self._plug.infrared_raw()))
+        return self._measure("LPF2-CAL", lambda: 1100 // (10 + self._plug.infrared_raw()), "distance_pct")
 
 
 class TiltSensor(Device):
@@ -247,7 +259,7 @@ class TiltSensor(Device):
     _kind = SensorKind.TILT
 
     def tilt(self) -> Any:
-        return self._measure("LPF2-ANGLE", self._plug.tilt_deg)
+        return self._measure("LPF2-ANGLE", self._plug.tilt_deg, "pitch_deg", "roll_deg")
 
 
 class Light(Device):

@@ -1,0 +1,149 @@
+"""Fixture ``pybricks_hub`` of pytest: Pybricks programs on a virtual hub, in simulated time.
+
+Every run of pytest where brickhub is installed imports this module; the virtual hub is imported by the first test that runs one.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from brickhub.robot import Robot
+    from brickhub.virtual.body import Body
+    from brickhub.virtual.machine import Machine
+    from brickhub.virtual.run_log import RunLog
+    from brickhub.virtual.stimuli import Reading
+
+
+@dataclass(frozen=True)
+class ProgramRun:
+    """Run of a program.
+
+    Attributes:
+        exit_code: 1 if the program raised, else 0, also if the time limit ended it.
+        output: what it printed.
+        errors: the hub's traceback, or that the program was stopped; notes of the bench.
+    """
+
+    exit_code: int
+    output: str
+    errors: str
+    _log: RunLog = field(repr=False)
+
+    @cached_property
+    def log(self) -> list[dict[str, float | str | None]]:
+        """What motors and sensors did: a row every 10 ms by column, such as ``time_s``, ``A_angle_deg``, ``C_distance_mm``, as
+        ``brickhub run --log`` writes them; ``None`` where there is no value yet."""
+        return list(self._log.rows())
+
+
+class PybricksHub:
+    """Virtual hub of a test.
+
+    Args:
+        folder: where files of programs, robots and readings are named from.
+        scratch: folder for programs that are given as text.
+    """
+
+    def __init__(self, folder: Path, scratch: Path) -> None:
+        self._folder = folder
+        self._scratch = scratch
+
+    def run(
+        self,
+        program: str | Path,
+        *,
+        robot: Robot | Body | str | None = None,
+        readings: Mapping[str, Reading] | Sequence[str] = (),
+        end_stops: Mapping[str, tuple[float, float]] | Sequence[str] = (),
+        presses: Sequence[str] = (),
+        stdin: str | bytes = "",
+        time_limit_s: float | None = 60.0,
+    ) -> ProgramRun:
+        """Run a program to its end, in simulated time.
+
+        Args:
+            program: a file, named from the folder of the test, or the program's text.
+            robot: ``None`` for a bench that adapts to the program; a Robot for one with its motors and sensors; a body; or what
+                ``--robot`` names, such as ``walker`` or ``my_robot.py``.
+            readings: of sensors. On the bench as on the command line, such as ``"B=red"``; of a Robot by name, as functions of
+                the angles of its motors (deg, by name).
+            end_stops: likewise ``"C=-90..120"``, or lowest and highest angle (deg) by name of the motor.
+            presses: of buttons, such as ``"left@2.5s"``.
+            stdin: what the program can read.
+            time_limit_s: simulated seconds until the program is stopped; ``None`` for no limit.
+
+        Raises:
+            ProgramError: there is no such file.
+            DescriptionError, TwinError: robot, readings, end stops or presses do not fit together.
+        """
+        from brickhub.virtual.given_readings import parse_end_stop, parse_reading
+        from brickhub.virtual.host_stop import interruptible
+        from brickhub.virtual.panel import parse_press
+        from brickhub.virtual.run import Operation, run_file
+        from brickhub.virtual.run_log import RunLog
+
+        log, out, err = RunLog(), io.BytesIO(), io.StringIO()
+
+        def attend(machine: Machine) -> None:
+            machine.log = log
+
+        body = self._body(robot, readings, end_stops)
+        operation = Operation(
+            presses=[parse_press(text) for text in presses],
+            readings=[] if isinstance(readings, Mapping) else [parse_reading(text, self._folder) for text in readings],
+            end_stops={} if isinstance(end_stops, Mapping) else dict(map(parse_end_stop, end_stops)),
+            attend=attend,
+        )
+        source = io.BytesIO(stdin) if isinstance(stdin, bytes) else io.StringIO(stdin)
+        with interruptible():
+            code = run_file(
+                self._file(program), body, stdout=out, stderr=err, stdin=source, time_limit_s=time_limit_s, operation=operation
+            )
+        return ProgramRun(code, out.getvalue().decode(errors="replace"), err.getvalue(), log)
+
+    def _body(
+        self,
+        robot: Robot | Body | str | None,
+        readings: Mapping[str, Reading] | Sequence[str],
+        end_stops: Mapping[str, tuple[float, float]] | Sequence[str],
+    ) -> Body | None:
+        """Body of a robot, however it is given; ``None`` for the bench that adapts to the program. Raises DescriptionError if the
+        readings or end stops are not those of its kind."""
+        from brickhub.errors import DescriptionError
+        from brickhub.robot import BENCH, Robot
+        from brickhub.target import find
+        from brickhub.virtual.bench_body import BenchBody
+
+        is_described = isinstance(robot, Robot)
+        if any(given and isinstance(given, Mapping) is not is_described for given in (readings, end_stops)):
+            kind = "dicts by name for a Robot" if is_described else "lists of texts for the bench, such as B=red and C=-90..120"
+            raise DescriptionError(f"readings and end stops are {kind}; give such")
+        if isinstance(robot, Robot):
+            return BenchBody(robot, dict(readings), dict(end_stops))  # type: ignore[arg-type]
+        if not isinstance(robot, str):
+            return robot
+        file = self._folder / robot
+        target = find(str(file) if file.is_file() else robot)
+        return None if target.robot is BENCH else target.make_body()
+
+    def _file(self, program: str | Path) -> Path:
+        if isinstance(program, Path) or ("\n" not in program and program.endswith(".py")):
+            return self._folder / program
+        path = self._scratch / "main.py"
+        path.write_text(program, encoding="utf-8")
+        return path
+
+
+@pytest.fixture
+def pybricks_hub(request: pytest.FixtureRequest, tmp_path: Path) -> PybricksHub:
+    """Virtual hub: ``run = pybricks_hub.run("main.py", readings=["B=red"])`` runs a Pybricks program without a hub, and has its
+    ``exit_code``, ``output``, ``errors`` and ``log``."""
+    return PybricksHub(request.path.parent, tmp_path)

@@ -1,0 +1,78 @@
+"""The README: its commands, its program, its test and its workflow do what it says."""
+
+from __future__ import annotations
+
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+from readme import Readme, needs_a_hub
+
+from brickhub.cli import main
+from brickhub.cli.app import parse
+from brickhub.cli.commands import LINE
+
+FOLDER = Path(__file__).parents[1]
+README = Readme(FOLDER / "README.md", "brickhub")
+
+
+@pytest.fixture
+def reader(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder of somebody who has copied all files of the README."""
+    monkeypatch.chdir(tmp_path)
+    assert README.write_files(tmp_path) == ["main.py", "floor.csv", "test_main.py"]
+    (tmp_path / "my_robot.py").write_text(link())
+    return tmp_path
+
+
+def cheap(words: list[str]) -> list[str]:
+    """The command in simulated time, with an end."""
+    limit = ["--time-limit-s", "5"] if words[0] == "run" and "--time-limit-s" not in words else []
+    return [word for word in words if word != "--realtime"] + limit
+
+
+def link() -> str:
+    return next(block for block in README.blocks("python") if "HubLink" in block)
+
+
+def test_what_is_shown_is_printed(reader: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert README.consoles
+    for words, output in README.consoles:
+        assert (main(words), capfd.readouterr().out) == (0, output)
+
+
+def test_commands_run(reader: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    done = [words for words in README.commands if not needs_a_hub(words)]
+    assert len(done) >= 5
+    for words in done:
+        code = main(cheap(words))
+        out, err = capfd.readouterr()
+        # A described robot has no more than its devices: the program's are on other ports.
+        assert code == (1 if "my_robot.py" in words and words[0] == "run" else 0), (words, err)
+        assert out or code, words
+    assert (reader / "run.csv").read_text().startswith("time_s,C_color,A_angle_deg")
+
+
+def test_commands_for_hubs_exist() -> None:
+    assert {words[0] for words in README.listed} == set(LINE.commands)
+    for words in README.commands + README.listed:
+        assert callable(parse(LINE, words).execute), words
+
+
+def test_its_test_and_its_workflow_pass(reader: Path) -> None:
+    (job,) = yaml.safe_load(README.blocks("yaml")[0])["jobs"].values()
+    *_, install, test = (shlex.split(step["run"]) for step in job["steps"] if "run" in step)
+    assert install[:3] == ["pip", "install", "pytest"] and test == ["pytest"]
+    assert install[3] == f"brickhub @ git+https://github.com/BricksRL/bricksrl#subdirectory=packages/{FOLDER.name}"
+    command = [sys.executable, "-m", *test, "-p", "no:cacheprovider"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 0 and "1 passed" in done.stdout, done.stdout
+
+
+def test_its_link_answers(capfd: pytest.CaptureFixture[str]) -> None:
+    exec(link(), {})  # noqa: S102
+    angle, distance = eval(capfd.readouterr().out)  # noqa: S307
+    assert abs(angle - 45) < 3 and distance == 2000.0
