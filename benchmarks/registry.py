@@ -8,9 +8,12 @@ from benchmarks.session import Benchmark
 from brickhub.tables import read_table
 
 
+IS_WHOLE = find_spec("bricksrl") is not None
+"""Whether all houses are installed; without bricksrl there are no studies and no tables."""
+
+
 def _studies() -> list[Benchmark]:
-    """Those of the paper's tables; none where bricksrl, with which they train, is not installed."""
-    if find_spec("bricksrl") is None:
+    if not IS_WHOLE:
         return []
     from benchmarks.study_tables import STUDIES
 
