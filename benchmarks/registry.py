@@ -7,7 +7,6 @@ from importlib.util import find_spec
 from benchmarks.session import Benchmark
 from brickhub.tables import read_table
 
-
 IS_WHOLE = find_spec("bricksrl") is not None
 """Whether all houses are installed; without bricksrl there are no studies and no tables."""
 
