@@ -11,10 +11,10 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 
-from benchmarks.registry import BENCHMARKS, GROUPS
+from benchmarks.registry import BENCHMARKS, GROUPS, IS_WHOLE
 from benchmarks.session import Benchmark, Session, duration, read_result, write_result
 from brickhub.cli.terminal import Interrupted, print_error, print_line, print_note
-from bricksrl.errors import BricksError, UnknownNameError, hint
+from brickhub.errors import BricksError, UnknownNameError, hint
 
 
 def run(words: Sequence[str]) -> int:
@@ -43,7 +43,7 @@ def run(words: Sequence[str]) -> int:
     except KeyboardInterrupt:
         kept = f"what is finished is in {session.folder}; the same command goes on"
         raise Interrupted(kept if session.folder.exists() else "nothing was saved") from None
-    if session.is_apart:
+    if session.is_apart and IS_WHOLE:
         _write_page(benchmark, session)
     return code
 

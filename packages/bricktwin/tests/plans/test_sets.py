@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from pathlib import Path
 
 import pytest
 from plan_lines import BEAM, PLANS, plan_of
@@ -14,7 +15,7 @@ HUB = "1 15 0 0 0 1 0 0 0 1 0 0 0 1 67718.dat"
 LARGE = "1 15 0 0 900 1 0 0 0 1 0 0 0 1 54675.dat"
 RACK = "1 15 0 0 1800 1 0 0 0 1 0 0 0 1 87761.dat"
 UNKNOWN = "1 15 0 0 2700 1 0 0 0 1 0 0 0 1 99999.dat"
-EXAMPLE = PLANS.parents[5] / "examples" / "13_front_steered.ldr"
+EXAMPLE = Path(__file__).parents[4] / "examples" / "13_front_steered.ldr"
 PATHS = [PLANS / f"{name}.ldr" for name in ("two_wheeler", "walker", "robo_arm")] + [EXAMPLE]
 
 
