@@ -79,7 +79,7 @@ def test_program_on_page(tmp_path, capfd):
         (("record", "RunAway-v0", "--out", "x", "--policy", "keybord"), "in keybord (did you mean 'keyboard'?); name"),
         (("team", "--play", "runs/nothing"), "there is no team in runs/nothing; name a folder"),
         (("team", "tag-v0"), "there is no arena 'tag-v0' (did you mean 'Tag-v0'?); choose"),
-        (("study", "robots-time"), "there is no study 'robots-time' (did you mean 'robot-time'?); choose"),
+        (("study", "robots-time"), "there is no benchmark 'robots-time' (did you mean 'robot-time'?); choose"),
         (("play", "RunAway-v0", "--hub", "virtul"), "there is no hub 'virtul' (did you mean 'virtual'?); choose"),
         (
             ("data", "repair", "runs/nothing"),
@@ -89,7 +89,7 @@ def test_program_on_page(tmp_path, capfd):
         (("play", "RunAway-v0", "--policy", "best"), "choose random"),
         (("play", "RunAway-v0", "--page", "--page-port", "70000"), "is not a port"),
         (("drive", "RunAway-v0", "--page-host", "256.0.0.1"), "name another host"),
-        (("hub", "run", __file__, "--page", "--hub", "ble"), "only a program on a virtual hub"),
+        (("hub", "run", __file__, "--page", "--hub", "ble"), "leave out --hub, or --page"),
         (("hub", "run", __file__, "--page-port", "9000"), "--page-port has no effect without --page; omit it"),
         (("record", "RunAway-v0", "--out", "x", "--video", "x.gif"), "end it in .mp4"),
         (("play", "RunAway-v0", "--page-host", "::1"), "--page-host has no effect without --page; omit it"),

@@ -33,7 +33,7 @@ def test_studies_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     assert "sim-to-robot" in listed and "on two cores" in listed
     with pytest.raises(UnknownNameError, match="no benchmark 'poetry'"):
         StudyCommand("poetry").execute()
-    with pytest.raises(RunError, match="jobs is 0"):
+    with pytest.raises(DescriptionError, match="jobs is 0"):
         StudyCommand("agents", jobs=0).execute()
 
 
