@@ -18,7 +18,7 @@ from benchmarks.__main__ import run
 from benchmarks.parts import Failure, outcomes
 from benchmarks.registry import BENCHMARKS
 from brickhub.cli.terminal import Interrupted
-from bricksrl.errors import DescriptionError, RunError, UnknownNameError
+from bricksrl.errors import BricksError, DescriptionError, RunError, UnknownNameError
 from bricksrl.evaluation.cluster import connected
 
 ROOT = Path(__file__).parents[2]
@@ -144,7 +144,7 @@ def test_published_result_is_shown(name: str, tmp_path: Path, monkeypatch: pytes
     monkeypatch.setattr(session, "RESULTS", tmp_path)
     for content in ("", "[1]", '{"machine": 1}'):
         (tmp_path / f"{name}.json").write_text(content)
-        with pytest.raises(RunError, match=r"json is not the result of a benchmark; delete it, and the same command measures"):
+        with pytest.raises(BricksError, match=r"json is not the result of a benchmark; delete it, and the same command measures"):
             run([name, "--folder", str(folder)])
 
 
