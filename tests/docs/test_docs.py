@@ -44,7 +44,7 @@ def commands(page: Path, house: str = "bricksrl") -> list[list[str]]:
     """Arguments of all commands of a house on a page."""
     lines = [line for block in blocks(page, "bash") for line in block.splitlines()]
     lines += re.findall(rf"^ {{4}}({house} .*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
-    return [shlex.split(line, comments=True)[1:] for line in lines if line.startswith(f"{house} ")]
+    return [shlex.split(line.partition(" > ")[0], comments=True)[1:] for line in lines if line.startswith(f"{house} ")]
 
 
 def cheap(words: list[str]) -> list[str]:

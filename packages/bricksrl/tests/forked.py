@@ -6,6 +6,8 @@ Each command has a process, standard streams, an environment and an exit code of
 from __future__ import annotations
 
 import array
+import atexit
+import gc
 import importlib
 import json
 import os
@@ -14,9 +16,10 @@ import socket
 import subprocess
 import sys
 import tempfile
+import threading
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 IMPORTED = ("torch", "torchrl.data", "torchrl.envs", "mujoco", "bricksrl.cli.app", "bricksrl.training.run", "bricksrl.evaluation")
 
@@ -30,13 +33,17 @@ class ForkServer:
             command = [sys.executable, __file__, str(theirs.fileno())]
             environment = {**os.environ, "MUJOCO_GL": "disable"}
             self._server = subprocess.Popen(command, pass_fds=(theirs.fileno(),), env=environment, stdin=subprocess.DEVNULL)
-        self._socket = ours
+        self._socket, self._lock = ours, threading.Lock()
 
     def run(
-        self, arguments: Sequence[str], folder: Path, environment: Mapping[str, str], timeout_s: float
+        self, arguments: Sequence[str], folder: Path, environment: Mapping[str, str], timeout_s: float, script: str = ""
     ) -> subprocess.CompletedProcess[str]:
-        """Run a command to its end. Raises TimeoutExpired, and kills the command, after ``timeout_s``."""
-        request = json.dumps({"arguments": list(arguments), "folder": str(folder), "environment": dict(environment)}).encode()
+        """Run a command, or a script, to its end. Raises TimeoutExpired, and kills it, after ``timeout_s``."""
+        asked = {"arguments": list(arguments), "folder": str(folder), "environment": dict(environment), "script": script}
+        with self._lock:
+            return self._run(json.dumps(asked).encode(), arguments, timeout_s)
+
+    def _run(self, request: bytes, arguments: Sequence[str], timeout_s: float) -> subprocess.CompletedProcess[str]:
         with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
             self._socket.settimeout(60)
             self._socket.sendall(len(request).to_bytes(4, "little") + request)
@@ -73,9 +80,10 @@ def _exactly(connection: socket.socket, size: int) -> bytes:
 
 
 def serve(connection: socket.socket) -> int:
-    """Run the commands that the other side asks for; in a command's process, its exit code is returned."""
+    """Run the commands that the other side asks for, until it leaves."""
     for name in IMPORTED:
         importlib.import_module(name)
+    gc.freeze()  # what is imported is not looked at, and so not copied, by the commands
     while True:
         try:
             request: dict[str, Any] = json.loads(_exactly(connection, int.from_bytes(_exactly(connection, 4), "little")))
@@ -85,7 +93,7 @@ def serve(connection: socket.socket) -> int:
         pid = os.fork()
         if pid == 0:
             connection.close()
-            return command(request, fds)
+            end(command(request, fds))
         for fd in fds:
             os.close(fd)
         connection.sendall(pid.to_bytes(4, "little"))
@@ -93,8 +101,17 @@ def serve(connection: socket.socket) -> int:
         connection.sendall(os.waitstatus_to_exitcode(status).to_bytes(4, "little", signed=True))
 
 
+def end(code: int) -> NoReturn:
+    """End the process of a command in order, but for the seconds in which the interpreter takes torch apart."""
+    threading._shutdown()  # type: ignore[attr-defined]
+    atexit._run_exitfuncs()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)
+
+
 def command(request: dict[str, Any], fds: Sequence[int] | array.array[int]) -> int:
-    """Run one command in this process, on these standard streams."""
+    """Run one command or script in this process, on these standard streams."""
     from bricksrl.cli import main
 
     for fd, standard in zip(fds, (1, 2), strict=True):
@@ -104,7 +121,15 @@ def command(request: dict[str, Any], fds: Sequence[int] | array.array[int]) -> i
     os.environ.clear()
     os.environ.update(request["environment"])
     sys.argv = ["bricksrl", *request["arguments"]]
-    return main(request["arguments"])
+    if request["script"]:
+        exec(request["script"], {"__name__": "__main__"})  # noqa: S102
+        sys.exit()  # as a script ends
+    try:
+        return main(request["arguments"])
+    except SystemExit as ended:
+        if isinstance(ended.code, str):
+            raise
+        return ended.code or 0
 
 
 if __name__ == "__main__":

@@ -19,21 +19,19 @@ EXECUTABLE = str(Path(sys.executable).with_name("bricksrl"))
 
 
 @pytest.fixture(scope="session")
-def bricksrl(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bricksrl]:
+def bricksrl(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest) -> Bricksrl:
     """Run ``bricksrl`` in a folder of the session: in a process of its own, from scratch where a test sets its environment."""
     folder = tmp_path_factory.mktemp("cli")
-    server = ForkServer() if hasattr(os, "fork") else None
 
     def run(*arguments: str, timeout_s: float = 120.0, **environment: str) -> subprocess.CompletedProcess[str]:
         whole = {**os.environ, "MUJOCO_GL": "disable", **environment}
-        if server is not None and not environment:
+        if hasattr(os, "fork") and not environment:
+            server: ForkServer = request.getfixturevalue("forked")
             return server.run(arguments, folder, whole, timeout_s)
         command = [EXECUTABLE, *arguments]
         return subprocess.run(command, cwd=folder, env=whole, capture_output=True, text=True, timeout=timeout_s, check=False)
 
-    yield run
-    if server is not None:
-        server.close()
+    return run
 
 
 @pytest.fixture

@@ -222,7 +222,7 @@ def test_tuning_offline_agent_raises_without_study(tmp_path: Path, fails) -> Non
 def test_two_commands_can_start_one_study(bricksrl, tmp_path: Path) -> None:
     command = f"tune RoboArmSim-v0 --trials 1 --steps 2 --seeds 1 --episodes 1 --folder {tmp_path / 'study'}".split()
     with ThreadPoolExecutor(2) as pool:
-        done = list(pool.map(lambda _: bricksrl(*command, timeout_s=300), range(2)))
+        done = list(pool.map(lambda _: bricksrl(*command, timeout_s=300, AT_ONCE="1"), range(2)))
     assert [one.returncode for one in done] == [0, 0], [one.stderr for one in done]
 
 

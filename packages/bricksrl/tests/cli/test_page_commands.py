@@ -46,13 +46,13 @@ def test_play_in_terminal_ends_with_a_lost_link(capfd):
 
 def test_play_in_terminal_plays_what_is_evaluated(tmp_path, capfd):
     run = str(tmp_path / "run")
-    assert main(["train", "Spinning-v0", "--episodes", "2", "--run", run]) == 0
+    assert main(["train", "RunAway-v0", "--episodes", "1", "--run", run]) == 0
     capfd.readouterr()
-    assert main(["evaluate", run, "--episodes", "3", "--json"]) == 0
+    assert main(["evaluate", run, "--episodes", "2", "--json"]) == 0
     returns = json.loads(capfd.readouterr().out)["returns"]
-    assert len(set(returns)) == 3
-    assert main(["play", run, "--episodes", "3"]) == 0
-    played = re.findall(r"^episode \d  return (\S+)  50 steps$", capfd.readouterr().out, re.MULTILINE)
+    assert len(set(returns)) == 2
+    assert main(["play", run, "--episodes", "2"]) == 0
+    played = re.findall(r"^episode \d  return (\S+)  \d+ steps?$", capfd.readouterr().out, re.MULTILINE)
     assert played == [f"{value:.4g}" for value in returns]
 
 

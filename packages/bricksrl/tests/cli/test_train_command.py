@@ -66,7 +66,8 @@ def test_report_without_videos(trained):
     assert text.count("data:image/png;base64,") == 1 and "written by hand 17.96" in text
 
 
-def test_report_with_videos(trained, tmp_path):
+def test_report_with_videos(trained, tmp_path, monkeypatch):
+    monkeypatch.setattr("bricksrl.cli.video.FILM_BUDGET_S", 2.0)
     run_dir = tmp_path / "run"
     shutil.copytree(trained[0], run_dir)
     result = RunResult(run_dir, RunFolder(run_dir).read_episodes(), interrupted=False)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
+import os
+from pathlib import Path
 
 import pytest
+from forked import ForkServer
 
 ENV = "import bricksrl\nenv = bricksrl.make('RunAway-v0', seed=0)\nenv.rollout(3)\n"
 SCRIPTS = {
@@ -18,6 +19,6 @@ SCRIPTS = {
 
 
 @pytest.mark.parametrize("script", SCRIPTS.values(), ids=SCRIPTS)
-def test_script_ends_without_a_message(script: str) -> None:
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=100, check=False)
+def test_script_ends_without_a_message(script: str, forked: ForkServer, tmp_path: Path) -> None:
+    done = forked.run((), tmp_path, os.environ, 100, script=script)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")

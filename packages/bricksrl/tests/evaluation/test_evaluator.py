@@ -182,13 +182,14 @@ def test_only_an_evaluation_under_the_conditions_of_the_training_counts(spinning
     assert "in 1 episode of evaluation" in (export_policy(spinning, spinning / "policy") / "README.md").read_text()
 
 
-def test_film_shows_the_evaluated_episodes(spinning: Path, tmp_path: Path) -> None:
+def test_film_shows_the_evaluated_episodes(tmp_path: Path) -> None:
+    walker = train(TrainConfig("Walker-v1", episodes=1, seed=0, record=False, run_dir=tmp_path / "run")).run_dir
     options = FilmOptions(episodes=1, size=(64, 48), seed=1000)
     seen = set()
     for changes in ({}, {"physics": Physics(friction_scale=0.1, slope_deg=10.0)}, {"randomize": True}):
-        result = evaluate(spinning, episodes=1, save=False, **changes)
+        result = evaluate(walker, episodes=1, save=False, **changes)
         try:
-            filmed = film_run(spinning, "last", tmp_path / "film.mp4", options, **changes)
+            filmed = film_run(walker, "last", tmp_path / "film.mp4", options, **changes)
         except RenderingUnavailableError as error:
             pytest.skip(str(error))
         assert filmed.returns == pytest.approx(result.returns)
