@@ -16,7 +16,7 @@ FAST = --numprocesses $(WORKERS) -m 'not realtime and not slow' --reruns 1 --onl
 CLOCK := --numprocesses 4 -m 'realtime and not slow' --reruns 2
 CLOCKED = $(shell grep -rl realtime $(1) --include='test_*.py')
 
-.PHONY: help demo docs test test-slow check wheels format booklets clean $(HOUSES:%=test-%)
+.PHONY: help demo docs test test-slow check clocked wheels format booklets clean $(HOUSES:%=test-%)
 
 help:
 	@echo "make demo    a Walker learns to walk on a virtual hub: films before and after, a report"
@@ -49,8 +49,11 @@ check: $(INSTALLED)
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-logo
 
-test: check
+test: $(INSTALLED)
+	$(MAKE) --jobs 2 check clocked
 	$(PYTEST) $(FAST)
+
+clocked: $(INSTALLED)
 	$(PYTEST) $(CLOCK) $(call CLOCKED,packages/*/tests tests)
 
 test-slow: $(INSTALLED)

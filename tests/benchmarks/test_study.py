@@ -102,6 +102,7 @@ def test_only_chosen_cells_are_run(tmp_path: Path) -> None:
         run_study(TOY, tmp_path, quick=True, only=("ppo-*",))
 
 
+@pytest.mark.slow
 def test_workers_end_with_a_study_that_is_killed(tmp_path: Path) -> None:
     study = ["study", "strategies", "--only", "sac-*", "--jobs", "2", "--folder", str(tmp_path)]
     assert_runs_end_with(study, tmp_path)

@@ -25,6 +25,7 @@ def test_record_on_page(tmp_path, capfd):
     assert told.out.count("episode ") == 2
 
 
+@pytest.mark.realtime
 def test_play_on_page(capfd):
     assert main(["play", "RunAway-v0", "--episodes", "1", "--page"]) == 0
     told = capfd.readouterr()

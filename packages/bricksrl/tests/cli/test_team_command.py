@@ -18,6 +18,7 @@ from bricksrl.errors import RunError, UnknownNameError
 from bricksrl.training.checkpoint import save_checkpoint
 
 
+@pytest.mark.slow
 def test_team_is_trained_played_and_played_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     command = ["team", "Tag-v0", "--copies", "8", "--frames", "2048", "--episodes", "1", "--run", str(tmp_path / "tag")]
     assert run(command) == 0

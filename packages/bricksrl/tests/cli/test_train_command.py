@@ -131,6 +131,7 @@ def test_record_asks_user_to_place_robot(tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="SIGUSR1 is a thing of POSIX")
+@pytest.mark.realtime
 def test_signal_stops_recorded_robot(start, tmp_path):
     out = tmp_path / "data"
     recording = start("record", "Spinning-v0", "--realtime", "--episodes", "90", "--out", str(out))
@@ -283,6 +284,7 @@ def test_human_takes_over_in_a_simulation(command, tmp_path, monkeypatch, capfd)
     assert naps == [0.25 * (step + 1) for step in range(100)], "as fast as a robot"
 
 
+@pytest.mark.realtime
 def test_fleet_learns_on_a_page(tmp_path, capfd):
     command = ["train", "RunAway-v0", "--agent", "random", "--robots", "2", "--episodes", "2", "--run", str(tmp_path / "run")]
     assert main([*command, "--page"]) == 0
@@ -307,6 +309,7 @@ def test_ctrl_c_saves_and_resume_continues(start, fails, tmp_path):
     fails("resume", str(run_dir), "--episodes", "2", says="500")
 
 
+@pytest.mark.realtime
 def test_ctrl_c_while_robot_is_out_of_reach(start, tmp_path):
     child = start("train", "RunAway-v0", "--hub", "usb:COM99", "--run", str(tmp_path / "run"))
     assert child.stdout.readline().startswith("the robot is out of reach (")

@@ -89,6 +89,7 @@ def test_interrupted_seeds_end_by_themselves(tmp_path: Path, started: list[Child
     assert {process.wait(0) for process in started} == {1}, "not killed"
 
 
+@pytest.mark.slow
 def test_seeds_end_with_a_program_that_is_killed(tmp_path: Path) -> None:
     run = ["train", "RoboArmSim-v0", "--agent", "random", "--episodes", "1000000", "--seeds", "2", "--run", str(tmp_path / "all")]
     assert_runs_end_with(run, tmp_path)

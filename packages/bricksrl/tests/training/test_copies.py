@@ -217,6 +217,7 @@ def test_own_copies_without_counters_raise(tmp_path: Path) -> None:
     assert train(config("sac", tmp_path / "run", num_envs=1, episodes=1), env=own).episodes[0].steps == 2 * ROUND
 
 
+@pytest.mark.slow
 def test_script_without_main_guard_is_told_to_have_one(tmp_path: Path) -> None:
     script = tmp_path / "script.py"
     script.write_text("from bricksrl.training import TrainConfig, train\ntrain(TrainConfig('RunAway-v0', num_envs=2))\n")
