@@ -60,14 +60,14 @@ def environments() -> str:
 
 def commands() -> str:
     """The help of each command, as it prints it."""
-    import brickhub.cli.commands
+    import brickhub.cli.command_table
     import bricksrl.cli.app
-    import bricktwin.cli.commands
+    import bricktwin.cli.command_table
 
     os.environ["COLUMNS"] = "100"
     parts = ["# Command line\n", "All commands, with the help that `bricksrl COMMAND --help` prints. The last sections are for"]
     parts += ["those who have `brickhub` or `bricktwin` alone; the same commands are `bricksrl hub`, `plan` and `twin`.\n"]
-    for line in (bricksrl.cli.app.LINE, brickhub.cli.commands.LINE, bricktwin.cli.commands.LINE):
+    for line in (bricksrl.cli.app.LINE, brickhub.cli.command_table.LINE, bricktwin.cli.command_table.LINE):
         names = [[name] for name in line.commands]
         names += [[group, name] for group, (_, below) in line.groups.items() for name in below]
         parts += [f"## {line.prog} {' '.join(name)}\n\n```text\n{help_of(line, name)}\n```\n" for name in sorted(names)]

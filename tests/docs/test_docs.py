@@ -15,9 +15,9 @@ import nbclient
 import nbformat
 import pytest
 
-import brickhub.cli.commands
+import brickhub.cli.command_table
 import bricksrl.cli.app
-import bricktwin.cli.commands
+import bricktwin.cli.command_table
 from brickhub.cli.app import parse
 from bricksrl.cli import main
 from bricksrl.envs.registry import _BUILT_IN
@@ -29,7 +29,7 @@ FOLLOWED = [ROOT / "README.md", *(DOCS / f"{name}.md" for name in ("start", "wat
 READ = [path for path in sorted(DOCS.glob("*.md")) if path not in FOLLOWED]
 """Pages with commands for the reader's robots and files, which are only parsed."""
 READMES = sorted((ROOT / "packages").glob("*/README.md"))
-LINES = {line.prog: line for line in (brickhub.cli.commands.LINE, bricktwin.cli.commands.LINE, bricksrl.cli.app.LINE)}
+LINES = {line.prog: line for line in (brickhub.cli.command_table.LINE, bricktwin.cli.command_table.LINE, bricksrl.cli.app.LINE)}
 NOTEBOOKS = sorted((DOCS / "tutorials").glob("*.ipynb"))
 
 

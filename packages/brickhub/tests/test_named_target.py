@@ -17,7 +17,7 @@ from brickhub.hub.program.validate import validate
 from brickhub.robot import BENCH, HubKind, Motor, PoweredUpSensor, Robot, SensorKind, UltrasonicSensor
 from brickhub.target import Target, find_in_files, whole_interface
 from brickhub.virtual.bench_body import BenchBody
-from brickhub.virtual.transport import VirtualHub
+from brickhub.virtual.virtual_transport import VirtualHub
 
 finder = target._finder  # that of the installed houses; the tests' own knows this one only
 

@@ -13,7 +13,7 @@ from readme import Readme, needs_a_hub
 
 from brickhub.cli import main
 from brickhub.cli.app import parse
-from brickhub.cli.commands import LINE
+from brickhub.cli.command_table import LINE
 
 FOLDER = Path(__file__).parents[1]
 README = Readme(FOLDER / "README.md", "brickhub")

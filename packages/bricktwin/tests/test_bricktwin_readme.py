@@ -11,7 +11,7 @@ from readme import Readme, needs_a_hub
 from brickhub.cli.app import parse
 from brickhub.pytest_plugin import PybricksHub
 from bricktwin.cli import main
-from bricktwin.cli.commands import LINE
+from bricktwin.cli.command_table import LINE
 
 FOLDER = Path(__file__).parents[1]
 README = Readme(FOLDER / "README.md", "bricktwin")

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 import brickhub as package
-from brickhub.cli.commands import LINE
+from brickhub.cli.command_table import LINE
 from brickhub.cli.wording import one_line
 
 COMMANDS = ("run", "check", "scan", "program", "latency", "calibrate", "stop", "doctor")

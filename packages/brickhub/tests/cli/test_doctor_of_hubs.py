@@ -11,7 +11,7 @@ import pytest
 from brickhub.cli import doctor, main
 from brickhub.errors import HubError
 from brickhub.finding import Outcome
-from brickhub.hub.errors import BluetoothUnavailableError
+from brickhub.hub.hub_errors import BluetoothUnavailableError
 from brickhub.hub.transports import bluetooth
 
 

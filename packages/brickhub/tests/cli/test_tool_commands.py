@@ -18,7 +18,7 @@ from brickhub import target
 from brickhub.cli import main
 from brickhub.hub.program.generate import generate
 from brickhub.target import Target, whole_interface
-from brickhub.virtual import transport
+from brickhub.virtual import virtual_transport as transport
 
 CAR, LEGS, ARM = (f"{described.__file__}:{name}" for name in ("TWO_WHEELER", "WALKER", "ROBO_ARM"))
 

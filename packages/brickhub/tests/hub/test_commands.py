@@ -42,7 +42,7 @@ from brickhub.hub.program.validate import validate
 from brickhub.hub.transport import Pipe
 from brickhub.robot import HubKind
 from brickhub.virtual.bench_body import BenchBody
-from brickhub.virtual.transport import VirtualHub
+from brickhub.virtual.virtual_transport import VirtualHub
 
 TECHNIC = replace(TWO_WHEELER, name="technic", hub=HubKind.TECHNIC, motors=tuple(
     replace(motor, port=port) for motor, port in zip(TWO_WHEELER.motors, "AB", strict=True)

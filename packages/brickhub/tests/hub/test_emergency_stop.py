@@ -13,13 +13,13 @@ from radio import ATT_WRITE_REQUEST, ATT_WRITE_RESPONSE
 from stopping import SLOW_STEP, Act, eventually, held, patient_link
 
 from brickhub.errors import StoppedError
-from brickhub.hub.errors import HubDisconnectedError
+from brickhub.hub.hub_errors import HubDisconnectedError
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.link.states import LinkState
 from brickhub.hub.link.streaming import StreamingLink
 from brickhub.hub.transports.profile import PybricksCommand
 from brickhub.virtual.bench_body import BenchBody
-from brickhub.virtual.transport import VirtualHub
+from brickhub.virtual.virtual_transport import VirtualHub
 
 pytestmark = pytest.mark.realtime
 

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from brickhub.virtual.interpreter import Modules, execute
-from brickhub.virtual.micropython.errors import reword
+from brickhub.virtual.micropython.exceptions import reword
 from brickhub.virtual.micropython.float_text import float_text
 from brickhub.virtual.micropython.floats import to_single
 from brickhub.virtual.micropython.numbers import struct_module

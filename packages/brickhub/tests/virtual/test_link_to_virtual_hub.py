@@ -10,10 +10,10 @@ from described import ROBO_ARM, RUN_AWAY, TASKS, TWO_WHEELER
 
 from brickhub.errors import HubError
 from brickhub.hub.link.lockstep import HubLink, LinkState
-from brickhub.virtual import transport
+from brickhub.virtual import virtual_transport as transport
 from brickhub.virtual.bench_body import BenchBody
 from brickhub.virtual.pace import Pace
-from brickhub.virtual.transport import VirtualHub
+from brickhub.virtual.virtual_transport import VirtualHub
 
 ON_A_ROBOT = ("RunAway-v0", "Spinning-v0", "Walker-v0", "RoboArm-v0")
 

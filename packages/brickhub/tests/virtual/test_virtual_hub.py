@@ -16,7 +16,7 @@ from brickhub.hub.transport import HubModule, HubProgram
 from brickhub.robot import BENCH
 from brickhub.virtual.bench_body import BenchBody
 from brickhub.virtual.host_stop import HostStop
-from brickhub.virtual.transport import VirtualHub
+from brickhub.virtual.virtual_transport import VirtualHub
 
 ECHO = """
 from usys import stdin, stdout

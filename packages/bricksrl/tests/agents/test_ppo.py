@@ -19,6 +19,7 @@ def mean_return(env: object, learner: Learner) -> float:
     return float(frames["next", "reward"].sum(1).mean())
 
 
+@pytest.mark.slow
 def test_ppo_improves_simulated_walker() -> None:
     env = bricksrl.make("WalkerSim-v0", seed=0, batch_size=256)
     learner = make_learner("ppo", env, replace(preset("default", "ppo"), steps=16, batch_size=512))

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from brickhub.hub.errors import HubNotFoundError
+from brickhub.hub.hub_errors import HubNotFoundError
 from brickhub.hub.link.lockstep import HubLink
-from brickhub.virtual.transport import VirtualHub
+from brickhub.virtual.virtual_transport import VirtualHub
 from bricksrl.cli import main
 from bricksrl.envs import get_task
 from bricksrl.envs.connection import Connection

@@ -124,7 +124,7 @@ def fails_train(capfd: pytest.CaptureFixture[str]):
 def test_nan_reward_in_simulation_raises(own: Path) -> None:
     from dataclasses import replace
 
-    from bricksrl.envs.kinematics import Kinematics
+    from bricksrl.envs.planar_kinematics import Kinematics
     from bricksrl.envs.simulation import SimulatedEnv
 
     task = replace(get_task("WalkerSim-v0"), id="Nan-v0", reward=lambda p, a, o: o[..., :1] * float("nan"))
@@ -226,9 +226,7 @@ def test_two_commands_can_start_one_study(bricksrl, tmp_path: Path) -> None:
     assert [one.returncode for one in done] == [0, 0], [one.stderr for one in done]
 
 
-@pytest.mark.parametrize(
-    "environment", [{"PYTHONIOENCODING": "ascii"}, {"LC_ALL": "C", "PYTHONUTF8": "0"}, {"MPLBACKEND": "nope"}]
-)
+@pytest.mark.parametrize("environment", [{"PYTHONIOENCODING": "ascii", "MPLBACKEND": "nope"}, {"LC_ALL": "C", "PYTHONUTF8": "0"}])
 def test_unusual_environment_variables_are_tolerated(bricksrl, environment: dict[str, str], tmp_path: Path) -> None:
     run_dir = str(tmp_path / "run")
     done = bricksrl("train", "RoboArmSim-v0", "--agent", "random", "--episodes", "1", "--run", run_dir, **environment)
@@ -236,7 +234,7 @@ def test_unusual_environment_variables_are_tolerated(bricksrl, environment: dict
     assert "return " in done.stdout and (tmp_path / "run/learning_curve.png").exists()
 
 
-@pytest.mark.parametrize("environment", [{"COLUMNS": "0"}, {"MUJOCO_GL": "osmesa"}])
+@pytest.mark.parametrize("environment", [{"COLUMNS": "0", "MUJOCO_GL": "osmesa"}])
 def test_settings_are_shown_in_any_locale(bricksrl, environment: dict[str, str]) -> None:
     done = bricksrl("settings", "sac", **environment)
     assert done.returncode == 0 and "learning_rate" in done.stdout and "Traceback" not in done.stderr, done.stderr

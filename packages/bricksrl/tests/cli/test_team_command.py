@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from videos import read_video
 
-from bricksrl.cli import team
+from bricksrl.cli import team_command as team
 from bricksrl.cli.app import run
-from bricksrl.cli.team import TrainTeam
+from bricksrl.cli.team_command import TrainTeam
 from bricksrl.errors import RunError, UnknownNameError
 from bricksrl.training.checkpoint import save_checkpoint
 

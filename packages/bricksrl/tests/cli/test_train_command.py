@@ -17,9 +17,9 @@ import pytest
 import torch
 from videos import read_video
 
-from brickhub.hub.errors import HubNotFoundError
+from brickhub.hub.hub_errors import HubNotFoundError
 from brickhub.hub.transport import Pipe
-from brickhub.virtual.transport import VirtualHub
+from brickhub.virtual.virtual_transport import VirtualHub
 from bricksrl.cli import main
 from bricksrl.cli.app import parse
 from bricksrl.cli.progress import LineProgress, clock, sparkline

@@ -21,9 +21,9 @@ from torchrl.envs import (
 )
 
 import bricksrl
-from brickhub.hub.errors import BluetoothUnavailableError, Reason
+from brickhub.hub.hub_errors import BluetoothUnavailableError, Reason
 from brickhub.hub.link.lockstep import HubLink
-from brickhub.virtual.transport import VirtualHub
+from brickhub.virtual.virtual_transport import VirtualHub
 from bricksrl.envs.connection import Connection
 from bricksrl.envs.env import HubEnv
 from bricksrl.envs.odometry import SonarOdometer

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from tensordict import TensorDict
 
 import bricksrl
-from bricksrl.envs.kinematics import Kinematics
 from bricksrl.envs.motor_profile import ACCELERATION_DEG_S2, turned_angle
+from bricksrl.envs.planar_kinematics import Kinematics
 from bricksrl.envs.registry import get_task
 from bricksrl.envs.simulation import SimulatedEnv
 from bricksrl.errors import DescriptionError

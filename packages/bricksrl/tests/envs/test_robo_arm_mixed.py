@@ -172,7 +172,7 @@ def test_random_agent_needs_no_images(tmp_path: Path) -> None:
     assert outcome.success_rate is not None
 
 
-@pytest.mark.parametrize("agent", ["sac", "td3"])
+@pytest.mark.parametrize("agent", ["sac", pytest.param("td3", marks=pytest.mark.slow)])
 def test_resumed_run_equals_uninterrupted(agent: str, tmp_path: Path) -> None:
     settings = replace(preset("default", agent, images=True), hidden=(16,), batch_size=8, prefill_episodes=1)
     whole = TrainConfig(ID, agent, episodes=3, seed=2, settings=settings, run_dir=tmp_path / "whole")

@@ -13,7 +13,7 @@ from torchrl.envs import EnvBase, check_env_specs
 
 import bricksrl
 from bricksrl.envs.dead_reckoning import Target
-from bricksrl.envs.kinematics import Kinematics
+from bricksrl.envs.planar_kinematics import Kinematics
 from bricksrl.envs.registry import get_task
 from bricksrl.envs.simulation import SimulatedEnv
 from bricksrl.envs.tasks.robo_arm import error_deg

@@ -16,7 +16,7 @@ from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.link.streaming import StreamingLink
 from brickhub.hub.program.generate import WATCHDOG_MS
 from brickhub.hub.transport import HubProgram, Pipe
-from brickhub.virtual.transport import VirtualHub
+from brickhub.virtual.virtual_transport import VirtualHub
 from bricksrl.envs.env import HubEnv
 from bricksrl.envs.tasks.spinning import SPINNING
 from bricksrl.errors import DescriptionError, HubError

@@ -22,7 +22,7 @@ from bricksrl.training.config import settings_for
 
 
 def config(run_dir: Path) -> TrainConfig:
-    return TrainConfig("Walker-v1", episodes=3, seed=4, settings=settings_for("Walker-v1", "default", "sac"), run_dir=run_dir)
+    return TrainConfig("Walker-v1", episodes=2, seed=4, settings=settings_for("Walker-v1", "default", "sac"), run_dir=run_dir)
 
 
 def test_watched_run_equals_unwatched(tmp_path: Path) -> None:
@@ -31,7 +31,7 @@ def test_watched_run_equals_unwatched(tmp_path: Path) -> None:
     with LivePage("Walker-v1", task=get_task("Walker-v1"), on_stop=stop.set) as page:
         train(config(tmp_path / "shown"), PageCallback(page, stop), driver=page.driver, stop=stop)
         news = page.board
-        assert news.status[1]["state"] == "finished" and news.series["return"].count == 3
+        assert news.status[1]["state"] == "finished" and news.series["return"].count == 2
         assert news.series["reward"].count == sum(e.length for e in RunFolder(tmp_path / "shown").read_episodes())
         assert callable(news.poses[1]) and news.poses[1]().shape[1] == 7
     env = make("Walker-v1")

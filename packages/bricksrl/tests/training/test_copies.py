@@ -85,7 +85,7 @@ import multiprocessing, pathlib
 from dataclasses import replace
 from bricksrl.envs.tasks.run_away import RUN_AWAY
 from bricksrl.errors import HubError
-from brickhub.virtual.transport import VirtualHub
+from brickhub.virtual.virtual_transport import VirtualHub
 
 TASK = replace(RUN_AWAY, id="Losing-v0", doc="Runs away.", max_steps=6)
 write, writes = VirtualHub.write, 0

@@ -15,7 +15,7 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type
 from toys import Cart, LosingCart
 
 from brickhub.hub.link.lockstep import HubLink
-from brickhub.virtual.transport import VirtualHub
+from brickhub.virtual.virtual_transport import VirtualHub
 from bricksrl.agents import make_learner
 from bricksrl.agents.ppo import PPOSettings
 from bricksrl.agents.sac import SACSettings

@@ -130,6 +130,7 @@ def test_invalid_offline_agent_leaves_no_folder(config: TrainConfig, tmp_path: P
 @pytest.mark.parametrize(
     ("agent", "least", "most"), [("bc", -3, 3), ("iql", 3, 8), ("cql", 5, 9), ("td3bc", 5, 9), ("sac", 5, 9)]
 )
+@pytest.mark.slow
 def test_offline_agent_learns_from_data(tmp_path: Path, data: str, agent: str, least: int, most: int) -> None:
     """Random steps drift from the wall; the best policy gets 7 dm in 8 steps.
 
@@ -237,6 +238,7 @@ def test_asynchronous_learner_uses_dataset(config: TrainConfig, tmp_path: Path, 
     assert 0 < state["updates"] <= 2 * result.episodes[-1].steps  # it does not wait for the last ones
 
 
+@pytest.mark.slow
 def test_iql_reaches_goals_of_demonstrations(tmp_path: Path) -> None:
     """With the default settings: actions for one goal are not imitated for another."""
 

@@ -117,6 +117,7 @@ def test_asynchronous_user_algorithm(redq: str, tmp_path: Path) -> None:
     assert load_checkpoint(tmp_path / "run" / "checkpoint.bin")["agent"]["updates"] > 0
 
 
+@pytest.mark.slow
 def test_example_agent_learns_tunes_and_shares(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run, agent = tmp_path / "run", str(EXAMPLE)
     options = ("--set", "noise=0.2", "--set", "hidden=32,32", "--set", "batch_size=32", "--episodes", "6", "--run", str(run))

@@ -30,7 +30,7 @@ from brickhub.hub.interface import (
 )
 from brickhub.hub.kinds import Command
 from brickhub.hub.link.lockstep import HubLink
-from brickhub.virtual.transport import VirtualHub
+from brickhub.virtual.virtual_transport import VirtualHub
 from bricktwin.robots import ROBO_ARM, TWO_WHEELER
 from bricktwin.twin.make_body import make_body
 

@@ -13,7 +13,7 @@ from brickhub.hub.diagnostics.preflight import check_robot
 from brickhub.hub.diagnostics.survey import find_stops, survey
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.robot import Direction, Robot
-from brickhub.virtual.transport import VirtualHub
+from brickhub.virtual.virtual_transport import VirtualHub
 from bricktwin import robots
 from bricktwin.robots import ROBO_ARM, TWO_WHEELER
 from bricktwin.twin.make_body import make_body

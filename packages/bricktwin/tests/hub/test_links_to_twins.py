@@ -7,7 +7,7 @@ from described import TASKS
 
 from brickhub.errors import HubError
 from brickhub.hub.link.lockstep import HubLink, LinkState
-from brickhub.virtual.transport import VirtualHub
+from brickhub.virtual.virtual_transport import VirtualHub
 from bricktwin import robots
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.scene import Scene

@@ -11,7 +11,7 @@ from brickhub.errors import HubError
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.link.states import LinkState
 from brickhub.hub.transport import HubProgram
-from brickhub.virtual.transport import VirtualHub
+from brickhub.virtual.virtual_transport import VirtualHub
 from bricktwin.robots import TWO_WHEELER
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.scene import Scene

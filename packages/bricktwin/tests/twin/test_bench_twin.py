@@ -13,7 +13,7 @@ from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.program.generate import generate
 from brickhub.robot import Direction, HubKind, Motor, PoweredUpSensor, Robot, SensorKind, UltrasonicSensor
 from brickhub.virtual.pybricks import pupsensors
-from brickhub.virtual.transport import VirtualHub
+from brickhub.virtual.virtual_transport import VirtualHub
 from bricktwin.robots import TWO_WHEELER, WALKER
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.physics import Physics, RandomPhysics

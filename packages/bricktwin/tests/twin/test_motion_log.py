@@ -14,7 +14,7 @@ from described import RUN_AWAY
 from brickhub.errors import TwinError
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.program.generate import generate
-from brickhub.virtual.transport import VirtualHub
+from brickhub.virtual.virtual_transport import VirtualHub
 from bricktwin.robots import ROBOTS, TWO_WHEELER
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.motion_log import RunLog, identification_commands, identification_interface, read_log, record, write_log

@@ -12,7 +12,7 @@ import pytest
 from brickhub.errors import TwinError
 from brickhub.robot import BENCH, HubKind, MotorKind, Robot
 from brickhub.virtual.bench_body import BenchBody
-from brickhub.virtual.transport import VirtualHub
+from brickhub.virtual.virtual_transport import VirtualHub
 from bricktwin.robots import TWO_WHEELER
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.models.mjcf import motor_constants

@@ -12,7 +12,7 @@ from brickhub.errors import TwinError
 from brickhub.hub.interface import Interface
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.robot import Robot
-from brickhub.virtual.transport import VirtualHub
+from brickhub.virtual.virtual_transport import VirtualHub
 from bricktwin.robots import TWO_WHEELER
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.motion_log import RunLog, identification_commands, identification_interface, record

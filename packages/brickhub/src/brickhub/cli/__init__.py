@@ -22,7 +22,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command of ``brickhub`` and return its exit code, as `start`."""
 
     def run(words: Sequence[str]) -> int:
-        from brickhub.cli import app, commands
+        from brickhub.cli import app
+        from brickhub.cli import command_table as commands
 
         return app.run(commands.LINE, words)
 

@@ -13,11 +13,11 @@ if TYPE_CHECKING:
     from brickhub.virtual.bench_body import BenchBody as BenchBody
     from brickhub.virtual.body import Body as Body
     from brickhub.virtual.run import run_file as run_file
-    from brickhub.virtual.transport import VirtualHub as VirtualHub
+    from brickhub.virtual.virtual_transport import VirtualHub as VirtualHub
 
 __all__ = ["BenchBody", "Body", "VirtualHub", "run_file"]
 
-_MODULES = {"BenchBody": "bench_body", "Body": "body", "VirtualHub": "transport", "run_file": "run"}
+_MODULES = {"BenchBody": "bench_body", "Body": "body", "VirtualHub": "virtual_transport", "run_file": "run"}
 
 
 def __getattr__(name: str) -> Any:

@@ -12,7 +12,7 @@ from types import FrameType
 from typing import Any, NamedTuple
 
 from brickhub.robot import HubKind
-from brickhub.virtual.micropython.errors import is_own
+from brickhub.virtual.micropython.exceptions import is_own
 
 
 class _Sizes(NamedTuple):

@@ -15,7 +15,7 @@ from typing import Any
 from brickhub.robot import HubKind
 from brickhub.virtual.memory import BLOCK_BYTES, RAM_BYTES
 from brickhub.virtual.micropython.classes import FIRMWARE, is_native
-from brickhub.virtual.micropython.errors import local_values
+from brickhub.virtual.micropython.exceptions import local_values
 
 _STORED_BYTES = {HubKind.PRIME: 600, HubKind.ESSENTIAL: 600}
 """User data, settings and slots; on other hubs 200."""

@@ -10,7 +10,7 @@ from brickhub.hub.transport import HubModule
 from brickhub.virtual.console import Console
 from brickhub.virtual.micropython.builtins import builtin_names
 from brickhub.virtual.micropython.compiler import compile_source
-from brickhub.virtual.micropython.errors import reword
+from brickhub.virtual.micropython.exceptions import reword
 from brickhub.virtual.micropython.numbers import module
 
 

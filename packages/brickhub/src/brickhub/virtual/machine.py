@@ -13,7 +13,7 @@ from brickhub.virtual.body import Body, FittingBody
 from brickhub.virtual.firmware.drive_base import DriveBaseControl
 from brickhub.virtual.firmware.heading import GyroHeading
 from brickhub.virtual.firmware.servo import Servo
-from brickhub.virtual.micropython.errors import SwitchedOff
+from brickhub.virtual.micropython.exceptions import SwitchedOff
 from brickhub.virtual.pace import Pace
 from brickhub.virtual.panel import Panel
 from brickhub.virtual.run_log import RunLog

@@ -24,7 +24,7 @@ from brickhub.virtual.host_stop import HostStop
 from brickhub.virtual.interpreter import execute
 from brickhub.virtual.machine import Machine
 from brickhub.virtual.micropython.compiler import compile_source
-from brickhub.virtual.micropython.errors import SwitchedOff, class_name
+from brickhub.virtual.micropython.exceptions import SwitchedOff, class_name
 from brickhub.virtual.micropython.system import is_program_error
 from brickhub.virtual.micropython.text import format_traceback
 from brickhub.virtual.output_buffer import OutputBuffer

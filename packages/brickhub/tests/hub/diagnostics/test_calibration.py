@@ -30,7 +30,7 @@ from brickhub.hub.program.generate import generate
 from brickhub.robot import Direction, Motor
 from brickhub.virtual.bench_body import BenchBody
 from brickhub.virtual.body import Body
-from brickhub.virtual.transport import VirtualHub
+from brickhub.virtual.virtual_transport import VirtualHub
 
 
 class MisbuiltHub(VirtualHub):

@@ -25,7 +25,7 @@ from brickhub.hub.diagnostics.survey import Survey
 from brickhub.hub.interface import RunAngle, UntilDone, Wait
 from brickhub.robot import HubKind, MotorKind, PoweredUpSensor, SensorKind
 from brickhub.virtual.bench_body import BenchBody
-from brickhub.virtual.transport import VirtualHub
+from brickhub.virtual.virtual_transport import VirtualHub
 
 GOOD = Survey(
     {"A": 48, "B": 0, "C": 62, "D": 0, "E": 48, "F": 0}, {"left": 0, "right": 0}, 8000, "4.0.1", "hub", True, True, 0, 0

@@ -17,7 +17,7 @@ from brickhub.hub.program.lint import require_clean
 from brickhub.hub.transport import HubProgram
 from brickhub.robot import BENCH, Direction, HubKind, Motor, Robot
 from brickhub.virtual.bench_body import BenchBody
-from brickhub.virtual.transport import VirtualHub
+from brickhub.virtual.virtual_transport import VirtualHub
 
 pytestmark = pytest.mark.realtime
 

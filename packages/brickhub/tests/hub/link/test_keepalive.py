@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from stand_in import StandInHub
 
 from brickhub.errors import HubError
-from brickhub.hub.errors import SilentHubError
+from brickhub.hub.hub_errors import SilentHubError
 from brickhub.hub.interface import Interface
 from brickhub.hub.link.keepalive import keepalive_times_s
 from brickhub.hub.link.lockstep import HubLink

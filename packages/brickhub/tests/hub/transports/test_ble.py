@@ -15,7 +15,7 @@ from played_hub import PlayedHub
 from radio import ATT_WRITE_REQUEST
 
 from brickhub.errors import HubError, HubProgramError
-from brickhub.hub.errors import AmbiguousHubError, HubDisconnectedError, HubNotFoundError
+from brickhub.hub.hub_errors import AmbiguousHubError, HubDisconnectedError, HubNotFoundError
 from brickhub.hub.link.lockstep import LinkState
 from brickhub.hub.protocol import data_frame
 from brickhub.hub.transport import HubProgram

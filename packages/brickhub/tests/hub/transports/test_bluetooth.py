@@ -8,7 +8,7 @@ import pytest
 from bleak.exc import BleakBluetoothNotAvailableError
 from bleak.exc import BleakBluetoothNotAvailableReason as BleakReason
 
-from brickhub.hub.errors import BluetoothUnavailableError, Reason
+from brickhub.hub.hub_errors import BluetoothUnavailableError, Reason
 from brickhub.hub.transports import bluetooth
 from brickhub.hub.transports.bluetooth import bleak_errors
 

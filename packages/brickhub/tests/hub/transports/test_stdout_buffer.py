@@ -8,7 +8,7 @@ import time
 import pytest
 
 from brickhub.errors import HubError
-from brickhub.hub.errors import HubDisconnectedError
+from brickhub.hub.hub_errors import HubDisconnectedError
 from brickhub.hub.transports.stdout_buffer import Output
 
 

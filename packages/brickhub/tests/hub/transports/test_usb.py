@@ -20,7 +20,7 @@ from described import SPINNING, TWO_WHEELER
 from played_usb_hub import PlayedUsbHub, SocketSerial
 
 from brickhub.errors import HubError, HubProgramError, HubTimeoutError
-from brickhub.hub.errors import (
+from brickhub.hub.hub_errors import (
     AmbiguousHubError,
     HubDisconnectedError,
     HubNotFoundError,

@@ -10,7 +10,7 @@ from brickhub.robot import BENCH, HubKind, Robot
 from brickhub.virtual.bench_body import BenchBody
 from brickhub.virtual.interpreter import execute
 from brickhub.virtual.machine import Machine
-from brickhub.virtual.micropython.errors import SwitchedOff
+from brickhub.virtual.micropython.exceptions import SwitchedOff
 from brickhub.virtual.panel import Panel, parse_press
 from brickhub.virtual.pybricks import modules
 

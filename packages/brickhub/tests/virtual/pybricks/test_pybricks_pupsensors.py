@@ -10,7 +10,7 @@ from brickhub.hub.interface import PARTS, Interface, MotorAngle, RunAngle, Senso
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.robot import HubKind, Motor, PoweredUpSensor, Robot, SensorKind, UltrasonicSensor
 from brickhub.virtual.bench_body import BenchBody
-from brickhub.virtual.transport import VirtualHub
+from brickhub.virtual.virtual_transport import VirtualHub
 
 HEAD = """
 from pybricks.pupdevices import *

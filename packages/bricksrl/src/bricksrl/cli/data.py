@@ -230,7 +230,7 @@ class ExportData:
     """File or folder to write, which must not exist."""
 
     def execute(self) -> None:
-        from bricksrl.data.export import export_minari, export_numpy, export_parquet
+        from bricksrl.data.exporting import export_minari, export_numpy, export_parquet
 
         load_learning()
         {"numpy": export_numpy, "parquet": export_parquet, "minari": export_minari}[self.format](self.dataset, self.out)

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated
 
 from brickhub.cli.options import option
-from bricksrl.cli.options import PageFlag
 from bricksrl.cli.page import LivePageGroup, PageAddress, announce
+from bricksrl.cli.run_options import PageFlag
 from bricksrl.errors import DescriptionError
-from bricktwin.cli import run
+from bricktwin.cli import run_command as run
 
 if TYPE_CHECKING:
     from brickhub.virtual.body import Body

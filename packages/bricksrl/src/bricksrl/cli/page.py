@@ -17,8 +17,8 @@ from tyro.conf import OmitArgPrefixes, Positional
 from brickhub.cli.options import option, refuse_ignored
 from brickhub.cli.terminal import Interrupted, print_line, print_note
 from brickhub.files import folder_with
-from bricksrl.cli.options import PageFlag
 from bricksrl.cli.robot_flags import RobotFlags, RobotGroup
+from bricksrl.cli.run_options import PageFlag
 from bricksrl.cli.terminal import load_learning, place_robot
 from bricksrl.errors import DescriptionError, RunError, StoppedError, counted
 

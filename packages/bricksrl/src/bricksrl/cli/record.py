@@ -15,9 +15,9 @@ from brickhub.cli.options import Flag, option
 from brickhub.cli.terminal import Interrupted, print_line, print_note
 from brickhub.files import quoted
 from brickhub.seed import check_seed
-from bricksrl.cli.options import PageFlag
 from bricksrl.cli.page import LivePageGroup, PageAddress, run_on_page
 from bricksrl.cli.robot_flags import RobotFlags, RobotGroup
+from bricksrl.cli.run_options import PageFlag
 from bricksrl.cli.teleop import DEVICES, driving, quiet, with_human
 from bricksrl.cli.terminal import load_learning
 from bricksrl.cli.video import filmed_env

@@ -14,9 +14,9 @@ from tyro.conf import Positional, UseAppendAction
 from brickhub.cli.options import Flag, option, refuse_ignored
 from brickhub.cli.terminal import Interrupted, print_line
 from brickhub.files import only_writer, quoted
-from bricksrl.cli.options import PageFlag, run_folder
 from bricksrl.cli.page import LivePageGroup, PageAddress, run_on_page
 from bricksrl.cli.robot_flags import RobotFlags, RobotGroup
+from bricksrl.cli.run_options import PageFlag, run_folder
 from bricksrl.cli.terminal import load_learning
 from bricksrl.errors import DescriptionError, RunError, StoppedError, counted
 

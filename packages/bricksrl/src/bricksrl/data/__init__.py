@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 from bricksrl.data.schema import Description, describe
 
 if TYPE_CHECKING:
-    from bricksrl.data.episode import About as About
-    from bricksrl.data.episode import Step as Step
     from bricksrl.data.reader import Episodes as Episodes
     from bricksrl.data.reader import load as load
+    from bricksrl.data.recorded_episode import About as About
+    from bricksrl.data.recorded_episode import Step as Step
     from bricksrl.data.recorder import Recorder as Recorder
 
 __all__ = ["About", "Description", "Episodes", "Recorder", "Step", "describe", "load"]

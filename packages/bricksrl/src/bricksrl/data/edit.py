@@ -14,11 +14,11 @@ import numpy as np
 
 from brickhub.files import atomic_folder, refuse_existing, write_durably
 from brickhub.seed import check_seed
-from bricksrl.data.episode import EpisodeData, EpisodeRow, write_episodes
 from bricksrl.data.episode_index import Index, read_description, read_index, read_rows, rows_table, task_instruction, write_index
 from bricksrl.data.layout import FileIndex, Layout
 from bricksrl.data.parquet import tasks_table, to_parquet
 from bricksrl.data.reader import EpisodeReader
+from bricksrl.data.recorded_episode import EpisodeData, EpisodeRow, write_episodes
 from bricksrl.data.schema import Description
 from bricksrl.errors import DataError, counted
 

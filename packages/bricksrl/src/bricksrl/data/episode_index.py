@@ -16,9 +16,9 @@ import pyarrow as pa
 
 from brickhub.fields import check_fields
 from brickhub.files import folder_with, quoted, write_durably
-from bricksrl.data.episode import About, EpisodeRow
 from bricksrl.data.layout import CODEBASE_VERSION, DATA_PATH, FileIndex, Layout, features, info
 from bricksrl.data.parquet import RESTORE, Statistics, join_statistics, read_parquet
+from bricksrl.data.recorded_episode import About, EpisodeRow
 from bricksrl.data.schema import Description
 from bricksrl.errors import DataError, counted
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from brickhub.entry import Entry
 from bricksrl.data.edit import write_dataset
-from bricksrl.data.episode import About, Step, new_episode
+from bricksrl.data.recorded_episode import About, Step, new_episode
 from bricksrl.data.schema import describe_task
 from bricksrl.errors import DataError
 

@@ -11,11 +11,11 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from bricksrl.data.episode import EpisodeData, EpisodeRow
 from bricksrl.data.episode_index import Index, read_index
 from bricksrl.data.images import decode
 from bricksrl.data.layout import ACTION, NEXT, OBSERVATION, STEP_COLUMNS, FileIndex, numbers
 from bricksrl.data.parquet import from_table, read_parquet, read_verified
+from bricksrl.data.recorded_episode import EpisodeData, EpisodeRow
 from bricksrl.data.schema import Description
 from bricksrl.errors import DataError
 

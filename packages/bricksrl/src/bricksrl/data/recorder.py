@@ -8,16 +8,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 from brickhub.files import is_unused, only_writer, write_durably
-from bricksrl.data.episode import About, Step, new_episode, write_episodes
 from bricksrl.data.episode_index import is_dataset, rows_table, task_instruction, write_index
 from bricksrl.data.layout import FileIndex, Layout
 from bricksrl.data.parquet import tasks_table, to_parquet
+from bricksrl.data.recorded_episode import About, Step, new_episode, write_episodes
 from bricksrl.data.repair import recover
 from bricksrl.data.schema import Description
 from bricksrl.errors import DataError
 
 if TYPE_CHECKING:
-    from bricksrl.data.episode import EpisodeRow
+    from bricksrl.data.recorded_episode import EpisodeRow
 
 
 class Recorder:

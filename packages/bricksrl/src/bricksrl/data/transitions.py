@@ -9,7 +9,7 @@ from importlib import metadata
 from typing import TYPE_CHECKING, Any
 
 from brickhub import HOUSES
-from bricksrl.data.episode import About, Step
+from bricksrl.data.recorded_episode import About, Step
 
 if TYPE_CHECKING:
     from tensordict import TensorDictBase

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from brickhub.hub.errors import HubNotFoundError, MediumUnavailableError
+from brickhub.hub.hub_errors import HubNotFoundError, MediumUnavailableError
 from bricksrl.errors import HubError
 
 if TYPE_CHECKING:
     from brickhub.hub.link.lockstep import HubLink
-    from brickhub.virtual.transport import VirtualHub
+    from brickhub.virtual.virtual_transport import VirtualHub
     from bricksrl.envs.odometry import Odometer
     from bricksrl.envs.vision.camera import Camera
 

@@ -27,7 +27,7 @@ from bricksrl.errors import BricksError, CameraError, DescriptionError, HubError
 if TYPE_CHECKING:
     from brickhub.hub.link.lockstep import HubLink
     from brickhub.hub.link.reading import Reading
-    from brickhub.virtual.transport import VirtualHub
+    from brickhub.virtual.virtual_transport import VirtualHub
     from bricksrl.envs.odometry import Odometer
 
 BLOCKED_TIMEOUT_S = 120.0

@@ -17,8 +17,8 @@ from brickhub.robot import Robot
 from brickhub.seed import check_seed
 from brickhub.user_files import is_reference
 from bricksrl.envs.arenas.arena_registry import ARENAS
-from bricksrl.envs.kinematics import Kinematics
 from bricksrl.envs.options import EnvOptions
+from bricksrl.envs.planar_kinematics import Kinematics
 from bricksrl.envs.task import Task
 from bricksrl.envs.tasks.line_follow import LINE_FOLLOW
 from bricksrl.envs.tasks.park import PARK
@@ -154,7 +154,7 @@ def _link(task: Task, options: EnvOptions, transport: Transport, calibrate: Cali
 
 
 def _virtual_env(task: Task, options: EnvOptions, seed: int | None) -> HubEnv:
-    from brickhub.virtual.transport import VirtualHub
+    from brickhub.virtual.virtual_transport import VirtualHub
     from bricksrl.envs.connection import Connection
     from bricksrl.envs.env import HubEnv
     from bricksrl.envs.odometry import SonarOdometer, TrueOdometer

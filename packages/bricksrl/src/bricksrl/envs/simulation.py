@@ -19,9 +19,9 @@ from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 
 from brickhub.hub.interface import RunAngle
-from bricksrl.envs.kinematics import Kinematics
 from bricksrl.envs.motor_profile import turned_angle
 from bricksrl.envs.options import PicklableEnv
+from bricksrl.envs.planar_kinematics import Kinematics
 from bricksrl.envs.specs import NominalBounded, clamped
 from bricksrl.envs.task import Task
 from bricksrl.errors import DescriptionError, RunError

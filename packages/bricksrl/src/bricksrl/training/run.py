@@ -126,8 +126,8 @@ def _run_in(
 ) -> RunResult:
     import torch
 
+    from bricksrl.training.fleet.fleet_robots import Fleet
     from bricksrl.training.fleet.loop import FleetLoop
-    from bricksrl.training.fleet.robots import Fleet
     from bricksrl.training.run_loop import RunLoop, run_state
 
     learner = make_learner_for(config, env)
@@ -182,7 +182,7 @@ def make_env(config: TrainConfig, place: Placement | None = None) -> EnvBase:
     """The environment of a config; ``place`` places a real robot at the start position. Raises UnknownNameError if there is no
     such environment or hub, RunError if it does not support copies."""
     if len(config.hubs) > 1:
-        from bricksrl.training.fleet.robots import Fleet
+        from bricksrl.training.fleet.fleet_robots import Fleet
 
         return Fleet(config, place if config.hub != "virtual" else None)
     if config.num_envs == 1:

@@ -21,11 +21,11 @@ from torchrl.envs import check_env_specs
 import bricksrl
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.robot import Robot
-from brickhub.virtual.transport import VirtualHub
+from brickhub.virtual.virtual_transport import VirtualHub
 from bricksrl.envs.connection import Connection
 from bricksrl.envs.env import HubEnv
-from bricksrl.envs.kinematics import Kinematics
 from bricksrl.envs.odometry import SonarOdometer
+from bricksrl.envs.planar_kinematics import Kinematics
 from bricksrl.envs.simulation import SimulatedEnv
 from bricksrl.envs.tasks.spinning import SPINNING
 from bricksrl.envs.vision.camera import (

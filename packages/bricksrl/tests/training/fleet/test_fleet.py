@@ -19,15 +19,15 @@ from tensordict import TensorDict
 from bricksrl.agents.learner_state import memory_state
 from bricksrl.agents.replay.buffer import EpisodicReplayBuffer
 from bricksrl.agents.sac import SACSettings
-from bricksrl.data.episode import About
 from bricksrl.data.episode_index import read_index
 from bricksrl.data.reader import load
+from bricksrl.data.recorded_episode import About
 from bricksrl.errors import HubError, RunError, UnknownNameError
 from bricksrl.training import Callback, Episode, Progress, RobotState, RunFolder, TrainConfig, resume, train
 from bricksrl.training.checkpoint import load_checkpoint, save_checkpoint
-from bricksrl.training.fleet import robots
+from bricksrl.training.fleet import fleet_robots as robots
+from bricksrl.training.fleet.fleet_robots import Fleet, Member, members_of
 from bricksrl.training.fleet.loop import FleetLoop
-from bricksrl.training.fleet.robots import Fleet, Member, members_of
 
 pytestmark = pytest.mark.realtime
 

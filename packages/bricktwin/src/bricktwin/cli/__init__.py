@@ -14,7 +14,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     def run(words: Sequence[str]) -> int:
         from brickhub.cli import app
-        from bricktwin.cli import commands
+        from bricktwin.cli import command_table as commands
 
         return app.run(commands.LINE, words)
 

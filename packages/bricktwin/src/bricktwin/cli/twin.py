@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from brickhub.hub.link.lockstep import HubLink
     from brickhub.robot import Robot
     from bricktwin.twin.scene import Scene
-    from bricktwin.twin.system_id import Fit
+    from bricktwin.twin.system_id import FittedPhysics
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ class RecordMotion:
         from brickhub.hub.diagnostics.calibration import calibration_of
         from brickhub.hub.link.lockstep import HubLink
         from brickhub.hub.transports.address import parse_hub
-        from brickhub.virtual.transport import VirtualHub
+        from brickhub.virtual.virtual_transport import VirtualHub
         from bricktwin.twin.make_body import make_body
         from bricktwin.twin.physics import read_physics
 
@@ -153,7 +153,7 @@ def _bench_scene(scene: Scene | None) -> Scene | None:
     return Scene(readings=scene.readings, end_stops=scene.end_stops)
 
 
-def _print(result: Fit) -> None:
+def _print(result: FittedPhysics) -> None:
     from bricktwin.twin.physics import PARAMETERS, Physics
 
     print_line("error of the twin (root mean square)")

@@ -29,7 +29,7 @@ _STOP_LOW, _STOP_HIGH = -2.0, 9.0
 
 
 @dataclass(frozen=True)
-class Joint:
+class BodyJoint:
     """A hinge between two bodies, which may also slide along its axis, or a ball joint.
 
     Attributes:
@@ -57,7 +57,7 @@ class Bodies:
 
     members: tuple[tuple[int, ...], ...]
     rotors: tuple[tuple[int, ...], ...]
-    joints: tuple[Joint, ...]
+    joints: tuple[BodyJoint, ...]
     meshes: tuple[tuple[int, int, Mesh], ...]
 
     def motions(self, *, locked: Iterable[int] = ()) -> Floats:
@@ -189,14 +189,14 @@ def _bodies(parts: Sequence[Placed], links: Sequence[_Link], meshes: Sequence[Me
         if groups.find(motor) in number_of:
             point, axis = _shaft(parts[motor])
             pair = (number_of[groups.find(motor)], number_of[groups.find(motor + count)])
-            joints.append(Joint(pair, point, axis, False, motor))
+            joints.append(BodyJoint(pair, point, axis, False, motor))
     slides = _sliding(parts, links, groups)
     for (first, second), bundles in _bundles(links, groups).items():
         if first in number_of and second in number_of:
             can_slide = frozenset((first, second)) in slides
             pair = (number_of[first], number_of[second])
             joints += [
-                Joint(pair, *_line_of(bundle), bundle[0].is_axle and can_slide, None, bundle[0].connection.is_ball)
+                BodyJoint(pair, *_line_of(bundle), bundle[0].is_axle and can_slide, None, bundle[0].connection.is_ball)
                 for bundle in bundles
             ]
     geared_bodies = [

@@ -22,7 +22,7 @@ from brickhub.robot import Robot
 from brickhub.virtual.body import Rng
 from bricktwin.twin.imu import FloatingBase, Turns
 from bricktwin.twin.model_physics import RobotPart, set_physics, up
-from bricktwin.twin.models.kept import kept_model
+from bricktwin.twin.models.kept_models import kept_model
 from bricktwin.twin.models.mjcf import (
     LOOKS,
     OBSTACLE_GROUP,

@@ -38,7 +38,7 @@ _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class Reference:
+class SubFile:
     """Reference to another file: its colour, matrix [3, 3], offset [3], and whether it is inverted (inside out)."""
 
     colour: int
@@ -50,7 +50,7 @@ class Reference:
 
 @dataclass(frozen=True)
 class _File:
-    references: tuple[Reference, ...]
+    references: tuple[SubFile, ...]
     triangles: Triangles
 
 
@@ -149,7 +149,7 @@ class _Collector:
 
 def parse(text: str) -> _File:
     """Parse one file into triangles and references; malformed lines are skipped."""
-    references: list[Reference] = []
+    references: list[SubFile] = []
     triangles: dict[int, list[Floats]] = {}
     certified, clockwise, inverted = False, False, False
     for line in text.splitlines():
@@ -167,7 +167,7 @@ def parse(text: str) -> _File:
 
 def _read_line(
     words: list[str],
-    references: list[Reference],
+    references: list[SubFile],
     triangles: dict[int, list[Floats]],
     certified: bool,
     clockwise: bool,
@@ -183,7 +183,7 @@ def _read_line(
         return
     if words[0] == "1":
         name = " ".join(words[14:]).replace("\\", "/").lower()
-        references.append(Reference(colour, np.array(numbers[3:]).reshape(3, 3), np.array(numbers[:3]), name, inverted))
+        references.append(SubFile(colour, np.array(numbers[3:]).reshape(3, 3), np.array(numbers[:3]), name, inverted))
         return
     corners = np.array(numbers).reshape(-1, 3)
     faces = corners[None, :] if len(corners) == 3 else corners[[[0, 1, 2], [0, 2, 3]]]

@@ -21,7 +21,7 @@ from brickhub.virtual.stimuli import Sense, Sensed, senses
 from bricktwin.twin import ldraw
 from bricktwin.twin.imu import FixedBase, FloatingBase, Turns, Vector
 from bricktwin.twin.model_physics import RobotPart, backlash_joints, set_physics, up
-from bricktwin.twin.models.kept import robot_model
+from bricktwin.twin.models.kept_models import robot_model
 from bricktwin.twin.models.mjcf import OBSTACLE_GROUP, yaw_quaternion
 from bricktwin.twin.models.rods import Rods
 from bricktwin.twin.models.spinners import Spinners

@@ -20,7 +20,7 @@ from brickhub.hub.link.lockstep import HubLink
 from brickhub.robot import Robot, UltrasonicSensor
 from brickhub.seed import check_seed
 from brickhub.virtual.machine import CONTROL_LOOP_MS
-from brickhub.virtual.transport import VirtualHub
+from brickhub.virtual.virtual_transport import VirtualHub
 from bricktwin import robots
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.motion_log import RunLog
@@ -51,7 +51,7 @@ _LEAD_MS = 1
 
 
 @dataclass(frozen=True)
-class Fit:
+class FittedPhysics:
     """Result of fitting a twin to a log.
 
     Attributes:
@@ -99,7 +99,7 @@ def fit(
     names: Sequence[str] = FITTED,
     seed: int = 0,
     on_replay: OnReplay | None = None,
-) -> Fit:
+) -> FittedPhysics:
     """Fit a twin's physics to a log, with some 300 replays: two minutes on one core for ten seconds of log.
 
     Args:
@@ -130,7 +130,7 @@ def fit(
     default = Physics()
     unidentified = tuple(name for name in names if name not in identified)
     physics = replace(physics, **{name: getattr(default, name) for name in unidentified})
-    return Fit(physics, identified, unidentified, before, search.errors(physics), search.replays)
+    return FittedPhysics(physics, identified, unidentified, before, search.errors(physics), search.replays)
 
 
 class _Search:

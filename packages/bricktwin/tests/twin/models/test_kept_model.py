@@ -29,7 +29,7 @@ from bricktwin.twin import arena, mujoco_body
 from bricktwin.twin.arena import Arena, ArenaWorld, Contestant, Place
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.models import load
-from bricktwin.twin.models.kept import _encoded
+from bricktwin.twin.models.kept_models import _encoded
 from bricktwin.twin.models.load import load_model
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.objects import Block, Line, Wall
@@ -56,7 +56,7 @@ import hashlib, sys
 import mujoco
 from bricktwin.robots import TWO_WHEELER
 from bricktwin.twin.make_body import make_body
-from bricktwin.twin.models.kept import _encoded
+from bricktwin.twin.models.kept_models import _encoded
 body = make_body(TWO_WHEELER)
 told = "built" if "bricktwin.twin.models.load" in sys.modules else "kept"
 print(told, hashlib.sha256(_encoded(body._nominal)).hexdigest())
@@ -278,7 +278,7 @@ def test_damaged_file_is_built_anew(damaged: Callable[[bytes], bytes], cache: Ca
     (path,) = cache.files
     path.write_bytes(damaged(path.read_bytes()))
     with monkeypatch.context() as context:
-        context.setattr("bricktwin.twin.models.kept._decoded", pytest.fail)  # MuJoCo does not see it
+        context.setattr("bricktwin.twin.models.kept_models._decoded", pytest.fail)  # MuJoCo does not see it
         again = cache.body(TWO_WHEELER)
     assert len(cache.built) == 2
     assert_equal(built._nominal, again._nominal)
@@ -289,7 +289,7 @@ def test_damaged_file_is_built_anew(damaged: Callable[[bytes], bytes], cache: Ca
 def test_file_of_another_mujoco_is_built_anew(cache: Cache, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)  # MuJoCo writes its log there
     with monkeypatch.context() as context:
-        context.setattr("bricktwin.twin.models.kept._encoded", lambda _: b"another form")
+        context.setattr("bricktwin.twin.models.kept_models._encoded", lambda _: b"another form")
         cache.body(TWO_WHEELER)
     cache.body(TWO_WHEELER)
     assert len(cache.built) == 2

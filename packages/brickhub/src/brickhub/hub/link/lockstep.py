@@ -21,9 +21,9 @@ from types import TracebackType
 from typing import Self
 
 from brickhub.errors import HubError, HubProgramError, StoppedError
-from brickhub.hub.errors import SilentHubError
+from brickhub.hub.hub_errors import SilentHubError
 from brickhub.hub.interface import Interface
-from brickhub.hub.link.clock import HubClock
+from brickhub.hub.link.host_clock import HubClock
 from brickhub.hub.link.keepalive import keepalive_times_s
 from brickhub.hub.link.reading import Reading, bye_error, check_hello, is_hello
 from brickhub.hub.link.receiver import Listener

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from brickhub.errors import HubProtocolError
-from brickhub.hub.errors import SilentHubError
+from brickhub.hub.hub_errors import SilentHubError
 from brickhub.hub.protocol import PROTOCOL_VERSION, ByeReason, ControlFrame, Frame, Up, parse_hello
 
 

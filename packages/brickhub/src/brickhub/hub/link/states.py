@@ -6,7 +6,7 @@ import enum
 from dataclasses import dataclass
 
 from brickhub.errors import BricksError, HubError, HubProgramError, HubProtocolError, HubTimeoutError, StoppedError
-from brickhub.hub.errors import (
+from brickhub.hub.hub_errors import (
     HubBusyError,
     HubDisconnectedError,
     HubNotFoundError,

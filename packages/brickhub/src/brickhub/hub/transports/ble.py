@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from brickhub.hub.errors import HubDisconnectedError
+from brickhub.hub.hub_errors import HubDisconnectedError
 from brickhub.hub.transports import profile
 from brickhub.hub.transports.bluetooth import bleak_errors
 from brickhub.hub.transports.connection import Port

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from brickhub.errors import HubError, HubTimeoutError, message_of
-from brickhub.hub.errors import BluetoothUnavailableError, HubNotFoundError, Reason
+from brickhub.hub.hub_errors import BluetoothUnavailableError, HubNotFoundError, Reason
 from brickhub.hub.transports.profile import refusal
 
 _HUB_REMEDY = "switch the hub on and bring it near"

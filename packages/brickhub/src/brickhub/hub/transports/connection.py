@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from brickhub.errors import HubError, HubProtocolError, HubTimeoutError
-from brickhub.hub.errors import HubBusyError, HubDisconnectedError, ProgramStoppedError
+from brickhub.hub.hub_errors import HubBusyError, HubDisconnectedError, ProgramStoppedError
 from brickhub.hub.transports import profile
 from brickhub.hub.transports.profile import Status, StatusReport
 from brickhub.hub.transports.stdout_buffer import Output

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from brickhub.errors import HubError, HubProtocolError
-from brickhub.hub.errors import HubBusyError, HubRefusedError
+from brickhub.hub.hub_errors import HubBusyError, HubRefusedError
 from brickhub.robot import HubKind
 
 _UUID = "c5f5{:04x}-8280-46da-89f4-6d8051e4aeef"

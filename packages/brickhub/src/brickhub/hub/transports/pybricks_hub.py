@@ -15,7 +15,7 @@ from abc import ABC, abstractmethod
 from pathlib import Path
 
 from brickhub.errors import HubError, HubProtocolError
-from brickhub.hub.errors import AmbiguousHubError, HubDisconnectedError, MediumUnavailableError
+from brickhub.hub.hub_errors import AmbiguousHubError, HubDisconnectedError, MediumUnavailableError
 from brickhub.hub.program.compile import compile_program, program_blob
 from brickhub.hub.protocol import WRITE_BYTES, Up, control_frame, hello_payload
 from brickhub.hub.transport import HubProgram, Pipe, app_data_slot

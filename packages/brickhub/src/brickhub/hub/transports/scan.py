@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
 
 from brickhub.errors import HubProtocolError
-from brickhub.hub.errors import AmbiguousHubError, BluetoothUnavailableError, HubNotFoundError
+from brickhub.hub.hub_errors import AmbiguousHubError, BluetoothUnavailableError, HubNotFoundError
 from brickhub.hub.transports.bluetooth import bleak_errors
 from brickhub.hub.transports.event_loop import EventLoopThread
 from brickhub.hub.transports.profile import PNP_ID_UUID, SERVICE_UUID, parse_hub_kind

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Protocol
 
 from brickhub.errors import message_of
-from brickhub.hub.errors import AmbiguousHubError, HubDisconnectedError, HubNotFoundError, Reason, UsbUnavailableError
+from brickhub.hub.hub_errors import AmbiguousHubError, HubDisconnectedError, HubNotFoundError, Reason, UsbUnavailableError
 from brickhub.hub.transports import cobs, profile
 from brickhub.hub.transports.connection import Port
 from brickhub.hub.transports.profile import refusal

@@ -10,7 +10,7 @@ from typing import Any
 from brickhub.virtual.micropython.byte_array import HubBytearray
 from brickhub.virtual.micropython.classes import FIRMWARE, HubSuper, defines, is_native
 from brickhub.virtual.micropython.containers import HubDict, HubSet
-from brickhub.virtual.micropython.errors import CATCHABLE, SwitchedOff, function_name
+from brickhub.virtual.micropython.exceptions import CATCHABLE, SwitchedOff, function_name
 from brickhub.virtual.micropython.iterables import is_dropped
 from brickhub.virtual.micropython.streams import BytesIO
 from brickhub.virtual.micropython.text import type_name

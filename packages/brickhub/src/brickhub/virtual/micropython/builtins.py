@@ -23,7 +23,7 @@ from brickhub.virtual.micropython.byte_array import HubBytearray
 from brickhub.virtual.micropython.classes import HubStaticMethod, HubSuper, build_class
 from brickhub.virtual.micropython.compiler import compile_string
 from brickhub.virtual.micropython.containers import HubDict, HubSet
-from brickhub.virtual.micropython.errors import EXCEPTIONS, HubOSError, ProgramInterrupt
+from brickhub.virtual.micropython.exceptions import EXCEPTIONS, HubOSError, ProgramInterrupt
 from brickhub.virtual.micropython.floats import SMALL_MAX, int_from_float
 from brickhub.virtual.micropython.formatting import to_number
 from brickhub.virtual.micropython.hash_table import hash_of

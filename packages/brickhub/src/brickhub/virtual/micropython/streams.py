@@ -7,7 +7,7 @@ import io
 from typing import Any
 
 from brickhub.virtual.micropython.byte_array import HubBytearray
-from brickhub.virtual.micropython.errors import HubOSError
+from brickhub.virtual.micropython.exceptions import HubOSError
 
 
 def as_bytes(value: Any) -> bytes:

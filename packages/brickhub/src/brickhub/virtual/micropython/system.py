@@ -16,7 +16,7 @@ from brickhub.virtual.host_stop import HostStop
 from brickhub.virtual.memory import BLOCK_BYTES
 from brickhub.virtual.micropython.builtins import cooked
 from brickhub.virtual.micropython.containers import HubDict
-from brickhub.virtual.micropython.errors import ERROR_NAMES, HubOSError, ProgramInterrupt
+from brickhub.virtual.micropython.exceptions import ERROR_NAMES, HubOSError, ProgramInterrupt
 from brickhub.virtual.micropython.floats import to_single
 from brickhub.virtual.micropython.json_text import read_json
 from brickhub.virtual.micropython.numbers import module

@@ -19,7 +19,7 @@ from typing import Any
 from brickhub.virtual.micropython.byte_array import HubBytearray
 from brickhub.virtual.micropython.classes import FIRMWARE
 from brickhub.virtual.micropython.containers import DictView, HubDict, HubSet, Mapped
-from brickhub.virtual.micropython.errors import ERROR_NAMES, class_name
+from brickhub.virtual.micropython.exceptions import ERROR_NAMES, class_name
 from brickhub.virtual.micropython.float_text import float_text, shortest_text
 from brickhub.virtual.micropython.hash_table import TableIterator
 

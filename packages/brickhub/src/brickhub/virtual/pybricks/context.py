@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 from brickhub.virtual.console import Console
 from brickhub.virtual.firmware.trajectory import InfeasibleMoveError
 from brickhub.virtual.machine import Machine
-from brickhub.virtual.micropython.errors import HubOSError
+from brickhub.virtual.micropython.exceptions import HubOSError
 
 _HINTS = """--> Check the line in your script that matches
     the line number given in the 'Traceback' above.

@@ -10,7 +10,7 @@ from typing import Any
 from brickhub.robot import HubKind
 from brickhub.virtual.machine import Machine
 from brickhub.virtual.micropython.containers import HubDict
-from brickhub.virtual.micropython.errors import SwitchedOff
+from brickhub.virtual.micropython.exceptions import SwitchedOff
 from brickhub.virtual.micropython.numbers import expect_int
 from brickhub.virtual.micropython.streams import as_bytes
 from brickhub.virtual.pybricks.context import Awaited, Context, charged, expect_type, get_array, get_int, get_text, percentage

@@ -7,7 +7,7 @@ from typing import Any
 
 from brickhub.virtual.body import FittingBody
 from brickhub.virtual.firmware.heading import GyroHeading
-from brickhub.virtual.micropython.errors import HubOSError
+from brickhub.virtual.micropython.exceptions import HubOSError
 from brickhub.virtual.micropython.floats import to_single
 from brickhub.virtual.pybricks.context import Context, charged, get_array, get_number
 from brickhub.virtual.pybricks.matrix import Matrix, vector

@@ -11,7 +11,7 @@ from tensordict import TensorDictBase
 from torchrl.envs import EnvBase
 
 from brickhub.hub.link.team import TeamLink
-from brickhub.virtual.transport import PLACEMENT_MS, VirtualHub
+from brickhub.virtual.virtual_transport import PLACEMENT_MS, VirtualHub
 from bricksrl.envs.arenas.arena_specs import frame, joined_actions, set_specs
 from bricksrl.envs.arenas.arena_task import ArenaState, ArenaTask
 from bricksrl.envs.connection import Reconnect

@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from tensordict import TensorDictBase
     from torch import Tensor
 
-    from bricksrl.data.episode import About, Step
+    from bricksrl.data.recorded_episode import About, Step
     from bricksrl.data.recorder import Recorder
-    from bricksrl.training.fleet.robots import Event, Fleet, Member
+    from bricksrl.training.fleet.fleet_robots import Event, Fleet, Member
 
 _POLL_S = 0.1
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from brickhub.errors import PlanError
-from bricktwin.plans.bodies import MAX_BODIES, Bodies, Joint
+from bricktwin.plans.bodies import MAX_BODIES, Bodies, BodyJoint
 from bricktwin.plans.geometry import M_PER_LDU, Floats, lines_coincide
 from bricktwin.plans.part import DeviceKind, GearForm, Part
 from bricktwin.plans.plan import Placed, Plan
@@ -152,9 +152,9 @@ def mechanism(plan: Plan, bodies: Bodies) -> Mechanism:
     return Mechanism(links, hinges, ports, ratios, wheels, _mounted(plan, link_of), gears, fixed)
 
 
-def _hinges(plan: Plan, bodies: Bodies) -> list[tuple[Joint, Hinge]]:
+def _hinges(plan: Plan, bodies: Bodies) -> list[tuple[BodyJoint, Hinge]]:
     """A hinge per pair of links and axis: motors first, then by distance from the first link."""
-    remaining: list[tuple[Joint, int, int]] = []
+    remaining: list[tuple[BodyJoint, int, int]] = []
     for joint in sorted(bodies.joints, key=lambda joint: joint.motor is None):
         first, second = joint.bodies
         is_known = any({a, b} == {first, second} and _is_coaxial(other, joint) for other, a, b in remaining)
@@ -179,7 +179,7 @@ def _hinges(plan: Plan, bodies: Bodies) -> list[tuple[Joint, Hinge]]:
     return hinges
 
 
-def _is_coaxial(first: Joint, second: Joint) -> bool:
+def _is_coaxial(first: BodyJoint, second: BodyJoint) -> bool:
     is_ball = first.is_ball or second.is_ball
     return not is_ball and lines_coincide(first.point, first.axis, second.point, second.axis, offset=2.0, sine=0.05)
 
@@ -191,7 +191,7 @@ def _ratios(rates: list[Floats], shaft_rates: list[Floats]) -> Floats:
     return np.asarray(np.round(np.stack(rates) @ np.linalg.pinv(np.stack(shaft_rates)), 6)) + 0.0
 
 
-def _rate(joint: Joint, parent: int, child: int, motions: Floats) -> Floats:
+def _rate(joint: BodyJoint, parent: int, child: int, motions: Floats) -> Floats:
     """Relative angular rate of two bodies about a joint's axis in each motion [n]."""
     relative = motions[6 * child + 3 : 6 * child + 6] - motions[6 * parent + 3 : 6 * parent + 6]
     # A case that turns about its shaft is the shaft turning about the reversed axis.

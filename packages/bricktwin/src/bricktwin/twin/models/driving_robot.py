@@ -16,7 +16,7 @@ from brickhub.robot import DriveBase, HubKind, Motor, MotorKind, Robot
 from bricktwin.plans.geometry import Triple
 from bricktwin.plans.part import DeviceKind
 from bricktwin.twin.models import lego
-from bricktwin.twin.models.meshes import X_AXIS, Y_AXIS, Z_AXIS, Part, box, cylinder, draw
+from bricktwin.twin.models.meshes import X_AXIS, Y_AXIS, Z_AXIS, Piece, box, cylinder, draw
 from bricktwin.twin.models.mjcf import (
     add_box,
     add_camera,
@@ -145,7 +145,7 @@ def _add_wheel(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, motor: Motor, side:
     draw(spec, wheel, [lego.wheel(2 * frame.axle)])
 
 
-def _parts(robot: Robot, frame: _Frame) -> list[Part]:
+def _parts(robot: Robot, frame: _Frame) -> list[Piece]:
     """Drawn parts of the chassis."""
     base = robot.drive_base
     assert base is not None  # noqa: S101
@@ -159,31 +159,31 @@ def _parts(robot: Robot, frame: _Frame) -> list[Part]:
     height = _CASTER_RADIUS_MM - frame.axle
     post = max(top - height - 16.0, 8.0)
     parts.append(lego.ball_caster(_CASTER_RADIUS_MM).at(x, y, height))
-    parts.append(Part((("dark_grey", box(14, 14, post, radius=1.0).at(x, y, top - post / 2)),)))
+    parts.append(Piece((("dark_grey", box(14, 14, post, radius=1.0).at(x, y, top - post / 2)),)))
     return parts + [_holder(mount_of(sensor).at_mm, frame, top) for sensor in robot.sensors]
 
 
-def _holder(at_mm: Triple, frame: _Frame, top: float) -> Part:
+def _holder(at_mm: Triple, frame: _Frame, top: float) -> Piece:
     """Strut from the frame to a sensor."""
     ahead, left, up = at_mm[0] - 12.0, at_mm[1], at_mm[2] - frame.axle
     length, height = max(abs(ahead) - 20.0, 8.0), max(abs(top - up) - 8.0, 8.0)
     sign = 1.0 if ahead >= 0 else -1.0
     bar = box(length, 7.6, 7.6, radius=1.0).at(sign * (20.0 + length / 2), left, top)
     post = box(7.6, 7.6, height, radius=1.0).at(ahead, left, (top + up) / 2)
-    return Part((("dark_grey", bar), ("dark_grey", post)))
+    return Piece((("dark_grey", bar), ("dark_grey", post)))
 
 
-def _hub(kind: HubKind, size: Triple) -> Part:
+def _hub(kind: HubKind, size: Triple) -> Piece:
     if kind is HubKind.PRIME:
         return lego.hub()
     length, width, height = size
     lower = box(length, width, height * 0.6, radius=2.0).at(0, 0, -height * 0.2)
     upper = box(length - 2, width - 2, height * 0.4, radius=2.0).at(0, 0, height * 0.3)
     button = cylinder(6.0, 2.0, bevel=0.6).at(length / 4, 0, height / 2)
-    return Part((("dark_grey", lower), ("white", upper), ("azure", button)))
+    return Piece((("dark_grey", lower), ("white", upper), ("azure", button)))
 
 
-def _motor(kind: MotorKind, size: Triple, side: float) -> Part:
+def _motor(kind: MotorKind, size: Triple, side: float) -> Piece:
     """Motor that extends backwards from its shaft, which points to a side; the shaft is the origin."""
     if kind in (MotorKind.SPIKE_MEDIUM, MotorKind.TECHNIC_M_ANGULAR):
         return lego.medium_motor() if side > 0 else lego.medium_motor().turned(X_AXIS, 180)
@@ -191,4 +191,4 @@ def _motor(kind: MotorKind, size: Triple, side: float) -> Part:
     case = box(length - 16, width, height, radius=2.2).at(12 - (length - 16) / 2, 0, 0)
     cap = box(16, width - 1, height - 1, radius=2.2).at(12 - length + 8, 0, 0)
     collar = cylinder(10.8, width + 2, bevel=0.6).along(Y_AXIS)
-    return Part((("white", case), ("dark_grey", cap), ("turquoise", collar)))
+    return Piece((("white", case), ("dark_grey", cap), ("turquoise", collar)))

@@ -16,7 +16,7 @@ from bricktwin.twin.models.meshes import (
     X_AXIS,
     Y_AXIS,
     Z_AXIS,
-    Part,
+    Piece,
     Shape,
     block,
     box,
@@ -55,16 +55,16 @@ def add_colours(spec: mujoco.MjSpec) -> None:
         spec.add_material(name=name, rgba=[*rgb, 1.0], specular=0.35, shininess=0.5, emission=emission)
 
 
-def beam(holes: int, colour: str) -> Part:
+def beam(holes: int, colour: str) -> Piece:
     """Technic beam along x with its holes along z, centred."""
     length = holes * MODULE
     bar = extruded(rounded_rectangle(length - 0.2, 7.6, 3.2), 7.4, bevel=0.5)
     centres = [(index - (holes - 1) / 2) * MODULE for index in range(holes)]
-    part = Part(((colour, bar), ("dim", merge([discs(2.5, 7.5).at(x, 0, 0) for x in centres]))))
+    part = Piece(((colour, bar), ("dim", merge([discs(2.5, 7.5).at(x, 0, 0) for x in centres]))))
     return from_library(f"beam {holes}", colour, part)
 
 
-def hub() -> Part:
+def hub() -> Piece:
     """Prime hub lying flat, 88 x 56 x 32, USB port towards +x, centred."""
     upper = box(88, 56, 22, radius=2.5).at(0, 0, 5)
     lower = box(86, 54.5, 11, radius=1.5).at(0, 0, -10.5)
@@ -83,7 +83,7 @@ def hub() -> Part:
     usb = box(1.2, 9, 3.6, radius=0.5, arc=1).at(43.8, 0, 5)
     holes = [discs(2.5, 55.2).along(Y_AXIS).at(x, 0, -10.5) for x in (-32, -24, -16, 16, 24, 32)]
     speaker = [discs(1.0, 88.4, 6).along(X_AXIS).at(-0.1, y, z) for y in (-8, -4, 0, 4, 8) for z in (3, 7)]
-    part = Part(
+    part = Piece(
         (
             ("white", merge([upper, button, *steering])),
             ("turquoise", lower),
@@ -96,29 +96,29 @@ def hub() -> Part:
     return from_library("hub", "white", part)
 
 
-def medium_motor() -> Part:
+def medium_motor() -> Piece:
     """Medium motor along x, 72 long, its outputs towards +y and -y, 24 from the front; origin on the outputs' axis."""
-    return Part((*medium_motor_case(31.0).shapes, ("dark_grey", cylinder(10.8, 33.0, bevel=0.6).along(Y_AXIS))))
+    return Piece((*medium_motor_case(31.0).shapes, ("dark_grey", cylinder(10.8, 33.0, bevel=0.6).along(Y_AXIS))))
 
 
-def medium_motor_case(width: float = 23.8) -> Part:
+def medium_motor_case(width: float = 23.8) -> Piece:
     """Medium motor without its outputs."""
     front = extruded(rounded_rectangle(24, 24, 11.0), width, bevel=1.0).along(Y_AXIS)
     housing = box(52, width, 23.6, radius=2.2).at(-26, 0, 0)
     cap = box(16, width + 1, 24.4, radius=2.2).at(-53, 0, 0)
     stripe = box(26, width + 1, 6, radius=0.8).at(-28, 0, 3)
     holes = [discs(2.5, width + 1.2).along(Y_AXIS).at(x, 0, -7) for x in (-16, -40)]
-    part = Part((("white", merge([front, housing])), ("dark_grey", cap), ("light_grey", stripe), ("dim", merge(holes))))
+    part = Piece((("white", merge([front, housing])), ("dark_grey", cap), ("light_grey", stripe), ("dim", merge(holes))))
     return from_library("motor", "white", part)
 
 
-def axle(length: float) -> Part:
+def axle(length: float) -> Piece:
     """A cross axle along y, centred."""
     blades = [box(4.6, length, 1.8, radius=0.4, arc=1), box(1.8, length, 4.6, radius=0.4, arc=1)]
-    return Part((("dark_grey", merge(blades)),))
+    return Piece((("dark_grey", merge(blades)),))
 
 
-def wheel(diameter: float) -> Part:
+def wheel(diameter: float) -> Piece:
     """A wheel with a black tyre on a light six-spoked rim, axis along y, centred."""
     outer, inner = diameter / 2, diameter / 2 - 7.5
     half = [(inner, 6.2), (outer - 3.4, 7.0), (outer - 1.0, 5.6), (outer - 0.3, 3.0)]
@@ -127,7 +127,7 @@ def wheel(diameter: float) -> Part:
     rim = [ring(inner, inner - 3.2, 12.6), cylinder(6.4, 13, bevel=0.8)]
     spokes = [box(inner - 5, 4.2, 9.4, radius=0.8).at((inner + 3) / 2, 0, 0).turned(Z_AXIS, 60 * step) for step in range(6)]
     shade = cylinder(inner - 1, 3)
-    part = Part(
+    part = Piece(
         (
             ("black", merge([tyre, *treads]).along(Y_AXIS)),
             ("light_grey", merge([*rim, *spokes]).along(Y_AXIS)),
@@ -137,7 +137,7 @@ def wheel(diameter: float) -> Part:
     return from_library("wheel", "light_grey", part)
 
 
-def ultrasonic_sensor() -> Part:
+def ultrasonic_sensor() -> Piece:
     """Ultrasonic sensor facing +x, 24 x 56 x 24, centred."""
     case = box(20, 56, 23.6, radius=2.0).at(-2, 0, 0)
     face = extruded(rounded_rectangle(22.5, 55, 10.5), 4, bevel=0.8).along(X_AXIS).at(9.6, 0, 0)
@@ -145,18 +145,18 @@ def ultrasonic_sensor() -> Part:
     membrane = turned([(0, 1.6), (3.5, 1.2), (7.8, 0), (7.8, -1), (0, -1)]).along(X_AXIS)
     membranes = [membrane.at(11.2, side * 15.5, 0) for side in (1, -1)]
     pupils = [cylinder(2.6, 1.0, bevel=0.3).along(X_AXIS).at(12.6, side * 15.5, 0) for side in (1, -1)]
-    part = Part((("white", merge([case, *rims])), ("black", merge([face, *pupils])), ("dim", merge(membranes))))
+    part = Piece((("white", merge([case, *rims])), ("black", merge([face, *pupils])), ("dim", merge(membranes))))
     return from_library("ultrasonic", "white", part)
 
 
-def ball_caster(radius: float) -> Part:
+def ball_caster(radius: float) -> Piece:
     """Steel ball in its socket; origin at the centre of the ball."""
     angles = [math.radians(step) for step in range(0, 181, 20)]
     ball = turned([(radius * math.sin(angle), radius * math.cos(angle)) for angle in angles])
     socket = turned([(0, 16), (10, 16), (radius + 3.4, 11), (radius + 3.4, 1), (radius + 2, -1.5), (radius, -1.5), (0, 4)])
-    return Part((("light_grey", ball), ("dark_grey", socket)))
+    return Piece((("light_grey", ball), ("dark_grey", socket)))
 
 
-def cable(points: Sequence[Triple]) -> Part:
+def cable(points: Sequence[Triple]) -> Piece:
     """Black cable of round section along a Bezier curve."""
-    return Part((("black", tube(points, 1.7)),))
+    return Piece((("black", tube(points, 1.7)),))

@@ -13,7 +13,7 @@ from bricktwin.robots.planned import plan_file
 from bricktwin.twin.models.driving_robot import driving_robot
 from bricktwin.twin.models.mjcf import pair_contacts
 from bricktwin.twin.models.mjcf_file import from_file
-from bricktwin.twin.models.planned import from_plan
+from bricktwin.twin.models.planned_model import from_plan
 from bricktwin.twin.models.scenery import add_objects
 from bricktwin.twin.objects import Block
 from bricktwin.twin.scene import Scene

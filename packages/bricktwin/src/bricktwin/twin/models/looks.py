@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from brickhub.errors import TwinError
 from bricktwin.plans.geometry import MM_PER_LDU, Floats
 from bricktwin.twin import ldraw
-from bricktwin.twin.models.meshes import Part, Shape, colour_name
+from bricktwin.twin.models.meshes import Piece, Shape, colour_name
 
 _log = logging.getLogger(__name__)
 _SHARP = np.cos(np.radians(38.0))
@@ -43,7 +43,7 @@ _LIBRARY_PARTS = {
 }
 
 
-def from_library(kind: str, colour: str, fallback: Part) -> Part:
+def from_library(kind: str, colour: str, fallback: Piece) -> Piece:
     """The part from the installed LDraw library, with ``colour`` as its main colour; ``fallback`` if it has none."""
     root, library_part = ldraw.folder(), _LIBRARY_PARTS.get(kind)
     if root is None or library_part is None:
@@ -63,7 +63,7 @@ def from_library(kind: str, colour: str, fallback: Part) -> Part:
             _log.warning("'%s' of the LDraw library in %s has an unknown size; drawing our own", name, root)
             continue
         x, y, z = ((low + high) - (library_low + library_high)) / 2
-        return Part(tuple((name or colour, shape) for name, shape in shapes)).at(float(x), float(y), float(z))
+        return Piece(tuple((name or colour, shape) for name, shape in shapes)).at(float(x), float(y), float(z))
     return fallback
 
 

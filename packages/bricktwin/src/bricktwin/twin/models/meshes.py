@@ -1,6 +1,6 @@
 """Meshes for drawing LEGO parts: rounded boxes, turned and extruded profiles, cables. Millimetres.
 
-A :class:`Shape` is a triangle mesh, a :class:`Part` a set of coloured shapes; :func:`draw` merges the parts of a body
+A :class:`Shape` is a triangle mesh, a :class:`Piece` a set of coloured shapes; :func:`draw` merges the parts of a body
 into one mesh per colour, which keeps rendering fast.
 """
 
@@ -186,18 +186,18 @@ def merge(shapes: Sequence[Shape]) -> Shape:
 
 
 @dataclass(frozen=True)
-class Part:
+class Piece:
     """LEGO part: shapes, each with the name of its colour."""
 
     shapes: tuple[tuple[str, Shape], ...]
 
-    def at(self, x: float, y: float, z: float) -> Part:
+    def at(self, x: float, y: float, z: float) -> Piece:
         """The part, translated."""
-        return Part(tuple((colour, shape.at(x, y, z)) for colour, shape in self.shapes))
+        return Piece(tuple((colour, shape.at(x, y, z)) for colour, shape in self.shapes))
 
-    def turned(self, axis: Triple, angle_deg: float) -> Part:
+    def turned(self, axis: Triple, angle_deg: float) -> Piece:
         """The part, rotated about an axis through the origin."""
-        return Part(tuple((colour, shape.turned(axis, angle_deg)) for colour, shape in self.shapes))
+        return Piece(tuple((colour, shape.turned(axis, angle_deg)) for colour, shape in self.shapes))
 
 
 def colour_name(rgba: Iterable[float]) -> str:
@@ -205,7 +205,7 @@ def colour_name(rgba: Iterable[float]) -> str:
     return f"#{''.join(f'{round(255 * value):02x}' for value in rgba):f<8}"
 
 
-def draw(spec: mujoco.MjSpec, body: mujoco.MjsBody, parts: Sequence[Part]) -> None:
+def draw(spec: mujoco.MjSpec, body: mujoco.MjsBody, parts: Sequence[Piece]) -> None:
     """Draw parts, given in millimetres in the body's frame: one mesh per colour, without mass or contact.
 
     The model's materials have the names of the colours; the material of a colour ``"#rrggbbaa"`` is created here.

@@ -13,7 +13,7 @@ from bricktwin.plans import catalogue
 from bricktwin.plans.geometry import MM_PER_LDU, Floats, Triple
 from bricktwin.plans.part import DeviceKind
 from bricktwin.twin.models import lego
-from bricktwin.twin.models.meshes import X_AXIS, Z_AXIS, Part, box, cylinder, ring
+from bricktwin.twin.models.meshes import X_AXIS, Z_AXIS, Piece, box, cylinder, ring
 from bricktwin.twin.models.mjcf import SHAPE_GROUP, add_box
 
 _DEFAULT = Mount((60.0, 0.0, 40.0), "ahead")
@@ -56,7 +56,7 @@ def mount_of(sensor: Sensor) -> Mount:
     return _MOUNTS.get(sensor.kind, _DEFAULT) if isinstance(sensor, PoweredUpSensor) else _DEFAULT
 
 
-def mount_sensor(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, sensor: Sensor, axle_m: float) -> Part:
+def mount_sensor(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, sensor: Sensor, axle_m: float) -> Piece:
     """Add a sensor's site, mass and button to a chassis with its origin at ``axle_m`` height; returns the drawn part (mm)."""
     mount = mount_of(sensor)
     ahead, left, up = mount.at_mm
@@ -111,7 +111,7 @@ def _quaternion(gaze: Floats) -> list[float]:
     return turn
 
 
-def _aimed(part: Part, gaze: Floats) -> Part:
+def _aimed(part: Piece, gaze: Floats) -> Piece:
     """A part facing x, rotated to face another axis."""
     if gaze[0] < -0.5:
         return part.turned(Z_AXIS, 180.0)
@@ -119,11 +119,11 @@ def _aimed(part: Part, gaze: Floats) -> Part:
     return part if not cross.any() else part.turned((float(cross[0]), float(cross[1]), float(cross[2])), 90.0)
 
 
-def _small_sensor(size: Triple) -> Part:
+def _small_sensor(size: Triple) -> Piece:
     """Sensor with one round eye, facing x; its eye is the origin."""
     depth, width, height = min(size), size[0], size[1]
     rim = ring(8.6, 6.2, 2.0).along(X_AXIS).at(-0.8, 0, 0)
-    return Part(
+    return Piece(
         (
             ("white", box(depth - 2, width, height, radius=2.0).at(-depth / 2 - 1, 0, 0)),
             ("black", cylinder(8.8, 1.6, bevel=0.4).along(X_AXIS).at(-1.4, 0, 0)),
@@ -132,10 +132,10 @@ def _small_sensor(size: Triple) -> Part:
     )
 
 
-def _force_sensor(size: Triple) -> Part:
+def _force_sensor(size: Triple) -> Piece:
     """Force sensor facing x, with its button at the end; the button's front is the origin."""
     length, width, height = size
-    return Part(
+    return Piece(
         (
             ("white", box(length, width, height, radius=2.0).at(-_BUTTON_MM - length / 2, 0, 0)),
             ("black", cylinder(8.0, _BUTTON_MM, bevel=1.0).along(X_AXIS).at(-_BUTTON_MM / 2, 0, 0)),

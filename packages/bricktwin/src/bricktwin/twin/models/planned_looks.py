@@ -30,7 +30,7 @@ _BEND = 80.0
 """LDU: how far a cable's curve is pulled away from its ends."""
 _SPOKED_MM = 40.0
 """Diameter from which a wheel is drawn with spokes."""
-_DETAILED: dict[str, tuple[Callable[[], meshes.Part], tuple[int, int, int]]] = {
+_DETAILED: dict[str, tuple[Callable[[], meshes.Piece], tuple[int, int, int]]] = {
     "prime": (lego.hub, (3, -1, -2)),
     "spike-medium": (lego.medium_motor_case, (-3, -2, -1)),
     "UltrasonicSensor": (lego.ultrasonic_sensor, (-3, 1, -2)),
@@ -40,7 +40,7 @@ _DETAILED: dict[str, tuple[Callable[[], meshes.Part], tuple[int, int, int]]] = {
 
 def looks_of(
     plan: Plan, parts: Iterable[int], origin_m: Floats, *, axes: Floats | None = None, shafts: Iterable[int] = ()
-) -> meshes.Part:
+) -> meshes.Piece:
     """Looks of parts of a plan in the frame of their body, mm.
 
     Args:
@@ -63,7 +63,7 @@ def looks_of(
             points = (visible.points @ turn.T + frame @ placed.position) * MM_PER_LDU - shift
             if len(visible.faces):
                 shapes.append((colour, Shape(points, visible.normals @ turn.T, visible.faces)))
-    return meshes.Part(tuple(shapes))
+    return meshes.Piece(tuple(shapes))
 
 
 def _touch(first: tuple[Floats, Floats], second: tuple[Floats, Floats]) -> bool:
@@ -143,7 +143,7 @@ def _of_library(part: Part, root: Path) -> tuple[tuple[str, Shape], ...]:
     return ()
 
 
-def cables_of(plan: Plan, parts: Iterable[int], origin_m: Floats) -> list[meshes.Part]:
+def cables_of(plan: Plan, parts: Iterable[int], origin_m: Floats) -> list[meshes.Piece]:
     """Cables between the hub and the motors and sensors on the same body, in that body's frame, mm."""
     devices = [(plan.parts[part], plan.parts[part].part.device) for part in parts]
     hub = next((placed for placed, device in devices if device is not None and device.kind is DeviceKind.HUB), None)

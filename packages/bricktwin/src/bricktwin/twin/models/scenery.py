@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from bricktwin.plans.geometry import Floats, Triple
-from bricktwin.twin.models.meshes import Part, Shape, colour_name, discs, draw, merge
+from bricktwin.twin.models.meshes import Piece, Shape, colour_name, discs, draw, merge
 from bricktwin.twin.models.mjcf import OBSTACLE_GROUP, yaw_quaternion
 from bricktwin.twin.objects import COLORS, Block, Field, Line, Mark, Point, Ramp, Wall
 from bricktwin.twin.scene import Scene
@@ -105,9 +105,9 @@ def add_geom(
 # ---------------------------------------------------------------- on the floor
 
 
-def _mark_part(mark: Mark, height_mm: float) -> Part:
+def _mark_part(mark: Mark, height_mm: float) -> Piece:
     shape = _field(mark) if isinstance(mark, Field) else _line(mark)
-    return Part(((colour_name(COLORS[mark.color]), shape.at(0.0, 0.0, height_mm)),))
+    return Piece(((colour_name(COLORS[mark.color]), shape.at(0.0, 0.0, height_mm)),))
 
 
 def _field(field: Field) -> Shape:

@@ -16,14 +16,14 @@ Examples:
   bricktwin run --help
   bricktwin --version
 """,
-    {"run": "bricktwin.cli.run:Run"},
+    {"run": "bricktwin.cli.run_command:Run"},
     {
         "plan": (
             "Building plans: check an LDraw file, list its parts, draw its booklet.",
             {
-                "check": "bricktwin.cli.plan:CheckPlan",
-                "parts": "bricktwin.cli.plan:PlanParts",
-                "steps": "bricktwin.cli.plan:PlanSteps",
+                "check": "bricktwin.cli.plan_commands:CheckPlan",
+                "parts": "bricktwin.cli.plan_commands:PlanParts",
+                "steps": "bricktwin.cli.plan_commands:PlanSteps",
             },
         ),
         "twin": (

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from brickhub.cli.terminal import Interrupted
 from bricksrl.cli.page import LivePageGroup, PageAddress, announce
-from bricktwin.cli.plan import PlanArgument, read_named_plan
+from bricktwin.cli.plan_commands import PlanArgument, read_named_plan
 
 
 @dataclass(frozen=True)

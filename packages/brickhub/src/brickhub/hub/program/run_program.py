@@ -8,7 +8,7 @@ import re
 import threading
 from typing import BinaryIO, TextIO
 
-from brickhub.hub.errors import HubBusyError, ProgramStoppedError
+from brickhub.hub.hub_errors import HubBusyError, ProgramStoppedError
 from brickhub.hub.program.user_program import check_time_limit
 from brickhub.hub.protocol import WRITE_BYTES
 from brickhub.hub.transport import HubProgram, Transport, as_typed

@@ -98,7 +98,7 @@ class Run:
         virtual = next((name for name in changed_options(self) if name not in ("--file", "--hub", "--time-limit-s")), None)
         if virtual is not None:
             raise DescriptionError(f"a real hub has its own robot, buttons and time; leave out --hub, or {virtual}")
-        from brickhub.hub.program.run import run_program
+        from brickhub.hub.program.run_program import run_program
 
         program = load_program(self.file)
         with closing(address.transport()) as transport:

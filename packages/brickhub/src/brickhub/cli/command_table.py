@@ -18,13 +18,13 @@ Examples:
   brickhub --version
 """,
     {
-        "run": "brickhub.cli.run:Run",
-        "check": "brickhub.cli.tools:Check",
-        "scan": "brickhub.cli.tools:Scan",
-        "program": "brickhub.cli.tools:Program",
-        "latency": "brickhub.cli.tools:Latency",
-        "calibrate": "brickhub.cli.tools:Calibrate",
-        "stop": "brickhub.cli.tools:Stop",
+        "run": "brickhub.cli.run_command:Run",
+        "check": "brickhub.cli.hub_tools:Check",
+        "scan": "brickhub.cli.hub_tools:Scan",
+        "program": "brickhub.cli.hub_tools:Program",
+        "latency": "brickhub.cli.hub_tools:MeasureLatency",
+        "calibrate": "brickhub.cli.hub_tools:Calibrate",
+        "stop": "brickhub.cli.hub_tools:Stop",
         "doctor": "brickhub.cli.doctor:Doctor",
     },
 )

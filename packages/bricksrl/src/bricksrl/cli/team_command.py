@@ -12,7 +12,7 @@ from tyro.conf import Positional, UseAppendAction
 from brickhub.cli.options import option, refuse_ignored
 from brickhub.cli.terminal import Interrupted, print_line
 from brickhub.files import check_writable, folder_with, quoted
-from bricksrl.cli.options import run_folder
+from bricksrl.cli.run_options import run_folder
 from bricksrl.cli.terminal import load_learning
 from bricksrl.errors import RenderingUnavailableError, RunError, UnknownNameError, counted, percent
 

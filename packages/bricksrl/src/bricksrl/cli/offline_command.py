@@ -10,8 +10,8 @@ from typing import Annotated
 from tyro.conf import Positional
 
 from brickhub.cli.options import option
-from bricksrl.cli.options import PageFlag, run_folder
 from bricksrl.cli.page import LivePageGroup, PageAddress
+from bricksrl.cli.run_options import PageFlag, run_folder
 from bricksrl.cli.terminal import load_learning
 from bricksrl.cli.train import run_training
 from bricksrl.errors import RunError

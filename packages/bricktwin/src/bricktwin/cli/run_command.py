@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from brickhub.cli import run
+from brickhub.cli import run_command as run
 from brickhub.cli.options import option
 
 if TYPE_CHECKING:

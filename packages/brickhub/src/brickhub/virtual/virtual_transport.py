@@ -22,7 +22,7 @@ from brickhub.virtual import interpreter
 from brickhub.virtual.body import Body, Rng
 from brickhub.virtual.host_stop import HostStop
 from brickhub.virtual.machine import Machine
-from brickhub.virtual.micropython.errors import SwitchedOff
+from brickhub.virtual.micropython.exceptions import SwitchedOff
 from brickhub.virtual.micropython.system import is_program_error
 from brickhub.virtual.micropython.text import format_traceback
 from brickhub.virtual.pace import MAX_STEP_MS, Pace

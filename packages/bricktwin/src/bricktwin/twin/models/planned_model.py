@@ -92,7 +92,7 @@ class _Builder:
         self.origins: dict[int, Floats] = {0: self._origin()}
         self.subtree_kg = self._subtree_kg()
         self.ports = self._ports()
-        self.mounted_parts: list[meshes.Part] = []
+        self.mounted_parts: list[meshes.Piece] = []
         """Drawn parts of the first body that are not in the plan."""
 
     def build(self) -> None:

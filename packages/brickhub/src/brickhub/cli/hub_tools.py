@@ -118,7 +118,7 @@ class Stop:
     hub: Hub = "ble"
 
     def execute(self) -> None:
-        from brickhub.hub.errors import HubNotFoundError
+        from brickhub.hub.hub_errors import HubNotFoundError
         from brickhub.hub.transports.address import parse_hub
         from brickhub.hub.transports.profile import Status
 
@@ -141,7 +141,7 @@ class Stop:
 
 
 @dataclass(frozen=True)
-class Latency:
+class MeasureLatency:
     """Measure the latency of the link to a robot, without moving it.
 
     Examples:
@@ -310,7 +310,7 @@ def _transport(hub: str, target: Target) -> Transport:
     address = parse_hub(hub)
     if not address.is_virtual:
         return address.transport()
-    from brickhub.virtual.transport import VirtualHub
+    from brickhub.virtual.virtual_transport import VirtualHub
 
     return VirtualHub(target.make_body())
 
