@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import pytest
 import torch
 from small import make, rollout
 from torchrl.envs.utils import ExplorationType, set_exploration_type
