@@ -28,7 +28,9 @@ PROJECTS = {
     for house in HOUSES
 }
 SOURCES = {house: ROOT / "packages" / house / "src" / house for house in HOUSES}
-LINES = {house: importlib.import_module(f"{house}.cli.{'app' if house == 'bricksrl' else 'commands'}").LINE for house in HOUSES}
+LINES = {
+    house: importlib.import_module(f"{house}.cli.{'app' if house == 'bricksrl' else 'command_table'}").LINE for house in HOUSES
+}
 """The command of each house."""
 PAGES = [
     *(ROOT / name for name in ("README.md", "CONTRIBUTING.md")),

@@ -15,7 +15,13 @@ if TYPE_CHECKING:
 
 __all__ = ["About", "Description", "Episodes", "Recorder", "Step", "describe", "load"]
 
-_MODULES = {"About": "episode", "Step": "episode", "Episodes": "reader", "load": "reader", "Recorder": "recorder"}
+_MODULES = {
+    "About": "recorded_episode",
+    "Step": "recorded_episode",
+    "Episodes": "reader",
+    "load": "reader",
+    "Recorder": "recorder",
+}
 
 
 def __getattr__(name: str) -> Any:
