@@ -24,7 +24,7 @@ ROBOTS = {
     "walker": "robots.WALKER",
     "robo-arm": "robots.ROBO_ARM",
     "two-wheeler": "robots.TWO_WHEELER",
-    "plan=walker.ldr": "robots.Robot('mine', robots.HubKind.PRIME, plan=str(plan_file('bricktwin.robots.plans:walker.ldr')))",
+    "plan=walker.ldr": "Robot('mine', HubKind.PRIME, plan=str(plan_file('bricktwin.robots.plans:walker.ldr')))",
 }
 """Expressions of the robots."""
 _PROCESS = """
@@ -32,6 +32,7 @@ import json, time
 started_s = time.process_time()
 import mujoco
 imported_s = time.process_time()
+from brickhub.robot import HubKind, Robot
 from bricktwin import robots
 from bricktwin.robots.planned import plan_file
 from bricktwin.twin.make_body import make_body

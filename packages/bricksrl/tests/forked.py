@@ -56,7 +56,9 @@ class ForkServer:
                 os.kill(pid, signal.SIGKILL)
                 self._socket.settimeout(60)
                 _exactly(self._socket, 4)
-                raise subprocess.TimeoutExpired(["bricksrl", *arguments], timeout_s) from None
+                err.seek(0)
+                said = err.read().decode()
+                raise subprocess.TimeoutExpired(f"bricksrl {' '.join(arguments)}, which said {said!r}", timeout_s) from None
             texts = []
             for file in (out, err):
                 file.seek(0)
