@@ -10,7 +10,7 @@ import numpy as np
 from brickhub.entry import Entry
 from bricksrl.page.board import IMAGE, POSES, Board, BoardReader, Series, to_json
 from bricksrl.page.driver import PageDriver, stick_map
-from bricksrl.page.page_scene import Scene, SceneBody, Shape, box, poses
+from bricksrl.page.scene import Scene, SceneBody, Shape, box, poses
 
 
 def test_reader_gets_snapshot_then_changes() -> None:

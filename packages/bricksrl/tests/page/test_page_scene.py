@@ -13,8 +13,8 @@ import pytest
 from brickhub.robot import DriveBase, HubKind, Motor, Robot
 from bricksrl.errors import PageError
 from bricksrl.page.board import Board
-from bricksrl.page.page_scene import HIDDEN, Mesh, Scene, SceneBody, Shape, box, capsule, cylinder, ellipsoid, poses
 from bricksrl.page.robot_view import Mirror, RobotView
+from bricksrl.page.scene import HIDDEN, Mesh, Scene, SceneBody, Shape, box, capsule, cylinder, ellipsoid, poses
 from bricksrl.page.twin_scene import twin_scene
 from bricktwin.robots import ROBO_ARM, TWO_WHEELER, WALKER, plans
 from bricktwin.twin.make_body import make_body

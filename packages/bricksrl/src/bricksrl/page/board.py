@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bricksrl.page.page_scene import Floats, Scene
+from bricksrl.page.scene import Floats, Scene
 
 MAX_STEPS, MAX_EPISODES = 400, 4000
 """Maximum numbers of values that are kept, for browsers that connect later."""

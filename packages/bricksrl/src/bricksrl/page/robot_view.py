@@ -19,7 +19,7 @@ from brickhub.virtual.panel import Panel
 from bricksrl.errors import BricksError
 from bricksrl.page.board import Board
 from bricksrl.page.clock import VIEW_PERIOD_S, SteeredPace
-from bricksrl.page.page_scene import Floats
+from bricksrl.page.scene import Floats
 
 if TYPE_CHECKING:
     from brickhub.robot import Robot

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from bricksrl.page.page_scene import (
+from bricksrl.page.scene import (
     Colour,
     Floats,
     Mesh,
