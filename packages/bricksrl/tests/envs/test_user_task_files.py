@@ -9,7 +9,7 @@ import pytest
 
 import bricksrl
 from brickhub.user_files import with_absolute_file
-from bricksrl.envs.user_tasks import load_robot
+from bricksrl.envs.target import find
 from bricksrl.errors import DescriptionError, UnknownNameError
 
 FILE = """
@@ -94,4 +94,4 @@ def test_invalid_task_reference_raises(folder: Path, reference: str, error: type
 
 def test_robot_that_is_not_in_the_file_is_named_so(folder: Path) -> None:
     with pytest.raises(UnknownNameError, match=r"no 'ROBOT' in mine\.py; name a robot that is written there"):
-        load_robot("mine.py:ROBOT")
+        find("mine.py:ROBOT")

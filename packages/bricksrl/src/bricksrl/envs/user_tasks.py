@@ -6,12 +6,10 @@ import functools
 from collections.abc import Callable
 
 from brickhub import user_files
-from brickhub.errors import DescriptionError, UnknownNameError
-from brickhub.robot import Robot
+from brickhub.errors import DescriptionError
 from bricksrl.envs.task import Task
-from bricktwin.twin.scene import Scene
 
-_MISSING = "`bricksrl new {} FILE` writes a file with one"
+_MISSING = "`bricksrl new task FILE` writes a file with one"
 
 
 def load_builder(reference: str) -> Callable[..., Task]:
@@ -25,7 +23,7 @@ def load_builder(reference: str) -> Callable[..., Task]:
         UnknownNameError: there is no such file, module or name.
         DescriptionError: the named object is no task, or the code raised.
     """
-    builder = user_files.load_object(reference, Task, missing=_MISSING.format("task"))
+    builder = user_files.load_object(reference, Task, missing=_MISSING)
     if isinstance(builder, Task):
         return lambda: builder
     if not callable(builder):
@@ -39,25 +37,3 @@ def load_builder(reference: str) -> Callable[..., Task]:
         return task
 
     return build
-
-
-def load_robot(reference: str) -> tuple[Robot, Scene | None]:
-    """Robot in the user's code, and the scene if it is given by a task.
-
-    Args:
-        reference: as for tasks; names a :class:`bricksrl.robots.Robot` or a task. Without a name it is the file's only task, or
-            else its only robot.
-
-    Raises:
-        UnknownNameError: there is no such file, module or name, or the file has no single robot.
-        DescriptionError: the named object is no robot, or the code raised.
-    """
-    try:
-        value = user_files.load_object(reference, Task)
-    except UnknownNameError:
-        value = user_files.load_object(reference, Robot, missing=_MISSING.format("robot"))
-    if isinstance(value, Task):
-        return value.robot, value.scene
-    if not isinstance(value, Robot):
-        raise DescriptionError(f"{reference} is not a robot; name a bricksrl.robots.Robot that is written there")
-    return value, None
