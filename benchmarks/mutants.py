@@ -7,10 +7,10 @@
 number of statements, then an operator, then a place. A fault is known by its function, the text before and after it, and its
 number among equal ones there, so that it is found again where files have moved; one that is not found is `gone`. `--tree old`
 runs the tests of `OLD`, `--tree new` those of the last commit, in a copy of that tree, up to the first that fails: those of the
-module's name and the file that found the fault in the other tree, then the folder, then (not with `--folder-only`) all others but
-the slow ones. A failure counts if the test, run alone, fails again with the fault and passes without it. What never ends has
-failed. Verdicts in the result are not repeated, unless `--only` names them: an interrupted script resumes, and one that followed
-`--folder-only` goes on with the other tests.
+module's name and the file that found the fault in the other tree, then the folder. Those that nothing found are (not with
+`--folder-only`) put into the tree all at once: of all tests but the slow ones, those that fail then are run with each of them. A
+failure counts if the test, run alone, fails again with the fault and passes without it. What never ends has failed. Verdicts in
+the result are not repeated, unless `--only` names them: an interrupted script resumes.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ import tarfile
 import tempfile
 import time
 from collections import Counter, defaultdict
-from collections.abc import Iterator
+from collections.abc import AsyncIterator, Iterator
 from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
@@ -56,7 +56,7 @@ TEST_S, RUN_S = 180.0, 5400.0
 """Longest time of a test without a limit of its own, and of a run of pytest."""
 SURVIVED = "survived folder"
 QUICK = ("-m", "not slow and not realtime")
-WORKERS = "--numprocesses=2"
+WORKERS = ("--numprocesses=3", "--dist=loadfile")
 REALTIME = ("-m", "not slow and realtime")
 
 _BOUNDARY = {ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt}
@@ -289,8 +289,8 @@ class Tree:
         path = os.pathsep.join(map(str, self.paths()))
         return {**os.environ, "PYTHONPATH": path, "PYTHONDONTWRITEBYTECODE": "1", "OMP_NUM_THREADS": "1"}
 
-    def stages(self, file: str, hint: str) -> tuple[list[list[str]], list[list[str]]]:
-        """Arguments of pytest: for the tests near a file, and all others; ``hint`` is a test that found the fault elsewhere."""
+    def near(self, file: str, hint: str) -> list[list[str]]:
+        """Arguments of pytest for the tests near a file; ``hint`` is a test that found the fault elsewhere."""
         above, _, inner = file.rpartition("src/")
         places = (self.folder / above, *sorted(self.folder.glob("packages/*")), self.folder)
         roots = list(dict.fromkeys(tests for one in places if (tests := one / "tests").is_dir()))
@@ -302,17 +302,14 @@ class Tree:
         while not folder.is_dir():
             folder = folder.parent
         beside = [folder] if folder != roots[0] else sorted({*folder.glob("test_*.py")} - {*own})
-        near = [[str(path)] for path in dict.fromkeys([*earlier, *own])] + (
-            [[*map(str, beside), *_ignored(own)]] if beside else []
-        )
-        far = [[str(root), WORKERS, *_ignored([*own, *beside])] for root in roots]
-        clocked = [[str(root), WORKERS, *REALTIME] for root in roots]
-        return [[*one, *QUICK] for one in near], [[*one, *QUICK] for one in far] + clocked
+        stages = [[str(path)] for path in dict.fromkeys([*earlier, *own])]
+        stages += [[*map(str, beside), *(f"--ignore={path}" for path in own)]] if beside else []
+        return [[*stage, *QUICK] for stage in stages]
 
-    async def failure(self, *arguments: str) -> str | None:
-        """Run pytest up to the first failure; the name of the test that failed."""
+    async def failures(self, *arguments: str) -> list[str]:
+        """Run pytest; the names of the tests that failed."""
         limit = (f"--timeout={TEST_S}", "--timeout-method=thread")  # the other method lets Hypothesis begin the test again
-        options = ("-x", "-v", "--color=no", "-p", "no:cacheprovider", f"--rootdir={self.folder}", *limit)
+        options = ("-v", "--color=no", "-p", "no:cacheprovider", f"--rootdir={self.folder}", *limit)
         words = [*options, f"--basetemp={self.scratch / 'tmp'}", *(f"--deselect={name}" for name in self.broken), *arguments]
         log = self.scratch / "log.txt"
         with log.open("w") as out:
@@ -330,7 +327,11 @@ class Tree:
             finally:
                 with contextlib.suppress(ProcessLookupError):
                     os.killpg(process.pid, signal.SIGKILL)  # also what tests have left behind
-        return None if process.returncode in (0, 5) else failed_test(log.read_text(errors="replace"))
+        return [] if process.returncode in (0, 5) else failed_tests(log.read_text(errors="replace"))
+
+    async def failure(self, *arguments: str) -> str | None:
+        """Run pytest up to the first failure; the name of the test that failed."""
+        return next(iter(await self.failures("-x", *arguments)), None)
 
     async def killer(self, file: str, wrong: str, stage: list[str]) -> str | None:
         """The test that finds a fault, of one run of pytest."""
@@ -354,36 +355,54 @@ class Tree:
         return None
 
 
-def _ignored(paths: list[Path]) -> list[str]:
-    return [f"--ignore={path}" for path in paths]
-
-
-def failed_test(output: str) -> str:
-    """The name of the failed test in what pytest has written; of the last that began if it could not say."""
-    if match := re.search(r"^(?:FAILED|ERROR) (\S+?\.py(?:::\w+)*(?:\[.*?\])?)(?: - |$)", output, re.MULTILINE):
-        return match[1]
+def failed_tests(output: str) -> list[str]:
+    """The names of the failed tests in what pytest has written; of the last that began if it could not say."""
+    if names := re.findall(r"^(?:FAILED|ERROR) (\S+?\.py(?:::\w+)*(?:\[.*?\])?)(?: - |$)", output, re.MULTILINE):
+        return list(dict.fromkeys(names))
     if begun := re.findall(r"^(?:\[gw\d\] .*? )?(\S+?\.py::\w+(?:::\w+)*(?:\[.*?\])?)(?: |$)", output, re.MULTILINE):
-        return str(begun[-1])
+        return [str(begun[-1])]
     match = re.search(r"^(?:ImportError while loading conftest '(.*)'|\S*(?:Error|Exit)\b.*)", output, re.MULTILINE)
-    return f"pytest itself: {(match[0] if match else output.strip()[-200:])!r}"
+    return [f"pytest itself: {(match[0] if match else output.strip()[-200:])!r}"]
 
 
-async def verdict(
-    tree: Tree, mutant: dict[str, Any], texts: dict[str, str], earlier: str, hint: str, *, is_short: bool
-) -> dict[str, Any]:
-    """Whether a mutant dies, and by which test."""
-    found = locate(mutant, texts)
-    if found is None:
+async def verdict(tree: Tree, mutant: dict[str, Any], texts: dict[str, str], hint: str) -> dict[str, Any]:
+    """Whether a mutant dies by a test near it, and by which."""
+    if (found := locate(mutant, texts)) is None:
         return {"state": "gone"}
     file, place = found
-    wrong, start, test = mutated(texts[file], fault_of(mutant), place), time.monotonic(), None
-    near, far = tree.stages(file, hint)
-    for stage in [*([] if earlier == SURVIVED else near), *([] if is_short else far)]:
+    wrong, start = mutated(texts[file], fault_of(mutant), place), time.monotonic()
+    test = None
+    for stage in tree.near(file, hint):
         if test := await tree.killer(file, wrong, stage):
             break
-    state = "died" if test else SURVIVED if is_short else "lives"
+    return _judged(tree, file, test, SURVIVED, time.monotonic() - start)
+
+
+def _judged(tree: Tree, file: str, test: str | None, otherwise: str, seconds: float) -> dict[str, Any]:
     test = test and test.replace(f"{tree.folder}/", "")
-    return {"state": state, "test": test, "file": file, "seconds": round(time.monotonic() - start)}
+    return {"state": "died" if test else otherwise, "test": test, "file": file, "seconds": round(seconds)}
+
+
+async def far_verdicts(
+    tree: Tree, mutants: dict[str, dict[str, Any]], texts: dict[str, str]
+) -> AsyncIterator[tuple[str, dict[str, Any]]]:
+    """Whether mutants that nothing near them finds die by another test: a number and a verdict at a time."""
+    places = {i: found for i, mutant in mutants.items() if (found := locate(mutant, texts))}
+    for file in {file for file, _ in places.values()}:
+        wrong = texts[file]
+        for i, (_, place) in sorted(places.items(), key=lambda item: item[1][1], reverse=True):
+            wrong = mutated(wrong, fault_of(mutants[i]), place) if places[i][0] == file else wrong
+        (tree.folder / file).write_text(wrong, encoding="utf-8")
+    tests = [str(path) for path in sorted(tree.folder.rglob("tests")) if "plugins" not in path.parts]
+    failed = [name for stage in (QUICK, REALTIME) for name in await tree.failures(*tests, *WORKERS, *stage)]
+    for file in {file for file, _ in places.values()}:
+        (tree.folder / file).write_text(texts[file], encoding="utf-8")
+    print(f"{len(failed)} tests fail with {len(places)} mutants at once:", *failed, sep="\n  ", flush=True)
+    for i, (file, place) in places.items():
+        start = time.monotonic()
+        wrong = mutated(texts[file], fault_of(mutants[i]), place)
+        test = await tree.killer(file, wrong, failed) if failed else None
+        yield i, _judged(tree, file, test, "lives", time.monotonic() - start)
 
 
 def load() -> dict[str, Any]:
@@ -412,26 +431,35 @@ async def run(which: str, only: list[int], jobs: int, *, is_short: bool) -> None
     verdicts, others = (
         (result["trees"].get(name) or {"verdicts": {}})["verdicts"] for name in sorted(REVISIONS, key=which.__ne__)
     )
-    finished = ("died", "lives", "gone", *([SURVIVED] if is_short else []))
     numbers = map(str, only or range(len(result["mutants"])))
-    left = iter([i for i in numbers if only or verdicts.get(i, {}).get("state") not in finished])
+    left = iter([i for i in numbers if only or i not in verdicts])
 
-    async def work() -> None:
+    def keep(i: str, judged: dict[str, Any]) -> None:
+        verdicts[i] = judged | {"commit": commit}
+        save(which, kept)
+        print(which, i, *(judged.get(key) for key in ("state", "test", "seconds")), flush=True)
+
+    @contextlib.contextmanager
+    def copy_of_tree() -> Iterator[Tree]:
         scratch = Path(tempfile.mkdtemp(prefix="mutants-"))
         try:
-            tree = Tree.make(commit, scratch, kept["broken"])
-            for i in left:
-                earlier, hint = "" if only else verdicts.get(i, {}).get("state", ""), others.get(i, {}).get("test") or ""
-                judged = await verdict(tree, result["mutants"][int(i)], texts, earlier, hint, is_short=is_short)
-                verdicts[i] = judged | {"commit": commit}
-                save(which, kept)
-                print(which, i, *(judged.get(key) for key in ("state", "test", "seconds")), flush=True)
+            yield Tree.make(commit, scratch, kept["broken"])
         finally:
             shutil.rmtree(scratch, ignore_errors=True)
+
+    async def work() -> None:
+        with copy_of_tree() as tree:
+            for i in left:
+                keep(i, await verdict(tree, result["mutants"][int(i)], texts, others.get(i, {}).get("test") or ""))
 
     async with asyncio.TaskGroup() as group:
         for _ in range(jobs):
             group.create_task(work())
+    lasting = {i: result["mutants"][int(i)] for i, one in verdicts.items() if one["state"] == SURVIVED}
+    if lasting and not is_short:
+        with copy_of_tree() as tree:
+            async for i, judged in far_verdicts(tree, lasting, texts):
+                keep(i, judged)
 
 
 def shown(mutant: dict[str, Any]) -> str:
