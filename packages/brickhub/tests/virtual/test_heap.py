@@ -6,7 +6,7 @@ import pytest
 from hub_programs import output
 
 from brickhub.robot import HubKind, Robot
-from brickhub.virtual.memory import RAM_BYTES
+from brickhub.virtual.micropython.memory import RAM_BYTES
 
 FILL = """
 class Point:

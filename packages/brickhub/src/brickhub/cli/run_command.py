@@ -15,7 +15,7 @@ from tyro.conf import Positional, UseAppendAction
 from brickhub.cli.options import Flag, changed_options, option
 from brickhub.cli.terminal import Interrupted, print_note
 from brickhub.errors import DescriptionError
-from brickhub.virtual.host_stop import interruptible
+from brickhub.virtual.run import interruptible
 
 if TYPE_CHECKING:
     from brickhub.virtual.body import Body

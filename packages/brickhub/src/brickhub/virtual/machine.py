@@ -1,4 +1,6 @@
-"""Machine behind a virtual hub: clock, the firmware's 5 ms control loop, and the body.
+"""Pace: simulated time in step with real time.
+----
+Machine behind a virtual hub: clock, the firmware's 5 ms control loop, and the body.
 
 Time is a whole number of milliseconds and passes only in methods of :class:`Machine`.
 """
@@ -6,17 +8,38 @@ Time is a whole number of milliseconds and passes only in methods of :class:`Mac
 from __future__ import annotations
 
 import contextlib
+import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
 from brickhub.virtual.body import Body, FittingBody
-from brickhub.virtual.firmware.drive_base import DriveBaseControl
-from brickhub.virtual.firmware.heading import GyroHeading
+from brickhub.virtual.firmware.drive_base import DriveBaseControl, GyroHeading
 from brickhub.virtual.firmware.servo import Servo
 from brickhub.virtual.micropython.exceptions import SwitchedOff
-from brickhub.virtual.pace import Pace
 from brickhub.virtual.panel import Panel
 from brickhub.virtual.run_log import RunLog
+
+MAX_STEP_MS = 15
+"""Maximum step of simulated time, for smooth pictures and a quick stop."""
+
+
+class Pace:
+    """Delays simulated time to real time. ``clock_s, sleep``: replaced in tests."""
+
+    def __init__(self, clock_s: Callable[[], float] = time.monotonic, sleep: Callable[[float], None] = time.sleep) -> None:
+        self._clock_s, self._sleep = clock_s, sleep
+        self._start_s = clock_s()
+
+    def wall_ms(self) -> float:
+        """Real time since the start."""
+        return (self._clock_s() - self._start_s) * 1000
+
+    def keep(self, time_ms: float) -> None:
+        """Wait if simulated time is ahead."""
+        ahead_ms = time_ms - self.wall_ms()
+        if ahead_ms > 0:
+            self._sleep(ahead_ms / 1000)
+
 
 CONTROL_LOOP_MS = 5
 # On a hub each call takes some 10 us. Here calls are free until there are many of them without a wait: otherwise no simulated

@@ -1,15 +1,20 @@
-"""Running program files on a virtual hub."""
+"""Buffer of a hub for the output of a program.
+----
+Running program files on a virtual hub."""
 
 from __future__ import annotations
 
 import ast
 import re
+import signal
 import sys
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from types import FrameType
 from typing import BinaryIO, TextIO
 
 from brickhub.errors import TwinError
@@ -17,20 +22,48 @@ from brickhub.hub.program.syntax import parse
 from brickhub.hub.program.user_program import check_time_limit, folder_with_module, load_program, read_program
 from brickhub.hub.transport import HubProgram, as_typed
 from brickhub.robot import HubKind
+from brickhub.virtual.bench_body import FittedBench
 from brickhub.virtual.body import Body
-from brickhub.virtual.fitted_bench import FittedBench
 from brickhub.virtual.given_readings import GivenReading
-from brickhub.virtual.host_stop import HostStop
 from brickhub.virtual.interpreter import execute
-from brickhub.virtual.machine import Machine
+from brickhub.virtual.machine import Machine, Pace
 from brickhub.virtual.micropython.compiler import compile_source
-from brickhub.virtual.micropython.exceptions import SwitchedOff, class_name
-from brickhub.virtual.micropython.system import is_program_error
+from brickhub.virtual.micropython.exceptions import HostStop, SwitchedOff, class_name, is_program_error
 from brickhub.virtual.micropython.text import format_traceback
-from brickhub.virtual.output_buffer import OutputBuffer
-from brickhub.virtual.pace import Pace
 from brickhub.virtual.panel import WIRELESS, Panel, Press
 from brickhub.virtual.pybricks import modules
+
+_BUFFER_BYTES = 511
+_CHUNK_BYTES = 60
+
+
+class OutputBuffer:
+    """Buffer for output that waits to be sent over USB, 60 bytes each millisecond. A program waits while it is full."""
+
+    def __init__(self, machine: Machine) -> None:
+        self._machine = machine
+        self._waiting = 0
+        self._since_ms = 0
+        self._free_ms = 0
+
+    def add(self, size: int) -> None:
+        """Add ``size`` bytes; simulated time passes until they fit."""
+        machine = self._machine
+        self._send(machine.body_ms - 1)
+        if not self._waiting:
+            self._since_ms = machine.time_ms
+        while self._waiting + size > _BUFFER_BYTES:
+            size -= _BUFFER_BYTES - self._waiting
+            self._waiting = _BUFFER_BYTES
+            self._send(machine.time_ms)
+            machine.advance(1)
+        self._waiting += size
+
+    def _send(self, until_ms: int) -> None:
+        """Send chunks that begin at a time or before."""
+        while self._waiting and (begin_ms := max(self._free_ms, self._since_ms)) <= until_ms:
+            self._waiting -= min(self._waiting, _CHUNK_BYTES)
+            self._free_ms = begin_ms + 1
 
 
 class _ProgramStopped(HostStop):
@@ -218,3 +251,27 @@ def _module_hint(error: BaseException, path: Path) -> str:
 def stop_program() -> None:
     """Stop the program of this thread, as the button does; only from within the machine's time."""
     raise _ProgramStopped
+
+
+class _Interrupted(HostStop):
+    """Ctrl-C by the user."""
+
+
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """Context in which Ctrl-C ends a program past its handlers, to which a KeyboardInterrupt is an ordinary error; that is raised
+    at the end of the context. No effect in other threads than the main one, which get no signals."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def interrupt(_signum: int, _frame: FrameType | None) -> None:
+        raise _Interrupted
+
+    previous_handler = signal.signal(signal.SIGINT, interrupt)
+    try:
+        yield
+    except _Interrupted:
+        raise KeyboardInterrupt from None
+    finally:
+        signal.signal(signal.SIGINT, previous_handler)

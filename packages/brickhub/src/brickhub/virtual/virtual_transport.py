@@ -20,12 +20,9 @@ from brickhub.hub.program.traceback import describe_traceback
 from brickhub.hub.transport import HubProgram, Pipe, app_data_slot
 from brickhub.virtual import interpreter
 from brickhub.virtual.body import Body, Rng
-from brickhub.virtual.host_stop import HostStop
-from brickhub.virtual.machine import Machine
-from brickhub.virtual.micropython.exceptions import SwitchedOff
-from brickhub.virtual.micropython.system import is_program_error
+from brickhub.virtual.machine import MAX_STEP_MS, Machine, Pace
+from brickhub.virtual.micropython.exceptions import HostStop, SwitchedOff, is_program_error
 from brickhub.virtual.micropython.text import format_traceback
-from brickhub.virtual.pace import MAX_STEP_MS, Pace
 from brickhub.virtual.pybricks import modules
 
 MAX_WRITE_BYTES = 20

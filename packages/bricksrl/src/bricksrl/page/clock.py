@@ -6,8 +6,7 @@ import threading
 import time
 from collections.abc import Callable
 
-from brickhub.virtual.machine import Machine
-from brickhub.virtual.pace import Pace
+from brickhub.virtual.machine import Machine, Pace
 
 SPEEDS = {"1x": 1.0, "10x": 10.0, "max": 0.0}
 """Speeds of simulated time; 0 is as fast as possible."""

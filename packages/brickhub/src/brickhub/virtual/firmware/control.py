@@ -1,4 +1,8 @@
-"""Position and speed controller: PID along a trajectory, with anti-windup, stall detection and completion."""
+"""Integrators of position and speed errors, each with anti-windup and stall detection.
+----
+Log of the control loop (``pbio/logger.c``, v4).
+----
+Position and speed controller: PID along a trajectory, with anti-windup, stall detection and completion."""
 
 from __future__ import annotations
 
@@ -7,10 +11,126 @@ from dataclasses import dataclass
 from math import trunc
 
 from brickhub.virtual.firmware import trajectory as trajectories
-from brickhub.virtual.firmware.integrators import LOOPS_PER_S, PositionIntegrator, SpeedIntegrator
-from brickhub.virtual.firmware.logger import Logger
 from brickhub.virtual.firmware.settings import ControlSettings, multiply_by_gain, to_int32
 from brickhub.virtual.firmware.trajectory import FOREVER_MS, Trajectory, TrajectoryCommand, TrajectoryReference
+
+LOOPS_PER_S = 200
+
+
+class PositionIntegrator:
+    """Integral of the position error; a pause also stops the trajectory's clock."""
+
+    def __init__(self, settings: ControlSettings, time: int) -> None:
+        self._settings = settings
+        self.integral = 0
+        self.running = True
+        self.pause_began = time
+        self._paused_total = 0
+
+    def trajectory_time(self, time: int) -> int:
+        return (time if self.running else self.pause_began) - self._paused_total
+
+    def pause(self, time: int) -> None:
+        if self.running:
+            self.running = False
+            self.pause_began = time
+
+    def resume(self, time: int) -> None:
+        if not self.running:
+            self.running = True
+            self._paused_total += time - self.pause_began
+
+    def update(self, error: int, target_error: int) -> int:
+        """Add the error of one control step, unless it winds up, and return the integral (mdeg s)."""
+        s, integral = self._settings, self.integral
+        change = trunc(error / LOOPS_PER_S)
+        shrinks = abs(integral + change) < abs(integral)
+        if not shrinks:
+            if not self.running:
+                return integral
+            rate = s.integral_rate
+            if not -rate <= error <= rate:
+                change = trunc((rate if error > 0 else -rate) / LOOPS_PER_S)
+                shrinks = abs(integral + change) < abs(integral)
+        if shrinks or s.integral_deadzone <= abs(target_error) <= s.saturation_error * 2:
+            integral, limit = integral + change, s.max_integral
+            self.integral = integral = limit if integral > limit else -limit if integral < -limit else integral
+        return integral
+
+    def is_stalled(self, time: int, speed: int, reference_speed: int) -> bool:
+        if self.running:
+            limit = self._settings.max_integral
+            if limit == 0 or -limit < self.integral < limit:
+                return False
+        return _stalls(self._settings, self.pause_began, time, speed, reference_speed)
+
+
+class SpeedIntegrator:
+    """Integral of the speed error: a difference of positions."""
+
+    def __init__(self, settings: ControlSettings) -> None:
+        self._settings = settings
+        self.running = True
+        self.pause_began = 0
+        self._paused_error = 0
+        self._error_at_resume = 0
+
+    def error(self, position_error: int) -> int:
+        return self._paused_error + (position_error - self._error_at_resume if self.running else 0)
+
+    def pause(self, time: int, position_error: int) -> None:
+        if self.running:
+            self.running = False
+            self._paused_error += position_error - self._error_at_resume
+            self.pause_began = time
+
+    def resume(self, position_error: int) -> None:
+        if not self.running:
+            self.running = True
+            self._error_at_resume = position_error
+
+    def is_stalled(self, time: int, speed: int, reference_speed: int) -> bool:
+        return not self.running and _stalls(self._settings, self.pause_began, time, speed, reference_speed)
+
+
+def _stalls(s: ControlSettings, since: int, time: int, speed: int, reference_speed: int) -> bool:
+    if reference_speed < 0:
+        reference_speed, speed = -reference_speed, -speed
+    if reference_speed != 0 and speed > s.stall_speed:
+        return False
+    return time - since >= s.stall_time
+
+
+class Logger:
+    """Recorded ``rows`` of integers, each beginning with the ms since the start."""
+
+    __slots__ = ("_capacity", "_down_sample", "_skipped", "_start_ms", "is_active", "rows")
+
+    def __init__(self) -> None:
+        self.is_active = False
+        self.rows: list[tuple[int, ...]] = []
+
+    def start(self, time_ms: int, capacity: int, down_sample: int) -> None:
+        """Start anew: record one of ``down_sample`` rows, up to ``capacity`` of them."""
+        self.rows = []
+        self._start_ms, self._capacity, self._down_sample, self._skipped = time_ms, capacity, down_sample, 0
+        self.is_active = True
+
+    def stop(self) -> None:
+        """Stop recording."""
+        self.is_active = False
+
+    def add(self, time_ms: int, *values: int) -> None:
+        """Record a row of the control loop."""
+        self._skipped += 1
+        if self._skipped < self._down_sample:
+            return
+        self._skipped = 0
+        if len(self.rows) == self._capacity:
+            self.is_active = False
+        else:
+            self.rows.append((time_ms - self._start_ms, *values))
+
 
 _FOREVER = FOREVER_MS * 10
 _UNBOUNDED = 2**31 - 1

@@ -1,17 +1,100 @@
-"""Drive base of two servos: one controller for the distance, one for the heading."""
+"""Heading of a robot by its gyroscope (``pbio/imu.c``, v4), shared by ``hub.imu`` and all drive bases.
+----
+Drive base of two servos: one controller for the distance, one for the heading."""
 
 from __future__ import annotations
 
 import errno
 from collections.abc import Callable
 from math import trunc
+from operator import add, sub
 
-from brickhub.virtual.firmware.angle import Angle, difference, from_unit, mean, to_mdeg, to_unit, to_unit_float
+from brickhub.virtual.body import Body
 from brickhub.virtual.firmware.control import Controller, ControlType, OnCompletion, State
-from brickhub.virtual.firmware.heading import GyroHeading
 from brickhub.virtual.firmware.servo import Servo
-from brickhub.virtual.firmware.settings import drive_base_settings
-from brickhub.virtual.firmware.trajectory import validate_acceleration, validate_speed
+from brickhub.virtual.firmware.settings import (
+    TURN_MDEG,
+    Angle,
+    difference,
+    drive_base_settings,
+    from_unit,
+    mean,
+    single,
+    to_mdeg,
+    to_unit,
+    to_unit_float,
+)
+from brickhub.virtual.firmware.trajectory import RefusedError, UnavailableError, validate_acceleration, validate_speed
+
+_Vector = tuple[float, float, float]
+
+
+class GyroHeading:
+    """Degrees, clockwise positive seen from above, not wrapped.
+
+    Attributes:
+        frame: directions of the hub's front, left and top in the frame of the robot.
+        turn_deg: reading of the heading for a whole turn, by which a program corrects it.
+    """
+
+    def __init__(self, body: Body) -> None:
+        self._body = body
+        self.frame: tuple[_Vector, _Vector, _Vector] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+        self.turn_deg = 360.0
+        self._gyro_deg: _Vector = (360.0, 360.0, 360.0)
+        self._yaw_deg = 0.0
+        self._rotation_deg: _Vector = (0.0, 0.0, 0.0)
+        self._zero_deg = self._total_deg()
+
+    def angle_deg(self) -> float:
+        return self._total_deg() - self._zero_deg
+
+    def angle(self, steps_per_deg: int) -> Angle:
+        """Heading in control units, in single precision as in the firmware."""
+        angle_deg, turn_deg = single(self.angle_deg()), single(TURN_MDEG / steps_per_deg)
+        turns = trunc(single(angle_deg / turn_deg))
+        rest = single(angle_deg - single(turns * turn_deg))
+        return turns, trunc(single(rest * steps_per_deg))
+
+    def set_angle(self, angle_deg: float) -> None:
+        """Set the present heading."""
+        self._zero_deg = self._total_deg() - angle_deg
+
+    def rate_deg_s(self) -> float:
+        """Angular velocity about the robot's vertical axis, clockwise."""
+        return -sum(rate * axis[2] for rate, axis in zip(self.rates_deg_s(), self.frame, strict=True))
+
+    def rates_deg_s(self, *, calibrated: bool = True) -> _Vector:
+        """Angular velocity in the frame of the hub."""
+        rates = self._body.angular_velocity_deg_s()
+        return self._scaled(rates) if calibrated else rates
+
+    def rotation_deg(self, *, calibrated: bool) -> _Vector:
+        """Angular velocity in the frame of the hub, integrated over time."""
+        x, y, z = map(add, self._scaled(self._body.rotation_deg()), self._rotation_deg)
+        scale_x, scale_y, scale_z = (360.0, 360.0, 360.0) if calibrated else self._gyro_deg
+        return x * scale_x / 360.0, y * scale_y / 360.0, z * scale_z / 360.0
+
+    def yaw_deg(self) -> float:
+        """Rotation about the vertical since the hub was switched on, without the correction of the heading."""
+        scale = sum(axis[2] ** 2 * 360.0 / scale for axis, scale in zip(self.frame, self._gyro_deg, strict=True))
+        return self._body.heading_deg() * scale + self._yaw_deg
+
+    def calibrate(self, gyro_deg: _Vector) -> None:
+        """Set the reading of the gyroscope for a whole turn about each axis of the hub; earlier rotation stays."""
+        yaw_deg, rotation_deg = self.yaw_deg(), self.rotation_deg(calibrated=True)
+        self._gyro_deg = gyro_deg
+        self._yaw_deg += yaw_deg - self.yaw_deg()
+        x, y, z = map(sub, rotation_deg, self._scaled(self._body.rotation_deg()))
+        self._rotation_deg = x, y, z
+
+    def _scaled(self, vector: _Vector) -> _Vector:
+        (x, y, z), (scale_x, scale_y, scale_z) = vector, self._gyro_deg
+        return x * 360.0 / scale_x, y * 360.0 / scale_y, z * 360.0 / scale_z
+
+    def _total_deg(self) -> float:
+        return self.yaw_deg() * (360.0 / self.turn_deg)
+
 
 _TURN_MDEG_OVER_PI = 114_592
 _MIN_RADIUS_MM = 10
@@ -37,9 +120,9 @@ class DriveBaseControl:
     def __init__(self, left: Servo, right: Servo, wheel_diameter_um: int, axle_track_um: int, heading: GyroHeading) -> None:
         steps = left.settings.steps_per_unit
         if left is right or steps != right.settings.steps_per_unit:
-            raise ValueError("a drive base needs two motors with the same gears")
+            raise RefusedError("a drive base needs two motors with the same gears")
         if left.parent is not None or right.parent is not None:
-            raise OSError(errno.EBUSY, "a motor belongs to another drive base")
+            raise UnavailableError(errno.EBUSY, "a motor belongs to another drive base")
         self.left, self.right = left, right
         self._clock, self._gyro = left.clock, heading
         # As in the firmware, both motors now belong to it, even if its geometry is refused below.
@@ -52,11 +135,11 @@ class DriveBaseControl:
         self.stop(OnCompletion.COAST)
         too_large = steps > _INT32_MAX // _TURN_MDEG_OVER_PI or steps > _INT32_MAX // max(axle_track_um, 1)
         if wheel_diameter_um < 1000 or axle_track_um < 1000 or too_large:
-            raise ValueError("the wheel diameter or the axle track is out of range")
+            raise RefusedError("the wheel diameter or the axle track is out of range")
         heading_settings.steps_per_unit = steps * axle_track_um // wheel_diameter_um
         distance_settings.steps_per_unit = steps * _TURN_MDEG_OVER_PI // wheel_diameter_um
         if not (heading_settings.steps_per_unit and distance_settings.steps_per_unit):
-            raise ValueError("the wheel diameter is out of range")
+            raise RefusedError("the wheel diameter is out of range")
         self.reset(0, 0)
 
     @property
@@ -281,7 +364,7 @@ class DriveBaseControl:
 
     def _check_open(self) -> None:
         if not self.is_open:
-            raise OSError(errno.ENODEV, "a motor of the drive base is closed")
+            raise UnavailableError(errno.ENODEV, "a motor of the drive base is closed")
 
     def _begin(self) -> tuple[State, State]:
         """Take over both motors and return their state. Raises OSError (ENODEV) if one is closed."""
@@ -308,4 +391,4 @@ class DriveBaseControl:
 
 def _check_radius(radius_mm: int) -> None:
     if abs(radius_mm) < _MIN_RADIUS_MM:
-        raise ValueError("the radius of an arc is too small")
+        raise RefusedError("the radius of an arc is too small")

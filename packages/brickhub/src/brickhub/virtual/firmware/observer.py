@@ -16,6 +16,7 @@ from brickhub.virtual.firmware.motor_model import (
     PRESCALE_VOLTAGE,
     MotorType,
 )
+from brickhub.virtual.firmware.trajectory import RefusedError
 
 _WINDOW_START = -21  # 20 ticks of 5 ms ago: 100 ms
 _HISTORY = 60  # ticks of the longest window of Motor.speed: 300 ms
@@ -127,7 +128,7 @@ class Observer:
         """Mean measured speed over a window, mdeg/s. Raises ValueError for one shorter than a tick or longer than 300 ms."""
         ticks = (window_ms + 2) // 5
         if not 1 <= ticks <= _HISTORY:
-            raise ValueError("the window is out of range")
+            raise RefusedError("the window is out of range")
         return trunc((self._history[-1] - self._history[-1 - ticks]) * 1000 / (ticks * 5))
 
     @property

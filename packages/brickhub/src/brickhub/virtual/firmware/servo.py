@@ -1,4 +1,6 @@
-"""Servo: a motor with encoder, observer, controller and voltage."""
+"""Clock of the motor control.
+----
+Servo: a motor with encoder, observer, controller and voltage."""
 
 from __future__ import annotations
 
@@ -8,13 +10,29 @@ from typing import Protocol
 
 from brickhub.robot import Direction, MotorKind
 from brickhub.virtual.body import Body, FittingBody
-from brickhub.virtual.firmware.angle import TURN_MDEG, Angle, difference, from_unit, split, to_mdeg, to_unit
-from brickhub.virtual.firmware.clock import Clock
-from brickhub.virtual.firmware.control import Controller, ControlType, OnCompletion, State
-from brickhub.virtual.firmware.logger import Logger
+from brickhub.virtual.firmware.control import Controller, ControlType, Logger, OnCompletion, State
 from brickhub.virtual.firmware.motor_model import MOTOR_TYPES
 from brickhub.virtual.firmware.observer import Observer
-from brickhub.virtual.firmware.settings import ControlSettings, servo_settings
+from brickhub.virtual.firmware.settings import (
+    TURN_MDEG,
+    Angle,
+    ControlSettings,
+    difference,
+    from_unit,
+    servo_settings,
+    split,
+    to_mdeg,
+    to_unit,
+)
+from brickhub.virtual.firmware.trajectory import RefusedError, UnavailableError
+
+
+class Clock(Protocol):
+    """Simulated time in ms and in ticks of 0.1 ms, for controllers, observers and logs."""
+
+    time_ms: int
+    time_ticks: int
+
 
 _NONE = ControlType.NONE
 _VOLTAGE = 2
@@ -85,7 +103,7 @@ class Servo:
     @max_voltage_mv.setter
     def max_voltage_mv(self, value: int) -> None:
         if not 0 <= value <= self.type.max_voltage_mv:
-            raise ValueError("the voltage limit is out of range")
+            raise RefusedError("the voltage limit is out of range")
         self._max_voltage_mv = value
 
     def setup(self, direction: Direction, gear_ratio_milli: int, reset_angle: bool, profile_deg: int) -> None:
@@ -95,7 +113,7 @@ class Servo:
         if reset_angle:
             self._set_zero(difference(split(self._shaft_mdeg()), (0, self._absolute_mdeg())))
         if self.is_taken:
-            raise OSError(errno.EBUSY, "the motor is in use already")
+            raise UnavailableError(errno.EBUSY, "the motor is in use already")
         self.set_voltage(None)
         self._sign = direction.value
         self.is_taken = True
@@ -124,7 +142,7 @@ class Servo:
     def check_open(self) -> None:
         """Raise OSError (ENODEV) unless its control loop runs."""
         if not self.is_open:
-            raise OSError(errno.ENODEV, "the motor is not in use")
+            raise UnavailableError(errno.ENODEV, "the motor is not in use")
 
     # ---- state
 
@@ -236,7 +254,7 @@ class Servo:
     def run_until_stalled_with(self, speed: int, then: OnCompletion, limit: int) -> None:
         """:meth:`run_until_stalled` with the limit as a torque in uNm. Raises ValueError for ``CONTINUE``."""
         if then is OnCompletion.CONTINUE:
-            raise ValueError("a stalled motor cannot continue")
+            raise RefusedError("a stalled motor cannot continue")
         self._take_over()
         speed = self.settings.from_unit(speed)
         if isinstance(self.body, FittingBody):

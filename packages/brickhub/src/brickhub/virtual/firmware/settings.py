@@ -1,13 +1,79 @@
-"""Settings of a controller, stored in control units, read and set in the program's units (deg or mm)."""
+"""Angles as the firmware stores them: whole turns of a motor plus millidegrees (``pbio/angle.c``, v4).
+
+The two parts may differ in sign; they are rounded and halved separately.
+
+----
+Settings of a controller, stored in control units, read and set in the program's units (deg or mm)."""
 
 from __future__ import annotations
 
+import struct
 from dataclasses import dataclass, field
 from math import trunc
 
-from brickhub.virtual.firmware.angle import split, to_unit
 from brickhub.virtual.firmware.motor_model import MAX_TORQUE_UNM, MotorType
-from brickhub.virtual.firmware.trajectory import validate_acceleration, validate_speed
+from brickhub.virtual.firmware.trajectory import RefusedError, validate_acceleration, validate_speed
+
+TURN_MDEG = 360_000
+
+Angle = tuple[int, int]
+"""Turns and mdeg."""
+
+_SINGLE = struct.Struct("<f")
+
+
+def single(value: float) -> float:
+    """The nearest 32-bit float."""
+    return float(_SINGLE.unpack(_SINGLE.pack(value))[0])
+
+
+def split(mdeg: int) -> Angle:
+    """Turns and rest of an angle in mdeg."""
+    turns = trunc(mdeg / TURN_MDEG)
+    return turns, mdeg - turns * TURN_MDEG
+
+
+def to_mdeg(angle: Angle) -> int:
+    """The angle in mdeg."""
+    return angle[0] * TURN_MDEG + angle[1]
+
+
+def difference(a: Angle, b: Angle) -> Angle:
+    return _normalized(a[0] - b[0], a[1] - b[1])
+
+
+def mean(a: Angle, b: Angle) -> Angle:
+    turns, mdeg = _normalized(a[0] + b[0], a[1] + b[1])
+    half = trunc(turns / 2)
+    return half, trunc(mdeg / 2) + (turns - 2 * half) * TURN_MDEG // 2
+
+
+def from_unit(value: int, steps_per_unit: int) -> Angle:
+    """The angle from the program's units (deg or mm)."""
+    turns = trunc(value / (TURN_MDEG // steps_per_unit)) if steps_per_unit <= TURN_MDEG else 0
+    return turns, value * steps_per_unit - turns * TURN_MDEG
+
+
+def to_unit(angle: Angle, steps_per_unit: int) -> int:
+    """The angle in the program's units: turns truncated, the rest rounded."""
+    turns, mdeg = angle
+    half = trunc(steps_per_unit / 2) if mdeg >= 0 else -trunc(steps_per_unit / 2)
+    return trunc(turns * TURN_MDEG / steps_per_unit) + trunc((mdeg + half) / steps_per_unit)
+
+
+def to_unit_float(angle: Angle, steps_per_unit: int) -> float:
+    """The angle in the program's units, in single precision."""
+    turns = single(angle[0] * single(TURN_MDEG / steps_per_unit))
+    return single(turns + single(angle[1] / steps_per_unit))
+
+
+def _normalized(turns: int, mdeg: int) -> Angle:
+    while mdeg > TURN_MDEG:
+        turns, mdeg = turns + 1, mdeg - TURN_MDEG
+    while mdeg < -TURN_MDEG:
+        turns, mdeg = turns - 1, mdeg + TURN_MDEG
+    return turns, mdeg
+
 
 _INT32_MAX = 2**31 - 1
 
@@ -75,7 +141,7 @@ class ControlSettings:
         self.max_speed = self.from_unit(speed)
         self.acceleration, self.deceleration = self.from_unit(acceleration), self.from_unit(deceleration)
         if not 1 <= torque_mnm <= MAX_TORQUE_UNM // 1000:
-            raise ValueError("the torque limit is out of range")
+            raise RefusedError("the torque limit is out of range")
         self.max_torque = torque_mnm * 1000
         self._derive()
 
@@ -86,7 +152,7 @@ class ControlSettings:
     def set_pid(self, kp: int, ki: int, kd: int, integral_deadzone: int, integral_rate: int) -> None:
         """Set what :meth:`pid` returns. Raises ValueError for a value out of range."""
         if min(kp, ki, kd) < 0:
-            raise ValueError("a gain is negative")
+            raise RefusedError("a gain is negative")
         validate_speed(self.steps_per_unit, integral_rate)
         self._validate_position(integral_deadzone)
         self.kp, self.ki, self.kd = kp, ki, kd
@@ -118,7 +184,7 @@ class ControlSettings:
 
     def _validate_position(self, value: int) -> None:
         if not 0 <= value <= self.to_unit(_INT32_MAX):
-            raise ValueError("the angle is out of range")
+            raise RefusedError("the angle is out of range")
 
 
 def multiply_by_gain(value: int, gain: int) -> int:
@@ -140,7 +206,7 @@ def servo_settings(motor: MotorType, gear_ratio_milli: int, profile_deg: int) ->
     """The firmware's settings of a single motor. Raises ValueError for a gear ratio under 1/1000 or a profile under 5 degrees."""
     precision_deg = profile_deg or motor.precision_deg
     if gear_ratio_milli < 1 or precision_deg < 5:
-        raise ValueError("the gear ratio or the profile is out of range")
+        raise RefusedError("the gear ratio or the profile is out of range")
     nominal_torque = motor.model.torque_unm(min(motor.max_voltage_mv, 7500))
     speed = motor.max_speed_deg_s * 1000
     return ControlSettings(

@@ -19,8 +19,19 @@ _TURNS_MAX = _ANGLE_MAX_MDEG // _TURN_MDEG - 1
 _INT32_MAX = 2**31 - 1
 
 
+class RefusedError(ValueError):
+    """A value that the firmware refuses."""
+
+
+class UnavailableError(OSError):
+    """A motor that cannot be used now (EBUSY, ENODEV)."""
+
+
 class InfeasibleMoveError(ArithmeticError):
     """Rounding put the phases of a move out of order; the firmware refuses the command."""
+
+
+FIRMWARE_ERRORS = (RefusedError, UnavailableError, InfeasibleMoveError)
 
 
 class TrajectoryCommand(NamedTuple):
@@ -141,7 +152,7 @@ def to_angle(command: TrajectoryCommand) -> Trajectory:
     duration is too long, InfeasibleMoveError if rounding leaves no trajectory."""
     distance = command.end - command.position
     if (abs(distance) - 1) // _TURN_MDEG >= _TURNS_MAX:
-        raise ValueError("the angle is too large for one move")
+        raise RefusedError("the angle is too large for one move")
     if command.target_speed == 0 or distance == 0:
         return Trajectory(command.time, command.position)
     forward = command._replace(
@@ -180,14 +191,14 @@ def for_time(command: TrajectoryCommand) -> Trajectory:
 def validate_speed(steps_per_unit: int, speed: int) -> None:
     """Raise ValueError for a speed limit that the firmware refuses."""
     if not 100 * 100 // steps_per_unit <= speed <= _SPEED_MAX * 100 // steps_per_unit:
-        raise ValueError("the speed limit is out of range")
+        raise RefusedError("the speed limit is out of range")
 
 
 def validate_acceleration(steps_per_unit: int, acceleration: int) -> None:
     """Raise ValueError for an acceleration limit that the firmware refuses."""
     low, high = _ACCELERATION_MIN * 1000 // steps_per_unit, _ACCELERATION_MAX * 1000 // steps_per_unit
     if not low <= acceleration <= high:
-        raise ValueError("the acceleration limit is out of range")
+        raise RefusedError("the acceleration limit is out of range")
 
 
 def _speed_gain(a: int, t: int) -> int:
@@ -253,7 +264,7 @@ def _forward_angle(command: TrajectoryCommand) -> Trajectory:
     if target == 0:
         return Trajectory(command.time, command.position)
     if trunc(angle * 100 / target) + (_ramp_time(-tr.w0, accel) if tr.w0 < 0 else 0) > _TIME_MAX:
-        raise ValueError("the move would take too long")
+        raise RefusedError("the move would take too long")
     tr.a0 = accel if tr.w0 < target else -accel
     tr.a2 = -decel
     # Angle at which the first ramp, extrapolated, has speed zero.
@@ -294,11 +305,11 @@ def _join_ramps(tr: Trajectory, origin: int, accel: int, keep_running: bool) -> 
 
 def _forward_time(command: TrajectoryCommand) -> Trajectory:
     if command.duration > _TIME_MAX:
-        raise ValueError("the duration is too long for one move")
+        raise RefusedError("the duration is too long for one move")
     tr, target, accel, decel = _start(command)
     tr.t3 = command.duration
     if _angle(target, tr.t3) > _ANGLE_MAX_MDEG:
-        raise ValueError("the move would turn too far")
+        raise RefusedError("the move would turn too far")
     strongest = max(accel, decel)
     if _ramp_time(tr.w0, accel) < -tr.t3:
         tr.w0 = -_speed_gain(accel, tr.t3)

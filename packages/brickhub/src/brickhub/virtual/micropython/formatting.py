@@ -8,9 +8,8 @@ import string
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
-from brickhub.virtual.memory import check_allocation
-from brickhub.virtual.micropython.float_text import format_float
-from brickhub.virtual.micropython.floats import int_from_float, to_single
+from brickhub.virtual.micropython.floats import format_float, int_from_float, to_single
+from brickhub.virtual.micropython.memory import check_allocation
 from brickhub.virtual.micropython.text import representation, text
 
 _DEFAULT_PRECISION = 6

@@ -13,15 +13,13 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
-from brickhub.virtual.memory import check_allocation
-from brickhub.virtual.micropython.byte_array import HubBytearray
-from brickhub.virtual.micropython.classes import is_native
 from brickhub.virtual.micropython.containers import HubDict, HubSet
-from brickhub.virtual.micropython.exceptions import CATCHABLE, SwitchedOff, reword
+from brickhub.virtual.micropython.exceptions import CATCHABLE, SwitchedOff, is_native, reword
 from brickhub.virtual.micropython.floats import SMALL_MAX, SMALL_MIN, int_from_float, read_float, to_single
 from brickhub.virtual.micropython.formatting import format_text, format_value, percent, to_number
-from brickhub.virtual.micropython.iterables import ITERABLE_FUNCTIONS, add_in_place, is_dropped
-from brickhub.virtual.micropython.sorting import sort
+from brickhub.virtual.micropython.iterables import ITERABLE_FUNCTIONS, add_in_place, is_dropped, sort
+from brickhub.virtual.micropython.memory import check_allocation
+from brickhub.virtual.micropython.streams import HubBytearray
 from brickhub.virtual.micropython.text import representation, text
 
 _EXACT_INT_MAX = 2**24

@@ -1,27 +1,110 @@
-"""Modules ``sys``, ``select``, ``io``, ``json``, ``errno``, ``gc`` and ``micropython`` of a hub."""
+"""Modules ``sys``, ``select``, ``io``, ``json``, ``errno``, ``gc`` and ``micropython`` of a hub.
+
+JSON is read as in ``extmod/modjson.c`` of MicroPython 1.26: commas and colons are spaces, any bracket closes.
+"""
 
 from __future__ import annotations
 
 import errno
 import json
+import re
 from collections.abc import Callable, Iterator
 from types import ModuleType
 from typing import Any
 
-from greenlet import GreenletExit
-
-from brickhub.errors import SceneError, WriteError
-from brickhub.virtual.console import Console
-from brickhub.virtual.host_stop import HostStop
-from brickhub.virtual.memory import BLOCK_BYTES
 from brickhub.virtual.micropython.builtins import cooked
 from brickhub.virtual.micropython.containers import HubDict
 from brickhub.virtual.micropython.exceptions import ERROR_NAMES, HubOSError, ProgramInterrupt
 from brickhub.virtual.micropython.floats import to_single
-from brickhub.virtual.micropython.json_text import read_json
+from brickhub.virtual.micropython.memory import BLOCK_BYTES
 from brickhub.virtual.micropython.numbers import module
-from brickhub.virtual.micropython.streams import BytesIO, IOBase, Stream, StringIO, as_bytes, part_of, write_text
+from brickhub.virtual.micropython.operators import to_float, to_int
+from brickhub.virtual.micropython.streams import BytesIO, Console, IOBase, Stream, StringIO, as_bytes, part_of, write_text
 from brickhub.virtual.micropython.text import format_traceback, representation, text
+
+_TOKEN = re.compile(
+    r"""[,:\ \t\n\r]*(?:
+        (?P<word>null|false|true)
+      | "(?P<text>(?:[^"\\]|\\.)*)"
+      | (?P<number>[-0-9][-+.eE0-9]*)
+      | (?P<open>[\[{])
+      | (?P<close>[\]}])
+    )""",
+    re.VERBOSE | re.DOTALL,
+)
+_WORDS = {"null": None, "false": False, "true": True}
+_ESCAPES = {"b": "\b", "f": "\f", "n": "\n", "r": "\r", "t": "\t"}
+_SPACES = " \t\n\r\v\f"
+_NO_KEY = object()
+
+
+def read_json(source: str) -> Any:
+    """Parse JSON. Raises ValueError as on the hub, OverflowError if a number needs more than 31 bits."""
+    parents: list[Any] = []
+    top: Any = None
+    key: Any = _NO_KEY
+    position = 0
+    while True:
+        token = _TOKEN.match(source, position)
+        if token is None:
+            raise _syntax_error()
+        position = token.end()
+        if token["close"]:
+            if top is None:
+                raise _syntax_error()
+            if not parents:
+                return _finished(top, source, position)
+            top = parents.pop()
+            continue
+        value, opens = _value(token), token["open"] is not None
+        if top is None:
+            if not opens:
+                return _finished(value, source, position)
+            top = value
+            continue
+        if isinstance(top, list):
+            top.append(value)
+        elif key is not _NO_KEY:
+            top[key], key = value, _NO_KEY
+        elif opens:
+            raise _syntax_error()
+        else:
+            key = value
+        if opens:
+            parents.append(top)
+            top = value
+
+
+def _value(token: re.Match[str]) -> Any:
+    if token["open"]:
+        return [] if token["open"] == "[" else HubDict()
+    if token["word"]:
+        return _WORDS[token["word"]]
+    number = token["number"]
+    if number is None:
+        return re.sub(r"\\(u.{4}|.)", _unescaped, token["text"], flags=re.DOTALL)
+    return to_float(float, number) if re.search("[.eE]", number) else to_int(int, number, 10)
+
+
+def _unescaped(escape: re.Match[str]) -> str:
+    text = escape[1]
+    if len(text) == 1:
+        return _ESCAPES.get(text, text)
+    try:
+        return chr(int(text[1:], 16))
+    except ValueError:
+        raise _syntax_error() from None
+
+
+def _finished(value: Any, source: str, position: int) -> Any:
+    if source[position:].strip(_SPACES):
+        raise _syntax_error()
+    return value
+
+
+def _syntax_error() -> ValueError:
+    return ValueError("syntax error in JSON")
+
 
 _POLLIN, _POLLOUT, _POLLERR, _POLLHUP = 1, 4, 8, 16
 _STDIN = 0
@@ -29,13 +112,6 @@ _CTRL_C = 3
 _ENOENT = 2
 _STACK_BYTES = 8 * 1024
 _FOREVER_MS = 1000  # polling interval
-
-
-def is_program_error(error: BaseException) -> bool:
-    """Whether the program raised it, not an external stop, a failing scene or a film that cannot be written."""
-    if isinstance(error, ProgramInterrupt):
-        return True
-    return not isinstance(error, HostStop | SceneError | WriteError | KeyboardInterrupt | GreenletExit)
 
 
 class Keyboard:
@@ -123,12 +199,14 @@ class TextIOWrapper(FileIO):
     def read(self, size: int = -1) -> str:
         """Read a number of characters."""
         self._tick()
-        return self._take(1 << 20).decode() if size < 0 else "".join(self._character() for _ in range(size))
-
-    def _character(self) -> str:
-        first = self._take(1)
-        others = (first >= b"\xc0") + (first >= b"\xe0") + (first >= b"\xf0")
-        return (first + self._take(others)).decode()
+        if size < 0:
+            return self._take(1 << 20).decode()
+        characters = ""
+        for _ in range(size):
+            first = self._take(1)
+            others = (first >= b"\xc0") + (first >= b"\xe0") + (first >= b"\xf0")
+            characters += (first + self._take(others)).decode()
+        return characters
 
     def readline(self, size: int = -1) -> str:
         return super().readline(size).decode()  # type: ignore[no-any-return]
@@ -174,12 +252,8 @@ class Poll:
         return iter(self.poll(timeout, flags))
 
     def _ready(self) -> list[tuple[FileIO, int]]:
-        ready = []
-        for stream, mask in self._streams.values():
-            events = stream.events() & mask
-            if events:
-                ready.append((stream, events))
-        return ready
+        streams = self._streams.values()
+        return [(stream, events) for stream, mask in streams if (events := stream.events() & mask)]
 
 
 Poll.__name__ = Poll.__qualname__ = "poll"
@@ -195,26 +269,20 @@ def sys_module(console: Console, keyboard: Keyboard, tick: Callable[[], None], v
     stdout = TextIOWrapper(1, console, keyboard, tick)
 
     def print_exception(error: object, file: Any = stdout) -> None:
-        if not isinstance(error, BaseException):
-            write_text(file, f"{representation(error)}\n")
-            return
-        write_text(file, format_traceback(error, ""))
+        write_text(file, format_traceback(error, "") if isinstance(error, BaseException) else f"{representation(error)}\n")
 
-    return module(
-        "sys",
-        {
-            "stdin": TextIOWrapper(0, console, keyboard, tick),
-            "stdout": stdout,
-            "stderr": TextIOWrapper(2, console, keyboard, tick),
-            "path": ["", ".frozen"],
-            "argv": [],
-            "version": f"3.4.0; Pybricks MicroPython v{version}",
-            "version_info": (3, 4, 0),
-            "implementation": ("micropython", (1, 26, 0, ""), machine, 0x2306),
-            "byteorder": "little",
-            "print_exception": print_exception,
-        },
-    )
+    names: dict[str, Any] = {
+        "stdin": TextIOWrapper(0, console, keyboard, tick),
+        "stdout": stdout,
+        "stderr": TextIOWrapper(2, console, keyboard, tick),
+        "path": ["", ".frozen"],
+        "argv": [],
+        "version": f"3.4.0; Pybricks MicroPython v{version}",
+        "version_info": (3, 4, 0),
+        "implementation": ("micropython", (1, 26, 0, ""), machine, 0x2306),
+        "byteorder": "little",
+    }
+    return module("sys", names, print_exception)
 
 
 def select_module(advance: Callable[[int], int], tick: Callable[[], None]) -> ModuleType:
@@ -269,35 +337,22 @@ def micropython_module(keyboard: Keyboard, console: Console, memory: Callable[[]
     def qstr_info(verbose: Any = None) -> None:
         console.write(cooked(b"qstr pool: n_pool=0, n_qstr=0, n_str_data_bytes=0, n_total_bytes=0\n"))
 
-    names: dict[str, Any] = {
-        "mem_info": mem_info,
-        "qstr_info": qstr_info,
-        "const": lambda value: value,
-        "kbd_intr": kbd_intr,
-        "opt_level": opt_level,
-    }
-    return module("micropython", {**names, "heap_lock": heap_lock, "heap_unlock": heap_unlock, "stack_use": lambda: 0})
+    names = {"const": lambda value: value, "stack_use": lambda: 0}
+    return module("micropython", names, mem_info, qstr_info, kbd_intr, opt_level, heap_lock, heap_unlock)
 
 
 def gc_module(memory: Callable[[], tuple[int, int]]) -> ModuleType:
-    state = {"on": True}
-    limit = [-1]
+    state = {"on": True, "limit": -1}
 
     def threshold(*size: int) -> int | None:
         if not size:
-            return limit[0]
-        limit[:] = size
+            return state["limit"]
+        (state["limit"],) = size
         return None
 
-    def switch(on: bool) -> Callable[[], None]:
-        def call() -> None:
-            state["on"] = on
-
-        return call
-
-    names: dict[str, Any] = {"enable": switch(True), "disable": switch(False), "isenabled": lambda: state["on"]}
-    names["threshold"] = threshold
-    return module("gc", {**names, "collect": lambda: None, "mem_alloc": lambda: memory()[0], "mem_free": lambda: memory()[1]})
+    names: dict[str, Any] = {"enable": lambda: state.update(on=True), "disable": lambda: state.update(on=False)}
+    names |= {"isenabled": lambda: state["on"], "mem_alloc": lambda: memory()[0], "mem_free": lambda: memory()[1]}
+    return module("gc", {**names, "collect": lambda: None}, threshold)
 
 
 def errno_module() -> ModuleType:
@@ -305,7 +360,7 @@ def errno_module() -> ModuleType:
 
 
 def io_module() -> ModuleType:
-    return module("io", {"BytesIO": BytesIO, "IOBase": IOBase, "StringIO": StringIO})
+    return module("io", {}, BytesIO, IOBase, StringIO)
 
 
 def json_module() -> ModuleType:
@@ -314,7 +369,8 @@ def json_module() -> ModuleType:
 
         def write(value: Any) -> str:
             if isinstance(value, dict):
-                return "{" + item.join(write_key(k) + key + write(v) for k, v in value.items()) + "}"
+                names = (write(name) if isinstance(name, str) else f'"{write(name)}"' for name in value)
+                return "{" + item.join(name + key + write(part) for name, part in zip(names, value.values(), strict=True)) + "}"
             if isinstance(value, list | tuple):
                 return "[" + item.join(map(write, value)) + "]"
             if value is None or isinstance(value, bool):
@@ -322,9 +378,6 @@ def json_module() -> ModuleType:
             if isinstance(value, bytes):
                 value = value.decode()
             return json.dumps(value, ensure_ascii=False) if isinstance(value, str) else text(value)
-
-        def write_key(name: Any) -> str:
-            return write(name) if isinstance(name, str) else f'"{write(name)}"'
 
         return write(value)
 
@@ -334,4 +387,4 @@ def json_module() -> ModuleType:
     def dump(value: Any, stream: Any, /, *, separators: tuple[str, str] | None = None) -> None:
         write_text(stream, dumps(value, separators=separators))
 
-    return module("json", {"dumps": dumps, "loads": loads, "dump": dump, "load": lambda stream: loads(stream.read())})
+    return module("json", {"load": lambda stream: loads(stream.read())}, dumps, loads, dump)

@@ -16,16 +16,12 @@ from types import (
 )
 from typing import Any
 
-from brickhub.virtual.micropython.byte_array import HubBytearray
-from brickhub.virtual.micropython.classes import FIRMWARE
-from brickhub.virtual.micropython.containers import DictView, HubDict, HubSet, Mapped
-from brickhub.virtual.micropython.exceptions import ERROR_NAMES, class_name
-from brickhub.virtual.micropython.float_text import float_text, shortest_text
-from brickhub.virtual.micropython.hash_table import TableIterator
+from brickhub.virtual.micropython.containers import DictView, HubDict, HubSet, Mapped, TableIterator
+from brickhub.virtual.micropython.exceptions import ERROR_NAMES, FIRMWARE, class_name
+from brickhub.virtual.micropython.floats import float_text, format_float
+from brickhub.virtual.micropython.streams import HubBytearray
 
 _ESCAPES = {ord("\n"): "\\n", ord("\r"): "\\r", ord("\t"): "\\t", ord("\\"): "\\\\"}
-
-
 _PLAIN = (BaseException.__str__, OSError.__str__, KeyError.__str__, SyntaxError.__str__)
 
 
@@ -64,9 +60,7 @@ def representation(value: object) -> str:
     if isinstance(value, BaseException) and kind.__repr__ is BaseException.__repr__:
         return f"{class_name(kind)}{representation(value.args)}"
     if isinstance(value, type):
-        if kind.__repr__ is not type.__repr__:
-            return repr(value)
-        return f"<class '{type_name(value)}'>"
+        return repr(value) if kind.__repr__ is not type.__repr__ else f"<class '{type_name(value)}'>"
     if kind.__repr__ is object.__repr__:
         is_native = kind.__module__.startswith(FIRMWARE)
         return f"<{kind.__name__}>" if is_native else f"<{kind.__name__} object at {_address(value)}>"
@@ -76,9 +70,8 @@ def representation(value: object) -> str:
     return _REPRESENTATIONS[native](_COPIES[native](value))
 
 
-_ITERATORS: set[type] = {type(iter(kind())) for kind in (list, tuple, str, bytes, bytearray)} | {
-    type(iter(range(0))), type(iter("\u00e4")), TableIterator, Mapped
-}  # fmt: skip
+_ITERATORS: set[type] = {type(iter(kind())) for kind in (list, tuple, str, bytes, bytearray)}
+_ITERATORS |= {type(iter(range(0))), type(iter("\u00e4")), TableIterator, Mapped}
 _REVERSED: list[type] = [reversed, type(reversed([]))]
 _TYPE_NAMES: dict[type, str] = {
     **dict.fromkeys(_ITERATORS, "iterator"),
@@ -122,9 +115,7 @@ def _exception_text(error: BaseException) -> str:
     args = (error.msg,) if isinstance(error, SyntaxError) else error.args
     if isinstance(error, OSError) and 0 < len(args) < 3 and args[0] in ERROR_NAMES:
         return f"[Errno {args[0]}] {ERROR_NAMES[args[0]]}" + (f": {text(args[1])}" if len(args) == 2 else "")
-    if not args:
-        return ""
-    return text(args[0]) if len(args) == 1 else representation(args)
+    return "" if not args else text(args[0]) if len(args) == 1 else representation(args)
 
 
 def _quoted(codes: Iterable[int], quote: str) -> str:
@@ -143,10 +134,6 @@ def _quoted(codes: Iterable[int], quote: str) -> str:
     return quote + "".join(out) + quote
 
 
-def _str(value: Any) -> str:
-    return _quoted(map(ord, value), '"' if "'" in value and '"' not in value else "'")
-
-
 def _bytes(value: Any) -> str:
     return "b" + _quoted(value, '"' if b"'" in value and b'"' not in value else "'")
 
@@ -155,23 +142,15 @@ def _joined(values: Iterable[object]) -> str:
     return ", ".join(map(representation, values))
 
 
-def _tuple(value: Any) -> str:
-    return f"({_joined(value)},)" if len(value) == 1 else f"({_joined(value)})"
-
-
 def _dict(value: Any) -> str:
     return "{" + ", ".join(f"{representation(k)}: {representation(v)}" for k, v in value.items()) + "}"
 
 
-def _range(value: Any) -> str:
-    return f"range({value.start}, {value.stop}" + (")" if value.step == 1 else f", {value.step})")
-
-
 def _complex(value: complex) -> str:
+    real, imaginary = (format_float(part, "g", None) for part in (value.real, value.imag))
     if value.real == 0:
-        return shortest_text(value.imag) + "j"
-    sign = "" if value.imag < 0 else "+"
-    return f"({shortest_text(value.real)}{sign}{shortest_text(value.imag)}j)"
+        return f"{imaginary}j"
+    return f"({real}{'' if value.imag < 0 else '+'}{imaginary}j)"
 
 
 def _method(value: Any) -> str:
@@ -179,7 +158,7 @@ def _method(value: Any) -> str:
 
 
 _REPRESENTATIONS: dict[type, Callable[[Any], str]] = {
-    str: _str,
+    str: lambda v: _quoted(map(ord, v), '"' if "'" in v and '"' not in v else "'"),
     bytes: _bytes,
     HubBytearray: lambda v: f"bytearray({_bytes(v)})",
     int: int.__repr__,
@@ -189,11 +168,11 @@ _REPRESENTATIONS: dict[type, Callable[[Any], str]] = {
     type(None): lambda v: "None",
     type(...): lambda v: "Ellipsis",
     list: lambda v: f"[{_joined(v)}]",
-    tuple: _tuple,
+    tuple: lambda v: f"({_joined(v)},)" if len(v) == 1 else f"({_joined(v)})",
     HubDict: _dict,
     dict: lambda v: _dict({name: value for name, value in v.items() if name not in ("__builtins__", "__doc__")}),
     HubSet: lambda v: "{" + _joined(v) + "}" if v else "set()",
-    range: _range,
+    range: lambda v: f"range({v.start}, {v.stop}" + (")" if v.step == 1 else f", {v.step})"),
     object: lambda v: "<object>",
     DictView: lambda v: f"dict_{v.kind}([{_joined(v)}])",
     GeneratorType: lambda v: f"<generator object '{v.__name__}' at {_address(v)}>",

@@ -5,12 +5,11 @@ from __future__ import annotations
 from types import ModuleType
 
 from brickhub.robot import HubKind
-from brickhub.virtual.call_stack import check_of_calls, most_nested_calls
-from brickhub.virtual.console import Console
-from brickhub.virtual.heap import Heap
 from brickhub.virtual.interpreter import Modules
 from brickhub.virtual.machine import Machine
+from brickhub.virtual.micropython.memory import Heap, check_of_calls, most_nested_calls
 from brickhub.virtual.micropython.numbers import math_module, module, random_module, struct_module
+from brickhub.virtual.micropython.streams import Console
 from brickhub.virtual.micropython.system import (
     Keyboard,
     errno_module,
@@ -25,7 +24,7 @@ from brickhub.virtual.pybricks.context import Context
 from brickhub.virtual.pybricks.hubs import hubs_module
 from brickhub.virtual.pybricks.iodevices import iodevices_module
 from brickhub.virtual.pybricks.messaging import messaging_module
-from brickhub.virtual.pybricks.parameters import Parameters
+from brickhub.virtual.pybricks.parameters import parameters_module, ports
 from brickhub.virtual.pybricks.pupdevices import pupdevices_module
 from brickhub.virtual.pybricks.robotics import robotics_module
 from brickhub.virtual.pybricks.tools import tools_module
@@ -56,15 +55,14 @@ def modules(machine: Machine, console: Console) -> Modules:
     """
     hub = machine.robot.hub
     machine.runs_program = True
-    context = Context(machine, console)
+    context = Context(machine, console, ports(hub.model))
     has_display = hub is HubKind.PRIME
-    parameters = Parameters(hub.model, has_display)
     messaging = messaging_module(context)
     pybricks = {
         "hubs": hubs_module(context, hub),
-        "parameters": parameters.module(),
-        "pupdevices": pupdevices_module(context, parameters),
-        "iodevices": iodevices_module(context, parameters),
+        "parameters": parameters_module(context, has_display),
+        "pupdevices": pupdevices_module(context),
+        "iodevices": iodevices_module(context),
         "robotics": robotics_module(context),
         "tools": tools_module(context, has_display, messaging.AppData),
         "messaging": messaging,

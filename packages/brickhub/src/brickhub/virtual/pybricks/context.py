@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import errno
 import functools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any, TypeVar
+from types import FunctionType
+from typing import Any
 
-from brickhub.virtual.console import Console
-from brickhub.virtual.firmware.trajectory import InfeasibleMoveError
+from brickhub.virtual.firmware.trajectory import FIRMWARE_ERRORS, RefusedError, UnavailableError
 from brickhub.virtual.machine import Machine
-from brickhub.virtual.micropython.exceptions import HubOSError
+from brickhub.virtual.micropython.exceptions import HubOSError, is_native
+from brickhub.virtual.micropython.streams import Console
 
 _HINTS = """--> Check the line in your script that matches
     the line number given in the 'Traceback' above.
@@ -48,14 +49,15 @@ def firmware_errors() -> Iterator[None]:
     """Convert errors of the motor control to the firmware's."""
     try:
         yield
-    except HubOSError:
-        raise
-    except InfeasibleMoveError:
-        raise RuntimeError("Unknown error") from None
-    except ValueError:
-        raise ValueError("Invalid argument") from None
-    except OSError as error:
-        raise os_error(error.errno or errno.EPERM) from None
+    except FIRMWARE_ERRORS as error:
+        raise _of_hub(error) from None
+
+
+def _of_hub(error: Exception) -> Exception:
+    """The firmware's error for one of the motor control."""
+    if isinstance(error, UnavailableError):
+        return os_error(error.errno or errno.EPERM)
+    return ValueError("Invalid argument") if isinstance(error, RefusedError) else RuntimeError("Unknown error")
 
 
 def get_int(value: Any) -> int:
@@ -63,6 +65,8 @@ def get_int(value: Any) -> int:
     if type(value) is int:
         return value
     if isinstance(value, int | float):
+        if value != value:
+            raise ValueError("Invalid argument")
         return int(value)
     raise TypeError(f"can't convert {type(value).__name__} to int")
 
@@ -256,46 +260,66 @@ class Awaited:
 
 
 class Context:
-    """One program on one machine."""
+    """One program on one machine. ``ports``: its class ``Port``, with the ports of the hub."""
 
-    def __init__(self, machine: Machine, console: Console) -> None:
-        self.machine = machine
-        self.console = console
+    def __init__(self, machine: Machine, console: Console, ports: type[Any]) -> None:
+        self.machine, self.console, self.ports = machine, console, ports
         self.loop = RunLoop(machine)
 
+    def port_letter(self, port: Any) -> str:
+        """Letter of a ``Port``. Raises TypeError for another value."""
+        expect_type(port, self.ports)
+        return str(port._name)
 
-_Class = TypeVar("_Class", bound=type)
+
+class Native:
+    """Object of the firmware, of a class that :func:`bind` made for one program.
+
+    A call of a public method takes no simulated time, but is counted to end busy loops; errors of the motor control become the
+    firmware's.
+    """
+
+    _context: Context
+    _machine: Machine
+    _loop: RunLoop
+
+    def __init_subclass__(cls) -> None:
+        for name, method in list(vars(cls).items()) if is_native(cls) else ():
+            if isinstance(method, FunctionType) and not name.startswith("_"):
+                setattr(cls, name, _counted(method))
 
 
-def bind(kind: _Class, context: Context) -> _Class:
-    """A subclass for one program, whose objects know the machine."""
-    subclass = type(kind.__name__, (kind,), {"_context": context, "_loop": context.loop, "_machine": context.machine})
-    subclass.__qualname__, subclass.__module__ = kind.__qualname__, kind.__module__
-    return subclass  # type: ignore[return-value]
+def _counted(method: Callable[..., Any]) -> Callable[..., Any]:
+    @functools.wraps(method)
+    def call(self: Any, *args: Any, **kwargs: Any) -> Any:
+        self._machine.charge_call()
+        try:
+            return method(self, *args, **kwargs)
+        except FIRMWARE_ERRORS as error:
+            raise _of_hub(error) from None
+
+    return call
+
+
+def bind(context: Context, kind: type, *hidden: str) -> Any:
+    """A subclass for one program, whose objects know the machine, without the ``hidden`` attributes."""
+    names = {"_context": context, "_loop": context.loop, "_machine": context.machine, **{name: _Absent() for name in hidden}}
+    return type(kind.__name__, (kind,), {**names, "__qualname__": kind.__qualname__, "__module__": kind.__module__})
+
+
+def classes(context: Context, kinds: Iterable[type]) -> dict[str, Any]:
+    """:func:`bind` for several classes, by name."""
+    return {kind.__name__: bind(context, kind) for kind in kinds}
 
 
 class _Absent:
     """An attribute that a kind of hub lacks."""
 
-    def __init__(self, name: str) -> None:
+    def __set_name__(self, kind: type, name: str) -> None:
         self._name = name
 
     def __get__(self, instance: Any, kind: type) -> Any:
         raise AttributeError(f"'{kind.__name__}' object has no attribute '{self._name}'")
 
-
-def hide_attributes(kind: type, *names: str) -> None:
-    """Hide inherited attributes of a class."""
-    for name in names:
-        setattr(kind, name, _Absent(name))
-
-
-def charged(method: Callable[..., Any]) -> Callable[..., Any]:
-    """A method that takes no simulated time, counted to end busy loops."""
-
-    @functools.wraps(method)
-    def call(self: Any, *args: Any, **kwargs: Any) -> Any:
-        self._machine.charge_call()
-        return method(self, *args, **kwargs)
-
-    return call
+    def __set__(self, instance: Any, value: Any) -> None:
+        """Without effect."""

@@ -18,7 +18,7 @@ from typing import Any
 from brickhub.hub.diagnostics.devices import MOTOR_IDS, SENSOR_IDS, ULTRASONIC_ID
 from brickhub.robot import MotorKind, SensorKind, UltrasonicSensor
 from brickhub.virtual.machine import Machine
-from brickhub.virtual.pybricks.colors import nearest
+from brickhub.virtual.pybricks.parameters import nearest
 from brickhub.virtual.stimuli import Hsv, Sense, brightness_pct, color, number, pitch_and_roll, reflection_pct
 
 MAX_FORCE_MN = 10_000

@@ -1,4 +1,7 @@
-"""``hub.imu``."""
+"""``hub.imu``: gyroscope and accelerometer, and the accelerometer of the Move hub.
+
+The latter computes with integers (``pb_type_movehub.c``, v4).
+"""
 
 from __future__ import annotations
 
@@ -6,10 +9,10 @@ import math
 from typing import Any
 
 from brickhub.virtual.body import FittingBody
-from brickhub.virtual.firmware.heading import GyroHeading
+from brickhub.virtual.firmware.drive_base import GyroHeading
 from brickhub.virtual.micropython.exceptions import HubOSError
 from brickhub.virtual.micropython.floats import to_single
-from brickhub.virtual.pybricks.context import Context, charged, get_array, get_number
+from brickhub.virtual.pybricks.context import Native, get_array, get_int, get_number
 from brickhub.virtual.pybricks.matrix import Matrix, vector
 from brickhub.virtual.pybricks.parameters import Axis, Side
 
@@ -69,18 +72,17 @@ def _dot(a: _Vector, b: _Vector) -> float:
     return sum(x * y for x, y in zip(a, b, strict=True))
 
 
-class IMU:
+class IMU(Native):
     """Gyroscope and accelerometer, in the robot's frame as defined by ``top_side`` and ``front_side``."""
 
-    def __init__(self, context: Context) -> None:
-        self._machine = context.machine
+    def __init__(self) -> None:
         body = self._machine.body
         self._bench = body if isinstance(body, FittingBody) else None
         self._settings: dict[str, Any] = dict(zip(_NAMES, _DEFAULTS, strict=True))
         self._turned_ms: int | None = None
-        self.orient(Axis.Z, Axis.X)
+        self._orient(Axis.Z, Axis.X)
 
-    def orient(self, top_side: Any, front_side: Any) -> None:
+    def _orient(self, top_side: Any, front_side: Any) -> None:
         """Set the directions of the hub's top and front in the robot's frame, and the heading to 0. Raises ValueError if they are
         not at right angles."""
         front, top = _axis(front_side), _axis(top_side)
@@ -105,7 +107,6 @@ class IMU:
             self._bench.find_wheels({port: servo.direction for port, servo in self._machine.servos.items()})
         return self._machine.heading
 
-    @charged
     def tilt(self, calibrated: Any = True) -> tuple[float, float]:
         pitch, roll = self._machine.body.tilt_deg()
         if not (calibrated and self._is_aligned):
@@ -117,28 +118,23 @@ class IMU:
             self._machine.log.read(("pitch_deg", "roll_deg"), tilt)
         return tilt
 
-    @charged
     def up(self, calibrated: Any = True) -> Any:
         return side_up(self._gravity_in_hub() if calibrated else self._machine.body.acceleration_mm_s2())
 
-    @charged
     def acceleration(self, axis: Any = None, calibrated: Any = True) -> Any:
         force = self._machine.body.acceleration_mm_s2()
         return _along(self._in_robot_frame(self._corrected(force) if calibrated else force), axis)
 
-    @charged
     def angular_velocity(self, axis: Any = None, calibrated: Any = True) -> Any:
         rates = self._heading.rates_deg_s(calibrated=bool(calibrated))
         return _along(self._in_robot_frame(rates), axis)
 
-    @charged
     def heading(self) -> float:
         heading_deg = to_single(self._heading.angle_deg())
         if self._machine.log is not None:
             self._machine.log.read(("heading_deg",), heading_deg)
         return heading_deg
 
-    @charged
     def reset_heading(self, angle: Any) -> None:
         if any(base.needs_gyro for base in self._machine.drive_bases):
             raise HubOSError("Can't reset heading while gyro in use. Stop driving first.")
@@ -146,11 +142,9 @@ class IMU:
             raise TypeError(f"can't convert {type(angle).__name__} to float")
         self._heading.set_angle(angle)
 
-    @charged
     def rotation(self, axis: Any = None, calibrated: Any = True) -> float:
         return _project(self._in_robot_frame(self._heading.rotation_deg(calibrated=bool(calibrated))), axis)
 
-    @charged
     def orientation(self) -> Any:
         pitch, roll = (math.radians(a) for a in self._machine.body.tilt_deg())
         yaw = -math.radians(self._heading.yaw_deg())
@@ -163,11 +157,9 @@ class IMU:
             ]
         )
 
-    @charged
     def ready(self) -> bool:
         return True
 
-    @charged
     def stationary(self) -> bool:
         """Whether the hub has been at rest for a second, its motors coasting. It rests while no motor drives it and it is not
         seen to turn."""
@@ -178,7 +170,6 @@ class IMU:
         rests = not moved_ms or self._machine.time_ms - max(moved_ms) >= _REST_MS
         return rests and all(servo.is_coasting for servo in servos)
 
-    @charged
     def settings(
         self,
         angular_velocity_threshold: Any = None,
@@ -240,3 +231,75 @@ def _check_deviation(values: tuple[float, ...], nominal: tuple[float, ...], max_
 
 def _to_singles(value: Any) -> Any:
     return tuple(map(to_single, value)) if isinstance(value, tuple) else to_single(value)
+
+
+_COUNTS_PER_G, _G_MM_S2 = 64, 9806.65  # of the sensor (LIS3DH) at 2 g, 8 bits
+_MM_S2_PER_COUNT = 158
+_ARC_TANGENTS = (
+    (0, 0),
+    (409, 178),
+    (972, 348),
+    (1638, 472),
+    (2560, 545),
+    (3891, 605),
+    (5120, 632),
+    (7168, 660),
+    (15360, 692),
+    (25600, 705),
+)
+"""1024 times a ratio, and 8 times its arc tangent in degrees (``pbio/int_math.c``)."""
+
+
+class Accelerometer(Native):
+    """Accelerometer in the robot's frame, as defined by ``top_side`` and ``front_side``."""
+
+    def __init__(self) -> None:
+        self._orient(3, 1)
+
+    def _orient(self, top_side: Any, front_side: Any) -> None:
+        """Set the axes, 1 to 3 or negative, along which top and front of the hub are in the robot. Raises ValueError if they are
+        not at right angles."""
+        top, front = get_int(top_side), get_int(front_side)
+        axes = {abs(top), abs(front)}
+        if len(axes) < 2 or not axes <= {1, 2, 3}:
+            raise ValueError("Invalid argument")
+        (left,) = {1, 2, 3} - axes
+        follows = (abs(front) - abs(top)) % 3 == 1
+        self._axes = front, left if follows is (top * front > 0) else -left, top
+        if isinstance(self._machine.body, FittingBody):
+            x, y, z = (float((axis == 3) - (axis == -3)) for axis in self._axes)
+            self._machine.body.mount((x, y, z))
+
+    def up(self) -> Any:
+        x, y, z = self._counts()
+        return side_up((x, y, z))
+
+    def acceleration(self) -> tuple[int, ...]:
+        return tuple(count * _MM_S2_PER_COUNT for count in self._in_robot_frame())
+
+    def tilt(self) -> tuple[int, int]:
+        x, y, z = self._in_robot_frame()
+        return _atan2_deg(-x, math.isqrt(z * z + y * y)), _atan2_deg(y, z)
+
+    def _counts(self) -> list[int]:
+        force = self._machine.body.acceleration_mm_s2()
+        return [max(-128, min(127, math.floor(part * _COUNTS_PER_G / _G_MM_S2))) for part in force]
+
+    def _in_robot_frame(self) -> list[int]:
+        values = {abs(axis): count if axis > 0 else -count for axis, count in zip(self._axes, self._counts(), strict=True)}
+        return [values[axis] for axis in (1, 2, 3)]
+
+
+def _atan2_deg(y: int, x: int) -> int:
+    """Arc tangent in whole degrees, as the firmware interpolates it."""
+    if y == 0:
+        return 0 if x > 0 else -180
+    if x == 0:
+        return 90 if y > 0 else -90
+    ratio = abs(1024 * y) // abs(x)
+    pairs = zip(_ARC_TANGENTS, _ARC_TANGENTS[1:], strict=False)
+    eighths = next((a + (ratio - r) * (b - a) // (s - r) for (r, a), (s, b) in pairs if ratio < s), _ARC_TANGENTS[-1][1])
+    angle = eighths // 8 if (x > 0) == (y > 0) else -(eighths // 8)
+    if x > 0:
+        return angle
+    return angle - 180 if angle > 0 else angle + 180

@@ -11,17 +11,15 @@ from typing import Any
 from brickhub.hub.diagnostics.devices import DC_MOTOR_ID, MOTOR_IDS, NOTHING, device_id
 from brickhub.robot import HubKind, PoweredUpSensor, SensorKind, UltrasonicSensor
 from brickhub.virtual.body import FittingBody
-from brickhub.virtual.console import Console
 from brickhub.virtual.machine import Machine
-from brickhub.virtual.micropython.byte_array import HubBytearray
 from brickhub.virtual.micropython.containers import HubDict
 from brickhub.virtual.micropython.numbers import module
+from brickhub.virtual.micropython.streams import Console, HubBytearray
 from brickhub.virtual.pybricks.context import (
     Awaited,
     Context,
-    RunLoop,
-    bind,
-    charged,
+    Native,
+    classes,
     get_array,
     get_exact_int,
     get_int,
@@ -29,9 +27,8 @@ from brickhub.virtual.pybricks.context import (
     os_error,
 )
 from brickhub.virtual.pybricks.device_modes import MODES, STALE_MS, first_mode, reports_angle
-from brickhub.virtual.pybricks.parameters import Parameters
 from brickhub.virtual.pybricks.pupsensors import SEND_MS, WRITE_MS, Device
-from brickhub.virtual.pybricks.wireless import LWP3Device, XboxController, wireless
+from brickhub.virtual.pybricks.wireless import LWP3Device, XboxController
 
 _BITS_PER_BYTE = 10  # with start and stop bit
 _WARNING = b"Custom electronics may damage your LEGO hub. Proceed at your own risk.\r\nPress Y to proceed. Press N to cancel.\r\n"
@@ -48,12 +45,10 @@ class PUPDevice(Device):
         self._switch_ms = STALE_MS.get(self._id, 0)
         return device is not None
 
-    @charged
     def info(self) -> dict[str, Any]:
         modes = tuple((mode.name, mode.count, int(mode.data_type)) for mode in self._modes)
         return HubDict(id=self._id, modes=modes) if modes else HubDict(id=self._id)
 
-    @charged
     def reset(self) -> None:
         """Reset to the state after plugging in."""
         self._expect_modes()
@@ -115,45 +110,36 @@ def _device_id(machine: Machine, port: str) -> int | None:
     return device_id(UltrasonicSensor("it", port) if is_ultrasonic else PoweredUpSensor("it", port, SensorKind(plugged_in)))
 
 
-class UARTDevice:
+class UARTDevice(Native):
     """UART on a port, with nothing at the other end.
 
     An abandoned transfer, such as a read that lost a race, keeps it busy until ``clear()``.
     """
 
-    _context: Context
-    _loop: RunLoop
-    _parameters: Parameters
-
     def __init__(self, port: Any, baudrate: Any = 115200, timeout: Any = None, power_pin: Any = 0) -> None:
-        self._machine = self._context.machine
         self._timeout_ms = None if timeout is None else get_int(timeout)
         if self._timeout_ms is not None and self._timeout_ms < 1:
             raise ValueError("Invalid argument")
-        self._parameters.port_letter(port)
+        self._context.port_letter(port)
         self.set_baudrate(baudrate)
         _ask_for_power(get_int(power_pin), self._context.console)
         self._busy: set[str] = set()
         self._awaits_pattern = False
         self._reads, self._writes = Awaited(self._loop), Awaited(self._loop)
 
-    @charged
     def set_baudrate(self, baudrate: Any) -> None:
         rate = get_int(baudrate)
         if rate < 1:
             raise ValueError("Invalid argument")
         self._bits_per_s = rate
 
-    @charged
     def read(self, length: Any = 1) -> Any:
         duration_ms = math.inf if get_int(length) > 0 else 0.0
         return self._reads.finish(self._transfer("read", duration_ms), lambda: b"", poll_ms=1)
 
-    @charged
     def read_all(self) -> bytes:
         return b""
 
-    @charged
     def write(self, data: Any) -> Any:
         content = data.encode() if isinstance(data, str) else data
         if type(content) not in (bytes, HubBytearray):
@@ -161,11 +147,9 @@ class UARTDevice:
         duration_ms = len(content) * _BITS_PER_BYTE * 1000 / self._bits_per_s
         return self._writes.finish(self._transfer("write", duration_ms), poll_ms=1)
 
-    @charged
     def waiting(self) -> int:
         return 0
 
-    @charged
     def wait_until(self, pattern: Any) -> Any:
         if self._awaits_pattern:
             raise os_error(errno.EBUSY)
@@ -174,7 +158,6 @@ class UARTDevice:
         self._awaits_pattern = True
         return self._reads.finish(lambda: False, poll_ms=1)
 
-    @charged
     def clear(self) -> None:
         self._busy.clear()
 
@@ -215,11 +198,7 @@ def _ask_for_power(pin: int, console: Console) -> None:
     console.write(answer + b". Port power may be enabled.\r\n")
 
 
-def iodevices_module(context: Context, parameters: Parameters) -> ModuleType:
+def iodevices_module(context: Context) -> ModuleType:
     has_xbox = context.machine.robot.hub is not HubKind.CITY
-    names: dict[str, Any] = wireless((LWP3Device, XboxController) if has_xbox else (LWP3Device,), context)
-    for kind in (PUPDevice, UARTDevice):
-        subclass: Any = bind(kind, context)
-        subclass._parameters = parameters
-        names[kind.__name__] = subclass
-    return module("iodevices", names)
+    kinds = (PUPDevice, UARTDevice, LWP3Device, *((XboxController,) if has_xbox else ()))
+    return module("iodevices", classes(context, kinds))

@@ -10,12 +10,10 @@ from typing import Any
 from brickhub.robot import PoweredUpSensor, SensorKind
 from brickhub.robot import UltrasonicSensor as Ultrasonic
 from brickhub.virtual.body import SensingBody
-from brickhub.virtual.machine import Machine
 from brickhub.virtual.micropython.floats import to_single
-from brickhub.virtual.pybricks.colors import nearest
-from brickhub.virtual.pybricks.context import RunLoop, expect_type, get_array, get_int, get_number, os_error
+from brickhub.virtual.pybricks.context import Native, expect_type, get_array, get_int, get_number, os_error
 from brickhub.virtual.pybricks.device_modes import MAX_FORCE_MN, Plug
-from brickhub.virtual.pybricks.parameters import NAMED_COLORS, Color, Direction, Parameters
+from brickhub.virtual.pybricks.parameters import NAMED_COLORS, Color, Direction, nearest
 from brickhub.virtual.run_log import RunLog
 from brickhub.virtual.stimuli import Sense, reflection_pct
 
@@ -26,23 +24,20 @@ SEND_MS = 250
 WRITE_MS = 11  # above the 10 ms of lego_device_data_set_delay
 
 
-class Device:
+class Device(Native):
     """A device on a port.
 
     Measurements depend on the mode. After a mode change values are stale for ``_switch_ms`` (``lego_device_stale_data_delay``),
     and reads wait that long.
     """
 
-    _machine: Machine
-    _loop: RunLoop
-    _parameters: Parameters
     _kind: SensorKind
     _mode = ""
     _switch_ms = 0
 
     def __init__(self, port: Any) -> None:
         self._loop.assert_blocking()
-        self._letter = self._parameters.port_letter(port)
+        self._letter = self._context.port_letter(port)
         if not self._is_plugged_in():
             raise os_error(errno.ENODEV)
         self._machine.modes[self._letter] = self._mode
@@ -56,7 +51,6 @@ class Device:
 
     def _measure(self, mode: str, get: Callable[[], Any], *quantities: str) -> Any:
         """Value of ``get`` in a mode of the device; ``quantities`` are its parts' names in the log of the run."""
-        self._machine.charge_call()
         if self._machine.log is not None:
             get = partial(self._logged, self._machine.log, get, quantities)
         previous_mode = self._machine.modes[self._letter]
@@ -74,17 +68,15 @@ class Device:
 
     def _write(self, mode: str, duration_ms: int = WRITE_MS) -> Any:
         """Command without a visible effect; waits until it is done."""
-        self._machine.charge_call()
         self._machine.modes[self._letter] = mode
         return self._loop.wait_until(self._machine.time_ms + duration_ms)
 
 
-class LightArray:
+class LightArray(Native):
     """Lights around the eye of a sensor, without effect; values are checked."""
 
     def __init__(self, device: Device, count: int) -> None:
-        self._device = device
-        self._count = count
+        self._device, self._machine, self._count = device, device._machine, count
 
     def on(self, brightness: Any = 100) -> Any:
         values = brightness if isinstance(brightness, list | tuple) else (brightness,) * self._count
@@ -101,11 +93,11 @@ class LightArray:
 LightArray.__name__ = ""  # as in the firmware
 
 
-class ColorLight:
+class ColorLight(Native):
     """The light of the color and distance sensor."""
 
     def __init__(self, device: Device) -> None:
-        self._device = device
+        self._device, self._machine = device, device._machine
 
     def on(self, color: Any) -> Any:
         expect_type(color, Color)
@@ -148,7 +140,6 @@ class _ColorDevice(Device):
         self._detectable: Any = tuple(NAMED_COLORS[name] for name in ("RED", "YELLOW", "GREEN", "BLUE", "WHITE", "NONE"))
 
     def detectable_colors(self, colors: Any = None) -> Any:
-        self._machine.charge_call()
         if colors is None:
             return self._detectable
         for candidate in get_array(colors):
@@ -268,11 +259,10 @@ class Light(Device):
     _kind = SensorKind.LIGHT
 
     def on(self, brightness: Any = 100) -> None:
-        self._machine.charge_call()
         get_int(brightness)
 
     def off(self) -> None:
-        self._machine.charge_call()
+        """Without effect."""
 
 
 class ColorLightMatrix(Device):
@@ -290,7 +280,7 @@ class ColorLightMatrix(Device):
         return self._write("PIX O")
 
 
-class PFMotor:
+class PFMotor(Native):
     """Power Functions motor, commanded by a color and distance sensor with infrared light; without effect."""
 
     def __init__(self, sensor: Any, channel: Any, color: Any, positive_direction: Any = Direction.CLOCKWISE) -> None:
@@ -301,20 +291,16 @@ class PFMotor:
         if color.h not in (NAMED_COLORS["BLUE"].h, NAMED_COLORS["RED"].h):
             raise ValueError("Invalid argument")
         expect_type(positive_direction, Direction)
-        self._sensor = sensor
+        self._sensor, self._machine = sensor, sensor._machine
 
     def dc(self, duty: Any) -> Any:
         get_int(duty)
-        return self._send()
+        return self._sensor._write("IR Tx", SEND_MS)
 
     def stop(self) -> Any:
-        return self._send()
-
-    def brake(self) -> Any:
-        return self._send()
-
-    def _send(self) -> Any:
         return self._sensor._write("IR Tx", SEND_MS)
+
+    brake = stop
 
 
 DEVICES: tuple[type[Device], ...] = (

@@ -8,42 +8,34 @@ from types import FunctionType, ModuleType
 from typing import Any
 
 from brickhub.errors import TwinError
-from brickhub.virtual.machine import Machine
 from brickhub.virtual.micropython.iterables import close
 from brickhub.virtual.micropython.numbers import module
-from brickhub.virtual.pybricks.context import Async, Context, RunLoop, bind, get_int
-from brickhub.virtual.pybricks.hub_parts import LightMatrix
+from brickhub.virtual.pybricks.context import Async, Context, Native, RunLoop, bind, get_int
+from brickhub.virtual.pybricks.hubs import LightMatrix
 from brickhub.virtual.pybricks.matrix import Matrix, cross, vector
 from brickhub.virtual.pybricks.parameters import Axis
 
 
-class StopWatch:
+class StopWatch(Native):
     """Time in ms since construction or reset, without pauses."""
-
-    _machine: Machine
 
     def __init__(self, *_unused: Any, **_named: Any) -> None:
         self._start = self._machine.time_ms
         self._pause: int | None = None
 
     def time(self) -> int:
-        machine = self._machine
-        machine.charge_call()
-        return (machine.time_ms if self._pause is None else self._pause) - self._start
+        return (self._machine.time_ms if self._pause is None else self._pause) - self._start
 
     def pause(self) -> None:
-        self._machine.charge_call()
         if self._pause is None:
             self._pause = self._machine.time_ms
 
     def resume(self) -> None:
-        self._machine.charge_call()
         if self._pause is not None:
             self._start += self._machine.time_ms - self._pause
             self._pause = None
 
     def reset(self) -> None:
-        self._machine.charge_call()
         self._start = self._machine.time_ms
         if self._pause is not None:
             self._pause = self._start
@@ -150,23 +142,18 @@ def tools_module(context: Context, has_display: bool, app_data: type[Any]) -> Mo
         return _menu(context, entries)
 
     names: dict[str, Any] = {"wait": wait, "run_task": run_task, "read_input_byte": read_input_byte, "AppData": app_data}
-    names.update(
-        {"StopWatch": bind(StopWatch, context), "multitask": bind(Task, context)}, **_geometry(machine.robot.hub.model.has_float)
-    )
+    names |= {"StopWatch": bind(context, StopWatch), "multitask": bind(context, Task)}
+    names |= {"Matrix": Matrix, "vector": vector, "cross": cross, "Axis": Axis} if machine.robot.hub.model.has_float else {}
     if has_display:
         names["hub_menu"] = hub_menu
     return module("tools", names)
 
 
-def _geometry(has_float: bool) -> dict[str, Any]:
-    return {"Matrix": Matrix, "vector": vector, "cross": cross, "Axis": Axis} if has_float else {}
-
-
 def _menu(context: Context, entries: tuple[Any, ...]) -> Any:
     """The entry selected by the left, right and center buttons. Raises TwinError if nobody can press them."""
-    machine, display, panel = context.machine, LightMatrix(context), context.machine.panel
+    machine, display, panel = context.machine, bind(context, LightMatrix)(), context.machine.panel
     for entry in reversed(entries):
-        display.show_symbol(entry)
+        display._show_symbol(entry)
     context.loop.assert_blocking()
 
     def wait_for_buttons(pressed: bool) -> frozenset[str]:
@@ -189,7 +176,7 @@ def _menu(context: Context, entries: tuple[Any, ...]) -> Any:
             if "center" in down:
                 break
             selected = (selected + ("right" in down) - ("right" not in down and "left" in down)) % len(entries)
-            display.show_symbol(entries[selected])
+            display._show_symbol(entries[selected])
         wait_for_buttons(pressed=False)
     finally:
         panel.stop_buttons = stop_buttons

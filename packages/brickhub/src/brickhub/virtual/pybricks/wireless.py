@@ -9,19 +9,8 @@ import errno
 from collections.abc import Callable
 from typing import Any
 
-from brickhub.virtual.machine import Machine
 from brickhub.virtual.micropython.streams import as_bytes
-from brickhub.virtual.pybricks.context import (
-    Context,
-    RunLoop,
-    bind,
-    charged,
-    expect_type,
-    get_exact_int,
-    get_int,
-    get_text,
-    os_error,
-)
+from brickhub.virtual.pybricks.context import Native, expect_type, get_exact_int, get_int, get_text, os_error
 from brickhub.virtual.pybricks.parameters import Color, buttons
 
 _MAX_NAME_BYTES = 14
@@ -38,7 +27,6 @@ _MESSAGE_BYTES = range(3, 21)
 def _unavailable(name: str) -> Callable[..., Any]:
     """A method that needs the device."""
 
-    @charged
     def method(self: Any, *values: Any) -> Any:
         raise os_error(errno.ENODEV)
 
@@ -46,12 +34,10 @@ def _unavailable(name: str) -> Callable[..., Any]:
     return method
 
 
-class Wireless:
+class Wireless(Native):
     """Bluetooth device."""
 
     _kind = ""  # name of the device among those that can be near
-    _loop: RunLoop
-    _machine: Machine
     _is_connected = False
     _pause_ms: int | None = None
     """Pause before the second search; ``None`` if there is none."""
@@ -65,7 +51,6 @@ class Wireless:
             self.connect()
 
     def connect(self) -> Any:
-        self._machine.charge_call()
         start_ms = self._machine.time_ms
         is_near = self._kind in self._machine.panel.near
         longest_ms = self._timeout_ms
@@ -81,7 +66,10 @@ class Wireless:
 
         return self._loop.finish(is_done, poll_ms=1)
 
-    @charged
+    def _done(self) -> Any:
+        self._check_connected()
+        return self._loop.done()
+
     def disconnect(self) -> Any:
         self._is_connected = False
         return self._loop.done()
@@ -98,22 +86,12 @@ class Wireless:
             raise os_error(errno.ENODEV)
 
 
-class _Part:
-    """Part of a device."""
-
-    def __init__(self, device: Wireless) -> None:
-        self._device = device
-        self._machine = device._machine  # for ``charged``
-
-
-class _Buttons(_Part):
-    """Its buttons in the firmware's order, pressed by the panel."""
+class _Buttons(Native):
+    """Buttons of a device in the firmware's order, pressed by the panel."""
 
     def __init__(self, device: Wireless, names: tuple[str, ...]) -> None:
-        super().__init__(device)
-        self._names = names
+        self._device, self._machine, self._names = device, device._machine, names
 
-    @charged
     def pressed(self) -> Any:
         down = self._device._down()
         return buttons([name for name in self._names if name in down], self._machine.robot.hub.model)
@@ -133,7 +111,6 @@ class LWP3Device(Wireless):
             get_exact_int(number)
         super().__init__(name, timeout, connect)
 
-    @charged
     def write(self, buf: Any, /) -> Any:
         message = as_bytes(buf)
         if len(message) not in _MESSAGE_BYTES:
@@ -145,15 +122,16 @@ class LWP3Device(Wireless):
     read = _unavailable("read")
 
 
-class _RemoteLight(_Part):
+class _RemoteLight(Native):
+    def __init__(self, device: Remote) -> None:
+        self._device, self._machine = device, device._machine
+
     def on(self, color: Any) -> Any:
         expect_type(color, Color)
-        return self.off()
+        return self._device._done()
 
-    @charged
     def off(self) -> Any:
-        self._device._check_connected()
-        return self._device._loop.done()
+        return self._device._done()
 
 
 class Remote(Wireless):
@@ -166,7 +144,6 @@ class Remote(Wireless):
         self._name = "Handset" if name is None else name
         super().__init__(name, timeout, connect)
 
-    @charged
     def name(self, *name: Any) -> Any:
         text = get_text(name[0]) if name else self._name
         if not 1 <= len(text.encode()) <= _MAX_NAME_BYTES:
@@ -188,7 +165,6 @@ class DuploTrain(Wireless):
 class MarioHub(Wireless):
     color, hsv = _unavailable("color"), _unavailable("hsv")
 
-    @charged
     def detectable_colors(self, colors: Any = None) -> None:
         for color in colors or ():
             expect_type(color, Color)
@@ -205,12 +181,10 @@ class XboxController(Wireless):
         self.buttons = _Buttons(self, (*filter(None, _XBOX_BUTTONS), *_XBOX_EXTRAS, "up", "right", "down", "left"))
         super().__init__(name, timeout, connect)
 
-    @charged
     def name(self, name: Any = None) -> str:
         self._check_connected()
         return "Xbox Wireless Controller"
 
-    @charged
     def state(self) -> tuple[int, ...]:
         """Raw values, as the controller sends them."""
         down = self._down()
@@ -223,37 +197,30 @@ class XboxController(Wireless):
         extras = int(upload), 0, 0, sum(is_down << bit for bit, is_down in enumerate(paddles))
         return *raw, *triggers, _dpad(down), bits, *extras
 
-    @charged
     def dpad(self) -> int:
         return _dpad(self._down())
 
-    @charged
     def profile(self) -> int:
         self._check_connected()
         return 0
 
-    @charged
     def joystick_left(self) -> tuple[int, int]:
         return _stick(self._down(), "left", 100)
 
-    @charged
     def joystick_right(self) -> tuple[int, int]:
         return _stick(self._down(), "right", 100)
 
-    @charged
     def triggers(self) -> tuple[int, int]:
         down = self._down()
         return 100 * ("left_trigger" in down), 100 * ("right_trigger" in down)
 
-    @charged
     def rumble(self, power: Any = 100, duration: Any = 200, count: Any = 1, delay: Any = 100) -> Any:
         powers = power if isinstance(power, list | tuple) else (power,) * _RUMBLE_MOTORS
         if len(powers) != _RUMBLE_MOTORS:
             raise ValueError(f"expected 1 number or tuple of {_RUMBLE_MOTORS} values")
         for number in (duration, delay, count, *powers):
             get_int(number)
-        self._check_connected()
-        return self._loop.done()
+        return self._done()
 
 
 def _stick(down: frozenset[str], side: str, limit: int) -> tuple[int, int]:
@@ -266,8 +233,3 @@ def _dpad(down: frozenset[str]) -> int:
     """Direction of the pad: 0 for none, 1 for up, then clockwise."""
     x, y = ("right" in down) - ("left" in down), ("up" in down) - ("down" in down)
     return {(0, 1): 1, (1, 1): 2, (1, 0): 3, (1, -1): 4, (0, -1): 5, (-1, -1): 6, (-1, 0): 7, (-1, 1): 8}.get((x, y), 0)
-
-
-def wireless(kinds: tuple[type[Wireless], ...], context: Context) -> dict[str, Any]:
-    """Classes for one program, by name."""
-    return {kind.__name__: bind(kind, context) for kind in kinds}

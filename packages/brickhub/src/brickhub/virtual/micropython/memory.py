@@ -1,21 +1,53 @@
-"""Heap of a hub: whether a program's objects fit into its memory.
+"""Memory of a hub: whether a program's objects fit into its heap, and how deep its functions can call each other.
 
-Their sizes are those of MicroPython 1.26 on 32 bits (``py/gc.c``, ``py/obj*.c``), without the program itself and fragmentation: a
-program that runs out of memory here does so on a hub, a little earlier.
+Sizes of objects are those of MicroPython 1.26 on 32 bits (``py/gc.c``, ``py/obj*.c``), without the program itself and
+fragmentation: a program that runs out of memory here does so on a hub, a little earlier. The stack goes by the firmware (Pybricks
+4.1: ``_common/micropython.c``, ``py/objfun.c``), compiled for each hub with GCC 12 and ``-fstack-usage``.
 """
 
 from __future__ import annotations
 
 import gc
+import itertools
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from types import CellType, CoroutineType, FrameType, FunctionType, GeneratorType, MethodType
-from typing import Any
+from typing import Any, NamedTuple
 
 from brickhub.robot import HubKind
-from brickhub.virtual.memory import BLOCK_BYTES, RAM_BYTES
-from brickhub.virtual.micropython.classes import FIRMWARE, is_native
-from brickhub.virtual.micropython.exceptions import local_values
+from brickhub.virtual.micropython.exceptions import FIRMWARE, is_native, is_own, local_values
+
+RAM_BYTES = {
+    HubKind.PRIME: 272 * 1024,
+    HubKind.ESSENTIAL: 258 * 1024,
+    HubKind.TECHNIC: 32 * 1024,
+    HubKind.CITY: 20 * 1024,
+    HubKind.MOVE: 7 * 1024,
+}
+"""Memory for stored data and the heap (``PBDRV_CONFIG_BLOCK_DEVICE_RAM_SIZE`` of Pybricks 4); a Prime hub has most."""
+BLOCK_BYTES = 16
+"""Bytes of a block of MicroPython's heap."""
+_REFERENCE_BYTES = 4
+
+
+def check_allocation(size_bytes: int) -> None:
+    """Raise MemoryError for an object that fits on no hub."""
+    if size_bytes > RAM_BYTES[HubKind.PRIME]:
+        raise MemoryError(f"memory allocation failed, allocating {size_bytes} bytes")
+
+
+def items_of(values: Iterable[Any], item_bytes: int = _REFERENCE_BYTES) -> list[Any]:
+    """A list of an iterable's items. Raises MemoryError if there are more than fit on any hub."""
+    items: list[Any] = []
+    extend(items, values, item_bytes)
+    return items
+
+
+def extend(items: list[Any], values: Iterable[Any], item_bytes: int = _REFERENCE_BYTES) -> None:
+    """Append an iterable's items one by one. Raises MemoryError if there are more than fit on any hub."""
+    items.extend(itertools.islice(values, RAM_BYTES[HubKind.PRIME] // item_bytes + 1))
+    check_allocation(item_bytes * len(items))
+
 
 _STORED_BYTES = {HubKind.PRIME: 600, HubKind.ESSENTIAL: 600}
 """User data, settings and slots; on other hubs 200."""
@@ -44,7 +76,13 @@ class Heap:
 
     def statistics(self) -> tuple[int, int]:
         """Bytes of all objects that the program can reach, and of the rest, negative if they do not fit."""
-        used_bytes = reachable_bytes([*self.namespaces, *_locals_of_program()])
+        roots: list[Any] = [*self.namespaces]
+        frame: FrameType | None = sys._getframe()
+        while frame is not None:
+            if "@n" in frame.f_builtins:
+                roots += local_values(frame)
+            frame = frame.f_back
+        used_bytes = reachable_bytes(roots)
         return used_bytes, self.size_bytes - used_bytes
 
     def check(self) -> int:
@@ -60,17 +98,6 @@ class Heap:
                 raise MemoryError
             raise MemoryError(f"memory allocation failed, allocating {branch_bytes} bytes")
         return self._interval
-
-
-def _locals_of_program() -> list[Any]:
-    """Values of the local variables of the program's functions that run now."""
-    values: list[Any] = []
-    frame: FrameType | None = sys._getframe()
-    while frame is not None:
-        if "@n" in frame.f_builtins:
-            values += local_values(frame)
-        frame = frame.f_back
-    return values
 
 
 def reachable_bytes(roots: Iterable[Any]) -> int:
@@ -132,3 +159,49 @@ def _slots(items: list[Any]) -> int:
     """Slots of a list: as many as items at first, at least 4; twice as many whenever it is full."""
     spare = sys.getsizeof(items) - sys.getsizeof([]) - 8 * len(items)
     return max(4, len(items)) if spare <= 0 else 1 << max(2, (len(items) - 1).bit_length())
+
+
+class _Sizes(NamedTuple):
+    """Bytes of the stack, which are those that static data leaves of the memory, and of the frames of a call."""
+
+    stack: int
+    call: int
+
+
+_SIZES = {
+    HubKind.PRIME: _Sizes(15_412, 208),
+    HubKind.ESSENTIAL: _Sizes(36_400, 216),
+    HubKind.TECHNIC: _Sizes(22_968, 208),
+    HubKind.CITY: _Sizes(6_688, 224),
+    HubKind.MOVE: _Sizes(3_528, 232),
+}
+_KEPT_BYTES = 1024
+"""Kept free for what interrupts a program."""
+_MAIN_BYTES = 250
+"""Before the first line of a program, and to look at the stack."""
+_VARIABLES_BYTES = 40
+"""Variables of a small function. They take 24 to 64 bytes; those that need more are on the heap."""
+
+
+def most_nested_calls(hub: HubKind) -> int:
+    """How many functions, and the program itself, can wait for each other on a kind of hub."""
+    sizes = _SIZES[hub]
+    return (sizes.stack - _KEPT_BYTES - _MAIN_BYTES) // (sizes.call + _VARIABLES_BYTES)
+
+
+def check_of_calls(most: int) -> Callable[[Any], Any]:
+    """A function that returns its argument, which is called next. It raises RuntimeError if that is a function of the program
+    and ``most`` calls are nested already."""
+
+    def callee(function: Any) -> Any:
+        if is_own(getattr(function, "__func__", function)):
+            nested = 0
+            frame: FrameType | None = sys._getframe(1)
+            while frame is not None:
+                nested += "@n" in frame.f_builtins
+                frame = frame.f_back
+            if nested >= most:
+                raise RuntimeError("maximum recursion depth exceeded")
+        return function
+
+    return callee

@@ -1,21 +1,70 @@
 """Transformation of a hub program, so that CPython computes, formats and refuses as a hub.
 
 Line numbers stay. The names of the helpers, in ``operators.py`` and ``attributes.py``, contain an ``@``, which no program can
-write.
+write. ``async for`` and ``async with`` are expanded as by the hub's compiler, in a coroutine that is a generator.
 """
 
 from __future__ import annotations
 
 import ast
 import copy
-from collections.abc import Collection
+import operator
+from collections.abc import Callable, Collection
+from typing import Any
 
 from brickhub.virtual.micropython.attributes import may_be_hidden
 from brickhub.virtual.micropython.floats import SMALL_MAX, SMALL_MIN, read_constant
 from brickhub.virtual.micropython.operators import ASCII_METHODS
-from brickhub.virtual.micropython.syntax.calls import call, called_name, constant_argument
-from brickhub.virtual.micropython.syntax.folding import fold
-from brickhub.virtual.micropython.syntax.transform_async import async_for, async_with
+
+
+def called_name(node: ast.Call) -> str:
+    """Name of the called function; that of a method begins with a point."""
+    function = node.func
+    return function.id if isinstance(function, ast.Name) else f".{function.attr}" if isinstance(function, ast.Attribute) else ""
+
+
+def call(name: str, *args: ast.expr, at: ast.AST) -> ast.Call:
+    """A call of a helper, whose name programs cannot write, at the place of another node."""
+    return ast.copy_location(ast.Call(ast.Name(name, ast.Load()), list(args), []), at)
+
+
+def constant_argument(node: ast.expr) -> ast.expr:
+    """The argument of ``const(5)``, a directive to the hub's compiler; other nodes unchanged."""
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "const" and node.args:
+        return node.args[0]
+    return node
+
+
+_FOLDED: dict[type[ast.operator], Callable[[int, int], int]] = {
+    ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.FloorDiv: operator.floordiv,
+    ast.Mod: operator.mod, ast.Pow: operator.pow, ast.LShift: operator.lshift, ast.RShift: operator.rshift,
+    ast.BitOr: operator.or_, ast.BitAnd: operator.and_, ast.BitXor: operator.xor,
+}  # fmt: skip
+_SIGNS: dict[type[ast.unaryop], Callable[[int], int]] = {
+    ast.USub: operator.neg, ast.UAdd: operator.pos, ast.Invert: operator.invert,
+}  # fmt: skip
+_MAX_BITS = 4096
+"""Limit of a folded power or shift: larger ones take time, and no result of that size fits."""
+
+
+def fold(node: ast.expr) -> int | None:
+    """Constant folded by the hub's compiler, or ``None``; it runs on a PC, so only the result has to fit 31 bits."""
+    if isinstance(node, ast.Constant):
+        return node.value if type(node.value) is int else None
+    if isinstance(node, ast.UnaryOp) and type(node.op) in _SIGNS:
+        value = fold(node.operand)
+        return None if value is None else int(_SIGNS[type(node.op)](value))
+    if not isinstance(node, ast.BinOp) or type(node.op) not in _FOLDED:
+        return None
+    kind, left, right = type(node.op), fold(node.left), fold(node.right)
+    if left is None or right is None:
+        return None
+    if (kind in (ast.FloorDiv, ast.Mod) and right == 0) or (kind in (ast.Pow, ast.LShift, ast.RShift) and right < 0):
+        return None
+    if (kind is ast.Pow and left.bit_length() * right > _MAX_BITS) or (kind is ast.LShift and right > _MAX_BITS):
+        return None
+    return int(_FOLDED[kind](left, right))
+
 
 _WRAPPED = (ast.Add, ast.Sub, ast.LShift)
 _ARITHMETIC = {ast.Mult: "@mul", ast.Div: "@div", ast.FloorDiv: "@floordiv", ast.Mod: "@mod", ast.Pow: "@pow"}
@@ -27,7 +76,42 @@ _METHODS = ("format", "to_bytes", "from_bytes", "sort", "throw", "close", *ASCII
 _OF_ITERABLES = ("list", "tuple", "bytes")  # their helper takes one argument; others are refused as those of any function
 _GENERIC = ("list", "tuple", "dict", "set", "type", "enumerate", "map", "zip", "reversed")  # have items, such as list[int]
 _TAKE_MEMORY = (ast.Call, ast.List, ast.Tuple)
+_TOP_DOWN = (
+    *(ast.UnaryOp, ast.BinOp, ast.Expr, ast.Call, ast.Assign, ast.AnnAssign, ast.arg, ast.ClassDef, ast.FunctionDef),
+    *(ast.AsyncFunctionDef, ast.GeneratorExp, ast.ListComp, ast.DictComp, ast.SetComp),
+)
+"""Nodes of which a part is looked at before it is transformed; of all others the parts come first."""
 _EMITTERS = ("micropython.native", "micropython.viper", "micropython.bytecode")
+# The hub's compiler keeps the iterator of `async for x in name` in the variable `name` itself.
+_FOR = """
+ITER = VALUE.__aiter__()
+MORE = True
+while MORE:
+    try:
+        TARGET = yield from ITER.__anext__()
+    except StopAsyncIteration:
+        MORE = False
+    else:
+        BODY
+else:
+    ELSE
+"""
+# A hub has no __class__, so any exception in an `async with` ends as AttributeError.
+_WITH = """
+CONTEXT = VALUE
+TARGET = yield from CONTEXT.__aenter__()
+LEFT = False
+try:
+    try:
+        BODY
+    except ANY as ERROR:
+        LEFT = True
+        if not (yield from CONTEXT.__aexit__(ATTRIBUTE(ERROR, "__class__"), ERROR, None)):
+            raise
+finally:
+    if not LEFT:
+        yield from CONTEXT.__aexit__(None, None, None)
+"""
 
 
 def transform(
@@ -38,6 +122,10 @@ def transform(
     return ast.fix_missing_locations(_Transformer(recursive, floats).visit(tree))  # type: ignore[no-any-return]
 
 
+def _bounds(part: ast.Slice) -> list[ast.expr]:
+    return [bound or ast.Constant(None) for bound in (part.lower, part.upper, part.step)]
+
+
 class _Transformer(ast.NodeTransformer):
     def __init__(self, recursive: Collection[str], floats: Collection[str]) -> None:
         self._recursive = recursive
@@ -46,6 +134,11 @@ class _Transformer(ast.NodeTransformer):
         """Values of names such as ``_SPEED = const(100)``, which exist for the hub's compiler only."""
         self._globals: Collection[str] | None = None
         """Names that the function or class around declares global; ``None`` outside of them, where all are."""
+
+    def visit(self, node: ast.AST) -> Any:
+        if not isinstance(node, _TOP_DOWN):
+            self.generic_visit(node)
+        return getattr(self, f"visit_{type(node).__name__}", lambda node: node)(node)
 
     def visit_Name(self, node: ast.Name) -> ast.expr:
         is_private = node.id in self._private and isinstance(node.ctx, ast.Load)
@@ -58,14 +151,7 @@ class _Transformer(ast.NodeTransformer):
             raise OverflowError("long int not supported in this build")
         return node
 
-    def visit_UnaryOp(self, node: ast.UnaryOp) -> ast.expr:
-        folded = fold(node)
-        if folded is not None:
-            return self.visit_Constant(ast.copy_location(ast.Constant(folded), node))
-        self.generic_visit(node)
-        return node
-
-    def visit_BinOp(self, node: ast.BinOp) -> ast.expr:
+    def visit_BinOp(self, node: ast.BinOp | ast.UnaryOp) -> ast.expr:
         folded = fold(node)
         if folded is not None:
             return self.visit_Constant(ast.copy_location(ast.Constant(folded), node))
@@ -73,9 +159,11 @@ class _Transformer(ast.NodeTransformer):
         kind = type(node.op)
         if kind in _WRAPPED:
             return call("@n", node, at=node)
-        if kind in _CALLED:
+        if isinstance(node, ast.BinOp) and kind in _CALLED:
             return call(_CALLED[kind], node.left, node.right, at=node)
         return node
+
+    visit_UnaryOp = visit_BinOp
 
     def visit_Expr(self, node: ast.Expr) -> ast.AST:
         """The hub's compiler drops a number that stands alone, even a large one."""
@@ -83,25 +171,23 @@ class _Transformer(ast.NodeTransformer):
         return ast.copy_location(ast.Pass(), node) if is_number else self.generic_visit(node)
 
     def visit_AugAssign(self, node: ast.AugAssign) -> ast.AST | list[ast.stmt]:
-        self.generic_visit(node)
         kind, target = type(node.op), node.target
         if isinstance(target, ast.Name):
             read: ast.expr = ast.Name(target.id, ast.Load())
             if kind is ast.Sub or (kind is ast.Add and isinstance(node.value, ast.Constant)):
                 return [node, ast.copy_location(ast.Assign([target], call("@n", read, at=node)), node)]
             return ast.copy_location(ast.Assign([target], self._operate(read, node)), node)
-        statements: list[ast.stmt] = [self._assign_temporary("@owner", target.value, node)]
+        statements: list[ast.stmt] = [self._assign("@owner", target.value, node)]
         owner: ast.expr = ast.Name("@owner", ast.Load())
         if isinstance(target, ast.Attribute):
             read = ast.Attribute(owner, target.attr, ast.Load())
             write: ast.expr = ast.Attribute(owner, target.attr, ast.Store())
         else:
-            statements.append(self._assign_temporary("@index", target.slice, node))
+            statements.append(self._assign("@index", target.slice, node))
             index = ast.Name("@index", ast.Load())
             read, write = ast.Subscript(owner, index, ast.Load()), ast.Subscript(owner, index, ast.Store())
         assign = ast.copy_location(ast.Assign([write], self._operate(read, node)), node)
-        statements.append(self._store_statement(assign))
-        return statements
+        return [*statements, self._store_statement(assign)]
 
     @staticmethod
     def _operate(read: ast.expr, node: ast.AugAssign) -> ast.expr:
@@ -120,10 +206,8 @@ class _Transformer(ast.NodeTransformer):
         return ast.copy_location(ast.Expr(call("@store", node.value, target.value, ast.Constant(target.attr), at=node)), node)
 
     @staticmethod
-    def _assign_temporary(name: str, value: ast.expr, at: ast.AST) -> ast.stmt:
-        if isinstance(value, ast.Slice):
-            bounds = [bound or ast.Constant(None) for bound in (value.lower, value.upper, value.step)]
-            value = call("slice", *bounds, at=at)
+    def _assign(name: str, value: ast.expr, at: ast.AST) -> ast.stmt:
+        value = call("slice", *_bounds(value), at=at) if isinstance(value, ast.Slice) else value
         return ast.copy_location(ast.Assign([ast.Name(name, ast.Store())], value), at)
 
     def visit_Call(self, node: ast.Call) -> ast.expr:
@@ -149,25 +233,21 @@ class _Transformer(ast.NodeTransformer):
 
     def visit_Starred(self, node: ast.Starred) -> ast.expr:
         """Arguments ``*values``."""
-        self.generic_visit(node)
         if isinstance(node.ctx, ast.Load):
             node.value = call("@star", node.value, at=node.value)
         return node
 
     def visit_Attribute(self, node: ast.Attribute) -> ast.expr:
-        self.generic_visit(node)
         if isinstance(node.ctx, ast.Load) and may_be_hidden(node.attr):
             return call("@attr", node.value, ast.Constant(node.attr), at=node)
         return node
 
     def visit_Subscript(self, node: ast.Subscript) -> ast.expr:
-        self.generic_visit(node)
         s = node.slice
         if isinstance(node.value, ast.Name) and node.value.id in _GENERIC:
             node.value = call("@sub", node.value, at=node.value)
         if isinstance(node.ctx, ast.Load) and isinstance(s, ast.Slice) and s.step is not None:
-            bounds = [bound or ast.Constant(None) for bound in (s.lower, s.upper, s.step)]
-            return call("@stepped", node.value, *bounds, at=node)
+            return call("@stepped", node.value, *_bounds(s), at=node)
         return node
 
     def visit_Assign(self, node: ast.Assign) -> ast.AST:
@@ -180,17 +260,15 @@ class _Transformer(ast.NodeTransformer):
             node.value = constant
         self.generic_visit(node)
         if len(node.targets) == 1 and isinstance(target, ast.Subscript) and isinstance(target.slice, ast.Slice):
-            bounds = [bound or ast.Constant(None) for bound in (target.slice.lower, target.slice.upper, target.slice.step)]
-            return ast.copy_location(ast.Expr(call("@setslice", node.value, target.value, *bounds, at=node)), node)
+            store = call("@setslice", node.value, target.value, *_bounds(target.slice), at=node)
+            return ast.copy_location(ast.Expr(store), node)
         return self._store_statement(node)
 
     def visit_Dict(self, node: ast.Dict) -> ast.expr:
-        self.generic_visit(node)
         pairs = zip(node.values, node.keys, strict=True)
         return call("@dict", *(part for pair in pairs for part in pair if part is not None), at=node)
 
     def visit_Set(self, node: ast.Set) -> ast.expr:
-        self.generic_visit(node)
         return call("@set", *node.elts, at=node)
 
     def visit_GeneratorExp(self, node: ast.GeneratorExp | ast.ListComp, branch: str = "@turn") -> ast.expr:
@@ -214,29 +292,22 @@ class _Transformer(ast.NodeTransformer):
         return call("@setof", self.visit_ListComp(ast.copy_location(ast.ListComp(node.elt, node.generators), node)), at=node)
 
     def visit_comprehension(self, node: ast.comprehension) -> ast.comprehension:
-        self.generic_visit(node)
         node.ifs = [call("@branch", test, at=test) for test in node.ifs]
         return node
 
     def visit_Lambda(self, node: ast.Lambda) -> ast.expr:
-        self.generic_visit(node)
         if node.args.kwarg is not None:
             name = node.args.kwarg.arg
             inner = ast.Lambda(ast.arguments([], [ast.arg(name)], None, [], [], None, []), node.body)
             node.body = ast.copy_location(ast.Call(inner, [call("@named", ast.Name(name, ast.Load()), at=node)], []), node)
         return node
 
-    @staticmethod
-    def _convert_kwargs(args: ast.arguments, at: ast.AST) -> list[ast.stmt]:
+    def _convert_kwargs(self, node: ast.FunctionDef | ast.AsyncFunctionDef) -> list[ast.stmt]:
         """Conversion of ``**kwargs`` to a hub's dict."""
-        if args.kwarg is None:
-            return []
-        name = args.kwarg.arg
-        value = call("@named", ast.Name(name, ast.Load()), at=at)
-        return [ast.copy_location(ast.Assign([ast.Name(name, ast.Store())], value), at)]
+        names = [node.args.kwarg.arg] if node.args.kwarg else []
+        return [self._assign(name, call("@named", ast.Name(name, ast.Load()), at=node), node) for name in names]
 
     def visit_Delete(self, node: ast.Delete) -> list[ast.stmt]:
-        self.generic_visit(node)
         statements: list[ast.stmt] = []
         for target in node.targets:
             if isinstance(target, ast.Name) and (self._globals is None or target.id in self._globals):
@@ -249,7 +320,6 @@ class _Transformer(ast.NodeTransformer):
         return statements
 
     def visit_Compare(self, node: ast.Compare) -> ast.expr:
-        self.generic_visit(node)
         left, operation, right = node.left, node.ops[0], node.comparators[0]
         is_constant = isinstance(left, ast.Constant) or (isinstance(right, ast.Constant) and isinstance(right.value, bytes))
         if len(node.ops) > 1 or not isinstance(operation, ast.In | ast.NotIn) or not is_constant:
@@ -267,26 +337,22 @@ class _Transformer(ast.NodeTransformer):
             value: ast.expr = call("__import__", ast.Constant(alias.name), at=node)
             for part in alias.name.split(".")[1:]:
                 value = ast.copy_location(ast.Attribute(value, part, ast.Load()), node)
-            statements.append(ast.copy_location(ast.Assign([ast.Name(alias.asname, ast.Store())], value), node))
+            statements.append(self._assign(alias.asname, value, node))
         return statements
 
     def visit_JoinedStr(self, node: ast.JoinedStr) -> ast.expr:
-        self.generic_visit(node)
         if all(isinstance(part, ast.Constant) for part in node.values):
             return node
         join = ast.Attribute(ast.Constant(""), "join", ast.Load())
         return ast.copy_location(ast.Call(join, [ast.Tuple(node.values, ast.Load())], []), node)
 
     def visit_FormattedValue(self, node: ast.FormattedValue) -> ast.expr:
-        self.generic_visit(node)
         spec = node.format_spec or ast.Constant("")
         return call("@f", node.value, ast.Constant(node.conversion), spec, at=node)
 
     def visit_ExceptHandler(self, node: ast.ExceptHandler) -> ast.AST:
         """A program must not catch the exceptions that stop it from outside."""
-        self.generic_visit(node)
-        catches_all = node.type is None or (isinstance(node.type, ast.Name) and node.type.id == "BaseException")
-        if catches_all:
+        if node.type is None or (isinstance(node.type, ast.Name) and node.type.id == "BaseException"):
             node.type = ast.copy_location(ast.Name("@any", ast.Load()), node)
         if node.name is not None:
             reword = ast.Expr(call("@reword", ast.Name(node.name, ast.Load()), at=node))
@@ -295,40 +361,34 @@ class _Transformer(ast.NodeTransformer):
 
     def visit_Try(self, node: ast.Try) -> ast.AST:
         """Neither a hub that is switched off runs a ``finally``, nor a generator that is dropped."""
-        self.generic_visit(node)
         if node.finalbody:
             at = node.finalbody[0]
             node.finalbody = [ast.copy_location(ast.If(call("@ends", at=at), node.finalbody, []), at)]
         return node
 
     def visit_With(self, node: ast.With) -> ast.AST:
-        self.generic_visit(node)
         for item in node.items:
             item.context_expr = call("@with", item.context_expr, ast.Name("@reword", ast.Load()), at=item.context_expr)
         return node
 
     def visit_If(self, node: ast.If | ast.IfExp) -> ast.AST:
-        self.generic_visit(node)
         node.test = call("@branch", node.test, at=node.test)
         return node
 
     visit_IfExp = visit_If
 
     def visit_BoolOp(self, node: ast.BoolOp) -> ast.AST:
-        self.generic_visit(node)
         *first, last = node.values
         node.values = [*(call("@branch", value, at=value) for value in first), last]
         return node
 
     def visit_While(self, node: ast.While) -> ast.AST:
-        self.generic_visit(node)
         if not isinstance(node.test, ast.Constant):
             node.test = call("@branch", node.test, at=node.test)
         node.body.insert(0, ast.copy_location(ast.Expr(call("@tick", at=node)), node))
         return node
 
     def visit_For(self, node: ast.For) -> ast.AST | list[ast.stmt]:
-        self.generic_visit(node)
         if not any(isinstance(part, _TAKE_MEMORY) for statement in node.body for part in ast.walk(statement)):
             return node
         first = node.body[0]
@@ -348,7 +408,9 @@ class _Transformer(ast.NodeTransformer):
         self.generic_visit(assign)
         return assign
 
-    def _visit_scope(self, node: ast.stmt) -> None:
+    def _visit_scope(self, node: ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef) -> None:
+        # Without `@micropython.native` and the like, which are directives to the compiler.
+        node.decorator_list = [d for d in node.decorator_list if ast.unparse(d) not in _EMITTERS]
         around = self._globals
         self._globals = [name for part in ast.walk(node) if isinstance(part, ast.Global) for name in part.names]
         self.generic_visit(node)
@@ -364,33 +426,74 @@ class _Transformer(ast.NodeTransformer):
         return node
 
     def visit_FunctionDef(self, node: ast.FunctionDef) -> ast.AST:
-        self._strip_emitters(node)
         node.returns = None
         self._visit_scope(node)
-        node.body = [*self._convert_kwargs(node.args, node), *node.body]
+        node.body = [*self._convert_kwargs(node), *node.body]
         return node
 
     def visit_AsyncFunctionDef(self, node: ast.AsyncFunctionDef) -> ast.AST:
         """On a hub a coroutine is a generator, and ``await`` is ``yield from``."""
-        self._strip_emitters(node)
         self._visit_scope(node)
         never = ast.If(ast.Constant(False), [ast.Expr(ast.Yield(None))], [])
-        body = [never, *self._convert_kwargs(node.args, node), *node.body]
+        body = [never, *self._convert_kwargs(node), *node.body]
         return ast.copy_location(ast.FunctionDef(node.name, node.args, body, node.decorator_list), node)
 
     def visit_AsyncFor(self, node: ast.AsyncFor) -> list[ast.stmt]:
-        self.generic_visit(node)
-        return async_for(node)
+        parts = {"VALUE": node.iter, "TARGET": node.target}
+        kept = {"ITER": node.iter.id} if isinstance(node.iter, ast.Name) else {}
+        return _fill(_FOR, node, parts, {"BODY": node.body, "ELSE": node.orelse}, kept)
 
     def visit_AsyncWith(self, node: ast.AsyncWith) -> list[ast.stmt]:
-        self.generic_visit(node)
-        return async_with(node)
+        body = node.body
+        for item in reversed(node.items):
+            target = item.optional_vars or ast.Name("@unused", ast.Store())
+            body = _fill(_WITH, item.context_expr, {"VALUE": item.context_expr, "TARGET": target}, {"BODY": body}, {})
+        return body
 
     def visit_Await(self, node: ast.Await) -> ast.expr:
-        self.generic_visit(node)
         return ast.copy_location(ast.YieldFrom(node.value), node)
 
-    @staticmethod
-    def _strip_emitters(node: ast.FunctionDef | ast.AsyncFunctionDef) -> None:
-        """Remove ``@micropython.native`` and the like, which are directives to the compiler."""
-        node.decorator_list = [d for d in node.decorator_list if ast.unparse(d) not in _EMITTERS]
+
+def _fill(
+    template: str,
+    at: ast.expr | ast.stmt,
+    parts: dict[str, ast.expr],
+    blocks: dict[str, list[ast.stmt]],
+    names: dict[str, str],
+) -> list[ast.stmt]:
+    """Statements of a template at the place of a node, with transformed parts."""
+    tree = ast.parse(template)
+    for node in ast.walk(tree):
+        if hasattr(node, "lineno"):
+            ast.copy_location(node, at)
+    _Filler(parts, blocks, {"ANY": "@any", "ATTRIBUTE": "@attr", **names}, f"{at.lineno}.{at.col_offset}").visit(tree)
+    return tree.body
+
+
+class _Filler(ast.NodeTransformer):
+    """Fills a template; other capital names become names that programs cannot write."""
+
+    def __init__(
+        self, parts: dict[str, ast.expr], blocks: dict[str, list[ast.stmt]], names: dict[str, str], location: str
+    ) -> None:
+        self._parts = parts
+        self._blocks = blocks
+        self._names = names
+        self._location = location
+
+    def _name(self, name: str) -> str:
+        return self._names.get(name) or (f"@{name}{self._location}" if name.isupper() else name)
+
+    def visit_Name(self, node: ast.Name) -> ast.expr:
+        return self._parts[node.id] if node.id in self._parts else ast.Name(self._name(node.id), node.ctx)
+
+    def visit_ExceptHandler(self, node: ast.ExceptHandler) -> ast.AST:
+        self.generic_visit(node)
+        node.name = self._name(node.name) if node.name else None
+        return node
+
+    def visit_Expr(self, node: ast.Expr) -> ast.stmt | list[ast.stmt]:
+        if isinstance(node.value, ast.Name) and node.value.id in self._blocks:
+            return self._blocks[node.value.id] or [ast.Pass()]
+        self.generic_visit(node)
+        return node
