@@ -14,10 +14,10 @@ from types import MappingProxyType
 from typing import Any
 
 from brickhub.errors import SceneError, TwinError
-from brickhub.robot import HubKind, Motor, MotorKind, PoweredUpSensor, Robot, SensorKind, UltrasonicSensor
+from brickhub.robot import HubKind, Motor, MotorKind, Robot, Sense, SensorKind, UltrasonicSensor
 from brickhub.virtual.body import Rng
 from brickhub.virtual.given_readings import GivenReading, for_port
-from brickhub.virtual.stimuli import DEFAULT_STIMULI, Reading, Sense, Sensed, number, senses
+from brickhub.virtual.stimuli import DEFAULT_STIMULI, Reading, Sensed, number
 
 _FRICTION_UNM = 21413.268
 _FRICTION_LINEAR_BELOW_MDEG_S = 2000.0
@@ -168,13 +168,13 @@ def _end_stops_mdeg(robot: Robot, end_stops: Mapping[str, tuple[float, float]]) 
 def _readings_by_sense(robot: Robot, readings: Mapping[str, Reading]) -> dict[tuple[str, Sense], Reading]:
     inputs = {}
     for sensor in robot.sensors:
-        for index, sense in enumerate(senses(sensor)):
+        for index, sense in enumerate(sensor.kind.model.senses):
             inputs[f"{sensor.name}.{sense}" if index else sensor.name] = (sensor.port, sense)
     unknown = sorted(set(readings) - set(inputs))
     if unknown:
         raise TwinError(f"robot '{robot.name}' has no sensor '{unknown[0]}'; it senses {', '.join(inputs) or 'nothing'}")
     for sensor in robot.sensors:
-        if isinstance(sensor, PoweredUpSensor) and senses(sensor) and sensor.name not in readings:
+        if sensor.kind.model.senses and sensor.kind.model.range_mm is None and sensor.name not in readings:
             raise TwinError(
                 f"sensor '{sensor.name}' of robot '{robot.name}' has no reading; "
                 f"give readings={{'{sensor.name}': a function of the motors' angles}}, for a task in its Scene"
@@ -182,7 +182,6 @@ def _readings_by_sense(robot: Robot, readings: Mapping[str, Reading]) -> dict[tu
     return {inputs[name]: reading for name, reading in readings.items()}
 
 
-_ULTRASONIC = UltrasonicSensor.class_name
 _MOTORS = ("Motor", "DCMotor")
 _STALL_TRAVEL_MDEG = 90_000.0
 _HEADING_PER_WHEEL = 0.25  # wheels of 56 mm, 112 mm apart
@@ -316,7 +315,8 @@ class FittedBench(BenchBody):
         for reading in for_port(self._given_readings, port):
             if self._sense_of(reading, device) is sense:
                 return reading.at(self._time_ms / 1000)
-        return float(_FARTHEST_MM) if device == _ULTRASONIC else _DEFAULTS[sense]
+        range_mm = SensorKind(device).model.range_mm
+        return _DEFAULTS[sense] if range_mm is None else range_mm[1]
 
     def distance_mm(self, port: str) -> int:
         sensed: Any = self.sensed(port, Sense.DISTANCE)
@@ -329,8 +329,7 @@ class FittedBench(BenchBody):
     @staticmethod
     def _sense_of(reading: GivenReading, device: str) -> Sense:
         """Sense of a reading. Raises TwinError if the device has no such sense."""
-        sensor = UltrasonicSensor("it", "A") if device == _ULTRASONIC else PoweredUpSensor("it", "A", SensorKind(device))
-        available = senses(sensor)
+        available = SensorKind(device).model.senses
         if reading.sense is None and available:
             return available[0]
         if reading.sense not in available:

@@ -2,7 +2,7 @@
 
 Sizes of objects are those of MicroPython 1.26 on 32 bits (``py/gc.c``, ``py/obj*.c``), without the program itself and
 fragmentation: a program that runs out of memory here does so on a hub, a little earlier. The stack goes by the firmware (Pybricks
-4.1: ``_common/micropython.c``, ``py/objfun.c``), compiled for each hub with GCC 12 and ``-fstack-usage``.
+4.1: ``_common/micropython.c``, ``py/objfun.c``).
 """
 
 from __future__ import annotations
@@ -12,19 +12,13 @@ import itertools
 import sys
 from collections.abc import Callable, Iterable
 from types import CellType, CoroutineType, FrameType, FunctionType, GeneratorType, MethodType
-from typing import Any, NamedTuple
+from typing import Any
 
-from brickhub.robot import HubKind
+from brickhub.robot import HubKind, HubModel
 from brickhub.virtual.micropython.exceptions import FIRMWARE, is_native, is_own, local_values
 
-RAM_BYTES = {
-    HubKind.PRIME: 272 * 1024,
-    HubKind.ESSENTIAL: 258 * 1024,
-    HubKind.TECHNIC: 32 * 1024,
-    HubKind.CITY: 20 * 1024,
-    HubKind.MOVE: 7 * 1024,
-}
-"""Memory for stored data and the heap (``PBDRV_CONFIG_BLOCK_DEVICE_RAM_SIZE`` of Pybricks 4); a Prime hub has most."""
+MOST_BYTES = max(kind.model.program_bytes for kind in HubKind)
+"""Memory of the largest hub."""
 BLOCK_BYTES = 16
 """Bytes of a block of MicroPython's heap."""
 _REFERENCE_BYTES = 4
@@ -32,7 +26,7 @@ _REFERENCE_BYTES = 4
 
 def check_allocation(size_bytes: int) -> None:
     """Raise MemoryError for an object that fits on no hub."""
-    if size_bytes > RAM_BYTES[HubKind.PRIME]:
+    if size_bytes > MOST_BYTES:
         raise MemoryError(f"memory allocation failed, allocating {size_bytes} bytes")
 
 
@@ -45,12 +39,10 @@ def items_of(values: Iterable[Any], item_bytes: int = _REFERENCE_BYTES) -> list[
 
 def extend(items: list[Any], values: Iterable[Any], item_bytes: int = _REFERENCE_BYTES) -> None:
     """Append an iterable's items one by one. Raises MemoryError if there are more than fit on any hub."""
-    items.extend(itertools.islice(values, RAM_BYTES[HubKind.PRIME] // item_bytes + 1))
+    items.extend(itertools.islice(values, MOST_BYTES // item_bytes + 1))
     check_allocation(item_bytes * len(items))
 
 
-_STORED_BYTES = {HubKind.PRIME: 600, HubKind.ESSENTIAL: 600}
-"""User data, settings and slots; on other hubs 200."""
 _TABLES_SHARE = 12 / 524
 """Share of the garbage collector's tables: 1 byte for each 4 blocks, 1 for each 8 (``gc_setup_area``)."""
 _OBJECT = 2 * BLOCK_BYTES
@@ -69,8 +61,8 @@ class Heap:
         namespaces: globals of the program and of its modules.
     """
 
-    def __init__(self, hub: HubKind) -> None:
-        self.size_bytes = int((RAM_BYTES[hub] - _STORED_BYTES.get(hub, 200)) * (1.0 - _TABLES_SHARE))
+    def __init__(self, hub: HubModel) -> None:
+        self.size_bytes = int((hub.program_bytes - hub.stored_bytes) * (1.0 - _TABLES_SHARE))
         self.namespaces: list[dict[str, Any]] = []
         self._used_bytes, self._interval = 0, 1
 
@@ -161,20 +153,6 @@ def _slots(items: list[Any]) -> int:
     return max(4, len(items)) if spare <= 0 else 1 << max(2, (len(items) - 1).bit_length())
 
 
-class _Sizes(NamedTuple):
-    """Bytes of the stack, which are those that static data leaves of the memory, and of the frames of a call."""
-
-    stack: int
-    call: int
-
-
-_SIZES = {
-    HubKind.PRIME: _Sizes(15_412, 208),
-    HubKind.ESSENTIAL: _Sizes(36_400, 216),
-    HubKind.TECHNIC: _Sizes(22_968, 208),
-    HubKind.CITY: _Sizes(6_688, 224),
-    HubKind.MOVE: _Sizes(3_528, 232),
-}
 _KEPT_BYTES = 1024
 """Kept free for what interrupts a program."""
 _MAIN_BYTES = 250
@@ -185,8 +163,7 @@ _VARIABLES_BYTES = 40
 
 def most_nested_calls(hub: HubKind) -> int:
     """How many functions, and the program itself, can wait for each other on a kind of hub."""
-    sizes = _SIZES[hub]
-    return (sizes.stack - _KEPT_BYTES - _MAIN_BYTES) // (sizes.call + _VARIABLES_BYTES)
+    return (hub.model.stack_bytes - _KEPT_BYTES - _MAIN_BYTES) // (hub.model.call_bytes + _VARIABLES_BYTES)
 
 
 def check_of_calls(most: int) -> Callable[[Any], Any]:

@@ -308,8 +308,9 @@ def bind(context: Context, kind: type, *hidden: str) -> Any:
 
 
 def classes(context: Context, kinds: Iterable[type]) -> dict[str, Any]:
-    """:func:`bind` for several classes, by name."""
-    return {kind.__name__: bind(context, kind) for kind in kinds}
+    """:func:`bind` for several classes, by name; without those that the hub lacks."""
+    missing = context.machine.robot.hub.model.missing
+    return {kind.__name__: bind(context, kind) for kind in kinds if kind.__name__ not in missing}
 
 
 class _Absent:

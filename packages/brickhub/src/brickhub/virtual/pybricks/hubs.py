@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from types import ModuleType
 from typing import Any
 
-from brickhub.robot import HubKind
+from brickhub.robot import HubModel
 from brickhub.virtual.micropython.containers import HubDict
 from brickhub.virtual.micropython.exceptions import SwitchedOff
 from brickhub.virtual.micropython.numbers import expect_int, module
@@ -273,7 +273,7 @@ class Battery(Native):
         return _IDLE_CURRENT_MA
 
     def type(self) -> str:
-        return "Li-ion" if self._machine.robot.hub in (HubKind.PRIME, HubKind.ESSENTIAL) else "Alkaline"
+        return "Li-ion" if self._machine.robot.hub.model.is_rechargeable else "Alkaline"
 
     def temperature(self) -> int:
         return _ROOM_TEMPERATURE_MDEG
@@ -350,16 +350,8 @@ from pybricks.messaging import BLERadio\r
 radio = BLERadio(broadcast_channel, observe_channels)\r
 \r
 """
-_COMMON: dict[str, Any] = {"battery": Battery, "buttons": Keypad, "light": ColorLight, "system": System}
 _MODULES = {"battery": "battery", "system": ""}
 """Names of the parts that are modules on a hub."""
-_PARTS: dict[HubKind, dict[str, Any]] = {
-    HubKind.PRIME: {**_COMMON, "charger": Charger, "display": LightMatrix, "speaker": Speaker, "imu": IMU},
-    HubKind.ESSENTIAL: {**_COMMON, "charger": Charger, "imu": IMU},
-    HubKind.TECHNIC: {**_COMMON, "imu": IMU},
-    HubKind.CITY: _COMMON,
-    HubKind.MOVE: {**_COMMON, "imu": Accelerometer},
-}
 
 
 class _Hub:
@@ -402,15 +394,18 @@ def _as_module(name: str, part: Any) -> ModuleType:
     return module(name, {key: function(getattr(part, key)) for key in dir(part) if not key.startswith("_")})
 
 
-def hubs_module(context: Context, kind: HubKind) -> ModuleType:
-    parts = {name: bind(context, part)() for name, part in _PARTS[kind].items()}
+def hubs_module(context: Context, model: HubModel) -> ModuleType:
+    kinds: dict[str, Any] = {"battery": Battery, "buttons": Keypad, "light": ColorLight, "system": System}
+    kinds |= {"charger": Charger} if model.is_rechargeable else {}
+    kinds |= {"display": LightMatrix} if model.has_display else {}
+    kinds |= {"speaker": Speaker} if model.has_speaker else {}
+    kinds |= {"imu": IMU} if model.has_imu else {"imu": Accelerometer} if model.has_accelerometer else {}
+    parts = {name: bind(context, kind)() for name, kind in kinds.items()}
     for part, name in _MODULES.items():
         parts[part] = _as_module(name, parts[part])
-    if kind is not HubKind.PRIME:
+    if len(model.buttons) == 1:
         parts["button"] = parts["buttons"]  # older name
-    base = _MoveHub if kind is HubKind.MOVE else _OrientedHub if "imu" in parts else _Hub
-    hub = type(kind.model.class_name, (base,), {"_parts": parts, "_context": context})
-    names = {kind.model.class_name: hub, "ThisHub": hub}
-    if kind is HubKind.PRIME:
-        names["InventorHub"] = hub
-    return module("hubs", names)
+    base = _MoveHub if model.has_accelerometer else _OrientedHub if "imu" in parts else _Hub
+    hub = type(model.class_name, (base,), {"_parts": parts, "_context": context})
+    names = {model.class_name: hub, "ThisHub": hub}
+    return module("hubs", names | ({model.alias: hub} if model.alias else {}))

@@ -335,8 +335,9 @@ def ports(hub: HubModel) -> type[Any]:
     return _enumeration("Port", " ".join(hub.ports))
 
 
-def parameters_module(context: Context, has_display: bool) -> ModuleType:
-    axis, button = (Axis, _BUTTONS) if context.machine.robot.hub.model.has_float else (_NumberedAxis, _REMOTE_BUTTONS)
+def parameters_module(context: Context) -> ModuleType:
+    hub = context.machine.robot.hub.model
+    axis, button = (Axis, _BUTTONS) if hub.has_float else (_NumberedAxis, _REMOTE_BUTTONS)
     names: dict[str, Any] = {"Axis": axis, "Button": _Buttons(button.split()), "Color": _Palette(), "Direction": Direction}
-    names |= {"Port": context.ports, "Side": Side, "Stop": Stop} | ({"Icon": Icon()} if has_display else {})
+    names |= {"Port": context.ports, "Side": Side, "Stop": Stop} | ({"Icon": Icon()} if hub.has_display else {})
     return module("parameters", names)

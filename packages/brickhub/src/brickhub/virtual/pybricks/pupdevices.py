@@ -12,7 +12,6 @@ from types import ModuleType
 from typing import Any
 
 from brickhub.robot import Direction as MotorDirection
-from brickhub.robot import HubKind
 from brickhub.virtual.firmware.control import Controller, Logger, OnCompletion
 from brickhub.virtual.firmware.observer import Observer, ObserverSettings
 from brickhub.virtual.firmware.servo import Servo
@@ -324,8 +323,6 @@ class Motor(_BaseMotor):
 
 
 def pupdevices_module(context: Context) -> ModuleType:
-    model, hub = context.machine.robot.hub.model, context.machine.robot.hub
-    others = (TechnicMoveHub, DuploTrain, MarioHub) if hub in (HubKind.PRIME, HubKind.ESSENTIAL) else ()
-    names = {"PFMotor": PFMotor, **classes(context, (Remote, *others, DCMotor, *DEVICES))}
-    names["Motor"] = bind(context, Motor, *(() if model.has_float else ("control", "log", "model")))
-    return module("pupdevices", names)
+    kinds = (Remote, TechnicMoveHub, DuploTrain, MarioHub, DCMotor, *DEVICES)
+    hidden = () if context.machine.robot.hub.model.has_float else ("control", "log", "model")
+    return module("pupdevices", {"PFMotor": PFMotor, "Motor": bind(context, Motor, *hidden), **classes(context, kinds)})

@@ -95,9 +95,10 @@ def _iterator(task: Any) -> Iterator[Any]:
     return iter(task)
 
 
-def tools_module(context: Context, has_display: bool, app_data: type[Any]) -> ModuleType:
+def tools_module(context: Context, app_data: type[Any]) -> ModuleType:
     """``pybricks.tools``, which also has the old ``AppData``."""
     machine, loop = context.machine, context.loop
+    hub = machine.robot.hub.model
 
     def wait(time: Any) -> Any:
         duration = time if type(time) is int else get_int(time)
@@ -143,8 +144,8 @@ def tools_module(context: Context, has_display: bool, app_data: type[Any]) -> Mo
 
     names: dict[str, Any] = {"wait": wait, "run_task": run_task, "read_input_byte": read_input_byte, "AppData": app_data}
     names |= {"StopWatch": bind(context, StopWatch), "multitask": bind(context, Task)}
-    names |= {"Matrix": Matrix, "vector": vector, "cross": cross, "Axis": Axis} if machine.robot.hub.model.has_float else {}
-    if has_display:
+    names |= {"Matrix": Matrix, "vector": vector, "cross": cross, "Axis": Axis} if hub.has_float else {}
+    if hub.has_display:
         names["hub_menu"] = hub_menu
     return module("tools", names)
 
