@@ -1,14 +1,13 @@
-"""Bench body: motors without load, with the motor model of the firmware's test build.
+"""Bench: a robot that is not assembled, of given motors and sensors, or of those that a program uses.
 
-The model (``motor_driver_virtual_simulation.c``, v4) is a medium angular motor in steps of 1 ms with the states angle, speed and
-current, used for every kind of motor. It brakes also when it should coast.
-
-----
-Bench that provides the devices that a program uses."""
+The motor model is that of the firmware's test build (``motor_driver_virtual_simulation.c``, v4): a medium angular motor in steps
+of 1 ms with the states angle, speed and current, used for every kind of motor. It brakes also when it should coast.
+"""
 
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping
 from types import MappingProxyType
 from typing import Any
@@ -16,7 +15,7 @@ from typing import Any
 from brickhub.errors import SceneError, TwinError
 from brickhub.robot import HubKind, Motor, MotorKind, Robot, Sense, SensorKind, UltrasonicSensor
 from brickhub.virtual.body import Rng
-from brickhub.virtual.given_readings import GivenReading, for_port
+from brickhub.virtual.given_readings import GivenReading
 from brickhub.virtual.stimuli import DEFAULT_STIMULI, Reading, Sensed, number
 
 _FRICTION_UNM = 21413.268
@@ -24,6 +23,10 @@ _FRICTION_LINEAR_BELOW_MDEG_S = 2000.0
 _STOP_UNM_PER_MDEG, _STOP_UNM_PER_MDEG_S = 500.0, 5.0  # stiffness and damping of an end stop
 _MAX_DUTY = 1000  # steps of the PWM (``PBDRV_MOTOR_DRIVER_MAX_DUTY``)
 _NEAREST_MM, _FARTHEST_MM = UltrasonicSensor.NEAREST_MM, UltrasonicSensor.FARTHEST_MM
+_MOTORS = ("Motor", "DCMotor")
+_STALL_TRAVEL_MDEG = 90_000.0
+_HEADING_PER_WHEEL = 0.25  # wheels of 56 mm, 112 mm apart
+_DEFAULTS: Mapping[Sense, Sensed] = {**DEFAULT_STIMULI, Sense.SURFACE: (0.0, 0.0, 0.0), Sense.FORCE: 0.0, Sense.TILT: (0.0, 0.0)}
 
 
 class BenchMotor:
@@ -182,20 +185,6 @@ def _readings_by_sense(robot: Robot, readings: Mapping[str, Reading]) -> dict[tu
     return {inputs[name]: reading for name, reading in readings.items()}
 
 
-_MOTORS = ("Motor", "DCMotor")
-_STALL_TRAVEL_MDEG = 90_000.0
-_HEADING_PER_WHEEL = 0.25  # wheels of 56 mm, 112 mm apart
-_FARTHEST_PCT = 100.0
-_DEFAULTS: Mapping[Sense, Sensed] = {
-    Sense.SURFACE: (0.0, 0.0, 0.0),
-    Sense.AMBIENT: 0.0,
-    Sense.DISTANCE: _FARTHEST_PCT,
-    Sense.FORCE: 0.0,
-    Sense.TILT: (0.0, 0.0),
-    Sense.COUNT: 0.0,
-}
-
-
 class FittedBench(BenchBody):
     """A hub without devices until a program uses them; motors turn freely, sensors have given readings.
 
@@ -218,15 +207,17 @@ class FittedBench(BenchBody):
         report: Callable[[str], object] = lambda line: None,
     ) -> None:
         super().__init__(Robot("bench", hub, needs_imu=hub.model.has_imu))
-        self._given_readings = list(readings)
         self._stops = dict(end_stops or {})
+        self._given_readings: dict[str, list[GivenReading]] = defaultdict(list)
+        for reading in readings:
+            self._given_readings[reading.port].append(reading)
         self.motors: dict[str, MotorKind] = {}
         self._devices: dict[str, str] = {}
         self._turns: dict[str, float] = {}
         self._heading_offset_deg = 0.0
         self._report: Callable[[str], object] | None = report
         self._up = (0.0, 0.0, 1.0)
-        for port in (*(reading.port for reading in self._given_readings), *self._stops):
+        for port in (*self._given_readings, *self._stops):
             if port not in hub.model.ports:
                 raise TwinError(f"the {hub.value} hub has no port {port}; it has {', '.join(hub.model.ports)}")
 
@@ -238,10 +229,10 @@ class FittedBench(BenchBody):
         self._devices[port] = device
         if device in _MOTORS:
             self.motors[port] = MotorKind.SPIKE_MEDIUM
-            low, high = self._stops.get(port, (None, None))
-            self._motors[port] = BenchMotor(None if low is None or high is None else (low * 1000.0, high * 1000.0))
+            stops = self._stops.get(port)
+            self._motors[port] = BenchMotor(stops and (stops[0] * 1000.0, stops[1] * 1000.0))
             return True
-        for reading in for_port(self._given_readings, port):
+        for reading in self._given_readings[port]:
             reading.check(self._sense_of(reading, device), device)
         return True
 
@@ -312,7 +303,7 @@ class FittedBench(BenchBody):
     def sensed(self, port: str, sense: Sense) -> Sensed:
         """The given reading at the current time."""
         device = self._devices[port]
-        for reading in for_port(self._given_readings, port):
+        for reading in self._given_readings[port]:
             if self._sense_of(reading, device) is sense:
                 return reading.at(self._time_ms / 1000)
         range_mm = SensorKind(device).model.range_mm

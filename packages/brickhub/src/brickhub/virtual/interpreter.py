@@ -50,7 +50,7 @@ def execute(source: str, filename: str, modules: dict[str, ModuleType], console:
     Args:
         source: the program.
         filename: its name in tracebacks, e.g. ``main.py``.
-        modules: the modules that it can import, such as those of ``virtual_hub.pybricks.modules``.
+        modules: the modules that it can import, such as those of ``pybricks.modules``.
         console: its standard input and output.
 
     Raises:

@@ -1,8 +1,7 @@
-"""Pace: simulated time in step with real time.
-----
-Machine behind a virtual hub: clock, the firmware's 5 ms control loop, and the body.
+"""Machine behind a virtual hub: clock, the firmware's 5 ms control loop, and the body.
 
-Time is a whole number of milliseconds and passes only in methods of :class:`Machine`.
+Time is a whole number of milliseconds and passes only in methods of :class:`Machine`; :class:`Pace` keeps it in step with real
+time.
 """
 
 from __future__ import annotations
@@ -21,6 +20,12 @@ from brickhub.virtual.run_log import RunLog
 
 MAX_STEP_MS = 15
 """Maximum step of simulated time, for smooth pictures and a quick stop."""
+CONTROL_LOOP_MS = 5
+# On a hub each call takes some 10 us. Here calls are free until there are many of them without a wait: otherwise no simulated
+# time would ever pass in a program that only polls.
+_FREE_CALLS = 200
+_CALLS_PER_MS = 100
+_AFTER_LOOP_TICKS = 10
 
 
 class Pace:
@@ -41,14 +46,6 @@ class Pace:
             self._sleep(ahead_ms / 1000)
 
 
-CONTROL_LOOP_MS = 5
-# On a hub each call takes some 10 us. Here calls are free until there are many of them without a wait: otherwise no simulated
-# time would ever pass in a program that only polls.
-_FREE_CALLS = 200
-_CALLS_PER_MS = 100
-_AFTER_LOOP_TICKS = 10
-
-
 class Machine:
     """Clock, servos and drive bases of one virtual hub.
 
@@ -67,8 +64,7 @@ class Machine:
     """
 
     def __init__(self, body: Body, panel: Panel | None = None) -> None:
-        self.robot = body.robot
-        self.body = body
+        self.robot, self.body = body.robot, body
         self.panel = panel or Panel(body.robot.hub)
         self.panel.clock_ms = lambda: self.time_ms
         self.runs_program = False
@@ -83,8 +79,7 @@ class Machine:
         self.drive_bases: list[DriveBaseControl] = []
         self.modes: dict[str, str] = {}
         self.check_memory: Callable[[], int] = lambda: 1 << 30
-        self._branches_to_check = 0
-        self._calls = 0
+        self._branches_to_check = self._calls = 0
         self._is_ahead = self._is_stopping = False
 
     @property

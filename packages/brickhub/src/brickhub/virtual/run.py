@@ -1,6 +1,4 @@
-"""Buffer of a hub for the output of a program.
-----
-Running program files on a virtual hub."""
+"""Running program files on a virtual hub."""
 
 from __future__ import annotations
 
@@ -37,56 +35,23 @@ _BUFFER_BYTES = 511
 _CHUNK_BYTES = 60
 
 
-class OutputBuffer:
-    """Buffer for output that waits to be sent over USB, 60 bytes each millisecond. A program waits while it is full."""
-
-    def __init__(self, machine: Machine) -> None:
-        self._machine = machine
-        self._waiting = 0
-        self._since_ms = 0
-        self._free_ms = 0
-
-    def add(self, size: int) -> None:
-        """Add ``size`` bytes; simulated time passes until they fit."""
-        machine = self._machine
-        self._send(machine.body_ms - 1)
-        if not self._waiting:
-            self._since_ms = machine.time_ms
-        while self._waiting + size > _BUFFER_BYTES:
-            size -= _BUFFER_BYTES - self._waiting
-            self._waiting = _BUFFER_BYTES
-            self._send(machine.time_ms)
-            machine.advance(1)
-        self._waiting += size
-
-    def _send(self, until_ms: int) -> None:
-        """Send chunks that begin at a time or before."""
-        while self._waiting and (begin_ms := max(self._free_ms, self._since_ms)) <= until_ms:
-            self._waiting -= min(self._waiting, _CHUNK_BYTES)
-            self._free_ms = begin_ms + 1
-
-
 class _ProgramStopped(HostStop):
     """The program is to end; on a hub the button raises SystemExit."""
 
 
 class _OutputFailed(HostStop):
-    """This computer does not take the program's output: no hub has that error."""
-
-    def __init__(self, error: OSError) -> None:
-        super().__init__(error)
-        self.error = error
+    """This computer does not take the program's output: no hub has that error, which is the only argument."""
 
 
 class StreamConsole:
-    """A console on binary streams with ``\\n`` line ends; AppData is discarded, as without a host."""
+    """A console on binary streams with ``\\n`` line ends; AppData is discarded, as without a host.
+
+    Output waits in a buffer to be sent over USB, 60 bytes each millisecond. A program waits while it is full.
+    """
 
     def __init__(self, machine: Machine, stdin: BinaryIO | TextIO | None, stdout: BinaryIO) -> None:
-        self._machine = machine
-        self._stdout = stdout
-        self._stdin = stdin
-        self._output = OutputBuffer(machine)
-        self._position = 0
+        self._machine, self._stdin, self._stdout = machine, stdin, stdout
+        self._waiting = self._since_ms = self._free_ms = self._position = 0
         self.inbox = bytearray()
 
     @cached_property
@@ -110,7 +75,22 @@ class StreamConsole:
             self._stdout.write(data.replace(b"\r\n", b"\n"))
         except OSError as error:  # the reader has left, or the disk is full
             raise _OutputFailed(error) from error
-        self._output.add(len(data))
+        machine, size = self._machine, len(data)
+        self._send(machine.body_ms - 1)
+        if not self._waiting:
+            self._since_ms = machine.time_ms
+        while self._waiting + size > _BUFFER_BYTES:
+            size -= _BUFFER_BYTES - self._waiting
+            self._waiting = _BUFFER_BYTES
+            self._send(machine.time_ms)
+            machine.advance(1)
+        self._waiting += size
+
+    def _send(self, until_ms: int) -> None:
+        """Send chunks that begin at a time or before."""
+        while self._waiting and (begin_ms := max(self._free_ms, self._since_ms)) <= until_ms:
+            self._waiting -= min(self._waiting, _CHUNK_BYTES)
+            self._free_ms = begin_ms + 1
 
     def write_app_data(self, data: bytes) -> None:
         """Discard: there is no listener."""
@@ -172,7 +152,14 @@ def run_file(
     stderr = stderr or sys.stderr
     source = read_program(path)
     check_time_limit(time_limit_s)
-    machine = _machine(body, operation, path, lambda line: stderr.write(f"{line}\n"))
+    if body is None:
+        hub = _imported_hub(load_program(path))
+        body = FittedBench(hub, operation.readings, operation.end_stops, lambda line: stderr.write(f"{line}\n"))
+        machine = Machine(body, Panel(hub, operation.presses, near=WIRELESS))
+    elif operation.readings or operation.end_stops:
+        raise TwinError("readings and end stops are for the bench; omit them, or take --robot bench")
+    else:
+        machine = Machine(body, Panel(body.robot.hub, operation.presses))
     if time_limit_s is not None:
         machine.alarm_ms = round(time_limit_s * 1000)
         machine.on_alarm = stop_program
@@ -184,16 +171,6 @@ def run_file(
         operation.attend(machine)
     console = StreamConsole(machine, stdin, stdout)
     return _run(source, path, machine, console, stdout, stderr)
-
-
-def _machine(body: Body | None, operation: Operation, path: Path, report: Callable[[str], object]) -> Machine:
-    if body is None:
-        kind = _imported_hub(load_program(path))
-        bench = FittedBench(kind, operation.readings, operation.end_stops, report)
-        return Machine(bench, Panel(kind, operation.presses, near=WIRELESS))
-    if operation.readings or operation.end_stops:
-        raise TwinError("readings and end stops are for the bench; omit them, or take --robot bench")
-    return Machine(body, Panel(body.robot.hub, operation.presses))
 
 
 def _imported_hub(program: HubProgram) -> HubKind:
@@ -227,7 +204,7 @@ def _run(source: str, path: Path, machine: Machine, console: StreamConsole, stdo
     except SwitchedOff:
         stderr.write("The hub was switched off.\n")
     except _OutputFailed as failure:
-        raise failure.error from None
+        raise failure.args[0] from None
     except BaseException as error:
         if not (is_program_error(error) or isinstance(error, KeyboardInterrupt)):
             raise

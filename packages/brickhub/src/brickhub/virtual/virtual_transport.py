@@ -40,10 +40,8 @@ class _Wire:
     """Standard streams of the program, with bytes in transit to the host."""
 
     def __init__(self, hub: VirtualHub, stdin_bytes: int) -> None:
-        self._hub = hub
-        self._capacity = stdin_bytes
-        self._stdin = bytearray()
-        self.inbox = bytearray()
+        self._hub, self._capacity = hub, stdin_bytes
+        self._stdin, self.inbox = bytearray(), bytearray()
         self.outbox: deque[tuple[float, bytes]] = deque()
 
     def available(self) -> int:
@@ -60,10 +58,11 @@ class _Wire:
         self._hub.machine.charge_call()
         due_ms = self._hub.next_event_ms()
         self.outbox.append((due_ms, data))
-        self._hub.wake_at(due_ms)
+        alarm_ms = self._hub.machine.alarm_ms
+        if alarm_ms is not None:  # return to the host no later than that
+            self._hub.machine.alarm_ms = min(alarm_ms, math.ceil(due_ms))
 
-    def write_app_data(self, data: bytes) -> None:
-        self.write(data)
+    write_app_data = write
 
     def deliver_app_data(self, data: bytes) -> None:
         """Overwrite the AppData with the host's bytes."""
@@ -90,8 +89,7 @@ class VirtualHub:
     """
 
     def __init__(self, body: Body, *, realtime: bool = False) -> None:
-        self.robot = body.robot
-        self.body = body
+        self.robot, self.body = body.robot, body
         self.machine = Machine(body)
         self.machine.on_alarm = self._switch_to_host
         self._wire = _Wire(self, self.robot.hub.model.stdin_bytes)
@@ -183,8 +181,7 @@ class VirtualHub:
                 self.machine.stop_motors()
             self._come_to_rest()
 
-    def close(self) -> None:
-        self.stop()
+    close = stop
 
     def now_s(self) -> float:
         return self.machine.time_ms / 1000
@@ -203,12 +200,6 @@ class VirtualHub:
         """Time of the next connection event; an interval of 0 is a link without delay."""
         interval_ms, now_ms = self.body.link_interval_ms, self.machine.body_ms
         return (now_ms // interval_ms + 1) * interval_ms if interval_ms else now_ms
-
-    def wake_at(self, time_ms: float) -> None:
-        """Return to the host no later than this."""
-        alarm_ms = self.machine.alarm_ms
-        if alarm_ms is not None:
-            self.machine.alarm_ms = min(alarm_ms, math.ceil(time_ms))
 
     def _run_until(self, time_ms: int, new_program: HubProgram | None = None) -> None:
         """Run the program until a simulated time, its next output, or its end."""

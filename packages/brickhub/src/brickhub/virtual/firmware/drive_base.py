@@ -1,6 +1,7 @@
-"""Heading of a robot by its gyroscope (``pbio/imu.c``, v4), shared by ``hub.imu`` and all drive bases.
-----
-Drive base of two servos: one controller for the distance, one for the heading."""
+"""Drive base of two servos: one controller for the distance, one for the heading.
+
+The gyroscope's heading is that of ``pbio/imu.c``, v4, shared by ``hub.imu`` and all drive bases.
+"""
 
 from __future__ import annotations
 
@@ -10,23 +11,19 @@ from math import trunc
 from operator import add, sub
 
 from brickhub.virtual.body import Body
+from brickhub.virtual.firmware import RefusedError, UnavailableError
+from brickhub.virtual.firmware.angle import Angle, difference, from_unit, mean, single, to_mdeg, to_unit, to_unit_float
 from brickhub.virtual.firmware.control import Controller, ControlType, OnCompletion, State
 from brickhub.virtual.firmware.servo import Servo
-from brickhub.virtual.firmware.settings import (
-    TURN_MDEG,
-    Angle,
-    difference,
-    drive_base_settings,
-    from_unit,
-    mean,
-    single,
-    to_mdeg,
-    to_unit,
-    to_unit_float,
-)
-from brickhub.virtual.firmware.trajectory import RefusedError, UnavailableError, validate_acceleration, validate_speed
+from brickhub.virtual.firmware.settings import drive_base_settings
+from brickhub.virtual.firmware.trajectory import INT32_MAX, TURN_MDEG, validate_acceleration, validate_speed
 
 _Vector = tuple[float, float, float]
+_TURN_MDEG_OVER_PI = 114_592
+_MIN_RADIUS_MM = 10
+_NONE = ControlType.NONE
+_Values = tuple[int, int, int, int]
+"""Fields of a ``State``, as a tuple: creating an object in the control loop costs as much as the computation."""
 
 
 class GyroHeading:
@@ -96,15 +93,6 @@ class GyroHeading:
         return self.yaw_deg() * (360.0 / self.turn_deg)
 
 
-_TURN_MDEG_OVER_PI = 114_592
-_MIN_RADIUS_MM = 10
-_INT32_MAX = 2**31 - 1
-_NONE = ControlType.NONE
-
-_Values = tuple[int, int, int, int]
-"""Fields of a ``State``, as a tuple: creating an object in the control loop costs as much as the computation."""
-
-
 class DriveBaseControl:
     """Distances in mm, headings in degrees (clockwise positive).
 
@@ -129,11 +117,10 @@ class DriveBaseControl:
         left.parent = right.parent = self
         distance_settings, heading_settings = drive_base_settings(left.settings, right.settings)
         self.distance, self.heading = Controller(distance_settings), Controller(heading_settings)
-        self._paused = False
-        self._uses_gyro = False
+        self._paused = self._uses_gyro = False
         self._set_zero((0, 0), (0, 0))
         self.stop(OnCompletion.COAST)
-        too_large = steps > _INT32_MAX // _TURN_MDEG_OVER_PI or steps > _INT32_MAX // max(axle_track_um, 1)
+        too_large = steps > INT32_MAX // _TURN_MDEG_OVER_PI or steps > INT32_MAX // max(axle_track_um, 1)
         if wheel_diameter_um < 1000 or axle_track_um < 1000 or too_large:
             raise RefusedError("the wheel diameter or the axle track is out of range")
         heading_settings.steps_per_unit = steps * axle_track_um // wheel_diameter_um
@@ -164,22 +151,17 @@ class DriveBaseControl:
 
     def turn(self, angle_deg: int, then: OnCompletion) -> None:
         """Turn in place by an angle."""
-        self._turn(lambda time, state: self._turn_by(time, state, angle_deg, then), then)
+        distance = angle_deg * self.heading.settings.steps_per_unit
+        start = self.heading.start_relative
+        self._turn(lambda time, state: start(time, state, distance, 0, then, allow_shift=False), then)
 
     def turn_to(self, angle_deg: int, then: OnCompletion) -> None:
         """Turn in place to a heading modulo 360 degrees, the shorter way."""
-        self._turn(lambda time, state: self._turn_up_to(time, state, angle_deg, then), then)
-
-    def _turn_by(self, time: int, state: State, angle_deg: int, then: OnCompletion) -> None:
-        distance = self.heading.settings.position_from_unit(angle_deg)
-        self.heading.start_relative(time, state, distance, 0, then, allow_shift=False)
-
-    def _turn_up_to(self, time: int, state: State, angle_deg: int, then: OnCompletion) -> None:
-        settings = self.heading.settings
-        remaining = angle_deg - to_unit(self._angles()[1], settings.steps_per_unit)
+        heading = self.heading
+        remaining = angle_deg - to_unit(self._angles()[1], heading.settings.steps_per_unit)
         turns = -(-(remaining - 180) // 360) if remaining > 180 else -(-(-180 - remaining) // 360) if remaining < -180 else 0
-        target = angle_deg - 360 * turns if remaining > 0 else angle_deg + 360 * turns
-        self.heading.start_position(time, state, settings.position_from_unit(target), 0, then)
+        target = (angle_deg - 360 * turns if remaining > 0 else angle_deg + 360 * turns) * heading.settings.steps_per_unit
+        self._turn(lambda time, state: heading.start_position(time, state, target, 0, then), then)
 
     def _turn(self, start: Callable[[int, State], None], then: OnCompletion) -> None:
         """Turn in place and hold the distance for the same time, even if stopping takes longer."""
@@ -188,18 +170,16 @@ class DriveBaseControl:
         start(time, heading)
         self.distance.trajectory.stretch(self.heading.trajectory)
 
-    def arc_distance(self, radius_mm: int, distance_mm: int, then: OnCompletion) -> None:
-        """Drive a distance along an arc, to the right for a positive radius. Raises ValueError for a radius under 10 mm."""
-        _check_radius(radius_mm)
-        angle_deg = abs(distance_mm) * 573 // abs(radius_mm) // 10
-        self._drive_relative(distance_mm, angle_deg if (radius_mm < 0) == (distance_mm < 0) else -angle_deg, then)
-
-    def arc_angle(self, radius_mm: int, angle_deg: int, then: OnCompletion) -> None:
-        """Turn by an angle along an arc, to the right for a positive radius; a negative angle drives backwards. Raises
-        ValueError for a radius under 10 mm."""
-        _check_radius(radius_mm)
-        length_mm = trunc(10 * angle_deg * abs(radius_mm) / 573)
-        self._drive_relative(length_mm, -angle_deg if radius_mm < 0 else angle_deg, then)
+    def arc(self, radius_mm: int, distance_mm: int | None, angle_deg: int, then: OnCompletion) -> None:
+        """Drive a distance, or turn by an angle, along an arc, to the right for a positive radius; negative ones drive backwards.
+        Raises RefusedError for a radius under 10 mm."""
+        if abs(radius_mm) < _MIN_RADIUS_MM:
+            raise RefusedError("the radius of an arc is too small")
+        if distance_mm is None:
+            distance_mm, goes_right = trunc(10 * angle_deg * abs(radius_mm) / 573), radius_mm >= 0
+        else:
+            angle_deg, goes_right = abs(distance_mm) * 573 // abs(radius_mm) // 10, (radius_mm < 0) == (distance_mm < 0)
+        self._drive_relative(distance_mm, angle_deg if goes_right else -angle_deg, then)
 
     def drive(self, speed_mm_s: int, turn_rate_deg_s: int) -> None:
         """Drive until the next command."""
@@ -321,14 +301,6 @@ class DriveBaseControl:
         distance, heading = self._measured()
         return State(*distance), State(*heading)
 
-    def _measured(self) -> tuple[_Values, _Values]:
-        """Distance and heading. The gyroscope gives only position and speed of the heading; the estimates are the motors'."""
-        distance, heading = self._measured_by_motors()
-        if self._uses_gyro:
-            gyro, steps = self._gyro, self.heading.settings.steps_per_unit
-            heading = to_mdeg(gyro.angle(steps)), trunc(gyro.rate_deg_s() * steps), *heading[2:]
-        return distance, heading
-
     def _angles(self) -> tuple[Angle, Angle]:
         """Distance and heading as the firmware stores them."""
         distance, heading = self._wheel_angles()
@@ -348,8 +320,8 @@ class DriveBaseControl:
         self._distance_zero, self._heading_zero = distance, heading
         self._distance_zero_mdeg, self._heading_zero_mdeg = to_mdeg(distance), to_mdeg(heading)
 
-    def _measured_by_motors(self) -> tuple[_Values, _Values]:
-        """Distance and heading by the motors."""
+    def _measured(self) -> tuple[_Values, _Values]:
+        """Distance and heading. The gyroscope gives only position and speed of the heading; the estimates are the motors'."""
         right_position, left, right = self.right.position(), self.left.observer, self.right.observer
         position, is_odd = divmod(self.left.position() + right_position, 2)
         if is_odd:
@@ -359,8 +331,12 @@ class DriveBaseControl:
         angle = trunc((left.angle + right.angle) / 2)
         distance_zero, heading_zero = self._distance_zero_mdeg, self._heading_zero_mdeg
         lead, lead_estimate = position - right_position - heading_zero, angle - right.angle - heading_zero
+        turn_rate = speed - right.measured_speed
+        if self._uses_gyro:
+            gyro, steps = self._gyro, self.heading.settings.steps_per_unit
+            lead, turn_rate = to_mdeg(gyro.angle(steps)), trunc(gyro.rate_deg_s() * steps)
         distance = position - distance_zero, speed, estimate, angle - distance_zero
-        return distance, (lead, speed - right.measured_speed, estimate - right.speed, lead_estimate)
+        return distance, (lead, turn_rate, estimate - right.speed, lead_estimate)
 
     def _check_open(self) -> None:
         if not self.is_open:
@@ -374,7 +350,7 @@ class DriveBaseControl:
         return self._state()
 
     def _drive_relative(self, distance_mm: int, angle_deg: int, then: OnCompletion) -> None:
-        length, turn = self.distance.settings.position_from_unit(distance_mm), self.heading.settings.position_from_unit(angle_deg)
+        length, turn = distance_mm * self.distance.settings.steps_per_unit, angle_deg * self.heading.settings.steps_per_unit
         distance, heading, time = *self._begin(), self._clock.time_ticks
         self.distance.start_relative(time, distance, length, 0, then, allow_shift=False)
         self.heading.start_relative(time, heading, turn, 0, then, allow_shift=False)
@@ -387,8 +363,3 @@ class DriveBaseControl:
         self.distance.stop()
         self.heading.stop()
         self._paused = False
-
-
-def _check_radius(radius_mm: int) -> None:
-    if abs(radius_mm) < _MIN_RADIUS_MM:
-        raise RefusedError("the radius of an arc is too small")

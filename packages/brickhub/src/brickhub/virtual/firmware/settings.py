@@ -1,81 +1,15 @@
-"""Angles as the firmware stores them: whole turns of a motor plus millidegrees (``pbio/angle.c``, v4).
-
-The two parts may differ in sign; they are rounded and halved separately.
-
-----
-Settings of a controller, stored in control units, read and set in the program's units (deg or mm)."""
+"""Settings of a controller, stored in control units, read and set in the program's units (deg or mm)."""
 
 from __future__ import annotations
 
-import struct
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import trunc
 
+from brickhub.virtual.firmware import RefusedError
+from brickhub.virtual.firmware.angle import split, to_unit
 from brickhub.virtual.firmware.motor_model import MAX_TORQUE_UNM, MotorType
-from brickhub.virtual.firmware.trajectory import RefusedError, validate_acceleration, validate_speed
-
-TURN_MDEG = 360_000
-
-Angle = tuple[int, int]
-"""Turns and mdeg."""
-
-_SINGLE = struct.Struct("<f")
-
-
-def single(value: float) -> float:
-    """The nearest 32-bit float."""
-    return float(_SINGLE.unpack(_SINGLE.pack(value))[0])
-
-
-def split(mdeg: int) -> Angle:
-    """Turns and rest of an angle in mdeg."""
-    turns = trunc(mdeg / TURN_MDEG)
-    return turns, mdeg - turns * TURN_MDEG
-
-
-def to_mdeg(angle: Angle) -> int:
-    """The angle in mdeg."""
-    return angle[0] * TURN_MDEG + angle[1]
-
-
-def difference(a: Angle, b: Angle) -> Angle:
-    return _normalized(a[0] - b[0], a[1] - b[1])
-
-
-def mean(a: Angle, b: Angle) -> Angle:
-    turns, mdeg = _normalized(a[0] + b[0], a[1] + b[1])
-    half = trunc(turns / 2)
-    return half, trunc(mdeg / 2) + (turns - 2 * half) * TURN_MDEG // 2
-
-
-def from_unit(value: int, steps_per_unit: int) -> Angle:
-    """The angle from the program's units (deg or mm)."""
-    turns = trunc(value / (TURN_MDEG // steps_per_unit)) if steps_per_unit <= TURN_MDEG else 0
-    return turns, value * steps_per_unit - turns * TURN_MDEG
-
-
-def to_unit(angle: Angle, steps_per_unit: int) -> int:
-    """The angle in the program's units: turns truncated, the rest rounded."""
-    turns, mdeg = angle
-    half = trunc(steps_per_unit / 2) if mdeg >= 0 else -trunc(steps_per_unit / 2)
-    return trunc(turns * TURN_MDEG / steps_per_unit) + trunc((mdeg + half) / steps_per_unit)
-
-
-def to_unit_float(angle: Angle, steps_per_unit: int) -> float:
-    """The angle in the program's units, in single precision."""
-    turns = single(angle[0] * single(TURN_MDEG / steps_per_unit))
-    return single(turns + single(angle[1] / steps_per_unit))
-
-
-def _normalized(turns: int, mdeg: int) -> Angle:
-    while mdeg > TURN_MDEG:
-        turns, mdeg = turns + 1, mdeg - TURN_MDEG
-    while mdeg < -TURN_MDEG:
-        turns, mdeg = turns - 1, mdeg + TURN_MDEG
-    return turns, mdeg
-
-
-_INT32_MAX = 2**31 - 1
+from brickhub.virtual.firmware.trajectory import INT32_MAX, validate_acceleration, validate_speed
 
 
 @dataclass(slots=True)
@@ -110,7 +44,8 @@ class ControlSettings:
     max_integral: int = field(init=False)
 
     def __post_init__(self) -> None:
-        self._derive()
+        self.saturation_error = divide_by_gain(self.max_torque, self.kp)
+        self.max_integral = divide_by_gain(self.max_torque, self.ki)
 
     def to_unit(self, value: int) -> int:
         """A speed or a small angle in the program's units, truncated."""
@@ -121,16 +56,12 @@ class ControlSettings:
         return to_unit(split(position), self.steps_per_unit)
 
     def from_unit(self, value: int) -> int:
-        return max(-_INT32_MAX, min(_INT32_MAX, value * self.steps_per_unit))
-
-    def position_from_unit(self, value: int) -> int:
-        """A position in control units, not limited to 32 bits."""
-        return value * self.steps_per_unit
+        return max(-INT32_MAX, min(INT32_MAX, value * self.steps_per_unit))
 
     def limits(self) -> tuple[int, int, int, int]:
         """Speed, acceleration and deceleration in the program's units, torque in mNm."""
-        to_unit = self.to_unit
-        return to_unit(self.max_speed), to_unit(self.acceleration), to_unit(self.deceleration), self.max_torque // 1000
+        acceleration, deceleration = self.to_unit(self.acceleration), self.to_unit(self.deceleration)
+        return self.to_unit(self.max_speed), acceleration, deceleration, self.max_torque // 1000
 
     def set_limits(self, speed: int, acceleration: int, deceleration: int, torque_mnm: int) -> None:
         """Set what :meth:`limits` returns. Raises ValueError for a value out of range; if only the torque is, the others are
@@ -143,7 +74,7 @@ class ControlSettings:
         if not 1 <= torque_mnm <= MAX_TORQUE_UNM // 1000:
             raise RefusedError("the torque limit is out of range")
         self.max_torque = torque_mnm * 1000
-        self._derive()
+        self.__post_init__()
 
     def pid(self) -> tuple[int, int, int, int, int]:
         """kp, ki, kd in control units; integral deadzone and integral rate in the program's units."""
@@ -157,7 +88,7 @@ class ControlSettings:
         self._validate_position(integral_deadzone)
         self.kp, self.ki, self.kd = kp, ki, kd
         self.integral_deadzone, self.integral_rate = self.from_unit(integral_deadzone), self.from_unit(integral_rate)
-        self._derive()
+        self.__post_init__()
 
     def target_tolerances(self) -> tuple[int, int]:
         """Speed and position within which a move is complete."""
@@ -178,23 +109,9 @@ class ControlSettings:
         validate_speed(self.steps_per_unit, speed)
         self.stall_speed, self.stall_time = self.from_unit(speed), time_ms * 10
 
-    def _derive(self) -> None:
-        self.saturation_error = divide_by_gain(self.max_torque, self.kp)
-        self.max_integral = divide_by_gain(self.max_torque, self.ki)
-
     def _validate_position(self, value: int) -> None:
-        if not 0 <= value <= self.to_unit(_INT32_MAX):
+        if not 0 <= value <= self.to_unit(INT32_MAX):
             raise RefusedError("the angle is out of range")
-
-
-def multiply_by_gain(value: int, gain: int) -> int:
-    """Torque (uNm) of a value (mdeg, mdeg/s or mdeg s) and a gain (uNm per degree)."""
-    return trunc(gain * value / 1000)
-
-
-def to_int32(value: int) -> int:
-    """The value wrapped to a signed 32-bit integer."""
-    return (value + 2**31) % 2**32 - 2**31
 
 
 def divide_by_gain(torque: int, gain: int) -> int:
@@ -234,31 +151,31 @@ def servo_settings(motor: MotorType, gear_ratio_milli: int, profile_deg: int) ->
 
 def drive_base_settings(left: ControlSettings, right: ControlSettings) -> tuple[ControlSettings, ControlSettings]:
     """Settings of the distance and the heading controller, by the weaker motor; the caller sets ``steps_per_unit``."""
+
+    def of_both(choose: Callable[[int, int], int], *names: str) -> dict[str, int]:
+        return {name: choose(getattr(left, name), getattr(right, name)) for name in names}
+
+    weaker = of_both(min, "max_speed", "kd", "integral_rate", "speed_tolerance", "stall_speed", "stall_time")
+    weaker |= of_both(max, "integral_deadzone", "smart_hold_time")
     kp = min(left.kp, right.kp) * min(left.kp_low_pct, right.kp_low_pct) // 100
-    max_torque, max_speed = min(left.max_torque, right.max_torque), min(left.max_speed, right.max_speed)
+    max_torque = min(left.max_torque, right.max_torque)
 
     def settings(default_speed: int, torque: int) -> ControlSettings:
         return ControlSettings(
+            **weaker,
             steps_per_unit=1,
-            max_speed=max_speed,
             default_speed=default_speed,
             acceleration=min(left.acceleration, right.acceleration) * 3 // 4,
             deceleration=min(left.deceleration, right.deceleration) * 3 // 4,
             max_torque=torque,
             kp=kp,
             ki=0,
-            kd=min(left.kd, right.kd),
             kp_low_pct=0,
             kp_low_error=0,
             kp_low_speed=0,
-            integral_deadzone=max(left.integral_deadzone, right.integral_deadzone),
-            integral_rate=min(left.integral_rate, right.integral_rate),
-            speed_tolerance=min(left.speed_tolerance, right.speed_tolerance),
             position_tolerance=divide_by_gain(max_torque, kp),
-            stall_speed=min(left.stall_speed, right.stall_speed),
-            stall_time=min(left.stall_time, right.stall_time),
-            smart_hold_time=max(left.smart_hold_time, right.smart_hold_time),
         )
 
     # Default speed: 40 % of the maximum ahead, 33 % in turns. Twice the torque, so that a saturated heading wins.
+    max_speed = weaker["max_speed"]
     return settings(max_speed * 10 // 25, max_torque), settings(max_speed // 3, max_torque * 2)

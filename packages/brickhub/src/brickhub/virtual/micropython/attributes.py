@@ -23,12 +23,55 @@ _UNUSED = (
     *("__setattr__", "__delattr__", "__getattribute__", "__del__", "__get__", "__set__", "__delete__", "__set_name__"),
     *("__iand__", "__ior__", "__ixor__", "__missing__"),
 )
-_MADE_BY_CPYTHON = frozenset(
-    (
-        *("__dict__", "__weakref__", "__doc__", "__module__", "__qualname__", "__slotnames__", "__annotations__"),
-        *("__firstlineno__", "__static_attributes__"),  # since Python 3.13
-        *("__annotate__", "__annotate_func__", "__annotations_cache__"),  # since Python 3.14
-    )
+_MADE_BY_CPYTHON = (
+    *("__dict__", "__weakref__", "__doc__", "__module__", "__qualname__", "__slotnames__", "__annotations__"),
+    *("__firstlineno__", "__static_attributes__"),  # since Python 3.13
+    *("__annotate__", "__annotate_func__", "__annotations_cache__"),  # since Python 3.14
+)
+_SEQUENCE_TEXT = (
+    "count endswith find format index isalpha isdigit islower isspace isupper join lower lstrip replace rfind rindex rsplit "
+    "rstrip split startswith strip upper"
+)
+_PRESENT: dict[type, str] = {
+    str: _SEQUENCE_TEXT,
+    bytes: _SEQUENCE_TEXT,
+    HubBytearray: _SEQUENCE_TEXT + " append extend",
+    int: "to_bytes from_bytes",
+    bool: "to_bytes from_bytes",
+    float: "",
+    complex: "real imag",
+    range: "start stop step",
+    slice: "start stop step",
+    memoryview: "",
+    GeneratorType: "send throw close",
+    BytesIO: "read readinto readline write seek tell flush close getvalue",
+    BaseException: "args",
+    list: "append clear copy count extend index insert pop remove reverse sort",
+    tuple: "count index",
+    HubDict: "clear copy fromkeys get items keys pop popitem setdefault update values",
+    HubSet: "add clear copy difference difference_update discard intersection intersection_update isdisjoint issubset issuperset "
+    "pop remove symmetric_difference symmetric_difference_update union update",
+}
+_HIDDEN = {
+    kind: frozenset(name for name in dir(kind) if not name.startswith("__")) - frozenset(names.split())
+    for kind, names in _PRESENT.items()
+}
+_SPECIAL: dict[type, tuple[str, ...]] = {
+    object: ("__next__", "__enter__", "__exit__"),
+    HubDict: ("__getitem__", "__setitem__", "__delitem__"),
+    HubSet: ("__contains__",),
+}
+"""Special names that native objects have on a hub too, if they have them here."""
+_FIRST_ARGUMENT = frozenset(["errno", "value"])
+"""Attributes of all exceptions on a hub, not only ``OSError`` and ``StopIteration``."""
+_CLASS_ATTRIBUTES = ("__module__", "__qualname__")
+"""Attributes of a program's classes; the second is the name without its enclosing scopes."""
+_OF_MODULES = frozenset(["__builtins__", *vars(ModuleType("")).keys() - {"__name__"}])
+"""Names that CPython puts into modules."""
+_HIDDEN_NAMES = _FIRST_ARGUMENT.union(*_HIDDEN.values())
+_WITH_KEYWORDS = frozenset(["sort", "update", "sorted", "max", "min"])
+_KINDS_WITHOUT_KEYWORDS = frozenset(
+    [bool, HubBytearray, complex, enumerate, HubSet, list, map, range, reversed, slice, tuple, type, zip]
 )
 
 
@@ -47,12 +90,8 @@ def build_class(body: Any, class_name: str, *bases: Any, **keywords: Any) -> Any
         if getattr(cls, mirrored) is not getattr(object, mirrored) and getattr(cls, method) is getattr(object, method):
             setattr(cls, method, _refusal(method))
     if cls.__init__ is object.__init__ and cls.__new__ is object.__new__:
-        cls.__init__ = _ignore_arguments
+        cls.__init__ = lambda self, *args, **kwargs: None  # ignores all arguments on a hub
     return cls
-
-
-def _ignore_arguments(self: Any, *args: Any, **kwargs: Any) -> None:
-    """A class without ``__init__`` ignores all arguments on a hub."""
 
 
 def _refusal(method: str) -> Callable[[Any, Any], Any]:
@@ -101,56 +140,9 @@ HubSuper.__name__ = HubSuper.__qualname__ = "super"
 HubStaticMethod.__name__ = HubStaticMethod.__qualname__ = "staticmethod"
 
 
-_SEQUENCE_TEXT = (
-    "count endswith find format index isalpha isdigit islower isspace isupper join lower lstrip replace rfind rindex rsplit "
-    "rstrip split startswith strip upper"
-)
-_PRESENT: dict[type, str] = {
-    str: _SEQUENCE_TEXT,
-    bytes: _SEQUENCE_TEXT,
-    HubBytearray: _SEQUENCE_TEXT + " append extend",
-    int: "to_bytes from_bytes",
-    bool: "to_bytes from_bytes",
-    float: "",
-    complex: "real imag",
-    range: "start stop step",
-    slice: "start stop step",
-    memoryview: "",
-    GeneratorType: "send throw close",
-    BytesIO: "read readinto readline write seek tell flush close getvalue",
-    BaseException: "args",
-    list: "append clear copy count extend index insert pop remove reverse sort",
-    tuple: "count index",
-    HubDict: "clear copy fromkeys get items keys pop popitem setdefault update values",
-    HubSet: "add clear copy difference difference_update discard intersection intersection_update isdisjoint issubset issuperset "
-    "pop remove symmetric_difference symmetric_difference_update union update",
-}
-_HIDDEN = {
-    kind: frozenset(name for name in dir(kind) if not name.startswith("__")) - frozenset(names.split())
-    for kind, names in _PRESENT.items()
-}
-_SPECIAL: dict[type, tuple[str, ...]] = {
-    object: ("__next__", "__enter__", "__exit__"),
-    HubDict: ("__getitem__", "__setitem__", "__delitem__"),
-    HubSet: ("__contains__",),
-}
-"""Special names that native objects have on a hub too, if they have them here."""
-_FIRST_ARGUMENT = frozenset(["errno", "value"])
-"""Attributes of all exceptions on a hub, not only ``OSError`` and ``StopIteration``."""
-_CLASS_ATTRIBUTES = ("__module__", "__qualname__")
-"""Attributes of a program's classes; the second is the name without its enclosing scopes."""
-_OF_MODULES = frozenset(["__builtins__", *vars(ModuleType("")).keys() - {"__name__"}])
-"""Names that CPython puts into modules."""
-_HIDDEN_NAMES = _FIRST_ARGUMENT.union(*_HIDDEN.values())
-
-
-def _is_special(name: str) -> bool:
-    return name.startswith("__") and name.endswith("__")
-
-
 def may_be_hidden(name: str) -> bool:
     """Whether :func:`visible_attribute` has to look for an attribute, as some type has it only on CPython."""
-    return _is_special(name) or name in _HIDDEN_NAMES
+    return name in _HIDDEN_NAMES or (name.startswith("__") and name.endswith("__"))
 
 
 def visible_attribute(value: Any, name: str) -> Any:
@@ -173,9 +165,9 @@ def _is_visible(value: Any, owner: type, name: str) -> bool:
         return True
     if owner is not value and name in getattr(value, "__dict__", ()):
         return name not in _OF_MODULES
-    if not _is_special(name):
-        return not any(name in _HIDDEN.get(kind, ()) for kind in owner.__mro__)
-    return hasattr(value, name) and any(name in _SPECIAL.get(kind, ()) for kind in owner.__mro__)
+    if name.startswith("__") and name.endswith("__"):
+        return hasattr(value, name) and any(name in _SPECIAL.get(kind, ()) for kind in owner.__mro__)
+    return not any(name in _HIDDEN.get(kind, ()) for kind in owner.__mro__)
 
 
 def store_attribute(value: Any, owner: Any, name: str) -> None:
@@ -209,20 +201,12 @@ def directory(value: Any) -> list[str]:
     return sorted(name for name in names if "@" not in name)
 
 
-_WITH_KEYWORDS = frozenset(["sort", "update", "sorted", "max", "min"])
-_KINDS_WITHOUT_KEYWORDS = frozenset(
-    [bool, HubBytearray, complex, enumerate, HubSet, list, map, range, reversed, slice, tuple, type, zip]
-)
-
-
 def with_keywords(function: Any) -> Any:
     """A callable that accepts keyword arguments, which few builtins do. Raises TypeError if it accepts none."""
     if isinstance(function, FunctionType):
         code = function.__code__
-        accepts_keywords = (
-            code.co_argcount > code.co_posonlyargcount or code.co_kwonlyargcount or code.co_flags & inspect.CO_VARKEYWORDS
-        )
-        refuses = function.__module__.startswith(FIRMWARE) and not accepts_keywords
+        named = code.co_argcount - code.co_posonlyargcount + code.co_kwonlyargcount
+        refuses = function.__module__.startswith(FIRMWARE) and not (named or code.co_flags & inspect.CO_VARKEYWORDS)
     elif isinstance(function, type):
         refuses = function in _KINDS_WITHOUT_KEYWORDS
     else:
@@ -241,8 +225,7 @@ class Manager:
     """
 
     def __init__(self, value: Any, reword: Callable[[BaseException], BaseException]) -> None:
-        self._exit = visible_attribute(value, "__exit__")
-        self._enter = visible_attribute(value, "__enter__")
+        self._exit, self._enter = visible_attribute(value, "__exit__"), visible_attribute(value, "__enter__")
         self._reword = reword
 
     def __enter__(self) -> Any:
@@ -255,3 +238,8 @@ class Manager:
             return self._exit(kind, error and self._reword(error), None)
         self._exit(SystemExit, SystemExit(), None)  # stopped from outside: whatever the answer is
         return None
+
+
+ATTRIBUTE_FUNCTIONS: dict[str, Any] = {"@attr": visible_attribute, "@store": store_attribute, "@keywords": with_keywords}
+ATTRIBUTE_FUNCTIONS |= {"@with": Manager, "super": HubSuper, "staticmethod": HubStaticMethod, "__build_class__": build_class}
+"""Functions and classes by their names in the transformed program."""

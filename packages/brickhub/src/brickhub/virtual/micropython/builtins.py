@@ -11,26 +11,21 @@ from types import FrameType, MethodType, ModuleType
 from typing import Any
 
 from brickhub.virtual.micropython.attributes import (
-    HubStaticMethod,
-    HubSuper,
-    Manager,
-    build_class,
+    ATTRIBUTE_FUNCTIONS,
     directory,
     may_be_hidden,
     store_attribute,
     visible_attribute,
-    with_keywords,
 )
 from brickhub.virtual.micropython.compiler import compile_string
 from brickhub.virtual.micropython.containers import HubDict, HubSet, hash_of
 from brickhub.virtual.micropython.exceptions import EXCEPTIONS, HubOSError, ProgramInterrupt
 from brickhub.virtual.micropython.floats import SMALL_MAX, int_from_float
-from brickhub.virtual.micropython.formatting import to_number
 from brickhub.virtual.micropython.iterables import sorted_list
 from brickhub.virtual.micropython.numbers import module
 from brickhub.virtual.micropython.operators import operators, to_float, to_int, to_str
 from brickhub.virtual.micropython.streams import Console, HubBytearray, as_bytes, write_text
-from brickhub.virtual.micropython.text import representation, text
+from brickhub.virtual.micropython.text import representation, text, to_number
 
 _UNCHANGED = """
     all any bin bool bytes callable chr classmethod complex enumerate float hex int len list max memoryview min
@@ -56,11 +51,9 @@ def builtin_names(
     """Builtin names for a program without ``missing_builtins``. ``namespaces``: globals of its modules. ``find_module`` raises
     ImportError."""
     result: dict[str, Any] = {name: getattr(builtins, name) for name in (*_UNCHANGED, *EXCEPTIONS)}
-    result.update({**operators(namespaces), **hooks, **_FUNCTIONS, **_stream_functions(console)})
-    result.update({"@attr": visible_attribute, "@store": store_attribute, "@keywords": with_keywords, "@with": Manager})
-    result.update({"Ellipsis": ..., "__debug__": True, "OSError": HubOSError, "super": HubSuper, "dict": HubDict, "set": HubSet})
-    result.update({"bytearray": HubBytearray, "sorted": sorted_list, "staticmethod": HubStaticMethod, "repr": representation})
-    result.update({"@del": _delete_global, "__build_class__": build_class})
+    result.update({**operators(namespaces), **hooks, **ATTRIBUTE_FUNCTIONS, **_FUNCTIONS, **_stream_functions(console)})
+    result.update({"Ellipsis": ..., "__debug__": True, "OSError": HubOSError, "dict": HubDict, "set": HubSet})
+    result.update({"bytearray": HubBytearray, "sorted": sorted_list, "repr": representation, "@del": _delete_global})
     result.update(_number_functions(result["@n"], result["@pow"]))
     present = {name: value for name, value in result.items() if name not in missing_builtins}
     builtins_module = module("builtins", {name: value for name, value in present.items() if "@" not in name})

@@ -9,6 +9,7 @@ import warnings
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 from types import CodeType
+from typing import Any
 
 import mpy_cross_v6
 
@@ -18,6 +19,15 @@ from brickhub.virtual.micropython.transform import called_name, transform
 
 _Function = ast.FunctionDef | ast.AsyncFunctionDef
 _Comprehension = ast.ListComp | ast.SetComp | ast.DictComp | ast.GeneratorExp
+STRING = "<string>"
+"""File name of what ``eval`` and ``exec`` compile."""
+_LEADING_ZERO = re.compile(rf"{TEXT}|(?<![\w.])(?P<number>0[0-9_]*[1-9][0-9_]*)(?![\w.])", re.DOTALL)
+_HEADER_BYTES = 4
+_TEXT, _INTEGER, _FLOAT, _TUPLE = (5, 6), 7, 8, 10
+_WITHOUT_DATA = 4
+_KINDS_OF_NAMES = ("co_names", "co_varnames", "co_cellvars", "co_freevars")
+_MAX_DIGITS = 20
+"""More than any integer of 31 bits has, and few enough to be read at once."""
 
 
 @dataclass
@@ -122,10 +132,6 @@ def _assigned(nodes: Collection[ast.AST]) -> Iterator[str]:
             yield from _assigned(list(ast.iter_child_nodes(node)))
 
 
-STRING = "<string>"
-"""File name of what ``eval`` and ``exec`` compile."""
-
-
 @functools.lru_cache(maxsize=64)
 def compile_source(source: str, filename: str, mode: str = "exec") -> CodeType:
     """Code of a program, or of an expression (``mode="eval"``). Raises SyntaxError if the hub's compiler refuses it,
@@ -142,12 +148,9 @@ def compile_source(source: str, filename: str, mode: str = "exec") -> CodeType:
         if any(isinstance(node, ast.NamedExpr) for node in ast.walk(tree)):
             _Loser().visit(tree)
         code = compile(transform(tree, _recursive_names(tree), floats), filename, mode, dont_inherit=True)
-    code = _with_names_of_hub(code)
     classes = {node.name.lstrip("_") for node in ast.walk(tree) if isinstance(node, ast.ClassDef)} - {""}
-    if not classes or "__" not in source:
-        return code
-    words = frozenset(re.findall(r"\w+", source))
-    return _unmangled(code, re.compile(f"_(?:{'|'.join(sorted(classes))})(__\\w+)"), words)
+    mangled = re.compile(f"_(?:{'|'.join(sorted(classes))})(__\\w+)") if classes and "__" in source else None
+    return _with_names_of_hub(code, mangled, frozenset(re.findall(r"\w+", source)))
 
 
 def compile_string(source: str, mode: str = "exec") -> CodeType:
@@ -175,9 +178,6 @@ def compile_string(source: str, mode: str = "exec") -> CodeType:
     return code
 
 
-_LEADING_ZERO = re.compile(rf"{TEXT}|(?<![\w.])(?P<number>0[0-9_]*[1-9][0-9_]*)(?![\w.])", re.DOTALL)
-
-
 def _at_line(line: int, error: SyntaxError) -> SyntaxError:
     error.filename, error.lineno = STRING, line
     return error
@@ -199,27 +199,20 @@ def _recursive_names(tree: ast.AST) -> set[str]:
     return {name for name, reached in calls.items() if name in reached}
 
 
-def _with_names_of_hub(code: CodeType) -> CodeType:
-    """Name list comprehensions, which `transform` makes generators, as a hub does."""
-    constants = tuple(_with_names_of_hub(part) if isinstance(part, CodeType) else part for part in code.co_consts)
-    name = "<listcomp>" if "@element" in code.co_names else code.co_name
-    return code.replace(co_consts=constants, co_name=name)
-
-
-def _unmangled(code: CodeType, mangled: re.Pattern[str], words: frozenset[str]) -> CodeType:
-    """Undo name mangling, which a hub does not have."""
+def _with_names_of_hub(code: CodeType, mangled: re.Pattern[str] | None, words: frozenset[str]) -> CodeType:
+    """Name list comprehensions, which `transform` makes generators, as a hub does, and undo name mangling, which it does not
+    have, of names that are not among the ``words`` of the source."""
+    constants = tuple(_with_names_of_hub(c, mangled, words) if isinstance(c, CodeType) else c for c in code.co_consts)
+    code = code.replace(co_consts=constants, co_name="<listcomp>" if "@element" in code.co_names else code.co_name)
+    if mangled is None:
+        return code
 
     def demangled(names: tuple[str, ...]) -> tuple[str, ...]:
         matches = [None if name in words else mangled.fullmatch(name) for name in names]
         return tuple(match[1] if match else name for name, match in zip(names, matches, strict=True))
 
-    return code.replace(
-        co_names=demangled(code.co_names),
-        co_varnames=demangled(code.co_varnames),
-        co_cellvars=demangled(code.co_cellvars),
-        co_freevars=demangled(code.co_freevars),
-        co_consts=tuple(_unmangled(c, mangled, words) if isinstance(c, CodeType) else c for c in code.co_consts),
-    )
+    names: dict[str, Any] = {kind: demangled(getattr(code, kind)) for kind in _KINDS_OF_NAMES}
+    return code.replace(**names)
 
 
 def _compile_for_hub(source: str, filename: str) -> bytes:
@@ -233,13 +226,6 @@ def _compile_for_hub(source: str, filename: str) -> bytes:
     if location := re.search(r'File ".*", line (\d+)(?:, in (\S+))?', report):
         error.filename, error.lineno, error.text = filename, int(location[1]), location[2]
     raise error
-
-
-_HEADER_BYTES = 4
-_TEXT, _INTEGER, _FLOAT, _TUPLE = (5, 6), 7, 8, 10
-_WITHOUT_DATA = 4
-_MAX_DIGITS = 20
-"""More than any integer of 31 bits has, and few enough to be read at once."""
 
 
 def _constants(mpy: bytes) -> Iterator[tuple[int, bytes]]:

@@ -21,6 +21,7 @@ _SIZES = (
 
 _SLOT_BYTES = 4
 """Bytes of a set's slot; one of a dict has 8."""
+_MISSING = object()
 
 
 class _Mark:
@@ -28,7 +29,6 @@ class _Mark:
 
 
 _FREE, _DELETED = _Mark(), _Mark()
-_MISSING = object()
 
 
 def hash_of(value: Any) -> int | None:
@@ -133,13 +133,12 @@ class HashTable:
 
 
 class TableIterator:
-    """Iterates over slots, regardless of changes."""
+    """Iterates over slots, regardless of changes; gives keys, or what a function makes of them."""
 
-    __slots__ = ("_next", "_table")
+    __slots__ = ("_function", "_next", "_table")
 
-    def __init__(self, table: HashTable) -> None:
-        self._table = table
-        self._next = 0
+    def __init__(self, table: HashTable, function: Callable[[Any], Any] | None = None) -> None:
+        self._table, self._function, self._next = table, function, 0
 
     def __iter__(self) -> TableIterator:
         return self
@@ -150,11 +149,8 @@ class TableIterator:
             key = slots[self._next]
             self._next += 1
             if not isinstance(key, _Mark):
-                return key
+                return key if self._function is None else self._function(key)
         raise StopIteration
-
-
-TableIterator.__name__ = TableIterator.__qualname__ = "iterator"
 
 
 class HubDict(dict[Any, Any]):
@@ -257,15 +253,15 @@ class DictView:
     __slots__ = ("kind", "owner")
 
     def __init__(self, owner: HubDict, kind: str) -> None:
-        self.owner = owner
-        self.kind = kind
+        self.owner, self.kind = owner, kind
 
     def __iter__(self) -> Iterator[Any]:
+        owner = self.owner
         if self.kind == "keys":
-            return iter(self.owner)
+            return iter(owner)
         if self.kind == "values":
-            return Mapped(self.owner, lambda key: dict.__getitem__(self.owner, key))
-        return Mapped(self.owner, lambda key: (key, dict.__getitem__(self.owner, key)))
+            return TableIterator(owner._table, lambda key: dict.__getitem__(owner, key))
+        return TableIterator(owner._table, lambda key: (key, dict.__getitem__(owner, key)))
 
     def __hash__(self) -> int:
         if self.kind != "values":
@@ -274,22 +270,6 @@ class DictView:
 
     def __contains__(self, value: Any) -> bool:
         return value in self.owner if self.kind == "keys" else any(value == other for other in self)
-
-
-class Mapped:
-    """Iterator over a function of the keys."""
-
-    __slots__ = ("_function", "_keys")
-
-    def __init__(self, owner: HubDict, function: Callable[[Any], Any]) -> None:
-        self._keys = iter(owner)
-        self._function = function
-
-    def __iter__(self) -> Mapped:
-        return self
-
-    def __next__(self) -> Any:
-        return self._function(next(self._keys))
 
 
 def _operator(method: str) -> Any:
@@ -412,5 +392,5 @@ class HubSet(set[Any]):
     __and__, __iand__ = _operator("intersection"), _operator("intersection_update")
 
 
-for _kind, _name in ((HubDict, "dict"), (HubSet, "set"), (DictView, "dict_view"), (Mapped, "iterator")):
+for _kind, _name in ((HubDict, "dict"), (HubSet, "set"), (DictView, "dict_view"), (TableIterator, "iterator")):
     _kind.__name__ = _kind.__qualname__ = _name

@@ -24,15 +24,29 @@ EXCEPTIONS = """
     ZeroDivisionError
 """.split()  # noqa: SIM905  a list would take a line for each
 """Exceptions common to hub and CPython; ``OSError`` is replaced."""
-
 ERROR_NAMES = {
     getattr(errno, name): name
     for name in ("EPERM", "EIO", "EBUSY", "ENODEV", "EINVAL", "EOPNOTSUPP", "EAGAIN", "ETIMEDOUT", "ECANCELED")
 }
-
-
 CATCHABLE = (Exception, SystemExit, KeyboardInterrupt, GeneratorExit)
 """What a program can catch: not what stops it from outside."""
+_OPERATORS = {
+    "+": "__add__", "-": "__sub__", "*": "__mul__", "/": "__truediv__", "//": "__floordiv__", "%": "__mod__",
+    "** or pow()": "__pow__", "<<": "__lshift__", ">>": "__rshift__", "&": "__and__", "|": "__or__", "^": "__xor__",
+    "@": "__matmul__", "<": "__lt__", "<=": "__le__", ">": "__gt__", ">=": "__ge__", "+=": "__add__", "-=": "__sub__",
+    "&=": "__and__", "|=": "__or__", "^=": "__xor__", "divmod()": "__divmod__",
+}  # fmt: skip
+_UNARY = {"-": "__neg__", "+": "__pos__", "~": "__invert__", "abs()": "__abs__"}
+_CLASS_NAMES = (
+    (r"\bbuiltin_function_or_method\b", "function"), (r"(?<!attribute ')\b\w+_iterator\b", "iterator"),
+    (r"\b\w+_reverseiterator\b", "reversed"), (r"'ellipsis'", "''"), (r"^byte(?= indices)", "bytes"),
+    (r"(?<!attribute )(?<!argument )(['\"])method(?=['\"])", r"\1bound_method"), (r"(?<=convert )method(?= to)", "bound_method"),
+)  # fmt: skip
+"""Names of classes that differ on a hub."""
+_COMPARISONS = ("<", "<=", ">", ">=")
+_RAISE = dis.opmap["RAISE_VARARGS"]
+_LANGUAGE = f"{__package__}."
+_FUNCTIONS = (FunctionType, BuiltinFunctionType, MethodType)
 
 
 class HostStop(BaseException):
@@ -70,21 +84,6 @@ class HubOSError(OSError):
 
 
 HubOSError.__name__ = HubOSError.__qualname__ = "OSError"
-
-_OPERATORS = {
-    "+": "__add__", "-": "__sub__", "*": "__mul__", "/": "__truediv__", "//": "__floordiv__", "%": "__mod__",
-    "** or pow()": "__pow__", "<<": "__lshift__", ">>": "__rshift__", "&": "__and__", "|": "__or__", "^": "__xor__",
-    "@": "__matmul__", "<": "__lt__", "<=": "__le__", ">": "__gt__", ">=": "__ge__", "+=": "__add__", "-=": "__sub__",
-    "&=": "__and__", "|=": "__or__", "^=": "__xor__", "divmod()": "__divmod__",
-}  # fmt: skip
-_UNARY = {"-": "__neg__", "+": "__pos__", "~": "__invert__", "abs()": "__abs__"}
-_CLASS_NAMES = (
-    (r"\bbuiltin_function_or_method\b", "function"), (r"(?<!attribute ')\b\w+_iterator\b", "iterator"),
-    (r"\b\w+_reverseiterator\b", "reversed"), (r"'ellipsis'", "''"), (r"^byte(?= indices)", "bytes"),
-    (r"(?<!attribute )(?<!argument )(['\"])method(?=['\"])", r"\1bound_method"), (r"(?<=convert )method(?= to)", "bound_method"),
-)  # fmt: skip
-"""Names of classes that differ on a hub."""
-_COMPARISONS = ("<", "<=", ">", ">=")
 
 
 def _types(operator: str, left: str, right: str) -> str:
@@ -188,8 +187,10 @@ _RULES: tuple[tuple[type[BaseException], str, str | Callable[[re.Match[str]], st
 
 def reword(error: BaseException, namespaces: Sequence[Mapping[str, object]]) -> BaseException:
     """Replace CPython's message by the hub's; ``namespaces`` are the globals of the program's modules. Returns the error."""
-    if _is_raised_by_program(error):
-        return error
+    for trace in _traces(error)[-1:]:
+        code, position = trace.tb_frame.f_code.co_code, trace.tb_lasti
+        if "@n" in trace.tb_frame.f_builtins and code[position] == _RAISE and code[position + 1] > 0:
+            return error  # from a `raise` with an exception in the program
     if isinstance(error, UnicodeError):
         error.args = ()
     if len(error.args) != 1 or not isinstance(error.args[0], str) or not isinstance(error, Exception):
@@ -215,11 +216,6 @@ def reword(error: BaseException, namespaces: Sequence[Mapping[str, object]]) -> 
     if message != error.args[0]:
         error.args = (message,)
     return error
-
-
-_RAISE = dis.opmap["RAISE_VARARGS"]
-_LANGUAGE = f"{__package__}."
-_FUNCTIONS = (FunctionType, BuiltinFunctionType, MethodType)
 
 
 def function_name(function: object) -> str:
@@ -258,14 +254,6 @@ def _operand_name(error: BaseException) -> str:
 def local_values(frame: FrameType) -> list[Any]:
     """Values of the local variables of a function; none of a module, which has globals."""
     return [*frame.f_locals.values()] if frame.f_code.co_flags & inspect.CO_OPTIMIZED else []
-
-
-def _is_raised_by_program(error: BaseException) -> bool:
-    """Whether the error is from a ``raise`` with an exception in the program."""
-    for trace in _traces(error)[-1:]:
-        code, position = trace.tb_frame.f_code.co_code, trace.tb_lasti
-        return "@n" in trace.tb_frame.f_builtins and code[position] == _RAISE and code[position + 1] > 0
-    return False
 
 
 def _call_message(message: str, namespaces: Sequence[Mapping[str, object]], error: BaseException) -> str:

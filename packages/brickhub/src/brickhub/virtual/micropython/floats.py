@@ -10,7 +10,6 @@ import math
 import re
 import struct
 from collections.abc import Collection
-from dataclasses import dataclass, replace
 
 SMALL_MAX = 2**30 - 1
 SMALL_MIN = -(2**30)
@@ -30,6 +29,10 @@ _ROUGH_POWERS = {
 """Powers of five that a hub's ``powf`` does not round to the nearest float."""
 _FULL_MANTISSA = 0x19999998
 _DECIMAL = re.compile(r"(\d*)(?:\.(\d*))?(?:e([+-]?\d+))?", re.IGNORECASE)
+_MAX_DIGITS, _SAFE_DIGITS = 9, 6
+_BUFFER_CHARS = 33
+_REPR_EXPONENT = 16
+_ALL_BEHIND = 255  # no decimal point among the digits
 
 
 def to_single(x: float) -> float:
@@ -96,12 +99,6 @@ def read_constant(value: float, texts: Collection[str]) -> float:
     return read_float(text if math.isclose(float(text), value, rel_tol=1e-14) else repr(value))
 
 
-_MAX_DIGITS, _SAFE_DIGITS = 9, 6
-_BUFFER_CHARS = 33
-_REPR_EXPONENT = 16
-_ALL_BEHIND = 255  # no decimal point among the digits
-
-
 def float_text(x: float) -> str:
     """``str`` and ``repr`` of a float."""
     text = format_float(x, "g", None)
@@ -122,67 +119,8 @@ def format_float(x: float, code: str, precision: int | None, sign: str = "") -> 
     return sign + (text.upper() if code.isupper() else text)
 
 
-@dataclass(frozen=True)
-class _Layout:
-    """Layout of the digits.
-
-    Attributes:
-        kind: ``e``, ``f`` or ``g``.
-        digits: number of digits.
-        point: index of the digit before the decimal point.
-        lead: prefix of the digits.
-        zeros: number of trailing zeros.
-        exponent: of the first digit.
-        max_exponent: largest exponent for which ``g`` writes zeros.
-    """
-
-    kind: str
-    digits: int
-    point: int
-    lead: str
-    zeros: int
-    exponent: int
-    max_exponent: int
-
-    def write(self, mantissa: int) -> str:
-        exponent, digits, point, lead, zeros = self.exponent, self.digits, self.point, self.lead, self.zeros
-        if mantissa >= 10**digits:
-            if self.kind == "f":
-                digits, point = digits + 1, point + 1
-            else:
-                mantissa, exponent = mantissa // 10, exponent + 1
-        if self.kind == "g" and 0 < exponent < self.max_exponent:
-            point, exponent = point + exponent, 0
-            if point >= digits:
-                zeros = point - (digits - 1)
-        elif self.kind == "g" and -4 <= exponent < 0:
-            while exponent < 0 and mantissa % 10 == 0:
-                mantissa, exponent, digits = mantissa // 10, exponent + 1, digits - 1
-            lead = "0." + "0" * (self.digits - digits - exponent - 1)
-            point, exponent = _ALL_BEHIND, 0
-        text = f"{mantissa:0{digits}}"[-digits:]
-        if point + 1 < digits:
-            text = f"{text[: point + 1]}.{text[point + 1 :]}"
-        before_point = point + 1 - digits
-        if 0 <= before_point < zeros:
-            text += "0" * before_point + "." + "0" * (zeros - before_point)
-        else:
-            text += "0" * zeros
-        text = lead + text
-        if self.kind == "g" and "." in text:
-            text = text.rstrip("0").rstrip(".")
-        if self.kind == "e" or (exponent and self.kind != "f"):
-            text += f"e{exponent:+03d}"
-        return text
-
-    def value(self, mantissa: int, shift: int) -> float:
-        """The float that a hub reads from `write`, for ``mantissa`` times 10 to the power of ``-shift``."""
-        if mantissa >= 10**self.digits and self.kind != "f":
-            return read_digits(mantissa // 10, 1 - shift)
-        return read_digits(mantissa, -shift)
-
-
 def _unsigned(x: float, kind: str, precision: int | None, width: int) -> str:
+    """A positive number formatted by ``%e``, ``%f`` or ``%g`` (``kind``), in a buffer of ``width`` characters."""
     exponent = _exponent(x)
     count = _MAX_DIGITS if precision is None else precision
     max_exponent = _REPR_EXPONENT if precision is None else min(count, width - 3)
@@ -203,21 +141,48 @@ def _unsigned(x: float, kind: str, precision: int | None, width: int) -> str:
     max_digits = min(count, _MAX_DIGITS)
     zeros = min(count - max_digits, width - max_digits - (3 if kind == "f" else 7))
     for digits in range(min(_SAFE_DIGITS, max_digits), max_digits + 1):
-        layout = _Layout(kind, digits, 0, "", zeros + max_digits - digits, exponent, max_exponent)
-        shift = digits - 1 - exponent
+        shift, point, lead = digits - 1 - exponent, 0, ""
         if x == 0:
             shift = 0
         elif kind == "f" and exponent >= 0:
-            layout = replace(layout, point=exponent)
+            point = exponent
         elif kind == "f":
             shift = digits - 1
             if lead_zeros > 0:
-                shift += lead_zeros + 1
-                layout = replace(layout, lead="0." + "0" * lead_zeros, point=_ALL_BEHIND)
-        mantissa, is_exact = _search(x, layout, shift)
+                shift, point, lead = shift + lead_zeros + 1, _ALL_BEHIND, "0." + "0" * lead_zeros
+        mantissa, is_exact = _search(x, kind, digits, shift)
         if is_exact:
             break
-    return layout.write(mantissa)
+    return _written(mantissa, kind, digits, point, lead, zeros + max_digits - digits, exponent, max_exponent)
+
+
+def _written(mantissa: int, kind: str, digits: int, point: int, lead: str, zeros: int, exponent: int, max_exponent: int) -> str:
+    """So many digits with a point after the one at index ``point``, a prefix, zeros behind, and the exponent of the first digit,
+    for which ``g`` writes zeros up to ``max_exponent``."""
+    if mantissa >= 10**digits and kind == "f":
+        digits, point = digits + 1, point + 1
+    elif mantissa >= 10**digits:
+        mantissa, exponent = mantissa // 10, exponent + 1
+    if kind == "g" and 0 < exponent < max_exponent:
+        point, exponent = point + exponent, 0
+        zeros = point - (digits - 1) if point >= digits else zeros
+    elif kind == "g" and -4 <= exponent < 0:
+        written = digits
+        while exponent < 0 and mantissa % 10 == 0:
+            mantissa, exponent, digits = mantissa // 10, exponent + 1, digits - 1
+        point, exponent, lead = _ALL_BEHIND, 0, "0." + "0" * (written - digits - exponent - 1)
+    text = f"{mantissa:0{digits}}"[-digits:]
+    if point + 1 < digits:
+        text = f"{text[: point + 1]}.{text[point + 1 :]}"
+    before_point = point + 1 - digits
+    if 0 <= before_point < zeros:
+        text += "0" * before_point + "." + "0" * (zeros - before_point)
+    else:
+        text += "0" * zeros
+    text = lead + text
+    if kind == "g" and "." in text:
+        text = text.rstrip("0").rstrip(".")
+    return f"{text}e{exponent:+03d}" if kind == "e" or (exponent and kind != "f") else text
 
 
 def _exponent(x: float) -> int:
@@ -234,21 +199,26 @@ def _exponent(x: float) -> int:
     return exponent
 
 
-def _search(x: float, layout: _Layout, shift: int) -> tuple[int, bool]:
-    """The mantissa that reads back as ``x`` or nearest to it, and whether it does."""
-    extra = layout.digits - _SAFE_DIGITS
+def _search(x: float, kind: str, digits: int, shift: int) -> tuple[int, bool]:
+    """The mantissa that reads back as ``x`` or nearest to it, with the decimal exponent ``-shift``, and whether it does."""
+
+    def difference_of(mantissa: int) -> float:
+        carries = mantissa >= 10**digits and kind != "f"
+        return to_single(read_digits(*((mantissa // 10, 1 - shift) if carries else (mantissa, -shift))) - x)
+
+    extra = digits - _SAFE_DIGITS
     first = 1
     if extra > 0 and shift > 1:
         first = 100 if extra > 1 and shift > 2 else 10
     mantissa = first * int(to_single(scaled(x, shift - len(str(first)) + 1) + 0.5))
-    difference = to_single(layout.value(mantissa, shift) - x)
+    difference = difference_of(mantissa)
     best, best_difference = mantissa, difference
     step = 8**extra if extra > 0 else 1
     for _ in range(3 + 3 * (_MAX_DIGITS - _SAFE_DIGITS)):
         if difference == 0:
             return mantissa, True
         mantissa += step if difference < 0 else -step
-        difference = to_single(layout.value(mantissa, shift) - x)
+        difference = difference_of(mantissa)
         gain = abs(best_difference) - abs(difference)
         if difference and (gain > 0 or (gain == 0 and mantissa % 10 == 0)):
             best, best_difference = mantissa, difference

@@ -15,13 +15,10 @@ from typing import Any
 from brickhub.virtual.micropython.memory import check_allocation, extend, items_of
 
 
-def _to_list(kind: type, values: Any) -> Any:
-    """``list(values)``, named ``kind`` in the program."""
-    return items_of(values) if kind is list else kind(values)
-
-
-def _to_tuple(kind: type, values: Any) -> Any:
-    """``tuple(values)``, named ``kind`` in the program."""
+def _to_sequence(kind: type, values: Any) -> Any:
+    """``list(values)`` and ``tuple(values)``, named ``kind`` in the program."""
+    if kind is list:
+        return items_of(values)
     return tuple(items_of(values)) if kind is tuple and not isinstance(values, tuple) else kind(values)
 
 
@@ -104,21 +101,9 @@ def is_dropped() -> bool:
     return not _ending.calls and isinstance(sys.exc_info()[1], GeneratorExit)
 
 
-ITERABLE_FUNCTIONS = {
-    "@list": _to_list,
-    "@tuple": _to_tuple,
-    "@bytes": _to_bytes,
-    "@star": _star,
-    "@close": close,
-    "@throw": _throw,
-    "@extend": _extend,
-    "@join": _join,
-}
+ITERABLE_FUNCTIONS = {"@list": _to_sequence, "@tuple": _to_sequence, "@bytes": _to_bytes, "@star": _star, "@extend": _extend}
+ITERABLE_FUNCTIONS |= {"@join": _join, "@close": close, "@throw": _throw}
 """Functions by their names in the transformed program."""
-
-
-_INDISTINGUISHABLE = (int, str)
-"""Kinds whose equal elements are the same in every respect."""
 
 
 def sort(owner: Any, *args: Any, **kwargs: Any) -> Any:
@@ -141,14 +126,10 @@ def sorted_list(values: Iterable[Any], /, *args: Any, **kwargs: Any) -> list[Any
 
 def _sort(items: list[Any], *, key: Callable[[Any], Any] | None = None, reverse: Any = False) -> None:
     kinds = set(map(type, items))
-    if key is None and len(kinds) == 1 and kinds.issubset(_INDISTINGUISHABLE):
+    if key is None and kinds in ({int}, {str}):  # equal elements are the same in every respect
         items.sort(reverse=bool(reverse))
     else:
-        _quicksort(items, 0, len(items) - 1, key or _identity, not reverse)
-
-
-def _identity(value: Any) -> Any:
-    return value
+        _quicksort(items, 0, len(items) - 1, key or (lambda value: value), not reverse)
 
 
 def _is_less(a: Any, b: Any) -> Any:

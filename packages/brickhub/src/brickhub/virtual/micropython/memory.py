@@ -22,6 +22,18 @@ MOST_BYTES = max(kind.model.program_bytes for kind in HubKind)
 BLOCK_BYTES = 16
 """Bytes of a block of MicroPython's heap."""
 _REFERENCE_BYTES = 4
+_TABLES_SHARE = 12 / 524
+"""Share of the garbage collector's tables: 1 byte for each 4 blocks, 1 for each 8 (``gc_setup_area``)."""
+_OBJECT = 2 * BLOCK_BYTES
+"""Object of the firmware, such as a motor; an estimate."""
+_LONG_BYTES = 256
+"""Least size of an object for which a hub that is full has memory for the message."""
+_LONGEST_INTERVAL = 1024
+"""Branches between two checks of a program that does not grow."""
+_KEPT_BYTES = 1024 + 250
+"""Kept free for what interrupts a program; before its first line, and to look at the stack."""
+_VARIABLES_BYTES = 40
+"""Variables of a small function. They take 24 to 64 bytes; those that need more are on the heap."""
 
 
 def check_allocation(size_bytes: int) -> None:
@@ -41,16 +53,6 @@ def extend(items: list[Any], values: Iterable[Any], item_bytes: int = _REFERENCE
     """Append an iterable's items one by one. Raises MemoryError if there are more than fit on any hub."""
     items.extend(itertools.islice(values, MOST_BYTES // item_bytes + 1))
     check_allocation(item_bytes * len(items))
-
-
-_TABLES_SHARE = 12 / 524
-"""Share of the garbage collector's tables: 1 byte for each 4 blocks, 1 for each 8 (``gc_setup_area``)."""
-_OBJECT = 2 * BLOCK_BYTES
-"""Object of the firmware, such as a motor; an estimate."""
-_LONG_BYTES = 256
-"""Least size of an object for which a hub that is full has memory for the message."""
-_LONGEST_INTERVAL = 1024
-"""Branches between two checks of a program that does not grow."""
 
 
 class Heap:
@@ -74,7 +76,15 @@ class Heap:
             if "@n" in frame.f_builtins:
                 roots += local_values(frame)
             frame = frame.f_back
-        used_bytes = reachable_bytes(roots)
+        used_bytes, seen = 0, set[int]()
+        while roots:
+            value = roots.pop()
+            if value is None or isinstance(value, int) or id(value) in seen:  # a hub's integers are in their references
+                continue
+            seen.add(id(value))
+            size, parts = _size_and_parts(value)
+            used_bytes += size
+            roots += parts
         return used_bytes, self.size_bytes - used_bytes
 
     def check(self) -> int:
@@ -90,20 +100,6 @@ class Heap:
                 raise MemoryError
             raise MemoryError(f"memory allocation failed, allocating {branch_bytes} bytes")
         return self._interval
-
-
-def reachable_bytes(roots: Iterable[Any]) -> int:
-    """Size on the heap of all objects that can be reached from namespaces and values."""
-    total, seen, waiting = 0, set[int](), list(roots)
-    while waiting:
-        value = waiting.pop()
-        if value is None or isinstance(value, int) or id(value) in seen:  # a hub's integers are in their references
-            continue
-        seen.add(id(value))
-        size, parts = _size_and_parts(value)
-        total += size
-        waiting += parts
-    return total
 
 
 def _size_and_parts(value: Any) -> tuple[int, Iterable[Any]]:
@@ -153,17 +149,9 @@ def _slots(items: list[Any]) -> int:
     return max(4, len(items)) if spare <= 0 else 1 << max(2, (len(items) - 1).bit_length())
 
 
-_KEPT_BYTES = 1024
-"""Kept free for what interrupts a program."""
-_MAIN_BYTES = 250
-"""Before the first line of a program, and to look at the stack."""
-_VARIABLES_BYTES = 40
-"""Variables of a small function. They take 24 to 64 bytes; those that need more are on the heap."""
-
-
 def most_nested_calls(hub: HubKind) -> int:
     """How many functions, and the program itself, can wait for each other on a kind of hub."""
-    return (hub.model.stack_bytes - _KEPT_BYTES - _MAIN_BYTES) // (hub.model.call_bytes + _VARIABLES_BYTES)
+    return (hub.model.stack_bytes - _KEPT_BYTES) // (hub.model.call_bytes + _VARIABLES_BYTES)
 
 
 def check_of_calls(most: int) -> Callable[[Any], Any]:

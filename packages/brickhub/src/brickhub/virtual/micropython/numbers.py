@@ -11,12 +11,19 @@ from types import MappingProxyType, ModuleType
 from typing import Any
 
 from brickhub.virtual.micropython.floats import int_from_float, to_single
-from brickhub.virtual.micropython.formatting import to_number
 from brickhub.virtual.micropython.memory import check_allocation
 from brickhub.virtual.micropython.operators import small
 from brickhub.virtual.micropython.streams import as_bytes
+from brickhub.virtual.micropython.text import to_number
 
 _MASK = 0xFFFFFFFF
+_PI = to_single(math.pi)
+_RADIANS, _DEGREES = to_single(_PI / 180), to_single(180 / _PI)  # as computed by the hub's compiler
+_BINARY_FUNCTIONS = ("atan2", "pow", "fmod", "copysign")
+_CODES = re.compile(r"(\d*)([xbBhHiIlLqQPOsefd])")
+_WIDE = frozenset("iIlLqQd")
+_HALF_INFINITE = 65520.0
+"""Least float that is infinite in 16 bits."""
 
 
 def module(module_name: str, names: Mapping[str, Any] = MappingProxyType({}), *functions: Callable[..., Any]) -> ModuleType:
@@ -30,11 +37,6 @@ def module(module_name: str, names: Mapping[str, Any] = MappingProxyType({}), *f
 
 def _as_float(value: Any) -> float:
     return to_single(to_number(value, "float"))
-
-
-_PI = to_single(math.pi)
-_RADIANS, _DEGREES = to_single(_PI / 180), to_single(180 / _PI)  # as computed by the hub's compiler
-_BINARY_FUNCTIONS = ("atan2", "pow", "fmod", "copysign")
 
 
 def math_module() -> ModuleType:
@@ -156,12 +158,6 @@ def random_module(clock_us: int) -> ModuleType:
         source.seed(clock_us if a is None else a)
 
     return module("random", {"random": source.fraction}, getrandbits, randrange, randint, choice, uniform, seed)
-
-
-_CODES = re.compile(r"(\d*)([xbBhHiIlLqQPOsefd])")
-_WIDE = frozenset("iIlLqQd")
-_HALF_INFINITE = 65520.0
-"""Least float that is infinite in 16 bits."""
 
 
 class _Layout:

@@ -36,6 +36,11 @@ _WORDS = {"null": None, "false": False, "true": True}
 _ESCAPES = {"b": "\b", "f": "\f", "n": "\n", "r": "\r", "t": "\t"}
 _SPACES = " \t\n\r\v\f"
 _NO_KEY = object()
+_SYNTAX_ERROR = "syntax error in JSON"
+_POLLIN, _POLLOUT, _POLLERR, _POLLHUP = 1, 4, 8, 16
+_STDIN, _CTRL_C = 0, 3
+_STACK_BYTES = 8 * 1024
+_FOREVER_MS = 1000  # polling interval
 
 
 def read_json(source: str) -> Any:
@@ -46,33 +51,33 @@ def read_json(source: str) -> Any:
     position = 0
     while True:
         token = _TOKEN.match(source, position)
-        if token is None:
-            raise _syntax_error()
+        if token is None or (token["close"] and top is None):
+            raise ValueError(_SYNTAX_ERROR)
         position = token.end()
         if token["close"]:
-            if top is None:
-                raise _syntax_error()
             if not parents:
-                return _finished(top, source, position)
+                break
             top = parents.pop()
             continue
         value, opens = _value(token), token["open"] is not None
-        if top is None:
-            if not opens:
-                return _finished(value, source, position)
-            top = value
-            continue
         if isinstance(top, list):
             top.append(value)
-        elif key is not _NO_KEY:
+        elif top is not None and key is not _NO_KEY:
             top[key], key = value, _NO_KEY
-        elif opens:
-            raise _syntax_error()
-        else:
+        elif top is not None:
+            if opens:
+                raise ValueError(_SYNTAX_ERROR)
             key = value
         if opens:
-            parents.append(top)
+            if top is not None:
+                parents.append(top)
             top = value
+        elif top is None:
+            top = value
+            break
+    if source[position:].strip(_SPACES):
+        raise ValueError(_SYNTAX_ERROR)
+    return top
 
 
 def _value(token: re.Match[str]) -> Any:
@@ -93,34 +98,21 @@ def _unescaped(escape: re.Match[str]) -> str:
     try:
         return chr(int(text[1:], 16))
     except ValueError:
-        raise _syntax_error() from None
+        raise ValueError(_SYNTAX_ERROR) from None
 
 
-def _finished(value: Any, source: str, position: int) -> Any:
-    if source[position:].strip(_SPACES):
-        raise _syntax_error()
-    return value
+class Terminal:
+    """Standard streams of a program: its console, what is called before it reads, and the byte that interrupts it.
 
+    ``kbd_intr(-1)`` lets no byte interrupt.
+    """
 
-def _syntax_error() -> ValueError:
-    return ValueError("syntax error in JSON")
+    def __init__(self, console: Console, tick: Callable[[], None]) -> None:
+        self.console, self.tick, self.interrupt = console, tick, _CTRL_C
 
-
-_POLLIN, _POLLOUT, _POLLERR, _POLLHUP = 1, 4, 8, 16
-_STDIN = 0
-_CTRL_C = 3
-_ENOENT = 2
-_STACK_BYTES = 8 * 1024
-_FOREVER_MS = 1000  # polling interval
-
-
-class Keyboard:
-    """The byte that interrupts a program; ``kbd_intr(-1)`` disables it."""
-
-    def __init__(self) -> None:
-        self.interrupt = _CTRL_C
-
-    def check(self, data: bytes) -> bytes:
+    def read(self, count: int) -> bytes:
+        """Bytes of the console. Raises ProgramInterrupt if one interrupts."""
+        data = self.console.read(count)
         if self.interrupt >= 0 and self.interrupt in data:
             raise ProgramInterrupt
         return data
@@ -129,11 +121,8 @@ class Keyboard:
 class FileIO(Stream):
     """Standard input and output as bytes."""
 
-    def __init__(self, number: int, console: Console, keyboard: Keyboard, tick: Callable[[], None]) -> None:
-        self._number = number
-        self._console = console
-        self._keyboard = keyboard
-        self._tick = tick
+    def __init__(self, number: int, terminal: Terminal) -> None:
+        self._number, self._terminal = number, terminal
 
     def __repr__(self) -> str:
         return f"<io.{type(self).__name__} {self._number}>"
@@ -149,10 +138,10 @@ class FileIO(Stream):
 
     def events(self) -> int:
         # Standard output is never ready: programs register standard input without a mask and rely on it.
-        return _POLLIN if self._console.available() else 0
+        return _POLLIN if self._terminal.console.available() else 0
 
     def read(self, size: int = -1) -> Any:
-        self._tick()
+        self._terminal.tick()
         return self._take(1 << 20 if size < 0 else size) if size else b""
 
     def readinto(self, buffer: bytearray, size: int = -1) -> int:
@@ -172,24 +161,25 @@ class FileIO(Stream):
         return bytes(line)
 
     def _take(self, count: int) -> bytes:
-        """Read bytes, and look for the one that interrupts."""
-        return self._keyboard.check(self._console.read(count))
+        return self._terminal.read(count)
 
     def write(self, data: Any, *part: int) -> int:
         """Write :func:`part_of` a buffer; returns the number of bytes."""
-        return self._write(part_of(data, *part))
+        content = part_of(data, *part)
+        self._terminal.console.write(self._cooked(content))
+        return len(content)
 
-    def _write(self, data: bytes) -> int:
-        self._console.write(data)
-        return len(data)
+    def _cooked(self, data: bytes) -> bytes:
+        """Bytes as they are sent."""
+        return data
 
 
 class TextIOWrapper(FileIO):
     """Standard input or output as text; ``buffer`` is the byte stream. The Enter key, CR, is read as LF."""
 
-    def __init__(self, number: int, console: Console, keyboard: Keyboard, tick: Callable[[], None]) -> None:
-        super().__init__(number, console, keyboard, tick)
-        self.buffer = FileIO(0, console, keyboard, tick)
+    def __init__(self, number: int, terminal: Terminal) -> None:
+        super().__init__(number, terminal)
+        self.buffer = FileIO(0, terminal)
 
     def _take(self, count: int) -> bytes:
         if self._number != _STDIN:
@@ -198,7 +188,7 @@ class TextIOWrapper(FileIO):
 
     def read(self, size: int = -1) -> str:
         """Read a number of characters."""
-        self._tick()
+        self._terminal.tick()
         if size < 0:
             return self._take(1 << 20).decode()
         characters = ""
@@ -211,11 +201,10 @@ class TextIOWrapper(FileIO):
     def readline(self, size: int = -1) -> str:
         return super().readline(size).decode()  # type: ignore[no-any-return]
 
-    def _write(self, data: bytes) -> int:
+    def _cooked(self, data: bytes) -> bytes:
         if self._number == _STDIN:
             raise HubOSError(errno.EPERM)
-        self._console.write(cooked(data))
-        return len(data)
+        return cooked(data)
 
 
 class Poll:
@@ -233,12 +222,13 @@ class Poll:
 
     def modify(self, stream: Any, eventmask: int) -> None:
         if id(stream) not in self._streams:
-            raise HubOSError(_ENOENT)
+            raise HubOSError(errno.ENOENT)
         self._streams[id(stream)] = (stream, eventmask)
 
     def poll(self, timeout: int = -1, flags: int = 0) -> list[tuple[FileIO, int]]:
         self._tick()
-        while not (ready := self._ready()) and timeout:
+        streams = self._streams.values()
+        while not (ready := [(stream, now) for stream, mask in streams if (now := stream.events() & mask)]) and timeout:
             if timeout < 0:
                 self._advance(_FOREVER_MS)
             else:
@@ -251,10 +241,6 @@ class Poll:
     def ipoll(self, timeout: int = -1, flags: int = 0) -> Iterator[tuple[FileIO, int]]:
         return iter(self.poll(timeout, flags))
 
-    def _ready(self) -> list[tuple[FileIO, int]]:
-        streams = self._streams.values()
-        return [(stream, events) for stream, mask in streams if (events := stream.events() & mask)]
-
 
 Poll.__name__ = Poll.__qualname__ = "poll"
 
@@ -265,16 +251,16 @@ def _pollable(stream: Any) -> FileIO:
     return stream
 
 
-def sys_module(console: Console, keyboard: Keyboard, tick: Callable[[], None], version: str, machine: str) -> ModuleType:
-    stdout = TextIOWrapper(1, console, keyboard, tick)
+def sys_module(terminal: Terminal, version: str, machine: str) -> ModuleType:
+    stdout = TextIOWrapper(1, terminal)
 
     def print_exception(error: object, file: Any = stdout) -> None:
         write_text(file, format_traceback(error, "") if isinstance(error, BaseException) else f"{representation(error)}\n")
 
     names: dict[str, Any] = {
-        "stdin": TextIOWrapper(0, console, keyboard, tick),
+        "stdin": TextIOWrapper(0, terminal),
         "stdout": stdout,
-        "stderr": TextIOWrapper(2, console, keyboard, tick),
+        "stderr": TextIOWrapper(2, terminal),
         "path": ["", ".frozen"],
         "argv": [],
         "version": f"3.4.0; Pybricks MicroPython v{version}",
@@ -305,12 +291,12 @@ def select_module(advance: Callable[[int], int], tick: Callable[[], None]) -> Mo
     return module("select", {"poll": lambda: Poll(advance, tick), "select": select, **flags})
 
 
-def micropython_module(keyboard: Keyboard, console: Console, memory: Callable[[], tuple[int, int]]) -> ModuleType:
+def micropython_module(terminal: Terminal, memory: Callable[[], tuple[int, int]]) -> ModuleType:
     """``memory`` returns the bytes in use and the free ones."""
     state = {"level": 0, "locks": 0}
 
     def kbd_intr(character: int) -> None:
-        keyboard.interrupt = character
+        terminal.interrupt = character
 
     def opt_level(level: int | None = None) -> int | None:
         if level is None:
@@ -332,10 +318,10 @@ def micropython_module(keyboard: Keyboard, console: Console, memory: Callable[[]
             f"GC: total: {used_bytes + free_bytes}, used: {used_bytes}, free: {free_bytes}",
             f" No. of 1-blocks: 0, 2-blocks: 0, max blk sz: 0, max free sz: {free_bytes // BLOCK_BYTES}",
         )
-        console.write(cooked("".join(f"{line}\n" for line in lines).encode()))
+        terminal.console.write(cooked("".join(f"{line}\n" for line in lines).encode()))
 
     def qstr_info(verbose: Any = None) -> None:
-        console.write(cooked(b"qstr pool: n_pool=0, n_qstr=0, n_str_data_bytes=0, n_total_bytes=0\n"))
+        terminal.console.write(cooked(b"qstr pool: n_pool=0, n_qstr=0, n_str_data_bytes=0, n_total_bytes=0\n"))
 
     names = {"const": lambda value: value, "stack_use": lambda: 0}
     return module("micropython", names, mem_info, qstr_info, kbd_intr, opt_level, heap_lock, heap_unlock)

@@ -16,25 +16,6 @@ from brickhub.virtual.micropython.attributes import may_be_hidden
 from brickhub.virtual.micropython.floats import SMALL_MAX, SMALL_MIN, read_constant
 from brickhub.virtual.micropython.operators import ASCII_METHODS
 
-
-def called_name(node: ast.Call) -> str:
-    """Name of the called function; that of a method begins with a point."""
-    function = node.func
-    return function.id if isinstance(function, ast.Name) else f".{function.attr}" if isinstance(function, ast.Attribute) else ""
-
-
-def call(name: str, *args: ast.expr, at: ast.AST) -> ast.Call:
-    """A call of a helper, whose name programs cannot write, at the place of another node."""
-    return ast.copy_location(ast.Call(ast.Name(name, ast.Load()), list(args), []), at)
-
-
-def constant_argument(node: ast.expr) -> ast.expr:
-    """The argument of ``const(5)``, a directive to the hub's compiler; other nodes unchanged."""
-    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "const" and node.args:
-        return node.args[0]
-    return node
-
-
 _FOLDED: dict[type[ast.operator], Callable[[int, int], int]] = {
     ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.FloorDiv: operator.floordiv,
     ast.Mod: operator.mod, ast.Pow: operator.pow, ast.LShift: operator.lshift, ast.RShift: operator.rshift,
@@ -45,27 +26,6 @@ _SIGNS: dict[type[ast.unaryop], Callable[[int], int]] = {
 }  # fmt: skip
 _MAX_BITS = 4096
 """Limit of a folded power or shift: larger ones take time, and no result of that size fits."""
-
-
-def fold(node: ast.expr) -> int | None:
-    """Constant folded by the hub's compiler, or ``None``; it runs on a PC, so only the result has to fit 31 bits."""
-    if isinstance(node, ast.Constant):
-        return node.value if type(node.value) is int else None
-    if isinstance(node, ast.UnaryOp) and type(node.op) in _SIGNS:
-        value = fold(node.operand)
-        return None if value is None else int(_SIGNS[type(node.op)](value))
-    if not isinstance(node, ast.BinOp) or type(node.op) not in _FOLDED:
-        return None
-    kind, left, right = type(node.op), fold(node.left), fold(node.right)
-    if left is None or right is None:
-        return None
-    if (kind in (ast.FloorDiv, ast.Mod) and right == 0) or (kind in (ast.Pow, ast.LShift, ast.RShift) and right < 0):
-        return None
-    if (kind is ast.Pow and left.bit_length() * right > _MAX_BITS) or (kind is ast.LShift and right > _MAX_BITS):
-        return None
-    return int(_FOLDED[kind](left, right))
-
-
 _WRAPPED = (ast.Add, ast.Sub, ast.LShift)
 _ARITHMETIC = {ast.Mult: "@mul", ast.Div: "@div", ast.FloorDiv: "@floordiv", ast.Mod: "@mod", ast.Pow: "@pow"}
 _CALLED = {**_ARITHMETIC, ast.BitAnd: "@and", ast.BitOr: "@or", ast.BitXor: "@xor"}
@@ -114,6 +74,36 @@ finally:
 """
 
 
+def called_name(node: ast.Call) -> str:
+    """Name of the called function; that of a method begins with a point."""
+    function = node.func
+    return function.id if isinstance(function, ast.Name) else f".{function.attr}" if isinstance(function, ast.Attribute) else ""
+
+
+def call(name: str, *args: ast.expr, at: ast.AST) -> ast.Call:
+    """A call of a helper, whose name programs cannot write, at the place of another node."""
+    return ast.copy_location(ast.Call(ast.Name(name, ast.Load()), list(args), []), at)
+
+
+def fold(node: ast.expr) -> int | None:
+    """Constant folded by the hub's compiler, or ``None``; it runs on a PC, so only the result has to fit 31 bits."""
+    if isinstance(node, ast.Constant):
+        return node.value if type(node.value) is int else None
+    if isinstance(node, ast.UnaryOp) and type(node.op) in _SIGNS:
+        value = fold(node.operand)
+        return None if value is None else int(_SIGNS[type(node.op)](value))
+    if not isinstance(node, ast.BinOp) or type(node.op) not in _FOLDED:
+        return None
+    kind, left, right = type(node.op), fold(node.left), fold(node.right)
+    if left is None or right is None:
+        return None
+    if (kind in (ast.FloorDiv, ast.Mod) and right == 0) or (kind in (ast.Pow, ast.LShift, ast.RShift) and right < 0):
+        return None
+    if (kind is ast.Pow and left.bit_length() * right > _MAX_BITS) or (kind is ast.LShift and right > _MAX_BITS):
+        return None
+    return int(_FOLDED[kind](left, right))
+
+
 def transform(
     tree: ast.Module | ast.Expression, recursive: Collection[str] = (), floats: Collection[str] = ()
 ) -> ast.Module | ast.Expression:
@@ -128,8 +118,7 @@ def _bounds(part: ast.Slice) -> list[ast.expr]:
 
 class _Transformer(ast.NodeTransformer):
     def __init__(self, recursive: Collection[str], floats: Collection[str]) -> None:
-        self._recursive = recursive
-        self._floats = floats
+        self._recursive, self._floats = recursive, floats
         self._private: dict[str, ast.expr] = {}
         """Values of names such as ``_SPEED = const(100)``, which exist for the hub's compiler only."""
         self._globals: Collection[str] | None = None
@@ -252,12 +241,13 @@ class _Transformer(ast.NodeTransformer):
 
     def visit_Assign(self, node: ast.Assign) -> ast.AST:
         target = node.targets[0]
-        if len(node.targets) == 1 and isinstance(target, ast.Name):
-            constant = constant_argument(node.value)
-            if constant is not node.value and target.id.startswith("_"):
-                self._private[target.id] = self.visit(constant)
-                return ast.copy_location(ast.Pass(), node)
-            node.value = constant
+        if len(node.targets) == 1 and isinstance(target, ast.Name) and isinstance(node.value, ast.Call):
+            function = node.value.func
+            if isinstance(function, ast.Name) and function.id == "const" and node.value.args:  # a directive to the compiler
+                node.value = node.value.args[0]
+                if target.id.startswith("_"):
+                    self._private[target.id] = self.visit(node.value)
+                    return ast.copy_location(ast.Pass(), node)
         self.generic_visit(node)
         if len(node.targets) == 1 and isinstance(target, ast.Subscript) and isinstance(target.slice, ast.Slice):
             store = call("@setslice", node.value, target.value, *_bounds(target.slice), at=node)
@@ -455,11 +445,7 @@ class _Transformer(ast.NodeTransformer):
 
 
 def _fill(
-    template: str,
-    at: ast.expr | ast.stmt,
-    parts: dict[str, ast.expr],
-    blocks: dict[str, list[ast.stmt]],
-    names: dict[str, str],
+    template: str, at: ast.expr | ast.stmt, parts: dict[str, ast.expr], blocks: dict[str, list[ast.stmt]], names: dict[str, str]
 ) -> list[ast.stmt]:
     """Statements of a template at the place of a node, with transformed parts."""
     tree = ast.parse(template)
@@ -476,10 +462,7 @@ class _Filler(ast.NodeTransformer):
     def __init__(
         self, parts: dict[str, ast.expr], blocks: dict[str, list[ast.stmt]], names: dict[str, str], location: str
     ) -> None:
-        self._parts = parts
-        self._blocks = blocks
-        self._names = names
-        self._location = location
+        self._parts, self._blocks, self._names, self._location = parts, blocks, names, location
 
     def _name(self, name: str) -> str:
         return self._names.get(name) or (f"@{name}{self._location}" if name.isupper() else name)

@@ -4,44 +4,18 @@ from __future__ import annotations
 
 import errno
 import functools
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from types import FunctionType
 from typing import Any
 
-from brickhub.virtual.firmware.trajectory import FIRMWARE_ERRORS, RefusedError, UnavailableError
+from brickhub.virtual.firmware import FIRMWARE_ERRORS, RefusedError, UnavailableError
 from brickhub.virtual.machine import Machine
-from brickhub.virtual.micropython.exceptions import HubOSError, is_native
+from brickhub.virtual.micropython.exceptions import is_native
 from brickhub.virtual.micropython.streams import Console
+from brickhub.virtual.pybricks.arguments import expect_type, os_error
 
-_HINTS = """--> Check the line in your script that matches
-    the line number given in the 'Traceback' above.
-
-"""
-_NOT_CONNECTED = (
-    "\n\nA sensor or motor is not connected to the specified port:\n--> Check the cables to each motor and sensor.\n"
-    "--> Check the port settings in your script.\n" + _HINTS
-)
-_NOT_SUPPORTED = (
-    "\n\nThe requested operation is not supported on this device:\n"
-    "--> Check the documentation for device compatibility.\n" + _HINTS
-)
-_INVALID_STATE = (
-    "\n\nThe requested operation is not valid in the current state:\n"
-    "--> Check the documentation for required conditions.\n" + _HINTS
-)
-_MESSAGES = {
-    errno.ENODEV: _NOT_CONNECTED,
-    errno.EOPNOTSUPP: _NOT_SUPPORTED,
-    errno.EPERM: _INVALID_STATE,
-    errno.EBUSY: "Device or resource busy",
-    errno.ETIMEDOUT: "Timed out",
-}
-
-
-def os_error(code: int) -> HubOSError:
-    """The firmware's error for a number, with its text."""
-    return HubOSError(code, _MESSAGES[code])
+_Call = Callable[[], Any]
 
 
 @contextmanager
@@ -60,79 +34,17 @@ def _of_hub(error: Exception) -> Exception:
     return ValueError("Invalid argument") if isinstance(error, RefusedError) else RuntimeError("Unknown error")
 
 
-def get_int(value: Any) -> int:
-    """An integer; floats are truncated, as mostly in the firmware. Raises TypeError if it is not a number."""
-    if type(value) is int:
-        return value
-    if isinstance(value, int | float):
-        if value != value:
-            raise ValueError("Invalid argument")
-        return int(value)
-    raise TypeError(f"can't convert {type(value).__name__} to int")
-
-
-def get_exact_int(value: Any) -> int:
-    """An integer (``mp_obj_get_int``). Raises TypeError for anything else, floats included."""
-    if not isinstance(value, int):
-        raise TypeError(f"can't convert {type(value).__name__} to int")
-    return int(value)
-
-
-def percentage(value: Any) -> int:
-    """An integer, clamped to 0..100."""
-    return max(0, min(100, get_int(value)))
-
-
-def get_number(value: Any) -> float:
-    """A float. Raises TypeError if it is not a number."""
-    if not isinstance(value, int | float):
-        raise TypeError(f"can't convert {type(value).__name__} to float")
-    return float(value)
-
-
-def get_text(value: Any) -> str:
-    """Text, or bytes as text. Raises TypeError if it is neither."""
-    if not isinstance(value, str | bytes):
-        raise TypeError(f"can't convert '{type(value).__name__}' object to str implicitly")
-    return value if isinstance(value, str) else value.decode("latin-1")
-
-
-def get_array(value: Any) -> Sequence[Any]:
-    """A tuple or list, unchanged. Raises TypeError if it is neither."""
-    if not isinstance(value, list | tuple):
-        raise TypeError(f"object '{type(value).__name__}' isn't a tuple or list")
-    return value
-
-
-def get_scaled(value: Any, scale: int) -> int:
-    """A number in units of 1/``scale``."""
-    return int(value * scale) if isinstance(value, float) else get_int(value) * scale
-
-
-def expect_type(value: Any, kind: type) -> None:
-    """Raise the firmware's TypeError for a value of another class."""
-    if not isinstance(value, kind):
-        raise TypeError(f"can't convert {type(value).__name__} to {kind.__name__}")
-
-
 class Async:
-    """Awaitable of a method in the run loop; completes with a value when ``is_done``."""
+    """Awaitable of a method in the run loop; completes with a value when ``is_done``, or when another command replaces it."""
 
     __slots__ = ("_is_done", "_loop", "_on_close", "_result", "_state")
 
     _NEW, _RUNNING, _CANCELLED, _DONE = range(4)
 
     def __init__(
-        self,
-        loop: RunLoop,
-        is_done: Callable[[], bool],
-        result: Callable[[], Any] | None = None,
-        on_close: Callable[[], None] | None = None,
+        self, loop: RunLoop, is_done: Callable[[], bool], result: _Call | None = None, on_close: _Call | None = None
     ) -> None:
-        self._loop = loop
-        self._is_done = is_done
-        self._result = result
-        self._on_close = on_close
+        self._loop, self._is_done, self._result, self._on_close = loop, is_done, result, on_close
         self._state = self._NEW
 
     def __iter__(self) -> Async:
@@ -147,10 +59,6 @@ class Async:
             self._loop.is_waiting = False
             self._state = self._DONE
             raise StopIteration(self._result() if self._result is not None else None)
-
-    def _cancel(self) -> None:
-        """Complete early, as another command replaced this one."""
-        self._state = self._CANCELLED
 
     def close(self) -> None:
         """Abort: stop what was started."""
@@ -171,17 +79,7 @@ class RunLoop:
 
     def __init__(self, machine: Machine) -> None:
         self.machine = machine
-        self.is_active = False
-        self.is_waiting = False
-
-    def advance_turn(self) -> None:
-        """Advance one turn of ``run_task``; almost nothing if a task only yielded."""
-        if self.is_waiting:
-            self.machine.advance(1)
-        else:
-            self.machine.charge_call()
-        self.is_waiting = False
-        self.machine.branch(None)
+        self.is_active = self.is_waiting = False
 
     def yield_once(self) -> Async:
         """An awaitable that only yields to other tasks."""
@@ -199,11 +97,7 @@ class RunLoop:
             raise RuntimeError("This can only be called before multitasking starts.")
 
     def finish(
-        self,
-        is_done: Callable[[], bool],
-        result: Callable[[], Any] | None = None,
-        on_close: Callable[[], None] | None = None,
-        poll_ms: int = 0,
+        self, is_done: Callable[[], bool], result: _Call | None = None, on_close: _Call | None = None, *, poll_ms: int = 0
     ) -> Any:
         """Wait now, or return an awaitable. ``poll_ms``: time between checks; 0 for the next control loop."""
         if self.is_active:
@@ -215,10 +109,10 @@ class RunLoop:
                 self.machine.advance_to_control()
         return result() if result is not None else None
 
-    def wait_until(self, end_ms: int, on_close: Callable[[], None] | None = None) -> Any:
+    def wait_until(self, end_ms: int) -> Any:
         """Wait for a simulated time."""
         if self.is_active:
-            return Async(self, lambda: self.machine.time_ms >= end_ms, None, on_close)
+            return Async(self, lambda: self.machine.time_ms >= end_ms)
         if end_ms > self.machine.time_ms:
             self.machine.advance(end_ms - self.machine.time_ms)
         return None
@@ -241,19 +135,13 @@ class Awaited:
 
     def cancel(self) -> None:
         if self._current is not None:
-            self._current._cancel()
+            self._current._state = Async._CANCELLED
             self._current = None
 
-    def finish(
-        self,
-        is_done: Callable[[], bool],
-        result: Callable[[], Any] | None = None,
-        on_close: Callable[[], None] | None = None,
-        poll_ms: int = 0,
-    ) -> Any:
+    def finish(self, is_done: Callable[[], bool], *callbacks: _Call | None, poll_ms: int = 0) -> Any:
         """Cancel the previous command, then `RunLoop.finish`."""
         self.cancel()
-        outcome = self._loop.finish(is_done, result, on_close, poll_ms)
+        outcome = self._loop.finish(is_done, *callbacks, poll_ms=poll_ms)
         if isinstance(outcome, Async):
             self._current = outcome
         return outcome

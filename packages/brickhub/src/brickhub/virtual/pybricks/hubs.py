@@ -13,25 +13,29 @@ from brickhub.virtual.micropython.containers import HubDict
 from brickhub.virtual.micropython.exceptions import SwitchedOff
 from brickhub.virtual.micropython.numbers import expect_int, module
 from brickhub.virtual.micropython.streams import as_bytes
-from brickhub.virtual.pybricks.context import (
-    Awaited,
-    Context,
-    Native,
-    bind,
-    expect_type,
-    get_array,
-    get_int,
-    get_text,
-    percentage,
-)
+from brickhub.virtual.pybricks.arguments import expect, expect_type, get_array, get_int, get_text, percentage
+from brickhub.virtual.pybricks.context import Awaited, Context, Native, bind
 from brickhub.virtual.pybricks.imu import IMU, Accelerometer
 from brickhub.virtual.pybricks.matrix import Matrix
-from brickhub.virtual.pybricks.messaging import Radio
 from brickhub.virtual.pybricks.parameters import Axis, Button, Color, Side, buttons
+from brickhub.virtual.pybricks.wireless import Radio
 
 _STORAGE_BYTES = 512
 _IDLE_CURRENT_MA = 100
 _ROOM_TEMPERATURE_MDEG = 25_000
+_SIZE = 5
+_MAX_BRIGHTNESS = 100
+_MAX_FRAMES = 255
+_NOTE = re.compile(r"(?:R|([A-G])([#b]?)([0-9])?)(/)?(\d\d?)?(\.?)(_?)")
+_FORBIDDEN_NOTES = ("Cb", "B#", "E#", "Fb")
+_SEMITONES = {"C": 0, "D": 2, "E": 4, "F": 5, "G": 7, "A": 9, "B": 11}
+_LOWEST_OCTAVE_CHZ = (1635, 1732, 1835, 1945, 2060, 2183, 2312, 2450, 2596, 2750, 2914, 3087)  # C0 to B0
+_MOVED_MESSAGE = b"""Hub messaging has been moved. You should use:\r
+\r
+from pybricks.messaging import BLERadio\r
+radio = BLERadio(broadcast_channel, observe_channels)\r
+\r
+"""
 
 
 class ColorLight(Native):
@@ -46,8 +50,7 @@ class ColorLight(Native):
 
     def blink(self, color: Any, durations: Any) -> None:
         durations_ms = [get_int(duration) for _, duration in zip(range(len(durations)), durations, strict=False)]
-        if any(duration <= 0 for duration in durations_ms):
-            raise ValueError("Invalid argument")
+        expect(all(duration > 0 for duration in durations_ms))
         self._show(color)
         self._play([(None if index % 2 else color, duration) for index, duration in enumerate(durations_ms)])
 
@@ -60,12 +63,10 @@ class ColorLight(Native):
 
     def _play(self, frames: list[tuple[Any, int]]) -> None:
         if frames:
-            self._machine.panel.animate(
-                "light", (self._set_light(color, duration_ms) for color, duration_ms in itertools.cycle(frames))
-            )
+            self._machine.panel.animate("light", itertools.starmap(self._set_light, itertools.cycle(frames)))
 
     def _set_light(self, color: Any, duration_ms: int) -> int:
-        self._machine.panel.light = (color.h, color.s, color.v) if color is not None and color.v > 0 else None
+        self._machine.panel.change(light=(color.h, color.s, color.v) if color is not None and color.v > 0 else None)
         return duration_ms
 
     def _show(self, color: Any) -> None:
@@ -74,16 +75,23 @@ class ColorLight(Native):
         self._set_light(color, 0)
 
 
-_SIZE = 5
-_MAX_BRIGHTNESS = 100
-_MAX_FRAMES = 255
-
-
-class LightMatrix(Native):
-    """Display of 5 by 5 pixels."""
+class _Timed(Native):
+    """A part that plays something, which can be awaited."""
 
     def __init__(self) -> None:
         self._awaited = Awaited(self._loop)
+
+    def _play(self, steps: Iterator[bool], on_close: Callable[[], None] | None = None) -> Any:
+        """Play ``steps``, which yield False until all is played."""
+        return self._awaited.finish(lambda: next(steps, True), None, on_close, poll_ms=1)
+
+    def _until(self, end_ms: int) -> Iterator[bool]:
+        while self._machine.time_ms < end_ms:
+            yield False
+
+
+class LightMatrix(_Timed):
+    """Display of 5 by 5 pixels."""
 
     def orientation(self, up: Any) -> None:
         expect_type(up, Side)
@@ -94,8 +102,7 @@ class LightMatrix(Native):
     def animate(self, icons: Any, interval: Any) -> None:
         interval_ms = get_int(interval)
         pictures = get_array(icons)
-        if not 2 <= len(pictures) <= _MAX_FRAMES:
-            raise ValueError("Invalid argument")
+        expect(2 <= len(pictures) <= _MAX_FRAMES)
         frames = [_pixels(picture) for picture in pictures]
 
         def animation() -> Iterator[int]:
@@ -130,8 +137,7 @@ class LightMatrix(Native):
     def _show_symbol(self, symbol: Any) -> None:
         """Show a character or a number; numbers of more than two digits are shown as < or >."""
         if isinstance(symbol, str):
-            if len(symbol) != 1 or not 32 <= ord(symbol) <= 126:
-                raise ValueError("Invalid argument")
+            expect(len(symbol) == 1 and 32 <= ord(symbol) <= 126)
             text = symbol
         else:
             number = get_int(symbol)
@@ -144,22 +150,16 @@ class LightMatrix(Native):
 
     def text(self, text: Any, on: Any = 500, off: Any = 50) -> Any:
         on_ms, off_ms = get_int(on), get_int(off)
-        steps = iter(self._text(get_text(text), on_ms, off_ms))
-        return self._awaited.finish(lambda: next(steps, True), poll_ms=1)
+        return self._play(self._text(get_text(text), on_ms, off_ms))
 
     def _text(self, text: str, on_ms: int, off_ms: int) -> Iterator[bool]:
-        """Show each character and the pause after it; yields False until all is shown."""
+        """Show each character and the pause after it."""
         for index, char in enumerate(text):
             self._show_symbol(char)
-            yield from self._pause(on_ms)
+            yield from self._until(self._machine.time_ms + on_ms)
             if off_ms > 0 or index == len(text) - 1:
                 self._show([0] * _SIZE**2)
-                yield from self._pause(off_ms)
-
-    def _pause(self, duration_ms: int) -> Iterator[bool]:
-        end_ms = self._machine.time_ms + duration_ms
-        while self._machine.time_ms < end_ms:
-            yield False
+                yield from self._until(self._machine.time_ms + off_ms)
 
 
 def _pixels(icon: Any) -> list[int]:
@@ -169,33 +169,20 @@ def _pixels(icon: Any) -> list[int]:
         ValueError: it has not five rows of five.
     """
     if isinstance(icon, Matrix):
-        if icon.shape != (_SIZE, _SIZE):
-            raise ValueError("Invalid argument")
+        expect(icon.shape == (_SIZE, _SIZE))
         return [int(max(0.0, min(float(_MAX_BRIGHTNESS), value))) for value in icon]
-    pixels: list[int] = []
-    for row in _five(icon):
-        pixels += map(percentage, _five(row))
-    return pixels
+    return [percentage(pixel) for row in _five(icon) for pixel in _five(row)]
 
 
 def _five(values: Any) -> Sequence[Any]:
-    if len(get_array(values)) != _SIZE:
-        raise ValueError("Invalid argument")
+    expect(len(get_array(values)) == _SIZE)
     return get_array(values)
 
 
-_NOTE = re.compile(r"(?:R|([A-G])([#b]?)([0-9])?)(/)?(\d\d?)?(\.?)(_?)")
-_FORBIDDEN_NOTES = ("Cb", "B#", "E#", "Fb")
-_SEMITONES = {"C": 0, "D": 2, "E": 4, "F": 5, "G": 7, "A": 9, "B": 11}
-_LOWEST_OCTAVE_CHZ = (1635, 1732, 1835, 1945, 2060, 2183, 2312, 2450, 2596, 2750, 2914, 3087)  # C0 to B0
-
-
-class Speaker(Native):
+class Speaker(_Timed):
     """Loudspeaker; a new sound ends the awaited one."""
 
-    def __init__(self) -> None:
-        self._volume = 100
-        self._awaited = Awaited(self._loop)
+    _volume = 100
 
     def volume(self, volume: Any = None) -> int | None:
         if volume is None:
@@ -205,30 +192,29 @@ class Speaker(Native):
 
     def beep(self, frequency: Any = 500, duration: Any = 100) -> Any:
         """Play a tone at once; whoever waits for its end also ends it."""
-        self._machine.panel.sound_hz, duration_ms = get_int(frequency), get_int(duration)
-        return None if duration_ms < 0 else self._play(self._rest_of_tone(self._machine.time_ms + duration_ms))
+        frequency_hz, duration_ms = get_int(frequency), get_int(duration)
+        self._machine.panel.change(sound_hz=frequency_hz)
+        end_ms = self._machine.time_ms + duration_ms
+        return None if duration_ms < 0 else self._play(self._rest_of_tone(end_ms), self._silence)
 
     def play_notes(self, notes: Any, tempo: Any = 120) -> Any:
         bar_ms = 4 * 60 * 1000 // get_int(tempo)
-        return self._play(step for note in notes for step in self._sound(*_parse_note(note, bar_ms)))
-
-    def _play(self, sounds: Iterator[bool]) -> Any:
-        return self._awaited.finish(lambda: next(sounds, True), None, self._silence, poll_ms=1)
+        steps = (step for note in notes for step in self._sound(*_parse_note(note, bar_ms)))
+        return self._play(steps, self._silence)
 
     def _rest_of_tone(self, end_ms: int) -> Iterator[bool]:
-        while self._machine.time_ms < end_ms:
-            yield False
+        yield from self._until(end_ms)
         self._silence()
 
     def _silence(self) -> None:
-        self._machine.panel.sound_hz = 0
+        self._machine.panel.change(sound_hz=0)
 
     def _sound(self, frequency_hz: int, sound_ms: int, total_ms: int) -> Iterator[bool]:
-        """Play a note with the silence at its end; yields False until it is over."""
-        start_ms, self._machine.panel.sound_hz = self._machine.time_ms, frequency_hz
+        """Play a note with the silence at its end."""
+        start_ms = self._machine.time_ms
+        self._machine.panel.change(sound_hz=frequency_hz)
         yield from self._rest_of_tone(start_ms + sound_ms)
-        while self._machine.time_ms < start_ms + total_ms:
-            yield False
+        yield from self._until(start_ms + total_ms)
 
 
 def _parse_note(note: Any, bar_ms: int) -> tuple[int, int, int]:
@@ -285,11 +271,7 @@ class Charger(Native):
     def connected(self) -> int:
         return 0
 
-    def status(self) -> int:
-        return 0
-
-    def current(self) -> int:
-        return 0
+    status = current = connected
 
 
 class System(Native):
@@ -333,8 +315,7 @@ class System(Native):
             raise TypeError("Must set either read (int) or write (bytes).")
         data = b"" if write is None else as_bytes(write)
         size = read if write is None else len(data)
-        if start < 0 or size < 0 or start + size > _STORAGE_BYTES:
-            raise ValueError("Invalid argument")
+        expect(start >= 0 and size >= 0 and start + size <= _STORAGE_BYTES)
         if write is None:
             return bytes(self._storage[start : start + size])
         self._storage[start : start + size] = data
@@ -342,16 +323,6 @@ class System(Native):
 
     def reset_storage(self) -> None:
         self._storage[:] = bytes(_STORAGE_BYTES)
-
-
-_MOVED_MESSAGE = b"""Hub messaging has been moved. You should use:\r
-\r
-from pybricks.messaging import BLERadio\r
-radio = BLERadio(broadcast_channel, observe_channels)\r
-\r
-"""
-_MODULES = {"battery": "battery", "system": ""}
-"""Names of the parts that are modules on a hub."""
 
 
 class _Hub:
@@ -376,10 +347,9 @@ class _OrientedHub(_Hub):
         self._parts["imu"]._orient(top_side, front_side)
 
 
-class _MoveHub(_Hub):
+class _MoveHub(_OrientedHub):
     def __init__(self, top_side: Any = 3, front_side: Any = 1, broadcast_channel: Any = None, observe_channels: Any = ()) -> None:
-        super().__init__(broadcast_channel, observe_channels)
-        self._parts["imu"]._orient(top_side, front_side)
+        super().__init__(top_side, front_side, broadcast_channel, observe_channels)
 
 
 def _as_module(name: str, part: Any) -> ModuleType:
@@ -401,8 +371,7 @@ def hubs_module(context: Context, model: HubModel) -> ModuleType:
     kinds |= {"speaker": Speaker} if model.has_speaker else {}
     kinds |= {"imu": IMU} if model.has_imu else {"imu": Accelerometer} if model.has_accelerometer else {}
     parts = {name: bind(context, kind)() for name, kind in kinds.items()}
-    for part, name in _MODULES.items():
-        parts[part] = _as_module(name, parts[part])
+    parts["battery"], parts["system"] = _as_module("battery", parts["battery"]), _as_module("", parts["system"])
     if len(model.buttons) == 1:
         parts["button"] = parts["buttons"]  # older name
     base = _MoveHub if model.has_accelerometer else _OrientedHub if "imu" in parts else _Hub

@@ -1,8 +1,7 @@
-"""Icons of a 5x5 light matrix.
-----
-Nearest detectable color, in the firmware's integer arithmetic (``pbio/color``, v4).
-----
-``pybricks.parameters``."""
+"""``pybricks.parameters``: enumerations, icons of a 5x5 light matrix, colors.
+
+The nearest detectable color is found in the firmware's integer arithmetic (``pbio/color``, v4).
+"""
 
 from __future__ import annotations
 
@@ -15,56 +14,43 @@ from brickhub.robot import HubModel
 from brickhub.virtual.micropython.containers import HubDict, HubSet
 from brickhub.virtual.micropython.numbers import module
 from brickhub.virtual.micropython.text import representation
-from brickhub.virtual.pybricks.context import Context, expect_type, get_int, get_number
+from brickhub.virtual.pybricks.arguments import expect, expect_type, get_int, get_number
+from brickhub.virtual.pybricks.context import Context
 from brickhub.virtual.pybricks.matrix import Matrix, vector
-from brickhub.virtual.stimuli import Hsv
+from brickhub.virtual.stimuli import COLORS, Hsv
 
 _ROWS = {
-    "UP": (4, 14, 31, 14, 14),
-    "DOWN": (14, 14, 31, 14, 4),
-    "LEFT": (4, 15, 31, 15, 4),
-    "RIGHT": (4, 30, 31, 30, 4),
-    "ARROW_RIGHT_UP": (7, 3, 5, 8, 16),
-    "ARROW_RIGHT_DOWN": (16, 8, 5, 3, 7),
-    "ARROW_LEFT_UP": (28, 24, 20, 2, 1),
-    "ARROW_LEFT_DOWN": (1, 2, 20, 24, 28),
-    "ARROW_UP": (4, 14, 21, 4, 4),
-    "ARROW_DOWN": (4, 4, 21, 14, 4),
-    "ARROW_LEFT": (4, 8, 31, 8, 4),
-    "ARROW_RIGHT": (4, 2, 31, 2, 4),
-    "HAPPY": (27, 27, 0, 17, 14),
-    "SAD": (27, 27, 0, 14, 17),
-    "EYE_LEFT": (0, 0, 24, 24, 0),
-    "EYE_RIGHT": (0, 0, 3, 3, 0),
-    "EYE_LEFT_BLINK": (0, 0, 0, 24, 0),
-    "EYE_RIGHT_BLINK": (0, 0, 0, 3, 0),
-    "EYE_RIGHT_BROW": (0, 3, 0, 0, 0),
-    "EYE_LEFT_BROW": (0, 24, 0, 0, 0),
-    "EYE_LEFT_BROW_UP": (24, 0, 0, 0, 0),
-    "EYE_RIGHT_BROW_UP": (3, 0, 0, 0, 0),
-    "HEART": (10, 31, 31, 14, 4),
-    "PAUSE": (0, 10, 10, 10, 0),
-    "EMPTY": (0, 0, 0, 0, 0),
-    "FULL": (31, 31, 31, 31, 31),
-    "SQUARE": (0, 14, 14, 14, 0),
-    "TRIANGLE_RIGHT": (8, 12, 14, 12, 8),
-    "TRIANGLE_LEFT": (2, 6, 14, 6, 2),
-    "TRIANGLE_UP": (0, 4, 14, 31, 0),
-    "TRIANGLE_DOWN": (0, 31, 14, 4, 0),
-    "CIRCLE": (14, 31, 31, 31, 14),
-    "CLOCKWISE": (30, 18, 18, 23, 2),
-    "COUNTERCLOCKWISE": (15, 9, 9, 29, 8),
-    "TRUE": (1, 2, 20, 8, 0),
+    "UP": (4, 14, 31, 14, 14), "DOWN": (14, 14, 31, 14, 4), "LEFT": (4, 15, 31, 15, 4), "RIGHT": (4, 30, 31, 30, 4),
+    "ARROW_RIGHT_UP": (7, 3, 5, 8, 16), "ARROW_RIGHT_DOWN": (16, 8, 5, 3, 7), "ARROW_LEFT_UP": (28, 24, 20, 2, 1),
+    "ARROW_LEFT_DOWN": (1, 2, 20, 24, 28), "ARROW_UP": (4, 14, 21, 4, 4), "ARROW_DOWN": (4, 4, 21, 14, 4),
+    "ARROW_LEFT": (4, 8, 31, 8, 4), "ARROW_RIGHT": (4, 2, 31, 2, 4), "HAPPY": (27, 27, 0, 17, 14),
+    "SAD": (27, 27, 0, 14, 17), "EYE_LEFT": (0, 0, 24, 24, 0), "EYE_RIGHT": (0, 0, 3, 3, 0),
+    "EYE_LEFT_BLINK": (0, 0, 0, 24, 0), "EYE_RIGHT_BLINK": (0, 0, 0, 3, 0), "EYE_RIGHT_BROW": (0, 3, 0, 0, 0),
+    "EYE_LEFT_BROW": (0, 24, 0, 0, 0), "EYE_LEFT_BROW_UP": (24, 0, 0, 0, 0), "EYE_RIGHT_BROW_UP": (3, 0, 0, 0, 0),
+    "HEART": (10, 31, 31, 14, 4), "PAUSE": (0, 10, 10, 10, 0), "EMPTY": (0, 0, 0, 0, 0), "FULL": (31, 31, 31, 31, 31),
+    "SQUARE": (0, 14, 14, 14, 0), "TRIANGLE_RIGHT": (8, 12, 14, 12, 8), "TRIANGLE_LEFT": (2, 6, 14, 6, 2),
+    "TRIANGLE_UP": (0, 4, 14, 31, 0), "TRIANGLE_DOWN": (0, 31, 14, 4, 0), "CIRCLE": (14, 31, 31, 31, 14),
+    "CLOCKWISE": (30, 18, 18, 23, 2), "COUNTERCLOCKWISE": (15, 9, 9, 29, 8), "TRUE": (1, 2, 20, 8, 0),
     "FALSE": (17, 10, 4, 10, 17),
-}
+}  # fmt: skip
+"""Icons: for each row of pixels the number of which its lights are the bits."""
+_GRAY, _FULL = (0, 0), (100, 100)
+"""Hue and saturation of a gray, saturation and value of a full color."""
+_MAX_GRAY_SATURATION_PCT = 40  # up to this saturation a color is a gray,
+_MAX_GRAY_VALUE_PCT = 1  # and up to this value
+_OTHER_KIND_DISTANCE = 1000  # above every distance between hues or values
+_REMOTE_BUTTONS = "LEFT RIGHT CENTER LEFT_PLUS LEFT_MINUS RIGHT_PLUS RIGHT_MINUS"
+_BUTTONS = (
+    f"{_REMOTE_BUTTONS} UP DOWN LEFT_UP LEFT_DOWN RIGHT_UP RIGHT_DOWN BEACON "
+    "BLUETOOTH A B X Y LB RB VIEW MENU GUIDE LJ RJ UPLOAD P1 P2 P3 P4"
+)
 
 
 class Icon:
     """Named icons, and pictures from the bits of numbers, 100 for set bits."""
 
     def __call__(self, *bits: Any) -> Any:
-        if len(bits) != 1:
-            raise ValueError("Invalid argument")
+        expect(len(bits) == 1)
         return _picture([get_int(bits[0]) >> shift for shift in (20, 15, 10, 5, 0)])
 
     def __getattr__(self, name: str) -> Any:
@@ -77,28 +63,15 @@ def _picture(rows: Sequence[int]) -> Any:
     return Matrix([[100 if row >> bit & 1 else 0 for bit in (4, 3, 2, 1, 0)] for row in rows])
 
 
-_MAX_GRAY_SATURATION_PCT = 40  # up to this saturation a color is a gray,
-_MAX_GRAY_VALUE_PCT = 1  # and up to this value
-_OTHER_KIND_DISTANCE = 1000  # above every distance between hues or values
-
-
 def nearest(measured: Hsv, candidates: Sequence[Hsv]) -> int | None:
     """Index of the first nearest candidate, or ``None``.
 
     Grays are compared by value and full colors by hue, independent of the distance to the surface. If a candidate is neither,
     distances are in a double cone with black and white at the tips.
     """
-    is_ideal = all(_is_gray(candidate) or _is_full(candidate) for candidate in candidates)
+    is_ideal = all(candidate[:2] == _GRAY or candidate[1:] == _FULL for candidate in candidates)
     distance = _ideal_distance if is_ideal else _cone_distance
     return min(range(len(candidates)), key=lambda i: distance(measured, candidates[i]), default=None)
-
-
-def _is_gray(color: Hsv) -> bool:
-    return color[0] == 0 and color[1] == 0
-
-
-def _is_full(color: Hsv) -> bool:
-    return color[1] == 100 and color[2] == 100
 
 
 def _ideal_distance(measured: Hsv, candidate: Hsv) -> int:
@@ -106,8 +79,8 @@ def _ideal_distance(measured: Hsv, candidate: Hsv) -> int:
     hue, saturation, value = measured
     looks_gray = saturation <= _MAX_GRAY_SATURATION_PCT or value <= _MAX_GRAY_VALUE_PCT
     if looks_gray:
-        return abs(candidate[2] - value) if _is_gray(candidate) else _OTHER_KIND_DISTANCE + _hue_distance(candidate[0], hue)
-    return _hue_distance(candidate[0], hue) if _is_full(candidate) else _OTHER_KIND_DISTANCE + abs(candidate[2] - value)
+        return abs(candidate[2] - value) if candidate[:2] == _GRAY else _OTHER_KIND_DISTANCE + _hue_distance(candidate[0], hue)
+    return _hue_distance(candidate[0], hue) if candidate[1:] == _FULL else _OTHER_KIND_DISTANCE + abs(candidate[2] - value)
 
 
 def _hue_distance(a: int, b: int) -> int:
@@ -155,7 +128,7 @@ class _Member:
         return super().__new__(cls)
 
 
-def _enumeration(name: str, names: str) -> type[Any]:
+def enumeration(name: str, names: str) -> type[Any]:
     kind: Any = type(name, (_Member,), {"__slots__": ()})
     for member in names.split():
         setattr(kind, member, kind(member))
@@ -163,30 +136,10 @@ def _enumeration(name: str, names: str) -> type[Any]:
     return kind  # type: ignore[no-any-return]
 
 
-Direction = _enumeration("Direction", "CLOCKWISE COUNTERCLOCKWISE")
-Stop = _enumeration("Stop", "COAST BRAKE HOLD NONE COAST_SMART BRAKE_SMART")
-Side = _enumeration("Side", "RIGHT FRONT TOP LEFT BACK BOTTOM")
-_REMOTE_BUTTONS = "LEFT RIGHT CENTER LEFT_PLUS LEFT_MINUS RIGHT_PLUS RIGHT_MINUS"
-_BUTTONS = (
-    f"{_REMOTE_BUTTONS} UP DOWN LEFT_UP LEFT_DOWN RIGHT_UP RIGHT_DOWN BEACON "
-    "BLUETOOTH A B X Y LB RB VIEW MENU GUIDE LJ RJ UPLOAD P1 P2 P3 P4"
-)
-Button = _enumeration("Button", _BUTTONS)
-
-
-class _Buttons:
-    """``Button``: not a class but an object with buttons as attributes."""
-
-    def __init__(self, names: Iterable[str]) -> None:
-        self._names = frozenset(names)
-
-    def __getattr__(self, name: str) -> Any:
-        if name not in self._names:
-            raise AttributeError(f"'Button' object has no attribute '{name}'")
-        return getattr(Button, name)
-
-    def __repr__(self) -> str:
-        return "Button"
+Direction = enumeration("Direction", "CLOCKWISE COUNTERCLOCKWISE")
+Stop = enumeration("Stop", "COAST BRAKE HOLD NONE COAST_SMART BRAKE_SMART")
+Side = enumeration("Side", "RIGHT FRONT TOP LEFT BACK BOTTOM")
+Button = enumeration("Button", _BUTTONS)
 
 
 def buttons(names: Iterable[str], hub: HubModel) -> HubSet | tuple[Any, ...]:
@@ -257,12 +210,7 @@ class Color:
         return Color(self.h - get_int(shift), self.s, self.v)
 
 
-_COLORS = {
-    "RED": (0, 100, 100), "BROWN": (30, 100, 50), "ORANGE": (30, 100, 100), "YELLOW": (60, 100, 100), "GREEN": (120, 100, 100),
-    "CYAN": (180, 100, 100), "BLUE": (240, 100, 100), "MAGENTA": (300, 100, 100), "VIOLET": (270, 100, 100), "BLACK": (0, 0, 10),
-    "GRAY": (0, 0, 50), "WHITE": (0, 0, 100), "NONE": (0, 0, 0),
-}  # fmt: skip
-NAMED_COLORS = {name: Color(*hsv, name) for name, hsv in _COLORS.items()}
+NAMED_COLORS = {name: Color(*hsv, name) for name, hsv in COLORS.items()}
 
 
 class _Palette:
@@ -294,20 +242,13 @@ class _Palette:
             raise AttributeError(name)
         return self._colors[name]
 
-    def __setattr__(self, name: str, color: Any) -> None:
-        self[name] = color
-
-    def __delattr__(self, name: str) -> None:
-        del self._colors[name]
+    __setattr__, __delattr__ = __setitem__, __delitem__
 
     def __iter__(self) -> Iterator[Any]:
         return iter(self._colors)
 
     def __repr__(self) -> str:
         return representation(self._colors)
-
-
-_Palette.__name__ = _Palette.__qualname__ = "Color"
 
 
 class Axis:
@@ -327,17 +268,15 @@ class _NumberedAxis:
     X, Y, Z = 1, 2, 3
 
 
+_Palette.__name__ = _Palette.__qualname__ = "Color"
 _NumberedAxis.__name__ = _NumberedAxis.__qualname__ = "Axis"
-
-
-def ports(hub: HubModel) -> type[Any]:
-    """``Port``, with the ports of a kind of hub only."""
-    return _enumeration("Port", " ".join(hub.ports))
 
 
 def parameters_module(context: Context) -> ModuleType:
     hub = context.machine.robot.hub.model
-    axis, button = (Axis, _BUTTONS) if hub.has_float else (_NumberedAxis, _REMOTE_BUTTONS)
-    names: dict[str, Any] = {"Axis": axis, "Button": _Buttons(button.split()), "Color": _Palette(), "Direction": Direction}
+    axis, button_names = (Axis, _BUTTONS) if hub.has_float else (_NumberedAxis, _REMOTE_BUTTONS)
+    members = {name: getattr(Button, name) for name in button_names.split()}
+    button = type("Button", (), {"__repr__": lambda self: "Button", **members})()  # not a class but an object
+    names: dict[str, Any] = {"Axis": axis, "Button": button, "Color": _Palette(), "Direction": Direction}
     names |= {"Port": context.ports, "Side": Side, "Stop": Stop} | ({"Icon": Icon()} if hub.has_display else {})
     return module("parameters", names)

@@ -13,23 +13,13 @@ from typing import Any
 
 from brickhub.robot import Direction as MotorDirection
 from brickhub.virtual.firmware.control import Controller, Logger, OnCompletion
-from brickhub.virtual.firmware.observer import Observer, ObserverSettings
+from brickhub.virtual.firmware.motor_model import Observer, ObserverSettings
 from brickhub.virtual.firmware.servo import Servo
 from brickhub.virtual.machine import CONTROL_LOOP_MS, Machine
 from brickhub.virtual.micropython.floats import to_single
 from brickhub.virtual.micropython.numbers import module
-from brickhub.virtual.pybricks.context import (
-    Awaited,
-    Context,
-    Native,
-    bind,
-    classes,
-    expect_type,
-    firmware_errors,
-    get_array,
-    get_int,
-    os_error,
-)
+from brickhub.virtual.pybricks.arguments import expect, expect_type, get_array, get_int, os_error
+from brickhub.virtual.pybricks.context import Awaited, Context, Native, bind, classes, firmware_errors
 from brickhub.virtual.pybricks.device_modes import reports_angle
 from brickhub.virtual.pybricks.parameters import Direction, Stop
 from brickhub.virtual.pybricks.pupsensors import DEVICES, PFMotor
@@ -46,8 +36,7 @@ def acceleration_pair(value: Any, up: int, down: int) -> tuple[int, int]:
     if value is None:
         return up, down
     if isinstance(value, list | tuple):
-        if len(value) != 2:
-            raise ValueError("Invalid argument")
+        expect(len(value) == 2)
         return get_int(value[0]), get_int(value[1])
     acceleration = get_int(value)
     return acceleration, acceleration
@@ -130,11 +119,11 @@ class Log(Native):
         self._logger().start(self._machine.time_ticks // 10, duration_ms // CONTROL_LOOP_MS // step, step)
 
     def stop(self) -> None:
-        self._logger().stop()
+        self._logger().is_active = False
 
     def save(self, path: Any = None) -> None:
         logger = self._logger()
-        logger.stop()
+        logger.is_active = False
         if path is not None and not isinstance(path, str):
             raise TypeError(f"can't convert '{type(path).__name__}' object to str implicitly")
         for line in (f"PB_OF:{path or 'log.txt'}", *(", ".join(map(str, row)) for row in logger.rows), "PB_EOF"):
@@ -154,15 +143,14 @@ class MotorModel(Native):
         """Angle (deg), speed (deg/s), current (mA), and whether it stalls at this moment, however shortly."""
         observer = self._observer()
         numbers = (observer.angle / 1000, observer.speed / 1000, observer.current / 10)
-        return (*map(to_single, numbers), observer.is_pushed_back)  # type: ignore[return-value]
+        return (*map(to_single, numbers), observer.stalled_since is not None)  # type: ignore[return-value]
 
     def settings(self, values: Any = None) -> tuple[int, ...] | None:
         """The eight ``ObserverSettings``, or set them all."""
         observer = self._observer()
         if values is None:
             return tuple(observer.settings)
-        if len(get_array(values)) != len(ObserverSettings._fields):
-            raise ValueError("Invalid argument")
+        expect(len(get_array(values)) == len(ObserverSettings._fields))
         observer.tune(ObserverSettings(*map(get_int, values)))
         return None
 
@@ -215,7 +203,7 @@ class _BaseMotor(Native):
     def settings(self, max_voltage: Any = None) -> tuple[int] | None:
         if max_voltage is None:
             return (self._servo.max_voltage_mv,)
-        self._servo.max_voltage_mv = get_int(max_voltage)
+        self._servo.set_max_voltage(get_int(max_voltage))
         return None
 
     def close(self) -> None:
@@ -279,7 +267,7 @@ class Motor(_BaseMotor):
     # ---- commands that do not wait
 
     def hold(self) -> None:
-        self._servo.hold()
+        self._servo.stop(OnCompletion.HOLD)
         self._awaited.cancel()
 
     def reset_angle(self, angle: Any = None) -> None:
@@ -314,12 +302,12 @@ class Motor(_BaseMotor):
         return self._finish(returns_angle=True)
 
     def _finish(self, returns_angle: bool = False) -> Any:
-        return self._awaited.finish(self._is_done, self._servo.angle_deg if returns_angle else None, self._servo.coast)
+        def is_done() -> bool:
+            if not self._servo.is_open:
+                raise os_error(errno.ENODEV)
+            return self._servo.is_done()
 
-    def _is_done(self) -> bool:
-        if not self._servo.is_open:
-            raise os_error(errno.ENODEV)
-        return self._servo.is_done()
+        return self._awaited.finish(is_done, self._servo.angle_deg if returns_angle else None, self._servo.coast)
 
 
 def pupdevices_module(context: Context) -> ModuleType:

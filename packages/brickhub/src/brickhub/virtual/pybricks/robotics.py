@@ -13,22 +13,19 @@ from brickhub.virtual.firmware.control import OnCompletion
 from brickhub.virtual.firmware.servo import Servo
 from brickhub.virtual.micropython.floats import to_single
 from brickhub.virtual.micropython.numbers import module
-from brickhub.virtual.pybricks.context import (
-    Awaited,
-    Context,
-    Native,
-    bind,
-    expect_type,
-    firmware_errors,
-    get_int,
-    get_scaled,
-    os_error,
-)
+from brickhub.virtual.pybricks.arguments import expect, expect_type, get_int, get_scaled, os_error
+from brickhub.virtual.pybricks.context import Awaited, Context, Native, bind, firmware_errors
 from brickhub.virtual.pybricks.parameters import Stop
 from brickhub.virtual.pybricks.pupdevices import Control, Motor, acceleration_pair, acceleration_value, completion, magnitude
 
 _MAX_DISTANCE_MM = 2**15 - 1
 _DEG_PER_RAD = 57.29578
+_STEERING_SPEED_DEG_S = 300
+_POLL_MS = 10
+_SEARCH_TIMEOUT_MS = 10_000
+_BACKLASH_DEG = 10
+_COAST_BELOW_PCT = 10
+_MAX_DRIVE_MOTORS = 5
 
 
 class DriveBase(Native):
@@ -63,8 +60,7 @@ class DriveBase(Native):
         to whole degrees and mm."""
         x, y = get_int(dx), get_int(dy)
         direction = int(to_single(math.atan2(y, x) * _DEG_PER_RAD))
-        if max(abs(x), abs(y)) > _MAX_DISTANCE_MM:
-            raise ValueError("Invalid argument")
+        expect(max(abs(x), abs(y)) <= _MAX_DISTANCE_MM)
         self._base.turn_to(-direction, OnCompletion.HOLD)
         distance, end = int(to_single(math.sqrt(x * x + y * y))), completion(then)
         return self._finish(lambda: self._base.straight(distance, end))
@@ -77,10 +73,8 @@ class DriveBase(Native):
         radius_mm = get_int(radius)
         if (angle is None) == (distance is None):
             raise ValueError("Please specify distance or angle but not both.")
-        if distance is not None:
-            self._base.arc_distance(radius_mm, get_int(distance), completion(then))
-        else:
-            self._base.arc_angle(radius_mm, get_int(angle), completion(then))
+        distance_mm, angle_deg = (None, get_int(angle)) if distance is None else (get_int(distance), 0)
+        self._base.arc(radius_mm, distance_mm, angle_deg, completion(then))
         return self._finish() if wait else None
 
     def drive(self, speed: Any, turn_rate: Any) -> None:
@@ -124,11 +118,7 @@ class DriveBase(Native):
         self._base.use_gyro(bool(use_gyro))
 
     def settings(
-        self,
-        straight_speed: Any = None,
-        straight_acceleration: Any = None,
-        turn_rate: Any = None,
-        turn_acceleration: Any = None,
+        self, straight_speed: Any = None, straight_acceleration: Any = None, turn_rate: Any = None, turn_acceleration: Any = None
     ) -> tuple[Any, ...] | None:
         distance, heading = self._base.distance.settings, self._base.heading.settings
         straight = distance.to_unit(distance.default_speed), *distance.limits()[1:3]
@@ -159,7 +149,9 @@ class DriveBase(Native):
         following = iter(others)
 
         def is_done() -> bool:
-            if not self._is_done():
+            if not self._base.is_open:
+                raise os_error(errno.ENODEV)
+            if not self._base.is_done():
                 return False
             start = next(following, None)
             if start is not None:
@@ -167,19 +159,6 @@ class DriveBase(Native):
             return start is None
 
         return self._awaited.finish(is_done, None, lambda: self._end(OnCompletion.COAST))
-
-    def _is_done(self) -> bool:
-        if not self._base.is_open:
-            raise os_error(errno.ENODEV)
-        return self._base.is_done()
-
-
-_STEERING_SPEED_DEG_S = 300
-_POLL_MS = 10
-_SEARCH_TIMEOUT_MS = 10_000
-_BACKLASH_DEG = 10
-_COAST_BELOW_PCT = 10
-_MAX_DRIVE_MOTORS = 5
 
 
 class Car(Native):

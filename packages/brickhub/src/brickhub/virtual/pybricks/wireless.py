@@ -1,16 +1,20 @@
-"""Bluetooth devices. Only a remote control and an Xbox controller can be near: searches for others time out.
+"""Bluetooth: devices, messages between hubs, and AppData for the host (``pybricks.messaging`` of Pybricks 4.0).
 
-Names and errors: ``pybricks`` 4.0 on PyPI, ``pb_type_iodevices_lwp3device.c`` and ``pb_type_iodevices_xbox_controller.c``, v4.
+Only a remote control and an Xbox controller can be near: searches for others time out. A virtual hub sends messages, but receives
+none. Names and errors: ``pybricks`` on PyPI, ``pb_type_iodevices_lwp3device.c``, ``pb_type_iodevices_xbox_controller.c``, v4.
 """
 
 from __future__ import annotations
 
 import errno
 from collections.abc import Callable
-from typing import Any
+from types import ModuleType
+from typing import Any, Protocol, runtime_checkable
 
+from brickhub.virtual.micropython.numbers import module
 from brickhub.virtual.micropython.streams import as_bytes
-from brickhub.virtual.pybricks.context import Native, expect_type, get_exact_int, get_int, get_text, os_error
+from brickhub.virtual.pybricks.arguments import expect, expect_type, get_array, get_exact_int, get_int, get_text, os_error
+from brickhub.virtual.pybricks.context import Context, Native, bind
 from brickhub.virtual.pybricks.parameters import Color, buttons
 
 _MAX_NAME_BYTES = 14
@@ -22,6 +26,11 @@ _XBOX_EXTRAS = ("upload", "p1", "p2", "p3", "p4")
 _RUMBLE_MOTORS = 4
 _STICK_MAX, _TRIGGER_MAX = 2**15 - 1, 1023
 _MESSAGE_BYTES = range(3, 21)
+_LAST_CHANNEL = 255
+_MAX_PAYLOAD_BYTES = 26
+_NOTHING_HEARD_DBM = -128
+_MAX_EVENT_BYTES = 19
+_SET_UP, _CONFIGURE = 0, 1
 
 
 def _unavailable(name: str) -> Callable[..., Any]:
@@ -67,7 +76,8 @@ class Wireless(Native):
         return self._loop.finish(is_done, poll_ms=1)
 
     def _done(self) -> Any:
-        self._check_connected()
+        """A command that completes immediately. Raises OSError, ENODEV, while it is not connected."""
+        self._down()
         return self._loop.done()
 
     def disconnect(self) -> Any:
@@ -78,12 +88,9 @@ class Wireless(Native):
 
     def _down(self) -> frozenset[str]:
         """Names of the buttons that are down. Raises OSError, ENODEV, while it is not connected."""
-        self._check_connected()
-        return self._machine.panel.pressed_on(self._kind, self._machine.time_ms)
-
-    def _check_connected(self) -> None:
         if not self._is_connected:
             raise os_error(errno.ENODEV)
+        return self._machine.panel.pressed_on(self._kind, self._machine.time_ms)
 
 
 class _Buttons(Native):
@@ -148,7 +155,7 @@ class Remote(Wireless):
         text = get_text(name[0]) if name else self._name
         if not 1 <= len(text.encode()) <= _MAX_NAME_BYTES:
             raise ValueError("bad name length")
-        self._check_connected()
+        self._down()
         self._name = text
         return self._loop.done() if name else text
 
@@ -182,7 +189,7 @@ class XboxController(Wireless):
         super().__init__(name, timeout, connect)
 
     def name(self, name: Any = None) -> str:
-        self._check_connected()
+        self._down()
         return "Xbox Wireless Controller"
 
     def state(self) -> tuple[int, ...]:
@@ -201,7 +208,7 @@ class XboxController(Wireless):
         return _dpad(self._down())
 
     def profile(self) -> int:
-        self._check_connected()
+        self._down()
         return 0
 
     def joystick_left(self) -> tuple[int, int]:
@@ -233,3 +240,127 @@ def _dpad(down: frozenset[str]) -> int:
     """Direction of the pad: 0 for none, 1 for up, then clockwise."""
     x, y = ("right" in down) - ("left" in down), ("up" in down) - ("down" in down)
     return {(0, 1): 1, (1, 1): 2, (1, 0): 3, (1, -1): 4, (0, -1): 5, (-1, -1): 6, (-1, 0): 7, (-1, 1): 8}.get((x, y), 0)
+
+
+class Radio(Native):
+    """``hub.ble`` and ``pybricks.messaging.BLERadio``; channels 0 to 255."""
+
+    def __init__(self, broadcast_channel: Any = None, observe_channels: Any = ()) -> None:
+        if broadcast_channel is not None and not 0 <= get_exact_int(broadcast_channel) <= _LAST_CHANNEL:
+            raise ValueError("Broadcast channel must be 0 to 255 or None")
+        channels = [get_exact_int(observe_channels[index]) for index in range(len(observe_channels))]
+        if not all(0 <= channel <= _LAST_CHANNEL for channel in channels):
+            raise ValueError("observe channel must be 0 to 255")
+        self._broadcast_channel, self._observed = broadcast_channel, frozenset(channels)
+
+    def broadcast(self, data: Any) -> Any:
+        if self._broadcast_channel is None:
+            raise RuntimeError("no broadcast channel selected")
+        if data is not None:
+            values = data if isinstance(data, list | tuple) else [data]
+            if sum(map(_encoded_bytes, values)) + (values is not data) > _MAX_PAYLOAD_BYTES:
+                raise ValueError(f"payload limited to {_MAX_PAYLOAD_BYTES} bytes")
+        return self._loop.done()
+
+    def observe(self, channel: Any) -> None:
+        self._check(channel)
+
+    def signal_strength(self, channel: Any) -> int:
+        self._check(channel)
+        return _NOTHING_HEARD_DBM
+
+    def version(self) -> str:
+        return "v1.0"
+
+    def _check(self, channel: Any) -> None:
+        if get_exact_int(channel) not in self._observed:
+            raise ValueError("channel not configured")
+
+
+def _encoded_bytes(value: Any) -> int:
+    """Size of a value in an advertisement: type byte and value."""
+    match value:
+        case bool():
+            return 1
+        case int():
+            return 2 if -(2**7) <= value < 2**7 else 3 if -(2**15) <= value < 2**15 else 5
+        case float():
+            return 5
+        case str() | bytes() | bytearray() | memoryview():
+            return 1 + len(as_bytes(value))
+    raise TypeError("must be True, False, int, float, str or bytes")
+
+
+class BLERadio(Radio):
+    """Radio of Pybricks 4, separate from the hub."""
+
+
+@runtime_checkable
+class AppDataConsole(Protocol):
+    """A console with AppData. ``inbox``: buffer that the host writes to; the program sets its size."""
+
+    inbox: bytearray
+
+    def write_app_data(self, data: bytes) -> None:
+        """Send bytes; raises OSError without a listener."""
+
+
+def _payload(data: Any) -> bytes:
+    """Bytes of text or bytes; unlike elsewhere, a bytearray is neither."""
+    if not isinstance(data, str | bytes):
+        raise TypeError(f"can't convert '{type(data).__name__}' object to str implicitly")
+    return as_bytes(data)
+
+
+def messaging_module(context: Context) -> ModuleType:
+    console, machine = context.console, context.machine
+
+    class AppData:
+        """A byte buffer besides the standard streams; the host overwrites it."""
+
+        def __init__(self, modes: Any) -> None:
+            if not isinstance(console, AppDataConsole):
+                raise os_error(errno.EOPNOTSUPP)
+            context.loop.assert_blocking()
+            if console.inbox:
+                raise RuntimeError("host rx_buffer already allocated")
+            expect_type(get_array(modes), list)
+            self._slices: dict[int, tuple[int, int]] = {}
+            start = 0
+            for pair in sorted(modes):
+                if len(get_array(pair)) != 2 or get_exact_int(pair[0]) > 255:
+                    raise TypeError("modes must be a list of (mode, size) tuples")
+                mode, size = pair[0] & 0xFF, get_exact_int(pair[1])
+                if mode in self._slices:
+                    raise ValueError("mode numbers must be unique")
+                self._slices[mode] = (start, size)
+                start += size
+            console.inbox = bytearray(start)
+            self._console = console
+            self.write_bytes(bytes((_SET_UP, *self._slices)))
+
+        def get_bytes(self, mode: int, index: int | None = None) -> bytes | int:
+            machine.charge_call()
+            if get_exact_int(mode) not in self._slices:
+                raise ValueError("invalid mode")
+            start, size = self._slices[mode]
+            if index is None:
+                return bytes(self._console.inbox[start : start + size])
+            if not 0 <= get_exact_int(index) < size:
+                raise ValueError("index out of range")
+            return self._console.inbox[start + index]
+
+        def write_bytes(self, data: Any, /) -> Any:
+            payload = _payload(data)
+            expect(len(payload) <= _MAX_EVENT_BYTES)
+            self._console.write_app_data(payload)
+            return context.loop.done()
+
+        def configure(self, mode: Any, parameter: Any, value: Any) -> Any:
+            numbers = (_CONFIGURE, get_exact_int(mode) & 0xFF, get_exact_int(parameter) & 0xFF)
+            return self.write_bytes(bytes(numbers) + _payload(value))
+
+        def close(self) -> None:
+            self._console.inbox = bytearray()
+
+    return module("messaging", {"AppData": AppData, "BLERadio": bind(context, BLERadio)})
