@@ -14,7 +14,7 @@ import pytest
 import torch
 from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModule
-from test_run_loop import Recorder, assert_same_run, ctrl_c, rows
+from test_loop import Recorder, assert_same_run, ctrl_c, rows
 
 import bricksrl
 from bricksrl.agents import preset
@@ -24,7 +24,7 @@ from bricksrl.errors import RunError
 from bricksrl.evaluation import evaluate
 from bricksrl.training import Phase, TrainConfig, resume, train
 from bricksrl.training.checkpoint import load_checkpoint
-from bricksrl.training.collection import make_copies
+from bricksrl.training.collect import make_copies
 
 ENV, COPIES, ROUND = "RoboArmSim-v0", 4, 100
 SMALL: dict[str, Any] = {"hidden": (16,), "batch_size": 32, "updates_per_step": 0.125}

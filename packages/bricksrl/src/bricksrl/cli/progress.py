@@ -13,8 +13,7 @@ from brickhub.files import quoted
 from brickhub.user_files import without_folder
 from bricksrl.cli.terminal import place_robot
 from bricksrl.errors import counted
-from bricksrl.training.callbacks import Callback, Episode, Phase, Progress, RunResult
-from bricksrl.training.fleet.robot_state import RobotState
+from bricksrl.training.callbacks import Callback, Episode, Phase, Progress, RobotState, RunResult
 
 if TYPE_CHECKING:
     import numpy as np

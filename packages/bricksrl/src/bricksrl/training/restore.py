@@ -84,6 +84,14 @@ def identity_of(config: TrainConfig, env: EnvBase) -> dict[str, Any]:
     return {**run, "layout": asdict(ObservationLayout.of(env)), "action_size": action_size(env)}
 
 
+def run_state(identity: dict[str, Any], episodes: list[Episode], best: float | None = None) -> dict[str, Any]:
+    """State of a run in a checkpoint, without its agent."""
+    import torch
+
+    generator = torch.get_rng_state()
+    return {"identity": identity, "episodes": [episode.to_dict() for episode in episodes], "generator": generator, "best": best}
+
+
 def load_state(folder: RunFolder, config: TrainConfig, env: EnvBase, *, which: Which = "last") -> dict[str, Any]:
     """A verified checkpoint of a run. Raises CheckpointError if it is damaged, missing, or of another run or environment."""
     from bricksrl.training.checkpoint import load_checkpoint

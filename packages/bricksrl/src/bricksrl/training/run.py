@@ -14,7 +14,7 @@ from bricksrl.errors import DescriptionError, RunError, counted
 from bricksrl.training.callbacks import Callback, CallbackList, RunResult
 from bricksrl.training.config import TrainConfig
 from bricksrl.training.offline import attach_dataset, warm_start
-from bricksrl.training.restore import identity_of, load_state, make_learner_for
+from bricksrl.training.restore import identity_of, load_state, make_learner_for, run_state
 from bricksrl.training.run_folder import RunFolder
 from bricksrl.training.signals import StopSignals
 
@@ -24,8 +24,7 @@ if TYPE_CHECKING:
     from bricksrl.agents.learner import Learner
     from bricksrl.envs.connection import Placement
     from bricksrl.envs.rollout import Driver
-    from bricksrl.training.async_learner import AsyncLearner
-    from bricksrl.training.learner_side import InLoopLearner
+    from bricksrl.training.learner_side import LearnerSide
 
 
 def train(
@@ -126,9 +125,7 @@ def _run_in(
 ) -> RunResult:
     import torch
 
-    from bricksrl.training.fleet.fleet_robots import Fleet
-    from bricksrl.training.fleet.loop import FleetLoop
-    from bricksrl.training.run_loop import RunLoop, run_state
+    from bricksrl.training.loop import Loop
 
     learner = make_learner_for(config, env)
     if len(config.hubs) > 1 and learner.frames_per_batch > 1:
@@ -145,9 +142,9 @@ def _run_in(
     with ExitStack() as lock, ExitStack() as stack:  # a learner in another process may write until it has ended
         side = _learning(stack, config, env, learner, state, signals)
         torch.set_rng_state(state["generator"])
-        make = FleetLoop if isinstance(env, Fleet) else RunLoop
-        loop = make(config, env, side, callback, signals, state, driver)
-        start = loop.reset() if folder is None and not config.updates else None
+        loop = Loop(config, env, side, callback, signals, state, driver)
+        if folder is None and not config.updates:
+            loop.source.start()
         losses = tuple(name for name in getattr(learner.loss, "out_keys", ()) if isinstance(name, str))
         with signals.held_back():
             if folder is None:
@@ -157,16 +154,15 @@ def _run_in(
                 folder.write_episodes(loop.episodes, losses)
                 folder.write_config(config)
         del state  # may be large
-        return loop.run(folder, start)
+        return loop.run(folder)
 
 
 def _learning(
     stack: ExitStack, config: TrainConfig, env: EnvBase, learner: Learner, state: dict[str, Any], signals: StopSignals
-) -> InLoopLearner | AsyncLearner:
+) -> LearnerSide:
     """The learner from a checkpoint's state, here or in another process until the end of the ``stack``."""
     from bricksrl.agents.policy_transfer import restore
-    from bricksrl.training.async_learner import AsyncLearner
-    from bricksrl.training.learner_side import InLoopLearner
+    from bricksrl.training.learner_side import AsyncLearner, InLoopLearner
 
     if not config.asynchronous or learner.loss is None or config.updates:
         restore(learner, state["agent"])
@@ -189,7 +185,7 @@ def make_env(config: TrainConfig, place: Placement | None = None) -> EnvBase:
         from bricksrl.envs.registry import make
 
         return make(config.env, config, seed=config.seed, place=place)
-    from bricksrl.training.collection import make_copies
+    from bricksrl.training.collect import make_copies
 
     try:
         return make_copies(config.env, config, config.num_envs, seed=config.seed, device=config.device)

@@ -22,6 +22,8 @@ from bricksrl.errors import RunError, WriteError
 from bricksrl.training.callbacks import Episode, Phase
 from bricksrl.training.config import TrainConfig
 
+DATA_FOLDER = "data"
+"""Name of the dataset's folder in a run."""
 _HEAD = ("episode", "phase", "steps", "length", "return", "success")
 _TAIL = ("seconds", "updates_per_step", "link_lost", "evaluation", "robot")
 
