@@ -142,7 +142,7 @@ class Train:
         from bricksrl.evaluation.settings_text import read_settings, with_changes
         from bricksrl.training import RunFolder
         from bricksrl.training.config import settings_for
-        from bricksrl.training.offline import settings_like
+        from bricksrl.training.restore import settings_like
 
         if self.asynchronous and self.synchronous:
             raise DescriptionError("a run is synchronous or asynchronous; choose one of the two")

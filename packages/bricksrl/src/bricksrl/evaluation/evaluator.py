@@ -125,7 +125,7 @@ def evaluate(
     from brickhub.seed import derive_seed
     from bricksrl.envs.registry import is_simulation
     from bricksrl.envs.rollout import play_episodes
-    from bricksrl.training.seeding import reproducible
+    from bricksrl.training.restore import reproducible
 
     config = RunFolder(run_dir).read_config()
     own: EnvBase | None = None

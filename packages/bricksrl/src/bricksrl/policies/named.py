@@ -57,9 +57,8 @@ def _first(run_dir: Path, env: EnvBase) -> Player:
     """The untrained agent of a run, with its initial parameters."""
     from brickhub.seed import derive_seed
     from bricksrl.policies.policy import Policy
-    from bricksrl.training.restore import make_learner_for
+    from bricksrl.training.restore import make_learner_for, reproducible
     from bricksrl.training.run_folder import RunFolder
-    from bricksrl.training.seeding import reproducible
 
     config = RunFolder(run_dir).read_config()
     with reproducible(derive_seed(config.seed, "agent")):

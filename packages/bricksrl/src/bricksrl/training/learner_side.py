@@ -31,8 +31,7 @@ from bricksrl.envs.specs import SpecsEnv
 from bricksrl.errors import BricksError, LearnerError, message_of
 from bricksrl.training.checkpoint import save_checkpoint
 from bricksrl.training.config import TrainConfig
-from bricksrl.training.offline import attach_dataset
-from bricksrl.training.restore import make_learner_for
+from bricksrl.training.restore import attach_dataset, make_learner_for
 
 _CHECK_S = 0.1
 _END_TIMEOUT_S, _INTERRUPTED_TIMEOUT_S = 120.0, 5.0

@@ -13,8 +13,7 @@ from brickhub.files import only_writer
 from bricksrl.errors import DescriptionError, RunError, counted
 from bricksrl.training.callbacks import Callback, CallbackList, RunResult
 from bricksrl.training.config import TrainConfig
-from bricksrl.training.offline import attach_dataset, warm_start
-from bricksrl.training.restore import identity_of, load_state, make_learner_for, run_state
+from bricksrl.training.restore import attach_dataset, identity_of, load_state, make_learner_for, run_state, warm_start
 from bricksrl.training.run_folder import RunFolder
 from bricksrl.training.signals import StopSignals
 
@@ -104,7 +103,7 @@ def _run(
     if env is not None and env.batch_size and not {"episode_reward", "step_count"} <= set(env.full_observation_spec.keys()):
         raise RunError("copies of your own need TorchRL's RewardSum and StepCounter; add them, or omit env and give num_envs")
     from brickhub.seed import derive_seed
-    from bricksrl.training.seeding import reproducible
+    from bricksrl.training.restore import reproducible
 
     callback = callback or Callback()
     if config.log != "none":

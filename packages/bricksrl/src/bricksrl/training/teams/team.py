@@ -110,7 +110,7 @@ def train_team(
     """Train the groups of a config; reproducible. Ends after the round in which ``stop`` is set. Raises UnknownNameError or
     DescriptionError if there is no such arena, group, agent or script."""
     from bricksrl.envs.arenas import make_arena
-    from bricksrl.training.seeding import reproducible
+    from bricksrl.training.restore import reproducible
     from bricksrl.training.teams.groups import TeamSettings
 
     settings = settings or TeamSettings()
