@@ -64,12 +64,11 @@ class Evaluate:
         from bricksrl.evaluation import evaluate
         from bricksrl.evaluation.film import FilmOptions, check_filmable, film_run
         from bricksrl.training import RunFolder
-        from bricksrl.training.restore import one_robot
         from bricktwin.twin.physics import read_physics
 
         if self.video is not None:
             check_film(self.video)
-            hub = self.hub if self.hub is not None else one_robot(RunFolder(self.run).read_config()).hub
+            hub = self.hub if self.hub is not None else RunFolder(self.run).origin().options.hub
             if self.env is not None or hub != "virtual":
                 raise TwinError(
                     "only the virtual robot of the run itself can be filmed; give --hub virtual, without --env, or no --video"

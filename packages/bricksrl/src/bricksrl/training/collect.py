@@ -24,7 +24,7 @@ from bricksrl.data.transitions import about, step_of
 from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.registry import get_task, is_simulation, make
 from bricksrl.envs.rollout import Driver, Rollout, play, seed_episode
-from bricksrl.errors import RunError
+from bricksrl.errors import DescriptionError, RunError
 from bricksrl.training.callbacks import Callback, Episode, Phase
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from bricksrl.agents.learner import Learner
     from bricksrl.data.recorded_episode import About, Step
-    from bricksrl.training.config import TrainConfig
+    from bricksrl.envs.connection import Placement
     from bricksrl.training.learner_side import LearnerSide
     from bricksrl.training.signals import StopSignals
 
@@ -90,15 +90,24 @@ NextEpisode = Callable[[int], Playing | None]
 
 @dataclass
 class Source(ABC):
-    """Source of a run's steps. ``playing``: the current episode of each robot."""
+    """Source of a run's steps.
 
-    config: TrainConfig
+    Attributes:
+        hub: address of the robot, for the dataset.
+        patience_s: how long a lost robot is retried.
+        is_recorded: whether steps go into the run's dataset.
+        playing: the current episode of each robot.
+    """
+
     env: EnvBase
     learner: LearnerSide
     callback: Callback
     signals: StopSignals
     driver: Driver | None
     next_episode: NextEpisode
+    hub: str
+    patience_s: float
+    is_recorded: bool
     playing: dict[int, Playing] = field(default_factory=dict)
 
     _begun: tuple[Playing, TensorDictBase] | None = None
@@ -107,11 +116,6 @@ class Source(ABC):
     def actor(self) -> Learner:
         """The acting agent."""
         return self.learner.actor
-
-    @property
-    def is_recorded(self) -> bool:
-        """Whether steps go into the run's dataset."""
-        return self.config.record and not self.config.updates and not self.env.batch_size
 
     def start(self) -> None:
         """Reach a robot and place it for its first episode. Raises HubError if there is none."""
@@ -130,10 +134,10 @@ class Source(ABC):
             return None
         reconnect = reconnect_of(self.env)
         if reconnect is not None:
-            reconnect.patience_s, reconnect.wait = self.config.patience_s, self.signals.wait
+            reconnect.patience_s, reconnect.wait = self.patience_s, self.signals.wait
             reconnect.on_error = lambda error: self.callback.on_link_lost(playing.number, playing.length, error)
         with self.signals.at_once():  # a reset may wait for a hub or a person, and loses nothing
-            seed_episode(self.env, self.config.seed, "episode", playing.number)
+            seed_episode(self.env, playing.seed)
             state = self.env.reset()
         if playing.phase is not Phase.OFFLINE:
             playing.started_s = time.perf_counter()
@@ -150,7 +154,7 @@ class OneRobot(Source):
     def play(self, playing: Playing, start: TensorDictBase) -> Iterator[Moved | Ended]:
         self.playing[0], phase = playing, playing.phase
         if self.is_recorded:
-            playing.about = about(self.env, playing.policy, seed=playing.seed, hub=self.config.hub)
+            playing.about = about(self.env, playing.policy, seed=playing.seed, hub=self.hub)
         rollout, random = Rollout(), RandomPolicy(self.env.full_action_spec)
         policy = {Phase.PREFILL: random, Phase.TRAIN: self.actor.explore, Phase.OFFLINE: self.actor.exploit}[phase]
         is_cut = False
@@ -198,18 +202,31 @@ class Copies(Source):
         )
 
 
-def make_copies(env_id: str, options: EnvOptions, copies: int, *, seed: int | None, device: str = "cpu") -> EnvBase:
-    """Environment with batch ``[copies]`` that tracks return and length of episodes: a batched simulation, or one process per
-    virtual robot. Raises RunError if these processes cannot be started."""
-    if is_simulation(env_id):
-        env = make(env_id, options, batch_size=copies, seed=seed, device=device)
-    else:
-        make_one = functools.partial(make, env_id, options.env_options, seed=seed)
-        env = ParallelEnv(copies, make_one, mp_start_method="spawn")
-        try:
+def make_env(
+    env_id: str,
+    options: EnvOptions,
+    copies: int = 1,
+    *,
+    seed: int | None,
+    device: str = "cpu",
+    place: Placement | None = None,
+) -> EnvBase:
+    """Environment of one robot, or with batch ``[copies]``: a batched simulation, or one process per virtual robot, which tracks
+    return and length of episodes. ``place`` places a real robot at the start position. Raises UnknownNameError if there is no
+    such environment or hub, RunError if it does not support copies, or their processes cannot be started."""
+    options = options.env_options
+    if copies == 1:
+        return make(env_id, options, seed=seed, place=place)
+    try:
+        if is_simulation(env_id):
+            env = make(env_id, options, batch_size=copies, seed=seed, device=device)
+        else:
+            env = ParallelEnv(copies, functools.partial(make, env_id, options, seed=seed), mp_start_method="spawn")
             env.start()
-        except EOFError:  # it ended at once, as it imports the script that starts it
-            raise RunError(f"the {copies} processes cannot start; put your script under `if __name__ == '__main__':`") from None
+    except DescriptionError as error:
+        raise RunError(f"cannot make {copies} copies of {env_id}: {error}") from None
+    except EOFError:  # a process ended at once, as it imports the script that starts it
+        raise RunError(f"the {copies} processes cannot start; put your script under `if __name__ == '__main__':`") from None
     tracked = TransformedEnv(env, Compose(RewardSum(), StepCounter()))
     tracked.task = get_task(env_id, **options.options)  # attributes do not cross process boundaries
     return tracked

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -106,6 +106,11 @@ class TrainConfig(RunOptions, EnvOptions):
         addresses = tuple(part.strip() for part in self.hub.split(","))
         return addresses if len(addresses) > 1 else addresses * self.robots
 
+    @property
+    def robot(self) -> EnvOptions:
+        """Options of the environment of a single robot, the first."""
+        return replace(self.env_options, hub=self.hubs[0])
+
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON, without the run's folder."""
         data = dataclasses.asdict(self)
@@ -176,7 +181,7 @@ def _plain(settings: Any) -> Any:
     changed = {name: value.item() for name, value in vars(settings).items() if isinstance(value, np.generic)}
     if isinstance(network := getattr(settings, "network", None), str):
         changed["network"] = with_absolute_file(network)
-    return dataclasses.replace(settings, **changed) if changed else settings
+    return replace(settings, **changed) if changed else settings
 
 
 def portable(data: dict[str, Any]) -> dict[str, Any]:

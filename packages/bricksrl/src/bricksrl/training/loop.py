@@ -68,7 +68,15 @@ class Loop:
         self.best: float | None = state["best"]  # mean return of the best evaluation
         make = FleetRobots if isinstance(self.env, Fleet) else Copies if self.env.batch_size else OneRobot
         self.source: Source = make(
-            self.config, self.env, self.learner, self.callback, self.signals, self.driver, self._next_episode
+            env=self.env,
+            learner=self.learner,
+            callback=self.callback,
+            signals=self.signals,
+            driver=self.driver,
+            next_episode=self._next_episode,
+            hub=self.config.hub,
+            patience_s=self.config.patience_s,
+            is_recorded=self.config.record and not self.config.updates and not self.env.batch_size,
         )
         self._started = len(self.episodes)  # episodes, complete or not
         self._ended_s = 0.0  # time of the last one's end

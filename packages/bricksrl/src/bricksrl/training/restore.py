@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from brickhub.fields import check_fields
+from brickhub.seed import derive_seed
 from bricksrl.agents import make_learner
 from bricksrl.errors import BricksError, CheckpointError, DataError, DescriptionError, DivergedError, RunError
 from bricksrl.training.callbacks import Episode
@@ -47,6 +48,13 @@ def load_learner(run_dir: Path | str, env: EnvBase, *, which: Which = "last") ->
     restore(learner, {key: value for key, value in state["agent"].items() if key != "memory"})
     check_weights(learner)
     return Trained(learner, len(state["episodes"]))
+
+
+def untrained_learner(run_dir: Path | str, env: EnvBase) -> Learner:
+    """The learner of a run as it was before any training, on the CPU. Raises RunError if there is no run in the folder."""
+    config = RunFolder(run_dir).read_config()
+    with reproducible(derive_seed(config.seed, "agent")):
+        return make_learner_for(config, env, device="cpu")
 
 
 def check_weights(learner: Learner) -> None:

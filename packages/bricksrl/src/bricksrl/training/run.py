@@ -8,7 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from brickhub.fields import check_value
 from brickhub.files import only_writer
 from bricksrl.errors import DescriptionError, RunError, counted
 from bricksrl.training.callbacks import Callback, CallbackList, RunResult
@@ -53,7 +52,8 @@ def train(
         DivergedError: the weights of the agent are not finite any more.
         KeyboardInterrupt: Ctrl-C before the robot was connected; nothing was created.
     """
-    check_value("config", config, TrainConfig)
+    if not isinstance(config, TrainConfig):
+        raise DescriptionError(f"config is of type {type(config).__name__}; give TrainConfig(...)")
     if config.run_dir is not None and config.run_dir.exists():
         raise RunError(f"{config.run_dir} exists already; resume that run or choose another folder")
     return _run(config, None, callback, env, place, stop, driver)
@@ -112,7 +112,7 @@ def _run(
         callback = CallbackList(callback, Tracking(config.log))
     with ExitStack() as stack:
         if env is None:
-            env = make_env(config, place)
+            env = _make_env(config, place)
             stack.callback(env.close, raise_if_closed=False)
         stack.enter_context(reproducible(derive_seed(config.seed, "agent")))
         signals = stack.enter_context(StopSignals(stop or threading.Event()))
@@ -173,20 +173,10 @@ def _learning(
     return side
 
 
-def make_env(config: TrainConfig, place: Placement | None = None) -> EnvBase:
-    """The environment of a config; ``place`` places a real robot at the start position. Raises UnknownNameError if there is no
-    such environment or hub, RunError if it does not support copies."""
+def _make_env(config: TrainConfig, place: Placement | None) -> EnvBase:
+    from bricksrl.training.collect import make_env
+    from bricksrl.training.fleet.fleet_robots import Fleet
+
     if len(config.hubs) > 1:
-        from bricksrl.training.fleet.fleet_robots import Fleet
-
         return Fleet(config, place if config.hub != "virtual" else None)
-    if config.num_envs == 1:
-        from bricksrl.envs.registry import make
-
-        return make(config.env, config, seed=config.seed, place=place)
-    from bricksrl.training.collect import make_copies
-
-    try:
-        return make_copies(config.env, config, config.num_envs, seed=config.seed, device=config.device)
-    except DescriptionError as error:
-        raise RunError(f"cannot make {config.num_envs} copies of {config.env}: {error}") from None
+    return make_env(config.env, config.robot, config.num_envs, seed=config.seed, device=config.device, place=place)

@@ -194,8 +194,9 @@ def stub_fleet(tmp_path: Path, robots: int, **changes: Any) -> tuple[FleetRobots
     def next_episode(being_played: int) -> Playing | None:
         return Playing(next(numbers), Phase.TRAIN, 0, "sac") if being_played < whole.episodes else None
 
-    made = (whole, cast("Any", stub), cast("Any", stub), Callback(), cast("Any", None), None)
-    return FleetRobots(*made, next_episode), stub
+    there = cast("Any", stub)
+    nobody = cast("Any", None)
+    return FleetRobots(there, there, Callback(), nobody, None, next_episode, "virtual", whole.patience_s, True), stub
 
 
 def test_first_episodes_start_together(tmp_path: Path) -> None:

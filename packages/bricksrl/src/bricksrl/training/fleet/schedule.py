@@ -76,7 +76,7 @@ class FleetRobots(Source):
             reason = f"no robot of the fleet is left; the last one, {last.name}, was given up: {last.reason}"
             raise RunError(f"{reason}; correct it and resume the run")
         is_out = all(member.is_out for member in self.env.members)
-        if is_out and time.monotonic() - last.since_s >= self.config.patience_s:
+        if is_out and time.monotonic() - last.since_s >= self.patience_s:
             raise HubError(f"no robot of the fleet can be reached; the last error, of {last.name}: {last.reason}")
 
     def _handle(self, event: Event | None) -> Moved | Ended | None:
