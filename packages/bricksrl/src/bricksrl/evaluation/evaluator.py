@@ -16,6 +16,7 @@ from brickhub.files import write_durably
 from brickhub.seed import check_seed
 from brickhub.user_files import is_reference, with_absolute_file
 from bricksrl.agents import algorithm
+from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.registry import is_simulation, options_of
 from bricksrl.errors import RunError
 from bricksrl.evaluation.statistics import Interval, interquartile_mean, mean, seeds_interval, wilson_interval
@@ -163,7 +164,7 @@ def evaluate(
         copies = min(episodes, MAX_COPIES) if side_by_side and not in_chunks else 1
         env = own = make_env(env_id, options, copies, seed=origin.seed, place=place)
     else:
-        task = getattr(env, "task", None)
+        task = interface_of(env).task
         as_trained = task is None or is_reference(env_id) or task.id == env_id  # the task of a file has an id of its own
     try:
         if on_env is not None:
@@ -171,13 +172,13 @@ def evaluate(
         with reproducible(derive_seed(seed, "evaluation")):
             trained = load_learner(run_dir, env, which=which)
             actor = trained.learner
-            actor.act_on(getattr(env, "device", None))
+            actor.act_on(env.device)  # type: ignore[union-attr]  # an id has become an environment
             scores = []
             for score in play_episodes(env, actor.exploit, episodes, seed, reset_policy=actor.reset_policy):
                 scores.append(score)
                 if on_episode is not None:
                     on_episode(len(scores), score.return_)
-        task = getattr(env, "task", None)
+        task = interface_of(env).task
         about = {"run_dir": str(run_dir), "env": env_id if task is None else task.id, "agent": origin.agent, "hub": hub}
         result = EvaluationResult.of(scores, **about, seed=seed, trained_episodes=trained.episodes, as_trained=as_trained)
     finally:

@@ -21,6 +21,7 @@ from torchrl.envs.utils import ExplorationType
 from torchrl.modules import RandomPolicy
 
 from bricksrl.data.transitions import about, step_of
+from bricksrl.envs.env_interface import BricksEnv, interface_of
 from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.registry import get_task, is_simulation, make
 from bricksrl.envs.rollout import Driver, Rollout, play, seed_episode
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
 
     from bricksrl.agents.learner import Learner
     from bricksrl.data.recorded_episode import About, Step
-    from bricksrl.envs.connection import Placement
+    from bricksrl.envs.connection import Placement, Reconnect
     from bricksrl.training.learner_side import LearnerSide
     from bricksrl.training.signals import StopSignals
 
@@ -166,19 +167,19 @@ class OneRobot(Source):
                 raise RunError("this agent learns from its own actions only; let it drive, or take an off-policy one such as sac")
             if self.is_recorded and not rollout.is_lost:
                 playing.steps.append(step_of(frame, self.env, intervention=by_hand))
-            is_cut = getattr(self.env, "is_cut", False)  # now, as an evaluation may follow
+            is_cut = interface_of(self.env).is_cut  # now, as an evaluation may follow
             yield Moved(playing, frame, rollout.is_lost, bool(frame["next", "done"]))
         if rollout.is_lost and phase is Phase.OFFLINE:
-            raise self.env.link_error  # a measurement has to be complete, and its updates are made once
+            raise interface_of(self.env).link_error  # a measurement has to be complete, and its updates are made once
         success = None if rollout.is_lost else rollout.success(self.env)
         length, return_ = playing.length, rollout.return_
         episode = Episode(playing.number, phase, length, length, return_, success, link_lost=rollout.is_lost)
         yield Ended(self.playing.pop(0), episode if length else None, is_cut)
 
 
-def reconnect_of(env: EnvBase) -> Any:
+def reconnect_of(env: EnvBase) -> Reconnect | None:
     """Reconnection of a single robot; attributes of copies in processes cannot be set from here."""
-    return None if env.batch_size else getattr(env, "reconnect", None)
+    return None if env.batch_size else interface_of(env).reconnect
 
 
 class Copies(Source):
@@ -202,6 +203,10 @@ class Copies(Source):
         )
 
 
+class _Processes(BricksEnv, ParallelEnv):  # type: ignore[misc]
+    """Virtual robots, each in a process; nothing of a single one is reached from here."""
+
+
 def make_env(
     env_id: str,
     options: EnvOptions,
@@ -221,15 +226,14 @@ def make_env(
         if is_simulation(env_id):
             env = make(env_id, options, batch_size=copies, seed=seed, device=device)
         else:
-            env = ParallelEnv(copies, functools.partial(make, env_id, options, seed=seed), mp_start_method="spawn")
+            env = _Processes(copies, functools.partial(make, env_id, options, seed=seed), mp_start_method="spawn")
             env.start()
+            env.task = get_task(env_id, **options.options)  # attributes do not cross process boundaries
     except DescriptionError as error:
         raise RunError(f"cannot make {copies} copies of {env_id}: {error}") from None
     except EOFError:  # a process ended at once, as it imports the script that starts it
         raise RunError(f"the {copies} processes cannot start; put your script under `if __name__ == '__main__':`") from None
-    tracked = TransformedEnv(env, Compose(RewardSum(), StepCounter()))
-    tracked.task = get_task(env_id, **options.options)  # attributes do not cross process boundaries
-    return tracked
+    return TransformedEnv(env, Compose(RewardSum(), StepCounter()))
 
 
 def collect_round(env: EnvBase, policy: Any, steps: int, steps_per_batch: int) -> Iterator[TensorDictBase]:
