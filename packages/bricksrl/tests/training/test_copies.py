@@ -24,7 +24,7 @@ from bricksrl.errors import RunError
 from bricksrl.evaluation import evaluate
 from bricksrl.training import Phase, TrainConfig, resume, train
 from bricksrl.training.checkpoint import load_checkpoint
-from bricksrl.training.collect import make_env
+from bricksrl.training.sources import make_env
 
 ENV, COPIES, ROUND = "RoboArmSim-v0", 4, 100
 SMALL: dict[str, Any] = {"hidden": (16,), "batch_size": 32, "updates_per_step": 0.125}

@@ -16,7 +16,7 @@ from bricksrl.envs.rollout import seed_episode
 from bricksrl.errors import DescriptionError, RunError
 from bricksrl.evaluation import evaluate, evaluator
 from bricksrl.training import RunFolder, TrainConfig, train
-from bricksrl.training.collect import make_env
+from bricksrl.training.sources import make_env
 from bricktwin.twin.physics import PARAMETERS, Physics
 
 WEAK = Physics(battery_v=7.2, friction_scale=0.8)

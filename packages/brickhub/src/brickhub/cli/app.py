@@ -13,8 +13,8 @@ from collections.abc import Mapping, Sequence
 from contextlib import redirect_stderr
 from dataclasses import dataclass, field
 from functools import cache
-from importlib.abc import SourceLoader
 from inspect import cleandoc
+from pathlib import Path
 from typing import Protocol, cast
 
 import tyro
@@ -147,7 +147,7 @@ def _listing(commands: Mapping[str, str]) -> SubcommandApp:
 def _summaries(module: str) -> dict[str, str]:
     """First line of the help of each command of a module, which is not imported: that of a training takes long."""
     spec = importlib.util.find_spec(module)
-    source = cast(SourceLoader, spec and spec.loader).get_source(module) or ""
+    source = Path(cast(str, spec and spec.origin)).read_text(encoding="utf-8")
     classes = [node for node in ast.parse(source).body if isinstance(node, ast.ClassDef)]
     return {node.name: (ast.get_docstring(node) or "").partition("\n")[0] for node in classes}
 

@@ -1,4 +1,4 @@
-"""What there is, and whether it works: ``bricksrl list``, ``settings`` and ``check``."""
+"""Environments, agents and settings: ``bricksrl list``, ``settings`` and ``check``."""
 
 from __future__ import annotations
 

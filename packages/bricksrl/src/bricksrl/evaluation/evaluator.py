@@ -20,9 +20,9 @@ from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.registry import is_simulation, options_of
 from bricksrl.errors import RunError
 from bricksrl.evaluation.statistics import Interval, interquartile_mean, mean, seeds_interval, wilson_interval
-from bricksrl.training.collect import make_env
 from bricksrl.training.restore import Which, load_learner
 from bricksrl.training.run_folder import Origin, RunFolder
+from bricksrl.training.sources import make_env
 
 if TYPE_CHECKING:
     from torchrl.envs import EnvBase

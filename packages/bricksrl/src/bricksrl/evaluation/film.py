@@ -231,8 +231,8 @@ def film_run(run_dir: Path, which: str, path: Path, options: FilmOptions, **chan
     RenderingUnavailableError or TwinError as :func:`film`."""
     from bricksrl.evaluation.evaluator import evaluation_options
     from bricksrl.policies.named import named_policies
-    from bricksrl.training.collect import make_env
     from bricksrl.training.run_folder import RunFolder
+    from bricksrl.training.sources import make_env
 
     origin = RunFolder(run_dir).origin()
     filmed = evaluation_options(origin, origin.env, hub="virtual", **changes)

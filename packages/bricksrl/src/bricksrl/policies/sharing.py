@@ -36,8 +36,8 @@ def export_policy(run_dir: Path, out: Path, *, licence: str = "mit") -> Path:
     exists or cannot be written, or there is no run, CheckpointError if the run's checkpoint is damaged."""
     from safetensors.torch import save
 
-    from bricksrl.training.collect import make_env
     from bricksrl.training.restore import load_learner, one_robot
+    from bricksrl.training.sources import make_env
 
     refuse_existing(out, RunError)
     folder = RunFolder(run_dir)

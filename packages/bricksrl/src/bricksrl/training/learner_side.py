@@ -1,4 +1,4 @@
-"""Where a run learns: in the robot's loop, or in another process so that the robot never waits for a gradient.
+"""Learner of a run: in the robot's loop, or in another process so that the robot never waits for a gradient.
 
 In the second case the robot's process sends transitions and receives weights of the actor. Learning never gets ahead of the
 steps; on a slow processor it falls behind and catches up during resets. It is a process, as a thread would compete for the

@@ -1,6 +1,6 @@
 """Training loop: collect, remember, learn, report; for one robot, copies or a fleet, with the learner here or elsewhere.
 
-Where a step comes from is `collect`'s and `fleet`'s matter, where an update is made `learner_side`'s.
+Where a step comes from is `sources`' and `fleet`'s matter, where an update is made `learner_side`'s.
 """
 
 from __future__ import annotations
@@ -24,7 +24,6 @@ from bricksrl.envs.reference_returns import reference_lines
 from bricksrl.envs.rollout import Driver, play_episodes
 from bricksrl.errors import BricksError, DescriptionError, HubError
 from bricksrl.training.callbacks import WINDOW, Callback, Episode, Phase, Progress, RunResult
-from bricksrl.training.collect import Copies, Ended, Moved, OneRobot, Playing, Source, reconnect_of
 from bricksrl.training.config import TrainConfig
 from bricksrl.training.curve import draw_learning_curve
 from bricksrl.training.fleet.fleet_robots import Fleet
@@ -33,6 +32,7 @@ from bricksrl.training.learner_side import LearnerSide, LearningPace
 from bricksrl.training.restore import check_weights, run_state
 from bricksrl.training.run_folder import DATA_FOLDER, RunFolder
 from bricksrl.training.signals import StopSignals
+from bricksrl.training.sources import Copies, Ended, Moved, OneRobot, Playing, Source, reconnect_of
 
 STRIDE = 20
 """Updates from data between checks for a stop."""

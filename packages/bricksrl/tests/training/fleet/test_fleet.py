@@ -25,10 +25,10 @@ from bricksrl.data.reader import load
 from bricksrl.errors import HubError, RunError, UnknownNameError
 from bricksrl.training import Callback, Episode, Phase, Progress, RobotState, RunFolder, TrainConfig, resume, train
 from bricksrl.training.checkpoint import load_checkpoint, save_checkpoint
-from bricksrl.training.collect import Ended, Playing
 from bricksrl.training.fleet import fleet_robots as robots
 from bricksrl.training.fleet.fleet_robots import Fleet, Member, members_of
 from bricksrl.training.fleet.schedule import FleetRobots
+from bricksrl.training.sources import Ended, Playing
 
 pytestmark = pytest.mark.realtime
 

@@ -11,7 +11,7 @@ from tensordict import TensorDict
 
 from bricksrl.errors import HubError, RunError
 from bricksrl.training.callbacks import Episode, Phase, RobotState
-from bricksrl.training.collect import Ended, Moved, Source
+from bricksrl.training.sources import Ended, Moved, Source
 
 if TYPE_CHECKING:
     from bricksrl.training.fleet.fleet_robots import Event, Fleet, Member

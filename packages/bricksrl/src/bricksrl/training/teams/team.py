@@ -126,7 +126,7 @@ def train_team(
 def _learn(env: EnvBase, team: Team, on_progress: Callable[[TeamProgress], None], stop: threading.Event) -> None:
     import torch
 
-    from bricksrl.training.collect import collect_round
+    from bricksrl.training.sources import collect_round
 
     config, copies = team.config, max(1, team.config.copies)
     batch = team.settings.steps * copies

@@ -1,4 +1,4 @@
-"""Collection: where a run's steps come from, one robot or copies of a simulation; `fleet.schedule` has several robots.
+"""Sources of the steps of a run: one robot, or copies of a simulation; `fleet.schedule` has several robots.
 
 A source yields each step that was made, and each episode that has ended; while it waits, the run learns.
 """
