@@ -15,7 +15,6 @@ from tyro.conf import Positional, UseAppendAction
 from brickhub.cli.options import Flag, changed_options, option
 from brickhub.cli.terminal import Interrupted, print_note
 from brickhub.errors import DescriptionError
-from brickhub.virtual.run import interruptible
 
 if TYPE_CHECKING:
     from brickhub.virtual.body import Body
@@ -65,6 +64,8 @@ class Run:
     """Print each change of the virtual hub's light, display and loudspeaker on standard error."""
 
     def execute(self) -> int:
+        from brickhub.virtual.run import interruptible
+
         try:
             with interruptible():
                 return self._run()
