@@ -23,7 +23,6 @@ _FRICTION_LINEAR_BELOW_MDEG_S = 2000.0
 _STOP_UNM_PER_MDEG, _STOP_UNM_PER_MDEG_S = 500.0, 5.0  # stiffness and damping of an end stop
 _MAX_DUTY = 1000  # steps of the PWM (``PBDRV_MOTOR_DRIVER_MAX_DUTY``)
 _NEAREST_MM, _FARTHEST_MM = UltrasonicSensor.NEAREST_MM, UltrasonicSensor.FARTHEST_MM
-_MOTORS = ("Motor", "DCMotor")
 _STALL_TRAVEL_MDEG = 90_000.0
 _HEADING_PER_WHEEL = 0.25  # wheels of 56 mm, 112 mm apart
 _DEFAULTS: Mapping[Sense, Sensed] = {**DEFAULT_STIMULI, Sense.SURFACE: (0.0, 0.0, 0.0), Sense.FORCE: 0.0, Sense.TILT: (0.0, 0.0)}
@@ -227,7 +226,7 @@ class FittedBench(BenchBody):
         if port in self._devices:
             return self._devices[port] == device
         self._devices[port] = device
-        if device in _MOTORS:
+        if device in ("Motor", "DCMotor"):
             self.motors[port] = MotorKind.SPIKE_MEDIUM
             stops = self._stops.get(port)
             self._motors[port] = BenchMotor(stops and (stops[0] * 1000.0, stops[1] * 1000.0))

@@ -76,8 +76,8 @@ def _value(value: str, text: str) -> tuple[Sensed, Sense | None]:
     try:
         numbers = tuple(float(part) for part in match[1].split(","))  # type: ignore[index]
     except (TypeError, ValueError):
-        raise TwinError(f"'{text}' is not a reading; give one such as {_EXAMPLES}") from None
-    if len(numbers) > 3 or not all(map(math.isfinite, numbers)):
+        numbers = ()
+    if not 1 <= len(numbers) <= 3 or not all(map(math.isfinite, numbers)):
         raise TwinError(f"'{text}' is not a reading; give one such as {_EXAMPLES}")
     return numbers if len(numbers) > 1 else numbers[0], _UNIT_SENSES.get(match[2])  # type: ignore[index]
 

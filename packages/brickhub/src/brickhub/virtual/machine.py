@@ -160,29 +160,24 @@ class Machine:
             if self.pace is not None:
                 self.pace.keep(time_ms)
 
-    def settle(self) -> None:
-        """Let the rest of the hub catch up with the program.
+    def branch(self, value: Any) -> Any:
+        """``value``, on which the program branches; the rest of the hub catches up first.
 
         A program resumes at the beginning of a millisecond, the rest of the hub only at the program's first branch in it, such as
         the next iteration of a loop.
         """
-        time_ms, time_ticks = self.time_ms, self.time_ticks
-        self._run_to(time_ms + 1)
-        self.time_ms, self.time_ticks, self._is_ahead = time_ms, time_ticks, True
-        self._branches_to_check -= 1
-        if self._branches_to_check < 0:
-            self._branches_to_check = self.check_memory()
-
-    def branch(self, value: Any) -> Any:
-        """``value``, on which the program branches; the rest of the hub catches up first."""
         if not (self._is_ahead or self._is_stopping):
-            self.settle()
+            time_ms, time_ticks = self.time_ms, self.time_ticks
+            self._run_to(time_ms + 1)
+            self.time_ms, self.time_ticks, self._is_ahead = time_ms, time_ticks, True
+            self._branches_to_check -= 1
+            if self._branches_to_check < 0:
+                self._branches_to_check = self.check_memory()
         return value
 
     def turn(self, value: Any) -> Any:
         """``value``, for one iteration of a loop that ends by itself."""
-        if not (self._is_ahead or self._is_stopping):
-            self.settle()
+        self.branch(None)
         self._branches_to_check -= 1
         if self._branches_to_check < 0:
             self._branches_to_check = self.check_memory()

@@ -148,8 +148,7 @@ def run_file(
     """
     operation = operation or Operation()
     path = Path(path)
-    stdout = stdout or sys.stdout.buffer
-    stderr = stderr or sys.stderr
+    stdout, stderr = stdout or sys.stdout.buffer, stderr or sys.stderr
     source = read_program(path)
     check_time_limit(time_limit_s)
     if body is None:

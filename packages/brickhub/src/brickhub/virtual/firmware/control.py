@@ -207,8 +207,7 @@ class Controller:
     def stop(self) -> None:
         """Become passive; ``on_completion`` is kept for smart stops."""
         self.type = ControlType.NONE
-        self.is_done, self._stalled = True, False
-        self.pid_average = 0
+        self.is_done, self._stalled, self.pid_average = True, False, 0
 
     def reset(self) -> None:
         self.stop()

@@ -214,16 +214,13 @@ class Servo:
         self._take_over()
         self.control.start_timed(self.clock.time_ticks, self.state(), time_ms * 10, self.settings.from_unit(speed), then)
 
-    def run_until_stalled(self, speed: int, then: OnCompletion, duty_limit_pct: int | None) -> None:
-        limit = self.settings.max_torque
-        if duty_limit_pct is not None:
-            limit = self.type.model.torque_unm(trunc(duty_limit_pct * self.body.battery_mv / 100))
-        self.run_until_stalled_with(speed, then, limit)
-
-    def run_until_stalled_with(self, speed: int, then: OnCompletion, limit: int) -> None:
-        """:meth:`run_until_stalled` with the limit as a torque in uNm. Raises ValueError for ``CONTINUE``."""
+    def run_until_stalled(self, speed: int, then: OnCompletion, duty_limit_pct: int | None, limit_unm: int | None = None) -> None:
+        """Run with a limit as a duty or a torque, or the motor's own. Raises RefusedError for ``CONTINUE``."""
         if then is OnCompletion.CONTINUE:
             raise RefusedError("a stalled motor cannot continue")
+        limit = self.settings.max_torque if limit_unm is None else limit_unm
+        if duty_limit_pct is not None:
+            limit = self.type.model.torque_unm(trunc(duty_limit_pct * self.body.battery_mv / 100))
         self._take_over()
         speed = self.settings.from_unit(speed)
         if isinstance(self.body, FittingBody):

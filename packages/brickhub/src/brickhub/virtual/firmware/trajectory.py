@@ -200,21 +200,15 @@ def _start_speed(w_end: int, a: int, th: int) -> int:
     return math.isqrt(max(0, w_end * w_end + trunc(a * th / 5)))
 
 
-def _bounded_speed(speed: int) -> int:
-    return max(-_SPEED_MAX, min(_SPEED_MAX, trunc(speed / 100)))
-
-
-def _bounded_acceleration(acceleration: int) -> int:
-    return max(_ACCELERATION_MIN, min(_ACCELERATION_MAX, trunc(acceleration / 1000)))
-
-
 def _start(command: TrajectoryCommand) -> tuple[Trajectory, int, int, int]:
     """A trajectory with its given speeds, then target speed, acceleration and deceleration."""
     trajectory = Trajectory(command.time, command.position)
-    target = trajectory.wu = _bounded_speed(command.target_speed)
-    trajectory.w3 = target if command.keep_running else 0
-    trajectory.w0 = _bounded_speed(command.speed)
-    return trajectory, target, _bounded_acceleration(command.acceleration), _bounded_acceleration(command.deceleration)
+    speeds = (trunc(speed / 100) for speed in (command.target_speed, command.speed))
+    target, trajectory.w0 = (max(-_SPEED_MAX, min(_SPEED_MAX, speed)) for speed in speeds)
+    trajectory.wu, trajectory.w3 = target, target if command.keep_running else 0
+    rates = (trunc(rate / 1000) for rate in (command.acceleration, command.deceleration))
+    acceleration, deceleration = (max(_ACCELERATION_MIN, min(_ACCELERATION_MAX, rate)) for rate in rates)
+    return trajectory, target, acceleration, deceleration
 
 
 def _forward_angle(command: TrajectoryCommand) -> Trajectory:

@@ -35,8 +35,16 @@ _Vector = tuple[float, float, float]
 _COUNTS_PER_G, _G_MM_S2 = 64, 9806.65  # of the sensor (LIS3DH) at 2 g, 8 bits
 _MM_S2_PER_COUNT = 158
 _ARC_TANGENTS = (
-    *((0, 0), (409, 178), (972, 348), (1638, 472), (2560, 545), (3891, 605)),
-    *((5120, 632), (7168, 660), (15360, 692), (25600, 705)),
+    (0, 0),
+    (409, 178),
+    (972, 348),
+    (1638, 472),
+    (2560, 545),
+    (3891, 605),
+    (5120, 632),
+    (7168, 660),
+    (15360, 692),
+    (25600, 705),
 )
 """1024 times a ratio, and 8 times its arc tangent in degrees (``pbio/int_math.c``)."""
 
@@ -52,7 +60,7 @@ def _side_up(upwards: Sequence[float]) -> Any:
 def _axis(value: Any) -> _Vector:
     if not isinstance(value, Matrix):
         raise TypeError("Axis must be Matrix.")
-    values = value.flat()
+    values = list(value)
     if len(values) != 3:
         raise ValueError("Axis must be 1x3 or 3x1 matrix.")
     return values[0], values[1], values[2]

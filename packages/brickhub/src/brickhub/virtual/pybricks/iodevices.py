@@ -42,7 +42,8 @@ class PUPDevice(Device):
 
     def reset(self) -> None:
         """Reset to the state after plugging in."""
-        self._expect_modes()
+        if not self._modes:
+            raise os_error(errno.EPERM)
         self._machine.modes[self._letter] = self._first_mode
 
     def read(self, mode: Any) -> Any:
@@ -67,16 +68,13 @@ class PUPDevice(Device):
         return self._write(device_mode.name, SEND_MS if device_mode.name == "IR Tx" else WRITE_MS)
 
     def _checked_mode(self, mode: Any, refusal: str) -> DeviceMode:
-        self._expect_modes()
+        """A mode that the program names by its number. Raises OSError (EPERM) for a passive device."""
+        if not self._modes:
+            raise os_error(errno.EPERM)
         number = get_exact_int(mode) & 0xFF
         if number >= len(self._modes):
             raise ValueError(refusal)
         return self._modes[number]
-
-    def _expect_modes(self) -> None:
-        """Raise OSError (EPERM) for a passive device."""
-        if not self._modes:
-            raise os_error(errno.EPERM)
 
     def _release_motor(self, mode: str) -> None:
         """Close a motor that no longer reports its angle, as the firmware does."""

@@ -31,16 +31,12 @@ class Matrix:
     def T(self) -> Any:
         return _from_rows([list(column) for column in zip(*self._rows, strict=True)])
 
-    def flat(self) -> list[float]:
-        """All elements by rows."""
-        return [x for row in self._rows for x in row]
-
     def __iter__(self) -> Iterator[float]:
-        return iter(self.flat())
+        return iter([x for row in self._rows for x in row])
 
     def __getitem__(self, index: Any) -> float:
         rows, columns = self.shape
-        flat = self.flat()
+        flat = list(self)
         position = -1
         if isinstance(index, int):
             position = index + len(flat) if index < 0 else index
@@ -87,7 +83,7 @@ class Matrix:
     def __abs__(self) -> float:
         if 1 not in self.shape:
             raise TypeError("unsupported type for __abs__: 'Matrix'")
-        return to_single(math.sqrt(_dot(self.flat(), self.flat())))
+        return to_single(math.sqrt(_dot(list(self), list(self))))
 
     def _scaled(self, scale: float) -> Any:
         return _from_rows([[to_single(x * scale) for x in row] for row in self._rows])

@@ -20,19 +20,43 @@ from brickhub.virtual.pybricks.matrix import Matrix, vector
 from brickhub.virtual.stimuli import COLORS, Hsv
 
 _ROWS = {
-    "UP": (4, 14, 31, 14, 14), "DOWN": (14, 14, 31, 14, 4), "LEFT": (4, 15, 31, 15, 4), "RIGHT": (4, 30, 31, 30, 4),
-    "ARROW_RIGHT_UP": (7, 3, 5, 8, 16), "ARROW_RIGHT_DOWN": (16, 8, 5, 3, 7), "ARROW_LEFT_UP": (28, 24, 20, 2, 1),
-    "ARROW_LEFT_DOWN": (1, 2, 20, 24, 28), "ARROW_UP": (4, 14, 21, 4, 4), "ARROW_DOWN": (4, 4, 21, 14, 4),
-    "ARROW_LEFT": (4, 8, 31, 8, 4), "ARROW_RIGHT": (4, 2, 31, 2, 4), "HAPPY": (27, 27, 0, 17, 14),
-    "SAD": (27, 27, 0, 14, 17), "EYE_LEFT": (0, 0, 24, 24, 0), "EYE_RIGHT": (0, 0, 3, 3, 0),
-    "EYE_LEFT_BLINK": (0, 0, 0, 24, 0), "EYE_RIGHT_BLINK": (0, 0, 0, 3, 0), "EYE_RIGHT_BROW": (0, 3, 0, 0, 0),
-    "EYE_LEFT_BROW": (0, 24, 0, 0, 0), "EYE_LEFT_BROW_UP": (24, 0, 0, 0, 0), "EYE_RIGHT_BROW_UP": (3, 0, 0, 0, 0),
-    "HEART": (10, 31, 31, 14, 4), "PAUSE": (0, 10, 10, 10, 0), "EMPTY": (0, 0, 0, 0, 0), "FULL": (31, 31, 31, 31, 31),
-    "SQUARE": (0, 14, 14, 14, 0), "TRIANGLE_RIGHT": (8, 12, 14, 12, 8), "TRIANGLE_LEFT": (2, 6, 14, 6, 2),
-    "TRIANGLE_UP": (0, 4, 14, 31, 0), "TRIANGLE_DOWN": (0, 31, 14, 4, 0), "CIRCLE": (14, 31, 31, 31, 14),
-    "CLOCKWISE": (30, 18, 18, 23, 2), "COUNTERCLOCKWISE": (15, 9, 9, 29, 8), "TRUE": (1, 2, 20, 8, 0),
+    "UP": (4, 14, 31, 14, 14),
+    "DOWN": (14, 14, 31, 14, 4),
+    "LEFT": (4, 15, 31, 15, 4),
+    "RIGHT": (4, 30, 31, 30, 4),
+    "ARROW_RIGHT_UP": (7, 3, 5, 8, 16),
+    "ARROW_RIGHT_DOWN": (16, 8, 5, 3, 7),
+    "ARROW_LEFT_UP": (28, 24, 20, 2, 1),
+    "ARROW_LEFT_DOWN": (1, 2, 20, 24, 28),
+    "ARROW_UP": (4, 14, 21, 4, 4),
+    "ARROW_DOWN": (4, 4, 21, 14, 4),
+    "ARROW_LEFT": (4, 8, 31, 8, 4),
+    "ARROW_RIGHT": (4, 2, 31, 2, 4),
+    "HAPPY": (27, 27, 0, 17, 14),
+    "SAD": (27, 27, 0, 14, 17),
+    "EYE_LEFT": (0, 0, 24, 24, 0),
+    "EYE_RIGHT": (0, 0, 3, 3, 0),
+    "EYE_LEFT_BLINK": (0, 0, 0, 24, 0),
+    "EYE_RIGHT_BLINK": (0, 0, 0, 3, 0),
+    "EYE_RIGHT_BROW": (0, 3, 0, 0, 0),
+    "EYE_LEFT_BROW": (0, 24, 0, 0, 0),
+    "EYE_LEFT_BROW_UP": (24, 0, 0, 0, 0),
+    "EYE_RIGHT_BROW_UP": (3, 0, 0, 0, 0),
+    "HEART": (10, 31, 31, 14, 4),
+    "PAUSE": (0, 10, 10, 10, 0),
+    "EMPTY": (0, 0, 0, 0, 0),
+    "FULL": (31, 31, 31, 31, 31),
+    "SQUARE": (0, 14, 14, 14, 0),
+    "TRIANGLE_RIGHT": (8, 12, 14, 12, 8),
+    "TRIANGLE_LEFT": (2, 6, 14, 6, 2),
+    "TRIANGLE_UP": (0, 4, 14, 31, 0),
+    "TRIANGLE_DOWN": (0, 31, 14, 4, 0),
+    "CIRCLE": (14, 31, 31, 31, 14),
+    "CLOCKWISE": (30, 18, 18, 23, 2),
+    "COUNTERCLOCKWISE": (15, 9, 9, 29, 8),
+    "TRUE": (1, 2, 20, 8, 0),
     "FALSE": (17, 10, 4, 10, 17),
-}  # fmt: skip
+}
 """Icons: for each row of pixels the number of which its lights are the bits."""
 _GRAY, _FULL = (0, 0), (100, 100)
 """Hue and saturation of a gray, saturation and value of a full color."""
@@ -173,11 +197,6 @@ class Color:
     def __repr__(self) -> str:
         return f"Color(h={self.h}, s={self.s}, v={self.v})" if self._name is None else f"Color.{self._name}"
 
-    def named(self, name: str) -> None:
-        """Set the printed name, if there is none yet."""
-        if self._name is None:
-            object.__setattr__(self, "_name", name)
-
     def __iter__(self) -> Iterator[int]:
         return iter((self.h, self.s, self.v))
 
@@ -231,8 +250,8 @@ class _Palette:
     def __setitem__(self, name: Any, color: Any) -> None:
         expect_type(color, Color)
         self._colors[name] = color
-        if isinstance(name, str):
-            color.named(name)
+        if isinstance(name, str) and color._name is None:
+            object.__setattr__(color, "_name", name)
 
     def __delitem__(self, name: Any) -> None:
         del self._colors[name]
@@ -262,14 +281,8 @@ class Axis:
         raise TypeError("can't create 'Axis' instances")
 
 
-class _NumberedAxis:
-    """``Axis`` of a hub without floating-point numbers."""
-
-    X, Y, Z = 1, 2, 3
-
-
 _Palette.__name__ = _Palette.__qualname__ = "Color"
-_NumberedAxis.__name__ = _NumberedAxis.__qualname__ = "Axis"
+_NumberedAxis = type("Axis", (), {"X": 1, "Y": 2, "Z": 3})  # of a hub without floating-point numbers
 
 
 def parameters_module(context: Context) -> ModuleType:

@@ -38,8 +38,7 @@ def acceleration_pair(value: Any, up: int, down: int) -> tuple[int, int]:
     if isinstance(value, list | tuple):
         expect(len(value) == 2)
         return get_int(value[0]), get_int(value[1])
-    acceleration = get_int(value)
-    return acceleration, acceleration
+    return get_int(value), get_int(value)
 
 
 def magnitude(value: Any, default: int) -> int:

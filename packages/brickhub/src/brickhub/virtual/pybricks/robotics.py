@@ -201,7 +201,7 @@ class Car(Native):
     def _end_stop(self, speed: int, torque_unm: int) -> int:
         self._loop.assert_blocking()
         servo, start_ms = self._steer, self._machine.time_ms
-        servo.run_until_stalled_with(speed, OnCompletion.COAST, torque_unm)
+        servo.run_until_stalled(speed, OnCompletion.COAST, None, torque_unm)
         while not servo.is_done():
             if self._machine.time_ms - start_ms > _SEARCH_TIMEOUT_MS:
                 raise RuntimeError("The steering mechanism has no end stop. Did you build a car yet?")
