@@ -198,7 +198,7 @@ class Speaker(_Timed):
         return None if duration_ms < 0 else self._play(self._rest_of_tone(end_ms), self._silence)
 
     def play_notes(self, notes: Any, tempo: Any = 120) -> Any:
-        bar_ms = 4 * 60 * 1000 // get_int(tempo)
+        notes, bar_ms = iter(notes), 4 * 60 * 1000 // get_int(tempo)
         steps = (step for note in notes for step in self._sound(*_parse_note(note, bar_ms)))
         return self._play(steps, self._silence)
 
