@@ -34,7 +34,9 @@ class StopSignals(ExitStack):
         return super().__enter__()
 
     def at_once(self) -> AbstractContextManager[None]:
-        """Inside, the first Ctrl-C raises."""
+        """Inside, the first Ctrl-C raises, also one that came just before."""
+        if self.requested:
+            raise KeyboardInterrupt
         return self._while("_at_once")
 
     def held_back(self) -> AbstractContextManager[None]:
