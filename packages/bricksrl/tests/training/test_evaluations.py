@@ -22,7 +22,6 @@ from bricksrl.policies import load_policy
 from bricksrl.training import Callback, TrainConfig, load_learner, resume, train
 from bricksrl.training.checkpoint import load_checkpoint
 
-
 SMALL = SACSettings(hidden=(16, 16), batch_size=16, prefill_episodes=1)
 
 
