@@ -84,8 +84,7 @@ def check_compiler() -> Answer:
 def check_bluetooth() -> Answer:
     """Check that hubs can be scanned for; on Linux also why not."""
     from brickhub.hub.hub_errors import BluetoothUnavailableError
-    from brickhub.hub.transports.bluetooth import bluetooth_problem
-    from brickhub.hub.transports.scan import scan
+    from brickhub.hub.transports.ble import bluetooth_problem, scan
 
     fault = bluetooth_problem()
     if fault is not None:

@@ -55,7 +55,7 @@ class Scan:
 
     def execute(self) -> int:
         """Scan and print; exit code 1 if no hub was found."""
-        from brickhub.hub.transports.scan import FoundHub, scan
+        from brickhub.hub.transports.ble import FoundHub, scan
         from brickhub.robot import HubKind
 
         if self.hub not in ("ble", "virtual"):
@@ -156,7 +156,7 @@ class MeasureLatency:
     json: JsonFlag = False
 
     def execute(self) -> None:
-        from brickhub.hub.diagnostics.latency import advice, measure
+        from brickhub.hub.diagnostics.preflight import advice, measure
         from brickhub.hub.link.lockstep import HubLink
 
         if self.exchanges < 1:

@@ -73,7 +73,7 @@ class Run:
             raise Interrupted(f"the program was stopped; {saved}") from None
 
     def _run(self) -> int:
-        from brickhub.hub.program.user_program import load_program, read_program
+        from brickhub.hub.program.run_program import load_program, read_program
         from brickhub.hub.transports.address import parse_hub
 
         address = parse_hub(self.hub)

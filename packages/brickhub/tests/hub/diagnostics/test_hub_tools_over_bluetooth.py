@@ -12,14 +12,13 @@ from described import SPINNING, TWO_WHEELER
 
 from brickhub.cli import main
 from brickhub.finding import Outcome
-from brickhub.hub.diagnostics.latency import measure
-from brickhub.hub.diagnostics.preflight import check_hub, check_robot
+from brickhub.hub.diagnostics.preflight import check_hub, check_robot, measure
 from brickhub.hub.diagnostics.survey import survey_program
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.transport import HubProgram
 from brickhub.hub.transports.address import HubAddress
+from brickhub.hub.transports.ble import scan
 from brickhub.hub.transports.profile import PybricksCommand
-from brickhub.hub.transports.scan import scan
 from brickhub.robot import HubKind
 
 pytestmark = pytest.mark.realtime

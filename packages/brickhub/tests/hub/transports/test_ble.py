@@ -19,9 +19,8 @@ from brickhub.hub.hub_errors import AmbiguousHubError, HubDisconnectedError, Hub
 from brickhub.hub.link.lockstep import LinkState
 from brickhub.hub.protocol import data_frame
 from brickhub.hub.transport import HubProgram
-from brickhub.hub.transports.ble import BleTransport
+from brickhub.hub.transports.ble import BleTransport, scan
 from brickhub.hub.transports.profile import PybricksCommand
-from brickhub.hub.transports.scan import scan
 from brickhub.robot import HubKind
 
 pytestmark = pytest.mark.realtime

@@ -3,7 +3,7 @@
 Lost frames: the host resends the same frame after a quarter of its timeout. The hub recognises a repeated sequence
 number: it resends its last answer, or continues the current move, so that a command is never carried out twice. Answers
 to other sequence numbers are ignored. If no answer comes in time, the link is in FAULT until ``open`` is called; the hub
-stops its motors by itself. During a step, the host sends keepalives (``keepalive.py``).
+stops its motors by itself. During a step, the host sends keepalives (``timing.py``).
 If the program on the hub has ended because the host was silent for too long, ``read`` restarts it; ``act`` does not,
 because the robot has meanwhile stopped holding its position. ``states.py`` has all transitions as a table.
 
@@ -23,12 +23,9 @@ from typing import Self
 from brickhub.errors import HubError, HubProgramError, StoppedError
 from brickhub.hub.hub_errors import SilentHubError
 from brickhub.hub.interface import Interface
-from brickhub.hub.link.host_clock import HubClock
-from brickhub.hub.link.keepalive import keepalive_times_s
-from brickhub.hub.link.reading import Reading, bye_error, check_hello, is_hello
-from brickhub.hub.link.receiver import Listener
+from brickhub.hub.link.receiver import Listener, Reading, bye_error, check_hello, is_hello
 from brickhub.hub.link.states import Cause, LinkState, after, cause_of
-from brickhub.hub.link.statistics import LinkMeter, LinkStatistics
+from brickhub.hub.link.timing import HubClock, LinkMeter, LinkStatistics, keepalive_times_s
 from brickhub.hub.program.generate import WATCHDOG_MS, generate
 from brickhub.hub.protocol import ControlFrame, DataFrame, Down, Frame, Up, WireFormat, control_frame, data_frame, next_seq
 from brickhub.hub.transport import Pipe, Transport

@@ -19,7 +19,7 @@ from typing import Any
 from brickhub.errors import DescriptionError
 from brickhub.hub.interface import Interface
 from brickhub.hub.link.lockstep import HubLink
-from brickhub.hub.link.reading import Reading
+from brickhub.hub.link.receiver import Reading
 from brickhub.hub.protocol import ControlFrame, DataFrame, Down, Frame, control_frame
 from brickhub.hub.transport import Transport
 from brickhub.robot import Robot

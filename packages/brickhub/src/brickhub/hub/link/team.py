@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from brickhub.hub.link.lockstep import HubLink
-from brickhub.hub.link.reading import Reading
+from brickhub.hub.link.receiver import Reading
 
 
 class TeamLink(HubLink):

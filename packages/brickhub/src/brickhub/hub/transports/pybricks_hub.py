@@ -8,24 +8,112 @@ from __future__ import annotations
 
 import asyncio
 import atexit
+import concurrent.futures
+import contextlib
 import itertools
+import json
 import logging
+import threading
 import time
 from abc import ABC, abstractmethod
+from collections.abc import Coroutine
 from pathlib import Path
+from typing import Any, TypeVar
 
-from brickhub.errors import HubError, HubProtocolError
+from brickhub.errors import HubError, HubProtocolError, HubTimeoutError
+from brickhub.files import user_cache, write_durably
 from brickhub.hub.hub_errors import AmbiguousHubError, HubDisconnectedError, MediumUnavailableError
 from brickhub.hub.program.compile import compile_program, program_blob
 from brickhub.hub.protocol import WRITE_BYTES, Up, control_frame, hello_payload
 from brickhub.hub.transport import HubProgram, Pipe, app_data_slot
 from brickhub.hub.transports import profile
 from brickhub.hub.transports.connection import HubConnection, HubIdentity, Port
-from brickhub.hub.transports.event_loop import EventLoopThread
 from brickhub.hub.transports.profile import StatusReport
-from brickhub.hub.transports.program_cache import ProgramRecord
+
+_T = TypeVar("_T")
+_THREAD_END_S = 1.0
+
+
+class EventLoopThread:
+    """Thread that runs coroutines for other threads, with a timeout on every call."""
+
+    def __init__(self, name: str) -> None:
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._serve, name=name, daemon=True)
+        self._thread.start()
+
+    def run(self, coroutine: Coroutine[Any, Any, _T], timeout_s: float, operation: str) -> _T:
+        """Run a coroutine and return its result; it is cancelled after ``timeout_s``.
+
+        Raises:
+            HubTimeoutError: it took longer; ``operation`` describes it in the message.
+            HubError: the loop is closed.
+        """
+        try:
+            future = asyncio.run_coroutine_threadsafe(coroutine, self._loop)
+        except RuntimeError:
+            coroutine.close()
+            raise HubError(f"could not {operation}: the link is closed; open it again") from None
+        try:
+            return future.result(timeout_s)
+        except concurrent.futures.CancelledError:
+            raise HubError(f"could not {operation}: the link was closed meanwhile; open it again") from None
+        except concurrent.futures.TimeoutError:
+            if future.done():
+                raise
+            raise HubTimeoutError(f"could not {operation} within {timeout_s:g} s; switch the hub off and on") from None
+        finally:
+            future.cancel()
+
+    def close(self) -> None:
+        """Cancel all coroutines and end the thread; one that does not end is left behind as a daemon."""
+        with contextlib.suppress(RuntimeError):
+            self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join(2 * _THREAD_END_S)
+
+    def _serve(self) -> None:
+        asyncio.set_event_loop(self._loop)
+        try:
+            self._loop.run_forever()
+            tasks = asyncio.all_tasks(self._loop)
+            for task in tasks:
+                task.cancel()
+            if tasks:
+                self._loop.run_until_complete(asyncio.wait(tasks, timeout=_THREAD_END_S))
+            self._loop.run_until_complete(self._loop.shutdown_asyncgens())
+        finally:
+            self._loop.close()
+
 
 _log = logging.getLogger(__name__)
+
+
+class ProgramRecord:
+    """File with the hash of the program on each hub, by address and slot; ``None`` for the file in the user's cache."""
+
+    def __init__(self, path: Path | None) -> None:
+        self._path = path or user_cache() / "programs.json"
+
+    def get(self, address: str) -> int | None:
+        """Hash of the program on a hub, if known."""
+        program_hash = self._load().get(address)
+        return program_hash if isinstance(program_hash, int) else None
+
+    def set(self, address: str, program_hash: int | None) -> None:
+        hashes = self._load()
+        hashes[address] = program_hash
+        try:
+            write_durably(self._path, json.dumps(hashes).encode())
+        except OSError as error:
+            _log.debug("cannot note which program is on the hub: %s", error)
+
+    def _load(self) -> dict[str, object]:
+        try:
+            hashes = json.loads(self._path.read_text(encoding="utf-8"))
+        except (OSError, ValueError, RecursionError):
+            return {}
+        return hashes if isinstance(hashes, dict) else {}
+
 
 _LONGEST_CONNECT_S = 10.0
 _HELLO_S = 3.0

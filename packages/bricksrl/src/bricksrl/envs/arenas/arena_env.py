@@ -20,7 +20,7 @@ from bricksrl.errors import BricksError, HubError, StoppedError
 from bricktwin.twin.arena import ArenaWorld
 
 if TYPE_CHECKING:
-    from brickhub.hub.link.reading import Reading
+    from brickhub.hub.link.receiver import Reading
     from bricktwin.twin.physics import Physics
 
 

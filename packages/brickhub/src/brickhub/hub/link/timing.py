@@ -1,11 +1,78 @@
-"""Statistics of a link: exchanges, round trips, resent frames."""
+"""Times of a link: the hub's clock, keepalives, and statistics of the exchanges.
+
+The clocks of hub and computer have different origins. Each exchange bounds their offset: the sensors were read after the
+command was sent and before the answer arrived. The offset is the midpoint of the tightest bounds of the recent exchanges; its
+error is at most half of their distance, about half of the link's shortest round trip. Older exchanges are dropped because
+crystals drift (50 ppm are 1 ms in 20 s).
+
+A hub stops its motors after hearing nothing from its host for the watchdog's time. So a keepalive is sent twice within that
+time while the hub carries out a step; not more often, because a write takes two connection intervals until it is acknowledged,
+and an emergency stop and the next command have to wait for that. For the same reason none is sent when the answer is due.
+"""
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
+
+_RECENT = 200
+_WRAP_MS = 1 << 16
+
+
+class HubClock:
+    """Clock of one hub program, from its start."""
+
+    def __init__(self) -> None:
+        self._time_ms: int | None = None
+        self._lower_bounds_s: deque[float] = deque(maxlen=_RECENT)
+        self._upper_bounds_s: deque[float] = deque(maxlen=_RECENT)
+
+    def unwrap(self, time_ms: int) -> int:
+        """Unwrap the hub's 16-bit clock; answers are never a whole wrap (65.5 s) apart unless the program ended."""
+        if self._time_ms is None:
+            self._time_ms = time_ms
+        else:
+            self._time_ms += (time_ms - self._time_ms) % _WRAP_MS
+        return self._time_ms
+
+    def compare(self, time_ms: int, not_before_s: float, arrived_s: float) -> None:
+        """Add the bounds of one exchange: ``time_ms`` is the hub's unwrapped clock, the others are this computer's."""
+        self._lower_bounds_s.append(not_before_s - time_ms / 1000)
+        self._upper_bounds_s.append(arrived_s - time_ms / 1000)
+
+    def age_s(self, time_ms: int, now_s: float) -> float:
+        """Age of a time on the hub's clock; 0 before the first exchange."""
+        if not self._upper_bounds_s:
+            return 0.0
+        upper_bound_s = min(self._upper_bounds_s)
+        offset_s = (min(max(self._lower_bounds_s), upper_bound_s) + upper_bound_s) / 2
+        return max(0.0, now_s - offset_s - time_ms / 1000)
+
+
+_PER_WATCHDOG = 2
+
+
+def keepalive_times_s(move_s: float | None, watchdog_s: float) -> Iterator[float]:
+    """Times of the keepalives, counted from the command; an infinite iterator.
+
+    Args:
+        move_s: time until the answer is due on the hub; ``None`` if unknown.
+        watchdog_s: time of the hub's watchdog.
+    """
+    return itertools.accumulate(_pauses_s(move_s, watchdog_s / _PER_WATCHDOG))
+
+
+def _pauses_s(move_s: float | None, longest_s: float) -> Iterator[float]:
+    if move_s is not None:
+        count = int(move_s / longest_s)
+        pause_s = move_s / (count + 1)
+        yield from itertools.repeat(pause_s, count)
+        yield pause_s + longest_s / 2
+    yield from itertools.repeat(longest_s)
+
 
 _RECENT_EXCHANGES = 500
 
