@@ -68,7 +68,7 @@ class HubLink:
     ) -> None:
         self._robot, self._interface, self._pipe, self._calibrate = robot, interface, pipe, calibrate
         self.program = generate(robot, interface, pipe)
-        self.wire = WireFormat.of(interface)
+        self.wire = WireFormat(interface)
         self.state = LinkState.DISCONNECTED
         self._transport = transport
         self._transport_is_open = False
@@ -81,6 +81,7 @@ class HubLink:
         self._least_watchdog_ms = _watchdog_ms(watchdog_s)
         self._watchdog_ms = WATCHDOG_MS
         self._seq = 0
+        self._frame, self._sent_s = b"", 0.0
         self._clock = HubClock()
         self._meter = LinkMeter()
         self._listener = Listener(transport, self.wire, self._meter)
@@ -137,6 +138,26 @@ class HubLink:
             StoppedError: an emergency stop came before or meanwhile.
         """
         return self._exchange(self._next_frame(values), self._longest_move_s, self._known_move_s)
+
+    def send(self, values: Iterable[float]) -> None:
+        """Send the commands ``[n_commands]``, in their units; `receive` then waits for the answer. So several robots move at the
+        same time. Raises as `act`, except for timeouts."""
+        self._frame = self._next_frame(values)
+        with self._fault_with_cause():
+            self._begin_exchange()
+            self._sent_s = self.now_s()
+            self._transport.write(self._frame)
+
+    def receive(self) -> Reading:
+        """Wait for the answer to the commands that were sent last. Raises as `act`."""
+        known_s = self._known_move_s
+        with self._fault_with_cause():
+            left_s = None if known_s is None else max(0.0, self._sent_s + known_s - self.now_s())
+            answer = self._await_answer(self._longest_move_s + self._timeout_s / 2, left_s)
+            if answer is None:
+                self._meter.count_resend()
+                answer = self._send_and_wait(self._frame, self._longest_move_s, known_s)
+            return self._answered(answer, self._sent_s, self._longest_move_s, known_s)
 
     def _next_frame(self, values: Iterable[float]) -> bytes:
         """Frame of the next commands. Raises the errors of `act` that come before anything is sent."""
@@ -281,20 +302,17 @@ class HubLink:
     def _exchange(self, frame: bytes, longest_move_s: float, known_move_s: float | None) -> Reading:
         """Send until the answer comes; the same frame may go out several times."""
         with self._fault_with_cause():
-            self._adapt_watchdog()
-            started_s, resends = self.now_s(), self._meter.resends
+            self._begin_exchange()
+            started_s = self.now_s()
             answer = self._send_and_wait(frame, longest_move_s, known_move_s)
-            return self._answered(answer, started_s, longest_move_s, known_move_s, resends)
+            return self._answered(answer, started_s, longest_move_s, known_move_s)
 
-    def _answered(
-        self, answer: DataFrame | None, started_s: float, longest_move_s: float, known_move_s: float | None, resends: int
-    ) -> Reading:
-        """Reading of an exchange that began at ``started_s``, when ``resends`` frames had been sent again. Raises
-        HubTimeoutError if there was no answer."""
+    def _answered(self, answer: DataFrame | None, started_s: float, longest_move_s: float, known_move_s: float | None) -> Reading:
+        """Reading of an exchange that began at ``started_s``. Raises HubTimeoutError if there was no answer."""
         if answer is None:
             raise self._listener.timeout_error("the hub did not answer", longest_move_s + self._timeout_s)
         reading = self._reading(answer, started_s, known_move_s or 0.0)
-        self._meter.record(reading.round_trip_s, reading.age_s, known_move_s, resends)
+        self._meter.record(reading.round_trip_s, reading.age_s, known_move_s)
         return reading
 
     def _reading(self, answer: DataFrame, started_s: float, move_s: float) -> Reading:
@@ -322,7 +340,8 @@ class HubLink:
         deadline_s = started_s + longest_move_s + self._timeout_s
         window_s = self._timeout_s / _SENDS_PER_TIMEOUT
         for attempt in range(int((deadline_s - started_s) / window_s) + 1):
-            self._meter.resends += attempt > 0
+            if attempt:
+                self._meter.count_resend()
             move_s = None if known_move_s is None else max(0.0, started_s + known_move_s - self.now_s())
             self._transport.write(frame)
             answer = self._await_answer(min(window_s, deadline_s - self.now_s()), move_s)
@@ -350,7 +369,9 @@ class HubLink:
         self._meter.stale_answers += frame.seq != self._seq
         return frame.seq == self._seq
 
-    def _adapt_watchdog(self) -> None:
+    def _begin_exchange(self) -> None:
+        """Before an exchange, look from time to time whether the link needs a longer watchdog."""
+        self._meter.is_resent = False
         if self._meter.exchanges % _EXCHANGES_PER_WATCHDOG_CHECK:
             return
         needed_ms = self._needed_watchdog_ms()

@@ -18,24 +18,22 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 
-_RECENT = 200
+_RECENT, _RECENT_EXCHANGES = 200, 500
 _WRAP_MS = 1 << 16
+_PER_WATCHDOG = 2
 
 
 class HubClock:
     """Clock of one hub program, from its start."""
 
     def __init__(self) -> None:
-        self._time_ms: int | None = None
+        self._time_ms = 0
         self._lower_bounds_s: deque[float] = deque(maxlen=_RECENT)
         self._upper_bounds_s: deque[float] = deque(maxlen=_RECENT)
 
     def unwrap(self, time_ms: int) -> int:
         """Unwrap the hub's 16-bit clock; answers are never a whole wrap (65.5 s) apart unless the program ended."""
-        if self._time_ms is None:
-            self._time_ms = time_ms
-        else:
-            self._time_ms += (time_ms - self._time_ms) % _WRAP_MS
+        self._time_ms += (time_ms - self._time_ms) % _WRAP_MS
         return self._time_ms
 
     def compare(self, time_ms: int, not_before_s: float, arrived_s: float) -> None:
@@ -52,9 +50,6 @@ class HubClock:
         return max(0.0, now_s - offset_s - time_ms / 1000)
 
 
-_PER_WATCHDOG = 2
-
-
 def keepalive_times_s(move_s: float | None, watchdog_s: float) -> Iterator[float]:
     """Times of the keepalives, counted from the command; an infinite iterator.
 
@@ -62,19 +57,12 @@ def keepalive_times_s(move_s: float | None, watchdog_s: float) -> Iterator[float
         move_s: time until the answer is due on the hub; ``None`` if unknown.
         watchdog_s: time of the hub's watchdog.
     """
-    return itertools.accumulate(_pauses_s(move_s, watchdog_s / _PER_WATCHDOG))
-
-
-def _pauses_s(move_s: float | None, longest_s: float) -> Iterator[float]:
+    longest_s, pauses_s = watchdog_s / _PER_WATCHDOG, list[float]()
     if move_s is not None:
         count = int(move_s / longest_s)
         pause_s = move_s / (count + 1)
-        yield from itertools.repeat(pause_s, count)
-        yield pause_s + longest_s / 2
-    yield from itertools.repeat(longest_s)
-
-
-_RECENT_EXCHANGES = 500
+        pauses_s = [pause_s] * count + [pause_s + longest_s / 2]
+    return itertools.accumulate(itertools.chain(pauses_s, itertools.repeat(longest_s)))
 
 
 def percentile(values: Iterable[float], percent: float) -> float:
@@ -129,16 +117,23 @@ class LinkMeter:
     ages_s: deque[float] = field(default_factory=_recent)
     delays_s: deque[float] = field(default_factory=_recent)
     """Round trips minus the commands' duration, where that is known."""
+    is_resent: bool = False
+    """Whether a frame of this exchange was sent again."""
 
-    def record(self, round_trip_s: float, age_s: float, move_s: float | None, resends: int) -> None:
-        """Count an exchange. ``move_s`` is the duration of its command, ``None`` if unknown; ``resends`` is the count before it.
+    def count_resend(self) -> None:
+        """Count a frame that is sent again."""
+        self.resends += 1
+        self.is_resent = True
+
+    def record(self, round_trip_s: float, age_s: float, move_s: float | None) -> None:
+        """Count an exchange. ``move_s`` is the duration of its command, ``None`` if unknown.
 
         Waiting for a lost frame is no delay of the link: if counted, it would raise the watchdog's time ever further.
         """
         self.exchanges += 1
         self.ages_s.append(age_s)
         self.round_trips_s.append(round_trip_s)
-        if move_s is not None and self.resends == resends:
+        if move_s is not None and not self.is_resent:
             self.delays_s.append(max(0.0, round_trip_s - move_s))
 
     def delay_p99_s(self) -> float:

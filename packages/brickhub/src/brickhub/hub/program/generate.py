@@ -188,7 +188,7 @@ def _robot_imports(robot: Robot, interface: Interface) -> list[str]:
 
 
 def _constants(interface: Interface, pipe: Pipe) -> str:
-    wire = WireFormat.of(interface)
+    wire = WireFormat(interface)
     until_done = interface.settle.fixed_ms is None
     sizes = ", ".join(f"{kind.name}: {CONTROL_OVERHEAD + DOWN_PAYLOAD_BYTES[kind]}" for kind in Down)
     lines = [
