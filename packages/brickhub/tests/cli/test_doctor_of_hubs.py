@@ -9,9 +9,8 @@ from pathlib import Path
 import pytest
 
 from brickhub.cli import doctor, main
-from brickhub.errors import HubError
+from brickhub.errors import BluetoothUnavailableError, HubError
 from brickhub.finding import Outcome
-from brickhub.hub.hub_errors import BluetoothUnavailableError
 from brickhub.hub.transports import ble
 
 

@@ -14,6 +14,7 @@ from brickhub.errors import DescriptionError
 from brickhub.finding import Outcome
 from brickhub.hub.diagnostics.preflight import check_robot
 from brickhub.hub.interface import (
+    Command,
     Curve,
     Distance,
     DriveAngle,
@@ -33,7 +34,6 @@ from brickhub.hub.interface import (
     UntilDone,
     Wait,
 )
-from brickhub.hub.kinds import Command
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.program.compile import compile_program
 from brickhub.hub.program.generate import generate, validate

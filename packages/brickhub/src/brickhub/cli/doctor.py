@@ -83,7 +83,7 @@ def check_compiler() -> Answer:
 
 def check_bluetooth() -> Answer:
     """Check that hubs can be scanned for; on Linux also why not."""
-    from brickhub.hub.hub_errors import BluetoothUnavailableError
+    from brickhub.errors import BluetoothUnavailableError
     from brickhub.hub.transports.ble import bluetooth_problem, scan
 
     fault = bluetooth_problem()

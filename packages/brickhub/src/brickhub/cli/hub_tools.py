@@ -118,7 +118,7 @@ class Stop:
     hub: Hub = "ble"
 
     def execute(self) -> None:
-        from brickhub.hub.hub_errors import HubNotFoundError
+        from brickhub.errors import HubNotFoundError
         from brickhub.hub.transports.address import parse_hub
         from brickhub.hub.transports.profile import Status
 

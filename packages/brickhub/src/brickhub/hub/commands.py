@@ -1,24 +1,111 @@
 """Commands of a hub to its motors, drive base, light and loudspeaker, sent at every step.
 
-Each is one number with a range, to which the hub clamps it, and one line of the hub program. Endless moves (``RunSpeed``,
-``RunDuty``, ``DriveSpeed``, ``DriveTurnRate``) continue until the next step; if the host falls silent, the hub's watchdog stops
-them.
+A kind is one frozen dataclass, here or in a user's file. Each is one number with a range, to which the hub clamps it, and one
+line of the hub program. Endless moves (``RunSpeed``, ``RunDuty``, ``DriveSpeed``, ``DriveTurnRate``) go on until the next step;
+if the host falls silent, the hub's watchdog stops them.
 """
 
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
+from brickhub.entry import Entry
 from brickhub.errors import DescriptionError
-from brickhub.hub.kinds import WIRE_MAX, Command, Imports
 from brickhub.robot import DriveBase, Robot
 
+WIRE_MAX = 2**15 - 1
+"""Largest number on the wire, an int16."""
+
+Imports = tuple[tuple[str, str], ...]
+"""Pairs of a module and a name that a hub program imports from it."""
 _MAX_TEST_TURN_DEG = 10.0
 """Largest turn that the test of an endless move requires."""
 _LOWEST_TONE_HZ = 64
+
+
+class WireNumber:
+    """Number on the wire.
+
+    Attributes:
+        low, high: range in its unit; the hub clamps commands to it.
+        scale: factor from the number to its fixed-point value on the wire.
+        imports: names that the hub program imports for it, besides hub, ports and devices.
+    """
+
+    scale: ClassVar[int] = 10
+    imports: ClassVar[Imports] = ()
+
+    if TYPE_CHECKING:  # fields, properties or constants of each kind
+
+        @property
+        def name(self) -> str: ...
+
+        @property
+        def low(self) -> float: ...
+
+        @property
+        def high(self) -> float: ...
+
+        @property
+        def unit(self) -> str: ...
+
+    @property
+    def entry(self) -> Entry:
+        """Name, range and unit."""
+        return Entry(self.name, self.low, self.high, self.unit)
+
+
+@dataclass(frozen=True)
+class Command(WireNumber, ABC):
+    """Number that is sent to the hub at every step, and its effect.
+
+    Attributes:
+        mover: moving object in the hub program, with the methods ``done()`` and ``stop()``; ``None`` for a light or a sound.
+        ends: whether the move ends by itself, so that a step may wait for it.
+        is_turn_by: whether its amount is an angle by which one motor turns, which a motor with a range counts from its target.
+        call: commands with the same ``call`` are the arguments of one call on the hub; ``None`` for a separate call.
+        description: for the header of the hub program; a format of the command.
+        code: statement that starts the move; a format of the command and the expression of its value. See `start`.
+    """
+
+    description: ClassVar[str] = "{0.low:g} to {0.high:g} {0.unit}"
+    code: ClassVar[str]
+    ends: ClassVar[bool] = True
+    is_turn_by: ClassVar[bool] = False
+    call: ClassVar[str | None] = None
+
+    if TYPE_CHECKING:
+
+        @property
+        def mover(self) -> str | None: ...
+
+    @abstractmethod
+    def check(self, robot: Robot) -> None:
+        """Raise DescriptionError unless the robot supports the command."""
+
+    @abstractmethod
+    def motors(self, robot: Robot) -> tuple[str, ...]:
+        """Names of the motors that the command turns."""
+
+    @abstractmethod
+    def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
+        """Angle that each of its motors turns by; for an endless move, at least in one second."""
+
+    def setup(self, robot: Robot) -> tuple[str, ...]:
+        """Statements of the hub program that make the mover, after the motors; equal ones of several commands occur once."""
+        return ()
+
+    def start(self, robot: Robot, amount: str) -> str:
+        """Statement of the hub program that starts the move, without waiting for its end; ``amount`` is an expression."""
+        return self.code.format(self, amount)
+
+    def start_all(self, robot: Robot, amounts: Mapping[str, str]) -> str:
+        """Statement that starts all commands of one ``call``; ``amounts`` are expressions by command name."""
+        return self.start(robot, amounts[self.name])
 
 
 def _test_turn_deg(turn_deg: float) -> float:
@@ -54,6 +141,7 @@ class RunAngle(_MotorCommand):
 
     speed_deg_s: int
     unit: ClassVar[str] = "deg"
+    is_turn_by: ClassVar[bool] = True
     description: ClassVar[str] = "turn by {0.low:g} to {0.high:g} deg at {0.speed_deg_s} deg/s"
 
     def check(self, robot: Robot) -> None:
@@ -222,9 +310,6 @@ class _Drive(_DriveBaseCommand):
 
     def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
         return tuple(map(_test_turn_deg, super().turns_deg(robot, amount)))
-
-    def start(self, robot: Robot, amount: str) -> str:
-        return self.start_all(robot, {self.name: amount})
 
     def start_all(self, robot: Robot, amounts: Mapping[str, str]) -> str:
         speed, turn_rate = (amounts.get(command.name, "0") for command in (DriveSpeed, DriveTurnRate))

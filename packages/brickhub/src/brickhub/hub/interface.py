@@ -6,31 +6,38 @@ the units of their names; the wire carries int16 fixed-point numbers.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar
 
+from brickhub.entry import Entry
 from brickhub.errors import DescriptionError, hint
 from brickhub.fields import check_fields, check_value
 from brickhub.hub.commands import (
+    WIRE_MAX,
+    Command,
     Curve,
     DriveSpeed,
     DriveStraight,
     DriveTurnRate,
     HubLight,
     HubSound,
+    Imports,
     RunAngle,
     RunDuty,
     RunSpeed,
     TrackTarget,
     Turn,
+    WireNumber,
     drive_base,
     drive_base_setup,
 )
-from brickhub.hub.kinds import Channel, Command, Imports
 from brickhub.robot import Robot, UltrasonicSensor
 
 __all__ = [
     "PARTS",
+    "Channel",
+    "Command",
     "Curve",
     "Distance",
     "DriveAngle",
@@ -41,6 +48,7 @@ __all__ = [
     "Heading",
     "HubLight",
     "HubSound",
+    "Imports",
     "Interface",
     "MotorAngle",
     "Pitch",
@@ -55,6 +63,67 @@ __all__ = [
     "Wait",
     "YawRate",
 ]
+
+
+@dataclass(frozen=True)
+class Channel(WireNumber, ABC):
+    """Number that the hub reports at every step.
+
+    Attributes:
+        is_nominal: whether values beyond ``low`` and ``high`` are possible, up to the limits of the wire.
+        noise, noise_share: names of the twin's physics parameters for its noise: the standard deviation, and an additional one as
+            a share of the value.
+        roughness: insignificant difference between a robot and its twin, in the unit, due to rounding and clock ticks.
+    """
+
+    is_nominal: ClassVar[bool] = False
+    noise: ClassVar[str | None] = None
+    noise_share: ClassVar[str | None] = None
+    roughness: ClassVar[float] = 1.0
+
+    @property
+    def device(self) -> str | None:
+        """Name of the motor or sensor that the channel reads; ``None`` for the hub itself."""
+        return None
+
+    def devices(self, robot: Robot) -> tuple[str, ...]:
+        """Names of the motors and sensors that the hub program needs for the channel."""
+        return () if self.device is None else (self.device,)
+
+    @property
+    def wraps(self) -> bool:
+        """True for an angle that wraps from 360 to 0."""
+        return False
+
+    @property
+    def limits(self) -> tuple[float, float] | None:
+        """Possible range, if ``low`` and ``high`` are only nominal."""
+        return (-WIRE_MAX / self.scale, WIRE_MAX / self.scale) if self.is_nominal else None
+
+    @property
+    def entry(self) -> Entry:
+        return Entry(self.name, self.low, self.high, self.unit, self.limits, self.wraps)
+
+    @abstractmethod
+    def check(self, robot: Robot) -> None:
+        """Raise DescriptionError unless the robot supports the channel."""
+
+    def setup(self, robot: Robot) -> tuple[str, ...]:
+        """Statements of the hub program that make the object to read, after the motors; equal ones occur once."""
+        return ()
+
+    @property
+    def statement(self) -> str | None:
+        """Line of the hub program before all channels are read, such as a call that returns several numbers.
+
+        Equal lines of several channels occur once.
+        """
+        return None
+
+    @property
+    @abstractmethod
+    def expression(self) -> str:
+        """Expression of the value in the hub program, in its unit, from ``hub``, ``motor_NAME`` and ``sensor_NAME``."""
 
 
 @dataclass(frozen=True)

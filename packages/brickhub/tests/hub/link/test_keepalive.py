@@ -10,8 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from stand_in import StandInHub
 
-from brickhub.errors import HubError
-from brickhub.hub.hub_errors import SilentHubError
+from brickhub.errors import HubError, SilentHubError
 from brickhub.hub.interface import Interface
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.link.states import LinkState

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from brickhub import errors
 from brickhub.errors import HubError, StoppedError
-from brickhub.hub import hub_errors as errors
 from brickhub.hub.link.states import TABLE, Cause, LinkState, after, cause_of, markdown
 
 LINK_DOC = (Path(__file__).parents[5] / "docs" / "link.md").read_text(encoding="utf-8")

@@ -14,8 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from brickhub.cli import main
-from brickhub.errors import ProgramError
-from brickhub.hub.hub_errors import HubDisconnectedError
+from brickhub.errors import HubDisconnectedError, ProgramError
 from brickhub.hub.program.compile import compile_program, program_blob
 from brickhub.hub.program.run_program import Transcript, load_program, run_program
 from brickhub.hub.transports.address import HubAddress

@@ -14,8 +14,7 @@ from hub_programs import unplug
 from played_hub import PlayedHub
 from radio import ATT_WRITE_REQUEST
 
-from brickhub.errors import HubError, HubProgramError
-from brickhub.hub.hub_errors import AmbiguousHubError, HubDisconnectedError, HubNotFoundError
+from brickhub.errors import AmbiguousHubError, HubDisconnectedError, HubError, HubNotFoundError, HubProgramError
 from brickhub.hub.link.lockstep import LinkState
 from brickhub.hub.protocol import data_frame
 from brickhub.hub.transport import HubProgram

@@ -8,7 +8,7 @@ import pytest
 from bleak.exc import BleakBluetoothNotAvailableError
 from bleak.exc import BleakBluetoothNotAvailableReason as BleakReason
 
-from brickhub.hub.hub_errors import BluetoothUnavailableError, Reason
+from brickhub.errors import BluetoothUnavailableError, Reason
 from brickhub.hub.transports import ble
 from brickhub.hub.transports.ble import bleak_errors
 

@@ -7,8 +7,7 @@ import time
 
 import pytest
 
-from brickhub.errors import HubError
-from brickhub.hub.hub_errors import HubDisconnectedError
+from brickhub.errors import HubDisconnectedError, HubError
 from brickhub.hub.transports.connection import Output
 
 

@@ -1,5 +1,7 @@
-"""Kinds of commands and channels, of `brickhub.hub.kinds`."""
+"""Kinds of commands and channels, of `brickhub.hub.interface`."""
 
 from __future__ import annotations
 
-from brickhub.hub.kinds import *
+from brickhub.hub.interface import Channel, Command, Imports
+
+__all__ = ["Channel", "Command", "Imports"]

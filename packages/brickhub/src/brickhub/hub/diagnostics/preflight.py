@@ -10,8 +10,7 @@ from dataclasses import dataclass
 from brickhub.errors import HubError, percent
 from brickhub.finding import Finding, Outcome
 from brickhub.hub.diagnostics.survey import Survey, survey
-from brickhub.hub.interface import Interface
-from brickhub.hub.kinds import Command
+from brickhub.hub.interface import Command, Interface
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.link.timing import percentile
 from brickhub.hub.transport import Transport

@@ -20,8 +20,7 @@ from collections.abc import Callable, Iterable, Iterator
 from types import TracebackType
 from typing import Self
 
-from brickhub.errors import HubError, HubProgramError, StoppedError
-from brickhub.hub.hub_errors import SilentHubError
+from brickhub.errors import HubError, HubProgramError, SilentHubError, StoppedError
 from brickhub.hub.interface import Interface
 from brickhub.hub.link.receiver import Listener, Reading, bye_error, check_hello, is_hello
 from brickhub.hub.link.states import Cause, LinkState, after, cause_of

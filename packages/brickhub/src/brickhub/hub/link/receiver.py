@@ -7,8 +7,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from brickhub.errors import HubError, HubProgramError, HubProtocolError, HubTimeoutError
-from brickhub.hub.hub_errors import SilentHubError
+from brickhub.errors import HubError, HubProgramError, HubProtocolError, HubTimeoutError, SilentHubError
 from brickhub.hub.link.timing import LinkMeter
 from brickhub.hub.program.run_program import describe_traceback
 from brickhub.hub.protocol import (

@@ -5,15 +5,20 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 
-from brickhub.errors import BricksError, HubError, HubProgramError, HubProtocolError, HubTimeoutError, StoppedError
-from brickhub.hub.hub_errors import (
+from brickhub.errors import (
+    BricksError,
     HubBusyError,
     HubDisconnectedError,
+    HubError,
     HubNotFoundError,
+    HubProgramError,
+    HubProtocolError,
     HubRefusedError,
+    HubTimeoutError,
     MediumUnavailableError,
     ProgramStoppedError,
     SilentHubError,
+    StoppedError,
 )
 
 

@@ -12,9 +12,8 @@ from importlib import resources
 
 from brickhub.errors import DescriptionError, ProgramError
 from brickhub.fields import check_fields
-from brickhub.hub.commands import RunAngle
+from brickhub.hub.commands import WIRE_MAX, Command
 from brickhub.hub.interface import Interface
-from brickhub.hub.kinds import WIRE_MAX, Command
 from brickhub.hub.protocol import (
     APP_DATA_BYTES,
     CONTROL_OVERHEAD,
@@ -230,8 +229,8 @@ def _sensors(robot: Robot, interface: Interface) -> list[Sensor]:
 
 
 def _joints(robot: Robot, interface: Interface) -> set[str]:
-    """Names of the motors with a range that are commanded by `RunAngle`."""
-    commanded = {name for command in interface.commands if isinstance(command, RunAngle) for name in command.motors(robot)}
+    """Names of the motors with a range that are commanded by an angle."""
+    commanded = {name for command in interface.commands if command.is_turn_by for name in command.motors(robot)}
     return {motor.name for motor in robot.motors if motor.name in commanded and motor.range_deg is not None}
 
 

@@ -13,8 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO, TextIO
 
-from brickhub.errors import ProgramError
-from brickhub.hub.hub_errors import HubBusyError, ProgramStoppedError
+from brickhub.errors import HubBusyError, ProgramError, ProgramStoppedError
 from brickhub.hub.program.syntax import parse
 from brickhub.hub.protocol import WRITE_BYTES
 from brickhub.hub.transport import MAIN_FILE, HubModule, HubProgram, Transport, as_typed

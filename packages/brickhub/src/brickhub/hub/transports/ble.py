@@ -13,8 +13,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
-from brickhub.errors import HubError, HubProtocolError, HubTimeoutError, message_of
-from brickhub.hub.hub_errors import AmbiguousHubError, BluetoothUnavailableError, HubDisconnectedError, HubNotFoundError, Reason
+from brickhub.errors import (
+    AmbiguousHubError,
+    BluetoothUnavailableError,
+    HubDisconnectedError,
+    HubError,
+    HubNotFoundError,
+    HubProtocolError,
+    HubTimeoutError,
+    Reason,
+    message_of,
+)
 from brickhub.hub.transports import profile
 from brickhub.hub.transports.connection import Port
 from brickhub.hub.transports.profile import PNP_ID_UUID, SERVICE_UUID, parse_hub_kind, refusal

@@ -12,8 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-from brickhub.errors import HubError, HubProtocolError, HubTimeoutError
-from brickhub.hub.hub_errors import HubBusyError, HubDisconnectedError, ProgramStoppedError
+from brickhub.errors import HubBusyError, HubDisconnectedError, HubError, HubProtocolError, HubTimeoutError, ProgramStoppedError
 from brickhub.hub.transports import profile
 from brickhub.hub.transports.profile import Status, StatusReport
 from brickhub.robot import HubKind

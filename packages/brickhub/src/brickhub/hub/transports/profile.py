@@ -11,8 +11,7 @@ import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from brickhub.errors import HubError, HubProtocolError
-from brickhub.hub.hub_errors import HubBusyError, HubRefusedError
+from brickhub.errors import HubBusyError, HubError, HubProtocolError, HubRefusedError
 from brickhub.robot import HubKind
 
 _UUID = "c5f5{:04x}-8280-46da-89f4-6d8051e4aeef"

@@ -20,9 +20,15 @@ from collections.abc import Coroutine
 from pathlib import Path
 from typing import Any, TypeVar
 
-from brickhub.errors import HubError, HubProtocolError, HubTimeoutError
+from brickhub.errors import (
+    AmbiguousHubError,
+    HubDisconnectedError,
+    HubError,
+    HubProtocolError,
+    HubTimeoutError,
+    MediumUnavailableError,
+)
 from brickhub.files import user_cache, write_durably
-from brickhub.hub.hub_errors import AmbiguousHubError, HubDisconnectedError, MediumUnavailableError
 from brickhub.hub.program.compile import compile_program, program_blob
 from brickhub.hub.protocol import WRITE_BYTES, Up, control_frame, hello_payload
 from brickhub.hub.transport import HubProgram, Pipe, app_data_slot

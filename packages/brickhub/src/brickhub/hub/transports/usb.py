@@ -23,8 +23,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from brickhub.errors import HubProtocolError, message_of
-from brickhub.hub.hub_errors import AmbiguousHubError, HubDisconnectedError, HubNotFoundError, Reason, UsbUnavailableError
+from brickhub.errors import (
+    AmbiguousHubError,
+    HubDisconnectedError,
+    HubNotFoundError,
+    HubProtocolError,
+    Reason,
+    UsbUnavailableError,
+    message_of,
+)
 from brickhub.hub.transports import profile
 from brickhub.hub.transports.connection import Port
 from brickhub.hub.transports.profile import refusal
