@@ -13,56 +13,9 @@ from typing import ClassVar
 from brickhub.entry import Entry
 from brickhub.errors import DescriptionError, hint
 from brickhub.fields import check_fields, check_value
-from brickhub.hub.commands import (
-    WIRE_MAX,
-    Command,
-    Curve,
-    DriveSpeed,
-    DriveStraight,
-    DriveTurnRate,
-    HubLight,
-    HubSound,
-    Imports,
-    RunAngle,
-    RunDuty,
-    RunSpeed,
-    TrackTarget,
-    Turn,
-    WireNumber,
-    drive_base,
-    drive_base_setup,
-)
+from brickhub.hub.commands import *
+from brickhub.hub.commands import WIRE_MAX, Command, Imports, WireNumber, drive_base, drive_base_setup
 from brickhub.robot import Robot, UltrasonicSensor
-
-__all__ = [
-    "PARTS",
-    "Channel",
-    "Command",
-    "Curve",
-    "Distance",
-    "DriveAngle",
-    "DriveDistance",
-    "DriveSpeed",
-    "DriveStraight",
-    "DriveTurnRate",
-    "Heading",
-    "HubLight",
-    "HubSound",
-    "Imports",
-    "Interface",
-    "MotorAngle",
-    "Pitch",
-    "Roll",
-    "RunAngle",
-    "RunDuty",
-    "RunSpeed",
-    "SensorReading",
-    "TrackTarget",
-    "Turn",
-    "UntilDone",
-    "Wait",
-    "YawRate",
-]
 
 
 @dataclass(frozen=True)

@@ -44,50 +44,33 @@ def validate(robot: Robot, interface: Interface) -> None:
             f"robot '{robot.name}': a {robot.hub.value} hub has neither standard input nor floating point numbers nor ustruct, "
             "and is not supported; choose a prime, essential, technic or city hub"
         )
-    _check_commands(robot, interface)
-    _check_channels(robot, interface)
-    check_fields(type(interface.settle), vars(interface.settle))
-    time_ms = interface.settle.longest_ms
-    if not 0 < time_ms <= _MAX_SETTLE_MS:
-        raise DescriptionError(f"the step settles after {time_ms} ms; give 1 to {_MAX_SETTLE_MS} ms")
-
-
-def _check_commands(robot: Robot, interface: Interface) -> None:
-    commands = interface.commands
-    if len(commands) > MAX_ACTIONS:
-        raise DescriptionError(f"{len(commands)} commands do not fit one write of 20 bytes; use at most {MAX_ACTIONS}")
-    _check_unique("command", [command.name for command in commands])
-    until_done, movers = interface.settle.fixed_ms is None, dict[str, Command]()
-    for command in commands:
-        _check_range("command", command.name, command.low, command.high, command.scale)
+    if len(interface.commands) > MAX_ACTIONS:
+        raise DescriptionError(f"{len(interface.commands)} commands do not fit one write of 20 bytes; use at most {MAX_ACTIONS}")
+    if not interface.channels:
+        raise DescriptionError("the interface has no channels; name at least one, so that the hub has something to answer")
+    for kind, numbers in (("command", interface.commands), ("channel", interface.channels)):
+        for name, count in Counter(number.name for number in numbers).items():
+            if count > 1:
+                raise DescriptionError(f"{kind} '{name}' is named {count} times; name each once")
+        for number in numbers:
+            low, high, largest = number.low, number.high, WIRE_MAX / number.scale
+            if not -largest <= low < high <= largest:
+                raise DescriptionError(
+                    f"{kind} '{number.name}' ranges from {low} to {high}; give low < high within +-{largest:g}"
+                )
+            number.check(robot)
+    movers = dict[str, Command]()
+    for command in interface.commands:
         for motor in command.motors(robot):
             other = movers.setdefault(motor, command)
             if other is not command and (command.call is None or command.call != other.call):
                 raise DescriptionError(f"motor '{motor}' is moved by the commands '{other.name}' and '{command.name}'; use one")
-        command.check(robot)
-        if until_done and not command.ends:
+        if interface.settle.fixed_ms is None and not command.ends:
             raise DescriptionError(f"the command '{command.name}' goes on until the next step; let the step Wait, not UntilDone")
-
-
-def _check_channels(robot: Robot, interface: Interface) -> None:
-    if not interface.channels:
-        raise DescriptionError("the interface has no channels; name at least one, so that the hub has something to answer")
-    _check_unique("channel", [channel.name for channel in interface.channels])
-    for channel in interface.channels:
-        _check_range("channel", channel.name, channel.low, channel.high, channel.scale)
-        channel.check(robot)
-
-
-def _check_unique(kind: str, names: list[str]) -> None:
-    for name, count in Counter(names).items():
-        if count > 1:
-            raise DescriptionError(f"{kind} '{name}' is named {count} times; name each once")
-
-
-def _check_range(kind: str, name: str, low: float, high: float, scale: int) -> None:
-    largest = WIRE_MAX / scale
-    if not -largest <= low < high <= largest:
-        raise DescriptionError(f"{kind} '{name}' ranges from {low} to {high}; give low < high within +-{largest:g}")
+    check_fields(type(interface.settle), vars(interface.settle))
+    time_ms = interface.settle.longest_ms
+    if not 0 < time_ms <= _MAX_SETTLE_MS:
+        raise DescriptionError(f"the step settles after {time_ms} ms; give 1 to {_MAX_SETTLE_MS} ms")
 
 
 WATCHDOG_MS = 400
@@ -151,6 +134,7 @@ def _hash_line(program_hash: bytes) -> str:
 
 
 def _header(robot: Robot, interface: Interface) -> str:
+    settle = interface.settle
     lines = [
         f'Program of the robot "{robot.name}" for the {robot.hub.value} hub, written by BricksRL from the robot\'s description.',
         "Do not edit: it is written anew whenever the description changes.",
@@ -158,16 +142,11 @@ def _header(robot: Robot, interface: Interface) -> str:
         *(f"  {command.name}: {command.description.format(command)}" for command in interface.commands),
         "Channels, in the order of the observation:",
         *(f"  {channel.name}, {channel.low:g} to {channel.high:g} {channel.unit}" for channel in interface.channels),
-        _settle_text(interface),
+        f"It answers when all moves have ended, or after {settle.longest_ms} ms, when it stops those that have not."
+        if settle.fixed_ms is None
+        else f"It answers {settle.fixed_ms} ms after the commands started.",
     ]
     return "".join(f"# {line}\n" for line in lines)
-
-
-def _settle_text(interface: Interface) -> str:
-    settle = interface.settle
-    if settle.fixed_ms is None:
-        return f"It answers when all moves have ended, or after {settle.longest_ms} ms, when it stops those that have not."
-    return f"It answers {settle.fixed_ms} ms after the commands started."
 
 
 def _robot_imports(robot: Robot, interface: Interface) -> list[str]:
@@ -237,17 +216,11 @@ def _joints(robot: Robot, interface: Interface) -> set[str]:
 _AXES = {"ahead": "Axis.X", "back": "-Axis.X", "left": "Axis.Y", "right": "-Axis.Y", "up": "Axis.Z", "down": "-Axis.Z"}
 
 
-def _hub_sides(robot: Robot) -> str:
-    """Arguments of a hub that does not lie flat and forwards."""
-    if robot.hub_sides == HUB_FLAT:
-        return ""
-    top, front = (_AXES[side] for side in robot.hub_sides)
-    return f"top_side={top}, front_side={front}"
-
-
 def _devices(robot: Robot, interface: Interface) -> str:
     joints = _joints(robot, interface)
-    lines = [f"hub = {robot.hub.model.class_name}({_hub_sides(robot)})"]
+    top, front = (_AXES[side] for side in robot.hub_sides)
+    sides = "" if robot.hub_sides == HUB_FLAT else f"top_side={top}, front_side={front}"
+    lines = [f"hub = {robot.hub.model.class_name}({sides})"]
     for motor in _motors(robot, interface):
         lines += _motor_lines(motor, motor.name in joints)
     setups = dict.fromkeys(command.setup(robot) for command in interface.commands)

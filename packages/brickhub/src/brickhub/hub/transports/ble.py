@@ -7,7 +7,7 @@ import contextlib
 import logging
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -152,7 +152,6 @@ class FoundHub:
     kind: HubKind | None = None
 
 
-_Found: TypeAlias = "list[tuple[BLEDevice, FoundHub]]"
 _Seen: TypeAlias = "dict[str, tuple[BLEDevice, FoundHub]]"
 """Found hubs by address."""
 
@@ -160,13 +159,9 @@ _Seen: TypeAlias = "dict[str, tuple[BLEDevice, FoundHub]]"
 def scan(timeout_s: float = 5.0, *, backend: BleBackend | None = None) -> list[FoundHub]:
     """Advertising Pybricks hubs, found within ``timeout_s``, the strongest signal first. Raises BluetoothUnavailableError if
     Bluetooth is not available on this computer."""
-    with contextlib.closing(EventLoopThread("bricksrl-scan")) as loop:
-        return loop.run(_scan(timeout_s, backend), timeout_s + 10.0, "look for hubs")
-
-
-async def _scan(timeout_s: float, backend: BleBackend | None) -> list[FoundHub]:
     seen: _Seen = {}
-    await _listen(seen, lambda: False, timeout_s, backend)
+    with contextlib.closing(EventLoopThread("bricksrl-scan")) as loop:
+        loop.run(_listen(seen, lambda: False, timeout_s, backend), timeout_s + 10.0, "look for hubs")
     return sorted((hub for _, hub in seen.values()), key=lambda hub: -hub.rssi_dbm)
 
 
@@ -191,7 +186,9 @@ async def find(name: str | None, address: str | None, timeout_s: float, backend:
     if len(matches) > 1:
         raise AmbiguousHubError(f"several hubs are in reach: {_listed(matches)}; say which one by its name or address")
     if not matches:
-        raise _not_found(name or address, list(seen.values()), timeout_s)
+        what = "no hub" if name is None and address is None else f"no hub '{name or address}'"
+        others = f"; others are: {_listed(seen.values())}" if seen else ""
+        raise HubNotFoundError(f"{what} with Pybricks was found within {timeout_s:g} s{others}; {_REMEDY}")
     device, hub = matches[0]
     _log.info("found the hub '%s' (%s)", hub.name, hub.address)
     return device
@@ -224,7 +221,7 @@ async def _still_connected(backend: BleBackend | None) -> list[BLEDevice]:
         return []
 
 
-def _matches(seen: _Seen, name: str | None, address: str | None) -> _Found:
+def _matches(seen: _Seen, name: str | None, address: str | None) -> list[tuple[BLEDevice, FoundHub]]:
     return [
         (device, hub)
         for device, hub in seen.values()
@@ -241,13 +238,7 @@ def _found_hub(device: BLEDevice, advertisement: AdvertisementData) -> FoundHub:
     return FoundHub(advertisement.local_name or device.name or "", device.address, advertisement.rssi, kind)
 
 
-def _not_found(requested: str | None, others: _Found, timeout_s: float) -> HubNotFoundError:
-    what = "no hub" if requested is None else f"no hub '{requested}'"
-    seen = f"; others are: {_listed(others)}" if others else ""
-    return HubNotFoundError(f"{what} with Pybricks was found within {timeout_s:g} s{seen}; {_REMEDY}")
-
-
-def _listed(found: _Found) -> str:
+def _listed(found: Iterable[tuple[BLEDevice, FoundHub]]) -> str:
     return ", ".join(f"'{hub.name}' ({hub.address})" for _, hub in found)
 
 

@@ -14,7 +14,7 @@ from typing import Protocol
 
 from brickhub.errors import HubBusyError, HubDisconnectedError, HubError, HubProtocolError, HubTimeoutError, ProgramStoppedError
 from brickhub.hub.transports import profile
-from brickhub.hub.transports.profile import Status, StatusReport
+from brickhub.hub.transports.profile import PybricksCommand, Status, StatusReport
 from brickhub.robot import HubKind
 
 
@@ -168,11 +168,6 @@ class HubConnection:
         """True if a program runs on the hub, by its last report."""
         return self.is_connected and Status.USER_PROGRAM_RUNNING in self.status.flags
 
-    @property
-    def program_location(self) -> str:
-        """Location of the program that the hub would start: its address and the selected slot."""
-        return f"{self.identity.address} slot {self.status.slot}"
-
     async def connect(self) -> None:
         """Connect, identify the hub, and subscribe to its reports. Raises a subclass of HubError with the reason."""
         self._loss = None
@@ -248,11 +243,11 @@ class HubConnection:
         Raises:
             HubError: see ``command``.
         """
-        slot = self.status.slot if self.identity.capabilities.slots else None
+        slot = (self.status.slot,) if self.identity.capabilities.slots else ()
         if self._end_timer is not None:
             await asyncio.sleep(_OUTPUT_GRACE_S)
         self.output.begin()
-        await self.command(profile.start_program(slot), "write the command that starts the program")
+        await self.command(bytes((PybricksCommand.START_USER_PROGRAM, *slot)), "write the command that starts the program")
         self._is_running_expected = True
         # The first report from now on may still be from before the start; the second one is not.
         reports = self._reports
@@ -269,7 +264,7 @@ class HubConnection:
             HubError: see ``command``.
         """
         self._is_running_expected = False
-        await self.command(profile.stop_program(), "write the command that stops the program")
+        await self.command(bytes((PybricksCommand.STOP_USER_PROGRAM,)), "write the command that stops the program")
         if not await self._wait_for(lambda: not self.is_running, self._answer_timeout_s):
             raise HubTimeoutError("the program on the hub does not stop; press the hub's button")
         self.output.end(ProgramStoppedError, "the program on the hub was stopped; start it again")

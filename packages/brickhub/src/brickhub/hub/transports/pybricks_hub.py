@@ -32,9 +32,8 @@ from brickhub.files import user_cache, write_durably
 from brickhub.hub.program.compile import compile_program, program_blob
 from brickhub.hub.protocol import WRITE_BYTES, Up, control_frame, hello_payload
 from brickhub.hub.transport import HubProgram, Pipe, app_data_slot
-from brickhub.hub.transports import profile
 from brickhub.hub.transports.connection import HubConnection, HubIdentity, Port
-from brickhub.hub.transports.profile import StatusReport
+from brickhub.hub.transports.profile import PybricksCommand, StatusReport
 
 _T = TypeVar("_T")
 _THREAD_END_S = 1.0
@@ -206,9 +205,10 @@ class ProfileTransport(ABC):
         connection = self._require_connection()
         connection.output.check()
         if self._pipe is Pipe.APP_DATA:
-            packet = profile.write_app_data(0, app_data_slot(next(self._counts), data))
+            offset = bytes(2)
+            packet = bytes((PybricksCommand.WRITE_APP_DATA,)) + offset + app_data_slot(next(self._counts), data)
         else:
-            packet = profile.write_stdin(data)
+            packet = bytes((PybricksCommand.WRITE_STDIN,)) + data
         command = connection.command(packet, "write to the program")
         self._running_loop().run(command, 2 * self._answer_timeout_s + _GRACE_S, "write to the program")
 
@@ -284,7 +284,7 @@ class ProfileTransport(ABC):
 
     async def _start(self, program: HubProgram, modules: dict[str, bytes]) -> None:
         connection = await self._connected()
-        kind, location = connection.identity.kind, connection.program_location
+        kind, location = connection.identity.kind, f"{connection.identity.address} slot {connection.status.slot}"
         if kind.model.stdin_bytes == 0 and program.says_hello:
             raise HubProtocolError("a Move Hub cannot run our programs; use another hub")
         blob = program_blob(modules, kind)
