@@ -2,6 +2,4 @@
 
 from __future__ import annotations
 
-from brickhub.hub.interface import Channel, Command, Imports
-
-__all__ = ["Channel", "Command", "Imports"]
+from brickhub.hub.interface import *

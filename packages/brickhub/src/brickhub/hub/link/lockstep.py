@@ -24,7 +24,7 @@ from brickhub.errors import HubError, HubProgramError, SilentHubError, StoppedEr
 from brickhub.hub.interface import Interface
 from brickhub.hub.link.receiver import Listener, Reading, bye_error, check_hello, is_hello
 from brickhub.hub.link.states import Cause, LinkState, after, cause_of
-from brickhub.hub.link.timing import HubClock, LinkMeter, LinkStatistics, keepalive_times_s
+from brickhub.hub.link.timing import HubClock, LinkStatistics, keepalive_times_s, percentile
 from brickhub.hub.program.generate import WATCHDOG_MS, generate
 from brickhub.hub.protocol import ControlFrame, DataFrame, Down, Frame, Up, WireFormat, control_frame, data_frame, next_seq
 from brickhub.hub.transport import Pipe, Transport
@@ -82,8 +82,8 @@ class HubLink:
         self._seq = 0
         self._frame, self._sent_s = b"", 0.0
         self._clock = HubClock()
-        self._meter = LinkMeter()
-        self._listener = Listener(transport, self.wire, self._meter)
+        self.statistics = LinkStatistics(watchdog_s=WATCHDOG_MS / 1000)
+        self._listener = Listener(transport, self.wire, self.statistics)
 
     def open(self) -> None:
         """Connect, start the program and wait for its HELLO. Also leaves FAULT; without effect on an open link.
@@ -154,7 +154,7 @@ class HubLink:
             left_s = None if known_s is None else max(0.0, self._sent_s + known_s - self.now_s())
             answer = self._await_answer(self._longest_move_s + self._timeout_s / 2, left_s)
             if answer is None:
-                self._meter.count_resend()
+                self.statistics.count_resend()
                 answer = self._send_and_wait(self._frame, self._longest_move_s, known_s)
             return self._answered(answer, self._sent_s, self._longest_move_s, known_s)
 
@@ -229,11 +229,6 @@ class HubLink:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self.close()
 
-    @property
-    def statistics(self) -> LinkStatistics:
-        """Snapshot of the link's statistics."""
-        return self._meter.snapshot(self._watchdog_ms / 1000)
-
     def _check_halted(self) -> None:
         if self._halted.is_set():
             raise _stopped()
@@ -260,7 +255,7 @@ class HubLink:
         self._listener.begin(self.program.source)
         self._clock = HubClock()
         self._seq = 0
-        self._watchdog_ms = WATCHDOG_MS
+        self._watchdog_ms, self.statistics.watchdog_s = WATCHDOG_MS, WATCHDOG_MS / 1000
         if self._has_started:
             with contextlib.suppress(HubError):  # if the hub is out of reach, the start will raise
                 self._transport.stop()
@@ -311,7 +306,7 @@ class HubLink:
         if answer is None:
             raise self._listener.timeout_error("the hub did not answer", longest_move_s + self._timeout_s)
         reading = self._reading(answer, started_s, known_move_s or 0.0)
-        self._meter.record(reading.round_trip_s, reading.age_s, known_move_s)
+        self.statistics.record(reading.round_trip_s, reading.age_s, known_move_s)
         return reading
 
     def _reading(self, answer: DataFrame, started_s: float, move_s: float) -> Reading:
@@ -340,7 +335,7 @@ class HubLink:
         window_s = self._timeout_s / _SENDS_PER_TIMEOUT
         for attempt in range(int((deadline_s - started_s) / window_s) + 1):
             if attempt:
-                self._meter.count_resend()
+                self.statistics.count_resend()
             move_s = None if known_move_s is None else max(0.0, started_s + known_move_s - self.now_s())
             self._transport.write(frame)
             answer = self._await_answer(min(window_s, deadline_s - self.now_s()), move_s)
@@ -365,24 +360,24 @@ class HubLink:
             if frame.kind == Up.BYE:
                 raise bye_error(frame)
             return False
-        self._meter.stale_answers += frame.seq != self._seq
+        self.statistics.stale_answers += frame.seq != self._seq
         return frame.seq == self._seq
 
     def _begin_exchange(self) -> None:
         """Before an exchange, look from time to time whether the link needs a longer watchdog."""
-        self._meter.is_resent = False
-        if self._meter.exchanges % _EXCHANGES_PER_WATCHDOG_CHECK:
+        self.statistics.is_resent = False
+        if self.statistics.exchanges % _EXCHANGES_PER_WATCHDOG_CHECK:
             return
         needed_ms = self._needed_watchdog_ms()
         if needed_ms > self._watchdog_ms:
             self._set_watchdog(needed_ms)
 
     def _needed_watchdog_ms(self) -> int:
-        return _watchdog_ms(_WATCHDOG_ROUND_TRIPS * self._meter.delay_p99_s())
+        return _watchdog_ms(_WATCHDOG_ROUND_TRIPS * percentile(self.statistics.delays_s, 99))
 
     def _set_watchdog(self, watchdog_ms: int) -> None:
         self._transport.write(control_frame(Down.WATCHDOG, struct.pack("<H", watchdog_ms)))
-        self._watchdog_ms = watchdog_ms
+        self._watchdog_ms, self.statistics.watchdog_s = watchdog_ms, watchdog_ms / 1000
 
 
 def _stopped() -> StoppedError:

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from brickhub.errors import HubError, HubProgramError, HubProtocolError, HubTimeoutError, SilentHubError
-from brickhub.hub.link.timing import LinkMeter
+from brickhub.hub.link.timing import LinkStatistics
 from brickhub.hub.program.run_program import describe_traceback
 from brickhub.hub.protocol import (
     PROTOCOL_VERSION,
@@ -73,10 +73,10 @@ _TRACEBACK_PAUSE_S = 0.2
 
 
 class Listener:
-    """Receiver of frames from a transport, which counts invalid bytes in the meter."""
+    """Receiver of frames from a transport, which counts invalid bytes in the statistics."""
 
-    def __init__(self, transport: Transport, wire: WireFormat, meter: LinkMeter) -> None:
-        self._transport, self._wire, self._meter = transport, wire, meter
+    def __init__(self, transport: Transport, wire: WireFormat, statistics: LinkStatistics) -> None:
+        self._transport, self._wire, self._statistics = transport, wire, statistics
         self.begin("")
 
     def begin(self, source: str) -> None:
@@ -108,8 +108,8 @@ class Listener:
         decoder = self._decoder
         crc_errors, skipped_bytes = decoder.crc_errors, decoder.skipped_bytes
         self._frames.extend(decoder.feed(data))
-        self._meter.crc_errors += decoder.crc_errors - crc_errors
-        self._meter.skipped_bytes += decoder.skipped_bytes - skipped_bytes
+        self._statistics.crc_errors += decoder.crc_errors - crc_errors
+        self._statistics.skipped_bytes += decoder.skipped_bytes - skipped_bytes
         if "Traceback" in self._decoder.text:
             with contextlib.suppress(HubError):  # a partial traceback says more than a lost link
                 for _ in range(_TRACEBACK_READS):

@@ -59,7 +59,7 @@ class StreamingLink(HubLink):
         with self._fault_with_cause():
             self._begin_exchange()
             reading = self._stream(frame, started_s)
-            self._meter.record(reading.round_trip_s, reading.age_s, 0.0)
+            self.statistics.record(reading.round_trip_s, reading.age_s, 0.0)
         return reading
 
     def _begin(self) -> None:
@@ -90,7 +90,7 @@ class StreamingLink(HubLink):
                 break
             if now_s >= next_send_s:
                 if newest is None and next_send_s > started_s:  # the command was lost, or the request for observations
-                    self._meter.count_resend()
+                    self.statistics.count_resend()
                     self._request_stream()
                 self._transport.write(frame)
                 next_send_s = now_s + alive_s
