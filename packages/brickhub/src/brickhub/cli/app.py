@@ -22,9 +22,6 @@ from brickhub import HOUSES
 from brickhub.cli.terminal import Interrupted, print_error, print_line, print_note
 from brickhub.errors import BricksError, hint
 
-INTERRUPTED = 130
-"""Exit code after Ctrl-C, as in shells."""
-
 
 @dataclass(frozen=True)
 class CommandLine:
@@ -65,7 +62,7 @@ def run(line: CommandLine, arguments: Sequence[str]) -> int:
     except Interrupted as end:
         if str(end):
             print_note(f"interrupted: {end}")
-        return INTERRUPTED
+        return 130  # as in shells
     except BricksError as error:
         print_error(str(error))
         return 2
@@ -83,19 +80,14 @@ def run(line: CommandLine, arguments: Sequence[str]) -> int:
     except Exception as error:
         from brickhub.user_files import failure_of_user
 
-        message = failure_of_user(error) or _missing_package(line, error)
+        message, package = failure_of_user(error), (getattr(error, "name", None) or line.prog).partition(".")[0]
+        if message is None and isinstance(error, ModuleNotFoundError) and package not in HOUSES:
+            remedy = f"install {line.prog} there again, or activate its environment"
+            message = f"the package '{package}' is missing in {sys.prefix}; {remedy}"
         if message is None:
             raise  # a bug of ours: show the traceback
         print_error(message)
         return 2
-
-
-def _missing_package(line: CommandLine, error: Exception) -> str | None:
-    """One-line message if a package that we need is not installed; ``None`` for any other error."""
-    package = (getattr(error, "name", None) or line.prog).partition(".")[0]
-    if not isinstance(error, ModuleNotFoundError) or package in HOUSES:
-        return None
-    return f"the package '{package}' is missing in {sys.prefix}; install {line.prog} there again, or activate its environment"
 
 
 def parse(line: CommandLine, arguments: Sequence[str]) -> ParsedCommand:
@@ -116,19 +108,15 @@ def _parse(line: CommandLine, words: Sequence[str], arguments: Sequence[str]) ->
     """Parse with the parser of the named command only, as a parser of all would have to import every command."""
     prog, config = " ".join([line.prog, *words]), (FlagCreatePairsOff,)
     if not words:
-        return _overview(line).cli(prog=prog, description=line.description, args=arguments, config=config)
+        overview = _listing(line.commands)
+        for name, (text, commands) in line.groups.items():
+            overview.command(_listing(commands), name=name, help=text)
+        return overview.cli(prog=prog, description=line.description, args=arguments, config=config)
     if words[0] in line.commands or len(words) == 2:
         command = _load(line.commands[words[0]] if len(words) == 1 else line.groups[words[0]][1][words[1]])
         return tyro.cli(command, prog=prog, description=_help(line, command), args=arguments, config=config)
     text, commands = line.groups[words[0]]
     return _listing(commands).cli(prog=prog, description=text, args=arguments, config=config)
-
-
-def _overview(line: CommandLine) -> SubcommandApp:
-    app = _listing(line.commands)
-    for name, (text, commands) in line.groups.items():
-        app.command(_listing(commands), name=name, help=text)
-    return app
 
 
 def _listing(commands: Mapping[str, str]) -> SubcommandApp:

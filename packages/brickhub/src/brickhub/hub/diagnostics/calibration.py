@@ -42,12 +42,11 @@ def calibrated(robot: Robot, calibration: Calibration) -> Robot:
     unknown = sorted((set(calibration.zeros_deg) | calibration.reversed) - {motor.name for motor in robot.motors})
     if unknown:
         raise DescriptionError(f"robot '{robot.name}' has no motor '{unknown[0]}'; calibrate it again")
-    return replace(robot, motors=tuple(_calibrated(motor, calibration) for motor in robot.motors))
-
-
-def _calibrated(motor: Motor, calibration: Calibration) -> Motor:
-    direction = Direction(-motor.direction.value) if motor.name in calibration.reversed else motor.direction
-    return replace(motor, direction=direction, zero_deg=calibration.zeros_deg.get(motor.name, motor.zero_deg))
+    motors = []
+    for motor in robot.motors:
+        direction = Direction(-motor.direction.value) if motor.name in calibration.reversed else motor.direction
+        motors.append(replace(motor, direction=direction, zero_deg=calibration.zeros_deg.get(motor.name, motor.zero_deg)))
+    return replace(robot, motors=tuple(motors))
 
 
 def zero_between(stops_deg: tuple[int, int], motor: Motor) -> int:

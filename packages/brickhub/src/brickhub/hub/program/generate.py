@@ -78,8 +78,6 @@ WATCHDOG_MS = 400
 END_MS = 10_000
 """Further silence after which the program ends, so that the hub advertises again."""
 
-_INPUT_FILES = {Pipe.STDIN: "stdio", Pipe.APP_DATA: "app_data"}
-
 
 def generate(robot: Robot, interface: Interface, pipe: Pipe = Pipe.STDIN) -> HubProgram:
     """Generate the program with which ``robot`` takes the commands and reports the channels of ``interface``.
@@ -92,7 +90,7 @@ def generate(robot: Robot, interface: Interface, pipe: Pipe = Pipe.STDIN) -> Hub
     """
     validate(robot, interface)
     loop_imports, loop = _onboard("loop")
-    input_imports, input_part = _onboard(_INPUT_FILES[pipe])
+    input_imports, input_part = _onboard({Pipe.STDIN: "stdio", Pipe.APP_DATA: "app_data"}[pipe])
     parts = [
         _constants(interface, pipe),
         input_part,  # first, since the host may write as soon as the program runs

@@ -96,33 +96,22 @@ class Framer:
     def __init__(self, longest_bytes: int = 2048) -> None:
         self.damaged = 0
         self._longest_bytes = longest_bytes
-        self._buffer = bytearray()
+        self._buffer = b""
 
     def feed(self, data: bytes) -> list[bytes]:
         """Take bytes and return the messages that they complete. Never raises."""
         messages = []
-        *ended, rest = data.split(bytes((FRAME_END,)))
-        for part in ended:
-            self._append(part)
-            if message := self._message():
-                messages.append(message)
-        self._append(rest)
+        *ended, rest = (self._buffer + data).split(bytes((FRAME_END,)))
+        for frame in ended:
+            try:
+                if len(frame) > self._longest_bytes:
+                    raise HubProtocolError("a frame over USB is too long; plug the hub in again")
+                if message := decode_cobs(frame):
+                    messages.append(message)
+            except HubProtocolError:
+                self.damaged += 1
+        self._buffer = rest[: self._longest_bytes + 1]  # one byte tells that it is too long
         return messages
-
-    def _append(self, part: bytes) -> None:
-        self._buffer += part
-        del self._buffer[self._longest_bytes + 1 :]  # one byte tells that it is too long
-
-    def _message(self) -> bytes:
-        frame = bytes(self._buffer)
-        self._buffer.clear()
-        try:
-            if len(frame) > self._longest_bytes:
-                raise HubProtocolError("a frame over USB is too long; plug the hub in again")
-            return decode_cobs(frame)
-        except HubProtocolError:
-            self.damaged += 1
-            return b""
 
 
 _LEGO_VENDOR = 0x0694
