@@ -133,32 +133,20 @@ def check_robot(
         if any(finding.outcome is Outcome.ERROR for finding in port_findings):
             yield Finding("program", Outcome.SKIPPED, "the environment's program does not start before all is plugged in")
             return
-        yield from _check_with_program(transport, robot, interface, may_move, is_right, calibrate)
+        try:
+            with HubLink(transport, robot, interface, calibrate=calibrate) as link:
+                yield Finding("program", Outcome.OK, f"runs (hash {link.program.hash:08x})")
+                yield from check_angles(robot, interface, link.read().values)
+                yield check_latency(measure(link, interface))
+                if may_move():
+                    for index in range(len(interface.commands)):
+                        yield _check_move(link, robot, interface, index, is_right)
+                else:
+                    yield Finding("directions", Outcome.SKIPPED, "nothing was moved, because nobody said yes")
+        except HubError as error:
+            yield Finding("program", Outcome.ERROR, str(error))
     finally:
         transport.close()
-
-
-def _check_with_program(
-    transport: Transport,
-    robot: Robot,
-    interface: Interface,
-    may_move: Callable[[], bool],
-    is_right: Callable[[str], bool] | None,
-    calibrate: Callable[[Robot], Robot] | None,
-) -> Iterator[Finding]:
-    """Checks that run the environment's program: angles, latency, directions."""
-    try:
-        with HubLink(transport, robot, interface, calibrate=calibrate) as link:
-            yield Finding("program", Outcome.OK, f"runs (hash {link.program.hash:08x})")
-            yield from check_angles(robot, interface, link.read().values)
-            yield check_latency(measure(link, interface))
-            if may_move():
-                for index in range(len(interface.commands)):
-                    yield _check_move(link, robot, interface, index, is_right)
-            else:
-                yield Finding("directions", Outcome.SKIPPED, "nothing was moved, because nobody said yes")
-    except HubError as error:
-        yield Finding("program", Outcome.ERROR, str(error))
 
 
 def check_hub(identity: HubIdentity | None, robot: Robot) -> Iterator[Finding]:
@@ -201,15 +189,11 @@ def check_ports(robot: Robot, result: Survey) -> Iterator[Finding]:
             detail = f"{label} is expected, {found_name} is there; it works, but the virtual robot has the other one's strength"
             yield Finding(name, Outcome.WARNING, detail)
         else:
-            detail = f"{label} is expected, {found_name} is there; {_plug_advice(robot, expected_id, port, result)}"
+            taken = {device.port for device in expected.values() if device.kind.model.device_id == expected_id}
+            others = [other for other, other_id in result.ports.items() if other_id == expected_id and other not in taken]
+            remedy = f"move it from port {others[0]} to {port}" if others else f"plug it into port {port} until it clicks"
+            detail = f"{label} is expected, {found_name} is there; {remedy}"
             yield Finding(name, Outcome.ERROR, detail)
-
-
-def _plug_advice(robot: Robot, missing_id: int, port: str, result: Survey) -> str:
-    """Advice on the missing device: the port where it might be, or to plug it in."""
-    taken = {device.port for device in (*robot.motors, *robot.sensors) if device.kind.model.device_id == missing_id}
-    others = [other for other, found_id in result.ports.items() if found_id == missing_id and other not in taken]
-    return f"move it from port {others[0]} to {port}" if others else f"plug it into port {port} until it clicks"
 
 
 def check_battery(hub: HubKind, battery_mv: int) -> Finding:

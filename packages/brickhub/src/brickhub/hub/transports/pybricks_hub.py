@@ -92,34 +92,6 @@ class EventLoopThread:
 
 _log = logging.getLogger(__name__)
 
-
-class ProgramRecord:
-    """File with the hash of the program on each hub, by address and slot; ``None`` for the file in the user's cache."""
-
-    def __init__(self, path: Path | None) -> None:
-        self._path = path or user_cache() / "programs.json"
-
-    def get(self, address: str) -> int | None:
-        """Hash of the program on a hub, if known."""
-        program_hash = self._load().get(address)
-        return program_hash if isinstance(program_hash, int) else None
-
-    def set(self, address: str, program_hash: int | None) -> None:
-        hashes = self._load()
-        hashes[address] = program_hash
-        try:
-            write_durably(self._path, json.dumps(hashes).encode())
-        except OSError as error:
-            _log.debug("cannot note which program is on the hub: %s", error)
-
-    def _load(self) -> dict[str, object]:
-        try:
-            hashes = json.loads(self._path.read_text(encoding="utf-8"))
-        except (OSError, ValueError, RecursionError):
-            return {}
-        return hashes if isinstance(hashes, dict) else {}
-
-
 _LONGEST_CONNECT_S = 10.0
 _HELLO_S = 3.0
 _FIRST_PAUSE_S = 0.25
@@ -141,7 +113,7 @@ class ProfileTransport(ABC):
     def __init__(self, *, timeout_s: float, answer_timeout_s: float, record: Path | None) -> None:
         self._timeout_s = timeout_s
         self._answer_timeout_s = answer_timeout_s
-        self._record = ProgramRecord(record)
+        self._record = record or user_cache() / "programs.json"
         self._loop: EventLoopThread | None = None
         self._connection: HubConnection | None = None
         self._first_hub: HubIdentity | None = None
@@ -175,7 +147,7 @@ class ProfileTransport(ABC):
         if self._loop is None:
             self._loop = EventLoopThread("bricksrl-hub")
             atexit.register(self.close)
-        self._loop.run(self._connected(), self._timeout_s + _GRACE_S, "connect to the hub")
+        self._run(self._connected(), self._timeout_s, "connect to the hub")
 
     def start(self, program: HubProgram) -> None:
         """Download the program to the hub, unless it is there already, and start it. Reconnects after a loss.
@@ -187,9 +159,8 @@ class ProfileTransport(ABC):
         modules = compile_program(program)
         if self._loop is None:
             self.open()
-        limit_s = self._timeout_s + _DOWNLOAD_S + _GRACE_S
         self._pipe = program.pipe
-        self._running_loop().run(self._start(program, modules), limit_s, "start the program on the hub")
+        self._run(self._start(program, modules), self._timeout_s + _DOWNLOAD_S, "start the program on the hub")
 
     def write(self, data: bytes) -> None:
         """Write to the program; waits, with a timeout, while its buffer is full.
@@ -209,8 +180,7 @@ class ProfileTransport(ABC):
             packet = bytes((PybricksCommand.WRITE_APP_DATA,)) + offset + app_data_slot(next(self._counts), data)
         else:
             packet = bytes((PybricksCommand.WRITE_STDIN,)) + data
-        command = connection.command(packet, "write to the program")
-        self._running_loop().run(command, 2 * self._answer_timeout_s + _GRACE_S, "write to the program")
+        self._run(connection.command(packet, "write to the program"), 2 * self._answer_timeout_s, "write to the program")
 
     def read(self, timeout_s: float) -> bytes:
         """Next output of the program; ``b""`` if none came in time, and once when the program has ended.
@@ -227,7 +197,7 @@ class ProfileTransport(ABC):
         connection = self._connection
         if connection is None or not connection.is_connected:
             return
-        self._running_loop().run(connection.stop_program(), 3 * self._answer_timeout_s + _GRACE_S, "stop the program")
+        self._run(connection.stop_program(), 3 * self._answer_timeout_s, "stop the program")
 
     def close(self) -> None:
         """Stop the program and disconnect. May be called in any state and repeatedly; failures are logged."""
@@ -290,11 +260,12 @@ class ProfileTransport(ABC):
         blob = program_blob(modules, kind)
         if connection.is_running:
             await connection.stop_program()
-        if program.says_hello and self._record.get(location) == program.hash and await _start_stored_program(connection, program):
+        is_stored = program.says_hello and self._stored_programs().get(location) == program.hash
+        if is_stored and await _start_stored_program(connection, program):
             return
-        self._record.set(location, None)
+        self._note_program(location, None)
         await connection.download(blob)
-        self._record.set(location, program.hash if program.says_hello else None)
+        self._note_program(location, program.hash if program.says_hello else None)
         await connection.start_program()
 
     async def _close(self, connection: HubConnection) -> None:
@@ -304,12 +275,27 @@ class ProfileTransport(ABC):
         finally:
             await connection.disconnect()
 
+    def _stored_programs(self) -> dict[str, object]:
+        """Hashes of the programs that this computer downloaded last, by address and slot of the hub."""
+        try:
+            hashes = json.loads(self._record.read_text(encoding="utf-8"))
+        except (OSError, ValueError, RecursionError):
+            return {}
+        return hashes if isinstance(hashes, dict) else {}
+
+    def _note_program(self, location: str, program_hash: int | None) -> None:
+        try:
+            write_durably(self._record, json.dumps({**self._stored_programs(), location: program_hash}).encode())
+        except OSError as error:
+            _log.debug("cannot note which program is on the hub: %s", error)
+
     # ---- in the caller's thread
 
-    def _running_loop(self) -> EventLoopThread:
+    def _run(self, coroutine: Coroutine[Any, Any, _T], limit_s: float, operation: str) -> _T:
         if self._loop is None:
+            coroutine.close()
             raise HubError("the link to the hub is not open; open it first")
-        return self._loop
+        return self._loop.run(coroutine, limit_s + _GRACE_S, operation)
 
     def _require_connection(self) -> HubConnection:
         if self._connection is None:
