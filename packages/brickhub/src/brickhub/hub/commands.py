@@ -31,11 +31,13 @@ class WireNumber:
     """Number on the wire.
 
     Attributes:
+        role: ``"command"`` or ``"channel"``, for messages.
         low, high: range in its unit; the hub clamps commands to it.
         scale: factor from the number to its fixed-point value on the wire.
         imports: names that the hub program imports for it, besides hub, ports and devices.
     """
 
+    role: ClassVar[str]
     scale: ClassVar[int] = 10
     imports: ClassVar[Imports] = ()
 
@@ -58,6 +60,10 @@ class WireNumber:
         """Name, range and unit."""
         return Entry(self.name, self.low, self.high, self.unit)
 
+    def error(self, problem: str) -> DescriptionError:
+        """Error about this number; ``problem`` goes on after its name."""
+        return DescriptionError(f"{self.role} '{self.name}'{problem}")
+
 
 @dataclass(frozen=True)
 class Command(WireNumber, ABC):
@@ -72,6 +78,7 @@ class Command(WireNumber, ABC):
         code: statement that starts the move; a format of the command and the expression of its value. See `start`.
     """
 
+    role: ClassVar[str] = "command"
     description: ClassVar[str] = "{0.low:g} to {0.high:g} {0.unit}"
     code: ClassVar[str]
     ends: ClassVar[bool] = True
@@ -146,9 +153,7 @@ class RunAngle(_MotorCommand):
 
     def check(self, robot: Robot) -> None:
         if not 1 <= self.speed_deg_s <= WIRE_MAX:
-            raise DescriptionError(
-                f"command '{self.name}': speed {self.speed_deg_s} deg/s; give a positive one, the sign is the angle's"
-            )
+            raise self.error(f": speed {self.speed_deg_s} deg/s; give a positive one, the sign is the angle's")
 
     def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
         return (amount,)
@@ -167,9 +172,7 @@ class _Endless(_MotorCommand):
 
     def check(self, robot: Robot) -> None:
         if robot.motor(self.motor).range_deg is not None:
-            raise DescriptionError(
-                f"command '{self.name}' turns endlessly, and motor '{self.motor}' has a range; use RunAngle or TrackTarget"
-            )
+            raise self.error(f" turns endlessly, and motor '{self.motor}' has a range; use RunAngle or TrackTarget")
 
     def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
         return (_test_turn_deg(amount),)
@@ -197,7 +200,7 @@ class RunDuty(_Endless):
     def check(self, robot: Robot) -> None:
         super().check(robot)
         if self.low < -100 or self.high > 100:
-            raise DescriptionError(f"command '{self.name}' ranges from {self.low:g} to {self.high:g} %; stay within -100 to 100")
+            raise self.error(f" ranges from {self.low:g} to {self.high:g} %; stay within -100 to 100")
 
 
 @dataclass(frozen=True)
@@ -212,10 +215,8 @@ class TrackTarget(_MotorCommand):
     def check(self, robot: Robot) -> None:
         range_deg = robot.motor(self.motor).range_deg
         if range_deg is not None and not range_deg[0] <= self.low < self.high <= range_deg[1]:
-            raise DescriptionError(
-                f"command '{self.name}' ranges from {self.low:g} to {self.high:g} deg, beyond the motor's range of "
-                f"{range_deg[0]} to {range_deg[1]}; stay within"
-            )
+            beyond = f"beyond the motor's range of {range_deg[0]} to {range_deg[1]}"
+            raise self.error(f" ranges from {self.low:g} to {self.high:g} deg, {beyond}; stay within")
 
     def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
         return (0.0,)
@@ -291,9 +292,7 @@ class Curve(_DriveBaseCommand):
     def check(self, robot: Robot) -> None:
         super().check(robot)
         if not 10 <= abs(self.radius_mm) <= WIRE_MAX:
-            raise DescriptionError(
-                f"command '{self.name}': a radius of {self.radius_mm} mm; give 10 or more, or Turn on the spot"
-            )
+            raise self.error(f": a radius of {self.radius_mm} mm; give 10 or more, or Turn on the spot")
 
     def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
         base = drive_base(robot, self.name)
@@ -379,7 +378,7 @@ class HubLight(_HubCommand):
 
     def check(self, robot: Robot) -> None:
         if self.low < 0 or self.high > 360:
-            raise DescriptionError(f"command '{self.name}' ranges from {self.low:g} to {self.high:g}; hues are 0 to 360 degrees")
+            raise self.error(f" ranges from {self.low:g} to {self.high:g}; hues are 0 to 360 degrees")
 
 
 @dataclass(frozen=True)
@@ -398,13 +397,9 @@ class HubSound(_HubCommand):
 
     def check(self, robot: Robot) -> None:
         if not robot.hub.model.has_speaker:
-            raise DescriptionError(
-                f"command '{self.name}': a {robot.hub.value} hub has no loudspeaker; choose a prime hub, or use HubLight"
-            )
+            raise self.error(f": a {robot.hub.value} hub has no loudspeaker; choose a prime hub, or use HubLight")
         if self.low < 0 or not 1 <= self.duration_ms <= 200:
-            raise DescriptionError(
-                f"command '{self.name}': {self.low:g} Hz at least, for {self.duration_ms} ms; give 0 Hz or more, and 1 to 200 ms"
-            )
+            raise self.error(f": {self.low:g} Hz at least, for {self.duration_ms} ms; give 0 Hz or more, and 1 to 200 ms")
 
     def setup(self, robot: Robot) -> tuple[str, ...]:
         play = f"hub.speaker.beep(frequency_hz, {self.duration_ms})"

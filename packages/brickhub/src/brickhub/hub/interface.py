@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from brickhub.entry import Entry
-from brickhub.errors import DescriptionError, hint
+from brickhub.errors import hint
 from brickhub.fields import check_fields, check_value
 from brickhub.hub.commands import *
 from brickhub.hub.commands import WIRE_MAX, Command, Imports, WireNumber, drive_base, drive_base_setup
@@ -29,6 +29,7 @@ class Channel(WireNumber, ABC):
         roughness: insignificant difference between a robot and its twin, in the unit, due to rounding and clock ticks.
     """
 
+    role: ClassVar[str] = "channel"
     is_nominal: ClassVar[bool] = False
     noise: ClassVar[str | None] = None
     noise_share: ClassVar[str | None] = None
@@ -118,10 +119,8 @@ class _ImuChannel(Channel):
 
     def check(self, robot: Robot) -> None:
         if not robot.hub.model.has_imu:
-            raise DescriptionError(
-                f"channel '{self.name}' needs an IMU, which the {robot.hub.value} hub lacks; "
-                "choose a prime, essential or technic hub, or omit the channel"
-            )
+            remedy = "choose a prime, essential or technic hub, or omit the channel"
+            raise self.error(f" needs an IMU, which the {robot.hub.value} hub lacks; {remedy}")
 
 
 @dataclass(frozen=True)
@@ -242,7 +241,7 @@ class Distance(Channel):
 
     def check(self, robot: Robot) -> None:
         if robot.sensor(self.sensor).kind.model.range_mm is None:
-            raise DescriptionError(f"channel '{self.name}': '{self.sensor}' is not an UltrasonicSensor; use a SensorReading")
+            raise self.error(f": '{self.sensor}' is not an UltrasonicSensor; use a SensorReading")
 
     @property
     def expression(self) -> str:
@@ -284,18 +283,16 @@ class SensorReading(Channel):
     def check(self, robot: Robot) -> None:
         kind = robot.sensor(self.sensor).kind
         if kind.model.range_mm is not None:
-            raise DescriptionError(f"channel '{self.name}': '{self.sensor}' is an {kind.value}; use Distance")
+            raise self.error(f": '{self.sensor}' is an {kind.value}; use Distance")
         readings = kind.model.readings
         if self.method not in readings:
             known = f"{hint(self.method, readings)}; it has {', '.join(readings) or 'none'}"
-            raise DescriptionError(f"channel '{self.name}': a {kind.value} has no reading '{self.method}'{known}")
+            raise self.error(f": a {kind.value} has no reading '{self.method}'{known}")
         parts = PARTS.get(self.method)
         if parts is None and self.part is not None:
-            raise DescriptionError(f"channel '{self.name}': {self.method}() is one number; omit the part '{self.part}'")
+            raise self.error(f": {self.method}() is one number; omit the part '{self.part}'")
         if parts is not None and self.part not in parts:
-            raise DescriptionError(
-                f"channel '{self.name}': {self.method}() is {len(parts)} numbers; give as part one of {', '.join(parts)}"
-            )
+            raise self.error(f": {self.method}() is {len(parts)} numbers; give as part one of {', '.join(parts)}")
 
     @property
     def statement(self) -> str | None:

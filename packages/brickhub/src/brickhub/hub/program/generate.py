@@ -48,16 +48,14 @@ def validate(robot: Robot, interface: Interface) -> None:
         raise DescriptionError(f"{len(interface.commands)} commands do not fit one write of 20 bytes; use at most {MAX_ACTIONS}")
     if not interface.channels:
         raise DescriptionError("the interface has no channels; name at least one, so that the hub has something to answer")
-    for kind, numbers in (("command", interface.commands), ("channel", interface.channels)):
-        for name, count in Counter(number.name for number in numbers).items():
-            if count > 1:
-                raise DescriptionError(f"{kind} '{name}' is named {count} times; name each once")
+    for numbers in (interface.commands, interface.channels):
+        counts = Counter(number.name for number in numbers)
         for number in numbers:
+            if counts[number.name] > 1:
+                raise number.error(f" is named {counts[number.name]} times; name each once")
             low, high, largest = number.low, number.high, WIRE_MAX / number.scale
             if not -largest <= low < high <= largest:
-                raise DescriptionError(
-                    f"{kind} '{number.name}' ranges from {low} to {high}; give low < high within +-{largest:g}"
-                )
+                raise number.error(f" ranges from {low} to {high}; give low < high within +-{largest:g}")
             number.check(robot)
     movers = dict[str, Command]()
     for command in interface.commands:
