@@ -91,7 +91,9 @@ _HINTS = {
 def describe_traceback(text: str, source: str, name: str = MAIN_FILE) -> str:
     """One line from the hub's output: the last exception, its line in ``source`` (file ``name``), and a remedy."""
     text = text[text.rfind("Traceback (") :]
-    error = next((line.strip() for line in reversed(text.splitlines()) if _is_error(line)), "an unknown error")
+    # The last line that names an exception: neither indented, nor the heading, nor the firmware's closing message.
+    errors = (line.strip() for line in reversed(text.splitlines()) if re.match(r"[A-Za-z_]\w*(:|$)", line))
+    error = next(errors, "an unknown error")
     numbers = re.findall(rf'File "{re.escape(name)}", line (\d+)', text)
     lines = source.splitlines()
     where = ""
@@ -99,11 +101,6 @@ def describe_traceback(text: str, source: str, name: str = MAIN_FILE) -> str:
         where = f" at line {numbers[-1]} ({lines[int(numbers[-1]) - 1].strip()})"
     remedy = next((hint for key, hint in _HINTS.items() if key in error), "correct the cause, then call open()")
     return f"the program on the hub raised {error}{where}; {remedy}"
-
-
-def _is_error(line: str) -> bool:
-    """True if a line names an exception: neither indented, nor the heading, nor the firmware's closing message."""
-    return re.match(r"[A-Za-z_]\w*(:|$)", line) is not None
 
 
 _READ_S = 0.25
@@ -144,49 +141,38 @@ def run_program(
     check_time_limit(time_limit_s)
     transcript = Transcript(stdout, stderr)
     transport.start(program)
-    reader = _InputReader(stdin) if stdin is not None else None
+    pieces, pending = _pieces_of(stdin), b""
     deadline_s = None if time_limit_s is None else transport.now_s() + time_limit_s
     try:
         while True:
             if deadline_s is not None and transport.now_s() >= deadline_s:
                 deadline_s = None
                 transport.stop()
-            elif reader is not None and (data := reader.next()):
-                try:
-                    transport.write(data)
-                except HubBusyError:
-                    reader.put_back(data)  # the program is not reading at present
-            transcript.feed(transport.read(_READ_S if reader is None else _READ_BESIDE_INPUT_S))
+            elif pending or not pieces.empty():
+                pending = pending or pieces.get()
+                with contextlib.suppress(HubBusyError):  # the program is not reading at present
+                    transport.write(pending)
+                    pending = b""
+            transcript.feed(transport.read(_READ_S if stdin is None else _READ_BESIDE_INPUT_S))
     except ProgramStoppedError:
         return transcript.end()
 
 
-class _InputReader:
-    """Non-blocking standard input, read in a separate thread."""
+def _pieces_of(stream: BinaryIO | TextIO | None) -> queue.SimpleQueue[bytes]:
+    """Pieces of standard input that fit a write, as a thread reads them."""
+    pieces = queue.SimpleQueue[bytes]()
+    if stream is None:
+        return pieces
+    read = getattr(stream, "read1", stream.readline)
 
-    def __init__(self, stream: BinaryIO | TextIO) -> None:
-        self._stream = stream
-        self._pieces: queue.SimpleQueue[bytes] = queue.SimpleQueue()
-        self._returned = b""
-        threading.Thread(target=self._read, name="standard input", daemon=True).start()
-
-    def _read(self) -> None:
-        read = getattr(self._stream, "read1", self._stream.readline)
+    def put_all() -> None:
         with contextlib.suppress(OSError, ValueError):  # the stream was closed
             while data := as_typed(read(_LONGEST_READ)):
                 for start in range(0, len(data), WRITE_BYTES):
-                    self._pieces.put(data[start : start + WRITE_BYTES])
+                    pieces.put(data[start : start + WRITE_BYTES])
 
-    def next(self) -> bytes:
-        """Next bytes; ``b""`` while there are none."""
-        data, self._returned = self._returned, b""
-        try:
-            return data or self._pieces.get_nowait()
-        except queue.Empty:
-            return b""
-
-    def put_back(self, data: bytes) -> None:
-        self._returned = data
+    threading.Thread(target=put_all, name="standard input", daemon=True).start()
+    return pieces
 
 
 class Transcript:
