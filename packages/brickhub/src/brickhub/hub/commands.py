@@ -106,13 +106,10 @@ class Command(WireNumber, ABC):
         """Statements of the hub program that make the mover, after the motors; equal ones of several commands occur once."""
         return ()
 
-    def start(self, robot: Robot, amount: str) -> str:
-        """Statement of the hub program that starts the move, without waiting for its end; ``amount`` is an expression."""
-        return self.code.format(self, amount)
-
-    def start_all(self, robot: Robot, amounts: Mapping[str, str]) -> str:
-        """Statement that starts all commands of one ``call``; ``amounts`` are expressions by command name."""
-        return self.start(robot, amounts[self.name])
+    def start(self, robot: Robot, amounts: Mapping[str, str]) -> str:
+        """Statement of the hub program that starts the move, without waiting for its end. ``amounts``: expressions of all commands
+        of one ``call``, by their names."""
+        return self.code.format(self, amounts[self.name])
 
 
 def _test_turn_deg(turn_deg: float) -> float:
@@ -158,10 +155,10 @@ class RunAngle(_MotorCommand):
     def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
         return (amount,)
 
-    def start(self, robot: Robot, amount: str) -> str:
+    def start(self, robot: Robot, amounts: Mapping[str, str]) -> str:
         if robot.motor(self.motor).range_deg is not None:
-            return f"{self.mover}.turn({self.speed_deg_s}, {amount})"
-        return f"{self.mover}.run_angle({self.speed_deg_s}, {amount}, wait=False)"
+            return f"{self.mover}.turn({self.speed_deg_s}, {amounts[self.name]})"
+        return f"{self.mover}.run_angle({self.speed_deg_s}, {amounts[self.name]}, wait=False)"
 
 
 @dataclass(frozen=True)
@@ -310,7 +307,7 @@ class _Drive(_DriveBaseCommand):
     def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
         return tuple(map(_test_turn_deg, super().turns_deg(robot, amount)))
 
-    def start_all(self, robot: Robot, amounts: Mapping[str, str]) -> str:
+    def start(self, robot: Robot, amounts: Mapping[str, str]) -> str:
         speed, turn_rate = (amounts.get(command.name, "0") for command in (DriveSpeed, DriveTurnRate))
         return f"{self.mover}.drive({speed}, {turn_rate})"
 

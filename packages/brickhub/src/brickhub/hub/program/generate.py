@@ -268,7 +268,7 @@ def _start_moves(robot: Robot, interface: Interface) -> str:
         calls.setdefault(command.call or command.name, []).append((command, amount))
     for group in calls.values():
         amounts = {command.name: amount for command, amount in group}
-        lines.append("    " + group[0][0].start_all(robot, amounts))
+        lines.append("    " + group[0][0].start(robot, amounts))
     return "\n".join(lines) + "\n"
 
 
