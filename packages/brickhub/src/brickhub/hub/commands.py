@@ -107,8 +107,8 @@ class Command(WireNumber, ABC):
         return ()
 
     def start(self, robot: Robot, amounts: Mapping[str, str]) -> str:
-        """Statement of the hub program that starts the move, without waiting for its end. ``amounts``: expressions of all commands
-        of one ``call``, by their names."""
+        """Statement of the hub program that starts the move, without waiting for its end. ``amounts``: expressions of all
+        commands of one ``call``, by their names."""
         return self.code.format(self, amounts[self.name])
 
 
