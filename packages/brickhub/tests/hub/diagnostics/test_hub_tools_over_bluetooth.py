@@ -96,7 +96,7 @@ def test_link_uses_calibration_of_hub(world: World, tmp_path) -> None:
     robot = calibrated(TWO_WHEELER, Calibration({}, frozenset({"left"})))
     world.hub.library.append(generate(robot, SPINNING).source)
     transport = world.transport()
-    calibrate = calibration_of(lambda: transport.identity.address, tmp_path)
+    calibrate = calibration_of(transport, tmp_path)
     with HubLink(transport, TWO_WHEELER, SPINNING, calibrate=calibrate) as link:
         link.act([50, 50])
         assert "Direction.COUNTERCLOCKWISE" not in link.program.source

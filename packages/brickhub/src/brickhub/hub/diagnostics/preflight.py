@@ -43,9 +43,6 @@ _RANGE_MARGIN_DEG = 8.0
 """Tolerance for a joint that yields beyond its range."""
 _TEST_MOVE_READS = 40
 
-# Below the first voltage the hub warns, below the second it soon switches off; limits of the firmware (battery.c).
-_LITHIUM_MV = (6800, 6000)
-_CELLS_MV = (5400, 4800)
 _ENCODERS = {kind.model.device_id for kind in MotorKind}
 """Device ids of motors with an encoder: a program for one also drives the others."""
 _NAMES = (
@@ -198,8 +195,9 @@ def check_ports(robot: Robot, result: Survey) -> Iterator[Finding]:
 
 def check_battery(hub: HubKind, battery_mv: int) -> Finding:
     """Battery check: enough voltage for the motors."""
-    low_mv, critical_mv = _LITHIUM_MV if hub.model.is_rechargeable else _CELLS_MV
-    remedy = "charge it" if hub.model.is_rechargeable else "put fresh batteries in"
+    # Below the first voltage the hub warns, below the second it soon switches off; limits of the firmware (battery.c).
+    cells, lithium = (5400, 4800, "put fresh batteries in"), (6800, 6000, "charge it")
+    low_mv, critical_mv, remedy = lithium if hub.model.is_rechargeable else cells
     volts = f"{battery_mv / 1000:.2f} V"
     if battery_mv < critical_mv:
         return Finding("battery", Outcome.ERROR, f"{volts}, it is empty; {remedy}")
@@ -214,9 +212,8 @@ def check_imu(robot: Robot, result: Survey) -> Iterator[Finding]:
         return
     tilt = f"pitch {result.pitch_deg}, roll {result.roll_deg} deg"
     if result.imu_ready is None:
-        yield Finding(
-            "imu", Outcome.ERROR, "the hub did not say anything about its IMU; update its firmware on code.pybricks.com"
-        )
+        silent = "the hub did not say anything about its IMU; update its firmware on code.pybricks.com"
+        yield Finding("imu", Outcome.ERROR, silent)
     elif not result.imu_ready:
         yield Finding("imu", Outcome.WARNING, f"{tilt}, not ready; leave the robot still for some seconds and check again")
     else:
