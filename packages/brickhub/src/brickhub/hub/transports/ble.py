@@ -33,7 +33,6 @@ from brickhub.robot import HubKind
 if TYPE_CHECKING:
     from bleak import BleakClient
     from bleak.backends.adapter import BaseBleakAdapter
-    from bleak.backends.characteristic import BleakGATTCharacteristic
     from bleak.backends.client import BaseBleakClient
     from bleak.backends.device import BLEDevice
     from bleak.backends.scanner import AdvertisementData, BaseBleakScanner
@@ -275,46 +274,33 @@ class BlePort:
     """Pybricks Profile over a GATT connection, with bleak."""
 
     def __init__(self, device: BLEDevice, client_backend: type[BaseBleakClient] | None, timeout_s: float) -> None:
-        self.name, self.address = device.name or "", device.address
-        self._device, self._client_backend, self._timeout_s = device, client_backend, timeout_s
-        self._client: BleakClient | None = None
-
-    async def open(self, on_event: Callable[[bytes], None], on_loss: Callable[[str], None]) -> None:
         from bleak import BleakClient
 
-        self._on_event = on_event
-        self._client = BleakClient(
-            self._device,
-            disconnected_callback=lambda _: on_loss("it is out of reach, or was switched off"),
-            timeout=self._timeout_s,
-            backend=self._client_backend,
-        )
+        def on_disconnect(_: BleakClient) -> None:
+            self._on_loss("it is out of reach, or was switched off")
+
+        self.name, self.address = device.name or "", device.address
+        self._client = BleakClient(device, on_disconnect, timeout=timeout_s, backend=client_backend)
+
+    async def open(self, on_event: Callable[[bytes], None], on_loss: Callable[[str], None]) -> None:
+        self._on_event, self._on_loss = on_event, on_loss
         with self._errors():
             await self._client.connect()
 
     async def read(self, characteristic: str) -> bytes:
         with self._errors():
-            return bytes(await self._opened().read_gatt_char(characteristic))
+            return bytes(await self._client.read_gatt_char(characteristic))
 
     async def subscribe(self) -> None:
-        def on_notification(_: BleakGATTCharacteristic, data: bytearray) -> None:
-            self._on_event(bytes(data))
-
         with self._errors():
-            await self._opened().start_notify(profile.COMMAND_EVENT_UUID, on_notification)
+            await self._client.start_notify(profile.COMMAND_EVENT_UUID, lambda _, data: self._on_event(bytes(data)))
 
     async def write(self, command: bytes, operation: str) -> None:
         with bleak_errors(operation, HubDisconnectedError):
-            await self._opened().write_gatt_char(profile.COMMAND_EVENT_UUID, command, response=True)
+            await self._client.write_gatt_char(profile.COMMAND_EVENT_UUID, command, response=True)
 
     async def close(self) -> None:
-        if self._client is not None:
-            await self._client.disconnect()
-
-    def _opened(self) -> BleakClient:
-        if self._client is None:
-            raise HubDisconnectedError("the hub is not connected; open the link first")
-        return self._client
+        await self._client.disconnect()
 
     def _errors(self) -> AbstractContextManager[None]:
         return bleak_errors(f"connect to the hub '{self.name}'", HubDisconnectedError)
