@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from brickhub.hub.hub_errors import HubNotFoundError
+from brickhub.errors import HubNotFoundError
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.virtual.virtual_transport import VirtualHub
 from bricksrl.cli import main

@@ -17,7 +17,7 @@ import pytest
 import torch
 from videos import read_video
 
-from brickhub.hub.hub_errors import HubNotFoundError
+from brickhub.errors import HubNotFoundError
 from brickhub.hub.transport import Pipe
 from brickhub.virtual.virtual_transport import VirtualHub
 from bricksrl.cli import main

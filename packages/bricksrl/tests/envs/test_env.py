@@ -21,7 +21,7 @@ from torchrl.envs import (
 )
 
 import bricksrl
-from brickhub.hub.hub_errors import BluetoothUnavailableError, Reason
+from brickhub.errors import BluetoothUnavailableError, Reason
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.virtual.virtual_transport import VirtualHub
 from bricksrl.envs.connection import Connection

@@ -16,8 +16,8 @@ from types import FrameType
 from typing import BinaryIO, TextIO
 
 from brickhub.errors import TwinError
+from brickhub.hub.program.run_program import check_time_limit, folder_with_module, load_program, read_program
 from brickhub.hub.program.syntax import parse
-from brickhub.hub.program.user_program import check_time_limit, folder_with_module, load_program, read_program
 from brickhub.hub.transport import HubProgram, as_typed
 from brickhub.robot import HubKind
 from brickhub.virtual.bench_body import FittedBench

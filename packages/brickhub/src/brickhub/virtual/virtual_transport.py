@@ -16,7 +16,7 @@ from collections.abc import Callable
 from greenlet import getcurrent, greenlet
 
 from brickhub.errors import HubError, HubProgramError, TwinError
-from brickhub.hub.program.traceback import describe_traceback
+from brickhub.hub.program.run_program import describe_traceback
 from brickhub.hub.transport import HubProgram, Pipe, app_data_slot
 from brickhub.virtual import interpreter
 from brickhub.virtual.body import Body, Rng

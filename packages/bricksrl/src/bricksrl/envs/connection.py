@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from brickhub.hub.hub_errors import HubNotFoundError, MediumUnavailableError
+from brickhub.errors import HubNotFoundError, MediumUnavailableError
 from bricksrl.errors import HubError
 
 if TYPE_CHECKING:

@@ -26,7 +26,7 @@ from bricksrl.errors import BricksError, CameraError, DescriptionError, HubError
 
 if TYPE_CHECKING:
     from brickhub.hub.link.lockstep import HubLink
-    from brickhub.hub.link.reading import Reading
+    from brickhub.hub.link.receiver import Reading
     from brickhub.virtual.virtual_transport import VirtualHub
     from bricksrl.envs.odometry import Odometer
 

@@ -192,7 +192,7 @@ def _real_env(task: Task, options: EnvOptions, transport: ProfileTransport, seed
         _log.warning("%s: put the robot where an episode starts", task.id)
 
     camera = None if task.camera is None else VideoCamera(task.camera)
-    calibrate = calibration_of(lambda: transport.identity.address if transport.identity else "")
+    calibrate = calibration_of(transport)
     link = _link(task, options, transport, calibrate)
     connection = Connection(link, place or ask_to_place, SonarOdometer(task.interface), camera=camera)
     return HubEnv(task, lambda _seed: connection, seed=seed)

@@ -10,7 +10,7 @@ import torch
 from tensordict import TensorDictBase
 from torchrl.envs import EnvBase
 
-from brickhub.hub.link.team import TeamLink
+from brickhub.hub.link.lockstep import HubLink
 from brickhub.virtual.virtual_transport import PLACEMENT_MS, VirtualHub
 from bricksrl.envs.arenas.arena_specs import frame, joined_actions, set_specs
 from bricksrl.envs.arenas.arena_task import ArenaState, ArenaTask
@@ -20,7 +20,7 @@ from bricksrl.errors import BricksError, HubError, StoppedError
 from bricktwin.twin.arena import ArenaWorld
 
 if TYPE_CHECKING:
-    from brickhub.hub.link.reading import Reading
+    from brickhub.hub.link.receiver import Reading
     from bricktwin.twin.physics import Physics
 
 
@@ -47,7 +47,7 @@ class ArenaEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         self._physics, self._realtime = physics, realtime
         self._world: ArenaWorld | None = None
         self._hubs: list[VirtualHub] = []
-        self._links: list[TeamLink] = []
+        self._links: list[HubLink] = []
         self._state: ArenaState | None = None
         self._step_count = 0
         self.reconnect = Reconnect()
@@ -74,7 +74,7 @@ class ArenaEnv(BricksEnv, EnvBase):  # type: ignore[misc]
             self._hubs = [VirtualHub(body, realtime=self._realtime) for body in self._world.bodies]
             self._world.runners = [hub.run_on_until for hub in self._hubs]
             self._links = [
-                TeamLink(hub, body.robot, interface)
+                HubLink(hub, body.robot, interface)
                 for hub, body, interface in zip(self._hubs, self._world.bodies, task.interfaces, strict=True)
             ]
         return self._world
