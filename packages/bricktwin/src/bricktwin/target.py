@@ -40,8 +40,7 @@ def with_body(robot: Robot) -> Target:
 def robot_of_plan(path: Path) -> Robot:
     """The robot that a building plan describes: its hub, and the motors and sensors on the hub's ports. Raises PlanError if the
     plan cannot be read, DescriptionError if it has no hub of ours."""
-    from bricktwin.plans.facts import read_facts
-    from bricktwin.robots.planned import hub_sides
+    from bricktwin.robots.planned import hub_sides, read_facts
 
     facts = read_facts(path)
     hub = next(iter(facts.devices("hub")), None)

@@ -11,10 +11,9 @@ from plan_lines import PLANS, plan_of
 from test_bodies import FLAT, PLATE, shaft
 
 from brickhub.errors import PlanError
-from bricktwin.plans.mechanism.end_stops import free_deg
 from bricktwin.plans.mechanism.kinematics import merged
 from bricktwin.plans.mechanism.posing import Poser
-from bricktwin.plans.planned_robot import PlannedRobot, planned, planned_robot
+from bricktwin.plans.planned_robot import PlannedRobot, free_deg, planned, planned_robot
 
 HUB = "1 15 200 0 0 1 0 0 0 1 0 0 0 1 67718.dat"
 
@@ -44,9 +43,9 @@ def test_motors_drive_same_as_manual_twins(name, port, gears, gear):
 
 def test_gear_pairs_multiply_idler_does_not():
     def gears(*teeth: int) -> tuple[int, ...]:
-        from bricktwin.plans.mechanism.trains import Train
+        from bricktwin.plans.mechanism.kinematics import Train
 
-        return Train("A", 0, 1, 1.0, teeth, ()).gears
+        return Train("A", 1, 1.0, teeth, ()).gears
 
     assert gears(12, 20, 20, 60) == (12, 60)
     assert gears(8, 24, 8, 40) == (1, 15)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bricktwin.plans.colours import colour_of
+from bricktwin.plans.catalogue import colour_of
 from bricktwin.plans.geometry import Bools, Floats
 from bricktwin.plans.plan import Placed
 from bricktwin.plans.shapes import TINTS, Tint, surface_of

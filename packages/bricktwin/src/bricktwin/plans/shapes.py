@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bricktwin.plans.geometry import Floats, Form, Solid, circle_sides, cylinder, frame_of, triple
-from bricktwin.plans.part import Fit, Gear, GearForm, Part, Site
+from bricktwin.plans.part import DeviceKind, Fit, Gear, GearForm, Part, Site
 
 DETAILED, COARSE = 0.1, 0.3
 """Largest distance of a circle from the polygon that is drawn for it: of parts in a booklet, and of moving robots."""
@@ -243,10 +243,10 @@ def _electric_marks(part: Part, chord_error: float) -> list[tuple[Floats, Tint]]
         button = (float(middle[0]), float(top), float(middle[2] - 0.3 * length))
         pieces.append((_box((40.0, 0.5, 40.0)) + np.array([middle[0], top, middle[2] + 0.18 * length]), Tint.FACE))
         pieces.append((_placed(_disc(16.0, chord_error), (0.0, -1.0, 0.0), button), Tint.TURNING))
-    if device.looks is not None and part.sites:
+    if device.kind is DeviceKind.SENSOR and device.direction is not None and part.sites:
         eyes = (-35.0, 35.0) if high[0] > 60 else (0.0,)
         eye, y = _disc(22.0, chord_error), float(low[1] + high[1]) / 2
-        pieces += [(_placed(eye, device.looks, (x, y, float(low[2]))), Tint.FACE) for x in eyes]
+        pieces += [(_placed(eye, device.direction, (x, y, float(low[2]))), Tint.FACE) for x in eyes]
     return pieces
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import functools
 import logging
-import math
 import os
 import re
 from collections.abc import Callable
@@ -18,8 +17,9 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 
 from brickhub.errors import TwinError
-from bricktwin.plans.colours import code_of
+from bricktwin.plans.catalogue import DIRECT_COLOUR, colour_of
 from bricktwin.plans.geometry import Floats
+from bricktwin.plans.ldraw_file import colour_and_numbers, key_of
 
 Triangles = dict[int, Floats]
 """Triangles [n, 3, 3] by colour code, counter-clockwise seen from outside."""
@@ -28,7 +28,6 @@ MAIN_COLOUR = 16
 """Code of the colour that is chosen where the part is used."""
 
 _SYSTEM_FOLDERS = ("/usr/share/ldraw", "/usr/local/share/ldraw", "/Library/LDraw", "C:/LDraw")
-_DIRECT_COLOUR = 0x2000000
 _MAX_DEPTH = 24
 _MAX_FILE_BYTES = 8_000_000
 _MAX_TRIANGLES, _MAX_VISITS = 400_000, 20_000
@@ -84,8 +83,8 @@ class Library:
 
     def rgba(self, code: int) -> tuple[float, float, float, float]:
         """Colour of a code, as RGBA in 0..1; medium grey if undefined."""
-        if code >= _DIRECT_COLOUR:
-            return (code >> 16 & 255) / 255, (code >> 8 & 255) / 255, (code & 255) / 255, 1.0
+        if code >= DIRECT_COLOUR:
+            return (*colour_of(code).rgb, 1.0)
         return self._colours.get(code, (0.5, 0.5, 0.5, 1.0))
 
     def part(self, name: str) -> Triangles:
@@ -173,16 +172,12 @@ def _read_line(
     clockwise: bool,
     inverted: bool,
 ) -> None:
-    try:
-        colour = code_of(words[1])
-        count = 12 if words[0] == "1" else 3 * int(words[0])
-        numbers = [float(word) for word in words[2 : 2 + count]]
-    except (ValueError, IndexError):
+    drawn = colour_and_numbers(words, 12 if words[0] == "1" else 3 * int(words[0]))
+    if drawn is None:
         return
-    if len(numbers) < count or not all(map(math.isfinite, numbers)):
-        return
+    colour, numbers = drawn
     if words[0] == "1":
-        name = " ".join(words[14:]).replace("\\", "/").lower()
+        name = key_of(" ".join(words[14:]))
         references.append(SubFile(colour, np.array(numbers[3:]).reshape(3, 3), np.array(numbers[:3]), name, inverted))
         return
     corners = np.array(numbers).reshape(-1, 3)

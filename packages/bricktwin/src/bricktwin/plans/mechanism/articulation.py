@@ -11,8 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bricktwin.plans.geometry import Floats
-from bricktwin.plans.mechanism.kinematics import Hinge, Link, Mechanism, Mounted, Wheel, merged
-from bricktwin.plans.mechanism.trains import Train, is_balanced, is_coaxial
+from bricktwin.plans.mechanism.kinematics import Hinge, Link, Mechanism, Mounted, Train, Wheel, is_balanced, merged, share_axis
 
 _BALANCED_KG_M = 1.2e-5
 """12 g, 1 mm off the axis: 0.1 Nmm, 1/200 of a motor's friction."""
@@ -131,7 +130,7 @@ class _Simplifier:
         self.followers: list[tuple[int, Hinge, str, float]] = []
         self.rods: list[tuple[int, Hinge, Hinge]] = []
         self.armature: dict[str, float] = {}
-        self.coupled = {train.output for train in trains} | {number for train in trains for number, _ in train.others}
+        self.coupled = {number for train in trains for number in train.hinges}
         self.wheels = {wheel.link for wheel in mechanism.wheels}
         self.preserved = self.wheels | {device.link for device in mechanism.mounted} | {mechanism.fixed or 0}
 
@@ -170,7 +169,7 @@ class _Simplifier:
             if link in self.preserved or self.find(link) != link or not numbers or self.coupled & set(numbers):
                 continue
             hinges = [self.hinges[number] for number in numbers]
-            if not all(is_coaxial(hinges[0], hinge) for hinge in hinges):
+            if not all(share_axis(hinges[0], hinge) for hinge in hinges):
                 continue
             if self.mechanism.links[link].mass_kg < _ROD_KG and is_balanced(self.mechanism, hinges[0], link, _BALANCED_KG_M):
                 self.merged_into[link] = self.find(hinges[0].parent if self.find(hinges[0].child) == link else hinges[0].child)
@@ -182,7 +181,7 @@ class _Simplifier:
         for number, hinge in list(self.hinges.items()):
             ends = {self.find(hinge.parent), self.find(hinge.child)}
             for other, earlier in self.hinges.items():
-                is_same = {self.find(earlier.parent), self.find(earlier.child)} == ends and is_coaxial(earlier, hinge)
+                is_same = {self.find(earlier.parent), self.find(earlier.child)} == ends and share_axis(earlier, hinge)
                 if len(ends) == 1 or (is_same and other != number and (other in self.coupled or other < number)):
                     if number not in self.coupled:
                         del self.hinges[number]
@@ -195,7 +194,7 @@ class _Simplifier:
             if len(numbers) != 2 or link in self.preserved or self.coupled & set(numbers) or self.find(link) != link:
                 continue
             first, second = (self.hinges[number] for number in numbers)
-            is_parallel = np.linalg.norm(np.cross(first.axis, second.axis)) < 0.02 and not is_coaxial(first, second)
+            is_parallel = np.linalg.norm(np.cross(first.axis, second.axis)) < 0.02 and not share_axis(first, second)
             is_rod = (first.is_ball and second.is_ball) or (is_parallel and not first.is_ball and not second.is_ball)
             if is_rod and self.mechanism.links[link].mass_kg < _ROD_KG and self._is_in_loop(link, numbers):
                 self.rods.append((link, first, second))
@@ -237,7 +236,8 @@ class _Simplifier:
             tree.append(number)
         roots = {link: self.find(link) for link in range(len(mechanism.links))}
         body_of = {link: order.index(root) for link, root in roots.items() if root in order}
-        joints = {number: self._joint(self.hinges[number], body_of) for number in (*tree, *loops)}
+        joints = {number: _joint(self.hinges[number], body_of) for number in (*tree, *loops)}
+        flipped = {number: replace(joint, axis=-joint.axis) for number, joint in joints.items()}
         rods = tuple(_rod(mechanism.links[link], first, second, link, body_of) for link, first, second in self.rods)
         pieces = {number: [mechanism.links[link] for link in body_of if body_of[link] == number] for number in range(len(order))}
         for rod, (link, _, _) in zip(rods, self.rods, strict=True):
@@ -247,8 +247,17 @@ class _Simplifier:
         return Articulation(
             bodies,
             mechanism.fixed is not None,
-            self._drives(joints),
-            self._geared(joints),
+            tuple(
+                # Seen from outside, a clockwise turn is against the shaft's direction.
+                Drive(train.port, flipped[train.output], 1.0 / train.ratio, self.armature[train.port], train.teeth)
+                for train in self.trains
+            ),
+            tuple(
+                Geared(train.port, flipped[number], ratio / train.ratio)
+                for train in self.trains
+                for number, ratio in train.others
+                if number in joints
+            ),
             tuple(joints[number] for number in tree if number not in self.coupled),
             tuple(joints[number] for number in loops),
             tuple(
@@ -260,33 +269,12 @@ class _Simplifier:
             tuple(replace(device, link=body_of[device.link]) for device in mechanism.mounted),
         )
 
-    def _joint(self, hinge: Hinge, body_of: dict[int, int]) -> Joint:
-        """A hinge as a joint; the child is the later body, and the axis is reversed if that was the parent."""
-        parent, child = body_of[hinge.parent], body_of[hinge.child]
-        if parent < child:
-            return Joint(parent, child, hinge.point_m, hinge.axis, hinge.is_ball)
-        return Joint(child, parent, hinge.point_m, -hinge.axis, hinge.is_ball)
 
-    def _drives(self, joints: dict[int, Joint]) -> tuple[Drive, ...]:
-        """The motors; seen from outside, a clockwise turn is against the shaft's direction."""
-        drives = []
-        for train in self.trains:
-            joint = _flipped(joints[train.output])
-            drives.append(Drive(train.port, joint, 1.0 / train.ratio, self.armature[train.port], train.teeth))
-        return tuple(drives)
-
-    def _geared(self, joints: dict[int, Joint]) -> tuple[Geared, ...]:
-        """Bodies geared to a motor's output; the sign follows the joint's axis."""
-        return tuple(
-            Geared(train.port, _flipped(joints[number]), ratio / train.ratio)
-            for train in self.trains
-            for number, ratio in train.others
-            if number in joints
-        )
-
-
-def _flipped(joint: Joint) -> Joint:
-    return Joint(joint.parent, joint.child, joint.point_m, -joint.axis)
+def _joint(hinge: Hinge, body_of: dict[int, int]) -> Joint:
+    """A hinge as a joint; the child is the later body, and the axis is reversed if that was the parent."""
+    parent, child = body_of[hinge.parent], body_of[hinge.child]
+    sign = 1 if parent < child else -1
+    return Joint(min(parent, child), max(parent, child), hinge.point_m, sign * hinge.axis, hinge.is_ball)
 
 
 def _rod(link: Link, first: Hinge, second: Hinge, number: int, body_of: dict[int, int]) -> Rod:

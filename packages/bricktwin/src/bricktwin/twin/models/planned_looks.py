@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from brickhub.errors import TwinError
-from bricktwin.plans.colours import colour_of
+from bricktwin.plans.catalogue import colour_of
 from bricktwin.plans.geometry import MM_PER_LDU, Floats
 from bricktwin.plans.mechanism.kinematics import TO_TWIN
 from bricktwin.plans.part import DeviceKind, Part

@@ -17,9 +17,8 @@ from brickhub.errors import TwinError
 from brickhub.robot import Motor, Robot
 from bricktwin.plans.geometry import MM_PER_LDU, Floats
 from bricktwin.plans.mechanism.articulation import Articulation, Drive, Joint
-from bricktwin.plans.mechanism.end_stops import free_deg
 from bricktwin.plans.mechanism.kinematics import TO_TWIN
-from bricktwin.plans.planned_robot import PlannedRobot, planned_robot
+from bricktwin.plans.planned_robot import PlannedRobot, free_deg, planned_robot
 from bricktwin.robots.planned import check_description
 from bricktwin.twin.models import lego, meshes
 from bricktwin.twin.models.mjcf import (
