@@ -40,14 +40,14 @@ def with_body(robot: Robot) -> Target:
 def robot_of_plan(path: Path) -> Robot:
     """The robot that a building plan describes: its hub, and the motors and sensors on the hub's ports. Raises PlanError if the
     plan cannot be read, DescriptionError if it has no hub of ours."""
-    from bricktwin.robots.planned import hub_sides, read_facts
+    from bricktwin.robots.planned import read_facts
 
     facts = read_facts(path)
-    hub = next(iter(facts.devices("hub")), None)
+    hub = facts.hubs[0] if facts.hubs else None
     kinds = {kind.value: kind for kind in HubKind}
     if hub is None or hub.name not in kinds:
         raise DescriptionError(f"{path} has {'no hub' if hub is None else hub.part}; a robot needs one that runs Pybricks")
     kind = kinds[hub.name]
-    needs_imu = kind.model.has_imu and len(hub_sides(facts)) == 2
+    needs_imu = kind.model.has_imu and len(facts.hub_sides) == 2
     stem = "".join(letter if letter.isalnum() else "_" for letter in path.stem)
     return Robot(stem if stem.isidentifier() else f"robot_{stem}", kind, needs_imu=needs_imu, plan=str(path))

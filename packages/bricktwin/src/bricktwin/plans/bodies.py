@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bricktwin.plans.connections import Connection, Mesh
+from bricktwin.plans.connections import Connection, Mesh, reached
 from bricktwin.plans.geometry import Floats, lines_coincide
 from bricktwin.plans.part import Fit, Site
 from bricktwin.plans.plan import Placed
@@ -291,12 +291,7 @@ def _ordered(parts: Sequence[Placed], motors: Sequence[int], links: Sequence[_Li
         neighbours[groups[first]].add(groups[second])
         neighbours[groups[second]].add(groups[first])
     start = max(masses, key=lambda root: masses[root])
-    seen, waiting = {start}, [start]
-    while waiting:
-        for other in sorted(neighbours[waiting.pop(0)] - seen):
-            seen.add(other)
-            waiting.append(other)
-    return [start, *sorted(seen - {start})]
+    return [start, *sorted(reached(start, neighbours) - {start})]
 
 
 def _sliding(parts: Sequence[Placed], links: Sequence[_Link], groups: _Groups) -> set[frozenset[int]]:

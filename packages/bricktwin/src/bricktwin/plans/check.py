@@ -19,11 +19,6 @@ from bricktwin.plans.plan import Placed, Plan
 
 _MAX_NAMES = 5
 _MIN_RATE = 0.02
-_REMEDIES = {
-    Fault.UNCONNECTED: "connect it, or add it later",
-    Fault.BLOCKED: "add it in an earlier step",
-    Fault.UNCHECKED: "split the step",
-}
 
 
 @dataclass(frozen=True)
@@ -177,8 +172,7 @@ def _check_steps(plan: Plan, structure: Structure, occupancy: Occupancy, pairs: 
         if not parts:
             continue
         placed = [plan.parts[part] for part in parts]
-        remedy = _REMEDIES[fault.kind]
-        text = f"step {fault.step.index + 1}: {_names(placed)} {fault.kind.value}; {remedy}"
+        text = f"step {fault.step.index + 1}: {_names(placed)} {fault.kind.value}"
         yield Finding("step", Outcome.ERROR, text, placed[0].line)
 
 

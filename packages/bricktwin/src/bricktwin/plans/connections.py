@@ -6,7 +6,7 @@ LDraw units, plan frame.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice, pairwise
 from typing import NamedTuple
@@ -108,6 +108,16 @@ class Mesh:
     def is_good(self) -> bool:
         """Whether they turn each other."""
         return abs(self.error) <= _MESH_TOLERANCE and self.engaged >= _MIN_SEATED_SHARE
+
+
+def reached(start: int, neighbours: Mapping[int, Iterable[int]]) -> set[int]:
+    """All nodes of a graph that are connected to ``start``, and that."""
+    found, waiting = {start}, [start]
+    while waiting:
+        unseen = set(neighbours[waiting.pop()]) - found
+        found |= unseen
+        waiting += unseen
+    return found
 
 
 def connections(parts: Sequence[Placed]) -> list[Connection]:

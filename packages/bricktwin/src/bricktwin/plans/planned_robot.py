@@ -15,19 +15,9 @@ from bricktwin.plans.building import Occupancy
 from bricktwin.plans.connections import connections, meshes
 from bricktwin.plans.geometry import M_PER_LDU, Floats, rotation
 from bricktwin.plans.mechanism.articulation import Articulation, Drive, articulation
-from bricktwin.plans.mechanism.kinematics import TO_TWIN, Mechanism, Train, mechanism, trains
+from bricktwin.plans.mechanism.kinematics import TO_TWIN, Mechanism, Train, Wheel, mechanism, trains
 from bricktwin.plans.part import DeviceKind
 from bricktwin.plans.plan import Placed, Plan, read_plan
-
-
-@dataclass(frozen=True, eq=False)
-class Rolling:
-    """A motor that drives a wheel: diameter and middle [3] of the wheel, and whether clockwise rolls forwards."""
-
-    port: str
-    diameter_mm: float
-    centre_m: Floats
-    is_clockwise_forward: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,17 +35,12 @@ class PlannedRobot:
         return next(placed for placed in self.plan.devices(DeviceKind.MOTOR, DeviceKind.SENSOR) if placed.port == port)
 
     @property
-    def rolling(self) -> tuple[Rolling, ...]:
-        """The motors that drive wheels; of several wheels of one motor, the leftmost counts."""
-        rolling = []
-        for drive in self.articulation.drives:
-            wheels = [wheel for wheel in self.articulation.wheels if wheel.link == drive.joint.child]
-            if wheels:
-                wheel = max(wheels, key=lambda wheel: float(wheel.centre_m[1]))
-                # Turning about +y, to the left, rolls forwards.
-                forward = float(drive.joint.axis[1]) * drive.gear > 0
-                rolling.append(Rolling(drive.port, wheel.diameter_mm, wheel.centre_m, forward))
-        return tuple(rolling)
+    def rolling(self) -> list[tuple[Drive, Wheel]]:
+        """The motors that drive wheels, with the leftmost of each motor's wheels."""
+        articulation = self.articulation
+        wheels = [[wheel for wheel in articulation.wheels if wheel.link == drive.joint.child] for drive in articulation.drives]
+        driven = zip(articulation.drives, wheels, strict=True)
+        return [(drive, max(own, key=lambda wheel: float(wheel.centre_m[1]))) for drive, own in driven if own]
 
 
 def planned_robot(path: Path) -> PlannedRobot:

@@ -6,10 +6,12 @@ radians; x forward, y left, z up, in the plan's position.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from bricktwin.plans.connections import reached
 from bricktwin.plans.geometry import Floats
 from bricktwin.plans.mechanism.kinematics import Hinge, Link, Mechanism, Mounted, Train, Wheel, is_balanced, merged, share_axis
 
@@ -141,7 +143,7 @@ class _Simplifier:
         return link
 
     def _hinges_of(self, link: int) -> list[int]:
-        return [number for number, hinge in self.hinges.items() if link in (self.find(hinge.parent), self.find(hinge.child))]
+        return [number for number, hinge in self.hinges.items() if link in self._ends(hinge)]
 
     def make_followers(self) -> None:
         """Add balanced shafts and gears that turn with a motor to their carriers as visual parts."""
@@ -172,16 +174,16 @@ class _Simplifier:
             if not all(share_axis(hinges[0], hinge) for hinge in hinges):
                 continue
             if self.mechanism.links[link].mass_kg < _ROD_KG and is_balanced(self.mechanism, hinges[0], link, _BALANCED_KG_M):
-                self.merged_into[link] = self.find(hinges[0].parent if self.find(hinges[0].child) == link else hinges[0].child)
+                self.merged_into[link] = next(other for other in self._ends(hinges[0]) if other != link)
                 del self.hinges[numbers[0]]
         self._drop_duplicates()
 
     def _drop_duplicates(self) -> None:
         """Remove duplicate hinges between two links about one axis."""
         for number, hinge in list(self.hinges.items()):
-            ends = {self.find(hinge.parent), self.find(hinge.child)}
+            ends = set(self._ends(hinge))
             for other, earlier in self.hinges.items():
-                is_same = {self.find(earlier.parent), self.find(earlier.child)} == ends and share_axis(earlier, hinge)
+                is_same = set(self._ends(earlier)) == ends and share_axis(earlier, hinge)
                 if len(ends) == 1 or (is_same and other != number and (other in self.coupled or other < number)):
                     if number not in self.coupled:
                         del self.hinges[number]
@@ -203,20 +205,17 @@ class _Simplifier:
 
     def _is_in_loop(self, link: int, numbers: list[int]) -> bool:
         """Whether the link's neighbours are connected without it."""
-        ends = [self._other_link(self.hinges[number], link) for number in numbers]
-        reached, queue = {ends[0]}, [ends[0]]
-        while queue:
-            current = queue.pop()
-            for number in self._hinges_of(current):
-                other = self._other_link(self.hinges[number], current)
-                if number not in numbers and other not in reached:
-                    reached.add(other)
-                    queue.append(other)
-        return ends[1] in reached
+        neighbours: dict[int, list[int]] = defaultdict(list)
+        for number in self.hinges.keys() - set(numbers):
+            first, second = self._ends(self.hinges[number])
+            neighbours[first].append(second)
+            neighbours[second].append(first)
+        start, end = (next(other for other in self._ends(self.hinges[number]) if other != link) for number in numbers)
+        return end in reached(start, neighbours)
 
-    def _other_link(self, hinge: Hinge, link: int) -> int:
-        first, second = self.find(hinge.parent), self.find(hinge.child)
-        return second if first == link else first
+    def _ends(self, hinge: Hinge) -> tuple[int, int]:
+        """The two links of a hinge."""
+        return self.find(hinge.parent), self.find(hinge.child)
 
     def result(self) -> Articulation:
         """The tree of the remaining links from the first body on, and the loops."""
@@ -225,7 +224,7 @@ class _Simplifier:
         order, tree, loops = [base], [], []
         remaining = sorted(self.hinges, key=lambda number: number not in self.coupled)
         while remaining:
-            ends = {number: (self.find(self.hinges[number].parent), self.find(self.hinges[number].child)) for number in remaining}
+            ends = {number: self._ends(self.hinges[number]) for number in remaining}
             open_ends = [number for number in remaining if (ends[number][0] in order) != (ends[number][1] in order)]
             if not open_ends:
                 loops += [number for number in remaining if set(ends[number]) <= set(order)]

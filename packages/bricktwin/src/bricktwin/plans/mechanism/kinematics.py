@@ -14,7 +14,7 @@ import numpy as np
 
 from brickhub.errors import PlanError
 from bricktwin.plans.bodies import MAX_BODIES, Bodies, BodyJoint
-from bricktwin.plans.connections import Mesh
+from bricktwin.plans.connections import Mesh, reached
 from bricktwin.plans.geometry import M_PER_LDU, Floats, lines_coincide
 from bricktwin.plans.part import DeviceKind, GearForm, Part
 from bricktwin.plans.plan import Placed, Plan
@@ -343,13 +343,11 @@ def _ratio(teeth: tuple[int, ...]) -> float:
 
 def _weight(mechanism: Mechanism, number: int) -> tuple[bool, float]:
     """Sort key of a hinge's load: whether there is a wheel, and the mass."""
-    child = mechanism.hinges[number].child
-    carried, queue = {child}, [child]
-    while queue:
-        link = queue.pop()
-        unseen = {hinge.child for hinge in mechanism.hinges if hinge.parent == link and not hinge.closes_loop} - carried
-        carried |= unseen
-        queue += unseen
+    children: dict[int, list[int]] = defaultdict(list)
+    for hinge in mechanism.hinges:
+        if not hinge.closes_loop:
+            children[hinge.parent].append(hinge.child)
+    carried = reached(mechanism.hinges[number].child, children)
     mass_kg = sum(mechanism.links[link].mass_kg for link in carried)
     return any(wheel.link in carried for wheel in mechanism.wheels), round(mass_kg, 6)
 

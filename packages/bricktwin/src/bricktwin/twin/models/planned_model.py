@@ -123,7 +123,7 @@ class _Builder:
         """Origin of the first body, in the plan's frame."""
         if self.articulation.is_fixed:
             return np.zeros(3)
-        axle_m = [wheel.centre_m for wheel in self.planned.rolling] or [self.hub.point_m * (1.0, 1.0, 0.0)]
+        axle_m = [wheel.centre_m for _, wheel in self.planned.rolling] or [self.hub.point_m * (1.0, 1.0, 0.0)]
         x, _, z = np.mean(axle_m, axis=0)
         return np.round([x, self.hub.point_m[1], z], 6)
 
