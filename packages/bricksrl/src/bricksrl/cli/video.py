@@ -63,12 +63,11 @@ def filmed_env(env: EnvBase, path: Path | None, title: str) -> Iterator[None]:
     if path is None:
         yield
         return
+    from bricksrl.envs.env_interface import interface_of
     from bricksrl.evaluation.film import check_filmable
     from bricktwin.twin.mujoco_body import MujocoBody
-    from bricktwin.twin.render.captions import captioned
     from bricktwin.twin.render.opengl import Image, Renderer, VideoWriter
-    from bricktwin.twin.render.room import Room
-    from bricktwin.twin.render.video import Filmed
+    from bricktwin.twin.render.video import Filmed, Room, captioned
 
     check_film(path)
     check_filmable(env)
@@ -92,5 +91,5 @@ def filmed_env(env: EnvBase, path: Path | None, title: str) -> Iterator[None]:
         machine.body = Filmed(machine.body, render, _FRAME_MS, machine.time_ms, video.add)
 
     with closing(video), renderers, ExitStack() as watch:
-        watch.callback(env.watch(install))
+        watch.callback(interface_of(env).watch(install))
         yield

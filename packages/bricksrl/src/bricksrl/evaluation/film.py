@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from bricksrl.envs.env_interface import interface_of
 from bricksrl.errors import TwinError
 
 if TYPE_CHECKING:
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from bricksrl.envs.rollout import Policy
     from bricktwin.twin.mujoco_body import MujocoBody
     from bricktwin.twin.render.opengl import Image, Renderer, VideoWriter
-    from bricktwin.twin.render.room import Room
+    from bricktwin.twin.render.video import Room
 
 QUICK_S = 0.03
 """Longest time to draw an image without shadows for shadows to be tried."""
@@ -61,7 +62,7 @@ def check_filmable(env: EnvBase) -> None:
     """Raise TwinError unless an environment has a virtual robot with a body that can be seen."""
     from bricktwin.twin.make_body import lies_on_bench
 
-    if not hasattr(env, "watch"):
+    if interface_of(env).robots != 1:
         raise TwinError(f"{env.task.id} has no virtual robot to film; choose an environment with a hub")
     if lies_on_bench(env.task.robot, env.task.scene):
         raise TwinError(
@@ -94,7 +95,7 @@ def film(
         for number in range(1, options.episodes + 1):
             seed_episode(env, options.seed, "evaluation", number)
             start = env.reset()
-            twin = getattr(env, "twin", None)
+            twin = interface_of(env).twin
             if twin is None or not isinstance(twin.body, MujocoBody):
                 raise TwinError(f"{env.task.id} has no virtual robot to film")
             with closing(_Take(env, twin.body, options, number, start, video)) as take:
@@ -123,7 +124,7 @@ class _Take:
     reward: float = 0.0
 
     def __post_init__(self) -> None:
-        from bricktwin.twin.render.room import Room
+        from bricktwin.twin.render.video import Room
 
         self.room: Room = Room(self.body, goals_of(self.env, self.start))
         self.renderer, cost_s = self._renderer()
@@ -158,7 +159,7 @@ class _Take:
 
     def render(self) -> Image:
         """One image with captions."""
-        from bricktwin.twin.render.captions import captioned
+        from bricktwin.twin.render.video import captioned
 
         self.room.follow()
         image = self.renderer.render()
@@ -172,7 +173,7 @@ class _Take:
         return captioned(image, self.options.title or self.env.task.id, "   ".join(parts), marks)
 
     def _distance_m(self) -> float:
-        metrics = self.env.walk_metrics() if hasattr(self.env, "walk_metrics") else {}
+        metrics = interface_of(self.env).walk_metrics()
         return float(metrics.get("forward_m", 0.0))
 
     def add(self, frame: Any) -> None:

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from brickhub.errors import DescriptionError, PlanError, UnknownNameError
 from brickhub.finding import Finding, Outcome
-from brickhub.robot import spec
+from brickhub.robot import Direction, DriveBase, Motor, MotorKind, Robot, Sensor, SensorKind
+from brickhub.robot.spec import LOOKS, sensor_of
 from bricktwin import robots
 from bricktwin.kept import kept
 
@@ -94,7 +95,7 @@ def facts_of(design: PlannedRobot) -> PlanFacts:
 
     def facts(placed: Placed) -> DeviceFacts:
         top, front = (TO_TWIN @ placed.rotation @ side for side in ((0.0, -1.0, 0.0), (0.0, 0.0, 1.0)))
-        sides = [name for axis in (top, front) for name, look in spec.LOOKS.items() if axis @ look > _ALIGNED_COSINE]
+        sides = [name for axis in (top, front) for name, look in LOOKS.items() if axis @ look > _ALIGNED_COSINE]
         port, train = placed.port or "", trains.get(placed.port or "")
         gears, ratio = (train.gears, train.ratio) if train is not None else ((), 0.0)
         name, part = placed.electric.name, placed.name
@@ -128,12 +129,12 @@ def plan_file(model: str) -> Path | None:
 
 
 def completed(
-    robot: spec.Robot,
-) -> tuple[tuple[spec.Motor, ...], tuple[spec.Sensor, ...], spec.DriveBase | None, tuple[str, ...]]:
+    robot: Robot,
+) -> tuple[tuple[Motor, ...], tuple[Sensor, ...], DriveBase | None, tuple[str, ...]]:
     """Motors, sensors, drive base and hub sides of a description, completed from its plan. Raises DescriptionError if the plan
     contradicts the description, PlanError if the plan cannot be read."""
     design = read_facts(Path(robot.plan or ""))
-    kinds = {kind.value for kind in (*spec.MotorKind, *spec.SensorKind)} | {spec.UltrasonicSensor.class_name}
+    kinds = {kind.value for kind in (*MotorKind, *SensorKind)}
     for part in (*design.motors, *design.sensors):
         if part.name not in kinds:  # as those of EV3
             where = f"{robot.plan}, line {part.line}"
@@ -157,7 +158,7 @@ def completed(
     return motors, sensors, base, sides
 
 
-def _motors(robot: spec.Robot, design: PlanFacts) -> tuple[spec.Motor, ...]:
+def _motors(robot: Robot, design: PlanFacts) -> tuple[Motor, ...]:
     """Motors of the description, then those that only the plan has."""
     motors = [replace(motor, port=motor.port or _port_of(motor.name, design.motors, robot)) for motor in robot.motors]
     described = {motor.port for motor in motors}
@@ -165,30 +166,23 @@ def _motors(robot: spec.Robot, design: PlanFacts) -> tuple[spec.Motor, ...]:
         if part.port not in described:
             # Motors that only the plan has count up when the robot rolls forward.
             is_forward = part.wheel is None or part.wheel.is_clockwise_forward
-            direction = spec.Direction.CLOCKWISE if is_forward else spec.Direction.COUNTERCLOCKWISE
+            direction = Direction.CLOCKWISE if is_forward else Direction.COUNTERCLOCKWISE
             name = part.label or f"motor_{part.port.lower()}"
-            motors.append(spec.Motor(name, part.port, spec.MotorKind(part.name), direction))
+            motors.append(Motor(name, part.port, MotorKind(part.name), direction))
     gears = {part.port: part.gears for part in design.motors}
     return tuple(replace(motor, gears=motor.gears or gears.get(motor.port, ())) for motor in motors)
 
 
-def _sensors(robot: spec.Robot, design: PlanFacts) -> tuple[spec.Sensor, ...]:
+def _sensors(robot: Robot, design: PlanFacts) -> tuple[Sensor, ...]:
     parts = design.sensors
     sensors = [replace(sensor, port=sensor.port or _port_of(sensor.name, parts, robot)) for sensor in robot.sensors]
     described = {sensor.port for sensor in sensors}
-    for part in parts:
-        if part.port not in described:
-            name, kind = part.label or f"sensor_{part.port.lower()}", part.name
-            is_sonar = kind == spec.UltrasonicSensor.class_name
-            sensors.append(
-                spec.UltrasonicSensor(name, part.port)
-                if is_sonar
-                else spec.PoweredUpSensor(name, part.port, spec.SensorKind(kind))
-            )
-    return tuple(sensors)
+    others = [part for part in parts if part.port not in described]
+    names = [part.label or f"sensor_{part.port.lower()}" for part in others]
+    return (*sensors, *(sensor_of(SensorKind(part.name), name, part.port) for part, name in zip(others, names, strict=True)))
 
 
-def _port_of(name: str, parts: Sequence[DeviceFacts], robot: spec.Robot) -> str:
+def _port_of(name: str, parts: Sequence[DeviceFacts], robot: Robot) -> str:
     """Port of a named device in the plan."""
     for part in parts:
         if part.label == name:
@@ -200,9 +194,9 @@ def _port_of(name: str, parts: Sequence[DeviceFacts], robot: spec.Robot) -> str:
 
 
 def disagreements(
-    robot: spec.Robot,
-    devices: Sequence[spec.Motor | spec.Sensor],
-    base: spec.DriveBase | None,
+    robot: Robot,
+    devices: Sequence[Motor | Sensor],
+    base: DriveBase | None,
     sides: tuple[str, ...],
     design: PlanFacts,
 ) -> Iterator[Finding]:
@@ -235,9 +229,9 @@ def disagreements(
         yield Finding("wiring", Outcome.ERROR, text, design.hubs[0].line)
 
 
-def _check_device(name: str, device: spec.Motor | spec.Sensor, part: DeviceFacts) -> Iterator[Finding]:
+def _check_device(name: str, device: Motor | Sensor, part: DeviceFacts) -> Iterator[Finding]:
     """Findings on name, kind and gears of a motor or sensor."""
-    kind = device.kind.value if isinstance(device, spec.Motor) else device.class_name
+    kind = device.kind.value
     label = f"port {device.port} has {part.part} '{part.label or ''}'"
     if part.name != kind:
         text = f"{label}, but for the robot {name} '{device.name}', a {kind}; make both agree"
@@ -245,7 +239,7 @@ def _check_device(name: str, device: spec.Motor | spec.Sensor, part: DeviceFacts
     elif part.label is not None and part.label != device.name:
         text = f"{label}, but for the robot {name} '{device.name}'; make both agree"
         yield Finding("wiring", Outcome.ERROR, text, part.line)
-    elif isinstance(device, spec.Motor) and device.gears and part.ratio and device.gears[0] != device.gears[-1]:
+    elif isinstance(device, Motor) and device.gears and part.ratio and device.gears[0] != device.gears[-1]:
         ratio = device.gears[0] / device.gears[-1]
         if abs(ratio - abs(part.ratio)) > _RATIO_TOLERANCE * ratio:
             teeth = " to ".join(map(str, part.gears)) or "no gears"
@@ -253,7 +247,7 @@ def _check_device(name: str, device: spec.Motor | spec.Sensor, part: DeviceFacts
             yield Finding("gears", Outcome.ERROR, text, part.line)
 
 
-def _check_wheels(name: str, base: spec.DriveBase, left: DeviceFacts | None, right: DeviceFacts | None) -> Iterator[Finding]:
+def _check_wheels(name: str, base: DriveBase, left: DeviceFacts | None, right: DeviceFacts | None) -> Iterator[Finding]:
     """Findings on a drive base: wheel diameter and axle track."""
     positions_m = []
     for side, part in ((base.left, left), (base.right, right)):
@@ -289,7 +283,7 @@ def check_named(plan: Plan) -> list[Finding]:
     return list(disagreements(robot, (*robot.motors, *robot.sensors), robot.drive_base, robot.hub_sides, design))
 
 
-def check_description(robot: spec.Robot, path: Path) -> None:
+def check_description(robot: Robot, path: Path) -> None:
     """Check that a plan agrees with a description, which may have more sensors. Raises DescriptionError if the plan contradicts
     the description, PlanError if the plan cannot be read."""
     design = read_facts(path)

@@ -20,7 +20,6 @@ import numpy as np
 from brickhub.errors import TwinError, message_of
 from brickhub.robot import Robot
 from brickhub.virtual.body import Rng
-from bricktwin.twin.imu import FloatingBase, Turns
 from bricktwin.twin.model_physics import RobotPart, set_physics, up
 from bricktwin.twin.models.kept_models import kept_model
 from bricktwin.twin.models.mjcf import (
@@ -33,13 +32,13 @@ from bricktwin.twin.models.mjcf import (
     new_spec,
     yaw_quaternion,
 )
-from bricktwin.twin.models.rods import Rods
 from bricktwin.twin.models.scenery import add_geom
-from bricktwin.twin.models.spinners import Spinners
+from bricktwin.twin.models.turning import TurningParts
 from bricktwin.twin.mujoco_body import MujocoBody, Pose
 from bricktwin.twin.physics import Physics
 from bricktwin.twin.scene import OPEN_FLOOR
-from bricktwin.twin.starts import refuse_overlap
+from bricktwin.twin.senses import FloatingBase, Turns
+from bricktwin.twin.stance import refuse_overlap
 
 _STEPS_PER_UPDATE = 20
 _SETTLING_STEPS = 400
@@ -318,7 +317,7 @@ class ArenaBody(MujocoBody):
         self.base_address, self._base_dof = int(model.jnt_qposadr[root]), int(model.jnt_dofadr[root])
         self._base = FloatingBase(model, data, self.base_address, self._base_dof, f"{prefix}imu")
         self._bind_sensors(prefix, int(chassis.id))
-        self._rods, self._spinners = Rods(model), Spinners(model)
+        self._turning = TurningParts(model)
         self._detected_groups = np.zeros(6, np.uint8)
         self._detected_groups[[OBSTACLE_GROUP, SHAPE_GROUP]] = 1  # other robots too
         self._qpos, self._qvel = data.qpos, data.qvel

@@ -1,16 +1,22 @@
-"""Stance of a legged robot: the feet that touch a flat floor, and the resulting pose."""
+"""Stance of a robot at its start: feet that touch a flat floor, the resulting pose, and no overlap with an obstacle."""
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
+from collections.abc import Callable, Iterator
 from functools import cache
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from brickhub.errors import TwinError
 from bricktwin.plans.geometry import Floats
+from bricktwin.twin.models.mjcf import FLOOR_GROUP, OBSTACLE_GROUP
+from bricktwin.twin.objects import Solid
+from bricktwin.twin.scene import Scene
 
 _MIN_INSIDE = -1e-9
 
@@ -87,3 +93,35 @@ def _upright(up: Floats) -> Floats:
 @cache
 def _triples(count: int) -> NDArray[np.intp]:
     return np.array(list(itertools.combinations(range(count), 3)))
+
+
+_DEPTH_M = 0.008
+"""Depth from which on an overlap is more than a touch."""
+
+
+def ends_of_ranges(count: int) -> Iterator[Callable[[float, float], float]]:
+    """Functions that choose one end of each of so many ranges, in all combinations."""
+    for ends in itertools.product((False, True), repeat=count):
+        yield functools.partial(_end, iter(ends))
+
+
+def _end(ends: Iterator[bool], low: float, high: float) -> float:
+    return high if next(ends) else low
+
+
+def refuse_overlap(model: mujoco.MjModel, data: mujoco.MjData, scene: Scene | None = None) -> None:
+    """Raise TwinError if a robot is inside of an obstacle of the ``scene``, or of an arena. Contacts have to be computed."""
+    contacts = data.contact
+    groups = model.geom_group[contacts.geom]
+    is_of_robot = ((groups == OBSTACLE_GROUP).sum(-1) == 1) & (groups != FLOOR_GROUP).all(-1)
+    for pair in contacts.geom[is_of_robot & (contacts.dist < -_DEPTH_M)]:
+        name = next(model.geom(geom).name for geom in pair if model.geom_group[geom] == OBSTACLE_GROUP)
+        if scene is None:
+            remedy = "narrow the place of the robot, or make the arena wider"
+        else:
+            start = "start_mm" if scene.wall_distance_mm is None else "wall_distance_mm"
+            remedy = f"move that, or change {start} or heading_deg of the scene"
+        if scene is not None and name.startswith("object_"):
+            solids = [item for item in scene.objects if isinstance(item, Solid)]
+            name = f"{solids[int(name.removeprefix('object_'))]}"
+        raise TwinError(f"a robot would start inside of {name or 'an obstacle'}; {remedy}")

@@ -19,10 +19,9 @@ from bricktwin.plans.plan import Placed, Plan
 from bricktwin.plans.planned_robot import PlannedRobot
 from bricktwin.plans.shapes import COARSE, TINTS, Tint, offset_points, surface_of
 from bricktwin.twin import ldraw
-from bricktwin.twin.models import lego, meshes
-from bricktwin.twin.models.looks import library_shapes, shape_of, signed_axes
-from bricktwin.twin.models.meshes import Shape, colour_name
-from bricktwin.twin.models.spinners import PREFIX
+from bricktwin.twin.models import lego
+from bricktwin.twin.models.lego import Shape, colour_name, library_shapes, shape_of, signed_axes
+from bricktwin.twin.models.turning import SPINNER
 
 _CLEARANCE = 0.5
 """LDU: 0.1 mm on each side of a part."""
@@ -30,7 +29,7 @@ _BEND = 80.0
 """LDU: how far a cable's curve is pulled away from its ends."""
 _SPOKED_MM = 40.0
 """Diameter from which a wheel is drawn with spokes."""
-_DETAILED: dict[str, tuple[Callable[[], meshes.Piece], tuple[int, int, int]]] = {
+_DETAILED: dict[str, tuple[Callable[[], lego.Piece], tuple[int, int, int]]] = {
     "prime": (lego.hub, (3, -1, -2)),
     "spike-medium": (lego.medium_motor_case, (-3, -2, -1)),
     "UltrasonicSensor": (lego.ultrasonic_sensor, (-3, 1, -2)),
@@ -40,7 +39,7 @@ _DETAILED: dict[str, tuple[Callable[[], meshes.Piece], tuple[int, int, int]]] = 
 
 def looks_of(
     plan: Plan, parts: Iterable[int], origin_m: Floats, *, axes: Floats | None = None, shafts: Iterable[int] = ()
-) -> meshes.Piece:
+) -> lego.Piece:
     """Looks of parts of a plan in the frame of their body, mm.
 
     Args:
@@ -63,7 +62,7 @@ def looks_of(
             points = (visible.points @ turn.T + frame @ placed.position) * MM_PER_LDU - shift
             if len(visible.faces):
                 shapes.append((colour, Shape(points, visible.normals @ turn.T, visible.faces)))
-    return meshes.Piece(tuple(shapes))
+    return lego.Piece(tuple(shapes))
 
 
 def _touch(first: tuple[Floats, Floats], second: tuple[Floats, Floats]) -> bool:
@@ -143,7 +142,7 @@ def _of_library(part: Part, root: Path) -> tuple[tuple[str, Shape], ...]:
     return ()
 
 
-def cables_of(plan: Plan, parts: Iterable[int], origin_m: Floats) -> list[meshes.Piece]:
+def cables_of(plan: Plan, parts: Iterable[int], origin_m: Floats) -> list[lego.Piece]:
     """Cables between the hub and the motors and sensors on the same body, in that body's frame, mm."""
     devices = [(plan.parts[part], plan.parts[part].part.device) for part in parts]
     hub = next((placed for placed, device in devices if device is not None and device.kind is DeviceKind.HUB), None)
@@ -166,6 +165,6 @@ def draw_spinners(
     for number, follower in enumerate(planned.articulation.followers):
         if follower.body not in bodies:
             continue
-        name, place_m = f"{PREFIX}{follower.port}_{number}", (follower.point_m - origins[follower.body]).tolist()
+        name, place_m = f"{SPINNER}{follower.port}_{number}", (follower.point_m - origins[follower.body]).tolist()
         body = bodies[follower.body].add_body(name=name, pos=place_m, userdata=[follower.ratio, *(-follower.axis).tolist()])
-        meshes.draw(spec, body, [looks_of(planned.plan, follower.parts, follower.point_m)])
+        lego.draw(spec, body, [looks_of(planned.plan, follower.parts, follower.point_m)])

@@ -20,7 +20,7 @@ from bricktwin.plans.mechanism.articulation import Articulation, Drive, Joint
 from bricktwin.plans.mechanism.kinematics import TO_TWIN
 from bricktwin.plans.planned_robot import PlannedRobot, free_deg, planned_robot
 from bricktwin.robots.planned import check_description
-from bricktwin.twin.models import lego, meshes
+from bricktwin.twin.models import lego
 from bricktwin.twin.models.mjcf import (
     add_ball,
     add_camera,
@@ -34,7 +34,7 @@ from bricktwin.twin.models.mjcf import (
 from bricktwin.twin.models.mounts import add_hub_site, add_sensor_site, mount_sensor
 from bricktwin.twin.models.planned_looks import cables_of, draw_spinners, looks_of
 from bricktwin.twin.models.planned_shapes import add_shapes, lowest_m
-from bricktwin.twin.models.rods import add_rod
+from bricktwin.twin.models.turning import add_rod
 from bricktwin.twin.scene import Scene
 
 _HINGE, _BALL = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_BALL
@@ -91,7 +91,7 @@ class _Builder:
         self.origins: dict[int, Floats] = {0: self._origin()}
         self.subtree_kg = self._subtree_kg()
         self.ports = self._ports()
-        self.mounted_parts: list[meshes.Piece] = []
+        self.mounted_parts: list[lego.Piece] = []
         """Drawn parts of the first body that are not in the plan."""
 
     def build(self) -> None:
@@ -110,7 +110,7 @@ class _Builder:
             name = self.ports.get(rod.far) or self.ports.get(rod.near) or str(number)
             body = add_rod(self.spec, name, near, far)
             axes = _axes_along(rod.far_m - rod.near_m)
-            meshes.draw(self.spec, body, [looks_of(self.planned.plan, rod.parts, rod.near_m, axes=axes)])
+            lego.draw(self.spec, body, [looks_of(self.planned.plan, rod.parts, rod.near_m, axes=axes)])
         self._close_loops()
         add_shapes(self.spec, self.planned, self.bodies, self.origins, self.ports)
         lego.add_colours(self.spec)
@@ -272,7 +272,7 @@ class _Builder:
             shafts = tuple(self.planned.device(port).index for port in ports)
             cables = cables_of(plan, parts, self.origins[number])
             mounted = self.mounted_parts if number == 0 else []
-            meshes.draw(self.spec, body, [looks_of(plan, parts, self.origins[number], shafts=shafts), *cables, *mounted])
+            lego.draw(self.spec, body, [looks_of(plan, parts, self.origins[number], shafts=shafts), *cables, *mounted])
         draw_spinners(self.spec, self.planned, self.bodies, self.origins)
         corners = np.concatenate([np.stack(placed.part.bounds) @ placed.rotation.T + placed.position for placed in plan.parts])
         size_m = float(np.linalg.norm(np.ptp(corners, axis=0))) * MM_PER_LDU / 1000

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from bricktwin.plans.geometry import Floats, Triple
-from bricktwin.twin.models.meshes import Piece, Shape, colour_name, discs, draw, merge
+from bricktwin.twin.models.lego import Piece, Shape, colour_name, discs, draw, merge
 from bricktwin.twin.models.mjcf import OBSTACLE_GROUP, yaw_quaternion
 from bricktwin.twin.objects import COLORS, Block, Field, Line, Mark, Point, Ramp, Wall
 from bricktwin.twin.scene import Scene

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from brickhub.errors import TwinError
 from bricktwin.twin.mujoco_body import MujocoBody
-from bricktwin.twin.render.view import MovingParts, is_fixed_camera
+from bricktwin.twin.render.opengl import MovingParts, is_fixed_camera
 
 _DRAWN_GROUPS = np.array([1, 1, 1, 0, 0, 0], np.uint8)  # the groups that MuJoCo draws by default
 _SKY = (0.50, 0.59, 0.69)
