@@ -20,12 +20,9 @@ import numpy as np
 from brickhub.errors import TwinError, message_of
 from brickhub.robot import Robot
 from brickhub.virtual.body import Rng
-from bricktwin.twin.model_physics import RobotPart, set_physics, up
 from bricktwin.twin.models.kept_models import kept_model
 from bricktwin.twin.models.mjcf import (
     LOOKS,
-    OBSTACLE_GROUP,
-    SHAPE_GROUP,
     add_camera,
     add_light,
     add_surroundings,
@@ -33,11 +30,10 @@ from bricktwin.twin.models.mjcf import (
     yaw_quaternion,
 )
 from bricktwin.twin.models.scenery import add_geom
-from bricktwin.twin.models.turning import TurningParts
-from bricktwin.twin.mujoco_body import MujocoBody, Pose
+from bricktwin.twin.mujoco_body import MujocoBody, Pose, set_physics
 from bricktwin.twin.physics import Physics
 from bricktwin.twin.scene import OPEN_FLOOR
-from bricktwin.twin.senses import FloatingBase, Turns
+from bricktwin.twin.senses import Turns
 from bricktwin.twin.stance import refuse_overlap
 
 _STEPS_PER_UPDATE = 20
@@ -214,7 +210,7 @@ class ArenaWorld:
         self.bodies = [ArenaBody(self, contestant, physics, noise_seed) for contestant, noise_seed in robots]
         loads = [int(self.model.body(load.name).id) for load in arena.loads]
         scaled = [body for body in range(self.model.nbody) if body not in loads]
-        set_physics(self.model, self._nominal, physics, [body.part for body in self.bodies], scaled)
+        set_physics(self.model, self._nominal, physics, self.bodies, scaled)
         self._loads = [int(self.model.joint(load.name).qposadr[0]) for load in arena.loads]
         self._settle()
 
@@ -234,7 +230,7 @@ class ArenaWorld:
         starts = self._starts(rng)
         self.data.qvel[:] = 0.0
         for body, start in zip(self.bodies, starts, strict=True):
-            body.place_at(start)
+            body.put(start)
         for load, address in zip(self.arena.loads, self._loads, strict=True):
             start = load.place.draw(rng)
             quaternion = yaw_quaternion(-math.radians(start.heading_deg))
@@ -295,51 +291,15 @@ class ArenaBody(MujocoBody):
     """Part of an arena's world that belongs to one robot; implements :class:`brickhub.virtual.body.Body`."""
 
     def __init__(self, world: ArenaWorld, contestant: Contestant, physics: Physics, seed: np.random.SeedSequence) -> None:
-        self.robot, self.scene, self.physics = contestant.robot, OPEN_FLOOR, physics
-        self._up = up(physics)
-        self._arena = world
+        self.robot, self.scene, self._arena = contestant.robot, OPEN_FLOOR, world
+        self._use(physics)
         self.model, self.data = world.model, world.data
         self._number = world.arena.robots.index(contestant)
         self._noise = np.random.default_rng(seed)
-        self.battery_mv = round(physics.battery_v * 1000)
-        self._encoder_step_mdeg = round(physics.encoder_resolution_deg * 1000)
-        self._bind_part(f"{contestant.name}/")
+        self._bind(f"{contestant.name}/")
         self._turns, self._heading_at_start_deg = Turns(), 0.0
         for port in self._terminals:
             self.set_voltage(port, None)
-
-    def _bind_part(self, prefix: str) -> None:
-        model, data = self.model, self.data
-        self._bind_motors(prefix)
-        chassis = model.body(f"{prefix}chassis")
-        self.part = RobotPart([(self._terminals[motor.port][0], motor.kind) for motor in self.robot.motors], int(chassis.id))
-        root = int(chassis.jntadr[0])
-        self.base_address, self._base_dof = int(model.jnt_qposadr[root]), int(model.jnt_dofadr[root])
-        self._base = FloatingBase(model, data, self.base_address, self._base_dof, f"{prefix}imu")
-        self._bind_sensors(prefix, int(chassis.id))
-        self._turning = TurningParts(model)
-        self._detected_groups = np.zeros(6, np.uint8)
-        self._detected_groups[[OBSTACLE_GROUP, SHAPE_GROUP]] = 1  # other robots too
-        self._qpos, self._qvel = data.qpos, data.qvel
-        self._bind_values()
-
-    # ---- called by the world
-
-    def record_stance(self) -> None:
-        """Record the stance, after the robot has settled on the floor."""
-        self._standing = self._qpos[self.base_address + 2 : self.base_address + 7].copy()
-
-    def place_at(self, start: Pose) -> None:
-        """Place the robot at a start pose, in its stance."""
-        quaternion = np.empty(4)
-        mujoco.mju_mulQuat(quaternion, np.array(yaw_quaternion(-math.radians(start.heading_deg))), self._standing[1:])
-        self._qpos[self.base_address : self.base_address + 7] = (start.x_m, start.y_m, self._standing[0], *quaternion)
-
-    def update_turns(self) -> None:
-        """Add the turn since the last call; to be called before the robot has turned by half a turn."""
-        self._update_turns()
-
-    # ---- called by the hub, where it differs from a robot alone
 
     def reset(self, rng: Rng) -> None:
         """Place all robots for the start of an episode."""

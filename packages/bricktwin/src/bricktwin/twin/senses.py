@@ -20,13 +20,6 @@ from bricktwin.twin.scene import FLOOR, Scene
 Vector = np.ndarray[tuple[int], np.dtype[np.float64]]
 
 
-def hub_mount(model: mujoco.MjModel, site: str) -> tuple[Vector, Vector]:
-    """Position [3] of a hub on its chassis, and the quaternion [4] from the chassis' axes to the hub's."""
-    to_hub = np.empty(4)
-    mujoco.mju_negQuat(to_hub, model.site(site).quat)
-    return model.site(site).pos.copy(), to_hub
-
-
 class Turns:
     """Turns of a hub, summed up from its orientations; updates must be less than half a turn apart.
 
@@ -52,12 +45,15 @@ class Turns:
 
 
 class _Base:
-    """What carries a hub; ``_to_hub`` is the quaternion [4] from its axes to the hub's, ``_position`` and ``_frame`` are the
-    origin [3] and the quaternion [4] of the robot's first body, which carries its sensors."""
+    """What carries a hub; ``_hub`` and ``_to_hub`` are the hub's position [3] there and the quaternion [4] to its axes,
+    ``_position`` and ``_frame`` the origin [3] and the quaternion [4] of the robot's first body, which carries its sensors."""
 
-    _to_hub: Vector
     _position: Vector
     _frame: Vector
+
+    def __init__(self, model: mujoco.MjModel, imu: str) -> None:
+        self._hub, self._to_hub = model.site(imu).pos.copy(), np.empty(4)
+        mujoco.mju_negQuat(self._to_hub, model.site(imu).quat)
 
     def position(self) -> Vector:
         """Origin of the robot's first body [3] in the world, m."""
@@ -84,9 +80,9 @@ class FloatingBase(_Base):
         imu: site of the hub.
     """
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, position: int = 0, dof: int = 0, imu: str = "imu") -> None:
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, position: int, dof: int, imu: str) -> None:
         self._gravity = model.opt.gravity
-        self._hub, self._to_hub = hub_mount(model, imu)
+        super().__init__(model, imu)
         self._position = data.qpos[position : position + 3]
         self._frame = data.qpos[position + 3 : position + 7]
         self._spin: Vector = data.qvel[dof + 3 : dof + 6]
@@ -118,16 +114,16 @@ class FloatingBase(_Base):
 
 
 class FixedBase(_Base):
-    """Fixed base of a robot that carries the hub on a moving part, at the site "imu".
+    """Fixed base of a robot that carries the hub on a moving part, at the site ``imu``.
 
     All values are those that MuJoCo derived in its last step, one step behind the joints.
     """
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, imu: str) -> None:
         self._model, self._data = model, data
-        self._site = int(model.site("imu").id)
+        self._site = int(model.site(imu).id)
         self._body = int(model.site_bodyid[self._site])
-        self._to_hub = hub_mount(model, "imu")[1]
+        super().__init__(model, imu)
         first = int(model.body_rootid[self._body])
         self._position, self._frame = data.xpos[first], data.xquat[first]
 
@@ -236,8 +232,3 @@ class WorldSenses:
                 break
         mean: Floats = rgb.mean(0)
         return mean
-
-
-def percent(distance_mm: float, max_mm: float) -> float:
-    """Distance as a percentage of the largest one that is detected, at most 100."""
-    return 100.0 * min(distance_mm / max_mm, 1.0)

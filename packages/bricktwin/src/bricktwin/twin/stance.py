@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import functools
 import itertools
 import math
-from collections.abc import Callable, Iterator
 from functools import cache
 
 import mujoco
@@ -97,16 +95,6 @@ def _triples(count: int) -> NDArray[np.intp]:
 
 _DEPTH_M = 0.008
 """Depth from which on an overlap is more than a touch."""
-
-
-def ends_of_ranges(count: int) -> Iterator[Callable[[float, float], float]]:
-    """Functions that choose one end of each of so many ranges, in all combinations."""
-    for ends in itertools.product((False, True), repeat=count):
-        yield functools.partial(_end, iter(ends))
-
-
-def _end(ends: Iterator[bool], low: float, high: float) -> float:
-    return high if next(ends) else low
 
 
 def refuse_overlap(model: mujoco.MjModel, data: mujoco.MjData, scene: Scene | None = None) -> None:
