@@ -21,14 +21,7 @@ from brickhub.errors import TwinError, message_of
 from brickhub.robot import Robot
 from brickhub.virtual.body import Rng
 from bricktwin.twin.models.kept_models import kept_model
-from bricktwin.twin.models.mjcf import (
-    LOOKS,
-    add_camera,
-    add_light,
-    add_surroundings,
-    new_spec,
-    yaw_quaternion,
-)
+from bricktwin.twin.models.mjcf import LOOKS, add_camera, add_light, new_spec, yaw_quaternion
 from bricktwin.twin.models.scenery import add_geom
 from bricktwin.twin.mujoco_body import MujocoBody, Pose, set_physics
 from bricktwin.twin.physics import Physics
@@ -128,8 +121,7 @@ def _compiled(arena: Arena) -> mujoco.MjModel:
 def _built(arena: Arena) -> mujoco.MjModel:
     from bricktwin.twin.models.load import load_model  # takes longer to import than a kept model to load
 
-    spec = new_spec("arena")
-    add_surroundings(spec, OPEN_FLOOR)
+    spec = new_spec("arena", OPEN_FLOOR)
     world = spec.worldbody
     add_light(world)
     add_camera(world, "arena", (0.0, 0.0, 0.0), (0.0, -0.75, 1.0), 2.6 * max(arena.half_size_m or (0.7,)) + 0.4)

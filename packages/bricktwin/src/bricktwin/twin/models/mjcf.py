@@ -68,12 +68,13 @@ def motor_constants(kind: MotorKind) -> MotorConstants:
     )
 
 
-def new_spec(name: str) -> mujoco.MjSpec:
-    """Empty model with the physics options of all twins."""
+def new_spec(name: str, scene: Scene) -> mujoco.MjSpec:
+    """Model of the surroundings with the physics options of all twins."""
     spec = mujoco.MjSpec()
     spec.modelname = name
     spec.compiler.degree = False
     set_options(spec)
+    add_surroundings(spec, scene)
     return spec
 
 

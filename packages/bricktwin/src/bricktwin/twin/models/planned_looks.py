@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
 
-import mujoco
 import numpy as np
 
 from brickhub.errors import TwinError
@@ -16,12 +15,10 @@ from bricktwin.plans.geometry import MM_PER_LDU, Floats
 from bricktwin.plans.mechanism.kinematics import TO_TWIN
 from bricktwin.plans.part import DeviceKind, Part
 from bricktwin.plans.plan import Placed, Plan
-from bricktwin.plans.planned_robot import PlannedRobot
 from bricktwin.plans.shapes import COARSE, TINTS, Tint, offset_points, surface_of
 from bricktwin.twin import ldraw
 from bricktwin.twin.models import lego
 from bricktwin.twin.models.lego import Shape, colour_name, library_shapes, shape_of, signed_axes
-from bricktwin.twin.models.turning import SPINNER
 
 _CLEARANCE = 0.5
 """LDU: 0.1 mm on each side of a part."""
@@ -156,15 +153,3 @@ def cables_of(plan: Plan, parts: Iterable[int], origin_m: Floats) -> list[lego.P
         line = np.concatenate([hub.to_plan(np.stack([socket, socket + outward])), placed.to_plan(np.stack([plug + back, plug]))])
         cables.append(lego.cable([(x, y, z) for x, y, z in (line @ TO_TWIN.T * MM_PER_LDU - origin_m * 1000).tolist()]))
     return cables
-
-
-def draw_spinners(
-    spec: mujoco.MjSpec, planned: PlannedRobot, bodies: dict[int, mujoco.MjsBody], origins: dict[int, Floats]
-) -> None:
-    """Draw shafts and gears that turn visually only: massless bodies, with their ratio and axis as user data."""
-    for number, follower in enumerate(planned.articulation.followers):
-        if follower.body not in bodies:
-            continue
-        name, place_m = f"{SPINNER}{follower.port}_{number}", (follower.point_m - origins[follower.body]).tolist()
-        body = bodies[follower.body].add_body(name=name, pos=place_m, userdata=[follower.ratio, *(-follower.axis).tolist()])
-        lego.draw(spec, body, [looks_of(planned.plan, follower.parts, follower.point_m)])
