@@ -24,7 +24,7 @@ from brickhub.files import check_writable, write_durably
 from bricktwin.drawing import import_matplotlib
 from bricktwin.plans.geometry import MM_PER_LDU
 from bricktwin.plans.part import DeviceKind, Part
-from bricktwin.plans.parts_list import Entry, parts_list
+from bricktwin.plans.parts_list import parts_list
 from bricktwin.plans.picture import VIEWS, Canvas, Pixels, View, draw
 from bricktwin.plans.plan import Placed, Plan, Step
 
@@ -98,7 +98,11 @@ def pages_of(plan: Plan) -> Iterator[Page]:
     text = f"{len(plan.parts)} parts of {len(entries)} kinds and colours · {len(plan.steps)} steps · {plan.mass_g:.0f} g"
     yield Page(plan.title, text, draw(plan.parts, _COVER_SIZE), ())
     for start in range(0, len(entries), _PARTS_PER_PAGE):
-        items = tuple(_item(entry) for entry in entries[start : start + _PARTS_PER_PAGE])
+        items = tuple(
+            Item(_part_picture(part, colour.code), entry.count, f"{part.name}\n{part.number} · {colour.name}")
+            for entry in entries[start : start + _PARTS_PER_PAGE]
+            for part, colour in [(entry.part, entry.colour)]
+        )
         yield Page("Parts", "", None, items)
     kinds = [_kind(plan, step) for step in plan.steps]
     for number, (kind, times) in enumerate(Counter(kinds).items(), 1):
@@ -116,12 +120,6 @@ def _kind(plan: Plan, step: Step) -> tuple[object, ...]:
         return ("", step.index)
     colours = (plan.parts[part].colour for part in sorted(plan.present_parts(step)))
     return (step.assembly[-1].rpartition(":")[0], step.number, *colours)
-
-
-def _item(entry: Entry) -> Item:
-    part, colour = entry.part, entry.colour
-    text = f"{part.name}\n{part.number} · {colour.name}"
-    return Item(_part_picture(part, colour.code), entry.count, text, part.length)
 
 
 def _part_picture(part: Part, colour: int) -> Pixels:

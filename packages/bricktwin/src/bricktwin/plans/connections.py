@@ -306,15 +306,7 @@ def _make_mesh(
 ) -> Mesh:
     """A mesh: the first gear at ``point`` and the second there, or at ``point2``, have the same velocity along ``tangent``."""
     row, row2 = (np.concatenate([tangent, np.cross(at, tangent)]) for at in (point, point if point2 is None else point2))
-    return Mesh(
-        first.placed.index,
-        second.placed.index,
-        (first.gear, second.gear),
-        error,
-        engaged,
-        point,
-        np.stack([row, -row2]),
-    )
+    return Mesh(first.placed.index, second.placed.index, (first.gear, second.gear), error, engaged, point, np.stack([row, -row2]))
 
 
 def chain_meshes(parts: Sequence[Placed]) -> list[Mesh]:

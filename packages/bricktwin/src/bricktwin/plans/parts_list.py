@@ -54,14 +54,7 @@ def as_text(entries: list[Entry], kind: str) -> str:
         )
     heads = ["number", "name", "colour", "count", "mass_g", "mass_source"]
     rows = [
-        [
-            entry.part.number,
-            entry.part.name,
-            entry.colour.name,
-            entry.count,
-            round(entry.mass_g, 3),
-            entry.part.mass_source.value,
-        ]
+        [entry.part.number, entry.part.name, entry.colour.name, entry.count, round(entry.mass_g, 3), entry.part.mass_source.value]
         for entry in entries
     ]
     return _table(heads, rows)

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 _WHEEL_TOLERANCE_MM, _TRACK_TOLERANCE_MM = 0.5, 2.0
 _RATIO_TOLERANCE = 0.01
 _ALIGNED_COSINE = 0.999
+_Mistake = tuple[int, str, str]
+"""Line in the plan's file, 0 for the whole plan; name; what is wrong and what to do."""
 
 
 class WheelFacts(NamedTuple):
@@ -128,9 +130,7 @@ def plan_file(model: str) -> Path | None:
         raise DescriptionError(f"there is no package '{package}' with the plan {file} ({error}); name the file") from None
 
 
-def completed(
-    robot: Robot,
-) -> tuple[tuple[Motor, ...], tuple[Sensor, ...], DriveBase | None, tuple[str, ...]]:
+def completed(robot: Robot) -> tuple[tuple[Motor, ...], tuple[Sensor, ...], DriveBase | None, tuple[str, ...]]:
     """Motors, sensors, drive base and hub sides of a description, completed from its plan. Raises DescriptionError if the plan
     contradicts the description, PlanError if the plan cannot be read."""
     design = read_facts(Path(robot.plan or ""))
@@ -194,29 +194,24 @@ def _port_of(name: str, parts: Sequence[DeviceFacts], robot: Robot) -> str:
 
 
 def disagreements(
-    robot: Robot,
-    devices: Sequence[Motor | Sensor],
-    base: DriveBase | None,
-    sides: tuple[str, ...],
-    design: PlanFacts,
-) -> Iterator[Finding]:
+    robot: Robot, devices: Sequence[Motor | Sensor], base: DriveBase | None, sides: tuple[str, ...], design: PlanFacts
+) -> Iterator[_Mistake]:
     """Findings on contradictions between a description, with these devices, drive base and hub sides, and a plan."""
     name, hub = robot.name, robot.hub.value
     parts = {part.port: part for part in (*design.motors, *design.sensors)}
     for hub_part in design.hubs:
         if hub_part.name != hub:
-            text = f"{hub_part.part} is not a {hub} hub, which the robot {name} has; make both agree"
-            yield Finding("wiring", Outcome.ERROR, text, hub_part.line)
+            yield hub_part.line, "wiring", f"{hub_part.part} is not a {hub} hub, which the robot {name} has; make both agree"
     for device in devices:
         if device.port in parts:
             yield from _check_device(name, device, parts[device.port])
         else:
             text = f"the robot {name} has '{device.name}' on port {device.port}, the plan nothing; add it with 0 !BRICKSRL PORT"
-            yield Finding("wiring", Outcome.ERROR, text)
+            yield 0, "wiring", text
     for port, part in parts.items():
         if port not in {device.port for device in devices}:
             text = f"port {port} has {part.part} '{part.label or ''}', but for the robot {name} nothing; make both agree"
-            yield Finding("wiring", Outcome.ERROR, text, part.line)
+            yield part.line, "wiring", text
     if base is not None:
         ports = {device.name: device.port for device in devices}
         yield from _check_wheels(name, base, *(parts.get(ports.get(side, "")) for side in (base.left, base.right)))
@@ -226,28 +221,26 @@ def disagreements(
             top, front = design.hub_sides
             text = f"the hub's top looks {top} and its front {front}, but for the robot {name} {sides[0]} and {sides[1]}"
             text += f"; turn it, or say hub_sides={design.hub_sides}"
-        yield Finding("wiring", Outcome.ERROR, text, design.hubs[0].line)
+        yield design.hubs[0].line, "wiring", text
 
 
-def _check_device(name: str, device: Motor | Sensor, part: DeviceFacts) -> Iterator[Finding]:
+def _check_device(name: str, device: Motor | Sensor, part: DeviceFacts) -> Iterator[_Mistake]:
     """Findings on name, kind and gears of a motor or sensor."""
     kind = device.kind.value
     label = f"port {device.port} has {part.part} '{part.label or ''}'"
     if part.name != kind:
-        text = f"{label}, but for the robot {name} '{device.name}', a {kind}; make both agree"
-        yield Finding("wiring", Outcome.ERROR, text, part.line)
+        yield part.line, "wiring", f"{label}, but for the robot {name} '{device.name}', a {kind}; make both agree"
     elif part.label is not None and part.label != device.name:
-        text = f"{label}, but for the robot {name} '{device.name}'; make both agree"
-        yield Finding("wiring", Outcome.ERROR, text, part.line)
+        yield part.line, "wiring", f"{label}, but for the robot {name} '{device.name}'; make both agree"
     elif isinstance(device, Motor) and device.gears and part.ratio and device.gears[0] != device.gears[-1]:
         ratio = device.gears[0] / device.gears[-1]
         if abs(ratio - abs(part.ratio)) > _RATIO_TOLERANCE * ratio:
             teeth = " to ".join(map(str, part.gears)) or "no gears"
             text = f"motor '{device.name}' has gears {device.gears} for the robot {name}, but {teeth} in the plan; correct one"
-            yield Finding("gears", Outcome.ERROR, text, part.line)
+            yield part.line, "gears", text
 
 
-def _check_wheels(name: str, base: DriveBase, left: DeviceFacts | None, right: DeviceFacts | None) -> Iterator[Finding]:
+def _check_wheels(name: str, base: DriveBase, left: DeviceFacts | None, right: DeviceFacts | None) -> Iterator[_Mistake]:
     """Findings on a drive base: wheel diameter and axle track."""
     positions_m = []
     for side, part in ((base.left, left), (base.right, right)):
@@ -256,13 +249,13 @@ def _check_wheels(name: str, base: DriveBase, left: DeviceFacts | None, right: D
         if part.wheel is None or abs(part.wheel.diameter_mm - base.wheel_diameter_mm) > _WHEEL_TOLERANCE_MM:
             turns = "none" if part.wheel is None else f"one of {part.wheel.diameter_mm:g} mm"
             text = f"motor '{side}' should turn a wheel of {base.wheel_diameter_mm:g} mm, as {name} says, but turns {turns}"
-            yield Finding("wheels", Outcome.ERROR, f"{text}; use the wheel that is meant", part.line)
+            yield part.line, "wheels", f"{text}; use the wheel that is meant"
             return
         positions_m.append(part.wheel.left_m)
     track_mm = abs(positions_m[0] - positions_m[1]) * 1000
     if left is not None and abs(track_mm - base.axle_track_mm) > _TRACK_TOLERANCE_MM:
         text = f"the wheels are {track_mm:.1f} mm apart, but {name} says {base.axle_track_mm:g}; make both agree"
-        yield Finding("wheels", Outcome.ERROR, text, left.line)
+        yield left.line, "wheels", text
 
 
 def check_named(plan: Plan) -> list[Finding]:
@@ -280,7 +273,8 @@ def check_named(plan: Plan) -> list[Finding]:
         return [Finding("wiring", Outcome.ERROR, str(error))]
     except PlanError:
         return []
-    return list(disagreements(robot, (*robot.motors, *robot.sensors), robot.drive_base, robot.hub_sides, design))
+    found = disagreements(robot, (*robot.motors, *robot.sensors), robot.drive_base, robot.hub_sides, design)
+    return [Finding(name, Outcome.ERROR, text, line) for line, name, text in found]
 
 
 def check_description(robot: Robot, path: Path) -> None:
@@ -292,8 +286,7 @@ def check_description(robot: Robot, path: Path) -> None:
     _raise_first(disagreements(robot, (*robot.motors, *sensors), robot.drive_base, robot.hub_sides, design), path)
 
 
-def _raise_first(findings: Iterator[Finding], plan: Path | str | None) -> None:
-    """Raise DescriptionError for the first finding, if there is one."""
-    for finding in findings:
-        where = f", line {finding.line}" if finding.line else ""
-        raise DescriptionError(f"{plan}{where}: {finding.detail}")
+def _raise_first(mistakes: Iterator[_Mistake], plan: Path | str | None) -> None:
+    """Raise DescriptionError for the first mistake, if there is one."""
+    for line, _, text in mistakes:
+        raise DescriptionError(f"{plan}{f', line {line}' if line else ''}: {text}")

@@ -78,14 +78,9 @@ def standing_pose(points: Floats, centre: Floats) -> tuple[Floats, float]:
     violation = np.where(usable, np.maximum(-clearance, 0.0) + np.maximum(_MIN_INSIDE - inside, 0.0), math.inf)
     best = int(np.argmin(violation))
     up = normal[best]
-    return _upright(up), float(-up @ first[best])
-
-
-def _upright(up: Floats) -> Floats:
-    """Quaternion of the shortest rotation that makes a direction vertical."""
+    # The shortest rotation that makes this direction vertical.
     quaternion = np.array([1.0 + up[2], up[1], -up[0], 0.0])
-    upright: Floats = quaternion / np.linalg.norm(quaternion)
-    return upright
+    return quaternion / np.linalg.norm(quaternion), float(-up @ first[best])
 
 
 @cache

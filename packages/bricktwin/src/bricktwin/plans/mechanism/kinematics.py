@@ -149,8 +149,9 @@ def _hinges(plan: Plan, bodies: Bodies) -> list[tuple[BodyJoint, Hinge]]:
     remaining: list[tuple[BodyJoint, int, int]] = []
     for joint in sorted(bodies.joints, key=lambda joint: joint.motor is None):
         first, second = joint.bodies
-        is_known = any({a, b} == {first, second} and _is_coaxial(other, joint) for other, a, b in remaining)
-        if first != second and not is_known:
+        known = [other for other, a, b in remaining if {a, b} == {first, second} and not (other.is_ball or joint.is_ball)]
+        lines = ((other.point, other.axis, joint.point, joint.axis) for other in known)
+        if first != second and not any(lines_coincide(*line, offset=2.0, sine=0.05) for line in lines):
             remaining.append((joint, first, second))
     is_fixed = [any(plan.parts[part].is_fixed for part in parts) for parts in bodies.members]
     root = is_fixed.index(True) if any(is_fixed) else 0
@@ -169,11 +170,6 @@ def _hinges(plan: Plan, bodies: Bodies) -> list[tuple[BodyJoint, Hinge]]:
         hinges.append((joint, hinge))
         reached |= {first, second}
     return hinges
-
-
-def _is_coaxial(first: BodyJoint, second: BodyJoint) -> bool:
-    is_ball = first.is_ball or second.is_ball
-    return not is_ball and lines_coincide(first.point, first.axis, second.point, second.axis, offset=2.0, sine=0.05)
 
 
 def _rate(joint: BodyJoint, parent: int, child: int, motions: Floats) -> Floats:

@@ -49,9 +49,17 @@ class Poser:
 
     def __init__(self, articulation: Articulation) -> None:
         self._articulation = articulation
-        self._swings = [hinge for swing in articulation.swings for hinge in _hinges_of(swing)]
+        # The three hinges of a ball joint, which moves by less than the quarter turn at which two of them align.
+        hinges = [
+            [replace(swing, axis=axis) for axis in np.eye(3)] if swing.is_ball else [swing] for swing in articulation.swings
+        ]
+        self._swings = [hinge for swing in hinges for hinge in swing]
         self._angles = np.zeros(len(self._swings))
-        self._constrained = self._find_constrained()
+        slopes = np.zeros(0)
+        if (articulation.rods or articulation.loops) and len(self._angles):
+            slopes = np.abs(self._jacobian({}, self._angles)).max(axis=0)
+        self._constrained = np.flatnonzero(slopes > 1e-5).tolist()
+        """The swings that affect rods and loops."""
         self.free = tuple(number for number in range(len(self._swings)) if number not in self._constrained)
 
     def motions(self, shafts: Mapping[str, float], swings: Mapping[int, float] | None = None) -> tuple[Motion, ...]:
@@ -112,17 +120,9 @@ class Poser:
         changes = [self._residuals(shafts, angles + step) - self._residuals(shafts, angles - step) for step in steps]
         return np.stack([change / (2 * _ANGLE_STEP) for change in changes], axis=1)
 
-    def _find_constrained(self) -> frozenset[int]:
-        """The swings that affect a residual."""
-        if not (self._articulation.rods or self._articulation.loops) or not len(self._angles):
-            return frozenset()
-        slopes = np.abs(self._jacobian({}, np.zeros(len(self._angles)))).max(axis=0)
-        return frozenset(np.flatnonzero(slopes > 1e-5).tolist())
-
     def _close(self, shafts: Mapping[str, float]) -> None:
         """Turn the swings until rods and loops are closed, as far as possible."""
-        constrained = sorted(self._constrained)
-        start = self._angles.copy()
+        constrained, start = self._constrained, self._angles.copy()
         for _ in range(_MAX_STEPS):
             gaps = self._residuals(shafts, self._angles)
             if np.abs(gaps).max() < _TOLERANCE_M:
@@ -134,11 +134,6 @@ class Poser:
             self._angles[constrained] -= np.clip(change, -0.3, 0.3)
         if np.abs(self._residuals(shafts, self._angles)).max() > 1e-3:
             self._angles = start
-
-
-def _hinges_of(swing: Joint) -> list[Joint]:
-    """A hinge, or the three hinges of a ball joint, which moves by less than the quarter turn at which two of them align."""
-    return [replace(swing, axis=axis) for axis in np.eye(3)] if swing.is_ball else [swing]
 
 
 def _rod_motion(old_near: Floats, old_far: Floats, near: Floats, far: Floats) -> Motion:

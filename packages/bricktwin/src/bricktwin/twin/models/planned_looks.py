@@ -53,17 +53,14 @@ def looks_of(
     for placed, is_shaft in [*((part, False) for part in placed_parts), *((motor, True) for motor in motors)]:
         turn = frame @ placed.rotation
         can_hide = not is_shaft and ldraw.folder() is None  # the shapes of a library are not those of our solids
-        near = [part for part in placed_parts if can_hide and _touch(part.bounds, placed.bounds)]
+        low, high = placed.bounds
+        near = [part for part in placed_parts if can_hide and (part.bounds[0] <= high).all() and (low <= part.bounds[1]).all()]
         for colour, shape in _shapes(placed, only_turning=is_shaft):
             visible = _uncovered(placed, shape, [part for part in near if part is not placed])
             points = (visible.points @ turn.T + frame @ placed.position) * MM_PER_LDU - shift
             if len(visible.faces):
                 shapes.append((colour, Shape(points, visible.normals @ turn.T, visible.faces)))
     return lego.Piece(tuple(shapes))
-
-
-def _touch(first: tuple[Floats, Floats], second: tuple[Floats, Floats]) -> bool:
-    return bool((first[0] <= second[1]).all() and (second[0] <= first[1]).all())
 
 
 def _uncovered(placed: Placed, shape: Shape, others: list[Placed]) -> Shape:
@@ -97,14 +94,11 @@ def _shapes(placed: Placed, *, only_turning: bool) -> list[tuple[str, Shape]]:
 def _of_catalogue(part: Part) -> dict[Tint, Shape]:
     """Our shapes of a part."""
     surface = surface_of(part, COARSE)
-    triangles = surface.triangles * _less_clearance(*part.bounds)
+    low, high = part.bounds
+    # Smaller by the clearance between parts, so that no two surfaces coincide.
+    triangles = surface.triangles * (1.0 - _CLEARANCE / np.maximum(high - low, 10.0))
     shapes = {tint: shape_of(triangles[surface.tints == int(tint)]) for tint in Tint}
     return {tint: shape for tint, shape in shapes.items() if shape is not None}
-
-
-def _less_clearance(low: Floats, high: Floats) -> Floats:
-    """Factors [3] that make a part's drawing smaller by the clearance between parts, so that no two surfaces coincide."""
-    return 1.0 - _CLEARANCE / np.maximum(high - low, 10.0)
 
 
 @functools.lru_cache(maxsize=64)
