@@ -11,8 +11,8 @@ from plan_lines import PLANS, plan_of
 from test_bodies import FLAT, PLATE, shaft
 
 from brickhub.errors import PlanError
+from bricktwin.plans.mechanism.articulation import Poser
 from bricktwin.plans.mechanism.kinematics import merged
-from bricktwin.plans.mechanism.posing import Poser
 from bricktwin.plans.planned_robot import PlannedRobot, free_deg, planned, planned_robot
 
 HUB = "1 15 200 0 0 1 0 0 0 1 0 0 0 1 67718.dat"

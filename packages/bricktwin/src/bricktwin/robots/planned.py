@@ -116,11 +116,16 @@ def _device(row: Sequence[Any]) -> DeviceFacts:
     return facts._replace(sides=tuple(facts.sides), gears=tuple(facts.gears), wheel=wheel)
 
 
+def is_plan(file: str) -> bool:
+    """Whether a file's name is one of a building plan."""
+    return file.lower().endswith((".ldr", ".mpd", ".io"))
+
+
 def plan_file(model: str) -> Path | None:
     """Path of the building plan that a robot's model is, ``FILE`` or ``package:FILE``; ``None`` for other models. Raises
     DescriptionError if there is no such package."""
     package, _, file = model.rpartition(":")
-    if not file.lower().endswith((".ldr", ".mpd", ".io")):
+    if not is_plan(file):
         return None
     if len(package) < 2:  # one letter is the drive of a path of Windows
         return Path(model)
