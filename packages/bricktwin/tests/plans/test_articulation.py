@@ -11,8 +11,9 @@ from plan_lines import PLANS, plan_of
 from test_bodies import FLAT, PLATE, shaft
 
 from brickhub.errors import PlanError
+from bricktwin.plans.check import structure_of
 from bricktwin.plans.mechanism.articulation import Poser
-from bricktwin.plans.mechanism.kinematics import merged
+from bricktwin.plans.mechanism.kinematics import mechanism, merged
 from bricktwin.plans.planned_robot import PlannedRobot, free_deg, planned, planned_robot
 
 HUB = "1 15 200 0 0 1 0 0 0 1 0 0 0 1 67718.dat"
@@ -63,7 +64,7 @@ def test_simplification_keeps_all_parts(name, bodies, drives, rods, geared, foll
     counts = tuple(map(len, (found.bodies, found.drives, found.rods, found.geared, found.followers)))
     assert counts == (bodies, drives, rods, geared, followers)
     assert (found.loops, found.is_fixed) == ((), is_fixed)
-    whole, before = merged(list(found.bodies)), merged(list(made.mechanism.links))
+    whole, before = merged(list(found.bodies)), merged(list(mechanism(made.plan, structure_of(made.plan).bodies).links))
     assert whole.mass_kg == pytest.approx(before.mass_kg)
     # A rod has half of its mass at either pin, so its own middle may be elsewhere by a little.
     assert np.allclose(whole.centre_m, before.centre_m, atol=1e-4)

@@ -46,6 +46,14 @@ class BodyJoint:
     motor: int | None
     is_ball: bool = False
 
+    def rates(self, motions: Floats, parent: int | None = None) -> Floats:
+        """Angular rate of the second body relative to the first in each motion [n], or reversed: relative to the body ``parent``.
+        A motor's case that turns about its shaft is the shaft turning about the reversed axis."""
+        first, second = self.bodies if parent in (None, self.bodies[0]) else self.bodies[::-1]
+        sign = -1.0 if self.motor is not None and first != self.bodies[0] else 1.0
+        relative = motions[6 * second + 3 : 6 * second + 6] - motions[6 * first + 3 : 6 * first + 6]
+        return np.asarray(sign * self.axis @ relative)
+
 
 @dataclass(frozen=True)
 class Bodies:
@@ -84,13 +92,6 @@ class Bodies:
                 axis = joints[1].point - joints[0].point
                 if (length := np.linalg.norm(axis)) > _AXIS_TOLERANCE:
                     yield body, axis / length
-
-    def rates(self, motor: int, motions: Floats) -> Floats:
-        """Angular rate of a motor's shaft relative to its case in each motion [n]."""
-        joint = next(joint for joint in self.joints if joint.motor == motor)
-        case, rotor = joint.bodies
-        relative = motions[6 * rotor + 3 : 6 * rotor + 6] - motions[6 * case + 3 : 6 * case + 6]
-        return np.asarray(joint.axis @ relative)
 
 
 def _null_space(rows: Floats) -> Floats:

@@ -136,7 +136,7 @@ def _check_motors(plan: Plan, bodies: Bodies, motors: list[int]) -> Iterator[_Mi
     if not motors:
         return
     motions = bodies.motions()
-    rates = np.array([bodies.rates(motor, motions) for motor in motors]).reshape(len(motors), -1)
+    rates = np.array([joint.rates(motions) for joint in bodies.joints if joint.motor is not None]).reshape(len(motors), -1)
     locked = [motor for motor, row in zip(motors, rates, strict=True) if not len(row) or np.abs(row).max() < _MIN_RATE]
     for motor in locked:
         text = f"{plan.parts[motor].name} cannot turn: its load is fixed to its mount; remove a pin or a gear"

@@ -10,23 +10,21 @@ from pathlib import Path
 import numpy as np
 
 from brickhub.errors import PlanError
-from bricktwin.plans.bodies import Bodies, find_bodies
+from bricktwin.plans.bodies import find_bodies
 from bricktwin.plans.building import Occupancy
 from bricktwin.plans.connections import connections, meshes
 from bricktwin.plans.geometry import M_PER_LDU, rotation
 from bricktwin.plans.mechanism.articulation import Articulation, Drive, articulation
-from bricktwin.plans.mechanism.kinematics import TO_TWIN, Mechanism, Train, Wheel, mechanism, trains
+from bricktwin.plans.mechanism.kinematics import TO_TWIN, Train, Wheel, mechanism, trains
 from bricktwin.plans.part import DeviceKind
 from bricktwin.plans.plan import Placed, Plan, read_plan
 
 
 @dataclass(frozen=True, eq=False)
 class PlannedRobot:
-    """A plan and its derived mechanism."""
+    """A plan, its gear trains and its articulation."""
 
     plan: Plan
-    bodies: Bodies
-    mechanism: Mechanism
     trains: tuple[Train, ...]
     articulation: Articulation
 
@@ -73,7 +71,7 @@ def planned(plan: Plan) -> PlannedRobot:
     bodies = find_bodies(plan.parts, connections(plan.parts), meshes(plan.parts))
     robot_mechanism = mechanism(plan, bodies)
     gear_trains = trains(robot_mechanism, plan.path)
-    return PlannedRobot(plan, bodies, robot_mechanism, gear_trains, articulation(robot_mechanism, gear_trains))
+    return PlannedRobot(plan, gear_trains, articulation(robot_mechanism, gear_trains))
 
 
 _STEP_DEG, _FINE_DEG = 5.0, 0.5

@@ -131,8 +131,8 @@ def mechanism(plan: Plan, bodies: Bodies) -> Mechanism:
     ports = tuple(plan.parts[joint.motor].port or "" for joint in motors if joint.motor is not None)
     ratios = np.zeros((len(ordered), len(motors)))
     if ratios.size:
-        rates = np.stack([_rate(joint, hinge.parent, hinge.child, motions) for joint, hinge in ordered])
-        shaft_rates = np.stack([_rate(joint, *joint.bodies, motions) for joint in motors])
+        rates = np.stack([joint.rates(motions, hinge.parent) for joint, hinge in ordered])
+        shaft_rates = np.stack([joint.rates(motions) for joint in motors])
         ratios += np.round(rates @ np.linalg.pinv(shaft_rates), 6)
     wheels = tuple(
         Wheel(link_of[placed.index], _point_m(placed.position), placed.part.wheel_mm, placed.index)
@@ -170,14 +170,6 @@ def _hinges(plan: Plan, bodies: Bodies) -> list[tuple[BodyJoint, Hinge]]:
         hinges.append((joint, hinge))
         reached |= {first, second}
     return hinges
-
-
-def _rate(joint: BodyJoint, parent: int, child: int, motions: Floats) -> Floats:
-    """Relative angular rate of two bodies about a joint's axis in each motion [n]."""
-    relative = motions[6 * child + 3 : 6 * child + 6] - motions[6 * parent + 3 : 6 * parent + 6]
-    # A case that turns about its shaft is the shaft turning about the reversed axis.
-    sign = -1.0 if joint.motor is not None and parent != joint.bodies[0] else 1.0
-    return np.asarray(sign * joint.axis @ relative)
 
 
 def _point_m(point: Floats) -> Floats:

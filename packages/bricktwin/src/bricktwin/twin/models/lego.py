@@ -259,35 +259,29 @@ _SHARP = np.cos(np.radians(38.0))
 _SIZE_MM, _SIZE_RATIO = 6.0, 0.15
 
 
-@dataclass(frozen=True)
-class _LibraryPart:
-    """LDraw files of a part, the best first, and the signed axes of the file that are our x, y and z (1 is the file's x)."""
-
-    files: tuple[str, ...]
-    axes: tuple[int, int, int]
-
-
-_BEAM = (3, -1, -2)
+HUB_AXES, MOTOR_AXES, SONAR_AXES, WHEEL_AXES = (3, -1, -2), (-3, -2, -1), (-3, 1, -2), (-1, -3, -2)
+"""Signed axes of an LDraw file that are our x, y and z (1 is the file's x)."""
 _LIBRARY_PARTS = {
-    "hub": _LibraryPart(("67718p01.dat", "67718.dat"), (3, -1, -2)),
-    "motor": _LibraryPart(("u9364c02.dat", "54696p02.dat"), (-3, -2, -1)),
-    "ultrasonic": _LibraryPart(("37316.dat",), (-3, 1, -2)),
-    "wheel": _LibraryPart(("39367p02.dat", "39367p01.dat"), (-1, -3, -2)),
-    "beam 9": _LibraryPart(("40490.dat",), _BEAM),
-    "beam 13": _LibraryPart(("41239.dat",), _BEAM),
+    "hub": (("67718p01.dat", "67718.dat"), HUB_AXES),
+    "motor": (("u9364c02.dat", "54696p02.dat"), MOTOR_AXES),
+    "ultrasonic": (("37316.dat",), SONAR_AXES),
+    "wheel": (("39367p02.dat", "39367p01.dat"), WHEEL_AXES),
+    "beam 9": (("40490.dat",), (3, -1, -2)),
+    "beam 13": (("41239.dat",), (3, -1, -2)),
 }
+"""LDraw files of our parts, the best first, and their axes."""
 
 
 def from_library(kind: str, colour: str, fallback: Piece) -> Piece:
     """The part from the installed LDraw library, with ``colour`` as its main colour; ``fallback`` if it has none."""
-    root, library_part = ldraw.folder(), _LIBRARY_PARTS.get(kind)
-    if root is None or library_part is None:
+    root, (files, axes) = ldraw.folder(), _LIBRARY_PARTS.get(kind, ((), HUB_AXES))
+    if root is None:
         return fallback
     points = np.concatenate([shape.points for _, shape in fallback.shapes])
     low, high = points.min(axis=0), points.max(axis=0)
-    for name in library_part.files:
+    for name in files:
         try:
-            shapes = _shapes(root, name, library_part.axes)
+            shapes = _shapes(root, name, axes)
         except TwinError as error:
             _log.debug("%s", error)
             continue

@@ -27,11 +27,11 @@ _BEND = 80.0
 _SPOKED_MM = 40.0
 """Diameter from which a wheel is drawn with spokes."""
 _DETAILED: dict[str, tuple[Callable[[], lego.Piece], tuple[int, int, int]]] = {
-    "prime": (lego.hub, (3, -1, -2)),
-    "spike-medium": (lego.medium_motor_case, (-3, -2, -1)),
-    "UltrasonicSensor": (lego.ultrasonic_sensor, (-3, 1, -2)),
+    "prime": (lego.hub, lego.HUB_AXES),
+    "spike-medium": (lego.medium_motor_case, lego.MOTOR_AXES),
+    "UltrasonicSensor": (lego.ultrasonic_sensor, lego.SONAR_AXES),
 }
-"""Our drawings of electric parts, and the signed axes of the catalogue's part that are our x, y and z (1 is its x)."""
+"""Our drawings of electric parts, and the signed axes of the catalogue's parts, which are those of LDraw's files."""
 
 
 def looks_of(
@@ -109,7 +109,7 @@ def _detailed(part: Part) -> list[tuple[str, Shape]]:
         make, axes = _DETAILED[device]
         drawing = make()
     elif part.wheel_mm > _SPOKED_MM:
-        drawing, axes = lego.wheel(part.wheel_mm), (-1, -3, -2)
+        drawing, axes = lego.wheel(part.wheel_mm), lego.WHEEL_AXES
     else:
         return []
     turn = signed_axes(axes)  # from the part's axes to ours
