@@ -19,9 +19,9 @@ from bricktwin.plans.geometry import M_PER_LDU
 from bricktwin.plans.mechanism.articulation import STILL, Motion, Poser
 from bricktwin.plans.mechanism.kinematics import TO_TWIN
 from bricktwin.plans.part import Part
+from bricktwin.plans.picture import TINTS, Tint, surface_of
 from bricktwin.plans.plan import Plan
 from bricktwin.plans.planned_robot import PlannedRobot, planned
-from bricktwin.plans.shapes import TINTS, Tint, surface_of
 
 _MAX_DEG = 360
 

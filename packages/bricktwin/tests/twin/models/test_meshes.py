@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from bricktwin.plans import catalogue
 from bricktwin.plans.geometry import circle_sides
-from bricktwin.plans.shapes import COARSE, surface_of
+from bricktwin.plans.picture import COARSE, surface_of
 from bricktwin.twin.models.lego import Shape, block, cylinder, ring, turned
 
 SHAPES = {

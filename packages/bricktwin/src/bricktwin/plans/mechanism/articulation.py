@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -129,21 +129,19 @@ class _Simplifier:
 
     def __init__(self, mechanism: Mechanism, trains: tuple[Train, ...]) -> None:
         self.mechanism, self.trains = mechanism, trains
-        self.merged_into = list(range(len(mechanism.links)))
+        self.merged_into = np.arange(len(mechanism.links))
         """For each link, the one that it has been merged into."""
         self.hinges = dict(enumerate(mechanism.hinges))
         self.followers: list[tuple[int, Hinge, str, float]] = []
         self.rods: list[tuple[int, Hinge, Hinge]] = []
         self.armature: dict[str, float] = {}
         self.coupled = {number for train in trains for number in train.hinges}
-        self.wheels = {wheel.link for wheel in mechanism.wheels}
-        self.preserved = self.wheels | {device.link for device in mechanism.mounted} | {mechanism.fixed or 0}
+        self.preserved = {wheel.link for wheel in mechanism.wheels} | {device.link for device in mechanism.mounted}
+        self.preserved.add(mechanism.fixed or 0)
 
-    def find(self, link: int) -> int:
-        """The link that a link has been merged into."""
-        while self.merged_into[link] != link:
-            link = self.merged_into[link]
-        return link
+    def _merge(self, link: int, other: int) -> None:
+        """Merge a link into another one."""
+        self.merged_into[self.merged_into == link] = self.merged_into[other]
 
     def _hinges_of(self, link: int) -> list[int]:
         return [number for number, hinge in self.hinges.items() if link in self._ends(hinge)]
@@ -164,25 +162,18 @@ class _Simplifier:
                 relative = ratio / train.ratio * (1.0 if link == hinge.child else -1.0)
                 self.armature[train.port] += inertia * relative**2
                 self.followers.append((link, hinge, train.port, relative))
-                self.merged_into[link] = carrier
+                self._merge(link, carrier)
                 del self.hinges[number]
 
     def merge_shafts(self) -> None:
         """Merge an axle that spins freely about one axis with one of the parts around it."""
-        for link in sorted(range(len(self.mechanism.links)), key=lambda link: self.mechanism.links[link].mass_kg):
-            numbers = self._hinges_of(link)
-            if link in self.preserved or self.find(link) != link or not numbers or self.coupled & set(numbers):
-                continue
+        for link, numbers in self._light_links():
             hinges = [self.hinges[number] for number in numbers]
-            if not all(share_axis(hinges[0], hinge) for hinge in hinges):
-                continue
-            if self.mechanism.links[link].mass_kg < _ROD_KG and is_balanced(self.mechanism, hinges[0], link, _BALANCED_KG_M):
-                self.merged_into[link] = next(other for other in self._ends(hinges[0]) if other != link)
+            is_shaft = bool(hinges) and all(share_axis(hinges[0], hinge) for hinge in hinges)
+            if is_shaft and is_balanced(self.mechanism, hinges[0], link, _BALANCED_KG_M):
+                self._merge(link, next(other for other in self._ends(hinges[0]) if other != link))
                 del self.hinges[numbers[0]]
-        self._drop_duplicates()
-
-    def _drop_duplicates(self) -> None:
-        """Remove duplicate hinges between two links about one axis."""
+        # Two links have one hinge about an axis.
         for number, hinge in list(self.hinges.items()):
             ends = set(self._ends(hinge))
             for other, earlier in self.hinges.items():
@@ -192,16 +183,24 @@ class _Simplifier:
                         del self.hinges[number]
                     break
 
+    def _light_links(self) -> Iterator[tuple[int, list[int]]]:
+        """Light links that nothing needs as bodies, the lightest first, with their hinges."""
+        masses_kg = [link.mass_kg for link in self.mechanism.links]
+        for link in sorted(range(len(masses_kg)), key=lambda link: masses_kg[link]):
+            numbers = self._hinges_of(link)
+            is_needed = link in self.preserved or self.merged_into[link] != link or self.coupled & set(numbers)
+            if masses_kg[link] < _ROD_KG and not is_needed:
+                yield link, numbers
+
     def find_rods(self) -> None:
         """Turn the lightest links of closed loops between two pins, or two balls, into rods."""
-        for link in sorted(range(len(self.mechanism.links)), key=lambda link: self.mechanism.links[link].mass_kg):
-            numbers = self._hinges_of(link)
-            if len(numbers) != 2 or link in self.preserved or self.coupled & set(numbers) or self.find(link) != link:
+        for link, numbers in self._light_links():
+            if len(numbers) != 2:
                 continue
             first, second = (self.hinges[number] for number in numbers)
             is_parallel = np.linalg.norm(np.cross(first.axis, second.axis)) < 0.02 and not share_axis(first, second)
             is_rod = (first.is_ball and second.is_ball) or (is_parallel and not first.is_ball and not second.is_ball)
-            if is_rod and self.mechanism.links[link].mass_kg < _ROD_KG and self._is_in_loop(link, numbers):
+            if is_rod and self._is_in_loop(link, numbers):
                 self.rods.append((link, first, second))
                 for number in numbers:
                     del self.hinges[number]
@@ -218,12 +217,12 @@ class _Simplifier:
 
     def _ends(self, hinge: Hinge) -> tuple[int, int]:
         """The two links of a hinge."""
-        return self.find(hinge.parent), self.find(hinge.child)
+        return int(self.merged_into[hinge.parent]), int(self.merged_into[hinge.child])
 
     def result(self) -> Articulation:
         """The tree of the remaining links from the first body on, and the loops."""
         mechanism = self.mechanism
-        base = self.find(mechanism.fixed or 0)
+        base = int(self.merged_into[mechanism.fixed or 0])
         order, tree, loops = [base], [], []
         remaining = sorted(self.hinges, key=lambda number: number not in self.coupled)
         while remaining:
@@ -236,8 +235,7 @@ class _Simplifier:
             remaining.remove(number)
             order.append(next(link for link in ends[number] if link not in order))
             tree.append(number)
-        roots = {link: self.find(link) for link in range(len(mechanism.links))}
-        body_of = {link: order.index(root) for link, root in roots.items() if root in order}
+        body_of = {link: order.index(root) for link, root in enumerate(self.merged_into.tolist()) if root in order}
         joints = {number: _joint(self.hinges[number], body_of) for number in (*tree, *loops)}
         flipped = {number: replace(joint, axis=-joint.axis) for number, joint in joints.items()}
         rods = tuple(_rod(mechanism.links[link], first, second, link, body_of) for link, first, second in self.rods)

@@ -14,8 +14,8 @@ from bricktwin.plans.catalogue import colour_of
 from bricktwin.plans.geometry import MM_PER_LDU, Floats
 from bricktwin.plans.mechanism.kinematics import TO_TWIN
 from bricktwin.plans.part import DeviceKind, Part
+from bricktwin.plans.picture import COARSE, TINTS, Tint, offset_points, surface_of
 from bricktwin.plans.plan import Placed, Plan
-from bricktwin.plans.shapes import COARSE, TINTS, Tint, offset_points, surface_of
 from bricktwin.twin import ldraw
 from bricktwin.twin.models import lego
 from bricktwin.twin.models.lego import Shape, colour_name, library_shapes, shape_of, signed_axes
