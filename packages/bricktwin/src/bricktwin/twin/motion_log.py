@@ -139,7 +139,12 @@ def read_log(path: Path) -> RunLog:
 
 def _parse(data: bytes) -> RunLog:
     """Log in the content of a file. Raises DescriptionError if it is no motion log."""
-    lines = {number: _table(line, f"line {number}") for number, line in enumerate(data.splitlines(), 1) if line}
+    lines: dict[int, dict[str, Any]] = {}
+    for number, line in enumerate(data.splitlines(), 1):
+        if line:
+            with contextlib.suppress(ValueError, RecursionError):
+                lines[number] = json.loads(line)
+            _require(isinstance(lines.get(number), dict), f"line {number} is not a table of names and values")
     _require(len(lines) >= 2, "it has no header and no readings")
     header_number, *numbers = lines
     header = lines.pop(header_number)
@@ -180,16 +185,6 @@ def _require(is_met: bool, fault: str) -> None:
         raise DescriptionError(fault)
 
 
-def _table(line: bytes, name: str) -> dict[str, Any]:
-    try:
-        value = json.loads(line)
-    except (ValueError, RecursionError):
-        value = None
-    if not isinstance(value, dict):
-        raise DescriptionError(f"{name} is not a table of names and values")
-    return value
-
-
 def _numbers(line: dict[str, Any], name: str, number: int, count: int) -> list[float]:
     values: Any = line.get(name)
     is_complete = isinstance(values, list) and len(values) == count and all(map(_is_number, values))
@@ -207,9 +202,8 @@ def _describe(part: Command | Channel | Wait | UntilDone) -> dict[str, Any]:
 
 
 def _parts(header: dict[str, Any], name: str) -> tuple[Any, ...]:
-    parts = header.get(name)
-    if not isinstance(parts, list):
-        raise DescriptionError(f"the header's {name} are not a list")
+    parts: Any = header.get(name)
+    _require(isinstance(parts, list), f"the header's {name} are not a list")
     return tuple(_make(part, name) for part in parts)
 
 

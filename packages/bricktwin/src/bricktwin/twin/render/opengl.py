@@ -291,20 +291,16 @@ class VideoWriter:
             return
         try:
             file.close()
-            if complete and not self._is_whole(self._part):
-                self._fail()
             if complete:
+                with self._part.open("rb") as written:
+                    written.seek(max(0, self._part.stat().st_size - 2**20))
+                    is_whole = b"moov" in written.read()  # the table of the images, which the encoder writes last
+                if not is_whole:
+                    self._fail()
                 self._part.chmod(0o644)
                 self._part.replace(self.path)
         finally:
             self._part.unlink(missing_ok=True)
-
-    @staticmethod
-    def _is_whole(path: Path) -> bool:
-        """Whether the encoder has written the table of the images, which comes last."""
-        with path.open("rb") as file:
-            file.seek(max(0, path.stat().st_size - 2**20))
-            return b"moov" in file.read()
 
     def _fail(self) -> NoReturn:
         with writing(self.path):
@@ -366,14 +362,8 @@ def _choose_backend() -> str:
     if not sys.platform.startswith("linux") or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
         return ""
     for backend, names in _LIBRARIES.items():
-        if any(_loads(name) for name in names):
-            return backend
+        for name in names:
+            with contextlib.suppress(OSError):
+                ctypes.CDLL(name)
+                return backend
     raise RenderingUnavailableError(f"no OpenGL library is here to draw with; {_REMEDY}")
-
-
-def _loads(name: str) -> bool:
-    try:
-        ctypes.CDLL(name)
-    except OSError:
-        return False
-    return True

@@ -123,16 +123,11 @@ class Room:
             _box(scene, (metre, _BACK_M / 2 - 1.0, 0.0), (0.003, _BACK_M / 2 + 1.0, 0.0004), _LINE)
         for metre in range(-2, 2):
             _box(scene, (middle, metre, 0.0), (6.0, 0.003, 0.0004), _LINE)
-        if self._ghost is not None:
-            self._add_ghost(scene, self._ghost)
-
-    def _add_ghost(self, scene: mujoco.MjvScene, ghost: MujocoBody) -> None:
-        first = scene.ngeom
-        category = mujoco.mjtCatBit.mjCAT_DYNAMIC
-        mujoco.mjv_addGeoms(ghost.model, ghost.data, self._option, mujoco.MjvPerturb(), category, scene)
-        for number in range(first, scene.ngeom):
-            scene.geoms[number].rgba[:] = _GHOST
-            scene.geoms[number].matid = -1
+        ghost, first, category = self._ghost, scene.ngeom, mujoco.mjtCatBit.mjCAT_DYNAMIC
+        if ghost is not None:
+            mujoco.mjv_addGeoms(ghost.model, ghost.data, self._option, mujoco.MjvPerturb(), category, scene)
+        for geom in scene.geoms[first : scene.ngeom]:
+            geom.rgba[:], geom.matid = _GHOST, -1
 
     def metre_marks(self, width: int, height: int) -> list[tuple[int, int, str]]:
         """Labels of the metre lines in an image of that size in px: column, row, text."""
