@@ -126,10 +126,7 @@ def _part_picture(part: Part, colour: int) -> Pixels:
     """Picture of one part, at most as large as in the assembly."""
     turn = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]) if part.family == "beams" else np.eye(3)
     placed = Placed(0, part, colour, turn, np.zeros(3), 0, 0, ())
-    canvas = Canvas(_PART_SIZE, VIEWS[0], [placed])
-    canvas.limit_zoom(_PART_ZOOM)
-    canvas.add(placed)
-    return canvas.picture()
+    return Canvas(_PART_SIZE, VIEWS[0], [placed], [placed], _PART_ZOOM).picture()
 
 
 def _step_pages(plan: Plan, step: Step, number: int, times: int) -> Iterator[Page]:

@@ -132,16 +132,14 @@ def box(centre: Triple, size: Triple) -> Solid:
     return Solid(Form.BOX, centre, (size[0] / 2, size[1] / 2, size[2] / 2))
 
 
-def cylinder(centre: Triple, axis: str | Triple, length: float, radius: float) -> Solid:
+def cylinder(centre: Triple, axis: Triple, length: float, radius: float) -> Solid:
     """A cylinder around ``axis``."""
-    direction = AXES[axis] if isinstance(axis, str) else axis
-    return Solid(Form.CYLINDER, centre, (radius, radius, length / 2), frame_of(direction))
+    return Solid(Form.CYLINDER, centre, (radius, radius, length / 2), frame_of(axis))
 
 
-def ring(centre: Triple, axis: str | Triple, length: float, outer: float, inner: float) -> Solid:
+def ring(centre: Triple, axis: Triple, length: float, outer: float, inner: float) -> Solid:
     """A tube around ``axis``."""
-    direction = AXES[axis] if isinstance(axis, str) else axis
-    return Solid(Form.RING, centre, (outer, inner, length / 2), frame_of(direction))
+    return Solid(Form.RING, centre, (outer, inner, length / 2), frame_of(axis))
 
 
 def ball(centre: Triple, radius: float) -> Solid:

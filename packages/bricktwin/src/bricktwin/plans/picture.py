@@ -304,9 +304,17 @@ class Canvas:
         size: width and height in pixels.
         fitted: parts that must fit into the picture.
         drawn: parts to draw at once.
+        max_zoom: points per LDU.
     """
 
-    def __init__(self, size: tuple[int, int], view: View, fitted: Sequence[Placed], drawn: Iterable[Placed] = ()) -> None:
+    def __init__(
+        self,
+        size: tuple[int, int],
+        view: View,
+        fitted: Sequence[Placed],
+        drawn: Iterable[Placed] = (),
+        max_zoom: float = math.inf,
+    ) -> None:
         self.size, self._axes = size, view.axes
         self._width, self._height = size[0] * _SCALE, size[1] * _SCALE
         boxes = [placed.to_plan(np.array(list(itertools.product(*np.stack(placed.part.bounds).T)))) for placed in fitted]
@@ -314,7 +322,7 @@ class Canvas:
         low = np.min([corner.min(axis=1) for corner in corners], axis=0)
         high = np.max([corner.max(axis=1) for corner in corners], axis=0)
         span = np.maximum(high - low, 1.0)
-        self.zoom = 0.94 * min(self._width / span[0], self._height / span[1])
+        self.zoom = min(max_zoom, 0.94 * min(self._width / span[0], self._height / span[1]))
         """Points per LDU."""
         self._middle = (low + high) / 2
         self._near, self._deep = float(low[2]) - 1.0, float(span[2]) + 2.0
@@ -325,10 +333,6 @@ class Canvas:
         self._count = 0
         for placed in drawn:
             self.add(placed)
-
-    def limit_zoom(self, zoom: float) -> None:
-        """Set an upper limit of the zoom (points per LDU)."""
-        self.zoom = min(self.zoom, zoom)
 
     def add(self, placed: Placed) -> None:
         """Draw a part."""

@@ -23,14 +23,13 @@ from brickhub.virtual.body import Rng
 from bricktwin.twin.models.kept_models import kept_model
 from bricktwin.twin.models.mjcf import LOOKS, add_camera, add_light, new_spec, yaw_quaternion
 from bricktwin.twin.models.scenery import add_geom
-from bricktwin.twin.mujoco_body import MujocoBody, Pose, set_physics
+from bricktwin.twin.mujoco_body import MujocoBody, Pose, set_physics, settle
 from bricktwin.twin.physics import Physics
 from bricktwin.twin.scene import OPEN_FLOOR
 from bricktwin.twin.senses import Turns
 from bricktwin.twin.stance import refuse_overlap
 
 _STEPS_PER_UPDATE = 20
-_SETTLING_STEPS = 400
 _WALL_HALF_HEIGHT_M, _WALL_HALF_WIDTH_M = 0.04, 0.012
 _WALL_RGB, _LOAD_RGB = (0.55, 0.58, 0.62), (0.85, 0.55, 0.15)
 _MAX_DRAWS, _DRAWS_AT_ONCE = 20_000, 200
@@ -210,9 +209,7 @@ class ArenaWorld:
         """Let all robots settle on the floor, far from one another, and record their stances."""
         for number, address in enumerate([*(body.base_address for body in self.bodies), *self._loads]):
             self.data.qpos[address] = 2.0 * number
-        slope, self.model.opt.gravity[:] = self.model.opt.gravity.copy(), self._nominal.opt.gravity
-        mujoco.mj_step(self.model, self.data, _SETTLING_STEPS)
-        self.model.opt.gravity[:] = slope
+        settle(self.model, self.data, self._nominal)
         for body in self.bodies:
             body.record_stance()
 

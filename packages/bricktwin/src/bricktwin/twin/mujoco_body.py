@@ -200,9 +200,7 @@ class MujocoBody:
             return
         if self.scene.objects:
             self._qpos[0] = _FAR_M  # away from objects at the start position
-        slope, self.model.opt.gravity[:] = self.model.opt.gravity.copy(), self._nominal.opt.gravity
-        mujoco.mj_step(self.model, self.data, _SETTLING_STEPS)  # on a level floor: with open circuits it may roll
-        self.model.opt.gravity[:] = slope
+        settle(self.model, self.data, self._nominal)
         self.record_stance()
         self._qpos[self.model.jnt_qposadr[self._backlash]] = 0.0
         self._qpos[[address for address, _ in self._shaft.values()]] = 0.0
@@ -409,6 +407,13 @@ class MujocoBody:
 
 SIDE_LOAD_OFFSET_M = (0.0, 0.048, 0.0)
 """Position of the side load relative to the chassis' centre of mass: 6 modules of LEGO to the left, in the hub's axes."""
+
+
+def settle(model: mujoco.MjModel, data: mujoco.MjData, nominal: mujoco.MjModel) -> None:
+    """Let robots settle on a level floor: with open circuits they may roll on a slope. ``nominal``: the model as compiled."""
+    slope, model.opt.gravity[:] = model.opt.gravity.copy(), nominal.opt.gravity
+    mujoco.mj_step(model, data, _SETTLING_STEPS)
+    model.opt.gravity[:] = slope
 
 
 def _backlash_joints(model: mujoco.MjModel) -> list[int]:
