@@ -200,7 +200,7 @@ class Robot:
         hub_sides: where the hub's top and its front, with the USB port, look: names of :data:`LOOKS`. By default as in the plan,
             or ``("up", "ahead")``. The IMU's values are along the robot's axes, however the hub is mounted.
         model: MuJoCo model of a virtual robot: ``"package.module:function"``, which is called with the robot and its scene and
-            returns an ``MjSpec``, or the path of an MJCF file (see ``bricktwin.twin.models.mjcf_file``) or of a building plan.
+            returns an ``MjSpec``, or the path of an MJCF file (see ``bricktwin.twin.models.load``) or of a building plan.
             Without a model, a robot with a drive base gets a generated body, and any other one is a bench.
         plan: path of the building plan, an LDraw file. It completes this description: missing motors and sensors, ports that are
             "", gears, wheel diameter and axle track; and it is the model if there is none.

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from bricksrl.envs.rollout import Policy
     from bricktwin.twin.mujoco_body import MujocoBody
     from bricktwin.twin.render.opengl import Image, Renderer, VideoWriter
-    from bricktwin.twin.render.room import Room
+    from bricktwin.twin.render.video import Room
 
 QUICK_S = 0.03
 """Longest time to draw an image without shadows for shadows to be tried."""
@@ -125,7 +125,7 @@ class _Take:
     reward: float = 0.0
 
     def __post_init__(self) -> None:
-        from bricktwin.twin.render.room import Room
+        from bricktwin.twin.render.video import Room
 
         self.room: Room = Room(self.body, goals_of(self.env, self.start))
         self.renderer, cost_s = self._renderer()
@@ -160,7 +160,7 @@ class _Take:
 
     def render(self) -> Image:
         """One image with captions."""
-        from bricktwin.twin.render.captions import captioned
+        from bricktwin.twin.render.video import captioned
 
         self.room.follow()
         image = self.renderer.render()

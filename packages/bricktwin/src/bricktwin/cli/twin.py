@@ -14,9 +14,7 @@ from brickhub.cli.terminal import confirm, print_line
 from brickhub.errors import TwinError, counted
 from brickhub.seed import check_seed
 from brickhub.target import find, whole_interface
-
-# Listed here, because importing the fit takes a second.
-FITTED = ("battery_v", "friction_scale", "motor_friction_scale", "mass_scale", "backlash_deg")
+from bricktwin.twin.physics import FITTED
 
 if TYPE_CHECKING:
     from brickhub.hub.interface import Interface
