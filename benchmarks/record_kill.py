@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from brickhub.entry import Entry
-from bricksrl.data.recorded_episode import About, Step
+from bricksrl.data import About, Step
 from bricksrl.data.schema import Description
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ from toy_data import SEEING, TOY, record, record_episode, steps
 
 from brickhub.entry import Entry
 from bricksrl.data import About, Recorder, load
-from bricksrl.data.images import encode
+from bricksrl.data.columns import encode
 from bricksrl.data.integrity import check
 from bricksrl.errors import DataError
 

@@ -1,23 +1,33 @@
-"""Data collection: recording of episodes of a policy, a human, or both."""
+"""Data collection: recording of episodes of a policy, a human, or both; transitions as recorded steps, and their provenance."""
 
 from __future__ import annotations
 
+import dataclasses
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from datetime import UTC, datetime
+from importlib import metadata
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
 
+from brickhub import HOUSES
 from brickhub.seed import check_seed
-from bricksrl.data.transitions import about, step_of
+from bricksrl.data.dataset import About
+from bricksrl.data.recorder import Recorder, Step
 from bricksrl.envs.rollout import Driver, Policy, Rollout, link_lost, play
 
 if TYPE_CHECKING:
     from tensordict import TensorDictBase
+    from torch import Tensor
     from torchrl.envs import EnvBase
 
-    from bricksrl.data.recorder import Recorder
+    from brickhub.hub.interface import Interface
+    from brickhub.robot import Robot
+
+_PACKAGES = (*HOUSES, "torch", "torchrl", "mujoco")
 
 
 @dataclass(frozen=True)
@@ -96,3 +106,60 @@ def collect(
         if on_episode is not None:
             on_episode(done[-1])
     return done
+
+
+def step_of(transition: TensorDictBase, env: EnvBase, *, intervention: bool = False) -> Step:
+    """Step from a transition of TorchRL's ``EnvBase.step``, copied, since the environment may reuse its tensors. ``env``:
+    environment of the transition; its ``timing``, if any, is recorded."""
+    after, timing = transition["next"], getattr(env, "timing", None)
+    times = {} if timing is None else {"age_s": timing.age_s, "hub_time_s": timing.hub_time_s}
+    images = {} if "image" not in after else {"image": _numbers(transition["image"]), "next_image": _numbers(after["image"])}
+    return Step(
+        observation=_numbers(transition["observation"]),
+        action=_numbers(transition["action"]),
+        reward=float(after["reward"]),
+        next_observation=_numbers(after["observation"]),
+        terminated=bool(after["terminated"]),
+        truncated=bool(after["done"]) and not bool(after["terminated"]),
+        intervention=intervention,
+        **times,
+        **images,
+    )
+
+
+def _numbers(tensor: Tensor) -> Any:
+    return tensor.detach().cpu().numpy().copy()
+
+
+def about(env: EnvBase, policy: str, *, seed: int | None = None, hub: str = "virtual") -> About:
+    """Provenance of an episode that starts now.
+
+    Args:
+        policy: source of the actions.
+        seed: seed of the episode.
+        hub: how the robot is reached; ignored without a robot.
+    """
+    task = getattr(env, "task", None)
+    on_hub = hasattr(env, "twin")
+    physics = getattr(env.twin.body, "physics", None) if on_hub and hub == "virtual" and env.twin is not None else None
+    return About(
+        policy=policy,
+        seed=seed,
+        started=datetime.now(UTC).astimezone().isoformat(timespec="milliseconds"),
+        hub=hub if on_hub else "",
+        program_hash=_program_hash(task.robot, task.interface) if on_hub and task is not None else None,
+        versions=dict(_versions()),
+        physics={} if physics is None else dataclasses.asdict(physics),
+    )
+
+
+@functools.lru_cache(maxsize=16)
+def _program_hash(robot: Robot, interface: Interface) -> int:
+    from brickhub.hub.program.generate import generate
+
+    return generate(robot, interface).hash
+
+
+@functools.lru_cache(maxsize=1)
+def _versions() -> tuple[tuple[str, str], ...]:
+    return tuple((name, metadata.version(name)) for name in _PACKAGES)

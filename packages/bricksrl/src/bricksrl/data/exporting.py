@@ -17,7 +17,7 @@ import numpy as np
 import pyarrow as pa
 
 from brickhub.files import atomic_folder, refuse_existing, write_durably
-from bricksrl.data.parquet import to_parquet
+from bricksrl.data.columns import to_parquet
 from bricksrl.data.reader import COLUMNS, load
 from bricksrl.errors import DataError
 

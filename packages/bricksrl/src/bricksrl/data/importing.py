@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,26 +21,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from brickhub.entry import Entry
+from bricksrl.data.dataset import About, Dataset
 from bricksrl.data.edit import write_dataset
-from bricksrl.data.recorded_episode import About, Step, new_episode
+from bricksrl.data.recorder import Step, new_episode
 from bricksrl.data.schema import describe_task
 from bricksrl.errors import DataError
 
 if TYPE_CHECKING:
-    from bricksrl.data.episode_index import Index
     from bricksrl.data.schema import Description
     from bricksrl.envs.task import Task
 
-_TYPES = {
-    "torch.float32": np.float32,
-    "torch.float64": np.float64,
-    "torch.int64": np.int64,
-    "torch.bool": np.bool_,
-    "torch.uint8": np.uint8,
-}
+_TYPES = {f"torch.{name}": np.dtype(name) for name in ("float32", "float64", "int64", "bool", "uint8")}
 _MAX_META_BYTES = 1_000_000
 Arrays = dict[str, NDArray[Any]]
-
 
 _ORDERS = {
     "Walker-v0": ([0, 1, 2, 3, 4, 5, 6], [0, 2, 1, 3]),
@@ -51,18 +44,9 @@ _ORDERS = {
 """Columns of the released code's observations and actions, in our order, by environment."""
 
 
-@dataclass(frozen=True)
-class Imported:
-    """Imported dataset: its source, its new folder and its index."""
-
-    source: Path
-    out: Path
-    index: Index
-
-
-def import_paper(source: Path, out: Path, *, env: str | None = None) -> list[Imported]:
-    """Import one of the paper's datasets into ``out``, or all below a folder, each into a subfolder of ``out``. Raises DataError
-    if there is no dataset, one is damaged, or ``out`` exists.
+def import_paper(source: Path, out: Path, *, env: str | None = None) -> list[tuple[Path, Dataset]]:
+    """Import one of the paper's datasets into ``out``, or all below a folder, each into a subfolder of ``out``; returns each with
+    its source. Raises DataError if there is no dataset, one is damaged, or ``out`` exists.
 
     Args:
         env: environment of the datasets; by default inferred from the names of the folders.
@@ -75,7 +59,7 @@ def import_paper(source: Path, out: Path, *, env: str | None = None) -> list[Imp
         task = env or _task_of(folder)
         policy = "expert" if "expert" in folder.name else "random" if "random" in folder.name else folder.name
         target = out if folder == source else out / f"{task}-{policy}"
-        imported.append(Imported(folder, target, _import_one(folder, target, task, policy)))
+        imported.append((folder, _import_one(folder, target, task, policy)))
     return imported
 
 
@@ -87,7 +71,7 @@ def _task_of(folder: Path) -> str:
     raise DataError(f"the names of {folder} do not tell which task it is of; say it: --env {' or '.join(_ORDERS)}")
 
 
-def _import_one(folder: Path, out: Path, env: str, policy: str) -> Index:
+def _import_one(folder: Path, out: Path, env: str, policy: str) -> Dataset:
     from bricksrl.envs import get_task
 
     if env not in _ORDERS:
@@ -186,6 +170,6 @@ def _read_tensor(folder: Path, name: str, entry: dict[str, Any]) -> NDArray[Any]
         data = path.read_bytes()
     except OSError as error:
         raise DataError(f"cannot read {path} ({error.strerror}); restore it from a copy") from None
-    if len(data) != math.prod(shape) * np.dtype(dtype).itemsize:
+    if len(data) != math.prod(shape) * dtype.itemsize:
         raise DataError(f"{path} has {len(data)} bytes, which is not what its meta.json says; restore it from a copy")
     return np.frombuffer(data, dtype).reshape(shape).copy()

@@ -10,10 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from brickhub.files import atomic_folder, folder_with, refuse_existing, write_durably
-from bricksrl.data.cards import policy_card
 from bricksrl.data.share import CARD, downloaded, hub_client
 from bricksrl.envs.trust import remember, require_trusted
-from bricksrl.errors import CheckpointError, RunError
+from bricksrl.errors import CheckpointError, RunError, counted
 from bricksrl.training.config import TrainConfig, portable
 from bricksrl.training.run_folder import RunFolder
 
@@ -47,7 +46,7 @@ def export_policy(run_dir: Path, out: Path, *, licence: str = "mit") -> Path:
     tensors = {name: tensor.contiguous() for name, tensor in trained.learner.policy_state().items()}
     shared = portable(replace(one_robot(config), data=None, updates=0, start=None, compile=False).to_dict())
     about = {"bricksrl_policy": _VERSION, "episodes": trained.episodes, "config": shared}
-    card = policy_card(shared["env"], shared["agent"], trained.episodes, folder.own_evaluation(trained.episodes), licence)
+    card = _card(shared["env"], shared["agent"], trained.episodes, folder.own_evaluation(trained.episodes), licence)
     with atomic_folder(out) as new:
         write_durably(new / TENSORS, save(tensors))
         text = (json.dumps(about, indent=1, default=str) + "\n").encode()
@@ -127,3 +126,32 @@ def pull_policy(repo: str, out: Path, *, revision: str | None = None) -> Path:
     with downloaded(repo, "model", out, [TENSORS, ABOUT, CARD], revision) as folder:
         read_policy(folder)
     return out
+
+
+def _card(env: str, agent: str, episodes: int, evaluation: dict[str, Any] | None, licence: str) -> str:
+    """Card of a policy, as Markdown, with the results of an evaluation if there is one."""
+    result = "It has not been evaluated yet."
+    if evaluation is not None:
+        mean, std, count = evaluation["return_mean"], evaluation["return_std"], evaluation["episodes"]
+        result = f"Return {mean:.4g} ± {std:.4g} in {counted(count, 'episode')} of evaluation."
+    return f"""---
+license: {licence}
+library_name: bricksrl
+pipeline_tag: reinforcement-learning
+tags:
+- BricksRL
+- reinforcement-learning
+- robotics
+---
+
+# {agent} for {env}
+
+Trained with BricksRL on {json.dumps(env)} for {counted(episodes, "episode")}. {result}
+
+`policy.safetensors` holds the tensors that the policy acts with, `policy.json` what they belong to.
+
+```
+bricksrl data pull <this repository> --policy --out policy
+bricksrl record {env} --policy policy --out dataset
+```
+"""

@@ -10,9 +10,9 @@ from torchrl.envs import EnvBase
 
 from brickhub.seed import derive_seed
 from brickhub.user_files import without_folder
+from bricksrl.data.collect import about, step_of
 from bricksrl.data.recorder import Recorder
 from bricksrl.data.schema import describe
-from bricksrl.data.transitions import about, step_of
 from bricksrl.errors import BricksError
 from bricksrl.training.callbacks import Callback, Episode, Phase, Progress
 from bricksrl.training.config import TrainConfig

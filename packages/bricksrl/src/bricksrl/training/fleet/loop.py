@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from tensordict import TensorDictBase
     from torch import Tensor
 
-    from bricksrl.data.recorded_episode import About, Step
+    from bricksrl.data import About, Step
     from bricksrl.data.recorder import Recorder
     from bricksrl.training.fleet.fleet_robots import Event, Fleet, Member
 

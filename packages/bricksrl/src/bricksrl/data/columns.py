@@ -1,10 +1,11 @@
-"""Parquet files: conversion between arrays and bytes, and LeRobot's statistics of columns."""
+"""Columns of steps as bytes: Parquet files, lossless videos of images (H.264 in RGB), and LeRobot's statistics."""
 
 from __future__ import annotations
 
 import hashlib
 import io
-import json
+import subprocess
+import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,6 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from bricksrl.data.layout import numbers
 from bricksrl.data.schema import Description
 from bricksrl.errors import DataError
 
@@ -24,8 +24,18 @@ RESTORE = "restore it from a copy, or save the intact episodes with `bricksrl da
 Columns = Mapping[str, NDArray[Any]]
 """Arrays ``[steps]`` and ``[steps, n]`` by the names of the columns."""
 
-Statistics = dict[str, dict[str, list[Any]]]
+Statistics = dict[str, dict[str, NDArray[Any]]]
 """``min``, ``max``, ``mean``, ``std`` and ``count`` of each column, as in LeRobot."""
+STATISTICS = ("min", "max", "mean", "std", "count")
+_QUIET = ("-hide_banner", "-loglevel", "error")
+_LOSSLESS = ("-c:v", "libx264rgb", "-crf", "0", "-preset", "veryfast", "-g", "2", "-movflags", "+faststart")
+_ONE_MP4_FILE = ("-protocol_whitelist", "file", "-f", "mp4")  # a disguised playlist could name other files and servers
+
+
+def arrow_types(description: Description) -> dict[str, tuple[int, pa.DataType]]:
+    """Length and type of each column that is stored in Parquet."""
+    stored = {name: feature for name, feature in description.features.items() if feature["dtype"] != "video"}
+    return {name: (feature["shape"][0], pa.from_numpy_dtype(feature["dtype"])) for name, feature in stored.items()}
 
 
 def to_parquet(table: pa.Table) -> bytes:
@@ -64,7 +74,7 @@ def read_parquet(path: Path, *, digest: str | None = None) -> pa.Table:
 def to_table(columns: Columns, description: Description) -> pa.Table:
     """Arrow table of the columns, in the layout of the data files."""
     arrays = {}
-    for name, n, type_ in numbers(description):
+    for name, (n, type_) in arrow_types(description).items():
         flat = pa.array(columns[name].reshape(-1), type_)
         arrays[name] = flat if n == 1 else pa.FixedSizeListArray.from_arrays(flat, n)
     return pa.table(arrays)
@@ -73,16 +83,17 @@ def to_table(columns: Columns, description: Description) -> pa.Table:
 def from_table(table: pa.Table, description: Description, names: Iterable[str], where: Path) -> dict[str, NDArray[Any]]:
     """Inverse of `to_table` for some of the columns; vectors of length 1 are returned as ``[steps]``. Raises DataError if a
     column has another type than in the description."""
-    shapes = {name: (n, type_) for name, n, type_ in numbers(description)}
-    arrays = {}
+    types, arrays = arrow_types(description), {}
     for name in names:
-        n, type_ = shapes[name]
+        n, type_ = types[name]
         try:
             column = table[name].combine_chunks()
         except KeyError:
             raise DataError(f"{where} has not one column {name}; it is not a file of this dataset") from None
         expected = type_ if n == 1 else pa.list_(type_, n)
-        if not (column.type == expected or _is_list_of(column.type, type_)) or column.null_count:
+        is_list = n > 1 and (pa.types.is_list(column.type) or pa.types.is_fixed_size_list(column.type))
+        fits = column.type == expected or (is_list and column.type.value_type == type_)  # other programs write other lists
+        if not fits or column.null_count:
             raise DataError(f"{where}: column {name} is {column.type}, not {expected}; it is not a file of this dataset")
         flat = column if n == 1 else column.flatten()
         if len(flat) != n * len(column) or flat.null_count:
@@ -92,66 +103,69 @@ def from_table(table: pa.Table, description: Description, names: Iterable[str], 
     return arrays
 
 
-def _is_list_of(type_: pa.DataType, item: pa.DataType) -> bool:
-    """True for lists of the item type, fixed-size or not: other programs write vectors as variable-length lists."""
-    is_list = pa.types.is_list(type_) or pa.types.is_fixed_size_list(type_)
-    return bool(is_list and type_.value_type == item)
-
-
-def has_task(path: Path, instruction: str) -> bool:
-    """True if the file is a ``meta/tasks.parquet`` with this task only."""
-    try:
-        return bool(read_parquet(path).to_pylist() == [{"task_index": 0, "task": instruction}])
-    except DataError:
-        return False
-
-
-def tasks_table(instruction: str) -> bytes:
-    """Bytes of ``meta/tasks.parquet``: the instruction is the pandas index of the table, as LeRobot expects."""
-    column = {"field_name": None, "metadata": None}
-    pandas = {
-        "index_columns": ["task"],
-        "column_indexes": [{"name": None, "pandas_type": "unicode", "numpy_type": "object", **column}],
-        "columns": [
-            {"name": "task_index", "pandas_type": "int64", "numpy_type": "int64", **column, "field_name": "task_index"},
-            {"name": "task", "pandas_type": "unicode", "numpy_type": "object", **column, "field_name": "task"},
-        ],
-        "creator": {"library": "pyarrow", "version": pa.__version__},
-        "pandas_version": "2.0.0",
-    }
-    table = pa.table({"task_index": pa.array([0], pa.int64()), "task": pa.array([instruction], pa.string())})
-    return to_parquet(table.replace_schema_metadata({"pandas": json.dumps(pandas)}))
-
-
 def statistics(columns: Columns) -> Statistics:
     """Statistics of the columns of one episode."""
     return {name: _statistics(np.asarray(values, np.float64)) for name, values in columns.items()}
 
 
-def image_statistics(images: NDArray[np.uint8]) -> dict[str, list[Any]]:
+def image_statistics(images: NDArray[np.uint8]) -> dict[str, NDArray[Any]]:
     """Statistics of images ``[steps, height, width, 3]`` per colour in 0..1, of shape ``[3, 1, 1]`` except the count."""
-    values = _statistics(images.reshape(-1, 3) / 255.0)
-    count = [len(images)]
-    return {name: count if name == "count" else [[[v]] for v in value] for name, value in values.items()}
+    values = {name: value.reshape(-1, 1, 1) for name, value in _statistics(images.reshape(-1, 3) / 255.0).items()}
+    return {**values, "count": np.array([len(images)])}
 
 
-def _statistics(values: NDArray[np.float64]) -> dict[str, list[Any]]:
+def _statistics(values: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
     rows = values.reshape(len(values), -1)
     with np.errstate(invalid="ignore"):  # a missing clock reads NaN
-        values_by_name = {"min": rows.min(0), "max": rows.max(0), "mean": rows.mean(0), "std": rows.std(0)}
-    return {**{name: value.tolist() for name, value in values_by_name.items()}, "count": [len(rows)]}
+        found = rows.min(0), rows.max(0), rows.mean(0), rows.std(0), np.array([len(rows)])
+    return dict(zip(STATISTICS, found, strict=True))
 
 
 def join_statistics(parts: Sequence[Statistics]) -> Statistics:
     """Statistics of all episodes together, from those of each episode."""
-    return {name: _join([part[name] for part in parts]) for name in (parts[0] if parts else ())}
+    joined: Statistics = {}
+    for name in parts[0] if parts else ():
+        low, high, means, stds, count = (np.stack([part[name][key] for part in parts]) for key in STATISTICS)
+        share = (count / count.sum()).reshape(-1, *[1] * (means.ndim - 1))
+        mean = (share * means).sum(0)
+        variance = (share * (stds**2 + (means - mean) ** 2)).sum(0)
+        found = low.min(0), high.max(0), mean, np.sqrt(variance), count.sum(0)
+        joined[name] = dict(zip(STATISTICS, found, strict=True))
+    return joined
 
 
-def _join(parts: Sequence[dict[str, list[Any]]]) -> dict[str, list[Any]]:
-    count = np.array([part["count"][0] for part in parts], np.float64)
-    low, high, means, stds = (np.array([part[key] for part in parts], np.float64) for key in ("min", "max", "mean", "std"))
-    share = (count / count.sum()).reshape(-1, *[1] * (means.ndim - 1))
-    mean = (share * means).sum(0)
-    variance = (share * (stds**2 + (means - mean) ** 2)).sum(0)
-    joined = {"min": low.min(0), "max": high.max(0), "mean": mean, "std": np.sqrt(variance)}
-    return {**{name: value.tolist() for name, value in joined.items()}, "count": [int(count.sum())]}
+def encode(images: NDArray[np.uint8], rate_hz: float) -> bytes:
+    """Encode images ``[steps, height, width, 3]`` losslessly as an mp4 file, the inverse of `decode`. Raises DataError if ffmpeg
+    is not installed, or it failed."""
+    _, height, width, _ = images.shape
+    raw = ("-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", str(rate_hz), "-i", "pipe:0")
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "video.mp4"
+        command = [_ffmpeg(), *_QUIET, *raw, *_LOSSLESS, str(path)]
+        process = subprocess.run(command, input=images.tobytes(), capture_output=True, check=False)  # noqa: S603
+        if process.returncode:
+            raise DataError(f"ffmpeg could not write a video: {process.stderr.decode(errors='replace').strip()}; install another")
+        return path.read_bytes()
+
+
+def decode(path: Path, count: int, side: int) -> NDArray[np.uint8]:
+    """Decode the first ``count`` images of a file, ``[count, side, side, 3]``. Raises DataError if the file is no such video, or
+    too short."""
+    size_bytes = count * side * side * 3
+    raw = ("-frames:v", str(count), "-f", "rawvideo", "-pix_fmt", "rgb24", "pipe:1")
+    command = [_ffmpeg(), *_QUIET, "-nostdin", *_ONE_MP4_FILE, "-i", f"file:{path}", *raw]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:  # noqa: S603
+        data = b"" if process.stdout is None else process.stdout.read(size_bytes + 1)
+        process.kill()
+    if len(data) != size_bytes:
+        raise DataError(f"{path} is not a video of {count} images of {side} x {side} px; {RESTORE}")
+    return np.frombuffer(data, np.uint8).reshape(count, side, side, 3)
+
+
+def _ffmpeg() -> str:
+    import imageio_ffmpeg
+
+    try:
+        return str(imageio_ffmpeg.get_ffmpeg_exe())
+    except RuntimeError:
+        raise DataError("there is no ffmpeg for videos; reinstall imageio-ffmpeg: pip install imageio-ffmpeg") from None
