@@ -155,7 +155,7 @@ class Record:
     def _policy(self, env: EnvBase, description: Description) -> tuple[Policy, Callable[[], None]]:
         """The policy, and the reset of its state."""
         from bricksrl.data.collect import random_policy
-        from bricksrl.teleop.mapping import rest_action
+        from bricksrl.teleoperation import rest_action
 
         if self.policy == "random":
             return random_policy(env, self.seed), lambda: None

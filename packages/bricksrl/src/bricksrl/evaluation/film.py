@@ -228,7 +228,7 @@ def film_run(run_dir: Path, which: str, path: Path, options: FilmOptions, **chan
     `EnvOptions` that differ from the training. Raises RunError or CheckpointError if there is no such run or policy,
     RenderingUnavailableError or TwinError as :func:`film`."""
     from bricksrl.evaluation.evaluator import evaluation_config
-    from bricksrl.policies.named import named_policies
+    from bricksrl.policies.policy import named_policies
     from bricksrl.training.run import make_env
     from bricksrl.training.run_folder import RunFolder
 

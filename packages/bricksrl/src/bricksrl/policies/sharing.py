@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import tempfile
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -56,17 +56,9 @@ def export_policy(run_dir: Path, out: Path, *, licence: str = "mit") -> Path:
     return out
 
 
-@dataclass(frozen=True)
-class SharedPolicy:
-    """Shared policy, as written by `export_policy`: the config of its run, and its tensors by name."""
-
-    config: TrainConfig
-    tensors: dict[str, Any]
-
-
-def read_policy(path: Path) -> SharedPolicy:
-    """Read the policy in a folder. Nothing in it is executed. Raises CheckpointError or RunError if there is no policy, it is
-    damaged, or its config names untrusted code."""
+def read_policy(path: Path) -> tuple[TrainConfig, dict[str, Any]]:
+    """Read the policy in a folder, as `export_policy` wrote it: the config of its run, and its tensors by name. Nothing in it is
+    executed. Raises CheckpointError or RunError if there is no policy, it is damaged, or its config names untrusted code."""
     from safetensors import SafetensorError
     from safetensors.torch import load
 
@@ -86,7 +78,7 @@ def read_policy(path: Path) -> SharedPolicy:
     except (SafetensorError, ValueError, KeyError, TypeError):
         raise CheckpointError(f"{path / TENSORS} is not a valid safetensors file; fetch the policy again") from None
     try:
-        return SharedPolicy(TrainConfig.from_dict(about["config"]), tensors)
+        return TrainConfig.from_dict(about["config"]), tensors
     except RunError as error:
         raise CheckpointError(f"{path / ABOUT} is damaged: {error}") from None
 
@@ -96,12 +88,12 @@ def load_shared(path: Path, env: EnvBase) -> Learner:
     there is no policy, it is damaged, or ``env`` has other observations or actions."""
     from bricksrl.training.restore import make_learner_for
 
-    shared = read_policy(path)
-    learner = make_learner_for(shared.config, env, device="cpu")
-    state = learner.policy_state()
-    if {name: tensor.shape for name, tensor in state.items()} != {name: tensor.shape for name, tensor in shared.tensors.items()}:
+    config, tensors = read_policy(path)
+    learner = make_learner_for(config, env, device="cpu")
+    shapes, given = ({name: tensor.shape for name, tensor in state.items()} for state in (learner.policy_state(), tensors))
+    if shapes != given:
         raise CheckpointError(f"the policy in {path} observes or acts otherwise than this environment; use the one it is for")
-    learner.policy.load_state_dict(shared.tensors)
+    learner.policy.load_state_dict(tensors)
     return learner
 
 
