@@ -17,6 +17,7 @@ from brickhub import HOUSES
 from brickhub.seed import check_seed
 from bricksrl.data.dataset import About
 from bricksrl.data.recorder import Recorder, Step
+from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.rollout import Driver, Policy, Rollout, link_lost, play
 
 if TYPE_CHECKING:
@@ -79,7 +80,7 @@ def collect(
         DescriptionError: the seed is invalid.
     """
     check_seed(seed)
-    done = []
+    done, ours = [], interface_of(env)
     for _ in range(episodes):
         number = recorder.episodes
         episode_seed = int(np.random.SeedSequence([seed, number]).generate_state(1)[0] >> 1)
@@ -90,13 +91,13 @@ def collect(
         try:
             for frame in play(env, policy, state, driver=driver, reset_policy=reset_policy):
                 if link_lost(frame):
-                    raise env.link_error
+                    raise ours.link_error
                 by_hand = bool(frame.get("intervention", False))
                 recorder.add(step_of(frame, env, intervention=by_hand))
                 episode.add(frame)
                 interventions += by_hand
                 on_frame(frame)
-            is_cut = getattr(env, "is_cut", False)
+            is_cut = ours.is_cut
             success = None if is_cut else episode.success(env)
         except BaseException:
             recorder.commit(whole=False)
@@ -111,8 +112,8 @@ def collect(
 def step_of(transition: TensorDictBase, env: EnvBase, *, intervention: bool = False) -> Step:
     """Step from a transition of TorchRL's ``EnvBase.step``, copied, since the environment may reuse its tensors. ``env``:
     environment of the transition; its ``timing``, if any, is recorded."""
-    after, timing = transition["next"], getattr(env, "timing", None)
-    times = {} if timing is None else {"age_s": timing.age_s, "hub_time_s": timing.hub_time_s}
+    after, timing = transition["next"], interface_of(env).timing
+    times: dict[str, Any] = {} if timing is None else {"age_s": timing.age_s, "hub_time_s": timing.hub_time_s}
     images = {} if "image" not in after else {"image": _numbers(transition["image"]), "next_image": _numbers(after["image"])}
     return Step(
         observation=_numbers(transition["observation"]),
@@ -139,9 +140,9 @@ def about(env: EnvBase, policy: str, *, seed: int | None = None, hub: str = "vir
         seed: seed of the episode.
         hub: how the robot is reached; ignored without a robot.
     """
-    task = getattr(env, "task", None)
-    on_hub = hasattr(env, "twin")
-    physics = getattr(env.twin.body, "physics", None) if on_hub and hub == "virtual" and env.twin is not None else None
+    ours = interface_of(env)
+    task, on_hub = ours.task, ours.robots > 0
+    physics = getattr(ours.twin.body, "physics", None) if on_hub and hub == "virtual" and ours.twin is not None else None
     return About(
         policy=policy,
         seed=seed,

@@ -17,6 +17,7 @@ from torchrl.data import LazyMemmapStorage, LazyTensorStorage, TensorDictReplayB
 from torchrl.envs import EnvBase
 
 from bricksrl.agents.settings import OffPolicySettings
+from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.specs import ObservationLayout
 from bricksrl.envs.task import Task
 from bricksrl.errors import DescriptionError
@@ -265,5 +266,6 @@ def make_replay_buffer(env: EnvBase, settings: OffPolicySettings, device: torch.
     shift_px = settings.shift_px if layout.image_px else 0
     if not has_goals and settings.n_step == 1 and not shift_px:
         return TransitionReplayBuffer(*args)
-    goals = GoalRelabelling(env.task, layout, settings.hindsight, settings.new_goals) if has_goals else None
+    task = interface_of(env).task
+    goals = GoalRelabelling(task, layout, settings.hindsight, settings.new_goals) if has_goals and task is not None else None
     return EpisodicReplayBuffer(*args, gamma=settings.gamma, n_step=settings.n_step, goals=goals, shift_px=shift_px)
