@@ -13,18 +13,18 @@ import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from brickhub.files import TEMPORARY_PREFIX, write_durably
 from bricksrl.errors import RunError, message_of
+
+if TYPE_CHECKING:
+    from bricksrl.training.config import TrainConfig
 
 _POLL_S = 0.5
 _RETRIES = 3
 _STORE_BYTES = 100_000_000
 _ENVIRONMENT = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0"}
-
-OnMessage = Callable[[int, dict[str, Any]], None]
-"""Called with the index of an order and a message of its run."""
 
 
 def parse_on(text: str) -> str | None:
@@ -94,25 +94,18 @@ class Keeper:
         return messages
 
 
-class Changes:
-    """Tracker of changed files in a folder; the checkpoint comes last, as it depends on the others."""
-
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
-        self._known: dict[str, tuple[int, int]] = {}
-
-    def take(self) -> dict[str, bytes]:
-        """Contents of the files that changed since the last call, by path in the folder."""
-        changed = {}
-        for path in sorted(self._folder.rglob("*"), key=lambda path: (path.name == "checkpoint.bin", path)):
-            if path.name.startswith(TEMPORARY_PREFIX) or not path.is_file():  # such a file may vanish at any moment
-                continue
-            stat = path.stat()
-            name, version = str(path.relative_to(self._folder)), (stat.st_mtime_ns, stat.st_size)
-            if self._known.get(name) != version:
-                self._known[name] = version
-                changed[name] = path.read_bytes()
-        return changed
+def changed_files(folder: Path, known: dict[str, tuple[int, int]]) -> dict[str, bytes]:
+    """Contents of the files whose time or size is not ``known``, which is updated, by path in the folder. The checkpoint comes
+    last, as it depends on the others."""
+    changed = {}
+    for path in sorted(folder.rglob("*"), key=lambda path: (path.name == "checkpoint.bin", path)):
+        if path.name.startswith(TEMPORARY_PREFIX) or not path.is_file():  # such a file may vanish at any moment
+            continue
+        stat = path.stat()
+        name, version = str(path.relative_to(folder)), (stat.st_mtime_ns, stat.st_size)
+        if known.get(name) != version:
+            known[name], changed[name] = version, path.read_bytes()
+    return changed
 
 
 def train_on_worker(number: int, config: dict[str, Any], keeper: Any) -> str | None:
@@ -120,8 +113,7 @@ def train_on_worker(number: int, config: dict[str, Any], keeper: Any) -> str | N
     import ray
     import torch
 
-    from bricksrl.evaluation.multi_seed_worker import Reporter, train_and_evaluate
-    from bricksrl.training import Callback, TrainConfig, resume, train
+    from bricksrl.evaluation.multi_seed import Reporter, train_and_evaluate
 
     torch.set_num_threads(1)
 
@@ -130,48 +122,41 @@ def train_on_worker(number: int, config: dict[str, Any], keeper: Any) -> str | N
             self.send({"started": episodes_done, "pid": os.getpid(), "node": platform.node()})
 
     with tempfile.TemporaryDirectory(prefix="bricksrl-") as temporary:
-        folder = Path(temporary) / "run"
-        changes = Changes(folder)
+        folder, known = Path(temporary) / "run", dict[str, tuple[int, int]]()
 
         def send(message: dict[str, Any]) -> None:
-            ray.get(keeper.keep.remote(number, changes.take(), message))
+            ray.get(keeper.keep.remote(number, changed_files(folder, known), message))
 
-        def start(callback: Callback) -> None:
-            files = ray.get(keeper.files.remote(number))
-            if "checkpoint.bin" in files:
-                for name, data in files.items():
-                    path = folder / name
-                    path.parent.mkdir(parents=True, exist_ok=True)
-                    path.write_bytes(data)
-                resume(folder, callback)
-            else:
-                train(TrainConfig.from_dict(config, run_dir=folder), callback)
-
-        return train_and_evaluate(start, folder, StartReporter(send))
+        files = ray.get(keeper.files.remote(number))
+        for name, data in files.items() if "checkpoint.bin" in files else ():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            (folder / name).write_bytes(data)
+        return train_and_evaluate(config, folder, StartReporter(send))
 
 
 def train_on_cluster(
-    address: str | None,
-    orders: Sequence[tuple[dict[str, Any], Path]],
-    on_message: OnMessage,
-    *,
-    cpus: int | None = None,
+    address: str | None, configs: Sequence[TrainConfig], cpus: int | None, on_line: Callable[[int, dict[str, Any]], None]
 ) -> list[str | None]:
-    """Train all orders, each a config and its local folder; returns the error of each, or ``None``. Raises RunError if the
-    cluster cannot be reached."""
+    """Train all configs, each into its folder on this computer; returns the error of each, or ``None``. Raises RunError if the
+    cluster cannot be reached.
+
+    Args:
+        cpus: as in `connected`.
+        on_line: called with a seed and a message of its run.
+    """
     with connected(address, cpus) as ray:
         from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
         on_this_node = NodeAffinitySchedulingStrategy(node_id=ray.get_runtime_context().get_node_id(), soft=False)
-        folders = [str(folder.absolute()) for _, folder in orders]
+        folders = [str(Path(config.run_dir or "").absolute()) for config in configs]
         keeper = ray.remote(Keeper).options(num_cpus=0, scheduling_strategy=on_this_node).remote(folders)
         remote = ray.remote(train_on_worker).options(num_cpus=1, max_retries=_RETRIES)
-        waiting = {remote.remote(number, config, keeper): number for number, (config, _) in enumerate(orders)}
-        errors: list[str | None] = [None] * len(orders)
+        waiting = {remote.remote(number, config.to_dict(), keeper): number for number, config in enumerate(configs)}
+        errors: list[str | None] = [None] * len(configs)
         while waiting:
             done, _ = ray.wait(list(waiting), timeout=_POLL_S)
             for number, message in ray.get(keeper.messages.remote()):
-                on_message(number, message)
+                on_line(configs[number].seed, message)
             for job in done:
                 number = waiting.pop(job)
                 try:
@@ -181,7 +166,7 @@ def train_on_cluster(
                 except ray.exceptions.RayError as error:
                     errors[number] = f"its worker was lost {_RETRIES + 1} times ({type(error).__name__})"
         for number, message in ray.get(keeper.messages.remote()):
-            on_message(number, message)
+            on_line(configs[number].seed, message)
         return errors
 
 

@@ -1,7 +1,8 @@
 """Training with several seeds in parallel, and the summary of their results.
 
-Each seed is a single-threaded process, with as many at a time as there are cores. `benchmarks/seeds.py` compares this with one
-program that trains all seeds as stacked networks.
+A run is a function of its configuration, `train_and_evaluate`, called in a single-threaded process of this computer, with as many
+at a time as there are cores, or as a task of a Ray cluster. `benchmarks/seeds.py` compares this with one program that trains all
+seeds as stacked networks.
 """
 
 from __future__ import annotations
@@ -9,19 +10,22 @@ from __future__ import annotations
 import contextlib
 import os
 import threading
+import traceback
+from collections import deque
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any
 
 from brickhub.files import write_durably, writing
 from brickhub.seed import check_seed
-from bricksrl.child_process import END, ChildProcess, Message
-from bricksrl.errors import RunError
+from bricksrl.child_process import END, ChildProcess, Message, leave, parent_channel
+from bricksrl.errors import BricksError, RunError
 from bricksrl.evaluation.cluster import parse_on, train_on_cluster
 from bricksrl.evaluation.comparison import Group, compare, draw
+from bricksrl.training.callbacks import Callback, Episode, Progress
 
 if TYPE_CHECKING:
     from bricksrl.training.config import TrainConfig
@@ -31,12 +35,7 @@ MAX_SEEDS = 1000
 _END_TIMEOUT_S, _STOP_TIMEOUT_S = 60.0, 10.0
 
 OnLine = Callable[[int, dict[str, Any]], None]
-"""Called, from several threads, with a seed and a message: an episode and its return, or the return of the evaluation."""
-
-
-def seed_folder(folder: Path, seed: int) -> Path:
-    """Folder of a seed's run."""
-    return folder / f"seed-{seed}"
+"""Called with a seed and a message: an episode and its return, or the return of the evaluation."""
 
 
 def check_count(count: int) -> None:
@@ -71,84 +70,129 @@ def train_seeds(
     address = None if on is None else parse_on(on)
     if folder is None or folder.exists():
         raise RunError(f"{folder} exists already; choose another folder")
-    seeds = tuple(range(config.seed, config.seed + count))
-    configs = [replace(config, seed=seed, run_dir=seed_folder(folder, seed)) for seed in seeds]
+    folders = {seed: folder / f"seed-{seed}" for seed in range(config.seed, config.seed + count)}
+    configs = [replace(config, seed=seed, run_dir=run_dir) for seed, run_dir in folders.items()]
     try:
         with writing(folder):
             folder.mkdir(parents=True)
-        if on is None:
-            results = _in_processes(configs, jobs, on_line)
-        else:
-            orders = [(run.to_dict(), seed_folder(folder, run.seed)) for run in configs]
-            results = train_on_cluster(address, orders, lambda index, message: on_line(seeds[index], message), cpus=jobs)
+        train = _train_in_processes if on is None else partial(train_on_cluster, address)
+        results = train(configs, jobs, on_line)
     except BaseException:
         with contextlib.suppress(OSError):
             folder.rmdir()  # fails if anything was written
         raise
-    errors = [(seed, error) for seed, error in zip(seeds, results, strict=True) if error is not None]
+    errors = [(seed, error) for seed, error in zip(folders, results, strict=True) if error is not None]
     if errors:
         with contextlib.suppress(OSError):
             folder.rmdir()
         seed, error = errors[0]
         raise RunError(f"{len(errors)} of {count} seeds failed; seed {seed}: {error}")
-    comparison = compare([seed_folder(folder, seed) for seed in seeds])
+    comparison = compare(list(folders.values()))
     write_durably(folder / "summary.json", (comparison.to_json() + "\n").encode())
     draw(folder / "learning_curves.png", comparison.groups)
     return comparison.groups[0]
 
 
-def _in_processes(configs: Sequence[TrainConfig], jobs: int | None, on_line: OnLine) -> list[str | None]:
-    """Train all in local processes; returns the error of each, or ``None``."""
-    processes = _Processes()
+def _train_in_processes(configs: Sequence[TrainConfig], jobs: int | None, on_line: OnLine) -> list[str | None]:
+    """Train all in local processes, so many at a time; returns the error of each, or ``None``."""
+    waiting, running = deque(range(len(configs))), dict[int, ChildProcess]()
+    messages: SimpleQueue[tuple[int, Message | None]] = SimpleQueue()
+    errors: list[str | None] = [None] * len(configs)
 
-    def run(config: TrainConfig) -> str | None:
-        return processes.run(config, lambda message: on_line(config.seed, message))
-
-    with ThreadPoolExecutor(jobs or os.cpu_count() or 1) as pool:
-        try:
-            return list(pool.map(run, configs))
-        except BaseException:
-            processes.end()
-            pool.shutdown(cancel_futures=True)
-            raise
-
-
-class _Processes:
-    """Set of running worker processes, which can be terminated together."""
-
-    def __init__(self) -> None:
-        self._running: set[ChildProcess] = set()
-        self._lock = threading.Lock()
-        self._ended = False
-
-    def run(self, config: TrainConfig, on_message: Callable[[dict[str, Any]], None]) -> str | None:
-        """Train one seed; returns the error, if any."""
-        messages: SimpleQueue[Message | None] = SimpleQueue()
-        with self._lock:
-            if self._ended:
-                return "stopped"
-            process = ChildProcess(
-                "bricksrl.evaluation.multi_seed_worker", messages.put, OMP_NUM_THREADS="1", MKL_NUM_THREADS="1"
-            )
-            self._running.add(process)
+    def start(number: int) -> None:
+        process = ChildProcess(
+            __name__, lambda message: messages.put((number, message)), OMP_NUM_THREADS="1", MKL_NUM_THREADS="1"
+        )
+        running[number] = process
         with contextlib.suppress(OSError):  # its end is reported
-            process.send("train", (config.to_dict(), config.run_dir))
-        error = None
-        for _, message in iter(messages.get, None):
-            error = message.get("error", error)
-            on_message(message)
-        with self._lock:
-            self._running.discard(process)
-        code = process.end(_END_TIMEOUT_S)
-        return error or (None if code == 0 else f"its process ended with exit code {code}")
+            process.send("train", (configs[number].to_dict(), configs[number].run_dir))
 
-    def end(self) -> None:
-        """End all processes after their present steps and start no more; saved files are kept."""
-        with self._lock:
-            self._ended = True
-            running = list(self._running)
-        for process in running:
+    try:
+        while waiting or running:
+            while waiting and len(running) < (jobs or os.cpu_count() or 1):
+                start(waiting.popleft())
+            number, message = messages.get()
+            if message is not None:
+                errors[number] = message[1].get("error", errors[number])
+                on_line(configs[number].seed, message[1])
+                continue
+            code = running.pop(number).end(_END_TIMEOUT_S)
+            errors[number] = errors[number] or (None if code == 0 else f"its process ended with exit code {code}")
+    except BaseException:  # all end after their present steps, and what they saved is kept
+        for process in running.values():
             with contextlib.suppress(OSError):
                 process.send(*END)
-        for process in running:
+        for process in running.values():
             process.end(_STOP_TIMEOUT_S)
+        raise
+    return errors
+
+
+class Reporter(Callback):
+    """Callback that sends a message per episode."""
+
+    def __init__(self, send: Callable[[dict[str, Any]], None]) -> None:
+        self.send = send
+
+    def on_episode(self, episode: Episode, progress: Progress) -> None:
+        self.send({"episode": episode.episode, "return": episode.return_})
+
+
+def train_and_evaluate(
+    config: dict[str, Any], run_dir: Path, reporter: Reporter, stop: threading.Event | None = None
+) -> str | None:
+    """Train into a folder, or resume the run in it, evaluate, and report; returns the error, if any, also one of the user's code.
+    Raises KeyboardInterrupt if ``stop`` is set meanwhile."""
+    from brickhub.user_files import failure_of_user
+    from bricksrl.evaluation.evaluator import evaluate
+    from bricksrl.training import RunFolder, TrainConfig, resume, train
+
+    try:
+        if RunFolder(run_dir).checkpoint_path.exists():
+            result = resume(run_dir, reporter, stop=stop)
+        else:
+            result = train(TrainConfig.from_dict(config, run_dir=run_dir), reporter, stop=stop)
+        if result.interrupted:
+            raise KeyboardInterrupt
+        reporter.send({"evaluated": evaluate(run_dir).return_mean})
+    except BricksError as error:
+        return str(error)
+    except Exception as error:
+        message = failure_of_user(error)
+        if message is None:
+            raise
+        return message
+    return None
+
+
+def main() -> None:
+    """Entry point of a seed's process, ``python -m bricksrl.evaluation.multi_seed``: train and evaluate as ordered; sends a
+    message for each episode, one for the evaluation, and one for an error. Ends after the present step if the parent asks for it
+    or is gone."""
+    orders: SimpleQueue[Message] = SimpleQueue()
+    stop = threading.Event()
+
+    def receive(message: Message | None) -> None:
+        if message in (END, None):
+            stop.set()
+        orders.put(message or END)
+
+    send = parent_channel(receive)
+    code = 1
+    try:
+        _, order = orders.get()
+        if order is not None:
+            reporter = Reporter(partial(send, "report"))
+            config, run_dir = order
+            if (error := train_and_evaluate(config, run_dir, reporter, stop)) is not None:
+                reporter.send({"error": error})
+        code = 0
+    except (BrokenPipeError, KeyboardInterrupt):  # the parent is gone, or asked for the end
+        pass
+    except Exception:  # noqa: BLE001  an exit at once would not print it
+        traceback.print_exc()
+    leave(code)
+
+
+if __name__ == "__main__":
+    main()
