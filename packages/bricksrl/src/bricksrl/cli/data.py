@@ -99,7 +99,7 @@ class Repair:
         from bricksrl.data.dataset import dataset_folder
         from bricksrl.data.edit import salvage
         from bricksrl.data.integrity import check, recover
-        from bricksrl.data.schema import DESCRIPTION
+        from bricksrl.data.schema import FILES
 
         root = dataset_folder(self.dataset)
         if self.out is not None:
@@ -108,8 +108,8 @@ class Repair:
                 print_line(f"lost: {line}")
             print_line(f"{counted(len(dataset.rows), 'episode')}: {self.out}")
             return 0
-        if not (root / DESCRIPTION).exists():
-            raise DataError(f"there is no dataset of ours in {root}; choose {folder_with(root, DESCRIPTION)}")
+        if not (root / FILES["description"]).exists():
+            raise DataError(f"there is no dataset of ours in {root}; choose {folder_with(root, FILES['description'])}")
         with only_writer(root, DataError):
             dataset, adopted, removed = recover(root, rebuild=True)
         print_line(

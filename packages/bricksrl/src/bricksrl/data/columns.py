@@ -45,12 +45,17 @@ def to_parquet(table: pa.Table) -> bytes:
     return sink.getvalue()
 
 
+def read_bytes(path: Path, remedy: str = "restore it from a copy") -> bytes:
+    """Content of a file. Raises DataError, with the remedy, if it cannot be read."""
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise DataError(f"cannot read {path} ({error.strerror}); {remedy}") from None
+
+
 def read_verified(path: Path, digest: str | None) -> bytes:
     """Content of a file, of this SHA-256 ``digest`` unless ``None``. Raises DataError if it cannot be read or differs."""
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise DataError(f"cannot read {path} ({error.strerror}); restore it, or run `bricksrl data repair`") from None
+    data = read_bytes(path, "restore it, or run `bricksrl data repair`")
     if digest is not None and hashlib.sha256(data).hexdigest() != digest:
         raise DataError(f"{path} is damaged: its content is not what was written; {RESTORE}")
     return data

@@ -25,23 +25,13 @@ from bricksrl.data.columns import (
     arrow_types,
     encode,
     join_statistics,
+    read_bytes,
     read_parquet,
     statistics,
     to_parquet,
     to_table,
 )
-from bricksrl.data.schema import (
-    CHUNK_SIZE,
-    CODEBASE_VERSION,
-    DATA_PATH,
-    DESCRIPTION,
-    EPISODES_PATH,
-    INFO,
-    STATS,
-    TASKS,
-    VIDEO_PATH,
-    Description,
-)
+from bricksrl.data.schema import CHUNK_SIZE, CODEBASE_VERSION, FILES, Description
 from bricksrl.errors import DataError, counted
 
 
@@ -138,29 +128,29 @@ class Dataset:
         """Number of files with steps, and so the number of the next one; a merged dataset has fewer files with rows."""
         return 1 + max((row.data_file for row in self.rows), default=-1)
 
-    def path(self, template: str, number: int) -> Path:
-        """Path of the file ``number`` with steps, images or rows, by its template in the schema."""
+    def path(self, kind: str, number: int = 0) -> Path:
+        """Path of a file of a kind in ``FILES``, or of that ``number`` with steps, images or rows."""
         chunk, file = divmod(number, CHUNK_SIZE)
-        return self.root / template.format(video_key=self.description.image_key, chunk_index=chunk, file_index=file)
+        return self.root / FILES[kind].format(video_key=self.description.image_key, chunk_index=chunk, file_index=file)
 
 
 def is_dataset(root: Path) -> bool:
     """True if the folder has a dataset, even an empty one."""
-    return (root / DESCRIPTION).exists() or (root / INFO).exists()
+    return any((root / FILES[kind]).exists() for kind in ("description", "info"))
 
 
 def dataset_folder(path: Path | str) -> Path:
     """Folder of the dataset: the given one, or ``data`` in the folder of a run."""
-    path = Path(path)
-    return path / "data" if (path / "data" / INFO).exists() and not (path / INFO).exists() else path
+    path, info = Path(path), FILES["info"]
+    return path / "data" if (path / "data" / info).exists() and not (path / info).exists() else path
 
 
 def read_dataset(path: Path | str) -> Dataset:
     """Read the dataset in a folder, or in the folder of a run, without its steps. Raises DataError if there is no dataset, it is
     damaged, or it was not made by BricksRL."""
-    root = dataset_folder(path)
-    if not (root / INFO).exists():
-        raise DataError(f"there is no dataset in {root}; choose {folder_with(root, INFO, f'data/{INFO}')}")
+    root, info = dataset_folder(path), FILES["info"]
+    if not (root / info).exists():
+        raise DataError(f"there is no dataset in {root}; choose {folder_with(root, info, f'data/{info}')}")
     description = read_description(root)
     episodes = read_episode_count(root, description)
     dataset = read_all_rows(root, description)
@@ -171,28 +161,23 @@ def read_dataset(path: Path | str) -> Dataset:
 
 def read_description(root: Path) -> Description:
     """Read the description in ``meta/bricksrl.json``. Raises DataError if it is damaged or missing."""
-    path = root / DESCRIPTION
-    try:
-        return Description.from_json(path.read_bytes(), str(path))
-    except FileNotFoundError:
-        raise DataError(f"the dataset in {root} was not made by BricksRL: it has no meta/bricksrl.json; choose another") from None
-    except OSError as error:
-        raise DataError(f"cannot read {path} ({error.strerror}); restore it from a copy") from None
+    path = root / FILES["description"]
+    if not path.exists():
+        raise DataError(f"the dataset in {root} was not made by BricksRL: it has no meta/bricksrl.json; choose another")
+    return Description.from_json(read_bytes(path), str(path))
 
 
 def read_episode_count(root: Path, description: Description) -> int:
-    """Read the number of committed episodes."""
-    path, repair = root / INFO, f"run `bricksrl data repair {quoted(root)}`"
+    """Read the number of committed episodes. Raises DataError if the file is damaged, or of another dataset."""
+    path, repair = root / FILES["info"], f"run `bricksrl data repair {quoted(root)}`"
     try:
-        data = json.loads(path.read_bytes())
-    except OSError as error:
-        raise DataError(f"cannot read {path} ({error.strerror}); restore it from a copy") from None
+        data = json.loads(read_bytes(path))
     except (ValueError, RecursionError):
         raise DataError(f"{path} is not JSON; restore it, or {repair}") from None
     if not isinstance(data, dict) or data.get("codebase_version") != CODEBASE_VERSION:
         raise DataError(f"{path} is of no dataset in LeRobot's format {CODEBASE_VERSION}; choose another")
-    if data.get("features") != description.features or data.get("data_path") != DATA_PATH:
-        raise DataError(f"{path} and {Path(DESCRIPTION).name} disagree about the columns; restore both from one copy")
+    if data.get("features") != description.features or data.get("data_path") != FILES["data"]:
+        raise DataError(f"{path} and bricksrl.json disagree about the columns; restore both from one copy")
     episodes = data.get("total_episodes")
     if type(episodes) is not int or episodes < 0:
         raise DataError(f"{path} does not count its episodes; {repair}")
@@ -202,7 +187,7 @@ def read_episode_count(root: Path, description: Description) -> int:
 def read_all_rows(root: Path, description: Description) -> Dataset:
     """Read the rows of all consecutive files, including those of an unfinished commit."""
     dataset, rows = Dataset(root, description), []
-    while (path := dataset.path(EPISODES_PATH, dataset.row_files)).exists():
+    while (path := dataset.path("episodes", dataset.row_files)).exists():
         rows += read_rows(path, description)
         dataset = replace(dataset, row_files=dataset.row_files + 1)
     return replace(dataset, rows=tuple(rows))
@@ -211,10 +196,9 @@ def read_all_rows(root: Path, description: Description) -> Dataset:
 def unfinished_files(dataset: Dataset) -> list[Path]:
     """Files of an episode without a row, because its writer was killed."""
     at = dataset.data_files
-    if dataset.path(DATA_PATH, at + 1).exists() or dataset.path(EPISODES_PATH, dataset.row_files + 1).exists():
+    if dataset.path("data", at + 1).exists() or dataset.path("episodes", dataset.row_files + 1).exists():
         return []  # a killed writer leaves one at most: here row files are missing
-    paths = [dataset.path(template, at) for template in (DATA_PATH, VIDEO_PATH)]
-    return [path for path in paths if path.exists()]
+    return [path for path in (dataset.path("data", at), dataset.path("video", at)) if path.exists()]
 
 
 def check_order(dataset: Dataset, episodes: int) -> None:
@@ -226,7 +210,7 @@ def check_order(dataset: Dataset, episodes: int) -> None:
         start += row.length
     if len(dataset.rows) != episodes:
         raise DataError(
-            f"{root / INFO} counts {counted(episodes, 'episode')} and meta/episodes holds {len(dataset.rows)}; "
+            f"{dataset.path('info')} counts {counted(episodes, 'episode')} and meta/episodes holds {len(dataset.rows)}; "
             f"restore it from a copy, or run `bricksrl data repair {quoted(root)}`"
         )
 
@@ -264,32 +248,32 @@ def write_episodes(dataset: Dataset, episodes: Sequence[Episode]) -> Dataset:
         start += length
         video_s += length / description.rate_hz
     data = to_parquet(pa.concat_tables(tables))
-    write_durably(dataset.path(DATA_PATH, at), data)
+    write_durably(dataset.path("data", at), data)
     rows = [replace(row, data_sha256=hashlib.sha256(data).hexdigest()) for row in rows]
     if images:
         video = encode(np.concatenate(images), description.rate_hz)
-        write_durably(dataset.path(VIDEO_PATH, at), video)
+        write_durably(dataset.path("video", at), video)
         rows = [replace(row, video_sha256=hashlib.sha256(video).hexdigest()) for row in rows]
     return replace(dataset, rows=(*dataset.rows, *rows))
 
 
 def write_description(dataset: Dataset) -> None:
     """Write the files that do not depend on the episodes."""
-    write_durably(dataset.root / DESCRIPTION, dataset.description.to_json())
-    write_durably(dataset.root / TASKS, tasks_table(dataset.description))
+    write_durably(dataset.path("description"), dataset.description.to_json())
+    write_durably(dataset.path("tasks"), tasks_table(dataset.description))
 
 
 def write_rows(dataset: Dataset, first: int) -> Dataset:
     """Write the rows from episode ``first`` on into the next file of rows; returns the dataset with it."""
     table = rows_table(dataset.rows[first:], dataset.description, dataset.row_files)
-    write_durably(dataset.path(EPISODES_PATH, dataset.row_files), to_parquet(table))
+    write_durably(dataset.path("episodes", dataset.row_files), to_parquet(table))
     return replace(dataset, row_files=dataset.row_files + 1)
 
 
 def write_index(dataset: Dataset) -> None:
     """Write the joint statistics and the number of episodes; the latter comes last, and commits the newest episode."""
-    write_durably(dataset.root / STATS, to_json(join_statistics([row.statistics for row in dataset.rows])))
-    write_durably(dataset.root / INFO, to_json(dataset.description.info(len(dataset.rows), dataset.steps)))
+    write_durably(dataset.path("stats"), to_json(join_statistics([row.statistics for row in dataset.rows])))
+    write_durably(dataset.path("info"), to_json(dataset.description.info(len(dataset.rows), dataset.steps)))
 
 
 def to_json(value: Any) -> bytes:
@@ -317,7 +301,7 @@ def tasks_table(description: Description) -> bytes:
 def has_task(dataset: Dataset) -> bool:
     """True if ``meta/tasks.parquet`` holds the task of the episodes only."""
     try:
-        return bool(read_parquet(dataset.root / TASKS).to_pylist() == [{"task_index": 0, "task": dataset.description.env}])
+        return bool(read_parquet(dataset.path("tasks")).to_pylist() == [{"task_index": 0, "task": dataset.description.env}])
     except DataError:
         return False
 

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from brickhub.entry import Entry
+from bricksrl.data.columns import read_bytes
 from bricksrl.data.dataset import About, Dataset
 from bricksrl.data.edit import write_dataset
 from bricksrl.data.recorder import Step, new_episode
@@ -146,12 +147,10 @@ def read_tensors(folder: Path) -> Arrays:
     """Read the tensors of one folder, by name, as plain numbers. Raises DataError if ``meta.json`` or a file is missing, damaged
     or of the wrong size."""
     meta = folder / "meta.json"
+    if meta.exists() and meta.stat().st_size > _MAX_META_BYTES:
+        raise DataError(f"{meta} is too large for what it should hold; it is not of the paper")
     try:
-        if meta.stat().st_size > _MAX_META_BYTES:
-            raise DataError(f"{meta} is too large for what it should hold; it is not of the paper")
-        tensors = json.loads(meta.read_bytes())
-    except OSError as error:
-        raise DataError(f"cannot read {meta} ({error.strerror}); choose a folder with memory-mapped tensors") from None
+        tensors = json.loads(read_bytes(meta, "choose a folder with memory-mapped tensors"))
     except (ValueError, RecursionError):
         raise DataError(f"{meta} is not JSON; restore it from a copy") from None
     if not isinstance(tensors, dict):
@@ -166,10 +165,7 @@ def _read_tensor(folder: Path, name: str, entry: dict[str, Any]) -> NDArray[Any]
     if dtype is None or not is_shape or not name.isidentifier():
         raise DataError(f"{folder / 'meta.json'} describes a tensor '{name}' that is not of the paper; restore it from a copy")
     path = folder / f"{name}.memmap"
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise DataError(f"cannot read {path} ({error.strerror}); restore it from a copy") from None
+    data = read_bytes(path)
     if len(data) != math.prod(shape) * dtype.itemsize:
         raise DataError(f"{path} has {len(data)} bytes, which is not what its meta.json says; restore it from a copy")
     return np.frombuffer(data, dtype).reshape(shape).copy()

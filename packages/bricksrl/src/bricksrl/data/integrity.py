@@ -26,7 +26,7 @@ from bricksrl.data.dataset import (
     write_index,
 )
 from bricksrl.data.reader import EpisodeReader
-from bricksrl.data.schema import DATA_PATH, DESCRIPTION, EPISODES_PATH, INFO, NEXT, OBSERVATION, STATS, TASKS, VIDEO_PATH
+from bricksrl.data.schema import FILES, NEXT, OBSERVATION
 from bricksrl.errors import DataError
 
 
@@ -59,20 +59,21 @@ def _steps(dataset: Dataset) -> Iterator[str]:
 
 def _joint(dataset: Dataset) -> Iterator[str]:
     """Faults of the files on all episodes (info, statistics, tasks), compared with the rows of the episodes."""
-    root, remedy = dataset.root, f"run `bricksrl data repair {quoted(dataset.root)}`"
+    info, stats, tasks = (dataset.path(kind) for kind in ("info", "stats", "tasks"))
+    remedy = f"run `bricksrl data repair {quoted(dataset.root)}`"
     expected = dataset.description.info(len(dataset.rows), dataset.steps)
-    stored = json.loads((root / INFO).read_bytes())  # readable: `read_dataset` has parsed it
+    stored = json.loads(info.read_bytes())  # readable: `read_dataset` has parsed it
     for key in sorted(key for key in expected if key not in stored or stored[key] != expected[key]):
-        yield f"{root / INFO} says '{key}' is {stored.get(key)!r:.60}, and it is {expected[key]!r:.60}; {remedy}"
-    if (root / STATS).exists() and dataset.rows:
+        yield f"{info} says '{key}' is {stored.get(key)!r:.60}, and it is {expected[key]!r:.60}; {remedy}"
+    if stats.exists() and dataset.rows:
         try:
-            statistics = json.loads((root / STATS).read_bytes())
+            statistics = json.loads(stats.read_bytes())
         except (ValueError, RecursionError, OSError):
             statistics = None
         if not _same(statistics, json.loads(to_json(join_statistics([row.statistics for row in dataset.rows])))):
-            yield f"{root / STATS} does not hold the statistics of the episodes; {remedy}"
-    if (root / TASKS).exists() and not has_task(dataset):
-        yield f"{root / TASKS} does not hold the task of the episodes; {remedy}"
+            yield f"{stats} does not hold the statistics of the episodes; {remedy}"
+    if tasks.exists() and not has_task(dataset):
+        yield f"{tasks} does not hold the task of the episodes; {remedy}"
 
 
 def _same(value: Any, expected: Any) -> bool:
@@ -89,11 +90,11 @@ def _same(value: Any, expected: Any) -> bool:
 def _files(dataset: Dataset) -> Iterator[str]:
     """Missing, unfinished and foreign files."""
     root, repair = dataset.root, f"run `bricksrl data repair {quoted(dataset.root)}`"
-    known = {root / name for name in (INFO, STATS, TASKS, DESCRIPTION, LOCK, "README.md")}
-    known |= {dataset.path(EPISODES_PATH, number) for number in range(dataset.row_files)}
+    known = {root / LOCK, root / "README.md", *(dataset.path(kind) for kind in ("info", "stats", "tasks", "description"))}
+    known |= {dataset.path("episodes", number) for number in range(dataset.row_files)}
     for row in dataset.rows:
-        known |= {dataset.path(DATA_PATH, row.data_file), dataset.path(VIDEO_PATH, row.video_file)}
-    for missing in (path for path in (root / STATS, root / TASKS) if not path.exists()):
+        known |= {dataset.path("data", row.data_file), dataset.path("video", row.video_file)}
+    for missing in (path for path in (dataset.path("stats"), dataset.path("tasks")) if not path.exists()):
         yield f"{missing} is missing; {repair}"
     recorded = read_all_rows(root, dataset.description)
     uncounted, unfinished = len(recorded.rows) - len(dataset.rows), unfinished_files(recorded)
@@ -123,7 +124,7 @@ def recover(root: Path, *, rebuild: bool = False) -> tuple[Dataset, int, int]:
     """
     description = read_description(root)
     committed = 0
-    if (root / INFO).exists():
+    if (root / FILES["info"]).exists():
         try:
             committed = read_episode_count(root, description)
         except DataError:
@@ -138,8 +139,8 @@ def recover(root: Path, *, rebuild: bool = False) -> tuple[Dataset, int, int]:
     unfinished = unfinished_files(dataset)
     for path in unfinished:
         path.unlink()
-    if not (root / TASKS).exists() or (rebuild and not has_task(dataset)):
-        write_durably(root / TASKS, tasks_table(description))
-    if episodes and (rebuild or episodes > committed or not (root / STATS).exists()):
+    if not dataset.path("tasks").exists() or (rebuild and not has_task(dataset)):
+        write_durably(dataset.path("tasks"), tasks_table(description))
+    if episodes and (rebuild or episodes > committed or not dataset.path("stats").exists()):
         write_index(dataset)
     return dataset, episodes - committed, removed + len(unfinished)

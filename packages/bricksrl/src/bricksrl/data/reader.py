@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from bricksrl.data.columns import arrow_types, decode, from_table, read_parquet, read_verified
 from bricksrl.data.dataset import Dataset, Episode, EpisodeRow, read_dataset
-from bricksrl.data.schema import ACTION, DATA_PATH, NEXT, OBSERVATION, STEP_COLUMNS, VIDEO_PATH, Description
+from bricksrl.data.schema import ACTION, NEXT, OBSERVATION, STEP_COLUMNS, Description
 from bricksrl.errors import DataError
 
 if TYPE_CHECKING:
@@ -158,7 +158,7 @@ class EpisodeReader:
         """Read an episode. Raises DataError if a file of it is missing or damaged."""
         dataset, start = self._dataset, self._by_data_file[row.data_file][0].start
         table = self._table(row.data_file).slice(row.start - start, row.length)
-        columns = from_table(table, dataset.description, self._names, dataset.path(DATA_PATH, row.data_file))
+        columns = from_table(table, dataset.description, self._names, dataset.path("data", row.data_file))
         if self.image_key is None:
             return Episode(row.about, columns)
         start = row.start - self._by_video_file[row.video_file][0].start
@@ -168,7 +168,7 @@ class EpisodeReader:
     def _read_table(self, file: int) -> pa.Table:
         """Steps of the episodes in one file, checked against their rows."""
         dataset, rows = self._dataset, self._by_data_file[file]
-        path, lengths = dataset.path(DATA_PATH, file), [row.length for row in rows]
+        path, lengths = dataset.path("data", file), [row.length for row in rows]
         table = read_parquet(path, digest=rows[0].data_sha256)
         table = table.slice(0, sum(lengths))  # episodes of an unfinished commit may follow
         stored = from_table(table, dataset.description, ("index", "episode_index"), path)
@@ -182,6 +182,6 @@ class EpisodeReader:
     def _read_video(self, file: int) -> NDArray[np.uint8]:
         """Images before the steps of the episodes in one file."""
         dataset, rows = self._dataset, self._by_video_file[file]
-        path = dataset.path(VIDEO_PATH, file)
+        path = dataset.path("video", file)
         read_verified(path, rows[0].video_sha256)
         return decode(path, sum(row.length for row in rows), dataset.description.image_px)

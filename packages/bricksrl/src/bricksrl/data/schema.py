@@ -1,17 +1,5 @@
 """Schema of a dataset, equal for all its episodes: names, order, units and rate of its numbers, and the columns and files that
-hold them. These are LeRobot's, version 3.0.
-
-::
-
-    meta/info.json                          number of episodes, columns, paths; written last
-    meta/stats.json                         minimum, maximum, mean and deviation of every column
-    meta/tasks.parquet                      the task instruction, in words
-    meta/episodes/chunk-000/file-000.parquet    a row for each episode
-    meta/bricksrl.json                      our description: robot, units, ranges; LeRobot does not read it
-    data/chunk-000/file-000.parquet         a row for each step
-    videos/<camera>/chunk-000/file-000.mp4  an image for each step
-
-A column of vectors of length 1 holds plain numbers, as in LeRobot.
+hold them. These are LeRobot's, version 3.0. A column of vectors of length 1 holds plain numbers, as in LeRobot.
 """
 
 from __future__ import annotations
@@ -37,10 +25,16 @@ VERSION = 1
 CODEBASE_VERSION = "v3.0"
 CHUNK_SIZE = 1000
 """Maximum number of files in a folder."""
-INFO, STATS, TASKS, DESCRIPTION = "meta/info.json", "meta/stats.json", "meta/tasks.parquet", "meta/bricksrl.json"
-DATA_PATH = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
-VIDEO_PATH = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
-EPISODES_PATH = "meta/episodes/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+FILES = {
+    "info": "meta/info.json",  # number of episodes, columns, paths; written last
+    "stats": "meta/stats.json",  # minimum, maximum, mean and deviation of every column
+    "tasks": "meta/tasks.parquet",  # the task instruction, in words
+    "description": "meta/bricksrl.json",  # robot, units, ranges; LeRobot does not read it
+    "episodes": "meta/episodes/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",  # a row for each episode
+    "data": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",  # a row for each step
+    "video": "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4",  # an image for each step
+}
+"""Files by kind; there are several of the last three."""
 
 OBSERVATION, ACTION, NEXT = "observation.state", "action", "next.observation.state"
 STEP_COLUMNS = {
@@ -145,8 +139,8 @@ class Description:
             "video_files_size_in_mb": 200,
             "fps": self._fps,
             "splits": {"train": f"0:{episodes}"},
-            "data_path": DATA_PATH,
-            "video_path": None if self.camera is None else VIDEO_PATH,
+            "data_path": FILES["data"],
+            "video_path": None if self.camera is None else FILES["video"],
             "features": self.features,
         }
 

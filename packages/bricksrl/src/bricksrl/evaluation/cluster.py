@@ -155,7 +155,7 @@ def train_on_cluster(
         errors: list[str | None] = [None] * len(configs)
         while waiting:
             done, _ = ray.wait(list(waiting), timeout=_POLL_S)
-            for number, message in ray.get(keeper.messages.remote()):
+            for number, message in ray.get(keeper.messages.remote()):  # of runs that are done too
                 on_line(configs[number].seed, message)
             for job in done:
                 number = waiting.pop(job)
@@ -165,8 +165,6 @@ def train_on_cluster(
                     errors[number] = str(error).strip().splitlines()[-1]
                 except ray.exceptions.RayError as error:
                     errors[number] = f"its worker was lost {_RETRIES + 1} times ({type(error).__name__})"
-        for number, message in ray.get(keeper.messages.remote()):
-            on_line(configs[number].seed, message)
         return errors
 
 
