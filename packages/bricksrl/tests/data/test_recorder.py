@@ -193,7 +193,7 @@ def test_unwritable_index_loses_no_episode(tmp_path: Path, monkeypatch: pytest.M
     recorder = Recorder(tmp_path / "set", TOY)
     record_episode(recorder, 0, 4)
     with monkeypatch.context() as patched:
-        patched.setattr("bricksrl.data.recorder.write_index", full)
+        patched.setattr("bricksrl.data.dataset.Dataset.write_index", full)
         with pytest.raises(OSError, match="No space"):
             record_episode(recorder, 1, 3)
     record_episode(recorder, 2, 2)

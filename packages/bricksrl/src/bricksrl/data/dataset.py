@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -133,6 +133,106 @@ class Dataset:
         chunk, file = divmod(number, CHUNK_SIZE)
         return self.root / FILES[kind].format(video_key=self.description.image_key, chunk_index=chunk, file_index=file)
 
+    def unfinished_files(self) -> list[Path]:
+        """Files of an episode without a row, because its writer was killed."""
+        at = self.data_files
+        if self.path("data", at + 1).exists() or self.path("episodes", self.row_files + 1).exists():
+            return []  # a killed writer leaves one at most: here row files are missing
+        return [path for path in (self.path("data", at), self.path("video", at)) if path.exists()]
+
+    def check_order(self, episodes: int) -> None:
+        """Raise DataError unless the rows are those of ``episodes`` consecutive episodes."""
+        root, start = self.root, 0
+        for number, row in enumerate(self.rows):
+            if row.episode != number or row.start != start:
+                raise DataError(f"the rows in {root / 'meta/episodes'} are not in order at episode {number}; restore them")
+            start += row.length
+        if len(self.rows) != episodes:
+            raise DataError(
+                f"{self.path('info')} counts {counted(episodes, 'episode')} and meta/episodes holds {len(self.rows)}; "
+                f"restore it from a copy, or run `bricksrl data repair {quoted(root)}`"
+            )
+
+    def has_task(self) -> bool:
+        """True if ``meta/tasks.parquet`` holds the task of the episodes only."""
+        try:
+            return bool(read_parquet(self.path("tasks")).to_pylist() == [{"task_index": 0, "task": self.description.env}])
+        except DataError:
+            return False
+
+    def write_description(self) -> None:
+        """Write the files that do not depend on the episodes."""
+        write_durably(self.path("description"), self.description.to_json())
+        self.write_task()
+
+    def write_task(self) -> None:
+        """Write ``meta/tasks.parquet``: the only instruction is the id of the environment; for LeRobot it is pandas' index."""
+        column = {"field_name": None, "metadata": None}
+        pandas = {
+            "index_columns": ["task"],
+            "column_indexes": [{"name": None, "pandas_type": "unicode", "numpy_type": "object", **column}],
+            "columns": [
+                {"name": "task_index", "pandas_type": "int64", "numpy_type": "int64", **column, "field_name": "task_index"},
+                {"name": "task", "pandas_type": "unicode", "numpy_type": "object", **column, "field_name": "task"},
+            ],
+            "creator": {"library": "pyarrow", "version": pa.__version__},
+            "pandas_version": "2.0.0",
+        }
+        table = pa.table({"task_index": pa.array([0], _INT), "task": pa.array([self.description.env], _TEXT)})
+        write_durably(self.path("tasks"), to_parquet(table.replace_schema_metadata({"pandas": json.dumps(pandas)})))
+
+    def write_episodes(self, episodes: Sequence[Episode]) -> Dataset:
+        """Write the next data file and, with a camera, the next video file, with these episodes; returns the dataset with their
+        rows, which `write_rows` writes."""
+        description, key, at = self.description, self.description.image_key, self.data_files
+        rows, tables, images = [], [], []
+        start, video_s = self.steps, 0.0
+        for number, episode in enumerate(episodes, len(self.rows)):
+            length = len(episode.columns["index"])
+            own = {"episode_index": np.full(length, number), "index": np.arange(start, start + length)}
+            columns = {name: (episode.columns | own)[name] for name in arrow_types(description)}
+            tables.append(to_table(columns, description))
+            row = EpisodeRow(
+                episode=number,
+                length=length,
+                start=start,
+                return_=float(columns["next.reward"].sum(dtype=np.float64)),
+                terminated=bool(columns["next.terminated"][-1]),
+                interventions=int(columns["intervention"].sum()),
+                data_file=at,
+                data_sha256=None,
+                statistics=statistics(columns),
+                about=episode.about,
+                video_file=at,
+                video_start_s=video_s,
+                final_image=episode.final_image,
+            )
+            if key is not None and episode.images is not None and episode.image_statistics is not None:
+                images.append(episode.images)
+                row.statistics[key] = episode.image_statistics
+            rows.append(row)
+            start += length
+            video_s += length / description.rate_hz
+        data = to_parquet(pa.concat_tables(tables))
+        write_durably(self.path("data", at), data)
+        rows = [replace(row, data_sha256=hashlib.sha256(data).hexdigest()) for row in rows]
+        if images:
+            video = encode(np.concatenate(images), description.rate_hz)
+            write_durably(self.path("video", at), video)
+            rows = [replace(row, video_sha256=hashlib.sha256(video).hexdigest()) for row in rows]
+        return replace(self, rows=(*self.rows, *rows))
+
+    def write_rows(self, first: int) -> Dataset:
+        """Write the rows from episode ``first`` on into the next file of rows; returns the dataset with it."""
+        table = rows_table(self.rows[first:], self.description, self.row_files)
+        write_durably(self.path("episodes", self.row_files), to_parquet(table))
+        return replace(self, row_files=self.row_files + 1)
+
+    def write_index(self) -> None:
+        """Write the joint statistics and the number of episodes; the latter comes last, and commits the newest episode."""
+        write_durably(self.path("stats"), to_json(join_statistics([row.statistics for row in self.rows])))
+        write_durably(self.path("info"), to_json(self.description.info(len(self.rows), self.steps)))
+
 
 def is_dataset(root: Path) -> bool:
     """True if the folder has a dataset, even an empty one."""
@@ -155,7 +255,7 @@ def read_dataset(path: Path | str) -> Dataset:
     episodes = read_episode_count(root, description)
     dataset = read_all_rows(root, description)
     dataset = replace(dataset, rows=dataset.rows[:episodes])  # later rows are from an unfinished commit of a killed writer
-    check_order(dataset, episodes)
+    dataset.check_order(episodes)
     return dataset
 
 
@@ -193,131 +293,15 @@ def read_all_rows(root: Path, description: Description) -> Dataset:
     return replace(dataset, rows=tuple(rows))
 
 
-def unfinished_files(dataset: Dataset) -> list[Path]:
-    """Files of an episode without a row, because its writer was killed."""
-    at = dataset.data_files
-    if dataset.path("data", at + 1).exists() or dataset.path("episodes", dataset.row_files + 1).exists():
-        return []  # a killed writer leaves one at most: here row files are missing
-    return [path for path in (dataset.path("data", at), dataset.path("video", at)) if path.exists()]
-
-
-def check_order(dataset: Dataset, episodes: int) -> None:
-    """Raise DataError unless the rows are those of ``episodes`` consecutive episodes."""
-    root, start = dataset.root, 0
-    for number, row in enumerate(dataset.rows):
-        if row.episode != number or row.start != start:
-            raise DataError(f"the rows in {root / 'meta/episodes'} are not in order at episode {number}; restore them")
-        start += row.length
-    if len(dataset.rows) != episodes:
-        raise DataError(
-            f"{dataset.path('info')} counts {counted(episodes, 'episode')} and meta/episodes holds {len(dataset.rows)}; "
-            f"restore it from a copy, or run `bricksrl data repair {quoted(root)}`"
-        )
-
-
-def write_episodes(dataset: Dataset, episodes: Sequence[Episode]) -> Dataset:
-    """Write the next data file and, with a camera, the next video file, with these episodes; returns the dataset with their rows,
-    which `write_rows` writes."""
-    description, key, at = dataset.description, dataset.description.image_key, dataset.data_files
-    rows, tables, images = [], [], []
-    start, video_s = dataset.steps, 0.0
-    for number, episode in enumerate(episodes, len(dataset.rows)):
-        length = len(episode.columns["index"])
-        own = {"episode_index": np.full(length, number), "index": np.arange(start, start + length)}
-        columns = {name: (episode.columns | own)[name] for name in arrow_types(description)}
-        tables.append(to_table(columns, description))
-        row = EpisodeRow(
-            episode=number,
-            length=length,
-            start=start,
-            return_=float(columns["next.reward"].sum(dtype=np.float64)),
-            terminated=bool(columns["next.terminated"][-1]),
-            interventions=int(columns["intervention"].sum()),
-            data_file=at,
-            data_sha256=None,
-            statistics=statistics(columns),
-            about=episode.about,
-            video_file=at,
-            video_start_s=video_s,
-            final_image=episode.final_image,
-        )
-        if key is not None and episode.images is not None and episode.image_statistics is not None:
-            images.append(episode.images)
-            row.statistics[key] = episode.image_statistics
-        rows.append(row)
-        start += length
-        video_s += length / description.rate_hz
-    data = to_parquet(pa.concat_tables(tables))
-    write_durably(dataset.path("data", at), data)
-    rows = [replace(row, data_sha256=hashlib.sha256(data).hexdigest()) for row in rows]
-    if images:
-        video = encode(np.concatenate(images), description.rate_hz)
-        write_durably(dataset.path("video", at), video)
-        rows = [replace(row, video_sha256=hashlib.sha256(video).hexdigest()) for row in rows]
-    return replace(dataset, rows=(*dataset.rows, *rows))
-
-
-def write_description(dataset: Dataset) -> None:
-    """Write the files that do not depend on the episodes."""
-    write_durably(dataset.path("description"), dataset.description.to_json())
-    write_durably(dataset.path("tasks"), tasks_table(dataset.description))
-
-
-def write_rows(dataset: Dataset, first: int) -> Dataset:
-    """Write the rows from episode ``first`` on into the next file of rows; returns the dataset with it."""
-    table = rows_table(dataset.rows[first:], dataset.description, dataset.row_files)
-    write_durably(dataset.path("episodes", dataset.row_files), to_parquet(table))
-    return replace(dataset, row_files=dataset.row_files + 1)
-
-
-def write_index(dataset: Dataset) -> None:
-    """Write the joint statistics and the number of episodes; the latter comes last, and commits the newest episode."""
-    write_durably(dataset.path("stats"), to_json(join_statistics([row.statistics for row in dataset.rows])))
-    write_durably(dataset.path("info"), to_json(dataset.description.info(len(dataset.rows), dataset.steps)))
-
-
 def to_json(value: Any) -> bytes:
     """JSON in LeRobot's formatting, with arrays as lists."""
     return (json.dumps(value, indent=4, default=np.ndarray.tolist) + "\n").encode()
 
 
-def tasks_table(description: Description) -> bytes:
-    """Bytes of ``meta/tasks.parquet``. The only instruction is the id of the environment, in LeRobot's terms the pandas index."""
-    column = {"field_name": None, "metadata": None}
-    pandas = {
-        "index_columns": ["task"],
-        "column_indexes": [{"name": None, "pandas_type": "unicode", "numpy_type": "object", **column}],
-        "columns": [
-            {"name": "task_index", "pandas_type": "int64", "numpy_type": "int64", **column, "field_name": "task_index"},
-            {"name": "task", "pandas_type": "unicode", "numpy_type": "object", **column, "field_name": "task"},
-        ],
-        "creator": {"library": "pyarrow", "version": pa.__version__},
-        "pandas_version": "2.0.0",
-    }
-    table = pa.table({"task_index": pa.array([0], pa.int64()), "task": pa.array([description.env], pa.string())})
-    return to_parquet(table.replace_schema_metadata({"pandas": json.dumps(pandas)}))
-
-
-def has_task(dataset: Dataset) -> bool:
-    """True if ``meta/tasks.parquet`` holds the task of the episodes only."""
-    try:
-        return bool(read_parquet(dataset.path("tasks")).to_pylist() == [{"task_index": 0, "task": dataset.description.env}])
-    except DataError:
-        return False
-
-
 _TEXT, _INT, _FLOAT, _BOOL = pa.string(), pa.int64(), pa.float64(), pa.bool_()
-_ABOUT = {
-    "policy": _TEXT,
-    "seed": _INT,
-    "success": _BOOL,
-    "whole": _BOOL,
-    "started": _TEXT,
-    "hub": _TEXT,
-    "robot": _TEXT,
-    "program_hash": _INT,
-}
-_ABOUT_JSON = ("versions", "physics")
+_TYPES = {"str": _TEXT, "int | None": _INT, "bool": _BOOL, "bool | None": _BOOL}
+_ABOUT = {attribute.name: _TYPES[str(attribute.type)] for attribute in fields(About) if attribute.type in _TYPES}
+_ABOUT_JSON = [attribute.name for attribute in fields(About) if attribute.name not in _ABOUT]
 """Attributes of `About`: columns of their own, and dictionaries as texts."""
 
 

@@ -15,18 +15,7 @@ import numpy as np
 
 from brickhub.files import atomic_folder, refuse_existing
 from brickhub.seed import check_seed
-from bricksrl.data.dataset import (
-    Dataset,
-    Episode,
-    EpisodeRow,
-    read_dataset,
-    read_description,
-    read_rows,
-    write_description,
-    write_episodes,
-    write_index,
-    write_rows,
-)
+from bricksrl.data.dataset import Dataset, Episode, EpisodeRow, read_dataset, read_description, read_rows
 from bricksrl.data.reader import EpisodeReader
 from bricksrl.data.schema import Description
 from bricksrl.errors import DataError, counted
@@ -113,12 +102,12 @@ def write_dataset(out: Path, description: Description, episodes: Iterable[Episod
             group.append(episode)
             steps += len(episode.columns["index"])
             if steps >= STEPS_PER_FILE:
-                dataset, group, steps = write_episodes(dataset, group), [], 0
+                dataset, group, steps = dataset.write_episodes(group), [], 0
         if group:
-            dataset = write_episodes(dataset, group)
+            dataset = dataset.write_episodes(group)
         if not dataset.rows:
             raise DataError(f"there are no episodes to write to {out}; choose others")
-        write_description(dataset)
-        dataset = write_rows(dataset, 0)
-        write_index(dataset)
+        dataset.write_description()
+        dataset = dataset.write_rows(0)
+        dataset.write_index()
     return replace(dataset, root=out)

@@ -9,22 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from brickhub.files import LOCK, TEMPORARY_PREFIX, quoted, remove_unfinished, write_durably
+from brickhub.files import LOCK, TEMPORARY_PREFIX, quoted, remove_unfinished
 from brickhub.finding import Finding, Outcome
 from bricksrl.data.columns import join_statistics
-from bricksrl.data.dataset import (
-    Dataset,
-    check_order,
-    has_task,
-    read_all_rows,
-    read_dataset,
-    read_description,
-    read_episode_count,
-    tasks_table,
-    to_json,
-    unfinished_files,
-    write_index,
-)
+from bricksrl.data.dataset import Dataset, read_all_rows, read_dataset, read_description, read_episode_count, to_json
 from bricksrl.data.reader import EpisodeReader
 from bricksrl.data.schema import FILES, NEXT, OBSERVATION
 from bricksrl.errors import DataError
@@ -72,7 +60,7 @@ def _joint(dataset: Dataset) -> Iterator[str]:
             statistics = None
         if not _same(statistics, json.loads(to_json(join_statistics([row.statistics for row in dataset.rows])))):
             yield f"{stats} does not hold the statistics of the episodes; {remedy}"
-    if tasks.exists() and not has_task(dataset):
+    if tasks.exists() and not dataset.has_task():
         yield f"{tasks} does not hold the task of the episodes; {remedy}"
 
 
@@ -97,7 +85,7 @@ def _files(dataset: Dataset) -> Iterator[str]:
     for missing in (path for path in (dataset.path("stats"), dataset.path("tasks")) if not path.exists()):
         yield f"{missing} is missing; {repair}"
     recorded = read_all_rows(root, dataset.description)
-    uncounted, unfinished = len(recorded.rows) - len(dataset.rows), unfinished_files(recorded)
+    uncounted, unfinished = len(recorded.rows) - len(dataset.rows), recorded.unfinished_files()
     if uncounted:
         yield f"{uncounted} recorded episodes are not in the index; {repair}"
     for path in sorted(root.rglob("*")):
@@ -135,12 +123,12 @@ def recover(root: Path, *, rebuild: bool = False) -> tuple[Dataset, int, int]:
     episodes = len(dataset.rows)
     if episodes < committed:
         raise DataError(f"{root} has lost rows: {episodes} of {committed} episodes are left; restore it from a copy")
-    check_order(dataset, episodes)
-    unfinished = unfinished_files(dataset)
+    dataset.check_order(episodes)
+    unfinished = dataset.unfinished_files()
     for path in unfinished:
         path.unlink()
-    if not dataset.path("tasks").exists() or (rebuild and not has_task(dataset)):
-        write_durably(dataset.path("tasks"), tasks_table(description))
+    if not dataset.path("tasks").exists() or (rebuild and not dataset.has_task()):
+        dataset.write_task()
     if episodes and (rebuild or episodes > committed or not dataset.path("stats").exists()):
-        write_index(dataset)
+        dataset.write_index()
     return dataset, episodes - committed, removed + len(unfinished)

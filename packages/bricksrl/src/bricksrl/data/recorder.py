@@ -13,16 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from brickhub.files import is_unused, only_writer
 from bricksrl.data.columns import image_statistics
-from bricksrl.data.dataset import (
-    About,
-    Dataset,
-    Episode,
-    is_dataset,
-    write_description,
-    write_episodes,
-    write_index,
-    write_rows,
-)
+from bricksrl.data.dataset import About, Dataset, Episode, is_dataset
 from bricksrl.data.integrity import recover
 from bricksrl.data.schema import STEP_COLUMNS, Description
 from bricksrl.errors import DataError
@@ -111,7 +102,7 @@ class Recorder:
                     remedy = "move it away, or choose another folder"
                     raise DataError(f"{self.root} holds other data: {'; '.join(differences)}; {remedy}")
             else:
-                write_description(self._dataset)
+                self._dataset.write_description()
             self._lock, self._is_open = lock.pop_all(), True
 
     @property
@@ -146,9 +137,9 @@ class Recorder:
         if not self._is_open:
             self._open()
         episode = new_episode(self._steps, replace(self._about, success=success, whole=whole), self.description)
-        self._dataset = write_rows(write_episodes(self._dataset, [episode]), self.episodes)
+        self._dataset = self._dataset.write_episodes([episode]).write_rows(self.episodes)
         self._steps.clear()  # the row is on the disk: even if the index fails, the episode is not written again
-        write_index(self._dataset)
+        self._dataset.write_index()
 
     def close(self) -> None:
         """Commit the unfinished episode as an interrupted one, and release the folder."""
