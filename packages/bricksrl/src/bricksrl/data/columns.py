@@ -108,22 +108,18 @@ def from_table(table: pa.Table, description: Description, names: Iterable[str], 
     return arrays
 
 
-def statistics(columns: Columns) -> Statistics:
-    """Statistics of the columns of one episode."""
-    return {name: _statistics(np.asarray(values, np.float64)) for name, values in columns.items()}
+def column_statistics(values: NDArray[Any]) -> dict[str, NDArray[Any]]:
+    """Statistics of the column of one episode."""
+    rows = np.asarray(values, np.float64).reshape(len(values), -1)
+    with np.errstate(invalid="ignore"):  # a missing clock reads NaN
+        found = rows.min(0), rows.max(0), rows.mean(0), rows.std(0), np.array([len(rows)])
+    return dict(zip(STATISTICS, found, strict=True))
 
 
 def image_statistics(images: NDArray[np.uint8]) -> dict[str, NDArray[Any]]:
     """Statistics of images ``[steps, height, width, 3]`` per colour in 0..1, of shape ``[3, 1, 1]`` except the count."""
-    values = {name: value.reshape(-1, 1, 1) for name, value in _statistics(images.reshape(-1, 3) / 255.0).items()}
+    values = {name: value.reshape(-1, 1, 1) for name, value in column_statistics(images.reshape(-1, 3) / 255.0).items()}
     return {**values, "count": np.array([len(images)])}
-
-
-def _statistics(values: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
-    rows = values.reshape(len(values), -1)
-    with np.errstate(invalid="ignore"):  # a missing clock reads NaN
-        found = rows.min(0), rows.max(0), rows.mean(0), rows.std(0), np.array([len(rows)])
-    return dict(zip(STATISTICS, found, strict=True))
 
 
 def join_statistics(parts: Sequence[Statistics]) -> Statistics:

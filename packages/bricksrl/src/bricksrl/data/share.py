@@ -11,7 +11,7 @@ import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from brickhub.files import FULL, atomic_folder, refuse_existing, writing
 from bricksrl.data.dataset import dataset_folder
@@ -39,7 +39,7 @@ def push_dataset(path: Path, repo: str, *, private: bool = False, licence: str =
     faults = check(root)
     if faults:
         raise DataError(f"{root} is not sound: {faults[0].detail}; see `bricksrl data check {root}`")
-    card = dataset_card(summarise(root), licence)
+    card = _card(summarise(root), licence)
     with hub_client(repo) as api:
         api.create_repo(repo, repo_type="dataset", private=private, exist_ok=True)
         hidden = "*/.*"
@@ -99,21 +99,17 @@ def hub_client(repo: str) -> Iterator[HfApi]:
     except (errors.RepositoryNotFoundError, errors.RevisionNotFoundError):
         raise DataError(f"the hub shows no {repo} to you; check its name and revision, or log in with `hf auth login`") from None
     except errors.HfHubHTTPError as error:
-        raise DataError(_refusal(repo, error)) from None
+        if getattr(getattr(error, "response", None), "status_code", None) in (401, 403):
+            remedy = "log in with `hf auth login` or set HF_TOKEN, as somebody who may"
+            raise DataError(f"the hub does not let you at {repo}; {remedy}") from None
+        raise DataError(f"the hub refuses {repo} ({message_of(error)}); try again later") from None
     except (errors.OfflineModeIsEnabled, transport_error, OSError) as error:
         if isinstance(error, OSError) and (error.errno in FULL or error.filename is not None):
             raise  # of a file
         raise DataError(f"the hub at {api.endpoint} cannot be reached ({message_of(error)}); try again with a network") from None
 
 
-def _refusal(repo: str, error: Any) -> str:
-    status = getattr(getattr(error, "response", None), "status_code", None)
-    if status in (401, 403):
-        return f"the hub does not let you at {repo}; log in with `hf auth login` or set HF_TOKEN, as somebody who may"
-    return f"the hub refuses {repo} ({message_of(error)}); try again later"
-
-
-def dataset_card(summary: Summary, licence: str) -> str:
+def _card(summary: Summary, licence: str) -> str:
     """Card of a dataset, as Markdown."""
     robot = summary.robot or "no robot"
     success = "" if summary.success_rate is None else f"| success | {percent(summary.success_rate)} |\n"

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bricksrl.data.dataset import Dataset, read_dataset
+from bricksrl.data.dataset import read_dataset
 from bricksrl.data.reader import read_columns
 from bricksrl.data.schema import ACTION, OBSERVATION
 from bricksrl.errors import counted
@@ -94,32 +94,28 @@ def plot(path: Path | str, out: Path | str) -> None:
     is no dataset, or it is damaged."""
     out = check_picture(out)
     dataset = read_dataset(path)
-    columns = read_columns(dataset, [OBSERVATION, ACTION, "next.reward", "frame_index"])
-    panels = _panels(dataset, columns)
+    description, columns = dataset.description, read_columns(dataset, [OBSERVATION, ACTION, "next.reward", "frame_index"])
+    names = [f"{channel.name} [{channel.unit}]" if channel.unit else channel.name for channel in description.observation]
+    panels = list(zip(names, columns[OBSERVATION].T, strict=True))
+    panels += [(f"action: {channel.name}", values) for channel, values in zip(description.action, columns[ACTION].T, strict=True)]
+    panels.append(("reward", columns["next.reward"]))
     rows = -(-(len(panels) + 2) // _COLUMNS)
     figure = new_figure(4.0 * _COLUMNS, 2.6 * rows)
     axes = figure.subplots(rows, _COLUMNS, squeeze=False).flatten()
-    _returns(axes[0], axes[1], np.array([row.return_ for row in dataset.rows]))
+    _plot_returns(axes[0], axes[1], np.array([row.return_ for row in dataset.rows]))
     for panel, (title, values) in zip(axes[2:], panels, strict=False):
-        _density(panel, title, columns["frame_index"], values)
+        _plot_density(panel, title, columns["frame_index"], values)
+    for panel in axes:
+        panel.tick_params(colors=MUTED, length=2, labelsize=8)
+        panel.spines[["top", "right"]].set_visible(False)
     for unused in axes[2 + len(panels) :]:
         unused.set_visible(False)
-    title = f"{dataset.description.env} · {counted(len(dataset.rows), 'episode')} · {counted(dataset.steps, 'step')}"
+    title = f"{description.env} · {counted(len(dataset.rows), 'episode')} · {counted(dataset.steps, 'step')}"
     figure.suptitle(title, x=0.01, ha="left", color=INK, fontsize=13, fontweight="bold")
     save(figure, out, 100)
 
 
-def _panels(dataset: Dataset, columns: dict[str, NDArray[Any]]) -> list[tuple[str, NDArray[Any]]]:
-    """Title and values ``[N]`` of each panel."""
-    panels: list[tuple[str, NDArray[Any]]] = []
-    for i, channel in enumerate(dataset.description.observation):
-        panels.append((f"{channel.name} [{channel.unit}]" if channel.unit else channel.name, columns[OBSERVATION][:, i]))
-    for i, channel in enumerate(dataset.description.action):
-        panels.append((f"action: {channel.name}", columns[ACTION][:, i]))
-    return [*panels, ("reward", columns["next.reward"])]
-
-
-def _returns(left: Axes, right: Axes, returns: NDArray[np.float64]) -> None:
+def _plot_returns(left: Axes, right: Axes, returns: NDArray[np.float64]) -> None:
     from matplotlib.ticker import MaxNLocator
 
     left.hist(returns, bins=min(30, max(5, len(returns) // 3)), color=LIGHT)
@@ -131,11 +127,9 @@ def _returns(left: Axes, right: Axes, returns: NDArray[np.float64]) -> None:
     right.set_xlabel("episode", fontsize=8, color=MUTED)
     for axis in (left.yaxis, right.xaxis):
         axis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
-    for axes in (left, right):
-        _tidy(axes)
 
 
-def _density(axes: Axes, title: str, step: NDArray[Any], values: NDArray[Any]) -> None:
+def _plot_density(axes: Axes, title: str, step: NDArray[Any], values: NDArray[Any]) -> None:
     """Plot a 2D histogram of the values over the steps of an episode: dark is frequent."""
     from matplotlib.colors import LinearSegmentedColormap
     from matplotlib.ticker import MaxNLocator
@@ -149,9 +143,3 @@ def _density(axes: Axes, title: str, step: NDArray[Any], values: NDArray[Any]) -
     axes.set_title(title, fontsize=10, color=INK, loc="left")
     axes.set_xlabel("step", fontsize=8, color=MUTED)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
-    _tidy(axes)
-
-
-def _tidy(axes: Axes) -> None:
-    axes.tick_params(colors=MUTED, length=2, labelsize=8)
-    axes.spines[["top", "right"]].set_visible(False)

@@ -12,9 +12,10 @@ import math
 import tempfile
 import threading
 import typing
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import closing, contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager, nullcontext
 from dataclasses import dataclass, replace
+from itertools import starmap
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -35,7 +36,7 @@ BEST = "best.json"
 _Space = dict[str, tuple[float, float, bool] | list[Any]]
 """Settings to tune: least and greatest value, and whether the scale is logarithmic; or choices."""
 
-_NUMBERS: _Space = {
+_SPACE: _Space = {
     "learning_rate": (1e-4, 3e-3, True),
     "gamma": (0.9, 0.995, False),
     "tau": (2e-3, 5e-2, True),
@@ -46,13 +47,8 @@ _NUMBERS: _Space = {
     "dropout": (0.0, 0.1, False),
     "exploration_noise": (0.05, 0.5, False),
     "target_noise": (0.05, 0.4, False),
-}
-"""A user's other floats are tuned around their default."""
-
-_GOAL_NUMBERS: _Space = {"hindsight": (0.0, 0.5, False), "new_goals": (0.0, 0.5, False)}
-"""Further ranges, for tasks with goals only."""
-
-_CHOICES: _Space = {
+    "hindsight": (0.0, 0.5, False),
+    "new_goals": (0.0, 0.5, False),
     "hidden": ["64,64", "128,128", "256,256"],
     "batch_size": [64, 128, 256, 512],
     "updates_per_step": [1.0, 2.0, 4.0, 8.0, 20.0],
@@ -62,6 +58,8 @@ _CHOICES: _Space = {
     "critic_layer_norm": [True, False],
     "n_step": [1, 3],
 }
+"""A user's other floats are tuned around their default."""
+_ONLY_WITH_GOALS = ("hindsight", "new_goals")
 
 
 @dataclass(frozen=True)
@@ -115,14 +113,14 @@ def propose(trial: optuna.trial.BaseTrial, start: Any, *, goals: bool) -> Any:
 
 
 def _space(start: Any, *, goals: bool) -> _Space:
-    """Search space of settings: the tables above, and other floats of a user's algorithm, within their `Range`."""
-    known = _NUMBERS | _GOAL_NUMBERS | _CHOICES
-    space = {name: known[name] for name in known if name in vars(start) and (goals or name not in _GOAL_NUMBERS)}
+    """Search space of settings: the table above, and other floats of a user's algorithm, within their `Range`."""
+    names = [name for name in _SPACE if name in vars(start) and (goals or name not in _ONLY_WITH_GOALS)]
+    space = {name: _SPACE[name] for name in names}
     if type(start).__module__.startswith("bricksrl."):
         return space
     hints = typing.get_type_hints(type(start), include_extras=True)
     for name, value in vars(start).items():
-        if name not in known and isinstance(value, float):
+        if name not in _SPACE and isinstance(value, float):
             low, high = sorted((value / 10.0, value * 10.0)) if value else (0.0, 1.0)
             for limits in getattr(hints.get(name), "__metadata__", ()):
                 if isinstance(limits, Range):
@@ -176,8 +174,11 @@ def tune(
 
     def objective(trial: optuna.Trial) -> float:
         settings = propose(trial, start, goals=goals)
+        orders = [(tuning, settings, seed) for seed in range(tuning.seeds)]
         values: list[float] = []
-        for index, value in enumerate(evaluated(settings)):
+        # one by one here, so that those of a hopeless trial are left out
+        found = starmap(_train_and_evaluate, orders) if ray is None else list(map_on_cluster(ray, _train_and_evaluate, orders))
+        for index, value in enumerate(found):
             if math.isnan(value):
                 raise optuna.TrialPruned
             values.append(value)
@@ -192,7 +193,7 @@ def tune(
         best = _write_best(study, tuning, start, folder, goals=goals)
         on_trial(trial.number, trial.value if done else None, None if best is None else best.value)
 
-    with _storage(folder / STUDY), _evaluations(tuning, on) as evaluated:
+    with _storage(folder / STUDY), nullcontext() if on is None else connected(parse_on(on)) as ray:
         study.optimize(objective, n_trials=trials, callbacks=[after_trial])
     best = _write_best(study, tuning, start, folder, goals=goals)
     if best is None:
@@ -224,17 +225,6 @@ class _StopAt(Callback):
     def on_episode(self, episode: Episode, progress: Progress) -> None:
         if episode.steps >= self._steps:
             self.stop.set()
-
-
-@contextmanager
-def _evaluations(tuning: Tuning, on: str | None) -> Iterator[Callable[[Any], Iterable[float]]]:
-    """A function from settings to their evaluations, one per seed: computed one by one, or in parallel on a cluster."""
-    if on is None:
-        yield lambda settings: (_train_and_evaluate(tuning, settings, seed) for seed in range(tuning.seeds))
-        return
-    with connected(parse_on(on)) as ray:
-        seeds = range(tuning.seeds)
-        yield lambda settings: list(map_on_cluster(ray, _train_and_evaluate, [(tuning, settings, seed) for seed in seeds]))
 
 
 def _train_and_evaluate(tuning: Tuning, settings: Any, seed: int) -> float:
