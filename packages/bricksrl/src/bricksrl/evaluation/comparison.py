@@ -112,10 +112,14 @@ def compare(paths: Sequence[Path | str] | Path | str) -> Comparison:
         label = _label(members[0], [group[0] for (group_env, _), group in by_config.items() if group_env == env])
         curves, steps = tuple(run.curve for run in members), max(run.steps for run in members)
         groups.append(Group(env, label, seeds, scores, curves, steps, reference_lines(env, members[0].config.options)))
-    pairs = itertools.combinations(groups, 2)
-    improvements = tuple(_improvement(*pair) for pair in pairs if pair[0].env == pair[1].env)
+    improvements = []
+    for pair in itertools.combinations(groups, 2):
+        if pair[0].env == pair[1].env:
+            first, second = sorted(pair, key=lambda group: group.score, reverse=True)
+            found = probability_of_improvement(first.scores, second.scores)
+            improvements.append(Improvement(first.env, first.agent, second.agent, *found))
     scored_by = "evaluation" if evaluated else f"mean of the last {WINDOW} episodes of training"
-    return Comparison(tuple(groups), improvements, scored_by)
+    return Comparison(tuple(groups), tuple(improvements), scored_by)
 
 
 @dataclass(frozen=True)
@@ -174,12 +178,6 @@ def _flat(config: TrainConfig) -> dict[str, Any]:
     data = config.to_dict()
     settings = data.pop("settings") or {}
     return {name: value for name, value in {**data, **settings}.items() if name not in _NOT_COMPARED}
-
-
-def _improvement(group: Group, other: Group) -> Improvement:
-    first, second = (group, other) if group.score >= other.score else (other, group)
-    probability, interval = probability_of_improvement(first.scores, second.scores)
-    return Improvement(group.env, first.agent, second.agent, probability, interval)
 
 
 def draw(path: Path | str, groups: Sequence[Group]) -> None:
