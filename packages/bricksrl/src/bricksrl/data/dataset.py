@@ -95,13 +95,17 @@ class EpisodeRow:
 
 @dataclass(frozen=True)
 class Episode:
-    """Complete episode: its provenance, columns ``[length, ...]``, and images with their statistics."""
+    """Complete episode: its provenance, and columns ``[length, ...]``.
+
+    Attributes:
+        images: before each step and after the last one, ``[length + 1, side, side, 3]``, with a camera.
+        image_statistics: statistics of the images before the steps.
+    """
 
     about: About
     columns: dict[str, NDArray[Any]]
     images: NDArray[np.uint8] | None = None
     image_statistics: dict[str, NDArray[Any]] | None = None
-    final_image: bytes | None = None
 
 
 @dataclass(frozen=True)
@@ -205,11 +209,11 @@ class Dataset:
                 about=episode.about,
                 video_file=at,
                 video_start_s=video_s,
-                final_image=episode.final_image,
             )
             if key is not None and episode.images is not None and episode.image_statistics is not None:
-                images.append(episode.images)
+                images.append(episode.images[:-1])
                 row.statistics[key] = episode.image_statistics
+                row = replace(row, final_image=episode.images[-1].tobytes())
             rows.append(row)
             start += length
             video_s += length / description.rate_hz

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -99,8 +99,9 @@ def load(path: Path | str, *, images: bool = True) -> Episodes:
     columns = _joined(dataset, episodes)
     arrays = {name: columns[column] for name, column in COLUMNS.items()}
     if reader.image_key is not None:
-        arrays["image"] = np.concatenate([episode.images for episode in episodes])
-        arrays["next_image"] = np.concatenate(list(_next_images(dataset, episodes)))
+        shown = [episode.images for episode in episodes if episode.images is not None]
+        arrays["image"] = np.concatenate([images[:-1] for images in shown])
+        arrays["next_image"] = np.concatenate([images[1:] for images in shown])
     tensors = {name: torch.from_numpy(np.ascontiguousarray(array)) for name, array in arrays.items()}
     return Episodes(description=dataset.description, rows=dataset.rows, **tensors)
 
@@ -119,17 +120,6 @@ def _joined(dataset: Dataset, episodes: list[Episode]) -> dict[str, NDArray[Any]
     joined = {name: np.concatenate([episode.columns[name] for episode in episodes]) for name in episodes[0].columns}
     vectors = (OBSERVATION, ACTION, NEXT)
     return {name: array.reshape(len(array), -1) if name in vectors else array for name, array in joined.items()}
-
-
-def _next_images(dataset: Dataset, episodes: list[Episode]) -> Iterator[NDArray[np.uint8]]:
-    """Images after the steps of each episode: those before the later steps, and the final one."""
-    for number, episode in enumerate(episodes):
-        assert episode.images is not None  # noqa: S101  the caller reads them
-        final = np.frombuffer(episode.final_image or b"", np.uint8)
-        if final.size != episode.images[0].size:
-            raise DataError(f"episode {number} in {dataset.root} has no final image; restore meta/episodes")
-        yield episode.images[1:]
-        yield final.reshape(1, *episode.images.shape[1:])
 
 
 class EpisodeReader:
@@ -163,7 +153,11 @@ class EpisodeReader:
             return Episode(row.about, columns)
         start = row.start - self._by_video_file[row.video_file][0].start
         images = self._video(row.video_file)[start : start + row.length]
-        return Episode(row.about, columns, images, row.statistics[self.image_key], row.final_image)
+        final = np.frombuffer(row.final_image or b"", np.uint8)
+        if final.size != images[0].size:
+            raise DataError(f"episode {row.episode} in {dataset.root} has no final image; restore meta/episodes")
+        images = np.concatenate((images, final.reshape(1, *images.shape[1:])))
+        return Episode(row.about, columns, images, row.statistics[self.image_key])
 
     def _read_table(self, file: int) -> pa.Table:
         """Steps of the episodes in one file, checked against their rows."""

@@ -57,11 +57,11 @@ def new_episode(steps: Sequence[Step], about: About, description: Description) -
     columns["next.done"] = columns["next.terminated"] | columns["next.truncated"]
     columns["timestamp"] = (frames / description.rate_hz).astype(np.float32)
     columns |= {"frame_index": frames, "episode_index": zeros, "index": frames, "task_index": zeros}
-    final = steps[-1].next_image
-    if description.camera is None or final is None:
+    if description.camera is None:
         return Episode(about, columns)
-    images = np.stack([step.image for step in steps if step.image is not None])
-    return Episode(about, columns, images, image_statistics(images), np.ascontiguousarray(final).tobytes())
+    shown = [*(step.image for step in steps), steps[-1].next_image]
+    images = np.stack([image for image in shown if image is not None])
+    return Episode(about, columns, images, image_statistics(images[:-1]))
 
 
 class Recorder:
