@@ -64,6 +64,13 @@ class About:
     physics: dict[str, float] = field(default_factory=dict)
 
 
+_TEXT, _INT, _FLOAT, _BOOL = pa.string(), pa.int64(), pa.float64(), pa.bool_()
+_TYPES = {"str": _TEXT, "int | None": _INT, "bool": _BOOL, "bool | None": _BOOL}
+_ABOUT = {attribute.name: _TYPES[str(attribute.type)] for attribute in fields(About) if attribute.type in _TYPES}
+_ABOUT_JSON = [attribute.name for attribute in fields(About) if attribute.name not in _ABOUT]
+"""Attributes of `About`: columns of their own, and dictionaries as texts."""
+
+
 @dataclass(frozen=True)
 class EpisodeRow:
     """Row of an episode in ``meta/episodes``.
@@ -228,9 +235,45 @@ class Dataset:
 
     def write_rows(self, first: int) -> Dataset:
         """Write the rows from episode ``first`` on into the next file of rows; returns the dataset with it."""
-        table = rows_table(self.rows[first:], self.description, self.row_files)
-        write_durably(self.path("episodes", self.row_files), to_parquet(table))
-        return replace(self, row_files=self.row_files + 1)
+        rows, at = self.rows[first:], self.row_files
+        cells: dict[str, tuple[list[Any], pa.DataType]] = {
+            "episode_index": ([row.episode for row in rows], _INT),
+            "tasks": ([[self.description.env]] * len(rows), pa.list_(_TEXT)),
+            "length": ([row.length for row in rows], _INT),
+            "data/chunk_index": ([row.data_file // CHUNK_SIZE for row in rows], _INT),
+            "data/file_index": ([row.data_file % CHUNK_SIZE for row in rows], _INT),
+            "data/sha256": ([row.data_sha256 for row in rows], _TEXT),
+            "dataset_from_index": ([row.start for row in rows], _INT),
+            "dataset_to_index": ([row.start + row.length for row in rows], _INT),
+            "meta/episodes/chunk_index": ([at // CHUNK_SIZE] * len(rows), _INT),
+            "meta/episodes/file_index": ([at % CHUNK_SIZE] * len(rows), _INT),
+            "return": ([row.return_ for row in rows], _FLOAT),
+            "terminated": ([row.terminated for row in rows], _BOOL),
+            "interventions": ([row.interventions for row in rows], _INT),
+            **{name: ([getattr(row.about, name) for row in rows], type_) for name, type_ in _ABOUT.items()},
+            **{name: ([json.dumps(getattr(row.about, name)) for row in rows], _TEXT) for name in _ABOUT_JSON},
+        }
+        key = self.description.image_key
+        if key is not None:
+            cells |= {
+                f"videos/{key}/chunk_index": ([row.video_file // CHUNK_SIZE for row in rows], _INT),
+                f"videos/{key}/file_index": ([row.video_file % CHUNK_SIZE for row in rows], _INT),
+                f"videos/{key}/from_timestamp": ([row.video_start_s for row in rows], _FLOAT),
+                f"videos/{key}/to_timestamp": (
+                    [row.video_start_s + row.length / self.description.rate_hz for row in rows],
+                    _FLOAT,
+                ),
+                f"videos/{key}/sha256": ([row.video_sha256 for row in rows], _TEXT),
+                f"final/{key}": ([row.final_image for row in rows], pa.binary()),
+            }
+        for name, feature in self.description.features.items():
+            type_ = pa.list_(pa.list_(pa.list_(_FLOAT))) if feature["dtype"] == "video" else pa.list_(_FLOAT)
+            for stat in STATISTICS:
+                column = [row.statistics[name][stat].tolist() for row in rows]
+                cells[f"stats/{name}/{stat}"] = (column, pa.list_(_INT) if stat == "count" else type_)
+        table = pa.table({name: pa.array(values, type_) for name, (values, type_) in cells.items()})
+        write_durably(self.path("episodes", at), to_parquet(table))
+        return replace(self, row_files=at + 1)
 
     def write_index(self) -> None:
         """Write the joint statistics and the number of episodes; the latter comes last, and commits the newest episode."""
@@ -300,50 +343,6 @@ def read_all_rows(root: Path, description: Description) -> Dataset:
 def to_json(value: Any) -> bytes:
     """JSON in LeRobot's formatting, with arrays as lists."""
     return (json.dumps(value, indent=4, default=np.ndarray.tolist) + "\n").encode()
-
-
-_TEXT, _INT, _FLOAT, _BOOL = pa.string(), pa.int64(), pa.float64(), pa.bool_()
-_TYPES = {"str": _TEXT, "int | None": _INT, "bool": _BOOL, "bool | None": _BOOL}
-_ABOUT = {attribute.name: _TYPES[str(attribute.type)] for attribute in fields(About) if attribute.type in _TYPES}
-_ABOUT_JSON = [attribute.name for attribute in fields(About) if attribute.name not in _ABOUT]
-"""Attributes of `About`: columns of their own, and dictionaries as texts."""
-
-
-def rows_table(rows: Sequence[EpisodeRow], description: Description, at: int) -> pa.Table:
-    """Table of the rows for the file number ``at`` of rows."""
-    cells: dict[str, tuple[list[Any], pa.DataType]] = {
-        "episode_index": ([row.episode for row in rows], _INT),
-        "tasks": ([[description.env]] * len(rows), pa.list_(_TEXT)),
-        "length": ([row.length for row in rows], _INT),
-        "data/chunk_index": ([row.data_file // CHUNK_SIZE for row in rows], _INT),
-        "data/file_index": ([row.data_file % CHUNK_SIZE for row in rows], _INT),
-        "data/sha256": ([row.data_sha256 for row in rows], _TEXT),
-        "dataset_from_index": ([row.start for row in rows], _INT),
-        "dataset_to_index": ([row.start + row.length for row in rows], _INT),
-        "meta/episodes/chunk_index": ([at // CHUNK_SIZE] * len(rows), _INT),
-        "meta/episodes/file_index": ([at % CHUNK_SIZE] * len(rows), _INT),
-        "return": ([row.return_ for row in rows], _FLOAT),
-        "terminated": ([row.terminated for row in rows], _BOOL),
-        "interventions": ([row.interventions for row in rows], _INT),
-        **{name: ([getattr(row.about, name) for row in rows], type_) for name, type_ in _ABOUT.items()},
-        **{name: ([json.dumps(getattr(row.about, name)) for row in rows], _TEXT) for name in _ABOUT_JSON},
-    }
-    key = description.image_key
-    if key is not None:
-        cells |= {
-            f"videos/{key}/chunk_index": ([row.video_file // CHUNK_SIZE for row in rows], _INT),
-            f"videos/{key}/file_index": ([row.video_file % CHUNK_SIZE for row in rows], _INT),
-            f"videos/{key}/from_timestamp": ([row.video_start_s for row in rows], _FLOAT),
-            f"videos/{key}/to_timestamp": ([row.video_start_s + row.length / description.rate_hz for row in rows], _FLOAT),
-            f"videos/{key}/sha256": ([row.video_sha256 for row in rows], _TEXT),
-            f"final/{key}": ([row.final_image for row in rows], pa.binary()),
-        }
-    for name, feature in description.features.items():
-        type_ = pa.list_(pa.list_(pa.list_(_FLOAT))) if feature["dtype"] == "video" else pa.list_(_FLOAT)
-        for stat in STATISTICS:
-            column = [row.statistics[name][stat].tolist() for row in rows]
-            cells[f"stats/{name}/{stat}"] = (column, pa.list_(_INT) if stat == "count" else type_)
-    return pa.table({name: pa.array(values, type_) for name, (values, type_) in cells.items()})
 
 
 def read_rows(path: Path, description: Description) -> list[EpisodeRow]:

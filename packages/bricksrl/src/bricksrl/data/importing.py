@@ -29,7 +29,6 @@ from bricksrl.data.schema import describe_task
 from bricksrl.errors import DataError
 
 if TYPE_CHECKING:
-    from bricksrl.data.schema import Description
     from bricksrl.envs.task import Task
 
 _TYPES = {f"torch.{name}": np.dtype(name) for name in ("float32", "float64", "int64", "bool", "uint8")}
@@ -96,7 +95,11 @@ def _import_one(folder: Path, out: Path, env: str, policy: str) -> Dataset:
     truncated[ends] = ~terminated[ends]
     columns = (observation, action[:, action_order], reward.tolist(), next_observation, terminated.tolist(), truncated.tolist())
     steps = [Step(*row) for row in zip(*columns, strict=True)]
-    description = _description(task, observation)
+    description = describe_task(task)
+    last, values = description.observation[-1], observation[:, -1]
+    if last.name == "distance" and ((values < 0).any() or (values > 2000).any()):  # the released code reports another quantity
+        acceleration = Entry("acceleration_x", unit="mm/s^2")
+        description = replace(description, observation=(*description.observation[:-1], acceleration))
     episodes = (
         new_episode(steps[end + 1 - length : end + 1], About(policy=policy, whole=bool(done[end])), description)
         for end, length in zip(ends, lengths, strict=True)
@@ -131,16 +134,6 @@ def _observations(arrays: Arrays, task: Task, folder: Path) -> NDArray[np.float3
     wraps = [entry.wraps for entry in task.entries]
     ordered[:, wraps] %= 360.0
     return ordered
-
-
-def _description(task: Task, observation: NDArray[np.float32]) -> Description:
-    """Description of the task, with the last channel renamed where the released code reports an acceleration in it."""
-    description = describe_task(task)
-    last, values = description.observation[-1], observation[:, -1]
-    if last.name == "distance" and ((values < 0).any() or (values > 2000).any()):
-        acceleration = Entry("acceleration_x", unit="mm/s^2")
-        description = replace(description, observation=(*description.observation[:-1], acceleration))
-    return description
 
 
 def read_tensors(folder: Path) -> Arrays:

@@ -181,21 +181,17 @@ class Description:
                 phrases.append(f"{name} {others} instead of {own}")
         for name in ("observation", "action"):
             own, others = getattr(self, name), getattr(other, name)
-            if own != others:
-                phrases.append(f"{name} {_difference(own, others)}")
+            names, other_names = [entry.name for entry in own], [entry.name for entry in others]
+            changed = [a.name for a, b in zip(own, others, strict=False) if a != b]
+            if names != other_names:
+                phrases.append(f"{name} [{', '.join(other_names)}] instead of [{', '.join(names)}]")
+            elif changed:
+                phrases.append(f"{name} with another unit or range of {', '.join(changed)}")
         if self.robot != other.robot:
             own, others = self.robot.get("name", "none"), other.robot.get("name", "none")
             same = "the same name with another description"
             phrases.append(f"robot {others} instead of {own}" if own != others else f"robot {own}: {same}")
         return phrases
-
-
-def _difference(own: tuple[Entry, ...], others: tuple[Entry, ...]) -> str:
-    names, other_names = [entry.name for entry in own], [entry.name for entry in others]
-    if names != other_names:
-        return f"[{', '.join(other_names)}] instead of [{', '.join(names)}]"
-    changed = [a.name for a, b in zip(own, others, strict=True) if a != b]
-    return f"with another unit or range of {', '.join(changed)}"
 
 
 def describe(env: EnvBase, options: dict[str, Any] | None = None, *, name: str | None = None) -> Description:

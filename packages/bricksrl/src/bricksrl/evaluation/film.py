@@ -193,24 +193,15 @@ def side_by_side(left: Path, right: Path, path: Path, height: int = 540) -> Path
     be joined."""
     import imageio_ffmpeg
 
-    fit = f"scale=-2:{height},setsar=1,tpad=stop_mode=clone:stop_duration=60"
-    graph = f"[0:v]{fit}[a];[1:v]{fit}[b];[a][b]hstack=inputs=2"
-    longest_s = max(_duration_s(left), _duration_s(right))
+    fit = f"scale=-2:{height},setsar=1"
+    graph = f"[0:v]{fit}[a];[1:v]{fit}[b];[a][b]hstack=inputs=2"  # the last image of the shorter one stays
     inputs = [word for film in (left, right) for word in ("-i", f"file:{film}")]  # a colon in a name ends no protocol
     command = [imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-v", "error", *inputs, "-filter_complex", graph]
-    command += ["-t", f"{longest_s:.2f}", "-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "26", "-movflags", "+faststart"]
-    command.append(f"file:{path}")
+    command += ["-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "26", "-movflags", "+faststart", f"file:{path}"]
     process = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603  our own arguments
     if process.returncode:
         raise TwinError(f"{left} and {right} cannot be joined ({' '.join(process.stderr.split())[:120]}); make them again")
     return path
-
-
-def _duration_s(path: Path) -> float:
-    import imageio_ffmpeg
-
-    frames, seconds = imageio_ffmpeg.count_frames_and_secs(f"file:{path}")
-    return float(seconds) if frames else 0.0
 
 
 def film_run(run_dir: Path, which: str, path: Path, options: FilmOptions, **changes: Any) -> Film:
