@@ -11,7 +11,7 @@ from toy_data import SEEING, record
 import bricksrl
 from bricksrl.data import load
 from bricksrl.data.collect import collect, random_policy
-from bricksrl.data.exporting import export_minari, export_numpy, export_parquet
+from bricksrl.data.formats import export_minari, export_numpy, export_parquet
 from bricksrl.data.recorder import Recorder
 from bricksrl.data.replay import replay
 from bricksrl.data.schema import describe, describe_task

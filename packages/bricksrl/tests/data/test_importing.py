@@ -10,7 +10,7 @@ import torch
 from tensordict import TensorDict
 
 from bricksrl.data import load
-from bricksrl.data.importing import import_paper
+from bricksrl.data.formats import import_paper
 from bricksrl.data.integrity import check
 from bricksrl.envs import get_task
 from bricksrl.errors import DataError

@@ -205,7 +205,7 @@ class Import:
     """Environment of the datasets; by default inferred from the names of the folders."""
 
     def execute(self) -> None:
-        from bricksrl.data.importing import import_paper
+        from bricksrl.data.formats import import_paper
 
         for source, dataset in import_paper(self.source, self.out, env=self.env):
             print_line(f"{source}: {dataset.description.env}, {_size(dataset)}: {dataset.root}")
@@ -228,7 +228,7 @@ class ExportData:
     """File or folder to write, which must not exist."""
 
     def execute(self) -> None:
-        from bricksrl.data.exporting import export_minari, export_numpy, export_parquet
+        from bricksrl.data.formats import export_minari, export_numpy, export_parquet
 
         load_learning()
         {"numpy": export_numpy, "parquet": export_parquet, "minari": export_minari}[self.format](self.dataset, self.out)
