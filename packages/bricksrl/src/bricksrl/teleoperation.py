@@ -15,7 +15,7 @@ import signal
 import struct
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, Self
 
@@ -118,11 +118,9 @@ class KeyboardDriver:
                 pushes[index] = push
         return push_action(pushes, self._rest) if self.in_charge else None
 
-    @contextlib.contextmanager
-    def quiet(self) -> Iterator[None]:
-        """Restore the terminal inside this context, for a question and its answer."""
-        with self._source.cooked_mode():
-            yield
+    def quiet(self) -> contextlib.AbstractContextManager[None]:
+        """A context in which the terminal is restored, for a question and its answer."""
+        return self._source.cooked_mode()
 
     def __enter__(self) -> Self:
         self._raw_mode.enter_context(self._source.raw_mode())
@@ -136,11 +134,9 @@ class KeyboardDriver:
 class Pad(Protocol):
     """Gamepad."""
 
-    def axes(self) -> Sequence[float]:
-        """Positions of its axes, each in -1..1, always as many."""
-
-    def presses(self) -> int:
-        """Number of presses of its first button since the last call."""
+    def read(self) -> tuple[Sequence[float], int]:
+        """Positions of its axes, each in -1..1, always as many, and the number of presses of its first button since the last
+        call. Raises DataError if the gamepad was disconnected."""
 
     def close(self) -> None:
         """Release the gamepad."""
@@ -160,16 +156,16 @@ class GamepadDriver:
         self.in_charge = in_charge
         self._rest = rest_action(commands)
         self._pad = find_pad() if pad is None else pad
-        self._sticks = [axis for axis, position in enumerate(self._pad.axes()) if abs(position) < TRIGGER_ZONE]
+        self._sticks = [axis for axis, position in enumerate(self._pad.read()[0]) if abs(position) < TRIGGER_ZONE]
 
     def __call__(self, observation: Tensor) -> Tensor | None:
         """Action ``[m]``; ``None`` while the policy is in charge. Raises DataError if the gamepad was disconnected."""
-        if self._pad.presses() % 2:
+        positions, presses = self._pad.read()
+        if presses % 2:
             self.in_charge = not self.in_charge
         if not self.in_charge:
             return None
         pushes = torch.zeros_like(self._rest)
-        positions = self._pad.axes()
         axes = torch.tensor([positions[axis] for axis in self._sticks[: len(pushes)]])
         pushes[: len(axes)] = torch.where(axes.abs() < DEAD_ZONE, 0.0, axes)
         return push_action(pushes, self._rest)
@@ -199,29 +195,21 @@ class LinuxPad:
                 f"cannot read the gamepad {device} ({error.strerror}); see that you may, or plug in another"
             ) from None
         self._axes: dict[int, float] = {}
-        self._presses = 0
 
-    def _read(self) -> None:
+    def read(self) -> tuple[list[float], int]:
+        presses = 0
         try:
             while data := os.read(self._handle, _EVENT.size):
                 _, value, kind, number = _EVENT.unpack(data)
                 if kind & ~_INITIAL == _AXIS:
                     self._axes[number] = value / _AXIS_MAX
                 elif kind == _BUTTON and number == 0:
-                    self._presses += value
+                    presses += value
         except BlockingIOError:
-            return
+            pass
         except (OSError, struct.error):
             raise DataError(f"the gamepad {self._device} is gone; plug it in and start again") from None
-
-    def axes(self) -> list[float]:
-        self._read()
-        return [self._axes.get(number, 0.0) for number in range(max(self._axes, default=-1) + 1)]
-
-    def presses(self) -> int:
-        self._read()
-        presses, self._presses = self._presses, 0
-        return presses
+        return [self._axes.get(number, 0.0) for number in range(max(self._axes, default=-1) + 1)], presses
 
     def close(self) -> None:
         os.close(self._handle)
@@ -243,15 +231,12 @@ class PygamePad:
         self._stick = pygame.joystick.Joystick(0)
         self._stick.init()
 
-    def axes(self) -> list[float]:
-        self._pygame.event.pump()
-        return [self._stick.get_axis(i) for i in range(self._stick.get_numaxes())]
-
-    def presses(self) -> int:
+    def read(self) -> tuple[list[float], int]:
         events = self._pygame.event.get()  # of all kinds: a full queue takes no presses
         if any(event.type == self._pygame.JOYDEVICEREMOVED for event in events):
             raise DataError("the gamepad is gone; plug it in and start again")
-        return sum(event.type == self._pygame.JOYBUTTONDOWN and event.button == 0 for event in events)
+        axes = [self._stick.get_axis(i) for i in range(self._stick.get_numaxes())]
+        return axes, sum(event.type == self._pygame.JOYBUTTONDOWN and event.button == 0 for event in events)
 
     def close(self) -> None:
         self._pygame.joystick.quit()

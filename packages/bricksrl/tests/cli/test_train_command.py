@@ -261,11 +261,8 @@ def test_only_a_virtual_robot_is_driven_in_real_time(env, hub, realtime):
 class Pad:
     """A gamepad whose stick is held up."""
 
-    def axes(self):
-        return [1.0]
-
-    def presses(self):
-        return 1
+    def read(self):
+        return [1.0], 1
 
     def close(self):
         pass
