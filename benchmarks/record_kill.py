@@ -66,9 +66,9 @@ def record(root: Path, description: Description) -> None:
 
     with Recorder(root, description) as recorder:
         while True:
-            print(recorder.episodes, flush=True)
+            print(len(recorder.rows), flush=True)
             recorder.begin(About(policy="known"))
-            for step in steps(recorder.episodes, description.image_px):
+            for step in steps(len(recorder.rows), description.image_px):
                 recorder.add(step)
             recorder.commit()
 

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from torchrl.envs import EnvBase
 
     from bricksrl.cli.emergency_stop import EmergencyStop
-    from bricksrl.data.collect import Collected
+    from bricksrl.data.dataset import EpisodeRow
     from bricksrl.data.recorder import Recorder
     from bricksrl.data.schema import Description
     from bricksrl.envs.options import EnvOptions
@@ -84,7 +84,7 @@ class Record:
         load_learning()
         count = 0
 
-        def report(episode: Collected) -> None:
+        def report(episode: EpisodeRow) -> None:
             nonlocal count
             count += 1
             by_hand = f"  {counted(episode.interventions, 'step')} by hand" if episode.interventions else ""
@@ -134,11 +134,11 @@ class Record:
         return make(self.env, options, seed=self.seed, place=place)
 
     def _collect(
-        self, env: EnvBase, recorder: Recorder, human: Driver | None, report: Callable[[Collected], None], page: LivePage | None
+        self, env: EnvBase, recorder: Recorder, human: Driver | None, report: Callable[[EpisodeRow], None], page: LivePage | None
     ) -> None:
         from bricksrl.data.collect import collect
 
-        def on_episode(episode: Collected) -> None:
+        def on_episode(episode: EpisodeRow) -> None:
             report(episode)
             if page is not None:
                 page.end(episode.return_, f"{episode.episode + 1}")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Callable
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib import metadata
 from typing import TYPE_CHECKING, Any
@@ -15,7 +14,7 @@ import torch
 
 from brickhub import HOUSES
 from brickhub.seed import check_seed
-from bricksrl.data.dataset import About
+from bricksrl.data.dataset import About, EpisodeRow
 from bricksrl.data.recorder import Recorder, Step
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.rollout import Driver, Policy, Rollout, link_lost, play
@@ -29,17 +28,6 @@ if TYPE_CHECKING:
     from brickhub.robot import Robot
 
 _PACKAGES = (*HOUSES, "torch", "torchrl", "mujoco")
-
-
-@dataclass(frozen=True)
-class Collected:
-    """Recorded episode: number in the dataset from 0, return, number of steps, and of those by a human, success."""
-
-    episode: int
-    return_: float
-    length: int
-    interventions: int
-    success: bool | None
 
 
 def random_policy(env: EnvBase, seed: int) -> Policy:
@@ -61,10 +49,10 @@ def collect(
     hub: str = "virtual",
     driver: Driver | None = None,
     reset_policy: Callable[[], None] = lambda: None,
-    on_episode: Callable[[Collected], None] | None = None,
+    on_episode: Callable[[EpisodeRow], None] = lambda _: None,
     on_frame: Callable[[TensorDictBase], None] = lambda _: None,
-) -> list[Collected]:
-    """Record episodes. An episode interrupted by a pause, an error or Ctrl-C is recorded up to that step.
+) -> list[EpisodeRow]:
+    """Record episodes, and return their rows. An episode interrupted by a pause, an error or Ctrl-C is recorded up to that step.
 
     Args:
         name: name of the policy, to be stored.
@@ -72,6 +60,7 @@ def collect(
         hub: how the robot is reached, to be stored.
         driver: asked first at each step.
         reset_policy: as in `play`.
+        on_episode: called with the row of each episode.
         on_frame: called with each step, as returned by TorchRL's ``EnvBase.step``.
 
     Raises:
@@ -80,22 +69,19 @@ def collect(
         DescriptionError: the seed is invalid.
     """
     check_seed(seed)
-    done, ours = [], interface_of(env)
-    for _ in range(episodes):
-        number = recorder.episodes
+    ours, first = interface_of(env), len(recorder.rows)
+    for number in range(first, first + episodes):
         episode_seed = int(np.random.SeedSequence([seed, number]).generate_state(1)[0] >> 1)
         env.set_seed(episode_seed)
         state = env.reset()
         recorder.begin(about(env, name, seed=episode_seed, hub=hub))
-        episode, interventions = Rollout(), 0
+        episode = Rollout()
         try:
             for frame in play(env, policy, state, driver=driver, reset_policy=reset_policy):
                 if link_lost(frame):
                     raise ours.link_error
-                by_hand = bool(frame.get("intervention", False))
-                recorder.add(step_of(frame, env, intervention=by_hand))
+                recorder.add(step_of(frame, env))
                 episode.add(frame)
-                interventions += by_hand
                 on_frame(frame)
             is_cut = ours.is_cut
             success = None if is_cut else episode.success(env)
@@ -103,13 +89,11 @@ def collect(
             recorder.commit(whole=False)
             raise
         recorder.commit(success=success, whole=not is_cut)
-        done.append(Collected(number, episode.return_, len(episode.rewards), interventions, success))
-        if on_episode is not None:
-            on_episode(done[-1])
-    return done
+        on_episode(recorder.rows[-1])
+    return list(recorder.rows[first:])
 
 
-def step_of(transition: TensorDictBase, env: EnvBase, *, intervention: bool = False) -> Step:
+def step_of(transition: TensorDictBase, env: EnvBase) -> Step:
     """Step from a transition of TorchRL's ``EnvBase.step``, copied, since the environment may reuse its tensors. ``env``:
     environment of the transition; its ``timing``, if any, is recorded."""
     after, timing = transition["next"], interface_of(env).timing
@@ -122,7 +106,7 @@ def step_of(transition: TensorDictBase, env: EnvBase, *, intervention: bool = Fa
         next_observation=_numbers(after["observation"]),
         terminated=bool(after["terminated"]),
         truncated=bool(after["done"]) and not bool(after["terminated"]),
-        intervention=intervention,
+        intervention=bool(transition.get("intervention", False)),
         **times,
         **images,
     )

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from brickhub.files import is_unused, only_writer
 from bricksrl.data.columns import image_statistics
-from bricksrl.data.dataset import About, Dataset, Episode, is_dataset
+from bricksrl.data.dataset import About, Dataset, Episode, EpisodeRow, is_dataset
 from bricksrl.data.integrity import recover
 from bricksrl.data.schema import STEP_COLUMNS, Description
 from bricksrl.errors import DataError
@@ -106,9 +106,9 @@ class Recorder:
             self._lock, self._is_open = lock.pop_all(), True
 
     @property
-    def episodes(self) -> int:
-        """Number of committed episodes, including earlier recordings."""
-        return len(self._dataset.rows)
+    def rows(self) -> tuple[EpisodeRow, ...]:
+        """Rows of the committed episodes, including those of earlier recordings."""
+        return self._dataset.rows
 
     def begin(self, about: About) -> None:
         """Begin an episode; uncommitted steps are discarded."""
@@ -137,7 +137,7 @@ class Recorder:
         if not self._is_open:
             self._open()
         episode = new_episode(self._steps, replace(self._about, success=success, whole=whole), self.description)
-        self._dataset = self._dataset.write_episodes([episode]).write_rows(self.episodes)
+        self._dataset = self._dataset.write_episodes([episode]).write_rows(len(self.rows))
         self._steps.clear()  # the row is on the disk: even if the index fails, the episode is not written again
         self._dataset.write_index()
 

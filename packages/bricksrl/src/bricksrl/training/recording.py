@@ -41,7 +41,7 @@ class Recording(Callback):
             policy = "random" if phase is Phase.PREFILL else without_folder(self._config.agent)
             seed = derive_seed(self._config.seed, "episode", episode)
             self._recorder.begin(about(self._env, policy, seed=seed, hub=self._config.hub))
-        self._recorder.add(step_of(transition, self._env, intervention=bool(transition.get("intervention", False))))
+        self._recorder.add(step_of(transition, self._env))
         self._is_cut = interface_of(self._env).is_cut  # by a pause; an evaluation may follow before the end
 
     def on_link_lost(self, episode: int, length: int, error: BricksError) -> None:
