@@ -159,8 +159,11 @@ class _Take:
         if cost_s > QUICK_S:
             return plain, cost_s
         shaded, shaded_s = make(shadows=True)
-        (plain if shaded_s <= 2 * QUICK_S else shaded).close()
-        return (shaded, shaded_s) if shaded_s <= 2 * QUICK_S else (plain, cost_s)
+        if shaded_s > 2 * QUICK_S:
+            shaded.close()
+            return plain, cost_s
+        plain.close()
+        return shaded, shaded_s
 
     def render(self) -> Image:
         """One image with captions."""

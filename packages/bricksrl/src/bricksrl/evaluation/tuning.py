@@ -167,7 +167,12 @@ def tune(
             load_if_exists=True,
             pruner=optuna.pruners.MedianPruner(n_startup_trials=5),
         )
-        _check_same(study, tuning, folder)
+        about = dataclasses.asdict(tuning)
+        known = study.user_attrs.get("tuning", about)
+        if known != about:
+            values = ", ".join(f"{name} {known.get(name)}" for name, value in about.items() if known.get(name) != value)
+            raise RunError(f"{folder} holds a study of {values}; give the same, or another folder")
+        study.set_user_attr("tuning", about)
         study.sampler = optuna.samplers.TPESampler(seed=(seed + len(study.trials)) % (LARGEST_SEED + 1))
         if not study.trials:
             study.enqueue_trial(_as_proposed(start, goals=goals))  # the default settings are the first trial
@@ -215,31 +220,25 @@ def _storage(path: Path) -> Iterator[None]:
         raise RunError(f"cannot use the study {path} ({reason}); {remedy}, or choose another folder") from None
 
 
-class _StopAt(Callback):
-    """Callback that ends a run with the episode that reaches ``steps``."""
-
-    def __init__(self, steps: int) -> None:
-        self.stop = threading.Event()
-        self._steps = steps
-
-    def on_episode(self, episode: Episode, progress: Progress) -> None:
-        if episode.steps >= self._steps:
-            self.stop.set()
-
-
 def _train_and_evaluate(tuning: Tuning, settings: Any, seed: int) -> float:
     """Mean return of a trained agent; not a number if it diverged."""
     from bricksrl.evaluation.evaluator import evaluate
     from bricksrl.training.run import train
 
+    stop = threading.Event()
+
+    class StopAtSteps(Callback):
+        def on_episode(self, episode: Episode, progress: Progress) -> None:
+            if episode.steps >= tuning.steps:
+                stop.set()
+
     with tempfile.TemporaryDirectory() as folder:
         run_dir = Path(folder) / "run"
-        observer = _StopAt(tuning.steps)
         config = TrainConfig(
             tuning.env, tuning.agent, episodes=tuning.steps, seed=seed, settings=settings, run_dir=run_dir, asynchronous=False
         )
         try:
-            result = train(config, observer, stop=observer.stop)
+            result = train(config, StopAtSteps(), stop=stop)
             if result.interrupted and not (result.episodes and result.episodes[-1].steps >= tuning.steps):
                 raise KeyboardInterrupt
             return evaluate(run_dir, episodes=tuning.episodes, save=False).return_mean
@@ -267,15 +266,6 @@ def _as_proposed(settings: Any, *, goals: bool) -> dict[str, Any]:
         if value in limits if isinstance(limits, list) else value is not None and limits[0] <= value <= limits[1]:
             parameters[name] = value
     return parameters
-
-
-def _check_same(study: optuna.Study, tuning: Tuning, folder: Path) -> None:
-    known = study.user_attrs.get("tuning")
-    if known is None:
-        study.set_user_attr("tuning", dataclasses.asdict(tuning))
-    elif known != dataclasses.asdict(tuning):
-        values = ", ".join(f"{name} {known.get(name)}" for name, value in vars(tuning).items() if known.get(name) != value)
-        raise RunError(f"{folder} holds a study of {values}; give the same, or another folder")
 
 
 def _write_best(study: optuna.Study, tuning: Tuning, start: Any, folder: Path, *, goals: bool) -> Best | None:
