@@ -74,20 +74,16 @@ def named_policies(run_dir: Path, env: EnvBase, seed: int) -> dict[str, Callable
 
     ``best`` exists only if the run was evaluated during training. ``seed`` is that of the random actions.
     """
-    from brickhub.seed import derive_seed
     from bricksrl.policies import load_policy
     from bricksrl.policies.sharing import is_policy
-    from bricksrl.training.restore import make_learner_for
+    from bricksrl.training.restore import untrained_learner
     from bricksrl.training.run_folder import RunFolder
-    from bricksrl.training.seeding import reproducible
 
     def player(policy: Policy) -> Player:
         return Player(policy, policy.reset)
 
     def first() -> Player:
-        config = RunFolder(run_dir).read_config()
-        with reproducible(derive_seed(config.seed, "agent")):
-            learner = make_learner_for(config, env, device="cpu")
+        learner = untrained_learner(run_dir, env)
         return player(Policy(learner.policy, env.observation_spec["observation"].shape[-1]))
 
     named = {"random": lambda: random_player(env, seed)}
