@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 from collections.abc import Callable
 from datetime import UTC, datetime
 from importlib import metadata
@@ -13,6 +12,7 @@ import numpy as np
 import torch
 
 from brickhub import HOUSES
+from brickhub.hub.program.generate import generate
 from brickhub.seed import check_seed
 from bricksrl.data.dataset import About, EpisodeRow
 from bricksrl.data.recorder import Recorder, Step
@@ -24,10 +24,7 @@ if TYPE_CHECKING:
     from torch import Tensor
     from torchrl.envs import EnvBase
 
-    from brickhub.hub.interface import Interface
-    from brickhub.robot import Robot
-
-_PACKAGES = (*HOUSES, "torch", "torchrl", "mujoco")
+_VERSIONS = {name: metadata.version(name) for name in (*HOUSES, "torch", "torchrl", "mujoco")}
 
 
 def random_policy(env: EnvBase, seed: int) -> Policy:
@@ -132,19 +129,7 @@ def about(env: EnvBase, policy: str, *, seed: int | None = None, hub: str = "vir
         seed=seed,
         started=datetime.now(UTC).astimezone().isoformat(timespec="milliseconds"),
         hub=hub if on_hub else "",
-        program_hash=_program_hash(task.robot, task.interface) if on_hub and task is not None else None,
-        versions=dict(_versions()),
+        program_hash=generate(task.robot, task.interface).hash if on_hub and task is not None else None,
+        versions=_VERSIONS,
         physics={} if physics is None else dataclasses.asdict(physics),
     )
-
-
-@functools.lru_cache(maxsize=16)
-def _program_hash(robot: Robot, interface: Interface) -> int:
-    from brickhub.hub.program.generate import generate
-
-    return generate(robot, interface).hash
-
-
-@functools.lru_cache(maxsize=1)
-def _versions() -> tuple[tuple[str, str], ...]:
-    return tuple((name, metadata.version(name)) for name in _PACKAGES)

@@ -82,8 +82,7 @@ class Recorder:
         self._dataset = Dataset(root, description)
         self._steps: list[Step] = []
         self._about = About()
-        self._lock = contextlib.ExitStack()
-        self._is_open = False
+        self._lock: contextlib.ExitStack | None = None
         if root.exists() and not root.is_dir():
             raise DataError(f"{root} is a file; choose a folder for the dataset")
         if is_dataset(root):
@@ -103,7 +102,7 @@ class Recorder:
                     raise DataError(f"{self.root} holds other data: {'; '.join(differences)}; {remedy}")
             else:
                 self._dataset.write_description()
-            self._lock, self._is_open = lock.pop_all(), True
+            self._lock = lock.pop_all()
 
     @property
     def rows(self) -> tuple[EpisodeRow, ...]:
@@ -134,7 +133,7 @@ class Recorder:
         camera = self.description.camera
         if camera is not None and (self._steps[-1].next_image is None or any(step.image is None for step in self._steps)):
             raise DataError(f"{self.root} is to hold images of {camera}, and a step has none; add them to each")
-        if not self._is_open:
+        if self._lock is None:
             self._open()
         episode = new_episode(self._steps, replace(self._about, success=success, whole=whole), self.description)
         self._dataset = self._dataset.write_episodes([episode]).write_rows(len(self.rows))
@@ -146,7 +145,8 @@ class Recorder:
         try:
             self.commit(whole=False)
         finally:
-            self._lock.close()
+            if self._lock is not None:
+                self._lock.close()
 
     def __enter__(self) -> Self:
         return self

@@ -3,12 +3,18 @@
 A run is a function of its configuration, `train_and_evaluate`, called in a single-threaded process of this computer, with as many
 at a time as there are cores, or as a task of a Ray cluster. `benchmarks/seeds.py` compares this with one program that trains all
 seeds as stacked networks.
+
+On a cluster, a run writes its folder on the worker's computer and after each episode sends the changed files to an actor on this
+computer, which mirrors the folder. Where a worker is lost, Ray restarts the run elsewhere: it gets its folder back from the actor
+and resumes.
 """
 
 from __future__ import annotations
 
 import contextlib
 import os
+import platform
+import tempfile
 import threading
 import traceback
 from collections import deque
@@ -19,11 +25,11 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any
 
-from brickhub.files import write_durably, writing
+from brickhub.files import TEMPORARY_PREFIX, write_durably, writing
 from brickhub.seed import check_seed
 from bricksrl.child_process import END, ChildProcess, Message, leave, parent_channel
 from bricksrl.errors import BricksError, RunError
-from bricksrl.evaluation.cluster import parse_on, train_on_cluster
+from bricksrl.evaluation.cluster import RETRIES, connected, parse_on
 from bricksrl.evaluation.comparison import Group, compare, draw
 from bricksrl.training.callbacks import Callback, Episode, Progress
 
@@ -32,7 +38,7 @@ if TYPE_CHECKING:
 
 MAX_SEEDS = 1000
 """Maximum number of seeds of one command."""
-_END_TIMEOUT_S, _STOP_TIMEOUT_S = 60.0, 10.0
+_END_TIMEOUT_S, _STOP_TIMEOUT_S, _POLL_S = 60.0, 10.0, 0.5
 
 OnLine = Callable[[int, dict[str, Any]], None]
 """Called with a seed and a message: an episode and its return, or the return of the evaluation."""
@@ -93,41 +99,6 @@ def train_seeds(
     return comparison.groups[0]
 
 
-def _train_in_processes(configs: Sequence[TrainConfig], jobs: int | None, on_line: OnLine) -> list[str | None]:
-    """Train all in local processes, so many at a time; returns the error of each, or ``None``."""
-    waiting, running = deque(range(len(configs))), dict[int, ChildProcess]()
-    messages: SimpleQueue[tuple[int, Message | None]] = SimpleQueue()
-    errors: list[str | None] = [None] * len(configs)
-
-    def start(number: int) -> None:
-        process = ChildProcess(
-            __name__, lambda message: messages.put((number, message)), OMP_NUM_THREADS="1", MKL_NUM_THREADS="1"
-        )
-        running[number] = process
-        with contextlib.suppress(OSError):  # its end is reported
-            process.send("train", (configs[number].to_dict(), configs[number].run_dir))
-
-    try:
-        while waiting or running:
-            while waiting and len(running) < (jobs or os.cpu_count() or 1):
-                start(waiting.popleft())
-            number, message = messages.get()
-            if message is not None:
-                errors[number] = message[1].get("error", errors[number])
-                on_line(configs[number].seed, message[1])
-                continue
-            code = running.pop(number).end(_END_TIMEOUT_S)
-            errors[number] = errors[number] or (None if code == 0 else f"its process ended with exit code {code}")
-    except BaseException:  # all end after their present steps, and what they saved is kept
-        for process in running.values():
-            with contextlib.suppress(OSError):
-                process.send(*END)
-        for process in running.values():
-            process.end(_STOP_TIMEOUT_S)
-        raise
-    return errors
-
-
 class Reporter(Callback):
     """Callback that sends a message per episode."""
 
@@ -165,6 +136,41 @@ def train_and_evaluate(
     return None
 
 
+def _train_in_processes(configs: Sequence[TrainConfig], jobs: int | None, on_line: OnLine) -> list[str | None]:
+    """Train all in local processes, so many at a time; returns the error of each, or ``None``."""
+    waiting, running = deque(range(len(configs))), dict[int, ChildProcess]()
+    messages: SimpleQueue[tuple[int, Message | None]] = SimpleQueue()
+    errors: list[str | None] = [None] * len(configs)
+
+    def start(number: int) -> None:
+        process = ChildProcess(
+            __name__, lambda message: messages.put((number, message)), OMP_NUM_THREADS="1", MKL_NUM_THREADS="1"
+        )
+        running[number] = process
+        with contextlib.suppress(OSError):  # its end is reported
+            process.send("train", (configs[number].to_dict(), configs[number].run_dir))
+
+    try:
+        while waiting or running:
+            while waiting and len(running) < (jobs or os.cpu_count() or 1):
+                start(waiting.popleft())
+            number, message = messages.get()
+            if message is not None:
+                errors[number] = message[1].get("error", errors[number])
+                on_line(configs[number].seed, message[1])
+                continue
+            code = running.pop(number).end(_END_TIMEOUT_S)
+            errors[number] = errors[number] or (None if code == 0 else f"its process ended with exit code {code}")
+    except BaseException:  # all end after their present steps, and what they saved is kept
+        for process in running.values():
+            with contextlib.suppress(OSError):
+                process.send(*END)
+        for process in running.values():
+            process.end(_STOP_TIMEOUT_S)
+        raise
+    return errors
+
+
 def main() -> None:
     """Entry point of a seed's process, ``python -m bricksrl.evaluation.multi_seed``: train and evaluate as ordered; sends a
     message for each episode, one for the evaluation, and one for an error. Ends after the present step if the parent asks for it
@@ -192,6 +198,95 @@ def main() -> None:
     except Exception:  # noqa: BLE001  an exit at once would not print it
         traceback.print_exc()
     leave(code)
+
+
+class Keeper:
+    """Ray actor on the driver's computer that collects the files and the messages of the runs."""
+
+    def __init__(self, folders: Sequence[str]) -> None:
+        self._folders = [Path(folder) for folder in folders]
+        self._messages: list[tuple[int, dict[str, Any]]] = []
+
+    def keep(self, number: int, files: dict[str, bytes], message: dict[str, Any]) -> None:
+        """Write files into the folder of a run, in their order, and store its message."""
+        for name, data in files.items():
+            write_durably(self._folders[number] / name, data)
+        self._messages.append((number, message))
+
+    def files(self, number: int) -> dict[str, bytes]:
+        """All files of a run, by path in its folder."""
+        folder = self._folders[number]
+        return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+    def messages(self) -> list[tuple[int, dict[str, Any]]]:
+        """Messages since the last call, each with the index of its run."""
+        messages, self._messages = self._messages, []
+        return messages
+
+
+def changed_files(folder: Path, known: dict[str, tuple[int, int]]) -> dict[str, bytes]:
+    """Contents of the files whose time or size is not ``known``, which is updated, by path in the folder. The checkpoint comes
+    last, as it depends on the others."""
+    changed = {}
+    for path in sorted(folder.rglob("*"), key=lambda path: (path.name == "checkpoint.bin", path)):
+        if path.name.startswith(TEMPORARY_PREFIX) or not path.is_file():  # such a file may vanish at any moment
+            continue
+        stat = path.stat()
+        name, version = str(path.relative_to(folder)), (stat.st_mtime_ns, stat.st_size)
+        if known.get(name) != version:
+            known[name], changed[name] = version, path.read_bytes()
+    return changed
+
+
+def train_on_worker(number: int, config: dict[str, Any], keeper: Any) -> str | None:
+    """Start one run on a worker, or resume it from the keeper's files, and evaluate it; returns the error, if any."""
+    import ray
+    import torch
+
+    torch.set_num_threads(1)
+
+    class StartReporter(Reporter):
+        def on_start(self, config: TrainConfig, run_dir: Path, episodes_done: int) -> None:
+            self.send({"started": episodes_done, "pid": os.getpid(), "node": platform.node()})
+
+    with tempfile.TemporaryDirectory(prefix="bricksrl-") as temporary:
+        folder, known = Path(temporary) / "run", dict[str, tuple[int, int]]()
+
+        def send(message: dict[str, Any]) -> None:
+            ray.get(keeper.keep.remote(number, changed_files(folder, known), message))
+
+        files = ray.get(keeper.files.remote(number))
+        for name, data in files.items() if "checkpoint.bin" in files else ():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            (folder / name).write_bytes(data)
+        return train_and_evaluate(config, folder, StartReporter(send))
+
+
+def train_on_cluster(address: str | None, configs: Sequence[TrainConfig], cpus: int | None, on_line: OnLine) -> list[str | None]:
+    """Train all on a cluster, each into its folder on this computer; returns the error of each, or ``None``. Raises RunError if
+    the cluster cannot be reached. ``cpus``: as in `connected`."""
+    with connected(address, cpus) as ray:
+        from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
+
+        on_this_node = NodeAffinitySchedulingStrategy(node_id=ray.get_runtime_context().get_node_id(), soft=False)
+        folders = [str(Path(config.run_dir or "").absolute()) for config in configs]
+        keeper = ray.remote(Keeper).options(num_cpus=0, scheduling_strategy=on_this_node).remote(folders)
+        remote = ray.remote(train_on_worker).options(num_cpus=1, max_retries=RETRIES)
+        waiting = {remote.remote(number, config.to_dict(), keeper): number for number, config in enumerate(configs)}
+        errors: list[str | None] = [None] * len(configs)
+        while waiting:
+            done, _ = ray.wait(list(waiting), timeout=_POLL_S)
+            for number, message in ray.get(keeper.messages.remote()):  # of runs that are done too
+                on_line(configs[number].seed, message)
+            for job in done:
+                number = waiting.pop(job)
+                try:
+                    errors[number] = ray.get(job)
+                except ray.exceptions.RayTaskError as error:  # of the run, such as of a full disk; the last line says which
+                    errors[number] = str(error).strip().splitlines()[-1]
+                except ray.exceptions.RayError as error:
+                    errors[number] = f"its worker was lost {RETRIES + 1} times ({type(error).__name__})"
+        return errors
 
 
 if __name__ == "__main__":
