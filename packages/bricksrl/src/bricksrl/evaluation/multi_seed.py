@@ -210,7 +210,9 @@ class Keeper:
     def keep(self, number: int, files: dict[str, bytes], message: dict[str, Any]) -> None:
         """Write files into the folder of a run, in their order, and store its message."""
         for name, data in files.items():
-            write_durably(self._folders[number] / name, data)
+            path = self._folders[number] / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_durably(path, data)
         self._messages.append((number, message))
 
     def files(self, number: int) -> dict[str, bytes]:
