@@ -30,7 +30,9 @@ def test_recorded_equals_read(tmp_path: Path) -> None:
         ours = getattr(episodes, name).numpy()
         assert np.array_equal(ours, np.array([getattr(step, name) for step in wanted], ours.dtype)), name
     assert episodes.episode.tolist() == [0] * 3 + [1] * 5
-    assert episodes.returns() == pytest.approx([sum(step.reward for step in steps(k, n)) for k, n in ((0, 3), (1, 5))], rel=1e-6)
+    assert [row.return_ for row in episodes.rows] == pytest.approx(
+        [sum(step.reward for step in steps(k, n)) for k, n in ((0, 3), (1, 5))], rel=1e-6
+    )
     assert [(row.about.seed, row.about.policy, row.about.success) for row in episodes.rows] == [
         (0, "random", True),
         (1, "random", False),

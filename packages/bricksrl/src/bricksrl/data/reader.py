@@ -62,10 +62,6 @@ class Episodes:
     def __len__(self) -> int:
         return len(self.reward)
 
-    def returns(self) -> NDArray[np.float64]:
-        """Sum of the rewards of each episode."""
-        return np.array([row.return_ for row in self.rows])
-
     def to_tensordict(self) -> TensorDict:
         """Transitions ``[N]`` in TorchRL's format: outcomes under ``next``, flags and rewards ``[N, 1]``."""
         from tensordict import TensorDict

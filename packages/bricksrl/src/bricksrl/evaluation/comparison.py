@@ -198,7 +198,8 @@ def draw(path: Path | str, groups: Sequence[Group]) -> None:
     drawn: set[str] = set()
     for axes, env in zip(panels, envs, strict=False):
         for group in (group for group in groups if group.env == env):
-            label = f"{group.agent} ({_seeds(groups, group.agent)})"
+            counts = sorted({len(other.seeds) for other in groups if other.agent == group.agent})  # over all panels
+            label = f"{group.agent} ({' or '.join(map(str, counts))} seed{'' if counts == [1] else 's'})"
             _draw_group(axes, group, colours[group.agent], None if group.agent in drawn else label)
             drawn.add(group.agent)
         style(axes, without_folder(env), "episode", f"return (mean of {WINDOW} episodes)")
@@ -207,12 +208,6 @@ def draw(path: Path | str, groups: Sequence[Group]) -> None:
         unused.set_visible(False)
     figure.legend(loc="outside lower left", ncols=min(4, len(labels)), frameon=False, fontsize=9)
     save(figure, path)
-
-
-def _seeds(groups: Sequence[Group], agent: str) -> str:
-    """Text with the numbers of seeds of an agent over all panels."""
-    counts = sorted({len(group.seeds) for group in groups if group.agent == agent})
-    return f"{' or '.join(map(str, counts))} seed{'' if counts == [1] else 's'}"
 
 
 def _draw_group(axes: Any, group: Group, colour: str, label: str | None) -> None:
