@@ -24,9 +24,9 @@ RESTORE = "restore it from a copy, or save the intact episodes with `bricksrl da
 Columns = Mapping[str, NDArray[Any]]
 """Arrays ``[steps]`` and ``[steps, n]`` by the names of the columns."""
 
-Statistics = dict[str, dict[str, NDArray[Any]]]
-"""``min``, ``max``, ``mean``, ``std`` and ``count`` of each column, as in LeRobot."""
-STATISTICS = ("min", "max", "mean", "std", "count")
+Statistics = tuple[NDArray[np.float64], int]
+"""Minimum, maximum, mean and deviation of a column, ``[4, n]``, or ``[4, 3, 1, 1]`` of images, and the number of values."""
+STATISTICS = ("min", "max", "mean", "std")
 _QUIET = ("-hide_banner", "-loglevel", "error")
 _LOSSLESS = ("-c:v", "libx264rgb", "-crf", "0", "-preset", "veryfast", "-g", "2", "-movflags", "+faststart")
 _ONE_MP4_FILE = ("-protocol_whitelist", "file", "-f", "mp4")  # a disguised playlist could name other files and servers
@@ -108,30 +108,31 @@ def from_table(table: pa.Table, description: Description, names: Iterable[str], 
     return arrays
 
 
-def column_statistics(values: NDArray[Any]) -> dict[str, NDArray[Any]]:
+def column_statistics(values: NDArray[Any]) -> Statistics:
     """Statistics of the column of one episode."""
     rows = np.asarray(values, np.float64).reshape(len(values), -1)
     with np.errstate(invalid="ignore"):  # a missing clock reads NaN
-        found = rows.min(0), rows.max(0), rows.mean(0), rows.std(0), np.array([len(rows)])
-    return dict(zip(STATISTICS, found, strict=True))
+        return np.stack((rows.min(0), rows.max(0), rows.mean(0), rows.std(0))), len(rows)
 
 
-def image_statistics(images: NDArray[np.uint8]) -> dict[str, NDArray[Any]]:
-    """Statistics of images ``[steps, height, width, 3]`` per colour in 0..1, of shape ``[3, 1, 1]`` except the count."""
-    values = {name: value.reshape(-1, 1, 1) for name, value in column_statistics(images.reshape(-1, 3) / 255.0).items()}
-    return {**values, "count": np.array([len(images)])}
+def image_statistics(images: NDArray[np.uint8]) -> Statistics:
+    """Statistics of images ``[steps, height, width, 3]`` per colour in 0..1."""
+    values, _ = column_statistics(images.reshape(-1, 3) / 255.0)
+    return values.reshape(-1, 3, 1, 1), len(images)
 
 
-def join_statistics(parts: Sequence[Statistics]) -> Statistics:
-    """Statistics of all episodes together, from those of each episode."""
-    joined: Statistics = {}
+def join_statistics(parts: Sequence[dict[str, Statistics]]) -> dict[str, dict[str, list[Any]]]:
+    """Statistics of all episodes together, by column and name as in LeRobot, from those of each episode."""
+    joined = {}
     for name in parts[0] if parts else ():
-        low, high, means, stds, count = (np.stack([part[name][key] for part in parts]) for key in STATISTICS)
-        share = (count / count.sum()).reshape(-1, *[1] * (means.ndim - 1))
+        values, counts = np.array([part[name][0] for part in parts]), np.array([part[name][1] for part in parts])
+        low, high, means, stds = values.swapaxes(0, 1)
+        share = (counts / counts.sum()).reshape(-1, *[1] * (means.ndim - 1))
         mean = (share * means).sum(0)
         variance = (share * (stds**2 + (means - mean) ** 2)).sum(0)
-        found = low.min(0), high.max(0), mean, np.sqrt(variance), count.sum(0)
-        joined[name] = dict(zip(STATISTICS, found, strict=True))
+        found = (low.min(0), high.max(0), mean, np.sqrt(variance))
+        joined[name] = {stat: value.tolist() for stat, value in zip(STATISTICS, found, strict=True)}
+        joined[name]["count"] = [int(counts.sum())]
     return joined
 
 

@@ -92,7 +92,7 @@ class EpisodeRow:
     interventions: int
     data_file: int
     data_sha256: str | None
-    statistics: Statistics
+    statistics: dict[str, Statistics]
     about: About
     video_file: int = 0
     video_start_s: float = 0.0
@@ -112,7 +112,7 @@ class Episode:
     about: About
     columns: dict[str, NDArray[Any]]
     images: NDArray[np.uint8] | None = None
-    image_statistics: dict[str, NDArray[Any]] | None = None
+    image_statistics: Statistics | None = None
 
 
 @dataclass(frozen=True)
@@ -268,9 +268,9 @@ class Dataset:
             }
         for name, feature in self.description.features.items():
             type_ = pa.list_(pa.list_(pa.list_(_FLOAT))) if feature["dtype"] == "video" else pa.list_(_FLOAT)
-            for stat in STATISTICS:
-                column = [row.statistics[name][stat].tolist() for row in rows]
-                cells[f"stats/{name}/{stat}"] = (column, pa.list_(_INT) if stat == "count" else type_)
+            for number, stat in enumerate(STATISTICS):
+                cells[f"stats/{name}/{stat}"] = [row.statistics[name][0][number].tolist() for row in rows], type_
+            cells[f"stats/{name}/count"] = [[row.statistics[name][1]] for row in rows], pa.list_(_INT)
         table = pa.table({name: pa.array(values, type_) for name, (values, type_) in cells.items()})
         write_durably(self.path("episodes", at), to_parquet(table))
         return replace(self, row_files=at + 1)
@@ -341,8 +341,8 @@ def read_all_rows(root: Path, description: Description) -> Dataset:
 
 
 def to_json(value: Any) -> bytes:
-    """JSON in LeRobot's formatting, with arrays as lists."""
-    return (json.dumps(value, indent=4, default=np.ndarray.tolist) + "\n").encode()
+    """JSON in LeRobot's formatting."""
+    return (json.dumps(value, indent=4) + "\n").encode()
 
 
 def read_rows(path: Path, description: Description) -> list[EpisodeRow]:
@@ -396,13 +396,13 @@ def _file(record: dict[str, Any], prefix: str) -> int:
     return chunk * CHUNK_SIZE + file
 
 
-def _statistics(record: dict[str, Any], description: Description) -> Statistics:
-    statistics: Statistics = {}
+def _statistics(record: dict[str, Any], description: Description) -> dict[str, Statistics]:
+    statistics = {}
     for name, feature in description.features.items():
-        cells = {stat: record[f"stats/{name}/{stat}"] for stat in STATISTICS}
-        arrays = {stat: np.array(cell, np.int64 if stat == "count" else np.float64) for stat, cell in cells.items()}
+        values = np.array([record[f"stats/{name}/{stat}"] for stat in STATISTICS], np.float64)
+        [count] = record[f"stats/{name}/count"]
         expected = (3, 1, 1) if feature["dtype"] == "video" else tuple(feature["shape"])
-        if [array.shape for array in arrays.values()] != [expected] * 4 + [(1,)] or not arrays["count"][0] > 0:
+        if values.shape != (4, *expected) or type(count) is not int or count < 1:
             raise ValueError("statistics of something else")
-        statistics[name] = arrays
+        statistics[name] = values, count
     return statistics

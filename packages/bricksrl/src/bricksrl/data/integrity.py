@@ -12,7 +12,7 @@ import numpy as np
 from brickhub.files import LOCK, TEMPORARY_PREFIX, quoted, remove_unfinished
 from brickhub.finding import Finding, Outcome
 from bricksrl.data.columns import join_statistics
-from bricksrl.data.dataset import Dataset, read_all_rows, read_dataset, read_description, read_episode_count, to_json
+from bricksrl.data.dataset import Dataset, read_all_rows, read_dataset, read_description, read_episode_count
 from bricksrl.data.reader import EpisodeReader
 from bricksrl.data.schema import FILES, NEXT, OBSERVATION
 from bricksrl.errors import DataError
@@ -58,7 +58,7 @@ def _joint(dataset: Dataset) -> Iterator[str]:
             statistics = json.loads(stats.read_bytes())
         except (ValueError, RecursionError, OSError):
             statistics = None
-        if not _same(statistics, json.loads(to_json(join_statistics([row.statistics for row in dataset.rows])))):
+        if not _same(statistics, join_statistics([row.statistics for row in dataset.rows])):
             yield f"{stats} does not hold the statistics of the episodes; {remedy}"
     if tasks.exists() and not dataset.has_task():
         yield f"{tasks} does not hold the task of the episodes; {remedy}"

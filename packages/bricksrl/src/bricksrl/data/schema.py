@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import dataclasses
 import enum
+import functools
 import json
 import math
 from dataclasses import dataclass, field
@@ -94,7 +95,7 @@ class Description:
         """Name of the camera's feature in the LeRobot format."""
         return None if self.camera is None else f"observation.images.{self.camera}"
 
-    @property
+    @functools.cached_property
     def features(self) -> dict[str, dict[str, Any]]:
         """Columns as declared in ``info.json``."""
         vectors = {OBSERVATION: self.observation, ACTION: self.action, NEXT: self.observation}
