@@ -12,7 +12,7 @@ from torch import Tensor
 
 from brickhub.entry import Entry
 from bricksrl.page.presses import is_finite
-from bricksrl.teleop.mapping import push_action, rest_action
+from bricksrl.teleoperation import push_action, rest_action
 
 PUSH_TIMEOUT_S = 1.5
 """Time without a message of the page, which repeats the pushes, after which the robot rests, as the tab may be closed."""

@@ -12,7 +12,7 @@ from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.rollout import Policy, link_lost, play
 from bricksrl.errors import BricksError, StoppedError
 from bricksrl.page.live import LivePage
-from bricksrl.policies.named import Player
+from bricksrl.policies.policy import Player
 
 if TYPE_CHECKING:
     from tensordict import TensorDictBase
@@ -25,7 +25,7 @@ _COAST_MS = 500
 def resting_player(env: EnvBase) -> Player:
     """Player that moves no motor."""
     from bricksrl.data.schema import describe_task
-    from bricksrl.teleop.mapping import rest_action
+    from bricksrl.teleoperation import rest_action
 
     resting = rest_action(describe_task(env.task).action)
     return Player(lambda state: state.set("action", resting))
