@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from brickhub.virtual.virtual_transport import VirtualHub
     from bricksrl.envs.odometry import Odometer
     from bricksrl.envs.vision.camera import Camera
+
+_T = TypeVar("_T")
 
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.5, 15.0
 
@@ -61,6 +63,21 @@ class Reconnect:
     _error: HubError | None = None
     _since_s: float = 0.0
     _tries: int = 0
+
+    def until_answered(self, begin: Callable[[], _T], is_final: Callable[[HubError], bool] = lambda _: False) -> _T:
+        """What ``begin`` returns, which is tried again after each HubError. Raises the error if it is final, trying again is
+        useless, or ``patience_s`` is used up."""
+        while True:
+            self.before_try()
+            try:
+                begun = begin()
+            except HubError as error:
+                if is_final(error):
+                    raise
+                self.failed(error)
+            else:
+                self.answered(to_step=False)
+                return begun
 
     def answered(self, *, to_step: bool) -> None:
         """Record an answer of the robot. After an error, only an answer to a step counts as recovery, not one to a reset."""

@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 import torch
 from tensordict import TensorDict, TensorDictBase
-from torchrl.data import Binary, Bounded, Composite, Unbounded
+from torchrl.data import Binary, Bounded
 from torchrl.envs import EnvBase
 
 from bricksrl.envs.connection import Connection, Reconnect
 from bricksrl.envs.dead_reckoning import TargetTracker, start_pose
 from bricksrl.envs.env_interface import BricksEnv, Timing
 from bricksrl.envs.episode import EpisodeState, observe, with_numbers, with_truth
-from bricksrl.envs.specs import NominalBounded
+from bricksrl.envs.specs import set_vector_specs
 from bricksrl.envs.stop_flag import StopFlag
 from bricksrl.envs.task import Task, never
 from bricksrl.envs.vision.camera import Camera
@@ -84,7 +84,11 @@ class HubEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         self._watchers: list[Callable[[Connection], None]] = []
         self._episode: EpisodeState | None = None
         self._spans = [((c.high + c.low) / 2, (c.high - c.low) / 2) for c in task.interface.commands]
-        self._make_specs()
+        self._entries, self._observed = len(task.entries), task.observed_channels
+        set_vector_specs(self, task)
+        self.observation_spec["link_lost"] = Binary(1, dtype=torch.bool)
+        if task.camera is not None:
+            self.observation_spec["image"] = Bounded(0, 255, (task.camera.image_px, task.camera.image_px, 3), dtype=torch.uint8)
         self.reconnect = Reconnect()
         self._stop_flag = StopFlag()
         self._set_seed(seed)
@@ -126,19 +130,6 @@ class HubEnv(BricksEnv, EnvBase):  # type: ignore[misc]
     def is_cut(self) -> bool:
         return self._episode is not None and self._episode.is_cut
 
-    def _make_specs(self) -> None:
-        self._entries, self._observed = len(self.task.entries), self.task.observed_channels
-        vector = NominalBounded.of(self.task.entries)
-        self.observation_spec = Composite(observation=vector, link_lost=Binary(1, dtype=torch.bool))
-        camera = self.task.camera
-        if camera is not None:
-            image = Bounded(0, 255, shape=(camera.image_px, camera.image_px, 3), dtype=torch.uint8)
-            self.observation_spec.set("image", image)
-        self.action_spec = Bounded(-1.0, 1.0, shape=(len(self._spans),))
-        self.reward_spec = Unbounded(shape=(1,))
-        flag = Binary(1, dtype=torch.bool)
-        self.done_spec = Composite(done=flag, terminated=flag.clone(), truncated=flag.clone())
-
     def _set_seed(self, seed: int | None) -> None:
         self._seed = seed
         host, place, twin = np.random.SeedSequence(seed).spawn(3)
@@ -149,17 +140,11 @@ class HubEnv(BricksEnv, EnvBase):  # type: ignore[misc]
             self._connection = None
 
     def _reset(self, _tensordict: TensorDictBase | None = None, **_kwargs: Any) -> TensorDictBase:
-        while True:
-            self.reconnect.before_try()
-            try:
-                state = self._begin()
-            except HubError as error:
-                if isinstance(error, HubProgramError) and self._connected().twin is not None:
-                    raise  # a virtual hub's program is deterministic: retrying would fail again
-                self.reconnect.failed(error)
-            else:
-                self.reconnect.answered(to_step=False)
-                return state
+        return self.reconnect.until_answered(self._begin, self._is_final)
+
+    def _is_final(self, error: HubError) -> bool:
+        """Whether retrying would fail again: a virtual hub's program is deterministic."""
+        return isinstance(error, HubProgramError) and self._connected().twin is not None
 
     def _begin(self) -> TensorDictBase:
         reading = self._guarded(self._start)

@@ -16,7 +16,7 @@ from brickhub.hub.transports.address import parse_hub
 from brickhub.robot import Robot
 from brickhub.seed import check_seed
 from brickhub.user_files import is_reference
-from bricksrl.envs.arenas.arena_registry import ARENAS
+from bricksrl.envs.arenas import ARENAS
 from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.planar_kinematics import Kinematics
 from bricksrl.envs.task import Task

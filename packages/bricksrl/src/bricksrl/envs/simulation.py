@@ -15,14 +15,13 @@ from typing import Any
 import torch
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
-from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 
 from brickhub.hub.interface import RunAngle
 from bricksrl.envs.env_interface import BricksEnv
 from bricksrl.envs.motor_profile import turned_angle
 from bricksrl.envs.planar_kinematics import Kinematics
-from bricksrl.envs.specs import NominalBounded, clamped
+from bricksrl.envs.specs import clamped, set_vector_specs
 from bricksrl.envs.task import Task
 from bricksrl.errors import DescriptionError, RunError
 
@@ -54,10 +53,11 @@ class SimulatedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         shape = batch_shape(batch_size)
         super().__init__(batch_size=shape, device=resolve_device(device))
         self.task = task
+        self._action_shape = torch.Size((*shape, len(task.interface.commands)))
         self._kinematics = kinematics
         self._rng = torch.Generator(self.device)
         self._plan(task)
-        self._make_specs()
+        set_vector_specs(self, task)
         self._set_seed(seed)
         self._copies = shape.numel()
         self._state = torch.zeros(len(task.entries), self._copies, device=self.device)
@@ -101,15 +101,6 @@ class SimulatedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         self._start_span = tensor(
             [end - e.low if i in drawn else 0.0 for i, (e, end) in enumerate(zip(entries, ends, strict=True))]
         )
-
-    def _make_specs(self) -> None:
-        shape = self.batch_size
-        self.observation_spec = Composite(observation=NominalBounded.of(self.task.entries, shape, self.device), shape=shape)
-        self._action_shape = torch.Size((*shape, len(self.task.interface.commands)))
-        self.action_spec = Bounded(-1.0, 1.0, shape=self._action_shape, device=self.device)
-        self.reward_spec = Unbounded(shape=(*shape, 1), device=self.device)
-        flag = Binary(1, shape=(*shape, 1), dtype=torch.bool, device=self.device)
-        self.done_spec = Composite(done=flag, terminated=flag.clone(), truncated=flag.clone(), shape=shape)
 
     def _set_seed(self, seed: int | None) -> None:
         self._seed = seed

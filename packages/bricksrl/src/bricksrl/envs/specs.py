@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import torch
 from torch import Tensor
-from torchrl.data.tensor_specs import Bounded, BoundedContinuous
+from torchrl.data.tensor_specs import Binary, Bounded, BoundedContinuous, Composite, Unbounded
 from torchrl.envs import EnvBase
 
 from brickhub.entry import Entry
@@ -126,6 +126,21 @@ class NominalBounded(BoundedContinuous, metaclass=_KeepClass):  # type: ignore[m
 
     def __hash__(self) -> int:
         return hash((self.shape, self.dtype))
+
+
+def end_specs(batch: Sequence[int] = (), device: torch.device | None = None) -> Composite:
+    """Specs of the ends of an episode: ``done``, ``terminated`` and ``truncated``, ``[*batch, 1]``."""
+    names = ("done", "terminated", "truncated")
+    return Composite({name: Binary(1, (*batch, 1), device, torch.bool) for name in names}, shape=batch, device=device)
+
+
+def set_vector_specs(env: EnvBase, task: Task) -> None:
+    """Set the specs of an environment of one robot, or of copies of it, without an image."""
+    batch, device = env.batch_size, env.device
+    env.observation_spec = Composite(observation=NominalBounded.of(task.entries, batch, device), shape=batch, device=device)
+    env.action_spec = Bounded(-1.0, 1.0, (*batch, len(task.interface.commands)), device=device)
+    env.reward_spec = Unbounded((*batch, 1), device=device)
+    env.done_spec = end_specs(batch, device)
 
 
 def entries_of(env: EnvBase) -> tuple[Entry, ...]:

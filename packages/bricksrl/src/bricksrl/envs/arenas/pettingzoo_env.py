@@ -11,7 +11,7 @@ from gymnasium.utils.seeding import np_random
 from numpy.typing import NDArray
 from tensordict import TensorDict
 
-from bricksrl.envs.arenas.arena_registry import make_arena
+from bricksrl.envs.arenas import make_arena
 from bricksrl.errors import RunError, UnknownOptionError, hint
 
 if TYPE_CHECKING:
