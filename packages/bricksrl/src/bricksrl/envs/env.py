@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -13,22 +14,18 @@ from tensordict import TensorDict, TensorDictBase
 from torchrl.data import Binary, Bounded
 from torchrl.envs import EnvBase
 
-from bricksrl.envs.connection import Connection, Reconnect
-from bricksrl.envs.dead_reckoning import TargetTracker, start_pose
+from bricksrl.envs.connection import Connection, Reconnect, StopFlag
 from bricksrl.envs.env_interface import BricksEnv, Timing
-from bricksrl.envs.episode import EpisodeState, observe, with_numbers, with_truth
+from bricksrl.envs.odometry import TargetTracker, start_pose
 from bricksrl.envs.specs import set_vector_specs
-from bricksrl.envs.stop_flag import StopFlag
 from bricksrl.envs.task import Task, never
-from bricksrl.envs.vision.camera import Camera
-from bricksrl.envs.vision.watch import Watch
+from bricksrl.envs.vision.camera import Camera, Watch
 from bricksrl.errors import BricksError, CameraError, DescriptionError, HubError, HubProgramError, StoppedError
 
 if TYPE_CHECKING:
     from brickhub.hub.link.lockstep import HubLink
     from brickhub.hub.link.reading import Reading
     from brickhub.virtual.virtual_transport import VirtualHub
-    from bricksrl.envs.odometry import Odometer
 
 BLOCKED_TIMEOUT_S = 120.0
 """Time that a blocked robot waits for the obstacle to be removed."""
@@ -38,6 +35,50 @@ PAUSE_PERIOD_S = 0.2
 _log = logging.getLogger(__name__)
 
 _T = TypeVar("_T")
+
+
+@dataclass(slots=True)
+class EpisodeState:
+    """State that changes every step; not in the environment, where each attribute assignment costs ten microseconds.
+
+    Attributes:
+        drawn: sampled entries, constant for the episode.
+        commands: the last ones, where they are observed.
+        tracker: position of the target; ``None`` for a task without a target.
+        watch: the camera's view; ``None`` for a task without a camera.
+        observation: the last one, as the task's functions get it.
+        task_observations: what success and metrics get after each step; only with a camera or a target.
+        is_cut: whether a pause truncated the episode.
+        measured_s: the link's clock when the last observation was measured; ``hub_time_s`` is the hub's.
+        age_s: age of the observation that the last action was chosen for.
+    """
+
+    drawn: list[float]
+    commands: list[float]
+    measured_s: float
+    tracker: TargetTracker | None
+    watch: Watch | None = None
+    observation: torch.Tensor = field(default_factory=lambda: torch.empty(0))
+    step_count: int = 0
+    task_observations: list[torch.Tensor] = field(default_factory=list)
+    is_cut: bool = False
+    hub_time_s: float = 0.0
+    age_s: float = 0.0
+
+    def observe(self, channels: Sequence[float], forward_mm: Sequence[float]) -> torch.Tensor:
+        """The observation ``[n]`` as the task's functions get it: channels, sampled entries, distance forward, last commands, the
+        target's entries and the camera's distances."""
+        target = () if self.tracker is None else self.tracker.entries()
+        distances_px = () if self.watch is None else self.watch.numbers()
+        values = (*channels, *self.drawn, *forward_mm, *self.commands, *target, *distances_px)
+        return torch.from_numpy(np.array(values, dtype=np.float32))
+
+    def with_truth(self, observation: torch.Tensor, end: int) -> torch.Tensor:
+        """The observation with the target's entries, which end at index ``end``, replaced by their true values."""
+        if self.tracker is None:
+            return observation
+        truth = torch.tensor(self.tracker.truth(), dtype=observation.dtype)
+        return torch.cat((observation[: end - len(truth)], truth, observation[end:]))
 
 
 class HubEnv(BricksEnv, EnvBase):  # type: ignore[misc]
@@ -148,23 +189,18 @@ class HubEnv(BricksEnv, EnvBase):  # type: ignore[misc]
 
     def _begin(self) -> TensorDictBase:
         reading = self._guarded(self._start)
-        measured_s = self._connected().link.now_s() - reading.age_s
+        link, odometer, task = self._connected().link, self._connected().odometer, self.task
+        measured_s = link.now_s() - reading.age_s
         self.is_closed = False
-        drawn = [entry.draw(self._host_rng) for entry in self.task.sampled_entries]
-        commands = [0.0] * len(self.task.command_entries)
-        measured = [0.0] * len(self.task.measured_entries) + commands
-        tracker = self._tracker(reading)
-        observation = observe(self._channels(reading), drawn, measured, tracker)
-        self._odometer.start(self._connected().link.now_s())
-        self._odometer.forward_mm(self._connected().link.now_s(), reading.values)
-        out = {"observation": observation.clone(), "link_lost": torch.zeros(1, dtype=torch.bool)}
-        watch = None
-        if self.task.camera is not None:
-            watch = Watch(self.task.camera, self._host_rng, self._guarded(self._camera.frame))
-            observation = with_numbers(observation, watch)
-            out["image"] = torch.from_numpy(watch.image)
-        self._episode = EpisodeState(drawn, observation, measured_s, commands, watch=watch, tracker=tracker)
-        return TensorDict(out, batch_size=(), device=self.device)
+        drawn = [entry.draw(self._host_rng) for entry in task.sampled_entries]
+        episode = EpisodeState(drawn, [0.0] * len(task.command_entries), measured_s, self._tracker(reading))
+        odometer.start(link.now_s())
+        odometer.forward_mm(link.now_s(), reading.values)
+        if task.camera is not None:
+            episode.watch = Watch(task.camera, self._host_rng, self._guarded(self._camera.frame))
+        self._episode = episode
+        episode.observation = episode.observe(self._channels(reading), [0.0] * len(task.measured_entries))
+        return self._out(episode)
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         episode = self._episode
@@ -175,18 +211,11 @@ class HubEnv(BricksEnv, EnvBase):  # type: ignore[misc]
                 raise
             self.link_error = error
             self.reconnect.failed(error)
-            return self._lost(episode)
+            no, yes = torch.zeros(1, dtype=torch.bool), torch.ones(1, dtype=torch.bool)
+            ends = {"terminated": no, "truncated": yes, "done": yes.clone(), "link_lost": yes.clone()}
+            return self._out(episode, reward=torch.zeros(1), **ends)
         self.reconnect.answered(to_step=True)
         return out
-
-    def _lost(self, episode: EpisodeState) -> TensorDictBase:
-        """The outcome of a step in which the link broke: the previous observation, truncated."""
-        no, yes = torch.zeros(1, dtype=torch.bool), torch.ones(1, dtype=torch.bool)
-        out = {"observation": episode.observation[: self._entries].clone(), "reward": torch.zeros(1), "terminated": no}
-        if episode.watch is not None:
-            out["image"] = torch.from_numpy(episode.watch.image)
-        out |= {"truncated": yes, "done": yes.clone(), "link_lost": yes.clone()}
-        return TensorDict(out, batch_size=(), device=self.device)
 
     def _act(self, tensordict: TensorDictBase) -> TensorDictBase:
         action = tensordict["action"].detach().cpu().clamp(-1.0, 1.0)  # a copy: the agent's tensor is not changed
@@ -215,20 +244,16 @@ class HubEnv(BricksEnv, EnvBase):  # type: ignore[misc]
             episode.is_cut = True
             self._guarded(link.rest)
         truncated = torch.full_like(terminated, episode.is_cut or episode.step_count >= task.max_steps)
-        out = {
-            "observation": observation.clone(),  # a caller's in-place change must not alter episode.observation
-            "reward": reward,
-            "terminated": terminated,
-            "truncated": truncated,
-            "done": terminated | truncated,
-            "link_lost": torch.zeros(1, dtype=torch.bool),
-        }
         if task.has_hidden_entries:
-            episode.task_observations.append(with_truth(observation, episode.tracker, self._entries))
+            episode.task_observations.append(episode.with_truth(observation, self._entries))
+        return self._out(episode, reward=reward, terminated=terminated, truncated=truncated, done=terminated | truncated)
+
+    def _out(self, episode: EpisodeState, **outcome: torch.Tensor) -> TensorDictBase:
+        """Output of a reset or, with its outcome, of a step; copied, as a caller's change must not alter ``episode``."""
+        out = {"observation": episode.observation[: self._entries].clone(), "link_lost": torch.zeros(1, dtype=torch.bool)}
         if episode.watch is not None:
-            out["observation"] = observation[: self._entries].clone()
             out["image"] = torch.from_numpy(episode.watch.image)
-        return TensorDict(out, batch_size=(), device=self.device)
+        return TensorDict({**out, **outcome}, batch_size=(), device=self.device)
 
     def _step_proc_data(self, next_tensordict_out: TensorDictBase) -> TensorDictBase:
         """Skip TorchRL's completion of ``_step``'s output, unless a task's functions return shapes that it has to correct."""
@@ -258,15 +283,12 @@ class HubEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         episode.hub_time_s = reading.hub_time_ms / 1000
         forward_mm: list[float] = []
         if self.task.walks or self.task.measured_entries:
-            forward_mm = [self._odometer.forward_mm(self._connected().link.now_s(), reading.values)]
-        measured = [*forward_mm[: len(self.task.measured_entries)], *episode.commands]
+            forward_mm = [self._connected().odometer.forward_mm(self._connected().link.now_s(), reading.values)]
         if episode.tracker is not None:
             episode.tracker.follow(reading.values)
-        observation = observe(self._channels(reading), episode.drawn, measured, episode.tracker)
-        if episode.watch is None:
-            return observation
-        episode.watch.see(self._guarded(self._camera.frame))
-        return with_numbers(observation, episode.watch)
+        if episode.watch is not None:
+            episode.watch.see(self._guarded(self._camera.frame))
+        return episode.observe(self._channels(reading), forward_mm[: len(self.task.measured_entries)])
 
     def _channels(self, reading: Reading) -> list[float]:
         """The channels that are in the observation."""
@@ -295,8 +317,8 @@ class HubEnv(BricksEnv, EnvBase):  # type: ignore[misc]
     def walk_metrics(self) -> dict[str, float]:
         if self._episode is None:
             return {}
-        tracker = self._episode.tracker
-        return {**(self._odometer.metrics() if self.task.walks else {}), **({} if tracker is None else tracker.metrics())}
+        walked = self._connected().odometer.metrics() if self.task.walks else {}
+        return walked if self._episode.tracker is None else {**walked, **self._episode.tracker.metrics()}
 
     def _tracker(self, reading: Reading) -> TargetTracker | None:
         """The tracker of the task's target for the new episode; ``None`` for a task without one."""
@@ -313,10 +335,6 @@ class HubEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         if camera is None:
             raise CameraError(f"{self.task.id} needs a camera, and the connection to the robot has none; give it one")
         return camera
-
-    @property
-    def _odometer(self) -> Odometer:
-        return self._connected().odometer
 
     def _connected(self) -> Connection:
         if self._connection is None:

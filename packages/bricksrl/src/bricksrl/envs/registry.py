@@ -18,8 +18,7 @@ from brickhub.seed import check_seed
 from brickhub.user_files import is_reference
 from bricksrl.envs.arenas import ARENAS
 from bricksrl.envs.options import EnvOptions
-from bricksrl.envs.planar_kinematics import Kinematics
-from bricksrl.envs.task import Task
+from bricksrl.envs.task import Kinematics, Task
 from bricksrl.envs.tasks.line_follow import LINE_FOLLOW
 from bricksrl.envs.tasks.park import PARK
 from bricksrl.envs.tasks.robo_arm import robo_arm

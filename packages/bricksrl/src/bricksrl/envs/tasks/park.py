@@ -54,7 +54,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from brickhub.hub.interface import DriveSpeed, DriveTurnRate, Interface, MotorAngle, Wait
-from bricksrl.envs.dead_reckoning import Target
+from bricksrl.envs.odometry import Target
 from bricksrl.envs.task import Task
 from bricktwin.robots import TWO_WHEELER
 from bricktwin.twin.objects import Field, Line
