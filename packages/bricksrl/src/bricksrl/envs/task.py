@@ -22,7 +22,11 @@ from bricktwin.twin.scene import OPEN_FLOOR, Scene
 
 if TYPE_CHECKING:
     import numpy as np
-    from torch import Tensor
+    import torch
+
+    Tensor = torch.Tensor
+else:
+    Tensor = Any  # for annotations, also of tasks: importing them loads no torch
 
 
 @dataclass(frozen=True)
@@ -92,7 +96,7 @@ class Task:
     camera: CameraView | None = None
 
     def __post_init__(self) -> None:
-        check_fields(Task, vars(self), Tensor=Any)
+        check_fields(Task, vars(self))
         for name, arguments in _ARGUMENTS.items():
             check_arguments(f"{name} of {self.id}", getattr(self, name), arguments)
         if re.fullmatch(r"\w+-v\d+", self.id) is None:
