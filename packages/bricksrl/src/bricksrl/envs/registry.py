@@ -15,7 +15,7 @@ from brickhub.hub.transport import Transport
 from brickhub.hub.transports.address import parse_hub
 from brickhub.robot import Robot
 from brickhub.seed import check_seed
-from brickhub.user_files import is_reference
+from brickhub.user_files import is_reference, load_object
 from bricksrl.envs.arenas import ARENAS
 from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.task import Kinematics, Task
@@ -27,7 +27,6 @@ from bricksrl.envs.tasks.run_away import RUN_AWAY
 from bricksrl.envs.tasks.spinning import SPINNING
 from bricksrl.envs.tasks.walker import walker
 from bricksrl.envs.tasks.walker_forward import WALKER_FORWARD
-from bricksrl.envs.user_tasks import load_builder
 from bricksrl.errors import DescriptionError, UnknownNameError, UnknownOptionError, hint
 from bricktwin.twin.make_body import check_mujoco, make_body
 
@@ -247,7 +246,7 @@ def _build(env_id: str, spec: _Spec, options: dict[str, Any]) -> Task:
 def _spec(env_id: str) -> _Spec:
     check_value("env_id", env_id, str)
     if is_reference(env_id):
-        return _Spec(_with_own_id(load_builder(env_id)))
+        return _Spec(_user_builder(env_id))
     try:
         return _specs[env_id]
     except KeyError:
@@ -259,23 +258,33 @@ def _spec(env_id: str) -> _Spec:
         raise UnknownNameError(message) from None
 
 
-def _with_own_id(build: Callable[..., Task]) -> Callable[..., Task]:
-    """A builder of a user's task that rejects the id of a different built-in task."""
+def _user_builder(reference: str) -> Callable[..., Task]:
+    """Builder of a task in the user's code, as a function of its options.
 
-    @functools.wraps(build)
-    def checked(**options: Any) -> Task:
-        task = build(**options)
-        _check_id(task)
+    Args:
+        reference: a Python file or an importable module, a colon, and the name of a :class:`Task` in it or of a function that
+            returns one; the name may be omitted for a file with a single task.
+
+    Raises:
+        UnknownNameError: there is no such file, module or name.
+        DescriptionError: the named object is no task or has the id of a different built-in one, or the code raised.
+    """
+    found = load_object(reference, Task, missing="`bricksrl new task FILE` writes a file with one")
+    if not isinstance(found, Task) and not callable(found):
+        raise DescriptionError(f"{reference} is a {type(found).__name__} and no task; name a bricksrl.envs.Task")
+    builder = (lambda: found) if isinstance(found, Task) else found
+
+    @functools.wraps(builder)
+    def build(**options: Any) -> Task:
+        task = builder(**options)
+        if not isinstance(task, Task):
+            raise DescriptionError(f"{reference} returns a {type(task).__name__} and no task; let it return a bricksrl.envs.Task")
+        built_in = _BUILT_IN[task.id].build() if task.id in _BUILT_IN else task
+        if any(getattr(built_in, part) != getattr(task, part) for part in ("doc", "robot", "interface", "max_steps", "scene")):
+            raise DescriptionError(f"{task.id} comes with BricksRL; give your task another name or version")
         return task
 
-    return checked
-
-
-def _check_id(task: Task) -> None:
-    built_in = _BUILT_IN[task.id].build() if task.id in _BUILT_IN else None
-    parts = ("doc", "robot", "interface", "max_steps", "scene")
-    if built_in is not None and any(getattr(built_in, part) != getattr(task, part) for part in parts):
-        raise DescriptionError(f"{task.id} comes with BricksRL; give your task another name or version")
+    return build
 
 
 def register(task: Task) -> None:
