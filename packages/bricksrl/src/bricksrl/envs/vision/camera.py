@@ -28,7 +28,6 @@ from bricksrl.errors import CameraError, DescriptionError, RenderingUnavailableE
 
 if TYPE_CHECKING:
     from brickhub.virtual.body import Body
-    from bricktwin.twin.mujoco_body import MujocoBody
     from bricktwin.twin.render.opengl import Renderer
     from bricktwin.twin.render.raycast import RayCaster
 
@@ -119,23 +118,19 @@ class TwinCamera:
         """Present frame. Raises RenderingUnavailableError if the virtual robot has no MuJoCo model."""
         if self._renderer is None:
             from bricktwin.twin.mujoco_body import MujocoBody
+            from bricktwin.twin.render.opengl import Renderer
+            from bricktwin.twin.render.raycast import RayCaster
 
             if not isinstance(self._body, MujocoBody):
                 raise RenderingUnavailableError("the virtual robot has no picture; give it a MuJoCo model or no camera")
-            self._renderer = self._open(self._body)
+            view = self._view
+            try:
+                # Anti-aliasing would take most of the time, and its effect vanishes in the small image.
+                self._renderer = Renderer(self._body, view.width_px, view.height_px, view.name, smooth=False)
+            except RenderingUnavailableError as error:
+                _log.info("drawing by rays: %s", error)
+                self._renderer = RayCaster(self._body, view.width_px, view.height_px, view.name, view.spot_px)
         return self._renderer.render()
-
-    def _open(self, body: MujocoBody) -> Renderer | RayCaster:
-        from bricktwin.twin.render.opengl import Renderer
-        from bricktwin.twin.render.raycast import RayCaster
-
-        view = self._view
-        try:
-            # Anti-aliasing would take most of the time, and its effect vanishes in the small image.
-            return Renderer(body, view.width_px, view.height_px, view.name, smooth=False)
-        except RenderingUnavailableError as error:
-            _log.info("drawing by rays: %s", error)
-            return RayCaster(body, view.width_px, view.height_px, view.name, view.spot_px)
 
     def close(self) -> None:
         """Release the renderer."""
@@ -156,7 +151,16 @@ class VideoCamera:
         size."""
         view = self._view
         if self._capture is None:
-            self._capture = _open_capture(view)
+            try:
+                import cv2
+            except ImportError as error:
+                raise CameraError("no OpenCV is here to read cameras with; install it: pip install 'bricksrl[vision]'") from error
+            level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # of a missing camera our own message tells
+            self._capture = cv2.VideoCapture(view.device)
+            cv2.utils.logging.setLogLevel(level)
+            self._capture.set(cv2.CAP_PROP_FRAME_WIDTH, view.width_px)
+            self._capture.set(cv2.CAP_PROP_FRAME_HEIGHT, view.height_px)
+            self._capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
         self._capture.grab()  # discard the driver's buffered frame, taken before the robot moved
         is_read, frame = self._capture.read()
         if not is_read:
@@ -174,20 +178,6 @@ class VideoCamera:
         if self._capture is not None:
             self._capture.release()
             self._capture = None
-
-
-def _open_capture(view: CameraView) -> Any:
-    try:
-        import cv2
-    except ImportError as error:
-        raise CameraError("no OpenCV is here to read cameras with; install it: pip install 'bricksrl[vision]'") from error
-    level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # of a missing camera our own message tells
-    capture = cv2.VideoCapture(view.device)
-    cv2.utils.logging.setLogLevel(level)
-    capture.set(cv2.CAP_PROP_FRAME_WIDTH, view.width_px)
-    capture.set(cv2.CAP_PROP_FRAME_HEIGHT, view.height_px)
-    capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
-    return capture
 
 
 class Watch:
