@@ -69,7 +69,13 @@ class Reconnect:
         """What ``begin`` returns, which is tried again after each HubError. Raises the error if it is final, trying again is
         useless, or ``patience_s`` is used up."""
         while True:
-            self.before_try()
+            if self._error is not None and self._tries:
+                pause_s = min(_FIRST_PAUSE_S * 2.0 ** (self._tries - 1), _LONGEST_PAUSE_S)
+                if time.monotonic() + pause_s - self._since_s >= self.patience_s:
+                    error, self._error, self._tries = self._error, None, 0
+                    raise error
+                self.wait(pause_s)
+            self._tries += 1
             try:
                 begun = begin()
             except HubError as error:
@@ -77,14 +83,14 @@ class Reconnect:
                     raise
                 self.failed(error)
             else:
-                self.answered(to_step=False)
+                self._has_answered = True
+                if self._error is None:
+                    self._tries = 0
                 return begun
 
-    def answered(self, *, to_step: bool) -> None:
-        """Record an answer of the robot. After an error, only an answer to a step counts as recovery, not one to a reset."""
-        self._has_answered = True
-        if to_step or self._error is None:
-            self._error, self._tries = None, 0
+    def recovered(self) -> None:
+        """Record an answer to a step; one to a reset does not count as recovery."""
+        self._error, self._tries = None, 0
 
     def failed(self, error: HubError) -> None:
         """Record that the link broke in a step or a reset. Raises the error if trying again is useless."""
@@ -94,16 +100,6 @@ class Reconnect:
         self.on_error(error)
         self._since_s = time.monotonic() if self._error is None else self._since_s
         self._error = error
-
-    def before_try(self) -> None:
-        """Wait until the next reset may be tried. Raises the last HubError once ``patience_s`` is used up."""
-        if self._error is not None and self._tries:
-            pause_s = min(_FIRST_PAUSE_S * 2.0 ** (self._tries - 1), _LONGEST_PAUSE_S)
-            if time.monotonic() + pause_s - self._since_s >= self.patience_s:
-                error, self._error, self._tries = self._error, None, 0
-                raise error
-            self.wait(pause_s)
-        self._tries += 1
 
 
 class StopFlag:

@@ -23,7 +23,6 @@ from bricksrl.envs.vision.camera import Camera, Watch
 from bricksrl.errors import BricksError, CameraError, DescriptionError, HubError, HubProgramError, StoppedError
 
 if TYPE_CHECKING:
-    from brickhub.hub.link.lockstep import HubLink
     from brickhub.hub.link.reading import Reading
     from brickhub.virtual.virtual_transport import VirtualHub
 
@@ -181,11 +180,11 @@ class HubEnv(BricksEnv, EnvBase):  # type: ignore[misc]
             self._connection = None
 
     def _reset(self, _tensordict: TensorDictBase | None = None, **_kwargs: Any) -> TensorDictBase:
-        return self.reconnect.until_answered(self._begin, self._is_final)
-
-    def _is_final(self, error: HubError) -> bool:
-        """Whether retrying would fail again: a virtual hub's program is deterministic."""
-        return isinstance(error, HubProgramError) and self._connected().twin is not None
+        return self.reconnect.until_answered(
+            self._begin,
+            # A virtual hub's program is deterministic: retrying would fail again.
+            is_final=lambda error: isinstance(error, HubProgramError) and self.twin is not None,
+        )
 
     def _begin(self) -> TensorDictBase:
         reading = self._guarded(self._start)
@@ -214,13 +213,15 @@ class HubEnv(BricksEnv, EnvBase):  # type: ignore[misc]
             no, yes = torch.zeros(1, dtype=torch.bool), torch.ones(1, dtype=torch.bool)
             ends = {"terminated": no, "truncated": yes, "done": yes.clone(), "link_lost": yes.clone()}
             return self._out(episode, reward=torch.zeros(1), **ends)
-        self.reconnect.answered(to_step=True)
+        self.reconnect.recovered()
         return out
 
     def _act(self, tensordict: TensorDictBase) -> TensorDictBase:
         action = tensordict["action"].detach().cpu().clamp(-1.0, 1.0)  # a copy: the agent's tensor is not changed
-        commands = self._commands(action)
         task, episode = self.task, self._episode
+        if action.shape != (len(self._spans),):
+            raise BricksError(f"{task.id} got an action of shape {list(action.shape)}; give [{len(self._spans)}]")
+        commands = [middle + half * value for (middle, half), value in zip(self._spans, action.tolist(), strict=True)]
         if episode is None:
             raise BricksError(f"{task.id} has no episode to step; reset the environment first")
         link = self._connected().link
@@ -347,18 +348,15 @@ class HubEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         return self._connection
 
     def _start(self) -> Reading:
+        """Place the robot and read its sensors, after the end of a pause, in which reading feeds the hub program's watchdog."""
         connection = self._connected()
-        self._hold_still(connection.link)
+        while not self._stop_flag.wait(PAUSE_PERIOD_S):
+            if connection.link.is_open:
+                connection.link.read()
+        self._stop_flag.check()
         connection.link.open()  # without effect when it is open
         connection.place(self._place_rng)
         return connection.link.read()
-
-    def _hold_still(self, link: HubLink) -> None:
-        """Wait for the end of a pause; reading feeds the hub program's watchdog."""
-        while not self._stop_flag.wait(PAUSE_PERIOD_S):
-            if link.is_open:
-                link.read()
-        self._stop_flag.check()
 
     def _guarded(self, exchange: Callable[[], _T]) -> _T:
         """Run an exchange with hub or camera; on failure close the link: the motors stop, and the next reset reopens it."""
@@ -374,11 +372,6 @@ class HubEnv(BricksEnv, EnvBase):  # type: ignore[misc]
             self._connection.link.close()
             if self._connection.camera is not None:
                 self._connection.camera.close()
-
-    def _commands(self, action: torch.Tensor) -> list[float]:
-        if action.shape != (len(self._spans),):
-            raise BricksError(f"{self.task.id} got an action of shape {list(action.shape)}; give [{len(self._spans)}]")
-        return [middle + half * value for (middle, half), value in zip(self._spans, action.tolist(), strict=True)]
 
 
 def _single(task: Task, name: str, value: Any) -> torch.Tensor:

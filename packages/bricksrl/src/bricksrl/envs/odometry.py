@@ -129,7 +129,9 @@ class TargetTracker:
     def follow(self, values: Sequence[float]) -> None:
         """Update the pose from the channels ``values [n]`` after a step."""
         angles_deg = self._angles(values)
-        left_mm, right_mm = (self._rolled_mm(after - before) for after, before in zip(angles_deg, self._angles_deg, strict=True))
+        # A wheel turns by less than half a turn in a step.
+        turns_deg = ((after - before + 180.0) % 360.0 - 180.0 for after, before in zip(angles_deg, self._angles_deg, strict=True))
+        left_mm, right_mm = (turn_deg / self._base.turn_deg(1.0) for turn_deg in turns_deg)
         self._angles_deg = angles_deg
         self._last_step = (left_mm + right_mm) / 2, math.degrees((left_mm - right_mm) / self._base.axle_track_mm)
         self.pose = self.pose.driven(*self._last_step)
@@ -148,10 +150,6 @@ class TargetTracker:
 
     def _angles(self, values: Sequence[float]) -> tuple[float, ...]:
         return tuple(values[index] for index in self._wheels)
-
-    def _rolled_mm(self, turned_deg: float) -> float:
-        """Distance rolled by a wheel that turned by less than half a turn."""
-        return ((turned_deg + 180.0) % 360.0 - 180.0) / self._base.turn_deg(1.0)
 
 
 def floor_pose(pose: Pose) -> FloorPose:

@@ -97,8 +97,11 @@ class Task:
 
     def __post_init__(self) -> None:
         check_fields(Task, vars(self))
-        for name, arguments in _ARGUMENTS.items():
-            check_arguments(f"{name} of {self.id}", getattr(self, name), arguments)
+        check_arguments(f"reward of {self.id}", self.reward, ("previous", "action", "observation"))
+        for name in ("success", "metrics"):
+            check_arguments(f"{name} of {self.id}", getattr(self, name), ("observations",))
+        for name in ("terminated", "blocked"):
+            check_arguments(f"{name} of {self.id}", getattr(self, name), ("observation",))
         if re.fullmatch(r"\w+-v\d+", self.id) is None:
             raise DescriptionError(f"'{self.id}' is not an id for a task; take a name and a version, such as 'MyTask-v0'")
         if self.max_steps < 1:
@@ -182,16 +185,6 @@ class Kinematics:
             raise DescriptionError(f"kinematics: noise {self.noise} on '{self.noise_on}'; give 0 or more, on 'action' or 'state'")
         if self.motion not in ("instant", "firmware"):
             raise DescriptionError(f"kinematics: there is no motion '{self.motion}'; choose 'instant' or 'firmware'")
-
-
-_ARGUMENTS = {
-    "reward": ("previous", "action", "observation"),
-    "success": ("observations",),
-    "metrics": ("observations",),
-    "terminated": ("observation",),
-    "blocked": ("observation",),
-}
-"""Arguments of the functions of a task."""
 
 
 def success_of(task: Task, observations: Tensor) -> bool:

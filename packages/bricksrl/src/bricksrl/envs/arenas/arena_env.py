@@ -212,7 +212,7 @@ class ArenaEnv(GroupedEnv):
         except StoppedError:
             self._close_links()
             raise
-        self.reconnect.answered(to_step=True)
+        self.reconnect.recovered()
         angles = self._wheels(readings)
         turned = (angles - self._angles + 180.0) % 360.0 - 180.0
         self._angles, self._state = angles, ArenaState(self._poses(), turned / self._high)
