@@ -93,7 +93,10 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
         if link_lost(sent.set("next", result)):
             return self._observation(result), 0.0, False, True, {"link_lost": True}
         self._observations.append(result["observation"].clone())
-        info = self._info(ended=terminated or truncated)
+        episode = self.env.task_observations(torch.stack(self._observations))
+        info: dict[str, Any] = dict(metrics_of(self.env.task, episode))
+        if terminated or truncated:
+            info["success"] = success_of(self.env.task, episode)
         return self._observation(result), float(result["reward"]), terminated, truncated, info
 
     def render(self) -> NDArray[np.uint8] | None:
@@ -128,15 +131,6 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
     def _observation(self, state: TensorDictBase) -> Observation:
         vector: Array = state["observation"].numpy()
         return vector if self.env.task.camera is None else {"observation": vector, "image": state["image"].numpy()}
-
-    def _info(self, *, ended: bool) -> dict[str, Any]:
-        episode = torch.stack(self._observations)
-        if self.env.task.has_hidden_entries:
-            episode = self.env.task_observations(episode)
-        info: dict[str, Any] = dict(metrics_of(self.env.task, episode))
-        if ended:
-            info["success"] = success_of(self.env.task, episode)
-        return info
 
 
 class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):

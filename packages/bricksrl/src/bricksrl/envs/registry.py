@@ -17,6 +17,8 @@ from brickhub.robot import Robot
 from brickhub.seed import check_seed
 from brickhub.user_files import is_reference, load_object
 from bricksrl.envs.arenas import ARENAS
+from bricksrl.envs.connection import Connection, Placement
+from bricksrl.envs.odometry import SonarOdometer, TrueOdometer
 from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.task import Kinematics, Task
 from bricksrl.envs.tasks.line_follow import LINE_FOLLOW
@@ -27,6 +29,7 @@ from bricksrl.envs.tasks.run_away import RUN_AWAY
 from bricksrl.envs.tasks.spinning import SPINNING
 from bricksrl.envs.tasks.walker import walker
 from bricksrl.envs.tasks.walker_forward import WALKER_FORWARD
+from bricksrl.envs.vision.camera import TwinCamera, VideoCamera
 from bricksrl.errors import DescriptionError, UnknownNameError, UnknownOptionError, hint
 from bricktwin.twin.make_body import check_mujoco, make_body
 
@@ -36,7 +39,6 @@ if TYPE_CHECKING:
 
     from brickhub.hub.link.lockstep import HubLink
     from brickhub.hub.transports.pybricks_hub import ProfileTransport
-    from bricksrl.envs.connection import Placement
     from bricksrl.envs.env import HubEnv
 
 _log = logging.getLogger(__name__)
@@ -138,25 +140,12 @@ def make(
         return env
     if options.realtime or options.physics_or_draw is not None:
         raise DescriptionError("a real robot has its own time and physics; omit realtime and physics")
-    if "calibration" not in options.options:
-        task = _with_saved_red(task)
     return _real_env(task, options, address.transport(), seed, place)
-
-
-def _link(task: Task, options: EnvOptions, transport: Transport, calibrate: Calibration | None = None) -> HubLink:
-    from brickhub.hub.link.lockstep import HubLink
-    from brickhub.hub.link.streaming import StreamingLink
-
-    link_type = StreamingLink if options.streaming else HubLink
-    return link_type(transport, task.robot, task.interface, pipe=options.pipe, calibrate=calibrate)
 
 
 def _virtual_env(task: Task, options: EnvOptions, seed: int | None) -> HubEnv:
     from brickhub.virtual.virtual_transport import VirtualHub
-    from bricksrl.envs.connection import Connection
     from bricksrl.envs.env import HubEnv
-    from bricksrl.envs.odometry import SonarOdometer, TrueOdometer
-    from bricksrl.envs.vision.camera import TwinCamera
 
     def connect(twin_seed: int) -> Connection:
         body = make_body(task.robot, scene=task.scene, physics=options.physics_or_draw, seed=twin_seed)
@@ -169,32 +158,31 @@ def _virtual_env(task: Task, options: EnvOptions, seed: int | None) -> HubEnv:
     return HubEnv(task, connect, seed=seed)
 
 
-def _with_saved_red(task: Task) -> Task:
-    """The task with the saved color calibration of its camera, if there is one."""
-    from bricksrl.envs.vision.color_calibration import saved_red
-
-    view = task.camera
-    if view is None or view.goal is None:
-        return task
-    red = saved_red(view.device)
-    return task if red is None else replace(task, camera=replace(view, goal=replace(view.goal, red=red)))
-
-
 def _real_env(task: Task, options: EnvOptions, transport: ProfileTransport, seed: int | None, place: Placement | None) -> HubEnv:
     from brickhub.hub.diagnostics.calibration import calibration_of
-    from bricksrl.envs.connection import Connection
     from bricksrl.envs.env import HubEnv
-    from bricksrl.envs.odometry import SonarOdometer
-    from bricksrl.envs.vision.camera import VideoCamera
+    from bricksrl.envs.vision.color_calibration import saved_red
 
     def ask_to_place(_rng: np.random.Generator) -> None:
         _log.warning("%s: put the robot where an episode starts", task.id)
 
     camera = None if task.camera is None else VideoCamera(task.camera)
+    if task.camera is not None and task.camera.goal is not None and "calibration" not in options.options:
+        red = saved_red(task.camera.device)
+        goal = task.camera.goal if red is None else replace(task.camera.goal, red=red)
+        task = replace(task, camera=replace(task.camera, goal=goal))
     calibrate = calibration_of(lambda: transport.identity.address if transport.identity else "")
     link = _link(task, options, transport, calibrate)
     connection = Connection(link, place or ask_to_place, SonarOdometer(task.interface), camera=camera)
     return HubEnv(task, lambda _seed: connection, seed=seed)
+
+
+def _link(task: Task, options: EnvOptions, transport: Transport, calibrate: Calibration | None = None) -> HubLink:
+    from brickhub.hub.link.lockstep import HubLink
+    from brickhub.hub.link.streaming import StreamingLink
+
+    link_type = StreamingLink if options.streaming else HubLink
+    return link_type(transport, task.robot, task.interface, pipe=options.pipe, calibrate=calibrate)
 
 
 def is_simulation(env_id: str) -> bool:
