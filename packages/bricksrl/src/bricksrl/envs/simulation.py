@@ -90,7 +90,12 @@ class SimulatedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         self._half = tensor([(c.high - c.low) / 2 for c in commands])
         self._noise = self._kinematics.noise * self._half
         self._limit = tensor([turn.speed_deg_s for turn in turns])
-        self._time_s = _time_s(task, self._kinematics)
+        step_ms, is_instant = task.interface.settle.fixed_ms, self._kinematics.motion == "instant"
+        if not is_instant and (step_ms is None or not all(angle.wraps for angle in angles)):  # end stops are not modelled
+            raise DescriptionError(
+                f"{task.id} cannot be simulated with the firmware's motion; it needs a Wait, and motors without ends"
+            )
+        self._time_s = None if is_instant or step_ms is None else step_ms / 1000  # until the next command
         self._low, self._high = tensor([a.low for a in angles]), tensor([a.high for a in angles])
         # Wrap and stop in one formula: whole turns are subtracted for endless motors, then all angles are clamped.
         wraps = tensor([float(angle.wraps) for angle in angles])
@@ -110,10 +115,7 @@ class SimulatedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
 
     def _set_seed(self, seed: int | None) -> None:
         self._seed = seed
-        if seed is None:
-            self._rng.seed()
-        else:
-            self._rng.manual_seed(int(seed))  # it takes no NumPy integers
+        reseed(self._rng, seed)
 
     def maybe_reset(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Reset the copies that are done, and only those: resetting all would dominate the time of a step."""
@@ -181,6 +183,14 @@ class SimulatedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         return batch if self.batch_size else batch[0].clone()  # a caller's in-place change must not alter the state
 
 
+def reseed(generator: torch.Generator, seed: int | None) -> None:
+    """Seed a generator; with ``None`` with a fresh seed."""
+    if seed is None:
+        generator.seed()
+    else:
+        generator.manual_seed(int(seed))  # it takes no NumPy integers
+
+
 def resolve_device(name: str | torch.device) -> torch.device:
     """A device by name; "auto" is the best one here. Raises RunError if there is no such device."""
     if name == "auto":
@@ -197,20 +207,6 @@ def batch_shape(batch_size: int | Sequence[int]) -> torch.Size:
     if len(sizes) > 1 or not all(hasattr(size, "__index__") and size > 0 for size in sizes):
         raise DescriptionError(f"batch_size is {batch_size!r}; give a number of copies, or 0 for one without a batch dimension")
     return torch.Size([int(size) for size in sizes])
-
-
-def _time_s(task: Task, kinematics: Kinematics) -> float | None:
-    """Time until the next command; ``None`` for instant motion. Raises DescriptionError if the task's steps have no fixed time,
-    or a motor has end stops, where the firmware is not modelled."""
-    if kinematics.motion == "instant":
-        return None
-    interface = task.interface
-    wraps = all(interface.channels[index].wraps for index in interface.angle_indices.values())
-    if interface.settle.fixed_ms is None or not wraps:
-        raise DescriptionError(
-            f"{task.id} cannot be simulated with the firmware's motion; it needs a Wait, and motors without ends"
-        )
-    return interface.settle.fixed_ms / 1000
 
 
 def turned_angle(turn_deg: Tensor, speed_deg_s: Tensor, limit_deg_s: Tensor, time_s: float) -> tuple[Tensor, Tensor]:

@@ -21,7 +21,7 @@ from brickhub.virtual.virtual_transport import PLACEMENT_MS, VirtualHub
 from bricksrl.envs.arenas.arena_task import ArenaState, ArenaTask
 from bricksrl.envs.connection import Reconnect
 from bricksrl.envs.env_interface import BricksEnv
-from bricksrl.envs.simulation import batch_shape, resolve_device
+from bricksrl.envs.simulation import batch_shape, reseed, resolve_device
 from bricksrl.envs.specs import NominalBounded, clamped, end_specs
 from bricksrl.errors import BricksError, DescriptionError, HubError, StoppedError
 from bricktwin.twin.arena import ArenaWorld
@@ -269,10 +269,7 @@ class ArenaSimulation(GroupedEnv):
 
     def _set_seed(self, seed: int | None) -> None:
         self._seed = seed
-        if seed is None:
-            self._rng.seed()
-        else:
-            self._rng.manual_seed(seed)
+        reseed(self._rng, seed)
 
     def _uniform(self, *shape: int) -> Tensor:
         return torch.rand(shape, generator=self._rng, device=self.device)
