@@ -16,9 +16,8 @@ from bricktwin.twin.make_body import make_body
 def find(name: str) -> Target:
     """An environment, or a robot as in `bricktwin`; of a user's file its only task, or else its only robot. Raises
     UnknownNameError if there is none, DescriptionError if a user's file is wrong."""
-    if name in robots.ROBOTS or name.lower().endswith(target.PLAN_SUFFIXES):
-        return target.find(name)
-    if is_reference(name) and not _names_task(name):
+    is_plan = name.lower().endswith(target.PLAN_SUFFIXES)
+    if name in robots.ROBOTS or is_plan or (is_reference(name) and not _names_task(name)):
         return target.find(name)
     try:
         task = get_task(name)

@@ -104,11 +104,6 @@ class ArenaTask:
         """Names of the robots, in the arena's order."""
         return tuple(robot.name for robot in self.arena.robots)
 
-    @property
-    def summary(self) -> str:
-        """The first line of the description."""
-        return self.doc.strip().partition("\n")[0]
-
     def places(self, group: str) -> list[int]:
         """Indices of a group's robots among all robots."""
         return [self.robots.index(name) for name in self.groups[group]]

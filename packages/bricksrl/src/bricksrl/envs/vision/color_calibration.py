@@ -123,9 +123,9 @@ def picture(frame: Frame, found: FoundRed) -> Frame:
 # ---------------------------------------------------------------- files
 
 
-def saved_path(device: int | str, folder: Path | None = None) -> Path:
+def saved_path(device: int | str) -> Path:
     """Path of a camera's calibration, in the folder of the robots' calibrations."""
-    return (folder or calibration_folder()) / f"camera-{re.sub(r'[^A-Za-z0-9_-]+', '-', str(device))}.json"
+    return calibration_folder() / f"camera-{re.sub(r'[^A-Za-z0-9_-]+', '-', str(device))}.json"
 
 
 def write_red(path: Path, window: RedWindow) -> None:
@@ -146,7 +146,7 @@ def read_red(path: Path) -> RedWindow:
     raise CameraError(f"cannot read the calibration {path} ({reason}); make one with `bricksrl camera calibrate`")
 
 
-def saved_red(device: int | str, folder: Path | None = None) -> RedWindow | None:
+def saved_red(device: int | str) -> RedWindow | None:
     """The saved window of this camera; ``None`` if there is none. Raises CameraError if the file is invalid."""
-    path = saved_path(device, folder)
+    path = saved_path(device)
     return read_red(path) if path.exists() else None
