@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -14,7 +15,7 @@ from tensordict import TensorDict, TensorDictBase
 from torchrl.data import Binary, Bounded
 from torchrl.envs import EnvBase
 
-from bricksrl.envs.connection import Connection, Reconnect, StopFlag
+from bricksrl.envs.connection import Connection, Reconnect
 from bricksrl.envs.env_interface import BricksEnv, Timing
 from bricksrl.envs.odometry import TargetTracker, start_pose
 from bricksrl.envs.specs import set_vector_specs
@@ -130,7 +131,8 @@ class HubEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         if task.camera is not None:
             self.observation_spec["image"] = Bounded(0, 255, (task.camera.image_px, task.camera.image_px, 3), dtype=torch.uint8)
         self.reconnect = Reconnect()
-        self._stop_flag = StopFlag()
+        self._changed = threading.Condition()
+        self._is_stopped = self._is_paused = False
         self._set_seed(seed)
         self.is_closed = False
 
@@ -150,21 +152,26 @@ class HubEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         self._close_link()
 
     def stop(self) -> None:
-        self._stop_flag.stop()
+        with self._changed:
+            self._is_stopped = True
+            self._changed.notify_all()
         if self._connection is not None:
             self._connection.link.emergency_stop()
 
     def pause(self) -> None:
-        self._stop_flag.pause()
+        with self._changed:
+            self._is_paused = True
 
     def resume(self) -> None:
         if self._connection is not None:
             self._connection.link.release()
-        self._stop_flag.go_on()
+        with self._changed:
+            self._is_stopped = self._is_paused = False
+            self._changed.notify_all()
 
     @property
     def is_paused(self) -> bool:
-        return self._stop_flag.is_paused
+        return self._is_paused
 
     @property
     def is_cut(self) -> bool:
@@ -241,7 +248,7 @@ class HubEnv(BricksEnv, EnvBase):  # type: ignore[misc]
             raise DescriptionError(f"terminated of {task.id} is {terminated.tolist()}, not true or false; compare")
         episode.observation = observation
         episode.step_count += 1
-        if self._stop_flag.is_paused:
+        if self._is_paused:
             episode.is_cut = True
             self._guarded(link.rest)
         truncated = torch.full_like(terminated, episode.is_cut or episode.step_count >= task.max_steps)
@@ -344,19 +351,29 @@ class HubEnv(BricksEnv, EnvBase):  # type: ignore[misc]
                 watcher(self._connection)
             if self._connection.twin is not None:
                 self._connection.twin.in_reach = self.in_reach
-            self._stop_flag.check()  # a stop requested before this had no link to act on
+            self._check_stop()  # a stop requested before this had no link to act on
         return self._connection
 
     def _start(self) -> Reading:
         """Place the robot and read its sensors, after the end of a pause, in which reading feeds the hub program's watchdog."""
         connection = self._connected()
-        while not self._stop_flag.wait(PAUSE_PERIOD_S):
+        while not self._waited(PAUSE_PERIOD_S):
             if connection.link.is_open:
                 connection.link.read()
-        self._stop_flag.check()
+        self._check_stop()
         connection.link.open()  # without effect when it is open
         connection.place(self._place_rng)
         return connection.link.read()
+
+    def _waited(self, timeout_s: float) -> bool:
+        """Wait for the end of a pause, or a stop; True if there is no pause or there is a stop."""
+        with self._changed:
+            return self._changed.wait_for(lambda: self._is_stopped or not self._is_paused, timeout_s)
+
+    def _check_stop(self) -> None:
+        """Raise StoppedError if a stop is requested."""
+        if self._is_stopped:
+            raise StoppedError("the robot was stopped by hand; call resume() when it may move again")
 
     def _guarded(self, exchange: Callable[[], _T]) -> _T:
         """Run an exchange with hub or camera; on failure close the link: the motors stop, and the next reset reopens it."""
