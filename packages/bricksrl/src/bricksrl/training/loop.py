@@ -20,6 +20,7 @@ from brickhub.user_files import without_folder
 from bricksrl.agents.learner import means
 from bricksrl.data.recorder import Recorder
 from bricksrl.data.schema import describe
+from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.reference_returns import reference_lines
 from bricksrl.envs.rollout import Driver, play_episodes
 from bricksrl.errors import BricksError, DescriptionError, HubError
@@ -32,7 +33,7 @@ from bricksrl.training.learner_side import LearnerSide, LearningPace
 from bricksrl.training.restore import check_weights, run_state
 from bricksrl.training.run_folder import DATA_FOLDER, RunFolder
 from bricksrl.training.signals import StopSignals
-from bricksrl.training.sources import Copies, Ended, Moved, OneRobot, Playing, Source, reconnect_of
+from bricksrl.training.sources import Copies, Ended, Moved, OneRobot, Playing, Source
 
 STRIDE = 20
 """Updates from data between checks for a stop."""
@@ -211,7 +212,7 @@ class Loop:
         """The episode with the mean return of an evaluation, unless its link broke. Saves the best checkpoint."""
         self.learner.finish(lambda: not self.signals.requested)  # the policy must not change meanwhile
         generator = torch.get_rng_state()
-        reconnect = reconnect_of(self.env)
+        reconnect = interface_of(self.env).reconnect
         if reconnect is not None:
             reconnect.on_error = lambda _: None  # no episode of the run is affected
         config, reset_policy = self.config, self.actor.reset_policy
