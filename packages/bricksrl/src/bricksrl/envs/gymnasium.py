@@ -272,7 +272,8 @@ class _Goals:
     def _split_space(self, vector: Any) -> gymnasium.Space[Any]:
         return Dict({name: Box(vector.low[..., part], vector.high[..., part]) for name, part in self._parts.items()})
 
-    def _split(self, observation: Array) -> dict[str, Array]:
+    def observation(self, observation: Array) -> dict[str, Array]:
+        """Parts of an observation vector."""
         return {name: observation[..., part] for name, part in self._parts.items()}
 
     def compute_reward(self, achieved_goal: Array, desired_goal: Array, info: Any) -> Any:
@@ -322,10 +323,6 @@ class GoalObservation(_Goals, gymnasium.ObservationWrapper[dict[str, Array], Arr
         self._find_goals(env, env.observation_space)
         self.observation_space = self._split_space(env.observation_space)
 
-    def observation(self, observation: Array) -> dict[str, Array]:
-        """Parts of an observation vector."""
-        return self._split(observation)
-
 
 class VectorGoalObservation(_Goals, VectorWrapper):
     """Copies of a simulation as one batch with goals, each as of `GoalObservation`.
@@ -348,16 +345,16 @@ class VectorGoalObservation(_Goals, VectorWrapper):
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[dict[str, Array], dict[str, Any]]:
         """Start an episode of all copies, or of those in ``options["reset_mask"]``."""
         observations, info = self.env.reset(seed=seed, options=options)
-        return self._split(observations), info
+        return self.observation(observations), info
 
     def step(self, actions: Array) -> tuple[dict[str, Array], Any, Any, Any, dict[str, Any]]:
         """Take one step in all copies."""
         observations, *outcome, info = self.env.step(actions)
         if "final_obs" in info:
             for copy in info["_final_obs"].nonzero()[0]:
-                info["final_obs"][copy] = self._split(info["final_obs"][copy])
+                info["final_obs"][copy] = self.observation(info["final_obs"][copy])
         reward, terminated, truncated = outcome
-        return self._split(observations), reward, terminated, truncated, info
+        return self.observation(observations), reward, terminated, truncated, info
 
 
 def _plain(values: torch.Tensor) -> Any:
