@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf, isnan
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -14,10 +14,8 @@ from torchrl.envs import EnvBase
 
 from brickhub.entry import Entry
 from bricksrl.envs.env_interface import BricksEnv, interface_of
+from bricksrl.envs.task import Task
 from bricksrl.errors import BricksError
-
-if TYPE_CHECKING:
-    from bricksrl.envs.task import Task
 
 
 def clamped(action: Tensor, shape: Sequence[int], env_id: str) -> Tensor:

@@ -7,7 +7,7 @@ through one another. It serves for fast training; policies are evaluated in the 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import torch
@@ -16,6 +16,7 @@ from torch import Tensor
 from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 
+from brickhub.hub.link.reading import Reading
 from brickhub.hub.link.team import TeamLink
 from brickhub.virtual.virtual_transport import PLACEMENT_MS, VirtualHub
 from bricksrl.envs.arenas.arena_task import ArenaState, ArenaTask
@@ -25,10 +26,7 @@ from bricksrl.envs.simulation import batch_shape, reseed, resolve_device
 from bricksrl.envs.specs import NominalBounded, clamped, end_specs
 from bricksrl.errors import BricksError, DescriptionError, HubError, StoppedError
 from bricktwin.twin.arena import ArenaWorld
-
-if TYPE_CHECKING:
-    from brickhub.hub.link.reading import Reading
-    from bricktwin.twin.physics import Physics
+from bricktwin.twin.physics import Physics
 
 LAG = (0.2, 0.6)
 """Range of the share of a command that is carried out in the next step, as motors speed up; drawn for each episode."""
