@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
     from bricksrl.agents.learner import Learner
     from bricksrl.data.recorded_episode import About, Step
-    from bricksrl.envs.connection import Placement
+    from bricksrl.envs.connection import Placement, Reconnect
     from bricksrl.training.learner_side import LearnerSide
     from bricksrl.training.signals import StopSignals
 
@@ -133,7 +133,7 @@ class Source(ABC):
         playing = self.next_episode(0)
         if playing is None:
             return None
-        reconnect = interface_of(self.env).reconnect
+        reconnect = reconnect_of(self.env)
         if reconnect is not None:
             reconnect.patience_s, reconnect.wait = self.patience_s, self.signals.wait
             reconnect.on_error = lambda error: self.callback.on_link_lost(playing.number, playing.length, error)
@@ -175,6 +175,11 @@ class OneRobot(Source):
         length, return_ = playing.length, rollout.return_
         episode = Episode(playing.number, phase, length, length, return_, success, link_lost=rollout.is_lost)
         yield Ended(self.playing.pop(0), episode if length else None, is_cut)
+
+
+def reconnect_of(env: EnvBase) -> Reconnect | None:
+    """Reconnection of a single robot; attributes of copies in processes cannot be set from here."""
+    return None if env.batch_size else interface_of(env).reconnect
 
 
 class Copies(Source):
