@@ -187,7 +187,11 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
             self.env.set_seed(seed)
         mask = (options or {}).get("reset_mask")
         if mask is not None:
-            return self._restart(self._checked(mask)), {}
+            copies = np.asarray(mask)
+            if copies.dtype != np.bool_ or copies.shape != (self.num_envs,) or not copies.any():
+                wanted = f"a reset_mask of {self.num_envs} bools, one of them True at least"
+                raise UnknownOptionError(f"{self.env.task.id} needs {wanted}")
+            return self._restart(torch.from_numpy(copies)), {}
         self._steps, self._ended = torch.zeros_like(self._copies), torch.zeros(self.num_envs, dtype=torch.bool)
         return self.env.reset()["observation"].cpu().numpy().copy(), {}
 
@@ -223,12 +227,6 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         self._steps, self._ended = self._steps.masked_fill(copies, 0), self._ended & ~copies
         observation: Array = state["observation"].cpu().numpy().copy()
         return observation
-
-    def _checked(self, mask: Any) -> torch.Tensor:
-        copies = np.asarray(mask)
-        if copies.dtype != np.bool_ or copies.shape != (self.num_envs,) or not copies.any():
-            raise UnknownOptionError(f"{self.env.task.id} needs a reset_mask of {self.num_envs} bools, one of them True at least")
-        return torch.from_numpy(copies)
 
     def _info(self) -> dict[str, Any]:
         """Metrics and success of the episodes that just ended, each with a mask of their copies, as in Gymnasium."""

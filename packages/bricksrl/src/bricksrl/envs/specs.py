@@ -204,8 +204,7 @@ class SpecsEnv(BricksEnv, EnvBase):  # type: ignore[misc]
     def _reset(self, _tensordict: Any = None, **_: Any) -> Any:
         raise BricksError("this environment is elsewhere; act in the one that it stands for")
 
-    def _step(self, _tensordict: Any) -> Any:
-        raise BricksError("this environment is elsewhere; act in the one that it stands for")
+    _step = _reset
 
     def _set_seed(self, _seed: int | None) -> None:
         """Do nothing: there is nothing random."""
