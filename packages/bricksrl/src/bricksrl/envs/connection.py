@@ -15,8 +15,8 @@ from bricksrl.errors import HubError
 if TYPE_CHECKING:
     from brickhub.hub.link.lockstep import HubLink
     from brickhub.virtual.virtual_transport import VirtualHub
-    from bricksrl.envs.odometry import Odometer
     from bricksrl.envs.vision.camera import Camera
+    from bricktwin.twin.mujoco_body import Pose
 
 _T = TypeVar("_T")
 
@@ -33,16 +33,16 @@ class Connection:
     Attributes:
         link: link to the hub; the environment opens and closes it.
         place: places the robot at the start of an episode; called at every reset, while the link is open.
-        odometer: measures the distance travelled.
         twin: the virtual hub, for rendering; ``None`` for a real robot.
         camera: source of images, for a task with a camera.
+        true_pose: returns the pose of a virtual robot that has one.
     """
 
     link: HubLink
     place: Placement
-    odometer: Odometer
     twin: VirtualHub | None = None
     camera: Camera | None = None
+    true_pose: Callable[[], Pose] | None = None
 
 
 @dataclass

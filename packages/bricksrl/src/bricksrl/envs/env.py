@@ -17,7 +17,7 @@ from torchrl.envs import EnvBase
 
 from bricksrl.envs.connection import Connection, Reconnect
 from bricksrl.envs.env_interface import BricksEnv, Timing
-from bricksrl.envs.odometry import TargetTracker, start_pose
+from bricksrl.envs.odometry import Odometer, SonarOdometer, TargetTracker, TrueOdometer, start_pose
 from bricksrl.envs.specs import set_vector_specs
 from bricksrl.envs.task import Task, never
 from bricksrl.envs.vision.camera import Camera, Watch
@@ -44,6 +44,7 @@ class EpisodeState:
     Attributes:
         drawn: sampled entries, constant for the episode.
         commands: the last ones, where they are observed.
+        odometer: measures the distance travelled.
         tracker: position of the target; ``None`` for a task without a target.
         watch: the camera's view; ``None`` for a task without a camera.
         observation: the last one, as the task's functions get it.
@@ -56,6 +57,7 @@ class EpisodeState:
     drawn: list[float]
     commands: list[float]
     measured_s: float
+    odometer: Odometer
     tracker: TargetTracker | None
     watch: Watch | None = None
     observation: torch.Tensor = field(default_factory=lambda: torch.empty(0))
@@ -195,13 +197,16 @@ class HubEnv(BricksEnv, EnvBase):  # type: ignore[misc]
 
     def _begin(self) -> TensorDictBase:
         reading = self._guarded(self._start)
-        link, odometer, task = self._connected().link, self._connected().odometer, self.task
+        link, true_pose, task = self._connected().link, self._connected().true_pose, self.task
         measured_s = link.now_s() - reading.age_s
         self.is_closed = False
-        drawn = [entry.draw(self._host_rng) for entry in task.sampled_entries]
-        episode = EpisodeState(drawn, [0.0] * len(task.command_entries), measured_s, self._tracker(reading))
-        odometer.start(link.now_s())
+        drawn, tracker = [entry.draw(self._host_rng) for entry in task.sampled_entries], None
+        if task.target is not None:
+            start = start_pose(task.scene, task.id, true_pose, self._host_rng)
+            tracker = TargetTracker(task.target, task.robot, task.interface, true_pose, start, reading.values)
+        odometer = SonarOdometer(task.interface) if true_pose is None else TrueOdometer(true_pose, link.now_s())
         odometer.forward_mm(link.now_s(), reading.values)
+        episode = EpisodeState(drawn, [0.0] * len(task.command_entries), measured_s, odometer, tracker)
         if task.camera is not None:
             episode.watch = Watch(task.camera, self._host_rng, self._guarded(self._camera.frame))
         self._episode = episode
@@ -291,7 +296,7 @@ class HubEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         episode.hub_time_s = reading.hub_time_ms / 1000
         forward_mm: list[float] = []
         if self.task.walks or self.task.measured_entries:
-            forward_mm = [self._connected().odometer.forward_mm(self._connected().link.now_s(), reading.values)]
+            forward_mm = [episode.odometer.forward_mm(self._connected().link.now_s(), reading.values)]
         if episode.tracker is not None:
             episode.tracker.follow(reading.values)
         if episode.watch is not None:
@@ -325,17 +330,8 @@ class HubEnv(BricksEnv, EnvBase):  # type: ignore[misc]
     def walk_metrics(self) -> dict[str, float]:
         if self._episode is None:
             return {}
-        walked = self._connected().odometer.metrics() if self.task.walks else {}
+        walked = self._episode.odometer.metrics() if self.task.walks else {}
         return walked if self._episode.tracker is None else {**walked, **self._episode.tracker.metrics()}
-
-    def _tracker(self, reading: Reading) -> TargetTracker | None:
-        """The tracker of the task's target for the new episode; ``None`` for a task without one."""
-        task, twin = self.task, self._connected().twin
-        if task.target is None:
-            return None
-        true_pose = None if twin is None else getattr(twin.body, "pose", None)
-        start = start_pose(task.scene, task.id, true_pose, self._host_rng)
-        return TargetTracker(task.target, task.robot, task.interface, true_pose, start, reading.values)
 
     @property
     def _camera(self) -> Camera:

@@ -169,14 +169,11 @@ def start_pose(scene: Scene, task_id: str, true_pose: Callable[[], Pose] | None,
 
 
 class TrueOdometer:
-    """Odometer of a virtual robot, along its heading at the start of the episode."""
+    """Odometer of a virtual robot over one episode that starts at ``time_s``, along its heading at the start."""
 
-    def __init__(self, pose: Callable[[], Pose]) -> None:
+    def __init__(self, pose: Callable[[], Pose], time_s: float) -> None:
         self._pose = pose
-
-    def start(self, time_s: float) -> None:
-        """Begin an episode."""
-        self._start = self._last = self._pose()
+        self._start = self._last = pose()
         self._start_s = self._now_s = time_s
         self._path_m = self._forward_m = 0.0
 
@@ -202,16 +199,13 @@ class TrueOdometer:
 
 
 class SonarOdometer:
-    """Odometer of a real robot that walks towards a wall, from its ultrasonic distance.
+    """Odometer of a real robot that walks towards a wall, over one episode, from its ultrasonic distance.
 
     It measures nothing while the wall is out of range, and takes a turn for a distance.
     """
 
     def __init__(self, interface: Interface) -> None:
         self._column = interface.distance_index
-        self._last_mm = Distance.FARTHEST_MM
-
-    def start(self, _time_s: float) -> None:
         self._last_mm = Distance.FARTHEST_MM
 
     def forward_mm(self, _time_s: float, values: Sequence[float]) -> float:

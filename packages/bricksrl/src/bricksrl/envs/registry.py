@@ -18,7 +18,6 @@ from brickhub.seed import check_seed
 from brickhub.user_files import is_reference, load_object
 from bricksrl.envs.arenas import ARENAS
 from bricksrl.envs.connection import Connection, Placement
-from bricksrl.envs.odometry import SonarOdometer, TrueOdometer
 from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.task import Kinematics, Task
 from bricksrl.envs.tasks.line_follow import LINE_FOLLOW
@@ -149,10 +148,8 @@ def _virtual_env(task: Task, options: EnvOptions, seed: int | None) -> HubEnv:
     def connect(twin_seed: int) -> Connection:
         body = make_body(task.robot, scene=task.scene, physics=options.physics_or_draw, seed=twin_seed)
         twin = VirtualHub(body, realtime=options.realtime)
-        pose = getattr(body, "pose", None)
-        odometer = SonarOdometer(task.interface) if pose is None else TrueOdometer(pose)
         camera = None if task.camera is None else TwinCamera(body, task.camera)
-        return Connection(_link(task, options, twin), twin.reset, odometer, twin, camera)
+        return Connection(_link(task, options, twin), twin.reset, twin, camera, getattr(body, "pose", None))
 
     return HubEnv(task, connect, seed=seed)
 
@@ -172,7 +169,7 @@ def _real_env(task: Task, options: EnvOptions, transport: ProfileTransport, seed
         task = replace(task, camera=replace(task.camera, goal=goal))
     calibrate = calibration_of(lambda: transport.identity.address if transport.identity else "")
     link = _link(task, options, transport, calibrate)
-    connection = Connection(link, place or ask_to_place, SonarOdometer(task.interface), camera=camera)
+    connection = Connection(link, place or ask_to_place, camera=camera)
     return HubEnv(task, lambda _seed: connection, seed=seed)
 
 

@@ -24,7 +24,6 @@ from brickhub.robot import Robot
 from brickhub.virtual.virtual_transport import VirtualHub
 from bricksrl.envs.connection import Connection
 from bricksrl.envs.env import HubEnv
-from bricksrl.envs.odometry import SonarOdometer
 from bricksrl.envs.simulation import SimulatedEnv
 from bricksrl.envs.task import Kinematics
 from bricksrl.envs.tasks.spinning import SPINNING
@@ -285,7 +284,7 @@ def test_any_task_takes_a_camera() -> None:
         twin = VirtualHub(make_body(task.robot, scene=task.scene, seed=seed))
         assert task.camera is not None
         camera = TwinCamera(twin.body, task.camera)
-        return Connection(HubLink(twin, task.robot, task.interface), twin.reset, SonarOdometer(task.interface), twin, camera)
+        return Connection(HubLink(twin, task.robot, task.interface), twin.reset, twin, camera)
 
     env = HubEnv(task, connect, seed=0)
     try:
@@ -323,7 +322,7 @@ def filmed(camera: Camera | None, **changes: Any) -> HubEnv:
     task = dataclasses.replace(SPINNING, id="Filmed-v0", camera=VIEW, **changes)
     twin = VirtualHub(make_body(task.robot, scene=task.scene))
     link = HubLink(twin, task.robot, task.interface)
-    return HubEnv(task, lambda _seed: Connection(link, twin.reset, SonarOdometer(task.interface), twin, camera), seed=0)
+    return HubEnv(task, lambda _seed: Connection(link, twin.reset, twin, camera), seed=0)
 
 
 def act() -> TensorDict:
