@@ -124,8 +124,8 @@ def fails_train(capfd: pytest.CaptureFixture[str]):
 def test_nan_reward_in_simulation_raises(own: Path) -> None:
     from dataclasses import replace
 
-    from bricksrl.envs.planar_kinematics import Kinematics
     from bricksrl.envs.simulation import SimulatedEnv
+    from bricksrl.envs.task import Kinematics
 
     task = replace(get_task("WalkerSim-v0"), id="Nan-v0", reward=lambda p, a, o: o[..., :1] * float("nan"))
     env = SimulatedEnv(task, Kinematics(noise=0.1), seed=0)

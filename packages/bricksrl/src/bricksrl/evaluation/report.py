@@ -86,7 +86,8 @@ def _lead(episodes: Sequence[Episode], result: EvaluationResult, films: Films | 
     )
     reference = REFERENCES.get(result.env)
     if reference is not None:
-        text += f", where random actions get {reference.random:.4g} and a controller written by hand {reference.scripted:.4g}"
+        by_hand = f"a controller written by hand {reference['by hand']:.4g}"
+        text += f", where random actions get {reference['random']:.4g} and {by_hand}"
     walked = result.metrics.get("forward_m")
     if walked is not None:
         text += f". It walked <b>{walked:.2f} m</b> in an episode"

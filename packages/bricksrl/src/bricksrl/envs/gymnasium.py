@@ -5,6 +5,8 @@ Gymnasium calls each id that has a later version out of date. Here a later versi
 
 Gymnasium truncates after the number of steps that an id has without options. With an option that makes episodes longer, give the
 number too: ``gymnasium.make("bricksrl/Walker-v0", step_ms=100, max_episode_steps=250)``.
+
+Wrappers show goals as Gymnasium's environments of robots have them, for hindsight experience replay of other libraries.
 """
 
 from __future__ import annotations
@@ -14,7 +16,9 @@ from typing import TYPE_CHECKING, Any
 import gymnasium
 import numpy as np
 import torch
-from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.spaces import Box, Dict
+from gymnasium.utils import RecordConstructorArgs
+from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 from tensordict import TensorDict, TensorDictBase
@@ -22,9 +26,9 @@ from tensordict import TensorDict, TensorDictBase
 from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.registry import is_simulation, make
 from bricksrl.envs.rollout import link_lost
-from bricksrl.envs.specs import clamped
+from bricksrl.envs.specs import ObservationLayout, clamped
 from bricksrl.envs.task import metrics_of, success_of
-from bricksrl.errors import BricksError, RenderingUnavailableError, UnknownOptionError
+from bricksrl.errors import BricksError, DescriptionError, RenderingUnavailableError, UnknownOptionError
 
 if TYPE_CHECKING:
     from bricksrl.envs.env import HubEnv
@@ -68,9 +72,9 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
         camera = self.env.task.camera
         self.observation_space: gymnasium.Space[Any] = vector
         if camera is not None:
-            image = gymnasium.spaces.Box(0, 255, (camera.image_px, camera.image_px, 3), np.uint8)
-            self.observation_space = gymnasium.spaces.Dict({"observation": vector, "image": image})
-        self.action_space = gymnasium.spaces.Box(-1.0, 1.0, self.env.action_spec.shape)
+            image = Box(0, 255, (camera.image_px, camera.image_px, 3), np.uint8)
+            self.observation_space = Dict({"observation": vector, "image": image})
+        self.action_space = Box(-1.0, 1.0, self.env.action_spec.shape)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, dict[str, Any]]:
         """Start an episode. A seed makes this and all later episodes reproducible."""
@@ -89,7 +93,10 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
         if link_lost(sent.set("next", result)):
             return self._observation(result), 0.0, False, True, {"link_lost": True}
         self._observations.append(result["observation"].clone())
-        info = self._info(ended=terminated or truncated)
+        episode = self.env.task_observations(torch.stack(self._observations))
+        info: dict[str, Any] = dict(metrics_of(self.env.task, episode))
+        if terminated or truncated:
+            info["success"] = success_of(self.env.task, episode)
         return self._observation(result), float(result["reward"]), terminated, truncated, info
 
     def render(self) -> NDArray[np.uint8] | None:
@@ -124,15 +131,6 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
     def _observation(self, state: TensorDictBase) -> Observation:
         vector: Array = state["observation"].numpy()
         return vector if self.env.task.camera is None else {"observation": vector, "image": state["image"].numpy()}
-
-    def _info(self, *, ended: bool) -> dict[str, Any]:
-        episode = torch.stack(self._observations)
-        if self.env.task.has_hidden_entries:
-            episode = self.env.task_observations(episode)
-        info: dict[str, Any] = dict(metrics_of(self.env.task, episode))
-        if ended:
-            info["success"] = success_of(self.env.task, episode)
-        return info
 
 
 class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
@@ -170,7 +168,7 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         self.env: SimulatedEnv = make(env_id, options, batch_size=num_envs, **named)
         self.num_envs, self._max_steps = num_envs, max_episode_steps or self.env.task.max_steps
         self.single_observation_space = _box(self.env.task)
-        self.single_action_space = gymnasium.spaces.Box(-1.0, 1.0, self.env.action_spec.shape[1:])
+        self.single_action_space = Box(-1.0, 1.0, self.env.action_spec.shape[1:])
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._episodes = torch.zeros(num_envs, self._max_steps, len(self.env.task.entries))
@@ -189,7 +187,11 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
             self.env.set_seed(seed)
         mask = (options or {}).get("reset_mask")
         if mask is not None:
-            return self._restart(self._checked(mask)), {}
+            copies = np.asarray(mask)
+            if copies.dtype != np.bool_ or copies.shape != (self.num_envs,) or not copies.any():
+                wanted = f"a reset_mask of {self.num_envs} bools, one of them True at least"
+                raise UnknownOptionError(f"{self.env.task.id} needs {wanted}")
+            return self._restart(torch.from_numpy(copies)), {}
         self._steps, self._ended = torch.zeros_like(self._copies), torch.zeros(self.num_envs, dtype=torch.bool)
         return self.env.reset()["observation"].cpu().numpy().copy(), {}
 
@@ -226,12 +228,6 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         observation: Array = state["observation"].cpu().numpy().copy()
         return observation
 
-    def _checked(self, mask: Any) -> torch.Tensor:
-        copies = np.asarray(mask)
-        if copies.dtype != np.bool_ or copies.shape != (self.num_envs,) or not copies.any():
-            raise UnknownOptionError(f"{self.env.task.id} needs a reset_mask of {self.num_envs} bools, one of them True at least")
-        return torch.from_numpy(copies)
-
     def _info(self) -> dict[str, Any]:
         """Metrics and success of the episodes that just ended, each with a mask of their copies, as in Gymnasium."""
         info: dict[str, Any] = {}
@@ -247,7 +243,119 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         self.env.close(raise_if_closed=False)
 
 
-def _box(task: Task) -> gymnasium.spaces.Box:
+def _box(task: Task) -> Box:
     """Space of a task's observation, without an image."""
     limits = np.array([entry.bounds for entry in task.entries], dtype=np.float32)
-    return gymnasium.spaces.Box(limits[:, 0], limits[:, 1])
+    return Box(limits[:, 0], limits[:, 1])
+
+
+class _Goals:
+    """Goals in the observation vector of an environment of ours, which ``_find_goals`` looks for, and rewards of other goals."""
+
+    unwrapped: Any
+    _size: int
+    _parts: dict[str, list[int]]
+    """Indices of the entries of each part of an observation."""
+
+    def _find_goals(self, env: Any, vector: gymnasium.Space[Any]) -> None:
+        ours = env.unwrapped
+        pairs = ObservationLayout.of(ours.env).goals if isinstance(ours, GymnasiumEnv | GymnasiumVectorEnv) else ()
+        if not isinstance(vector, Box) or not pairs:
+            raise DescriptionError(f"{env} has no goals in a vector of ours; take one that has, such as bricksrl/RoboArm-v0")
+        self._size = vector.shape[-1]
+        goals, reached = ([pair[k] for pair in pairs] for k in (0, 1))
+        others = [index for index in range(self._size) if index not in goals]
+        self._parts = {"observation": others, "achieved_goal": reached, "desired_goal": goals}
+
+    def _split_space(self, vector: Any) -> gymnasium.Space[Any]:
+        return Dict({name: Box(vector.low[..., part], vector.high[..., part]) for name, part in self._parts.items()})
+
+    def observation(self, observation: Array) -> dict[str, Array]:
+        """Parts of an observation vector."""
+        return {name: observation[..., part] for name, part in self._parts.items()}
+
+    def compute_reward(self, achieved_goal: Array, desired_goal: Array, info: Any) -> Any:
+        """Reward of a step that reached ``achieved_goal [*batch, g]``: a number, or an array ``[*batch]``."""
+        state = self._state(achieved_goal, desired_goal)
+        action = torch.zeros(*state.shape[:-1], len(self._task.interface.commands))
+        return _plain(self._task.reward(state, action, state))
+
+    def compute_terminated(self, achieved_goal: Array, desired_goal: Array, info: Any) -> Any:
+        """Whether such a step ends the episode: a bool, or an array ``[*batch]``."""
+        return _plain(self._task.terminated(self._state(achieved_goal, desired_goal)))
+
+    def compute_truncated(self, achieved_goal: Array, desired_goal: Array, info: Any) -> bool:
+        """False: only time truncates an episode."""
+        return False
+
+    @property
+    def _task(self) -> Task:
+        task: Task = self.unwrapped.env.task
+        return task
+
+    def _state(self, achieved_goal: Array, desired_goal: Array) -> torch.Tensor:
+        achieved, desired = (torch.as_tensor(np.asarray(goal, np.float32)) for goal in (achieved_goal, desired_goal))
+        state = torch.zeros(*achieved.shape[:-1], self._size)
+        state[..., self._parts["achieved_goal"]], state[..., self._parts["desired_goal"]] = achieved, desired
+        return state
+
+
+class GoalObservation(_Goals, gymnasium.ObservationWrapper[dict[str, Array], Array, Any], RecordConstructorArgs):
+    """An environment whose observation vector has entries ``X_goal`` and ``X_angle``, split as in Gymnasium-Robotics.
+
+    The observation is a dict: "observation", all entries that are no goals; "desired_goal", the goals ``[g]``; "achieved_goal",
+    the entries ``[g]`` that are to reach them. `compute_reward` says what a step would have paid with another goal.
+
+    ``GoalObservation(gymnasium.make("bricksrl/RoboArmSim-v0", sparse=True))``
+
+    Args:
+        env: one of ours, from ``gymnasium.make``, whose reward and end depend on goals and reached entries alone.
+
+    Raises:
+        DescriptionError: the environment has no goals, or is not ours.
+    """
+
+    def __init__(self, env: gymnasium.Env[Array, Array]) -> None:
+        RecordConstructorArgs.__init__(self)
+        gymnasium.ObservationWrapper.__init__(self, env)
+        self._find_goals(env, env.observation_space)
+        self.observation_space = self._split_space(env.observation_space)
+
+
+class VectorGoalObservation(_Goals, VectorWrapper):
+    """Copies of a simulation as one batch with goals, each as of `GoalObservation`.
+
+    ``VectorGoalObservation(gymnasium.make_vec("bricksrl/RoboArmSim-v0", 64, sparse=True))``
+
+    Args:
+        envs: one of ours, from ``gymnasium.make_vec``, in any autoreset mode; final observations are split too.
+
+    Raises:
+        DescriptionError: the environment has no goals, or is not ours.
+    """
+
+    def __init__(self, envs: VectorEnv[Array, Array, Any]) -> None:
+        super().__init__(envs)
+        self._find_goals(envs, envs.single_observation_space)
+        self.single_observation_space = self._split_space(envs.single_observation_space)
+        self.observation_space = self._split_space(envs.observation_space)
+
+    def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[dict[str, Array], dict[str, Any]]:
+        """Start an episode of all copies, or of those in ``options["reset_mask"]``."""
+        observations, info = self.env.reset(seed=seed, options=options)
+        return self.observation(observations), info
+
+    def step(self, actions: Array) -> tuple[dict[str, Array], Any, Any, Any, dict[str, Any]]:
+        """Take one step in all copies."""
+        observations, *outcome, info = self.env.step(actions)
+        if "final_obs" in info:
+            for copy in info["_final_obs"].nonzero()[0]:
+                info["final_obs"][copy] = self.observation(info["final_obs"][copy])
+        reward, terminated, truncated = outcome
+        return self.observation(observations), reward, terminated, truncated, info
+
+
+def _plain(values: torch.Tensor) -> Any:
+    """Values ``[*batch, 1]`` as a number, or an array ``[*batch]``."""
+    array: NDArray[Any] = values.squeeze(-1).numpy()
+    return array if array.ndim else array.item()
