@@ -109,8 +109,9 @@ def test_paper_network_sizes() -> None:
 
 def test_keypoint_follows_spot() -> None:
     network = Keypoints(32)
+    images = torch.stack([SIGHT.shown(column)["image"] for column in (2, 12, 22)])
     with torch.no_grad():
-        moved = network(torch.stack([SIGHT.shown(column)["image"] for column in (2, 12, 22)])).view(3, -1, 2)
+        moved = network(images.permute(0, 3, 1, 2) / 255 - 0.5).view(3, -1, 2)
     assert ((moved[1:, :, 1] - moved[:-1, :, 1]) > 0.2).all(0).any()
     assert moved.abs().max() <= 1.0
 
@@ -124,7 +125,7 @@ def test_too_small_images_raise(network: type, side_px: int) -> None:
 @pytest.mark.parametrize(("network", "side_px"), [(Keypoints, 16), (Keypoints, 45), (Convolutions, 36), (Convolutions, 84)])
 def test_other_image_sizes_work(network: type, side_px: int) -> None:
     made = network(side_px)
-    assert made(torch.zeros(2, side_px, side_px, 3, dtype=torch.uint8)).shape == (2, made.size)
+    assert made(torch.zeros(2, 3, side_px, side_px)).shape == (2, made.size)
 
 
 def test_shifted_images_repeat_edges() -> None:

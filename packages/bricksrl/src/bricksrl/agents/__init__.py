@@ -19,11 +19,7 @@ if TYPE_CHECKING:
 
 AGENTS = ("sac", "droq", "redq", "td3", "crossq", "tqc", "ppo", "bc", "act", "diffusion", "iql", "cql", "td3bc", "random")
 """Algorithms by name; DroQ and REDQ are settings of SAC."""
-_MODULES = {
-    **dict.fromkeys(("droq", "redq"), "sac"),
-    **{name: f"imitation.{name}" for name in ("bc", "act", "diffusion")},
-    **{name: f"offline.{name}" for name in ("iql", "cql", "td3bc")},
-}
+_MODULES = {"droq": "sac", "redq": "sac"}
 """Modules of algorithms with other names."""
 PRESETS = ("default", "paper")
 """Presets by name."""

@@ -13,8 +13,8 @@ from torchrl.envs import EnvBase
 from torchrl.modules.models import ACTModel
 from torchrl.objectives import ACTLoss
 
-from bricksrl.agents.encoder import encoder_keys, make_encoder
-from bricksrl.agents.imitation.chunks import ChunkPolicy, ChunkSettings, chunk_learner
+from bricksrl.agents.chunks import ChunkPolicy, ChunkSettings, chunk_learner
+from bricksrl.agents.encoder import encode, make_encoder
 from bricksrl.agents.learner import Learner
 from bricksrl.agents.networks import action_size
 from bricksrl.agents.settings import NotNegative, Positive, Range, ShareBelowOne
@@ -59,8 +59,7 @@ class EncodedACTLoss(ACTLoss):  # type: ignore[misc]
         self.set_keys(action_chunk="action")
 
     def forward(self, tensordict: TensorDictBase) -> TensorDict:
-        features = self.encoder(*(tensordict[key] for key in encoder_keys(self.encoder)))
-        return super().forward(tensordict.select("action").set("observation", features))
+        return super().forward(tensordict.select("action").set("observation", encode(self.encoder, tensordict)))
 
 
 class PredictedChunk(nn.Module):

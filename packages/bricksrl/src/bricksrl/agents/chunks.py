@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from torchrl.envs.transforms import ActionChunkTransform
 from torchrl.objectives import LossModule
 
-from bricksrl.agents.encoder import encoder_keys
+from bricksrl.agents.encoder import encode, encoder_keys
 from bricksrl.agents.learner import Learner, adam
 from bricksrl.agents.replay.buffer import TransitionReplayBuffer
 from bricksrl.agents.settings import NotNegative, Positive, Range, Settings
@@ -66,8 +66,7 @@ class ChunkPolicy(TensorDictModuleBase):  # type: ignore[misc]
             self.reset()
         self._shape = shape
         if self._step % self._executed == 0:
-            chunk = self.network(self.encoder(*(tensordict[key] for key in self.in_keys)))
-            self._chunks.append((self._step, chunk))
+            self._chunks.append((self._step, self.network(encode(self.encoder, tensordict))))
         if self._ensemble is None:
             del self._chunks[:-1]
         self._chunks = [(start, chunk) for start, chunk in self._chunks if start + chunk.shape[-2] > self._step]
