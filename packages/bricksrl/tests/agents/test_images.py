@@ -10,7 +10,7 @@ from small import SIGHT, make, same, saved, settings, weights
 from tensordict import TensorDict
 
 from bricksrl.agents import make_learner
-from bricksrl.agents.chunks import recorded_memory
+from bricksrl.agents.bc import recorded_memory
 from bricksrl.agents.learner import Learner
 from bricksrl.agents.sac import ActorCriticLoss
 

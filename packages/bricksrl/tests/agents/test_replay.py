@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tensordict import TensorDict
 
-from bricksrl.agents.chunks import recorded_memory
+from bricksrl.agents.bc import recorded_memory
 from bricksrl.agents.learner import load_memory_state, memory_state
 from bricksrl.agents.replay.buffer import TransitionReplayBuffer
 from bricksrl.errors import DescriptionError

@@ -157,7 +157,7 @@ class _Checked:
         return self.learner
 
     def _attach_dataset(self, learner: Learner) -> int:
-        from bricksrl.agents.chunks import recorded_memory
+        from bricksrl.agents.bc import recorded_memory
 
         size = getattr(preset("default", self.algorithm.name), "batch_size", 256)
         frames = _frames(learner, make(ENV, seed=_SEED))
