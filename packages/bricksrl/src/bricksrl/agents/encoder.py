@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import OrderedDict
 from typing import Any
 
 import torch
@@ -85,24 +86,19 @@ class Keypoints(nn.Module):
         return (sharp.softmax(-1) @ self.positions).flatten(1)
 
 
-class Convolutions(nn.Module):
-    """The paper's image network: three convolutions, then dense layers of 256 and 128 units."""
+class Convolutions(nn.Sequential):
+    """The paper's image network ``[batch, 3, side, side]`` to ``[batch, 128]``: three convolutions, then dense layers."""
 
     size = 128
 
     def __init__(self, image_px: int) -> None:
-        super().__init__()
         side_left = ((image_px - 8) // 4 - 3) // 2 - 1
         if side_left < 1:
             raise DescriptionError(f"images of {image_px} px are too small for the convolutions; make them 36 px or larger")
         convolutions = [nn.Conv2d(3, 32, 8, stride=4), nn.ReLU(), nn.Conv2d(32, 64, 4, stride=2), nn.ReLU()]
         convolutions += [nn.Conv2d(64, 64, 3), nn.ReLU(), nn.Flatten()]
-        self.layers = nn.Sequential(*convolutions, nn.Linear(64 * side_left**2, 256), nn.ReLU(), nn.Linear(256, 128), nn.ReLU())
-
-    def forward(self, images: Tensor) -> Tensor:
-        """Images ``[batch, 3, side, side]`` to ``[batch, 128]``."""
-        features: Tensor = self.layers(images)
-        return features
+        dense = (nn.Linear(64 * side_left**2, 256), nn.ReLU(), nn.Linear(256, self.size), nn.ReLU())
+        super().__init__(OrderedDict(layers=nn.Sequential(*convolutions, *dense)))
 
 
 class ImageEncoder(nn.Module):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import itertools
 from typing import Any
 
 import torch
@@ -10,7 +11,7 @@ from tensordict.nn import NormalParamExtractor, TensorDictModule, TensorDictSequ
 from torch import Tensor, nn
 from torchrl.data import Composite, TensorSpec
 from torchrl.envs import EnvBase
-from torchrl.modules import MLP, AdditiveGaussianModule, ProbabilisticActor, TanhNormal
+from torchrl.modules import AdditiveGaussianModule, ProbabilisticActor, TanhNormal
 
 from brickhub.user_files import load_object
 from bricksrl.agents.encoder import encoder_keys
@@ -33,20 +34,13 @@ class Dropout(nn.Dropout):
 def mlp(in_size: int, out_size: int, hidden: tuple[int, ...], *, layer_norm: bool = False, dropout: float = 0.0) -> nn.Sequential:
     """A multilayer perceptron ``[*batch, in_size]`` to ``[*batch, out_size]`` with ReLU. ``layer_norm, dropout``: after each
     hidden layer, before its ReLU, as in DroQ (Hiraoka et al., 2022)."""
-    network: nn.Sequential = MLP(
-        in_size,
-        out_size,
-        num_cells=hidden,
-        activation_class=nn.ReLU,
-        activation_kwargs={"inplace": True},
-        norm_class=nn.LayerNorm if layer_norm else None,
-        norm_kwargs=[{"normalized_shape": units} for units in hidden],
-        dropout=dropout or None,
-    )
-    for name, layer in network.named_children():
-        if isinstance(layer, nn.Dropout):
-            network[int(name)] = Dropout(layer.p)
-    return network
+    sizes, layers = (in_size, *hidden), list[nn.Module]()
+    for size, units in itertools.pairwise(sizes):
+        layers.append(nn.Linear(size, units))
+        layers += [Dropout(dropout)] if dropout else []
+        layers += [nn.LayerNorm(units)] if layer_norm else []
+        layers.append(nn.ReLU(inplace=True))
+    return nn.Sequential(*layers, nn.Linear(sizes[-1], out_size))
 
 
 def make_body(settings: Settings, in_size: int, out_size: int, **kwargs: Any) -> nn.Module:
