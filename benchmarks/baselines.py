@@ -43,8 +43,7 @@ def episode(env: Any, policy: Callable[[TensorDictBase], Tensor]) -> tuple[float
         done = bool(stepped["done"])
         state = stepped.exclude("reward")
     seen = torch.stack(observations)
-    observed = env.task_observations(seen) if hasattr(env, "task_observations") else seen
-    walk = env.walk_metrics() if hasattr(env, "walk_metrics") else {}
+    observed, walk = env.task_observations(seen), env.walk_metrics()
     return total, bool(env.task.success(observed)), walk
 
 

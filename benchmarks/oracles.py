@@ -140,9 +140,10 @@ def programs() -> Iterator[tuple[str, Oracle]]:
         arena_task = get_arena_task(env_id)
         for contestant, interface in zip(arena_task.arena.robots, arena_task.interfaces, strict=True):
             yield f"program {env_id} {contestant.name}", functools.partial(_program, contestant.robot, interface)
-    identification_interface = find("twin.motion_log", "identification_interface")
+    from brickhub.target import whole_interface
+
     for robot in find("robots", "ROBOTS").values():
-        yield f"program {robot.name}", functools.partial(_program, robot, identification_interface(robot))
+        yield f"program {robot.name}", functools.partial(_program, robot, whole_interface(robot))
 
 
 def _program(robot: Any, interface: Any) -> dict[str, str]:

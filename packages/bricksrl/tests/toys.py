@@ -10,7 +10,8 @@ from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 
 from bricksrl.envs.connection import Reconnect
-from bricksrl.errors import HubError, HubTimeoutError
+from bricksrl.envs.env_interface import BricksEnv
+from bricksrl.errors import HubTimeoutError
 
 
 def assert_equal(a: object, b: object) -> None:
@@ -78,13 +79,13 @@ class Cart(EnvBase):
         )
 
 
-class LosingCart(Cart):
+class LosingCart(BricksEnv, Cart):
     """A cart with a link that breaks in step ``at`` of episode three; ``failures`` resets fail."""
 
     def __init__(self, at: int, failures: int = 0) -> None:
         super().__init__()
         self.observation_spec["link_lost"] = Binary(1, dtype=torch.bool)
-        self.reconnect, self.link_error = Reconnect(), HubError("no error yet")
+        self.reconnect = Reconnect()
         self.at, self.failures = at, failures
 
     def _reset(self, tensordict: TensorDictBase | None = None, **kwargs: Any) -> TensorDictBase:

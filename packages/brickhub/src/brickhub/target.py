@@ -16,7 +16,7 @@ from brickhub import HOUSES
 from brickhub.errors import UnknownNameError
 from brickhub.hub.interface import Distance, Interface, MotorAngle, Pitch, Roll, RunAngle, Wait, YawRate
 from brickhub.hub.kinds import Channel
-from brickhub.robot import BENCH, Robot, UltrasonicSensor
+from brickhub.robot import BENCH, Robot
 from brickhub.user_files import is_reference, load_robot
 from brickhub.virtual.bench_body import BenchBody
 from brickhub.virtual.body import Body
@@ -48,7 +48,7 @@ def whole_interface(robot: Robot) -> Interface:
     channels: list[Channel] = [MotorAngle(motor.name, *(map(float, motor.range_deg or (0, 360)))) for motor in robot.motors]
     if robot.needs_imu:
         channels += [Pitch(), Roll(), YawRate()]
-    channels += [Distance(sensor.name) for sensor in robot.sensors if isinstance(sensor, UltrasonicSensor)][:1]
+    channels += [Distance(sensor.name) for sensor in robot.sensors if sensor.kind.model.range_mm][:1]
     commands = tuple(RunAngle(motor.name, -_TURN_DEG, _TURN_DEG, _FAST_DEG_S) for motor in robot.motors)
     return Interface(commands, tuple(channels), Wait(50))
 

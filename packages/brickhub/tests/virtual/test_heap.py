@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 from hub_programs import output
 
 from brickhub.robot import HubKind, Robot
-from brickhub.virtual.memory import RAM_BYTES
+from brickhub.virtual import memory
 
 FILL = """
 class Point:
@@ -46,7 +48,8 @@ print(fill([]))
 )
 def test_memory_runs_out_as_in_the_firmware(item: str, firmware: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """The firmware's code with 400 KiB of memory; a list that grows needs a piece twice as long as itself there."""
-    monkeypatch.setitem(RAM_BYTES, HubKind.PRIME, 400 * 1024)
+    monkeypatch.setattr(HubKind.PRIME, "model", replace(HubKind.PRIME.model, program_bytes=400 * 1024))
+    monkeypatch.setattr(memory, "MOST_BYTES", 400 * 1024)
     count = int(output(FILL.replace("{item}", item)))
     assert 0.97 * firmware <= count <= 1.4 * firmware
 

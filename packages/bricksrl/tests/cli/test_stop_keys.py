@@ -19,6 +19,7 @@ from torchrl.envs import ParallelEnv
 
 import bricksrl
 from bricksrl.cli.emergency_stop import LEGEND, STOP_SIGNALS, EmergencyStop
+from bricksrl.envs.env_interface import BricksEnv
 from bricksrl.errors import HubError
 
 pytestmark = pytest.mark.realtime
@@ -33,23 +34,26 @@ def eventually(is_so: Callable[[], object], bound_s: float = BOUND_S) -> None:
         time.sleep(0.005)
 
 
-class Robot:
+class Robot(BricksEnv):
     """An environment that records requests."""
+
+    robots = 1
 
     def __init__(self) -> None:
         self.wanted: list[str] = []
-        self.is_paused = False
+
+    @property
+    def is_paused(self) -> bool:
+        return self.wanted[-1:] == ["pause"]
 
     def stop(self) -> None:
         self.wanted.append("stop")
 
     def pause(self) -> None:
         self.wanted.append("pause")
-        self.is_paused = True
 
     def resume(self) -> None:
         self.wanted.append("resume")
-        self.is_paused = False
 
 
 @contextmanager

@@ -5,7 +5,7 @@ import math
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -17,6 +17,7 @@ from brickhub.hub.interface import Interface, Wait
 from bricksrl import make
 from bricksrl.agents.sac import SACSettings
 from bricksrl.cli.evaluate import describe
+from bricksrl.envs.env_interface import BricksEnv
 from bricksrl.envs.task import Entry
 from bricksrl.errors import CheckpointError, RenderingUnavailableError, RunError
 from bricksrl.evaluation import evaluate
@@ -73,8 +74,10 @@ def test_evaluation_result_is_consistent_and_saved(run_dir: Path) -> None:
 
 
 def test_successes_and_metrics_are_counted(run_dir: Path) -> None:
-    env = Cart()
-    env.task = Task()
+    class Judged(BricksEnv, Cart):
+        task = cast("Any", Task())
+
+    env = Judged()
     result = evaluate(run_dir, env, episodes=4)
     assert result.env == "Judged-v0"
     assert result.success_rate == 1.0
@@ -134,7 +137,7 @@ def test_missing_run_or_no_episodes_raise(run_dir: Path, tmp_path: Path) -> None
         evaluate(run_dir, Cart(), episodes=0)
 
 
-class PausedCart(Cart):
+class PausedCart(BricksEnv, Cart):
     """Paused in its second episode, which ends after three steps."""
 
     @property

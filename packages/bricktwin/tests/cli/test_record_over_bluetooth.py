@@ -9,15 +9,16 @@ import pytest
 from ble_world import World
 
 from brickhub.hub.transports.address import HubAddress
+from brickhub.target import whole_interface
 from bricktwin.cli import main
 from bricktwin.robots import TWO_WHEELER
-from bricktwin.twin.motion_log import identification_interface, read_log
+from bricktwin.twin.motion_log import read_log
 
 pytestmark = pytest.mark.realtime
 
 
 def test_motion_log_over_bluetooth(world: World, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    interface = identification_interface(TWO_WHEELER)
+    interface = whole_interface(TWO_WHEELER)
     world.link(interface)
     monkeypatch.setattr(HubAddress, "transport", lambda self: world.transport())
     path = tmp_path / "robot.jsonl"

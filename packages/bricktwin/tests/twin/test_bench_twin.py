@@ -77,7 +77,7 @@ def test_scene_error_is_not_a_program_error() -> None:
 def test_readings_are_sensor_methods() -> None:
     for kind in SensorKind:
         device = getattr(pupsensors, kind.value)
-        assert all(callable(getattr(device, name)) for name in kind.readings), kind
+        assert all(callable(getattr(device, name)) for name in kind.model.readings), kind
 
 
 @pytest.mark.parametrize(

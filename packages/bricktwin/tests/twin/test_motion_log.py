@@ -14,16 +14,17 @@ from described import RUN_AWAY
 from brickhub.errors import TwinError
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.program.generate import generate
+from brickhub.target import whole_interface
 from brickhub.virtual.virtual_transport import VirtualHub
 from bricktwin.robots import ROBOTS, TWO_WHEELER
 from bricktwin.twin.make_body import make_body
-from bricktwin.twin.motion_log import RunLog, identification_commands, identification_interface, read_log, record, write_log
+from bricktwin.twin.motion_log import RunLog, identification_commands, read_log, record, write_log
 from bricktwin.twin.scene import Scene
 
 
 @pytest.fixture(scope="module")
 def log() -> RunLog:
-    interface = identification_interface(TWO_WHEELER)
+    interface = whole_interface(TWO_WHEELER)
     commands = identification_commands(interface, 30, np.random.default_rng(0))
     with HubLink(VirtualHub(make_body(TWO_WHEELER)), TWO_WHEELER, interface) as link:
         return record(link, TWO_WHEELER, interface, commands)
@@ -46,7 +47,7 @@ def test_log_has_commands_answers_hub_time(log: RunLog) -> None:
 
 @pytest.mark.parametrize("robot", ROBOTS.values(), ids=lambda robot: robot.name)
 def test_every_robot_has_a_log_interface(robot) -> None:
-    interface = identification_interface(robot)
+    interface = whole_interface(robot)
     generate(robot, interface)
     commands = identification_commands(interface, 120, np.random.default_rng(1))
     high = np.array([command.high for command in interface.commands])

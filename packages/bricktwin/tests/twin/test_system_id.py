@@ -12,10 +12,11 @@ from brickhub.errors import TwinError
 from brickhub.hub.interface import Interface
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.robot import Robot
+from brickhub.target import whole_interface
 from brickhub.virtual.virtual_transport import VirtualHub
 from bricktwin.robots import TWO_WHEELER
 from bricktwin.twin.make_body import make_body
-from bricktwin.twin.motion_log import RunLog, identification_commands, identification_interface, record
+from bricktwin.twin.motion_log import RunLog, identification_commands, record
 from bricktwin.twin.physics import PARAMETERS, Physics
 from bricktwin.twin.scene import Scene
 from bricktwin.twin.system_id import FITTED, fit, replay
@@ -28,7 +29,7 @@ TOLERANCE = 0.25
 
 
 def recorded(physics: Physics, steps: int, robot: Robot = TWO_WHEELER, interface: Interface | None = None) -> RunLog:
-    interface = interface or identification_interface(robot)
+    interface = interface or whole_interface(robot)
     commands = identification_commands(interface, steps, np.random.default_rng(0))
     with HubLink(VirtualHub(make_body(robot, physics=physics, seed=3)), robot, interface) as link:
         return record(link, robot, interface, commands)
@@ -74,7 +75,7 @@ def test_hidden_parameters_are_found(log: RunLog) -> None:
 def test_noise_is_estimated_at_rest() -> None:
     noisy = Physics(gyro_noise_deg_s=2.0, tilt_noise_deg=1.0)
     commands = np.zeros((150, 2))
-    interface = identification_interface(TWO_WHEELER)
+    interface = whole_interface(TWO_WHEELER)
     with HubLink(VirtualHub(make_body(TWO_WHEELER, physics=noisy, seed=1)), TWO_WHEELER, interface) as link:
         found = fit(record(link, TWO_WHEELER, interface, commands), names=("battery_v",))
     assert found.physics.gyro_noise_deg_s == pytest.approx(2.0, rel=0.2)

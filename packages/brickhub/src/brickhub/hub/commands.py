@@ -14,7 +14,7 @@ from typing import ClassVar
 
 from brickhub.errors import DescriptionError
 from brickhub.hub.kinds import WIRE_MAX, Command, Imports
-from brickhub.robot import DriveBase, HubKind, Robot
+from brickhub.robot import DriveBase, Robot
 
 _MAX_TEST_TURN_DEG = 10.0
 """Largest turn that the test of an endless move requires."""
@@ -312,7 +312,7 @@ class HubSound(_HubCommand):
     code: ClassVar[str] = "play_tone({1})"
 
     def check(self, robot: Robot) -> None:
-        if robot.hub is not HubKind.PRIME:
+        if not robot.hub.model.has_speaker:
             raise DescriptionError(
                 f"command '{self.name}': a {robot.hub.value} hub has no loudspeaker; choose a prime hub, or use HubLight"
             )

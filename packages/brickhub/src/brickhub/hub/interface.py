@@ -27,7 +27,7 @@ from brickhub.hub.commands import (
     drive_base_setup,
 )
 from brickhub.hub.kinds import Channel, Command, Imports
-from brickhub.robot import PoweredUpSensor, Robot, UltrasonicSensor
+from brickhub.robot import Robot, UltrasonicSensor
 
 __all__ = [
     "PARTS",
@@ -219,7 +219,7 @@ class Distance(Channel):
         return self.sensor
 
     def check(self, robot: Robot) -> None:
-        if not isinstance(robot.sensor(self.sensor), UltrasonicSensor):
+        if robot.sensor(self.sensor).kind.model.range_mm is None:
             raise DescriptionError(f"channel '{self.name}': '{self.sensor}' is not an UltrasonicSensor; use a SensorReading")
 
     @property
@@ -260,13 +260,13 @@ class SensorReading(Channel):
         return (self.low, self.high, self.unit) == (0.0, 360.0, "deg")
 
     def check(self, robot: Robot) -> None:
-        sensor = robot.sensor(self.sensor)
-        if not isinstance(sensor, PoweredUpSensor):
-            raise DescriptionError(f"channel '{self.name}': '{self.sensor}' is an UltrasonicSensor; use Distance")
-        readings = sensor.kind.readings
+        kind = robot.sensor(self.sensor).kind
+        if kind.model.range_mm is not None:
+            raise DescriptionError(f"channel '{self.name}': '{self.sensor}' is an {kind.value}; use Distance")
+        readings = kind.model.readings
         if self.method not in readings:
             known = f"{hint(self.method, readings)}; it has {', '.join(readings) or 'none'}"
-            raise DescriptionError(f"channel '{self.name}': a {sensor.class_name} has no reading '{self.method}'{known}")
+            raise DescriptionError(f"channel '{self.name}': a {kind.value} has no reading '{self.method}'{known}")
         parts = PARTS.get(self.method)
         if parts is None and self.part is not None:
             raise DescriptionError(f"channel '{self.name}': {self.method}() is one number; omit the part '{self.part}'")

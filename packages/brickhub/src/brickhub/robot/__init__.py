@@ -3,21 +3,8 @@
 from __future__ import annotations
 
 from brickhub.robot.bench import BENCH
-from brickhub.robot.spec import (
-    Chassis,
-    Direction,
-    DriveBase,
-    HubKind,
-    HubModel,
-    Motor,
-    MotorKind,
-    Mount,
-    PoweredUpSensor,
-    Robot,
-    Sensor,
-    SensorKind,
-    UltrasonicSensor,
-)
+from brickhub.robot.hardware import HubKind, HubModel, MotorKind, Sense, SensorKind
+from brickhub.robot.spec import Chassis, Direction, DriveBase, Motor, Mount, PoweredUpSensor, Robot, Sensor, UltrasonicSensor
 
 __all__ = [
     "BENCH",
@@ -31,6 +18,7 @@ __all__ = [
     "Mount",
     "PoweredUpSensor",
     "Robot",
+    "Sense",
     "Sensor",
     "SensorKind",
     "UltrasonicSensor",

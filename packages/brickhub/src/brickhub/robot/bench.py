@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from brickhub.robot.spec import HubKind, Motor, Robot
+from brickhub.robot.hardware import HubKind
+from brickhub.robot.spec import Motor, Robot
 
 BENCH = Robot(
     name="bench",

@@ -1,7 +1,4 @@
-"""Description of a LEGO robot: hub, ports, motors, sensors, drive base. Pure, frozen, validated data.
-
-Sources of the hub table: Pybricks 4 documentation and firmware configuration.
-"""
+"""Description of a LEGO robot: hub, ports, motors, sensors, drive base. Pure, frozen, validated data."""
 
 from __future__ import annotations
 
@@ -16,63 +13,7 @@ from typing import Any, ClassVar, TypeVar
 
 from brickhub.errors import DescriptionError
 from brickhub.fields import check_fields
-
-
-@dataclass(frozen=True)
-class HubModel:
-    """Properties of a kind of hub.
-
-    Attributes:
-        class_name: class in ``pybricks.hubs``.
-        ports: letters of the ports for motors and sensors.
-        has_imu: whether a gyroscope and an accelerometer report tilt and angular velocity.
-        stdin_bytes: usable size of the standard input ring buffer; 0 means no stdin.
-        program_bytes: largest size of a user program.
-        has_float: whether the hub's MicroPython has floating-point numbers.
-    """
-
-    class_name: str
-    ports: str
-    has_imu: bool
-    stdin_bytes: int
-    program_bytes: int
-    has_float: bool = True
-
-
-class HubKind(enum.Enum):
-    """Hubs supported by Pybricks 4 (except EV3 and NXT bricks, which are reached over USB only)."""
-
-    PRIME = "prime"
-    ESSENTIAL = "essential"
-    TECHNIC = "technic"
-    CITY = "city"
-    MOVE = "move"
-
-    @property
-    def model(self) -> HubModel:
-        return _HUB_MODELS[self]
-
-
-_HUB_MODELS = {
-    HubKind.PRIME: HubModel("PrimeHub", "ABCDEF", True, 63, 272 * 1024),
-    HubKind.ESSENTIAL: HubModel("EssentialHub", "AB", True, 63, 258 * 1024),
-    HubKind.TECHNIC: HubModel("TechnicHub", "ABCD", True, 20, 32 * 1024),
-    HubKind.CITY: HubModel("CityHub", "AB", False, 20, 20 * 1024),
-    HubKind.MOVE: HubModel("MoveHub", "ABCD", False, 0, 7 * 1024, has_float=False),
-}
-
-
-class MotorKind(enum.Enum):
-    """Motors with a rotation sensor."""
-
-    SPIKE_SMALL = "spike-small"
-    SPIKE_MEDIUM = "spike-medium"
-    SPIKE_LARGE = "spike-large"
-    TECHNIC_M_ANGULAR = "technic-m-angular"
-    TECHNIC_L_ANGULAR = "technic-l-angular"
-    TECHNIC_L = "technic-l"
-    TECHNIC_XL = "technic-xl"
-    INTERACTIVE = "interactive"
+from brickhub.robot.hardware import HubKind, MotorKind, SensorKind
 
 
 class Direction(enum.Enum):
@@ -173,38 +114,12 @@ class UltrasonicSensor:
     name: str
     port: str = ""
     mount: Mount | None = None
-    class_name: ClassVar[str] = "UltrasonicSensor"
+    kind: ClassVar[SensorKind] = SensorKind.ULTRASONIC
     NEAREST_MM: ClassVar[int] = 40
     FARTHEST_MM: ClassVar[int] = 2000
 
     def __post_init__(self) -> None:
         _check_device(self)
-
-
-class SensorKind(enum.Enum):
-    """Sensors and lights, by the name of their class in ``pybricks.pupdevices``."""
-
-    COLOR = "ColorSensor"
-    COLOR_DISTANCE = "ColorDistanceSensor"
-    FORCE = "ForceSensor"
-    INFRARED = "InfraredSensor"
-    TILT = "TiltSensor"
-    LIGHT = "Light"
-    COLOR_LIGHT_MATRIX = "ColorLightMatrix"
-
-    @property
-    def readings(self) -> tuple[str, ...]:
-        """Methods that return measurements, as numbers or booleans; empty for a light."""
-        return _READINGS.get(self, ())
-
-
-_READINGS = {
-    SensorKind.COLOR: ("reflection", "ambient", "hsv"),
-    SensorKind.COLOR_DISTANCE: ("reflection", "ambient", "hsv", "distance"),
-    SensorKind.FORCE: ("force", "distance", "pressed", "touched"),
-    SensorKind.INFRARED: ("reflection", "distance", "count"),
-    SensorKind.TILT: ("tilt",),
-}
 
 
 @dataclass(frozen=True)
@@ -216,16 +131,18 @@ class PoweredUpSensor:
     kind: SensorKind
     mount: Mount | None = None
 
-    @property
-    def class_name(self) -> str:
-        """Class in ``pybricks.pupdevices``."""
-        return self.kind.value
-
     def __post_init__(self) -> None:
         _check_device(self)
 
 
 Sensor = UltrasonicSensor | PoweredUpSensor
+
+
+def sensor_of(kind: SensorKind, name: str, port: str) -> Sensor:
+    """Description of a sensor by its kind, as a user writes it."""
+    return UltrasonicSensor(name, port) if kind is UltrasonicSensor.kind else PoweredUpSensor(name, port, kind)
+
+
 _Device = TypeVar("_Device", Motor, Sensor)
 
 

@@ -10,9 +10,9 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from brickhub.errors import SceneError, TwinError
-from brickhub.robot import Motor, PoweredUpSensor, Robot, UltrasonicSensor
+from brickhub.robot import Motor, Robot, Sense, UltrasonicSensor
 from brickhub.virtual.body import Rng
-from brickhub.virtual.stimuli import DEFAULT_STIMULI, Reading, Sense, Sensed, number, senses
+from brickhub.virtual.stimuli import DEFAULT_STIMULI, Reading, Sensed, number
 
 _FRICTION_UNM = 21413.268
 _FRICTION_LINEAR_BELOW_MDEG_S = 2000.0
@@ -163,13 +163,13 @@ def _end_stops_mdeg(robot: Robot, end_stops: Mapping[str, tuple[float, float]]) 
 def _readings_by_sense(robot: Robot, readings: Mapping[str, Reading]) -> dict[tuple[str, Sense], Reading]:
     inputs = {}
     for sensor in robot.sensors:
-        for index, sense in enumerate(senses(sensor)):
+        for index, sense in enumerate(sensor.kind.model.senses):
             inputs[f"{sensor.name}.{sense}" if index else sensor.name] = (sensor.port, sense)
     unknown = sorted(set(readings) - set(inputs))
     if unknown:
         raise TwinError(f"robot '{robot.name}' has no sensor '{unknown[0]}'; it senses {', '.join(inputs) or 'nothing'}")
     for sensor in robot.sensors:
-        if isinstance(sensor, PoweredUpSensor) and senses(sensor) and sensor.name not in readings:
+        if sensor.kind.model.senses and sensor.kind.model.range_mm is None and sensor.name not in readings:
             raise TwinError(
                 f"sensor '{sensor.name}' of robot '{robot.name}' has no reading; "
                 f"give readings={{'{sensor.name}': a function of the motors' angles}}, for a task in its Scene"

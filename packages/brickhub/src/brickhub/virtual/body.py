@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Protocol, runtime_checkable
 
-from brickhub.robot import MotorKind, Robot
-from brickhub.virtual.stimuli import Sense, Sensed
+from brickhub.robot import MotorKind, Robot, Sense
+from brickhub.virtual.stimuli import Sensed
 
 
 class Rng(Protocol):

@@ -7,16 +7,15 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from brickhub.errors import TwinError
-from brickhub.robot import HubKind, MotorKind, PoweredUpSensor, Robot, SensorKind, UltrasonicSensor
+from brickhub.robot import HubKind, MotorKind, Robot, Sense, SensorKind
 from brickhub.virtual.bench_body import BenchBody, BenchMotor
 from brickhub.virtual.given_readings import GivenReading, for_port
-from brickhub.virtual.stimuli import Sense, Sensed, senses
+from brickhub.virtual.stimuli import Sensed
 
-_ULTRASONIC = UltrasonicSensor.class_name
 _MOTORS = ("Motor", "DCMotor")
 _STALL_TRAVEL_MDEG = 90_000.0
 _HEADING_PER_WHEEL = 0.25  # wheels of 56 mm, 112 mm apart
-_FARTHEST_MM, _FARTHEST_PCT = float(UltrasonicSensor.FARTHEST_MM), 100.0
+_FARTHEST_PCT = 100.0
 _DEFAULTS: Mapping[Sense, Sensed] = {
     Sense.SURFACE: (0.0, 0.0, 0.0),
     Sense.AMBIENT: 0.0,
@@ -146,7 +145,8 @@ class FittedBench(BenchBody):
         for reading in for_port(self._given_readings, port):
             if self._sense_of(reading, device) is sense:
                 return reading.at(self._time_ms / 1000)
-        return _FARTHEST_MM if device == _ULTRASONIC else _DEFAULTS[sense]
+        range_mm = SensorKind(device).model.range_mm
+        return _DEFAULTS[sense] if range_mm is None else range_mm[1]
 
     def distance_mm(self, port: str) -> int:
         sensed: Any = self.sensed(port, Sense.DISTANCE)
@@ -159,8 +159,7 @@ class FittedBench(BenchBody):
     @staticmethod
     def _sense_of(reading: GivenReading, device: str) -> Sense:
         """Sense of a reading. Raises TwinError if the device has no such sense."""
-        sensor = UltrasonicSensor("it", "A") if device == _ULTRASONIC else PoweredUpSensor("it", "A", SensorKind(device))
-        available = senses(sensor)
+        available = SensorKind(device).model.senses
         if reading.sense is None and available:
             return available[0]
         if reading.sense not in available:

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from brickhub.errors import DescriptionError, TwinError
-from brickhub.virtual.stimuli import Sense, Sensed
+from brickhub.robot import Sense
+from brickhub.virtual.stimuli import Sensed
 
 _COLORS: Mapping[str, tuple[float, float, float]] = {
     "none": (0, 0, 0), "black": (0, 0, 10), "gray": (0, 0, 50), "white": (0, 0, 100), "red": (0, 100, 100),

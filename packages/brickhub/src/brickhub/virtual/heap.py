@@ -12,13 +12,11 @@ from collections.abc import Iterable
 from types import CellType, CoroutineType, FrameType, FunctionType, GeneratorType, MethodType
 from typing import Any
 
-from brickhub.robot import HubKind
-from brickhub.virtual.memory import BLOCK_BYTES, RAM_BYTES
+from brickhub.robot import HubModel
+from brickhub.virtual.memory import BLOCK_BYTES
 from brickhub.virtual.micropython.classes import FIRMWARE, is_native
 from brickhub.virtual.micropython.exceptions import local_values
 
-_STORED_BYTES = {HubKind.PRIME: 600, HubKind.ESSENTIAL: 600}
-"""User data, settings and slots; on other hubs 200."""
 _TABLES_SHARE = 12 / 524
 """Share of the garbage collector's tables: 1 byte for each 4 blocks, 1 for each 8 (``gc_setup_area``)."""
 _OBJECT = 2 * BLOCK_BYTES
@@ -37,8 +35,8 @@ class Heap:
         namespaces: globals of the program and of its modules.
     """
 
-    def __init__(self, hub: HubKind) -> None:
-        self.size_bytes = int((RAM_BYTES[hub] - _STORED_BYTES.get(hub, 200)) * (1.0 - _TABLES_SHARE))
+    def __init__(self, hub: HubModel) -> None:
+        self.size_bytes = int((hub.program_bytes - hub.stored_bytes) * (1.0 - _TABLES_SHARE))
         self.namespaces: list[dict[str, Any]] = []
         self._used_bytes, self._interval = 0, 1
 

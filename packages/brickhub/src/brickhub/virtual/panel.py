@@ -89,8 +89,7 @@ class Panel:
     """
 
     def __init__(self, hub: HubKind, presses: Iterable[Press] = (), near: Iterable[str] = ()) -> None:
-        self.buttons = (STOP_BUTTON, "left", "right", "bluetooth") if hub is HubKind.PRIME else (STOP_BUTTON,)
-        self.has_display = hub is HubKind.PRIME
+        self.buttons, self.has_display = hub.model.buttons, hub.model.has_display
         self._hub = hub
         self._presses: list[tuple[int, int, str]] = []
         self._held: set[str] = set()

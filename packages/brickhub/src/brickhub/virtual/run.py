@@ -165,7 +165,7 @@ def _machine(body: Body | None, operation: Operation, path: Path, report: Callab
 
 def _imported_hub(program: HubProgram) -> HubKind:
     """The kind of hub that a program imports; Prime by default."""
-    classes = {kind.model.class_name: kind for kind in HubKind} | {"InventorHub": HubKind.PRIME}
+    classes = {name: kind for kind in HubKind for name in (kind.model.class_name, kind.model.alias)}
     for source in (program.source, *(module.source for module in program.modules)):
         try:
             tree = parse(source)

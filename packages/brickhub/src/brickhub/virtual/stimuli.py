@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import colorsys
-import enum
 from collections.abc import Callable, Mapping
 
 from brickhub.errors import TwinError
-from brickhub.robot import PoweredUpSensor, Sensor, SensorKind
+from brickhub.robot import Sense
 
 Sensed = float | tuple[float, ...]
 """A number, a color (hue, saturation, value), or a tilt (pitch, roll)."""
@@ -16,41 +15,8 @@ Reading = Callable[[Mapping[str, float]], Sensed]
 Hsv = tuple[int, int, int]
 
 
-class Sense(enum.StrEnum):
-    """Kind of stimulus.
-
-    SURFACE: look of a surface in the sensor's light: a color, or the brightness of a gray in %.
-    AMBIENT: incoming light while the sensor's is off, likewise.
-    DISTANCE: mm for the ultrasonic sensor, % for infrared sensors.
-    FORCE: N on the button.
-    TILT: pitch and roll, degrees.
-    COUNT: number of passed objects.
-    """
-
-    SURFACE = "surface"
-    AMBIENT = "ambient"
-    DISTANCE = "distance"
-    FORCE = "force"
-    TILT = "tilt"
-    COUNT = "count"
-
-
-_SENSES = {
-    SensorKind.COLOR: (Sense.SURFACE, Sense.AMBIENT),
-    SensorKind.COLOR_DISTANCE: (Sense.SURFACE, Sense.DISTANCE, Sense.AMBIENT),
-    SensorKind.FORCE: (Sense.FORCE,),
-    SensorKind.INFRARED: (Sense.DISTANCE, Sense.COUNT),
-    SensorKind.TILT: (Sense.TILT,),
-    SensorKind.LIGHT: (),
-    SensorKind.COLOR_LIGHT_MATRIX: (),
-}
 DEFAULT_STIMULI: Mapping[Sense, float] = {Sense.AMBIENT: 0.0, Sense.DISTANCE: 100.0, Sense.COUNT: 0.0}
 """Defaults of secondary senses: dark, nothing near, nothing passed."""
-
-
-def senses(sensor: Sensor) -> tuple[Sense, ...]:
-    """Senses of a sensor; scenes refer to the first by the sensor's name. Empty for lights."""
-    return _SENSES[sensor.kind] if isinstance(sensor, PoweredUpSensor) else (Sense.DISTANCE,)
 
 
 def number(sensed: Sensed) -> float:

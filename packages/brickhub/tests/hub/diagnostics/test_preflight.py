@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from brickhub.finding import Finding, Outcome
-from brickhub.hub.diagnostics.devices import MOTOR_IDS, device_id, device_name
 from brickhub.hub.diagnostics.latency import advice, latency
 from brickhub.hub.diagnostics.preflight import (
     check_angles,
@@ -19,11 +18,12 @@ from brickhub.hub.diagnostics.preflight import (
     check_latency,
     check_ports,
     check_robot,
+    device_name,
     small_move,
 )
 from brickhub.hub.diagnostics.survey import Survey
 from brickhub.hub.interface import RunAngle, UntilDone, Wait
-from brickhub.robot import HubKind, MotorKind, PoweredUpSensor, SensorKind
+from brickhub.robot import HubKind, MotorKind, SensorKind
 from brickhub.virtual.bench_body import BenchBody
 from brickhub.virtual.virtual_transport import VirtualHub
 
@@ -52,14 +52,14 @@ def test_missing_device_is_an_error_with_remedy() -> None:
 
 
 def test_other_motor_kind_is_a_warning() -> None:
-    finding = ports(A=MOTOR_IDS[MotorKind.TECHNIC_M_ANGULAR])["A"]
+    finding = ports(A=MotorKind.TECHNIC_M_ANGULAR.model.device_id)["A"]
     assert finding.outcome is Outcome.WARNING and "technic-m-angular is there; it works" in finding.detail
 
 
 def test_every_described_device_has_a_number_and_a_name() -> None:
     for kind in MotorKind:
-        assert device_name(MOTOR_IDS[kind]) == f"motor {kind.value}"
-    assert {device_name(device_id(PoweredUpSensor("it", "A", kind))) for kind in SensorKind} == {
+        assert device_name(kind.model.device_id) == f"motor {kind.value}"
+    assert {device_name(kind.model.device_id) for kind in SensorKind} == {
         "color sensor",
         "color distance sensor",
         "force sensor",
@@ -67,8 +67,11 @@ def test_every_described_device_has_a_number_and_a_name() -> None:
         "tilt sensor",
         "light",
         "color light matrix",
+        "ultrasonic sensor",
     }
-    numbers = [device_id(device) for robot in (TWO_WHEELER, WALKER, ROBO_ARM) for device in (*robot.motors, *robot.sensors)]
+    numbers = [
+        device.kind.model.device_id for robot in (TWO_WHEELER, WALKER, ROBO_ARM) for device in (*robot.motors, *robot.sensors)
+    ]
     assert set(numbers) == {48, 62}
 
 

@@ -56,9 +56,9 @@ def test_passive_device_has_only_a_number(device: str, number: int, tmp_path: Pa
 
 @pytest.mark.parametrize("number", MODES)
 def test_values_fit_the_data_types(number: int) -> None:
-    names = [mode.name for mode in MODES[number]]
+    names = [mode.name for mode in MODES[number].modes]
     assert len(set(names)) == len(names) <= 16
-    assert all(mode.count * mode.data_type.bits // 8 <= 32 for mode in MODES[number])  # the longest message
+    assert all(mode.count * mode.data_type.bits // 8 <= 32 for mode in MODES[number].modes)  # the longest message
 
 
 @pytest.mark.parametrize(

@@ -7,11 +7,12 @@ import queue
 import signal
 import threading
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Self
 
 from brickhub.cli.key_listener import KeyListener, can_listen, interrupt_main
 from brickhub.cli.terminal import print_error
 from bricksrl.cli.terminal import place_robot
+from bricksrl.envs.env_interface import BricksEnv, interface_of
 from bricksrl.errors import BricksError
 
 if TYPE_CHECKING:
@@ -44,7 +45,7 @@ class EmergencyStop:
         self, stop: threading.Event, notify: Callable[[str], None], *, keys: bool | None = None, source: Input | None = None
     ) -> None:
         self._stop, self._notify = stop, notify
-        self._env: Any = None
+        self._env = BricksEnv()
         self._requests: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._worker = threading.Thread(target=self._work, name="bricksrl-emergency-stop", daemon=True)
         self._keys = can_listen() if keys is None else keys
@@ -54,8 +55,7 @@ class EmergencyStop:
 
     def attach(self, env: EnvBase) -> None:
         """Set the environment to stop and pause. For a simulation, which cannot pause, stop is the same as Ctrl-C."""
-        is_batch = bool(getattr(env, "batch_size", ()))  # its attributes are not available before it runs
-        self._env = env if not is_batch and hasattr(env, "pause") else None
+        self._env = interface_of(env)
         if self._stop.is_set():
             self._requests.put("stop")
 
@@ -104,7 +104,7 @@ class EmergencyStop:
                 print_error(str(error))
 
     def _stop_robot(self) -> None:
-        if self._env is None:  # nothing moves: the same as Ctrl-C
+        if not self._env.robots:  # nothing moves: the same as Ctrl-C
             interrupt_main()
             return
         self._stop.set()
@@ -113,7 +113,7 @@ class EmergencyStop:
 
     def _pause_robot(self) -> None:
         env = self._env
-        if env is None:
+        if not env.robots:
             self._notify("nothing to pause here")
         elif env.is_paused:
             env.resume()

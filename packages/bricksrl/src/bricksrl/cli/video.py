@@ -63,6 +63,7 @@ def filmed_env(env: EnvBase, path: Path | None, title: str) -> Iterator[None]:
     if path is None:
         yield
         return
+    from bricksrl.envs.env_interface import interface_of
     from bricksrl.evaluation.film import check_filmable
     from bricktwin.twin.mujoco_body import MujocoBody
     from bricktwin.twin.render.captions import captioned
@@ -92,5 +93,5 @@ def filmed_env(env: EnvBase, path: Path | None, title: str) -> Iterator[None]:
         machine.body = Filmed(machine.body, render, _FRAME_MS, machine.time_ms, video.add)
 
     with closing(video), renderers, ExitStack() as watch:
-        watch.callback(env.watch(install))
+        watch.callback(interface_of(env).watch(install))
         yield

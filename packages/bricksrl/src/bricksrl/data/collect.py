@@ -11,6 +11,7 @@ import torch
 
 from brickhub.seed import check_seed
 from bricksrl.data.transitions import about, step_of
+from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.rollout import Driver, Policy, Rollout, link_lost, play
 
 if TYPE_CHECKING:
@@ -69,7 +70,7 @@ def collect(
         DescriptionError: the seed is invalid.
     """
     check_seed(seed)
-    done = []
+    done, ours = [], interface_of(env)
     for _ in range(episodes):
         number = recorder.episodes
         episode_seed = int(np.random.SeedSequence([seed, number]).generate_state(1)[0] >> 1)
@@ -80,13 +81,13 @@ def collect(
         try:
             for frame in play(env, policy, state, driver=driver, reset_policy=reset_policy):
                 if link_lost(frame):
-                    raise env.link_error
+                    raise ours.link_error
                 by_hand = bool(frame.get("intervention", False))
                 recorder.add(step_of(frame, env, intervention=by_hand))
                 episode.add(frame)
                 interventions += by_hand
                 on_frame(frame)
-            is_cut = getattr(env, "is_cut", False)
+            is_cut = ours.is_cut
             success = None if is_cut else episode.success(env)
         except BaseException:
             recorder.commit(whole=False)

@@ -111,7 +111,9 @@ def describe(env: EnvBase, options: dict[str, Any] | None = None, *, name: str |
         options: options of the environment.
         name: name of an environment without a task; by default that of its class.
     """
-    task: Task | None = getattr(env, "task", None)
+    from bricksrl.envs.env_interface import interface_of
+
+    task = interface_of(env).task
     if task is not None:
         return describe_task(task, options)
     from bricksrl.envs.specs import entries_of, spec_entries

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from brickhub import HOUSES
 from bricksrl.data.recorded_episode import About, Step
+from bricksrl.envs.env_interface import interface_of
 
 if TYPE_CHECKING:
     from tensordict import TensorDictBase
@@ -25,8 +26,8 @@ _PACKAGES = (*HOUSES, "torch", "torchrl", "mujoco")
 def step_of(transition: TensorDictBase, env: EnvBase, *, intervention: bool = False) -> Step:
     """Step from a transition of TorchRL's ``EnvBase.step``, copied, since the environment may reuse its tensors. ``env``:
     environment of the transition; its ``timing``, if any, is recorded."""
-    after, timing = transition["next"], getattr(env, "timing", None)
-    times = {} if timing is None else {"age_s": timing.age_s, "hub_time_s": timing.hub_time_s}
+    after, timing = transition["next"], interface_of(env).timing
+    times: dict[str, Any] = {} if timing is None else {"age_s": timing.age_s, "hub_time_s": timing.hub_time_s}
     images = {} if "image" not in after else {"image": _numbers(transition["image"]), "next_image": _numbers(after["image"])}
     return Step(
         observation=_numbers(transition["observation"]),
@@ -53,9 +54,9 @@ def about(env: EnvBase, policy: str, *, seed: int | None = None, hub: str = "vir
         seed: seed of the episode.
         hub: how the robot is reached; ignored without a robot.
     """
-    task = getattr(env, "task", None)
-    on_hub = hasattr(env, "twin")
-    physics = getattr(env.twin.body, "physics", None) if on_hub and hub == "virtual" and env.twin is not None else None
+    ours = interface_of(env)
+    task, on_hub = ours.task, ours.robots > 0
+    physics = getattr(ours.twin.body, "physics", None) if on_hub and hub == "virtual" and ours.twin is not None else None
     return About(
         policy=policy,
         seed=seed,

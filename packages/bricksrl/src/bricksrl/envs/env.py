@@ -15,8 +15,8 @@ from torchrl.envs import EnvBase
 
 from bricksrl.envs.connection import Connection, Reconnect
 from bricksrl.envs.dead_reckoning import TargetTracker, start_pose
-from bricksrl.envs.episode import EpisodeState, Timing, observe, with_numbers, with_truth
-from bricksrl.envs.options import PicklableEnv
+from bricksrl.envs.env_interface import BricksEnv, Timing
+from bricksrl.envs.episode import EpisodeState, observe, with_numbers, with_truth
 from bricksrl.envs.specs import NominalBounded
 from bricksrl.envs.stop_flag import StopFlag
 from bricksrl.envs.task import Task, never
@@ -40,7 +40,7 @@ _log = logging.getLogger(__name__)
 _T = TypeVar("_T")
 
 
-class HubEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
+class HubEnv(BricksEnv, EnvBase):  # type: ignore[misc]
     """A task on a robot, as a TorchRL environment without batch dimensions.
 
     ===============  =======  =======  =====================================================
@@ -62,8 +62,6 @@ class HubEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
     ``link_lost``, with the previous observation; it must not be learned from. The next reset reopens the link, with retries as
     ``reconnect`` says.
 
-    ``in_reach`` of a virtual robot may be set before the first reset: while it returns False, the link is broken.
-
     ``stop``, ``pause`` and ``resume`` may be called from any thread. A pause truncates the episode after the current step, so
     that no step spans it; the next reset waits for the end of the pause.
 
@@ -73,6 +71,10 @@ class HubEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
             virtual robot again after each new seed, so that it starts from the same state.
         seed: seed of all random numbers; ``None`` for a fresh one.
     """
+
+    task: Task
+    robots = 1
+    reconnect: Reconnect
 
     def __init__(self, task: Task, connect: Callable[[int], Connection], *, seed: int | None = None) -> None:
         super().__init__(batch_size=())
@@ -84,23 +86,15 @@ class HubEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
         self._spans = [((c.high + c.low) / 2, (c.high - c.low) / 2) for c in task.interface.commands]
         self._make_specs()
         self.reconnect = Reconnect()
-        self.in_reach: Callable[[], bool] = lambda: True
-        self.link_error: HubError | None = None
         self._stop_flag = StopFlag()
         self._set_seed(seed)
         self.is_closed = False
 
     @property
     def twin(self) -> VirtualHub | None:
-        """The virtual hub; ``None`` for a real robot. A new seed makes a new one."""
         return self._connected().twin
 
     def watch(self, watcher: Callable[[Connection], None]) -> Callable[[], None]:
-        """Call ``watcher`` with the present connection and with each later one: a new seed makes a new virtual robot.
-
-        Returns:
-            A function that removes the watcher.
-        """
         self._watchers.append(watcher)
         if self._connection is not None:
             watcher(self._connection)
@@ -112,30 +106,24 @@ class HubEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
         self._close_link()
 
     def stop(self) -> None:
-        """Stop motors and program at once, even during a step; step and reset raise StoppedError until `resume`. Raises HubError
-        if the hub could not be reached; its watchdog then stops the motors."""
         self._stop_flag.stop()
         if self._connection is not None:
             self._connection.link.emergency_stop()
 
     def pause(self) -> None:
-        """Hold the robot still after the current step, until `resume`."""
         self._stop_flag.pause()
 
     def resume(self) -> None:
-        """End `pause` or `stop`: the robot may move again after the next reset."""
         if self._connection is not None:
             self._connection.link.release()
         self._stop_flag.go_on()
 
     @property
     def is_paused(self) -> bool:
-        """True while a pause is requested."""
         return self._stop_flag.is_paused
 
     @property
     def is_cut(self) -> bool:
-        """True if a pause truncated the current episode."""
         return self._episode is not None and self._episode.is_cut
 
     def _make_specs(self) -> None:
@@ -315,13 +303,11 @@ class HubEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
 
     @property
     def timing(self) -> Timing:
-        """Times of the last step. Raises BricksError if no step was made yet."""
         if self._episode is None or not self._episode.step_count:
             raise BricksError(f"{self.task.id} has made no step yet; make one first")
         return Timing(self._episode.age_s, self._episode.hub_time_s)
 
     def walk_metrics(self) -> dict[str, float]:
-        """Metrics of a virtual robot's true motion: distance, speed, straightness; errors of its dead reckoning."""
         if self._episode is None:
             return {}
         tracker = self._episode.tracker

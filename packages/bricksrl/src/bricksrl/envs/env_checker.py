@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from brickhub.finding import Finding, Outcome
 from brickhub.user_files import line_of_user
+from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.registry import get_task, make
 from bricksrl.envs.task import Task
 from bricksrl.errors import BricksError, RenderingUnavailableError
@@ -156,16 +157,17 @@ def _twin(env_id: str) -> str:
     import torch
 
     with closing(make(env_id, seed=_SEED)) as env:
-        if getattr(env, "twin", None) is None:
+        twin = interface_of(env).twin
+        if twin is None:
             raise Skip("it is simulated without a robot")
         state = env.reset()
-        started_s, before = env.twin.now_s(), state["observation"]
+        started_s, before = twin.now_s(), state["observation"]
         changed = torch.zeros_like(before, dtype=torch.bool)
         for value in (1.0, 0.0, -1.0, 0.5, 0.5):
             state["action"] = torch.full(env.action_spec.shape, value)
             stepped, state = env.step_and_maybe_reset(state)
             changed |= stepped["next", "observation"] != before
-        elapsed_s = env.twin.now_s() - started_s
+        elapsed_s = twin.now_s() - started_s
     if not bool(changed.any()):
         raise Broken("nothing that it observes changed in five steps; let the observation show what the commands do")
     return f"five steps in {elapsed_s:.2f} simulated seconds, {int(changed.sum())} of {len(changed)} entries changed"

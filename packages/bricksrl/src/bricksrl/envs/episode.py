@@ -14,19 +14,6 @@ if TYPE_CHECKING:
     from bricksrl.envs.vision.watch import Watch
 
 
-@dataclass(frozen=True)
-class Timing:
-    """Times of one step.
-
-    Attributes:
-        age_s: age of the observation that the action was chosen for, when the action was sent.
-        hub_time_s: the hub's clock when it measured the next observation.
-    """
-
-    age_s: float
-    hub_time_s: float
-
-
 @dataclass(slots=True)
 class EpisodeState:
     """State that changes every step; not in the environment, where each attribute assignment costs ten microseconds.

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Protocol
 import torch
 
 from brickhub.seed import derive_seed
+from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.task import metrics_of, success_of
 
 if TYPE_CHECKING:
@@ -114,23 +115,19 @@ class Rollout:
 
     def success(self, env: EnvBase) -> bool | None:
         """Success by the task, for the last episode of ``env``; ``None`` if ``env`` has no task or the episode no step."""
-        task = getattr(env, "task", None)
+        task = interface_of(env).task
         return None if task is None or not self.rewards else success_of(task, self._task_observations(env))
 
     def metrics(self, env: EnvBase) -> dict[str, float]:
         """Metrics by the task, for the last episode of ``env``; empty if ``env`` has no task or the episode no step."""
-        task = getattr(env, "task", None)
-        if task is None or not self.rewards:
+        ours = interface_of(env)
+        if ours.task is None or not self.rewards:
             return {}
-        metrics = metrics_of(task, self._task_observations(env))
-        walk = getattr(env, "walk_metrics", None)
-        return metrics if walk is None else {**metrics, **walk()}
+        return {**metrics_of(ours.task, self._task_observations(env)), **ours.walk_metrics()}
 
     def _task_observations(self, env: EnvBase) -> Tensor:
         """Observations ``[steps, n]`` as the task's functions get them."""
-        observations = torch.stack(self.observations)
-        convert = getattr(env, "task_observations", None)
-        return observations if convert is None else convert(observations)
+        return interface_of(env).task_observations(torch.stack(self.observations))
 
 
 @dataclass(frozen=True)
@@ -154,13 +151,13 @@ def play_episodes(
         return
     for number in range(1, episodes + 1):
         episode: Rollout | None = None
-        while episode is None or getattr(env, "is_cut", False):  # an episode that a pause truncated does not count
+        while episode is None or interface_of(env).is_cut:  # an episode that a pause truncated does not count
             episode = Rollout()
             seed_episode(env, seed, "evaluation", number)
             for frame in play(env, policy, reset_policy=reset_policy):
                 episode.add(frame)
             if episode.is_lost:
-                raise env.link_error
+                raise interface_of(env).link_error
         yield EpisodeScore(episode.return_, len(episode.rewards), episode.action_size, episode.success(env), episode.metrics(env))
 
 

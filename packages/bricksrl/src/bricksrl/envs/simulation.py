@@ -19,15 +19,15 @@ from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 
 from brickhub.hub.interface import RunAngle
+from bricksrl.envs.env_interface import BricksEnv
 from bricksrl.envs.motor_profile import turned_angle
-from bricksrl.envs.options import PicklableEnv
 from bricksrl.envs.planar_kinematics import Kinematics
 from bricksrl.envs.specs import NominalBounded, clamped
 from bricksrl.envs.task import Task
 from bricksrl.errors import DescriptionError, RunError
 
 
-class SimulatedEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
+class SimulatedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
     """``batch_size`` independent copies of a task; keys and specs are those of :class:`~bricksrl.envs.env.HubEnv`, without
     ``link_lost`` and ``image``. Raises DescriptionError if the task has commands, motors or entries that kinematics do not
     know, or the batch size is invalid; RunError if there is no such device.
@@ -39,6 +39,8 @@ class SimulatedEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
         device: device of the tensors, as for `resolve_device`.
         seed: seed of starts, goals and noise.
     """
+
+    task: Task
 
     def __init__(
         self,

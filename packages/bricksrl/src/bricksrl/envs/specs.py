@@ -13,6 +13,7 @@ from torchrl.data.tensor_specs import Bounded, BoundedContinuous
 from torchrl.envs import EnvBase
 
 from brickhub.entry import Entry
+from bricksrl.envs.env_interface import BricksEnv, interface_of
 from bricksrl.errors import BricksError
 
 if TYPE_CHECKING:
@@ -129,7 +130,7 @@ class NominalBounded(BoundedContinuous, metaclass=_KeepClass):  # type: ignore[m
 
 def entries_of(env: EnvBase) -> tuple[Entry, ...]:
     """Entries of any environment's observation: those of its task if it has one, else made from its spec's bounds."""
-    task: Task | None = getattr(env, "task", None)
+    task = interface_of(env).task
     return spec_entries(env.full_observation_spec_unbatched["observation"], "observation") if task is None else task.entries
 
 
@@ -178,7 +179,7 @@ def _goal_pairs(entries: Sequence[Entry]) -> tuple[tuple[int, int], ...]:
     return matched if alike and len(matched) == len(goals) else ()
 
 
-class SpecsEnv(EnvBase):  # type: ignore[misc]
+class SpecsEnv(BricksEnv, EnvBase):  # type: ignore[misc]
     """Specs and task of a remote environment: enough to build an agent for it; it cannot be reset or stepped."""
 
     def __init__(self, specs: dict[str, Any], task: Task | None) -> None:

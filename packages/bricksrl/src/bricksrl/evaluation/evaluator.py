@@ -15,6 +15,7 @@ import numpy as np
 from brickhub.files import write_durably
 from brickhub.seed import check_seed
 from brickhub.user_files import is_reference, with_absolute_file
+from bricksrl.envs.env_interface import interface_of
 from bricksrl.errors import RunError
 from bricksrl.evaluation.statistics import Interval, interquartile_mean, mean, seeds_interval, wilson_interval
 from bricksrl.training.restore import Which, load_learner, one_robot
@@ -137,7 +138,7 @@ def evaluate(
         copies = min(episodes, MAX_COPIES) if side_by_side and not hasattr(config.settings, "chunk") else 1
         env = own = make_env(replace(config, num_envs=copies), place)
     else:
-        task = getattr(env, "task", None)
+        task = interface_of(env).task
         as_trained = task is None or is_reference(config.env) or task.id == config.env  # the task of a file has an id of its own
     try:
         if on_env is not None:
@@ -145,7 +146,7 @@ def evaluate(
         with reproducible(derive_seed(seed, "evaluation")):
             trained = load_learner(run_dir, env, which=which)
             actor = trained.learner
-            actor.act_on(getattr(env, "device", None))
+            actor.act_on(env.device)  # type: ignore[union-attr]  # an id has become an environment
             scores = []
             for score in play_episodes(env, actor.exploit, episodes, seed, reset_policy=actor.reset_policy):
                 scores.append(score)
@@ -189,7 +190,7 @@ def _summarise(
     *,
     as_trained: bool,
 ) -> EvaluationResult:
-    task = getattr(env, "task", None)
+    task = interface_of(env).task
     returns = np.array([score.return_ for score in scores])
     outcomes = [score.success for score in scores if score.success is not None]
     return EvaluationResult(

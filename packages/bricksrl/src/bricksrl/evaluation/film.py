@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from bricksrl.envs.env_interface import interface_of
 from bricksrl.errors import TwinError
 
 if TYPE_CHECKING:
@@ -61,7 +62,7 @@ def check_filmable(env: EnvBase) -> None:
     """Raise TwinError unless an environment has a virtual robot with a body that can be seen."""
     from bricktwin.twin.make_body import lies_on_bench
 
-    if not hasattr(env, "watch"):
+    if interface_of(env).robots != 1:
         raise TwinError(f"{env.task.id} has no virtual robot to film; choose an environment with a hub")
     if lies_on_bench(env.task.robot, env.task.scene):
         raise TwinError(
@@ -94,7 +95,7 @@ def film(
         for number in range(1, options.episodes + 1):
             seed_episode(env, options.seed, "evaluation", number)
             start = env.reset()
-            twin = getattr(env, "twin", None)
+            twin = interface_of(env).twin
             if twin is None or not isinstance(twin.body, MujocoBody):
                 raise TwinError(f"{env.task.id} has no virtual robot to film")
             with closing(_Take(env, twin.body, options, number, start, video)) as take:
@@ -172,7 +173,7 @@ class _Take:
         return captioned(image, self.options.title or self.env.task.id, "   ".join(parts), marks)
 
     def _distance_m(self) -> float:
-        metrics = self.env.walk_metrics() if hasattr(self.env, "walk_metrics") else {}
+        metrics = interface_of(self.env).walk_metrics()
         return float(metrics.get("forward_m", 0.0))
 
     def add(self, frame: Any) -> None:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bricksrl.envs.env_interface import BricksEnv, interface_of
 from bricksrl.errors import BricksError, StoppedError
 from bricksrl.page.board import MAX_EPISODES, Board
 from bricksrl.page.clock import SPEEDS
@@ -77,7 +78,7 @@ class LivePage:
         self._requested_steps = 0
         self.is_reset_requested = self._is_cutting = False
         self._speed = speed
-        self._env: Any = None
+        self._env, self._is_paced_here = BricksEnv(), False
         self._unwatch: Callable[[], None] = lambda: None
         self._is_real = self._is_ended = False
         self._policies = tuple(policies)
@@ -123,8 +124,7 @@ class LivePage:
         self.is_reset_requested = False  # an earlier one; only one after the stop lets the robot start again
         self._on_stop()
         try:
-            if self._env is not None and hasattr(self._env, "stop"):
-                self._env.stop()
+            self._env.stop()
         except BricksError as error:  # the hub could not be reached; its watchdog stops it
             self.board.update_status(message=str(error))
         finally:
@@ -160,11 +160,11 @@ class LivePage:
 
     def _pause(self, paused: bool) -> None:
         self._paused, self._requested_steps = paused, 0
-        if self._env is None or self._halted.is_set():
+        if self._halted.is_set():
             return
         if paused and self._is_real:
             self._env.pause()
-        elif not paused and getattr(self._env, "is_paused", False):
+        elif not paused and self._env.is_paused:
             self._env.resume()
 
     # ---------------------------------------------------------------- in the thread that steps the robot
@@ -177,13 +177,14 @@ class LivePage:
     def attach(self, env: EnvBase) -> None:
         """Show another environment."""
         self._unwatch()
-        self._env, self._unwatch = (None if env.batch_size else env), lambda: None
+        self._env, self._unwatch = interface_of(env), lambda: None
+        self._is_paced_here = not env.batch_size and self._env.robots != 1
         if env.batch_size:  # robots of other processes, or none
             self.board.update_status(no_scene=f"{env.batch_size.numel()} copies learn at once; their returns are below.")
-        elif hasattr(env, "watch"):
+        elif self._env.robots == 1:
             self.board.update_status(no_scene="")
-            self._unwatch = env.watch(self._show_connection)
-        elif hasattr(env, "stop"):
+            self._unwatch = self._env.watch(self._show_connection)
+        elif self._env.robots:
             self.board.update_status(no_scene="Several robots learn at once; their returns are below.")
         else:
             self.board.update_status(no_scene="This is a simulation without a robot; its numbers are below.")
@@ -221,7 +222,7 @@ class LivePage:
         self._last_rate = (now_s, self._rewards.count)
         self._facts |= {"step": self._steps, "return": self._sum, "reward": reward}
         self._facts["steps/s"] = (self._rewards.count - last_count) / max(now_s - last_s, 1e-3)
-        metrics = self._env.walk_metrics() if hasattr(self._env, "walk_metrics") else {}
+        metrics = self._env.walk_metrics()
         if "forward_m" in metrics:
             self._facts["distance"] = f"{metrics['forward_m']:.2f} m"
         self.view.show_link()
@@ -264,14 +265,14 @@ class LivePage:
             with self._changed:
                 self._changed.wait(_POLL_S)
         speed = self._speed_factor
-        if self._env is not None and not hasattr(self._env, "twin") and speed:
+        if self._is_paced_here and speed:
             self._last_step_s = max(self._last_step_s + _STEP_S / speed, time.monotonic() - _STEP_S)
             self._halted.wait(max(0.0, self._last_step_s - time.monotonic()))
 
     def cut(self) -> None:
         """If a reset is requested, end the episode by a pause: it truncates the next step, so that no transition spans the
         reset."""
-        if self.is_reset_requested and not self._is_cutting and hasattr(self._env, "pause"):
+        if self.is_reset_requested and not self._is_cutting and self._env.robots:
             self._env.pause()
             self._is_cutting = True
 
@@ -295,8 +296,7 @@ class LivePage:
     def release(self) -> None:
         """End an emergency stop: the robot may move again after the next reset."""
         self._halted.clear()
-        if self._env is not None and hasattr(self._env, "resume"):
-            self._env.resume()
+        self._env.resume()
         self._paused = False
         self._publish()
 
@@ -312,7 +312,7 @@ class LivePage:
         controls = ["stop", "pause", "reset"] + ([] if self._is_real else ["step", "speed"])
         controls += (["drive"] if driver is not None else []) + (["policy"] if len(self._policies) > 1 else [])
         if not self._is_ended:
-            paused = self._paused or getattr(self._env, "is_paused", False)
+            paused = self._paused or self._env.is_paused
             state = "stopped" if self._halted.is_set() else "paused" if paused else "running"
             self.board.update_status(state=state)
         speed = "1x" if self._speed_factor == 1.0 else self._speed

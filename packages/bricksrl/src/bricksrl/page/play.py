@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
+from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.rollout import Policy, link_lost, play
 from bricksrl.errors import BricksError, StoppedError
 from bricksrl.page.live import LivePage
@@ -87,14 +88,14 @@ def _episode(env: EnvBase, page: LivePage, act: Policy, reset: Callable[[], None
     page.hold()
     for frame in play(env, act, start, driver=page.driver, reset_policy=reset):
         if link_lost(frame):
-            raise env.link_error
+            raise interface_of(env).link_error
         page.show_step(frame)
         total += float(frame["next", "reward"])
         page.hold()
         if page.is_reset_requested or page.is_stopped:
             break
     else:
-        return None if getattr(env, "is_cut", False) else total
+        return None if interface_of(env).is_cut else total
     if page.is_stopped:
         raise StoppedError("the robot was stopped by hand")
     return None
@@ -110,8 +111,8 @@ def _wait(page: LivePage, stop: threading.Event) -> None:
 
 def _coast(env: EnvBase) -> None:
     """Advance simulated time after a stop, to show the motors coast."""
-    twin = getattr(env, "twin", None)
-    if twin is None or not hasattr(twin, "machine"):
+    twin = interface_of(env).twin
+    if twin is None:
         return
     for _ in range(_COAST_MS // 10):
         twin.machine.advance(10)

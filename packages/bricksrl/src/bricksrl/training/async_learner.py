@@ -24,6 +24,7 @@ from brickhub.seed import derive_seed
 from bricksrl.agents.learner import Learner, means
 from bricksrl.agents.policy_transfer import restore
 from bricksrl.child_process import END, ChildProcess, Message, Send, leave, parent_channel
+from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.registry import get_task
 from bricksrl.envs.specs import SpecsEnv
 from bricksrl.errors import BricksError, LearnerError, message_of
@@ -57,7 +58,7 @@ class AsyncLearner:
         except OSError as error:
             raise LearnerError(f"cannot start the learner's process ({error.strerror}); train synchronously") from None
         specs = {name: getattr(env, name).cpu() for name in ("observation_spec", "action_spec", "reward_spec", "done_spec")}
-        has_task = getattr(env, "task", None) is not None
+        has_task = interface_of(env).task is not None
         own = {name: state[name] for name in ("agent", "pace", "collected")}
         self._send("begin", {"config": config.to_dict(), "specs": specs, "has_task": has_task, "state": own})
 

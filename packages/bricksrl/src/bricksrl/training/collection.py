@@ -12,9 +12,14 @@ from tensordict import TensorDictBase
 from torchrl.envs import Compose, EnvBase, ParallelEnv, RewardSum, StepCounter, TransformedEnv
 from torchrl.envs.utils import ExplorationType
 
+from bricksrl.envs.env_interface import BricksEnv
 from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.registry import get_task, is_simulation, make
 from bricksrl.errors import RunError
+
+
+class _Processes(BricksEnv, ParallelEnv):  # type: ignore[misc]
+    """Virtual robots, each in a process; nothing of a single one is reached from here."""
 
 
 def make_copies(env_id: str, options: EnvOptions, copies: int, *, seed: int | None, device: str = "cpu") -> EnvBase:
@@ -24,14 +29,13 @@ def make_copies(env_id: str, options: EnvOptions, copies: int, *, seed: int | No
         env = make(env_id, options, batch_size=copies, seed=seed, device=device)
     else:
         make_one = functools.partial(make, env_id, options.env_options, seed=seed)
-        env = ParallelEnv(copies, make_one, mp_start_method="spawn")
+        env = _Processes(copies, make_one, mp_start_method="spawn")
         try:
             env.start()
         except EOFError:  # it ended at once, as it imports the script that starts it
             raise RunError(f"the {copies} processes cannot start; put your script under `if __name__ == '__main__':`") from None
-    tracked = TransformedEnv(env, Compose(RewardSum(), StepCounter()))
-    tracked.task = get_task(env_id, **options.options)  # attributes do not cross process boundaries
-    return tracked
+        env.task = get_task(env_id, **options.options)  # attributes do not cross process boundaries
+    return TransformedEnv(env, Compose(RewardSum(), StepCounter()))
 
 
 def collect_round(env: EnvBase, policy: Any, steps: int, steps_per_batch: int) -> Iterator[TensorDictBase]:

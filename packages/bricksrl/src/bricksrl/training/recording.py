@@ -13,6 +13,7 @@ from brickhub.user_files import without_folder
 from bricksrl.data.recorder import Recorder
 from bricksrl.data.schema import describe
 from bricksrl.data.transitions import about, step_of
+from bricksrl.envs.env_interface import interface_of
 from bricksrl.errors import BricksError
 from bricksrl.training.callbacks import Callback, Episode, Phase, Progress
 from bricksrl.training.config import TrainConfig
@@ -41,7 +42,7 @@ class Recording(Callback):
             seed = derive_seed(self._config.seed, "episode", episode)
             self._recorder.begin(about(self._env, policy, seed=seed, hub=self._config.hub))
         self._recorder.add(step_of(transition, self._env, intervention=bool(transition.get("intervention", False))))
-        self._is_cut = getattr(self._env, "is_cut", False)  # by a pause; an evaluation may follow before the end
+        self._is_cut = interface_of(self._env).is_cut  # by a pause; an evaluation may follow before the end
 
     def on_link_lost(self, episode: int, length: int, error: BricksError) -> None:
         self._recorder.commit(whole=False)

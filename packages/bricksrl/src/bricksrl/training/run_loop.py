@@ -19,6 +19,7 @@ from brickhub.files import quoted
 from brickhub.user_files import without_folder
 from bricksrl.agents.learner import means
 from bricksrl.envs.connection import Reconnect
+from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.reference_returns import reference_lines
 from bricksrl.envs.rollout import Driver, Rollout, play, play_episodes, seed_episode
 from bricksrl.errors import BricksError, DescriptionError, HubError, RunError
@@ -126,7 +127,7 @@ class RunLoop:
     @property
     def _reconnect(self) -> Reconnect | None:
         """Reconnection of a single robot; attributes of copies in processes cannot be set from here."""
-        return None if self.env.batch_size else getattr(self.env, "reconnect", None)
+        return None if self.env.batch_size else interface_of(self.env).reconnect
 
     def _episode(self, start: TensorDictBase | None) -> None:
         """One episode (or a round of all copies) with its checkpoint and evaluation."""
@@ -201,7 +202,7 @@ class RunLoop:
                 raise InterruptedEpisodeError
         self.learner.end_episodes()
         if rollout.is_lost and phase is Phase.OFFLINE:
-            raise self.env.link_error  # a measurement has to be complete, and its updates are made once
+            raise interface_of(self.env).link_error  # a measurement has to be complete, and its updates are made once
         if not rollout.rewards:
             return None
         success, steps = None if rollout.is_lost else rollout.success(self.env), self._length

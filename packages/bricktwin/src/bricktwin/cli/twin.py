@@ -13,7 +13,7 @@ from brickhub.cli.options import Flag, option
 from brickhub.cli.terminal import confirm, print_line
 from brickhub.errors import TwinError, counted
 from brickhub.seed import check_seed
-from brickhub.target import find
+from brickhub.target import find, whole_interface
 
 # Listed here, because importing the fit takes a second.
 FITTED = ("battery_v", "friction_scale", "motor_friction_scale", "mass_scale", "backlash_deg")
@@ -59,7 +59,7 @@ class RecordMotion:
         import numpy as np
 
         from brickhub.files import check_writable
-        from bricktwin.twin.motion_log import identification_commands, identification_interface, record, write_log
+        from bricktwin.twin.motion_log import identification_commands, record, write_log
 
         if self.steps < 1:
             raise TwinError(f"steps is {self.steps}; give at least 1")
@@ -67,7 +67,7 @@ class RecordMotion:
         check_writable(self.out)
         target = find(self.robot)
         robot, scene = target.robot, target.scene
-        interface = identification_interface(robot)
+        interface = whole_interface(robot)
         commands = identification_commands(interface, self.steps, np.random.default_rng(self.seed))
         with self._link(robot, _bench_scene(scene), interface) as link:
             log = record(link, robot, interface, commands)

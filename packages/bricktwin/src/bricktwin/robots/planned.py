@@ -10,17 +10,8 @@ from typing import TYPE_CHECKING
 
 from brickhub.errors import DescriptionError, PlanError, UnknownNameError
 from brickhub.finding import Finding, Outcome
-from brickhub.robot.spec import (
-    LOOKS,
-    Direction,
-    DriveBase,
-    Motor,
-    MotorKind,
-    PoweredUpSensor,
-    Sensor,
-    SensorKind,
-    UltrasonicSensor,
-)
+from brickhub.robot import Direction, DriveBase, Motor, MotorKind, Sensor, SensorKind
+from brickhub.robot.spec import LOOKS, sensor_of
 from bricktwin import robots
 from bricktwin.plans.facts import DeviceFacts, PlanFacts, facts_of, read_facts
 
@@ -101,7 +92,7 @@ def _check_hub_sides(name: str, sides: tuple[str, ...], design: PlanFacts) -> It
 
 def _require_known_devices(robot: Robot, design: PlanFacts) -> None:
     """Refuse motors and sensors that no hub of ours runs, as those of EV3."""
-    kinds = {kind.value for kind in (*MotorKind, *SensorKind)} | {UltrasonicSensor.class_name}
+    kinds = {kind.value for kind in (*MotorKind, *SensorKind)}
     for part in design.devices("motor", "sensor"):
         if part.name not in kinds:
             where = f"{robot.plan}, line {part.line}"
@@ -129,9 +120,7 @@ def _sensors(robot: Robot, design: PlanFacts) -> tuple[Sensor, ...]:
     for part in parts:
         port = part.port
         if port is not None and port not in {sensor.port for sensor in sensors}:
-            name, kind = part.label or f"sensor_{port.lower()}", part.name
-            is_sonar = kind == UltrasonicSensor.class_name
-            sensors.append(UltrasonicSensor(name, port) if is_sonar else PoweredUpSensor(name, port, SensorKind(kind)))
+            sensors.append(sensor_of(SensorKind(part.name), part.label or f"sensor_{port.lower()}", port))
     return tuple(sensors)
 
 
@@ -176,7 +165,7 @@ def disagreements(
 
 def _check_device(name: str, device: Motor | Sensor, part: DeviceFacts, design: PlanFacts) -> list[Finding]:
     """Findings on name, kind and gears of a motor or sensor."""
-    kind = device.kind.value if isinstance(device, Motor) else device.class_name
+    kind = device.kind.value
     label = f"port {device.port} has {part.part} '{part.label or ''}'"
     if part.name != kind:
         text = f"{label}, but for the robot {name} '{device.name}', a {kind}; make both agree"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from brickhub.robot.spec import HubKind, Motor, Robot
+from brickhub.robot import HubKind, Motor, Robot
 
 ROBO_ARM = Robot(
     name="robo-arm",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from brickhub.robot.spec import Mount, PoweredUpSensor, SensorKind
+from brickhub.robot import Mount, PoweredUpSensor, SensorKind
 from bricktwin.robots.two_wheeler import TWO_WHEELER
 
 SCOUT = replace(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from brickhub.robot.spec import Direction, DriveBase, HubKind, Motor, Robot, UltrasonicSensor
+from brickhub.robot import Direction, DriveBase, HubKind, Motor, Robot, UltrasonicSensor
 
 TWO_WHEELER = Robot(
     name="two-wheeler",

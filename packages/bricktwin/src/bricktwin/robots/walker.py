@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from brickhub.robot.spec import Direction, HubKind, Motor, Robot, UltrasonicSensor
+from brickhub.robot import Direction, HubKind, Motor, Robot, UltrasonicSensor
 
 WALKER = Robot(
     name="walker",

@@ -22,17 +22,15 @@ from numpy.typing import NDArray
 from brickhub.errors import DescriptionError, TwinError, counted
 from brickhub.fields import check_fields
 from brickhub.files import write_durably
-from brickhub.hub.interface import Distance, Interface, MotorAngle, Pitch, Roll, RunAngle, UntilDone, Wait, YawRate
+from brickhub.hub.interface import Interface, UntilDone, Wait
 from brickhub.hub.kinds import Channel, Command
 from brickhub.hub.link.lockstep import HubLink
-from brickhub.robot import Robot, UltrasonicSensor
+from brickhub.robot import Robot
 
 _FORMAT = 1
 _LARGEST = 2.0**53
 _REST_STEPS, _RUN_STEPS = 16, 16
 _RUN_SHARE = 0.6
-_FAST_DEG_S = 1000
-_TURN_DEG = 600.0
 
 
 @dataclass(frozen=True)
@@ -80,16 +78,6 @@ def record(link: HubLink, robot: Robot, interface: Interface, commands: Iterable
         np.array([answer.hub_time_ms for answer in answers]),
         np.array([answer.values for answer in answers], dtype=np.float64),
     )
-
-
-def identification_interface(robot: Robot) -> Interface:
-    """Interface for system identification: every motor at full speed, every sensor, 50 ms after each command."""
-    channels: list[Channel] = [MotorAngle(motor.name, *(map(float, motor.range_deg or (0, 360)))) for motor in robot.motors]
-    if robot.needs_imu:
-        channels += [Pitch(), Roll(), YawRate()]
-    channels += [Distance(sensor.name) for sensor in robot.sensors if isinstance(sensor, UltrasonicSensor)][:1]
-    commands = tuple(RunAngle(motor.name, -_TURN_DEG, _TURN_DEG, _FAST_DEG_S) for motor in robot.motors)
-    return Interface(commands, tuple(channels), Wait(50))
 
 
 def identification_commands(interface: Interface, steps: int, rng: np.random.Generator) -> NDArray[np.float64]:

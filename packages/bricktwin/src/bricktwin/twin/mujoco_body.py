@@ -15,14 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from brickhub.errors import TwinError
-from brickhub.robot import MotorKind, PoweredUpSensor, Robot, SensorKind, UltrasonicSensor
+from brickhub.robot import MotorKind, Robot, Sense, UltrasonicSensor
 from brickhub.virtual.body import Rng
-from brickhub.virtual.stimuli import Sense, Sensed, senses
+from brickhub.virtual.stimuli import Sensed
 from bricktwin.twin import ldraw
 from bricktwin.twin.imu import FixedBase, FloatingBase, Turns, Vector
 from bricktwin.twin.model_physics import RobotPart, backlash_joints, set_physics, up
 from bricktwin.twin.models.kept_models import robot_model
 from bricktwin.twin.models.mjcf import OBSTACLE_GROUP, yaw_quaternion
+from bricktwin.twin.models.mounts import body_of, site_name
 from bricktwin.twin.models.rods import Rods
 from bricktwin.twin.models.spinners import Spinners
 from bricktwin.twin.objects import Block, Solid
@@ -34,8 +35,6 @@ from bricktwin.twin.starts import ends_of_ranges, refuse_overlap
 
 _NEAREST_MM, _FARTHEST_MM = UltrasonicSensor.NEAREST_MM, UltrasonicSensor.FARTHEST_MM
 _CONE_DEG = (-12.0, -6.0, 0.0, 6.0, 12.0)
-_INFRARED_RANGE_MM = {SensorKind.COLOR_DISTANCE: 100.0, SensorKind.INFRARED: 150.0}
-"""Distance that an infrared sensor reports as 100 %; estimates."""
 _SETTLING_STEPS = 400
 _FAR_M = 100.0
 # Steps between two updates of the turns: few enough that no robot turns by half a turn.
@@ -142,14 +141,14 @@ class MujocoBody:
     def _bind_sensors(self, prefix: str = "", undetected_body: int = -1) -> None:
         """Look up the sensors; those for ultrasound do not detect ``undetected_body``."""
         rays = np.array([(math.cos(math.radians(angle)), math.sin(math.radians(angle)), 0.0) for angle in _CONE_DEG])
-        ports = [sensor.port for sensor in self.robot.sensors if isinstance(sensor, UltrasonicSensor)]
-        sites = {port: self._site(f"{prefix}ultrasonic_{port}") for port in ports}
-        self._sonars = {port: (position, rays @ frame.T) for port, (position, frame) in sites.items()}
-        self._undetected_body = undetected_body
-        sensors = [sensor for sensor in self.robot.sensors if isinstance(sensor, PoweredUpSensor) and senses(sensor)]
+        sensors = [sensor for sensor in self.robot.sensors if sensor.kind.model.senses]
         self._sensor_kinds = {sensor.port: sensor.kind for sensor in sensors}
-        self._sensor_frames = {port: self._site(f"{prefix}sensor_{port}") for port in self._sensor_kinds}
-        forces = [port for port, kind in self._sensor_kinds.items() if kind is SensorKind.FORCE]
+        self._sensor_frames = {sensor.port: self._site(f"{prefix}{site_name(sensor)}") for sensor in sensors}
+        sonars = [port for port, kind in self._sensor_kinds.items() if kind.model.range_mm is not None]
+        places = {port: self._sensor_frames[port] for port in sonars}
+        self._sonars = {port: (position, rays @ frame.T) for port, (position, frame) in places.items()}
+        self._undetected_body = undetected_body
+        forces = [port for port, kind in self._sensor_kinds.items() if Sense.FORCE in kind.model.senses]
         self._forces = {port: self.data.sensor(f"{prefix}force_{port}").data for port in forces}
         self._world = WorldSenses(self.model, self.data, self.scene)
 
@@ -343,7 +342,6 @@ class MujocoBody:
 
     def sensed(self, port: str, sense: Sense) -> Sensed:
         """Present stimulus of a sensor, from the world around it; reflected light has noise."""
-        kind = self._sensor_kinds[port]
         if sense is Sense.TILT:
             return self.tilt_deg()
         if sense is Sense.FORCE:
@@ -353,7 +351,7 @@ class MujocoBody:
         position, frame = self._sensor_frames[port]
         eye, gaze = self._base.in_world(position) + self._base.position(), self._base.in_world(frame[:, 0].copy())
         if sense is Sense.DISTANCE:
-            return percent(self._world.distance_mm(eye, gaze), _INFRARED_RANGE_MM[kind])
+            return percent(self._world.distance_mm(eye, gaze), body_of(self._sensor_kinds[port]).infrared_mm)
         if sense is Sense.AMBIENT:
             return self._world.ambient(eye, gaze)
         hue, saturation, value = self._world.surface(eye, gaze)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Sequence
 
 from brickhub.errors import HubError, percent
 from brickhub.finding import Finding, Outcome
-from brickhub.hub.diagnostics.devices import NOTHING, device_id, device_name, have_encoders
 from brickhub.hub.diagnostics.latency import Latency, advice, measure
 from brickhub.hub.diagnostics.survey import Survey, survey
 from brickhub.hub.interface import Interface
@@ -14,7 +14,8 @@ from brickhub.hub.kinds import Command
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.transport import Transport
 from brickhub.hub.transports.connection import HubIdentity
-from brickhub.robot import HubKind, Motor, Robot
+from brickhub.robot import HubKind, Motor, MotorKind, Robot, SensorKind
+from brickhub.robot.hardware import DC_MOTOR_ID
 
 TEST_MOVE = 30.0
 """Degrees or millimetres of a test move."""
@@ -27,7 +28,13 @@ _TEST_MOVE_READS = 40
 # Below the first voltage the hub warns, below the second it soon switches off; limits of the firmware (battery.c).
 _LITHIUM_MV = (6800, 6000)
 _CELLS_MV = (5400, 4800)
-_LITHIUM_HUBS = (HubKind.PRIME, HubKind.ESSENTIAL)
+_ENCODERS = {kind.model.device_id for kind in MotorKind}
+"""Device ids of motors with an encoder: a program for one also drives the others."""
+_NAMES = (
+    {kind.model.device_id: f"motor {kind.value}" for kind in MotorKind}
+    | {kind.model.device_id: re.sub("(?<!^)([A-Z])", r" \1", kind.value).lower() for kind in SensorKind}
+    | {0: "nothing", DC_MOTOR_ID: "medium linear motor without angle", 2: "train motor"}
+)
 
 
 def check_robot(
@@ -106,21 +113,26 @@ def check_hub(identity: HubIdentity | None, robot: Robot) -> Iterator[Finding]:
         yield Finding("firmware", Outcome.OK, f"Pybricks {firmware}, profile {version}")
 
 
+def device_name(number: int) -> str:
+    """Readable name of a device id."""
+    return _NAMES.get(number, f"device {number}")
+
+
 def check_ports(robot: Robot, result: Survey) -> Iterator[Finding]:
     """Port check: expected against connected device."""
     expected = {device.port: device for device in (*robot.motors, *robot.sensors)}
     for port in robot.hub.model.ports:
-        found_id, device = result.ports.get(port, NOTHING), expected.get(port)
+        found_id, device = result.ports.get(port, 0), expected.get(port)
         found_name, name = device_name(found_id), f"port {port}"
         if device is None:
-            detail = "nothing is expected" + ("" if found_id == NOTHING else f", {found_name} is there, which does no harm")
+            detail = "nothing is expected" + ("" if not found_id else f", {found_name} is there, which does no harm")
             yield Finding(name, Outcome.OK, detail)
             continue
-        expected_id = device_id(device)
+        expected_id = device.kind.model.device_id
         label = f"'{device.name}', {device_name(expected_id)}"
         if found_id == expected_id:
             yield Finding(name, Outcome.OK, label)
-        elif have_encoders(expected_id, found_id):
+        elif {expected_id, found_id} <= _ENCODERS:
             detail = f"{label} is expected, {found_name} is there; it works, but the virtual robot has the other one's strength"
             yield Finding(name, Outcome.WARNING, detail)
         else:
@@ -130,15 +142,15 @@ def check_ports(robot: Robot, result: Survey) -> Iterator[Finding]:
 
 def _plug_advice(robot: Robot, missing_id: int, port: str, result: Survey) -> str:
     """Advice on the missing device: the port where it might be, or to plug it in."""
-    taken = {device.port for device in (*robot.motors, *robot.sensors) if device_id(device) == missing_id}
+    taken = {device.port for device in (*robot.motors, *robot.sensors) if device.kind.model.device_id == missing_id}
     others = [other for other, found_id in result.ports.items() if found_id == missing_id and other not in taken]
     return f"move it from port {others[0]} to {port}" if others else f"plug it into port {port} until it clicks"
 
 
 def check_battery(hub: HubKind, battery_mv: int) -> Finding:
     """Battery check: enough voltage for the motors."""
-    low_mv, critical_mv = _LITHIUM_MV if hub in _LITHIUM_HUBS else _CELLS_MV
-    remedy = "charge it" if hub in _LITHIUM_HUBS else "put fresh batteries in"
+    low_mv, critical_mv = _LITHIUM_MV if hub.model.is_rechargeable else _CELLS_MV
+    remedy = "charge it" if hub.model.is_rechargeable else "put fresh batteries in"
     volts = f"{battery_mv / 1000:.2f} V"
     if battery_mv < critical_mv:
         return Finding("battery", Outcome.ERROR, f"{volts}, it is empty; {remedy}")

@@ -114,7 +114,7 @@ def _robot_imports(robot: Robot, interface: Interface) -> list[str]:
     motors, sensors = _motors(robot, interface), _sensors(robot, interface)
     names = {("pybricks.hubs", robot.hub.model.class_name)}
     names |= {("pybricks.pupdevices", "Motor") for _ in motors}
-    names |= {("pybricks.pupdevices", sensor.class_name) for sensor in sensors}
+    names |= {("pybricks.pupdevices", sensor.kind.value) for sensor in sensors}
     names |= {pair for number in (*interface.commands, *interface.channels) for pair in number.imports}
     if motors or sensors:
         names.add(("pybricks.parameters", "Port"))
@@ -193,7 +193,7 @@ def _devices(robot: Robot, interface: Interface) -> str:
     setups = dict.fromkeys(command.setup(robot) for command in interface.commands)
     setups |= dict.fromkeys(channel.setup(robot) for channel in interface.channels)
     lines += [line for setup in setups for line in setup]
-    lines += [f"sensor_{sensor.name} = {sensor.class_name}(Port.{sensor.port})" for sensor in _sensors(robot, interface)]
+    lines += [f"sensor_{sensor.name} = {sensor.kind.value}(Port.{sensor.port})" for sensor in _sensors(robot, interface)]
     movers = dict.fromkeys(command.mover for command in interface.commands if command.mover is not None)
     lines += ["", f"MOVERS = [{', '.join(movers)}]"]
     return "\n".join(lines) + "\n"

@@ -31,7 +31,7 @@ LEGO_COMPANY_ID = 0x0397
 STATUS_PERIOD_S = 0.5
 """Period of a hub's status reports; changes are reported at once."""
 
-_PRODUCT_IDS = {0x40: HubKind.MOVE, 0x41: HubKind.CITY, 0x80: HubKind.TECHNIC, 0x81: HubKind.PRIME, 0x83: HubKind.ESSENTIAL}
+_KINDS = {kind.model.product_id: kind for kind in HubKind}
 _STATUS_REPORT = struct.Struct("<IxB")
 """Flags, the program's id, and the slot."""
 _CAPABILITIES = struct.Struct("<HIIB")
@@ -175,9 +175,9 @@ def parse_hub_kind(pnp_id: bytes) -> HubKind:
         _, vendor, product, _ = struct.unpack("<BHHH", pnp_id)
     except struct.error:
         raise HubProtocolError(f"the hub's product id is {pnp_id.hex()}; choose another device") from None
-    if vendor != LEGO_COMPANY_ID or product not in _PRODUCT_IDS:
+    if vendor != LEGO_COMPANY_ID or product not in _KINDS:
         raise HubProtocolError(f"the device is product 0x{product:02x} of company 0x{vendor:04x}, not a LEGO hub; choose another")
-    return _PRODUCT_IDS[product]
+    return _KINDS[product]
 
 
 def stop_program() -> bytes:

@@ -24,7 +24,6 @@ from brickhub.hub.transports.connection import HubConnection, HubIdentity, Port
 from brickhub.hub.transports.event_loop import EventLoopThread
 from brickhub.hub.transports.profile import StatusReport
 from brickhub.hub.transports.program_cache import ProgramRecord
-from brickhub.robot import HubKind
 
 _log = logging.getLogger(__name__)
 
@@ -192,7 +191,7 @@ class ProfileTransport(ABC):
     async def _start(self, program: HubProgram, modules: dict[str, bytes]) -> None:
         connection = await self._connected()
         kind, location = connection.identity.kind, connection.program_location
-        if kind is HubKind.MOVE and program.says_hello:
+        if kind.model.stdin_bytes == 0 and program.says_hello:
             raise HubProtocolError("a Move Hub cannot run our programs; use another hub")
         blob = program_blob(modules, kind)
         if connection.is_running:

@@ -146,16 +146,12 @@ _TECHNIC_XL = ObserverModel(
     torque_by_acceleration=11578,
     friction_unm=12893,
 )
-_MEDIUM = MotorType(_M_ANGULAR, 1000, 45, 11, 150)
-_LARGE = MotorType(_L_ANGULAR, 1000, 45, 11, 150)
-
-MOTOR_TYPES = {
-    MotorKind.SPIKE_SMALL: MotorType(_S_ANGULAR, 620, 30, 11, 150, max_voltage_mv=6000),
-    MotorKind.SPIKE_MEDIUM: _MEDIUM,
-    MotorKind.SPIKE_LARGE: _LARGE,
-    MotorKind.TECHNIC_M_ANGULAR: _MEDIUM,
-    MotorKind.TECHNIC_L_ANGULAR: _LARGE,
-    MotorKind.TECHNIC_L: MotorType(_TECHNIC_L, 1500, 45, 20, 250),
-    MotorKind.TECHNIC_XL: MotorType(_TECHNIC_XL, 1500, 45, 20, 250),
-    MotorKind.INTERACTIVE: MotorType(_INTERACTIVE, 1000, 45, 12, 0),
+_TYPES = {
+    "spike-small": MotorType(_S_ANGULAR, 620, 30, 11, 150, max_voltage_mv=6000),
+    "spike-medium": MotorType(_M_ANGULAR, 1000, 45, 11, 150),
+    "spike-large": MotorType(_L_ANGULAR, 1000, 45, 11, 150),
+    "technic-l": MotorType(_TECHNIC_L, 1500, 45, 20, 250),
+    "technic-xl": MotorType(_TECHNIC_XL, 1500, 45, 20, 250),
+    "interactive": MotorType(_INTERACTIVE, 1000, 45, 12, 0),
 }
+MOTOR_TYPES = {kind: _TYPES[kind.model.like or kind.value] for kind in MotorKind}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from types import ModuleType
 
-from brickhub.robot import HubKind
 from brickhub.virtual.call_stack import check_of_calls, most_nested_calls
 from brickhub.virtual.console import Console
 from brickhub.virtual.heap import Heap
@@ -32,19 +31,6 @@ from brickhub.virtual.pybricks.tools import tools_module
 
 FIRMWARE_VERSION = "4.0.1"
 FIRMWARE_BUILD = "v4.0.1 on 2026-06-23"
-_MACHINES = {
-    HubKind.PRIME: "SPIKE Prime Hub with STM32F413VG",
-    HubKind.ESSENTIAL: "SPIKE Essential Hub with STM32F413RG",
-    HubKind.TECHNIC: "Technic Hub with STM32L431RC",
-    HubKind.CITY: "Powered Up City Hub with STM32F030RC",
-    HubKind.MOVE: "BOOST Move Hub with STM32F070RB",
-}
-_MISSING_BUILTINS = {
-    HubKind.TECHNIC: ("memoryview",),
-    HubKind.CITY: ("memoryview",),
-    HubKind.MOVE: ("bytearray", "complex", "enumerate", "float", "input", "memoryview", "reversed", "set"),
-}
-"""Builtin names that the configuration of the firmware leaves out."""
 _U_PREFIXED = ("sys", "select", "struct", "math", "random", "json", "io", "errno")
 
 
@@ -57,37 +43,36 @@ def modules(machine: Machine, console: Console) -> Modules:
     hub = machine.robot.hub
     machine.runs_program = True
     context = Context(machine, console)
-    has_display = hub is HubKind.PRIME
-    parameters = Parameters(hub.model, has_display)
+    parameters = Parameters(hub.model)
     messaging = messaging_module(context)
     pybricks = {
-        "hubs": hubs_module(context, hub),
+        "hubs": hubs_module(context, hub.model),
         "parameters": parameters.module(),
         "pupdevices": pupdevices_module(context, parameters),
         "iodevices": iodevices_module(context, parameters),
         "robotics": robotics_module(context),
-        "tools": tools_module(context, has_display, messaging.AppData),
+        "tools": tools_module(context, messaging.AppData),
         "messaging": messaging,
     }
-    if hub is HubKind.MOVE:
+    if not hub.model.has_float:
         del pybricks["iodevices"]
     result = {f"pybricks.{name}": part for name, part in pybricks.items()}
     result["pybricks"] = module("pybricks", {"version": (f"{hub.value}hub", FIRMWARE_VERSION, FIRMWARE_BUILD)})
     if hub.model.has_float:
         result["pybricks.geometry"] = pybricks["tools"]
-    heap = Heap(hub)
+    heap = Heap(hub.model)
     machine.check_memory = heap.check
     language = _language_modules(machine, console, heap)
     result.update(language)
     result.update({f"u{name}": language[name] for name in _U_PREFIXED if name in language})
     machine.branch(None)
     hooks = machine.turn_loop, machine.turn, machine.branch, check_of_calls(most_nested_calls(hub))
-    return Modules(result, *hooks, heap.namespaces, missing_builtins=_MISSING_BUILTINS.get(hub, ()))
+    return Modules(result, *hooks, heap.namespaces, missing_builtins=hub.model.missing)
 
 
 def _language_modules(machine: Machine, console: Console, heap: Heap) -> dict[str, ModuleType]:
-    hub = machine.robot.hub
-    if hub is HubKind.MOVE:
+    hub = machine.robot.hub.model
+    if not hub.has_float:
         return {"errno": errno_module()}
     keyboard = Keyboard()
     return {
@@ -100,5 +85,5 @@ def _language_modules(machine: Machine, console: Console, heap: Heap) -> dict[st
         "io": io_module(),
         "gc": gc_module(heap.statistics),
         "select": select_module(machine.advance_to_alarm, machine.charge_call),
-        "sys": sys_module(console, keyboard, machine.charge_call, FIRMWARE_VERSION, _MACHINES[hub]),
+        "sys": sys_module(console, keyboard, machine.charge_call, FIRMWARE_VERSION, hub.machine),
     }

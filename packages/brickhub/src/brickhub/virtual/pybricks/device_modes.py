@@ -15,11 +15,10 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from brickhub.hub.diagnostics.devices import MOTOR_IDS, SENSOR_IDS, ULTRASONIC_ID
-from brickhub.robot import MotorKind, SensorKind, UltrasonicSensor
+from brickhub.robot import MotorKind, Sense, SensorKind, UltrasonicSensor
 from brickhub.virtual.machine import Machine
 from brickhub.virtual.pybricks.colors import nearest
-from brickhub.virtual.stimuli import Hsv, Sense, brightness_pct, color, number, pitch_and_roll, reflection_pct
+from brickhub.virtual.stimuli import Hsv, brightness_pct, color, number, pitch_and_roll, reflection_pct
 
 MAX_FORCE_MN = 10_000
 _MAX_TILT_DEG = 45
@@ -123,6 +122,27 @@ class DeviceMode:
         return readings + (0,) * (self.count - len(readings))
 
 
+@dataclass(frozen=True)
+class DeviceModes:
+    """Modes of a kind of device.
+
+    Attributes:
+        modes: all of them, by number; none of a passive device, such as a light.
+        first: number of the mode after plugging in (``pbio_port_lump_sync_thread``): of motors, where the firmware reads their
+            angle.
+        stale_ms: time after a change of mode until values are fresh (``lego_device_stale_data_delay``).
+    """
+
+    modes: tuple[DeviceMode, ...] = ()
+    first: int = 0
+    stale_ms: int = 0
+
+    @property
+    def first_mode(self) -> str:
+        """Name of the mode after plugging in."""
+        return self.modes[self.first].name if self.modes else ""
+
+
 def _lego_color(plug: Plug) -> Iterable[int]:
     index = nearest(plug.color(), list(_LEGO_COLORS.values()))
     return () if index is None else (list(_LEGO_COLORS)[index],)
@@ -171,105 +191,116 @@ _8, _16, _32 = DataType.INT8, DataType.INT16, DataType.INT32
 _REFLECTION = DeviceMode("REFLT", 1, _8, lambda plug: (reflection_pct(plug.color()),))
 _AMBIENT = DeviceMode("AMBI", 1, _8, lambda plug: (round(plug.ambient_pct()),))
 _POWER = DeviceMode("POWER", 1, _8, is_writable=True)
-_ABSOLUTE_MOTOR = (
-    _POWER,
-    DeviceMode("SPEED", 1, _8, lambda plug: (plug.speed_pct(),), is_writable=True),
-    DeviceMode("POS", 1, _32, lambda plug: (plug.angle_mdeg() // 1000,), is_writable=True),
-    DeviceMode("APOS", 1, _16, lambda plug: ((plug.angle_mdeg() // 1000 + 180) % 360 - 180,), is_writable=True),
-    DeviceMode("CALIB", 2, _16, lambda plug: (0, plug.angle_mdeg() // 100 % 3600)),
-    DeviceMode("STATS", 14, _16),
+_ABSOLUTE_MOTOR = DeviceModes(
+    (
+        _POWER,
+        DeviceMode("SPEED", 1, _8, lambda plug: (plug.speed_pct(),), is_writable=True),
+        DeviceMode("POS", 1, _32, lambda plug: (plug.angle_mdeg() // 1000,), is_writable=True),
+        DeviceMode("APOS", 1, _16, lambda plug: ((plug.angle_mdeg() // 1000 + 180) % 360 - 180,), is_writable=True),
+        DeviceMode("CALIB", 2, _16, lambda plug: (0, plug.angle_mdeg() // 100 % 3600)),
+        DeviceMode("STATS", 14, _16),
+    ),
+    first=4,
 )
-_RELATIVE_MOTOR = (
-    _POWER,
-    DeviceMode("SPEED", 1, _8, lambda plug: (plug.speed_pct(),)),
-    DeviceMode("POS", 1, _32, lambda plug: (plug.angle_mdeg() // 1000,)),
-    DeviceMode("TEST", 5, _16),
+_RELATIVE_MOTOR = DeviceModes(
+    (
+        _POWER,
+        DeviceMode("SPEED", 1, _8, lambda plug: (plug.speed_pct(),)),
+        DeviceMode("POS", 1, _32, lambda plug: (plug.angle_mdeg() // 1000,)),
+        DeviceMode("TEST", 5, _16),
+    ),
+    first=2,
 )
-_SENSORS: Mapping[SensorKind, tuple[DeviceMode, ...]] = {
-    SensorKind.TILT: (
-        DeviceMode("LPF2-ANGLE", 2, _8, lambda plug: reversed(plug.tilt_deg())),
-        DeviceMode("LPF2-TILT", 1, _8),
-        DeviceMode("LPF2-CRASH", 3, _8),
-        DeviceMode("LPF2-CAL", 3, _8),
+SENSOR_MODES: Mapping[SensorKind, DeviceModes] = {
+    SensorKind.LIGHT: DeviceModes(),
+    SensorKind.TILT: DeviceModes(
+        (
+            DeviceMode("LPF2-ANGLE", 2, _8, lambda plug: reversed(plug.tilt_deg())),
+            DeviceMode("LPF2-TILT", 1, _8),
+            DeviceMode("LPF2-CRASH", 3, _8),
+            DeviceMode("LPF2-CAL", 3, _8),
+        )
     ),
-    SensorKind.INFRARED: (
-        DeviceMode("LPF2-DETECT", 1, _8, lambda plug: (plug.proximity(),)),
-        DeviceMode("LPF2-COUNT", 1, _32, lambda plug: (plug.passed(),)),
-        DeviceMode("LPF2-CAL", 3, _16, lambda plug: (plug.infrared_raw(),)),
+    SensorKind.INFRARED: DeviceModes(
+        (
+            DeviceMode("LPF2-DETECT", 1, _8, lambda plug: (plug.proximity(),)),
+            DeviceMode("LPF2-COUNT", 1, _32, lambda plug: (plug.passed(),)),
+            DeviceMode("LPF2-CAL", 3, _16, lambda plug: (plug.infrared_raw(),)),
+        )
     ),
-    SensorKind.COLOR_DISTANCE: (
-        DeviceMode("COLOR", 1, _8, _lego_color),
-        DeviceMode("PROX", 1, _8, lambda plug: (plug.proximity(),)),
-        DeviceMode("COUNT", 1, _32),
-        _REFLECTION,
-        _AMBIENT,
-        DeviceMode("COL O", 1, _8, is_writable=True),
-        DeviceMode("RGB I", 3, _16, _boost_rgb),
-        DeviceMode("IR Tx", 1, _16, is_writable=True),
-        DeviceMode("SPEC 1", 4, _8),
-        DeviceMode("DEBUG", 2, _16),
-        DeviceMode("CALIB", 8, _16),
+    SensorKind.COLOR_DISTANCE: DeviceModes(
+        (
+            DeviceMode("COLOR", 1, _8, _lego_color),
+            DeviceMode("PROX", 1, _8, lambda plug: (plug.proximity(),)),
+            DeviceMode("COUNT", 1, _32),
+            _REFLECTION,
+            _AMBIENT,
+            DeviceMode("COL O", 1, _8, is_writable=True),
+            DeviceMode("RGB I", 3, _16, _boost_rgb),
+            DeviceMode("IR Tx", 1, _16, is_writable=True),
+            DeviceMode("SPEC 1", 4, _8),
+            DeviceMode("DEBUG", 2, _16),
+            DeviceMode("CALIB", 8, _16),
+        ),
+        first=6,
+        stale_ms=30,
     ),
-    SensorKind.COLOR: (
-        DeviceMode("COLOR", 1, _8, _lego_color),
-        _REFLECTION,
-        _AMBIENT,
-        DeviceMode("LIGHT", 3, _8, is_writable=True),
-        DeviceMode("RREFL", 2, _16),
-        DeviceMode("RGB I", 4, _16, _spike_rgb),
-        DeviceMode("HSV", 3, _16, _hsv(Sense.SURFACE)),
-        DeviceMode("SHSV", 4, _16, _hsv(Sense.AMBIENT)),
-        DeviceMode("DEBUG", 4, _16),
-        DeviceMode("CALIB", 7, _16),
+    SensorKind.COLOR: DeviceModes(
+        (
+            DeviceMode("COLOR", 1, _8, _lego_color),
+            _REFLECTION,
+            _AMBIENT,
+            DeviceMode("LIGHT", 3, _8, is_writable=True),
+            DeviceMode("RREFL", 2, _16),
+            DeviceMode("RGB I", 4, _16, _spike_rgb),
+            DeviceMode("HSV", 3, _16, _hsv(Sense.SURFACE)),
+            DeviceMode("SHSV", 4, _16, _hsv(Sense.AMBIENT)),
+            DeviceMode("DEBUG", 4, _16),
+            DeviceMode("CALIB", 7, _16),
+        ),
+        stale_ms=30,
     ),
-    SensorKind.FORCE: (
-        DeviceMode("FORCE", 1, _8, lambda plug: (plug.force_mn() * 100 // MAX_FORCE_MN,)),
-        DeviceMode("TOUCH", 1, _8, lambda plug: (int(plug.force_mn() > 0),)),
-        DeviceMode("TAP", 1, _8),
-        DeviceMode("FPEAK", 1, _8),
-        DeviceMode("FRAW", 1, _16, _force_raw),
-        DeviceMode("FPRAW", 1, _16),
-        DeviceMode("CALIB", 8, _16, lambda plug: (0, 0, _FORCE_RELEASED_RAW, 0, 0, 0, _FORCE_MAX_RAW)),
+    SensorKind.FORCE: DeviceModes(
+        (
+            DeviceMode("FORCE", 1, _8, lambda plug: (plug.force_mn() * 100 // MAX_FORCE_MN,)),
+            DeviceMode("TOUCH", 1, _8, lambda plug: (int(plug.force_mn() > 0),)),
+            DeviceMode("TAP", 1, _8),
+            DeviceMode("FPEAK", 1, _8),
+            DeviceMode("FRAW", 1, _16, _force_raw),
+            DeviceMode("FPRAW", 1, _16),
+            DeviceMode("CALIB", 8, _16, lambda plug: (0, 0, _FORCE_RELEASED_RAW, 0, 0, 0, _FORCE_MAX_RAW)),
+        )
     ),
-    SensorKind.COLOR_LIGHT_MATRIX: (
-        DeviceMode("LEV O", 1, _8, is_writable=True),
-        DeviceMode("COL O", 1, _8, is_writable=True),
-        DeviceMode("PIX O", 9, _8, is_writable=True),
-        DeviceMode("TRANS", 1, _8, is_writable=True),
+    SensorKind.COLOR_LIGHT_MATRIX: DeviceModes(
+        (
+            DeviceMode("LEV O", 1, _8, is_writable=True),
+            DeviceMode("COL O", 1, _8, is_writable=True),
+            DeviceMode("PIX O", 9, _8, is_writable=True),
+            DeviceMode("TRANS", 1, _8, is_writable=True),
+        )
+    ),
+    SensorKind.ULTRASONIC: DeviceModes(
+        (
+            DeviceMode("DISTL", 1, _16, _millimetres(math.inf)),
+            DeviceMode("DISTS", 1, _16, _millimetres(_DISTS_MAX_MM)),
+            DeviceMode("SINGL", 1, _16, _millimetres(math.inf)),
+            DeviceMode("LISTN", 1, _8),
+            DeviceMode("TRAW", 1, _32, _echo_us),
+            DeviceMode("LIGHT", 4, _8, is_writable=True),
+            DeviceMode("PING", 1, _8, is_writable=True),
+            DeviceMode("ADRAW", 1, _16),
+            DeviceMode("CALIB", 7, _16),
+        ),
+        stale_ms=50,
     ),
 }
-_ULTRASONIC = (
-    DeviceMode("DISTL", 1, _16, _millimetres(math.inf)),
-    DeviceMode("DISTS", 1, _16, _millimetres(_DISTS_MAX_MM)),
-    DeviceMode("SINGL", 1, _16, _millimetres(math.inf)),
-    DeviceMode("LISTN", 1, _8),
-    DeviceMode("TRAW", 1, _32, _echo_us),
-    DeviceMode("LIGHT", 4, _8, is_writable=True),
-    DeviceMode("PING", 1, _8, is_writable=True),
-    DeviceMode("ADRAW", 1, _16),
-    DeviceMode("CALIB", 7, _16),
-)
-MODES: Mapping[int, tuple[DeviceMode, ...]] = {
-    **dict.fromkeys(MOTOR_IDS.values(), _ABSOLUTE_MOTOR),
-    MOTOR_IDS[MotorKind.INTERACTIVE]: _RELATIVE_MOTOR,
-    **{SENSOR_IDS[kind]: modes for kind, modes in _SENSORS.items()},
-    ULTRASONIC_ID: _ULTRASONIC,
+MODES: Mapping[int, DeviceModes] = {
+    **{kind.model.device_id: _ABSOLUTE_MOTOR if kind.model.is_absolute else _RELATIVE_MOTOR for kind in MotorKind},
+    **{kind.model.device_id: modes for kind, modes in SENSOR_MODES.items()},
 }
-"""Modes by the number of the device; none of a passive device such as a light."""
-STALE_MS = {SENSOR_IDS[SensorKind.COLOR_DISTANCE]: 30, SENSOR_IDS[SensorKind.COLOR]: 30, ULTRASONIC_ID: 50}
-"""Time after a change of mode until values are fresh (``lego_device_stale_data_delay``), by number; else 0."""
-
-
-def first_mode(device: int) -> str:
-    """Mode after plugging in (``pbio_port_lump_sync_thread``): of motors, where the firmware reads their angle."""
-    modes = MODES[device]
-    if modes is _ABSOLUTE_MOTOR:
-        return "CALIB"
-    if modes is _RELATIVE_MOTOR:
-        return "POS"
-    return "RGB I" if device == SENSOR_IDS[SensorKind.COLOR_DISTANCE] else modes[0].name
+"""Modes by the number of the device."""
 
 
 def reports_angle(kind: MotorKind, mode: str | None) -> bool:
     """Whether the firmware gets a motor's angle in its mode; ``None``: the mode after plugging in."""
-    return mode in (None, first_mode(MOTOR_IDS[kind]))
+    return mode in (None, MODES[kind.model.device_id].first_mode)

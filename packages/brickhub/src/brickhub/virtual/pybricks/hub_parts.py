@@ -7,7 +7,6 @@ import re
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from brickhub.robot import HubKind
 from brickhub.virtual.machine import Machine
 from brickhub.virtual.micropython.containers import HubDict
 from brickhub.virtual.micropython.exceptions import SwitchedOff
@@ -295,7 +294,7 @@ class Battery(_Part):
 
     @charged
     def type(self) -> str:
-        return "Li-ion" if self._machine.robot.hub in (HubKind.PRIME, HubKind.ESSENTIAL) else "Alkaline"
+        return "Li-ion" if self._machine.robot.hub.model.is_rechargeable else "Alkaline"
 
     @charged
     def temperature(self) -> int:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from types import ModuleType
 from typing import Any
 
-from brickhub.robot import HubKind
+from brickhub.robot import HubModel
 from brickhub.virtual.micropython.numbers import module
 from brickhub.virtual.pybricks.accelerometer import Accelerometer
 from brickhub.virtual.pybricks.context import Context
@@ -21,16 +21,8 @@ from pybricks.messaging import BLERadio\r
 radio = BLERadio(broadcast_channel, observe_channels)\r
 \r
 """
-_COMMON: dict[str, Any] = {"battery": Battery, "buttons": Keypad, "light": ColorLight, "system": System}
 _MODULES = {"battery": "battery", "system": ""}
 """Names of the parts that are modules on a hub."""
-_PARTS: dict[HubKind, dict[str, Any]] = {
-    HubKind.PRIME: {**_COMMON, "charger": Charger, "display": LightMatrix, "speaker": Speaker, "imu": IMU},
-    HubKind.ESSENTIAL: {**_COMMON, "charger": Charger, "imu": IMU},
-    HubKind.TECHNIC: {**_COMMON, "imu": IMU},
-    HubKind.CITY: _COMMON,
-    HubKind.MOVE: {**_COMMON, "imu": Accelerometer},
-}
 
 
 class _Hub:
@@ -73,15 +65,18 @@ def _as_module(name: str, part: Any) -> ModuleType:
     return module(name, {key: function(getattr(part, key)) for key in dir(part) if not key.startswith("_")})
 
 
-def hubs_module(context: Context, kind: HubKind) -> ModuleType:
-    parts = {name: part(context) for name, part in _PARTS[kind].items()}
+def hubs_module(context: Context, model: HubModel) -> ModuleType:
+    classes: dict[str, Any] = {"battery": Battery, "buttons": Keypad, "light": ColorLight, "system": System}
+    classes |= {"charger": Charger} if model.is_rechargeable else {}
+    classes |= {"display": LightMatrix} if model.has_display else {}
+    classes |= {"speaker": Speaker} if model.has_speaker else {}
+    classes |= {"imu": IMU} if model.has_imu else {"imu": Accelerometer} if model.has_accelerometer else {}
+    parts = {name: part(context) for name, part in classes.items()}
     for part, name in _MODULES.items():
         parts[part] = _as_module(name, parts[part])
-    if kind is not HubKind.PRIME:
+    if len(model.buttons) == 1:
         parts["button"] = parts["buttons"]  # older name
-    base = _MoveHub if kind is HubKind.MOVE else _OrientedHub if "imu" in parts else _Hub
-    hub = type(kind.model.class_name, (base,), {"_parts": parts, "_context": context})
-    names = {kind.model.class_name: hub, "ThisHub": hub}
-    if kind is HubKind.PRIME:
-        names["InventorHub"] = hub
-    return module("hubs", names)
+    base = _MoveHub if model.has_accelerometer else _OrientedHub if "imu" in parts else _Hub
+    hub = type(model.class_name, (base,), {"_parts": parts, "_context": context})
+    names = {model.class_name: hub, "ThisHub": hub}
+    return module("hubs", names | ({model.alias: hub} if model.alias else {}))

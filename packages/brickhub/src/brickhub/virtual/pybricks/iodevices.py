@@ -8,8 +8,8 @@ from collections.abc import Callable
 from types import ModuleType
 from typing import Any
 
-from brickhub.hub.diagnostics.devices import DC_MOTOR_ID, MOTOR_IDS, NOTHING, device_id
-from brickhub.robot import HubKind, PoweredUpSensor, SensorKind, UltrasonicSensor
+from brickhub.robot import SensorKind
+from brickhub.robot.hardware import DC_MOTOR_ID
 from brickhub.virtual.body import FittingBody
 from brickhub.virtual.console import Console
 from brickhub.virtual.machine import Machine
@@ -28,7 +28,7 @@ from brickhub.virtual.pybricks.context import (
     get_text,
     os_error,
 )
-from brickhub.virtual.pybricks.device_modes import MODES, STALE_MS, first_mode, reports_angle
+from brickhub.virtual.pybricks.device_modes import MODES, DeviceModes, reports_angle
 from brickhub.virtual.pybricks.parameters import Parameters
 from brickhub.virtual.pybricks.pupsensors import SEND_MS, WRITE_MS, Device
 from brickhub.virtual.pybricks.wireless import LWP3Device, XboxController, wireless
@@ -42,10 +42,10 @@ class PUPDevice(Device):
 
     def _is_plugged_in(self) -> bool:
         device = _device_id(self._machine, self._letter)
-        self._id = device or NOTHING
-        self._modes = MODES.get(self._id, ())
-        self._mode = self._machine.modes.get(self._letter) or (first_mode(self._id) if self._modes else "")
-        self._switch_ms = STALE_MS.get(self._id, 0)
+        self._id = device or 0
+        modes = MODES.get(self._id, DeviceModes())
+        self._modes, self._first_mode, self._switch_ms = modes.modes, modes.first_mode, modes.stale_ms
+        self._mode = self._machine.modes.get(self._letter) or self._first_mode
         return device is not None
 
     @charged
@@ -57,7 +57,7 @@ class PUPDevice(Device):
     def reset(self) -> None:
         """Reset to the state after plugging in."""
         self._expect_modes()
-        self._machine.modes[self._letter] = first_mode(self._id)
+        self._machine.modes[self._letter] = self._first_mode
 
     def read(self, mode: Any) -> Any:
         self._expect_modes()
@@ -101,18 +101,15 @@ class PUPDevice(Device):
 
 def _device_id(machine: Machine, port: str) -> int | None:
     devices = (*machine.robot.motors, *machine.robot.sensors)
-    described_id = next((device_id(device) for device in devices if device.port == port), None)
+    described_id = next((device.kind.model.device_id for device in devices if device.port == port), None)
     if described_id is not None or not isinstance(machine.body, FittingBody):
         return described_id
     plugged_in = machine.body.device(port)
     if plugged_in == "DCMotor":
         return DC_MOTOR_ID
     if port in machine.body.motors:
-        return MOTOR_IDS[machine.body.motors[port]]
-    if plugged_in is None:
-        return None
-    is_ultrasonic = plugged_in == UltrasonicSensor.__name__
-    return device_id(UltrasonicSensor("it", port) if is_ultrasonic else PoweredUpSensor("it", port, SensorKind(plugged_in)))
+        return machine.body.motors[port].model.device_id
+    return None if plugged_in is None else SensorKind(plugged_in).model.device_id
 
 
 class UARTDevice:
@@ -216,8 +213,7 @@ def _ask_for_power(pin: int, console: Console) -> None:
 
 
 def iodevices_module(context: Context, parameters: Parameters) -> ModuleType:
-    has_xbox = context.machine.robot.hub is not HubKind.CITY
-    names: dict[str, Any] = wireless((LWP3Device, XboxController) if has_xbox else (LWP3Device,), context)
+    names: dict[str, Any] = wireless((LWP3Device, XboxController), context)
     for kind in (PUPDevice, UARTDevice):
         subclass: Any = bind(kind, context)
         subclass._parameters = parameters

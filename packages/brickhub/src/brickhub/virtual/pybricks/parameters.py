@@ -210,9 +210,9 @@ _NumberedAxis.__name__ = _NumberedAxis.__qualname__ = "Axis"
 class Parameters:
     """Enumerations of a kind of hub, with its ports only."""
 
-    def __init__(self, hub: HubModel, has_display: bool) -> None:
+    def __init__(self, hub: HubModel) -> None:
         self.Port = _enumeration("Port", " ".join(hub.ports))
-        self._has_display, self._has_float = has_display, hub.has_float
+        self._has_display, self._has_float = hub.has_display, hub.has_float
 
     def port_letter(self, port: Any) -> str:
         """Letter of a ``Port``; raises TypeError for other values."""

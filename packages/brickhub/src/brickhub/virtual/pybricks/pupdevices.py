@@ -7,7 +7,6 @@ from types import ModuleType
 from typing import Any
 
 from brickhub.robot import Direction as MotorDirection
-from brickhub.robot import HubKind
 from brickhub.virtual.firmware.control import OnCompletion
 from brickhub.virtual.firmware.servo import Servo
 from brickhub.virtual.machine import Machine
@@ -245,13 +244,11 @@ class Motor(_BaseMotor):
 
 
 def pupdevices_module(context: Context, parameters: Parameters) -> ModuleType:
-    hub = context.machine.robot.hub
-    others = (TechnicMoveHub, DuploTrain, MarioHub) if hub in (HubKind.PRIME, HubKind.ESSENTIAL) else ()
-    names: dict[str, Any] = {"PFMotor": PFMotor, **wireless((Remote, *others), context)}
+    names: dict[str, Any] = {"PFMotor": PFMotor, **wireless((Remote, TechnicMoveHub, DuploTrain, MarioHub), context)}
     for kind in (Motor, DCMotor, *DEVICES):
         subclass: Any = bind(kind, context)
         subclass._parameters = parameters
         names[kind.__name__] = subclass
-    if not hub.model.has_float:
+    if not context.machine.robot.hub.model.has_float:
         hide_attributes(names["Motor"], "control", "log", "model")
     return module("pupdevices", names)

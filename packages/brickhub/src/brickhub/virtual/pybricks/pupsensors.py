@@ -7,17 +7,16 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from brickhub.robot import PoweredUpSensor, SensorKind
-from brickhub.robot import UltrasonicSensor as Ultrasonic
+from brickhub.robot import Sense, SensorKind
 from brickhub.virtual.body import SensingBody
 from brickhub.virtual.machine import Machine
 from brickhub.virtual.micropython.floats import to_single
 from brickhub.virtual.pybricks.colors import nearest
 from brickhub.virtual.pybricks.context import RunLoop, expect_type, get_array, get_int, get_number, os_error
-from brickhub.virtual.pybricks.device_modes import MAX_FORCE_MN, Plug
+from brickhub.virtual.pybricks.device_modes import MAX_FORCE_MN, SENSOR_MODES, Plug
 from brickhub.virtual.pybricks.parameters import NAMED_COLORS, Color, Direction, Parameters
 from brickhub.virtual.run_log import RunLog
-from brickhub.virtual.stimuli import Sense, reflection_pct
+from brickhub.virtual.stimuli import reflection_pct
 
 _TRAVEL_UM = 6670
 _TOUCHED_UM = 100
@@ -49,10 +48,12 @@ class Device:
         self._plug = Plug(self._machine, self._letter)
 
     def _is_plugged_in(self) -> bool:
+        self._switch_ms = SENSOR_MODES[self._kind].stale_ms
         if self._machine.plug_in(self._letter, self._kind.value):
             return True
-        described = (s for s in self._machine.robot.sensors if isinstance(s, PoweredUpSensor) and s.port == self._letter)
-        return isinstance(self._machine.body, SensingBody) and any(sensor.kind is self._kind for sensor in described)
+        is_sensed = self._kind.model.range_mm is not None or isinstance(self._machine.body, SensingBody)
+        described = (sensor.kind for sensor in self._machine.robot.sensors if sensor.port == self._letter)
+        return is_sensed and self._kind in described
 
     def _measure(self, mode: str, get: Callable[[], Any], *quantities: str) -> Any:
         """Value of ``get`` in a mode of the device; ``quantities`` are its parts' names in the log of the run."""
@@ -118,18 +119,12 @@ class ColorLight:
 class UltrasonicSensor(Device):
     """Distance in mm, 2000 if nothing is near."""
 
+    _kind = SensorKind.ULTRASONIC
     _mode = "DISTL"
-    _switch_ms = 50
 
     def __init__(self, port: Any) -> None:
         super().__init__(port)
         self.lights = LightArray(self, 4)
-
-    def _is_plugged_in(self) -> bool:
-        if self._machine.plug_in(self._letter, "UltrasonicSensor"):
-            return True
-        sensors = self._machine.robot.sensors
-        return any(isinstance(sensor, Ultrasonic) and sensor.port == self._letter for sensor in sensors)
 
     def distance(self) -> Any:
         return self._measure("DISTL", lambda: self._machine.body.distance_mm(self._letter), "distance_mm")
@@ -141,7 +136,6 @@ class UltrasonicSensor(Device):
 
 class _ColorDevice(Device):
     _mode = "RGB I"
-    _switch_ms = 30
 
     def __init__(self, port: Any) -> None:
         super().__init__(port)
@@ -317,13 +311,4 @@ class PFMotor:
         return self._sensor._write("IR Tx", SEND_MS)
 
 
-DEVICES: tuple[type[Device], ...] = (
-    UltrasonicSensor,
-    ColorSensor,
-    ColorDistanceSensor,
-    ForceSensor,
-    InfraredSensor,
-    TiltSensor,
-    Light,
-    ColorLightMatrix,
-)
+DEVICES: tuple[type[Device], ...] = tuple(globals()[kind.value] for kind in SensorKind)

@@ -103,9 +103,10 @@ def _iterator(task: Any) -> Iterator[Any]:
     return iter(task)
 
 
-def tools_module(context: Context, has_display: bool, app_data: type[Any]) -> ModuleType:
+def tools_module(context: Context, app_data: type[Any]) -> ModuleType:
     """``pybricks.tools``, which also has the old ``AppData``."""
     machine, loop = context.machine, context.loop
+    hub = machine.robot.hub.model
 
     def wait(time: Any) -> Any:
         duration = time if type(time) is int else get_int(time)
@@ -150,16 +151,11 @@ def tools_module(context: Context, has_display: bool, app_data: type[Any]) -> Mo
         return _menu(context, entries)
 
     names: dict[str, Any] = {"wait": wait, "run_task": run_task, "read_input_byte": read_input_byte, "AppData": app_data}
-    names.update(
-        {"StopWatch": bind(StopWatch, context), "multitask": bind(Task, context)}, **_geometry(machine.robot.hub.model.has_float)
-    )
-    if has_display:
+    names |= {"StopWatch": bind(StopWatch, context), "multitask": bind(Task, context)}
+    names |= {"Matrix": Matrix, "vector": vector, "cross": cross, "Axis": Axis} if hub.has_float else {}
+    if hub.has_display:
         names["hub_menu"] = hub_menu
     return module("tools", names)
-
-
-def _geometry(has_float: bool) -> dict[str, Any]:
-    return {"Matrix": Matrix, "vector": vector, "cross": cross, "Axis": Axis} if has_float else {}
 
 
 def _menu(context: Context, entries: tuple[Any, ...]) -> Any:

@@ -269,5 +269,6 @@ def _dpad(down: frozenset[str]) -> int:
 
 
 def wireless(kinds: tuple[type[Wireless], ...], context: Context) -> dict[str, Any]:
-    """Classes for one program, by name."""
-    return {kind.__name__: bind(kind, context) for kind in kinds}
+    """Classes for one program, by name; without those that its hub lacks."""
+    missing = context.machine.robot.hub.model.missing
+    return {kind.__name__: bind(kind, context) for kind in kinds if kind.__name__ not in missing}

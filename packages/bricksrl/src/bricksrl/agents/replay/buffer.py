@@ -17,6 +17,7 @@ from torchrl.data import LazyMemmapStorage, LazyTensorStorage, TensorDictReplayB
 from torchrl.envs import EnvBase
 
 from bricksrl.agents.settings import OffPolicySettings
+from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.specs import ObservationLayout
 from bricksrl.envs.task import Task
 from bricksrl.errors import DescriptionError
@@ -242,8 +243,9 @@ def shift_images(images: Tensor, max_px: int) -> Tensor:
 
 def make_replay_buffer(env: EnvBase, settings: OffPolicySettings, device: torch.device | str) -> TransitionReplayBuffer:
     """The replay buffer of the settings for an environment."""
-    layout = ObservationLayout.of(env)
-    has_goals = bool(layout.goals) and settings.hindsight + settings.new_goals > 0
+    layout, task, goals = ObservationLayout.of(env), interface_of(env).task, None
+    if task is not None and layout.goals and settings.hindsight + settings.new_goals > 0:
+        goals = GoalRelabelling(task, layout, settings.hindsight, settings.new_goals)
     return TransitionReplayBuffer(
         settings.buffer_size,
         settings.batch_size,
@@ -252,6 +254,6 @@ def make_replay_buffer(env: EnvBase, settings: OffPolicySettings, device: torch.
         device,
         gamma=settings.gamma,
         n_step=settings.n_step,
-        goals=GoalRelabelling(env.task, layout, settings.hindsight, settings.new_goals) if has_goals else None,
+        goals=goals,
         shift_px=settings.shift_px if layout.image_px else 0,
     )

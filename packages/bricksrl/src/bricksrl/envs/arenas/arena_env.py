@@ -15,7 +15,7 @@ from brickhub.virtual.virtual_transport import PLACEMENT_MS, VirtualHub
 from bricksrl.envs.arenas.arena_specs import frame, joined_actions, set_specs
 from bricksrl.envs.arenas.arena_task import ArenaState, ArenaTask
 from bricksrl.envs.connection import Reconnect
-from bricksrl.envs.options import PicklableEnv
+from bricksrl.envs.env_interface import BricksEnv
 from bricksrl.errors import BricksError, HubError, StoppedError
 from bricktwin.twin.arena import ArenaWorld
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from bricktwin.twin.physics import Physics
 
 
-class ArenaEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
+class ArenaEnv(BricksEnv, EnvBase):  # type: ignore[misc]
     """Several robots of a task, as a TorchRL environment with groups; see `bricksrl.envs.arenas.arena_specs.set_specs`.
 
     A broken link ends the episode for all: the step is truncated and marked ``link_lost``, all links are closed, so that all
@@ -35,6 +35,9 @@ class ArenaEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
         physics: physics of all robots.
         realtime: run in real time.
     """
+
+    task: ArenaTask  # type: ignore[assignment]
+    reconnect: Reconnect
 
     def __init__(
         self, task: ArenaTask, *, seed: int | None = None, physics: Physics | None = None, realtime: bool = False
@@ -48,7 +51,6 @@ class ArenaEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
         self._state: ArenaState | None = None
         self._step_count = 0
         self.reconnect = Reconnect()
-        self.link_error: HubError | None = None
         spans = [[(c.low, c.high) for c in interface.commands] for interface in task.interfaces]
         self._low, self._high = torch.tensor(spans)[..., 0], torch.tensor(spans)[..., 1]
         set_specs(self, task)

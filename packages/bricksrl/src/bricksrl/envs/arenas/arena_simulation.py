@@ -14,7 +14,7 @@ from torchrl.envs import EnvBase
 
 from bricksrl.envs.arenas.arena_specs import frame, joined_actions, set_specs
 from bricksrl.envs.arenas.arena_task import ArenaState, ArenaTask
-from bricksrl.envs.options import PicklableEnv
+from bricksrl.envs.env_interface import BricksEnv
 from bricksrl.envs.simulation import batch_shape, resolve_device
 from bricksrl.errors import DescriptionError
 
@@ -31,9 +31,11 @@ MARGIN_M = 0.07
 """Least distance of a robot's middle from a wall."""
 
 
-class ArenaSimulation(PicklableEnv, EnvBase):  # type: ignore[misc]
+class ArenaSimulation(BricksEnv, EnvBase):  # type: ignore[misc]
     """Copies ``[copies]`` of a task without loads. Raises DescriptionError if the task has no simulation, or ``copies`` is
     invalid; RunError if there is no such device."""
+
+    task: ArenaTask  # type: ignore[assignment]
 
     def __init__(self, task: ArenaTask, copies: int, *, seed: int | None = None, device: torch.device | str = "cpu") -> None:
         device = resolve_device(device)

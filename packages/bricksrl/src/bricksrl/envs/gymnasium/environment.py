@@ -101,8 +101,7 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
             from bricktwin.twin.mujoco_body import MujocoBody
             from bricktwin.twin.render.opengl import Renderer
 
-            twin = getattr(self.env, "twin", None)
-            body = None if twin is None else twin.body
+            body = None if self.env.twin is None else self.env.twin.body
             if not isinstance(body, MujocoBody):
                 raise RenderingUnavailableError(f"the robot of {self.env.task.id} has no picture; use hub='virtual'")
             self._renderer = Renderer(body)

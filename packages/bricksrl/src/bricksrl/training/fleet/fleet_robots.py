@@ -101,6 +101,7 @@ class Fleet(SpecsEnv):
         super().__init__({name: getattr(env, name).clone() for name in names}, env.task)
         env.close(raise_if_closed=False)
         self.config, self.members = config, members_of(config)
+        self.robots = len(self.members)
         self.events: SimpleQueue[Event] = SimpleQueue()
         self.is_paced = config.hub == "virtual" and not config.realtime
         self._placer = None if place is None else _Placer(place, self._placed)

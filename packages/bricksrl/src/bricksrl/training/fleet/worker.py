@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from brickhub.user_files import line_of_user
 from bricksrl.child_process import END, Message, leave, parent_channel
+from bricksrl.envs.env_interface import BricksEnv
 from bricksrl.errors import StoppedError, message_of
 
 if TYPE_CHECKING:
@@ -37,7 +38,7 @@ class Worker:
         self._inbox: SimpleQueue[Message] = SimpleQueue()
         self._ended = threading.Event()
         self._weights: deque[dict[str, Any]] = deque(maxlen=1)
-        self._env: Any = None
+        self._env = BricksEnv()
         self._cut_until_s = 0.0
 
     def receive(self, message: Message | None) -> None:
@@ -49,8 +50,12 @@ class Worker:
                 self._weights.append(content)
             case "cut":
                 self._cut_until_s = time.monotonic() + content
-            case "stop" | "pause" | "resume" if self._env is not None:
-                getattr(self._env, kind)()
+            case "stop":
+                self._env.stop()
+            case "pause":
+                self._env.pause()
+            case "resume":
+                self._env.resume()
             case "end":
                 self._ended.set()
                 self._inbox.put((kind, content))

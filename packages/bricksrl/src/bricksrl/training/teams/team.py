@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from brickhub.seed import check_seed, derive_seed
+from bricksrl.envs.env_interface import interface_of
 from bricksrl.errors import CheckpointError, RunError, message_of
 
 if TYPE_CHECKING:
@@ -185,7 +186,7 @@ def play_team(env: EnvBase, policy: TensorDictModuleBase, episodes: int, seed: i
                 frame = env.step(policy(state))
                 length += 1
                 if bool(frame["next", "link_lost"]):
-                    raise env.link_error
+                    raise interface_of(env).link_error
                 for group in returns:
                     returns[group] += float(frame["next", group, "reward"].mean())
                 if bool(frame["next", "done"]):

@@ -39,7 +39,8 @@ _WHEEL_KG, _WHEEL_MM = 0.018, 56.0
 _HUB_X_MM = -16.0
 _CLEARANCE_MM = 3.0
 _UNKNOWN_HUB: tuple[Triple, float] = ((64.0, 40.0, 32.0), 100.0)
-_EQUIVALENT_MOTORS = {MotorKind.TECHNIC_M_ANGULAR: MotorKind.SPIKE_MEDIUM, MotorKind.TECHNIC_L_ANGULAR: MotorKind.SPIKE_LARGE}
+_DRAWINGS = {"prime": lego.hub, "spike-medium": lego.medium_motor}
+"""Our drawings of hubs and motors; all others are drawn as their cases."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +102,7 @@ def _measure(robot: Robot, base: DriveBase) -> _Frame:
 
 
 def _motor_case(kind: MotorKind) -> tuple[Triple, float]:
-    case = case_of(DeviceKind.MOTOR, _EQUIVALENT_MOTORS.get(kind, kind).value)
+    case = case_of(DeviceKind.MOTOR, kind.model.like or kind.value)
     assert case is not None  # noqa: S101 - the catalogue has every kind of motor, which a test checks
     return case
 
@@ -174,8 +175,8 @@ def _holder(at_mm: Triple, frame: _Frame, top: float) -> Piece:
 
 
 def _hub(kind: HubKind, size: Triple) -> Piece:
-    if kind is HubKind.PRIME:
-        return lego.hub()
+    if kind.value in _DRAWINGS:
+        return _DRAWINGS[kind.value]()
     length, width, height = size
     lower = box(length, width, height * 0.6, radius=2.0).at(0, 0, -height * 0.2)
     upper = box(length - 2, width - 2, height * 0.4, radius=2.0).at(0, 0, height * 0.3)
@@ -185,8 +186,9 @@ def _hub(kind: HubKind, size: Triple) -> Piece:
 
 def _motor(kind: MotorKind, size: Triple, side: float) -> Piece:
     """Motor that extends backwards from its shaft, which points to a side; the shaft is the origin."""
-    if kind in (MotorKind.SPIKE_MEDIUM, MotorKind.TECHNIC_M_ANGULAR):
-        return lego.medium_motor() if side > 0 else lego.medium_motor().turned(X_AXIS, 180)
+    draw_motor = _DRAWINGS.get(kind.model.like or kind.value)
+    if draw_motor is not None:
+        return draw_motor() if side > 0 else draw_motor().turned(X_AXIS, 180)
     length, height, width = size
     case = box(length - 16, width, height, radius=2.2).at(12 - (length - 16) / 2, 0, 0)
     cap = box(16, width - 1, height - 1, radius=2.2).at(12 - length + 8, 0, 0)

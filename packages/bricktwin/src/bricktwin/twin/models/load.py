@@ -8,7 +8,7 @@ from pathlib import Path
 import mujoco
 
 from brickhub.errors import TwinError
-from brickhub.robot import Robot, UltrasonicSensor
+from brickhub.robot import Robot
 from bricktwin.robots.planned import plan_file
 from bricktwin.twin.models.driving_robot import driving_robot
 from bricktwin.twin.models.mjcf import pair_contacts
@@ -36,7 +36,7 @@ def load_model(robot: Robot, scene: Scene, *, alone: bool = True) -> mujoco.MjSp
         spec = from_file(Path(source), robot, scene)
     else:
         spec = _from_function(robot, source, scene)
-    if scene.wall_distance_mm is not None and not any(isinstance(sensor, UltrasonicSensor) for sensor in robot.sensors):
+    if scene.wall_distance_mm is not None and not any(sensor.kind.model.range_mm for sensor in robot.sensors):
         raise TwinError(f"robot '{robot.name}' has no ultrasonic sensor to place it before a wall with; omit the wall")
     if scene.ball and spec.geom("ball") is None:
         raise TwinError(

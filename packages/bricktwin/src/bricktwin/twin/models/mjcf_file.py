@@ -18,7 +18,7 @@ from pathlib import Path
 import mujoco
 
 from brickhub.errors import TwinError, message_of
-from brickhub.robot import Robot, SensorKind, UltrasonicSensor
+from brickhub.robot import Robot, Sense
 from bricktwin.twin.models.mjcf import (
     LOOKS_GROUP,
     OBSTACLE_GROUP,
@@ -28,7 +28,7 @@ from bricktwin.twin.models.mjcf import (
     add_surroundings,
     set_options,
 )
-from bricktwin.twin.models.mounts import add_hub_site, add_touch, hub_axes
+from bricktwin.twin.models.mounts import add_hub_site, add_touch, hub_axes, site_name
 from bricktwin.twin.scene import Scene
 
 _CHASE_DISTANCE_M = 0.5
@@ -58,11 +58,8 @@ def from_file(path: Path, robot: Robot, scene: Scene) -> mujoco.MjSpec:
     for sensor in robot.sensors:
         site = _named(spec.sites, sensor.name, "site", path, robot)
         _require_first(site, base, path)
-        if isinstance(sensor, UltrasonicSensor):
-            site.name = f"ultrasonic_{sensor.port}"
-            continue
-        site.name = f"sensor_{sensor.port}"
-        if sensor.kind is SensorKind.FORCE:
+        site.name = site_name(sensor)
+        if Sense.FORCE in sensor.kind.model.senses:
             add_touch(spec, sensor)
     hub = spec.site("imu")
     if hub is None:

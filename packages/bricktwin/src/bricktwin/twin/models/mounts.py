@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import functools
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
-from brickhub.robot import Mount, PoweredUpSensor, Sensor, SensorKind
+from brickhub.robot import Mount, Sense, Sensor, SensorKind
 from brickhub.robot.spec import LOOKS
 from bricktwin.plans import catalogue
 from bricktwin.plans.geometry import MM_PER_LDU, Floats, Triple
@@ -16,14 +17,34 @@ from bricktwin.twin.models import lego
 from bricktwin.twin.models.meshes import X_AXIS, Z_AXIS, Piece, box, cylinder, ring
 from bricktwin.twin.models.mjcf import SHAPE_GROUP, add_box
 
-_DEFAULT = Mount((60.0, 0.0, 40.0), "ahead")
-_MOUNTS = {
-    SensorKind.COLOR: Mount((60.0, 0.0, 12.0), "down"),
-    SensorKind.COLOR_DISTANCE: Mount((60.0, 0.0, 12.0), "down"),
-    SensorKind.FORCE: Mount((80.0, 0.0, 30.0), "ahead"),
-}
-"""Default mounts of sensors without one in their description."""
 _BUTTON_MM = 8.0
+_AHEAD, _FACING_FLOOR = Mount((60.0, 0.0, 40.0)), Mount((60.0, 0.0, 12.0), "down")
+
+
+@dataclass(frozen=True)
+class SensorBody:
+    """Body of a kind of sensor. Its case is in the parts catalogue.
+
+    Attributes:
+        mount: where it sits unless its description says so.
+        infrared_mm: distance that it reports as 100 %, if it measures with infrared light; an estimate.
+    """
+
+    mount: Mount = _AHEAD
+    infrared_mm: float = 0.0
+
+
+_BODIES = {
+    SensorKind.COLOR: SensorBody(_FACING_FLOOR),
+    SensorKind.COLOR_DISTANCE: SensorBody(_FACING_FLOOR, infrared_mm=100.0),
+    SensorKind.INFRARED: SensorBody(infrared_mm=150.0),
+    SensorKind.FORCE: SensorBody(Mount((80.0, 0.0, 30.0))),
+}
+
+
+def body_of(kind: SensorKind) -> SensorBody:
+    """Body of a kind of sensor; by default in front and looking ahead."""
+    return _BODIES.get(kind, SensorBody())
 
 
 @functools.cache
@@ -50,10 +71,13 @@ def add_hub_site(body: mujoco.MjsBody, axes: Floats, at_m: Triple = (0.0, 0.0, 0
 
 
 def mount_of(sensor: Sensor) -> Mount:
-    """Mount of a sensor; by default in front, a color sensor facing the floor."""
-    if sensor.mount is not None:
-        return sensor.mount
-    return _MOUNTS.get(sensor.kind, _DEFAULT) if isinstance(sensor, PoweredUpSensor) else _DEFAULT
+    """Mount of a sensor; by default that of its kind."""
+    return sensor.mount or body_of(sensor.kind).mount
+
+
+def site_name(sensor: Sensor) -> str:
+    """Name of a sensor's site."""
+    return f"{'sensor' if sensor.kind.model.range_mm is None else 'ultrasonic'}_{sensor.port}"
 
 
 def mount_sensor(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, sensor: Sensor, axle_m: float) -> Piece:
@@ -62,42 +86,36 @@ def mount_sensor(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, sensor: Sensor, a
     ahead, left, up = mount.at_mm
     eye = np.array([ahead, left, up - axle_m * 1000.0])
     gaze = np.array(LOOKS[mount.looks])
-    size, mass_g = case_of(DeviceKind.SENSOR, sensor.class_name) or ((24.0, 24.0, 24.0), 12.0)
+    size, mass_g = case_of(DeviceKind.SENSOR, sensor.kind.value) or ((24.0, 24.0, 24.0), 12.0)
     depth = min(size)
     middle = eye - gaze * depth / 2
     turn = _quaternion(gaze)
     add_sensor_site(spec, chassis, sensor, eye / 1000, turn)
-    if isinstance(sensor, PoweredUpSensor) and sensor.kind is SensorKind.FORCE:
+    if Sense.FORCE in sensor.kind.model.senses:
         middle = eye - gaze * (max(size) / 2 + _BUTTON_MM)
         add_box(chassis, eye - gaze * _BUTTON_MM / 2, (_BUTTON_MM, 16.0, 16.0), 0.002, turn=turn)
         add_box(chassis, middle, size, mass_g / 1000 - 0.002, turn=turn, collides=False)
         return _aimed(_force_sensor(size), gaze).at(*eye.tolist())
-    if not isinstance(sensor, PoweredUpSensor):
-        add_box(chassis, middle, (size[2], size[0], size[1]), mass_g / 1000, turn=turn)
-        return _aimed(lego.ultrasonic_sensor().at(-13.0, 0, 0), gaze).at(*eye.tolist())
-    add_box(chassis, middle, (depth, size[0], size[1]), mass_g / 1000, turn=turn, collides=False)
-    return _aimed(_small_sensor(size), gaze).at(*eye.tolist())
+    is_sonar = sensor.kind.model.range_mm is not None
+    add_box(chassis, middle, (depth, size[0], size[1]), mass_g / 1000, turn=turn, collides=is_sonar)
+    drawing = lego.ultrasonic_sensor().at(-13.0, 0, 0) if is_sonar else _small_sensor(size)
+    return _aimed(drawing, gaze).at(*eye.tolist())
 
 
 def add_sensor_site(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, sensor: Sensor, at_m: Floats, turn: list[float]) -> None:
     """Add a sensor's site, whose x axis is the viewing direction; that of a force sensor measures the contacts near it."""
-    pose = {"pos": at_m.tolist(), "quat": turn}
-    if not isinstance(sensor, PoweredUpSensor):
-        chassis.add_site(name=f"ultrasonic_{sensor.port}", group=SHAPE_GROUP, **pose)
-    elif sensor.kind is SensorKind.FORCE:
-        box = mujoco.mjtGeom.mjGEOM_BOX
-        chassis.add_site(name=f"sensor_{sensor.port}", type=box, size=[0.012] * 3, group=5, **pose)
+    pose = {"name": site_name(sensor), "pos": at_m.tolist(), "quat": turn}
+    if Sense.FORCE in sensor.kind.model.senses:
+        chassis.add_site(type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.012] * 3, group=5, **pose)
         add_touch(spec, sensor)
     else:
-        chassis.add_site(name=f"sensor_{sensor.port}", group=SHAPE_GROUP, **pose)
+        chassis.add_site(group=SHAPE_GROUP, **pose)
 
 
 def add_touch(spec: mujoco.MjSpec, sensor: Sensor) -> None:
     """Add a touch sensor of the contact forces (N) within a sensor's site."""
-    site = f"sensor_{sensor.port}"
-    spec.add_sensor(
-        name=f"force_{sensor.port}", type=mujoco.mjtSensor.mjSENS_TOUCH, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=site
-    )
+    touch, site = mujoco.mjtSensor.mjSENS_TOUCH, mujoco.mjtObj.mjOBJ_SITE
+    spec.add_sensor(name=f"force_{sensor.port}", type=touch, objtype=site, objname=site_name(sensor))
 
 
 def _quaternion(gaze: Floats) -> list[float]:

@@ -1,0 +1,236 @@
+"""Hubs, motors and sensors of LEGO: one row for each kind, with what everybody needs to know of it.
+
+Sources: Pybricks 4, its documentation, the configurations of its firmware (``bricks/*/mpconfigport.h``), its list of devices
+(``lego_device_type_id_t``); sizes of stacks and frames from the firmware compiled for each hub with GCC 12 and ``-fstack-usage``.
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+from typing import Any, Self
+
+
+class _Kind(enum.Enum):
+    """Kind of a device: ``model`` is its row, ``value`` the name in it."""
+
+    _value_: str
+    model: Any
+
+    def __new__(cls, model: Any) -> Self:
+        kind = object.__new__(cls)
+        kind._value_, kind.model = model.name, model
+        return kind
+
+
+@dataclass(frozen=True)
+class HubModel:
+    """Properties of a kind of hub.
+
+    Attributes:
+        class_name, alias: class in ``pybricks.hubs``, and its other name if it has one.
+        product_id: number by which it identifies itself to this computer.
+        machine: name and processor, as ``usys.implementation`` tells them.
+        ports: letters of the ports for motors and sensors.
+        program_bytes: largest size of a user program, which is the memory for stored data and the heap too.
+        stdin_bytes: usable size of the standard input ring buffer; 0 means no stdin.
+        stack_bytes, call_bytes: size of the call stack, which is what static data leaves of the memory, and of a call's frame.
+        stored_bytes: user data, settings and slots.
+        has_imu: whether a gyroscope and an accelerometer report tilt and angular velocity.
+        has_accelerometer: whether there is an accelerometer only.
+        has_float: whether the hub's MicroPython has floating-point numbers; one without is small, and has no streams either.
+        has_display, has_speaker: whether there are a display of 5 x 5 pixels and a loudspeaker.
+        is_rechargeable: whether it has a lithium battery with a charger rather than cells.
+        buttons: names of its buttons.
+        missing: builtin names, and classes of wireless devices, that its firmware leaves out.
+    """
+
+    name: str
+    class_name: str
+    product_id: int
+    machine: str
+    ports: str
+    program_bytes: int
+    stdin_bytes: int
+    stack_bytes: int
+    call_bytes: int
+    stored_bytes: int = 200
+    has_imu: bool = False
+    has_accelerometer: bool = False
+    has_float: bool = True
+    has_display: bool = False
+    has_speaker: bool = False
+    is_rechargeable: bool = False
+    buttons: tuple[str, ...] = ("center",)
+    missing: tuple[str, ...] = ()
+    alias: str = ""
+
+
+_RARE_DEVICES = ("DuploTrain", "MarioHub", "TechnicMoveHub")
+
+
+class HubKind(_Kind):
+    """Hubs supported by Pybricks 4 (except EV3 and NXT bricks, which are reached over USB only)."""
+
+    model: HubModel
+
+    PRIME = HubModel(
+        "prime",
+        "PrimeHub",
+        product_id=0x81,
+        machine="SPIKE Prime Hub with STM32F413VG",
+        ports="ABCDEF",
+        program_bytes=272 * 1024,
+        stdin_bytes=63,
+        stack_bytes=15_412,
+        call_bytes=208,
+        stored_bytes=600,
+        has_imu=True,
+        has_display=True,
+        has_speaker=True,
+        is_rechargeable=True,
+        buttons=("center", "left", "right", "bluetooth"),
+        alias="InventorHub",
+    )
+    ESSENTIAL = HubModel(
+        "essential",
+        "EssentialHub",
+        product_id=0x83,
+        machine="SPIKE Essential Hub with STM32F413RG",
+        ports="AB",
+        program_bytes=258 * 1024,
+        stdin_bytes=63,
+        stack_bytes=36_400,
+        call_bytes=216,
+        stored_bytes=600,
+        has_imu=True,
+        is_rechargeable=True,
+    )
+    TECHNIC = HubModel(
+        "technic",
+        "TechnicHub",
+        product_id=0x80,
+        machine="Technic Hub with STM32L431RC",
+        ports="ABCD",
+        program_bytes=32 * 1024,
+        stdin_bytes=20,
+        stack_bytes=22_968,
+        call_bytes=208,
+        has_imu=True,
+        missing=("memoryview", *_RARE_DEVICES),
+    )
+    CITY = HubModel(
+        "city",
+        "CityHub",
+        product_id=0x41,
+        machine="Powered Up City Hub with STM32F030RC",
+        ports="AB",
+        program_bytes=20 * 1024,
+        stdin_bytes=20,
+        stack_bytes=6_688,
+        call_bytes=224,
+        missing=("memoryview", "XboxController", *_RARE_DEVICES),
+    )
+    MOVE = HubModel(
+        "move",
+        "MoveHub",
+        product_id=0x40,
+        machine="BOOST Move Hub with STM32F070RB",
+        ports="ABCD",
+        program_bytes=7 * 1024,
+        stdin_bytes=0,
+        stack_bytes=3_528,
+        call_bytes=232,
+        has_accelerometer=True,
+        has_float=False,
+        missing=("bytearray", "complex", "enumerate", "float", "input", "memoryview", "reversed", "set", *_RARE_DEVICES),
+    )
+
+
+@dataclass(frozen=True)
+class MotorModel:
+    """Properties of a kind of motor; its model in the firmware is in ``virtual/firmware/motor_model.py``.
+
+    Attributes:
+        device_id: number by which it identifies itself to a hub.
+        like: name of the kind that it is in another colour, if so.
+        is_absolute: whether its rotation sensor knows the shaft's angle after plugging in.
+    """
+
+    name: str
+    device_id: int
+    like: str = ""
+    is_absolute: bool = True
+
+
+DC_MOTOR_ID = 1
+"""Device id of the motor without a rotation sensor; 0 is that of nothing."""
+
+
+class MotorKind(_Kind):
+    """Motors with a rotation sensor, of the class ``pybricks.pupdevices.Motor``."""
+
+    model: MotorModel
+
+    SPIKE_SMALL = MotorModel("spike-small", 65)
+    SPIKE_MEDIUM = MotorModel("spike-medium", 48)
+    SPIKE_LARGE = MotorModel("spike-large", 49)
+    TECHNIC_M_ANGULAR = MotorModel("technic-m-angular", 75, like="spike-medium")
+    TECHNIC_L_ANGULAR = MotorModel("technic-l-angular", 76, like="spike-large")
+    TECHNIC_L = MotorModel("technic-l", 46)
+    TECHNIC_XL = MotorModel("technic-xl", 47)
+    INTERACTIVE = MotorModel("interactive", 38, is_absolute=False)
+
+
+class Sense(enum.StrEnum):
+    """Kind of stimulus.
+
+    SURFACE: look of a surface in the sensor's light: a color, or the brightness of a gray in %.
+    AMBIENT: incoming light while the sensor's is off, likewise.
+    DISTANCE: mm for the ultrasonic sensor, % for infrared sensors.
+    FORCE: N on the button.
+    TILT: pitch and roll, degrees.
+    COUNT: number of passed objects.
+    """
+
+    SURFACE = "surface"
+    AMBIENT = "ambient"
+    DISTANCE = "distance"
+    FORCE = "force"
+    TILT = "tilt"
+    COUNT = "count"
+
+
+@dataclass(frozen=True)
+class SensorModel:
+    """Properties of a kind of sensor or light; its modes are in ``virtual/pybricks/device_modes.py``.
+
+    Attributes:
+        device_id: number by which it identifies itself to a hub.
+        senses: what it senses; a scene names the first one by the sensor alone. Empty for a light.
+        readings: methods that return measurements, as numbers or booleans, for a ``SensorReading``.
+        range_mm: least and largest distance in mm, for a ``Distance``; ``None`` for a sensor that does not measure millimetres.
+    """
+
+    name: str
+    device_id: int
+    senses: tuple[Sense, ...] = ()
+    readings: tuple[str, ...] = ()
+    range_mm: tuple[int, int] | None = None
+
+
+class SensorKind(_Kind):
+    """Sensors and lights, by the name of their class in ``pybricks.pupdevices``."""
+
+    model: SensorModel
+
+    ULTRASONIC = SensorModel("UltrasonicSensor", 62, (Sense.DISTANCE,), range_mm=(40, 2000))
+    COLOR = SensorModel("ColorSensor", 61, (Sense.SURFACE, Sense.AMBIENT), ("reflection", "ambient", "hsv"))
+    COLOR_DISTANCE = SensorModel(
+        "ColorDistanceSensor", 37, (Sense.SURFACE, Sense.DISTANCE, Sense.AMBIENT), ("reflection", "ambient", "hsv", "distance")
+    )
+    FORCE = SensorModel("ForceSensor", 63, (Sense.FORCE,), ("force", "distance", "pressed", "touched"))
+    INFRARED = SensorModel("InfraredSensor", 35, (Sense.DISTANCE, Sense.COUNT), ("reflection", "distance", "count"))
+    TILT = SensorModel("TiltSensor", 34, (Sense.TILT,), ("tilt",))
+    LIGHT = SensorModel("Light", 8)
+    COLOR_LIGHT_MATRIX = SensorModel("ColorLightMatrix", 64)

@@ -1,0 +1,105 @@
+"""Interface of environments: what the run loop, recording, page, evaluation and plugins need of one, with its defaults."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from bricksrl.envs.options import PicklableEnv
+from bricksrl.errors import HubError
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from brickhub.virtual.virtual_transport import VirtualHub
+    from bricksrl.envs.connection import Connection, Reconnect
+    from bricksrl.envs.task import Task
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Times of one step.
+
+    Attributes:
+        age_s: age of the observation that the action was chosen for, when the action was sent.
+        hub_time_s: the hub's clock when it measured the next observation.
+    """
+
+    age_s: float
+    hub_time_s: float
+
+
+class BricksEnv(PicklableEnv):
+    """An environment of ours, by default a simulation: it moves no robot, cannot be paused and judges what the agent observes.
+
+    Attributes:
+        task: the task; ``None`` for an environment that is not ours.
+        robots: number of robots, real or virtual, that `stop`, `pause` and `resume` reach; 0 for a simulation.
+        reconnect: reconnection after the link broke; ``None`` without a link.
+        link_error: error of the last step that ended with ``link_lost``.
+        in_reach: of a virtual robot, may be set before the first reset: while it returns False, the link is broken.
+    """
+
+    task: Task | None = None
+    robots: int = 0
+    reconnect: Reconnect | None = None
+    link_error: HubError = HubError("no link has broken")
+    in_reach: Callable[[], bool] = staticmethod(lambda: True)
+
+    @property
+    def twin(self) -> VirtualHub | None:
+        """The virtual hub of a single robot; ``None`` for a real robot or none. A new seed makes a new one."""
+        return None
+
+    @property
+    def is_paused(self) -> bool:
+        """True while a pause is requested."""
+        return False
+
+    @property
+    def is_cut(self) -> bool:
+        """True if a pause truncated the current episode, which then does not count."""
+        return False
+
+    @property
+    def timing(self) -> Timing | None:
+        """Times of the last step; ``None`` without a robot. Raises BricksError if no step was made yet."""
+        return None
+
+    def stop(self) -> None:
+        """Stop motors and program at once, even during a step; step and reset raise StoppedError until `resume`. Raises HubError
+        if the hub could not be reached; its watchdog then stops the motors."""
+
+    def pause(self) -> None:
+        """Hold the robot still after the current step, until `resume`."""
+
+    def resume(self) -> None:
+        """End `pause` or `stop`: the robot may move again after the next reset."""
+
+    def watch(self, _watcher: Callable[[Connection], None]) -> Callable[[], None]:
+        """Call ``watcher`` with the present connection to a single robot and with each later one: a new seed makes a new virtual
+        robot.
+
+        Returns:
+            A function that removes the watcher.
+        """
+        return lambda: None
+
+    def task_observations(self, observations: Tensor) -> Tensor:
+        """Input of the task's success and metrics for the observations ``[steps, n]`` of the whole current episode: by default
+        these."""
+        return observations
+
+    def walk_metrics(self) -> dict[str, float]:
+        """Metrics of a virtual robot's true motion: distance, speed, straightness; errors of its dead reckoning."""
+        return {}
+
+
+def interface_of(env: Any) -> BricksEnv:
+    """The interface of any environment: of the one under the transforms if that is ours, else the defaults."""
+    from torchrl.envs import TransformedEnv
+
+    while isinstance(env, TransformedEnv) and not isinstance(env, BricksEnv):
+        env = env.base_env
+    return env if isinstance(env, BricksEnv) else BricksEnv()
