@@ -13,6 +13,7 @@ from toys import Cart
 
 from bricksrl.agents.encoder import Convolutions, ImageEncoder, Keypoints, ObservationEncoder, encoder_keys, make_encoder
 from bricksrl.agents.replay.buffer import shift_images
+from bricksrl.envs.env_interface import BricksEnv
 from bricksrl.envs.registry import get_task
 from bricksrl.envs.specs import ObservationLayout
 from bricksrl.errors import DescriptionError
@@ -77,7 +78,7 @@ def test_batch_dimensions_do_not_change_features(angles: str, goals: str) -> Non
 
 
 def test_layouts_come_from_the_task_or_from_the_bounds_of_the_spec() -> None:
-    class WithTask:
+    class WithTask(BricksEnv):
         task = get_task("Spinning-v0")
         full_observation_spec_unbatched = Cart().full_observation_spec_unbatched
 

@@ -125,10 +125,8 @@ class ImageEncoder(nn.Module):
 
 def make_encoder(env: EnvBase, settings: Settings) -> ObservationEncoder | ImageEncoder:
     """The encoder for an environment's observation, and image if it has one."""
-    layout = ObservationLayout.of(env)
-    if layout.image_px:
-        return ImageEncoder(layout, settings)
-    return ObservationEncoder(layout, settings.angles, settings.goals)
+    layout, kind = ObservationLayout.of(env), (settings.angles, settings.goals)
+    return ImageEncoder(layout, settings) if layout.image_px else ObservationEncoder(layout, *kind)
 
 
 def encoder_keys(encoder: nn.Module) -> list[str]:

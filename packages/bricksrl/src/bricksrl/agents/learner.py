@@ -18,8 +18,9 @@ from torchrl.envs import EnvBase
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 from torchrl.objectives import LossModule
 
-from bricksrl.agents.replay.buffer import TransitionReplayBuffer, cut_at_lost_links, link_lost, make_replay_buffer, with_outcome
+from bricksrl.agents.replay.buffer import TransitionReplayBuffer, make_replay_buffer
 from bricksrl.agents.settings import OffPolicySettings, Settings
+from bricksrl.envs.rollout import cut_at_lost_links, lost_links, with_outcome
 from bricksrl.errors import CheckpointError, message_of
 
 MAX_ROWS = 8192
@@ -144,7 +145,7 @@ class Learner:
         frames = frames.to(self.device)
         if isinstance(self.memory, TransitionReplayBuffer):
             self.memory.extend(self.prepare(frames), robot=robot)
-        elif len(rows := with_outcome(self.prepare(cut_at_lost_links(frames)), link_lost(frames))):
+        elif len(rows := with_outcome(self.prepare(cut_at_lost_links(frames)), lost_links(frames))):
             self.memory.extend(rows)
 
     def end_episodes(self, robot: int | None = None) -> None:
@@ -271,7 +272,8 @@ def load_memory_state(memory: ReplayBuffer, state: dict[str, Any], device: torch
     memory.empty()
     is_ours = isinstance(memory, TransitionReplayBuffer)
     if size:
-        (memory.store if is_ours else memory.extend)(TensorDict(rows, [size], device=device).unflatten_keys("."))
+        options = {"robot": None} if is_ours else {}  # its links are in the state
+        memory.extend(TensorDict(rows, [size], device=device).unflatten_keys("."), **options)
     memory.writer.load_state_dict(state["writer"])
     if is_ours:
         memory.load_links(state)

@@ -141,9 +141,6 @@ class ActorCriticLoss(LossModule):  # type: ignore[misc]
         out: Tensor = self.actor(features)
         return out if self.anchor is None else self.anchor(features, out)
 
-    def _forward_value_estimator_keys(self, **_: object) -> None:
-        """No value estimator: the target is part of the loss."""
-
 
 def squared_errors(values: Tensor, target: Tensor) -> Tensor:
     """Mean squared error of values ``[k, batch]``, summed over the ``k`` critics."""
@@ -194,25 +191,20 @@ class SACLoss(ActorCriticLoss):
         return {"loss_alpha": self.log_alpha * (entropy - target), "alpha": self.alpha, "entropy": entropy}
 
     def draw(self, out: Tensor) -> tuple[Tensor, Tensor]:
-        """Action ``[batch, m]`` and log-probability ``[batch]`` from the actor's outputs."""
-        size = out.shape[-1] // 2
-        return rsample(out, self.settings.min_scale, torch.randn(*out.shape[:-1], size, dtype=out.dtype, device=out.device))
+        """Action ``[*batch, m]`` and log-probability ``[*batch]`` from the actor's outputs: a faster ``TanhNormal``."""
+        loc, scale = location_and_scale(out, self.settings.min_scale)
+        noise = torch.randn(*loc.shape, dtype=out.dtype, device=out.device)
+        x = torch.addcmul(loc, scale, noise)
+        # log of the normal density, less log(1 - tanh(x)^2) = 2 (log 2 - x - softplus(-2 x)), which stays finite for large x
+        parts = noise.square() * 0.25 + scale.log() * 0.5 - x - functional.softplus(-2.0 * x)
+        constant = loc.shape[-1] * (2.0 * math.log(2.0) + 0.5 * math.log(2.0 * math.pi))
+        return x.tanh(), -2.0 * parts.sum(-1) - constant
 
 
 def location_and_scale(out: Tensor, min_scale: float) -> tuple[Tensor, Tensor]:
     """Location and scale ``[*batch, m]`` of the normal before the tanh, from outputs ``[*batch, 2 m]``."""
     loc, raw_scale = out.chunk(2, -1)
     return loc, (functional.softplus(raw_scale + SCALE_SHIFT) + LEAST_SCALE).clamp_min(min_scale)
-
-
-def rsample(out: Tensor, min_scale: float, noise: Tensor) -> tuple[Tensor, Tensor]:
-    """Action ``[*batch, m]`` and log-probability ``[*batch]`` from standard normal ``noise``: a faster ``TanhNormal``."""
-    loc, scale = location_and_scale(out, min_scale)
-    x = torch.addcmul(loc, scale, noise)
-    # log of the normal density, less log(1 - tanh(x)^2) = 2 (log 2 - x - softplus(-2 x)), which stays finite for large x
-    parts = noise.square() * 0.25 + scale.log() * 0.5 - x - functional.softplus(-2.0 * x)
-    constant = loc.shape[-1] * (2.0 * math.log(2.0) + 0.5 * math.log(2.0 * math.pi))
-    return x.tanh(), -2.0 * parts.sum(-1) - constant
 
 
 class PolyakUpdate:

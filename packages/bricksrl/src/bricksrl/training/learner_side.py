@@ -12,7 +12,7 @@ from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
 from bricksrl.agents.learner import Learner
-from bricksrl.agents.replay.buffer import link_lost, with_outcome
+from bricksrl.envs.rollout import lost_links, with_outcome
 from bricksrl.training.checkpoint import save_checkpoint
 
 
@@ -40,7 +40,7 @@ class InLoopLearner:
             if sum(part.shape[-1] for part in self._collected) < size:
                 return
             frames = torch.cat(self._collected, -1)
-            if len(with_outcome(frames, link_lost(frames))) < size:
+            if len(with_outcome(frames, lost_links(frames))) < size:
                 return
             self._collected = []
         self.actor.remember(frames, robot)

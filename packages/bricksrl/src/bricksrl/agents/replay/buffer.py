@@ -18,32 +18,13 @@ from torchrl.envs import EnvBase
 
 from bricksrl.agents.settings import OffPolicySettings
 from bricksrl.envs.env_interface import interface_of
+from bricksrl.envs.rollout import lost_links, with_outcome
 from bricksrl.envs.specs import ObservationLayout
 from bricksrl.envs.task import Task
 from bricksrl.errors import DescriptionError
 
 HORIZON = 4
 """Hindsight goals are reached at most this number of steps later."""
-
-
-def link_lost(frames: TensorDictBase) -> Tensor | None:
-    """Frames with a lost link, or ``None`` if there is no link."""
-    lost = frames["next"].get("link_lost", None)
-    return None if lost is None else lost.squeeze(-1)
-
-
-def with_outcome(frames: TensorDictBase, lost: Tensor | None) -> TensorDictBase:
-    """Frames as rows, without those with a lost link: they have no outcome."""
-    return frames.reshape(-1) if lost is None else frames[~lost]
-
-
-def cut_at_lost_links(frames: TensorDictBase) -> TensorDictBase:
-    """Frames ``[*copies, time]`` where those before a lost link end their episodes: estimates must not look across."""
-    lost = link_lost(frames)
-    if lost is not None and bool(lost.any()):
-        frames = frames.clone()
-        frames["next", "done"][..., :-1, :] |= lost[..., 1:, None]
-    return frames
 
 
 @dataclass(frozen=True)
@@ -112,29 +93,24 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
         kind: dict[str, Any] = {"gamma": self._gamma, "n_step": self._n_step, "goals": self._goals, "shift_px": self._shift_px}
         return type(self)(capacity, self._rows, self._observed, device=self._sampled_to, **kind)
 
-    def extend(self, frames: TensorDictBase, *, robot: int = 0, **_: Any) -> Tensor:
+    def extend(self, frames: TensorDictBase, *, robot: int | None = 0, **_: Any) -> Tensor:
         """Store transitions ``[time]`` or ``[copies, time]`` that continue the last ones of each copy of this robot, unless the
-        link was lost. Returns indices. Raises DescriptionError if they do not fit."""
-        lost = link_lost(frames)
+        link was lost; of no robot: without links. Returns indices. Raises DescriptionError if they do not fit."""
+        lost = lost_links(frames)
         rows = with_outcome(frames.select(*self._keys), lost)
         if not len(rows):
-            self._last.pop(robot, None)
+            self.end_episodes(robot)
             return torch.empty(0, dtype=torch.int64)
         if len(rows) > self._none:
             message = f"{len(rows)} transitions at once do not fit into a replay buffer of {self._none}"
             raise DescriptionError(f"{message}; give buffer_size {len(rows)} or more")
-        index = self.store(rows)
-        if self._has_links:
+        index: Tensor = super().extend(rows.to(self._device)).to(self._device)
+        if self._has_links and robot is not None:
             places, time = index, frames.shape[-1]
             if lost is not None:
                 places = torch.full(lost.shape, self._none, device=self._device).masked_scatter(~lost.to(self._device), index)
             self._link(places.view(-1, time), frames["next", "done"].to(self._device).view(-1, time), robot)
         return index
-
-    def store(self, rows: TensorDictBase) -> Tensor:
-        """Store transitions ``[time]`` without links. Returns indices."""
-        indices: Tensor = super().extend(rows.to(self._device)).to(self._device)
-        return indices
 
     def _link(self, indices: Tensor, done: Tensor, robot: int) -> None:
         """Link successive transitions, stored at ``indices`` ``[copies, time]``, to each other and to the robot's last ones."""
@@ -246,14 +222,6 @@ def make_replay_buffer(env: EnvBase, settings: OffPolicySettings, device: torch.
     layout, task, goals = ObservationLayout.of(env), interface_of(env).task, None
     if task is not None and layout.goals and settings.hindsight + settings.new_goals > 0:
         goals = GoalRelabelling(task, layout, settings.hindsight, settings.new_goals)
-    return TransitionReplayBuffer(
-        settings.buffer_size,
-        settings.batch_size,
-        ("observation", "image") if layout.image_px else ("observation",),
-        settings.memory_mapped,
-        device,
-        gamma=settings.gamma,
-        n_step=settings.n_step,
-        goals=goals,
-        shift_px=settings.shift_px if layout.image_px else 0,
-    )
+    keys, shift_px = (("observation", "image"), settings.shift_px) if layout.image_px else (("observation",), 0)
+    args = (settings.buffer_size, settings.batch_size, keys, settings.memory_mapped, device)
+    return TransitionReplayBuffer(*args, gamma=settings.gamma, n_step=settings.n_step, goals=goals, shift_px=shift_px)
