@@ -12,8 +12,8 @@ import numpy as np
 
 from bricksrl.errors import PlanError
 from bricksrl.page.board import Board
-from bricksrl.page.presses import is_finite
 from bricksrl.page.scene import HIDDEN, Floats, Mesh, Scene, SceneBody, Shape, View, flat_mesh, poses
+from bricksrl.page.server import is_finite
 from bricktwin.plans.colours import colour_of
 from bricktwin.plans.geometry import M_PER_LDU
 from bricktwin.plans.mechanism.kinematics import TO_TWIN

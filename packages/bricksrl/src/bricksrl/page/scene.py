@@ -1,7 +1,7 @@
 """Scene of named bodies in 3D for a browser: constant meshes, variable poses. Metres, z up.
 
 A scene is sent once, as one binary file; after that only poses are sent. This module is independent of robots, MuJoCo and torch:
-it shows twins (:mod:`bricksrl.page.twin_scene`) and building plans alike.
+it shows twins (:mod:`bricksrl.page.robot_view`) and building plans alike.
 """
 
 from __future__ import annotations
