@@ -93,18 +93,14 @@ def stick_map(commands: Sequence[Entry]) -> list[list[float]]:
     and the next one forward, and a single one forward.
     """
     sides = [1.0 if "left" in command.name else -1.0 if "right" in command.name else 0.0 for command in commands]
-    if all(sides):
-        # A leg or wheel with a range below zero moves forward with decreasing values.
-        return [[side * _forward(command), _forward(command)] for side, command in zip(sides, commands, strict=True)]
+    if all(sides):  # a leg or wheel with a range below zero moves forward with decreasing values
+        ways = [-1.0 if command.high <= 0.0 else 1.0 for command in commands]
+        return [[side * way, way] for side, way in zip(sides, ways, strict=True)]
     if len(commands) == 1:
         return [[0.0, 1.0]]
     sideways = next((index for index, command in enumerate(commands) if command.name.startswith("turn")), 0)
     forward = int(sideways == 0)
     return [[float(index == sideways), float(index == forward)] for index in range(len(commands))]
-
-
-def _forward(command: Entry) -> float:
-    return -1.0 if command.high <= 0.0 else 1.0
 
 
 class LivePage(PageServer):
@@ -191,10 +187,8 @@ class LivePage(PageServer):
 
     def _press(self, name: str, value: Any) -> None:
         match name:
-            case "pause":
-                self._pause(True)
-            case "resume":
-                self._pause(False)
+            case "pause" | "resume":
+                self._pause(name == "pause")
             case "step" if not self._is_real:
                 self._paused, self._requested_steps = True, self._requested_steps + 1
             case "reset":
@@ -337,7 +331,7 @@ class LivePage(PageServer):
         self._halted.set()
         self._publish()
 
-    def wait_for_reset(self, is_over: Callable[[], bool] = lambda: False) -> None:
+    def wait_for_reset(self, is_over: Callable[[], bool]) -> None:
         """After a stop or a failure: wait for a reset, or until ``is_over()``."""
         while not self.is_reset_requested and not is_over():
             with self._changed:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from tensordict import TensorDictBase
     from torchrl.envs import EnvBase
 
+    from brickhub.virtual.virtual_transport import VirtualHub
     from bricksrl.training.config import TrainConfig
 
 _PHASES = {Phase.PREFILL: "random start", Phase.TRAIN: "learning", Phase.OFFLINE: "learning from data"}
@@ -73,10 +74,7 @@ class PageCallback(Callback):
         self._page.begin()
 
     def on_end(self, result: RunResult) -> None:
-        if result.interrupted:
-            self._page.finish(f"interrupted; `bricksrl resume {quoted(result.run_dir)}` goes on")
-        else:
-            self._page.finish("")
+        self._page.finish(f"interrupted; `bricksrl resume {quoted(result.run_dir)}` goes on" if result.interrupted else "")
 
 
 def resting_player(env: EnvBase) -> Player:
@@ -123,17 +121,21 @@ def play_on_page(
             if return_ is not None:
                 returns.append(return_)
                 page.end(return_, f"{len(returns) + 1}")
-        except StoppedError:
-            if stop.is_set():
-                raise
-            page.mark_stopped()
-            env.close(raise_if_closed=False)  # a virtual hub ends its program in this thread only
-            _coast(env)
-            page.board.update_status(message="The robot was stopped by hand. Reset lets it start again.")
-            _wait(page, stop)
         except BricksError as error:
-            page.board.update_status(message=f"{error}. Reset tries again.")
-            _wait(page, stop)
+            message = f"{error}. Reset tries again."
+            if isinstance(error, StoppedError):
+                if stop.is_set():
+                    raise
+                message = "The robot was stopped by hand. Reset lets it start again."
+                page.mark_stopped()
+                env.close(raise_if_closed=False)  # a virtual hub ends its program in this thread only
+                _coast(interface_of(env).twin)
+            page.board.update_status(message=message)
+            page.wait_for_reset(stop.is_set)
+            if stop.is_set():
+                raise StoppedError("the robot was stopped by hand") from error
+            page.release()
+            page.board.update_status(message="")
     return returns
 
 
@@ -158,19 +160,9 @@ def _episode(env: EnvBase, page: LivePage, act: Policy, reset: Callable[[], None
     return None
 
 
-def _wait(page: LivePage, stop: threading.Event) -> None:
-    page.wait_for_reset(stop.is_set)
-    if stop.is_set():
-        raise StoppedError("the robot was stopped by hand")
-    page.release()
-    page.board.update_status(message="")
-
-
-def _coast(env: EnvBase) -> None:
+def _coast(twin: VirtualHub | None) -> None:
     """Advance simulated time after a stop, to show the motors coast."""
-    twin = interface_of(env).twin
-    if twin is None:
-        return
-    for _ in range(_COAST_MS // 10):
-        twin.machine.advance(10)
-        time.sleep(0.01)
+    if twin is not None:
+        for _ in range(_COAST_MS // 10):
+            twin.machine.advance(10)
+            time.sleep(0.01)
