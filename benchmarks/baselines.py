@@ -20,6 +20,7 @@ import bricksrl
 from benchmarks.paper import RETURNS, SUCCESS
 from benchmarks.scripted import CONTROLLERS
 from benchmarks.session import Session
+from brickhub.seed import derive_seed
 from bricksrl.envs.rollout import seed_episode
 from bricksrl.evaluation.statistics import mean, stratified_bootstrap_interval, wilson_interval
 
@@ -53,7 +54,7 @@ def measure(env_id: str, policy: Callable[[TensorDictBase], Tensor], episodes: i
     torch.manual_seed(SEED)
     runs = []
     for number in range(episodes):
-        seed_episode(env, SEED, "baseline", number)
+        seed_episode(env, derive_seed(SEED, "baseline", number))
         runs.append(episode(env, policy))
     env.close()
     returns = [run[0] for run in runs]

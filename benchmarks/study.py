@@ -80,7 +80,7 @@ def main(session: Session) -> None:
 def run_seed(cell: Cell, seed: int, path: Path) -> dict[str, Any]:
     """Train and evaluate one seed in the folder ``path``, or resume it; returns its outcome."""
     from bricksrl.training import RunFolder, TrainConfig, resume, train
-    from bricksrl.training.curve import WINDOW
+    from bricksrl.training.callbacks import WINDOW
 
     cpu_s = None
     if RunFolder(path).checkpoint_path.exists():

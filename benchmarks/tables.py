@@ -1,4 +1,4 @@
-"""Tables of the README and of benchmarks.md, results.md, studies.md and virtual_hub.md in docs/, written from the results.
+"""Tables of the README and of pages in docs/, written from the results.
 
     python -m benchmarks tables            # write them
     python -m benchmarks tables --check    # check that they match the results
@@ -31,6 +31,7 @@ STUDIES_PAGE = ROOT / "docs" / "studies.md"
 README = ROOT / "README.md"
 BENCHMARKS_PAGE = ROOT / "docs" / "benchmarks.md"
 VIRTUAL_HUB_PAGE = ROOT / "docs" / "virtual_hub.md"
+ARCHITECTURE_PAGE = ROOT / "docs" / "architecture.md"
 SHOWN_MARKS = (250, 500, 1000, 2500, 7500)
 """Robot steps that the page shows; the results have more."""
 PROGRAMS = {
@@ -470,12 +471,20 @@ def virtual_hub(text: str) -> str:
     return BLOCK.sub(lambda _: f"\n{table(['random programs', 'number', 'print the same'], rows)}\n", text)
 
 
+def architecture(text: str) -> str:
+    """The page of the architecture with the walks of today's code."""
+    walks = json.loads((RESULTS / "walks.json").read_text())["walks"]
+    rows = [[name, str(len(files)), ", ".join(f"`{file}`" for file in files)] for name, files in walks.items()]
+    return BLOCK.sub(lambda _: f"\n{table(['value', 'files', 'in the order of its way'], rows)}\n", text)
+
+
 def main(session: Session) -> None:
     """Write, or check."""
     session.parser.add_argument("--check", action="store_true")
     args = session.parse()
     pages = {PAGE: page(), STUDIES_PAGE: studies()}
-    for path, written in ((README, readme), (BENCHMARKS_PAGE, commands), (VIRTUAL_HUB_PAGE, virtual_hub)):
+    blocks = {README: readme, BENCHMARKS_PAGE: commands, VIRTUAL_HUB_PAGE: virtual_hub, ARCHITECTURE_PAGE: architecture}
+    for path, written in blocks.items():
         pages[path] = written(path.read_text(encoding="utf-8"))
     for path, text in pages.items():
         if not args.check:

@@ -21,7 +21,7 @@ from benchmarks.session import Session
 from benchmarks.stopping import StopWhen
 from bricksrl.agents import preset
 from bricksrl.training import TrainConfig, train
-from bricksrl.training.offline import settings_like
+from bricksrl.training.restore import settings_like
 
 ENV, GOAL = "Walker-v0", -25.0
 WAYS = {"alone": ("sac", None), "data": ("sac", None), "start": ("iql", "iql"), "policy": ("sac", "bc")}

@@ -46,7 +46,7 @@ def check_value(name: str, value: Any, hint: Any) -> None:
     """Check a value against an annotation; limits in it are a container of the allowed numbers. Raises DescriptionError if the
     annotation does not allow the value."""
     limits = next((item for item in getattr(hint, "__metadata__", ()) if isinstance(item, Container)), None)
-    hint = hint.__origin__ if limits is not None else hint
+    hint = hint.__origin__ if hasattr(hint, "__metadata__") else hint
     if value is None and _matches(value, hint):
         return
     if limits is not None:

@@ -91,8 +91,8 @@ def test_robot_options_are_used(fails, trained, monkeypatch):
     fails("evaluate", str(trained[0]), "--hub", "wifi", says="choose 'virtual', 'ble' or 'usb'")
     asked = []
 
-    def make_env(config, place):
-        asked.append(config.hub)
+    def make_env(env, options, copies, **_):
+        asked.append(options.hub)
         raise HubNotFoundError("no hub; switch it on")
 
     monkeypatch.setattr("bricksrl.evaluation.evaluator.make_env", make_env)
@@ -126,7 +126,7 @@ def test_what_cannot_be_filmed_is_refused_before_the_first_episode(env, says, tm
 def test_user_is_asked_to_place_robot_each_episode(fails, trained, monkeypatch, capfd):
     task = get_task("RunAway-v0")
 
-    def make_env(config, place):
+    def make_env(env, options, copies, *, seed, place):
         """A robot that needs placing by hand, as over Bluetooth."""
         twin = VirtualHub(make_body(task.robot, scene=task.scene))
         link = HubLink(twin, task.robot, task.interface)

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from bricksrl.cli import main
-from bricksrl.cli.seeds import SeedsProgress
-from bricksrl.cli.study import StudyCommand
+from bricksrl.cli.progress import SeedsProgress
+from bricksrl.cli.tune import StudyCommand
 from bricksrl.errors import DescriptionError, RunError, UnknownNameError
 
 
@@ -59,7 +59,7 @@ def test_study_shows_published_result(tmp_path: Path, capsys: pytest.CaptureFixt
 def test_study_outside_of_a_clone_says_where_studies_are(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(RunError, match=r"not in .*elsewhere; run this in a clone of https://"):
         StudyCommand("agents", benchmarks=tmp_path / "elsewhere").execute()
-    monkeypatch.setattr("bricksrl.cli.study.__file__", str(tmp_path / "site-packages" / "bricksrl" / "cli" / "study.py"))
+    monkeypatch.setattr("bricksrl.cli.tune.__file__", str(tmp_path / "site-packages" / "bricksrl" / "cli" / "study.py"))
     monkeypatch.chdir(tmp_path)
     with pytest.raises(RunError, match="in the folder benchmarks of the repository, not in this package; run this in a clone"):
         StudyCommand("agents").execute()

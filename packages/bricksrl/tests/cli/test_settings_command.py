@@ -9,7 +9,7 @@ import pytest
 
 from bricksrl.agents import AGENTS, algorithm, preset
 from bricksrl.cli import main
-from bricksrl.cli.settings_command import field_docs
+from bricksrl.cli.envs import field_docs
 
 
 @pytest.mark.parametrize("agent", AGENTS)

@@ -18,7 +18,7 @@ from prompt_toolkit.input import create_pipe_input
 from torchrl.envs import ParallelEnv
 
 import bricksrl
-from bricksrl.cli.emergency_stop import LEGEND, STOP_SIGNALS, EmergencyStop
+from bricksrl.cli.terminal import LEGEND, STOP_SIGNALS, EmergencyStop
 from bricksrl.envs.env_interface import BricksEnv
 from bricksrl.errors import HubError
 

@@ -14,7 +14,7 @@ import pytest
 import torch
 from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModule
-from test_run_loop import Recorder, assert_same_run, ctrl_c, rows
+from test_loop import Recorder, assert_same_run, ctrl_c, rows
 
 import bricksrl
 from bricksrl.agents import preset
@@ -24,7 +24,7 @@ from bricksrl.errors import RunError
 from bricksrl.evaluation import evaluate
 from bricksrl.training import Phase, TrainConfig, resume, train
 from bricksrl.training.checkpoint import load_checkpoint
-from bricksrl.training.collection import make_copies
+from bricksrl.training.sources import make_env
 
 ENV, COPIES, ROUND = "RoboArmSim-v0", 4, 100
 SMALL: dict[str, Any] = {"hidden": (16,), "batch_size": 32, "updates_per_step": 0.125}
@@ -213,7 +213,7 @@ def test_parallel_robots_are_evaluated_during_training(tmp_path: Path) -> None:
 def test_own_copies_without_counters_raise(tmp_path: Path) -> None:
     with pytest.raises(RunError, match="copies of your own need TorchRL's RewardSum and StepCounter"):
         train(config("sac", tmp_path / "run", num_envs=1), env=bricksrl.make(ENV, batch_size=2))
-    own = make_copies(ENV, config("sac", tmp_path), 2, seed=0)
+    own = make_env(ENV, config("sac", tmp_path), 2, seed=0)
     assert train(config("sac", tmp_path / "run", num_envs=1, episodes=1), env=own).episodes[0].steps == 2 * ROUND
 
 

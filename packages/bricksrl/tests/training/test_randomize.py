@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from brickhub.seed import derive_seed
 from bricksrl.agents.sac import SACSettings
 from bricksrl.envs.env import HubEnv
+from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.rollout import seed_episode
 from bricksrl.errors import DescriptionError, RunError
 from bricksrl.evaluation import evaluate, evaluator
 from bricksrl.training import RunFolder, TrainConfig, train
-from bricksrl.training.run import make_env
+from bricksrl.training.sources import make_env
 from bricktwin.twin.physics import PARAMETERS, Physics
 
 WEAK = Physics(battery_v=7.2, friction_scale=0.8)
@@ -21,11 +24,11 @@ WEAK = Physics(battery_v=7.2, friction_scale=0.8)
 
 def physics_of_episodes(config: TrainConfig, episodes: int = 4) -> list[Physics]:
     """Physics of each episode of a training."""
-    env = make_env(config)
+    env = make_env(config.env, config.robot, seed=config.seed)
     assert isinstance(env, HubEnv)
     found = []
     for episode in range(episodes):
-        seed_episode(env, config.seed, "episode", episode)
+        seed_episode(env, derive_seed(config.seed, "episode", episode))
         env.reset()
         assert env.twin is not None
         found.append(env.twin.body.physics)
@@ -54,7 +57,7 @@ def test_physics_and_randomisation_raise() -> None:
 
 def test_a_simulation_without_a_robot_has_no_physics() -> None:
     with pytest.raises(DescriptionError, match="physics"):
-        make_env(TrainConfig("WalkerSim-v0", randomize=True))
+        make_env("WalkerSim-v0", TrainConfig("WalkerSim-v0", randomize=True), seed=0)
 
 
 def test_old_and_new_configs_are_read() -> None:
@@ -85,9 +88,9 @@ def test_evaluation_does_not_randomise_by_default(trained_with, evaluated_with, 
     assert RunFolder(Path(tmp_path / "run")).read_config() == replace(config, **trained_with)
     used = []
 
-    def noting(config: TrainConfig, *place: object) -> object:
-        used.append((config.randomize, config.physics))
-        return make_env(config, *place)
+    def noting(env: str, options: EnvOptions, copies: int, **named: Any) -> object:
+        used.append((options.randomize, options.physics))
+        return make_env(env, options, copies, **named)
 
     monkeypatch.setattr(evaluator, "make_env", noting)
     evaluate(tmp_path / "run", episodes=1, **evaluated_with)

@@ -21,7 +21,7 @@ from bricksrl.errors import CheckpointError
 from bricksrl.evaluation import evaluate
 from bricksrl.training import RunFolder, TrainConfig, load_learner, resume, train
 from bricksrl.training.checkpoint import load_checkpoint, save_checkpoint
-from bricksrl.training.offline import settings_like
+from bricksrl.training.restore import settings_like
 
 ENV = "RoboArmSim-v0"
 SMALL = {"hidden": (64, 64), "batch_size": 64, "prefill_episodes": 1}

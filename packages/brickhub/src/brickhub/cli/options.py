@@ -4,22 +4,40 @@ from __future__ import annotations
 
 import dataclasses
 import typing
-from collections.abc import Container, Iterator
+from collections.abc import Callable, Container, Iterator
 from functools import partial
 from typing import Annotated, Any
 
 from tyro.conf import arg
+from tyro.constructors import PrimitiveConstructorSpec
 
 from brickhub.errors import DescriptionError
 
 
 def _default(value: str) -> str:
-    """Text of a default in the help; empty for None, False and empty values."""
-    return "" if value in ("None", "False", "") else f"(default: {value})"
+    """Text of a default in the help; empty for None, flags and empty values."""
+    return "" if value in ("None", "False", "True", "{}", "") else f"(default: {value})"
 
 
 option = partial(arg, help_behavior_hint=_default)
 """Annotation of an option: its name and the placeholder of its value, as tyro's ``arg``."""
+
+
+def parsed(
+    read: Callable[[str], Any], metavar: str, collect: Callable[[Any], Any] | None = None
+) -> PrimitiveConstructorSpec[Any]:
+    """Annotation of an option whose text is read by a function; with ``collect``, of one that may be repeated, whose values go
+    through it together."""
+
+    def value(words: Any) -> Any:
+        return read(words[0]) if collect is None else collect(map(read, words))
+
+    action: Any = {} if collect is None else {"_action": "append"}  # as tyro's UseAppendAction
+    return PrimitiveConstructorSpec(
+        1, metavar, value, is_instance=lambda _: True, str_from_instance=lambda given: [str(given)] if given else [], **action
+    )
+
+
 Flag = Annotated[bool, option()]
 """An option without a value."""
 JsonFlag = Annotated[bool, option(help="Print only one JSON object on standard output.")]
@@ -33,9 +51,10 @@ def changed_options(command: Any) -> Iterator[str]:
         value = getattr(command, field.name)
         if dataclasses.is_dataclass(value):
             yield from changed_options(value)
-        elif value != field.default:
+        elif value != (field.default if field.default_factory is dataclasses.MISSING else field.default_factory()):
             names = (getattr(item, "name", None) for item in getattr(hints[field.name], "__metadata__", ()))
-            yield f"--{next(filter(None, names), field.name).replace('_', '-')}"
+            no = "no-" if field.default is True else ""
+            yield f"--{no}{next(filter(None, names), field.name).replace('_', '-')}"
 
 
 def refuse_ignored(command: Any, kept: Container[str], mode: str) -> None:

@@ -35,6 +35,7 @@ def plain(message: str) -> str:
     for pattern, words in (
         (r"Error parsing (\S+): invalid literal for int\(\) with base 10: (.*)", r"\1 is \2; give a whole number"),
         (r"Error parsing (\S+): could not convert string to float: (.*)", r"\1 is \2; give a number"),
+        (r"Error parsing \S+: (.*; .*)", r"\1"),
         (r"Missing value for argument '(\w+)'\. Expected 1 values?", r"\1 is no option; give it without --\1"),
         (r"Missing value for argument '(\S+)'\. Expected 1 values?", r"\1 needs a value"),
         (r"Missing value for argument '(\S+)'\. Expected (\d+) values", r"\1 needs \2 values"),

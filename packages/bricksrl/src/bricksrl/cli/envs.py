@@ -1,13 +1,17 @@
-"""``bricksrl list``."""
+"""Environments, agents and settings: ``bricksrl list``, ``settings`` and ``check``."""
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from brickhub.cli.options import Flag
-from brickhub.cli.terminal import print_line
+from tyro.conf import Positional
+
+from brickhub.cli.options import Flag, option
+from brickhub.cli.terminal import print_findings, print_line
+from bricksrl.cli.terminal import load_learning
 
 if TYPE_CHECKING:
     from bricksrl.envs.task import Task
@@ -67,3 +71,76 @@ def _print_table(names: dict[str, Any]) -> None:
     console.print()
     for kind in ("arenas", "agents", "presets", "robots"):
         console.print(f"{kind + ':':9}{', '.join(names[kind])}", highlight=False)
+
+
+@dataclass(frozen=True)
+class ShowSettings:
+    """Show the settings of an agent: name, value and meaning; `bricksrl train --set NAME=VALUE` changes one.
+
+    Examples:
+      bricksrl settings sac
+      bricksrl settings td3 --preset paper --json
+      bricksrl settings my_agent.py
+    """
+
+    agent: Annotated[Positional[str], option(metavar="AGENT")]
+    """Agent; `bricksrl list` shows them. One of your own: my_agent.py, my_agent.py:NAME or module:NAME."""
+    preset: Annotated[str, option(metavar="NAME")] = "default"
+    """Preset whose values are shown: default or paper."""
+    json: Flag = False
+    """Print one JSON object of names and values, for `bricksrl train --settings`, instead of a table."""
+
+    def execute(self) -> None:
+        from bricksrl.agents import preset
+
+        settings = preset(self.preset, self.agent)
+        if self.json:
+            print_line(json.dumps(dataclasses.asdict(settings), indent=2))
+            return
+        from rich.console import Console
+        from rich.table import Table
+
+        table = Table("setting", "value", "meaning", box=None, pad_edge=False)
+        meanings = field_docs(type(settings))
+        for field in dataclasses.fields(settings):
+            value = getattr(settings, field.name)
+            text = ",".join(map(str, value)) if isinstance(value, tuple) else str(value)
+            table.add_row(field.name, text or "-", meanings.get(field.name, ""))
+        Console().print(table)
+
+
+def field_docs(cls: type[Any]) -> dict[str, str]:
+    """Docstrings of a dataclass's fields, by name, including those of its bases."""
+    from docstring_parser import parse_from_object
+
+    docs: dict[str, str] = {}
+    for base in reversed(cls.__mro__[:-1]):
+        fields = [param for param in parse_from_object(base).params if param.args[0] == "attribute"]
+        docs |= {field.arg_name: " ".join((field.description or "").split()) for field in fields}
+    return docs
+
+
+@dataclass(frozen=True)
+class Check:
+    """Check an environment or an agent, built-in or your own.
+
+    Checks of an environment: description, functions, hub program, specs, reset, determinism, twin. Checks of an agent, in a small
+    simulation: settings, build, acting, memory, learning, saving, copies. One line per check; exit code 1 if any failed.
+
+    Examples:
+      bricksrl check RunAway-v0
+      bricksrl check my_task.py
+      bricksrl check my_package.tasks:MY_TASK
+      bricksrl check my_agent.py
+    """
+
+    what: Annotated[Positional[str], option(metavar="ENV|AGENT")]
+    """Environment or agent; `bricksrl list` shows them. Your own: my_task.py, my_task.py:TASK, module:TASK, my_agent.py."""
+
+    def execute(self) -> int:
+        from bricksrl.envs.env_checker import check_env
+
+        load_learning()
+        from bricksrl.evaluation.agent_checker import check_agent, is_agent
+
+        return print_findings(check_agent(self.what) if is_agent(self.what) else check_env(self.what), (8, 13))

@@ -1,4 +1,4 @@
-"""``bricksrl evaluate``."""
+"""Trained agents: ``bricksrl evaluate``, ``compare``, ``plot``, ``export`` and ``trust``."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional
 
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from torchrl.envs import EnvBase
 
     from bricksrl.evaluation import EvaluationResult
+    from bricksrl.evaluation.comparison import Comparison, Group
+
 
 _FILMED_EPISODES = 3
 
@@ -58,16 +60,15 @@ class Evaluate:
     json: JsonFlag = False
 
     def execute(self) -> None:
-        from bricksrl.cli.emergency_stop import EmergencyStop
+        from bricksrl.cli.terminal import EmergencyStop
         from bricksrl.evaluation import evaluate
         from bricksrl.evaluation.film import FilmOptions, check_filmable, film_run
         from bricksrl.training import RunFolder
-        from bricksrl.training.restore import one_robot
         from bricktwin.twin.physics import read_physics
 
         if self.video is not None:
             check_film(self.video)
-            hub = self.hub if self.hub is not None else one_robot(RunFolder(self.run).read_config()).hub
+            hub = self.hub if self.hub is not None else RunFolder(self.run).origin().options.hub
             if self.env is not None or hub != "virtual":
                 raise TwinError(
                     "only the virtual robot of the run itself can be filmed; give --hub virtual, without --env, or no --video"
@@ -126,3 +127,142 @@ def describe(result: EvaluationResult) -> Iterator[str]:
         yield f"success  {count} of {played}  (95 % interval of the rate: {percent(low)} to {percent(high)})"
     for name, value in result.metrics.items():
         yield "  ".join(labelled(name, value))
+
+
+@dataclass(frozen=True)
+class Compare:
+    """Compare runs: agents, seeds and environments in one table, with the probability that one agent beats the other.
+
+    Runs that differ only in their seed form a group; the folder of `bricksrl train --seeds` stands for all its runs. Groups of
+    five or more seeds have 95 % intervals. Runs are scored by their evaluations if all have one of the last checkpoint in the
+    environment and physics of the training; else by their last episodes.
+
+    Examples:
+      bricksrl compare runs/sac runs/td3
+      bricksrl compare runs/sac runs/td3 --out comparison.png
+      bricksrl compare runs/* --json
+    """
+
+    runs: Annotated[Positional[tuple[Path, ...]], option(metavar="RUN")]
+    """Folders of runs."""
+    out: Annotated[Path | None, option(metavar="FILE")] = None
+    """PNG file for the learning curves."""
+    json: JsonFlag = False
+
+    def execute(self) -> None:
+        from bricksrl.evaluation.comparison import compare, draw
+        from bricksrl.plotting import check_picture
+
+        if self.out is not None:
+            check_picture(self.out)
+        comparison = compare(self.runs)
+        if self.json:
+            print_line(comparison.to_json())
+        else:
+            _print(comparison)
+        if self.out is not None:
+            draw(self.out, comparison.groups)
+            if not self.json:
+                print_line(f"picture  {self.out}")
+
+
+@dataclass(frozen=True)
+class Plot:
+    """Plot the learning curves of runs, with reference lines: random actions, a scripted controller, the BricksRL paper.
+
+    Examples:
+      bricksrl plot runs/spin --out spin.png
+      bricksrl plot runs/sac runs/td3 --out curves.png
+    """
+
+    runs: Annotated[Positional[tuple[Path, ...]], option(metavar="RUN")]
+    """Folders of runs; the folder of `bricksrl train --seeds` stands for all its runs."""
+    out: Annotated[Path, option(metavar="FILE")]
+    """PNG file to write."""
+
+    def execute(self) -> None:
+        from bricksrl.evaluation.comparison import compare, draw
+        from bricksrl.plotting import check_picture
+
+        check_picture(self.out)
+        draw(self.out, compare(self.runs).groups)
+        print_line(f"picture  {self.out}")
+
+
+def _print(comparison: Comparison) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    from brickhub.user_files import without_folder
+    from bricksrl.plotting import number
+
+    table = Table("environment", "agent", "seeds", "episodes", "robot steps", "score", "95 % interval", box=None, pad_edge=False)
+    for group in comparison.groups:
+        episodes = max(map(len, group.curves))
+        cells = (str(len(group.seeds)), str(episodes), f"{group.steps:,}", number(group.score), _interval(group))
+        table.add_row(without_folder(group.env), group.agent, *cells)
+    console = Console()
+    console.print(table)
+    console.print(f"\nscore: return, interquartile mean over the seeds; of each run its {comparison.scored_by}", highlight=False)
+    for pair in comparison.improvements:
+        ends = pair.interval
+        bounds = "" if ends is None else f" (95 % interval: {percent(ends.low)} to {percent(ends.high)})"
+        line = f"{without_folder(pair.env)}: {pair.agent} beats {pair.other} with probability {percent(pair.probability)}{bounds}"
+        console.print(line, highlight=False)
+
+
+def _interval(group: Group) -> str:
+    from bricksrl.plotting import number
+
+    interval = group.interval
+    return "needs 5 seeds" if interval is None else f"{number(interval.low)} to {number(interval.high)}"
+
+
+@dataclass(frozen=True)
+class Export:
+    """Export a trained policy to a file that can be used without BricksRL.
+
+    The file is read back and compared with the policy. Its model maps observations [batch, n] in the units of the environment,
+    and images [batch, side, side, 3] where the policy uses them, to actions [batch, m] in -1..1.
+
+    Examples:
+      bricksrl export runs/spin --out spin.pt2
+      bricksrl export runs/spin --format onnx --out spin.onnx
+    """
+
+    run: Annotated[Positional[Path], option(metavar="RUN")]
+    """Folder of a run, or of a shared policy."""
+    out: Annotated[Path, option(metavar="FILE")]
+    """File to write, which must not exist."""
+    format: Annotated[Literal["torch-export", "onnx"], option(metavar="NAME")] = "torch-export"
+    """torch-export, for torch.export.load; or onnx, which needs the packages onnx and onnxscript."""
+    best: Flag = False
+    """Use the checkpoint of the best evaluation during training instead of the last one."""
+
+    def execute(self) -> None:
+        load_learning()
+        from bricksrl.policies.export import export_model
+
+        difference = export_model(self.run, self.out, self.format, which="best" if self.best else "last")
+        print_line(f"written  {self.out}  (its actions differ by {difference:.2g} at most from the policy's)")
+
+
+@dataclass(frozen=True)
+class Trust:
+    """Allow a run or a policy made by somebody else to execute the Python files that it names.
+
+    Some runs name Python files with a task, an algorithm or networks. Runs trained on this computer are trusted; one from
+    elsewhere is refused until you allow it. Read its code first: it runs with all your permissions.
+
+    Examples:
+      bricksrl trust runs/from-a-friend
+    """
+
+    run: Annotated[Positional[Path], option(metavar="RUN")]
+    """Folder of the run or of the policy."""
+
+    def execute(self) -> None:
+        from bricksrl.envs.trust import trust
+
+        files = trust(self.run)
+        print_line(f"{self.run} may run {', '.join(files)}" if files else f"{self.run} names no code; it needs no trust")

@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated
 
 from brickhub.cli.options import option
-from bricksrl.cli.page import LivePageGroup, PageAddress, announce
-from bricksrl.cli.run_options import PageFlag
+from bricksrl.cli.page import LivePageGroup, PageAddress, PageFlag, announce
 from bricksrl.errors import DescriptionError
 from bricktwin.cli import run_command as run
 

@@ -1,4 +1,4 @@
-"""Live page on the command line: its flags, its address, and the commands ``play`` and ``drive``."""
+"""Live page on the command line: its flags, its address, and the commands ``play``, ``drive`` and ``plan show``."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from tyro.conf import OmitArgPrefixes, Positional
 from brickhub.cli.options import option, refuse_ignored
 from brickhub.cli.terminal import Interrupted, print_line, print_note
 from brickhub.files import folder_with
-from bricksrl.cli.robot_flags import RobotFlags, RobotGroup
-from bricksrl.cli.run_options import PageFlag
 from bricksrl.cli.terminal import load_learning, place_robot
+from bricksrl.envs.options import EnvOptions
 from bricksrl.errors import DescriptionError, RunError, StoppedError, counted
+from bricktwin.cli.plan_commands import PlanArgument, read_named_plan
 
 if TYPE_CHECKING:
     from torchrl.envs import EnvBase
@@ -28,6 +28,12 @@ if TYPE_CHECKING:
     from bricksrl.page.live import LivePage
     from bricksrl.page.server import PageOptions
     from bricksrl.policies.named import Player
+
+
+PageFlag = Annotated[bool, option(help="Show it live in the browser: the robot in 3D, curves, buttons, and sliders to drive it.")]
+"""``--page``."""
+RobotGroup = Annotated[EnvOptions, OmitArgPrefixes]
+"""Options of a command's robot, as a separate group in the help."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,7 +106,7 @@ class Play:
     seed: Annotated[int, option(metavar="N")] = 1000
     """Seed of the episodes and of random actions."""
     page: PageFlag = False
-    robot: RobotGroup = RobotFlags()
+    robot: RobotGroup = EnvOptions()
     live_page: LivePageGroup = PageAddress()
 
     def execute(self) -> None:
@@ -144,7 +150,7 @@ class DriveRobot:
     """Environment; `bricksrl list` shows them. A task of your own: my_task.py, my_task.py:TASK or module:TASK."""
     seed: Annotated[int, option(metavar="N")] = 0
     """Seed of the episodes."""
-    robot: RobotGroup = RobotFlags()
+    robot: RobotGroup = EnvOptions()
     live_page: LivePageGroup = PageAddress()
 
     def execute(self) -> None:
@@ -162,7 +168,7 @@ def _environment(flags: Play | DriveRobot, target: str, run: Path | None) -> Ite
     from bricksrl.envs import make
     from bricksrl.policies import config_of
 
-    env_id, options = target, flags.robot.env_options()
+    env_id, options = target, flags.robot
     if run is not None:
         config = config_of(run)
         env_id = config.env
@@ -181,7 +187,7 @@ def _on_page(
     in_charge: bool = False,
     episodes: int | None = None,
 ) -> None:
-    from bricksrl.cli.emergency_stop import EmergencyStop
+    from bricksrl.cli.terminal import EmergencyStop
     from bricksrl.page.live import LivePage
     from bricksrl.page.play import play_on_page
 
@@ -200,7 +206,7 @@ def _on_page(
 
 def _in_terminal(env: EnvBase, player: Player, episodes: int | None, seed: int) -> None:
     """Play without a page, and print a line for each whole episode."""
-    from bricksrl.cli.emergency_stop import EmergencyStop
+    from bricksrl.cli.terminal import EmergencyStop
     from bricksrl.envs.rollout import play_episodes
 
     try:
@@ -233,3 +239,28 @@ def run_on_page(
     with LivePage(env_id, task=task, can_drive=can_drive, on_stop=on_stop, options=address.page_options()) as page:
         announce(page.url)
         yield page
+
+
+@dataclass(frozen=True)
+class ShowPlan:
+    """Show a building plan in the browser in 3D, step by step, with sliders for its joints. Ctrl-C ends it.
+
+    Examples:
+      bricksrl plan show walker
+      bricksrl plan show my_robot.mpd --page-host 0.0.0.0
+    """
+
+    plan: PlanArgument
+    live_page: LivePageGroup = PageAddress()
+
+    def execute(self) -> None:
+        from bricksrl.page.plan_view import PlanView
+        from bricksrl.page.server import PageServer
+
+        view = PlanView(read_named_plan(self.plan))
+        try:
+            with PageServer(view.board, view.press, lambda: None, self.live_page.page_options()) as server:
+                announce(server.url)
+                threading.Event().wait()
+        except KeyboardInterrupt:
+            raise Interrupted from None

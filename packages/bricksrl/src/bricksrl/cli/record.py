@@ -15,23 +15,21 @@ from brickhub.cli.options import Flag, option
 from brickhub.cli.terminal import Interrupted, print_line, print_note
 from brickhub.files import quoted
 from brickhub.seed import check_seed
-from bricksrl.cli.page import LivePageGroup, PageAddress, run_on_page
-from bricksrl.cli.robot_flags import RobotFlags, RobotGroup
-from bricksrl.cli.run_options import PageFlag
+from bricksrl.cli.page import LivePageGroup, PageAddress, PageFlag, RobotGroup, run_on_page
 from bricksrl.cli.teleop import DEVICES, driving, quiet, with_human
 from bricksrl.cli.terminal import load_learning
 from bricksrl.cli.video import filmed_env
+from bricksrl.envs.options import EnvOptions
 from bricksrl.errors import DataError, DescriptionError, RunError, StoppedError, counted, hint
 
 if TYPE_CHECKING:
     import numpy as np
     from torchrl.envs import EnvBase
 
-    from bricksrl.cli.emergency_stop import EmergencyStop
+    from bricksrl.cli.terminal import EmergencyStop
     from bricksrl.data.collect import Collected
     from bricksrl.data.recorder import Recorder
     from bricksrl.data.schema import Description
-    from bricksrl.envs.options import EnvOptions
     from bricksrl.envs.rollout import Driver, Policy
     from bricksrl.page.live import LivePage
 
@@ -67,11 +65,11 @@ class Record:
     explore: Flag = False
     """Let the agent of a run explore as in training; by default it acts deterministically."""
     page: PageFlag = False
-    robot: RobotGroup = RobotFlags()
+    robot: RobotGroup = EnvOptions()
     live_page: LivePageGroup = PageAddress()
 
     def execute(self) -> None:
-        from bricksrl.cli.emergency_stop import EmergencyStop
+        from bricksrl.cli.terminal import EmergencyStop
         from bricksrl.data.recorder import Recorder
         from bricksrl.data.schema import describe
         from bricksrl.envs import get_task
@@ -93,7 +91,7 @@ class Record:
             )
 
         device = self.policy if self.policy in DEVICES else self.take_over
-        options = self.robot.env_options()
+        options = self.robot
         task = get_task(self.env, **options.options)
         options = options if device is None else with_human(options, self.env)
         try:

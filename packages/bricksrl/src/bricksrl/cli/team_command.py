@@ -12,8 +12,8 @@ from tyro.conf import Positional, UseAppendAction
 from brickhub.cli.options import option, refuse_ignored
 from brickhub.cli.terminal import Interrupted, print_line
 from brickhub.files import check_writable, folder_with, quoted
-from bricksrl.cli.run_options import run_folder
 from bricksrl.cli.terminal import load_learning
+from bricksrl.cli.train import run_folder
 from bricksrl.errors import RenderingUnavailableError, RunError, UnknownNameError, counted, percent
 
 if TYPE_CHECKING:

@@ -1,17 +1,27 @@
-"""Terminal of a command that learns: the request to place a robot; uninterrupted slow imports."""
+"""Terminal of a command that learns: slow imports, the robot that is placed by hand, keys and signals that stop it."""
 
 from __future__ import annotations
 
+import contextlib
 import importlib
+import queue
 import signal
 import sys
+import threading
+from collections.abc import Callable, Iterator
 from types import FrameType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
-from bricksrl.errors import RunError
+from brickhub.cli.key_listener import KeyListener, can_listen, interrupt_main
+from brickhub.cli.terminal import print_error
+from bricksrl.envs.env_interface import BricksEnv, interface_of
+from bricksrl.errors import BricksError, RunError
 
 if TYPE_CHECKING:
     import numpy as np
+    from prompt_toolkit.input import Input
+    from torchrl.envs import EnvBase
+
 
 _SLOW_IMPORTS = ("torch", "torchrl.data", "torchrl.envs")
 
@@ -46,3 +56,106 @@ def load_learning() -> None:
         signal.signal(signal.SIGINT, previous_handler)
     if interrupted:
         raise KeyboardInterrupt
+
+
+STOP_KEYS = (" ", "q", "escape")
+PAUSE_KEY = "p"
+LEGEND = "keys: space, q or Esc stops the robot at once; p pauses it, and p again lets it go on"
+STOP_SIGNALS = tuple(
+    getattr(signal, name) for name in ("SIGUSR1", "SIGTERM", "SIGBREAK") if hasattr(signal, name)
+)  # Windows has the last one only, Ctrl-Break
+_JOIN_TIMEOUT_S = 10.0
+
+
+class EmergencyStop:
+    """Emergency stop: while entered, keys stop or pause the robot, and signals stop it. Signals need the main thread.
+
+    Requests are executed in a separate thread, since a signal may arrive while the main thread holds any lock.
+
+    Args:
+        stop: set when the robot is stopped, so that the run ends.
+        notify: prints a line for the user.
+        keys: whether to listen to keys; by default if there is a terminal.
+        source: source of the keys; by default the terminal.
+    """
+
+    def __init__(
+        self, stop: threading.Event, notify: Callable[[str], None], *, keys: bool | None = None, source: Input | None = None
+    ) -> None:
+        self._stop, self._notify = stop, notify
+        self._env = BricksEnv()
+        self._requests: queue.SimpleQueue[str] = queue.SimpleQueue()
+        self._worker = threading.Thread(target=self._work, name="bricksrl-emergency-stop", daemon=True)
+        self._keys = can_listen() if keys is None else keys
+        self._source = source
+        self._handlers = contextlib.ExitStack()
+        self._listener = contextlib.ExitStack()
+
+    def attach(self, env: EnvBase) -> None:
+        """Set the environment to stop and pause. For a simulation, which cannot pause, stop is the same as Ctrl-C."""
+        self._env = interface_of(env)
+        if self._stop.is_set():
+            self._requests.put("stop")
+
+    def __enter__(self) -> Self:
+        self._worker.start()
+        if threading.current_thread() is threading.main_thread():
+            for number in STOP_SIGNALS:
+                self._handlers.callback(signal.signal, number, signal.signal(number, lambda *_: self._requests.put("stop")))
+        if self._keys:
+            self._listener.enter_context(KeyListener(self._on_key, self._source))
+            self._notify(LEGEND)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._listener.close()
+        self._handlers.close()
+        self._requests.put("end")
+        self._worker.join(_JOIN_TIMEOUT_S)
+
+    @contextlib.contextmanager
+    def quiet(self) -> Iterator[None]:
+        """Ignore keys inside this context, so that they can answer a question on the terminal."""
+        self._listener.close()
+        try:
+            yield
+        finally:
+            if self._keys:
+                self._listener.enter_context(KeyListener(self._on_key, self._source))
+
+    def place(self, rng: np.random.Generator) -> None:
+        """Ask for the robot to be placed, as :func:`place_robot`."""
+        with self.quiet():
+            place_robot(rng)
+
+    def _on_key(self, key: str) -> None:
+        if key in STOP_KEYS:
+            self._requests.put("stop")
+        elif key == PAUSE_KEY:
+            self._requests.put("pause")
+
+    def _work(self) -> None:
+        while (request := self._requests.get()) != "end":
+            try:
+                self._stop_robot() if request == "stop" else self._pause_robot()
+            except BricksError as error:  # the hub could not be reached; its watchdog stops it
+                print_error(str(error))
+
+    def _stop_robot(self) -> None:
+        if not self._env.robots:  # nothing moves: the same as Ctrl-C
+            interrupt_main()
+            return
+        self._stop.set()
+        self._env.stop()
+        self._notify("stopped by hand")
+
+    def _pause_robot(self) -> None:
+        env = self._env
+        if not env.robots:
+            self._notify("nothing to pause here")
+        elif env.is_paused:
+            env.resume()
+            self._notify("goes on")
+        else:
+            env.pause()
+            self._notify("pauses after this step; p lets it go on")

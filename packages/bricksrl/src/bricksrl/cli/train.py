@@ -1,38 +1,37 @@
-"""``bricksrl train`` and ``bricksrl resume``: train, evaluate, report."""
+"""``bricksrl train``, ``resume`` and ``train-offline``: train, evaluate, report."""
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
+from datetime import datetime
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from tyro.conf import Positional, UseAppendAction
+from tyro.conf import OmitArgPrefixes, Positional, UseAppendAction
 
 from brickhub.cli.options import Flag, option, refuse_ignored
 from brickhub.cli.terminal import Interrupted, print_line
 from brickhub.files import only_writer, quoted
-from bricksrl.cli.page import LivePageGroup, PageAddress, run_on_page
-from bricksrl.cli.robot_flags import RobotFlags, RobotGroup
-from bricksrl.cli.run_options import PageFlag, run_folder
+from bricksrl.cli.page import LivePageGroup, PageAddress, PageFlag, RobotGroup, run_on_page
 from bricksrl.cli.terminal import load_learning
+from bricksrl.envs.options import EnvOptions
 from bricksrl.errors import DescriptionError, RunError, StoppedError, counted
+from bricksrl.training.config import RunOptions, TrainConfig
 
 if TYPE_CHECKING:
     import numpy as np
     from torchrl.envs import EnvBase
 
-    from bricksrl.cli.emergency_stop import EmergencyStop
+    from bricksrl.cli.terminal import EmergencyStop
     from bricksrl.envs.rollout import Driver
     from bricksrl.page.live import LivePage
-    from bricksrl.training import RunResult, TrainConfig
+    from bricksrl.training import RunResult
     from bricksrl.training.callbacks import Callback
 
 _EVALUATED_EPISODES = 5
-_CONFIG_FIELDS = ("seed", "device", "compile", "num_envs", "robots", "eval_every", "eval_episodes", "stop_at", "log")
-"""Options that a `TrainConfig` has by the same name."""
 
 
 @dataclass(frozen=True)
@@ -89,33 +88,14 @@ class Train:
     """Train N seeds, starting with --seed, in parallel, and summarise them."""
     on: Annotated[str | None, option(metavar="WHERE")] = None
     """Where to train the --seeds: ray, or ray:ADDRESS for a cluster (pip install 'bricksrl[distributed]')."""
-    num_envs: Annotated[int, option(metavar="N")] = 1
-    """Environments to train on in parallel: a simulation runs as one batch, virtual robots in one process each."""
-    robots: Annotated[int, option(metavar="N")] = 1
-    """Virtual robots that train one agent, each in its process; real ones are named by --hub, such as ble:A,ble:B."""
-    device: Annotated[Literal["cpu", "cuda", "mps", "auto"], option(metavar="NAME")] = "cpu"
-    """Device of networks, replay buffer and simulations: cpu, cuda, mps, or auto for the best available."""
-    compile: Flag = False
-    """Compile loss and gradients into one graph; slow to start, worth it for long runs."""
-    eval_every: Annotated[int, option(metavar="N")] = 0
-    """Evaluate after every N episodes, and keep the best checkpoint; 0 to do neither."""
-    eval_episodes: Annotated[int, option(metavar="N")] = 5
-    """Episodes of each of these evaluations."""
-    stop_at: Annotated[float | None, option(metavar="RETURN")] = None
-    """Stop when the mean return of the last five episodes, or of an evaluation with --eval-every, reaches this."""
     take_over: Annotated[Literal["keyboard", "gamepad"] | None, option(metavar="DEVICE")] = None
     """Let a human intervene with this device; the agent learns from these steps too, and the data marks them."""
-    no_record: Flag = False
-    """Do not record the transitions; by default they are a dataset in the run's folder data."""
-    log: Annotated[Literal["none", "tensorboard", "wandb", "trackio"], option(metavar="NAME")] = "none"
-    """Also log to tensorboard, wandb or trackio; metrics.csv is always written."""
     asynchronous: Flag = False
     """Learn in parallel with the robot, which never waits; the default on a real robot and with --realtime."""
     synchronous: Flag = False
     """Learn while the robot waits, even on a real robot; runs of a virtual robot are then reproducible."""
-    patience: Annotated[float, option(metavar="SECONDS")] = 300.0
-    """How long to retry when the link to a robot is lost."""
-    robot: RobotGroup = RobotFlags()
+    learning: Annotated[RunOptions, OmitArgPrefixes] = RunOptions()
+    robot: RobotGroup = EnvOptions()
     live_page: LivePageGroup = PageAddress()
 
     def execute(self) -> None:
@@ -132,12 +112,12 @@ class Train:
             raise DescriptionError(
                 "several seeds have no page and nobody who takes over; omit --seeds, or --page and --take-over"
             )
-        if self.eval_episodes != type(self).eval_episodes and not self.eval_every:
+        if self.learning.eval_episodes != RunOptions.eval_episodes and not self.learning.eval_every:
             raise DescriptionError("--eval-episodes has no effect without --eval-every; omit it, or give both")
         load_learning()  # algorithms are registered when their modules are imported
         config = self.config(self.env)
         if self.seeds is not None:
-            from bricksrl.cli.seeds import train_seeds
+            from bricksrl.cli.progress import train_seeds
 
             train_seeds(config, self.seeds, self.on)
             return
@@ -160,9 +140,9 @@ class Train:
         from bricksrl.cli.teleop import with_human
         from bricksrl.envs.registry import training_episodes
         from bricksrl.evaluation.settings_text import read_settings, with_changes
-        from bricksrl.training import RunFolder, TrainConfig
+        from bricksrl.training import RunFolder
         from bricksrl.training.config import settings_for
-        from bricksrl.training.offline import settings_like
+        from bricksrl.training.restore import settings_like
 
         if self.asynchronous and self.synchronous:
             raise DescriptionError("a run is synchronous or asynchronous; choose one of the two")
@@ -175,16 +155,14 @@ class Train:
             settings = settings if source is None or source.agent == agent else settings_like(source, settings)
         if self.settings is not None:
             settings = read_settings(self.settings, settings)
-        options = self.robot.env_options()
         return TrainConfig(
-            **vars(options if self.take_over is None else with_human(options, env)),
+            **vars(self.robot if self.take_over is None else with_human(self.robot, env)),
+            **vars(self.learning),
             env=env,
             agent=agent,
             episodes=training_episodes(env) if self.episodes is None else self.episodes,
-            **{name: getattr(self, name) for name in _CONFIG_FIELDS},
-            record=not self.no_record,
+            seed=self.seed,
             asynchronous=True if self.asynchronous else False if self.synchronous else None,
-            patience_s=self.patience,
             settings=with_changes(settings, self.changes),
             data=None if self.data is None else str(self.data.absolute()),
             start=None if self.start is None else str(self.start.absolute()),
@@ -215,6 +193,68 @@ class Resume:
         run_training(partial(resume, self.run, episodes=self.episodes), config, address)
 
 
+@dataclass(frozen=True)
+class TrainOffline:
+    """Train an agent from a dataset alone, without the robot.
+
+    The agent is tested in a few episodes, spread over the updates. The run folder is that of `bricksrl train`. To continue the
+    training on the robot, use `bricksrl train ENV --from RUN`, with the same agent or, with `--agent sac`, with another one that
+    starts from its policy.
+
+    Examples:
+      bricksrl train-offline Walker-v0 --data datasets/walker
+      bricksrl train-offline RunAway-v0 --data runs/first --agent iql --updates 2000
+      bricksrl train-offline RoboArm-v0 --data datasets/arm --agent bc --preset paper
+    """
+
+    env: Annotated[Positional[str], option(metavar="ENV")]
+    """Environment of the data; `bricksrl list` shows them."""
+    data: Annotated[Path, option(metavar="DIR")]
+    """Folder of the dataset, or of a run that recorded one."""
+    agent: Annotated[str, option(metavar="NAME")] = "iql"
+    """Agent: bc, act, iql, cql, td3bc; or an agent for online learning, such as sac and td3."""
+    preset: Annotated[str, option(metavar="NAME")] = "default"
+    """Settings of the agent: default, or paper for those of the BricksRL paper."""
+    updates: Annotated[int, option(metavar="N")] = 5000
+    """Updates from the data."""
+    episodes: Annotated[int, option(metavar="N")] = 10
+    """Test episodes, spread evenly over the updates."""
+    seed: Annotated[int, option(metavar="N")] = 0
+    """Seed of all random numbers: the same seed gives the same run."""
+    run: Annotated[Path | None, option(metavar="DIR")] = None
+    """Folder to write to, which must not exist; by default runs/<env>-<agent>-<seed>-<time>."""
+    page: PageFlag = False
+    live_page: LivePageGroup = PageAddress()
+
+    def execute(self) -> None:
+        from bricksrl.training import train
+        from bricksrl.training.config import settings_for
+
+        address = self.live_page.shown(self.page)
+        if self.updates < 1:
+            raise RunError(f"updates is {self.updates}; make at least 1")
+        load_learning()  # algorithms are registered when their modules are imported
+        config = TrainConfig(
+            env=self.env,
+            agent=self.agent,
+            episodes=self.episodes,
+            seed=self.seed,
+            settings=settings_for(self.env, self.preset, self.agent),
+            data=str(self.data.absolute()),
+            updates=self.updates,
+            run_dir=run_folder(self.run, self.env, self.agent, self.seed),
+        )
+        run_training(partial(train, config), config, address, can_drive=False)
+
+
+def run_folder(named: Path | None, env: str, agent: str, seed: int) -> Path:
+    """The folder that the user has named for a run; by default one with the run's and the time's name."""
+    from bricksrl.training.run_folder import file_name
+
+    time = datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
+    return named or Path("runs") / f"{file_name(env)}-{file_name(agent)}-{seed}-{time}"
+
+
 def run_training(
     run: Callable[..., RunResult],
     config: TrainConfig,
@@ -232,9 +272,9 @@ def run_training(
         keys: as in :class:`EmergencyStop`.
         can_drive: whether a human at the page may drive.
     """
-    from bricksrl.cli.emergency_stop import EmergencyStop
     from bricksrl.cli.progress import make_progress
     from bricksrl.cli.teleop import quiet
+    from bricksrl.cli.terminal import EmergencyStop
 
     progress, stop = make_progress(config.hub), threading.Event()
     can_drive = can_drive and driver is None and config.num_envs == len(config.hubs) == 1

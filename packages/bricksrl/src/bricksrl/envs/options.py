@@ -1,47 +1,67 @@
-"""Options of an environment: connection to the robot, physics, and variant of the task; pickling as these options."""
+"""Options of an environment: connection to the robot, physics, and variant of the task; pickling as these options.
+
+They are declared here for Python, the command line, Gymnasium and the configuration of a run alike: a field is an option, its
+docstring the help.
+"""
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+import json
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, Self
+from pathlib import Path
+from typing import Annotated, Any, Self
 
 import numpy as np
 
+from brickhub.cli.options import Flag, option, parsed
 from brickhub.fields import check_fields
 from brickhub.hub.transport import Pipe
 from bricksrl.errors import BricksError, DescriptionError
-from bricktwin.twin.physics import Physics, RandomPhysics
+from bricktwin.twin.physics import Physics, RandomPhysics, read_physics
+
+
+def parse_option(text: str) -> tuple[str, Any]:
+    """Parse ``NAME=VALUE`` into the name and the value: JSON, or else a string. Raises DescriptionError if the text has no name
+    or no ``=``."""
+    name, equals, value = text.partition("=")
+    if not (name.isidentifier() and equals):
+        raise DescriptionError(f"'{text}' is not an option; give NAME=VALUE, such as sparse=true")
+    try:
+        return name, json.loads(value)
+    except (ValueError, RecursionError):
+        return name, value
 
 
 @dataclass(frozen=True, kw_only=True)
 class EnvOptions:
-    """Connection to the robot, physics of a virtual one, and options of the task. Raises DescriptionError if two options
-    contradict each other.
-    """
+    """Connection to the robot, physics of a virtual one, and options of the task."""
 
-    hub: str = "virtual"
-    """How to reach the robot: "virtual" simulates it, "ble" finds a real hub over Bluetooth, "ble:NAME" or "ble:ADDRESS" takes
-    that one, and "usb" or "usb:PORT" one on a cable."""
-    realtime: bool = False
-    """Run a virtual robot in real time."""
-    streaming: bool = False
-    """Stream: the hub sends observations continuously and applies the latest command. Steps then run at a fixed rate, and the
-    link's readings and statistics hold the age of each observation."""
-    app_data: bool = False
-    """Send to the hub program over AppData instead of its standard input."""
-    randomize: bool = False
-    """Domain randomization: draw the physics of a virtual robot anew for each episode."""
-    physics: Physics | None = None
-    """Physics of a virtual robot, such as a fitted one; by default a freshly charged robot on a smooth floor."""
-    options: dict[str, Any] = field(default_factory=dict)
-    """Options of the task, such as ``{"sparse": True}``; plain values."""
+    hub: Annotated[str, option(metavar="HUB")] = "virtual"
+    """How to reach the robot: virtual, ble or usb; ble:NAME, ble:ADDRESS or usb:PORT if there are several."""
+    streaming: Flag = False
+    """Let the hub stream observations at 100 Hz, whose age the readings hold, and apply the latest command; steps do not wait."""
+    app_data: Flag = False
+    """Send commands over AppData, where a new command replaces an unread one, instead of standard input."""
+    realtime: Flag = False
+    """Run a virtual robot in real time; always on while a human drives."""
+    randomize: Flag = False
+    """Domain randomization: draw the physics of the virtual robot (battery, friction, masses, noise, link) for each episode."""
+    physics: Annotated[Physics | None, parsed(Path, metavar="FILE"), option()] = None
+    """Physics of the virtual robot: a JSON file such as `bricksrl twin fit` writes; by default charged, on a smooth floor."""
+    options: Annotated[dict[str, Any], parsed(parse_option, metavar="NAME=VALUE", collect=dict), option(name="option")] = field(
+        default_factory=dict
+    )
+    """Option of the environment's task, such as sparse=true, threshold_deg=20 or calibration=red.json. May be repeated."""
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
             if isinstance(value, np.generic):  # a NumPy number, such as a seed from an array
                 object.__setattr__(self, name, value.item())
+        file: object = self.physics
+        if isinstance(file, Path | str):  # as good as its content
+            object.__setattr__(self, "physics", read_physics(Path(file)))
         check_fields(type(self), vars(self))
         if self.randomize and self.physics is not None:
             raise DescriptionError("the physics is given and is to be random too; choose one of the two")
@@ -52,6 +72,11 @@ class EnvOptions:
         values = {name: value for name, value in named.items() if name in names}
         options = {**self.options, **{name: value for name, value in named.items() if name not in names}}
         return replace(self, **{"options": options, **values})
+
+    def refuse(self, names: Iterable[str], reason: str) -> None:
+        """Raise DescriptionError with the reason if one of these options is given, as it would have no effect."""
+        if any(getattr(self, name) != getattr(EnvOptions(), name) for name in names):
+            raise DescriptionError(reason)
 
     @property
     def env_options(self) -> EnvOptions:

@@ -7,7 +7,7 @@ import inspect
 import logging
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
 from brickhub.fields import check_value
@@ -125,8 +125,8 @@ def make(
     task = _build(env_id, spec, options.options)
     check_mujoco()  # TorchRL imports it, whatever the environment
     if spec.kinematics is not None:
-        if replace(options, options={}) != EnvOptions():
-            raise DescriptionError(f"{env_id} is simulated without a robot; omit hub, realtime, physics and the like")
+        names = [field.name for field in fields(EnvOptions) if field.name != "options"]
+        options.refuse(names, f"{env_id} is simulated without a robot; omit hub, realtime, physics and the like")
         from bricksrl.envs.simulation import SimulatedEnv
 
         simulation = SimulatedEnv(task, kinematics or spec.kinematics, batch_size=batch_size, device=device, seed=seed)
@@ -138,8 +138,7 @@ def make(
         env = _virtual_env(task, options, seed)
         env.remake = functools.partial(make, env_id, options)
         return env
-    if options.realtime or options.physics_or_draw is not None:
-        raise DescriptionError("a real robot has its own time and physics; omit realtime and physics")
+    options.refuse(("realtime", "randomize", "physics"), "a real robot has its own time and physics; omit realtime and physics")
     if "calibration" not in options.options:
         task = _with_saved_red(task)
     return _real_env(task, options, address.transport(), seed, place)

@@ -61,14 +61,14 @@ def play(
         state = env.step_mdp(frame)
 
 
-def seed_episode(env: EnvBase, seed: int, purpose: str, episode: int) -> None:
-    """Seed the next episode of ``env`` so that it depends only on these arguments and the actions.
+def seed_episode(env: EnvBase, seed: int) -> None:
+    """Seed the next episode of ``env`` so that it depends only on the seed and the actions.
 
     An interrupted run can therefore resume exactly, without saving any state of the environment.
     """
     # many environments seed torch's global generator here, which the policy draws from: restore it
     state = torch.get_rng_state()
-    env.set_seed(derive_seed(seed, purpose, episode))
+    env.set_seed(seed)
     torch.set_rng_state(state)
 
 
@@ -173,7 +173,7 @@ def play_episodes(
         episode: Rollout | None = None
         while episode is None or interface_of(env).is_cut:  # an episode that a pause truncated does not count
             episode = Rollout()
-            seed_episode(env, seed, "evaluation", number)
+            seed_episode(env, derive_seed(seed, "evaluation", number))
             for frame in play(env, policy, reset_policy=reset_policy):
                 episode.add(frame)
             if episode.is_lost:
@@ -188,7 +188,7 @@ def _play_copies(
     as the true pose of a robot in another process, gives no success and no metrics."""
     copies, task = env.batch_size.numel(), env.task
     for start in range(0, episodes, copies):
-        seed_episode(env, seed, "evaluation", 1 + start)
+        seed_episode(env, derive_seed(seed, "evaluation", 1 + start))
         reset_policy()
         rollout = env.rollout(task.max_steps, policy, break_when_any_done=False).cpu()
         frames, sizes = rollout["next"], rollout["action"].abs().mean(-1)

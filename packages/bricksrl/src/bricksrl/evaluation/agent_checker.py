@@ -20,7 +20,7 @@ from bricksrl.envs.env_checker import Broken, Skip, run_checks
 from bricksrl.errors import BricksError, counted
 from bricksrl.evaluation.settings_text import with_changes
 from bricksrl.training.config import settings_from
-from bricksrl.training.seeding import reproducible
+from bricksrl.training.restore import reproducible
 
 if TYPE_CHECKING:
     from tensordict import TensorDictBase

@@ -25,7 +25,8 @@ from bricksrl.evaluation.statistics import (
     stratified_bootstrap_interval,
 )
 from bricksrl.plotting import PALETTE, check_picture, finish, new_figure, save, style
-from bricksrl.training.curve import WINDOW, moving_mean
+from bricksrl.training.callbacks import WINDOW
+from bricksrl.training.curve import moving_mean
 from bricksrl.training.run_folder import RunFolder
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,19 +15,21 @@ import numpy as np
 from brickhub.files import write_durably
 from brickhub.seed import check_seed
 from brickhub.user_files import is_reference, with_absolute_file
+from bricksrl.agents import algorithm
 from bricksrl.envs.env_interface import interface_of
+from bricksrl.envs.registry import is_simulation, options_of
 from bricksrl.errors import RunError
 from bricksrl.evaluation.statistics import Interval, interquartile_mean, mean, seeds_interval, wilson_interval
-from bricksrl.training.restore import Which, load_learner, one_robot
-from bricksrl.training.run import make_env
-from bricksrl.training.run_folder import RunFolder
+from bricksrl.training.restore import Which, load_learner
+from bricksrl.training.run_folder import Origin, RunFolder
+from bricksrl.training.sources import make_env
 
 if TYPE_CHECKING:
     from torchrl.envs import EnvBase
 
     from bricksrl.envs.connection import Placement
+    from bricksrl.envs.options import EnvOptions
     from bricksrl.envs.rollout import EpisodeScore
-    from bricksrl.training.config import TrainConfig
 
 _log = logging.getLogger(__name__)
 
@@ -73,6 +75,26 @@ class EvaluationResult:
     success_rate: float | None
     success_interval: Interval | None
     metrics: dict[str, float]
+
+    @classmethod
+    def of(cls, scores: Sequence[EpisodeScore], **about: Any) -> EvaluationResult:
+        """The result of episodes; ``about`` are the fields that they do not determine."""
+        returns = np.array([score.return_ for score in scores])
+        outcomes = [score.success for score in scores if score.success is not None]
+        return cls(
+            **about,
+            episodes=len(scores),
+            return_mean=float(returns.mean()),
+            return_std=float(returns.std()),
+            return_iqm=float(interquartile_mean(returns)),
+            return_interval=seeds_interval(returns.tolist(), mean),
+            returns=tuple(returns.tolist()),
+            lengths=tuple(score.length for score in scores),
+            action_size=sum(score.action_size for score in scores) / len(scores),
+            success_rate=sum(outcomes) / len(outcomes) if outcomes else None,
+            success_interval=wilson_interval(sum(outcomes), len(outcomes)) if outcomes else None,
+            metrics={name: sum(score.metrics[name] for score in scores) / len(scores) for name in scores[0].metrics},
+        )
 
     def to_json(self) -> str:
         """One JSON object on one line."""
@@ -124,22 +146,26 @@ def evaluate(
         raise RunError(f"episodes is {episodes}; evaluate at least 1")
     check_seed(seed)
     from brickhub.seed import derive_seed
-    from bricksrl.envs.registry import is_simulation
     from bricksrl.envs.rollout import play_episodes
-    from bricksrl.training.seeding import reproducible
+    from bricksrl.training.restore import reproducible
 
-    config = RunFolder(run_dir).read_config()
+    origin = RunFolder(run_dir).origin()
+    env_id, hub = origin.env, origin.options.hub
     own: EnvBase | None = None
     if env is None or isinstance(env, str):
-        nominal, config = evaluation_config(config, config.env), evaluation_config(config, env or config.env, **named)
-        _warn_without(nominal.options, config, named)
-        as_trained = all(getattr(config, name) == getattr(nominal, name) for name in ("env", "options", "physics", "randomize"))
-        side_by_side = is_simulation(config.env) and config.hub == "virtual" and not config.realtime
-        copies = min(episodes, MAX_COPIES) if side_by_side and not hasattr(config.settings, "chunk") else 1
-        env = own = make_env(replace(config, num_envs=copies), place)
+        env_id = with_absolute_file(env or origin.env)
+        nominal, options = evaluation_options(origin, origin.env), evaluation_options(origin, env_id, **named)
+        _warn_without(nominal.options, env_id, options, named)
+        names = ("options", "physics", "randomize")
+        as_trained = env_id == origin.env and all(getattr(options, name) == getattr(nominal, name) for name in names)
+        hub = options.hub
+        side_by_side = is_simulation(env_id) and hub == "virtual" and not options.realtime
+        in_chunks = hasattr(algorithm(origin.agent).settings, "chunk")
+        copies = min(episodes, MAX_COPIES) if side_by_side and not in_chunks else 1
+        env = own = make_env(env_id, options, copies, seed=origin.seed, place=place)
     else:
         task = interface_of(env).task
-        as_trained = task is None or is_reference(config.env) or task.id == config.env  # the task of a file has an id of its own
+        as_trained = task is None or is_reference(env_id) or task.id == env_id  # the task of a file has an id of its own
     try:
         if on_env is not None:
             on_env(env)
@@ -152,7 +178,9 @@ def evaluate(
                 scores.append(score)
                 if on_episode is not None:
                     on_episode(len(scores), score.return_)
-        result = _summarise(scores, env, config, trained.episodes, seed, run_dir, as_trained=as_trained)
+        task = interface_of(env).task
+        about = {"run_dir": str(run_dir), "env": env_id if task is None else task.id, "agent": origin.agent, "hub": hub}
+        result = EvaluationResult.of(scores, **about, seed=seed, trained_episodes=trained.episodes, as_trained=as_trained)
     finally:
         if own is not None:
             own.close(raise_if_closed=False)
@@ -161,55 +189,17 @@ def evaluate(
     return result
 
 
-def evaluation_config(config: TrainConfig, env: str, **named: Any) -> TrainConfig:
-    """The config for an evaluation: one robot, without physics of another environment or hub, with the options of the training
-    that the environment has."""
-    from bricksrl.envs.registry import options_of
-
-    same_env, hub = with_absolute_file(env) == config.env, named.get("hub", config.hub)
-    keeps_physics = same_env and hub == "virtual" and not named.get("randomize", False)
-    physics, options = config.physics if keeps_physics else None, config.options if same_env else options_of(env, config.options)
-    config = replace(one_robot(config), env=env, realtime=False, randomize=False, physics=physics, options=options)
-    return replace(config, updates=0, asynchronous=False).changed(**named)
+def evaluation_options(origin: Origin, env: str, **named: Any) -> EnvOptions:
+    """Options of the environment of an evaluation: those of the training that it has, without physics of another environment or
+    hub, neither randomized nor in real time."""
+    same_env, before = env == origin.env, origin.options
+    keeps_physics = same_env and named.get("hub", before.hub) == "virtual" and not named.get("randomize", False)
+    physics, options = before.physics if keeps_physics else None, before.options if same_env else options_of(env, before.options)
+    return replace(before, realtime=False, randomize=False, physics=physics, options=options).changed(**named)
 
 
-def _warn_without(trained: dict[str, Any], config: TrainConfig, named: dict[str, Any]) -> None:
+def _warn_without(trained: dict[str, Any], env: str, options: EnvOptions, named: dict[str, Any]) -> None:
     """Warn of the options of a training that an environment does not have."""
-    left_out = [name for name in trained if name not in config.options and "options" not in named]
+    left_out = [name for name in trained if name not in options.options and "options" not in named]
     if left_out:
-        _log.warning("%s has no %s, which the training had; it is evaluated without", config.env, ", ".join(left_out))
-
-
-def _summarise(
-    scores: list[EpisodeScore],
-    env: EnvBase,
-    config: TrainConfig,
-    trained_episodes: int,
-    seed: int,
-    run_dir: Path | str,
-    *,
-    as_trained: bool,
-) -> EvaluationResult:
-    task = interface_of(env).task
-    returns = np.array([score.return_ for score in scores])
-    outcomes = [score.success for score in scores if score.success is not None]
-    return EvaluationResult(
-        run_dir=str(run_dir),
-        env=config.env if task is None else task.id,
-        agent=config.agent,
-        hub=config.hub,
-        seed=seed,
-        episodes=len(scores),
-        trained_episodes=trained_episodes,
-        as_trained=as_trained,
-        return_mean=float(returns.mean()),
-        return_std=float(returns.std()),
-        return_iqm=float(interquartile_mean(returns)),
-        return_interval=seeds_interval(returns.tolist(), mean),
-        returns=tuple(returns.tolist()),
-        lengths=tuple(score.length for score in scores),
-        action_size=sum(score.action_size for score in scores) / len(scores),
-        success_rate=sum(outcomes) / len(outcomes) if outcomes else None,
-        success_interval=wilson_interval(sum(outcomes), len(outcomes)) if outcomes else None,
-        metrics={name: sum(score.metrics[name] for score in scores) / len(scores) for name in scores[0].metrics},
-    )
+        _log.warning("%s has no %s, which the training had; it is evaluated without", env, ", ".join(left_out))

@@ -84,6 +84,7 @@ def film(
         TwinError: the environment has no such robot.
     """
     check_filmable(env)
+    from brickhub.seed import derive_seed
     from bricksrl.envs.rollout import play, seed_episode
     from bricktwin.twin.mujoco_body import MujocoBody
     from bricktwin.twin.render.opengl import VideoWriter
@@ -93,7 +94,7 @@ def film(
     returns, distances_m = [], []
     with VideoWriter(path, 25.0) as video:
         for number in range(1, options.episodes + 1):
-            seed_episode(env, options.seed, "evaluation", number)
+            seed_episode(env, derive_seed(options.seed, "evaluation", number))
             start = env.reset()
             twin = interface_of(env).twin
             if twin is None or not isinstance(twin.body, MujocoBody):
@@ -228,12 +229,13 @@ def film_run(run_dir: Path, which: str, path: Path, options: FilmOptions, **chan
     """Film the policy of a run: ``first`` (untrained), ``best``, ``last``, or ``random`` actions. ``changes``: fields of
     `EnvOptions` that differ from the training. Raises RunError or CheckpointError if there is no such run or policy,
     RenderingUnavailableError or TwinError as :func:`film`."""
-    from bricksrl.evaluation.evaluator import evaluation_config
+    from bricksrl.evaluation.evaluator import evaluation_options
     from bricksrl.policies.named import named_policies
-    from bricksrl.training.run import make_env
     from bricksrl.training.run_folder import RunFolder
+    from bricksrl.training.sources import make_env
 
-    config = RunFolder(run_dir).read_config()
-    with closing(make_env(evaluation_config(config, config.env, hub="virtual", **changes))) as env:
+    origin = RunFolder(run_dir).origin()
+    filmed = evaluation_options(origin, origin.env, hub="virtual", **changes)
+    with closing(make_env(origin.env, filmed, seed=origin.seed)) as env:
         policy = named_policies(run_dir, env, options.seed)[which]()
         return film(env, policy.act, path, options, reset=policy.reset)

@@ -17,12 +17,11 @@ from bricksrl.envs.registry import is_simulation
 from bricksrl.errors import counted, percent
 from bricksrl.training.callbacks import Episode
 from bricksrl.training.curve import draw_learning_curve
-from bricksrl.training.run_folder import RunFolder
+from bricksrl.training.run_folder import Origin, RunFolder
 
 if TYPE_CHECKING:
     from bricksrl.evaluation.evaluator import EvaluationResult
     from bricksrl.evaluation.film import Film
-    from bricksrl.training.config import TrainConfig
 
 MOST_EMBEDDED_BYTES = 12_000_000
 """Size above which a film is linked rather than embedded."""
@@ -63,7 +62,7 @@ def write_report(
         "<h2>Evaluation</h2>",
         _table(_rows(result)),
         "<h2>Go on</h2>",
-        _commands(run_dir, RunFolder(run_dir).read_config(), result.trained_episodes),
+        _commands(run_dir, RunFolder(run_dir).origin(), result.trained_episodes),
     ]
     path = run_dir / "report.html"
     template = Template(resources.files("bricksrl.evaluation").joinpath("report.html").read_text(encoding="utf-8"))
@@ -140,14 +139,14 @@ def _table(rows: Iterable[tuple[str, str]]) -> str:
     return "<table>" + "".join(f"<tr><th>{html.escape(n)}</th><td>{html.escape(v)}</td></tr>" for n, v in rows) + "</table>"
 
 
-def _commands(run_dir: Path, config: TrainConfig, trained_episodes: int) -> str:
-    run, env = quoted(run_dir), quoted(config.env)
+def _commands(run_dir: Path, origin: Origin, trained_episodes: int) -> str:
+    run, env = quoted(run_dir), quoted(origin.env)
     longer = f"bricksrl resume {run} --episodes {2 * trained_episodes} --page"
     commands = {
         "watch it, and compare it with how it began": f"bricksrl play {run} --page",
-        "let it learn for longer": f"bricksrl train {env} --agent sac --from {run}" if config.updates else longer,
+        "let it learn for longer": f"bricksrl train {env} --agent sac --from {run}" if origin.is_offline else longer,
         "count more episodes": f"bricksrl evaluate {run} --episodes 20",
-        "on a LEGO robot": "" if is_simulation(config.env) else f"bricksrl evaluate {run} --hub ble",
+        "on a LEGO robot": "" if is_simulation(origin.env) else f"bricksrl evaluate {run} --hub ble",
         "use the policy in a program of your own": f"bricksrl export {run} --out policy.pt2",
     }
     shown = {label: html.escape(command, quote=False) for label, command in commands.items() if command}

@@ -31,14 +31,13 @@ def load_policy(path: Path | str, env: EnvBase | None = None, *, which: Which = 
     """
     from bricksrl.policies.policy import Policy
     from bricksrl.policies.sharing import is_policy, load_shared
-    from bricksrl.training.restore import load_learner, one_robot
-    from bricksrl.training.run import make_env
+    from bricksrl.training.restore import load_learner
 
     check_value("path", path, Path | str)
     path = Path(path)
     if which != "last" and is_policy(path):
         raise RunError(f"{path} holds the policy of one checkpoint; take the last one")
-    with closing(make_env(one_robot(config_of(path)))) if env is None else nullcontext(env) as env:
+    with closing(make_env_of(path)) if env is None else nullcontext(env) as env:
         learner = load_shared(path, env) if is_policy(path) else load_learner(path, env, which=which).learner
         return Policy(learner.policy, env.observation_spec["observation"].shape[-1])
 
@@ -51,4 +50,12 @@ def config_of(path: Path) -> TrainConfig:
     return read_policy(path).config if is_policy(path) else RunFolder(path).read_config()
 
 
-__all__ = ["config_of", "load_policy"]
+def make_env_of(path: Path) -> EnvBase:
+    """The environment that a run or a shared policy was trained in, of a single robot. Raises the errors of `config_of`."""
+    from bricksrl.training.sources import make_env
+
+    config = config_of(path)
+    return make_env(config.env, config.robot, seed=config.seed)
+
+
+__all__ = ["config_of", "load_policy", "make_env_of"]

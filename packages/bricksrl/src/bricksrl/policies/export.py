@@ -19,9 +19,8 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type
 from brickhub.files import check_writable, refuse_existing, write_durably
 from bricksrl.envs.specs import ObservationLayout
 from bricksrl.errors import RunError, message_of
-from bricksrl.policies import config_of, load_policy
-from bricksrl.training.restore import Which, one_robot
-from bricksrl.training.run import make_env
+from bricksrl.policies import load_policy, make_env_of
+from bricksrl.training.restore import Which
 
 if TYPE_CHECKING:
     from bricksrl.policies.policy import Policy
@@ -65,7 +64,7 @@ def export_model(path: Path | str, out: Path, format_: Format = "torch-export", 
     if missing:
         names = " and ".join(missing)
         raise RunError(f"export as onnx needs {names}; run `pip install 'bricksrl[onnx]'`, or export as torch-export")
-    with closing(make_env(one_robot(config_of(Path(path))))) as env:
+    with closing(make_env_of(Path(path))) as env:
         policy, inputs = load_policy(path, env, which=which), _observations(ObservationLayout.of(env))
     acting = BestAction(policy).eval().requires_grad_(False)
     with torch.no_grad():

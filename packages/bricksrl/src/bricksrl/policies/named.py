@@ -55,14 +55,9 @@ def random_player(env: EnvBase, seed: int) -> Player:
 
 def _first(run_dir: Path, env: EnvBase) -> Player:
     """The untrained agent of a run, with its initial parameters."""
-    from brickhub.seed import derive_seed
     from bricksrl.policies.policy import Policy
-    from bricksrl.training.restore import make_learner_for
-    from bricksrl.training.run_folder import RunFolder
-    from bricksrl.training.seeding import reproducible
+    from bricksrl.training.restore import untrained_learner
 
-    config = RunFolder(run_dir).read_config()
-    with reproducible(derive_seed(config.seed, "agent")):
-        learner = make_learner_for(config, env, device="cpu")
+    learner = untrained_learner(run_dir, env)
     policy = Policy(learner.policy, env.observation_spec["observation"].shape[-1])
     return Player(policy, policy.reset)

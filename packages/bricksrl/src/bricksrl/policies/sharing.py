@@ -37,12 +37,12 @@ def export_policy(run_dir: Path, out: Path, *, licence: str = "mit") -> Path:
     from safetensors.torch import save
 
     from bricksrl.training.restore import load_learner, one_robot
-    from bricksrl.training.run import make_env
+    from bricksrl.training.sources import make_env
 
     refuse_existing(out, RunError)
     folder = RunFolder(run_dir)
     config = folder.read_config()
-    with closing(make_env(one_robot(config))) as env:
+    with closing(make_env(config.env, config.robot, seed=config.seed)) as env:
         trained = load_learner(run_dir, env)
     tensors = {name: tensor.contiguous() for name, tensor in trained.learner.policy_state().items()}
     shared = portable(replace(one_robot(config), data=None, updates=0, start=None, compile=False).to_dict())

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from bricksrl.training.callbacks import Callback, CallbackList, Episode, Phase, Progress, RunResult
+from bricksrl.training.callbacks import Callback, CallbackList, Episode, Phase, Progress, RobotState, RunResult
 from bricksrl.training.config import TrainConfig
-from bricksrl.training.fleet.robot_state import RobotState
 from bricksrl.training.restore import load_learner
 from bricksrl.training.run import resume, train
 from bricksrl.training.run_folder import RunFolder

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
@@ -16,7 +17,10 @@ if TYPE_CHECKING:
     from bricksrl.agents.learner import Learner
     from bricksrl.errors import BricksError
     from bricksrl.training.config import TrainConfig
-    from bricksrl.training.fleet.robot_state import RobotState
+
+
+WINDOW = 5
+"""Episodes of a moving mean."""
 
 
 class Phase(StrEnum):
@@ -26,6 +30,21 @@ class Phase(StrEnum):
     TRAIN = "train"
     OFFLINE = "offline"
     """Best actions of an agent that learned from a dataset; nothing is stored."""
+
+
+class RobotState(StrEnum):
+    """State of one robot of a fleet."""
+
+    STARTING = "starting"
+    PLACED = "placed"
+    """Waits to be placed by hand at the start position."""
+    ACTING = "acting"
+    LEFT = "left"
+    """Its link broke or its process ended; it is retried."""
+    GIVEN_UP = "given up"
+    """Its process ended again and again; it is not retried."""
+    DONE = "done"
+    """No episodes are left."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +91,15 @@ class Progress:
     episodes_total: int
     steps_per_s: float
     remaining_s: float
+
+    @classmethod
+    def of(cls, episodes: Sequence[Episode], total: int) -> Progress:
+        """The progress after these episodes of ``total``."""
+        recent = episodes[-WINDOW - 1 :]
+        first_seconds, first_steps = (recent[0].seconds, recent[0].steps) if len(episodes) > WINDOW else (0.0, 0)
+        seconds = max(recent[-1].seconds - first_seconds, 1e-9)
+        left = total - len(episodes)
+        return cls(total, (recent[-1].steps - first_steps) / seconds, left * seconds / min(len(episodes), WINDOW))
 
 
 @dataclass(frozen=True)

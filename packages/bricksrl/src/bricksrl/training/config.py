@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import sys
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
+from brickhub.cli.options import Flag, option
 from brickhub.fields import LARGEST, check_fields
 from brickhub.seed import check_seed
 from brickhub.user_files import with_absolute_file, without_folder
@@ -18,12 +20,38 @@ from bricksrl.envs.options import EnvOptions
 from bricksrl.errors import BricksError, DescriptionError, RunError, UnknownNameError, counted
 from bricktwin.twin.physics import Physics
 
-_LEAST = {"episodes": 1, "num_envs": 1, "robots": 1, "eval_episodes": 1, "eval_every": 0, "updates": 0, "patience_s": 0}
-"""Lower limits."""
+Rule = tuple[Callable[["TrainConfig"], object], str]
+"""When options do not go together, and what to say then."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunOptions:
+    """How to train: device, several robots, evaluations, records."""
+
+    num_envs: Annotated[int, option(metavar="N")] = 1
+    """Copies to train on in parallel: a simulation runs as one batch, virtual robots in one process each."""
+    robots: Annotated[int, option(metavar="N")] = 1
+    """Virtual robots that train one agent, each in its process; real ones are named by the hub, such as ble:A,ble:B."""
+    device: Annotated[str, option(metavar="NAME")] = "cpu"
+    """Device of networks, replay buffer and simulations: cpu, cuda, mps, or auto for the best available."""
+    compile: Flag = False
+    """Compile loss and gradients into one graph; slow to start, worth it for long runs."""
+    eval_every: Annotated[int, option(metavar="N")] = 0
+    """Evaluate after every N episodes, and keep the best checkpoint; 0 to do neither."""
+    eval_episodes: Annotated[int, option(metavar="N")] = 5
+    """Episodes of each of these evaluations."""
+    stop_at: Annotated[float | None, option(metavar="RETURN")] = None
+    """Stop when the mean return of the last five episodes, or of an evaluation if there are any, reaches this."""
+    record: Flag = True
+    """Record all transitions as a dataset in the run's folder data, unless --no-record is given."""
+    log: Annotated[Literal["none", "tensorboard", "wandb", "trackio"], option(metavar="NAME")] = "none"
+    """Also log to tensorboard, wandb or trackio; metrics.csv is always written."""
+    patience_s: Annotated[float, option(name="patience", metavar="SECONDS")] = 300.0
+    """How long to retry when the link to a robot is lost; 0 gives up at once."""
 
 
 @dataclass(frozen=True)
-class TrainConfig(EnvOptions):
+class TrainConfig(RunOptions, EnvOptions):
     """A training run in an environment. Synchronous runs on the virtual hub are bit-identical for equal configs."""
 
     env: str
@@ -34,26 +62,8 @@ class TrainConfig(EnvOptions):
     """Episodes, including those of random actions at the start."""
     seed: int = 0
     """Seed of everything random: networks, exploration, replay, and the virtual robot."""
-    device: str = "cpu"
-    """Device of networks, replay and simulations: cpu, cuda, mps, or auto for the best one here."""
-    compile: bool = False
-    """Compile loss and gradients into one graph: slow at the start, for long runs."""
-    num_envs: int = 1
-    """Parallel copies: a batch of a simulation, or one process per virtual robot."""
-    robots: int = 1
-    """Virtual robots that learn together, each in its own process; real ones are named in ``hub``, separated by commas."""
-    eval_every: int = 0
-    """Episodes between evaluations, which keep the best checkpoint; 0 for none."""
-    eval_episodes: int = 5
-    """Episodes of an evaluation."""
-    stop_at: float | None = None
-    """Stop when the mean return of the last five episodes, or of an evaluation if there are any, reaches this."""
     asynchronous: bool | None = None
     """Learn in another process while the robot moves; by default in real time. Only synchronous runs are repeatable."""
-    patience_s: float = 300.0
-    """Time of retries to reach a lost robot; 0 gives up at once."""
-    log: str = "none"
-    """Experiment tracker in addition to the CSV: tensorboard, wandb or trackio."""
     settings: Any = None
     """Settings of the agent; by default of its preset "default"."""
     data: str | None = None
@@ -62,9 +72,7 @@ class TrainConfig(EnvOptions):
     """Updates from the data only, spread over the episodes, which only show what was learned; 0 learns on the robot."""
     start: str | None = None
     """Folder of a run whose agent continues here. From another agent only the policy is used, with settings by
-    `bricksrl.training.offline.settings_like`."""
-    record: bool = True
-    """Record all transitions as a dataset in the run's folder ``data``."""
+    `bricksrl.training.restore.settings_like`."""
     run_dir: Path | None = None
     """New folder of the run; by default the first free one of ``runs/<env>-<agent>-seed-<seed>`` and the same with -2, -3, ..."""
 
@@ -79,21 +87,12 @@ class TrainConfig(EnvOptions):
         for name, least in _LEAST.items():
             if not least <= getattr(self, name) <= LARGEST:
                 raise RunError(f"{name} is {getattr(self, name)}; give {least} or more, and up to {LARGEST:,}")
-        if self.stop_at is not None and not abs(self.stop_at) <= sys.float_info.max:
-            raise RunError("stop_at is not a finite number; give the return to stop at, or omit it")
-        if self.num_envs > 1 and (self.hub != "virtual" or self.realtime or self.updates):
-            raise RunError("copies need a simulation or virtual robots in simulated time; omit num_envs")
         if self.asynchronous is None:
             object.__setattr__(self, "asynchronous", self.realtime or self.hub != "virtual")
-        if self.asynchronous and self.num_envs > 1:
-            raise RunError("copies cannot be trained asynchronously; train synchronously, or omit num_envs")
-        if self.updates and self.data is None:
-            raise RunError(f"{counted(self.updates, 'update')} from data need data; give the folder of a dataset")
-        if self.updates and self.updates < self.episodes:
-            episodes = counted(self.episodes, "episode")
-            raise RunError(f"{counted(self.updates, 'update')} cannot be spread over {episodes}; give fewer episodes")
-        if len(self.hubs) > 1:
-            self._check_fleet()
+        for is_wrong, message in _RULES:
+            if is_wrong(self):
+                updates, episodes = counted(self.updates, "update"), counted(self.episodes, "episode")
+                raise RunError(message.format(self, updates=updates, episodes=episodes))
         if self.settings is None:  # stored, so that later versions use the same
             object.__setattr__(self, "settings", settings_for(self.env, "default", self.agent))
         if not dataclasses.is_dataclass(self.settings):
@@ -106,14 +105,10 @@ class TrainConfig(EnvOptions):
         addresses = tuple(part.strip() for part in self.hub.split(","))
         return addresses if len(addresses) > 1 else addresses * self.robots
 
-    def _check_fleet(self) -> None:
-        real = [hub for hub in self.hubs if hub != "virtual"]
-        if self.robots > 1 and real:
-            raise RunError("real robots are named one by one, such as ble:A,ble:B; omit robots")
-        if real and (len(set(real)) < len(self.hubs) or any(":" not in hub for hub in real)):
-            raise RunError(f"the hubs {self.hub} are ambiguous; give each robot a name, such as ble:A,ble:B")
-        if self.num_envs > 1 or self.eval_every or self.updates:
-            raise RunError("a fleet does not support num_envs, eval_every and updates; omit them")
+    @property
+    def robot(self) -> EnvOptions:
+        """Options of the environment of a single robot, the first."""
+        return replace(self.env_options, hub=self.hubs[0])
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON, without the run's folder."""
@@ -140,12 +135,52 @@ class TrainConfig(EnvOptions):
             raise RunError(f"the config is invalid: {error}; restore the file or start a new run") from None
 
 
+def _are_ambiguous(hubs: tuple[str, ...]) -> bool:
+    real = {hub for hub in hubs if hub != "virtual"}
+    return len(hubs) > 1 and bool(real) and (len(real) < len(hubs) or any(":" not in hub for hub in real))
+
+
+_LEAST = {"episodes": 1, "num_envs": 1, "robots": 1, "eval_episodes": 1, "eval_every": 0, "updates": 0, "patience_s": 0}
+"""Lower limits."""
+_RULES: tuple[Rule, ...] = (
+    (
+        lambda run: run.stop_at is not None and not abs(run.stop_at) <= sys.float_info.max,
+        "stop_at is not a finite number; give the return to stop at, or omit it",
+    ),
+    (
+        lambda run: run.num_envs > 1 and (run.hub != "virtual" or run.realtime or run.updates),
+        "copies need a simulation or virtual robots in simulated time; omit num_envs",
+    ),
+    (
+        lambda run: run.asynchronous and run.num_envs > 1,
+        "copies cannot be trained asynchronously; train synchronously, or omit num_envs",
+    ),
+    (lambda run: run.updates and run.data is None, "{updates} from data need data; give the folder of a dataset"),
+    (
+        lambda run: 0 < run.updates < run.episodes,
+        "{updates} cannot be spread over {episodes}; give fewer episodes",
+    ),
+    (
+        lambda run: run.robots > 1 and set(run.hubs) != {"virtual"},
+        "real robots are named one by one, such as ble:A,ble:B; omit robots",
+    ),
+    (
+        lambda run: _are_ambiguous(run.hubs),
+        "the hubs {0.hub} are ambiguous; give each robot a name, such as ble:A,ble:B",
+    ),
+    (
+        lambda run: len(run.hubs) > 1 and (run.num_envs > 1 or run.eval_every or run.updates),
+        "a fleet does not support num_envs, eval_every and updates; omit them",
+    ),
+)
+
+
 def _plain(settings: Any) -> Any:
     """Settings for a file: NumPy numbers, such as rates from an array, as Python's; the network by its absolute path."""
     changed = {name: value.item() for name, value in vars(settings).items() if isinstance(value, np.generic)}
     if isinstance(network := getattr(settings, "network", None), str):
         changed["network"] = with_absolute_file(network)
-    return dataclasses.replace(settings, **changed) if changed else settings
+    return replace(settings, **changed) if changed else settings
 
 
 def portable(data: dict[str, Any]) -> dict[str, Any]:

@@ -6,10 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from bricksrl.plotting import GREY, LIGHT, PALETTE, STRONG, finish, new_figure, number, save, style
-from bricksrl.training.callbacks import Episode, Phase
-
-WINDOW = 5
-"""Episodes in the moving mean."""
+from bricksrl.training.callbacks import WINDOW, Episode, Phase
 
 
 def moving_mean(values: Sequence[float], window: int) -> list[float]:

@@ -1,15 +1,19 @@
-"""Restoring learners from checkpoints of runs."""
+"""Learners of runs: new, restored from a checkpoint, begun from another run, given a dataset; and their repeatable conditions."""
 
 from __future__ import annotations
 
 import contextlib
+import dataclasses
+import logging
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from brickhub.fields import check_fields
+from brickhub.seed import derive_seed
 from bricksrl.agents import make_learner
-from bricksrl.errors import BricksError, CheckpointError, DescriptionError, DivergedError, RunError
+from bricksrl.errors import BricksError, CheckpointError, DataError, DescriptionError, DivergedError, RunError
 from bricksrl.training.callbacks import Episode
 from bricksrl.training.config import TrainConfig, portable
 from bricksrl.training.run_folder import RunFolder
@@ -18,6 +22,7 @@ if TYPE_CHECKING:
     from torchrl.envs import EnvBase
 
     from bricksrl.agents.learner import Learner
+    from bricksrl.data import Episodes
 
 Which = Literal["last", "best"]
 """The last checkpoint of a run, or that of its best evaluation."""
@@ -43,6 +48,13 @@ def load_learner(run_dir: Path | str, env: EnvBase, *, which: Which = "last") ->
     restore(learner, {key: value for key, value in state["agent"].items() if key != "memory"})
     check_weights(learner)
     return Trained(learner, len(state["episodes"]))
+
+
+def untrained_learner(run_dir: Path | str, env: EnvBase) -> Learner:
+    """The learner of a run as it was before any training, on the CPU. Raises RunError if there is no run in the folder."""
+    config = RunFolder(run_dir).read_config()
+    with reproducible(derive_seed(config.seed, "agent")):
+        return make_learner_for(config, env, device="cpu")
 
 
 def check_weights(learner: Learner) -> None:
@@ -82,6 +94,14 @@ def identity_of(config: TrainConfig, env: EnvBase) -> dict[str, Any]:
     data = config.to_dict()
     run = {key: data[key] for key in ("env", "agent", "seed", "settings")}
     return {**run, "layout": asdict(ObservationLayout.of(env)), "action_size": action_size(env)}
+
+
+def run_state(identity: dict[str, Any], episodes: list[Episode], best: float | None = None) -> dict[str, Any]:
+    """State of a run in a checkpoint, without its agent."""
+    import torch
+
+    generator = torch.get_rng_state()
+    return {"identity": identity, "episodes": [episode.to_dict() for episode in episodes], "generator": generator, "best": best}
 
 
 def load_state(folder: RunFolder, config: TrainConfig, env: EnvBase, *, which: Which = "last") -> dict[str, Any]:
@@ -136,3 +156,95 @@ def _check_state(state: dict[str, Any]) -> None:
     rows = state["agent"].get("memory", {"rows": {}})["rows"]
     if any(name in rows and rows[name].shape[1:] != (size,) for name, size in sizes.items()):
         raise ValueError
+
+
+def read_for(path: str, env: EnvBase, *, images: bool) -> Episodes:
+    """The dataset in a folder, or of a run, for an agent in ``env``. Raises DataError if it cannot be used there."""
+    from bricksrl.data import describe, load
+
+    data = load(path, images=images)
+    for name in ("observation", "action"):
+        names, own = ([entry.name for entry in getattr(source, name)] for source in (data.description, describe(env)))
+        if names != own:
+            reason = f"{path} is of {data.description.env}: its {name} is [{', '.join(names)}], not [{', '.join(own)}]"
+            raise DataError(f"{reason}; choose data of this environment, or the environment of the data")
+    if not len(data):
+        raise DataError(f"the dataset {path} is empty; give one with at least one step")
+    return data
+
+
+def attach_dataset(config: TrainConfig, learner: Learner, env: EnvBase) -> None:
+    """Give a learner the config's dataset; also needed when a run resumes. Raises DataError if the dataset cannot be used,
+    RunError if the agent cannot use a dataset, or needs one."""
+    from bricksrl.agents.bc import recorded_memory
+    from bricksrl.agents.replay.buffer import TransitionReplayBuffer
+
+    if learner.imitates and config.data is None:
+        raise RunError(f"{config.agent} needs a dataset; give its folder as data")
+    if config.data is None:
+        return
+    if learner.loss is None or learner.on_policy:
+        raise RunError(f"the agent {config.agent} cannot use a dataset; choose another agent, or omit the data")
+    if not (learner.memory is None or isinstance(learner.memory, TransitionReplayBuffer) or config.updates):
+        remedy = "give it a bricksrl.agents.replay.buffer.TransitionReplayBuffer, or omit the data"
+        raise RunError(f"{config.agent} has a replay buffer that cannot be mixed with a dataset; {remedy}")
+    data = read_for(config.data, env, images="image" in learner.policy.in_keys)
+    frames = data.to_tensordict()
+    frames["next", "done"][:-1] |= (data.episode[1:] != data.episode[:-1])[:, None]
+    frames["next", "done"][-1] = True
+    if isinstance(learner.memory, TransitionReplayBuffer):
+        learner.dataset = learner.memory.empty_like(max(2, len(frames)))
+        learner.dataset.extend(frames)
+    else:
+        size, keys = getattr(config.settings, "batch_size", 256), learner.policy.in_keys
+        learner.dataset = recorded_memory(frames, size, keys, chunk=learner.chunk, device=learner.device)
+
+
+def warm_start(config: TrainConfig, learner: Learner, env: EnvBase) -> None:
+    """Copy the whole agent of the config's ``start`` run to a new learner; of another algorithm only the policy, see
+    `transfer_policy`. Raises RunError if there is no such run, CheckpointError if it does not fit."""
+    from bricksrl.agents.policy_transfer import PolicyFormError, restore, transfer_policy
+
+    if config.start is None:
+        return
+    folder = RunFolder(config.start)
+    old_config = folder.read_config()
+    if old_config.agent == config.agent:
+        if old_config.to_dict()["settings"] != config.to_dict()["settings"]:  # a user's class differs each time it is loaded
+            raise CheckpointError(f"the agent of {config.start} has other settings; go on with its own")
+        restore(learner, load_state(folder, one_robot(old_config), env)["agent"])
+        learner.end_episodes()  # those that ran in a fleet do not go on
+        return
+    try:
+        transfer_policy(learner, load_learner(folder.path, env).learner)
+    except PolicyFormError as error:
+        reason = f"the policy of {config.start}, which is {old_config.agent}'s, does not fit {config.agent}: {error}"
+        raise CheckpointError(f"{reason}; choose a matching agent and settings") from None
+
+
+def settings_like(before: TrainConfig, settings: Any) -> Any:
+    """Settings of another agent with a network of the same form as in ``before``."""
+    form = {"actor_layer_norm": False, **vars(before.settings)}
+    names = {field.name for field in dataclasses.fields(settings)} & form.keys()
+    names &= {"hidden", "angles", "goals", "network", "actor_layer_norm"}
+    return dataclasses.replace(settings, **{name: form[name] for name in names})
+
+
+@contextlib.contextmanager
+def reproducible(seed: int) -> Iterator[None]:
+    """One thread and a seeded global generator inside; both are restored afterwards. Also silences TorchRL's log. Sums over
+    several threads are rounded differently for each number of cores; small networks hardly gain from threads."""
+    import torch
+
+    threads = torch.get_num_threads()
+    logger = logging.getLogger("torchrl")
+    level = logger.level
+    with torch.random.fork_rng(devices=range(torch.cuda.device_count())):
+        torch.set_num_threads(1)
+        torch.manual_seed(seed)
+        logger.setLevel(logging.WARNING)  # it logs the size of each replay buffer
+        try:
+            yield
+        finally:
+            torch.set_num_threads(threads)
+            logger.setLevel(level)

@@ -8,13 +8,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from brickhub.fields import check_value
 from brickhub.files import only_writer
 from bricksrl.errors import DescriptionError, RunError, counted
 from bricksrl.training.callbacks import Callback, CallbackList, RunResult
 from bricksrl.training.config import TrainConfig
-from bricksrl.training.offline import attach_dataset, warm_start
-from bricksrl.training.restore import identity_of, load_state, make_learner_for
+from bricksrl.training.restore import attach_dataset, identity_of, load_state, make_learner_for, run_state, warm_start
 from bricksrl.training.run_folder import RunFolder
 from bricksrl.training.signals import StopSignals
 
@@ -24,8 +22,7 @@ if TYPE_CHECKING:
     from bricksrl.agents.learner import Learner
     from bricksrl.envs.connection import Placement
     from bricksrl.envs.rollout import Driver
-    from bricksrl.training.async_learner import AsyncLearner
-    from bricksrl.training.learner_side import InLoopLearner
+    from bricksrl.training.learner_side import LearnerSide
 
 
 def train(
@@ -55,7 +52,8 @@ def train(
         DivergedError: the weights of the agent are not finite any more.
         KeyboardInterrupt: Ctrl-C before the robot was connected; nothing was created.
     """
-    check_value("config", config, TrainConfig)
+    if not isinstance(config, TrainConfig):
+        raise DescriptionError(f"config is of type {type(config).__name__}; give TrainConfig(...)")
     if config.run_dir is not None and config.run_dir.exists():
         raise RunError(f"{config.run_dir} exists already; resume that run or choose another folder")
     return _run(config, None, callback, env, place, stop, driver)
@@ -105,7 +103,7 @@ def _run(
     if env is not None and env.batch_size and not {"episode_reward", "step_count"} <= set(env.full_observation_spec.keys()):
         raise RunError("copies of your own need TorchRL's RewardSum and StepCounter; add them, or omit env and give num_envs")
     from brickhub.seed import derive_seed
-    from bricksrl.training.seeding import reproducible
+    from bricksrl.training.restore import reproducible
 
     callback = callback or Callback()
     if config.log != "none":
@@ -114,7 +112,7 @@ def _run(
         callback = CallbackList(callback, Tracking(config.log))
     with ExitStack() as stack:
         if env is None:
-            env = make_env(config, place)
+            env = _make_env(config, place)
             stack.callback(env.close, raise_if_closed=False)
         stack.enter_context(reproducible(derive_seed(config.seed, "agent")))
         signals = stack.enter_context(StopSignals(stop or threading.Event()))
@@ -126,9 +124,7 @@ def _run_in(
 ) -> RunResult:
     import torch
 
-    from bricksrl.training.fleet.fleet_robots import Fleet
-    from bricksrl.training.fleet.loop import FleetLoop
-    from bricksrl.training.run_loop import RunLoop, run_state
+    from bricksrl.training.loop import Loop
 
     learner = make_learner_for(config, env)
     if len(config.hubs) > 1 and learner.frames_per_batch > 1:
@@ -145,9 +141,9 @@ def _run_in(
     with ExitStack() as lock, ExitStack() as stack:  # a learner in another process may write until it has ended
         side = _learning(stack, config, env, learner, state, signals)
         torch.set_rng_state(state["generator"])
-        make = FleetLoop if isinstance(env, Fleet) else RunLoop
-        loop = make(config, env, side, callback, signals, state, driver)
-        start = loop.reset() if folder is None and not config.updates else None
+        loop = Loop(config, env, side, callback, signals, state, driver)
+        if folder is None and not config.updates:
+            loop.source.start()
         losses = tuple(name for name in getattr(learner.loss, "out_keys", ()) if isinstance(name, str))
         with signals.held_back():
             if folder is None:
@@ -157,16 +153,15 @@ def _run_in(
                 folder.write_episodes(loop.episodes, losses)
                 folder.write_config(config)
         del state  # may be large
-        return loop.run(folder, start)
+        return loop.run(folder)
 
 
 def _learning(
     stack: ExitStack, config: TrainConfig, env: EnvBase, learner: Learner, state: dict[str, Any], signals: StopSignals
-) -> InLoopLearner | AsyncLearner:
+) -> LearnerSide:
     """The learner from a checkpoint's state, here or in another process until the end of the ``stack``."""
     from bricksrl.agents.policy_transfer import restore
-    from bricksrl.training.async_learner import AsyncLearner
-    from bricksrl.training.learner_side import InLoopLearner
+    from bricksrl.training.learner_side import AsyncLearner, InLoopLearner
 
     if not config.asynchronous or learner.loss is None or config.updates:
         restore(learner, state["agent"])
@@ -178,20 +173,10 @@ def _learning(
     return side
 
 
-def make_env(config: TrainConfig, place: Placement | None = None) -> EnvBase:
-    """The environment of a config; ``place`` places a real robot at the start position. Raises UnknownNameError if there is no
-    such environment or hub, RunError if it does not support copies."""
+def _make_env(config: TrainConfig, place: Placement | None) -> EnvBase:
+    from bricksrl.training.fleet.fleet_robots import Fleet
+    from bricksrl.training.sources import make_env
+
     if len(config.hubs) > 1:
-        from bricksrl.training.fleet.fleet_robots import Fleet
-
         return Fleet(config, place if config.hub != "virtual" else None)
-    if config.num_envs == 1:
-        from bricksrl.envs.registry import make
-
-        return make(config.env, config, seed=config.seed, place=place)
-    from bricksrl.training.collection import make_copies
-
-    try:
-        return make_copies(config.env, config, config.num_envs, seed=config.seed, device=config.device)
-    except DescriptionError as error:
-        raise RunError(f"cannot make {config.num_envs} copies of {config.env}: {error}") from None
+    return make_env(config.env, config.robot, config.num_envs, seed=config.seed, device=config.device, place=place)

@@ -11,19 +11,33 @@ import re
 from collections.abc import Iterable
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from brickhub import HOUSES
 from brickhub.fields import check_value
 from brickhub.files import TEMPORARY_PREFIX, atomic_folder, folder_with, write_durably
 from brickhub.user_files import without_folder
+from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.trust import code_in, remember, require_trusted
 from bricksrl.errors import RunError, WriteError
 from bricksrl.training.callbacks import Episode, Phase
 from bricksrl.training.config import TrainConfig
 
+DATA_FOLDER = "data"
+"""Name of the dataset's folder in a run."""
 _HEAD = ("episode", "phase", "steps", "length", "return", "success")
 _TAIL = ("seconds", "updates_per_step", "link_lost", "evaluation", "robot")
+
+
+class Origin(NamedTuple):
+    """What a run was about: its environment and the options of its first robot, its agent and seed."""
+
+    env: str
+    options: EnvOptions
+    agent: str
+    seed: int
+    is_offline: bool
+    """Whether it learned from data alone."""
 
 
 class RunFolder:
@@ -83,6 +97,11 @@ class RunFolder:
             raise RunError(f"{self.config_path} is not the config of a run; choose the folder of a run")
         require_trusted(self.config_path, text, data["config"])
         return TrainConfig.from_dict(data["config"], run_dir=self.path)
+
+    def origin(self) -> Origin:
+        """What the run was about. Raises the errors of `read_config`."""
+        config = self.read_config()
+        return Origin(config.env, config.robot, config.agent, config.seed, bool(config.updates))
 
     def read_evaluation(self) -> dict[str, Any] | None:
         """The latest evaluation, as `EvaluationResult` wrote it; ``None`` if there is none, or it is damaged."""

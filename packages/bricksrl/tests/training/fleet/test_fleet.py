@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import itertools
 import os
 import re
 import signal
@@ -21,13 +22,13 @@ from bricksrl.agents.replay.buffer import TransitionReplayBuffer
 from bricksrl.agents.sac import SACSettings
 from bricksrl.data.episode_index import read_index
 from bricksrl.data.reader import load
-from bricksrl.data.recorded_episode import About
 from bricksrl.errors import HubError, RunError, UnknownNameError
-from bricksrl.training import Callback, Episode, Progress, RobotState, RunFolder, TrainConfig, resume, train
+from bricksrl.training import Callback, Episode, Phase, Progress, RobotState, RunFolder, TrainConfig, resume, train
 from bricksrl.training.checkpoint import load_checkpoint, save_checkpoint
 from bricksrl.training.fleet import fleet_robots as robots
 from bricksrl.training.fleet.fleet_robots import Fleet, Member, members_of
-from bricksrl.training.fleet.loop import FleetLoop
+from bricksrl.training.fleet.schedule import FleetRobots
+from bricksrl.training.sources import Ended, Playing
 
 pytestmark = pytest.mark.realtime
 
@@ -175,7 +176,6 @@ class Stub:
         for member in self.members:
             member.process = cast("Any", "there")
         self.log: list[tuple[str, Any]] = []
-        self.actor = SimpleNamespace(prefill_episodes=1)
 
     def begin_sending(self, member: Member) -> None:
         member.is_ready = True
@@ -187,27 +187,31 @@ class Stub:
         return lambda *content, **named: self.log.append((name, content))
 
 
-def stub_loop(tmp_path: Path, robots: int) -> tuple[FleetLoop, Stub]:
-    stub = Stub(robots)
-    state = {"identity": {}, "episodes": [], "best": None}
-    loop = FleetLoop(config(tmp_path / "run"), cast("Any", stub), cast("Any", stub), Callback(), cast("Any", None), state)
-    loop.recorder = cast("Any", stub)
-    return loop, stub
+def stub_fleet(tmp_path: Path, robots: int, **changes: Any) -> tuple[FleetRobots, Stub]:
+    stub, numbers = Stub(robots), itertools.count(1)
+    whole = config(tmp_path / "run", **changes)
+
+    def next_episode(being_played: int) -> Playing | None:
+        return Playing(next(numbers), Phase.TRAIN, 0, "sac") if being_played < whole.episodes else None
+
+    there = cast("Any", stub)
+    nobody = cast("Any", None)
+    return FleetRobots(there, there, Callback(), nobody, None, next_episode, "virtual", whole.patience_s, True), stub
 
 
 def test_first_episodes_start_together(tmp_path: Path) -> None:
-    loop, stub = stub_loop(tmp_path, 3)
+    fleet, stub = stub_fleet(tmp_path, 3)
     one, two, three = stub.members
-    loop._handle((two, "ready", None))
+    fleet._handle((two, "ready", None))
     assert not stub.log
     three.process = None
-    loop._handle((three, "gone", "it died"))
-    assert [kind for kind, _ in stub.log] == ["end_episodes"], "the first one is still on its way"
-    loop._handle((one, "ready", None))
-    assert stub.log[1:] == [("order", 0), ("order", 1)]
+    fleet._handle((three, "gone", "it died"))
+    assert not stub.log, "the first one is still on its way"
+    fleet._handle((one, "ready", None))
+    assert stub.log == [("order", 0), ("order", 1)]
     three.process = cast("Any", "there again")
-    loop._handle((three, "ready", None))
-    assert stub.log[3:] == [("order", 2)], "and that one joins them at once"
+    fleet._handle((three, "ready", None))
+    assert stub.log[2:] == [("order", 2)], "and that one joins them at once"
 
 
 def test_starting_process_gets_no_weights(tmp_path: Path) -> None:
@@ -224,25 +228,23 @@ def test_starting_process_gets_no_weights(tmp_path: Path) -> None:
 
 
 def test_last_error_is_of_the_robot_that_left_last(tmp_path: Path) -> None:
-    loop, stub = stub_loop(tmp_path, 2)
-    loop.config = replace(loop.config, patience_s=0.0)
+    fleet, stub = stub_fleet(tmp_path, 2, patience_s=0.0)
     one, two = stub.members
-    loop._handle((two, "out", "its battery is empty"))
-    loop._check_reach()
-    loop._handle((one, "out", "it is out of reach"))
+    fleet._handle((two, "out", "its battery is empty"))
+    fleet._check_reach()
+    fleet._handle((one, "out", "it is out of reach"))
     with pytest.raises(HubError, match="the last error, of r0: it is out of reach"):
-        loop._check_reach()
+        fleet._check_reach()
 
 
 def test_next_episode_starts_before_saving_last(tmp_path: Path) -> None:
-    loop, stub = stub_loop(tmp_path, 1)
-    loop._handle((stub.members[0], "ready", None))
-    playing = loop._running[0]
-    playing.length, playing.about, playing.steps = 1, About(policy="random"), cast("Any", ["step"])
+    fleet, stub = stub_fleet(tmp_path, 1)
+    fleet._handle((stub.members[0], "ready", None))
+    fleet.playing[0].length = 1
     stub.log.clear()
-    episode = loop._handle((stub.members[0], "ended", (True, False, False)))
-    assert episode is not None and episode.length == 1
-    assert [kind for kind, _ in stub.log] == ["end_episodes", "order", "begin", "add", "commit"]
+    ended = fleet._handle((stub.members[0], "ended", (True, False, False)))
+    assert isinstance(ended, Ended) and ended.episode is not None and ended.episode.length == 1
+    assert stub.log == [("order", 0)]
 
 
 def test_pause_reaches_robots_that_are_starting(tmp_path: Path) -> None:
@@ -331,17 +333,17 @@ def test_run_ends_if_the_processes_of_all_robots_die_again_and_again(tmp_path: P
 
 
 def test_deaths_count_from_the_last_complete_episode(tmp_path: Path) -> None:
-    loop, stub = stub_loop(tmp_path, 1)
+    fleet, stub = stub_fleet(tmp_path, 1)
     member, process = stub.members[0], stub.members[0].process
-    loop._handle((member, "ready", None))
+    fleet._handle((member, "ready", None))
     member.deaths, member.process = 4, None
-    loop._running[0].length = 1
-    loop._handle((member, "gone", "it died"))
+    fleet.playing[0].length = 1
+    fleet._handle((member, "gone", "it died"))
     assert member.deaths == 4, "an episode that the death broke off is not complete"
     member.process = process
-    loop._handle((member, "ready", None))
-    loop._running[0].length = 1
-    loop._handle((member, "ended", (True, False, False)))
+    fleet._handle((member, "ready", None))
+    fleet.playing[0].length = 1
+    fleet._handle((member, "ended", (True, False, False)))
     assert member.deaths == 0
 
 

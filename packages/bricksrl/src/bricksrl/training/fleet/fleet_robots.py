@@ -17,7 +17,7 @@ from brickhub.seed import derive_seed
 from bricksrl.child_process import ChildProcess, Message
 from bricksrl.envs.specs import SpecsEnv
 from bricksrl.errors import LearnerError, RunError
-from bricksrl.training.fleet.robot_state import RobotState
+from bricksrl.training.callbacks import RobotState
 
 if TYPE_CHECKING:
     from torch import Tensor

@@ -111,7 +111,7 @@ def train_team(
     """Train the groups of a config; reproducible. Ends after the round in which ``stop`` is set. Raises UnknownNameError or
     DescriptionError if there is no such arena, group, agent or script."""
     from bricksrl.envs.arenas import make_arena
-    from bricksrl.training.seeding import reproducible
+    from bricksrl.training.restore import reproducible
     from bricksrl.training.teams.groups import TeamSettings
 
     settings = settings or TeamSettings()
@@ -126,7 +126,7 @@ def train_team(
 def _learn(env: EnvBase, team: Team, on_progress: Callable[[TeamProgress], None], stop: threading.Event) -> None:
     import torch
 
-    from bricksrl.training.collection import collect_round
+    from bricksrl.training.sources import collect_round
 
     config, copies = team.config, max(1, team.config.copies)
     batch = team.settings.steps * copies

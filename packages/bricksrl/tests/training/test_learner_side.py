@@ -20,7 +20,7 @@ from typing import Any
 import pytest
 import torch
 from tensordict import TensorDict
-from test_run_loop import Recorder, ctrl_c, rows
+from test_loop import Recorder, ctrl_c, rows
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 from toys import Cart
 
@@ -31,9 +31,8 @@ from bricksrl.agents.sac import SACSettings
 from bricksrl.envs.env import HubEnv
 from bricksrl.errors import LearnerError
 from bricksrl.training import TrainConfig, resume, train
-from bricksrl.training.async_learner import AsyncLearner, Inbox, serve
 from bricksrl.training.checkpoint import load_checkpoint
-from bricksrl.training.learner_side import LearningPace
+from bricksrl.training.learner_side import AsyncLearner, Inbox, LearningPace, serve
 
 pytestmark = pytest.mark.realtime
 
@@ -184,7 +183,7 @@ def test_motors_stop_when_learner_dies(started, tmp_path: Path, monkeypatch) -> 
     config = TrainConfig("RunAway-v0", settings=SMALL, run_dir=tmp_path / "run", asynchronous=True)
     env = make("RunAway-v0", seed=0)
     assert isinstance(env, HubEnv)
-    monkeypatch.setattr("bricksrl.training.run.make_env", lambda *_: env)
+    monkeypatch.setattr("bricksrl.training.sources.make_env", lambda *_, **__: env)
     twins = []
 
     def kill() -> None:

@@ -1,0 +1,268 @@
+"""Training loop: collect, remember, learn, report; for one robot, copies or a fleet, with the learner here or elsewhere.
+
+Where a step comes from is `sources`' and `fleet`'s matter, where an update is made `learner_side`'s.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import InitVar, dataclass, replace
+from typing import Any
+
+import torch
+from tensordict import TensorDictBase
+from torchrl.envs import EnvBase
+
+from brickhub.files import quoted
+from brickhub.seed import derive_seed
+from brickhub.user_files import without_folder
+from bricksrl.agents.learner import means
+from bricksrl.data.recorder import Recorder
+from bricksrl.data.schema import describe
+from bricksrl.envs.reference_returns import reference_lines
+from bricksrl.envs.rollout import Driver, play_episodes
+from bricksrl.errors import BricksError, DescriptionError, HubError
+from bricksrl.training.callbacks import WINDOW, Callback, Episode, Phase, Progress, RunResult
+from bricksrl.training.config import TrainConfig
+from bricksrl.training.curve import draw_learning_curve
+from bricksrl.training.fleet.fleet_robots import Fleet
+from bricksrl.training.fleet.schedule import FleetRobots
+from bricksrl.training.learner_side import LearnerSide, LearningPace
+from bricksrl.training.restore import check_weights, run_state
+from bricksrl.training.run_folder import DATA_FOLDER, RunFolder
+from bricksrl.training.signals import StopSignals
+from bricksrl.training.sources import Copies, Ended, Moved, OneRobot, Playing, Source, reconnect_of
+
+STRIDE = 20
+"""Updates from data between checks for a stop."""
+
+
+class InterruptedEpisodeError(Exception):
+    """The run was stopped during an episode, which does not count; internal."""
+
+
+@dataclass
+class Loop:
+    """A running training.
+
+    Attributes:
+        state: initial state of the run.
+        driver: may choose actions instead of the agent.
+    """
+
+    config: TrainConfig
+    env: EnvBase
+    learner: LearnerSide
+    callback: Callback
+    signals: StopSignals
+    state: InitVar[dict[str, Any]]
+    driver: Driver | None = None
+
+    def __post_init__(self, state: dict[str, Any]) -> None:
+        self.actor = self.learner.actor
+        # an earlier policy is better than uniform actions
+        self.prefill_episodes = 0 if self.config.start is not None else self.actor.prefill_episodes
+        self.identity: dict[str, Any] = state["identity"]  # must be equal in a checkpoint and its run
+        self.episodes = [Episode.from_dict(data) for data in state["episodes"]]  # complete ones
+        self.best: float | None = state["best"]  # mean return of the best evaluation
+        make = FleetRobots if isinstance(self.env, Fleet) else Copies if self.env.batch_size else OneRobot
+        self.source: Source = make(
+            env=self.env,
+            learner=self.learner,
+            callback=self.callback,
+            signals=self.signals,
+            driver=self.driver,
+            next_episode=self._next_episode,
+            hub=self.config.hub,
+            patience_s=self.config.patience_s,
+            is_recorded=self.config.record and not self.config.updates and not self.env.batch_size,
+        )
+        self._started = len(self.episodes)  # episodes, complete or not
+        self._ended_s = 0.0  # time of the last one's end
+        self._saved_at: LearningPace | None = None
+        self._recorder: Recorder | None = None
+
+    def run(self, folder: RunFolder) -> RunResult:
+        """Train to the last episode or an interruption. Raises the errors of `bricksrl.training.train`."""
+        self.folder = folder
+        if self.source.is_recorded:
+            self._recorder = Recorder(folder.path / DATA_FOLDER, describe(self.env, self.config.options, name=self.config.env))
+        try:
+            self.callback.on_start(self.config, folder.path, len(self.episodes))
+            updates_per_step, caught_up = None, 0
+            try:
+                if not self._is_over() and not self.signals.requested:
+                    self._collect()
+                pace = self.learner.pace  # once, as learning continues meanwhile
+                updates_per_step = self._updates_per_step(pace)
+                caught_up = self._catch_up(pace)
+            except InterruptedEpisodeError:
+                self.learner.finish(lambda: False)
+            except (KeyboardInterrupt, BricksError):
+                if not self.signals.requested:
+                    check_weights(self.actor)  # rather than an error that follows from them
+                    raise
+            finally:
+                with self.signals.held_back():
+                    title = f"{without_folder(self.config.env)} · {without_folder(self.config.agent)} · seed {self.config.seed}"
+                    lines = reference_lines(self.config.env, self.config.options)
+                    draw_learning_curve(folder.curve_path, self.episodes, title, lines)
+            result = RunResult(folder.path, tuple(self.episodes), not self._is_over(), updates_per_step, caught_up)
+            self.callback.on_end(result)
+        finally:
+            self._close_recorder()
+        return result
+
+    def _collect(self) -> None:
+        """Collect, remember and learn until the run is over, or stopped between two episodes."""
+        for event in self.source.events():
+            match event:
+                case Moved():
+                    self._moved(event)
+                case Ended():
+                    self._ended(event)
+                    if self._is_over() or self.signals.requested:
+                        return
+            if self.signals.requested and not (isinstance(event, Moved) and event.is_last):
+                raise InterruptedEpisodeError
+
+    def _next_episode(self, being_played: int) -> Playing | None:
+        """The next episode, after this one's share of the updates from data; ``None`` if the others are the last ones."""
+        if len(self.episodes) + being_played >= self.config.episodes:
+            return None
+        self._started += 1
+        number, is_random = self._started, self._started <= self.prefill_episodes
+        phase = Phase.OFFLINE if self.config.updates else Phase.PREFILL if is_random else Phase.TRAIN
+        policy = "random" if phase is Phase.PREFILL else without_folder(self.config.agent)
+        playing = Playing(number, phase, derive_seed(self.config.seed, "episode", number), policy)
+        total, episodes = self.config.updates, self.config.episodes
+        due = total * number // episodes - total * (number - 1) // episodes
+        for start in range(0, due, STRIDE):
+            playing.metrics.append(self.actor.make_updates(min(STRIDE, due - start)))
+            if self.signals.requested:
+                raise InterruptedEpisodeError
+        return playing
+
+    def _moved(self, moved: Moved) -> None:
+        """Store a step, or a batch of copies, and learn from it."""
+        playing, frame = moved.playing, moved.frame
+        if playing.phase is Phase.OFFLINE:
+            return
+        is_batch = bool(frame.batch_dims)
+        if not moved.is_lost and not is_batch:
+            self.callback.on_transition(playing.number, playing.length, playing.phase, frame)
+        frames = frame if is_batch else frame[None]
+        self.learner.remember(frames, playing.robot)
+        if playing.phase is Phase.TRAIN and not moved.is_lost:
+            playing.metrics.append(self.learner.learn(frames.shape[-1]))
+        self.callback.on_step(playing.number, playing.length, playing.phase)
+
+    def _ended(self, ended: Ended) -> None:
+        """Save an episode: record it, evaluate, write metrics and checkpoint."""
+        playing, episode = ended.playing, ended.episode
+        self.learner.end_episodes(playing.robot)
+        if episode is None:
+            self._started -= not self.source.playing  # it is played again
+            return
+        if not math.isfinite(episode.return_):
+            raise DescriptionError(
+                f"the return of episode {playing.number} is {episode.return_}: a reward of {self.config.env} was not a number; "
+                f"correct it, `bricksrl check {quoted(self.config.env)}` tries it"
+            )
+        success = None if ended.is_cut else episode.success
+        self._record(playing, success=success, whole=not (episode.link_lost or ended.is_cut))
+        previous = self.episodes[-1] if self.episodes else None
+        now_s = time.perf_counter()
+        seconds = now_s - max(playing.started_s, self._ended_s)
+        self._ended_s = now_s
+        episode = replace(
+            episode,
+            episode=len(self.episodes) + 1,
+            steps=episode.steps + (previous.steps if previous else 0),
+            losses={name: float(value) for name, value in means(playing.metrics).items()},
+            seconds=seconds + (previous.seconds if previous else 0.0),
+            updates_per_step=self._updates_per_step(self.learner.pace),
+        )
+        if self.config.eval_every and episode.episode % self.config.eval_every == 0 and not episode.link_lost:
+            episode = self._evaluated(episode)
+        with self.signals.held_back():
+            self.episodes.append(episode)
+            self.folder.append(episode)
+            self.save()
+        self.callback.on_episode(episode, Progress.of(self.episodes, self.config.episodes))
+
+    def _record(self, playing: Playing, *, success: bool | None, whole: bool) -> None:
+        """Write an episode into the dataset."""
+        if self._recorder is not None and playing.about is not None:
+            self._recorder.begin(playing.about)
+            for step in playing.steps:
+                self._recorder.add(step)
+            self._recorder.commit(success=success, whole=whole)
+
+    def _close_recorder(self) -> None:
+        """Record the incomplete episodes, and release the dataset."""
+        if self._recorder is not None:
+            with self._recorder:
+                for playing in self.source.playing.values():
+                    self._record(playing, success=None, whole=False)
+
+    def _evaluated(self, episode: Episode) -> Episode:
+        """The episode with the mean return of an evaluation, unless its link broke. Saves the best checkpoint."""
+        self.learner.finish(lambda: not self.signals.requested)  # the policy must not change meanwhile
+        generator = torch.get_rng_state()
+        reconnect = reconnect_of(self.env)
+        if reconnect is not None:
+            reconnect.on_error = lambda _: None  # no episode of the run is affected
+        config, reset_policy = self.config, self.actor.reset_policy
+        try:
+            played = list(play_episodes(self.env, self._exploit, config.eval_episodes, config.seed, reset_policy=reset_policy))
+        except HubError:
+            return episode
+        finally:
+            torch.set_rng_state(generator)  # an evaluation must not affect learning
+        mean = sum(rollout.return_ for rollout in played) / len(played)
+        if self.best is None or mean > self.best:
+            self.best = mean
+            self.learner.save(self.folder.best_path, run_state(self.identity, [*self.episodes, episode], mean))
+        return replace(episode, evaluation=mean)
+
+    def _exploit(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """The agent's best action, unless the run is to stop."""
+        if self.signals.requested:
+            raise InterruptedEpisodeError
+        return self.actor.exploit(tensordict)
+
+    def _is_over(self) -> bool:
+        """Whether all episodes are done, or the agent is good enough."""
+        if len(self.episodes) >= self.config.episodes:
+            return True
+        if self.config.stop_at is None or not self.episodes:
+            return False
+        if self.config.eval_every:
+            evaluation = self.episodes[-1].evaluation
+            return evaluation is not None and evaluation >= self.config.stop_at
+        whole = [episode for episode in self.episodes if not episode.link_lost]
+        recent = [episode.return_ for episode in whole[-WINDOW:] if episode.phase is Phase.TRAIN]
+        return len(recent) == WINDOW and sum(recent) / WINDOW >= self.config.stop_at
+
+    def save(self) -> None:
+        """Write the checkpoint."""
+        self._saved_at = self.learner.pace
+        self.learner.save(self.folder.checkpoint_path, run_state(self.identity, self.episodes, self.best))
+
+    def _updates_per_step(self, pace: LearningPace) -> float | None:
+        """Updates per step that requires updates, or ``None`` without such steps."""
+        return self.actor.updates_per_step * (pace.done / pace.asked) if pace.asked and self.actor.updates_per_step else None
+
+    def _catch_up(self, before: LearningPace) -> int:
+        """Finish pending updates and checkpoints. Returns the number of updates."""
+        due = round((before.asked - before.done) * self.actor.updates_per_step)
+        if due and not self.signals.requested:
+            self.callback.on_catching_up(due)
+        self.learner.finish(lambda: not self.signals.requested)
+        updates = round((self.learner.pace.done - before.done) * self.actor.updates_per_step)
+        if self.episodes and self.learner.pace != self._saved_at:
+            self.save()
+            self.learner.finish(lambda: False)
+        return updates

@@ -1,0 +1,258 @@
+"""Sources of the steps of a run: one robot, or copies of a simulation; `fleet.schedule` has several robots.
+
+A source yields each step that was made, and each episode that has ended; while it waits, the run learns.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import time
+import warnings
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import torch
+from tensordict import TensorDictBase
+from torchrl.envs import Compose, EnvBase, ParallelEnv, RewardSum, StepCounter, TransformedEnv
+from torchrl.envs.utils import ExplorationType
+from torchrl.modules import RandomPolicy
+
+from bricksrl.data.transitions import about, step_of
+from bricksrl.envs.env_interface import BricksEnv, interface_of
+from bricksrl.envs.options import EnvOptions
+from bricksrl.envs.registry import get_task, is_simulation, make
+from bricksrl.envs.rollout import Driver, Rollout, play, seed_episode
+from bricksrl.errors import DescriptionError, RunError
+from bricksrl.training.callbacks import Callback, Episode, Phase
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from bricksrl.agents.learner import Learner
+    from bricksrl.data.recorded_episode import About, Step
+    from bricksrl.envs.connection import Placement, Reconnect
+    from bricksrl.training.learner_side import LearnerSide
+    from bricksrl.training.signals import StopSignals
+
+
+@dataclass
+class Playing:
+    """An episode that is being played.
+
+    Attributes:
+        number: in order of start; with the run's seed it determines the episode.
+        seed: of the episode.
+        policy: source of the actions, for the dataset.
+        robot: place in the replay buffer.
+        length: complete steps.
+        metrics: of the updates made meanwhile.
+        about, steps: for the dataset; ``None`` and empty without one.
+    """
+
+    number: int
+    phase: Phase
+    seed: int
+    policy: str
+    robot: int = 0
+    length: int = 0
+    return_: float = 0.0
+    metrics: list[dict[str, Tensor]] = field(default_factory=list)
+    about: About | None = None
+    steps: list[Step] = field(default_factory=list)
+    started_s: float = field(default_factory=time.perf_counter)
+
+
+@dataclass(frozen=True)
+class Moved:
+    """A step of a robot, as ``EnvBase.step`` returns it, or a batch ``[copies, time]``; its outcome is void if the link broke."""
+
+    playing: Playing
+    frame: TensorDictBase
+    is_lost: bool = False
+    is_last: bool = False
+    """Whether `Ended` follows at once."""
+
+
+@dataclass(frozen=True)
+class Ended:
+    """The end of an episode; ``None`` if the link broke in its first step. ``is_cut``: by a pause."""
+
+    playing: Playing
+    episode: Episode | None
+    is_cut: bool = False
+
+
+NextEpisode = Callable[[int], Playing | None]
+"""The next episode to play, if so many are being played; ``None`` if these are the last ones."""
+
+
+@dataclass
+class Source(ABC):
+    """Source of a run's steps.
+
+    Attributes:
+        hub: address of the robot, for the dataset.
+        patience_s: how long a lost robot is retried.
+        is_recorded: whether steps go into the run's dataset.
+        playing: the current episode of each robot.
+    """
+
+    env: EnvBase
+    learner: LearnerSide
+    callback: Callback
+    signals: StopSignals
+    driver: Driver | None
+    next_episode: NextEpisode
+    hub: str
+    patience_s: float
+    is_recorded: bool
+    playing: dict[int, Playing] = field(default_factory=dict)
+
+    _begun: tuple[Playing, TensorDictBase] | None = None
+
+    @property
+    def actor(self) -> Learner:
+        """The acting agent."""
+        return self.learner.actor
+
+    def start(self) -> None:
+        """Reach a robot and place it for its first episode. Raises HubError if there is none."""
+        self._begun = self._begin()
+
+    def events(self) -> Iterator[Moved | Ended | None]:
+        """What happens, episode by episode; ``None`` from time to time if nothing does."""
+        while begun := self._begun or self._begin():
+            self._begun = None
+            yield from self.play(*begun)
+
+    def _begin(self) -> tuple[Playing, TensorDictBase] | None:
+        """The next episode, which depends on config, number and actions only, and the output of its reset."""
+        playing = self.next_episode(0)
+        if playing is None:
+            return None
+        reconnect = reconnect_of(self.env)
+        if reconnect is not None:
+            reconnect.patience_s, reconnect.wait = self.patience_s, self.signals.wait
+            reconnect.on_error = lambda error: self.callback.on_link_lost(playing.number, playing.length, error)
+        with self.signals.at_once():  # a reset may wait for a hub or a person, and loses nothing
+            seed_episode(self.env, playing.seed)
+            state = self.env.reset()
+        if playing.phase is not Phase.OFFLINE:
+            playing.started_s = time.perf_counter()
+        return playing, state
+
+    @abstractmethod
+    def play(self, playing: Playing, start: TensorDictBase) -> Iterator[Moved | Ended]:
+        """Play an episode from the output of its reset."""
+
+
+class OneRobot(Source):
+    """A robot of this process."""
+
+    def play(self, playing: Playing, start: TensorDictBase) -> Iterator[Moved | Ended]:
+        self.playing[0], phase = playing, playing.phase
+        if self.is_recorded:
+            playing.about = about(self.env, playing.policy, seed=playing.seed, hub=self.hub)
+        rollout, random = Rollout(), RandomPolicy(self.env.full_action_spec)
+        policy = {Phase.PREFILL: random, Phase.TRAIN: self.actor.explore, Phase.OFFLINE: self.actor.exploit}[phase]
+        is_cut = False
+        for frame in play(self.env, policy, start, driver=self.driver, reset_policy=self.actor.reset_policy):
+            rollout.add(frame)
+            playing.length = len(rollout.rewards)
+            by_hand = bool(frame.get("intervention", False))
+            if by_hand and self.actor.on_policy:
+                raise RunError("this agent learns from its own actions only; let it drive, or take an off-policy one such as sac")
+            if self.is_recorded and not rollout.is_lost:
+                playing.steps.append(step_of(frame, self.env, intervention=by_hand))
+            is_cut = interface_of(self.env).is_cut  # now, as an evaluation may follow
+            yield Moved(playing, frame, rollout.is_lost, bool(frame["next", "done"]))
+        if rollout.is_lost and phase is Phase.OFFLINE:
+            raise interface_of(self.env).link_error  # a measurement has to be complete, and its updates are made once
+        success = None if rollout.is_lost else rollout.success(self.env)
+        length, return_ = playing.length, rollout.return_
+        episode = Episode(playing.number, phase, length, length, return_, success, link_lost=rollout.is_lost)
+        yield Ended(self.playing.pop(0), episode if length else None, is_cut)
+
+
+def reconnect_of(env: EnvBase) -> Reconnect | None:
+    """Reconnection of a single robot; attributes of copies in processes cannot be set from here."""
+    return None if env.batch_size else interface_of(env).reconnect
+
+
+class Copies(Source):
+    """Copies of a simulation or of a virtual robot. An episode is a round: as many steps of all as one has at most."""
+
+    def play(self, playing: Playing, start: TensorDictBase) -> Iterator[Moved | Ended]:
+        ended, lengths, returns = (torch.zeros((), device=self.env.device) for _ in range(3))
+        policy = RandomPolicy(self.env.full_action_spec) if playing.phase is Phase.PREFILL else self.actor.acting
+        for frames in collect_round(self.env, policy, self.env.task.max_steps, self.actor.frames_per_batch):
+            playing.length += frames.shape[-1]
+            yield Moved(playing, frames)
+            after = frames["next"]
+            done = after["done"] & ~after.get("link_lost", torch.zeros_like(after["done"]))
+            ended += done.sum()
+            returns += (after["episode_reward"] * done).sum()
+            lengths += (after["step_count"] * done).sum()
+        count = max(1.0, float(ended))
+        length, return_ = round(float(lengths) / count), float(returns) / count
+        yield Ended(
+            playing, Episode(playing.number, playing.phase, playing.length * self.env.batch_size.numel(), length, return_, None)
+        )
+
+
+class _Processes(BricksEnv, ParallelEnv):  # type: ignore[misc]
+    """Virtual robots, each in a process; nothing of a single one is reached from here."""
+
+
+def make_env(
+    env_id: str,
+    options: EnvOptions,
+    copies: int = 1,
+    *,
+    seed: int | None,
+    device: str = "cpu",
+    place: Placement | None = None,
+) -> EnvBase:
+    """Environment of one robot, or with batch ``[copies]``: a batched simulation, or one process per virtual robot, which tracks
+    return and length of episodes. ``place`` places a real robot at the start position. Raises UnknownNameError if there is no
+    such environment or hub, RunError if it does not support copies, or their processes cannot be started."""
+    options = options.env_options
+    if copies == 1:
+        return make(env_id, options, seed=seed, place=place)
+    try:
+        if is_simulation(env_id):
+            env = make(env_id, options, batch_size=copies, seed=seed, device=device)
+        else:
+            env = _Processes(copies, functools.partial(make, env_id, options, seed=seed), mp_start_method="spawn")
+            env.start()
+            env.task = get_task(env_id, **options.options)  # attributes do not cross process boundaries
+    except DescriptionError as error:
+        raise RunError(f"cannot make {copies} copies of {env_id}: {error}") from None
+    except EOFError:  # a process ended at once, as it imports the script that starts it
+        raise RunError(f"the {copies} processes cannot start; put your script under `if __name__ == '__main__':`") from None
+    return TransformedEnv(env, Compose(RewardSum(), StepCounter()))
+
+
+def collect_round(env: EnvBase, policy: Any, steps: int, steps_per_batch: int) -> Iterator[TensorDictBase]:
+    """Frames ``[copies, steps_per_batch]``, at least ``steps`` per copy from a reset on; ended copies restart. ``policy``: a
+    TensorDict module on the environment's device; it explores."""
+    with warnings.catch_warnings(action="ignore", category=DeprecationWarning):  # raised by TorchRL's own import
+        from torchrl.collectors import Collector
+
+    copies = env.batch_size.numel()
+    batches = math.ceil(steps / steps_per_batch)
+    collector = Collector(
+        env,
+        policy,
+        frames_per_batch=steps_per_batch * copies,
+        total_frames=batches * steps_per_batch * copies,
+        exploration_type=ExplorationType.RANDOM,
+        auto_register_policy_transforms=False,
+    )
+    try:
+        yield from collector
+    finally:
+        collector.shutdown(close_env=False)
