@@ -135,9 +135,8 @@ class PredictedChunk(nn.Module):
         super().__init__()
         self.model = model
 
-    def forward(self, features: Tensor) -> Tensor:
-        chunk: Tensor = self.model(features)[0]
-        return chunk
+    def forward(self, features: Tensor) -> Any:
+        return self.model(features)[0]
 
 
 def build(env: EnvBase, settings: ACTSettings, device: torch.device | str = "cpu") -> Learner:

@@ -137,7 +137,7 @@ class LivePage(PageServer):
         from bricksrl.data.schema import describe_task
 
         super().__init__(Board(), self._press, self.stop, options)
-        self._end_run, self._halted, self._changed = on_stop, threading.Event(), threading.Condition()
+        self._end_run, self._halted, self._changed = on_stop, threading.Event(), threading.Event()
         self._paused, self._requested_steps, self._speed = False, 0, speed
         self.is_reset_requested = self._is_cutting = False
         self._env, self._is_paced_here = BricksEnv(), False
@@ -181,8 +181,7 @@ class LivePage(PageServer):
         finally:
             if self.driver is not None:
                 self.driver.release()
-            with self._changed:
-                self._changed.notify_all()
+            self._changed.set()
             self._publish()
 
     def _press(self, name: str, value: Any) -> None:
@@ -203,8 +202,7 @@ class LivePage(PageServer):
                 self.driver.push(value)
             case "left" if self.driver is not None:
                 self.driver.release()
-        with self._changed:
-            self._changed.notify_all()
+        self._changed.set()
         self._publish()
 
     def _pause(self, paused: bool) -> None:
@@ -306,8 +304,7 @@ class LivePage(PageServer):
                 break
             if is_over():
                 return
-            with self._changed:
-                self._changed.wait(_POLL_S)
+            self._await_press()
         speed = self._speed_factor
         if self._is_paced_here and speed:
             self._last_step_s = max(self._last_step_s + _STEP_S / speed, time.monotonic() - _STEP_S)
@@ -334,8 +331,11 @@ class LivePage(PageServer):
     def wait_for_reset(self, is_over: Callable[[], bool]) -> None:
         """After a stop or a failure: wait for a reset, or until ``is_over()``."""
         while not self.is_reset_requested and not is_over():
-            with self._changed:
-                self._changed.wait(_POLL_S)
+            self._await_press()
+
+    def _await_press(self) -> None:
+        self._changed.wait(_POLL_S)
+        self._changed.clear()
 
     def release(self) -> None:
         """End an emergency stop: the robot may move again after the next reset."""

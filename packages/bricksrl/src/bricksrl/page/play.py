@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from brickhub.files import quoted
 from brickhub.user_files import without_folder
 from bricksrl.envs.env_interface import interface_of
-from bricksrl.envs.rollout import Policy, link_lost, play
+from bricksrl.envs.rollout import link_lost, play
 from bricksrl.errors import BricksError, StoppedError
 from bricksrl.page.live import LivePage
 from bricksrl.policies.named import Player
@@ -106,18 +106,12 @@ def play_on_page(
     stop = stop or threading.Event()
     returns: list[float] = []
 
-    @functools.cache
-    def player(name: str) -> Player:
-        return players[name]()
-
-    def act(state: TensorDictBase) -> TensorDictBase:
-        return player(page.policy).act(state)
-
+    player = functools.cache(lambda name: players[name]())
     page.attach(env)
     while episodes is None or len(returns) < episodes:
         try:
             page.begin()
-            return_ = _episode(env, page, act, lambda: player(page.policy).reset(), f"{len(returns) + 1}")
+            return_ = _episode(env, page, lambda: player(page.policy), f"{len(returns) + 1}")
             if return_ is not None:
                 returns.append(return_)
                 page.end(return_, f"{len(returns) + 1}")
@@ -139,13 +133,13 @@ def play_on_page(
     return returns
 
 
-def _episode(env: EnvBase, page: LivePage, act: Policy, reset: Callable[[], None], number: str) -> float | None:
-    """Play an episode; returns its return, or ``None`` if it was cut short."""
+def _episode(env: EnvBase, page: LivePage, player: Callable[[], Player], number: str) -> float | None:
+    """Play an episode with the player selected at each step; returns its return, or ``None`` if it was cut short."""
     total = 0.0
     start = env.reset()
     page.note(episode=number)
     page.hold()
-    for frame in play(env, act, start, driver=page.driver, reset_policy=reset):
+    for frame in play(env, lambda s: player().act(s), start, driver=page.driver, reset_policy=lambda: player().reset()):
         if link_lost(frame):
             raise interface_of(env).link_error
         page.show_step(frame)
