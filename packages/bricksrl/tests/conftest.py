@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
 from collections.abc import Iterator
+from types import SimpleNamespace
 
 import hermetic  # noqa: F401  before anything else is imported
 import pytest
 from ble_fixtures import world  # noqa: F401  a fixture
 from forked import ForkServer
 
+from bricksrl import child_process
 from bricksrl.envs import registry
 
 
@@ -16,6 +20,14 @@ from bricksrl.envs import registry
 def _registered_environments(monkeypatch: pytest.MonkeyPatch) -> None:
     """Environments that a test registers are unknown to the next one."""
     monkeypatch.setattr(registry, "_specs", dict(registry._specs))
+
+
+@pytest.fixture
+def forked_children(forked: ForkServer, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Processes of the package that learn or have a robot are forked, too."""
+    if hasattr(os, "fork"):
+        made = SimpleNamespace(Popen=forked.popen, PIPE=subprocess.PIPE, TimeoutExpired=subprocess.TimeoutExpired)
+        monkeypatch.setattr(child_process, "subprocess", made)
 
 
 @pytest.fixture(scope="session")

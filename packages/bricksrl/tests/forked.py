@@ -1,16 +1,18 @@
-"""Commands in processes that are forked from one that has imported torch, TorchRL and MuJoCo, which costs four seconds.
+"""Processes that are forked from one that has imported torch, TorchRL and MuJoCo, which costs four seconds.
 
-Each command has a process, standard streams, an environment and an exit code of its own, as from a shell.
+Each has standard streams, an environment, a folder and an exit code of its own, as one that is started from a shell.
 """
 
 from __future__ import annotations
 
 import array
 import atexit
+import contextlib
 import gc
 import importlib
 import json
 import os
+import select
 import signal
 import socket
 import subprocess
@@ -21,11 +23,46 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
-IMPORTED = ("torch", "torchrl.data", "torchrl.envs", "mujoco", "bricksrl.cli.app", "bricksrl.training.run", "bricksrl.evaluation")
+IMPORTED = (
+    "torch",
+    "torchrl.data",
+    "torchrl.envs",
+    "mujoco",
+    "bricksrl.cli.app",
+    "bricksrl.training.loop",
+    "bricksrl.training.run",
+    "bricksrl.training.fleet.worker",
+    "bricksrl.evaluation",
+)
+
+
+class Forked(subprocess.Popen[Any]):
+    """A process of the server, which waits for its end in our place."""
+
+    def __init__(self, args: Sequence[str], pid: int, status: int, streams: Sequence[Any], *, is_text: bool) -> None:
+        self.args, self.pid, self.returncode, self.text_mode = args, pid, None, is_text
+        self.stdin, self.stdout, self.stderr = streams
+        self.encoding = self.errors = self._input = None
+        self._communication_started, self._child_created, self._waitpid_lock = False, True, threading.Lock()
+        self._status: int = status
+
+    def _internal_poll(self, *_: Any, **__: Any) -> int | None:
+        if self.returncode is None and select.select([self._status], [], [], 0)[0]:
+            self._wait(None)
+        return self.returncode
+
+    def _wait(self, timeout: float | None) -> int:
+        with self._waitpid_lock:
+            if self.returncode is None:
+                if not select.select([self._status], [], [], timeout)[0]:
+                    raise subprocess.TimeoutExpired(self.args, timeout or 0.0)
+                self.returncode = int.from_bytes(os.read(self._status, 4), "little", signed=True)
+                os.close(self._status)
+        return self.returncode
 
 
 class ForkServer:
-    """Server that runs commands of ``bricksrl``, one after the other."""
+    """Server that starts commands of ``bricksrl``, scripts and modules."""
 
     def __init__(self) -> None:
         ours, theirs = socket.socketpair()
@@ -34,28 +71,40 @@ class ForkServer:
             environment = {**os.environ, "MUJOCO_GL": "disable"}
             self._server = subprocess.Popen(command, pass_fds=(theirs.fileno(),), env=environment, stdin=subprocess.DEVNULL)
         self._socket, self._lock = ours, threading.Lock()
+        self._socket.settimeout(60)
+
+    def start(self, arguments: Sequence[str], streams: Sequence[Any], *, is_text: bool = True, **asked: Any) -> Forked:
+        """Start a process. ``streams``: standard input, output and error: a file, ``subprocess.PIPE``, or ``None`` for ours.
+        ``asked``: its folder and environment, and a script or a module in place of a command."""
+        ends: list[tuple[int, Any]] = []
+        for number, stream in enumerate(streams):
+            if stream == subprocess.PIPE:
+                read, write = os.pipe()
+                theirs, own, mode = (read, write, "w") if number == 0 else (write, read, "r")
+                ends.append((theirs, os.fdopen(own, mode if is_text else f"{mode}b", -1 if is_text else 0)))
+            else:
+                ends.append((os.dup(number if stream is None else stream.fileno()), None))
+        status, told = os.pipe()
+        request = json.dumps({"arguments": list(arguments), "folder": str(Path.cwd()), **asked}).encode()
+        with self._lock:
+            self._socket.sendall(len(request).to_bytes(4, "little") + request)
+            socket.send_fds(self._socket, [b"."], [*(end for end, _ in ends), told])
+            pid = int.from_bytes(_exactly(self._socket, 4), "little")
+        for fd in (*(end for end, _ in ends), told):
+            os.close(fd)
+        return Forked(["bricksrl", *arguments], pid, status, [own for _, own in ends], is_text=is_text)
 
     def run(
         self, arguments: Sequence[str], folder: Path, environment: Mapping[str, str], timeout_s: float, script: str = ""
     ) -> subprocess.CompletedProcess[str]:
         """Run a command, or a script, to its end. Raises TimeoutExpired, and kills it, after ``timeout_s``."""
-        asked = {"arguments": list(arguments), "folder": str(folder), "environment": dict(environment), "script": script}
-        with self._lock:
-            return self._run(json.dumps(asked).encode(), arguments, timeout_s)
-
-    def _run(self, request: bytes, arguments: Sequence[str], timeout_s: float) -> subprocess.CompletedProcess[str]:
-        with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
-            self._socket.settimeout(60)
-            self._socket.sendall(len(request).to_bytes(4, "little") + request)
-            socket.send_fds(self._socket, [b"."], [out.fileno(), err.fileno()])
-            pid = int.from_bytes(_exactly(self._socket, 4), "little")
-            self._socket.settimeout(timeout_s)
+        with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err, Path(os.devnull).open() as nothing:
+            process = self.start(arguments, (nothing, out, err), folder=str(folder), environment=dict(environment), script=script)
             try:
-                code = int.from_bytes(_exactly(self._socket, 4), "little", signed=True)
-            except TimeoutError:
-                os.kill(pid, signal.SIGKILL)
-                self._socket.settimeout(60)
-                _exactly(self._socket, 4)
+                code = process.wait(timeout_s)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait(60)
                 err.seek(0)
                 said = err.read().decode()
                 raise subprocess.TimeoutExpired(f"bricksrl {' '.join(arguments)}, which said {said!r}", timeout_s) from None
@@ -64,6 +113,10 @@ class ForkServer:
                 file.seek(0)
                 texts.append(file.read().decode())
         return subprocess.CompletedProcess(["bricksrl", *arguments], code, *texts)
+
+    def popen(self, command: Sequence[str], *, stdin: Any, stdout: Any, env: Mapping[str, str], **_: Any) -> Forked:
+        """Start ``python -m MODULE`` as `bricksrl.child_process` does, in a session of its own."""
+        return self.start((), (stdin, stdout, None), is_text=False, environment=dict(env), module=command[-1])
 
     def close(self) -> None:
         """End the server."""
@@ -82,25 +135,49 @@ def _exactly(connection: socket.socket, size: int) -> bytes:
 
 
 def serve(connection: socket.socket) -> int:
-    """Run the commands that the other side asks for, until it leaves."""
+    """Start the processes that the other side asks for, and tell of their ends, until it leaves."""
     for name in IMPORTED:
         importlib.import_module(name)
-    gc.freeze()  # what is imported is not looked at, and so not copied, by the commands
+    gc.freeze()  # what is imported is not looked at, and so not copied, by the processes
+    ended, wake = os.pipe()
+    os.set_blocking(wake, False)
+    signal.signal(signal.SIGCHLD, lambda *_: None)
+    signal.set_wakeup_fd(wake, warn_on_full_buffer=False)
+    told: dict[int, int] = {}
     while True:
-        try:
-            request: dict[str, Any] = json.loads(_exactly(connection, int.from_bytes(_exactly(connection, 4), "little")))
-        except EOFError:
-            return 0
-        _, fds, _, _ = socket.recv_fds(connection, 1, 2)
-        pid = os.fork()
+        ready = select.select([connection, ended], [], [])[0]
+        if ended in ready:
+            os.read(ended, 4096)
+            _tell_ends(told)
+        if connection in ready:
+            try:
+                request: dict[str, Any] = json.loads(_exactly(connection, int.from_bytes(_exactly(connection, 4), "little")))
+            except EOFError:
+                return 0
+            fds = list(socket.recv_fds(connection, 1, 4)[1])
+            pid = os.fork()
+            if pid == 0:
+                signal.set_wakeup_fd(-1)
+                signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+                for fd in (connection.detach(), ended, wake, *told.values(), fds.pop()):
+                    os.close(fd)
+                end(command(request, fds))
+            told[pid] = fds.pop()
+            for fd in fds:
+                os.close(fd)
+            connection.sendall(pid.to_bytes(4, "little"))
+
+
+def _tell_ends(told: dict[int, int]) -> None:
+    """Write the exit codes of the processes that have ended."""
+    while told:
+        pid, status = os.waitpid(-1, os.WNOHANG)
         if pid == 0:
-            connection.close()
-            end(command(request, fds))
-        for fd in fds:
-            os.close(fd)
-        connection.sendall(pid.to_bytes(4, "little"))
-        _, status = os.waitpid(pid, 0)
-        connection.sendall(os.waitstatus_to_exitcode(status).to_bytes(4, "little", signed=True))
+            return
+        fd = told.pop(pid)
+        with contextlib.suppress(BrokenPipeError):  # nobody asks
+            os.write(fd, os.waitstatus_to_exitcode(status).to_bytes(4, "little", signed=True))
+        os.close(fd)
 
 
 def end(code: int) -> NoReturn:
@@ -113,20 +190,26 @@ def end(code: int) -> NoReturn:
 
 
 def command(request: dict[str, Any], fds: Sequence[int] | array.array[int]) -> int:
-    """Run one command or script in this process, on these standard streams."""
+    """Run one command, script or module in this process, on these standard streams."""
     from bricksrl.cli import main
 
-    for fd, standard in zip(fds, (1, 2), strict=True):
-        os.dup2(fd, standard)
+    for number, fd in enumerate(fds):
+        os.dup2(fd, number)
         os.close(fd)
+    sys.stdin, sys.stdout = os.fdopen(0, closefd=False), os.fdopen(1, "w", closefd=False)
+    sys.stderr = os.fdopen(2, "w", 1, errors="backslashreplace", closefd=False)
     os.chdir(request["folder"])
     os.environ.clear()
     os.environ.update(request["environment"])
     sys.argv = ["bricksrl", *request["arguments"]]
-    if request["script"]:
-        exec(request["script"], {"__name__": "__main__"})  # noqa: S102
-        sys.exit()  # as a script ends
     try:
+        if module := request.get("module"):
+            os.setsid()
+            importlib.import_module(module).main()
+            return 0
+        if script := request.get("script"):
+            exec(script, {"__name__": "__main__"})  # noqa: S102
+            sys.exit()  # as a script ends
         return main(request["arguments"])
     except SystemExit as ended:
         if isinstance(ended.code, str):

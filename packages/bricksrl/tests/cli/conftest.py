@@ -52,16 +52,21 @@ def fails(capfd: pytest.CaptureFixture[str]) -> Callable[..., None]:
 
 
 @pytest.fixture
-def start(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., subprocess.Popen[str]]]:
+def start(
+    tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest
+) -> Iterator[Callable[..., subprocess.Popen[str]]]:
     """Start ``bricksrl`` in the background until the end of the test."""
     folder = tmp_path_factory.mktemp("cli-started")
     started: list[subprocess.Popen[str]] = []
 
     def popen(*arguments: str) -> subprocess.Popen[str]:
-        command = [EXECUTABLE, *arguments]
-        environment = {**os.environ, "MUJOCO_GL": "disable"}
-        pipe = subprocess.PIPE
-        started.append(subprocess.Popen(command, cwd=folder, env=environment, stdout=pipe, stderr=pipe, text=True))
+        environment, pipe = {**os.environ, "MUJOCO_GL": "disable"}, subprocess.PIPE
+        if hasattr(os, "fork"):
+            server: ForkServer = request.getfixturevalue("forked")
+            started.append(server.start(arguments, (None, pipe, pipe), folder=str(folder), environment=environment))
+        else:
+            command = [EXECUTABLE, *arguments]
+            started.append(subprocess.Popen(command, cwd=folder, env=environment, stdout=pipe, stderr=pipe, text=True))
         return started[-1]
 
     yield popen

@@ -9,8 +9,12 @@ import pytest
 
 import bricksrl
 from brickhub.user_files import with_absolute_file
+from bricksrl.cli import main
+from bricksrl.envs.gymnasium import GymnasiumEnv
 from bricksrl.envs.target import find
 from bricksrl.errors import DescriptionError, UnknownNameError
+from bricksrl.evaluation import evaluate
+from bricksrl.training import RunFolder
 
 FILE = """
 from dataclasses import replace
@@ -68,6 +72,24 @@ def test_task_function_with_options(folder: Path) -> None:
     assert bricksrl.envs.get_task("options.py:task", steps=2).max_steps == 2
     with pytest.raises(DescriptionError, match="no option colour"):
         bricksrl.envs.get_task("options.py:task", colour=2)
+
+
+def test_option_of_a_users_file_is_one_everywhere(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The parameter of the user's function is an option of Python, of Gymnasium, and of the commands and what they store."""
+    env = bricksrl.make("options.py:task", steps=2, seed=0)
+    assert env.rollout(9).shape == (2,)
+    env.close()
+    gymnasium = GymnasiumEnv("options.py:task", steps=2)
+    gymnasium.reset(seed=0)
+    assert [gymnasium.step(gymnasium.action_space.sample())[3] for _ in range(2)] == [False, True]
+    gymnasium.close()
+    words = ("options.py:task", "--option", "steps=2", "--agent", "random", "--episodes", "1", "--run", "run")
+    assert main(["train", *words]) == 0
+    assert [episode.length for episode in RunFolder("run").read_episodes()] == [2]
+    assert evaluate("run", episodes=1).lengths == (2,)
+    assert evaluate("run", episodes=1, steps=3).lengths == (3,)
+    assert main(["record", "options.py:task", "--option", "steps=2", "--episodes", "1", "--out", "data"]) == 0
+    assert "  2 steps" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,8 @@ from bricksrl.evaluation import multi_seed
 from bricksrl.evaluation.multi_seed import seed_folder, train_seeds
 from bricksrl.training import RunFolder, TrainConfig, train
 
+pytestmark = pytest.mark.usefixtures("forked_children")
+
 SMALL = SACSettings(hidden=(16,), batch_size=16, prefill_episodes=1, updates_per_step=1)
 
 

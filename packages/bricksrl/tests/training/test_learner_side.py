@@ -26,6 +26,7 @@ from toys import Cart
 
 from bricksrl import child_process, make
 from bricksrl.agents import make_learner
+from bricksrl.agents.learner import Learner
 from bricksrl.agents.ppo import PPOSettings
 from bricksrl.agents.sac import SACSettings
 from bricksrl.envs.env import HubEnv
@@ -34,7 +35,7 @@ from bricksrl.training import TrainConfig, resume, train
 from bricksrl.training.checkpoint import load_checkpoint
 from bricksrl.training.learner_side import AsyncLearner, Inbox, LearningPace, serve
 
-pytestmark = pytest.mark.realtime
+pytestmark = [pytest.mark.realtime, pytest.mark.usefixtures("forked_children")]
 
 SMALL = SACSettings(hidden=(16, 16), batch_size=16, prefill_episodes=2, updates_per_step=2)
 SEEN = torch.tensor([300.0, 0.5])
@@ -49,7 +50,7 @@ def config(tmp_path: Path) -> TrainConfig:
 def started(monkeypatch: pytest.MonkeyPatch) -> list[subprocess.Popen[bytes]]:
     """Learner processes that were started."""
     processes = []
-    popen = subprocess.Popen
+    popen = child_process.subprocess.Popen
 
     def note(*args, **kwargs):
         processes.append(popen(*args, **kwargs))
@@ -209,11 +210,12 @@ def test_learner_error_is_one_line(config: TrainConfig, tmp_path: Path) -> None:
 
 
 def test_ctrl_c_during_learner_start_leaves_no_files(config: TrainConfig, started, tmp_path: Path) -> None:
-    timer = threading.Timer(0.3, ctrl_c)
-    timer.start()
+    class Interrupting(Recorder):
+        def on_learner(self, learner: Learner) -> None:
+            threading.Timer(0.03, ctrl_c).start()
+
     with pytest.raises(KeyboardInterrupt):
-        train(config, env=Cart())
-    timer.join()
+        train(config, Interrupting(), env=Cart())
     assert started[0].returncode is not None
     assert list(tmp_path.iterdir()) == []
 

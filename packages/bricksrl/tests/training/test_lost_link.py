@@ -30,7 +30,7 @@ from bricksrl.training.checkpoint import load_checkpoint
 from bricksrl.training.learner_side import InLoopLearner
 from bricktwin.twin.make_body import make_body
 
-pytestmark = pytest.mark.realtime
+pytestmark = [pytest.mark.realtime, pytest.mark.usefixtures("forked_children")]
 
 SMALL = SACSettings(hidden=(16, 16), batch_size=16, prefill_episodes=1, n_step=2)
 

@@ -201,6 +201,7 @@ LIMITED = """
 from dataclasses import dataclass
 from bricksrl.agents import ppo
 
+
 @dataclass(frozen=True)
 class Settings(ppo.PPOSettings):
     offset: float = -2.0

@@ -47,6 +47,10 @@ class LearningPace:
     asked: int = 0
     done: int = 0
 
+    def updates_per_step(self, learner: Learner) -> float | None:
+        """Updates per step that requires updates, or ``None`` without such steps."""
+        return learner.updates_per_step * (self.done / self.asked) if self.asked and learner.updates_per_step else None
+
 
 class InLoopLearner:
     """Learns while the robot waits: repeatable, bit for bit. ``state``: pace, and frames not learned from yet."""

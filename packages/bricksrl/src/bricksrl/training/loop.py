@@ -20,26 +20,19 @@ from brickhub.user_files import without_folder
 from bricksrl.agents.learner import means
 from bricksrl.data.recorder import Recorder
 from bricksrl.data.schema import describe
-from bricksrl.envs.reference_returns import reference_lines
 from bricksrl.envs.rollout import Driver, play_episodes
 from bricksrl.errors import BricksError, DescriptionError, HubError
 from bricksrl.training.callbacks import WINDOW, Callback, Episode, Phase, Progress, RunResult
 from bricksrl.training.config import TrainConfig
-from bricksrl.training.curve import draw_learning_curve
 from bricksrl.training.fleet.fleet_robots import Fleet
 from bricksrl.training.fleet.schedule import FleetRobots
 from bricksrl.training.learner_side import LearnerSide, LearningPace
 from bricksrl.training.restore import check_weights, run_state
 from bricksrl.training.run_folder import DATA_FOLDER, RunFolder
-from bricksrl.training.signals import StopSignals
+from bricksrl.training.signals import InterruptedEpisodeError, StopSignals
 from bricksrl.training.sources import Copies, Ended, Moved, OneRobot, Playing, Source, reconnect_of
 
-STRIDE = 20
-"""Updates from data between checks for a stop."""
-
-
-class InterruptedEpisodeError(Exception):
-    """The run was stopped during an episode, which does not count; internal."""
+STRIDE = 20  # updates from data between checks for a stop
 
 
 @dataclass
@@ -95,7 +88,7 @@ class Loop:
                 if not self._is_over() and not self.signals.requested:
                     self._collect()
                 pace = self.learner.pace  # once, as learning continues meanwhile
-                updates_per_step = self._updates_per_step(pace)
+                updates_per_step = pace.updates_per_step(self.actor)
                 caught_up = self._catch_up(pace)
             except InterruptedEpisodeError:
                 self.learner.finish(lambda: False)
@@ -105,9 +98,7 @@ class Loop:
                     raise
             finally:
                 with self.signals.held_back():
-                    title = f"{without_folder(self.config.env)} · {without_folder(self.config.agent)} · seed {self.config.seed}"
-                    lines = reference_lines(self.config.env, self.config.options)
-                    draw_learning_curve(folder.curve_path, self.episodes, title, lines)
+                    folder.draw_curve(self.config, self.episodes)
             result = RunResult(folder.path, tuple(self.episodes), not self._is_over(), updates_per_step, caught_up)
             self.callback.on_end(result)
         finally:
@@ -149,10 +140,9 @@ class Loop:
         playing, frame = moved.playing, moved.frame
         if playing.phase is Phase.OFFLINE:
             return
-        is_batch = bool(frame.batch_dims)
-        if not moved.is_lost and not is_batch:
+        frames = frame if frame.batch_dims else frame[None]
+        if not moved.is_lost and not frame.batch_dims:
             self.callback.on_transition(playing.number, playing.length, playing.phase, frame)
-        frames = frame if is_batch else frame[None]
         self.learner.remember(frames, playing.robot)
         if playing.phase is Phase.TRAIN and not moved.is_lost:
             playing.metrics.append(self.learner.learn(frames.shape[-1]))
@@ -170,19 +160,17 @@ class Loop:
                 f"the return of episode {playing.number} is {episode.return_}: a reward of {self.config.env} was not a number; "
                 f"correct it, `bricksrl check {quoted(self.config.env)}` tries it"
             )
-        success = None if ended.is_cut else episode.success
-        self._record(playing, success=success, whole=not (episode.link_lost or ended.is_cut))
+        whole = not (episode.link_lost or ended.is_cut)
+        self._record(playing, success=None if ended.is_cut else episode.success, whole=whole)
         previous = self.episodes[-1] if self.episodes else None
-        now_s = time.perf_counter()
-        seconds = now_s - max(playing.started_s, self._ended_s)
-        self._ended_s = now_s
+        begun_s, self._ended_s = max(playing.started_s, self._ended_s), time.perf_counter()
         episode = replace(
             episode,
             episode=len(self.episodes) + 1,
             steps=episode.steps + (previous.steps if previous else 0),
             losses={name: float(value) for name, value in means(playing.metrics).items()},
-            seconds=seconds + (previous.seconds if previous else 0.0),
-            updates_per_step=self._updates_per_step(self.learner.pace),
+            seconds=self._ended_s - begun_s + (previous.seconds if previous else 0.0),
+            updates_per_step=self.learner.pace.updates_per_step(self.actor),
         )
         if self.config.eval_every and episode.episode % self.config.eval_every == 0 and not episode.link_lost:
             episode = self._evaluated(episode)
@@ -210,11 +198,9 @@ class Loop:
     def _evaluated(self, episode: Episode) -> Episode:
         """The episode with the mean return of an evaluation, unless its link broke. Saves the best checkpoint."""
         self.learner.finish(lambda: not self.signals.requested)  # the policy must not change meanwhile
-        generator = torch.get_rng_state()
-        reconnect = reconnect_of(self.env)
-        if reconnect is not None:
+        if (reconnect := reconnect_of(self.env)) is not None:
             reconnect.on_error = lambda _: None  # no episode of the run is affected
-        config, reset_policy = self.config, self.actor.reset_policy
+        generator, config, reset_policy = torch.get_rng_state(), self.config, self.actor.reset_policy
         try:
             played = list(play_episodes(self.env, self._exploit, config.eval_episodes, config.seed, reset_policy=reset_policy))
         except HubError:
@@ -250,10 +236,6 @@ class Loop:
         """Write the checkpoint."""
         self._saved_at = self.learner.pace
         self.learner.save(self.folder.checkpoint_path, run_state(self.identity, self.episodes, self.best))
-
-    def _updates_per_step(self, pace: LearningPace) -> float | None:
-        """Updates per step that requires updates, or ``None`` without such steps."""
-        return self.actor.updates_per_step * (pace.done / pace.asked) if pace.asked and self.actor.updates_per_step else None
 
     def _catch_up(self, before: LearningPace) -> int:
         """Finish pending updates and checkpoints. Returns the number of updates."""

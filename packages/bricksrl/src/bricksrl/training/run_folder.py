@@ -8,7 +8,7 @@ import itertools
 import json
 import platform
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from importlib import metadata
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,6 +18,7 @@ from brickhub.fields import check_value
 from brickhub.files import TEMPORARY_PREFIX, atomic_folder, folder_with, write_durably
 from brickhub.user_files import without_folder
 from bricksrl.envs.options import EnvOptions
+from bricksrl.envs.reference_returns import reference_lines
 from bricksrl.envs.trust import code_in, remember, require_trusted
 from bricksrl.errors import RunError, WriteError
 from bricksrl.training.callbacks import Episode, Phase
@@ -124,6 +125,13 @@ class RunFolder:
             columns = file.readline().decode().strip().split(",")
             file.seek(0, 2)
             file.write(_csv(columns, [episode]))
+
+    def draw_curve(self, config: TrainConfig, episodes: Sequence[Episode]) -> None:
+        """Draw the learning curve."""
+        from bricksrl.training.curve import draw_learning_curve
+
+        title = f"{without_folder(config.env)} · {without_folder(config.agent)} · seed {config.seed}"
+        draw_learning_curve(self.curve_path, episodes, title, reference_lines(config.env, config.options))
 
     def read_episodes(self) -> tuple[Episode, ...]:
         """Read the metrics, without a last row that a crash has cut. Raises RunError if they are missing or invalid."""

@@ -9,6 +9,10 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager
 from typing import Self
 
 
+class InterruptedEpisodeError(Exception):
+    """The run was stopped during an episode, which does not count; internal."""
+
+
 class StopSignals(ExitStack):
     """While entered, Ctrl-C sets ``stop``, which the run checks after each step. Inside `at_once` the first Ctrl-C raises
     `KeyboardInterrupt`; elsewhere the second, except inside `held_back`. Only the main thread receives Ctrl-C; other threads may
@@ -30,7 +34,9 @@ class StopSignals(ExitStack):
         return super().__enter__()
 
     def at_once(self) -> AbstractContextManager[None]:
-        """Inside, the first Ctrl-C raises."""
+        """Inside, the first Ctrl-C raises, also one that came just before."""
+        if self.requested:
+            raise KeyboardInterrupt
         return self._while("_at_once")
 
     def held_back(self) -> AbstractContextManager[None]:

@@ -30,7 +30,7 @@ from bricksrl.training.fleet.fleet_robots import Fleet, Member, members_of
 from bricksrl.training.fleet.schedule import FleetRobots
 from bricksrl.training.sources import Ended, Playing
 
-pytestmark = pytest.mark.realtime
+pytestmark = [pytest.mark.realtime, pytest.mark.usefixtures("forked_children")]
 
 SMALL = SACSettings(hidden=(16,), batch_size=16, prefill_episodes=1, n_step=3, updates_per_step=0.25)
 
