@@ -13,7 +13,7 @@ import numpy as np
 from bricksrl.errors import PlanError
 from bricksrl.page.board import Board
 from bricksrl.page.scene import HIDDEN, Floats, Mesh, Scene, SceneBody, Shape, View, flat_mesh, poses
-from bricksrl.page.server import is_finite
+from bricksrl.page.server import PageOptions, PageServer, is_finite
 from bricktwin.plans.colours import colour_of
 from bricktwin.plans.geometry import M_PER_LDU
 from bricktwin.plans.mechanism.kinematics import TO_TWIN
@@ -26,20 +26,18 @@ from bricktwin.plans.shapes import TINTS, Tint, surface_of
 _MAX_DEG = 360
 
 
-class PlanView:
-    """View of a plan on a page.
+class PlanView(PageServer):
+    """Page of a plan, served while entered.
 
     Args:
         plan: plan to show; one that is not a complete robot has steps but no joints.
-
-    Attributes:
-        board: board for the page's server.
+        options: address of the server.
     """
 
-    def __init__(self, plan: Plan) -> None:
+    def __init__(self, plan: Plan, options: PageOptions | None = None) -> None:
+        super().__init__(Board(), self.press, lambda: None, options)
         if not plan.parts:
             raise PlanError(f"{plan.path} has no part that the catalogue knows; run `bricksrl plan check` on it")
-        self.board = Board()
         self._plan, self._lock = plan, threading.Lock()
         self._robot: PlannedRobot | None = None
         self._poser: Poser | None = None
