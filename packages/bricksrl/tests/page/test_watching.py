@@ -15,7 +15,7 @@ from bricksrl.data.schema import describe
 from bricksrl.envs import get_task, make
 from bricksrl.errors import StoppedError
 from bricksrl.page.live import LivePage
-from bricksrl.page.training import PageCallback
+from bricksrl.page.play import PageCallback
 from bricksrl.training import RunFolder, TrainConfig, load_learner, train
 from bricksrl.training.callbacks import Phase
 from bricksrl.training.config import settings_for

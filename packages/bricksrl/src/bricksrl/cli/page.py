@@ -255,12 +255,11 @@ class ShowPlan:
 
     def execute(self) -> None:
         from bricksrl.page.plan_view import PlanView
-        from bricksrl.page.server import PageServer
 
-        view = PlanView(read_named_plan(self.plan))
+        plan = read_named_plan(self.plan)
         try:
-            with PageServer(view.board, view.press, lambda: None, self.live_page.page_options()) as server:
-                announce(server.url)
+            with PlanView(plan, self.live_page.page_options()) as page:
+                announce(page.url)
                 threading.Event().wait()
         except KeyboardInterrupt:
             raise Interrupted from None

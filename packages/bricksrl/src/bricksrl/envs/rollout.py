@@ -74,8 +74,28 @@ def seed_episode(env: EnvBase, seed: int) -> None:
 
 def link_lost(frame: TensorDictBase) -> bool:
     """Whether the link to the robot broke in a frame, which then has no valid outcome."""
-    lost = frame["next"].get("link_lost", None)
+    lost = lost_links(frame)
     return lost is not None and bool(lost)
+
+
+def lost_links(frames: TensorDictBase) -> Tensor | None:
+    """Frames with a lost link, or ``None`` if there is no link."""
+    lost: Tensor | None = frames["next"].get("link_lost", None)
+    return None if lost is None else lost.squeeze(-1)
+
+
+def with_outcome(frames: TensorDictBase, lost: Tensor | None) -> TensorDictBase:
+    """Frames as rows, without those with a lost link."""
+    return frames.reshape(-1) if lost is None else frames[~lost]
+
+
+def cut_at_lost_links(frames: TensorDictBase) -> TensorDictBase:
+    """Frames ``[*copies, time]`` where those before a lost link end their episodes: estimates must not look across."""
+    lost = lost_links(frames)
+    if lost is not None and bool(lost.any()):
+        frames = frames.clone()
+        frames["next", "done"][..., :-1, :] |= lost[..., 1:, None]
+    return frames
 
 
 @dataclass

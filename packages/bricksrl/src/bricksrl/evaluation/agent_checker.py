@@ -97,7 +97,7 @@ class _Checked:
     def memory(self) -> str:
         learner = self._learner()
         if learner.imitates:
-            from bricksrl.agents.imitation.chunks import recorded_memory
+            from bricksrl.agents.bc import recorded_memory
 
             size = getattr(preset("default", self.algorithm.name), "batch_size", 256)
             frames = _frames(learner, make(ENV, seed=_SEED))

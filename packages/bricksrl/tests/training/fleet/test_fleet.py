@@ -17,8 +17,8 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from bricksrl.agents.learner_state import memory_state
-from bricksrl.agents.replay.buffer import EpisodicReplayBuffer
+from bricksrl.agents.learner import memory_state
+from bricksrl.agents.replay.buffer import TransitionReplayBuffer
 from bricksrl.agents.sac import SACSettings
 from bricksrl.data import load
 from bricksrl.data.dataset import read_dataset
@@ -140,7 +140,7 @@ def test_fleet_resumes_and_stops_without_robots(run: tuple[Path, Harm]) -> None:
 
 
 def test_rows_of_different_robots_are_not_linked() -> None:
-    buffer = EpisodicReplayBuffer(8, 2, ("observation",), n_step=2)
+    buffer = TransitionReplayBuffer(8, 2, ("observation",), n_step=2)
 
     def frame(value: float, done: bool = False) -> TensorDict:
         return TensorDict(

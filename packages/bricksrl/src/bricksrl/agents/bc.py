@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
 import torch
-from tensordict import TensorDictParams
+from tensordict import TensorDictBase, TensorDictParams
 from torchrl.envs import EnvBase
+from torchrl.envs.transforms import ActionChunkTransform
 from torchrl.objectives import BCLoss
 
 from bricksrl.agents.encoder import make_encoder
 from bricksrl.agents.learner import Learner, adam
 from bricksrl.agents.networks import action_size, action_spec, deterministic_policy, make_body
+from bricksrl.agents.replay.buffer import TransitionReplayBuffer
 from bricksrl.agents.settings import Positive, Settings, ShareBelowOne
 
 
@@ -43,3 +46,16 @@ def build(env: EnvBase, settings: BCSettings, device: torch.device | str = "cpu"
     loss.set_keys(action="action")
     optimizer = adam(loss.parameters(), settings)
     return Learner(actor, loss, optimizer, updates_per_step=settings.updates_per_step, imitates=True)
+
+
+def recorded_memory(
+    frames: TensorDictBase, batch_size: int, keys: Sequence[str], *, chunk: int = 0, device: torch.device | str = "cpu"
+) -> TransitionReplayBuffer:
+    """A buffer of recorded frames ``[time]``. With ``chunk``, actions are the next ``chunk`` ones ``[chunk, m]``; the last action
+    of an episode is repeated."""
+    if chunk:
+        rows = ActionChunkTransform(chunk, chunk_key="chunk")(frames.select("action", ("next", "done"))[None])
+        frames = frames.clone(recurse=False).set("action", rows["chunk"][0])
+    memory = TransitionReplayBuffer(max(2, len(frames)), batch_size, keys, device=device)
+    memory.extend(frames)
+    return memory

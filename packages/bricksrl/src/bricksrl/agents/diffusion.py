@@ -13,8 +13,8 @@ from torchrl.envs import EnvBase
 from torchrl.modules import DiffusionActor
 from torchrl.objectives import DiffusionBCLoss
 
-from bricksrl.agents.encoder import encoder_keys, make_encoder
-from bricksrl.agents.imitation.chunks import ChunkPolicy, ChunkSettings, chunk_learner
+from bricksrl.agents.act import ChunkPolicy, ChunkSettings, chunk_learner
+from bricksrl.agents.encoder import encode, make_encoder
 from bricksrl.agents.learner import Learner
 from bricksrl.agents.networks import action_size, make_body
 from bricksrl.agents.settings import NotNegative, Range
@@ -40,8 +40,7 @@ class EncodedChunks(DiffusionBCLoss):  # type: ignore[misc]
         self.encoder = encoder
 
     def forward(self, tensordict: TensorDictBase) -> TensorDict:
-        features = self.encoder(*(tensordict[key] for key in encoder_keys(self.encoder)))
-        chunk = tensordict["action"].flatten(-2)
+        chunk, features = tensordict["action"].flatten(-2), encode(self.encoder, tensordict)
         return super().forward(TensorDict({"observation": features, "action": chunk}, tensordict.batch_size))
 
 

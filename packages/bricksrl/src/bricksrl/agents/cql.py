@@ -20,10 +20,9 @@ from torch import Tensor, nn
 from torchrl.envs import EnvBase
 
 from bricksrl.agents import sac
-from bricksrl.agents.actor_critic import Batch, Critics, squared_errors
 from bricksrl.agents.learner import Learner
-from bricksrl.agents.learner_state import CountedUpdates
-from bricksrl.agents.sac import SACLoss, SACSettings, location_and_scale
+from bricksrl.agents.policy_transfer import CountedUpdates
+from bricksrl.agents.sac import Batch, Critics, SACLoss, SACSettings, location_and_scale, squared_errors
 from bricksrl.agents.settings import NotNegative, Positive, Range
 
 MAX_FACTOR = 1e6
