@@ -184,7 +184,7 @@ def test_docs_refer_to_existing_files(page):
 
 def test_docstrings_of_modules_begin_with_their_subject():
     paths = sorted(path for source in SOURCES.values() for path in source.rglob("*.py"))
-    assert len(paths) > 300
+    assert len(paths) > 250
     for path in paths:
         begins = (ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or "Nothing").split()[0]
         assert begins not in {"How", "What", "When", "Where", "Whether", "Which", "Who", "Why"}, path
