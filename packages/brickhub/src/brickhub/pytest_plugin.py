@@ -63,6 +63,7 @@ class PybricksHub:
         robot: Robot | Body | str | None = None,
         readings: Mapping[str, Reading] | Sequence[str] = (),
         end_stops: Mapping[str, tuple[float, float]] | Sequence[str] = (),
+        ports: Sequence[str] = (),
         presses: Sequence[str] = (),
         stdin: str | bytes = "",
         time_limit_s: float | None = 60.0,
@@ -76,6 +77,7 @@ class PybricksHub:
             readings: of sensors. On the bench as on the command line, such as ``"B=red"``; of a Robot by name, as functions of
                 the angles of its motors (deg, by name).
             end_stops: likewise ``"C=-90..120"``, or lowest and highest angle (deg) by name of the motor.
+            ports: motors and sensors on the bench, such as ``"A=interactive"``.
             presses: of buttons, such as ``"left@2.5s"``.
             stdin: what the program can read.
             time_limit_s: simulated seconds until the program is stopped; ``None`` for no limit.
@@ -84,7 +86,7 @@ class PybricksHub:
             ProgramError: there is no such file.
             DescriptionError, TwinError: robot, readings, end stops or presses do not fit together.
         """
-        from brickhub.virtual.given_readings import parse_end_stop, parse_reading
+        from brickhub.virtual.given_readings import parse_device, parse_end_stop, parse_reading
         from brickhub.virtual.panel import parse_press
         from brickhub.virtual.run import Operation, interruptible, run_file
         from brickhub.virtual.run_log import RunLog
@@ -99,6 +101,7 @@ class PybricksHub:
             presses=[parse_press(text) for text in presses],
             readings=[] if isinstance(readings, Mapping) else [parse_reading(text, self._folder) for text in readings],
             end_stops={} if isinstance(end_stops, Mapping) else dict(map(parse_end_stop, end_stops)),
+            devices=dict(map(parse_device, ports)),
             attend=attend,
         )
         source = io.BytesIO(stdin) if isinstance(stdin, bytes) else io.StringIO(stdin)

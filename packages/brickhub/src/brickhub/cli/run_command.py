@@ -55,6 +55,9 @@ class Run:
     """Reading of a sensor on the bench: B=red, B=40%, B=200mm, B=3N, B=10,-5deg, or B=@FILE with lines "seconds, value"."""
     end_stop: Annotated[UseAppendAction[tuple[str, ...]], option(metavar="PORT=LOW..HIGH")] = ()
     """End stops (deg) of a motor on the bench: C=-90..120."""
+    port: Annotated[UseAppendAction[tuple[str, ...]], option(metavar="PORT=DEVICE")] = ()
+    """Which motor or sensor is on a port of the bench: A=interactive, B=spike-large, C=ColorSensor, D=nothing. On others there is
+    what the program asks for, medium motors of SPIKE."""
     log: Annotated[Path | None, option(metavar="FILE")] = None
     """CSV file of what each motor and sensor of the virtual hub did: every 10 ms the motors' angle, speed, load and voltage, and
     what the program last read from each sensor."""
@@ -121,7 +124,7 @@ class Run:
 
     def _operation(self, stack: ExitStack) -> Operation:
         from brickhub.cli.key_listener import KeyListener, can_listen
-        from brickhub.virtual.given_readings import parse_end_stop, parse_reading
+        from brickhub.virtual.given_readings import parse_device, parse_end_stop, parse_reading
         from brickhub.virtual.panel import parse_press
         from brickhub.virtual.run import Operation
 
@@ -142,6 +145,7 @@ class Run:
             presses=[parse_press(text) for text in self.press],
             readings=[parse_reading(text) for text in self.reading],
             end_stops=dict(parse_end_stop(text) for text in self.end_stop),
+            devices=dict(parse_device(text) for text in self.port),
             realtime=self.realtime,
             watch=watch,
             attend=self._logged(stack),

@@ -195,6 +195,7 @@ class FittedBench(BenchBody):
         hub: kind of hub.
         readings: of sensors; without one a sensor sees nothing near, dark, untouched and level.
         end_stops: lowest and highest angle of the motor on a port, deg of the shaft.
+        devices: what is on a port, ``None`` for nothing; on others there is what the program asks for, medium motors of SPIKE.
         report: called with a line about what the bench assumes.
     """
 
@@ -203,6 +204,7 @@ class FittedBench(BenchBody):
         hub: HubKind,
         readings: Iterable[GivenReading] = (),
         end_stops: Mapping[str, tuple[float, float]] | None = None,
+        devices: Mapping[str, MotorKind | SensorKind | None] = MappingProxyType({}),
         report: Callable[[str], object] = lambda line: None,
     ) -> None:
         super().__init__(Robot("bench", hub, needs_imu=hub.model.has_imu))
@@ -216,24 +218,38 @@ class FittedBench(BenchBody):
         self._heading_offset_deg = 0.0
         self._report: Callable[[str], object] | None = report
         self._up = (0.0, 0.0, 1.0)
-        for port in (*self._given_readings, *self._stops):
+        for port in (*self._given_readings, *self._stops, *devices):
             if port not in hub.model.ports:
                 raise TwinError(f"the {hub.value} hub has no port {port}; it has {', '.join(hub.model.ports)}")
+        self._free_ports = set(hub.model.ports) - set(devices)
+        for port, kind in devices.items():
+            if isinstance(kind, MotorKind):
+                self._add_motor(port, kind)
+            elif kind is not None:
+                self._add_sensor(port, kind.value)
 
     def plug_in(self, port: str, device: str) -> bool:
         """Plug in a device of a class of ``pybricks.pupdevices``. Returns whether the port was free or has it already. Raises
         TwinError if the port's reading does not suit the device."""
-        if port in self._devices:
-            return self._devices[port] == device
+        is_motor = device in ("Motor", "DCMotor")
+        if port not in self._free_ports:
+            return self._devices.get(port) == device
+        self._free_ports.remove(port)
+        if is_motor:
+            self._add_motor(port, MotorKind.SPIKE_MEDIUM, device)
+        else:
+            self._add_sensor(port, device)
+        return True
+
+    def _add_motor(self, port: str, kind: MotorKind, device: str = "Motor") -> None:
+        self._devices[port], self.motors[port] = device, kind
+        stops = self._stops.get(port)
+        self._motors[port] = BenchMotor(stops and (stops[0] * 1000.0, stops[1] * 1000.0))
+
+    def _add_sensor(self, port: str, device: str) -> None:
         self._devices[port] = device
-        if device in ("Motor", "DCMotor"):
-            self.motors[port] = MotorKind.SPIKE_MEDIUM
-            stops = self._stops.get(port)
-            self._motors[port] = BenchMotor(stops and (stops[0] * 1000.0, stops[1] * 1000.0))
-            return True
         for reading in self._given_readings[port]:
             reading.check(self._sense_of(reading, device), device)
-        return True
 
     def block(self, port: str, direction: int) -> None:
         motor = self._motors[port]
@@ -256,7 +272,8 @@ class FittedBench(BenchBody):
         if self._report is None or self._turns or len(pair) < 2 or not any(self._motors[port].angle for port in pair):
             return
         first, second = pair
-        if directions[first] != directions[second] and self._devices[first] == self._devices[second]:
+        kinds = [(self._devices[port], self.motors[port]) for port in pair]
+        if directions[first] != directions[second] and kinds[0] == kinds[1]:
             self._turns = dict.fromkeys(pair, -_HEADING_PER_WHEEL / 1000.0)
             self._report(
                 f"The bench takes the motors on ports {first} and {second} for wheels, as they come first and their positive "

@@ -1,4 +1,5 @@
-"""Sensor readings as text (``B=red``, ``B=200mm``), constant or over time from a file, and end stops (``C=-90..120``)."""
+"""What is on the bench, as text: sensor readings (``B=red``, ``B=200mm``), constant or over time from a file, end stops
+(``C=-90..120``), and the devices on the ports (``A=interactive``)."""
 
 from __future__ import annotations
 
@@ -10,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from brickhub.errors import DescriptionError, TwinError
-from brickhub.robot import Sense
+from brickhub.robot import MotorKind, Sense, SensorKind
 from brickhub.virtual.stimuli import COLORS, Sensed
 
 _BUTTON_FORCES_N: Mapping[str, float] = {"pressed": 10.0, "released": 0.0}
@@ -113,3 +114,14 @@ def parse_end_stop(text: str) -> tuple[str, tuple[float, float]]:
     if not low <= 0.0 <= high:
         raise DescriptionError(f"'{text}': the motor starts at 0; give a lowest angle below that and a highest above it")
     return match[1].upper(), (low, high)  # type: ignore[index]
+
+
+def parse_device(text: str) -> tuple[str, MotorKind | SensorKind | None]:
+    """Port and device of ``A=interactive``, ``B=ColorSensor`` or ``C=nothing`` (``None``), in letters of any case. Raises
+    DescriptionError if there is no such device."""
+    port, _, name = (part.strip() for part in text.partition("="))
+    devices = {kind.value.lower(): kind for kind in (*MotorKind, *SensorKind)}
+    if re.fullmatch("[A-Fa-f]", port) and name.lower() in ("nothing", *devices):
+        return port.upper(), devices.get(name.lower())
+    known = ", ".join(kind.value for kind in (*MotorKind, *SensorKind))
+    raise DescriptionError(f"'{text}' is not a device on a port; give one such as A=interactive, of {known}, or nothing")

@@ -75,7 +75,9 @@ class Machine:
         self.alarm_ms: int | None = None
         self.on_alarm: Callable[[], None] = lambda: None
         self.heading = GyroHeading(body)
-        self.servos = {motor.port: Servo(motor.kind, motor.port, body, self) for motor in body.robot.motors}
+        fitted = body.motors if isinstance(body, FittingBody) else {}
+        kinds = {motor.port: motor.kind for motor in body.robot.motors} | fitted
+        self.servos = {port: Servo(kind, port, body, self) for port, kind in kinds.items()}
         self.drive_bases: list[DriveBaseControl] = []
         self.modes: dict[str, str] = {}
         self.check_memory: Callable[[], int] = lambda: 1 << 30

@@ -19,7 +19,7 @@ from brickhub.errors import TwinError
 from brickhub.hub.program.run_program import check_time_limit, folder_with_module, load_program, read_program
 from brickhub.hub.program.syntax import parse
 from brickhub.hub.transport import HubProgram, as_typed
-from brickhub.robot import HubKind
+from brickhub.robot import HubKind, MotorKind, SensorKind
 from brickhub.virtual.bench_body import FittedBench
 from brickhub.virtual.body import Body
 from brickhub.virtual.given_readings import GivenReading
@@ -104,6 +104,7 @@ class Operation:
         presses: of buttons, at simulated times.
         readings: of sensors on the bench, by port.
         end_stops: lowest and highest angle (deg) of motors on the bench, by port.
+        devices: motors and sensors on the bench, by port; ``None`` for nothing.
         realtime: run in real time.
         watch: called with the hub's panel before the program starts.
         attend: called with the machine before the program starts; may set its pace and call :func:`stop_program`.
@@ -112,6 +113,7 @@ class Operation:
     presses: Sequence[Press] = ()
     readings: Sequence[GivenReading] = ()
     end_stops: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    devices: Mapping[str, MotorKind | SensorKind | None] = field(default_factory=dict)
     realtime: bool = False
     watch: Callable[[Panel], None] | None = None
     attend: Callable[[Machine], None] | None = None
@@ -153,10 +155,11 @@ def run_file(
     check_time_limit(time_limit_s)
     if body is None:
         hub = _imported_hub(load_program(path))
-        body = FittedBench(hub, operation.readings, operation.end_stops, lambda line: stderr.write(f"{line}\n"))
+        given = (operation.readings, operation.end_stops, operation.devices)
+        body = FittedBench(hub, *given, report=lambda line: stderr.write(f"{line}\n"))
         machine = Machine(body, Panel(hub, operation.presses, near=WIRELESS))
-    elif operation.readings or operation.end_stops:
-        raise TwinError("readings and end stops are for the bench; omit them, or take --robot bench")
+    elif operation.readings or operation.end_stops or operation.devices:
+        raise TwinError("readings, end stops and devices on ports are for the bench; omit them, or take --robot bench")
     else:
         machine = Machine(body, Panel(body.robot.hub, operation.presses))
     if time_limit_s is not None:

@@ -124,7 +124,7 @@ _TYPES = {
     "interactive": MotorType(ObserverModel(
         (179110, 7311289, 4603893, -728461), (941, 35750, 10967, -1850), (-316164, -12014584, 355664, 668004),
         32225, 11923, 10599, 20588, 11227,
-    ), 1000, 45, 12, 0),
+    ), 1200, 45, 12, 0),
 }  # fmt: skip
 MOTOR_TYPES = {kind: _TYPES[kind.model.like or kind.value] for kind in MotorKind}
 

@@ -1,0 +1,79 @@
+"""What is said to be on the ports of the bench; numbers as the firmware's code (v4.1.0b2) prints them on a computer."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import pytest
+
+from brickhub.errors import DescriptionError, TwinError
+from brickhub.robot import MotorKind, SensorKind
+from brickhub.virtual.given_readings import parse_device, parse_reading
+from brickhub.virtual.run import Operation, run_file
+
+HEAD = """
+from pybricks.parameters import Direction, Port
+from pybricks.pupdevices import ColorSensor, ForceSensor, Motor
+from pybricks.iodevices import PUPDevice
+from pybricks.robotics import DriveBase
+from pybricks.tools import StopWatch, wait
+"""
+
+
+def run(folder: Path, source: str, *ports: str, readings: tuple[str, ...] = ()) -> str:
+    program, out, err = folder / "main.py", io.BytesIO(), io.StringIO()
+    program.write_text(HEAD + source, encoding="utf-8")
+    operation = Operation(readings=[parse_reading(text) for text in readings], devices=dict(map(parse_device, ports)))
+    code = run_file(program, stdout=out, stderr=err, time_limit_s=20, operation=operation)
+    return out.getvalue().decode() + (err.getvalue() if code else "")
+
+
+def test_interactive_motor_is_rated_1200_degrees_a_second(tmp_path: Path) -> None:
+    source = "m = Motor(Port.C)\nprint(m.control.limits())\nm.run(1700)\nwait(1500)\nprint(m.speed() > 900)"
+    assert run(tmp_path, source, "C=interactive") == "(1200, 2000, 135)\nTrue\n"
+
+
+def test_drive_base_of_interactive_motors_has_their_settings(tmp_path: Path) -> None:
+    source = """
+base = DriveBase(Motor(Port.A, Direction.COUNTERCLOCKWISE), Motor(Port.B), 56, 110)
+print(base.settings())
+watch = StopWatch()
+base.straight(500)
+base.turn(180)
+print(watch.time())
+"""
+    assert run(tmp_path, source, "A=interactive", "B=INTERACTIVE") == "(234, 733, 203, 763)\n3685\n"
+
+
+@pytest.mark.parametrize("kind", MotorKind)
+def test_each_kind_of_motor_can_be_on_a_port(tmp_path: Path, kind: MotorKind) -> None:
+    source = "print(PUPDevice(Port.D).info()['id'], Motor(Port.D).control.limits()[0] > 0)"
+    assert run(tmp_path, source, f"D={kind.value}") == f"{kind.model.device_id} True\n"
+
+
+def test_another_device_than_the_program_asks_for_is_not_there(tmp_path: Path) -> None:
+    source = """
+for device, port in ((Motor, Port.A), (Motor, Port.B), (ForceSensor, Port.B), (ColorSensor, Port.C), (ColorSensor, Port.B)):
+    try:
+        print(device(port).color())
+    except OSError as error:
+        print(error.errno)
+"""
+    shown = run(tmp_path, source, "A=nothing", "B=colorsensor", "C=interactive", readings=("B=blue",))
+    assert shown == "19\n19\n19\n19\nColor.BLUE\n"
+
+
+def test_devices_are_named_by_kind() -> None:
+    assert parse_device(" b = forcesensor ") == ("B", SensorKind.FORCE)
+    assert parse_device("A=nothing") == ("A", None)
+    for text in ("A=dynamo", "G=interactive", "interactive"):
+        with pytest.raises(DescriptionError, match="A=interactive, of spike-small, .*, or nothing"):
+            parse_device(text)
+
+
+def test_the_port_and_the_reading_there_must_suit_the_hub(tmp_path: Path) -> None:
+    with pytest.raises(TwinError, match="the city hub has no port D; it has A, B"):
+        run(tmp_path, "from pybricks.hubs import CityHub", "D=interactive")
+    with pytest.raises(TwinError, match="senses force"):
+        run(tmp_path, "", "A=ForceSensor", readings=("A.ambient=20%",))
