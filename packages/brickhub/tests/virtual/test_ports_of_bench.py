@@ -6,9 +6,13 @@ import io
 from pathlib import Path
 
 import pytest
+from hub_programs import output
 
 from brickhub.errors import DescriptionError, TwinError
-from brickhub.robot import MotorKind, SensorKind
+from brickhub.robot import HubKind, MotorKind, SensorKind
+from brickhub.virtual.bench_body import FittedBench
+from brickhub.virtual.firmware.motor_model import MOTOR_TYPES
+from brickhub.virtual.firmware.settings import servo_settings
 from brickhub.virtual.given_readings import parse_device, parse_reading
 from brickhub.virtual.run import Operation, run_file
 
@@ -62,6 +66,25 @@ for device, port in ((Motor, Port.A), (Motor, Port.B), (ForceSensor, Port.B), (C
 """
     shown = run(tmp_path, source, "A=nothing", "B=colorsensor", "C=interactive", readings=("B=blue",))
     assert shown == "19\n19\n19\n19\nColor.BLUE\n"
+
+
+def test_motors_of_the_move_hub_are_its_own(tmp_path: Path) -> None:
+    body = FittedBench(HubKind.MOVE)
+    source = """
+from pybricks.hubs import MoveHub
+from pybricks.pupdevices import Motor
+from pybricks.parameters import Port
+for port in (Port.A, Port.B, Port.C):
+    motor = Motor(port)
+    motor.run_angle(1400, 360)
+    print(motor.angle() // 10)
+"""
+    assert output(source, body=body) == "36\n36\n35"
+    assert [body.motors[port].value for port in "ABC"] == ["move-hub", "move-hub", "spike-medium"]
+    own, other = (servo_settings(MOTOR_TYPES[body.motors[port]], 1000, 0) for port in "AC")
+    assert (own.limits()[0], other.limits()[0]) == (1500, 1000)
+    with pytest.raises(TwinError, match="port B of the move hub has the hub's own motor"):
+        run(tmp_path, "from pybricks.hubs import MoveHub", "B=interactive")
 
 
 def test_devices_are_named_by_kind() -> None:

@@ -86,6 +86,7 @@ def test_no_load_speed_follows_motor_curve(kind: MotorKind) -> None:
         MotorKind.TECHNIC_L: (184, 1470),
         MotorKind.TECHNIC_XL: (174, 1561),
         MotorKind.INTERACTIVE: (97, 1196),
+        MotorKind.MOVE_HUB: (128, 1617),
         MotorKind.SPIKE_MEDIUM: (138, 951),
         MotorKind.TECHNIC_M_ANGULAR: (138, 951),
         MotorKind.SPIKE_LARGE: (425, 951),

@@ -32,6 +32,7 @@ class HubModel:
         product_id: number by which it identifies itself to this computer.
         machine: name and processor, as ``usys.implementation`` tells them.
         ports: letters of the ports for motors and sensors.
+        own_motors: those at which it has motors of its own.
         program_bytes: largest size of a user program, which is the memory for stored data and the heap too.
         stdin_bytes: usable size of the standard input ring buffer; 0 means no stdin.
         stack_bytes, call_bytes: size of the call stack, which is what static data leaves of the memory, and of a call's frame.
@@ -64,6 +65,7 @@ class HubModel:
     buttons: tuple[str, ...] = ("center",)
     missing: tuple[str, ...] = ()
     alias: str = ""
+    own_motors: str = ""
 
 
 _RARE_DEVICES = ("DuploTrain", "MarioHub", "TechnicMoveHub")
@@ -137,6 +139,7 @@ class HubKind(_Kind):
         product_id=0x40,
         machine="BOOST Move Hub with STM32F070RB",
         ports="ABCD",
+        own_motors="AB",
         program_bytes=7 * 1024,
         stdin_bytes=0,
         stack_bytes=3_528,
@@ -154,12 +157,14 @@ class MotorModel:
     Attributes:
         device_id: number by which it identifies itself to a hub.
         like: name of the kind that it is in another colour, if so.
+        case: name of the kind whose case a twin gives it, if it has none of its own, as one inside of a hub.
         is_absolute: whether its rotation sensor knows the shaft's angle after plugging in.
     """
 
     name: str
     device_id: int
     like: str = ""
+    case: str = ""
     is_absolute: bool = True
 
 
@@ -180,6 +185,7 @@ class MotorKind(_Kind):
     TECHNIC_L = MotorModel("technic-l", 46)
     TECHNIC_XL = MotorModel("technic-xl", 47)
     INTERACTIVE = MotorModel("interactive", 38, is_absolute=False)
+    MOVE_HUB = MotorModel("move-hub", 39, case="interactive", is_absolute=False)
 
 
 class Sense(enum.StrEnum):

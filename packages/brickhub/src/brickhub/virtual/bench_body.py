@@ -223,6 +223,8 @@ class FittedBench(BenchBody):
                 raise TwinError(f"the {hub.value} hub has no port {port}; it has {', '.join(hub.model.ports)}")
         self._free_ports = set(hub.model.ports) - set(devices)
         for port, kind in devices.items():
+            if port in hub.model.own_motors:
+                raise TwinError(f"port {port} of the {hub.value} hub has the hub's own motor; say what is on another port")
             if isinstance(kind, MotorKind):
                 self._add_motor(port, kind)
             elif kind is not None:
@@ -236,7 +238,8 @@ class FittedBench(BenchBody):
             return self._devices.get(port) == device
         self._free_ports.remove(port)
         if is_motor:
-            self._add_motor(port, MotorKind.SPIKE_MEDIUM, device)
+            is_own = port in self.robot.hub.model.own_motors
+            self._add_motor(port, MotorKind.MOVE_HUB if is_own else MotorKind.SPIKE_MEDIUM, device)
         else:
             self._add_sensor(port, device)
         return True

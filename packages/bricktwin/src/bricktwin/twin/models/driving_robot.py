@@ -134,7 +134,7 @@ class _Frame:
 
 
 def _motor_case(kind: MotorKind) -> tuple[Triple, float]:
-    case = case_of(DeviceKind.MOTOR, kind.model.like or kind.value)
+    case = case_of(DeviceKind.MOTOR, kind.model.like or kind.model.case or kind.value)
     assert case is not None  # noqa: S101 - the catalogue has every kind of motor, which a test checks
     return case
 
