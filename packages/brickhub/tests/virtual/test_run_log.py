@@ -123,8 +123,8 @@ def test_the_table_is_rectangular(tmp_path: Path) -> None:
     header, *rows = csv.reader(log.csv().splitlines())
     assert header[:5] == ["time_s", "A_angle_deg", "A_speed_deg_s", "A_load_mnm", "A_voltage_mv"] and header[-1] == "D_voltage_mv"
     assert {len(row) for row in rows} == {len(header)}
-    assert [row[0] for row in rows] == ["0.010", "0.020", "0.030", "0.040", "0.045"]
-    assert [row[header.index("C_color")] for row in rows] == ["", "", *["Color(h=10, s=20, v=30)"] * 3]
+    assert [row[0] for row in rows] == [*(f"0.0{i}0" for i in range(1, 8)), "0.076"]
+    assert [row[header.index("C_color")] for row in rows] == [*[""] * 5, *["Color(h=10, s=20, v=30)"] * 3]
 
 
 def test_a_long_log_is_thinned_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import Any
 
 from brickhub.virtual.body import Body, FittingBody
@@ -46,6 +47,23 @@ class Pace:
             self._sleep(ahead_ms / 1000)
 
 
+@dataclass
+class PortMode:
+    """Mode of the device on a port, as the firmware's driver knows it (``port_lump.c``).
+
+    Attributes:
+        name: mode that it is in, or changes to.
+        previous: mode in which the driver takes it to be until the hub is beyond ``changed_ms``.
+        changed_ms: simulated time at which the device told its change of mode.
+        ready_ms: simulated time from which its values are fresh and it can change its mode again.
+    """
+
+    name: str
+    previous: str = ""
+    changed_ms: int = -1
+    ready_ms: int = 0
+
+
 class Machine:
     """Clock, servos and drive bases of one virtual hub.
 
@@ -79,7 +97,7 @@ class Machine:
         kinds = {motor.port: motor.kind for motor in body.robot.motors} | fitted
         self.servos = {port: Servo(kind, port, body, self) for port, kind in kinds.items()}
         self.drive_bases: list[DriveBaseControl] = []
-        self.modes: dict[str, str] = {}
+        self.modes: dict[str, PortMode] = {}
         self.check_memory: Callable[[], int] = lambda: 1 << 30
         self._branches_to_check = self._calls = 0
         self._is_ahead = self._is_stopping = False

@@ -124,8 +124,8 @@ def timed(call, *args):
     return watch.time()
 print(timed(raw.read, 5), timed(raw.read, 1), timed(raw.read, 1), timed(it.color), timed(raw.write, 3, (1, 2, 3)))
 """
-    assert told("ColorSensor", source, tmp_path) == "0 30 0 30 11"
-    assert told("ColorDistanceSensor", "print(tried(raw.write, 7, (5,)), watch.time())", tmp_path) == "None 250"
+    assert told("ColorSensor", source, tmp_path) == "0 31 0 31 11"
+    assert told("ColorDistanceSensor", "print(tried(raw.write, 7, (5,)), watch.time())", tmp_path) == "None 252"
 
 
 def test_awaited_in_tasks(tmp_path: Path) -> None:

@@ -27,6 +27,7 @@ _MESSAGES = {
     errno.EPERM: _explained(
         "The requested operation is not valid in the current state", "the documentation for required conditions"
     ),
+    errno.EAGAIN: "Try again later",
     errno.EBUSY: "Device or resource busy",
     errno.ETIMEDOUT: "Timed out",
 }

@@ -72,13 +72,14 @@ class RunLoop:
     """State of ``run_task``, and waiting inside and outside of it.
 
     Attributes:
+        start_ms: simulated time at which the program began.
         is_active: whether tasks run.
         is_waiting: whether the task that has just yielded has been waiting since its last turn. Otherwise it only lets others
             run, or has done something for which others may wait.
     """
 
     def __init__(self, machine: Machine) -> None:
-        self.machine = machine
+        self.machine, self.start_ms = machine, machine.time_ms
         self.is_active = self.is_waiting = False
 
     def yield_once(self) -> Async:

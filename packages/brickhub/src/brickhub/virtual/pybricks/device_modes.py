@@ -129,12 +129,15 @@ class DeviceModes:
         modes: all of them, by number; none of a passive device, such as a light.
         first_mode: name of the mode after plugging in (``pbio_port_lump_sync_thread``), of number ``first``: of motors, where
             the firmware reads their angle.
-        stale_ms: time after a change of mode until values are fresh (``lego_device_stale_data_delay``).
     """
 
     def __init__(self, *modes: DeviceMode, first: int = 0, stale_ms: int = 0) -> None:
-        self.modes, self.stale_ms = modes, stale_ms
+        self.modes, self._stale_ms = modes, stale_ms
         self.first_mode = modes[first].name if modes else ""
+
+    def stale_ms(self, mode: str) -> int:
+        """Time after a change to a mode until values are fresh (``lego_device_stale_data_delay``)."""
+        return 0 if mode in ("LIGHT", "IR Tx") else self._stale_ms
 
 
 def _lego_color(plug: Plug) -> Iterable[int]:

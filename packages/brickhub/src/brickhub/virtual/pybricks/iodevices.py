@@ -18,7 +18,7 @@ from brickhub.virtual.micropython.streams import HubBytearray
 from brickhub.virtual.pybricks.arguments import expect, get_array, get_exact_int, get_int, get_text, os_error
 from brickhub.virtual.pybricks.context import Awaited, Context, Native, classes
 from brickhub.virtual.pybricks.device_modes import MODES, DeviceMode, DeviceModes, reports_angle
-from brickhub.virtual.pybricks.pupsensors import SEND_MS, WRITE_MS, Device
+from brickhub.virtual.pybricks.pupsensors import Device
 from brickhub.virtual.pybricks.wireless import LWP3Device, XboxController
 
 _BITS_PER_BYTE = 10  # with start and stop bit
@@ -31,9 +31,8 @@ class PUPDevice(Device):
     def _is_plugged_in(self) -> bool:
         device = _device_id(self._machine, self._letter)
         self._id = device or 0
-        modes = MODES.get(self._id, DeviceModes())
-        self._modes, self._first_mode, self._switch_ms = modes.modes, modes.first_mode, modes.stale_ms
-        self._mode = self._machine.modes.get(self._letter) or self._first_mode
+        self._device_modes = MODES.get(self._id, DeviceModes())
+        self._modes = self._device_modes.modes
         return device is not None
 
     def info(self) -> dict[str, Any]:
@@ -44,7 +43,7 @@ class PUPDevice(Device):
         """Reset to the state after plugging in."""
         if not self._modes:
             raise os_error(errno.EPERM)
-        self._machine.modes[self._letter] = self._first_mode
+        self._mode.name = self._device_modes.first_mode
 
     def read(self, mode: Any) -> Any:
         device_mode = self._checked_mode(mode, "Invalid argument")
@@ -65,7 +64,7 @@ class PUPDevice(Device):
         if not all(-limit <= get_exact_int(value) < limit for value in data):
             raise ValueError(f"Value out of range for int{bits}")
         self._release_motor(device_mode.name)
-        return self._write(device_mode.name, SEND_MS if device_mode.name == "IR Tx" else WRITE_MS)
+        return self._write(device_mode.name)
 
     def _checked_mode(self, mode: Any, refusal: str) -> DeviceMode:
         """A mode that the program names by its number. Raises OSError (EPERM) for a passive device."""

@@ -234,8 +234,8 @@ class Motor(_BaseMotor):
     ) -> None:
         super().__init__(port, positive_direction)
         self._machine.plug_in(self._letter, "Motor")
-        servo = self._machine.servos.get(self._letter)
-        if servo is None or servo.is_plain or not reports_angle(servo.kind, self._machine.modes.get(self._letter)):
+        servo, mode = self._machine.servos.get(self._letter), self._machine.modes.get(self._letter)
+        if servo is None or servo.is_plain or not reports_angle(servo.kind, mode.name if mode else None):
             raise os_error(errno.ENODEV)
         ratio = _gear_ratio_milli(gears)
         with firmware_errors():

@@ -8,41 +8,44 @@ from typing import Any
 
 from brickhub.robot import Sense, SensorKind
 from brickhub.virtual.body import SensingBody
+from brickhub.virtual.machine import PortMode
 from brickhub.virtual.micropython.floats import to_single
 from brickhub.virtual.pybricks.arguments import expect, expect_type, get_array, get_int, get_number, os_error
 from brickhub.virtual.pybricks.context import Native
-from brickhub.virtual.pybricks.device_modes import MAX_FORCE_MN, SENSOR_MODES, Plug
+from brickhub.virtual.pybricks.device_modes import MAX_FORCE_MN, SENSOR_MODES, DeviceModes, Plug
 from brickhub.virtual.pybricks.parameters import NAMED_COLORS, Color, Direction, nearest
 from brickhub.virtual.stimuli import reflection_pct
 
 _TRAVEL_UM = 6670
 _TOUCHED_UM = 100
+_START_MS = 50  # between two looks whether a device is ready, when a program takes it into use
 _HSV = ("hue_deg", "saturation_pct", "value_pct")
-SEND_MS = 250
-WRITE_MS = 11  # above the 10 ms of lego_device_data_set_delay
+_DELAYS_MS = {"IR Tx": 250}
+_DELAY_MS = 10  # until what was written is done (lego_device_data_set_delay), in other modes
 
 
 class Device(Native):
     """A device on a port.
 
-    Measurements depend on the mode. After a mode change values are stale for ``_switch_ms`` (``lego_device_stale_data_delay``),
-    and reads wait that long.
+    Measurements depend on the mode. After a change of mode values are stale for some time, for which reads wait; meanwhile,
+    nobody can change it again.
     """
 
     _kind: SensorKind
-    _mode = ""
-    _switch_ms = 0
+    _device_modes: DeviceModes
 
     def __init__(self, port: Any) -> None:
         self._loop.assert_blocking()
         self._letter = self._context.port_letter(port)
         if not self._is_plugged_in():
             raise os_error(errno.ENODEV)
-        self._machine.modes[self._letter] = self._mode
+        self._mode = self._machine.modes.setdefault(self._letter, PortMode(self._device_modes.first_mode))
+        while not self._is_ready():
+            self._machine.advance(_START_MS)
         self._plug = Plug(self._machine, self._letter)
 
     def _is_plugged_in(self) -> bool:
-        self._switch_ms = SENSOR_MODES[self._kind].stale_ms
+        self._device_modes = SENSOR_MODES[self._kind]
         if self._machine.plug_in(self._letter, self._kind.value):
             return True
         is_sensed = self._kind.model.range_mm is not None or isinstance(self._machine.body, SensingBody)
@@ -53,23 +56,45 @@ class Device(Native):
         """Value of ``get`` in a mode of the device; ``quantities`` are its parts' names in the log of the run."""
 
         def measured() -> Any:
+            if self._mode.name != mode:  # changed before the driver knew that another task asks for this one
+                raise os_error(errno.EPERM)
             value, log = get(), self._machine.log
             if log is not None:
                 parts = (value.h, value.s, value.v) if quantities == _HSV else value
                 log.read([f"{self._letter}_{quantity}" for quantity in quantities], parts)
             return value
 
-        previous_mode = self._machine.modes[self._letter]
-        self._machine.modes[self._letter] = mode
-        if mode == previous_mode or not self._switch_ms:
-            return self._loop.value(measured)
-        ready_ms = self._machine.time_ms + self._switch_ms
-        return self._loop.finish(lambda: self._machine.time_ms >= ready_ms, measured, poll_ms=self._switch_ms)
+        self._set_mode(mode)
+        return self._finish(measured)
 
-    def _write(self, mode: str, duration_ms: int = WRITE_MS) -> Any:
+    def _write(self, mode: str) -> Any:
         """Command without a visible effect; waits until it is done."""
-        self._machine.modes[self._letter] = mode
-        return self._loop.wait_until(self._machine.time_ms + duration_ms)
+        self._set_mode(mode)
+        self._mode.ready_ms = max(self._mode.ready_ms, self._told_ms() + _DELAYS_MS.get(mode, _DELAY_MS) + 1)
+        return self._finish(None)
+
+    def _set_mode(self, mode: str) -> None:
+        """Begin a change of mode, unless it is in that mode. Raises OSError (EAGAIN) during another change or command."""
+        state, machine = self._mode, self._machine
+        if mode == state.name or (mode == state.previous and machine.body_ms <= state.changed_ms):
+            return
+        if not self._is_ready():
+            raise os_error(errno.EAGAIN)
+        state.name, state.previous, state.changed_ms = mode, state.name, self._told_ms()
+        state.ready_ms = state.changed_ms + self._device_modes.stale_ms(mode) + 1
+
+    def _told_ms(self) -> int:
+        """Time at which the device answers to what it is told now: in the next millisecond if the hub has done what is due in
+        this one, as before a program begins."""
+        machine = self._machine
+        return machine.time_ms + 1 if machine.time_ms == self._loop.start_ms else machine.body_ms
+
+    def _is_ready(self) -> bool:
+        return self._machine.time_ms >= self._mode.ready_ms
+
+    def _finish(self, result: Callable[[], Any] | None) -> Any:
+        """Wait until the device is ready, or return an awaitable."""
+        return self._loop.finish(self._is_ready, result, poll_ms=max(1, self._mode.ready_ms - self._machine.time_ms))
 
 
 def _reading(mode: str, get: Callable[[Any], Any], *quantities: str) -> Callable[..., Any]:
@@ -120,7 +145,6 @@ class UltrasonicSensor(Device):
     """Distance in mm, 2000 if nothing is near."""
 
     _kind = SensorKind.ULTRASONIC
-    _mode = "DISTL"
 
     def __init__(self, port: Any) -> None:
         super().__init__(port)
@@ -132,8 +156,6 @@ class UltrasonicSensor(Device):
 
 
 class _ColorDevice(Device):
-    _mode = "RGB I"
-
     def __init__(self, port: Any) -> None:
         super().__init__(port)
         self._detectable: Any = tuple(NAMED_COLORS[name] for name in ("RED", "YELLOW", "GREEN", "BLUE", "WHITE", "NONE"))
@@ -167,6 +189,8 @@ class ColorSensor(_ColorDevice):
     def __init__(self, port: Any) -> None:
         super().__init__(port)
         self.lights = LightArray(self, 3)
+        self._set_mode("RGB I")
+        self._finish(None)
 
     def hsv(self, surface: Any = True) -> Any:
         return self._hsv("RGB I", Sense.SURFACE) if surface else self._hsv("SHSV", Sense.AMBIENT)
@@ -274,10 +298,10 @@ class PFMotor(Native):
 
     def dc(self, duty: Any) -> Any:
         get_int(duty)
-        return self._sensor._write("IR Tx", SEND_MS)
+        return self._sensor._write("IR Tx")
 
     def stop(self) -> Any:
-        return self._sensor._write("IR Tx", SEND_MS)
+        return self._sensor._write("IR Tx")
 
     brake = stop
 
