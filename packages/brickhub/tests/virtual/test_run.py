@@ -231,7 +231,7 @@ print(color.color(), color.ambient(), eyes.distance(), force.force(), force.pres
 print(both.color(), both.distance(), infrared.distance())
 """
     reading = "A=red A.ambient=30% B=200mm C=5N D=10,-5deg E=blue E.distance=40% F=20%"
-    printed = "Color.RED 30.0 200 5.0 True (10, -5)\nColor.BLUE 40 20\n"
+    printed = "Color.RED 3.0 200 5.0 True (10, -5)\nColor.BLUE 40 20\n"
     assert fitted(tmp_path, source, reading=reading) == (0, printed, "")
 
 

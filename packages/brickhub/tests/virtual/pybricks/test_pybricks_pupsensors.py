@@ -42,18 +42,45 @@ def refusal(kind: SensorKind, call: str, **sensed: object) -> str:
 
 def test_color_sensor_reads_surface() -> None:
     source = "print(it.hsv(), it.color(), it.reflection(), it.hsv() == Color(130, 80, 40), it.hsv().h)"
-    assert told(SensorKind.COLOR, source, it=(130, 80, 40)) == "Color(h=130, s=80, v=40) Color.GREEN 20 True 130"
+    assert told(SensorKind.COLOR, source, it=(130, 80, 40)) == "Color(h=130, s=80, v=39) Color.GREEN 19 False 130"
 
 
 def test_number_is_gray_brightness() -> None:
     source = "print(it.hsv(), it.color(), it.reflection(), it.color(surface=False), it.ambient())"
-    assert told(SensorKind.COLOR, source, it=62) == "Color(h=0, s=0, v=62) Color.WHITE 62 Color.NONE 0.0"
+    assert told(SensorKind.COLOR, source, it=62) == "Color(h=10, s=0, v=61) Color.WHITE 49 Color.NONE 0.0"
+
+
+@pytest.mark.parametrize(
+    ("kind", "surface", "shown"),
+    [
+        (SensorKind.COLOR, 10, "Color(h=10, s=0, v=8) 6"),
+        (SensorKind.COLOR, 25, "Color(h=10, s=0, v=24) 17"),
+        (SensorKind.COLOR, 44, "Color(h=10, s=0, v=44) 32"),
+        (SensorKind.COLOR, 80, "Color(h=10, s=0, v=80) 69"),
+        (SensorKind.COLOR, (120, 50, 60), "Color(h=120, s=48, v=59) 38"),
+        (SensorKind.COLOR_DISTANCE, 25, "Color(h=10, s=0, v=24) 14"),
+        (SensorKind.COLOR_DISTANCE, 75, "Color(h=10, s=0, v=75) 55"),
+        (SensorKind.COLOR_DISTANCE, 100, "Color(h=10, s=0, v=100) 110"),
+    ],
+)
+def test_color_and_reflection_are_computed_from_raw_light(kind: SensorKind, surface: object, shown: str) -> None:
+    """As the firmware, built for a computer (v4.1.0b2), answers when its sensor sends the light of such a surface."""
+    assert told(kind, "print(it.hsv(), it.reflection())", it=surface) == shown
+
+
+@pytest.mark.parametrize(("hue", "shown"), [(0, 10), (30, 40), (45, 52), (60, 60), (180, 180), (240, 240), (355, 2)])
+def test_low_hues_are_shifted_as_in_the_firmware(hue: int, shown: int) -> None:
+    assert told(SensorKind.COLOR, "print(it.hsv().h)", it=(hue, 100, 100)) == str(shown)
+
+
+def test_ambient_light_is_a_hundredth_of_the_raw_value() -> None:
+    assert told(SensorKind.COLOR, "print(it.ambient(), it.hsv(False))", it=0, ambient=69) == "6.9 Color(h=0, s=0, v=69)"
 
 
 def test_color_sensor_ambient_mode() -> None:
     source = "print(it.hsv(surface=False), it.color(False), it.ambient(), it.color())"
     seen = told(SensorKind.COLOR, source, it=(0, 90, 80), ambient=(240, 95, 33))
-    assert seen == "Color(h=240, s=95, v=33) Color.BLUE 33.0 Color.RED"
+    assert seen == "Color(h=240, s=95, v=33) Color.BLUE 3.3 Color.RED"
 
 
 def test_detectable_colors_can_be_chosen() -> None:
@@ -83,7 +110,7 @@ print(Eye(Port.B).is_dark())
 
 def test_sensor_lights_take_one_or_three_values() -> None:
     source = "it.lights.on(100)\nit.lights.on([0, 100, 50.5])\nit.lights.off()\nprint(it.reflection())"
-    assert told(SensorKind.COLOR, source, it=10) == "10"
+    assert told(SensorKind.COLOR, source, it=10) == "6"
 
 
 @pytest.mark.parametrize(
@@ -120,7 +147,7 @@ async def main():
     print(watch.time() >= 30)
 run_task(main())
 """
-    assert told(SensorKind.COLOR, source, it=0, ambient=5) == "0 0 31 0 31\n31\n(5.0, None)\nTrue"
+    assert told(SensorKind.COLOR, source, it=0, ambient=5) == "0 0 31 0 31\n31\n(0.5, None)\nTrue"
 
 
 BUSY = "[Errno 11] EAGAIN: Try again later"
@@ -140,8 +167,8 @@ async def main(*tasks):
     ("kind", "tasks", "shown"),
     [
         (SensorKind.COLOR, "tried(1, it.ambient), tried(2, it.reflection, after=10)", f"2 {BUSY}\n1 0.0"),
-        (SensorKind.COLOR, "tried(1, it.hsv), tried(2, it.ambient, after=10)", "1 Color(h=0, s=0, v=100)\n2 0.0"),
-        (SensorKind.COLOR, "tried(1, it.hsv), tried(2, it.reflection)", "1 Color(h=0, s=0, v=100)\n2 100"),
+        (SensorKind.COLOR, "tried(1, it.hsv), tried(2, it.ambient, after=10)", "1 Color(h=10, s=0, v=100)\n2 0.0"),
+        (SensorKind.COLOR, "tried(1, it.hsv), tried(2, it.reflection)", "1 Color(h=10, s=0, v=100)\n2 100"),
         (SensorKind.COLOR, "tried(1, it.ambient), tried(2, it.ambient, after=20)", "1 0.0\n2 0.0"),
         (SensorKind.COLOR, "tried(1, it.lights.on, 50), tried(2, it.hsv, after=5)", f"2 {BUSY}\n1 None"),
         (SensorKind.COLOR, "tried(1, it.lights.on, 50), tried(2, it.lights.off, after=5)", "1 None\n2 None"),
@@ -189,7 +216,7 @@ it.light.on(Color.GREEN)
 it.light.off()
 """
     seen = told(SensorKind.COLOR_DISTANCE, source, it=(200, 80, 50), ambient=12.4, distance=36)
-    assert seen == "Color(h=200, s=80, v=50) Color.BLUE 32 12 40\nColor.CYAN"
+    assert seen == "Color(h=200, s=79, v=49) Color.BLUE 20 12 40\nColor.CYAN"
     assert told(SensorKind.COLOR_DISTANCE, "print(it.ambient(), it.distance())", it=0) == "0 100"
 
 
@@ -290,7 +317,7 @@ def channels(kind: SensorKind, method: str) -> tuple[SensorReading, ...]:
 
 @pytest.mark.parametrize(
     ("kind", "method", "sensed", "seen"),
-    [(SensorKind.COLOR, "hsv", (300, 70, 40), [300, 70, 40]), (SensorKind.TILT, "tilt", (20, -30), [20, -30])],
+    [(SensorKind.COLOR, "hsv", (300, 70, 40), [300, 69, 39]), (SensorKind.TILT, "tilt", (20, -30), [20, -30])],
 )
 def test_parts_share_one_measurement(kind, method, sensed, seen) -> None:
     interface = Interface((RunAngle("m", -90, 90, 500),), (MotorAngle("m"), *channels(kind, method)), Wait(300))

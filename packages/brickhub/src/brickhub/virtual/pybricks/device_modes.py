@@ -2,8 +2,8 @@
 
 Sources: messages of devices 37, 38, 46 and 47 in the firmware's ``test_lump.c``, and its list of modes in ``lego/device.h``
 (v4.0.1); the Raspberry Pi Build HAT's lists of 48 and 64; users' lists of 34 and 35, of 61 and 62 (of set 51515), and of 63. All
-motors with an absolute angle are taken to be alike. Raw colors are those from which the firmware computes ``hsv()``. Unknown
-values, such as a calibration, are zero.
+motors with an absolute angle are taken to be alike. Raw colors are those from which the firmware computes saturation and value of
+``hsv()``. Unknown values, such as a calibration, are zero.
 """
 
 from __future__ import annotations
@@ -63,6 +63,28 @@ class Plug:
     def proximity(self) -> int:
         """Distance in tenths of the largest."""
         return min(max(round(number(self._sensed(Sense.DISTANCE)) / 10), 0), 10)
+
+    def ambient_raw(self) -> int:
+        """Incoming light as the SPIKE color sensor sends it, in tenths of a percent."""
+        return round(self.ambient_pct() * 10)
+
+    def raw_rgb(self, is_boost: bool) -> tuple[int, int, int]:
+        """Reflected light as a color sensor sends it: the BOOST sensor up to 440, that of SPIKE up to 1024."""
+        hue, saturation, value = self.color()
+        raw_saturation = saturation if is_boost else 100 - math.sqrt(10_000 - 100 * saturation)
+        raw_value = 100 - math.sqrt(10_000 - 100 * value) if is_boost else 150 - math.sqrt(22_500 - 200 * value)
+        full = _BOOST_FULL_RAW if is_boost else _SPIKE_FULL_RAW
+        red, green, blue = colorsys.hsv_to_rgb(hue / 360, raw_saturation / 100, raw_value / 100)
+        return round(red * full), round(green * full), round(blue * full)
+
+    def reflected_hsv(self, is_boost: bool) -> Hsv:
+        """Color that the firmware computes from the raw one, in eight bits (``get_hsv_reflected``, ``get_hsv_data``)."""
+        raw = self.raw_rgb(is_boost)
+        if is_boost:
+            hue, saturation, value = _hsv_of_bytes(*(1187 * channel // 2048 for channel in raw))
+            return hue, saturation, value * (200 - value) // 100
+        hue, saturation, value = _hsv_of_bytes(*(min(channel >> 2, 255) for channel in raw))
+        return hue, saturation * (200 - saturation) // 100, value * (150 - value // 2) // 100
 
     def distance_mm(self) -> int | None:
         """Distance for an ultrasonic sensor; ``None`` if nothing is near."""
@@ -145,12 +167,21 @@ def _lego_color(plug: Plug) -> Iterable[int]:
     return () if index is None else (list(_LEGO_COLORS)[index],)
 
 
-def _rgb(plug: Plug, is_boost: bool) -> Iterable[int]:
-    hue, saturation, value = plug.color()
-    raw_saturation = saturation if is_boost else 100 - math.sqrt(10_000 - 100 * saturation)
-    raw_value = 100 - math.sqrt(10_000 - 100 * value) if is_boost else 150 - math.sqrt(22_500 - 200 * value)
-    full = _BOOST_FULL_RAW if is_boost else _SPIKE_FULL_RAW
-    return (round(share * full) for share in colorsys.hsv_to_rgb(hue / 360, raw_saturation / 100, raw_value / 100))
+def _hsv_of_bytes(red: int, green: int, blue: int) -> Hsv:
+    """Hue, saturation and value with the firmware's integers, low hues shifted to make yellow more accurate
+    (``pb_color_map_rgb_to_hsv``)."""
+    largest = max(red, green, blue)
+    chroma = largest - min(red, green, blue)
+    if not chroma:
+        hue = 0
+    elif largest == red:
+        hue = math.trunc(60 * (green - blue) / chroma) % 360
+    elif largest == green:
+        hue = math.trunc(60 * (blue - red) / chroma) + 120
+    else:
+        hue = math.trunc(60 * (red - green) / chroma) + 240
+    hue = (350 + 2 * (hue - 350)) % 360 if hue >= 350 else hue + 10 if hue < 40 else 50 + (hue - 40) // 2 if hue < 60 else hue
+    return hue, 100 * chroma // largest if chroma else 0, 101 * largest // 256
 
 
 def _hsv(plug: Plug, sense: Sense) -> Iterable[int]:
@@ -212,7 +243,7 @@ SENSOR_MODES: Mapping[SensorKind, DeviceModes] = {
         _REFLECTION,
         _AMBIENT,
         DeviceMode("COL O", 1, _8, is_writable=True),
-        DeviceMode("RGB I", 3, _16, lambda plug: _rgb(plug, is_boost=True)),
+        DeviceMode("RGB I", 3, _16, lambda plug: plug.raw_rgb(is_boost=True)),
         DeviceMode("IR Tx", 1, _16, is_writable=True),
         DeviceMode("SPEC 1", 4, _8),
         DeviceMode("DEBUG", 2, _16),
@@ -226,7 +257,7 @@ SENSOR_MODES: Mapping[SensorKind, DeviceModes] = {
         _AMBIENT,
         DeviceMode("LIGHT", 3, _8, is_writable=True),
         DeviceMode("RREFL", 2, _16),
-        DeviceMode("RGB I", 4, _16, lambda plug: _rgb(plug, is_boost=False)),
+        DeviceMode("RGB I", 4, _16, lambda plug: plug.raw_rgb(is_boost=False)),
         DeviceMode("HSV", 3, _16, lambda plug: _hsv(plug, Sense.SURFACE)),
         DeviceMode("SHSV", 4, _16, lambda plug: _hsv(plug, Sense.AMBIENT)),
         DeviceMode("DEBUG", 4, _16),

@@ -14,7 +14,7 @@ from brickhub.virtual.pybricks.arguments import expect, expect_type, get_array, 
 from brickhub.virtual.pybricks.context import Native
 from brickhub.virtual.pybricks.device_modes import MAX_FORCE_MN, SENSOR_MODES, DeviceModes, Plug
 from brickhub.virtual.pybricks.parameters import NAMED_COLORS, Color, Direction, nearest
-from brickhub.virtual.stimuli import reflection_pct
+from brickhub.virtual.stimuli import Hsv
 
 _TRAVEL_UM = 6670
 _TOUCHED_UM = 100
@@ -156,6 +156,8 @@ class UltrasonicSensor(Device):
 
 
 class _ColorDevice(Device):
+    _is_boost = False
+
     def __init__(self, port: Any) -> None:
         super().__init__(port)
         self._detectable: Any = tuple(NAMED_COLORS[name] for name in ("RED", "YELLOW", "GREEN", "BLUE", "WHITE", "NONE"))
@@ -168,17 +170,23 @@ class _ColorDevice(Device):
         self._detectable = colors
         return None
 
-    reflection = _reading("RGB I", lambda self: reflection_pct(self._plug.color()), "reflection_pct")
+    def reflection(self) -> Any:
+        full = 12 * 100 if self._is_boost else 3 * 1024
+        return self._measure("RGB I", lambda: sum(self._plug.raw_rgb(self._is_boost)) * 100 // full, "reflection_pct")
 
-    def _hsv(self, mode: str, sense: Sense) -> Any:
-        return self._measure(mode, lambda: Color(*self._plug.color(sense)), *_HSV)
+    def _hsv(self, surface: Any = True) -> Any:
+        return self._measure("RGB I" if surface else "SHSV", lambda: Color(*self._seen(surface)), *_HSV)
 
-    def _color(self, mode: str, sense: Sense) -> Any:
+    def _color(self, surface: Any = True) -> Any:
         def detected() -> Any:
-            index = nearest(self._plug.color(sense), [(color.h, color.s, color.v) for color in self._detectable])
+            index = nearest(self._seen(surface), [(color.h, color.s, color.v) for color in self._detectable])
             return None if index is None else self._detectable[index]
 
-        return self._measure(mode, detected, "color")
+        return self._measure("RGB I" if surface else "SHSV", detected, "color")
+
+    def _seen(self, surface: Any) -> Hsv:
+        """Color of a surface in the sensor's light, or of the incoming light."""
+        return self._plug.reflected_hsv(self._is_boost) if surface else self._plug.color(Sense.AMBIENT)
 
 
 class ColorSensor(_ColorDevice):
@@ -193,27 +201,29 @@ class ColorSensor(_ColorDevice):
         self._finish(None)
 
     def hsv(self, surface: Any = True) -> Any:
-        return self._hsv("RGB I", Sense.SURFACE) if surface else self._hsv("SHSV", Sense.AMBIENT)
+        return self._hsv(surface)
 
     def color(self, surface: Any = True) -> Any:
-        return self._color("RGB I", Sense.SURFACE) if surface else self._color("SHSV", Sense.AMBIENT)
+        return self._color(surface)
 
-    ambient = _reading("SHSV", lambda self: to_single(self._plug.ambient_pct()), "ambient_pct")
+    ambient = _reading("SHSV", lambda self: to_single(self._plug.ambient_raw() / 100), "ambient_pct")
 
 
 class ColorDistanceSensor(_ColorDevice):
     """Powered Up (BOOST) color and distance sensor."""
 
     _kind = SensorKind.COLOR_DISTANCE
+    _is_boost = True
 
     def __init__(self, port: Any) -> None:
         super().__init__(port)
         self.light = ColorLight(self)
 
-    hsv = _reading("RGB I", lambda self: Color(*self._plug.color(Sense.SURFACE)), *_HSV)
+    def hsv(self) -> Any:
+        return self._hsv()
 
     def color(self) -> Any:
-        return self._color("RGB I", Sense.SURFACE)
+        return self._color()
 
     ambient = _reading("AMBI", lambda self: round(self._plug.ambient_pct()), "ambient_pct")
     distance = _reading("PROX", lambda self: self._plug.proximity() * 10, "distance_pct")
