@@ -440,3 +440,36 @@ except ValueError as e:
 )
 def test_wrong_arguments(call: str, says: str) -> None:
     assert output(MOTOR + f"try:\n    {call}\nexcept TypeError as e:\n    print(e)") == says
+
+
+def test_infinite_arguments_are_clamped_and_nan_is_zero() -> None:
+    """As a hub's processor converts floats; the firmware refuses none of these."""
+    source = """
+huge, nothing = float('inf'), float('nan')
+m = Motor(Port.A)
+for value in (huge, -huge, 1e12, nothing):
+    for command in (m.run, m.dc, m.track_target, m.reset_angle, wait if value != 1e12 else m.run):
+        command(value)
+    m.reset_angle(0)
+    m.run_angle(value, 0)
+    m.run(value)
+    wait(1000)
+    print(m.speed() > 800, m.speed() < -800)
+    m.stop()
+    wait(500)
+"""
+    assert output(HEAD + source) == "True False\nFalse True\nTrue False\nFalse False"
+
+
+def test_controller_that_begins_with_an_infinite_error_arrives() -> None:
+    source = """
+base = DriveBase(Motor(Port.A, Direction.COUNTERCLOCKWISE), Motor(Port.B), 56, 112)
+before = float('inf')
+while base.distance() < 100:
+    error = -base.angle()
+    base.drive(150, 2 * error + (error - before))
+    before = error
+    wait(10)
+print(base.distance() >= 100)
+"""
+    assert output(HEAD + "from pybricks.robotics import DriveBase\n" + source) == "True"

@@ -8,6 +8,7 @@ from typing import Any
 
 from brickhub.virtual.micropython.exceptions import HubOSError
 
+_INT_MIN, _INT_MAX = -(2**31), 2**31 - 1
 _HINTS = """--> Check the line in your script that matches
     the line number given in the 'Traceback' above.
 
@@ -39,14 +40,17 @@ def os_error(code: int) -> HubOSError:
 
 
 def get_int(value: Any) -> int:
-    """An integer; floats are truncated, as mostly in the firmware. Raises TypeError if it is not a number."""
+    """An integer; floats are :func:`truncated`, as mostly in the firmware. Raises TypeError if it is not a number."""
     if type(value) is int:
         return value
     if isinstance(value, int | float):
-        if value != value:
-            raise ValueError("Invalid argument")
-        return int(value)
+        return truncated(value)
     raise TypeError(f"can't convert {type(value).__name__} to int")
+
+
+def truncated(value: float) -> int:
+    """A number towards zero, as a hub's processor converts it: clamped to 32 bits, also infinity; 0 if it is not a number."""
+    return int(max(_INT_MIN, min(_INT_MAX, value))) if value == value else 0
 
 
 def get_exact_int(value: Any) -> int:
@@ -84,7 +88,7 @@ def get_array(value: Any) -> Sequence[Any]:
 
 def get_scaled(value: Any, scale: int) -> int:
     """A number in units of 1/``scale``."""
-    return int(value * scale) if isinstance(value, float) else get_int(value) * scale
+    return truncated(value * scale) if isinstance(value, float) else get_int(value) * scale
 
 
 def expect(condition: object) -> None:

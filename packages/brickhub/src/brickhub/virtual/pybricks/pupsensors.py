@@ -10,7 +10,7 @@ from brickhub.robot import Sense, SensorKind
 from brickhub.virtual.body import SensingBody
 from brickhub.virtual.machine import PortMode
 from brickhub.virtual.micropython.floats import to_single
-from brickhub.virtual.pybricks.arguments import expect, expect_type, get_array, get_int, get_number, os_error
+from brickhub.virtual.pybricks.arguments import expect, expect_type, get_array, get_int, get_number, os_error, truncated
 from brickhub.virtual.pybricks.context import Native
 from brickhub.virtual.pybricks.device_modes import MAX_FORCE_MN, SENSOR_MODES, DeviceModes, Plug
 from brickhub.virtual.pybricks.parameters import NAMED_COLORS, Color, Direction, nearest
@@ -239,7 +239,7 @@ class ForceSensor(Device):
     touched = _reading("FRAW", lambda self: self._moved_um() > _TOUCHED_UM, "touched")
 
     def pressed(self, force: Any = 3) -> Any:
-        threshold_mn = int(get_number(force) * 1000)
+        threshold_mn = truncated(get_number(force) * 1000)
         return self._measure("FRAW", lambda: self._plug.force_mn() >= threshold_mn, "pressed")
 
     def _moved_um(self) -> int:

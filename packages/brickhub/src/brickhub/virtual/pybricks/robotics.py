@@ -13,7 +13,7 @@ from brickhub.virtual.firmware.control import OnCompletion
 from brickhub.virtual.firmware.servo import Servo
 from brickhub.virtual.micropython.floats import to_single
 from brickhub.virtual.micropython.numbers import module
-from brickhub.virtual.pybricks.arguments import expect, expect_type, get_int, get_scaled, os_error
+from brickhub.virtual.pybricks.arguments import expect, expect_type, get_int, get_scaled, os_error, truncated
 from brickhub.virtual.pybricks.context import Awaited, Context, Native, bind, firmware_errors
 from brickhub.virtual.pybricks.parameters import Stop
 from brickhub.virtual.pybricks.pupdevices import Control, Motor, acceleration_pair, acceleration_value, completion, magnitude
@@ -59,10 +59,10 @@ class DriveBase(Native):
         """Turn the shorter way and drive to a point, x ahead of heading 0 and y to its left. Direction and distance are truncated
         to whole degrees and mm."""
         x, y = get_int(dx), get_int(dy)
-        direction = int(to_single(math.atan2(y, x) * _DEG_PER_RAD))
+        direction = truncated(to_single(math.atan2(y, x) * _DEG_PER_RAD))
         expect(max(abs(x), abs(y)) <= _MAX_DISTANCE_MM)
         self._base.turn_to(-direction, OnCompletion.HOLD)
-        distance, end = int(to_single(math.sqrt(x * x + y * y))), completion(then)
+        distance, end = truncated(to_single(math.sqrt(x * x + y * y))), completion(then)
         return self._finish(lambda: self._base.straight(distance, end))
 
     def curve(self, radius: Any, angle: Any, then: Any = Stop.HOLD, wait: Any = True) -> Any:

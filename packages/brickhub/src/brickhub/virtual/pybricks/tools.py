@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from inspect import isgeneratorfunction
 from types import FunctionType, ModuleType
@@ -104,7 +105,8 @@ def tools_module(context: Context, app_data: type[Any]) -> ModuleType:
     hub = machine.robot.hub.model
 
     def wait(time: Any) -> Any:
-        duration = time if type(time) is int else get_int(time)
+        # Infinity ends at once, as in the firmware's build for a computer; a hub waits for 24 days.
+        duration = time if type(time) is int else get_int(0 if time in (math.inf, -math.inf) else time)
         if loop.is_active and duration == 0:
             return loop.yield_once()
         if not loop.is_active and duration <= 0:
