@@ -37,6 +37,7 @@ class HubModel:
         stdin_bytes: usable size of the standard input ring buffer; 0 means no stdin.
         stack_bytes, call_bytes: size of the call stack, which is what static data leaves of the memory, and of a call's frame.
         stored_bytes: user data, settings and slots.
+        storage_bytes: user data that ``hub.system.storage`` keeps.
         has_imu: whether a gyroscope and an accelerometer report tilt and angular velocity.
         has_accelerometer: whether there is an accelerometer only.
         has_float: whether the hub's MicroPython has floating-point numbers; one without is small, and has no streams either.
@@ -56,6 +57,7 @@ class HubModel:
     stack_bytes: int
     call_bytes: int
     stored_bytes: int = 200
+    storage_bytes: int = 128
     has_imu: bool = False
     has_accelerometer: bool = False
     has_float: bool = True
@@ -87,6 +89,7 @@ class HubKind(_Kind):
         stack_bytes=15_412,
         call_bytes=208,
         stored_bytes=600,
+        storage_bytes=512,
         has_imu=True,
         has_display=True,
         has_speaker=True,
@@ -105,6 +108,7 @@ class HubKind(_Kind):
         stack_bytes=36_400,
         call_bytes=216,
         stored_bytes=600,
+        storage_bytes=512,
         has_imu=True,
         is_rechargeable=True,
     )

@@ -122,3 +122,21 @@ def test_builtins(kind: HubKind, found: int) -> None:
 
 def test_buttons_of_move_hub_are_a_tuple() -> None:
     assert output(HEAD + "print(MoveHub().button.pressed())", robot=MOVE) == "()"
+
+
+@pytest.mark.parametrize("kind", HubKind)
+def test_storage_of_a_program(kind: HubKind) -> None:
+    """``PBSYS_CONFIG_STORAGE_USER_DATA_SIZE`` of each hub."""
+    size = 512 if kind in (HubKind.PRIME, HubKind.ESSENTIAL) else 128
+    source = f"""
+from pybricks.hubs import ThisHub
+system = ThisHub().system
+system.storage({size - 2}, write=b"ok")
+print(system.storage({size - 2}, read=2), len(system.storage(0, read={size})))
+for values in (dict(read=2), dict(write=b"no")):
+    try:
+        system.storage({size - 1}, **values)
+    except ValueError as error:
+        print(error)
+"""
+    assert output(source, robot=Robot("hub", kind)) == f"b'ok' {size}\nInvalid argument\nInvalid argument"

@@ -20,7 +20,6 @@ from brickhub.virtual.pybricks.matrix import Matrix
 from brickhub.virtual.pybricks.parameters import Axis, Button, Color, Side, buttons
 from brickhub.virtual.pybricks.wireless import Radio
 
-_STORAGE_BYTES = 512
 _IDLE_CURRENT_MA = 100
 _ROOM_TEMPERATURE_MDEG = 25_000
 _SIZE = 5
@@ -276,7 +275,7 @@ class Charger(Native):
 
 class System(Native):
     def __init__(self) -> None:
-        self._storage = bytearray(_STORAGE_BYTES)
+        self._storage = bytearray(self._machine.robot.hub.model.storage_bytes)
 
     def set_stop_button(self, button: Any) -> None:
         try:
@@ -315,14 +314,14 @@ class System(Native):
             raise TypeError("Must set either read (int) or write (bytes).")
         data = b"" if write is None else as_bytes(write)
         size = read if write is None else len(data)
-        expect(start >= 0 and size >= 0 and start + size <= _STORAGE_BYTES)
+        expect(start >= 0 and size >= 0 and start + size <= len(self._storage))
         if write is None:
             return bytes(self._storage[start : start + size])
         self._storage[start : start + size] = data
         return None
 
     def reset_storage(self) -> None:
-        self._storage[:] = bytes(_STORAGE_BYTES)
+        self._storage[:] = bytes(len(self._storage))
 
 
 class _Hub:
