@@ -224,3 +224,37 @@ def test_small_hub_has_less() -> None:
     with pytest.raises(NameError, match="memoryview"):
         output("memoryview(b'')", robot=city)
     assert output("import micropython, uerrno\nprint(uerrno.ENODEV)", robot=city) == "19"
+
+
+@pytest.mark.parametrize(
+    ("expression", "answer"),
+    [
+        ("bytes(5, 'utf8')", "TypeError wrong number of arguments"),
+        ("bytes(b'a', 'utf8')", "TypeError wrong number of arguments"),
+        ("b'a' < 'b'", "True"),
+        ("b'b' <= 'a'", "False"),
+        ("bytearray(b'c') > 'b'", "True"),
+        ("'a' < b'b'", "TypeError unsupported types for __lt__: 'str', 'bytes'"),
+        ("5 in 6", "TypeError unsupported types for : 'int', 'int'"),
+        ("5 not in 2.0", "TypeError unsupported types for : 'int', 'float'"),
+        ("5 in None", "TypeError 'NoneType' object isn't iterable"),
+        ("'a' in 5", "TypeError 'int' object isn't iterable"),
+        ("True in 5", "TypeError 'int' object isn't iterable"),
+        ("OSError([1])", "[1]"),
+        ("OSError(11.0)", "11.0"),
+        ("OSError(True)", "True"),
+        ("OSError(11)", "[Errno 11] EAGAIN"),
+        ("round(True, 1)", "1.0"),
+        ("round(True)", "1"),
+        ("round(7, 1)", "NotImplementedError "),
+        ("type((2,))[1:]", "TypeError 'type' object isn't subscriptable"),
+        ("kind[0]", "TypeError 'type' object isn't subscriptable"),
+        ("other[0]", "1"),
+        ("umath.isfinite((1,))", "TypeError can't convert tuple to float"),
+        ("umath.isnan('a')", "TypeError can't convert str to float"),
+    ],
+)
+def test_small_things_are_as_the_firmware_has_them(expression: str, answer: str) -> None:
+    """As its code, built for a computer (v4.1.0b2), answers."""
+    source = f"import umath\nkind, other = type([]), [1]\nkind = type([])\ntry:\n    print({expression})\n"
+    assert output(source + "except Exception as e:\n    print(repr(e).split('(')[0], e)").rstrip() == answer.rstrip()

@@ -161,14 +161,15 @@ def check(
     """Compare what a program sees with what the firmware computes; ``force``, ``spin`` and ``summed`` are vectors of the hub."""
     tilts, forces, spins, rotations, orientation, _, up, raw_up, projected = values
     assert tilts == pytest.approx([*tilt(apply(base, rotation[2])), *tilt(apply(base, force))], abs=0.01)
-    assert forces == pytest.approx(list(apply(base, force)), abs=0.01)
+    assert forces == pytest.approx(list(apply(base, force)), abs=2.4)  # a step of the accelerometer
     assert spins == pytest.approx(list(apply(base, spin)), abs=within)
     x, y, z = apply(base, summed)
     assert rotations == pytest.approx([x, y, z, -y], abs=within)
     assert orientation == pytest.approx([x for row in rotation for x in row], abs=within / 50)
     assert (up, raw_up) == (side(rotation[2]), side(force))
     askew = [along(apply(base, force), 1, -2, 3), along(apply(base, spin), 0, 2, 1), along(apply(base, summed), -3, 1, 1)]
-    assert projected == pytest.approx(askew, abs=within)
+    assert projected[0] == pytest.approx(askew[0], abs=2.4)
+    assert projected[1:] == pytest.approx(askew[1:], abs=within)
 
 
 def test_there_are_24_mountings() -> None:
@@ -229,4 +230,4 @@ show(hub.imu)
     (refused,), values = shown(tmp_path, source)
     assert refused == ["Invalid argument"]
     assert values[2] == [0.0] * 3
-    assert values[1] == pytest.approx(list(scaled(transposed(mounted("Axis.Y", "Axis.Z"))[2], 9810.0)))
+    assert values[1] == pytest.approx(list(scaled(transposed(mounted("Axis.Y", "Axis.Z"))[2], 9809.137)))

@@ -64,7 +64,7 @@ imu.reset_heading(90)
 print(imu.heading(), imu.settings()[0], imu.settings(heading_correction=359.5), imu.settings()[-1])
 """
     assert hub(source) == (
-        "(-0.0, 0.0) Side.TOP 0.0 True True\n9810.0 0.0 (3, 1) 0.0\n"
+        "(-0.0, 0.0) Side.TOP 0.0 True True\n9809.137 0.0 (3, 1) 0.0\n"
         "Matrix([\n    [   0.000],\n    [   0.000],\n    [ 999.999],\n]) 1.0\n90.0 2.0 None 359.5"
     )
 
@@ -74,7 +74,7 @@ def test_sideways_hub_reports_in_robot_frame() -> None:
 hub = PrimeHub(top_side=Axis.X, front_side=-Axis.Z)
 print(hub.imu.up(), round(hub.imu.acceleration(Axis.X)), hub.imu.acceleration(Axis.Z) == 0, round(hub.imu.tilt()[0]))
 """
-    assert hub(source) == "Side.TOP 9810 True -90"
+    assert hub(source) == "Side.TOP 9809 True -90"
 
 
 @pytest.mark.parametrize(
@@ -469,6 +469,11 @@ look()
         ("hub.speaker.play_notes(['C44'])", "ValueError Missing /"),
         ("hub.speaker.play_notes(['C4/'])", "ValueError Missing fractional value 1, 2, 4, 8, etc."),
         ("hub.system.storage(0)", "TypeError Must set either read (int) or write (bytes)."),
+        ("hub.system.storage()", "TypeError 'offset' argument required"),
+        ("hub.system.set_stop_button()", "TypeError function takes 1 positional arguments but 0 were given"),
+        ("hub.system.set_stop_button(5)", "TypeError can't convert int to Button"),
+        ("hub.system.name(5)", "TypeError function takes 0 positional arguments but 1 were given"),
+        ("hub.battery.voltage(unit=1)", "TypeError function doesn't take keyword arguments"),
         ("hub.imu.settings(heading_correction=300)", "ValueError Invalid argument"),
         ("hub.imu.rotation(Axis.X * 0)", "ValueError Invalid argument"),
     ],
@@ -476,6 +481,13 @@ look()
 def test_refusals_of_the_parts(call: str, error: str) -> None:
     kind, _, message = error.partition(" ")
     assert hub(f"try:\n    {call}\nexcept {kind} as e:\n    print(e)") == message
+
+
+def test_button_itself_is_no_stop_button() -> None:
+    machine = Machine(BenchBody(Robot("hub", HubKind.PRIME)))
+    source = HEAD_OF_HUB + "hub.system.set_stop_button(Button)"
+    execute(source, "main.py", modules(machine, console := Console(machine, {})), console)
+    assert machine.panel.stop_buttons == frozenset()
 
 
 def test_hub_is_stationary_while_coasting() -> None:

@@ -85,7 +85,7 @@ def _number_functions(normalize: Callable[[Any], Any], power: Callable[[Any, Any
         value = to_number(value, "float")
         if digits is None:
             return int_from_float(round(value)) if math.isfinite(value) else int_from_float(value)
-        if isinstance(value, int):
+        if type(value) is int:  # a truth value is none on a hub
             raise NotImplementedError
         scale = 10.0**digits
         scaled = normalize(value * scale)

@@ -108,6 +108,8 @@ _RULES: tuple[tuple[type[BaseException], str, str | Callable[[re.Match[str]], st
      r".*(?:argument|Value) after \* must be an iterable, not (.*)|argument of type '(.*)' is not (?:a container or )?iterable",
      r"'\1\2' object isn't iterable"),
     (TypeError, r"cannot unpack non-iterable (.*) object", r"'\1' object isn't iterable"),
+    (TypeError, r"must be real number, not (.*)", r"can't convert \1 to float"),
+    (TypeError, r"(?:encoding|errors) without a string argument|bytes\(\) takes at most 3 .*", "wrong number of arguments"),
     (TypeError, r"type\(\) (takes 1 or 3 arguments)", r"type \1"),
     (TypeError, r"\w+\(\) argument \d+ must be str, not (\w+)|ord\(\) expected string of length 1, but (\w+) found",
      r"can't convert '\1\2' object to str implicitly"),

@@ -196,11 +196,22 @@ def _ascii_method(name: str) -> Callable[..., Any]:
 
 
 def _contains(item: Any, container: Any) -> bool:
-    """``item in container``; bytes have text in them, and no number above 255."""
+    """``item in container``; bytes have text in them, and no number above 255. A number in a number is an operation."""
+    if type(item) is int and type(container) in (int, float, complex):
+        raise TypeError(f"unsupported types for : 'int', '{type(container).__name__}'")
     if isinstance(container, bytes) and isinstance(item, str):
         return item.encode() in container
     is_byte = not isinstance(container, bytes) or not isinstance(item, int) or 0 <= item <= 255
     return is_byte and item in container
+
+
+def _ordered(operation: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
+    """A comparison in which bytes come before or after text, as its bytes do."""
+
+    def compare(a: Any, b: Any) -> Any:
+        return operation(a, b.encode() if isinstance(a, bytes | bytearray) and isinstance(b, str) else b)
+
+    return compare
 
 
 def _to_slice(kind: type, *args: Any, **kwargs: Any) -> Any:
@@ -295,6 +306,7 @@ def _f_string(value: Any, conversion: int, spec: str) -> str:
 _FUNCTIONS: dict[str, Any] = {f"@{name}": _ascii_method(name) for name in ASCII_METHODS}
 _FUNCTIONS |= {"@int": to_int, "@float": to_float, "@str": to_str, "@slice": _to_slice, "@sort": sort, "@f": _f_string}
 _FUNCTIONS |= {"@format": _format, "@in": _contains, "@to_bytes": _to_bytes, "@from_bytes": _from_bytes}
+_FUNCTIONS |= {f"@{name}": _ordered(getattr(operator, name)) for name in ("lt", "le", "gt", "ge")}
 _FUNCTIONS |= {"@sub": _subscriptable, "@stepped": _stepped, "@sliced": _sliced, "@setslice": _set_slice}
 
 

@@ -126,7 +126,7 @@ def format_traceback(error: BaseException, filename: str) -> str:
 
 def _exception_text(error: BaseException) -> str:
     args = (error.msg,) if isinstance(error, SyntaxError) else error.args
-    if isinstance(error, OSError) and 0 < len(args) < 3 and args[0] in ERROR_NAMES:
+    if isinstance(error, OSError) and 0 < len(args) < 3 and type(args[0]) is int and args[0] in ERROR_NAMES:
         return f"[Errno {args[0]}] {ERROR_NAMES[args[0]]}" + (f": {text(args[1])}" if len(args) == 2 else "")
     return "" if not args else text(args[0]) if len(args) == 1 else representation(args)
 

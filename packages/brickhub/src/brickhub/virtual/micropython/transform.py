@@ -34,6 +34,7 @@ _IN_PLACE = {ast.Add: "@iadd", ast.Sub: "@isub", ast.BitAnd: "@iand", ast.BitOr:
 _CONVERSIONS = ("int", "float", "str", "slice")
 _METHODS = ("format", "to_bytes", "from_bytes", "sort", "throw", "close", *ASCII_METHODS)
 _OF_ITERABLES = ("list", "tuple", "bytes")  # their helper takes one argument; others are refused as those of any function
+_ORDERS: dict[type[ast.cmpop], str] = {ast.Lt: "@lt", ast.LtE: "@le", ast.Gt: "@gt", ast.GtE: "@ge"}
 _GENERIC = ("list", "tuple", "dict", "set", "type", "enumerate", "map", "zip", "reversed")  # have items, such as list[int]
 _TAKE_MEMORY = (ast.Call, ast.List, ast.Tuple)
 _TOP_DOWN = (
@@ -121,6 +122,8 @@ class _Transformer(ast.NodeTransformer):
         self._recursive, self._floats = recursive, floats
         self._private: dict[str, ast.expr] = {}
         """Values of names such as ``_SPEED = const(100)``, which exist for the hub's compiler only."""
+        self._classes: set[str] = set()
+        """Names of what ``type(...)`` returned."""
         self._globals: Collection[str] | None = None
         """Names that the function or class around declares global; ``None`` outside of them, where all are."""
 
@@ -233,7 +236,9 @@ class _Transformer(ast.NodeTransformer):
 
     def visit_Subscript(self, node: ast.Subscript) -> ast.expr:
         s = node.slice
-        if isinstance(node.value, ast.Name) and node.value.id in _GENERIC:
+        owner = node.value
+        is_class = isinstance(owner, ast.Call) and called_name(owner) == "type"
+        if is_class or (isinstance(owner, ast.Name) and (owner.id in _GENERIC or owner.id in self._classes)):
             node.value = call("@sub", node.value, at=node.value)
         if isinstance(node.ctx, ast.Load) and isinstance(s, ast.Slice) and s.step is not None:
             return call("@stepped", node.value, *_bounds(s), at=node)
@@ -248,6 +253,8 @@ class _Transformer(ast.NodeTransformer):
                 if target.id.startswith("_"):
                     self._private[target.id] = self.visit(node.value)
                     return ast.copy_location(ast.Pass(), node)
+        if isinstance(target, ast.Name) and isinstance(node.value, ast.Call) and called_name(node.value) == "type":
+            self._classes.add(target.id)
         self.generic_visit(node)
         if len(node.targets) == 1 and isinstance(target, ast.Subscript) and isinstance(target.slice, ast.Slice):
             store = call("@setslice", node.value, target.value, *_bounds(target.slice), at=node)
@@ -311,6 +318,9 @@ class _Transformer(ast.NodeTransformer):
 
     def visit_Compare(self, node: ast.Compare) -> ast.expr:
         left, operation, right = node.left, node.ops[0], node.comparators[0]
+        has_text = any(isinstance(part, ast.Constant) and isinstance(part.value, str | bytes) for part in (left, right))
+        if len(node.ops) == 1 and type(operation) in _ORDERS and has_text:
+            return call(_ORDERS[type(operation)], left, right, at=node)
         is_constant = isinstance(left, ast.Constant) or (isinstance(right, ast.Constant) and isinstance(right.value, bytes))
         if len(node.ops) > 1 or not isinstance(operation, ast.In | ast.NotIn) or not is_constant:
             return node

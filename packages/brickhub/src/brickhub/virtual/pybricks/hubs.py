@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import itertools
 import re
 from collections.abc import Callable, Iterator, Sequence
@@ -13,6 +14,7 @@ from brickhub.virtual.micropython.containers import HubDict
 from brickhub.virtual.micropython.exceptions import SwitchedOff
 from brickhub.virtual.micropython.numbers import expect_int, module
 from brickhub.virtual.micropython.streams import as_bytes
+from brickhub.virtual.panel import STOP_BUTTON
 from brickhub.virtual.pybricks.arguments import expect, expect_type, get_array, get_int, get_text, percentage
 from brickhub.virtual.pybricks.context import Awaited, Context, Native, bind
 from brickhub.virtual.pybricks.imu import IMU, Accelerometer
@@ -278,14 +280,19 @@ class System(Native):
         self._storage = bytearray(self._machine.robot.hub.model.storage_bytes)
 
     def set_stop_button(self, button: Any) -> None:
-        try:
-            names = list(button) if button else []
-        except TypeError:
-            names = [button]
-        for name in names:
-            if not isinstance(name, Button):
-                expect_type(button, Button)
-        self._machine.panel.stop_buttons = frozenset(str(name).partition(".")[2].lower() for name in names)
+        """Set the buttons; ``Button`` itself is none. A hub with one button takes it for anything that is true."""
+        if len(self._machine.robot.hub.model.buttons) == 1:
+            names = [STOP_BUTTON] if button else []
+        else:
+            try:
+                found = list(button) if button else []
+            except TypeError:
+                found = [button]
+            for one in found:
+                if type(one).__name__ != Button.__name__:
+                    expect_type(button, Button)
+            names = [str(one).partition(".")[2].lower() for one in found]
+        self._machine.panel.stop_buttons = frozenset(filter(None, names))
 
     def name(self) -> str:
         return "Pybricks Hub"
@@ -352,10 +359,17 @@ class _MoveHub(_OrientedHub):
 
 
 def _as_module(name: str, part: Any) -> ModuleType:
-    """A module of the part's methods."""
+    """A module of the part's methods; those with an argument that can be left out take keywords too."""
 
     def function(method: Callable[..., Any]) -> Callable[..., Any]:
+        parameters = inspect.signature(method).parameters.values()
+        is_plain = all(parameter.default is parameter.empty for parameter in parameters)
+
         def call(*args: Any, **kwargs: Any) -> Any:
+            if is_plain and kwargs:
+                raise TypeError("function doesn't take keyword arguments")
+            if is_plain and len(args) != len(parameters):
+                raise TypeError(f"function takes {len(parameters)} positional arguments but {len(args)} were given")
             return method(*args, **kwargs)
 
         return call

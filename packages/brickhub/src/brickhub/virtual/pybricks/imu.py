@@ -32,6 +32,7 @@ _SETTINGS: dict[str, tuple[Any, float]] = {
 }
 """Default values, and the largest deviation from them that the firmware accepts."""
 _Vector = tuple[float, float, float]
+_MM_S2_PER_STEP = 0.244 * 9.81  # of the accelerometer (LSM6DS3TR-C) at 8 g
 _COUNTS_PER_G, _G_MM_S2 = 64, 9806.65  # of the sensor (LIS3DH) at 2 g, 8 bits
 _MM_S2_PER_COUNT = 158
 _ARC_TANGENTS = (
@@ -123,8 +124,8 @@ class IMU(Native):
         return _side_up(self._gravity_in_hub() if calibrated else self._machine.body.acceleration_mm_s2())
 
     def acceleration(self, axis: Any = None, calibrated: Any = True) -> Any:
-        force = self._machine.body.acceleration_mm_s2()
-        force = self._in_robot_frame(self._corrected(force) if calibrated else force)
+        x, y, z = (round(part / _MM_S2_PER_STEP) * _MM_S2_PER_STEP for part in self._machine.body.acceleration_mm_s2())
+        force = self._in_robot_frame(self._corrected((x, y, z)) if calibrated else (x, y, z))
         return vector(*force) if axis is None else _project(force, axis)
 
     def angular_velocity(self, axis: Any = None, calibrated: Any = True) -> Any:
