@@ -33,6 +33,7 @@ class Target:
         interface: commands and channels of the program on its hub.
         make_body: builds the body of the virtual robot; its options are those of the house that found it.
         scene: surroundings of the virtual robot, as that house describes them; ``None`` if nothing is said.
+        note: what a person who gave the name should know of it.
     """
 
     name: str
@@ -40,6 +41,7 @@ class Target:
     interface: Interface
     make_body: Callable[..., Body]
     scene: Any = None
+    note: str = ""
 
 
 def whole_interface(robot: Robot) -> Interface:

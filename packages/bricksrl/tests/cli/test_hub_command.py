@@ -50,7 +50,7 @@ def test_run_takes_the_scene_of_the_task_beside_the_robot(bricksrl, tmp_path):
         "print(ColorSensor(Port.B).reflection())\n"
     )
     done = bricksrl("hub", "run", str(program), "--robot", str(robot))
-    assert (done.stdout, done.stderr) == ("10\n", "")
+    assert (done.stdout, done.stderr) == ("6\n", "")
 
 
 def test_run_takes_a_robot_from_a_file(bricksrl, tmp_path):
@@ -79,3 +79,11 @@ def test_run_with_mismatched_options_raises(fails, tmp_path, options, says):
     path = tmp_path / "main.py"
     path.write_text("")
     fails("hub", "run", str(path), *options, says=says)
+
+
+def test_robots_of_an_arena_have_programs(bricksrl, fails) -> None:
+    first, second = (bricksrl("hub", "program", name) for name in ("Tag-v0", "Tag-v0:runner"))
+    assert first.stdout != second.stdout
+    assert first.stdout == bricksrl("hub", "program", "Tag-v0:catcher").stdout
+    assert "this is catcher; there are also Tag-v0:runner" in first.stderr and not second.stderr
+    fails("hub", "program", "Tag-v0:runer", says="Tag-v0 has no robot 'runer' (did you mean 'runner'?); it has catcher, runner")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import Positional
 
 from brickhub.cli.options import Flag, JsonFlag, option, refuse_ignored
-from brickhub.cli.terminal import confirm, is_terminal, print_findings, print_line
+from brickhub.cli.terminal import confirm, is_terminal, print_findings, print_line, print_note
 from brickhub.errors import DescriptionError, counted, percent
 
 if TYPE_CHECKING:
@@ -94,6 +94,8 @@ class Program:
         from brickhub.hub.program.generate import generate
 
         target = _find(self.target)
+        if target.note:
+            print_note(target.note)
         source = generate(target.robot, target.interface).source.rstrip("\n")
         if self.out is None:
             print_line(source)

@@ -3,20 +3,29 @@
 from __future__ import annotations
 
 from functools import partial
+from typing import TYPE_CHECKING
 
-from brickhub.errors import UnknownNameError
+from brickhub.errors import UnknownNameError, hint
 from brickhub.target import Target
 from brickhub.user_files import is_reference, load_object
+from bricksrl.envs.arenas import ARENAS, get_arena_task
 from bricksrl.envs.registry import get_task
 from bricksrl.envs.task import Task
 from bricktwin import robots, target
 from bricktwin.robots.planned import is_plan
 from bricktwin.twin.make_body import make_body
 
+if TYPE_CHECKING:
+    from bricksrl.envs.arenas.arena_task import ArenaTask
+
 
 def find(name: str) -> Target:
-    """An environment, or a robot as in `bricktwin`; of a user's file its only task, or else its only robot. Raises
-    UnknownNameError if there is none, DescriptionError if a user's file is wrong."""
+    """An environment, of an arena the robot that it names (``Tag-v0:runner``) or the first, or a robot as in `bricktwin`; of a
+    user's file its only task, or else its only robot. Raises UnknownNameError if there is none, DescriptionError if a user's file
+    is wrong."""
+    arena, _, contestant = name.partition(":")
+    if arena in ARENAS:
+        return _in_arena(get_arena_task(arena), contestant)
     if name in robots.ROBOTS or is_plan(name):
         return target.find(name)
     if is_reference(name) and not _names_task(name):
@@ -28,6 +37,18 @@ def find(name: str) -> Target:
             raise
         raise UnknownNameError(f"{error}; or a robot: {', '.join(robots.ROBOTS)}") from None
     return Target(task.id, task.robot, task.interface, partial(make_body, task.robot, scene=task.scene), task.scene)
+
+
+def _in_arena(task: ArenaTask, name: str) -> Target:
+    """A robot of an arena, by itself."""
+    index = task.robots.index(name) if name in task.robots else 0
+    others = [f"{task.id}:{other}" for other in task.robots if other != task.robots[index]]
+    if name and name not in task.robots:
+        raise UnknownNameError(f"{task.id} has no robot '{name}'{hint(name, task.robots)}; it has {', '.join(task.robots)}")
+    robot = task.arena.robots[index].robot
+    note = f"{task.id} has several robots: this is {task.robots[index]}; there are also {', '.join(others)}"
+    make = partial(make_body, robot)
+    return Target(f"{task.id}:{task.robots[index]}", robot, task.interfaces[index], make, note="" if name else note)
 
 
 def _names_task(reference: str) -> bool:
