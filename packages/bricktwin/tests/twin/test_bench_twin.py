@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import numpy as np
 import pytest
@@ -39,14 +40,14 @@ def readings(scene: Scene, command: float) -> list[float]:
 def test_readings_follow_motor_angles(command: float) -> None:
     angle, light, distance = readings(SCENE, command)
     assert angle == pytest.approx(command, abs=2), "through direction and gears"
-    assert light == pytest.approx(50 + angle / 10, abs=0.6)
+    assert light == pytest.approx(150 - math.sqrt(22_500 - 200 * (50 + angle / 10)), abs=1.1), "raw light, not brightness"
     assert distance == pytest.approx(500 + angle, abs=1.5)
 
 
 def test_readings_are_clamped_and_default_to_nothing() -> None:
     assert readings(Scene(readings={"light": lambda angles: 7}), 10.0)[2] == 2000
     far = Scene(readings={"light": lambda angles: 7, "eyes": lambda angles: 1})
-    assert readings(far, 10.0)[1:] == [7.0, 40.0]
+    assert readings(far, 10.0)[1:] == [4.0, 40.0]
 
 
 def test_program_uses_sensor_class_and_method() -> None:
