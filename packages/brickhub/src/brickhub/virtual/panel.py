@@ -78,6 +78,7 @@ class Panel:
         light: color of the status light as (hue, saturation, value); ``None`` if off.
         display: brightness of the 25 pixels of the display in %, row by row from the top.
         text: the character or number that the display shows instead.
+        quarter_turns: clockwise turns of what a program shows, on the way to the display; of a text they are not seen.
         sound_hz: frequency of the loudspeaker; 0 if silent.
         clock_ms: simulated time, set by the panel's machine.
         is_watched: whether a person may press a button at any time.
@@ -98,7 +99,7 @@ class Panel:
         self.near = set(near)
         self.on_change: Callable[[Panel], None] | None = None
         self.light: tuple[int, int, int] | None = None
-        self.sound_hz, self.display, self.text = 0, [0] * 25, ""
+        self.sound_hz, self.display, self.text, self.quarter_turns = 0, [0] * 25, "", 0
         self.is_watched = self.is_off = False
         self.clock_ms: Callable[[], int] = lambda: self._now_ms
         self.next_ms: int | None = None
@@ -196,7 +197,7 @@ class Panel:
 
     def start_program(self) -> None:
         """Reset as before each program: default stop button, no light, sound or display."""
-        self.stop_buttons = frozenset({STOP_BUTTON})
+        self.stop_buttons, self.quarter_turns = frozenset({STOP_BUTTON}), 0
         self._animations.clear()
         self.change(light=None)
         self.change(sound_hz=0)

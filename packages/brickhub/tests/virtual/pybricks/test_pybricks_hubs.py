@@ -483,6 +483,42 @@ def test_refusals_of_the_parts(call: str, error: str) -> None:
     assert hub(f"try:\n    {call}\nexcept {kind} as e:\n    print(e)") == message
 
 
+@pytest.mark.parametrize(
+    ("up", "shown"),
+    [
+        ("TOP", "#..../...../...../...../...+. ####./...../...../...../....."),
+        ("FRONT", "#..../...../...../...../...+. ####./...../...../...../....."),
+        ("RIGHT", "....#/...../...../+..../..... ....#/....#/....#/....#/....."),
+        ("BOTTOM", ".+.../...../...../...../....# ...../...../...../...../.####"),
+        ("LEFT", "...../....+/...../...../#.... ...../#..../#..../#..../#...."),
+    ],
+)
+def test_display_is_turned(up: str, shown: str) -> None:
+    """As the firmware's ``_pbio_light_matrix_set_pixel``; what is on the display already stays."""
+    machine = Machine(BenchBody(Robot("hub", HubKind.PRIME)))
+    pictures: list[str] = []
+
+    class Eye(Console):
+        def write(self, data: bytes) -> None:
+            pictures.extend([machine.panel.describe().split()[3].rstrip(";")] if data.strip() else [])
+
+    source = f"""
+hub.display.pixel(2, 2)
+hub.display.orientation(Side.{up})
+print(1)
+hub.display.pixel(2, 2, 0)
+hub.display.pixel(0, 0)
+hub.display.pixel(4, 3, 50)
+print(2)
+hub.display.icon([[100, 100, 100, 100, 0]] + [[0] * 5] * 4)
+print(3)
+"""
+    execute(HEAD_OF_HUB + source, "main.py", modules(machine, eye := Eye(machine, {})), eye)
+    assert pictures == ["...../...../..#../...../.....", *shown.split()]
+    machine.stop_motors()
+    assert machine.panel.quarter_turns == 0
+
+
 def test_button_itself_is_no_stop_button() -> None:
     machine = Machine(BenchBody(Robot("hub", HubKind.PRIME)))
     source = HEAD_OF_HUB + "hub.system.set_stop_button(Button)"

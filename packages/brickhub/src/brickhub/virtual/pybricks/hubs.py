@@ -25,6 +25,7 @@ from brickhub.virtual.pybricks.wireless import Radio
 _IDLE_CURRENT_MA = 100
 _ROOM_TEMPERATURE_MDEG = 25_000
 _SIZE = 5
+_QUARTER_TURNS = {"TOP": 0, "FRONT": 0, "RIGHT": 1, "BOTTOM": 2, "BACK": 2, "LEFT": 3}  # clockwise
 _MAX_BRIGHTNESS = 100
 _MAX_FRAMES = 255
 _NOTE = re.compile(r"(?:R|([A-G])([#b]?)([0-9])?)(/)?(\d\d?)?(\.?)(_?)")
@@ -95,7 +96,14 @@ class LightMatrix(_Timed):
     """Display of 5 by 5 pixels."""
 
     def orientation(self, up: Any) -> None:
+        """Turn what is shown from now on."""
         expect_type(up, Side)
+        self._machine.panel.quarter_turns = _QUARTER_TURNS[up._name]
+
+    def _turned(self, pixels: list[int]) -> list[int]:
+        for _ in range(self._machine.panel.quarter_turns):
+            pixels = [pixels[(_SIZE - 1 - column) * _SIZE + row] for row in range(_SIZE) for column in range(_SIZE)]
+        return pixels
 
     def icon(self, icon: Any) -> None:
         self._show(_pixels(icon))
@@ -108,7 +116,7 @@ class LightMatrix(_Timed):
 
         def animation() -> Iterator[int]:
             for frame in itertools.cycle(frames):
-                self._machine.panel.show(frame)
+                self._machine.panel.show(self._turned(frame))
                 yield interval_ms
 
         self._machine.panel.animate("display", animation())
@@ -119,7 +127,7 @@ class LightMatrix(_Timed):
             self._machine.panel.show([0] * _SIZE**2)
         if all(0 <= x < _SIZE for x in position):
             pixels = list(self._machine.panel.display)
-            pixels[position[0] * _SIZE + position[1]] = value
+            pixels[self._turned([*range(_SIZE**2)]).index(position[0] * _SIZE + position[1])] = value
             self._machine.panel.show(pixels, self._machine.panel.text)
 
     def on(self, brightness: Any = _MAX_BRIGHTNESS) -> None:
@@ -147,7 +155,7 @@ class LightMatrix(_Timed):
 
     def _show(self, pixels: list[int], text: str = "") -> None:
         self._machine.panel.stop_animation("display")
-        self._machine.panel.show(pixels, text)
+        self._machine.panel.show(self._turned(pixels), text)
 
     def text(self, text: Any, on: Any = 500, off: Any = 50) -> Any:
         on_ms, off_ms = get_int(on), get_int(off)
