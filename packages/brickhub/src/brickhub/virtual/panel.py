@@ -74,6 +74,7 @@ class Panel:
         buttons: names of the hub's buttons.
         stop_buttons: buttons that stop the program when pressed together; none if empty.
         near: wireless devices that a program can connect to, of ``WIRELESS``.
+        remote_name: name that a program gave to the remote control, which keeps it; ``None`` before.
         has_display: whether the hub has a display of 5 x 5 pixels.
         light: color of the status light as (hue, saturation, value); ``None`` if off.
         display: brightness of the 25 pixels of the display in %, row by row from the top.
@@ -97,6 +98,7 @@ class Panel:
         self._held: set[str] = set()
         self.stop_buttons = frozenset({STOP_BUTTON})
         self.near = set(near)
+        self.remote_name: str | None = None
         self.on_change: Callable[[Panel], None] | None = None
         self.light: tuple[int, int, int] | None = None
         self.sound_hz, self.display, self.text, self.quarter_turns = 0, [0] * 25, "", 0

@@ -398,6 +398,24 @@ def test_other_hubs_have_one_button() -> None:
         pressing("", "xbox.z@1s", robot=robot)
 
 
+def test_remote_keeps_its_new_name() -> None:
+    source = """
+from pybricks.pupdevices import Remote
+remote = Remote(name="crane")
+print(remote.name())
+remote.name("tram")
+remote.disconnect()
+for name in (None, "tram", "crane"):
+    try:
+        remote = Remote(name, timeout=100)
+        print(remote.name())
+        remote.disconnect()
+    except OSError as e:
+        print(e.errno)
+"""
+    assert pressing(source, "remote.center@9s") == "crane\ntram\ntram\n110"
+
+
 def test_pressed_remote_is_near() -> None:
     source = """
 from pybricks.pupdevices import Remote

@@ -61,7 +61,7 @@ class Wireless(Native):
 
     def connect(self) -> Any:
         start_ms = self._machine.time_ms
-        is_near = self._kind in self._machine.panel.near
+        is_near = self._is_near()
         longest_ms = self._timeout_ms
         if longest_ms is not None and self._pause_ms is not None:
             longest_ms = 2 * longest_ms + self._pause_ms
@@ -74,6 +74,9 @@ class Wireless(Native):
             return self._is_connected
 
         return self._loop.finish(is_done, poll_ms=1)
+
+    def _is_near(self) -> bool:
+        return self._kind in self._machine.panel.near
 
     def _done(self) -> Any:
         """A command that completes immediately. Raises OSError, ENODEV, while it is not connected."""
@@ -148,16 +151,23 @@ class Remote(Wireless):
 
     def __init__(self, name: Any = None, timeout: Any = 10000, connect: Any = True) -> None:
         self.buttons, self.light = _Buttons(self, _REMOTE_BUTTONS), _RemoteLight(self)
-        self._name = "Handset" if name is None else name
+        self._wanted = None if name is None else get_text(name)
         super().__init__(name, timeout, connect)
 
+    def _is_near(self) -> bool:
+        """Whether one of that name is near; before a program has named it, it has the name that is looked for."""
+        return super()._is_near() and self._wanted in (None, self._machine.panel.remote_name or self._wanted)
+
     def name(self, *name: Any) -> Any:
-        text = get_text(name[0]) if name else self._name
+        panel = self._machine.panel
+        text = get_text(name[0]) if name else panel.remote_name or self._wanted or "Handset"
         if not 1 <= len(text.encode()) <= _MAX_NAME_BYTES:
             raise ValueError("bad name length")
         self._down()
-        self._name = text
-        return self._loop.done() if name else text
+        if not name:
+            return text
+        panel.remote_name = text
+        return self._loop.done()
 
 
 class TechnicMoveHub(Wireless):
