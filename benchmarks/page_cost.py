@@ -21,7 +21,7 @@ from typing import Any
 from benchmarks.session import Session
 from bricksrl.envs import get_task
 from bricksrl.page.live import LivePage
-from bricksrl.page.training import PageCallback
+from bricksrl.page.play import PageCallback
 from bricksrl.training import TrainConfig, train
 from bricksrl.training.config import settings_for
 

@@ -8,9 +8,30 @@ import math
 import types
 import typing
 from collections.abc import Callable, Container, Iterable, Mapping
+from dataclasses import dataclass
 from typing import Any, Literal
 
 from brickhub.errors import DescriptionError
+
+LARGEST = 2**24
+"""Largest number where nothing else is said, as values come from files."""
+
+
+@dataclass(frozen=True)
+class Range:
+    """Numbers from ``low`` to ``high``, as limits in an annotation; ``above`` excludes ``low``, ``below`` excludes ``high``."""
+
+    low: float = 0.0
+    high: float = LARGEST
+    above: bool = False
+    below: bool = False
+
+    def __contains__(self, value: float) -> bool:
+        over = value > self.low if self.above else value >= self.low
+        return over and (value < self.high if self.below else value <= self.high)
+
+    def __str__(self) -> str:
+        return f"a number {'above' if self.above else 'from'} {self.low:g} {'and below' if self.below else 'to'} {self.high:g}"
 
 
 def check_fields(cls: type, values: dict[str, Any], **named: Any) -> None:

@@ -16,7 +16,7 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 import bricksrl
 from bricksrl.agents import make_learner, preset
-from bricksrl.agents.imitation.chunks import recorded_memory
+from bricksrl.agents.bc import recorded_memory
 from bricksrl.agents.learner import Learner
 from bricksrl.envs.specs import ObservationLayout
 

@@ -16,7 +16,7 @@ from torchrl.data import Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 
 from bricksrl.agents import make_learner, preset
-from bricksrl.agents.imitation.chunks import ChunkPolicy, ChunkSettings
+from bricksrl.agents.act import ChunkPolicy, ChunkSettings
 from bricksrl.agents.learner import Learner
 
 RHYTHM = torch.tensor([1.0, 1.0, -1.0, -1.0, 1.0, -1.0])

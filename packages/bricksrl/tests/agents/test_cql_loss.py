@@ -10,8 +10,8 @@ from oracle import ACTION, GAMMA, N, actor, assert_close, assert_same_gradients,
 from torch import Tensor, nn
 from torchrl.objectives import CQLLoss as TorchRLCQLLoss
 
-from bricksrl.agents.actor_critic import Batch
-from bricksrl.agents.offline.cql import CQLLoss, CQLSettings, draw_indices
+from bricksrl.agents.cql import CQLLoss, CQLSettings, draw_indices
+from bricksrl.agents.sac import Batch
 
 
 def make(**changes: Any) -> CQLLoss:

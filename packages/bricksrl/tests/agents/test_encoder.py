@@ -13,6 +13,7 @@ from toys import Cart
 
 from bricksrl.agents.encoder import Convolutions, ImageEncoder, Keypoints, ObservationEncoder, encoder_keys, make_encoder
 from bricksrl.agents.replay.buffer import shift_images
+from bricksrl.envs.env_interface import BricksEnv
 from bricksrl.envs.registry import get_task
 from bricksrl.envs.specs import ObservationLayout
 from bricksrl.errors import DescriptionError
@@ -77,7 +78,7 @@ def test_batch_dimensions_do_not_change_features(angles: str, goals: str) -> Non
 
 
 def test_layouts_come_from_the_task_or_from_the_bounds_of_the_spec() -> None:
-    class WithTask:
+    class WithTask(BricksEnv):
         task = get_task("Spinning-v0")
         full_observation_spec_unbatched = Cart().full_observation_spec_unbatched
 
@@ -109,8 +110,9 @@ def test_paper_network_sizes() -> None:
 
 def test_keypoint_follows_spot() -> None:
     network = Keypoints(32)
+    images = torch.stack([SIGHT.shown(column)["image"] for column in (2, 12, 22)])
     with torch.no_grad():
-        moved = network(torch.stack([SIGHT.shown(column)["image"] for column in (2, 12, 22)])).view(3, -1, 2)
+        moved = network(images.permute(0, 3, 1, 2) / 255 - 0.5).view(3, -1, 2)
     assert ((moved[1:, :, 1] - moved[:-1, :, 1]) > 0.2).all(0).any()
     assert moved.abs().max() <= 1.0
 
@@ -124,7 +126,7 @@ def test_too_small_images_raise(network: type, side_px: int) -> None:
 @pytest.mark.parametrize(("network", "side_px"), [(Keypoints, 16), (Keypoints, 45), (Convolutions, 36), (Convolutions, 84)])
 def test_other_image_sizes_work(network: type, side_px: int) -> None:
     made = network(side_px)
-    assert made(torch.zeros(2, side_px, side_px, 3, dtype=torch.uint8)).shape == (2, made.size)
+    assert made(torch.zeros(2, 3, side_px, side_px)).shape == (2, made.size)
 
 
 def test_shifted_images_repeat_edges() -> None:

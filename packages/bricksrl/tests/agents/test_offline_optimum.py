@@ -20,7 +20,7 @@ from torchrl.envs import EnvBase
 
 from bricksrl.agents import make_learner, preset
 from bricksrl.agents.learner import Learner
-from bricksrl.agents.replay.buffer import EpisodicReplayBuffer
+from bricksrl.agents.replay.buffer import TransitionReplayBuffer
 
 GAMMA, REACH, GAIN, NOISE = 0.8, 0.3, 0.5, 0.6
 GRID = torch.linspace(-1.0, 1.0, 401)
@@ -72,13 +72,13 @@ BEST = solve(torch.linspace(-1.0, 1.0, 201)[:, None].expand(-1, 401), lambda cho
 OF_BEHAVIOUR = solve(behaviour(GRID, QUANTILES[:, None]), lambda choices: choices.mean(0))
 
 
-def made_data(batch_size: int, count: int = 4000) -> EpisodicReplayBuffer:
+def made_data(batch_size: int, count: int = 4000) -> TransitionReplayBuffer:
     x = torch.rand(count) * 2.0 - 1.0
     action = behaviour(x, torch.randn(count))
     after = move(x, action)[:, None]
     never = torch.zeros(count, 1, dtype=torch.bool)
     rows = {"observation": after, "reward": -after.square(), "terminated": never, "done": ~never}
-    memory = EpisodicReplayBuffer(count, batch_size, ("observation",))
+    memory = TransitionReplayBuffer(count, batch_size, ("observation",))
     frames = {"observation": x[:, None], "action": action[:, None], "next": TensorDict(rows, [count])}
     memory.extend(TensorDict(frames, [count]))
     return memory

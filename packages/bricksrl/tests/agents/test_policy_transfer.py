@@ -7,9 +7,9 @@ import torch
 from small import SIGHT, learned, make, same, saved, steps, weights
 from torch import nn
 
-from bricksrl.agents.actor_critic import ActorCriticLoss
 from bricksrl.agents.learner import Learner
 from bricksrl.agents.policy_transfer import ALPHA, REACH, PolicyAnchor, PolicyFormError, anchor, restore, transfer_policy
+from bricksrl.agents.sac import ActorCriticLoss
 
 
 def of(learner: Learner) -> ActorCriticLoss:

@@ -10,12 +10,12 @@ from small import ENV, LAYOUT, TASK, make, settings, steps
 from tensordict import TensorDict
 from torch import Tensor
 
-from bricksrl.agents.replay.buffer import HORIZON, EpisodicReplayBuffer, GoalRelabelling, make_replay_buffer
+from bricksrl.agents.replay.buffer import HORIZON, GoalRelabelling, TransitionReplayBuffer, make_replay_buffer
 
 GOALS = GoalRelabelling(TASK, LAYOUT, 0.5, 0.5)
 
 
-def buffer(frames: TensorDict, batch_size: int = 100, capacity: int = 1000, **shares: float) -> EpisodicReplayBuffer:
+def buffer(frames: TensorDict, batch_size: int = 100, capacity: int = 1000, **shares: float) -> TransitionReplayBuffer:
     changes = {"hindsight": 0.0, "new_goals": 0.0, **shares}
     found = make_replay_buffer(ENV, settings("sac", batch_size=batch_size, buffer_size=capacity, **changes), "cpu")
     found.extend(frames)
@@ -148,5 +148,5 @@ def test_goals_unchanged_without_task_or_shares() -> None:
     known = {tuple(row) for row in frames["observation"].tolist()}
     assert all(tuple(row) in known for row in buffer(frames).sample()["observation"].tolist())
     found = make("sac").memory
-    assert isinstance(found, EpisodicReplayBuffer)
+    assert isinstance(found, TransitionReplayBuffer)
     assert found._goals == replace(GOALS, hindsight=0.3, new_goals=0.3)

@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tensordict import TensorDict
 
-from bricksrl.agents.imitation.chunks import recorded_memory
-from bricksrl.agents.learner_state import load_memory_state, memory_state
-from bricksrl.agents.replay.buffer import EpisodicReplayBuffer
+from bricksrl.agents.bc import recorded_memory
+from bricksrl.agents.learner import load_memory_state, memory_state
+from bricksrl.agents.replay.buffer import TransitionReplayBuffer
 from bricksrl.errors import DescriptionError
 
 GAMMA = 0.9
@@ -35,11 +35,11 @@ def numbered(
     return TensorDict({"observation": value, "action": value.repeat(1, 2), "next": TensorDict(after, [count])}, [count])
 
 
-def memory(capacity: int = 100, batch_size: int = 50, **kind: Any) -> EpisodicReplayBuffer:
-    return EpisodicReplayBuffer(capacity, batch_size, ("observation",), **{"n_step": 2, "gamma": GAMMA, **kind})
+def memory(capacity: int = 100, batch_size: int = 50, **kind: Any) -> TransitionReplayBuffer:
+    return TransitionReplayBuffer(capacity, batch_size, ("observation",), **{"n_step": 2, "gamma": GAMMA, **kind})
 
 
-def followers(buffer: EpisodicReplayBuffer) -> dict[int, int | None]:
+def followers(buffer: TransitionReplayBuffer) -> dict[int, int | None]:
     """The number of each transition's successor."""
     numbers = [int(one) for one in buffer[:]["observation"].flatten()]
     places = [int(place) for place in buffer._successor[: len(numbers)]]
@@ -240,7 +240,7 @@ def test_images_are_shifted_independently() -> None:
     images = torch.arange(16 * 16 * 3, dtype=torch.uint8).view(1, 16, 16, 3).repeat(8, 1, 1, 1)
     frames = numbered(0, 8)
     frames["image"], frames["next", "image"] = images, images.clone()
-    plain, shifted = (EpisodicReplayBuffer(8, 32, ("observation", "image"), shift_px=px) for px in (0, 2))
+    plain, shifted = (TransitionReplayBuffer(8, 32, ("observation", "image"), shift_px=px) for px in (0, 2))
     for buffer in (plain, shifted):
         buffer.extend(frames)
     assert (plain.sample()["image"] == images[0]).all()

@@ -29,10 +29,9 @@ from torchrl.modules import TanhNormal
 from torchrl.objectives import REDQLoss, SoftUpdate
 from torchrl.objectives import SACLoss as TorchRLSACLoss
 
-from bricksrl.agents.actor_critic import PolyakUpdate
+from bricksrl.agents.cql import log_prob
 from bricksrl.agents.networks import Dropout
-from bricksrl.agents.offline.cql import log_prob
-from bricksrl.agents.sac import SACLoss, SACSettings, location_and_scale, rsample
+from bricksrl.agents.sac import PolyakUpdate, SACLoss, SACSettings, location_and_scale
 
 pytestmark = pytest.mark.usefixtures("double")
 
@@ -182,8 +181,8 @@ def test_critics_alone_train_encoder() -> None:
 
 
 def test_log_probability_equals_torchrl_tanh_normal() -> None:
-    out, noise = torch.randn(100, 6), torch.randn(100, 3)
-    action, density = rsample(out, 0.2, noise)
+    out = torch.randn(100, 6)
+    action, density = make(min_scale=0.2).draw(out)
     loc, scale = location_and_scale(out, 0.2)
     theirs = TanhNormal(loc, scale)
     assert scale.min() == 0.2
@@ -191,9 +190,10 @@ def test_log_probability_equals_torchrl_tanh_normal() -> None:
     torch.testing.assert_close(log_prob(out, 0.2, action.clamp(-0.99, 0.99)), theirs.log_prob(action.clamp(-0.99, 0.99)))
 
 
-def test_log_probability_stays_finite_where_tanh_saturates() -> None:
+def test_log_probability_stays_finite_where_tanh_saturates(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torch, "randn", torch.ones)
     out = torch.tensor([[50.0, 0.0], [-50.0, 0.0]], dtype=torch.float32, requires_grad=True)
-    action, density = rsample(out, 0.1, torch.ones(2, 1, dtype=torch.float32))
+    action, density = make(min_scale=0.1).draw(out)
     assert action.detach().abs().tolist() == [[1.0], [1.0]]
     found = density.sum() + log_prob(out, 0.1, torch.tensor([[1.0], [-1.0]], dtype=torch.float32)).sum()
     found.backward()

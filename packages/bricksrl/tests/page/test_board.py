@@ -9,7 +9,7 @@ import numpy as np
 
 from brickhub.entry import Entry
 from bricksrl.page.board import IMAGE, POSES, Board, BoardReader, Series, to_json
-from bricksrl.page.driver import PageDriver, stick_map
+from bricksrl.page.live import PageDriver, stick_map
 from bricksrl.page.scene import Scene, SceneBody, Shape, box, poses
 
 
@@ -76,7 +76,7 @@ def test_driver_covers_full_range(monkeypatch) -> None:
     for bad in (None, [1, 2], [1, 2, 3, float("nan")], ["a"] * 4, {"a": 1}, [None] * 4, [10**400] * 4):
         assert not driver.push(bad)
     assert driver.pushes == [-1.0, -0.5, 0.0, 1.0]
-    monkeypatch.setattr("bricksrl.page.driver.PUSH_TIMEOUT_S", -1.0)
+    monkeypatch.setattr("bricksrl.page.live.PUSH_TIMEOUT_S", -1.0)
     assert driver.pushes == [0.0] * 4, "who is silent for too long has gone"
     driver.in_charge = False
     assert driver(None) is None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from bricksrl.page.guard import Guard
+from bricksrl.page.server import Guard
 
 OURS = Guard("secret", 8090)
 OPEN = Guard("secret", 8090, is_open=True)

@@ -13,13 +13,14 @@ from stopping import SLOW_STEP, Act, eventually, held, patient_link
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.program import generate
 from brickhub.hub.transports.profile import PybricksCommand
+from bricksrl.envs.env_interface import BricksEnv
 from bricksrl.errors import StoppedError
 from bricksrl.page.live import LivePage
 
 pytestmark = pytest.mark.realtime
 
 
-class Robot:
+class Robot(BricksEnv):
     """A minimal environment for the page."""
 
     batch_size = ()

@@ -12,7 +12,7 @@ import pytest
 
 from bricksrl.errors import PlanError
 from bricksrl.page.plan_view import PlanView
-from bricksrl.page.server import PageOptions, PageServer
+from bricksrl.page.server import PageOptions
 from bricktwin.plans import ldraw_file
 from bricktwin.plans.plan import make_plan, read_plan
 from bricktwin.robots import plans
@@ -91,9 +91,8 @@ def test_plan_without_parts_raises() -> None:
 
 @pytest.mark.realtime
 def test_the_page_serves_its_scene() -> None:
-    shown = view("two_wheeler")
-    with PageServer(shown.board, shown.press, lambda: None, PageOptions(port=0)) as server:
-        address = server.url.replace("/?", "/scene.bin?")
+    with PlanView(read_plan(PLANS / "two_wheeler.ldr"), PageOptions(port=0)) as shown:
+        address = shown.url.replace("/?", "/scene.bin?")
         with urllib.request.urlopen(address, timeout=20) as answer:
             data = answer.read()
     (length,) = struct.unpack("<I", data[:4])

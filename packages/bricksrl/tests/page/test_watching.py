@@ -15,7 +15,7 @@ from bricksrl.data.schema import describe
 from bricksrl.envs import get_task, make
 from bricksrl.errors import StoppedError
 from bricksrl.page.live import LivePage
-from bricksrl.page.training import PageCallback
+from bricksrl.page.play import PageCallback
 from bricksrl.training import RunFolder, TrainConfig, load_learner, train
 from bricksrl.training.callbacks import Phase
 from bricksrl.training.config import settings_for
@@ -69,7 +69,7 @@ def test_page_reset_ends_recorded_episode(tmp_path: Path) -> None:
         page.attach(env)
 
         def on_frame(frame: TensorDictBase) -> None:
-            if page._steps == 2 and not recorder.episodes:
+            if page._steps == 2 and not recorder.rows:
                 page._press("reset", None)
             page.show_step_and_hold(frame)
 

@@ -15,7 +15,7 @@ from toys import Cart, LosingCart, assert_equal
 
 import bricksrl
 from bricksrl.agents import make_learner, preset
-from bricksrl.agents.imitation.chunks import ChunkPolicy
+from bricksrl.agents.act import ChunkPolicy
 from bricksrl.data import Recorder, describe
 from bricksrl.data.collect import collect, random_policy
 from bricksrl.errors import CheckpointError, DataError, HubError, RunError

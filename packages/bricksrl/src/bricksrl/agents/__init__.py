@@ -19,14 +19,76 @@ if TYPE_CHECKING:
 
 AGENTS = ("sac", "droq", "redq", "td3", "crossq", "tqc", "ppo", "bc", "act", "diffusion", "iql", "cql", "td3bc", "random")
 """Algorithms by name; DroQ and REDQ are settings of SAC."""
-_MODULES = {
-    **dict.fromkeys(("droq", "redq"), "sac"),
-    **{name: f"imitation.{name}" for name in ("bc", "act", "diffusion")},
-    **{name: f"offline.{name}" for name in ("iql", "cql", "td3bc")},
-}
+_MODULES = {"droq": "sac", "redq": "sac"}
 """Modules of algorithms with other names."""
 PRESETS = ("default", "paper")
-"""Presets by name."""
+"""Presets by name: "default" is tuned for few robot steps; "paper" has the values of the BricksRL paper, and those of an
+algorithm's authors (with the paper's networks) for what the paper does not state. Other settings keep their defaults."""
+
+_DROQ: dict[str, Any] = {"dropout": 0.01, "updates_per_step": 20.0, "actor_delay": 20, "actor_q": "mean"}
+_REDQ: dict[str, Any] = {**_DROQ, "critic_layer_norm": False, "dropout": 0.0, "num_qs": 10}
+_DEFAULT_BY_AGENT: dict[str, dict[str, Any]] = {"droq": {**_DROQ, "alpha_init": 0.2}, "redq": {**_REDQ, "alpha_init": 0.2}}
+
+_IMAGES: dict[str, Any] = {
+    "hidden": (128, 128),
+    "batch_size": 64,
+    "gamma": 0.9,
+    "updates_per_step": 1.0,
+    "prefill_episodes": 5,
+    "angles": "sincos",
+    "goals": "plain",
+    "buffer_size": 15_000,
+    "tau": 0.01,
+    "learning_rate": 1e-3,
+    "alpha_init": 0.1,
+}
+"""Tuned for few robot steps from images, on one processor core."""
+
+_PAPER: dict[str, Any] = {
+    "hidden": (256, 256),
+    "learning_rate": 3e-4,
+    "batch_size": 256,
+    "gamma": 0.99,
+    "updates_per_step": 1.0,
+    "prefill_episodes": 10,
+    "alpha_init": 1.0,
+    "tau": 0.005,
+    "critic_layer_norm": False,
+    "start_value": False,
+    "exploration_noise": 0.1,
+    "target_noise": 0.2,
+    "angles": "raw",
+    "goals": "plain",
+    "hindsight": 0.0,
+    "new_goals": 0.0,
+    "encoder": "convolutions",
+}
+_PAPER_BY_AGENT: dict[str, dict[str, Any]] = {
+    "droq": {**_DROQ, "critic_layer_norm": True},
+    "redq": _REDQ,
+    "crossq": {"learning_rate": 1e-3, "momentum": 0.01},
+    "iql": {"expectile": 0.5, "temperature": 1.0},
+    "cql": {"lagrange_threshold": 5.0, "imitation_updates": 1000},
+    # Zhao et al. 2023, appendix; ensemble, latent size and weight decay from their released code
+    "act": {
+        "learning_rate": 1e-5,
+        "batch_size": 8,
+        "chunk": 100,
+        "executed": 1,
+        "ensemble": 0.01,
+        "width": 512,
+        "feedforward": 3200,
+        "heads": 8,
+        "encoder_layers": 4,
+        "decoder_layers": 7,
+        "dropout": 0.1,
+        "latent": 32,
+        "kl_weight": 10.0,
+        "weight_decay": 1e-4,
+    },
+    # Schulman et al. 2017, table of the continuous control tasks
+    "ppo": {"hidden": (64, 64), "steps": 2048, "batch_size": 64, "passes": 10, "gae_lambda": 0.95, "entropy_coeff": 0.0},
+}
 
 
 @dataclass(frozen=True)
@@ -78,9 +140,12 @@ def preset(name: str = "default", agent: str = "sac", *, images: bool = False) -
         if missing:
             raise DescriptionError(f"the settings of {agent} have no default for {', '.join(missing)}; give it one")
         return settings_type()
-    from bricksrl.agents.presets import values
-
-    return settings_type(**values(name, agent, settings_type, images=images))
+    if name == "paper":
+        values = {**_PAPER, **_PAPER_BY_AGENT.get(agent, {})}
+    else:
+        values = {**(_IMAGES if images else {}), **_DEFAULT_BY_AGENT.get(agent, {})}
+    known = {field.name for field in fields(settings_type)}
+    return settings_type(**{key: value for key, value in values.items() if key in known})
 
 
 def make_learner(agent: str, env: EnvBase, settings: Any = None, device: str = "cpu") -> Learner:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import OrderedDict
 from typing import Any
 
 import torch
@@ -63,11 +64,6 @@ def _constant(values: Tensor | list[Any], dtype: torch.dtype | None = None) -> n
     return nn.Buffer(torch.as_tensor(values, dtype=dtype), persistent=False)
 
 
-def normalise_images(images: Tensor) -> Tensor:
-    """Images uint8 ``[batch, side, side, 3]`` as ``[batch, 3, side, side]`` in -0.5..0.5, channels last in memory."""
-    return images.permute(0, 3, 1, 2).float().mul_(1 / 255).sub_(0.5)
-
-
 class Keypoints(nn.Module):
     """Feature points: two convolutions, then a spatial softmax of each map (Finn et al., 2016). Maps are normalised to mean 0 and
     variance 1, so the softmax is sharp even before training: random filters find a coloured spot."""
@@ -80,34 +76,29 @@ class Keypoints(nn.Module):
         self.second = nn.Conv2d(channels, points, 1)
         self.sharpness = nn.Parameter(torch.ones(points, 1))
         axis = torch.linspace(-1.0, 1.0, (image_px - 4) // 4 + 1)
-        self.register_buffer("positions", torch.cartesian_prod(axis, axis), persistent=False)
+        self.positions = _constant(torch.cartesian_prod(axis, axis))
         self.size = 2 * points
 
     def forward(self, images: Tensor) -> Tensor:
-        """Images uint8 ``[batch, side, side, 3]`` to positions ``[batch, size]``, -1..1 from edge to edge."""
-        maps = self.second(self.first(normalise_images(images)).relu()).flatten(2)
+        """Images ``[batch, 3, side, side]`` to positions ``[batch, size]``, -1..1 from edge to edge."""
+        maps = self.second(self.first(images).relu()).flatten(2)
         sharp = functional.layer_norm(maps, maps.shape[-1:]) * self.sharpness
-        return (sharp.softmax(-1) @ self.get_buffer("positions")).flatten(1)
+        return (sharp.softmax(-1) @ self.positions).flatten(1)
 
 
-class Convolutions(nn.Module):
-    """The paper's image network: three convolutions, then dense layers of 256 and 128 units."""
+class Convolutions(nn.Sequential):
+    """The paper's image network ``[batch, 3, side, side]`` to ``[batch, 128]``: three convolutions, then dense layers."""
 
     size = 128
 
     def __init__(self, image_px: int) -> None:
-        super().__init__()
         side_left = ((image_px - 8) // 4 - 3) // 2 - 1
         if side_left < 1:
             raise DescriptionError(f"images of {image_px} px are too small for the convolutions; make them 36 px or larger")
         convolutions = [nn.Conv2d(3, 32, 8, stride=4), nn.ReLU(), nn.Conv2d(32, 64, 4, stride=2), nn.ReLU()]
         convolutions += [nn.Conv2d(64, 64, 3), nn.ReLU(), nn.Flatten()]
-        self.layers = nn.Sequential(*convolutions, nn.Linear(64 * side_left**2, 256), nn.ReLU(), nn.Linear(256, 128), nn.ReLU())
-
-    def forward(self, images: Tensor) -> Tensor:
-        """Images uint8 ``[batch, side, side, 3]`` to ``[batch, 128]``."""
-        features: Tensor = self.layers(normalise_images(images))
-        return features
+        dense = (nn.Linear(64 * side_left**2, 256), nn.ReLU(), nn.Linear(256, self.size), nn.ReLU())
+        super().__init__(OrderedDict(layers=nn.Sequential(*convolutions, *dense)))
 
 
 class ImageEncoder(nn.Module):
@@ -128,18 +119,22 @@ class ImageEncoder(nn.Module):
 
     def forward(self, observation: Tensor, image: Tensor) -> Tensor:
         """Observations ``[*batch, n]`` and images uint8 ``[*batch, side, side, 3]`` to features."""
-        image_features = self.image(image.reshape(-1, *image.shape[-3:])).view(*image.shape[:-3], -1)
-        return torch.cat((image_features, self.dense(self.numbers(observation))), -1)
+        images = image.reshape(-1, *image.shape[-3:]).permute(0, 3, 1, 2).float().mul_(1 / 255).sub_(0.5)
+        return torch.cat((self.image(images).view(*image.shape[:-3], -1), self.dense(self.numbers(observation))), -1)
 
 
 def make_encoder(env: EnvBase, settings: Settings) -> ObservationEncoder | ImageEncoder:
     """The encoder for an environment's observation, and image if it has one."""
-    layout = ObservationLayout.of(env)
-    if layout.image_px:
-        return ImageEncoder(layout, settings)
-    return ObservationEncoder(layout, settings.angles, settings.goals)
+    layout, kind = ObservationLayout.of(env), (settings.angles, settings.goals)
+    return ImageEncoder(layout, settings) if layout.image_px else ObservationEncoder(layout, *kind)
 
 
 def encoder_keys(encoder: nn.Module) -> list[str]:
     """Input keys of an encoder, in the order of its arguments."""
     return list(getattr(encoder, "in_keys", ("observation",)))
+
+
+def encode(encoder: nn.Module, tensordict: Any) -> Tensor:
+    """Features ``[*batch, f]`` of what the encoder reads in a TensorDict."""
+    features: Tensor = encoder(*(tensordict[key] for key in encoder_keys(encoder)))
+    return features

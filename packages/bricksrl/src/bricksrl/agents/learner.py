@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import torch
-from tensordict import TensorDictBase
+from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 from torchrl.data import ReplayBuffer
@@ -18,16 +18,9 @@ from torchrl.envs import EnvBase
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 from torchrl.objectives import LossModule
 
-from bricksrl.agents.learner_state import load_loss, load_memory_state, memory_state
-from bricksrl.agents.replay.buffer import (
-    EpisodicReplayBuffer,
-    TransitionReplayBuffer,
-    cut_at_lost_links,
-    link_lost,
-    make_replay_buffer,
-    with_outcome,
-)
+from bricksrl.agents.replay.buffer import TransitionReplayBuffer, make_replay_buffer
 from bricksrl.agents.settings import OffPolicySettings, Settings
+from bricksrl.envs.rollout import cut_at_lost_links, lost_links, with_outcome
 from bricksrl.errors import CheckpointError, message_of
 
 MAX_ROWS = 8192
@@ -76,6 +69,7 @@ class Learner:
         gradients: replaces autograd; see `bricksrl.agents.compiled`.
         dataset: provides half of each batch, all of it while the memory is empty (RLPD, Ball et al., 2023).
         weights: newest weights of a policy trained elsewhere, for the next action; may be set from any thread.
+        acting: the policy that acts, which is a copy where the environment is on another device.
     """
 
     policy: TensorDictModuleBase
@@ -100,12 +94,12 @@ class Learner:
     dataset: ReplayBuffer | None = field(default=None, init=False)
     weights: deque[dict[str, Tensor]] = field(default_factory=lambda: deque(maxlen=1), init=False)
     due: float = field(default=0.0, init=False)
-    _copy: TensorDictModuleBase | None = field(default=None, init=False)
+    acting: TensorDictModuleBase = field(init=False)
 
     def __post_init__(self) -> None:
         # Without dropout and by running statistics, while the loss trains the original.
         shared = {id(tensor): tensor for tensor in (*self.policy.parameters(), *self.policy.buffers())}
-        self.policy = copy.deepcopy(self.policy, shared).eval()
+        self.acting = self.policy = copy.deepcopy(self.policy, shared).eval()
 
     @property
     def device(self) -> torch.device:
@@ -122,12 +116,7 @@ class Learner:
         """Act on an environment's device (``None`` is the CPU), with a copy of the policy if the networks are on another."""
         device = torch.device(device or "cpu")
         if device.type != self.device.type:
-            self._copy = copy.deepcopy(self.policy).to(device)
-
-    @property
-    def acting(self) -> TensorDictModuleBase:
-        """The acting policy."""
-        return self.policy if self._copy is None else self._copy
+            self.acting = copy.deepcopy(self.policy).to(device)
 
     def reset_policy(self) -> None:
         """Discard the acting policy's state, if any: the next observation does not follow from its last action."""
@@ -156,12 +145,12 @@ class Learner:
         frames = frames.to(self.device)
         if isinstance(self.memory, TransitionReplayBuffer):
             self.memory.extend(self.prepare(frames), robot=robot)
-        elif len(rows := with_outcome(self.prepare(cut_at_lost_links(frames)), link_lost(frames))):
+        elif len(rows := with_outcome(self.prepare(cut_at_lost_links(frames)), lost_links(frames))):
             self.memory.extend(rows)
 
     def end_episodes(self, robot: int | None = None) -> None:
         """End the current episode of a robot, or of all: the next frame does not follow from the last."""
-        if isinstance(self.memory, EpisodicReplayBuffer):
+        if isinstance(self.memory, TransitionReplayBuffer):
             self.memory.end_episodes(robot)
 
     def learn(self, steps: int = 1) -> dict[str, Tensor]:
@@ -182,8 +171,8 @@ class Learner:
         if self.begin is not None and not self.updates:
             self.begin(sources[0][:])
         metrics = means(map(self.update, self.batches(count)))
-        if self._copy is not None:
-            self._copy.load_state_dict(self.policy.state_dict())
+        if self.acting is not self.policy:
+            self.acting.load_state_dict(self.policy.state_dict())
         return metrics
 
     def batches(self, count: int) -> Iterable[TensorDictBase]:
@@ -254,6 +243,40 @@ class Learner:
         except (AssertionError, AttributeError, LookupError, OverflowError, RuntimeError, TypeError, ValueError) as error:
             remedy = "resume with the settings it had"
             raise CheckpointError(f"the checkpoint does not fit this agent ({message_of(error, typed=True)}); {remedy}") from None
+
+
+def load_loss(loss: LossModule, state: dict[str, Any]) -> None:
+    """Restore a loss's ``state_dict``. Raises RuntimeError if it is of another loss."""
+    if any(name.startswith("_value_estimator.") for name in state):
+        _ = loss.value_estimator  # TorchRL's losses create it lazily, and some buffers
+    for name in state.keys() - loss.state_dict().keys():
+        if getattr(loss, name, state) is None:
+            delattr(loss, name)
+            loss.register_buffer(name, state[name])
+    loss.load_state_dict(state)
+
+
+def memory_state(memory: ReplayBuffer) -> dict[str, Any]:
+    """The filled part of a replay buffer and its write position, independent of the device."""
+    rows = dict(memory[range(len(memory))].flatten_keys(".").items()) if len(memory) else {}
+    links = memory.links() if isinstance(memory, TransitionReplayBuffer) else {}
+    return {"rows": rows, "writer": dict(memory.writer.state_dict()), **links}
+
+
+def load_memory_state(memory: ReplayBuffer, state: dict[str, Any], device: torch.device | str = "cpu") -> None:
+    """Restore `memory_state`. Raises ValueError, KeyError or RuntimeError if the state is of another buffer."""
+    rows, capacity = dict(state["rows"]), memory.storage.max_size
+    size = len(next(iter(rows.values()), ()))
+    if size > capacity or state["writer"].get("_cursor", 0) not in range(capacity):
+        raise ValueError(f"{size} transitions do not fit into a buffer of {capacity}")
+    memory.empty()
+    is_ours = isinstance(memory, TransitionReplayBuffer)
+    if size:
+        options = {"robot": None} if is_ours else {}  # its links are in the state
+        memory.extend(TensorDict(rows, [size], device=device).unflatten_keys("."), **options)
+    memory.writer.load_state_dict(state["writer"])
+    if is_ours:
+        memory.load_links(state)
 
 
 def off_policy_learner(

@@ -1,7 +1,9 @@
-"""Networks and policies: multilayer perceptrons, actors, critics."""
+"""Networks and policies: multilayer perceptrons or the user's networks, and actors."""
 
 from __future__ import annotations
 
+import copy
+import itertools
 from typing import Any
 
 import torch
@@ -9,11 +11,12 @@ from tensordict.nn import NormalParamExtractor, TensorDictModule, TensorDictSequ
 from torch import Tensor, nn
 from torchrl.data import Composite, TensorSpec
 from torchrl.envs import EnvBase
-from torchrl.modules import MLP, AdditiveGaussianModule, ProbabilisticActor, TanhNormal
+from torchrl.modules import AdditiveGaussianModule, ProbabilisticActor, TanhNormal
 
+from brickhub.user_files import load_object
 from bricksrl.agents.encoder import encoder_keys
 from bricksrl.agents.settings import Settings
-from bricksrl.agents.user_network import user_network
+from bricksrl.errors import DescriptionError, message_of
 
 
 class Dropout(nn.Dropout):
@@ -31,27 +34,41 @@ class Dropout(nn.Dropout):
 def mlp(in_size: int, out_size: int, hidden: tuple[int, ...], *, layer_norm: bool = False, dropout: float = 0.0) -> nn.Sequential:
     """A multilayer perceptron ``[*batch, in_size]`` to ``[*batch, out_size]`` with ReLU. ``layer_norm, dropout``: after each
     hidden layer, before its ReLU, as in DroQ (Hiraoka et al., 2022)."""
-    network: nn.Sequential = MLP(
-        in_size,
-        out_size,
-        num_cells=hidden,
-        activation_class=nn.ReLU,
-        activation_kwargs={"inplace": True},
-        norm_class=nn.LayerNorm if layer_norm else None,
-        norm_kwargs=[{"normalized_shape": units} for units in hidden],
-        dropout=dropout or None,
-    )
-    for name, layer in network.named_children():
-        if isinstance(layer, nn.Dropout):
-            network[int(name)] = Dropout(layer.p)
-    return network
+    sizes, layers = (in_size, *hidden), list[nn.Module]()
+    for size, units in itertools.pairwise(sizes):
+        layers.append(nn.Linear(size, units))
+        layers += [Dropout(dropout)] if dropout else []
+        layers += [nn.LayerNorm(units)] if layer_norm else []
+        layers.append(nn.ReLU(inplace=True))
+    return nn.Sequential(*layers, nn.Linear(sizes[-1], out_size))
 
 
 def make_body(settings: Settings, in_size: int, out_size: int, **kwargs: Any) -> nn.Module:
-    """The network of the settings: an `mlp`, or a `user_network`."""
-    if not settings.network:
+    """The network of the settings: an `mlp`, or the result of the user's factory, tried once before it learns. Raises
+    DescriptionError if that cannot be loaded, raises, or returns no network of these sizes."""
+    reference = settings.network
+    if not reference:
         return mlp(in_size, out_size, settings.hidden, **kwargs)
-    return user_network(settings.network, in_size, out_size)
+    factory = load_object(reference, default="make_network")
+    try:
+        network = factory(in_size, out_size)
+    except Exception as error:
+        raise DescriptionError(f"{reference} makes no network ({message_of(error, typed=True)}); correct it") from error
+    if not isinstance(network, nn.Module):
+        raise DescriptionError(f"{reference} makes a {type(network).__name__}; let it return a torch.nn.Module")
+    for batch in ((2,), ()):
+        size, wanted = [*batch, in_size], [*batch, out_size]
+        try:
+            with torch.no_grad(), torch.random.fork_rng(devices=[]):
+                out = copy.deepcopy(network).eval()(torch.zeros(size))
+        except Exception as error:
+            fault = f"makes a network that fails on {size} ({message_of(error, typed=True)})"
+            remedy = "correct it" if batch else "a policy acts on one observation at a time; normalise with LayerNorm"
+            raise DescriptionError(f"{reference} {fault}; {remedy}") from error
+        actual = list(out.shape) if isinstance(out, Tensor) else type(out).__name__
+        if actual != wanted:
+            raise DescriptionError(f"{reference} makes a network from {size} to {actual}; let it give {wanted}")
+    return network
 
 
 class Actor(nn.Module):

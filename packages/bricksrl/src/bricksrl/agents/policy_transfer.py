@@ -14,11 +14,9 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from bricksrl.agents.actor_critic import ActorCriticLoss
 from bricksrl.agents.learner import Learner
-from bricksrl.agents.learner_state import CountedUpdates
 from bricksrl.agents.networks import Actor
-from bricksrl.agents.sac import LEAST_SCALE, SCALE_SHIFT, SACLoss
+from bricksrl.agents.sac import LEAST_SCALE, SCALE_SHIFT, ActorCriticLoss, SACLoss
 from bricksrl.errors import RunError
 
 STEPS = 2000
@@ -80,6 +78,20 @@ def restore(learner: Learner, state: dict[str, Any]) -> None:
     if isinstance(loss, dict) and any(str(name).startswith("anchor.") for name in loss):
         anchor(learner)
     learner.load_state_dict(state)
+
+
+class CountedUpdates:
+    """Module with the number of the actor's updates in its state."""
+
+    updates_made = 0
+
+    def get_extra_state(self) -> dict[str, int]:
+        """The number."""
+        return {"made": self.updates_made}
+
+    def set_extra_state(self, state: dict[str, int]) -> None:
+        """Inverse of `get_extra_state`."""
+        self.updates_made = int(state["made"])
 
 
 class PolicyAnchor(CountedUpdates, nn.Module):

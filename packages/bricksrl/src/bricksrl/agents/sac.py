@@ -1,27 +1,35 @@
 """Soft actor-critic (Haarnoja et al., 2018) with learned temperature; includes DroQ and REDQ.
 
 DroQ: dropout and layer normalisation in the critics, 20 updates per step (Hiraoka et al., 2022). REDQ: ten critics, targets from
-two random ones (Chen et al., 2021).
+two random ones (Chen et al., 2021). TD3, CrossQ and CQL share `ActorCriticLoss`.
 """
 
 from __future__ import annotations
 
 import copy
 import math
+from abc import abstractmethod
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 import torch
+from tensordict import TensorDict, TensorDictBase
 from torch import Tensor, nn
 from torch.nn import functional
+from torch.optim.swa_utils import get_ema_multi_avg_fn
 from torchrl.envs import EnvBase
+from torchrl.objectives.common import LossModule
+from torchrl.objectives.utils import hold_out_net
 
-from bricksrl.agents.actor_critic import ActorCriticLoss, Batch, Critics, PolyakUpdate
-from bricksrl.agents.encoder import make_encoder
+from bricksrl.agents.encoder import encode, encoder_keys, make_encoder
 from bricksrl.agents.learner import Learner, off_policy_learner
 from bricksrl.agents.networks import action_size, action_spec, gaussian_policy, make_body
 from bricksrl.agents.settings import OffPolicySettings, Positive, Range, ShareBelowOne, TargetSettings
 from bricksrl.errors import DescriptionError
+
+LEAST_SCALE = 0.01
+SCALE_SHIFT = math.log(math.expm1(1.0 - LEAST_SCALE))
+"""An output of 0 gives a scale of 1, as in tensordict's ``NormalParamExtractor``."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +64,87 @@ class SACSettings(EntropySettings, TargetSettings):
         super().__post_init__()
         if self.num_min_qs > self.num_qs:
             raise DescriptionError(f"num_min_qs is {self.num_min_qs}; there are only {self.num_qs} critics")
+
+
+class Critics(nn.ModuleList):
+    """``k`` independent critics: features ``[batch, f]`` and actions ``[batch, m]`` to values ``[k, batch]``."""
+
+    def forward(self, features: Tensor, action: Tensor) -> Tensor:
+        x = torch.cat((features, action), -1)
+        return torch.stack([body(x).squeeze(-1) for body in self])
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Encoded transitions: ``features``, ``next_features`` ``[batch, f]``, ``action`` ``[batch, m]``, others ``[batch]``."""
+
+    features: Tensor
+    action: Tensor
+    reward: Tensor
+    next_features: Tensor
+    discount: Tensor
+    """Weight of the next state's value: 0 after termination, else gamma to the number of steps."""
+
+
+class ActorCriticLoss(LossModule):  # type: ignore[misc]
+    """Loss of an actor (features to the policy's outputs) and critics on the features ``[batch, f]`` of a shared encoder.
+
+    It has TorchRL's keys (TorchRL's losses are the oracles in tests), a `qvalue_loss`, and an `actor_loss`, which not every
+    update computes. Features are encoded once; only the critics' loss trains the encoder.
+    """
+
+    def __init__(self, encoder: nn.Module, actor: nn.Module, critics: Critics, settings: OffPolicySettings) -> None:
+        super().__init__()
+        self.encoder, self.actor, self.critics, self.gamma = encoder, actor, critics, settings.gamma
+        self.anchor: nn.Module | None = None  # of a transferred policy
+        keys = encoder_keys(encoder)
+        self.in_keys = [*keys, "action", *(("next", key) for key in (*keys, "reward", "terminated"))]
+
+    @abstractmethod
+    def target_qvalue(self, batch: Batch) -> Tensor:
+        """Target of the critics ``[batch]``, without gradient."""
+
+    @abstractmethod
+    def actor_loss(self, batch: Batch) -> dict[str, Tensor]:
+        """Losses ("loss_actor" and others) and metrics; without gradient for the critics."""
+
+    def qvalue_loss(self, batch: Batch) -> dict[str, Tensor]:
+        """Squared errors summed over the critics, other losses and metrics."""
+        target = self.target_qvalue(batch)
+        return {"loss_qvalue": squared_errors(self.critics(batch.features, batch.action), target)}
+
+    def encode(self, tensordict: TensorDictBase) -> Batch:
+        """Encode a batch from a replay buffer."""
+        features, after = encode(self.encoder, tensordict), tensordict["next"]
+        with torch.no_grad():
+            next_features = encode(self.encoder, after)
+        steps = tensordict.get("steps_to_next_obs", None)
+        gamma = self.gamma if steps is None else self.gamma ** steps.squeeze(-1)
+        discount = gamma * (~after["terminated"].squeeze(-1)).to(features.dtype)
+        return Batch(features, tensordict["action"], after["reward"].squeeze(-1), next_features, discount)
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDict:
+        """All losses of a batch, and detached metrics; scalars."""
+        batch = self.encode(tensordict)
+        losses = self.qvalue_loss(batch)
+        with hold_out_net(self.critics):
+            losses |= self.actor_loss(batch)
+        return TensorDict(losses)
+
+    def critic_losses(self, tensordict: TensorDictBase) -> TensorDict:
+        """The losses of an update without the actor."""
+        return TensorDict(self.qvalue_loss(self.encode(tensordict)))
+
+    def actor_outputs(self, features: Tensor) -> Tensor:
+        """The actor's outputs on detached features, with the pull of the policy anchor, if any."""
+        features = features.detach()
+        out: Tensor = self.actor(features)
+        return out if self.anchor is None else self.anchor(features, out)
+
+
+def squared_errors(values: Tensor, target: Tensor) -> Tensor:
+    """Mean squared error of values ``[k, batch]``, summed over the ``k`` critics."""
+    return (values - target).square().mean(-1).sum()
 
 
 class SACLoss(ActorCriticLoss):
@@ -102,14 +191,14 @@ class SACLoss(ActorCriticLoss):
         return {"loss_alpha": self.log_alpha * (entropy - target), "alpha": self.alpha, "entropy": entropy}
 
     def draw(self, out: Tensor) -> tuple[Tensor, Tensor]:
-        """Action ``[batch, m]`` and log-probability ``[batch]`` from the actor's outputs."""
-        size = out.shape[-1] // 2
-        return rsample(out, self.settings.min_scale, torch.randn(*out.shape[:-1], size, dtype=out.dtype, device=out.device))
-
-
-LEAST_SCALE = 0.01
-SCALE_SHIFT = math.log(math.expm1(1.0 - LEAST_SCALE))
-"""An output of 0 gives a scale of 1, as in tensordict's ``NormalParamExtractor``."""
+        """Action ``[*batch, m]`` and log-probability ``[*batch]`` from the actor's outputs: a faster ``TanhNormal``."""
+        loc, scale = location_and_scale(out, self.settings.min_scale)
+        noise = torch.randn(*loc.shape, dtype=out.dtype, device=out.device)
+        x = torch.addcmul(loc, scale, noise)
+        # log of the normal density, less log(1 - tanh(x)^2) = 2 (log 2 - x - softplus(-2 x)), which stays finite for large x
+        parts = noise.square() * 0.25 + scale.log() * 0.5 - x - functional.softplus(-2.0 * x)
+        constant = loc.shape[-1] * (2.0 * math.log(2.0) + 0.5 * math.log(2.0 * math.pi))
+        return x.tanh(), -2.0 * parts.sum(-1) - constant
 
 
 def location_and_scale(out: Tensor, min_scale: float) -> tuple[Tensor, Tensor]:
@@ -118,14 +207,18 @@ def location_and_scale(out: Tensor, min_scale: float) -> tuple[Tensor, Tensor]:
     return loc, (functional.softplus(raw_scale + SCALE_SHIFT) + LEAST_SCALE).clamp_min(min_scale)
 
 
-def rsample(out: Tensor, min_scale: float, noise: Tensor) -> tuple[Tensor, Tensor]:
-    """Action ``[*batch, m]`` and log-probability ``[*batch]`` from standard normal ``noise``: a faster ``TanhNormal``."""
-    loc, scale = location_and_scale(out, min_scale)
-    x = torch.addcmul(loc, scale, noise)
-    # log of the normal density, less log(1 - tanh(x)^2) = 2 (log 2 - x - softplus(-2 x)), which stays finite for large x
-    parts = noise.square() * 0.25 + scale.log() * 0.5 - x - functional.softplus(-2.0 * x)
-    constant = loc.shape[-1] * (2.0 * math.log(2.0) + 0.5 * math.log(2.0 * math.pi))
-    return x.tanh(), -2.0 * parts.sum(-1) - constant
+class PolyakUpdate:
+    """TorchRL's ``SoftUpdate`` for plain modules: each step moves each pair's target by ``tau``."""
+
+    def __init__(self, *pairs: tuple[nn.Module, nn.Module], tau: float) -> None:
+        self._sources = [parameter for source, _ in pairs for parameter in source.parameters()]
+        self._targets = [parameter for _, target in pairs for parameter in target.parameters()]
+        self._average = get_ema_multi_avg_fn(1.0 - tau)
+
+    @torch.no_grad()
+    def step(self) -> None:
+        """Move the targets."""
+        self._average(self._targets, self._sources, 0)
 
 
 def build(env: EnvBase, settings: SACSettings, device: torch.device | str = "cpu", make_loss: type[SACLoss] = SACLoss) -> Learner:

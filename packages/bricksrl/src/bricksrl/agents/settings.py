@@ -9,30 +9,12 @@ import itertools
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
+from brickhub.fields import Range as Range  # noqa: PLC0414  users find it beside its shorthands
 from brickhub.fields import check_fields
 from bricksrl.errors import DescriptionError
 
-LARGEST, MAX_UNITS, MAX_WEIGHTS = 2**24, 2**14, 2**26
-"""Limits of numbers, layer sizes and hidden weights, as settings come from files."""
-
-
-@dataclass(frozen=True)
-class Range:
-    """Numbers from ``low`` to ``high``; ``above`` excludes ``low``, ``below`` excludes ``high``."""
-
-    low: float = 0.0
-    high: float = LARGEST
-    above: bool = False
-    below: bool = False
-
-    def __contains__(self, value: float) -> bool:
-        over = value > self.low if self.above else value >= self.low
-        return over and (value < self.high if self.below else value <= self.high)
-
-    def __str__(self) -> str:
-        return f"a number {'above' if self.above else 'from'} {self.low:g} {'and below' if self.below else 'to'} {self.high:g}"
-
-
+MAX_UNITS, MAX_WEIGHTS = 2**14, 2**26
+"""Limits of layer sizes and hidden weights, as settings come from files."""
 Positive = Range(above=True)
 NotNegative = Range()
 Share = Range(0.0, 1.0)

@@ -11,10 +11,10 @@ from tensordict import TensorDictBase
 from torch import Tensor, nn
 from torchrl.envs import EnvBase
 
-from bricksrl.agents.actor_critic import ActorCriticLoss, Batch, Critics, PolyakUpdate
 from bricksrl.agents.encoder import make_encoder
 from bricksrl.agents.learner import Learner, off_policy_learner
 from bricksrl.agents.networks import action_size, action_spec, deterministic_policy, make_body
+from bricksrl.agents.sac import ActorCriticLoss, Batch, Critics, PolyakUpdate
 from bricksrl.agents.settings import NotNegative, Positive, Range, TargetSettings
 
 

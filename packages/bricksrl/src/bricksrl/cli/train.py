@@ -292,7 +292,7 @@ def run_training(
             progress.on_ready, progress.quiet = emergency_stop.attach, emergency_stop.quiet
             callback: Callback = progress
             if page is not None:
-                from bricksrl.page.training import PageCallback
+                from bricksrl.page.play import PageCallback
                 from bricksrl.training.callbacks import CallbackList
 
                 callback, driver = CallbackList(progress, PageCallback(page, stop)), driver or page.driver

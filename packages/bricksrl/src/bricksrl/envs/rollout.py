@@ -74,8 +74,28 @@ def seed_episode(env: EnvBase, seed: int) -> None:
 
 def link_lost(frame: TensorDictBase) -> bool:
     """Whether the link to the robot broke in a frame, which then has no valid outcome."""
-    lost = frame["next"].get("link_lost", None)
+    lost = lost_links(frame)
     return lost is not None and bool(lost)
+
+
+def lost_links(frames: TensorDictBase) -> Tensor | None:
+    """Frames with a lost link, or ``None`` if there is no link."""
+    lost: Tensor | None = frames["next"].get("link_lost", None)
+    return None if lost is None else lost.squeeze(-1)
+
+
+def with_outcome(frames: TensorDictBase, lost: Tensor | None) -> TensorDictBase:
+    """Frames as rows, without those with a lost link."""
+    return frames.reshape(-1) if lost is None else frames[~lost]
+
+
+def cut_at_lost_links(frames: TensorDictBase) -> TensorDictBase:
+    """Frames ``[*copies, time]`` where those before a lost link end their episodes: estimates must not look across."""
+    lost = lost_links(frames)
+    if lost is not None and bool(lost.any()):
+        frames = frames.clone()
+        frames["next", "done"][..., :-1, :] |= lost[..., 1:, None]
+    return frames
 
 
 @dataclass
@@ -115,19 +135,17 @@ class Rollout:
 
     def success(self, env: EnvBase) -> bool | None:
         """Success by the task, for the last episode of ``env``; ``None`` if ``env`` has no task or the episode no step."""
-        task = interface_of(env).task
-        return None if task is None or not self.rewards else success_of(task, self._task_observations(env))
+        ours = interface_of(env)
+        if ours.task is None or not self.rewards:
+            return None
+        return success_of(ours.task, ours.task_observations(torch.stack(self.observations)))
 
     def metrics(self, env: EnvBase) -> dict[str, float]:
         """Metrics by the task, for the last episode of ``env``; empty if ``env`` has no task or the episode no step."""
         ours = interface_of(env)
         if ours.task is None or not self.rewards:
             return {}
-        return {**metrics_of(ours.task, self._task_observations(env)), **ours.walk_metrics()}
-
-    def _task_observations(self, env: EnvBase) -> Tensor:
-        """Observations ``[steps, n]`` as the task's functions get them."""
-        return interface_of(env).task_observations(torch.stack(self.observations))
+        return {**metrics_of(ours.task, ours.task_observations(torch.stack(self.observations))), **ours.walk_metrics()}
 
 
 @dataclass(frozen=True)

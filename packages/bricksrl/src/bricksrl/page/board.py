@@ -115,12 +115,8 @@ class BoardReader:
             self._poses = version
             array = poses() if callable(poses) else poses
             messages.append(struct.pack("<4B", POSES, 0, 0, 0) + np.ascontiguousarray(array, "<f4").tobytes())
-        if numbers:
-            messages += self._numbers(board)
-        return messages
-
-    def _numbers(self, board: Board) -> list[bytes | dict[str, Any]]:
-        messages = list[bytes | dict[str, Any]]()
+        if not numbers:
+            return messages
         version, image = board.image
         if image is not None and version != self._image:
             self._image = version

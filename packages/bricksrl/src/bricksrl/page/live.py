@@ -6,37 +6,104 @@ threads of the server and only set flags for the first one, except an emergency 
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import torch
+from torch import Tensor
 
+from brickhub.entry import Entry
 from bricksrl.envs.env_interface import BricksEnv, interface_of
 from bricksrl.errors import BricksError, StoppedError
 from bricksrl.page.board import MAX_EPISODES, Board
-from bricksrl.page.clock import SPEEDS
-from bricksrl.page.driver import PageDriver, stick_map
-from bricksrl.page.presses import chosen
-from bricksrl.page.robot_view import NUMBERS_S, RobotView
-from bricksrl.page.server import PageOptions, PageServer
+from bricksrl.page.robot_view import NUMBERS_S, SPEEDS, RobotView
+from bricksrl.page.server import PageOptions, PageServer, chosen, is_finite
+from bricksrl.teleoperation import push_action, rest_action
 
 if TYPE_CHECKING:
-    from typing import Self
-
     from tensordict import TensorDictBase
     from torchrl.envs import EnvBase
 
     from bricksrl.envs.connection import Connection
     from bricksrl.envs.task import Task
 
+PUSH_TIMEOUT_S = 1.5
+"""Time without a message of the page, which repeats the pushes, after which the robot rests, as the tab may be closed."""
 _POLL_S = 0.05
 _STEP_S = 0.1
 """Step time of a simulation without a robot, at speed 1."""
 
 
-class LivePage:
+class PageDriver:
+    """Human at the page, as a driver of the rollout, called at each step in the thread that steps the robot.
+
+    Args:
+        commands: commands of the robot.
+        in_charge: drive from the start.
+    """
+
+    def __init__(self, commands: Sequence[Entry], *, in_charge: bool = False) -> None:
+        self.commands = tuple(commands)
+        self.in_charge = in_charge
+        self._rest = rest_action(self.commands)
+        self._pushes = torch.zeros(len(self.commands))
+        self._pushed_s = 0.0
+
+    def push(self, values: Any) -> bool:
+        """Set the pushes, a number in -1..1 per command; returns False if they are invalid."""
+        if not isinstance(values, list) or len(values) != len(self.commands):
+            return False
+        if not all(map(is_finite, values)):
+            return False
+        self._pushes, self._pushed_s = torch.tensor(values, dtype=torch.float32).clamp(-1.0, 1.0), time.monotonic()
+        return True
+
+    def release(self) -> None:
+        """Reset all pushes to 0."""
+        self._pushes = torch.zeros(len(self.commands))
+
+    @property
+    def pushes(self) -> list[float]:
+        """Present pushes; 0 if the page sent none for :data:`PUSH_TIMEOUT_S`."""
+        if time.monotonic() - self._pushed_s > PUSH_TIMEOUT_S:
+            self.release()
+        return [round(value, 3) for value in self._pushes.tolist()]
+
+    def __call__(self, observation: Tensor) -> Tensor | None:
+        """Action ``[m]``; ``None`` while the policy is in charge."""
+        return push_action(torch.tensor(self.pushes), self._rest) if self.in_charge else None
+
+    def actions(self) -> list[float]:
+        """Command values of the pushes, in the units of the commands."""
+        values = push_action(torch.tensor(self.pushes), self._rest).tolist()
+        return [
+            (c.high + c.low) / 2 + (c.high - c.low) / 2 * value if math.isfinite(c.high - c.low) else value
+            for c, value in zip(self.commands, values, strict=True)
+        ]
+
+
+def stick_map(commands: Sequence[Entry]) -> list[list[float]]:
+    """Weights of the joystick's axes (right, forward) for each command: rows of two numbers.
+
+    Commands of a left and a right side are driven like a tank; otherwise a turn, or the first one, follows the joystick sideways
+    and the next one forward, and a single one forward.
+    """
+    sides = [1.0 if "left" in command.name else -1.0 if "right" in command.name else 0.0 for command in commands]
+    if all(sides):  # a leg or wheel with a range below zero moves forward with decreasing values
+        ways = [-1.0 if command.high <= 0.0 else 1.0 for command in commands]
+        return [[side * way, way] for side, way in zip(sides, ways, strict=True)]
+    if len(commands) == 1:
+        return [[0.0, 1.0]]
+    sideways = next((index for index, command in enumerate(commands) if command.name.startswith("turn")), 0)
+    forward = int(sideways == 0)
+    return [[float(index == sideways), float(index == forward)] for index in range(len(commands))]
+
+
+class LivePage(PageServer):
     """Page of a robot that learns, plays or is driven, served while entered.
 
     Args:
@@ -49,7 +116,6 @@ class LivePage:
         options: address of the server.
 
     Attributes:
-        board: what the page shows.
         driver: the human at the page; ``None`` if driving is not possible.
         policy: name of the selected policy.
         is_reset_requested: whether the user has asked for a reset, which ends the episode.
@@ -70,14 +136,10 @@ class LivePage:
     ) -> None:
         from bricksrl.data.schema import describe_task
 
-        self.board = Board()
-        self._on_stop = on_stop
-        self._halted = threading.Event()
-        self._changed = threading.Condition()
-        self._paused = False
-        self._requested_steps = 0
+        super().__init__(Board(), self._press, self.stop, options)
+        self._end_run, self._halted, self._changed = on_stop, threading.Event(), threading.Event()
+        self._paused, self._requested_steps, self._speed = False, 0, speed
         self.is_reset_requested = self._is_cutting = False
-        self._speed = speed
         self._env, self._is_paced_here = BricksEnv(), False
         self._unwatch: Callable[[], None] = lambda: None
         self._is_real = self._is_ended = False
@@ -87,7 +149,6 @@ class LivePage:
         commands = describe_task(task).action if task is not None and can_drive else ()
         self.driver = PageDriver(commands, in_charge=in_charge) if commands else None
         self.view = RobotView(self.board, self._halted, lambda: self._speed_factor)
-        self._server = PageServer(self.board, self._press, self.stop, options)
         self._task = task
         self._returns = self.board.new_series("return", ("return of each episode",), max_rows=MAX_EPISODES)
         self._rewards = self.board.new_series("reward", ("reward of each step",))
@@ -101,20 +162,10 @@ class LivePage:
         self.board.update_status(speeds=list(SPEEDS), policies=list(self._policies))
         self._publish()
 
-    # ---------------------------------------------------------------- serving
-
-    @property
-    def url(self) -> str:
-        """Address with the token."""
-        return self._server.url
-
-    def __enter__(self) -> Self:
-        self._server.__enter__()
-        return self
-
-    def __exit__(self, *_: object) -> None:
+    def close(self) -> None:
+        """Stop serving."""
         self._unwatch()
-        self._server.close()
+        super().close()
 
     # ---------------------------------------------------------------- presses, in threads of the server
 
@@ -122,7 +173,7 @@ class LivePage:
         """Emergency stop of the run and the robot, from any thread."""
         self._halted.set()
         self.is_reset_requested = False  # an earlier one; only one after the stop lets the robot start again
-        self._on_stop()
+        self._end_run()
         try:
             self._env.stop()
         except BricksError as error:  # the hub could not be reached; its watchdog stops it
@@ -130,16 +181,13 @@ class LivePage:
         finally:
             if self.driver is not None:
                 self.driver.release()
-            with self._changed:
-                self._changed.notify_all()
+            self._changed.set()
             self._publish()
 
     def _press(self, name: str, value: Any) -> None:
         match name:
-            case "pause":
-                self._pause(True)
-            case "resume":
-                self._pause(False)
+            case "pause" | "resume":
+                self._pause(name == "pause")
             case "step" if not self._is_real:
                 self._paused, self._requested_steps = True, self._requested_steps + 1
             case "reset":
@@ -154,8 +202,7 @@ class LivePage:
                 self.driver.push(value)
             case "left" if self.driver is not None:
                 self.driver.release()
-        with self._changed:
-            self._changed.notify_all()
+        self._changed.set()
         self._publish()
 
     def _pause(self, paused: bool) -> None:
@@ -211,8 +258,11 @@ class LivePage:
         values = after["observation"].tolist()
         self._channels.add(values)
         now_s = time.monotonic()
-        if not self.view.is_virtual and self.view.connection is not None:
-            self._show_sensed(values)
+        if self._task is not None and self.view.connection is not None and self.view.connection.twin is None:
+            sensed = {entry.name: value for entry, value in zip(self._task.entries, values, strict=False)}
+            angles = {name.removesuffix("_angle"): value for name, value in sensed.items() if name.endswith("_angle")}
+            tilt = (sensed.get("pitch", 0.0), sensed.get("roll", 0.0))
+            self.view.show_sensed(self._task.robot, self._task.scene, angles, tilt)
         if now_s < self._due_s:
             return
         self._due_s = now_s + NUMBERS_S
@@ -240,14 +290,6 @@ class LivePage:
         """Facts to show with the next numbers, by name."""
         self._facts |= facts
 
-    def _show_sensed(self, values: list[float]) -> None:
-        if self._task is None:
-            return
-        sensed = {entry.name: value for entry, value in zip(self._task.entries, values, strict=False)}
-        angles = {name.removesuffix("_angle"): value for name, value in sensed.items() if name.endswith("_angle")}
-        tilt = (sensed.get("pitch", 0.0), sensed.get("roll", 0.0))
-        self.view.show_sensed(self._task.robot, self._task.scene, angles, tilt)
-
     def end(self, return_: float, episode: str) -> None:
         """End an episode; ``episode`` is the text shown as its number, or the next one's."""
         self._returns.add((return_,))
@@ -262,8 +304,7 @@ class LivePage:
                 break
             if is_over():
                 return
-            with self._changed:
-                self._changed.wait(_POLL_S)
+            self._await_press()
         speed = self._speed_factor
         if self._is_paced_here and speed:
             self._last_step_s = max(self._last_step_s + _STEP_S / speed, time.monotonic() - _STEP_S)
@@ -287,11 +328,14 @@ class LivePage:
         self._halted.set()
         self._publish()
 
-    def wait_for_reset(self, is_over: Callable[[], bool] = lambda: False) -> None:
+    def wait_for_reset(self, is_over: Callable[[], bool]) -> None:
         """After a stop or a failure: wait for a reset, or until ``is_over()``."""
         while not self.is_reset_requested and not is_over():
-            with self._changed:
-                self._changed.wait(_POLL_S)
+            self._await_press()
+
+    def _await_press(self) -> None:
+        self._changed.wait(_POLL_S)
+        self._changed.clear()
 
     def release(self) -> None:
         """End an emergency stop: the robot may move again after the next reset."""

@@ -12,8 +12,8 @@ import numpy as np
 
 from bricksrl.errors import PlanError
 from bricksrl.page.board import Board
-from bricksrl.page.presses import is_finite
 from bricksrl.page.scene import HIDDEN, Floats, Mesh, Scene, SceneBody, Shape, View, flat_mesh, poses
+from bricksrl.page.server import PageOptions, PageServer, is_finite
 from bricktwin.plans.catalogue import colour_of
 from bricktwin.plans.geometry import M_PER_LDU
 from bricktwin.plans.mechanism.articulation import STILL, Motion, Poser
@@ -26,70 +26,53 @@ from bricktwin.plans.planned_robot import PlannedRobot, planned
 _MAX_DEG = 360
 
 
-class PlanView:
-    """View of a plan on a page.
+class PlanView(PageServer):
+    """Page of a plan, served while entered.
 
     Args:
         plan: plan to show; one that is not a complete robot has steps but no joints.
-
-    Attributes:
-        board: board for the page's server.
+        options: address of the server.
     """
 
-    def __init__(self, plan: Plan) -> None:
+    def __init__(self, plan: Plan, options: PageOptions | None = None) -> None:
+        super().__init__(Board(), self.press, lambda: None, options)
         if not plan.parts:
             raise PlanError(f"{plan.path} has no part that the catalogue knows; run `bricksrl plan check` on it")
-        self.board = Board()
         self._plan, self._lock = plan, threading.Lock()
         self._robot: PlannedRobot | None = None
+        self._poser: Poser | None = None
+        self._sliders: dict[str, str | int] = {}
         message = ""
         try:
             self._robot = planned(plan)
+            self._poser = Poser(self._robot.articulation)
+            self._sliders = _sliders(self._robot, self._poser)
         except PlanError as error:
             message = f"{error}. The joints are not shown."
-        self._poser = Poser(self._robot.articulation) if self._robot is not None else None
-        self._step = len(plan.steps)
-        self._sliders = self._joints()
-        self._angles: dict[str | int, float] = {}
+        self._step, self._angles = len(plan.steps), dict[str | int, float]()
         self.board.show_scene(_scene(plan), self._poses())
-        self._message = message
-        self.board.update_status(title=plan.title, subtitle="building plan", state="", controls=["step", "reset"])
+        self.board.update_status(
+            title=plan.title, subtitle="building plan", state="", controls=["step", "reset"], message=message
+        )
         self._publish()
 
     def press(self, name: str, value: Any) -> None:
         """Handle a press on the page; unknown ones are ignored."""
         with self._lock:
-            if name == "step":
-                self._step = self._step % len(self._plan.steps) + 1
-            elif name == "reset":
-                self._angles, self._step = {}, len(self._plan.steps)
-                self._poser = Poser(self._robot.articulation) if self._robot is not None else None
-            elif name == "slider" and isinstance(value, list) and len(value) == 2:
-                self._slide(*value)
-            else:
-                return
+            match name, value:
+                case "step", _:
+                    self._step = self._step % len(self._plan.steps) + 1
+                case "reset", _:
+                    self._angles, self._step = {}, len(self._plan.steps)
+                    self._poser = None if self._robot is None else Poser(self._robot.articulation)
+                case "slider", ["Step", number] if is_finite(number):
+                    self._step = min(max(round(number), 1), len(self._plan.steps))
+                case "slider", [str(label), number] if is_finite(number) and label in self._sliders:
+                    self._angles[self._sliders[label]] = math.radians(min(max(float(number), -_MAX_DEG), _MAX_DEG))
+                case _:
+                    return
             self.board.show_poses(self._poses())
             self._publish()
-
-    def _slide(self, name: object, value: object) -> None:
-        if not isinstance(name, str) or not is_finite(value):
-            return
-        if name == "Step":
-            self._step = min(max(round(value), 1), len(self._plan.steps))
-        elif name in self._sliders:
-            self._angles[self._sliders[name]] = math.radians(min(max(float(value), -_MAX_DEG), _MAX_DEG))
-
-    def _joints(self) -> dict[str, str | int]:
-        """Sliders by name, each with the motor's port or the number of the joint that it turns."""
-        if self._robot is None or self._poser is None:
-            return {}
-        sliders: dict[str, str | int] = {}
-        for drive in self._robot.articulation.drives:
-            placed = self._robot.device(drive.port)
-            name = placed.device if placed is not None and placed.device else "motor"
-            sliders[f"{name}, port {drive.port}, deg"] = drive.port
-        sliders |= {f"joint {number + 1}, deg": joint for number, joint in enumerate(self._poser.free)}
-        return sliders
 
     def _publish(self) -> None:
         step = self._plan.steps[self._step - 1]
@@ -102,7 +85,7 @@ class PlanView:
         assembly = step.assembly[-1].rpartition(":")[0] if step.assembly else ""
         facts = {"step": f"{self._step} of {len(self._plan.steps)}", "parts": len(self._plan.present_parts(step))}
         facts |= {"builds": assembly} if assembly else {}
-        self.board.update_status(sliders=sliders, facts=facts, message=self._message, note=step.note)
+        self.board.update_status(sliders=sliders, facts=facts, note=step.note)
 
     def _poses(self) -> Floats:
         """Poses of the parts [parts, 7]."""
@@ -119,6 +102,16 @@ class PlanView:
             position = motion.of(TO_TWIN @ placed.position * M_PER_LDU)
             positions.append(position if placed.index in visible else np.array([HIDDEN, 0.0, 0.0]))
         return poses(np.array(positions), turns)
+
+
+def _sliders(robot: PlannedRobot, poser: Poser) -> dict[str, str | int]:
+    """Sliders by name, each with the motor's port or the number of the joint that it turns."""
+    sliders: dict[str, str | int] = {}
+    for drive in robot.articulation.drives:
+        placed = robot.device(drive.port)
+        name = placed.device if placed is not None and placed.device else "motor"
+        sliders[f"{name}, port {drive.port}, deg"] = drive.port
+    return sliders | {f"joint {number + 1}, deg": joint for number, joint in enumerate(poser.free)}
 
 
 def _scene(plan: Plan) -> Scene:

@@ -1,4 +1,4 @@
-"""Playing on the page: episodes by the selected policy or a human, until they are ended."""
+"""Episodes on the page: of a training run, or by the selected policy or a human until they are ended."""
 
 from __future__ import annotations
 
@@ -6,26 +6,81 @@ import functools
 import threading
 import time
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING
 
+from brickhub.files import quoted
+from brickhub.user_files import without_folder
 from bricksrl.envs.env_interface import interface_of
-from bricksrl.envs.rollout import Policy, link_lost, play
+from bricksrl.envs.rollout import link_lost, play
 from bricksrl.errors import BricksError, StoppedError
 from bricksrl.page.live import LivePage
-from bricksrl.policies.named import Player
+from bricksrl.policies.policy import Player
+from bricksrl.training.callbacks import Callback, Episode, Phase, Progress, RunResult
 
 if TYPE_CHECKING:
     from tensordict import TensorDictBase
     from torchrl.envs import EnvBase
 
+    from brickhub.virtual.virtual_transport import VirtualHub
+    from bricksrl.training.config import TrainConfig
+
+_PHASES = {Phase.PREFILL: "random start", Phase.TRAIN: "learning", Phase.OFFLINE: "learning from data"}
 _COAST_MS = 500
 """Simulated time for which the coasting motors are shown after a stop."""
+
+
+class PageCallback(Callback):
+    """Callback that shows a run on a page.
+
+    Args:
+        page: page that is already entered.
+        stop: event that ends the run.
+    """
+
+    def __init__(self, page: LivePage, stop: threading.Event) -> None:
+        self._page, self._stop = page, stop
+        self._episodes = 0
+
+    def on_env(self, env: EnvBase) -> None:
+        self._page.attach(env)
+
+    def on_start(self, config: TrainConfig, run_dir: Path, episodes_done: int) -> None:
+        self._episodes = config.episodes
+        self._page.board.update_status(
+            title=without_folder(config.env), subtitle=f"{without_folder(config.agent)}, seed {config.seed} · {run_dir}"
+        )
+        self._page.begin()
+
+    def on_transition(self, episode: int, step: int, phase: Phase, transition: TensorDictBase) -> None:
+        if step == 1:
+            self._page.begin()
+        self._page.note(episode=f"{episode}/{self._episodes}", phase=_PHASES[phase])
+        self._page.show_step(transition)
+        if bool(transition["next", "done"]):
+            self._page.clear_reset()  # before an evaluation, which would block on the pause
+
+    def on_step(self, episode: int, step: int, phase: Phase) -> None:
+        self._page.hold(self._stop.is_set)
+        self._page.cut()
+
+    def on_link_lost(self, episode: int, length: int, error: BricksError) -> None:
+        self._page.clear_reset()
+        self._page.board.update_status(message=f"{error}; trying to reach it again")
+
+    def on_episode(self, episode: Episode, progress: Progress) -> None:
+        self._page.board.update_status(message="")
+        self._page.end(episode.return_, f"{episode.episode}/{self._episodes}")
+        self._page.begin()
+
+    def on_end(self, result: RunResult) -> None:
+        self._page.finish(f"interrupted; `bricksrl resume {quoted(result.run_dir)}` goes on" if result.interrupted else "")
 
 
 def resting_player(env: EnvBase) -> Player:
     """Player that moves no motor."""
     from bricksrl.data.schema import describe_task
-    from bricksrl.teleop.mapping import rest_action
+    from bricksrl.teleoperation import rest_action
 
     resting = rest_action(describe_task(env.task).action)
     return Player(lambda state: state.set("action", resting))
@@ -51,42 +106,40 @@ def play_on_page(
     stop = stop or threading.Event()
     returns: list[float] = []
 
-    @functools.cache
-    def player(name: str) -> Player:
-        return players[name]()
-
-    def act(state: TensorDictBase) -> TensorDictBase:
-        return player(page.policy).act(state)
-
+    player = functools.cache(lambda name: players[name]())
     page.attach(env)
     while episodes is None or len(returns) < episodes:
         try:
             page.begin()
-            return_ = _episode(env, page, act, lambda: player(page.policy).reset(), f"{len(returns) + 1}")
+            return_ = _episode(env, page, lambda: player(page.policy), f"{len(returns) + 1}")
             if return_ is not None:
                 returns.append(return_)
                 page.end(return_, f"{len(returns) + 1}")
-        except StoppedError:
-            if stop.is_set():
-                raise
-            page.mark_stopped()
-            env.close(raise_if_closed=False)  # a virtual hub ends its program in this thread only
-            _coast(env)
-            page.board.update_status(message="The robot was stopped by hand. Reset lets it start again.")
-            _wait(page, stop)
         except BricksError as error:
-            page.board.update_status(message=f"{error}. Reset tries again.")
-            _wait(page, stop)
+            message = f"{error}. Reset tries again."
+            if isinstance(error, StoppedError):
+                if stop.is_set():
+                    raise
+                message = "The robot was stopped by hand. Reset lets it start again."
+                page.mark_stopped()
+                env.close(raise_if_closed=False)  # a virtual hub ends its program in this thread only
+                _coast(interface_of(env).twin)
+            page.board.update_status(message=message)
+            page.wait_for_reset(stop.is_set)
+            if stop.is_set():
+                raise StoppedError("the robot was stopped by hand") from error
+            page.release()
+            page.board.update_status(message="")
     return returns
 
 
-def _episode(env: EnvBase, page: LivePage, act: Policy, reset: Callable[[], None], number: str) -> float | None:
-    """Play an episode; returns its return, or ``None`` if it was cut short."""
+def _episode(env: EnvBase, page: LivePage, player: Callable[[], Player], number: str) -> float | None:
+    """Play an episode with the player selected at each step; returns its return, or ``None`` if it was cut short."""
     total = 0.0
     start = env.reset()
     page.note(episode=number)
     page.hold()
-    for frame in play(env, act, start, driver=page.driver, reset_policy=reset):
+    for frame in play(env, lambda s: player().act(s), start, driver=page.driver, reset_policy=lambda: player().reset()):
         if link_lost(frame):
             raise interface_of(env).link_error
         page.show_step(frame)
@@ -101,19 +154,9 @@ def _episode(env: EnvBase, page: LivePage, act: Policy, reset: Callable[[], None
     return None
 
 
-def _wait(page: LivePage, stop: threading.Event) -> None:
-    page.wait_for_reset(stop.is_set)
-    if stop.is_set():
-        raise StoppedError("the robot was stopped by hand")
-    page.release()
-    page.board.update_status(message="")
-
-
-def _coast(env: EnvBase) -> None:
+def _coast(twin: VirtualHub | None) -> None:
     """Advance simulated time after a stop, to show the motors coast."""
-    twin = interface_of(env).twin
-    if twin is None:
-        return
-    for _ in range(_COAST_MS // 10):
-        twin.machine.advance(10)
-        time.sleep(0.01)
+    if twin is not None:
+        for _ in range(_COAST_MS // 10):
+            twin.machine.advance(10)
+            time.sleep(0.01)

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import threading
-from typing import Any, Self
+from typing import Any
 
 from brickhub.virtual.machine import Machine
 from brickhub.virtual.run import stop_program
 from bricksrl.page.board import Board
-from bricksrl.page.clock import SPEEDS
-from bricksrl.page.presses import chosen
-from bricksrl.page.robot_view import RobotView
-from bricksrl.page.server import PageOptions, PageServer
+from bricksrl.page.robot_view import SPEEDS, RobotView
+from bricksrl.page.server import PageOptions, PageServer, chosen
 
 
-class ProgramPage:
+class ProgramPage(PageServer):
     """Page of one program, served while entered.
 
     Args:
@@ -23,30 +21,14 @@ class ProgramPage:
     """
 
     def __init__(self, title: str, options: PageOptions | None = None) -> None:
-        self.board = Board()
-        self._halted = threading.Event()
-        self._speed = "1x"
-        self._machine: Machine | None = None
+        super().__init__(Board(), self._press, self.stop, options)
+        self._halted, self._speed = threading.Event(), "1x"
         self._view = RobotView(self.board, self._halted, lambda: SPEEDS[self._speed])
-        self._server = PageServer(self.board, self._press, self.stop, options)
         self.board.update_status(title=title, subtitle="a program on a virtual hub", state="waiting", speeds=list(SPEEDS))
         self.board.update_status(controls=["stop", "speed"], speed=self._speed)
 
-    @property
-    def url(self) -> str:
-        """Address with the token."""
-        return self._server.url
-
-    def __enter__(self) -> Self:
-        self._server.__enter__()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._server.close()
-
     def attend(self, machine: Machine) -> None:
         """Show the robot of a machine; called as `Operation.attend`."""
-        self._machine = machine
         self._view.show_machine(machine, stop_program)
         self.board.update_status(state="running")
 

@@ -12,43 +12,147 @@ import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from brickhub.robot import Robot
+from brickhub.virtual.body import Body
+from brickhub.virtual.machine import Machine, Pace
 from brickhub.virtual.panel import Panel
 from bricksrl.errors import BricksError
 from bricksrl.page.board import Board
-from bricksrl.page.clock import VIEW_PERIOD_S, SteeredPace
-from bricksrl.page.scene import Floats
+from bricksrl.page.scene import Floats, Mesh, Scene, SceneBody, Shape, View, box, capsule, cylinder, ellipsoid, poses
+from bricktwin.twin.make_body import lies_on_bench
+from bricktwin.twin.models.mjcf import SHAPE_GROUP
+from bricktwin.twin.mujoco_body import MujocoBody
+from bricktwin.twin.physics import Physics
+from bricktwin.twin.scene import Scene as Surroundings
+from bricktwin.twin.sensed_pose import sensed_qpos
 
 if TYPE_CHECKING:
-    from brickhub.robot import Robot
-    from brickhub.virtual.body import Body
-    from brickhub.virtual.machine import Machine
     from bricksrl.envs.connection import Connection
-    from bricktwin.twin.mujoco_body import MujocoBody
-    from bricktwin.twin.scene import Scene
 
-NUMBERS_S = 0.2
+SPEEDS = {"1x": 1.0, "10x": 10.0, "max": 0.0}
+"""Speeds of simulated time; 0 is as fast as possible."""
+VIEW_PERIOD_S, NUMBERS_S = 0.04, 0.2
+"""Periods of the view's updates, in wall time: of poses, and of numbers."""
+_MAX_LAG_S, _MIN_LEAD_S = 0.05, 0.01
+"""Lag beyond which the clock is restarted instead of catching up; least lead for which it waits."""
 _NO_MODEL = "This robot has no model to draw; its numbers are below."
+_GEOM = mujoco.mjtGeom
+_PRIMITIVES: dict[int, Callable[[float, float, float], Mesh]] = {
+    _GEOM.mjGEOM_BOX: lambda x, y, z: box((x, y, z)),
+    _GEOM.mjGEOM_SPHERE: lambda x, _y, _z: ellipsoid((x, x, x)),
+    _GEOM.mjGEOM_ELLIPSOID: lambda x, y, z: ellipsoid((x, y, z)),
+    _GEOM.mjGEOM_CAPSULE: lambda x, y, _z: capsule(x, y),
+    _GEOM.mjGEOM_CYLINDER: lambda x, y, _z: cylinder(x, y),
+}
+"""Meshes of MuJoCo's geometry by kind, from its size."""
+
+
+class SteeredPace(Pace):
+    """Pace of a machine with a variable speed, and periodic updates of the view; a stop ends a wait at once.
+
+    It is called by the thread that steps the robot, once per control loop of simulated time, so it must be fast.
+
+    Args:
+        machine: machine whose time is paced.
+        halted: set when the robot is to stop.
+        speed: returns simulated seconds per second, 0 for as fast as possible.
+        update_view: called periodically to update the view.
+        halt: called when halted; by default control returns to the host, which stops the program.
+    """
+
+    def __init__(
+        self,
+        machine: Machine,
+        halted: threading.Event,
+        speed: Callable[[], float],
+        update_view: Callable[[], None],
+        halt: Callable[[], None] | None = None,
+    ) -> None:
+        super().__init__()
+        self._halt = halt
+        self._machine, self._halted, self._speed, self._update_view = machine, halted, speed, update_view
+        self._view_due_s = 0.0
+        self._last_speed = -1.0
+        self._start_s, self._start_ms = 0.0, 0.0
+
+    def keep(self, time_ms: float) -> None:
+        """Update the view, and wait if simulated time is ahead."""
+        now_s = time.monotonic()
+        if now_s >= self._view_due_s:
+            self._view_due_s = now_s + VIEW_PERIOD_S
+            self._update_view()
+        if self._halted.is_set():
+            if self._halt is not None:
+                self._halt()
+            elif self._machine.alarm_ms is not None:
+                self._machine.alarm_ms = int(time_ms)  # back to the host, which then stops the program
+            return
+        speed = self._speed()
+        if speed <= 0.0:
+            return
+        ahead_s = self._start_s + (time_ms - self._start_ms) / 1000 / speed - now_s
+        if speed != self._last_speed or ahead_s < -_MAX_LAG_S:
+            self._last_speed, self._start_s, self._start_ms = speed, now_s, time_ms
+        elif ahead_s > _MIN_LEAD_S:
+            self._halted.wait(ahead_s)
+
+
+def twin_scene(body: MujocoBody) -> tuple[Scene, list[int]]:
+    """Scene of all visible geometry of a twin and its surroundings, except the floor, and the model's number of each body."""
+    model = body.model
+    shapes: dict[int, list[Shape]] = {}
+    meshes: dict[int, Mesh] = {}
+    for geom in range(model.ngeom):
+        kind = int(model.geom_type[geom])
+        if model.geom_group[geom] == SHAPE_GROUP or not (kind in _PRIMITIVES or kind == _GEOM.mjGEOM_MESH):
+            continue
+        number = int(model.geom_dataid[geom])
+        if kind == _GEOM.mjGEOM_MESH and number not in meshes:
+            meshes[number] = _triangles(model, number)
+        mesh = meshes[number] if kind == _GEOM.mjGEOM_MESH else _PRIMITIVES[kind](*model.geom_size[geom].tolist())
+        material = int(model.geom_matid[geom])
+        red, green, blue, opacity = (model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom]).tolist()
+        px, py, pz = model.geom_pos[geom].tolist()
+        w, qx, qy, qz = model.geom_quat[geom].tolist()
+        pattern = "bricks" if model.geom(geom).name == "wall" else ""
+        shape = Shape(mesh, (red, green, blue, opacity), (px, py, pz), (w, qx, qy, qz), pattern)
+        shapes.setdefault(int(model.geom_bodyid[geom]), []).append(shape)
+    numbers = sorted(shapes)
+    view = View(target=(0.06, 0.0, 0.14), distance_m=0.95, yaw_deg=-50.0)
+    if model.njnt and model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE:
+        chassis = int(model.jnt_bodyid[0])
+        view = View(follow=numbers.index(chassis) if chassis in numbers else None)
+    return Scene(tuple(SceneBody(model.body(number).name, tuple(shapes[number])) for number in numbers), view=view), numbers
+
+
+def _triangles(model: mujoco.MjModel, mesh: int) -> Mesh:
+    """A mesh of the model; a point is repeated for each of its normals, so that sharp edges stay sharp."""
+    first = int(model.mesh_faceadr[mesh])
+    faces = slice(first, first + int(model.mesh_facenum[mesh]))
+    corners = np.stack([model.mesh_face[faces].ravel(), model.mesh_facenormal[faces].ravel()], axis=1)
+    corners, index = np.unique(corners, axis=0, return_inverse=True)
+    points = model.mesh_vert[int(model.mesh_vertadr[mesh]) + corners[:, 0]]
+    normals = model.mesh_normal[int(model.mesh_normaladr[mesh]) + corners[:, 1]]
+    return Mesh(points.astype(np.float32), normals.astype(np.float32), index.reshape(-1, 3))
 
 
 class Mirror:
     """Model of a robot with a MuJoCo model, for drawing only: its joints are set, not simulated."""
 
-    def __init__(self, robot: Robot, scene: Scene) -> None:
-        from bricksrl.page.twin_scene import twin_scene
-        from bricktwin.twin.mujoco_body import MujocoBody
-        from bricktwin.twin.physics import Physics
-
-        self.body = MujocoBody(robot, scene, Physics(), 0)
-        self.twin = twin_scene(self.body)
+    def __init__(self, robot: Robot, surroundings: Surroundings) -> None:
+        self.body = MujocoBody(robot, surroundings, Physics(), 0)
+        self.scene, self._numbers = twin_scene(self.body)
 
     def poses(self, qpos: NDArray[np.float64]) -> Floats:
         """Poses ``[bodies, 7]`` of the scene's bodies at these joint positions."""
-        self.body.data.qpos[:] = qpos
+        data = self.body.data
+        data.qpos[:] = qpos
         self.body.update_visuals()
-        return self.twin.poses(self.body.data)
+        return poses(data.xpos[self._numbers], data.xquat[self._numbers])
 
 
 class RobotView:
@@ -62,15 +166,10 @@ class RobotView:
 
     def __init__(self, board: Board, halted: threading.Event, speed: Callable[[], float]) -> None:
         self._board, self._halted, self._speed = board, halted, speed
-        self._mirrors: dict[tuple[str, Scene], Mirror] = {}
+        self._mirrors: dict[tuple[str, Surroundings], Mirror] = {}
         self._current: Mirror | None = None
         self._due_s = self._sensed_s = 0.0
         self.connection: Connection | None = None
-
-    @property
-    def is_virtual(self) -> bool:
-        """True if the present robot is virtual."""
-        return self.connection is not None and self.connection.twin is not None
 
     def show(self, connection: Connection) -> None:
         """Show another robot."""
@@ -83,21 +182,27 @@ class RobotView:
 
         ``halt`` is as in :class:`SteeredPace`.
         """
-        from bricktwin.twin.mujoco_body import MujocoBody
-
-        body = machine.body if body is None else body
-        modelled = body if isinstance(body, MujocoBody) else None
-        if modelled is None:
+        body, mirror = machine.body if body is None else body, None
+        if isinstance(body, MujocoBody):
+            mirror = self._mirror(body.robot, body.scene)
+        else:
             self._board.update_status(no_scene=_NO_MODEL)
-        mirror = None if modelled is None else self._mirror(modelled.robot, modelled.scene)
-        machine.pace = SteeredPace(machine, self._halted, self._speed, lambda: self._update(machine, mirror, modelled), halt)
-        self._update(machine, mirror, modelled)
 
-    def show_sensed(self, robot: Robot, scene: Scene, angles_deg: dict[str, float], tilt_deg: tuple[float, float]) -> None:
+        def update() -> None:
+            """Copy the joint positions; called in the thread that steps the robot."""
+            if mirror is not None and isinstance(body, MujocoBody):
+                qpos = body.data.qpos.copy()
+                self._board.show_poses(lambda: mirror.poses(qpos))
+            now_s = time.monotonic()
+            if now_s >= self._due_s:
+                self._due_s = now_s + NUMBERS_S
+                self._board.update_status(hub=panel_of(machine.panel))
+
+        machine.pace = SteeredPace(machine, self._halted, self._speed, update, halt)
+        update()
+
+    def show_sensed(self, robot: Robot, scene: Surroundings, angles_deg: dict[str, float], tilt_deg: tuple[float, float]) -> None:
         """Show a real robot from its sensors: motor angles by name, pitch and roll."""
-        from bricktwin.twin.make_body import lies_on_bench
-        from bricktwin.twin.sensed_pose import sensed_qpos
-
         if lies_on_bench(robot, scene):
             self._board.update_status(no_scene=_NO_MODEL)
             return
@@ -118,10 +223,9 @@ class RobotView:
         connection = self.connection
         if connection is None:
             return
-        link = connection.link
-        statistics = link.statistics
+        statistics = connection.link.statistics
         facts: dict[str, Any] = {
-            "link": link.state.value,
+            "link": connection.link.state.value,
             "round trip": f"{statistics.round_trip_p50_s * 1000:.0f} ms (99 %: {statistics.round_trip_p99_s * 1000:.0f} ms)",
             "observation age": f"{statistics.age_p50_s * 1000:.0f} ms",
             "sent again": f"{statistics.resends}",
@@ -131,26 +235,16 @@ class RobotView:
             facts["battery"] = f"{connection.twin.body.battery_mv / 1000:.2f} V"
         self._board.update_status(link=facts)
 
-    def _mirror(self, robot: Robot, scene: Scene) -> Mirror:
+    def _mirror(self, robot: Robot, surroundings: Surroundings) -> Mirror:
         """The mirror of a robot, cached; shows its scene if it is another one."""
-        key = (robot.name, scene)
+        key = (robot.name, surroundings)
         if key not in self._mirrors:
-            self._mirrors[key] = Mirror(robot, scene)
+            self._mirrors[key] = Mirror(robot, surroundings)
         mirror = self._mirrors[key]
         if mirror is not self._current:
             self._current = mirror
-            self._board.show_scene(mirror.twin.scene, lambda: mirror.poses(mirror.body.data.qpos))
+            self._board.show_scene(mirror.scene, lambda: mirror.poses(mirror.body.data.qpos))
         return mirror
-
-    def _update(self, machine: Machine, mirror: Mirror | None, body: MujocoBody | None) -> None:
-        """Copy the joint positions; called in the thread that steps the robot."""
-        if mirror is not None and body is not None:
-            qpos = body.data.qpos.copy()
-            self._board.show_poses(lambda: mirror.poses(qpos))
-        now_s = time.monotonic()
-        if now_s >= self._due_s:
-            self._due_s = now_s + NUMBERS_S
-            self._board.update_status(hub=panel_of(machine.panel))
 
 
 def panel_of(panel: Panel) -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """Scene of named bodies in 3D for a browser: constant meshes, variable poses. Metres, z up.
 
 A scene is sent once, as one binary file; after that only poses are sent. This module is independent of robots, MuJoCo and torch:
-it shows twins (:mod:`bricksrl.page.twin_scene`) and building plans alike.
+it shows twins (:mod:`bricksrl.page.robot_view`) and building plans alike.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import math
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -104,41 +104,30 @@ class Scene:
         Arrays are little-endian: points float32, normals int8 with a fourth byte of padding, faces uint32. Their offsets after
         the header are multiples of 4 bytes.
         """
-        arrays: list[bytes] = []
-        length = 0
-
-        def put(data: bytes) -> int:
-            nonlocal length
-            start = length
-            arrays.append(data)
-            length += len(data)
-            return start
-
-        numbers: dict[int, int] = {}
-        meshes: list[dict[str, int]] = []
-        for shape in (shape for body in self.bodies for shape in body.shapes):
-            if id(shape.mesh) not in numbers:
-                numbers[id(shape.mesh)] = len(meshes)
-                meshes.append(_put_mesh(shape.mesh, put))
+        meshes = list({id(shape.mesh): shape.mesh for body in self.bodies for shape in body.shapes}.values())
+        numbers = {id(mesh): number for number, mesh in enumerate(meshes)}
+        described: list[dict[str, int]] = []
+        arrays, length = list[bytes](), 0
+        for mesh in meshes:
+            normals = np.zeros((len(mesh.points), 4), np.int8)
+            normals[:, :3] = np.round(np.clip(mesh.normals, -1.0, 1.0) * 127)
+            described.append({})
+            for name, array in {
+                "points": mesh.points.astype("<f4"),
+                "normals": normals,
+                "faces": mesh.faces.astype("<u4"),
+            }.items():
+                described[-1][name] = length
+                arrays.append(array.tobytes())
+                length += array.nbytes
+            described[-1] |= {"vertices": len(mesh.points), "triangles": len(mesh.faces)}
         bodies = [
             {"name": body.name, "shapes": [{**vars(shape), "mesh": numbers[id(shape.mesh)]} for shape in body.shapes]}
             for body in self.bodies
         ]
-        header = json.dumps({"meshes": meshes, "bodies": bodies, "floor": self.floor_m, "view": vars(self.view)}).encode()
+        header = json.dumps({"meshes": described, "bodies": bodies, "floor": self.floor_m, "view": vars(self.view)}).encode()
         header += b" " * (-len(header) % 4)
         return struct.pack("<I", len(header)) + header + b"".join(arrays)
-
-
-def _put_mesh(mesh: Mesh, put: Callable[[bytes], int]) -> dict[str, int]:
-    normals = np.zeros((len(mesh.points), 4), np.int8)
-    normals[:, :3] = np.round(np.clip(mesh.normals, -1.0, 1.0) * 127)
-    return {
-        "points": put(mesh.points.astype("<f4").tobytes()),
-        "normals": put(normals.tobytes()),
-        "faces": put(mesh.faces.astype("<u4").tobytes()),
-        "vertices": len(mesh.points),
-        "triangles": len(mesh.faces),
-    }
 
 
 def poses(positions: Sequence[Sequence[float]] | NDArray[np.floating], turns: object = None) -> Floats:
@@ -207,14 +196,12 @@ def cylinder(radius: float, half_length: float) -> Mesh:
 
 def _revolved(outline: NDArray[np.floating], normals: NDArray[np.floating]) -> Mesh:
     """Solid of revolution about z of an outline ``[n, 2]`` of radius and height, from below."""
-    angles = np.linspace(0.0, 2.0 * math.pi, _SEGMENTS + 1)
-    directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)[:, None, :]
+    angles = np.linspace(0.0, 2.0 * math.pi, _SEGMENTS + 1)[:, None]
 
     def revolve(profile: NDArray[np.floating]) -> Floats:
-        rings = np.concatenate(
-            [profile[None, :, :1] * directions, np.broadcast_to(profile[None, :, 1:], (len(directions), len(profile), 1))], 2
-        )
-        return rings.reshape(-1, 3).astype(np.float32)
+        radius, height = profile.T
+        rings = [radius * np.cos(angles), radius * np.sin(angles), np.broadcast_to(height, (len(angles), len(height)))]
+        return np.stack(rings, 2).reshape(-1, 3).astype(np.float32)
 
     count = len(outline)
     start = (np.arange(_SEGMENTS)[:, None] * count + np.arange(count - 1)).ravel()

@@ -1,29 +1,36 @@
-"""Server of the live page: files, a scene and a WebSocket, in a separate thread with its own event loop."""
+"""Server of the live page: files, a scene and a WebSocket, in a separate thread with its own event loop.
+
+A server on this computer can be reached by every web page in the same browser. So a request is accepted only if it has the token
+(first in the address, then in a cookie), names this server as its host (against DNS rebinding), and, for a WebSocket, comes from
+a page of this server.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
 import http
+import http.cookies
 import importlib.resources
+import ipaddress
 import json
 import logging
+import math
 import queue
+import secrets
 import socket
 import threading
 import time
 import urllib.parse
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Self, TypeGuard
 
 from bricksrl.errors import PageError
 from bricksrl.page.board import Board, BoardReader, to_json
-from bricksrl.page.guard import HEADERS, Guard, new_token
 
 if TYPE_CHECKING:
     from websockets.asyncio.server import ServerConnection
-    from websockets.datastructures import Headers
     from websockets.http11 import Request, Response
 
 FRAME_S = 0.04
@@ -33,10 +40,67 @@ NUMBERS_S = 0.2
 PORTS = range(8090, 8110)
 """Ports tried in order if none is given."""
 _CONTENT_TYPES = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
-_MAX_CONNECTIONS, _MAX_MESSAGE_BYTES = 12, 4096
+_MAX_CONNECTIONS, _MAX_MESSAGE_BYTES, _MAX_SHOWN = 12, 4096, 40
 _START_TIMEOUT_S, _JOIN_TIMEOUT_S = 10.0, 5.0
 
+LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
+HEADERS = {
+    "Cache-Control": "no-store",
+    "Content-Security-Policy": "default-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+}
+"""Headers of every response."""
+
 _log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Guard:
+    """Access control, from a request's headers: token and port of a page, and whether other computers may connect."""
+
+    token: str
+    port: int
+    is_open: bool = False
+
+    @property
+    def cookie(self) -> str:
+        """Name of the cookie, with the port, as cookies are shared by all ports of a host."""
+        return f"bricksrl_{self.port}"
+
+    @property
+    def set_cookie(self) -> str:
+        """Value of the Set-Cookie header with the token."""
+        return f"{self.cookie}={self.token}; HttpOnly; SameSite=Strict; Path=/"
+
+    def refusal(self, path: str, headers: Mapping[str, str], *, is_socket: bool) -> str | None:
+        """Reason to refuse a request; ``None`` to accept it."""
+        host = headers.get("Host") or ""
+        name = host.removesuffix(f":{self.port}")
+        has_our_port = name != host or self.port == 80  # which browsers omit
+        if not (has_our_port and (name.lower() in LOOPBACK or (self.is_open and _is_ip_address(name)))):
+            return "this page has another address; open the one that the terminal shows"
+        tokens = urllib.parse.parse_qs(urllib.parse.urlsplit(path).query).get("token", [])
+        with contextlib.suppress(http.cookies.CookieError):
+            jar = http.cookies.SimpleCookie(headers.get("Cookie") or "")
+            tokens += [jar[self.cookie].value] if self.cookie in jar else []
+        if not any(secrets.compare_digest(token.encode(), self.token.encode()) for token in tokens):
+            return "this page needs its token; open the address that the terminal shows"
+        origin = headers.get("Origin")
+        if (is_socket or origin is not None) and origin != f"http://{host}":
+            return "another web page has asked for this; open the address that the terminal shows"
+        return None
+
+
+def _is_ip_address(name: str) -> bool:
+    try:
+        ipaddress.ip_address(name.strip("[]"))
+    except ValueError:
+        return False
+    return True
+
 
 Press = Callable[[str, Any], None]
 """Called with the name of a button or slider, and its value."""
@@ -64,6 +128,7 @@ class PageServer:
         on_stop: called for an emergency stop, at once, even while an earlier press is being handled.
 
     Attributes:
+        board: state that the page shows.
         url: address with the token.
 
     Raises:
@@ -71,7 +136,7 @@ class PageServer:
     """
 
     def __init__(self, board: Board, on_press: Press, on_stop: Callable[[], None], options: PageOptions | None = None) -> None:
-        self._board, self._on_press, self._on_stop = board, on_press, on_stop
+        self.board, self._on_press, self._on_stop = board, on_press, on_stop
         self._options = options or PageOptions()
         self._presses: queue.SimpleQueue[tuple[str, Any] | None] = queue.SimpleQueue()
         self._threads: list[threading.Thread] = []
@@ -89,7 +154,7 @@ class PageServer:
             raise PageError("the live page needs websockets; install it with: pip install 'bricksrl[page]'") from None
         server_socket = _listen(self._options)
         host, port = server_socket.getsockname()[:2]
-        self._guard = Guard(new_token(), port, is_open=self._options.host not in ("127.0.0.1", "localhost", "::1"))
+        self._guard = Guard(secrets.token_urlsafe(18), port, is_open=self._options.host not in ("127.0.0.1", "localhost", "::1"))
         name = _own_address() if host in ("0.0.0.0", "::") else host  # noqa: S104  compared, not listened on
         name = f"[{name}]" if ":" in name else name
         self.url = f"http://{name}:{port}/?token={self._guard.token}"
@@ -141,29 +206,31 @@ class PageServer:
     def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
         """Response to a request; ``None`` accepts a WebSocket."""
         path = urllib.parse.urlsplit(request.path).path
+        status, content_type = http.HTTPStatus.OK, "text/plain"
         refusal = self._guard.refusal(request.path, request.headers, is_socket=path == "/ws")
         if refusal is not None:
-            return _response(connection, http.HTTPStatus.FORBIDDEN, "text/plain", f"{refusal}\n".encode())
-        if path == "/ws":
+            status, data = http.HTTPStatus.FORBIDDEN, f"{refusal}\n".encode()
+        elif path == "/ws":
             if self._connections < _MAX_CONNECTIONS:
                 return None
-            return _response(connection, http.HTTPStatus.SERVICE_UNAVAILABLE, "text/plain", b"too many tabs look at this page\n")
-        if path == "/scene.bin":
-            return _response(connection, http.HTTPStatus.OK, "application/octet-stream", self._scene_bytes())
-        file = _file("index.html" if path == "/" else path[1:])
-        if file is None:
-            return _response(connection, http.HTTPStatus.NOT_FOUND, "text/plain", b"there is no such file here\n")
-        content_type, data = file
-        response = _response(connection, http.HTTPStatus.OK, content_type, data)
-        if path == "/":
+            status, data = http.HTTPStatus.SERVICE_UNAVAILABLE, b"too many tabs look at this page\n"
+        elif path == "/scene.bin":
+            version, scene = self.board.scene
+            if version != self._scene[0] and scene is not None:
+                self._scene = (version, scene.to_bytes())
+            content_type, data = "application/octet-stream", self._scene[1]
+        elif (file := _file("index.html" if path == "/" else path[1:])) is not None:
+            content_type, data = file
+        else:
+            status, data = http.HTTPStatus.NOT_FOUND, b"there is no such file here\n"
+        response = connection.respond(status, "")
+        for name, value in {"Content-Type": content_type, "Content-Length": str(len(data)), **HEADERS}.items():
+            response.headers.pop(name, None)
+            response.headers[name] = value
+        if path == "/" and refusal is None:
             response.headers["Set-Cookie"] = self._guard.set_cookie
+        response.body = data
         return response
-
-    def _scene_bytes(self) -> bytes:
-        version, scene = self._board.scene
-        if version != self._scene[0] and scene is not None:
-            self._scene = (version, scene.to_bytes())
-        return self._scene[1]
 
     async def _serve_browser(self, connection: ServerConnection) -> None:
         """Serve one browser until it disconnects."""
@@ -183,7 +250,7 @@ class PageServer:
             self._presses.put(("left", None))
 
     async def _send_changes(self, connection: ServerConnection) -> None:
-        reader, due_s = BoardReader(self._board), 0.0
+        reader, due_s = BoardReader(self.board), 0.0
         while True:
             now_s = time.monotonic()
             numbers = now_s >= due_s
@@ -250,13 +317,21 @@ def _file(name: str) -> tuple[str, bytes] | None:
     return f"{content_type}; charset=utf-8", (folder / name).read_bytes()
 
 
-def _response(connection: ServerConnection, status: http.HTTPStatus, content_type: str, data: bytes) -> Response:
-    response = connection.respond(status, "")
-    headers: Headers = response.headers
-    for name in ("Content-Type", "Content-Length"):
-        del headers[name]
-    headers["Content-Type"], headers["Content-Length"] = content_type, str(len(data))
-    for name, value in HEADERS.items():
-        headers[name] = value
-    response.body = data
-    return response
+# ---------------------------------------------------------------- values of presses, which may be anything that JSON can say
+
+
+def chosen(noun: str, value: object, names: Iterable[str]) -> str:
+    """The value, one of the names. Raises PageError if it is none of them."""
+    *others, last = names
+    if isinstance(value, str) and value in (*others, last):
+        return value
+    known = f"{', '.join(others)} or {last}" if others else last
+    raise PageError(f"there is no {noun} {value!r:.{_MAX_SHOWN}}; choose {known}")
+
+
+def is_finite(value: object) -> TypeGuard[int | float]:
+    """Whether the value is a finite number."""
+    try:
+        return isinstance(value, int | float) and math.isfinite(value)
+    except OverflowError:
+        return False

@@ -12,11 +12,10 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 from brickhub.cli.options import Flag, option
-from brickhub.fields import check_fields
+from brickhub.fields import LARGEST, check_fields
 from brickhub.seed import check_seed
 from brickhub.user_files import with_absolute_file, without_folder
 from bricksrl.agents import algorithm, preset
-from bricksrl.agents.settings import LARGEST
 from bricksrl.envs.options import EnvOptions
 from bricksrl.errors import BricksError, DescriptionError, RunError, UnknownNameError, counted
 from bricktwin.twin.physics import Physics

@@ -24,10 +24,10 @@ from torchrl.envs import EnvBase
 from brickhub.seed import derive_seed
 from bricksrl.agents.learner import Learner, means
 from bricksrl.agents.policy_transfer import restore
-from bricksrl.agents.replay.buffer import link_lost, with_outcome
 from bricksrl.child_process import END, ChildProcess, Message, Send, leave, parent_channel
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.registry import get_task
+from bricksrl.envs.rollout import lost_links, with_outcome
 from bricksrl.envs.specs import SpecsEnv
 from bricksrl.errors import BricksError, LearnerError, message_of
 from bricksrl.training.checkpoint import save_checkpoint
@@ -68,7 +68,7 @@ class InLoopLearner:
             if sum(part.shape[-1] for part in self._collected) < size:
                 return
             frames = torch.cat(self._collected, -1)
-            if len(with_outcome(frames, link_lost(frames))) < size:
+            if len(with_outcome(frames, lost_links(frames))) < size:
                 return
             self._collected = []
         self.actor.remember(frames, robot)

@@ -176,7 +176,7 @@ def read_for(path: str, env: EnvBase, *, images: bool) -> Episodes:
 def attach_dataset(config: TrainConfig, learner: Learner, env: EnvBase) -> None:
     """Give a learner the config's dataset; also needed when a run resumes. Raises DataError if the dataset cannot be used,
     RunError if the agent cannot use a dataset, or needs one."""
-    from bricksrl.agents.imitation.chunks import recorded_memory
+    from bricksrl.agents.bc import recorded_memory
     from bricksrl.agents.replay.buffer import TransitionReplayBuffer
 
     if learner.imitates and config.data is None:

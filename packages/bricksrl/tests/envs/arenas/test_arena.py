@@ -13,8 +13,7 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from brickhub.hub.interface import DriveStraight, DriveTurnRate, Pitch, RunAngle
-from brickhub.hub.kinds import Command
+from brickhub.hub.interface import Command, DriveStraight, DriveTurnRate, Pitch, RunAngle
 from brickhub.robot import Mount, PoweredUpSensor, SensorKind
 from brickhub.virtual.stimuli import Sense
 from bricksrl.envs.arenas import get_arena_task, make_arena

@@ -91,7 +91,7 @@ class RecordMotion:
         if not (self.yes or confirm(f"The {robot.name} needs a metre of room to move at full speed. Move it now?")):
             raise TwinError(f"nobody said that the {robot.name} may move; answer y in a terminal, or give --yes")
         transport = address.transport()
-        calibrate = calibration_of(lambda: transport.identity.address if transport.identity else "")
+        calibrate = calibration_of(transport)
         return HubLink(transport, robot, interface, calibrate=calibrate)
 
 

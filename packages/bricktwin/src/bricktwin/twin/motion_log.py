@@ -22,8 +22,7 @@ from numpy.typing import NDArray
 from brickhub.errors import DescriptionError, TwinError, counted
 from brickhub.fields import check_fields
 from brickhub.files import write_durably
-from brickhub.hub.interface import Interface, UntilDone, Wait
-from brickhub.hub.kinds import Channel, Command
+from brickhub.hub.interface import Channel, Command, Interface, UntilDone, Wait
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.robot import Robot
 

@@ -1,4 +1,4 @@
-"""Replay buffers: of transitions, and with successor links for hindsight relabelling and n-step returns.
+"""Replay buffer of transitions, with successor links for hindsight relabelling and n-step returns.
 
 Reward and termination are pure functions of the observation, and goals do not affect motion, so goals can be replaced afterwards
 (hindsight, Andrychowicz et al., 2017).
@@ -6,7 +6,7 @@ Reward and termination are pure functions of the observation, and goals do not a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,73 +18,13 @@ from torchrl.envs import EnvBase
 
 from bricksrl.agents.settings import OffPolicySettings
 from bricksrl.envs.env_interface import interface_of
+from bricksrl.envs.rollout import lost_links, with_outcome
 from bricksrl.envs.specs import ObservationLayout
 from bricksrl.envs.task import Task
 from bricksrl.errors import DescriptionError
 
 HORIZON = 4
 """Hindsight goals are reached at most this number of steps later."""
-
-
-class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
-    """Uniform replay of ``capacity`` transitions with observations of ``keys``; the oldest are overwritten first.
-    ``memory_mapped``: store in a temporary file; ``device``: of the samples, and of the transitions that are not in a file."""
-
-    def __init__(
-        self, capacity: int, batch_size: int, keys: Sequence[str], memory_mapped: bool = False, device: torch.device | str = "cpu"
-    ) -> None:
-        super().__init__(storage=LazyMemmapStorage(capacity) if memory_mapped else LazyTensorStorage(capacity, device=device))
-        self._capacity, self._rows, self._observed, self._sampled_to = capacity, batch_size, keys, torch.device(device)
-        self._device = torch.device("cpu") if memory_mapped else self._sampled_to
-        self._kind: dict[str, Any] = {}  # further arguments of a subclass
-        self._keys = [*keys, "action", *(("next", key) for key in (*keys, "reward", "terminated"))]
-
-    @property
-    def batch_size(self) -> int:
-        """Transitions per `sample`."""
-        return self._rows
-
-    def extend(self, frames: TensorDictBase, *, robot: int = 0, **_: Any) -> Tensor:
-        """Store transitions ``[time]`` or ``[copies, time]``. Returns indices. Raises DescriptionError if they do not fit."""
-        rows = with_outcome(frames.select(*self._keys), link_lost(frames))
-        if not len(rows):
-            return torch.empty(0, dtype=torch.int64)
-        if len(rows) > self._capacity:
-            message = f"{len(rows)} transitions at once do not fit into a replay buffer of {self._capacity}"
-            raise DescriptionError(f"{message}; give buffer_size {len(rows)} or more")
-        indices: Tensor = super().extend(rows.to(self._device)).to(self._device)
-        return indices
-
-    def sample(self, batch_size: int | None = None, **_: Any) -> TensorDictBase:
-        """Uniformly drawn transitions with "index"."""
-        return self._on_device(super().sample(batch_size or self._rows))
-
-    def empty_like(self, capacity: int) -> TransitionReplayBuffer:
-        """An empty buffer of the same kind for ``capacity`` transitions, not in a file."""
-        return type(self)(capacity, self._rows, self._observed, device=self._sampled_to, **self._kind)
-
-    def _on_device(self, batch: TensorDictBase) -> TensorDictBase:
-        return batch if self._device == self._sampled_to else batch.to(self._sampled_to)
-
-
-def link_lost(frames: TensorDictBase) -> Tensor | None:
-    """Frames with a lost link, or ``None`` if there is no link."""
-    lost = frames["next"].get("link_lost", None)
-    return None if lost is None else lost.squeeze(-1)
-
-
-def with_outcome(frames: TensorDictBase, lost: Tensor | None) -> TensorDictBase:
-    """Frames as rows, without those with a lost link: they have no outcome."""
-    return frames.reshape(-1) if lost is None else frames[~lost]
-
-
-def cut_at_lost_links(frames: TensorDictBase) -> TensorDictBase:
-    """Frames ``[*copies, time]`` where those before a lost link end their episodes: estimates must not look across."""
-    lost = link_lost(frames)
-    if lost is not None and bool(lost.any()):
-        frames = frames.clone()
-        frames["next", "done"][..., :-1, :] |= lost[..., 1:, None]
-    return frames
 
 
 @dataclass(frozen=True)
@@ -95,21 +35,6 @@ class GoalRelabelling:
     layout: ObservationLayout
     hindsight: float
     new_goals: float
-
-    def relabel_batch(self, rows: TensorDictBase, index: Tensor, size: int, observed_later: Callable[[Tensor], Tensor]) -> None:
-        """Relabel shares of rows ``[n, batch]`` with the ``index`` ``[batch]``; ``batch`` may be several batches of ``size``.
-        ``observed_later``: indices ``[*some]`` to later observations ``[*some, o]``."""
-        count = len(index) // size
-        index, rows = index[: count * size], rows[:, : count * size]
-        in_hindsight = round(size * self.hindsight)
-        end = min(size, in_hindsight + round(size * self.new_goals))
-        if not end:
-            return
-        goals = [self.draw(count, end - in_hindsight, device=index.device)]
-        if in_hindsight:
-            reached = [reached for _, reached in self.layout.goals]
-            goals.insert(0, observed_later(index.view(count, size)[:, :in_hindsight])[..., reached])
-        self.relabel(rows.view(len(rows), count, size)[:, :, :end], torch.cat(goals, 1))
 
     def draw(self, *batch: int, device: torch.device) -> Tensor:
         """Uniformly random goals ``[*batch, g]``."""
@@ -127,47 +52,68 @@ class GoalRelabelling:
         after["terminated"].copy_(self.task.terminated(after["observation"]))
 
 
-class EpisodicReplayBuffer(TransitionReplayBuffer):
-    """Uniform replay with successor links. The rewards of ``n_step`` steps are summed with discount ``gamma``;
-    "steps_to_next_obs" is their actual number. ``goals``: relabelling of each batch; ``shift_px``: random shift of images;
-    ``args, kwargs``: as of `TransitionReplayBuffer`."""
+class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
+    """Uniform replay of ``capacity`` transitions with observations of ``keys``; the oldest are overwritten first.
+
+    ``memory_mapped``: store in a temporary file; ``device``: of the samples, and of the transitions that are not in a file.
+    ``n_step``: steps whose rewards are summed with discount ``gamma``; "steps_to_next_obs" is their actual number. ``goals``:
+    relabelling of each batch; ``shift_px``: random shift of images. Where a batch needs what followed, successors are linked.
+    """
 
     def __init__(
         self,
-        *args: Any,
+        capacity: int,
+        batch_size: int,
+        keys: Sequence[str],
+        memory_mapped: bool = False,
+        device: torch.device | str = "cpu",
+        *,
         gamma: float = 1.0,
         n_step: int = 1,
         goals: GoalRelabelling | None = None,
         shift_px: int = 0,
-        **kwargs: Any,
     ) -> None:
-        super().__init__(*args, **kwargs)
+        super().__init__(storage=LazyMemmapStorage(capacity) if memory_mapped else LazyTensorStorage(capacity, device=device))
+        self._rows, self._observed, self._sampled_to = batch_size, keys, torch.device(device)
+        self._device = torch.device("cpu") if memory_mapped else self._sampled_to
         self._gamma, self._n_step, self._goals, self._shift_px = gamma, n_step, goals, shift_px
-        self._kind = {"gamma": gamma, "n_step": n_step, "goals": goals, "shift_px": shift_px}
+        self._keys = [*keys, "action", *(("next", key) for key in (*keys, "reward", "terminated"))]
         self._has_links = n_step > 1 or (goals is not None and goals.hindsight > 0)
-        self._none = self._capacity  # index of the missing successor
-        self._successor = torch.full((self._none + 1,) if self._has_links else (0,), self._none, device=self._device)
+        self._none = capacity  # index of the missing successor
+        self._successor = torch.full((capacity + 1,) if self._has_links else (0,), self._none, device=self._device)
         self._last: dict[int, Tensor] = {}  # by robot, of each of its copies
 
-    def extend(self, frames: TensorDictBase, *, robot: int = 0, **_: Any) -> Tensor:
-        """Store transitions that continue the last ones of each copy of this robot, unless the link was lost."""
-        frames = frames if frames.ndim == 2 else frames.reshape(1, -1)
-        index = super().extend(frames)
-        if not len(index):
-            self._last.pop(robot, None)
-        elif self._has_links:
-            self._link(index, frames, robot)
+    @property
+    def batch_size(self) -> int:
+        """Transitions per `sample`."""
+        return self._rows
+
+    def empty_like(self, capacity: int) -> TransitionReplayBuffer:
+        """An empty buffer of the same kind for ``capacity`` transitions, not in a file."""
+        kind: dict[str, Any] = {"gamma": self._gamma, "n_step": self._n_step, "goals": self._goals, "shift_px": self._shift_px}
+        return type(self)(capacity, self._rows, self._observed, device=self._sampled_to, **kind)
+
+    def extend(self, frames: TensorDictBase, *, robot: int | None = 0, **_: Any) -> Tensor:
+        """Store transitions ``[time]`` or ``[copies, time]`` that continue the last ones of each copy of this robot, unless the
+        link was lost; of no robot: without links. Returns indices. Raises DescriptionError if they do not fit."""
+        lost = lost_links(frames)
+        rows = with_outcome(frames.select(*self._keys), lost)
+        if not len(rows):
+            self.end_episodes(robot)
+            return torch.empty(0, dtype=torch.int64)
+        if len(rows) > self._none:
+            message = f"{len(rows)} transitions at once do not fit into a replay buffer of {self._none}"
+            raise DescriptionError(f"{message}; give buffer_size {len(rows)} or more")
+        index: Tensor = super().extend(rows.to(self._device)).to(self._device)
+        if self._has_links and robot is not None:
+            places, time = index, frames.shape[-1]
+            if lost is not None:
+                places = torch.full(lost.shape, self._none, device=self._device).masked_scatter(~lost.to(self._device), index)
+            self._link(places.view(-1, time), frames["next", "done"].to(self._device).view(-1, time), robot)
         return index
 
-    def _link(self, index: Tensor, frames: TensorDictBase, robot: int) -> None:
-        """Link successive transitions, which are stored at ``index``."""
-        lost = link_lost(frames)
-        if lost is None:
-            indices = index.view(frames.shape)
-        else:
-            indices = torch.full(frames.shape, self._none, device=self._device)
-            indices[~lost] = index
-        done = frames["next", "done"].squeeze(-1).to(self._device)
+    def _link(self, indices: Tensor, done: Tensor, robot: int) -> None:
+        """Link successive transitions, stored at ``indices`` ``[copies, time]``, to each other and to the robot's last ones."""
         last = self._last.get(robot)
         if last is not None and len(last) == len(indices):
             self._successor[last] = indices[:, 0]
@@ -175,7 +121,7 @@ class EpisodicReplayBuffer(TransitionReplayBuffer):
         if indices.shape[1] > 1:
             self._successor[indices[:, :-1]] = torch.where(done[:, :-1], self._none, indices[:, 1:])
         for other, ends in self._last.items():  # overwritten transitions have no successor
-            self._last[other] = torch.where(torch.isin(ends, index), self._none, ends)
+            self._last[other] = torch.where(torch.isin(ends, indices), self._none, ends)
         self._last[robot] = torch.where(done[:, -1], self._none, indices[:, -1])
         self._successor[self._none] = self._none
 
@@ -192,24 +138,38 @@ class EpisodicReplayBuffer(TransitionReplayBuffer):
 
     def sample(self, batch_size: int | None = None, *, batches: int = 0, **_: Any) -> TensorDictBase:
         """Uniformly drawn transitions, relabelled, summed over n steps, images shifted; ``batches`` equal ones, if given."""
-        batch = TensorDictReplayBuffer.sample(self, batch_size or self._rows)
+        batch = super().sample(batch_size or self._rows)
         index = batch.pop("index")
         if self._goals is not None or self._n_step > 1:
             batch = self._augmented(batch, index, len(index) // batches if batches else min(self._rows, len(index)))
         if self._shift_px:
             for part in (batch, batch["next"]):
                 part["image"] = shift_images(part["image"], self._shift_px)
-        return self._on_device(batch)
+        return batch if self._device == self._sampled_to else batch.to(self._sampled_to)
 
     def _augmented(self, batch: TensorDictBase, index: Tensor, size: int) -> TensorDictBase:
+        """Rows ``[batch]``, which may be several batches of ``size``, relabelled and summed over n steps."""
         chain, known = [index], [torch.ones_like(index, dtype=torch.bool)]
         for _ in range(1, self._n_step):
             chain.append(self._successor[chain[-1]])
             known.append(chain[-1] != self._none)
         rows = batch[None] if self._n_step == 1 else self._storage.get(torch.stack(chain).clamp_max(len(self) - 1))
-        if self._goals is not None:  # each of several batches drawn at once gets its share
-            self._goals.relabel_batch(rows, index, size, self._observed_later)
+        if self._goals is not None:
+            self._relabel(self._goals, rows, index, size)
         return batch if self._n_step == 1 else self._summed(rows, torch.stack(known))
+
+    def _relabel(self, goals: GoalRelabelling, rows: TensorDictBase, index: Tensor, size: int) -> None:
+        """Relabel shares of each batch in rows ``[n, batches * size]``."""
+        count = len(index) // size
+        in_hindsight = round(size * goals.hindsight)
+        end = min(size, in_hindsight + round(size * goals.new_goals))
+        if not end:
+            return
+        new = [goals.draw(count, end - in_hindsight, device=index.device)]
+        if in_hindsight:
+            reached = [reached for _, reached in goals.layout.goals]
+            new.insert(0, self._observed_later(index[: count * size].view(count, size)[:, :in_hindsight])[..., reached])
+        goals.relabel(rows[:, : count * size].view(len(rows), count, size)[:, :, :end], torch.cat(new, 1))
 
     def _observed_later(self, index: Tensor) -> Tensor:
         """For each index an observation up to `HORIZON` steps later, or its own outcome if the episode ends before."""
@@ -259,13 +219,9 @@ def shift_images(images: Tensor, max_px: int) -> Tensor:
 
 def make_replay_buffer(env: EnvBase, settings: OffPolicySettings, device: torch.device | str) -> TransitionReplayBuffer:
     """The replay buffer of the settings for an environment."""
-    layout = ObservationLayout.of(env)
-    keys = ("observation", "image") if layout.image_px else ("observation",)
+    layout, task, goals = ObservationLayout.of(env), interface_of(env).task, None
+    if task is not None and layout.goals and settings.hindsight + settings.new_goals > 0:
+        goals = GoalRelabelling(task, layout, settings.hindsight, settings.new_goals)
+    keys, shift_px = (("observation", "image"), settings.shift_px) if layout.image_px else (("observation",), 0)
     args = (settings.buffer_size, settings.batch_size, keys, settings.memory_mapped, device)
-    has_goals = bool(layout.goals) and settings.hindsight + settings.new_goals > 0
-    shift_px = settings.shift_px if layout.image_px else 0
-    if not has_goals and settings.n_step == 1 and not shift_px:
-        return TransitionReplayBuffer(*args)
-    task = interface_of(env).task
-    goals = GoalRelabelling(task, layout, settings.hindsight, settings.new_goals) if has_goals and task is not None else None
-    return EpisodicReplayBuffer(*args, gamma=settings.gamma, n_step=settings.n_step, goals=goals, shift_px=shift_px)
+    return TransitionReplayBuffer(*args, gamma=settings.gamma, n_step=settings.n_step, goals=goals, shift_px=shift_px)

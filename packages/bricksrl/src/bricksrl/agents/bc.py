@@ -1,0 +1,61 @@
+"""Behaviour cloning with TorchRL's loss."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated
+
+import torch
+from tensordict import TensorDictBase, TensorDictParams
+from torchrl.envs import EnvBase
+from torchrl.envs.transforms import ActionChunkTransform
+from torchrl.objectives import BCLoss
+
+from bricksrl.agents.encoder import make_encoder
+from bricksrl.agents.learner import Learner, adam
+from bricksrl.agents.networks import action_size, action_spec, deterministic_policy, make_body
+from bricksrl.agents.replay.buffer import TransitionReplayBuffer
+from bricksrl.agents.settings import Positive, Settings, ShareBelowOne
+
+
+@dataclass(frozen=True)
+class BCSettings(Settings):
+    """Settings of behaviour cloning; it learns from a dataset only."""
+
+    updates_per_step: Annotated[float, Positive] = 2.0
+    """Updates for each robot step."""
+    actor_layer_norm: bool = True
+    """Layer normalisation in the actor."""
+    dropout: Annotated[float, ShareBelowOne] = 0.01
+    """Dropout rate in the actor during training."""
+
+
+class ImitationLoss(BCLoss):  # type: ignore[misc]
+    """TorchRL's loss with a missing annotation that it warns about."""
+
+    target_actor_network_params: TensorDictParams
+
+
+def build(env: EnvBase, settings: BCSettings, device: torch.device | str = "cpu") -> Learner:
+    """Behaviour cloning for an environment. Initialized from torch's global generator."""
+    encoder = make_encoder(env, settings)
+    body = make_body(settings, encoder.size, action_size(env), layer_norm=settings.actor_layer_norm, dropout=settings.dropout)
+    actor, _ = deterministic_policy(encoder, body, action_spec(env), noise=0.0)
+    loss = ImitationLoss(actor.to(device), loss_function="l2").to(device)
+    loss.set_keys(action="action")
+    optimizer = adam(loss.parameters(), settings)
+    return Learner(actor, loss, optimizer, updates_per_step=settings.updates_per_step, imitates=True)
+
+
+def recorded_memory(
+    frames: TensorDictBase, batch_size: int, keys: Sequence[str], *, chunk: int = 0, device: torch.device | str = "cpu"
+) -> TransitionReplayBuffer:
+    """A buffer of recorded frames ``[time]``. With ``chunk``, actions are the next ``chunk`` ones ``[chunk, m]``; the last action
+    of an episode is repeated."""
+    if chunk:
+        rows = ActionChunkTransform(chunk, chunk_key="chunk")(frames.select("action", ("next", "done"))[None])
+        frames = frames.clone(recurse=False).set("action", rows["chunk"][0])
+    memory = TransitionReplayBuffer(max(2, len(frames)), batch_size, keys, device=device)
+    memory.extend(frames)
+    return memory

@@ -1,0 +1,60 @@
+"""Diffusion policy (Chi et al., 2023): imitation by denoising action chunks, with TorchRL's actor and loss."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from dataclasses import dataclass
+from typing import Annotated
+
+import torch
+from tensordict import TensorDict, TensorDictBase
+from torch import nn
+from torchrl.envs import EnvBase
+from torchrl.modules import DiffusionActor
+from torchrl.objectives import DiffusionBCLoss
+
+from bricksrl.agents.act import ChunkPolicy, ChunkSettings, chunk_learner
+from bricksrl.agents.encoder import encode, make_encoder
+from bricksrl.agents.learner import Learner
+from bricksrl.agents.networks import action_size, make_body
+from bricksrl.agents.settings import NotNegative, Range
+
+
+@dataclass(frozen=True)
+class DiffusionSettings(ChunkSettings):
+    """Settings of the diffusion policy."""
+
+    chunk: Annotated[int, Range(1, 1000)] = 4
+    """Length of an action chunk."""
+    ensemble: Annotated[float | None, NotNegative] = None
+    """Extra weight of older chunks when overlapping chunks are averaged; none uses the newest only."""
+    denoising_steps: Annotated[int, Range(1, 1000)] = 20
+    """Denoising steps per chunk."""
+
+
+class EncodedChunks(DiffusionBCLoss):  # type: ignore[misc]
+    """TorchRL's loss on encoded features and action chunks."""
+
+    def __init__(self, actor: DiffusionActor, encoder: nn.Module) -> None:
+        super().__init__(actor)
+        self.encoder = encoder
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDict:
+        chunk, features = tensordict["action"].flatten(-2), encode(self.encoder, tensordict)
+        return super().forward(TensorDict({"observation": features, "action": chunk}, tensordict.batch_size))
+
+
+def build(env: EnvBase, settings: DiffusionSettings, device: torch.device | str = "cpu") -> Learner:
+    """The diffusion policy for an environment. Initialized from torch's global generator."""
+    encoder, m = make_encoder(env, settings), action_size(env)
+    size = m * settings.chunk
+    # at the last step nearly everything is noise, for any number of steps
+    actor = DiffusionActor(
+        action_dim=size,
+        score_network=make_body(settings, size + encoder.size + 1, size),
+        num_steps=settings.denoising_steps,
+        beta_end=min(0.999, 2.0 / settings.denoising_steps),
+    ).to(device)
+    loss = EncodedChunks(actor, encoder).to(device)
+    denoised_chunk = nn.Sequential(OrderedDict(actor=actor, chunk=nn.Unflatten(-1, (settings.chunk, m))))
+    return chunk_learner(ChunkPolicy(encoder, denoised_chunk, settings).to(device), loss, settings)

@@ -1,1 +1,0 @@
-"""Imitation learning: behavioural cloning, ACT, diffusion policy."""

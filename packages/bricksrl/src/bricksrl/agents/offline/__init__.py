@@ -1,1 +1,0 @@
-"""Offline algorithms: IQL, CQL, TD3+BC."""
