@@ -18,7 +18,7 @@ import torch
 
 from benchmarks.session import Session
 from bricksrl.envs.arenas import make_arena
-from bricksrl.evaluation.arena_film import film_arena
+from bricksrl.evaluation.film import film_arena
 from bricksrl.evaluation.statistics import FEWEST_SEEDS, wilson_interval
 from bricksrl.training.teams.groups import TeamSettings, team_policy
 from bricksrl.training.teams.team import TeamConfig, load_team, play_team, train_team

@@ -24,8 +24,7 @@ from benchmarks.session import Session
 from bricksrl.agents import make_learner, preset
 from bricksrl.envs.env import HubEnv
 from bricksrl.envs.tasks.robo_arm_mixed import GOAL
-from bricksrl.envs.vision.camera import CameraView, TwinCamera
-from bricksrl.envs.vision.watch import Watch
+from bricksrl.envs.vision.camera import CameraView, TwinCamera, Watch
 from bricksrl.errors import RenderingUnavailableError
 
 ENV = "RoboArm_mixed-v0"

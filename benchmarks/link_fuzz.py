@@ -14,8 +14,8 @@ from collections import Counter
 
 from benchmarks.session import Session
 from brickhub.hub.protocol import UP_PAYLOAD_BYTES, DataFrame, FrameDecoder, Up, control_frame, data_frame, hello_payload
-from brickhub.hub.transports import cobs
 from brickhub.hub.transports.profile import parse_capabilities, parse_event, parse_hub_kind, parse_version
+from brickhub.hub.transports.usb import Framer, decode_cobs, encode_cobs
 from bricksrl.errors import HubProtocolError
 
 PAYLOAD_BYTES = 16
@@ -83,19 +83,19 @@ def fuzz_frames(rng: random.Random, counts: Counter[str]) -> None:
 
 def fuzz_cobs(rng: random.Random, counts: Counter[str]) -> None:
     """Fuzz frames over USB."""
-    framer = cobs.Framer()
+    framer = Framer()
     messages = [rng.randbytes(rng.randint(1, 200)) for _ in range(4)]
-    for piece in pieces(rng, damage(rng, b"".join(map(cobs.encode, messages)))):
+    for piece in pieces(rng, damage(rng, b"".join(map(encode_cobs, messages)))):
         framer.feed(piece)
     last = [rng.randbytes(20), rng.randbytes(20)]
-    received = [message for frame in map(cobs.encode, last) for message in framer.feed(frame)]
+    received = [message for frame in map(encode_cobs, last) for message in framer.feed(frame)]
     assert received[-1] == last[1], "not back in step with the second frame"
     counts["frames over USB that were damaged"] += framer.damaged
 
 
 def fuzz_profile(rng: random.Random, counts: Counter[str]) -> None:
     """Fuzz the parsers of a hub's properties."""
-    for parse in (parse_event, parse_capabilities, parse_version, parse_hub_kind, cobs.decode):
+    for parse in (parse_event, parse_capabilities, parse_version, parse_hub_kind, decode_cobs):
         try:
             parse(rng.randbytes(rng.randint(0, 40)))
         except HubProtocolError:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import importlib
 import statistics
+import struct
 import sys
 import tempfile
 import time
@@ -46,8 +47,9 @@ class EchoTransport:
 
     def write(self, data: bytes) -> None:
         seq = data[1] or data[3]  # of a data frame, or of READ
-        values = [0.0] * len(self._wire.channel_names)
-        self._out += data_frame(seq, self._wire.encode_answer(int(time.monotonic() * 1000), values))
+        payload = bytearray(self._wire.answer_bytes)
+        struct.pack_into("<H", payload, 0, int(time.monotonic() * 1000) & 0xFFFF)
+        self._out += data_frame(seq, bytes(payload))
 
     def read(self, timeout_s: float) -> bytes:
         data = bytes(self._out)

@@ -35,7 +35,7 @@ from tensordict import TensorDictBase
 
 from bricksrl.cli import main as bricksrl
 from bricksrl.envs import get_task, list_envs
-from bricksrl.envs.arenas.arena_registry import ARENAS, get_arena_task
+from bricksrl.envs.arenas import ARENAS, get_arena_task
 from bricksrl.envs.registry import is_simulation
 from bricksrl.training import Callback, Phase, RunResult, TrainConfig, resume, train
 from bricksrl.training.checkpoint import load_checkpoint

@@ -24,7 +24,7 @@ from benchmarks.session import Session
 from bricksrl.errors import StoppedError
 from bricksrl.page.live import LivePage
 from bricksrl.page.play import play_on_page
-from bricksrl.policies.named import random_player
+from bricksrl.policies.policy import random_player
 
 FLAGS = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
 WARM_S = 120.0

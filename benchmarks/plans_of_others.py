@@ -35,8 +35,7 @@ def moving(plan: Plan) -> dict[str, int]:
     motions = bodies.motions()
     body_of = {part: number for number, parts in enumerate(bodies.members) for part in parts}
     driven = set()
-    for motor in [joint.motor for joint in bodies.joints if joint.motor is not None]:
-        rates = bodies.rates(motor, motions)
+    for rates in [joint.rates(motions) for joint in bodies.joints if joint.motor is not None]:
         if abs(rates).max(initial=0.0) < _TURNS:
             continue
         counts["motors_turning"] += 1

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from brickhub.entry import Entry
-from bricksrl.data.recorded_episode import About, Step
+from bricksrl.data import About, Step
 from bricksrl.data.schema import Description
 
 if TYPE_CHECKING:
@@ -66,9 +66,9 @@ def record(root: Path, description: Description) -> None:
 
     with Recorder(root, description) as recorder:
         while True:
-            print(recorder.episodes, flush=True)
+            print(len(recorder.rows), flush=True)
             recorder.begin(About(policy="known"))
-            for step in steps(recorder.episodes, description.image_px):
+            for step in steps(len(recorder.rows), description.image_px):
                 recorder.add(step)
             recorder.commit()
 

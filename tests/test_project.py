@@ -66,7 +66,7 @@ def test_files_are_found_by_their_name():
         others = {"hub", "plans", "templates", "twin"} if package.name == "bricksrl" else set()  # names of the other houses
         names = Counter(path.name for path in modules if not others & {*path.parts})
         assert [name for name, count in names.items() if count > 1] == []
-    assert sorted(crowded) == ["envs", "pybricks"]
+    assert sorted(crowded) == []
 
 
 def test_published_tables_match_results():
@@ -184,7 +184,7 @@ def test_docs_refer_to_existing_files(page):
 
 def test_docstrings_of_modules_begin_with_their_subject():
     paths = sorted(path for source in SOURCES.values() for path in source.rglob("*.py"))
-    assert len(paths) > 300
+    assert len(paths) > 250
     for path in paths:
         begins = (ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or "Nothing").split()[0]
         assert begins not in {"How", "What", "When", "Where", "Whether", "Which", "Who", "Why"}, path

@@ -13,7 +13,7 @@ from brickhub import target
 from brickhub.errors import DescriptionError, TwinError, UnknownNameError
 from brickhub.hub.interface import Distance, MotorAngle, Pitch, Roll, RunAngle, Wait, YawRate
 from brickhub.hub.link.lockstep import HubLink
-from brickhub.hub.program.validate import validate
+from brickhub.hub.program.generate import validate
 from brickhub.robot import BENCH, HubKind, Motor, PoweredUpSensor, Robot, SensorKind, UltrasonicSensor
 from brickhub.target import Target, find_in_files, whole_interface
 from brickhub.virtual.bench_body import BenchBody

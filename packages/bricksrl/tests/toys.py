@@ -85,22 +85,22 @@ class LosingCart(BricksEnv, Cart):
     def __init__(self, at: int, failures: int = 0) -> None:
         super().__init__()
         self.observation_spec["link_lost"] = Binary(1, dtype=torch.bool)
-        self.reconnect = Reconnect()
+        self.reconnect: Reconnect = Reconnect()
         self.at, self.failures = at, failures
 
     def _reset(self, tensordict: TensorDictBase | None = None, **kwargs: Any) -> TensorDictBase:
-        while True:
-            self.reconnect.before_try()
-            if self.resets != 3 or not self.failures:
-                self.reconnect.answered(to_step=False)
-                return super()._reset().set("link_lost", torch.zeros(1, dtype=torch.bool))
+        return self.reconnect.until_answered(self._begin)
+
+    def _begin(self) -> TensorDictBase:
+        if self.resets == 3 and self.failures:
             self.failures -= 1
-            self.reconnect.failed(HubTimeoutError("the hub is not there; switch it on"))
+            raise HubTimeoutError("the hub is not there; switch it on")
+        return super()._reset().set("link_lost", torch.zeros(1, dtype=torch.bool))
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         lost = torch.zeros(1, dtype=torch.bool)
         if not self._is_lost():
-            self.reconnect.answered(to_step=True)
+            self.reconnect.recovered()
             return super()._step(tensordict).set("link_lost", lost)
         self.link_error = HubTimeoutError("the hub did not answer; switch it on")
         self.reconnect.failed(self.link_error)

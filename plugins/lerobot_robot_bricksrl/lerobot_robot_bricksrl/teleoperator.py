@@ -10,9 +10,7 @@ from lerobot.utils.errors import DeviceNotConnectedError
 
 from bricksrl.envs import get_task
 from bricksrl.errors import DataError
-from bricksrl.teleop.gamepad import GamepadDriver
-from bricksrl.teleop.keyboard import KeyboardDriver
-from bricksrl.teleop.mapping import rest_action
+from bricksrl.teleoperation import GamepadDriver, KeyboardDriver, rest_action
 from lerobot_robot_bricksrl.config import BricksGamepadConfig, BricksKeyboardConfig, BricksRandomConfig
 
 

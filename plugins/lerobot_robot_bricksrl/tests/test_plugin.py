@@ -14,7 +14,7 @@ from lerobot.teleoperators.utils import make_teleoperator_from_config
 from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
 from prompt_toolkit.input import create_pipe_input
 
-from bricksrl.teleop.keyboard import KeyboardDriver
+from bricksrl.teleoperation import KeyboardDriver
 
 
 @pytest.fixture

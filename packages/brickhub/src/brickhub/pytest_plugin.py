@@ -85,9 +85,8 @@ class PybricksHub:
             DescriptionError, TwinError: robot, readings, end stops or presses do not fit together.
         """
         from brickhub.virtual.given_readings import parse_end_stop, parse_reading
-        from brickhub.virtual.host_stop import interruptible
         from brickhub.virtual.panel import parse_press
-        from brickhub.virtual.run import Operation, run_file
+        from brickhub.virtual.run import Operation, interruptible, run_file
         from brickhub.virtual.run_log import RunLog
 
         log, out, err = RunLog(), io.BytesIO(), io.StringIO()

@@ -14,8 +14,7 @@ from typing import Any
 
 from brickhub import HOUSES
 from brickhub.errors import UnknownNameError
-from brickhub.hub.interface import Distance, Interface, MotorAngle, Pitch, Roll, RunAngle, Wait, YawRate
-from brickhub.hub.kinds import Channel
+from brickhub.hub.interface import Channel, Distance, Interface, MotorAngle, Pitch, Roll, RunAngle, Wait, YawRate
 from brickhub.robot import BENCH, Robot
 from brickhub.user_files import is_reference, load_robot
 from brickhub.virtual.bench_body import BenchBody

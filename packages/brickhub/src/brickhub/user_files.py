@@ -8,8 +8,6 @@ import os
 import sys
 import sysconfig
 import traceback
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -83,19 +81,19 @@ def _load(location: str, reference: str) -> ModuleType:
             raise UnknownNameError(f"there is no file {location}; put it there, or give the path of another Python file")
         remedy = "give the path of a Python file, or go to the right folder"
         raise UnknownNameError(f"there is no file {location} in {Path.cwd()}; {remedy}")
+    folder = str(path.resolve().parent if is_file else Path.cwd())
+    sys.path.insert(0, folder)  # as if Python ran that file
     try:
-        with _importable(str(path.resolve().parent if is_file else Path.cwd())):
-            return _run_file(path) if is_file else importlib.import_module(location)
-    except (ImportError, ValueError) as error:
-        if not is_file and getattr(error, "name", location) == location:
-            raise UnknownNameError(
-                f"there is no module '{location}'; give one that can be imported, or a file: my_task.py"
-            ) from None
-        raise DescriptionError(f"{reference} cannot be loaded ({error}{line_of_user(error)}); correct it") from error
+        return _run_file(path) if is_file else importlib.import_module(location)
     except (Exception, SystemExit) as error:  # a script may end the program
-        raise DescriptionError(
-            f"{reference} cannot be loaded ({type(error).__name__}: {error}{line_of_user(error)}); correct it"
-        ) from error
+        is_import = isinstance(error, ImportError | ValueError)
+        if is_import and not is_file and getattr(error, "name", location) == location:
+            remedy = "give one that can be imported, or a file: my_task.py"
+            raise UnknownNameError(f"there is no module '{location}'; {remedy}") from None
+        what = f"{'' if is_import else f'{type(error).__name__}: '}{error}{line_of_user(error)}"
+        raise DescriptionError(f"{reference} cannot be loaded ({what}); correct it") from error
+    finally:
+        sys.path.remove(folder)
 
 
 def line_of_user(error: BaseException) -> str:
@@ -124,16 +122,6 @@ def _run_file(path: Path) -> ModuleType:
     sys.modules[spec.name] = module  # dataclasses of the file look it up
     spec.loader.exec_module(module)
     return module
-
-
-@contextmanager
-def _importable(folder: str) -> Iterator[None]:
-    """Put the folder of the user's file on ``sys.path``, as if Python ran that file."""
-    sys.path.insert(0, folder)
-    try:
-        yield
-    finally:
-        sys.path.remove(folder)
 
 
 def _only(type_: type, module: ModuleType, reference: str, missing: str) -> str:

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 import brickhub as package
+from brickhub.cli.app import one_line
 from brickhub.cli.command_table import LINE
-from brickhub.cli.wording import one_line
 
 COMMANDS = ("run", "check", "scan", "program", "latency", "calibrate", "stop", "doctor")
 HEAVY = ("bleak", "greenlet", "numpy", "serial", "brickhub.virtual.machine")

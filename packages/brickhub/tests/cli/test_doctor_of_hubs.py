@@ -9,10 +9,9 @@ from pathlib import Path
 import pytest
 
 from brickhub.cli import doctor, main
-from brickhub.errors import HubError
+from brickhub.errors import BluetoothUnavailableError, HubError
 from brickhub.finding import Outcome
-from brickhub.hub.hub_errors import BluetoothUnavailableError
-from brickhub.hub.transports import bluetooth
+from brickhub.hub.transports import ble
 
 
 def test_doctor_answers_on_this_computer(capfd) -> None:
@@ -60,9 +59,9 @@ def linux(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for name, text in (("type", "bluetooth"), ("soft", "0"), ("hard", "0")):
         (tmp_path / "rfkill/rfkill0" / name).write_text(f"{text}\n")
     (tmp_path / "bus").write_text("")
-    monkeypatch.setattr(bluetooth, "_BLUETOOTH_FOLDER", tmp_path / "bluetooth")
-    monkeypatch.setattr(bluetooth, "_RFKILL_FOLDER", tmp_path / "rfkill")
-    monkeypatch.setattr(bluetooth, "_SYSTEM_BUS", tmp_path / "bus")
+    monkeypatch.setattr(ble, "_BLUETOOTH_FOLDER", tmp_path / "bluetooth")
+    monkeypatch.setattr(ble, "_RFKILL_FOLDER", tmp_path / "rfkill")
+    monkeypatch.setattr(ble, "_SYSTEM_BUS", tmp_path / "bus")
     monkeypatch.setattr("sys.platform", "linux")
     monkeypatch.delenv("DBUS_SYSTEM_BUS_ADDRESS", raising=False)
     return tmp_path
@@ -76,10 +75,10 @@ def fail(error: HubError):
 
 
 def test_bluetooth_checks_go_from_system_to_hub(linux: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("brickhub.hub.transports.scan.scan", lambda seconds: [])
+    monkeypatch.setattr("brickhub.hub.transports.ble.scan", lambda seconds: [])
     assert doctor.check_bluetooth() == (Outcome.OK, "can look for hubs: no hub in reach right now")
     monkeypatch.setattr(
-        "brickhub.hub.transports.scan.scan", fail(BluetoothUnavailableError("access denied; join the group bluetooth"))
+        "brickhub.hub.transports.ble.scan", fail(BluetoothUnavailableError("access denied; join the group bluetooth"))
     )
     outcome, detail = doctor.check_bluetooth()
     assert outcome is Outcome.WARNING and "access denied" in detail and "virtual hub" in detail

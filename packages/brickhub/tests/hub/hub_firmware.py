@@ -22,7 +22,7 @@ from brickhub.robot import HubKind, Robot
 from brickhub.virtual import interpreter
 from brickhub.virtual.bench_body import BenchBody
 from brickhub.virtual.machine import Machine
-from brickhub.virtual.micropython.system import ProgramInterrupt
+from brickhub.virtual.micropython.exceptions import ProgramInterrupt
 from brickhub.virtual.micropython.text import format_traceback
 from brickhub.virtual.pybricks import modules
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from hub_firmware import PlayedFirmware, Refusal
 
-from brickhub.hub.transports import cobs
+from brickhub.hub.transports.usb import Framer, encode_cobs
 from brickhub.robot import Robot
 
 MAX_MESSAGE_BYTES = 512
@@ -148,7 +148,7 @@ class PlayedUsbHub(PlayedFirmware):
         thread.start()
 
     def _listen(self, read: Callable[[int], bytes], write: Callable[[bytes], object], shut: Callable[[], None]) -> None:
-        framer = cobs.Framer()
+        framer = Framer()
         while True:
             try:
                 data = read(4096)
@@ -165,7 +165,7 @@ class PlayedUsbHub(PlayedFirmware):
     def _send(self, message: bytes) -> None:
         if self._write is not None:
             with contextlib.suppress(OSError):
-                self._write(self.change(cobs.encode(message)))
+                self._write(self.change(encode_cobs(message)))
 
     async def _on_message(self, message: bytes) -> None:
         kind, body = message[0], message[1:]

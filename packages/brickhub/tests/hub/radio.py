@@ -29,7 +29,7 @@ from bumble.host import Host
 from bumble.link import LocalLink
 from bumble.transport.common import StreamPacketSink, StreamPacketSource
 
-from brickhub.hub.transports.scan import BleBackend
+from brickhub.hub.transports.ble import BleBackend
 
 T = TypeVar("T")
 

@@ -15,10 +15,7 @@ from typing import Any
 from greenlet import getcurrent, greenlet
 
 from brickhub.errors import HubError
-from brickhub.hub.program.lint import _BUILTINS, _LARGER_BUILTINS
 from brickhub.hub.transport import HubProgram
-
-_HUB_BUILTINS = frozenset(dir(builtins)) & (_BUILTINS | _LARGER_BUILTINS) | {"__build_class__"}
 
 
 class Motor:
@@ -191,7 +188,7 @@ class StandInHub:
     # ---- what the program sees
 
     def _run(self, code: CodeType) -> None:
-        names = {name: getattr(builtins, name) for name in _HUB_BUILTINS}
+        names: dict[str, Any] = dict(vars(builtins))
         names |= {"__import__": self._import, "print": lambda *words: self._emit(" ".join(map(str, words)).encode())}
         try:
             exec(code, {"__builtins__": names, "__name__": "__main__"})  # noqa: S102  the program under test

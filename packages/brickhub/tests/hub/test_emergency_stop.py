@@ -12,8 +12,7 @@ from described import SPINNING, TWO_WHEELER
 from radio import ATT_WRITE_REQUEST, ATT_WRITE_RESPONSE
 from stopping import SLOW_STEP, Act, eventually, held, patient_link
 
-from brickhub.errors import StoppedError
-from brickhub.hub.hub_errors import HubDisconnectedError
+from brickhub.errors import HubDisconnectedError, StoppedError
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.link.states import LinkState
 from brickhub.hub.link.streaming import StreamingLink

@@ -6,8 +6,7 @@ import dataclasses
 
 import pytest
 
-from brickhub.hub.interface import Distance, DriveStraight, MotorAngle, Pitch, Roll, RunAngle, YawRate
-from brickhub.hub.kinds import Channel, Command
+from brickhub.hub.interface import Channel, Command, Distance, DriveStraight, MotorAngle, Pitch, Roll, RunAngle, YawRate
 
 COMMANDS: list[Command] = [RunAngle("left", -100, 50, 400), DriveStraight(-100, 50)]
 CHANNELS: list[Channel] = [MotorAngle("left"), Pitch(), Roll(), YawRate(), Distance("eyes")]

@@ -10,9 +10,9 @@ from hub_programs import Console, output
 
 from brickhub.robot import BENCH, HubKind, Robot
 from brickhub.virtual.bench_body import BenchBody
-from brickhub.virtual.call_stack import most_nested_calls
 from brickhub.virtual.interpreter import execute
 from brickhub.virtual.machine import Machine
+from brickhub.virtual.micropython.memory import most_nested_calls
 from brickhub.virtual.micropython.text import format_traceback
 from brickhub.virtual.pybricks import modules
 

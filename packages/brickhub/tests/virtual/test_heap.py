@@ -8,7 +8,7 @@ import pytest
 from hub_programs import output
 
 from brickhub.robot import HubKind, Robot
-from brickhub.virtual import memory
+from brickhub.virtual.micropython import memory
 
 FILL = """
 class Point:

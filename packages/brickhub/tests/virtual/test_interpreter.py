@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 
 from brickhub.virtual.interpreter import Modules, execute
 from brickhub.virtual.micropython.exceptions import reword
-from brickhub.virtual.micropython.float_text import float_text
-from brickhub.virtual.micropython.floats import to_single
+from brickhub.virtual.micropython.floats import float_text, to_single
 from brickhub.virtual.micropython.numbers import struct_module
 from brickhub.virtual.micropython.text import format_traceback
 

@@ -12,7 +12,7 @@ from brickhub.errors import HubError
 from brickhub.hub.link.lockstep import HubLink, LinkState
 from brickhub.virtual import virtual_transport as transport
 from brickhub.virtual.bench_body import BenchBody
-from brickhub.virtual.pace import Pace
+from brickhub.virtual.machine import Pace
 from brickhub.virtual.virtual_transport import VirtualHub
 
 ON_A_ROBOT = ("RunAway-v0", "Spinning-v0", "Walker-v0", "RoboArm-v0")

@@ -14,9 +14,8 @@ from brickhub.errors import ProgramError, TwinError
 from brickhub.robot import BENCH, Robot
 from brickhub.virtual.bench_body import BenchBody
 from brickhub.virtual.given_readings import parse_reading
-from brickhub.virtual.host_stop import HostStop
-from brickhub.virtual.machine import Machine
-from brickhub.virtual.pace import Pace
+from brickhub.virtual.machine import Machine, Pace
+from brickhub.virtual.micropython.exceptions import HostStop
 from brickhub.virtual.panel import Panel, parse_press
 from brickhub.virtual.run import Operation, run_file
 

@@ -15,7 +15,7 @@ from brickhub.errors import HubError, HubProgramError, SceneError, TwinError
 from brickhub.hub.transport import HubModule, HubProgram
 from brickhub.robot import BENCH
 from brickhub.virtual.bench_body import BenchBody
-from brickhub.virtual.host_stop import HostStop
+from brickhub.virtual.micropython.exceptions import HostStop
 from brickhub.virtual.virtual_transport import VirtualHub
 
 ECHO = """

@@ -66,19 +66,16 @@ def __getattr__(name: str) -> Any:
 class _GymnasiumHook:
     """Import hook that registers the environments right after an import of Gymnasium, which is not imported otherwise."""
 
-    def __init__(self) -> None:
-        self._is_searching = False
-
     def find_spec(self, name: str, path: Sequence[str] | None, target: ModuleType | None = None) -> ModuleSpec | None:
-        if name != "gymnasium" or self._is_searching:
+        if name != "gymnasium":
             return None
         from importlib import util
 
-        self._is_searching = True  # so that only the other finders search
+        sys.meta_path.remove(self)  # so that only the other finders search
         try:
             spec = util.find_spec(name)
         finally:
-            self._is_searching = False
+            sys.meta_path.insert(0, self)
         if spec is not None and spec.loader is not None:  # a mere test whether Gymnasium is installed does not load it
             execute = spec.loader.exec_module
 

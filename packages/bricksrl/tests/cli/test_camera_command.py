@@ -18,7 +18,7 @@ from bricksrl.envs.vision.color_calibration import read_red
 from bricksrl.envs.vision.frames import Frame, RedWindow
 from bricksrl.errors import CameraError, RunError
 from bricksrl.training import TrainConfig
-from bricksrl.training.run import make_env
+from bricksrl.training.sources import make_env
 
 ID = "RoboArm_mixed-v0"
 
@@ -44,7 +44,7 @@ def test_calibrate_camera_then_train(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert main(["train", ID, "--option", f"calibration={path}", "--option", "sparse=true"]) == 2
     assert told[0].options == {"calibration": str(path), "sparse": True}
     assert TrainConfig.from_dict(json.loads(json.dumps(told[0].to_dict()))).options == told[0].options
-    env = make_env(told[0])
+    env = make_env(ID, told[0].robot, seed=0)
     assert env.task.camera.goal.red == window
     assert env.task.reward(*[torch.zeros(1, 5)] * 3).item() == 1
 

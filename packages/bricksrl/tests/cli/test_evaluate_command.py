@@ -10,14 +10,13 @@ from pathlib import Path
 
 import pytest
 
-from brickhub.hub.hub_errors import HubNotFoundError
+from brickhub.errors import HubNotFoundError
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.virtual.virtual_transport import VirtualHub
 from bricksrl.cli import main
 from bricksrl.envs import get_task
 from bricksrl.envs.connection import Connection
 from bricksrl.envs.env import HubEnv
-from bricksrl.envs.odometry import SonarOdometer
 from bricksrl.training import TrainConfig, train
 from bricktwin.twin.make_body import make_body
 
@@ -130,7 +129,7 @@ def test_user_is_asked_to_place_robot_each_episode(fails, trained, monkeypatch, 
         """A robot that needs placing by hand, as over Bluetooth."""
         twin = VirtualHub(make_body(task.robot, scene=task.scene))
         link = HubLink(twin, task.robot, task.interface)
-        return HubEnv(task, lambda _seed: Connection(link, place, SonarOdometer(task.interface)), seed=0)
+        return HubEnv(task, lambda _seed: Connection(link, place), seed=0)
 
     monkeypatch.setattr("bricksrl.evaluation.evaluator.make_env", make_env)
     monkeypatch.setattr("sys.stdin", io.StringIO("\n\n"))

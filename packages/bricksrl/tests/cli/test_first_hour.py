@@ -19,7 +19,7 @@ from bricksrl.cli import main
 from bricksrl.cli.app import run
 from bricksrl.cli.new import write_template
 from bricksrl.cli.video import film_before_and_after
-from bricksrl.data.edit import read_index
+from bricksrl.data.dataset import read_dataset
 from bricksrl.envs.registry import get_task
 from bricksrl.envs.trust import trust
 from bricksrl.errors import DescriptionError, RunError, TwinError, WriteError
@@ -124,8 +124,8 @@ def fails_train(capfd: pytest.CaptureFixture[str]):
 def test_nan_reward_in_simulation_raises(own: Path) -> None:
     from dataclasses import replace
 
-    from bricksrl.envs.planar_kinematics import Kinematics
     from bricksrl.envs.simulation import SimulatedEnv
+    from bricksrl.envs.task import Kinematics
 
     task = replace(get_task("WalkerSim-v0"), id="Nan-v0", reward=lambda p, a, o: o[..., :1] * float("nan"))
     env = SimulatedEnv(task, Kinematics(noise=0.1), seed=0)
@@ -174,7 +174,7 @@ def test_repair_reports_what_it_cannot_fix(dataset: Path, tmp_path: Path, capfd)
     told = capfd.readouterr().out
     assert "--out DIR" in told
     assert main(["data", "repair", str(root), "--out", str(tmp_path / "saved")]) == 0
-    assert len(read_index(tmp_path / "saved").rows) == 1
+    assert len(read_dataset(tmp_path / "saved").rows) == 1
 
 
 def test_unsaved_evaluation_is_still_shown(short: Path, tmp_path: Path, capfd) -> None:

@@ -14,7 +14,7 @@ from bricksrl.cli import main
 from bricksrl.cli.app import parse
 from bricksrl.cli.page import DriveRobot, Play, _in_terminal, has_screen
 from bricksrl.errors import HubError
-from bricksrl.policies.named import Player
+from bricksrl.policies.policy import Player
 
 
 def test_record_on_page(tmp_path, capfd):

@@ -17,7 +17,7 @@ import pytest
 import torch
 from videos import read_video
 
-from brickhub.hub.hub_errors import HubNotFoundError
+from brickhub.errors import HubNotFoundError
 from brickhub.hub.transport import Pipe
 from brickhub.virtual.virtual_transport import VirtualHub
 from bricksrl.cli import main
@@ -261,11 +261,8 @@ def test_only_a_virtual_robot_is_driven_in_real_time(env, hub, realtime):
 class Pad:
     """A gamepad whose stick is held up."""
 
-    def axes(self):
-        return [1.0]
-
-    def presses(self):
-        return 1
+    def read(self):
+        return [1.0], 1
 
     def close(self):
         pass
@@ -274,8 +271,8 @@ class Pad:
 @pytest.mark.parametrize("command", ["train", "record"])
 def test_human_takes_over_in_a_simulation(command, tmp_path, monkeypatch, capfd):
     naps = []
-    monkeypatch.setattr("bricksrl.teleop.gamepad.find_pad", Pad)
-    monkeypatch.setattr("bricksrl.teleop.mapping.time", SimpleNamespace(monotonic=lambda: 0.0, sleep=naps.append))
+    monkeypatch.setattr("bricksrl.teleoperation.find_pad", Pad)
+    monkeypatch.setattr("bricksrl.teleoperation.time", SimpleNamespace(monotonic=lambda: 0.0, sleep=naps.append))
     monkeypatch.setattr("bricksrl.cli.train._report", lambda *_: None)
     out = ("--run", str(tmp_path / "run")) if command == "train" else ("--out", str(tmp_path / "run/data"))
     assert main([command, "WalkerSim-v0", "--take-over", "gamepad", "--episodes", "1", *out]) == 0

@@ -24,7 +24,7 @@ def test_collected_dataset_has_provenance(tmp_path: Path, env) -> None:
         told = collect(env, random_policy(env, 0), recorder, 2, name="random", seed=3)
     episodes = load(tmp_path / "set")
     assert [len(episodes.observation[episodes.episode == k]) for k in (0, 1)] == [one.length for one in told]
-    assert episodes.returns().tolist() == pytest.approx([one.return_ for one in told])
+    assert [row.return_ for row in episodes.rows] == pytest.approx([one.return_ for one in told])
     assert torch.equal(
         episodes.next_observation[:-1][~episodes.truncated[:-1]], episodes.observation[1:][~episodes.truncated[:-1]]
     )

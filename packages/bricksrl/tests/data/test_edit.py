@@ -12,7 +12,7 @@ from toy_data import SEEING, TOY, record
 
 from bricksrl.data import Episodes, load
 from bricksrl.data.edit import merge, salvage, split
-from bricksrl.data.integrity import check
+from bricksrl.data.integrity import check, recover
 from bricksrl.errors import DataError, WriteError
 
 
@@ -45,6 +45,9 @@ def test_full_file_starts_new_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     merge([source], tmp_path / "tidy")
     assert len(list((tmp_path / "tidy/data").rglob("*.parquet"))) == len(list((tmp_path / "tidy/videos").rglob("*.mp4"))) == 2
     assert same(load(tmp_path / "tidy"), load(source)) and check(tmp_path / "tidy") == []
+    assert recover(tmp_path / "tidy", rebuild=True)[1:] == (0, 0), "the second file is none of a killed recording"
+    record(tmp_path / "tidy", (2,), SEEING, first_seed=4)  # it does not replace the second file
+    assert same(load(tmp_path / "tidy"), load(record(source, (2,), SEEING, first_seed=4))) and check(tmp_path / "tidy") == []
 
 
 def test_merging_other_kind_raises(tmp_path: Path) -> None:
@@ -107,7 +110,7 @@ def test_check_names_damage(tmp_path: Path) -> None:
     (root / "meta/stats.json").unlink()
     for other in ("002", "003"):
         shutil.copy(root / "data/chunk-000/file-000.parquet", root / f"data/chunk-000/file-{other}.parquet")
-    wrong = "\n".join(check(root))
+    wrong = "\n".join(map(str, check(root)))
     assert "notes.pkl is not a file of a dataset; it was not opened" in wrong
     assert ".part-abc was left by a recording" in wrong and "file-003.parquet was left by a recording" in wrong
     assert "stats.json is missing" in wrong

@@ -11,7 +11,7 @@ from toy_data import SEEING, record
 import bricksrl
 from bricksrl.data import load
 from bricksrl.data.collect import collect, random_policy
-from bricksrl.data.exporting import export_minari, export_numpy, export_parquet
+from bricksrl.data.formats import export_minari, export_numpy, export_parquet
 from bricksrl.data.recorder import Recorder
 from bricksrl.data.replay import replay
 from bricksrl.data.schema import describe, describe_task
@@ -102,7 +102,9 @@ def test_summary_counts(tmp_path: Path) -> None:
     summary = summarise(tmp_path / "set")
     assert summarise(str(tmp_path / "set")) == summary
     assert (summary.episodes, summary.transitions, summary.policies) == (3, 12, {"random": 3})
-    assert summary.return_mean == pytest.approx(episodes.returns().mean()) and summary.success_rate == pytest.approx(2 / 3)
+    assert summary.return_mean == pytest.approx(
+        np.mean([row.return_ for row in episodes.rows])
+    ) and summary.success_rate == pytest.approx(2 / 3)
     assert summary.interventions == int(episodes.intervention.sum()) and summary.age_mean_s == pytest.approx(0.02)
 
 

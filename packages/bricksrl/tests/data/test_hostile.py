@@ -19,8 +19,7 @@ from toy_data import TOY, record, record_episode
 
 from bricksrl.data import Episodes, Recorder, load
 from bricksrl.data.edit import merge
-from bricksrl.data.integrity import check
-from bricksrl.data.repair import recover
+from bricksrl.data.integrity import check, recover
 from bricksrl.errors import DataError
 
 EXPLODED = Path(__file__).with_name("exploded")
@@ -157,7 +156,7 @@ def test_missing_column_raises(tmp_path: Path, name: str) -> None:
     edit_rows(root, **{"data/sha256": None})
     with pytest.raises(DataError, match=f"file-001.parquet has not one column {name}"):
         load(root)
-    assert f"has not one column {name}" in "".join(check(root))
+    assert f"has not one column {name}" in "".join(map(str, check(root)))
 
 
 def test_symlink_out_of_dataset_is_not_followed(tmp_path: Path) -> None:

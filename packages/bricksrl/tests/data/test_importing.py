@@ -10,7 +10,7 @@ import torch
 from tensordict import TensorDict
 
 from bricksrl.data import load
-from bricksrl.data.importing import import_paper
+from bricksrl.data.formats import import_paper
 from bricksrl.data.integrity import check
 from bricksrl.envs import get_task
 from bricksrl.errors import DataError
@@ -46,7 +46,7 @@ def test_walker_data_is_reordered(tmp_path: Path) -> None:
     done[99] = done[119] = True
     save(tmp_path / "Walker/expert_data", observation, action, torch.full((130,), -0.5), done)
     imported = import_paper(tmp_path, tmp_path / "ours")
-    assert [found.out.name for found in imported] == ["Walker-v0-expert"]
+    assert [found.root.name for _, found in imported] == ["Walker-v0-expert"]
     episodes = load(tmp_path / "ours/Walker-v0-expert")
     assert [row.length for row in episodes.rows] == [100, 20, 10]
     assert episodes.observation[0].tolist() == [190.0, 10.0, 20.0, 179.0, 1.0, 2.0, 300.0]
@@ -74,7 +74,7 @@ def test_all_four_tasks_expert_and_random(tmp_path: Path) -> None:
             save(tmp_path / "paper" / name / policy, 10 + torch.rand(21, n), torch.rand(20, m), torch.rand(20), done, **goal)
     imported = import_paper(tmp_path / "paper", tmp_path / "ours")
     tasks = ("RoboArm-v0", "RunAway-v0", "Spinning-v0", "Walker-v0")
-    assert sorted(found.out.name for found in imported) == [
+    assert sorted(found.root.name for _, found in imported) == [
         f"{task}-{policy}" for task in tasks for policy in ("expert", "random")
     ]
     arm = load(tmp_path / "ours/RoboArm-v0-random")

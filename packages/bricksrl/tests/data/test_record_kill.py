@@ -11,8 +11,7 @@ import pytest
 
 from benchmarks.record_kill import killed_after, opened
 from bricksrl.data import load
-from bricksrl.data.integrity import check
-from bricksrl.data.repair import recover
+from bricksrl.data.integrity import check, recover
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason=f"there is no signal {int(signal.SIGINT)} like SIGKILL")

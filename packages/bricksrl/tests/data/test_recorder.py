@@ -15,7 +15,7 @@ from toy_data import SEEING, TOY, record, record_episode, steps
 
 from brickhub.entry import Entry
 from bricksrl.data import About, Recorder, load
-from bricksrl.data.images import encode
+from bricksrl.data.columns import encode
 from bricksrl.data.integrity import check
 from bricksrl.errors import DataError
 
@@ -30,7 +30,9 @@ def test_recorded_equals_read(tmp_path: Path) -> None:
         ours = getattr(episodes, name).numpy()
         assert np.array_equal(ours, np.array([getattr(step, name) for step in wanted], ours.dtype)), name
     assert episodes.episode.tolist() == [0] * 3 + [1] * 5
-    assert episodes.returns() == pytest.approx([sum(step.reward for step in steps(k, n)) for k, n in ((0, 3), (1, 5))], rel=1e-6)
+    assert [row.return_ for row in episodes.rows] == pytest.approx(
+        [sum(step.reward for step in steps(k, n)) for k, n in ((0, 3), (1, 5))], rel=1e-6
+    )
     assert [(row.about.seed, row.about.policy, row.about.success) for row in episodes.rows] == [
         (0, "random", True),
         (1, "random", False),
@@ -193,7 +195,7 @@ def test_unwritable_index_loses_no_episode(tmp_path: Path, monkeypatch: pytest.M
     recorder = Recorder(tmp_path / "set", TOY)
     record_episode(recorder, 0, 4)
     with monkeypatch.context() as patched:
-        patched.setattr("bricksrl.data.recorder.write_index", full)
+        patched.setattr("bricksrl.data.dataset.Dataset.write_index", full)
         with pytest.raises(OSError, match="No space"):
             record_episode(recorder, 1, 3)
     record_episode(recorder, 2, 2)

@@ -26,7 +26,6 @@ from brickhub.hub.program.generate import WATCHDOG_MS
 from brickhub.hub.transports.profile import CommandError, Event, PybricksCommand
 from bricksrl.envs.connection import Connection
 from bricksrl.envs.env import HubEnv
-from bricksrl.envs.odometry import SonarOdometer
 from bricksrl.envs.rollout import link_lost, play
 from bricksrl.envs.task import Task
 from bricksrl.errors import HubError
@@ -106,7 +105,7 @@ class Course:
         self.report = Report()
         self.link = world.link(LONG_RUN, timeout_s=4.0)
         self._watch_the_watchdog()
-        connection = Connection(self.link, lambda _: None, SonarOdometer(LONG_RUN))
+        connection = Connection(self.link, lambda _: None)
         self.env = HubEnv(_TASK, lambda _: connection, seed=seed)
 
     def _watch_the_watchdog(self) -> None:

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 import bricksrl
 from benchmarks.scripted import CONTROLLERS
 from brickhub.hub.interface import DriveSpeed, Interface, MotorAngle, RunAngle, Wait, YawRate
-from bricksrl.envs.dead_reckoning import FloorPose, Target, TargetTracker, start_pose
+from bricksrl.envs.odometry import FloorPose, Target, TargetTracker, start_pose
 from bricksrl.envs.tasks.line_follow import LINE_FOLLOW
 from bricksrl.envs.tasks.park import PARK, cost, reward
 from bricksrl.errors import DescriptionError
@@ -170,7 +170,7 @@ def test_success_uses_true_position_of_twin(monkeypatch: pytest.MonkeyPatch) -> 
     state = env.reset()
     assert env.twin is not None
     monkeypatch.setattr(TargetTracker, "entries", lambda _self: (1.0, 2.0, 3.0, 0.0, 0.0))
-    monkeypatch.setattr(bricksrl.envs.dead_reckoning, "floor_pose", lambda _pose: FloorPose(30.0, 0.0, 0.0))
+    monkeypatch.setattr(bricksrl.envs.odometry, "floor_pose", lambda _pose: FloorPose(30.0, 0.0, 0.0))
     state = env.step(state.set("action", torch.zeros(2)))["next"]
     seen_by_it, truth = state["observation"][None], env.task_observations(state["observation"][None])
     assert bool(state["terminated"]) and PARK.success(seen_by_it), "it takes itself for parked"

@@ -21,12 +21,11 @@ from torchrl.envs import (
 )
 
 import bricksrl
-from brickhub.hub.hub_errors import BluetoothUnavailableError, Reason
+from brickhub.errors import BluetoothUnavailableError, Reason
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.virtual.virtual_transport import VirtualHub
 from bricksrl.envs.connection import Connection
 from bricksrl.envs.env import HubEnv
-from bricksrl.envs.odometry import SonarOdometer
 from bricksrl.envs.tasks.run_away import RUN_AWAY
 from bricksrl.envs.tasks.spinning import SPINNING
 from bricksrl.errors import BricksError, HubError
@@ -48,9 +47,7 @@ def run_away_env(hub_class: type[VirtualHub] = VirtualHub, seed: int = 0) -> Hub
 
     def connect(twin_seed: int) -> Connection:
         twin = hub_class(make_body(RUN_AWAY.robot, scene=RUN_AWAY.scene, seed=twin_seed))
-        return Connection(
-            HubLink(twin, RUN_AWAY.robot, RUN_AWAY.interface, timeout_s=0.5), twin.reset, SonarOdometer(RUN_AWAY.interface), twin
-        )
+        return Connection(HubLink(twin, RUN_AWAY.robot, RUN_AWAY.interface, timeout_s=0.5), twin.reset, twin)
 
     return HubEnv(RUN_AWAY, connect, seed=seed)
 
@@ -321,7 +318,7 @@ def test_seeding_keeps_link_of_placed_robot() -> None:
     twin = VirtualHub(make_body(SPINNING.robot, scene=SPINNING.scene))
     link = HubLink(twin, SPINNING.robot, SPINNING.interface)
     placed = []
-    env = HubEnv(SPINNING, lambda _seed: Connection(link, placed.append, SonarOdometer(SPINNING.interface)), seed=0)
+    env = HubEnv(SPINNING, lambda _seed: Connection(link, placed.append), seed=0)
     assert env.twin is None
     directions = [env.reset()["observation"][5].item() for _ in range(10)]
     env.set_seed(0)

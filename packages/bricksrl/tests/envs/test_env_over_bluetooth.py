@@ -11,7 +11,6 @@ from tensordict import TensorDict
 
 from bricksrl.envs.connection import Connection
 from bricksrl.envs.env import HubEnv
-from bricksrl.envs.odometry import SonarOdometer
 from bricksrl.envs.tasks.spinning import SPINNING
 
 pytestmark = pytest.mark.realtime
@@ -19,7 +18,7 @@ pytestmark = pytest.mark.realtime
 
 def test_episode_over_bluetooth(world: World) -> None:
     placed = []
-    connection = Connection(world.link(SPINNING.interface), placed.append, SonarOdometer(SPINNING.interface))
+    connection = Connection(world.link(SPINNING.interface), placed.append)
     env = HubEnv(SPINNING, lambda _seed: connection, seed=0)
     env.reset()
     angles = [env.step(TensorDict({"action": torch.ones(2)}))["next", "observation"][0].item() for _ in range(6)]

@@ -13,10 +13,9 @@ from hypothesis import strategies as st
 from tensordict import TensorDict
 
 import bricksrl
-from bricksrl.envs.motor_profile import ACCELERATION_DEG_S2, turned_angle
-from bricksrl.envs.planar_kinematics import Kinematics
 from bricksrl.envs.registry import get_task
-from bricksrl.envs.simulation import SimulatedEnv
+from bricksrl.envs.simulation import ACCELERATION_DEG_S2, SimulatedEnv, turned_angle
+from bricksrl.envs.task import Kinematics
 from bricksrl.errors import DescriptionError
 
 FIRMWARE = json.loads((Path(__file__).parents[3] / "brickhub/tests/virtual/data/firmware_motion.json").read_text())

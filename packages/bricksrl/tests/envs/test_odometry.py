@@ -20,8 +20,7 @@ NOTHING = np.zeros(7, dtype=np.float32)
 @pytest.mark.parametrize("heading_deg", [0.0, 90.0, -30.0, 400.0])
 def test_forward_is_initial_heading(heading_deg: float) -> None:
     poses = [Pose(1.0, 2.0, heading_deg)]
-    odometer = TrueOdometer(lambda: poses[-1])
-    odometer.start(10.0)
+    odometer = TrueOdometer(lambda: poses[-1], 10.0)
     ahead = math.radians(heading_deg)
     poses.append(Pose(1.0 + 0.3 * math.cos(ahead), 2.0 - 0.3 * math.sin(ahead), heading_deg + 5))
     assert odometer.forward_mm(12.0, NOTHING) == pytest.approx(300)
@@ -36,7 +35,6 @@ def test_forward_is_initial_heading(heading_deg: float) -> None:
 
 def test_real_robot_uses_wall_distance() -> None:
     odometer = SonarOdometer(get_task("Walker-v1").interface)
-    odometer.start(0.0)
     readings = [np.array([0] * 6 + [distance_mm], dtype=np.float32) for distance_mm in (2000, 1500, 1480, 1490, 2000, 1000)]
     steps = [odometer.forward_mm(0.0, values) for values in readings]
     assert steps == [0, 0, 20, -10, 0, 0]

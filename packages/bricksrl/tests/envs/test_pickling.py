@@ -12,7 +12,7 @@ import pytest
 from torchrl.envs import EnvBase, TransformedEnv
 
 import bricksrl
-from bricksrl.envs.arenas.arena_registry import make_arena
+from bricksrl.envs.arenas import make_arena
 from bricksrl.envs.env import HubEnv
 from bricksrl.envs.tasks.run_away import RUN_AWAY
 from bricksrl.errors import BricksError

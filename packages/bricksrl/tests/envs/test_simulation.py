@@ -12,10 +12,10 @@ from tensordict import TensorDict, TensorDictBase
 from torchrl.envs import EnvBase, check_env_specs
 
 import bricksrl
-from bricksrl.envs.dead_reckoning import Target
-from bricksrl.envs.planar_kinematics import Kinematics
+from bricksrl.envs.odometry import Target
 from bricksrl.envs.registry import get_task
 from bricksrl.envs.simulation import SimulatedEnv
+from bricksrl.envs.task import Kinematics
 from bricksrl.envs.tasks.robo_arm import error_deg
 from bricksrl.envs.tasks.spinning import SPINNING
 from bricksrl.errors import BricksError, DescriptionError

@@ -14,8 +14,8 @@ import ray
 
 from bricksrl.cli.new import write_template
 from bricksrl.errors import RunError
-from bricksrl.evaluation.cluster import Changes, Keeper, parse_on, train_on_cluster, train_on_worker
-from bricksrl.evaluation.multi_seed import train_seeds
+from bricksrl.evaluation.cluster import parse_on
+from bricksrl.evaluation.multi_seed import Keeper, changed_files, train_on_cluster, train_on_worker, train_seeds
 from bricksrl.training import TrainConfig
 
 pytestmark = pytest.mark.realtime
@@ -83,8 +83,8 @@ def test_missing_ray_leaves_no_files(tmp_path: Path) -> None:
 def test_unwritable_folder_is_told(tmp_path: Path) -> None:
     """It was taken for a lost worker."""
     (tmp_path / "file").touch()
-    order = TrainConfig("WalkerSim-v0", "random", episodes=1).to_dict(), tmp_path / "file" / "run"
-    [error] = train_on_cluster(None, [order], lambda *_: None, cpus=1)
+    config = TrainConfig("WalkerSim-v0", "random", episodes=1, run_dir=tmp_path / "file" / "run")
+    [error] = train_on_cluster(None, [config], 1, lambda *_: None)
     assert error is not None and error.startswith("NotADirectoryError: ") and str(tmp_path) in error
 
 
@@ -94,12 +94,12 @@ def test_changed_files_return_from_worker(tmp_path: Path) -> None:
     (there / "checkpoint.bin").write_bytes(b"1")
     (there / "data" / "zz.parquet").write_bytes(b"rows")
     (there / ".part-half").write_bytes(b"of a checkpoint that a learner is writing")
-    changes, keeper = Changes(there), Keeper([str(here)])
-    first = changes.take()
+    known, keeper = dict[str, tuple[int, int]](), Keeper([str(here)])
+    first = changed_files(there, known)
     assert list(first) == [str(Path("data/zz.parquet")), "checkpoint.bin"], "the checkpoint comes last"
     keeper.keep(0, first, {"episode": 1})
     (there / "checkpoint.bin").write_bytes(b"22")
-    second = changes.take()
+    second = changed_files(there, known)
     assert second == {"checkpoint.bin": b"22"}
     keeper.keep(0, second, {"episode": 2})
     assert keeper.files(0) == {"checkpoint.bin": b"22", str(Path("data/zz.parquet")): b"rows"}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import threading
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ from bricksrl.agents.sac import SACSettings
 from bricksrl.child_process import ChildProcess
 from bricksrl.errors import RunError
 from bricksrl.evaluation import multi_seed
-from bricksrl.evaluation.multi_seed import seed_folder, train_seeds
+from bricksrl.evaluation.multi_seed import train_seeds
 from bricksrl.training import RunFolder, TrainConfig, train
 
 pytestmark = pytest.mark.usefixtures("forked_children")
@@ -25,13 +24,7 @@ SMALL = SACSettings(hidden=(16,), batch_size=16, prefill_episodes=1, updates_per
 def test_seeds_equal_single_runs(tmp_path: Path) -> None:
     config = TrainConfig("RoboArmSim-v0", episodes=2, seed=3, settings=SMALL, run_dir=tmp_path / "all")
     heard: list[tuple[int, str]] = []
-    lock = threading.Lock()
-
-    def on_line(seed: int, message: dict[str, object]) -> None:
-        with lock:
-            heard.append((seed, next(iter(message))))
-
-    group = train_seeds(config, 2, on_line=on_line)
+    group = train_seeds(config, 2, on_line=lambda seed, message: heard.append((seed, next(iter(message)))))
     assert sorted(heard) == [(seed, kind) for seed in (3, 4) for kind in ("episode", "episode", "evaluated")]
     assert group.seeds == (3, 4)
     assert group.interval is None, "two seeds say too little"
@@ -40,7 +33,7 @@ def test_seeds_equal_single_runs(tmp_path: Path) -> None:
     assert summary["scored_by"] == "evaluation" and summary["groups"][0]["scores"] == list(group.scores)
     assert (tmp_path / "all" / "learning_curves.png").read_bytes().startswith(b"\x89PNG")
     alone = train(TrainConfig("RoboArmSim-v0", episodes=2, seed=4, settings=SMALL, run_dir=tmp_path / "alone"))
-    together = RunFolder(seed_folder(tmp_path / "all", 4)).read_episodes()
+    together = RunFolder(tmp_path / "all" / "seed-4").read_episodes()
     assert [episode.return_ for episode in together] == [episode.return_ for episode in alone.episodes]
 
 
@@ -78,7 +71,7 @@ def test_killed_seed_is_an_error(tmp_path: Path, started: list[ChildProcess]) ->
     config = TrainConfig("RoboArmSim-v0", episodes=200, settings=SMALL, run_dir=tmp_path / "all")
     with pytest.raises(RunError, match=r"2 of 2 seeds failed; seed 0: its process ended with exit code -?\d+"):
         train_seeds(config, 2, jobs=1, on_line=lambda seed, message: started[seed].end())
-    assert RunFolder(seed_folder(tmp_path / "all", 0)).read_episodes(), "what was learned is kept"
+    assert RunFolder(tmp_path / "all" / "seed-0").read_episodes(), "what was learned is kept"
 
 
 def test_interrupted_seeds_end_by_themselves(tmp_path: Path, started: list[ChildProcess]) -> None:

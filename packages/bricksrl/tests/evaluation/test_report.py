@@ -12,6 +12,7 @@ from bricksrl.evaluation.evaluator import EvaluationResult, evaluate
 from bricksrl.evaluation.report import _commands, _rows, labelled, write_report
 from bricksrl.evaluation.statistics import Interval
 from bricksrl.training import TrainConfig, train
+from bricksrl.training.run_folder import Origin
 
 
 @pytest.mark.parametrize(
@@ -66,7 +67,8 @@ def test_success_and_return_have_their_intervals() -> None:
 )
 def test_commands_suit_the_run(config: TrainConfig, longer: str, on_robot: bool) -> None:
     """A run that has learned from data cannot be resumed for longer, and a simulation has no hub."""
-    text = _commands(Path("my run"), config, 40)
+    origin = Origin(config.env, config.robot, config.agent, config.seed, bool(config.updates))
+    text = _commands(Path("my run"), origin, 40)
     assert f"<code>{longer}</code>" in text and ("--hub ble" in text) is on_robot
 
 

@@ -16,7 +16,7 @@ from browser import chromium, tab
 import bricksrl
 from bricksrl.page.live import LivePage
 from bricksrl.page.play import play_on_page, resting_player
-from bricksrl.policies.named import random_player
+from bricksrl.policies.policy import random_player
 
 pytestmark = pytest.mark.realtime
 

@@ -12,7 +12,7 @@ from bricksrl.errors import PageError, StoppedError
 from bricksrl.page.live import LivePage
 from bricksrl.page.play import play_on_page
 from bricksrl.page.program import ProgramPage
-from bricksrl.policies.named import Player
+from bricksrl.policies.policy import Player
 
 
 @pytest.mark.parametrize("value", [[], {}, {"speed": []}, None, 1, "warp", ["x"] * 1000])

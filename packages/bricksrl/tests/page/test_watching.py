@@ -69,7 +69,7 @@ def test_page_reset_ends_recorded_episode(tmp_path: Path) -> None:
         page.attach(env)
 
         def on_frame(frame: TensorDictBase) -> None:
-            if page._steps == 2 and not recorder.episodes:
+            if page._steps == 2 and not recorder.rows:
                 page._press("reset", None)
             page.show_step_and_hold(frame)
 

@@ -14,9 +14,7 @@ from prompt_toolkit.input.vt100 import Vt100Input
 
 from brickhub.entry import Entry
 from bricksrl.errors import DataError
-from bricksrl.teleop.gamepad import GamepadDriver, LinuxPad, PygamePad
-from bricksrl.teleop.keyboard import KeyboardDriver
-from bricksrl.teleop.mapping import Paced, push_action, rest_action
+from bricksrl.teleoperation import GamepadDriver, KeyboardDriver, LinuxPad, Paced, PygamePad, push_action, rest_action
 
 pytestmark = pytest.mark.realtime
 

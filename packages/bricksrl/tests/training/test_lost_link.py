@@ -22,7 +22,6 @@ from bricksrl.agents.sac import SACSettings
 from bricksrl.envs import connection
 from bricksrl.envs.connection import Connection
 from bricksrl.envs.env import HubEnv
-from bricksrl.envs.odometry import SonarOdometer
 from bricksrl.envs.tasks.run_away import RUN_AWAY
 from bricksrl.errors import BricksError, HubError, HubTimeoutError
 from bricksrl.training import RunResult, TrainConfig, train
@@ -163,7 +162,7 @@ class Breaking(VirtualHub):
 def test_virtual_robot_returns(asynchronous: bool, tmp_path: Path) -> None:
     hub = Breaking(make_body(RUN_AWAY.robot, scene=RUN_AWAY.scene))
     link = HubLink(hub, RUN_AWAY.robot, RUN_AWAY.interface)
-    env = HubEnv(RUN_AWAY, lambda _: Connection(link, hub.reset, SonarOdometer(RUN_AWAY.interface)), seed=0)
+    env = HubEnv(RUN_AWAY, lambda _: Connection(link, hub.reset), seed=0)
     config = TrainConfig("RunAway-v0", episodes=4, settings=SMALL, run_dir=tmp_path / "run", asynchronous=asynchronous)
     seen: dict[int, list[TensorDictBase]] = {}
 

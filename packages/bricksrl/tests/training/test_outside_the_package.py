@@ -32,7 +32,7 @@ SENSOR = """
 from dataclasses import dataclass
 from typing import ClassVar
 
-from brickhub.hub.kinds import Channel, Imports
+from brickhub.hub.interface import Channel, Imports
 
 
 @dataclass(frozen=True)

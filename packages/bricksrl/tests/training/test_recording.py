@@ -25,7 +25,7 @@ def test_run_records_dataset(tmp_path: Path) -> None:
     result = train(config(tmp_path / "run"), env=Cart())
     episodes = load(tmp_path / "run")
     assert [row.length for row in episodes.rows] == [episode.length for episode in result.episodes]
-    assert episodes.returns().tolist() == pytest.approx([episode.return_ for episode in result.episodes], rel=1e-5)
+    assert [row.return_ for row in episodes.rows] == pytest.approx([episode.return_ for episode in result.episodes], rel=1e-5)
     assert {row.about.policy for row in episodes.rows} == {"random", "sac"} and episodes.rows[0].about.policy == "random"
     assert check(tmp_path / "run/data") == []
 

@@ -11,10 +11,8 @@ from brickhub.robot import HubKind, Robot
 from brickhub.target import Target, find_in_files, whole_interface
 from brickhub.user_files import is_reference
 from bricktwin import robots
+from bricktwin.robots.planned import is_plan, read_facts
 from bricktwin.twin.make_body import make_body
-
-PLAN_SUFFIXES = (".ldr", ".mpd", ".io")
-"""Suffixes of building plans."""
 
 
 def find(name: str) -> Target:
@@ -22,7 +20,7 @@ def find(name: str) -> Target:
     DescriptionError or PlanError if a file is wrong."""
     if name in robots.ROBOTS:
         return with_body(robots.get(name))
-    if name.lower().endswith(PLAN_SUFFIXES):
+    if is_plan(name):
         return with_body(robot_of_plan(Path(name)))
     if not is_reference(name):
         raise UnknownNameError(
@@ -40,15 +38,12 @@ def with_body(robot: Robot) -> Target:
 def robot_of_plan(path: Path) -> Robot:
     """The robot that a building plan describes: its hub, and the motors and sensors on the hub's ports. Raises PlanError if the
     plan cannot be read, DescriptionError if it has no hub of ours."""
-    from bricktwin.plans.facts import read_facts
-    from bricktwin.robots.planned import hub_sides
-
     facts = read_facts(path)
-    hub = next(iter(facts.devices("hub")), None)
+    hub = facts.hubs[0] if facts.hubs else None
     kinds = {kind.value: kind for kind in HubKind}
     if hub is None or hub.name not in kinds:
         raise DescriptionError(f"{path} has {'no hub' if hub is None else hub.part}; a robot needs one that runs Pybricks")
     kind = kinds[hub.name]
-    needs_imu = kind.model.has_imu and len(hub_sides(facts)) == 2
+    needs_imu = kind.model.has_imu and len(facts.hub_sides) == 2
     stem = "".join(letter if letter.isalnum() else "_" for letter in path.stem)
     return Robot(stem if stem.isidentifier() else f"robot_{stem}", kind, needs_imu=needs_imu, plan=str(path))

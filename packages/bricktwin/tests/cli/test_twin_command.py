@@ -7,15 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from bricktwin.cli import twin
 from bricktwin.twin import motion_log
 from bricktwin.twin.motion_log import read_log
 from bricktwin.twin.physics import read_physics
-from bricktwin.twin.system_id import FITTED
-
-
-def test_fit_uses_identifiable_parameters() -> None:
-    assert twin.FITTED == FITTED
 
 
 @pytest.fixture

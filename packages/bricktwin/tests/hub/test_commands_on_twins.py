@@ -11,6 +11,7 @@ import pytest
 from brickhub.finding import Outcome
 from brickhub.hub.diagnostics.preflight import check_robot
 from brickhub.hub.interface import (
+    Command,
     Curve,
     Distance,
     DriveAngle,
@@ -28,7 +29,6 @@ from brickhub.hub.interface import (
     UntilDone,
     Wait,
 )
-from brickhub.hub.kinds import Command
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.virtual.virtual_transport import VirtualHub
 from bricktwin.robots import ROBO_ARM, TWO_WHEELER

@@ -11,10 +11,10 @@ from plan_lines import PLANS, plan_of
 from test_bodies import FLAT, PLATE, shaft
 
 from brickhub.errors import PlanError
-from bricktwin.plans.mechanism.end_stops import free_deg
-from bricktwin.plans.mechanism.kinematics import merged
-from bricktwin.plans.mechanism.posing import Poser
-from bricktwin.plans.planned_robot import PlannedRobot, planned, planned_robot
+from bricktwin.plans.check import structure_of
+from bricktwin.plans.mechanism.articulation import Poser
+from bricktwin.plans.mechanism.kinematics import mechanism, merged
+from bricktwin.plans.planned_robot import PlannedRobot, free_deg, planned, planned_robot
 
 HUB = "1 15 200 0 0 1 0 0 0 1 0 0 0 1 67718.dat"
 
@@ -44,9 +44,9 @@ def test_motors_drive_same_as_manual_twins(name, port, gears, gear):
 
 def test_gear_pairs_multiply_idler_does_not():
     def gears(*teeth: int) -> tuple[int, ...]:
-        from bricktwin.plans.mechanism.trains import Train
+        from bricktwin.plans.mechanism.kinematics import Train
 
-        return Train("A", 0, 1, 1.0, teeth, ()).gears
+        return Train("A", 1, 1.0, teeth, ()).gears
 
     assert gears(12, 20, 20, 60) == (12, 60)
     assert gears(8, 24, 8, 40) == (1, 15)
@@ -64,7 +64,7 @@ def test_simplification_keeps_all_parts(name, bodies, drives, rods, geared, foll
     counts = tuple(map(len, (found.bodies, found.drives, found.rods, found.geared, found.followers)))
     assert counts == (bodies, drives, rods, geared, followers)
     assert (found.loops, found.is_fixed) == ((), is_fixed)
-    whole, before = merged(list(found.bodies)), merged(list(made.mechanism.links))
+    whole, before = merged(list(found.bodies)), merged(list(mechanism(made.plan, structure_of(made.plan).bodies).links))
     assert whole.mass_kg == pytest.approx(before.mass_kg)
     # A rod has half of its mass at either pin, so its own middle may be elsewhere by a little.
     assert np.allclose(whole.centre_m, before.centre_m, atol=1e-4)

@@ -10,7 +10,7 @@ import pytest
 from plan_lines import plan_of
 
 from bricktwin.plans.check import check, structure_of
-from bricktwin.plans.mechanism.posing import Poser
+from bricktwin.plans.mechanism.articulation import Poser
 from bricktwin.plans.plan import read_plan
 from bricktwin.plans.planned_robot import planned, planned_robot
 

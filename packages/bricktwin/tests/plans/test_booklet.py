@@ -11,9 +11,8 @@ from plan_lines import BEAM, PLANS, pin, plan_of, solid_volume
 from brickhub.errors import PlanError
 from bricktwin.plans import catalogue
 from bricktwin.plans.booklet import pages_of, write_booklet
-from bricktwin.plans.picture import VIEWS, Canvas, View
+from bricktwin.plans.picture import VIEWS, Canvas, View, surface_of
 from bricktwin.plans.plan import read_plan
-from bricktwin.plans.shapes import surface_of
 
 WHEEL = "0 FILE wheel.ldr\n1 71 0 0 0 1 0 0 0 1 0 0 0 1 39367p02.dat\n0 STEP\n1 71 0 0 20 1 0 0 0 1 0 0 0 1 3713.dat"
 

@@ -10,8 +10,8 @@ from plan_lines import body_of, plan_of
 from test_bodies import PLATE, shaft
 
 from brickhub.robot import HubKind, Robot
-from bricktwin.plans.chains import chain_meshes
 from bricktwin.plans.check import check, structure_of
+from bricktwin.plans.connections import chain_meshes
 from bricktwin.plans.planned_robot import planned
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.physics import Physics

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from plan_lines import BEAM, PLANS, plan_of
 
+from bricktwin.plans.parts_list import needs, purchases, sets
 from bricktwin.plans.plan import read_plan
-from bricktwin.plans.sets import needs, purchases, sets
 
 HUB = "1 15 0 0 0 1 0 0 0 1 0 0 0 1 67718.dat"
 LARGE = "1 15 0 0 900 1 0 0 0 1 0 0 0 1 54675.dat"

@@ -10,11 +10,11 @@ import pytest
 
 from brickhub.robot import Mount, UltrasonicSensor
 from bricktwin.robots import ROBO_ARM, WALKER
-from bricktwin.twin.imu import Turns
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.objects import Wall
 from bricktwin.twin.physics import Physics
 from bricktwin.twin.scene import OPEN_FLOOR, Scene
+from bricktwin.twin.senses import Turns
 
 
 def test_turns_about_two_axes_of_the_hub() -> None:

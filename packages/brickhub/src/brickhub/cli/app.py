@@ -1,4 +1,4 @@
-"""Tree of commands, and handling of their errors."""
+"""Tree of commands, their errors, and the words of argument errors."""
 
 from __future__ import annotations
 
@@ -23,11 +23,7 @@ from tyro.extras import SubcommandApp
 
 from brickhub import HOUSES
 from brickhub.cli.terminal import Interrupted, print_error, print_line, print_note
-from brickhub.cli.wording import one_line
-from brickhub.errors import BricksError
-
-INTERRUPTED = 130
-"""Exit code after Ctrl-C, as in shells."""
+from brickhub.errors import BricksError, hint
 
 
 @dataclass(frozen=True)
@@ -69,7 +65,7 @@ def run(line: CommandLine, arguments: Sequence[str]) -> int:
     except Interrupted as end:
         if str(end):
             print_note(f"interrupted: {end}")
-        return INTERRUPTED
+        return 130  # as in shells
     except BricksError as error:
         print_error(str(error))
         return 2
@@ -87,19 +83,14 @@ def run(line: CommandLine, arguments: Sequence[str]) -> int:
     except Exception as error:
         from brickhub.user_files import failure_of_user
 
-        message = failure_of_user(error) or _missing_package(line, error)
+        message, package = failure_of_user(error), (getattr(error, "name", None) or line.prog).partition(".")[0]
+        if message is None and isinstance(error, ModuleNotFoundError) and package not in HOUSES:
+            remedy = f"install {line.prog} there again, or activate its environment"
+            message = f"the package '{package}' is missing in {sys.prefix}; {remedy}"
         if message is None:
             raise  # a bug of ours: show the traceback
         print_error(message)
         return 2
-
-
-def _missing_package(line: CommandLine, error: Exception) -> str | None:
-    """One-line message if a package that we need is not installed; ``None`` for any other error."""
-    package = (getattr(error, "name", None) or line.prog).partition(".")[0]
-    if not isinstance(error, ModuleNotFoundError) or package in HOUSES:
-        return None
-    return f"the package '{package}' is missing in {sys.prefix}; install {line.prog} there again, or activate its environment"
 
 
 def parse(line: CommandLine, arguments: Sequence[str]) -> ParsedCommand:
@@ -120,19 +111,15 @@ def _parse(line: CommandLine, words: Sequence[str], arguments: Sequence[str]) ->
     """Parse with the parser of the named command only, as a parser of all would have to import every command."""
     prog, config = " ".join([line.prog, *words]), (FlagCreatePairsOff,)
     if not words:
-        return _overview(line).cli(prog=prog, description=line.description, args=arguments, config=config)
+        overview = _listing(line.commands)
+        for name, (text, commands) in line.groups.items():
+            overview.command(_listing(commands), name=name, help=text)
+        return overview.cli(prog=prog, description=line.description, args=arguments, config=config)
     if words[0] in line.commands or len(words) == 2:
         command = _load(line.commands[words[0]] if len(words) == 1 else line.groups[words[0]][1][words[1]])
         return tyro.cli(command, prog=prog, description=_help(line, command), args=arguments, config=config)
     text, commands = line.groups[words[0]]
     return _listing(commands).cli(prog=prog, description=text, args=arguments, config=config)
-
-
-def _overview(line: CommandLine) -> SubcommandApp:
-    app = _listing(line.commands)
-    for name, (text, commands) in line.groups.items():
-        app.command(_listing(commands), name=name, help=text)
-    return app
 
 
 def _listing(commands: Mapping[str, str]) -> SubcommandApp:
@@ -173,3 +160,55 @@ def command_words(line: CommandLine, arguments: Sequence[str]) -> list[str]:
     if group and arguments[1:] and arguments[1] in group[1]:
         words.append(arguments[1])
     return words
+
+
+_EXPECTED = {"INT": "a whole number", "FLOAT": "a number", "INT INT": "two whole numbers"}
+
+
+def one_line(box: str, command: str = "bricksrl") -> str:
+    """One line from the parser's boxed message: its first paragraph, and the command with the help. The box is drawn with hyphens
+    if the console has no line-drawing characters."""
+    lines = [re.sub(r"^-+$", "", line.strip("│╭╮╰╯─ ")) for line in box.splitlines()[1:]]
+    message, *more = [" ".join(part.split()) for part in "\n".join(lines).split("\n\n") if part.strip()] or [""]
+    return f"{plain(message.removesuffix('.'))}{_suggestion(message, more)}; see `{command} --help`"
+
+
+def _suggestion(message: str, more: list[str]) -> str:
+    """``" (did you mean --agent?)"``: an option that the parser found, or one of the commands that it names."""
+    for part in more:
+        if match := re.match(r"Perhaps you meant: (--\S+)", part):
+            return f" (did you mean {match[1]}?)"
+        if match := re.match(r"Available subcommands: (.*)", part):
+            return hint(message.rsplit(": ", maxsplit=1)[-1].split(", ", maxsplit=1)[0], match[1].split(", "))
+    return ""
+
+
+def plain(message: str) -> str:
+    """A message of the parser in plain words; an unknown one is returned unchanged.
+
+    ``Error parsing --seed: invalid literal for int() with base 10: 'x'`` becomes ``--seed is 'x'; give a whole number``.
+    """
+    for pattern, words in (
+        (r"Error parsing (\S+): invalid literal for int\(\) with base 10: (.*)", r"\1 is \2; give a whole number"),
+        (r"Error parsing (\S+): could not convert string to float: (.*)", r"\1 is \2; give a number"),
+        (r"Error parsing \S+: (.*; .*)", r"\1"),
+        (r"Missing value for argument '(\w+)'\. Expected 1 values?", r"\1 is no option; give it without --\1"),
+        (r"Missing value for argument '(\S+)'\. Expected 1 values?", r"\1 needs a value"),
+        (r"Missing value for argument '(\S+)'\. Expected (\d+) values", r"\1 needs \2 values"),
+        (r"Expected one of \{(.*)\}", r"a command is missing; choose \1"),
+        (r"Unrecognized options: (.*)", r"there is no option or argument \1"),
+    ):
+        if match := re.fullmatch(pattern, message):
+            return match.expand(words)
+    pattern = r"Error parsing (\S+): no type matching \{None\}\|\{?([A-Z ]+)\}? could be instantiated from \[(.*)\]"
+    if match := re.fullmatch(pattern, message):
+        value = " ".join(re.findall(r"'([^']*)'", match[3]))
+        return f"{match[1]} is '{value}'; give {_EXPECTED.get(match[2], match[2])}"
+    if match := re.fullmatch(r"invalid choice (.*) for argument '(\S+)'\. Expected one of \((.*)\)", message):
+        choices = sorted(choice for choice in re.findall(r"'([^']*)'", match[3]) if choice != "None")
+        return f"{match[2]} is {match[1]}; choose {', '.join(choices)}"
+    if match := re.fullmatch(r"Missing from [\w -]+: (.*\(required\))", message):
+        names = (re.match(r" *(--\S+ \S+|\S+)", part) for part in match[1].split("(required)"))
+        missing = [name[1] for name in names if name]
+        return f"{' and '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing"
+    return message

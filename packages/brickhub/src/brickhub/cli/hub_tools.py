@@ -12,7 +12,7 @@ from tyro.conf import Positional
 
 from brickhub.cli.options import Flag, JsonFlag, option, refuse_ignored
 from brickhub.cli.terminal import confirm, is_terminal, print_findings, print_line
-from brickhub.errors import BricksError, DescriptionError, counted, percent
+from brickhub.errors import DescriptionError, counted, percent
 
 if TYPE_CHECKING:
     from brickhub.hub.diagnostics.calibration import Calibration
@@ -55,7 +55,7 @@ class Scan:
 
     def execute(self) -> int:
         """Scan and print; exit code 1 if no hub was found."""
-        from brickhub.hub.transports.scan import FoundHub, scan
+        from brickhub.hub.transports.ble import FoundHub, scan
         from brickhub.robot import HubKind
 
         if self.hub not in ("ble", "virtual"):
@@ -118,7 +118,7 @@ class Stop:
     hub: Hub = "ble"
 
     def execute(self) -> None:
-        from brickhub.hub.hub_errors import HubNotFoundError
+        from brickhub.errors import HubNotFoundError
         from brickhub.hub.transports.address import parse_hub
         from brickhub.hub.transports.profile import Status
 
@@ -156,7 +156,7 @@ class MeasureLatency:
     json: JsonFlag = False
 
     def execute(self) -> None:
-        from brickhub.hub.diagnostics.latency import advice, measure
+        from brickhub.hub.diagnostics.preflight import advice, measure
         from brickhub.hub.link.lockstep import HubLink
 
         if self.exchanges < 1:
@@ -208,7 +208,7 @@ class Check:
             target.interface,
             may_move=lambda: self.yes or confirm(f"The {target.robot.name} needs room to move each motor a little. Move it now?"),
             is_right=(lambda move: confirm(f"{move}: was it this motor, and in the right direction?")) if is_watched else None,
-            calibrate=calibration_of(lambda: _hub_id(transport), self.calibrations),
+            calibrate=calibration_of(transport, self.calibrations),
         )
         code = print_findings(findings, (9, 18), as_json=self.json, env=target.name, hub=self.hub)
         if not self.json:
@@ -243,7 +243,13 @@ class Calibrate:
     """Folder to write to; by default that in your settings folder."""
 
     def execute(self) -> None:
-        from brickhub.hub.diagnostics.calibration import Calibration, forget_calibration, load_calibration, save_calibration
+        from brickhub.hub.diagnostics.calibration import (
+            Calibration,
+            forget_calibration,
+            hub_id,
+            load_calibration,
+            save_calibration,
+        )
 
         for flag, alone in (("--forget", self.forget), ("--reverse", self.reverse)):
             if alone:
@@ -254,12 +260,12 @@ class Calibrate:
         transport = _transport(self.hub, target)
         try:
             transport.open()
-            hub_id = _hub_id(transport)
+            hub = hub_id(transport)
             if self.forget:
-                forget_calibration(hub_id, target.robot, self.calibrations)
-                print_line(f"{target.robot.name} on {hub_id}: as described")
+                forget_calibration(hub, target.robot, self.calibrations)
+                print_line(f"{target.robot.name} on {hub}: as described")
                 return
-            saved = load_calibration(hub_id, target.robot, self.calibrations)
+            saved = load_calibration(hub, target.robot, self.calibrations)
             if self.reverse:
                 calibration = Calibration(saved.zeros_deg, saved.reversed ^ set(self.reverse))
             else:
@@ -267,7 +273,7 @@ class Calibrate:
                 calibration = Calibration(saved.zeros_deg | zeros_deg, saved.reversed)
         finally:
             transport.close()
-        path = save_calibration(hub_id, target.robot, calibration, self.calibrations)
+        path = save_calibration(hub, target.robot, calibration, self.calibrations)
         for name, zero_deg in sorted(calibration.zeros_deg.items()):
             print_line(f"zero     {name:12}{zero_deg} deg")
         for name in sorted(calibration.reversed):
@@ -313,14 +319,3 @@ def _transport(hub: str, target: Target) -> Transport:
     from brickhub.virtual.virtual_transport import VirtualHub
 
     return VirtualHub(target.make_body())
-
-
-def _hub_id(transport: Transport) -> str:
-    """Key of a hub's calibrations: its address, known once it is connected."""
-    identity = getattr(transport, "identity", None)
-    if identity is None:
-        return "virtual"
-    address: str = identity.address
-    if not address:
-        raise BricksError("the hub does not say its address; connect it over Bluetooth")
-    return address

@@ -61,7 +61,11 @@ class KeyListener:
             if flush is not None:
                 flush.cancel()
             for press in source.flush_keys() if is_late else source.read_keys():
-                self._press(str(getattr(press.key, "value", press.key)))
+                key = str(getattr(press.key, "value", press.key))
+                if key == "c-c":  # in raw mode the terminal sends no signal for it
+                    interrupt_main()
+                else:
+                    self._on_key(key)
             flush = None if is_late else self._loop.call_later(ESCAPE_S, lambda: read(is_late=True))
             if source.closed:
                 self._end.set()
@@ -73,12 +77,6 @@ class KeyListener:
         finally:
             if flush is not None:
                 flush.cancel()
-
-    def _press(self, key: str) -> None:
-        if key == "c-c":  # in raw mode the terminal sends no signal for it
-            interrupt_main()
-        else:
-            self._on_key(key)
 
 
 def interrupt_main() -> None:

@@ -15,7 +15,6 @@ from tyro.conf import Positional, UseAppendAction
 from brickhub.cli.options import Flag, changed_options, option
 from brickhub.cli.terminal import Interrupted, print_note
 from brickhub.errors import DescriptionError
-from brickhub.virtual.host_stop import interruptible
 
 if TYPE_CHECKING:
     from brickhub.virtual.body import Body
@@ -65,6 +64,8 @@ class Run:
     """Print each change of the virtual hub's light, display and loudspeaker on standard error."""
 
     def execute(self) -> int:
+        from brickhub.virtual.run import interruptible
+
         try:
             with interruptible():
                 return self._run()
@@ -73,7 +74,7 @@ class Run:
             raise Interrupted(f"the program was stopped; {saved}") from None
 
     def _run(self) -> int:
-        from brickhub.hub.program.user_program import load_program, read_program
+        from brickhub.hub.program.run_program import load_program, read_program
         from brickhub.hub.transports.address import parse_hub
 
         address = parse_hub(self.hub)
@@ -127,11 +128,15 @@ class Run:
         listens = self.realtime and can_listen()
 
         def watch(panel: Panel) -> None:
+            def press(key: str) -> None:
+                if (button := _KEYS.get(key)) in panel.buttons:
+                    panel.tap(button)
+
             if listens:
                 panel.is_watched = True
-                stack.enter_context(KeyListener(lambda key: _press(panel, _KEYS.get(key, ""))))
+                stack.enter_context(KeyListener(press))
             if self.panel:
-                panel.on_change = _print_panel
+                panel.on_change = lambda panel: print_note(f"{panel.now_s:9.3f} s  {panel.describe()}")
 
         return Operation(
             presses=[parse_press(text) for text in self.press],
@@ -162,12 +167,3 @@ class Run:
 
 
 _KEYS = {"left": "left", "right": "right", " ": "center", "c-m": "center", "b": "bluetooth"}
-
-
-def _press(panel: Panel, button: str) -> None:
-    if button in panel.buttons:
-        panel.tap(button)
-
-
-def _print_panel(panel: Panel) -> None:
-    print_note(f"{panel.now_s:9.3f} s  {panel.describe()}")

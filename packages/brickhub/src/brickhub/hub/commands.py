@@ -1,24 +1,115 @@
 """Commands of a hub to its motors, drive base, light and loudspeaker, sent at every step.
 
-Each is one number with a range, to which the hub clamps it, and one line of the hub program. Endless moves (``RunSpeed``,
-``RunDuty``, ``DriveSpeed``, ``DriveTurnRate``) continue until the next step; if the host falls silent, the hub's watchdog stops
-them.
+A kind is one frozen dataclass, here or in a user's file. Each is one number with a range, to which the hub clamps it, and one
+line of the hub program. Endless moves (``RunSpeed``, ``RunDuty``, ``DriveSpeed``, ``DriveTurnRate``) go on until the next step;
+if the host falls silent, the hub's watchdog stops them.
 """
 
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
+from brickhub.entry import Entry
 from brickhub.errors import DescriptionError
-from brickhub.hub.kinds import WIRE_MAX, Command, Imports
 from brickhub.robot import DriveBase, Robot
 
+WIRE_MAX = 2**15 - 1
+"""Largest number on the wire, an int16."""
+
+Imports = tuple[tuple[str, str], ...]
+"""Pairs of a module and a name that a hub program imports from it."""
 _MAX_TEST_TURN_DEG = 10.0
 """Largest turn that the test of an endless move requires."""
 _LOWEST_TONE_HZ = 64
+
+
+class WireNumber:
+    """Number on the wire.
+
+    Attributes:
+        role: ``"command"`` or ``"channel"``, for messages.
+        low, high: range in its unit; the hub clamps commands to it.
+        scale: factor from the number to its fixed-point value on the wire.
+        imports: names that the hub program imports for it, besides hub, ports and devices.
+    """
+
+    role: ClassVar[str]
+    scale: ClassVar[int] = 10
+    imports: ClassVar[Imports] = ()
+
+    if TYPE_CHECKING:  # fields, properties or constants of each kind
+
+        @property
+        def name(self) -> str: ...
+
+        @property
+        def low(self) -> float: ...
+
+        @property
+        def high(self) -> float: ...
+
+        @property
+        def unit(self) -> str: ...
+
+    @property
+    def entry(self) -> Entry:
+        """Name, range and unit."""
+        return Entry(self.name, self.low, self.high, self.unit)
+
+    def error(self, problem: str) -> DescriptionError:
+        """Error about this number; ``problem`` goes on after its name."""
+        return DescriptionError(f"{self.role} '{self.name}'{problem}")
+
+
+@dataclass(frozen=True)
+class Command(WireNumber, ABC):
+    """Number that is sent to the hub at every step, and its effect.
+
+    Attributes:
+        mover: moving object in the hub program, with the methods ``done()`` and ``stop()``; ``None`` for a light or a sound.
+        ends: whether the move ends by itself, so that a step may wait for it.
+        is_turn_by: whether its amount is an angle by which one motor turns, which a motor with a range counts from its target.
+        call: commands with the same ``call`` are the arguments of one call on the hub; ``None`` for a separate call.
+        description: for the header of the hub program; a format of the command.
+        code: statement that starts the move; a format of the command and the expression of its value. See `start`.
+    """
+
+    role: ClassVar[str] = "command"
+    description: ClassVar[str] = "{0.low:g} to {0.high:g} {0.unit}"
+    code: ClassVar[str]
+    ends: ClassVar[bool] = True
+    is_turn_by: ClassVar[bool] = False
+    call: ClassVar[str | None] = None
+
+    if TYPE_CHECKING:
+
+        @property
+        def mover(self) -> str | None: ...
+
+    @abstractmethod
+    def check(self, robot: Robot) -> None:
+        """Raise DescriptionError unless the robot supports the command."""
+
+    @abstractmethod
+    def motors(self, robot: Robot) -> tuple[str, ...]:
+        """Names of the motors that the command turns."""
+
+    @abstractmethod
+    def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
+        """Angle that each of its motors turns by; for an endless move, at least in one second."""
+
+    def setup(self, robot: Robot) -> tuple[str, ...]:
+        """Statements of the hub program that make the mover, after the motors; equal ones of several commands occur once."""
+        return ()
+
+    def start(self, robot: Robot, amounts: Mapping[str, str]) -> str:
+        """Statement of the hub program that starts the move, without waiting for its end. ``amounts``: expressions of all
+        commands of one ``call``, by their names."""
+        return self.code.format(self, amounts[self.name])
 
 
 def _test_turn_deg(turn_deg: float) -> float:
@@ -54,21 +145,20 @@ class RunAngle(_MotorCommand):
 
     speed_deg_s: int
     unit: ClassVar[str] = "deg"
+    is_turn_by: ClassVar[bool] = True
     description: ClassVar[str] = "turn by {0.low:g} to {0.high:g} deg at {0.speed_deg_s} deg/s"
 
     def check(self, robot: Robot) -> None:
         if not 1 <= self.speed_deg_s <= WIRE_MAX:
-            raise DescriptionError(
-                f"command '{self.name}': speed {self.speed_deg_s} deg/s; give a positive one, the sign is the angle's"
-            )
+            raise self.error(f": speed {self.speed_deg_s} deg/s; give a positive one, the sign is the angle's")
 
     def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
         return (amount,)
 
-    def start(self, robot: Robot, amount: str) -> str:
+    def start(self, robot: Robot, amounts: Mapping[str, str]) -> str:
         if robot.motor(self.motor).range_deg is not None:
-            return f"{self.mover}.turn({self.speed_deg_s}, {amount})"
-        return f"{self.mover}.run_angle({self.speed_deg_s}, {amount}, wait=False)"
+            return f"{self.mover}.turn({self.speed_deg_s}, {amounts[self.name]})"
+        return f"{self.mover}.run_angle({self.speed_deg_s}, {amounts[self.name]}, wait=False)"
 
 
 @dataclass(frozen=True)
@@ -79,9 +169,7 @@ class _Endless(_MotorCommand):
 
     def check(self, robot: Robot) -> None:
         if robot.motor(self.motor).range_deg is not None:
-            raise DescriptionError(
-                f"command '{self.name}' turns endlessly, and motor '{self.motor}' has a range; use RunAngle or TrackTarget"
-            )
+            raise self.error(f" turns endlessly, and motor '{self.motor}' has a range; use RunAngle or TrackTarget")
 
     def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
         return (_test_turn_deg(amount),)
@@ -109,7 +197,7 @@ class RunDuty(_Endless):
     def check(self, robot: Robot) -> None:
         super().check(robot)
         if self.low < -100 or self.high > 100:
-            raise DescriptionError(f"command '{self.name}' ranges from {self.low:g} to {self.high:g} %; stay within -100 to 100")
+            raise self.error(f" ranges from {self.low:g} to {self.high:g} %; stay within -100 to 100")
 
 
 @dataclass(frozen=True)
@@ -124,10 +212,8 @@ class TrackTarget(_MotorCommand):
     def check(self, robot: Robot) -> None:
         range_deg = robot.motor(self.motor).range_deg
         if range_deg is not None and not range_deg[0] <= self.low < self.high <= range_deg[1]:
-            raise DescriptionError(
-                f"command '{self.name}' ranges from {self.low:g} to {self.high:g} deg, beyond the motor's range of "
-                f"{range_deg[0]} to {range_deg[1]}; stay within"
-            )
+            beyond = f"beyond the motor's range of {range_deg[0]} to {range_deg[1]}"
+            raise self.error(f" ranges from {self.low:g} to {self.high:g} deg, {beyond}; stay within")
 
     def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
         return (0.0,)
@@ -203,9 +289,7 @@ class Curve(_DriveBaseCommand):
     def check(self, robot: Robot) -> None:
         super().check(robot)
         if not 10 <= abs(self.radius_mm) <= WIRE_MAX:
-            raise DescriptionError(
-                f"command '{self.name}': a radius of {self.radius_mm} mm; give 10 or more, or Turn on the spot"
-            )
+            raise self.error(f": a radius of {self.radius_mm} mm; give 10 or more, or Turn on the spot")
 
     def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
         base = drive_base(robot, self.name)
@@ -223,10 +307,7 @@ class _Drive(_DriveBaseCommand):
     def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
         return tuple(map(_test_turn_deg, super().turns_deg(robot, amount)))
 
-    def start(self, robot: Robot, amount: str) -> str:
-        return self.start_all(robot, {self.name: amount})
-
-    def start_all(self, robot: Robot, amounts: Mapping[str, str]) -> str:
+    def start(self, robot: Robot, amounts: Mapping[str, str]) -> str:
         speed, turn_rate = (amounts.get(command.name, "0") for command in (DriveSpeed, DriveTurnRate))
         return f"{self.mover}.drive({speed}, {turn_rate})"
 
@@ -294,7 +375,7 @@ class HubLight(_HubCommand):
 
     def check(self, robot: Robot) -> None:
         if self.low < 0 or self.high > 360:
-            raise DescriptionError(f"command '{self.name}' ranges from {self.low:g} to {self.high:g}; hues are 0 to 360 degrees")
+            raise self.error(f" ranges from {self.low:g} to {self.high:g}; hues are 0 to 360 degrees")
 
 
 @dataclass(frozen=True)
@@ -313,13 +394,9 @@ class HubSound(_HubCommand):
 
     def check(self, robot: Robot) -> None:
         if not robot.hub.model.has_speaker:
-            raise DescriptionError(
-                f"command '{self.name}': a {robot.hub.value} hub has no loudspeaker; choose a prime hub, or use HubLight"
-            )
+            raise self.error(f": a {robot.hub.value} hub has no loudspeaker; choose a prime hub, or use HubLight")
         if self.low < 0 or not 1 <= self.duration_ms <= 200:
-            raise DescriptionError(
-                f"command '{self.name}': {self.low:g} Hz at least, for {self.duration_ms} ms; give 0 Hz or more, and 1 to 200 ms"
-            )
+            raise self.error(f": {self.low:g} Hz at least, for {self.duration_ms} ms; give 0 Hz or more, and 1 to 200 ms")
 
     def setup(self, robot: Robot) -> tuple[str, ...]:
         play = f"hub.speaker.beep(frequency_hz, {self.duration_ms})"

@@ -6,55 +6,78 @@ the units of their names; the wire carries int16 fixed-point numbers.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar
 
-from brickhub.errors import DescriptionError, hint
+from brickhub.entry import Entry
+from brickhub.errors import hint
 from brickhub.fields import check_fields, check_value
-from brickhub.hub.commands import (
-    Curve,
-    DriveSpeed,
-    DriveStraight,
-    DriveTurnRate,
-    HubLight,
-    HubSound,
-    RunAngle,
-    RunDuty,
-    RunSpeed,
-    TrackTarget,
-    Turn,
-    drive_base,
-    drive_base_setup,
-)
-from brickhub.hub.kinds import Channel, Command, Imports
+from brickhub.hub.commands import *
+from brickhub.hub.commands import WIRE_MAX, Command, Imports, WireNumber, drive_base, drive_base_setup
 from brickhub.robot import Robot, UltrasonicSensor
 
-__all__ = [
-    "PARTS",
-    "Curve",
-    "Distance",
-    "DriveAngle",
-    "DriveDistance",
-    "DriveSpeed",
-    "DriveStraight",
-    "DriveTurnRate",
-    "Heading",
-    "HubLight",
-    "HubSound",
-    "Interface",
-    "MotorAngle",
-    "Pitch",
-    "Roll",
-    "RunAngle",
-    "RunDuty",
-    "RunSpeed",
-    "SensorReading",
-    "TrackTarget",
-    "Turn",
-    "UntilDone",
-    "Wait",
-    "YawRate",
-]
+
+@dataclass(frozen=True)
+class Channel(WireNumber, ABC):
+    """Number that the hub reports at every step.
+
+    Attributes:
+        is_nominal: whether values beyond ``low`` and ``high`` are possible, up to the limits of the wire.
+        noise, noise_share: names of the twin's physics parameters for its noise: the standard deviation, and an additional one as
+            a share of the value.
+        roughness: insignificant difference between a robot and its twin, in the unit, due to rounding and clock ticks.
+    """
+
+    role: ClassVar[str] = "channel"
+    is_nominal: ClassVar[bool] = False
+    noise: ClassVar[str | None] = None
+    noise_share: ClassVar[str | None] = None
+    roughness: ClassVar[float] = 1.0
+
+    @property
+    def device(self) -> str | None:
+        """Name of the motor or sensor that the channel reads; ``None`` for the hub itself."""
+        return None
+
+    def devices(self, robot: Robot) -> tuple[str, ...]:
+        """Names of the motors and sensors that the hub program needs for the channel."""
+        return () if self.device is None else (self.device,)
+
+    @property
+    def wraps(self) -> bool:
+        """True for an angle that wraps from 360 to 0."""
+        return False
+
+    @property
+    def limits(self) -> tuple[float, float] | None:
+        """Possible range, if ``low`` and ``high`` are only nominal."""
+        return (-WIRE_MAX / self.scale, WIRE_MAX / self.scale) if self.is_nominal else None
+
+    @property
+    def entry(self) -> Entry:
+        return Entry(self.name, self.low, self.high, self.unit, self.limits, self.wraps)
+
+    @abstractmethod
+    def check(self, robot: Robot) -> None:
+        """Raise DescriptionError unless the robot supports the channel."""
+
+    def setup(self, robot: Robot) -> tuple[str, ...]:
+        """Statements of the hub program that make the object to read, after the motors; equal ones occur once."""
+        return ()
+
+    @property
+    def statement(self) -> str | None:
+        """Line of the hub program before all channels are read, such as a call that returns several numbers.
+
+        Equal lines of several channels occur once.
+        """
+        return None
+
+    @property
+    @abstractmethod
+    def expression(self) -> str:
+        """Expression of the value in the hub program, in its unit, from ``hub``, ``motor_NAME`` and ``sensor_NAME``."""
 
 
 @dataclass(frozen=True)
@@ -96,10 +119,8 @@ class _ImuChannel(Channel):
 
     def check(self, robot: Robot) -> None:
         if not robot.hub.model.has_imu:
-            raise DescriptionError(
-                f"channel '{self.name}' needs an IMU, which the {robot.hub.value} hub lacks; "
-                "choose a prime, essential or technic hub, or omit the channel"
-            )
+            remedy = "choose a prime, essential or technic hub, or omit the channel"
+            raise self.error(f" needs an IMU, which the {robot.hub.value} hub lacks; {remedy}")
 
 
 @dataclass(frozen=True)
@@ -220,7 +241,7 @@ class Distance(Channel):
 
     def check(self, robot: Robot) -> None:
         if robot.sensor(self.sensor).kind.model.range_mm is None:
-            raise DescriptionError(f"channel '{self.name}': '{self.sensor}' is not an UltrasonicSensor; use a SensorReading")
+            raise self.error(f": '{self.sensor}' is not an UltrasonicSensor; use a SensorReading")
 
     @property
     def expression(self) -> str:
@@ -262,18 +283,16 @@ class SensorReading(Channel):
     def check(self, robot: Robot) -> None:
         kind = robot.sensor(self.sensor).kind
         if kind.model.range_mm is not None:
-            raise DescriptionError(f"channel '{self.name}': '{self.sensor}' is an {kind.value}; use Distance")
+            raise self.error(f": '{self.sensor}' is an {kind.value}; use Distance")
         readings = kind.model.readings
         if self.method not in readings:
             known = f"{hint(self.method, readings)}; it has {', '.join(readings) or 'none'}"
-            raise DescriptionError(f"channel '{self.name}': a {kind.value} has no reading '{self.method}'{known}")
+            raise self.error(f": a {kind.value} has no reading '{self.method}'{known}")
         parts = PARTS.get(self.method)
         if parts is None and self.part is not None:
-            raise DescriptionError(f"channel '{self.name}': {self.method}() is one number; omit the part '{self.part}'")
+            raise self.error(f": {self.method}() is one number; omit the part '{self.part}'")
         if parts is not None and self.part not in parts:
-            raise DescriptionError(
-                f"channel '{self.name}': {self.method}() is {len(parts)} numbers; give as part one of {', '.join(parts)}"
-            )
+            raise self.error(f": {self.method}() is {len(parts)} numbers; give as part one of {', '.join(parts)}")
 
     @property
     def statement(self) -> str | None:

@@ -13,9 +13,8 @@ import operator
 import struct
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
 
-from brickhub.errors import BricksError, HubProtocolError
+from brickhub.errors import BricksError
 from brickhub.hub.interface import Interface
 
 PROTOCOL_VERSION = 1
@@ -113,7 +112,7 @@ def hello_payload(program_hash: int) -> bytes:
 
 def parse_hello(payload: bytes) -> tuple[int, int]:
     """Protocol version and program hash of the hub's HELLO."""
-    version, program_hash = _unpack("<BI", payload)
+    version, program_hash = struct.unpack("<BI", payload)
     return version, program_hash
 
 
@@ -136,73 +135,39 @@ class ControlFrame:
 Frame = DataFrame | ControlFrame
 
 
-@dataclass(frozen=True)
 class WireFormat:
     """Format of an interface's data frames.
 
     Attributes:
-        command_names, command_scales: names and scales of the actions, in order.
-        channel_names, channel_scales: names and scales of the channels, in order.
+        action_format, answer_format: ``struct`` formats of the actions, and of an answer: the hub's clock and the channels.
+        down_frame_bytes, answer_bytes: size of a frame with actions, and of an answer's payload.
     """
 
-    command_names: tuple[str, ...]
-    command_scales: tuple[int, ...]
-    channel_names: tuple[str, ...]
-    channel_scales: tuple[int, ...]
-
-    @classmethod
-    def of(cls, interface: Interface) -> WireFormat:
-        """Format of an interface."""
-        return cls(
-            tuple(command.name for command in interface.commands),
-            tuple(command.scale for command in interface.commands),
-            tuple(channel.name for channel in interface.channels),
-            tuple(channel.scale for channel in interface.channels),
-        )
-
-    @cached_property
-    def action_format(self) -> str:
-        """``struct`` format of the actions."""
-        return "<" + "h" * len(self.command_scales)
-
-    @cached_property
-    def answer_format(self) -> str:
-        """``struct`` format of an answer: the hub's clock and the channels."""
-        return "<H" + "h" * len(self.channel_scales)
-
-    @cached_property
-    def _value_format(self) -> str:
-        """``struct`` format of the channels' values as float32, to round them."""
-        return "f" * len(self.channel_scales)
-
-    @cached_property
-    def action_bytes(self) -> int:
-        return struct.calcsize(self.action_format)
-
-    @cached_property
-    def answer_bytes(self) -> int:
-        return struct.calcsize(self.answer_format)
-
-    @property
-    def down_frame_bytes(self) -> int:
-        return DATA_OVERHEAD + self.action_bytes
+    def __init__(self, interface: Interface) -> None:
+        self._commands = interface.commands
+        self._scales = [channel.scale for channel in interface.channels]
+        self.action_format, self._value_format = "<" + "h" * len(self._commands), "f" * len(self._scales)
+        self.answer_format = "<H" + "h" * len(self._scales)
+        self.down_frame_bytes = DATA_OVERHEAD + struct.calcsize(self.action_format)
+        self.answer_bytes = struct.calcsize(self.answer_format)
 
     def encode_actions(self, values: Iterable[float]) -> bytes:
         """Payload for the actions ``[n_commands]`` in the units of their names; values out of range saturate. Raises
         EncodingError for a wrong number of values, or one that is not a number."""
-        return struct.pack(self.action_format, *_to_int16(values, self.command_scales, self.command_names))
-
-    def encode_answer(self, time_ms: int, values: Iterable[float]) -> bytes:
-        """Payload of an answer with the channels ``[n_channels]``; the clock wraps at 65536 ms. Raises EncodingError if the wrong
-        number of values, or one that is not a number."""
-        numbers = _to_int16(values, self.channel_scales, self.channel_names)
-        return struct.pack(self.answer_format, time_ms & 0xFFFF, *numbers)
+        numbers, names = [float(value) for value in values], [command.name for command in self._commands]
+        if len(numbers) != len(names):
+            raise EncodingError(f"got {len(numbers)} values for {len(names)} ({', '.join(names)}); give one for each")
+        wire = []
+        for number, command in zip(numbers, self._commands, strict=True):
+            if number != number:
+                raise EncodingError(f"the value for '{command.name}' is not a number (NaN); look for what computed it")
+            wire.append(round(min(max(number * command.scale, _INT16_LOW), _INT16_HIGH)))
+        return struct.pack(self.action_format, *wire)
 
     def decode_answer(self, payload: bytes) -> tuple[int, tuple[float, ...]]:
-        """Hub's clock (0..65535 ms) and the channels ``[n_channels]`` in their units, rounded to float32. Raises HubProtocolError
-        if the payload has another length."""
-        time_ms, *numbers = _unpack(self.answer_format, payload)
-        values = map(operator.truediv, numbers, self.channel_scales)
+        """Hub's clock (0..65535 ms) and the channels ``[n_channels]`` in their units, rounded to float32."""
+        time_ms, *numbers = struct.unpack(self.answer_format, payload)
+        values = map(operator.truediv, numbers, self._scales)
         return time_ms, struct.unpack(self._value_format, struct.pack(self._value_format, *values))
 
 
@@ -247,7 +212,8 @@ class FrameDecoder:
                 break
             candidate = bytes(buffer[start : start + size])
             if size and crc8(candidate) == 0:
-                frames.append(_parse(candidate))
+                seq = candidate[1]
+                frames.append(DataFrame(seq, candidate[2:-1]) if seq else ControlFrame(candidate[2], candidate[3:-1]))
                 start += size
             else:
                 self.crc_errors += size > 0
@@ -269,28 +235,3 @@ class FrameDecoder:
         self.skipped_bytes += len(data)
         self._text += data
         del self._text[:-_TEXT_BYTES]
-
-
-def _parse(frame: bytes) -> Frame:
-    return DataFrame(frame[1], frame[2:-1]) if frame[1] else ControlFrame(frame[2], frame[3:-1])
-
-
-def _to_int16(values: Iterable[float], scales: tuple[int, ...], names: tuple[str, ...]) -> list[int]:
-    numbers = [float(value) for value in values]
-    if len(numbers) != len(scales):
-        raise EncodingError(f"got {len(numbers)} values for {len(scales)} ({', '.join(names)}); give one for each")
-    wire = []
-    for number, scale, name in zip(numbers, scales, names, strict=True):
-        if number != number:
-            raise EncodingError(f"the value for '{name}' is not a number (NaN); look for what computed it")
-        wire.append(round(min(max(number * scale, _INT16_LOW), _INT16_HIGH)))
-    return wire
-
-
-def _unpack(struct_format: str, payload: bytes) -> tuple[int, ...]:
-    try:
-        return struct.unpack(struct_format, payload)
-    except struct.error:
-        raise HubProtocolError(
-            f"a payload has {len(payload)} bytes, not {struct.calcsize(struct_format)}; give hub and host the same interface"
-        ) from None

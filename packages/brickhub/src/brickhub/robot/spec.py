@@ -200,7 +200,7 @@ class Robot:
         hub_sides: where the hub's top and its front, with the USB port, look: names of :data:`LOOKS`. By default as in the plan,
             or ``("up", "ahead")``. The IMU's values are along the robot's axes, however the hub is mounted.
         model: MuJoCo model of a virtual robot: ``"package.module:function"``, which is called with the robot and its scene and
-            returns an ``MjSpec``, or the path of an MJCF file (see ``bricktwin.twin.models.mjcf_file``) or of a building plan.
+            returns an ``MjSpec``, or the path of an MJCF file (see ``bricktwin.twin.models.load``) or of a building plan.
             Without a model, a robot with a drive base gets a generated body, and any other one is a bench.
         plan: path of the building plan, an LDraw file. It completes this description: missing motors and sensors, ports that are
             "", gears, wheel diameter and axle track; and it is the model if there is none.
@@ -229,43 +229,37 @@ class Robot:
                 object.__setattr__(self, field, value)
         if not self.hub_sides:
             object.__setattr__(self, "hub_sides", HUB_FLAT)
-        self._check_hub_sides()
+        known = [LOOKS[side] for side in self.hub_sides if side in LOOKS]
+        if len(self.hub_sides) != 2 or len(known) != 2 or sum(a * b for a, b in zip(*known, strict=True)):
+            remedy = f'give two of {", ".join(LOOKS)} at right angles, such as ("up", "ahead")'
+            raise self._error(f"the hub's top and front cannot look {self.hub_sides}; {remedy}")
+        if self.hub_sides != HUB_FLAT and not self.needs_imu:
+            raise self._error("only the IMU depends on hub_sides; omit them, or say needs_imu=True")
+        self._check_devices()
+        if self.needs_imu and not self.hub.model.has_imu:
+            raise self._error(f"a {self.hub.value} hub has no IMU; choose a prime, essential or technic hub")
+        if self.drive_base is not None:
+            if not (self.drive_base.wheel_diameter_mm and self.drive_base.axle_track_mm):
+                raise self._error("its drive base has no wheel diameter or no axle track; say both in mm, or name a plan")
+            left, right = self.motor(self.drive_base.left), self.motor(self.drive_base.right)
+            if left.gears != right.gears:
+                raise self._error("both motors of a drive base need the same gears")
+
+    def _error(self, problem: str) -> DescriptionError:
+        return DescriptionError(f"robot '{self.name}': {problem}")
+
+    def _check_devices(self) -> None:
         devices: tuple[Motor | Sensor, ...] = (*self.motors, *self.sensors)
         for kind, keys in (("port", [d.port for d in devices]), ("name", [d.name for d in devices])):
             for key, count in Counter(keys).items():
                 if count > 1:
-                    raise DescriptionError(f"robot '{self.name}': {kind} {key} is used {count} times; give each device its own")
-        model = self.hub.model
+                    raise self._error(f"{kind} {key} is used {count} times; give each device its own")
         for device in devices:
             if not device.port:
-                raise DescriptionError(f"robot '{self.name}': '{device.name}' has no port; say it, or name a plan that does")
-            if len(device.port) != 1 or device.port not in model.ports:
-                raise DescriptionError(
-                    f"robot '{self.name}': '{device.name}' is on port {device.port}, but a {self.hub.value} hub has "
-                    f"ports {', '.join(model.ports)}; move it or choose another hub"
-                )
-        if self.needs_imu and not model.has_imu:
-            raise DescriptionError(
-                f"robot '{self.name}': a {self.hub.value} hub has no IMU; choose a prime, essential or technic hub"
-            )
-        if self.drive_base is not None:
-            if not (self.drive_base.wheel_diameter_mm and self.drive_base.axle_track_mm):
-                raise DescriptionError(
-                    f"robot '{self.name}': its drive base has no wheel diameter or no axle track; say both in mm, or name a plan"
-                )
-            left, right = self.motor(self.drive_base.left), self.motor(self.drive_base.right)
-            if left.gears != right.gears:
-                raise DescriptionError(f"robot '{self.name}': both motors of a drive base need the same gears")
-
-    def _check_hub_sides(self) -> None:
-        known = [LOOKS[side] for side in self.hub_sides if side in LOOKS]
-        if len(self.hub_sides) != 2 or len(known) != 2 or sum(a * b for a, b in zip(*known, strict=True)):
-            raise DescriptionError(
-                f"robot '{self.name}': the hub's top and front cannot look {self.hub_sides}; "
-                f'give two of {", ".join(LOOKS)} at right angles, such as ("up", "ahead")'
-            )
-        if self.hub_sides != HUB_FLAT and not self.needs_imu:
-            raise DescriptionError(f"robot '{self.name}': only the IMU depends on hub_sides; omit them, or say needs_imu=True")
+                raise self._error(f"'{device.name}' has no port; say it, or name a plan that does")
+            if len(device.port) != 1 or device.port not in self.hub.model.ports:
+                ports = f"a {self.hub.value} hub has ports {', '.join(self.hub.model.ports)}"
+                raise self._error(f"'{device.name}' is on port {device.port}, but {ports}; move it or choose another hub")
 
     def motor(self, name: str) -> Motor:
         """The motor of that name. Raises DescriptionError if the robot has no such motor."""

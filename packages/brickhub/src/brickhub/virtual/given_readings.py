@@ -5,30 +5,19 @@ from __future__ import annotations
 import bisect
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from brickhub.errors import DescriptionError, TwinError
 from brickhub.robot import Sense
-from brickhub.virtual.stimuli import Sensed
+from brickhub.virtual.stimuli import COLORS, Sensed
 
-_COLORS: Mapping[str, tuple[float, float, float]] = {
-    "none": (0, 0, 0), "black": (0, 0, 10), "gray": (0, 0, 50), "white": (0, 0, 100), "red": (0, 100, 100),
-    "orange": (30, 100, 100), "brown": (30, 100, 50), "yellow": (60, 100, 100), "green": (120, 100, 100),
-    "cyan": (180, 100, 100), "blue": (240, 100, 100), "violet": (270, 100, 100), "magenta": (300, 100, 100),
-}  # fmt: skip
 _BUTTON_FORCES_N: Mapping[str, float] = {"pressed": 10.0, "released": 0.0}
-_UNIT_SENSES = {"mm": (Sense.DISTANCE,), "n": (Sense.FORCE,), "deg": (Sense.TILT,)}
+_UNIT_SENSES = {"mm": Sense.DISTANCE, "n": Sense.FORCE, "deg": Sense.TILT}
 _EXAMPLES = "B=red, B=120,80,50 (hue, saturation, value), B=40%, B=200mm, B=3N, B=pressed, B=10,-5deg (pitch, roll), B=@file"
-_VALUE_COUNTS = {
-    Sense.SURFACE: (1, 3),
-    Sense.AMBIENT: (1, 3),
-    Sense.DISTANCE: (1,),
-    Sense.FORCE: (1,),
-    Sense.TILT: (2,),
-    Sense.COUNT: (1,),
-}
+_VALUE_COUNTS = {Sense.SURFACE: (1, 3), Sense.AMBIENT: (1, 3), Sense.TILT: (2,)}
+"""Numbers of values that a stimulus can have; one for other senses."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +43,7 @@ class GivenReading:
     def check(self, sense: Sense, device: str) -> None:
         """Raise TwinError unless the values suit the sense."""
         for value in self.values:
-            if (len(value) if isinstance(value, tuple) else 1) not in _VALUE_COUNTS[sense]:
+            if (len(value) if isinstance(value, tuple) else 1) not in _VALUE_COUNTS.get(sense, (1,)):
                 raise TwinError(
                     f"--reading {self.port}: {value} is not a {sense} for the {device} there; give one such as {_EXAMPLES}"
                 )
@@ -79,19 +68,18 @@ def parse_reading(text: str, folder: Path = Path()) -> GivenReading:
 
 def _value(value: str, text: str) -> tuple[Sensed, Sense | None]:
     word = value.lower()
-    if word in _COLORS:
-        return _COLORS[word], Sense.SURFACE
+    if word.upper() in COLORS:
+        return COLORS[word.upper()], Sense.SURFACE
     if word in _BUTTON_FORCES_N:
         return _BUTTON_FORCES_N[word], Sense.FORCE
     match = re.fullmatch(r"([-+.\d,\s]+?)\s*(mm|%|n|deg)?", word)
     try:
         numbers = tuple(float(part) for part in match[1].split(","))  # type: ignore[index]
     except (TypeError, ValueError):
-        raise TwinError(f"'{text}' is not a reading; give one such as {_EXAMPLES}") from None
-    if len(numbers) > 3 or not all(map(math.isfinite, numbers)):
+        numbers = ()
+    if not 1 <= len(numbers) <= 3 or not all(map(math.isfinite, numbers)):
         raise TwinError(f"'{text}' is not a reading; give one such as {_EXAMPLES}")
-    sense = _UNIT_SENSES.get(match[2] or "", (None,))[0]  # type: ignore[index]
-    return numbers if len(numbers) > 1 else numbers[0], sense
+    return numbers if len(numbers) > 1 else numbers[0], _UNIT_SENSES.get(match[2])  # type: ignore[index]
 
 
 def _from_file(path: Path) -> tuple[tuple[float, ...], tuple[Sensed, ...]]:
@@ -125,8 +113,3 @@ def parse_end_stop(text: str) -> tuple[str, tuple[float, float]]:
     if not low <= 0.0 <= high:
         raise DescriptionError(f"'{text}': the motor starts at 0; give a lowest angle below that and a highest above it")
     return match[1].upper(), (low, high)  # type: ignore[index]
-
-
-def for_port(readings: Iterable[GivenReading], port: str) -> list[GivenReading]:
-    """The readings of one port."""
-    return [reading for reading in readings if reading.port == port]

@@ -7,11 +7,11 @@ from types import ModuleType
 from typing import Any
 
 from brickhub.hub.transport import HubModule
-from brickhub.virtual.console import Console
 from brickhub.virtual.micropython.builtins import builtin_names
 from brickhub.virtual.micropython.compiler import compile_source
 from brickhub.virtual.micropython.exceptions import reword
 from brickhub.virtual.micropython.numbers import module
+from brickhub.virtual.micropython.streams import Console
 
 
 class Modules(dict[str, ModuleType]):
@@ -50,7 +50,7 @@ def execute(source: str, filename: str, modules: dict[str, ModuleType], console:
     Args:
         source: the program.
         filename: its name in tracebacks, e.g. ``main.py``.
-        modules: the modules that it can import, such as those of ``virtual_hub.pybricks.modules``.
+        modules: the modules that it can import, such as those of ``pybricks.modules``.
         console: its standard input and output.
 
     Raises:

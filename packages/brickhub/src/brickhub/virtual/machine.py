@@ -1,29 +1,49 @@
 """Machine behind a virtual hub: clock, the firmware's 5 ms control loop, and the body.
 
-Time is a whole number of milliseconds and passes only in methods of :class:`Machine`.
+Time is a whole number of milliseconds and passes only in methods of :class:`Machine`; :class:`Pace` keeps it in step with real
+time.
 """
 
 from __future__ import annotations
 
 import contextlib
+import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
 from brickhub.virtual.body import Body, FittingBody
-from brickhub.virtual.firmware.drive_base import DriveBaseControl
-from brickhub.virtual.firmware.heading import GyroHeading
+from brickhub.virtual.firmware.drive_base import DriveBaseControl, GyroHeading
 from brickhub.virtual.firmware.servo import Servo
 from brickhub.virtual.micropython.exceptions import SwitchedOff
-from brickhub.virtual.pace import Pace
 from brickhub.virtual.panel import Panel
 from brickhub.virtual.run_log import RunLog
 
+MAX_STEP_MS = 15
+"""Maximum step of simulated time, for smooth pictures and a quick stop."""
 CONTROL_LOOP_MS = 5
 # On a hub each call takes some 10 us. Here calls are free until there are many of them without a wait: otherwise no simulated
 # time would ever pass in a program that only polls.
 _FREE_CALLS = 200
 _CALLS_PER_MS = 100
 _AFTER_LOOP_TICKS = 10
+
+
+class Pace:
+    """Delays simulated time to real time. ``clock_s, sleep``: replaced in tests."""
+
+    def __init__(self, clock_s: Callable[[], float] = time.monotonic, sleep: Callable[[float], None] = time.sleep) -> None:
+        self._clock_s, self._sleep = clock_s, sleep
+        self._start_s = clock_s()
+
+    def wall_ms(self) -> float:
+        """Real time since the start."""
+        return (self._clock_s() - self._start_s) * 1000
+
+    def keep(self, time_ms: float) -> None:
+        """Wait if simulated time is ahead."""
+        ahead_ms = time_ms - self.wall_ms()
+        if ahead_ms > 0:
+            self._sleep(ahead_ms / 1000)
 
 
 class Machine:
@@ -44,8 +64,7 @@ class Machine:
     """
 
     def __init__(self, body: Body, panel: Panel | None = None) -> None:
-        self.robot = body.robot
-        self.body = body
+        self.robot, self.body = body.robot, body
         self.panel = panel or Panel(body.robot.hub)
         self.panel.clock_ms = lambda: self.time_ms
         self.runs_program = False
@@ -60,8 +79,7 @@ class Machine:
         self.drive_bases: list[DriveBaseControl] = []
         self.modes: dict[str, str] = {}
         self.check_memory: Callable[[], int] = lambda: 1 << 30
-        self._branches_to_check = 0
-        self._calls = 0
+        self._branches_to_check = self._calls = 0
         self._is_ahead = self._is_stopping = False
 
     @property
@@ -142,29 +160,24 @@ class Machine:
             if self.pace is not None:
                 self.pace.keep(time_ms)
 
-    def settle(self) -> None:
-        """Let the rest of the hub catch up with the program.
+    def branch(self, value: Any) -> Any:
+        """``value``, on which the program branches; the rest of the hub catches up first.
 
         A program resumes at the beginning of a millisecond, the rest of the hub only at the program's first branch in it, such as
         the next iteration of a loop.
         """
-        time_ms, time_ticks = self.time_ms, self.time_ticks
-        self._run_to(time_ms + 1)
-        self.time_ms, self.time_ticks, self._is_ahead = time_ms, time_ticks, True
-        self._branches_to_check -= 1
-        if self._branches_to_check < 0:
-            self._branches_to_check = self.check_memory()
-
-    def branch(self, value: Any) -> Any:
-        """``value``, on which the program branches; the rest of the hub catches up first."""
         if not (self._is_ahead or self._is_stopping):
-            self.settle()
+            time_ms, time_ticks = self.time_ms, self.time_ticks
+            self._run_to(time_ms + 1)
+            self.time_ms, self.time_ticks, self._is_ahead = time_ms, time_ticks, True
+            self._branches_to_check -= 1
+            if self._branches_to_check < 0:
+                self._branches_to_check = self.check_memory()
         return value
 
     def turn(self, value: Any) -> Any:
         """``value``, for one iteration of a loop that ends by itself."""
-        if not (self._is_ahead or self._is_stopping):
-            self.settle()
+        self.branch(None)
         self._branches_to_check -= 1
         if self._branches_to_check < 0:
             self._branches_to_check = self.check_memory()

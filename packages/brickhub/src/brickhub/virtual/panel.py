@@ -9,6 +9,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 from brickhub.errors import TwinError
 from brickhub.robot import HubKind
@@ -29,7 +30,7 @@ _WIRELESS_BUTTONS = {
 }
 """Buttons of wireless devices; a stick and a trigger are pressed all the way."""
 WIRELESS = frozenset(_WIRELESS_BUTTONS)
-_MIN_S, _MAX_S = 0.0, 100_000.0
+_MAX_S = 100_000.0
 
 
 @dataclass(frozen=True)
@@ -50,7 +51,7 @@ class Press:
     duration_s: float = DEFAULT_PRESS_S
 
     def __post_init__(self) -> None:
-        if not (_MIN_S <= self.start_s <= _MAX_S and 0.0 < self.duration_s <= _MAX_S):
+        if not (0.0 <= self.start_s <= _MAX_S and 0.0 < self.duration_s <= _MAX_S):
             raise TwinError(
                 f"the time of the press of '{self.button}' is out of range; give {self.button}@2.5s or {self.button}@2.5s+1s"
             )
@@ -96,10 +97,8 @@ class Panel:
         self.stop_buttons = frozenset({STOP_BUTTON})
         self.near = set(near)
         self.on_change: Callable[[Panel], None] | None = None
-        self._light: tuple[int, int, int] | None = None
-        self._sound_hz = 0
-        self.display = [0] * 25
-        self.text = ""
+        self.light: tuple[int, int, int] | None = None
+        self.sound_hz, self.display, self.text = 0, [0] * 25, ""
         self.is_watched = self.is_off = False
         self.clock_ms: Callable[[], int] = lambda: self._now_ms
         self.next_ms: int | None = None
@@ -111,40 +110,20 @@ class Panel:
             self.press(press)
 
     @property
-    def light(self) -> tuple[int, int, int] | None:
-        return self._light
-
-    @light.setter
-    def light(self, color: tuple[int, int, int] | None) -> None:
-        if color != self._light:
-            self._light = color
-            self._changed()
-
-    @property
-    def sound_hz(self) -> int:
-        return self._sound_hz
-
-    @sound_hz.setter
-    def sound_hz(self, frequency: int) -> None:
-        if frequency != self._sound_hz:
-            self._sound_hz = frequency
-            self._changed()
-
-    @property
     def now_s(self) -> float:
         """Simulated time."""
         return self.clock_ms() / 1000
 
     def describe(self) -> str:
         """Light, display and sound in one line; the display as five rows of five, from ``.`` to ``#``."""
-        light = "off" if self._light is None else f"hue {self._light[0]}, {self._light[1]} %, {self._light[2]} %"
+        light = "off" if self.light is None else f"hue {self.light[0]}, {self.light[1]} %, {self.light[2]} %"
         rows = (self.display[i : i + 5] for i in range(0, 25, 5))
         display = self.text or "/".join("".join(_SHADES[min(3, value * 3 // 100 + (value > 0))] for value in row) for row in rows)
-        return f"light {light}; display {display if any(self.display) or self.text else 'off'}; sound {self._sound_hz or 'off'}"
+        return f"light {light}; display {display if any(self.display) or self.text else 'off'}; sound {self.sound_hz or 'off'}"
 
     def tap(self, button: str) -> None:
         """Press a button now, for :data:`DEFAULT_PRESS_S`."""
-        self.press(Press(button, self.clock_ms() / 1000 + 0.001))
+        self.press(Press(button, self.now_s + 0.001))
 
     def press(self, press: Press) -> None:
         """Schedule a press."""
@@ -219,18 +198,20 @@ class Panel:
         """Reset as before each program: default stop button, no light, sound or display."""
         self.stop_buttons = frozenset({STOP_BUTTON})
         self._animations.clear()
-        self.light, self.sound_hz = None, 0
+        self.change(light=None)
+        self.change(sound_hz=0)
         self.show([0] * 25)
 
     def show(self, pixels: list[int], text: str = "") -> None:
         """Show pixels (brightness in %, 25 values) or a text."""
-        if (pixels, text) != (self.display, self.text):
-            self.display, self.text = pixels, text
-            self._changed()
+        self.change(display=pixels, text=text)
 
-    def _changed(self) -> None:
-        if self.on_change is not None:
-            self.on_change(self)
+    def change(self, **outputs: Any) -> None:
+        """Change light, display, text or sound."""
+        if any(getattr(self, name) != value for name, value in outputs.items()):
+            vars(self).update(outputs)
+            if self.on_change is not None:
+                self.on_change(self)
 
     def _down(self, time_ms: int) -> set[str]:
         return self._held | {name for start_ms, end_ms, name in self._presses if start_ms <= time_ms < end_ms}

@@ -4,33 +4,35 @@ from __future__ import annotations
 
 import ast
 import re
+import signal
 import sys
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from types import FrameType
 from typing import BinaryIO, TextIO
 
 from brickhub.errors import TwinError
+from brickhub.hub.program.run_program import check_time_limit, folder_with_module, load_program, read_program
 from brickhub.hub.program.syntax import parse
-from brickhub.hub.program.user_program import check_time_limit, folder_with_module, load_program, read_program
 from brickhub.hub.transport import HubProgram, as_typed
 from brickhub.robot import HubKind
+from brickhub.virtual.bench_body import FittedBench
 from brickhub.virtual.body import Body
-from brickhub.virtual.fitted_bench import FittedBench
 from brickhub.virtual.given_readings import GivenReading
-from brickhub.virtual.host_stop import HostStop
 from brickhub.virtual.interpreter import execute
-from brickhub.virtual.machine import Machine
+from brickhub.virtual.machine import Machine, Pace
 from brickhub.virtual.micropython.compiler import compile_source
-from brickhub.virtual.micropython.exceptions import SwitchedOff, class_name
-from brickhub.virtual.micropython.system import is_program_error
+from brickhub.virtual.micropython.exceptions import HostStop, SwitchedOff, class_name, is_program_error
 from brickhub.virtual.micropython.text import format_traceback
-from brickhub.virtual.output_buffer import OutputBuffer
-from brickhub.virtual.pace import Pace
 from brickhub.virtual.panel import WIRELESS, Panel, Press
 from brickhub.virtual.pybricks import modules
+
+_BUFFER_BYTES = 511
+_CHUNK_BYTES = 60
 
 
 class _ProgramStopped(HostStop):
@@ -38,22 +40,18 @@ class _ProgramStopped(HostStop):
 
 
 class _OutputFailed(HostStop):
-    """This computer does not take the program's output: no hub has that error."""
-
-    def __init__(self, error: OSError) -> None:
-        super().__init__(error)
-        self.error = error
+    """This computer does not take the program's output: no hub has that error, which is the only argument."""
 
 
 class StreamConsole:
-    """A console on binary streams with ``\\n`` line ends; AppData is discarded, as without a host."""
+    """A console on binary streams with ``\\n`` line ends; AppData is discarded, as without a host.
+
+    Output waits in a buffer to be sent over USB, 60 bytes each millisecond. A program waits while it is full.
+    """
 
     def __init__(self, machine: Machine, stdin: BinaryIO | TextIO | None, stdout: BinaryIO) -> None:
-        self._machine = machine
-        self._stdout = stdout
-        self._stdin = stdin
-        self._output = OutputBuffer(machine)
-        self._position = 0
+        self._machine, self._stdin, self._stdout = machine, stdin, stdout
+        self._waiting = self._since_ms = self._free_ms = self._position = 0
         self.inbox = bytearray()
 
     @cached_property
@@ -77,7 +75,22 @@ class StreamConsole:
             self._stdout.write(data.replace(b"\r\n", b"\n"))
         except OSError as error:  # the reader has left, or the disk is full
             raise _OutputFailed(error) from error
-        self._output.add(len(data))
+        machine, size = self._machine, len(data)
+        self._send(machine.body_ms - 1)
+        if not self._waiting:
+            self._since_ms = machine.time_ms
+        while self._waiting + size > _BUFFER_BYTES:
+            size -= _BUFFER_BYTES - self._waiting
+            self._waiting = _BUFFER_BYTES
+            self._send(machine.time_ms)
+            machine.advance(1)
+        self._waiting += size
+
+    def _send(self, until_ms: int) -> None:
+        """Send chunks that begin at a time or before."""
+        while self._waiting and (begin_ms := max(self._free_ms, self._since_ms)) <= until_ms:
+            self._waiting -= min(self._waiting, _CHUNK_BYTES)
+            self._free_ms = begin_ms + 1
 
     def write_app_data(self, data: bytes) -> None:
         """Discard: there is no listener."""
@@ -135,11 +148,17 @@ def run_file(
     """
     operation = operation or Operation()
     path = Path(path)
-    stdout = stdout or sys.stdout.buffer
-    stderr = stderr or sys.stderr
+    stdout, stderr = stdout or sys.stdout.buffer, stderr or sys.stderr
     source = read_program(path)
     check_time_limit(time_limit_s)
-    machine = _machine(body, operation, path, lambda line: stderr.write(f"{line}\n"))
+    if body is None:
+        hub = _imported_hub(load_program(path))
+        body = FittedBench(hub, operation.readings, operation.end_stops, lambda line: stderr.write(f"{line}\n"))
+        machine = Machine(body, Panel(hub, operation.presses, near=WIRELESS))
+    elif operation.readings or operation.end_stops:
+        raise TwinError("readings and end stops are for the bench; omit them, or take --robot bench")
+    else:
+        machine = Machine(body, Panel(body.robot.hub, operation.presses))
     if time_limit_s is not None:
         machine.alarm_ms = round(time_limit_s * 1000)
         machine.on_alarm = stop_program
@@ -151,16 +170,6 @@ def run_file(
         operation.attend(machine)
     console = StreamConsole(machine, stdin, stdout)
     return _run(source, path, machine, console, stdout, stderr)
-
-
-def _machine(body: Body | None, operation: Operation, path: Path, report: Callable[[str], object]) -> Machine:
-    if body is None:
-        kind = _imported_hub(load_program(path))
-        bench = FittedBench(kind, operation.readings, operation.end_stops, report)
-        return Machine(bench, Panel(kind, operation.presses, near=WIRELESS))
-    if operation.readings or operation.end_stops:
-        raise TwinError("readings and end stops are for the bench; omit them, or take --robot bench")
-    return Machine(body, Panel(body.robot.hub, operation.presses))
 
 
 def _imported_hub(program: HubProgram) -> HubKind:
@@ -194,7 +203,7 @@ def _run(source: str, path: Path, machine: Machine, console: StreamConsole, stdo
     except SwitchedOff:
         stderr.write("The hub was switched off.\n")
     except _OutputFailed as failure:
-        raise failure.error from None
+        raise failure.args[0] from None
     except BaseException as error:
         if not (is_program_error(error) or isinstance(error, KeyboardInterrupt)):
             raise
@@ -218,3 +227,27 @@ def _module_hint(error: BaseException, path: Path) -> str:
 def stop_program() -> None:
     """Stop the program of this thread, as the button does; only from within the machine's time."""
     raise _ProgramStopped
+
+
+class _Interrupted(HostStop):
+    """Ctrl-C by the user."""
+
+
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """Context in which Ctrl-C ends a program past its handlers, to which a KeyboardInterrupt is an ordinary error; that is raised
+    at the end of the context. No effect in other threads than the main one, which get no signals."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def interrupt(_signum: int, _frame: FrameType | None) -> None:
+        raise _Interrupted
+
+    previous_handler = signal.signal(signal.SIGINT, interrupt)
+    try:
+        yield
+    except _Interrupted:
+        raise KeyboardInterrupt from None
+    finally:
+        signal.signal(signal.SIGINT, previous_handler)

@@ -15,6 +15,12 @@ Reading = Callable[[Mapping[str, float]], Sensed]
 Hsv = tuple[int, int, int]
 
 
+COLORS: Mapping[str, Hsv] = {
+    "RED": (0, 100, 100), "BROWN": (30, 100, 50), "ORANGE": (30, 100, 100), "YELLOW": (60, 100, 100), "GREEN": (120, 100, 100),
+    "CYAN": (180, 100, 100), "BLUE": (240, 100, 100), "MAGENTA": (300, 100, 100), "VIOLET": (270, 100, 100), "BLACK": (0, 0, 10),
+    "GRAY": (0, 0, 50), "WHITE": (0, 0, 100), "NONE": (0, 0, 0),
+}  # fmt: skip
+"""Pybricks' named colors, in its order."""
 DEFAULT_STIMULI: Mapping[Sense, float] = {Sense.AMBIENT: 0.0, Sense.DISTANCE: 100.0, Sense.COUNT: 0.0}
 """Defaults of secondary senses: dark, nothing near, nothing passed."""
 

@@ -16,16 +16,13 @@ from collections.abc import Callable
 from greenlet import getcurrent, greenlet
 
 from brickhub.errors import HubError, HubProgramError, TwinError
-from brickhub.hub.program.traceback import describe_traceback
+from brickhub.hub.program.run_program import describe_traceback
 from brickhub.hub.transport import HubProgram, Pipe, app_data_slot
 from brickhub.virtual import interpreter
 from brickhub.virtual.body import Body, Rng
-from brickhub.virtual.host_stop import HostStop
-from brickhub.virtual.machine import Machine
-from brickhub.virtual.micropython.exceptions import SwitchedOff
-from brickhub.virtual.micropython.system import is_program_error
+from brickhub.virtual.machine import MAX_STEP_MS, Machine, Pace
+from brickhub.virtual.micropython.exceptions import HostStop, SwitchedOff, is_program_error
 from brickhub.virtual.micropython.text import format_traceback
-from brickhub.virtual.pace import MAX_STEP_MS, Pace
 from brickhub.virtual.pybricks import modules
 
 MAX_WRITE_BYTES = 20
@@ -43,10 +40,8 @@ class _Wire:
     """Standard streams of the program, with bytes in transit to the host."""
 
     def __init__(self, hub: VirtualHub, stdin_bytes: int) -> None:
-        self._hub = hub
-        self._capacity = stdin_bytes
-        self._stdin = bytearray()
-        self.inbox = bytearray()
+        self._hub, self._capacity = hub, stdin_bytes
+        self._stdin, self.inbox = bytearray(), bytearray()
         self.outbox: deque[tuple[float, bytes]] = deque()
 
     def available(self) -> int:
@@ -63,10 +58,11 @@ class _Wire:
         self._hub.machine.charge_call()
         due_ms = self._hub.next_event_ms()
         self.outbox.append((due_ms, data))
-        self._hub.wake_at(due_ms)
+        alarm_ms = self._hub.machine.alarm_ms
+        if alarm_ms is not None:  # return to the host no later than that
+            self._hub.machine.alarm_ms = min(alarm_ms, math.ceil(due_ms))
 
-    def write_app_data(self, data: bytes) -> None:
-        self.write(data)
+    write_app_data = write
 
     def deliver_app_data(self, data: bytes) -> None:
         """Overwrite the AppData with the host's bytes."""
@@ -93,8 +89,7 @@ class VirtualHub:
     """
 
     def __init__(self, body: Body, *, realtime: bool = False) -> None:
-        self.robot = body.robot
-        self.body = body
+        self.robot, self.body = body.robot, body
         self.machine = Machine(body)
         self.machine.on_alarm = self._switch_to_host
         self._wire = _Wire(self, self.robot.hub.model.stdin_bytes)
@@ -186,8 +181,7 @@ class VirtualHub:
                 self.machine.stop_motors()
             self._come_to_rest()
 
-    def close(self) -> None:
-        self.stop()
+    close = stop
 
     def now_s(self) -> float:
         return self.machine.time_ms / 1000
@@ -206,12 +200,6 @@ class VirtualHub:
         """Time of the next connection event; an interval of 0 is a link without delay."""
         interval_ms, now_ms = self.body.link_interval_ms, self.machine.body_ms
         return (now_ms // interval_ms + 1) * interval_ms if interval_ms else now_ms
-
-    def wake_at(self, time_ms: float) -> None:
-        """Return to the host no later than this."""
-        alarm_ms = self.machine.alarm_ms
-        if alarm_ms is not None:
-            self.machine.alarm_ms = min(alarm_ms, math.ceil(time_ms))
 
     def _run_until(self, time_ms: int, new_program: HubProgram | None = None) -> None:
         """Run the program until a simulated time, its next output, or its end."""

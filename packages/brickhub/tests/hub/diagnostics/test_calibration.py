@@ -168,11 +168,11 @@ def test_damaged_calibration_file_raises(tmp_path: Path, text: str) -> None:
 
 
 def test_link_does_not_open_without_its_calibration(tmp_path: Path) -> None:
-    path = save_calibration("hub", ROBO_ARM, Calibration({"low": 7}), tmp_path)
+    path = save_calibration("virtual", ROBO_ARM, Calibration({"low": 7}), tmp_path)
     text = path.read_text()
     path.write_text("")
     hub = VirtualHub(BenchArm())
-    link = HubLink(hub, ROBO_ARM, REACHING, calibrate=calibration_of(lambda: "hub", tmp_path))
+    link = HubLink(hub, ROBO_ARM, REACHING, calibrate=calibration_of(hub, tmp_path))
     for _ in range(2):
         with pytest.raises(CalibrationError, match="delete the file and calibrate again"):
             link.open()

@@ -12,14 +12,13 @@ from described import SPINNING, TWO_WHEELER
 
 from brickhub.cli import main
 from brickhub.finding import Outcome
-from brickhub.hub.diagnostics.latency import measure
-from brickhub.hub.diagnostics.preflight import check_hub, check_robot
+from brickhub.hub.diagnostics.preflight import check_hub, check_robot, measure
 from brickhub.hub.diagnostics.survey import survey_program
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.transport import HubProgram
 from brickhub.hub.transports.address import HubAddress
+from brickhub.hub.transports.ble import scan
 from brickhub.hub.transports.profile import PybricksCommand
-from brickhub.hub.transports.scan import scan
 from brickhub.robot import HubKind
 
 pytestmark = pytest.mark.realtime
@@ -97,7 +96,7 @@ def test_link_uses_calibration_of_hub(world: World, tmp_path) -> None:
     robot = calibrated(TWO_WHEELER, Calibration({}, frozenset({"left"})))
     world.hub.library.append(generate(robot, SPINNING).source)
     transport = world.transport()
-    calibrate = calibration_of(lambda: transport.identity.address, tmp_path)
+    calibrate = calibration_of(transport, tmp_path)
     with HubLink(transport, TWO_WHEELER, SPINNING, calibrate=calibrate) as link:
         link.act([50, 50])
         assert "Direction.COUNTERCLOCKWISE" not in link.program.source

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from brickhub.finding import Finding, Outcome
-from brickhub.hub.diagnostics.latency import advice, latency
 from brickhub.hub.diagnostics.preflight import (
+    advice,
     check_angles,
     check_battery,
     check_imu,
@@ -19,6 +19,7 @@ from brickhub.hub.diagnostics.preflight import (
     check_ports,
     check_robot,
     device_name,
+    latency,
     small_move,
 )
 from brickhub.hub.diagnostics.survey import Survey

@@ -10,12 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from stand_in import StandInHub
 
-from brickhub.errors import HubError
-from brickhub.hub.hub_errors import SilentHubError
+from brickhub.errors import HubError, SilentHubError
 from brickhub.hub.interface import Interface
-from brickhub.hub.link.keepalive import keepalive_times_s
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.link.states import LinkState
+from brickhub.hub.link.timing import keepalive_times_s
 from brickhub.hub.program.generate import WATCHDOG_MS
 from brickhub.hub.protocol import Down
 from brickhub.robot import Robot

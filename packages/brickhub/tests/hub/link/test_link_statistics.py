@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from brickhub.hub.link.statistics import percentile
+from brickhub.hub.link.timing import percentile
 
 
 @given(st.lists(st.floats(0.0, 10.0), min_size=2))

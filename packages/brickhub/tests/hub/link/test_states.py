@@ -6,24 +6,24 @@ from pathlib import Path
 
 import pytest
 
+from brickhub import errors
 from brickhub.errors import HubError, StoppedError
-from brickhub.hub import hub_errors as errors
-from brickhub.hub.link.states import TABLE, Cause, LinkState, after, cause_of, markdown
+from brickhub.hub.link.states import Cause, LinkState, after, cause_of, markdown
 
 LINK_DOC = (Path(__file__).parents[5] / "docs" / "link.md").read_text(encoding="utf-8")
 
 
 def test_every_cause_has_a_defined_action() -> None:
-    assert set(TABLE) == set(Cause)
-    for transition in TABLE.values():
-        assert transition.before and transition.host and transition.hub
+    for cause in Cause:
+        assert cause.value.before and cause.value.host and cause.value.hub
+    assert len({cause.value.event for cause in Cause}) == 14
 
 
 def test_errors_lead_to_states_of_table() -> None:
-    for cause, transition in TABLE.items():
-        for error in transition.errors:
+    for cause in Cause:
+        for error in cause.value.errors:
             assert cause_of(error("what happened; what to do")) is cause
-            assert transition.after is LinkState.FAULT
+            assert cause.value.after is LinkState.FAULT
     for name in dir(errors):
         kind = getattr(errors, name)
         if isinstance(kind, type) and issubclass(kind, HubError) and kind is not HubError:
@@ -39,7 +39,7 @@ def _reachable(start: LinkState) -> set[LinkState]:
     found, frontier = {start}, [start]
     while frontier:
         state = frontier.pop()
-        new = {row.after for row in TABLE.values() if state in row.before} - found
+        new = {row.after for row in (cause.value for cause in Cause) if state in row.before} - found
         found |= new
         frontier += new
     return found

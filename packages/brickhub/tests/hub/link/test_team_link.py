@@ -9,12 +9,12 @@ from described import SPINNING, TWO_WHEELER
 from stand_in import StandInHub
 
 from brickhub.errors import HubTimeoutError
-from brickhub.hub.link.team import TeamLink
+from brickhub.hub.link.lockstep import HubLink
 
 
 def test_commands_are_sent_before_answers_are_read() -> None:
     hubs = [StandInHub(), StandInHub()]
-    links = [TeamLink(hub, TWO_WHEELER, SPINNING) for hub in hubs]
+    links = [HubLink(hub, TWO_WHEELER, SPINNING) for hub in hubs]
     for link in links:
         link.open()
     for number, link in enumerate(links):
@@ -35,7 +35,7 @@ def test_lost_frame_is_sent_again_and_is_no_delay(direction: str) -> None:
         chunks += 1
         return b"" if chunks % 4 == 0 else data
 
-    with TeamLink(hub, TWO_WHEELER, SPINNING, watchdog_s=0.6) as link:
+    with HubLink(hub, TWO_WHEELER, SPINNING, watchdog_s=0.6) as link:
         link.send([1, 1])
         link.receive()
         watchdog_s = link.statistics.watchdog_s
@@ -55,7 +55,7 @@ def test_lost_frame_is_sent_again_and_is_no_delay(direction: str) -> None:
 
 def test_silent_hub_raises() -> None:
     hub = StandInHub()
-    link = TeamLink(hub, TWO_WHEELER, SPINNING, timeout_s=0.4)
+    link = HubLink(hub, TWO_WHEELER, SPINNING, timeout_s=0.4)
     link.open()
     hub.up = lambda data: b""
     link.send([1, 1])

@@ -38,7 +38,7 @@ class Session:
 
     def __init__(self, robot: Robot, interface: Interface) -> None:
         self.hub = StandInHub(robot.hub.model.stdin_bytes)
-        self.wire = WireFormat.of(interface)
+        self.wire = WireFormat(interface)
         self.decoder = FrameDecoder(self.wire.answer_bytes, UP_PAYLOAD_BYTES)
         self.program = generate(robot, interface)
         self.hub.start(self.program)

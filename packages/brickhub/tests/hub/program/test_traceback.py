@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from brickhub.hub.program.traceback import describe_traceback
+from brickhub.hub.program.run_program import describe_traceback
 
 SOURCE = "import x\n\nmotor = Motor(Port.A)\n"
 TEXT = 'noise\r\nTraceback (most recent call last):\r\n  File "main.py", line 3, in <module>\r\nOSError: [Errno 19] ENODEV: \r\n'

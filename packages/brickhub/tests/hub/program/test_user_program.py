@@ -14,11 +14,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from brickhub.cli import main
-from brickhub.errors import ProgramError
-from brickhub.hub.hub_errors import HubDisconnectedError
+from brickhub.errors import HubDisconnectedError, ProgramError
 from brickhub.hub.program.compile import compile_program, program_blob
-from brickhub.hub.program.run_program import Transcript, run_program
-from brickhub.hub.program.user_program import load_program
+from brickhub.hub.program.run_program import Transcript, load_program, run_program
 from brickhub.hub.transports.address import HubAddress
 from brickhub.robot import HubKind, Motor, Robot
 

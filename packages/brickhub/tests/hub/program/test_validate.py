@@ -21,8 +21,7 @@ from brickhub.hub.interface import (
     Wait,
     YawRate,
 )
-from brickhub.hub.program.generate import generate
-from brickhub.hub.program.validate import validate
+from brickhub.hub.program.generate import generate, validate
 from brickhub.robot import DriveBase, HubKind, Motor, PoweredUpSensor, Robot, SensorKind
 
 LEFT = RunAngle("left", -100, 100, 400)

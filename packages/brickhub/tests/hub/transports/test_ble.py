@@ -14,14 +14,12 @@ from hub_programs import unplug
 from played_hub import PlayedHub
 from radio import ATT_WRITE_REQUEST
 
-from brickhub.errors import HubError, HubProgramError
-from brickhub.hub.hub_errors import AmbiguousHubError, HubDisconnectedError, HubNotFoundError
+from brickhub.errors import AmbiguousHubError, HubDisconnectedError, HubError, HubNotFoundError, HubProgramError
 from brickhub.hub.link.lockstep import LinkState
 from brickhub.hub.protocol import data_frame
 from brickhub.hub.transport import HubProgram
-from brickhub.hub.transports.ble import BleTransport
+from brickhub.hub.transports.ble import BleTransport, scan
 from brickhub.hub.transports.profile import PybricksCommand
-from brickhub.hub.transports.scan import scan
 from brickhub.robot import HubKind
 
 pytestmark = pytest.mark.realtime

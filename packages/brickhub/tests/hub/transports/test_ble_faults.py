@@ -11,8 +11,14 @@ import pytest
 from ble_world import BOUND_S, NAME, World, bounded
 from radio import ATT_NOTIFICATION, ATT_WRITE_REQUEST, ATT_WRITE_RESPONSE, SUPERVISION_TIMEOUT_S
 
-from brickhub.errors import HubProtocolError, HubTimeoutError
-from brickhub.hub.hub_errors import HubBusyError, HubDisconnectedError, HubNotFoundError, HubRefusedError
+from brickhub.errors import (
+    HubBusyError,
+    HubDisconnectedError,
+    HubNotFoundError,
+    HubProtocolError,
+    HubRefusedError,
+    HubTimeoutError,
+)
 from brickhub.hub.link.lockstep import LinkState
 from brickhub.hub.program.generate import WATCHDOG_MS
 from brickhub.hub.transports.profile import CommandError, Event, PybricksCommand, Status

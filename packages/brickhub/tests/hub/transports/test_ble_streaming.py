@@ -10,7 +10,7 @@ from ble_world import BOUND_S, World, bounded
 from described import SPINNING
 from radio import SUPERVISION_TIMEOUT_S
 
-from brickhub.hub.hub_errors import HubBusyError, HubDisconnectedError
+from brickhub.errors import HubBusyError, HubDisconnectedError
 from brickhub.hub.interface import Interface, MotorAngle, RunAngle, Wait
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.link.streaming import StreamingLink

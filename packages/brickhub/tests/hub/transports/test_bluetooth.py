@@ -8,9 +8,9 @@ import pytest
 from bleak.exc import BleakBluetoothNotAvailableError
 from bleak.exc import BleakBluetoothNotAvailableReason as BleakReason
 
-from brickhub.hub.hub_errors import BluetoothUnavailableError, Reason
-from brickhub.hub.transports import bluetooth
-from brickhub.hub.transports.bluetooth import bleak_errors
+from brickhub.errors import BluetoothUnavailableError, Reason
+from brickhub.hub.transports import ble
+from brickhub.hub.transports.ble import bleak_errors
 
 
 @pytest.fixture
@@ -19,7 +19,7 @@ def linux(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     (tmp_path / "bluetooth/hci0").mkdir(parents=True)
     (tmp_path / "bus").write_text("")
     for name, path in (("_BLUETOOTH_FOLDER", "bluetooth"), ("_RFKILL_FOLDER", "rfkill"), ("_SYSTEM_BUS", "bus")):
-        monkeypatch.setattr(bluetooth, name, tmp_path / path)
+        monkeypatch.setattr(ble, name, tmp_path / path)
     monkeypatch.setattr("sys.platform", "linux")
     monkeypatch.delenv("DBUS_SYSTEM_BUS_ADDRESS", raising=False)
     return tmp_path
@@ -68,6 +68,6 @@ def test_other_systems_pass_message(monkeypatch: pytest.MonkeyPatch, told: Bleak
 
 @pytest.mark.parametrize(("platform", "says"), [("darwin", "Privacy & Security"), ("win32", "Settings"), ("beos", "allow")])
 def test_other_systems_have_their_own_remedies(monkeypatch: pytest.MonkeyPatch, platform: str, says: str) -> None:
-    assert says in bluetooth.remedy(platform)
+    assert says in ble.remedy(platform)
     monkeypatch.setattr("sys.platform", platform)
-    assert bluetooth.bluetooth_problem() is None
+    assert ble.bluetooth_problem() is None

@@ -9,7 +9,7 @@ import time
 import pytest
 
 from brickhub.errors import HubError, HubTimeoutError
-from brickhub.hub.transports.event_loop import EventLoopThread
+from brickhub.hub.transports.pybricks_hub import EventLoopThread
 
 
 async def value() -> int:

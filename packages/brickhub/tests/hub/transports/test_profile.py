@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from brickhub.errors import HubProtocolError
 from brickhub.hub.transports import profile
-from brickhub.hub.transports.profile import Feature, Status, StatusReport
+from brickhub.hub.transports.profile import Feature, PybricksCommand, Status, StatusReport
 from brickhub.robot import HubKind
 
 
@@ -21,10 +21,9 @@ def test_uuids() -> None:
 
 
 def test_commands() -> None:
-    assert profile.stop_program() == b"\x00"
-    assert profile.start_program(None) == b"\x01" and profile.start_program(3) == b"\x01\x03"
-    assert profile.write_stdin(b"ab") == b"\x06ab"
-    assert profile.write_app_data(2, b"ab") == b"\x07\x02\x00ab"
+    names = "STOP_USER_PROGRAM START_USER_PROGRAM START_REPL WRITE_USER_PROGRAM_META WRITE_USER_RAM REBOOT_TO_UPDATE_MODE"
+    assert [command.name for command in PybricksCommand] == f"{names} WRITE_STDIN WRITE_APP_DATA".split()
+    assert list(PybricksCommand) == list(range(8))
 
 
 @given(st.binary(max_size=2000), st.integers(6, 512))

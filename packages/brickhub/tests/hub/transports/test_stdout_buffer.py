@@ -7,9 +7,8 @@ import time
 
 import pytest
 
-from brickhub.errors import HubError
-from brickhub.hub.hub_errors import HubDisconnectedError
-from brickhub.hub.transports.stdout_buffer import Output
+from brickhub.errors import HubDisconnectedError, HubError
+from brickhub.hub.transports.connection import Output
 
 
 def test_no_output_before_program() -> None:

@@ -19,12 +19,14 @@ from ble_world import BOUND_S, LONG_RUN, bounded
 from described import SPINNING, TWO_WHEELER
 from played_usb_hub import PlayedUsbHub, SocketSerial
 
-from brickhub.errors import HubError, HubProgramError, HubTimeoutError
-from brickhub.hub.hub_errors import (
+from brickhub.errors import (
     AmbiguousHubError,
     HubDisconnectedError,
+    HubError,
     HubNotFoundError,
+    HubProgramError,
     HubRefusedError,
+    HubTimeoutError,
     Reason,
     UsbUnavailableError,
 )

@@ -6,14 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from brickhub.virtual.firmware.trajectory import (
-    FOREVER_MS,
-    InfeasibleMoveError,
-    Trajectory,
-    TrajectoryCommand,
-    for_time,
-    to_angle,
-)
+from brickhub.virtual.firmware import InfeasibleMoveError
+from brickhub.virtual.firmware.trajectory import FOREVER_MS, Trajectory, TrajectoryCommand, for_time, to_angle
 
 SPEEDS = st.integers(-1_000_000, 1_000_000)
 commands = st.builds(

@@ -13,8 +13,7 @@ from hub_programs import output
 from hypothesis import given
 from hypothesis import strategies as st
 
-from brickhub.virtual.micropython.containers import HubDict, HubSet
-from brickhub.virtual.micropython.hash_table import HashTable, hash_of
+from brickhub.virtual.micropython.containers import HashTable, HubDict, HubSet, hash_of
 
 _KNOWN = json.loads((Path(__file__).parents[1] / "data" / "micropython_containers.json").read_text())
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from brickhub.virtual.pybricks.colors import nearest
+from brickhub.virtual.pybricks.parameters import nearest
 
 RED, YELLOW, GREEN, BLUE, WHITE, NONE = (0, 100, 100), (60, 100, 100), (120, 100, 100), (240, 100, 100), (0, 0, 100), (0, 0, 0)
 DEFAULT = [RED, YELLOW, GREEN, BLUE, WHITE, NONE]

@@ -6,8 +6,7 @@ import pytest
 from hub_programs import Console, output
 
 from brickhub.robot import HubKind, Motor, Robot
-from brickhub.virtual.bench_body import BenchBody
-from brickhub.virtual.fitted_bench import FittedBench
+from brickhub.virtual.bench_body import BenchBody, FittedBench
 from brickhub.virtual.machine import Machine
 from brickhub.virtual.pybricks import modules
 

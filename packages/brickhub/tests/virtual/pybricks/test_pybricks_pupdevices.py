@@ -8,7 +8,7 @@ from hub_programs import output
 
 from brickhub.robot import BENCH, HubKind, Motor, MotorKind, Robot, UltrasonicSensor
 from brickhub.virtual.bench_body import BenchBody
-from brickhub.virtual.firmware.trajectory import InfeasibleMoveError
+from brickhub.virtual.firmware import InfeasibleMoveError
 from brickhub.virtual.pybricks.context import firmware_errors
 
 HEAD = """

@@ -9,8 +9,7 @@ from hub_programs import Console, output
 
 from brickhub.errors import TwinError
 from brickhub.robot import BENCH, HubKind, Motor, Robot
-from brickhub.virtual.bench_body import BenchBody
-from brickhub.virtual.fitted_bench import FittedBench
+from brickhub.virtual.bench_body import BenchBody, FittedBench
 from brickhub.virtual.interpreter import execute
 from brickhub.virtual.machine import Machine
 from brickhub.virtual.pybricks import modules

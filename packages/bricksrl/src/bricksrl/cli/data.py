@@ -15,7 +15,7 @@ from bricksrl.cli.terminal import load_learning
 from bricksrl.errors import DataError, counted, percent
 
 if TYPE_CHECKING:
-    from bricksrl.data.episode_index import Index
+    from bricksrl.data.dataset import Dataset
 
 DatasetArgument = Annotated[Positional[Path], option(metavar="DIR", help="Folder of the dataset.")]
 
@@ -73,7 +73,7 @@ class CheckData:
         from bricksrl.data.integrity import check
 
         faults = check(self.dataset)
-        for line in faults or ["all is well"]:
+        for line in [fault.detail for fault in faults] or ["all is well"]:
             print_line(line)
         return 1 if faults else 0
 
@@ -96,30 +96,28 @@ class Repair:
 
     def execute(self) -> int:
         from brickhub.files import only_writer
+        from bricksrl.data.dataset import dataset_folder
         from bricksrl.data.edit import salvage
-        from bricksrl.data.episode_index import dataset_folder
-        from bricksrl.data.integrity import check
-        from bricksrl.data.layout import Layout
-        from bricksrl.data.repair import recover
+        from bricksrl.data.integrity import check, recover
+        from bricksrl.data.schema import FILES
 
         root = dataset_folder(self.dataset)
         if self.out is not None:
-            index, lost = salvage(root, self.out)
+            dataset, lost = salvage(root, self.out)
             for line in lost:
                 print_line(f"lost: {line}")
-            print_line(f"{counted(len(index.rows), 'episode')}: {self.out}")
+            print_line(f"{counted(len(dataset.rows), 'episode')}: {self.out}")
             return 0
-        if not Layout(root).description.exists():
-            raise DataError(f"there is no dataset of ours in {root}; choose {folder_with(root, 'meta/bricksrl.json')}")
+        if not (root / FILES["description"]).exists():
+            raise DataError(f"there is no dataset of ours in {root}; choose {folder_with(root, FILES['description'])}")
         with only_writer(root, DataError):
-            recovery = recover(root, rebuild=True)
+            dataset, adopted, removed = recover(root, rebuild=True)
         print_line(
-            f"{counted(len(recovery.index.rows), 'episode')}; {recovery.adopted} new in the index, "
-            f"{counted(recovery.unfinished, 'unfinished file')} removed"
+            f"{counted(len(dataset.rows), 'episode')}; {adopted} new in the index, {counted(removed, 'unfinished file')} removed"
         )
         faults = check(root)
-        for line in faults:
-            print_line(line)
+        for fault in faults:
+            print_line(fault.detail)
         if faults:
             print_line(f"save the intact episodes to a new dataset with `bricksrl data repair {quoted(self.dataset)} --out DIR`")
         return 1 if faults else 0
@@ -141,8 +139,8 @@ class Merge:
     def execute(self) -> None:
         from bricksrl.data.edit import merge
 
-        index = merge(_not_empty(self.datasets), self.out)
-        print_line(f"{_size(index)}: {self.out}")
+        dataset = merge(_not_empty(self.datasets), self.out)
+        print_line(f"{_size(dataset)}: {self.out}")
 
 
 @dataclass(frozen=True)
@@ -167,8 +165,8 @@ class Split:
         from bricksrl.data.edit import split
 
         parts = split(self.dataset, self.out, self.rest, self.share, self.seed)
-        for index, path in zip(parts, (self.out, self.rest), strict=True):
-            print_line(f"{_size(index)}: {path}")
+        for dataset, path in zip(parts, (self.out, self.rest), strict=True):
+            print_line(f"{_size(dataset)}: {path}")
 
 
 @dataclass(frozen=True)
@@ -207,10 +205,10 @@ class Import:
     """Environment of the datasets; by default inferred from the names of the folders."""
 
     def execute(self) -> None:
-        from bricksrl.data.importing import import_paper
+        from bricksrl.data.formats import import_paper
 
-        for dataset in import_paper(self.source, self.out, env=self.env):
-            print_line(f"{dataset.source}: {dataset.index.description.env}, {_size(dataset.index)}: {dataset.out}")
+        for source, dataset in import_paper(self.source, self.out, env=self.env):
+            print_line(f"{source}: {dataset.description.env}, {_size(dataset)}: {dataset.root}")
 
 
 @dataclass(frozen=True)
@@ -230,7 +228,7 @@ class ExportData:
     """File or folder to write, which must not exist."""
 
     def execute(self) -> None:
-        from bricksrl.data.exporting import export_minari, export_numpy, export_parquet
+        from bricksrl.data.formats import export_minari, export_numpy, export_parquet
 
         load_learning()
         {"numpy": export_numpy, "parquet": export_parquet, "minari": export_minari}[self.format](self.dataset, self.out)
@@ -295,8 +293,8 @@ class Pull:
         print_line(str(pull(self.repo, self.out, revision=self.revision)))
 
 
-def _size(index: Index) -> str:
-    return f"{counted(len(index.rows), 'episode')}, {counted(index.steps, 'step')}"
+def _size(dataset: Dataset) -> str:
+    return f"{counted(len(dataset.rows), 'episode')}, {counted(dataset.steps, 'step')}"
 
 
 def _not_empty(paths: tuple[Path, ...]) -> tuple[Path, ...]:

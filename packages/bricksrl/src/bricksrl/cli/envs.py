@@ -138,9 +138,8 @@ class Check:
     """Environment or agent; `bricksrl list` shows them. Your own: my_task.py, my_task.py:TASK, module:TASK, my_agent.py."""
 
     def execute(self) -> int:
-        from bricksrl.envs.env_checker import check_env
-
         load_learning()
+        from bricksrl.envs.env_checker import check_env
         from bricksrl.evaluation.agent_checker import check_agent, is_agent
 
         return print_findings(check_agent(self.what) if is_agent(self.what) else check_env(self.what), (8, 13))

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from bricksrl.page.live import LivePage
     from bricksrl.page.server import PageOptions
-    from bricksrl.policies.named import Player
+    from bricksrl.policies.policy import Player
 
 
 PageFlag = Annotated[bool, option(help="Show it live in the browser: the robot in 3D, curves, buttons, and sliders to drive it.")]
@@ -111,7 +111,7 @@ class Play:
 
     def execute(self) -> None:
         from brickhub.user_files import is_reference
-        from bricksrl.policies.named import named_policies, random_player
+        from bricksrl.policies.policy import named_policies, random_player
 
         address = self.live_page.shown(self.page)
         if self.episodes is not None and self.episodes < 1:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from torchrl.envs import EnvBase
 
     from bricksrl.cli.terminal import EmergencyStop
-    from bricksrl.data.collect import Collected
+    from bricksrl.data.dataset import EpisodeRow
     from bricksrl.data.recorder import Recorder
     from bricksrl.data.schema import Description
     from bricksrl.envs.rollout import Driver, Policy
@@ -82,7 +82,7 @@ class Record:
         load_learning()
         count = 0
 
-        def report(episode: Collected) -> None:
+        def report(episode: EpisodeRow) -> None:
             nonlocal count
             count += 1
             by_hand = f"  {counted(episode.interventions, 'step')} by hand" if episode.interventions else ""
@@ -132,11 +132,11 @@ class Record:
         return make(self.env, options, seed=self.seed, place=place)
 
     def _collect(
-        self, env: EnvBase, recorder: Recorder, human: Driver | None, report: Callable[[Collected], None], page: LivePage | None
+        self, env: EnvBase, recorder: Recorder, human: Driver | None, report: Callable[[EpisodeRow], None], page: LivePage | None
     ) -> None:
         from bricksrl.data.collect import collect
 
-        def on_episode(episode: Collected) -> None:
+        def on_episode(episode: EpisodeRow) -> None:
             report(episode)
             if page is not None:
                 page.end(episode.return_, f"{episode.episode + 1}")
@@ -153,7 +153,7 @@ class Record:
     def _policy(self, env: EnvBase, description: Description) -> tuple[Policy, Callable[[], None]]:
         """The policy, and the reset of its state."""
         from bricksrl.data.collect import random_policy
-        from bricksrl.teleop.mapping import rest_action
+        from bricksrl.teleoperation import rest_action
 
         if self.policy == "random":
             return random_policy(env, self.seed), lambda: None

@@ -136,7 +136,7 @@ class TrainTeam:
 
     def _play(self, team: Team, folder: Path | None) -> None:
         from bricksrl.envs.arenas import make_arena
-        from bricksrl.evaluation.arena_film import film_arena
+        from bricksrl.evaluation.film import film_arena
         from bricksrl.training.teams.team import play_team
 
         env = make_arena(team.config.env)

@@ -30,9 +30,7 @@ def driving(device: str | None, env: str, task: Task, *, in_charge: bool) -> Ite
     """The driver of a keyboard or a gamepad, after printing the keys' meanings; ``None`` for no device. Raises DataError if the
     device is not available."""
     from bricksrl.envs.registry import is_simulation
-    from bricksrl.teleop.gamepad import GamepadDriver
-    from bricksrl.teleop.keyboard import KeyboardDriver
-    from bricksrl.teleop.mapping import Paced, legend
+    from bricksrl.teleoperation import GamepadDriver, KeyboardDriver, Paced, legend
 
     if device is None:
         yield None
@@ -48,6 +46,6 @@ def driving(device: str | None, env: str, task: Task, *, in_charge: bool) -> Ite
 
 def quiet(driver: object) -> AbstractContextManager[None]:
     """Context in which the driver ignores keys, so that they can answer a question on the terminal."""
-    from bricksrl.teleop.keyboard import KeyboardDriver
+    from bricksrl.teleoperation import KeyboardDriver
 
     return driver.quiet() if isinstance(driver, KeyboardDriver) else nullcontext()

@@ -66,10 +66,8 @@ def filmed_env(env: EnvBase, path: Path | None, title: str) -> Iterator[None]:
     from bricksrl.envs.env_interface import interface_of
     from bricksrl.evaluation.film import check_filmable
     from bricktwin.twin.mujoco_body import MujocoBody
-    from bricktwin.twin.render.captions import captioned
     from bricktwin.twin.render.opengl import Image, Renderer, VideoWriter
-    from bricktwin.twin.render.room import Room
-    from bricktwin.twin.render.video import Filmed
+    from bricktwin.twin.render.video import Filmed, Room, captioned
 
     check_film(path)
     check_filmable(env)

@@ -7,21 +7,15 @@ from typing import TYPE_CHECKING, Any
 from bricksrl.data.schema import Description, describe
 
 if TYPE_CHECKING:
+    from bricksrl.data.dataset import About as About
     from bricksrl.data.reader import Episodes as Episodes
     from bricksrl.data.reader import load as load
-    from bricksrl.data.recorded_episode import About as About
-    from bricksrl.data.recorded_episode import Step as Step
     from bricksrl.data.recorder import Recorder as Recorder
+    from bricksrl.data.recorder import Step as Step
 
 __all__ = ["About", "Description", "Episodes", "Recorder", "Step", "describe", "load"]
 
-_MODULES = {
-    "About": "recorded_episode",
-    "Step": "recorded_episode",
-    "Episodes": "reader",
-    "load": "reader",
-    "Recorder": "recorder",
-}
+_MODULES = {"About": "dataset", "Episodes": "reader", "Recorder": "recorder", "Step": "recorder", "load": "reader"}
 
 
 def __getattr__(name: str) -> Any:

@@ -1,35 +1,30 @@
-"""Data collection: recording of episodes of a policy, a human, or both."""
+"""Data collection: recording of episodes of a policy, a human, or both; transitions as recorded steps, and their provenance."""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from datetime import UTC, datetime
+from importlib import metadata
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
 
+from brickhub import HOUSES
+from brickhub.hub.program.generate import generate
 from brickhub.seed import check_seed
-from bricksrl.data.transitions import about, step_of
+from bricksrl.data.dataset import About, EpisodeRow
+from bricksrl.data.recorder import Recorder, Step
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.rollout import Driver, Policy, Rollout, link_lost, play
 
 if TYPE_CHECKING:
     from tensordict import TensorDictBase
+    from torch import Tensor
     from torchrl.envs import EnvBase
 
-    from bricksrl.data.recorder import Recorder
-
-
-@dataclass(frozen=True)
-class Collected:
-    """Recorded episode: number in the dataset from 0, return, number of steps, and of those by a human, success."""
-
-    episode: int
-    return_: float
-    length: int
-    interventions: int
-    success: bool | None
+_VERSIONS = {name: metadata.version(name) for name in (*HOUSES, "torch", "torchrl", "mujoco")}
 
 
 def random_policy(env: EnvBase, seed: int) -> Policy:
@@ -51,10 +46,10 @@ def collect(
     hub: str = "virtual",
     driver: Driver | None = None,
     reset_policy: Callable[[], None] = lambda: None,
-    on_episode: Callable[[Collected], None] | None = None,
+    on_episode: Callable[[EpisodeRow], None] = lambda _: None,
     on_frame: Callable[[TensorDictBase], None] = lambda _: None,
-) -> list[Collected]:
-    """Record episodes. An episode interrupted by a pause, an error or Ctrl-C is recorded up to that step.
+) -> list[EpisodeRow]:
+    """Record episodes, and return their rows. An episode interrupted by a pause, an error or Ctrl-C is recorded up to that step.
 
     Args:
         name: name of the policy, to be stored.
@@ -62,6 +57,7 @@ def collect(
         hub: how the robot is reached, to be stored.
         driver: asked first at each step.
         reset_policy: as in `play`.
+        on_episode: called with the row of each episode.
         on_frame: called with each step, as returned by TorchRL's ``EnvBase.step``.
 
     Raises:
@@ -70,22 +66,19 @@ def collect(
         DescriptionError: the seed is invalid.
     """
     check_seed(seed)
-    done, ours = [], interface_of(env)
-    for _ in range(episodes):
-        number = recorder.episodes
+    ours, first = interface_of(env), len(recorder.rows)
+    for number in range(first, first + episodes):
         episode_seed = int(np.random.SeedSequence([seed, number]).generate_state(1)[0] >> 1)
         env.set_seed(episode_seed)
         state = env.reset()
         recorder.begin(about(env, name, seed=episode_seed, hub=hub))
-        episode, interventions = Rollout(), 0
+        episode = Rollout()
         try:
             for frame in play(env, policy, state, driver=driver, reset_policy=reset_policy):
                 if link_lost(frame):
                     raise ours.link_error
-                by_hand = bool(frame.get("intervention", False))
-                recorder.add(step_of(frame, env, intervention=by_hand))
+                recorder.add(step_of(frame, env))
                 episode.add(frame)
-                interventions += by_hand
                 on_frame(frame)
             is_cut = ours.is_cut
             success = None if is_cut else episode.success(env)
@@ -93,7 +86,50 @@ def collect(
             recorder.commit(whole=False)
             raise
         recorder.commit(success=success, whole=not is_cut)
-        done.append(Collected(number, episode.return_, len(episode.rewards), interventions, success))
-        if on_episode is not None:
-            on_episode(done[-1])
-    return done
+        on_episode(recorder.rows[-1])
+    return list(recorder.rows[first:])
+
+
+def step_of(transition: TensorDictBase, env: EnvBase) -> Step:
+    """Step from a transition of TorchRL's ``EnvBase.step``, copied, since the environment may reuse its tensors. ``env``:
+    environment of the transition; its ``timing``, if any, is recorded."""
+    after, timing = transition["next"], interface_of(env).timing
+    times: dict[str, Any] = {} if timing is None else {"age_s": timing.age_s, "hub_time_s": timing.hub_time_s}
+    images = {} if "image" not in after else {"image": _numbers(transition["image"]), "next_image": _numbers(after["image"])}
+    return Step(
+        observation=_numbers(transition["observation"]),
+        action=_numbers(transition["action"]),
+        reward=float(after["reward"]),
+        next_observation=_numbers(after["observation"]),
+        terminated=bool(after["terminated"]),
+        truncated=bool(after["done"]) and not bool(after["terminated"]),
+        intervention=bool(transition.get("intervention", False)),
+        **times,
+        **images,
+    )
+
+
+def _numbers(tensor: Tensor) -> Any:
+    return tensor.detach().cpu().numpy().copy()
+
+
+def about(env: EnvBase, policy: str, *, seed: int | None = None, hub: str = "virtual") -> About:
+    """Provenance of an episode that starts now.
+
+    Args:
+        policy: source of the actions.
+        seed: seed of the episode.
+        hub: how the robot is reached; ignored without a robot.
+    """
+    ours = interface_of(env)
+    task, on_hub = ours.task, ours.robots > 0
+    physics = getattr(ours.twin.body, "physics", None) if on_hub and hub == "virtual" and ours.twin is not None else None
+    return About(
+        policy=policy,
+        seed=seed,
+        started=datetime.now(UTC).astimezone().isoformat(timespec="milliseconds"),
+        hub=hub if on_hub else "",
+        program_hash=generate(task.robot, task.interface).hash if on_hub and task is not None else None,
+        versions=_VERSIONS,
+        physics={} if physics is None else dataclasses.asdict(physics),
+    )

@@ -1,4 +1,4 @@
-"""Integrity check of a dataset: every file, digest and step."""
+"""Integrity of a dataset: check of every file, digest and step, and repair after its writer was killed."""
 
 from __future__ import annotations
 
@@ -9,26 +9,26 @@ from typing import Any
 
 import numpy as np
 
-from brickhub.files import LOCK, TEMPORARY_PREFIX, quoted
-from bricksrl.data.episode_index import Index, read_all_rows, read_index, task_instruction, to_json, unfinished_files
-from bricksrl.data.layout import NEXT, OBSERVATION, FileIndex, info
-from bricksrl.data.parquet import has_task, join_statistics
+from brickhub.files import LOCK, TEMPORARY_PREFIX, quoted, remove_unfinished
+from brickhub.finding import Finding, Outcome
+from bricksrl.data.columns import join_statistics
+from bricksrl.data.dataset import Dataset, read_all_rows, read_dataset, read_description, read_episode_count
 from bricksrl.data.reader import EpisodeReader
+from bricksrl.data.schema import FILES, NEXT, OBSERVATION
 from bricksrl.errors import DataError
 
-_CARD = "README.md"
+
+def check(root: Path) -> list[Finding]:
+    """Faults of a dataset; empty if it is intact. Nothing is changed, and no foreign file is opened. Raises DataError if there is
+    no dataset made by BricksRL."""
+    dataset = read_dataset(root)
+    faults = {"steps": _steps(dataset), "files": _files(dataset), "index": _joint(dataset)}
+    return [Finding(name, Outcome.ERROR, text) for name, texts in faults.items() for text in texts]
 
 
-def check(root: Path) -> list[str]:
-    """Faults of a dataset, one line each; empty if it is intact. Nothing is changed, and no foreign file is opened. Raises
-    DataError if there is no dataset made by BricksRL."""
-    index = read_index(root)
-    return [*_steps(index), *_files(index), *_joint(index)]
-
-
-def _steps(index: Index) -> Iterator[str]:
-    reader = EpisodeReader(index)
-    for row in index.rows:
+def _steps(dataset: Dataset) -> Iterator[str]:
+    reader = EpisodeReader(dataset)
+    for row in dataset.rows:
         try:
             columns = reader.read(row).columns
         except DataError as error:
@@ -45,22 +45,23 @@ def _steps(index: Index) -> Iterator[str]:
             yield f"episode {row.episode}: a number is none"
 
 
-def _joint(index: Index) -> Iterator[str]:
+def _joint(dataset: Dataset) -> Iterator[str]:
     """Faults of the files on all episodes (info, statistics, tasks), compared with the rows of the episodes."""
-    layout, remedy = index.layout, f"run `bricksrl data repair {quoted(index.layout.root)}`"
-    expected = info(index.description, len(index.rows), index.steps)
-    stored = json.loads(layout.info.read_bytes())  # readable: `read_index` has parsed it
+    info, stats, tasks = (dataset.path(kind) for kind in ("info", "stats", "tasks"))
+    remedy = f"run `bricksrl data repair {quoted(dataset.root)}`"
+    expected = dataset.description.info(len(dataset.rows), dataset.steps)
+    stored = json.loads(info.read_bytes())  # readable: `read_dataset` has parsed it
     for key in sorted(key for key in expected if key not in stored or stored[key] != expected[key]):
-        yield f"{layout.info} says '{key}' is {stored.get(key)!r:.60}, and it is {expected[key]!r:.60}; {remedy}"
-    if layout.stats.exists() and index.rows:
+        yield f"{info} says '{key}' is {stored.get(key)!r:.60}, and it is {expected[key]!r:.60}; {remedy}"
+    if stats.exists() and dataset.rows:
         try:
-            statistics = json.loads(layout.stats.read_bytes())
+            statistics = json.loads(stats.read_bytes())
         except (ValueError, RecursionError, OSError):
             statistics = None
-        if not _same(statistics, json.loads(to_json(join_statistics([row.statistics for row in index.rows])))):
-            yield f"{layout.stats} does not hold the statistics of the episodes; {remedy}"
-    if layout.tasks.exists() and not has_task(layout.tasks, task_instruction(index.description)):
-        yield f"{layout.tasks} does not hold the task of the episodes; {remedy}"
+        if not _same(statistics, join_statistics([row.statistics for row in dataset.rows])):
+            yield f"{stats} does not hold the statistics of the episodes; {remedy}"
+    if tasks.exists() and not dataset.has_task():
+        yield f"{tasks} does not hold the task of the episodes; {remedy}"
 
 
 def _same(value: Any, expected: Any) -> bool:
@@ -74,30 +75,60 @@ def _same(value: Any, expected: Any) -> bool:
     return bool(value == expected)
 
 
-def _files(index: Index) -> Iterator[str]:
+def _files(dataset: Dataset) -> Iterator[str]:
     """Missing, unfinished and foreign files."""
-    layout = index.layout
-    known = {layout.info, layout.stats, layout.tasks, layout.description, layout.root / LOCK, layout.root / _CARD}
-    key = index.description.image_key
-    for row in index.rows:
-        known.add(layout.data(row.data_file))
-        if key is not None:
-            known.add(layout.video(key, row.video_file or FileIndex()))
-    at = FileIndex()
-    while index.last_file is not None and at <= index.last_file:
-        known.add(layout.episodes(at))
-        at = at.next()
-    for missing in sorted(path for path in (layout.stats, layout.tasks) if not path.exists()):
-        yield f"{missing} is missing; run `bricksrl data repair {quoted(layout.root)}`"
-    uncounted = len(read_all_rows(layout, index.description)[0]) - len(index.rows)
-    unfinished = unfinished_files(layout, index.description, index.last_file)
+    root, repair = dataset.root, f"run `bricksrl data repair {quoted(dataset.root)}`"
+    known = {root / LOCK, root / "README.md", *(dataset.path(kind) for kind in ("info", "stats", "tasks", "description"))}
+    known |= {dataset.path("episodes", number) for number in range(dataset.row_files)}
+    for row in dataset.rows:
+        known |= {dataset.path("data", row.data_file), dataset.path("video", row.video_file)}
+    for missing in (path for path in (dataset.path("stats"), dataset.path("tasks")) if not path.exists()):
+        yield f"{missing} is missing; {repair}"
+    recorded = read_all_rows(root, dataset.description)
+    uncounted, unfinished = len(recorded.rows) - len(dataset.rows), recorded.unfinished_files()
     if uncounted:
-        yield f"{uncounted} recorded episodes are not in the index; run `bricksrl data repair {quoted(layout.root)}`"
-    for path in sorted(layout.root.rglob("*")):
-        relative = path.relative_to(layout.root)
+        yield f"{uncounted} recorded episodes are not in the index; {repair}"
+    for path in sorted(root.rglob("*")):
+        relative = path.relative_to(root)
         if path.is_dir() or path in known or any(part.startswith(".") and part != path.name for part in relative.parts):
             continue
         if path.name.startswith(TEMPORARY_PREFIX) or path in unfinished:
-            yield f"{relative} was left by a recording that was killed; run `bricksrl data repair {quoted(layout.root)}`"
+            yield f"{relative} was left by a recording that was killed; {repair}"
         elif not (uncounted and relative.parts[0] in ("data", "videos")):
             yield f"{relative} is not a file of a dataset; it was not opened"
+
+
+def recover(root: Path, *, rebuild: bool = False) -> tuple[Dataset, int, int]:
+    """Update the index of a dataset whose writer was killed from the files on the disk. The caller must hold the write lock.
+    Raises DataError if the dataset has damage that a killed writer cannot cause.
+
+    A row is written after all other files of its episode, so a row that the index does not count is a complete episode.
+
+    Args:
+        rebuild: rebuild a damaged index too.
+
+    Returns:
+        The dataset, the number of intact episodes that were added to its index, and that of unfinished files that were removed.
+    """
+    description = read_description(root)
+    committed = 0
+    if (root / FILES["info"]).exists():
+        try:
+            committed = read_episode_count(root, description)
+        except DataError:
+            if not rebuild:
+                raise
+    removed = remove_unfinished(root)
+    dataset = read_all_rows(root, description)
+    episodes = len(dataset.rows)
+    if episodes < committed:
+        raise DataError(f"{root} has lost rows: {episodes} of {committed} episodes are left; restore it from a copy")
+    dataset.check_order(episodes)
+    unfinished = dataset.unfinished_files()
+    for path in unfinished:
+        path.unlink()
+    if not dataset.path("tasks").exists() or (rebuild and not dataset.has_task()):
+        dataset.write_task()
+    if episodes and (rebuild or episodes > committed or not dataset.path("stats").exists()):
+        dataset.write_index()
+    return dataset, episodes - committed, removed + len(unfinished)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections import defaultdict
+from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,12 +13,9 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from bricksrl.data.episode_index import Index, read_index
-from bricksrl.data.images import decode
-from bricksrl.data.layout import ACTION, NEXT, OBSERVATION, STEP_COLUMNS, FileIndex, numbers
-from bricksrl.data.parquet import from_table, read_parquet, read_verified
-from bricksrl.data.recorded_episode import EpisodeData, EpisodeRow
-from bricksrl.data.schema import Description
+from bricksrl.data.columns import arrow_types, decode, from_table, read_parquet, read_verified
+from bricksrl.data.dataset import Dataset, Episode, EpisodeRow, read_dataset
+from bricksrl.data.schema import ACTION, NEXT, OBSERVATION, STEP_COLUMNS, Description
 from bricksrl.errors import DataError
 
 if TYPE_CHECKING:
@@ -63,10 +62,6 @@ class Episodes:
     def __len__(self) -> int:
         return len(self.reward)
 
-    def returns(self) -> NDArray[np.float64]:
-        """Sum of the rewards of each episode."""
-        return np.array([row.return_ for row in self.rows])
-
     def to_tensordict(self) -> TensorDict:
         """Transitions ``[N]`` in TorchRL's format: outcomes under ``next``, flags and rewards ``[N, 1]``."""
         from tensordict import TensorDict
@@ -94,45 +89,37 @@ def load(path: Path | str, *, images: bool = True) -> Episodes:
     """
     import torch
 
-    index = read_index(Path(path))
-    reader = EpisodeReader(index, COLUMNS.values(), images=images)
-    episodes = [reader.read(row) for row in index.rows]
-    columns = _joined(index, episodes)
+    dataset = read_dataset(path)
+    reader = EpisodeReader(dataset, COLUMNS.values(), images=images)
+    episodes = [reader.read(row) for row in dataset.rows]
+    columns = _joined(dataset, episodes)
     arrays = {name: columns[column] for name, column in COLUMNS.items()}
     if reader.image_key is not None:
-        arrays["image"] = np.concatenate([episode.images for episode in episodes])
-        arrays["next_image"] = np.concatenate([image for episode in episodes for image in _next_images(index, episode)])
+        shown = [episode.images for episode in episodes if episode.images is not None]
+        arrays["image"] = np.concatenate([images[:-1] for images in shown])
+        arrays["next_image"] = np.concatenate([images[1:] for images in shown])
     tensors = {name: torch.from_numpy(np.ascontiguousarray(array)) for name, array in arrays.items()}
-    return Episodes(description=index.description, rows=index.rows, **tensors)
+    return Episodes(description=dataset.description, rows=dataset.rows, **tensors)
 
 
-def read_columns(index: Index, names: Iterable[str]) -> dict[str, NDArray[Any]]:
+def read_columns(dataset: Dataset, names: Iterable[str]) -> dict[str, NDArray[Any]]:
     """Read columns of all steps: ``[N]``, vectors ``[N, n]`` even for ``n`` = 1. Raises DataError if a file is missing
     or damaged."""
-    reader = EpisodeReader(index, names, images=False)
-    return _joined(index, [reader.read(row) for row in index.rows])
+    reader = EpisodeReader(dataset, names, images=False)
+    return _joined(dataset, [reader.read(row) for row in dataset.rows])
 
 
-def _joined(index: Index, episodes: Sequence[EpisodeData]) -> dict[str, NDArray[Any]]:
+def _joined(dataset: Dataset, episodes: list[Episode]) -> dict[str, NDArray[Any]]:
     """Columns of all episodes together, as of `read_columns`."""
     if not episodes:
-        raise DataError(f"the dataset in {index.layout.root} has no episodes yet; record some")
+        raise DataError(f"the dataset in {dataset.root} has no episodes yet; record some")
     joined = {name: np.concatenate([episode.columns[name] for episode in episodes]) for name in episodes[0].columns}
     vectors = (OBSERVATION, ACTION, NEXT)
     return {name: array.reshape(len(array), -1) if name in vectors else array for name, array in joined.items()}
 
 
-def _next_images(index: Index, episode: EpisodeData) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """Images after the steps of an episode: those before the later steps, and the final one."""
-    assert episode.images is not None  # noqa: S101  the caller reads them
-    final = np.frombuffer(episode.row.final_image or b"", np.uint8)
-    if final.size != episode.images[0].size:
-        raise DataError(f"episode {episode.row.episode} in {index.layout.root} has no final image; restore meta/episodes")
-    return episode.images[1:], final.reshape(1, *episode.images.shape[1:])
-
-
 class EpisodeReader:
-    """Reader of single episodes of a dataset. It keeps the file that it has read last, which may hold the next episode too.
+    """Reader of single episodes of a dataset. It keeps the files that it has read last, which may hold the next episode too.
 
     Args:
         names: columns to read; by default all.
@@ -142,49 +129,49 @@ class EpisodeReader:
         image_key: name of the images' feature; ``None`` if none are read.
     """
 
-    def __init__(self, index: Index, names: Iterable[str] | None = None, *, images: bool = True) -> None:
-        self.image_key = index.description.image_key if images else None
-        self._index = index
-        self._names = [name for name, _, _ in numbers(index.description)] if names is None else list(names)
-        self._by_data_file: dict[FileIndex, list[EpisodeRow]] = {}
-        self._by_video_file: dict[FileIndex | None, list[EpisodeRow]] = {}
-        for row in index.rows:
-            self._by_data_file.setdefault(row.data_file, []).append(row)
-            self._by_video_file.setdefault(row.video_file, []).append(row)
-        self._table: tuple[FileIndex, pa.Table] | None = None
-        self._video: tuple[FileIndex | None, NDArray[np.uint8]] | None = None
+    def __init__(self, dataset: Dataset, names: Iterable[str] | None = None, *, images: bool = True) -> None:
+        self.image_key = dataset.description.image_key if images else None
+        self._dataset = dataset
+        self._names = list(arrow_types(dataset.description) if names is None else names)
+        self._by_data_file: dict[int, list[EpisodeRow]] = defaultdict(list)
+        self._by_video_file: dict[int, list[EpisodeRow]] = defaultdict(list)
+        for row in dataset.rows:
+            self._by_data_file[row.data_file].append(row)
+            self._by_video_file[row.video_file].append(row)
+        self._table, self._video = lru_cache(maxsize=1)(self._read_table), lru_cache(maxsize=1)(self._read_video)
 
-    def read(self, row: EpisodeRow) -> EpisodeData:
+    def read(self, row: EpisodeRow) -> Episode:
         """Read an episode. Raises DataError if a file of it is missing or damaged."""
-        index = self._index
-        rows = self._by_data_file[row.data_file]
-        if self._table is None or self._table[0] != row.data_file:
-            self._table = row.data_file, _read_file(index, rows)
-        table = self._table[1].slice(row.start - rows[0].start, row.length)
-        columns = from_table(table, index.description, self._names, index.layout.data(row.data_file))
-        return EpisodeData(row, columns, None if self.image_key is None else self._images(row, self.image_key))
+        dataset, start = self._dataset, self._by_data_file[row.data_file][0].start
+        table = self._table(row.data_file).slice(row.start - start, row.length)
+        columns = from_table(table, dataset.description, self._names, dataset.path("data", row.data_file))
+        if self.image_key is None:
+            return Episode(row.about, columns)
+        start = row.start - self._by_video_file[row.video_file][0].start
+        images = self._video(row.video_file)[start : start + row.length]
+        final = np.frombuffer(row.final_image or b"", np.uint8)
+        if final.size != images[0].size:
+            raise DataError(f"episode {row.episode} in {dataset.root} has no final image; restore meta/episodes")
+        images = np.concatenate((images, final.reshape(1, *images.shape[1:])))
+        return Episode(row.about, columns, images, row.statistics[self.image_key])
 
-    def _images(self, row: EpisodeRow, key: str) -> NDArray[np.uint8]:
-        """Images before the steps of an episode."""
-        rows = self._by_video_file[row.video_file]
-        if self._video is None or self._video[0] != row.video_file:
-            path = self._index.layout.video(key, row.video_file or FileIndex())
-            read_verified(path, row.video_sha256)
-            self._video = row.video_file, decode(path, sum(other.length for other in rows), self._index.description.image_px)
-        start = row.start - rows[0].start
-        return self._video[1][start : start + row.length]
+    def _read_table(self, file: int) -> pa.Table:
+        """Steps of the episodes in one file, checked against their rows."""
+        dataset, rows = self._dataset, self._by_data_file[file]
+        path, lengths = dataset.path("data", file), [row.length for row in rows]
+        table = read_parquet(path, digest=rows[0].data_sha256)
+        table = table.slice(0, sum(lengths))  # episodes of an unfinished commit may follow
+        stored = from_table(table, dataset.description, ("index", "episode_index"), path)
+        if sum(lengths) != len(table) or not (  # checked first, since a damaged row may claim any size
+            np.array_equal(stored["index"], rows[0].start + np.arange(len(table)))
+            and np.array_equal(stored["episode_index"], np.repeat([row.episode for row in rows], lengths))
+        ):
+            raise DataError(f"{path} holds other steps than meta/episodes says; restore both from one copy")
+        return table
 
-
-def _read_file(index: Index, rows: Sequence[EpisodeRow]) -> pa.Table:
-    """Read the steps of the episodes in one file, checked against their rows."""
-    path = index.layout.data(rows[0].data_file)
-    table = read_parquet(path, digest=rows[0].data_sha256)
-    table = table.slice(0, sum(row.length for row in rows))  # episodes of an unfinished commit may follow
-    stored = from_table(table, index.description, ("index", "episode_index"), path)
-    lengths = [row.length for row in rows]
-    if sum(lengths) != len(table) or not (  # checked first, since a damaged row may claim any size
-        np.array_equal(stored["index"], rows[0].start + np.arange(len(table)))
-        and np.array_equal(stored["episode_index"], np.repeat([row.episode for row in rows], lengths))
-    ):
-        raise DataError(f"{path} holds other steps than meta/episodes says; restore both from one copy")
-    return table
+    def _read_video(self, file: int) -> NDArray[np.uint8]:
+        """Images before the steps of the episodes in one file."""
+        dataset, rows = self._dataset, self._by_video_file[file]
+        path = dataset.path("video", file)
+        read_verified(path, rows[0].video_sha256)
+        return decode(path, sum(row.length for row in rows), dataset.description.image_px)

@@ -3,21 +3,65 @@
 from __future__ import annotations
 
 import contextlib
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
-from brickhub.files import is_unused, only_writer, write_durably
-from bricksrl.data.episode_index import is_dataset, rows_table, task_instruction, write_index
-from bricksrl.data.layout import FileIndex, Layout
-from bricksrl.data.parquet import tasks_table, to_parquet
-from bricksrl.data.recorded_episode import About, Step, new_episode, write_episodes
-from bricksrl.data.repair import recover
-from bricksrl.data.schema import Description
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from brickhub.files import is_unused, only_writer
+from bricksrl.data.columns import image_statistics
+from bricksrl.data.dataset import About, Dataset, Episode, EpisodeRow, is_dataset
+from bricksrl.data.integrity import recover
+from bricksrl.data.schema import STEP_COLUMNS, Description
 from bricksrl.errors import DataError
 
-if TYPE_CHECKING:
-    from bricksrl.data.recorded_episode import EpisodeRow
+Image = NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step of an episode.
+
+    Attributes:
+        observation, next_observation: ``[n]``, before and after the step.
+        action: ``[m]``, in -1..1, as given to the environment.
+        image, next_image: uint8 ``[side, side, 3]``, with a camera.
+        intervention: whether a human chose the action.
+        age_s: age of the observation when the action was sent to the robot.
+        hub_time_s: the hub's clock when it measured ``next_observation``; NaN without a hub.
+    """
+
+    observation: ArrayLike
+    action: ArrayLike
+    reward: float
+    next_observation: ArrayLike
+    terminated: bool
+    truncated: bool
+    image: Image | None = None
+    next_image: Image | None = None
+    intervention: bool = False
+    age_s: float = 0.0
+    hub_time_s: float = float("nan")
+
+
+def new_episode(steps: Sequence[Step], about: About, description: Description) -> Episode:
+    """Episode of these steps, as the first one of a dataset; `write_episodes` gives it another number."""
+    dtypes = {name: feature["dtype"] for name, feature in description.features.items()}
+    columns = {}
+    for name, column in STEP_COLUMNS.items():
+        columns[column] = np.stack([np.asarray(getattr(step, name), dtypes[column]).reshape(-1) for step in steps])
+    frames, zeros = np.arange(len(steps), dtype=np.int64), np.zeros(len(steps), np.int64)
+    columns["next.done"] = columns["next.terminated"] | columns["next.truncated"]
+    columns["timestamp"] = (frames / description.rate_hz).astype(np.float32)
+    columns |= {"frame_index": frames, "episode_index": zeros, "index": frames, "task_index": zeros}
+    if description.camera is None:
+        return Episode(about, columns)
+    shown = [*(step.image for step in steps), steps[-1].next_image]
+    images = np.stack([image for image in shown if image is not None])
+    return Episode(about, columns, images, image_statistics(images[:-1]))
 
 
 class Recorder:
@@ -35,13 +79,10 @@ class Recorder:
     def __init__(self, root: Path, description: Description) -> None:
         self.root = root
         self.description = description
-        self._layout = Layout(root)
+        self._dataset = Dataset(root, description)
         self._steps: list[Step] = []
-        self._rows: list[EpisodeRow] = []
-        self._next = FileIndex()
         self._about = About()
-        self._lock = contextlib.ExitStack()
-        self._is_open = False
+        self._lock: contextlib.ExitStack | None = None
         if root.exists() and not root.is_dir():
             raise DataError(f"{root} is a file; choose a folder for the dataset")
         if is_dataset(root):
@@ -54,22 +95,19 @@ class Recorder:
         with contextlib.ExitStack() as lock:
             lock.enter_context(only_writer(self.root, DataError))
             if is_dataset(self.root):
-                index = recover(self.root).index
-                differences = index.description.differences(self.description)
+                self._dataset, *_ = recover(self.root)
+                differences = self._dataset.description.differences(self.description)
                 if differences:
                     remedy = "move it away, or choose another folder"
                     raise DataError(f"{self.root} holds other data: {'; '.join(differences)}; {remedy}")
-                self._rows = list(index.rows)
-                self._next = FileIndex() if index.last_file is None else index.last_file.next()
             else:
-                write_durably(self._layout.description, self.description.to_json())
-                write_durably(self._layout.tasks, tasks_table(task_instruction(self.description)))
-            self._lock, self._is_open = lock.pop_all(), True
+                self._dataset.write_description()
+            self._lock = lock.pop_all()
 
     @property
-    def episodes(self) -> int:
-        """Number of committed episodes, including earlier recordings."""
-        return len(self._rows)
+    def rows(self) -> tuple[EpisodeRow, ...]:
+        """Rows of the committed episodes, including those of earlier recordings."""
+        return self._dataset.rows
 
     def begin(self, about: About) -> None:
         """Begin an episode; uncommitted steps are discarded."""
@@ -92,31 +130,23 @@ class Recorder:
         if not (self._steps[-1].terminated or self._steps[-1].truncated):
             self._steps[-1] = replace(self._steps[-1], truncated=True)
             whole = False
-        if not self._is_open:
-            self._open()
-        row = self._write(replace(self._about, success=success, whole=whole))
-        self._rows.append(row)
-        self._next = self._next.next()
-        self._steps.clear()  # the row is on the disk: even if the index fails, the episode is not written again
-        write_index(self._layout, self.description, self._rows)
-
-    def _write(self, about: About) -> EpisodeRow:
-        """Write all of the episode except the index."""
-        steps, camera = self._steps, self.description.camera
-        if camera is not None and (steps[-1].next_image is None or any(step.image is None for step in steps)):
+        camera = self.description.camera
+        if camera is not None and (self._steps[-1].next_image is None or any(step.image is None for step in self._steps)):
             raise DataError(f"{self.root} is to hold images of {camera}, and a step has none; add them to each")
-        start = self._rows[-1].start + self._rows[-1].length if self._rows else 0
-        episode = new_episode(steps, about, self.description)
-        [row] = write_episodes(self._layout, self.description, [episode], len(self._rows), start, self._next)
-        write_durably(self._layout.episodes(self._next), to_parquet(rows_table([row], self.description, self._next)))
-        return row
+        if self._lock is None:
+            self._open()
+        episode = new_episode(self._steps, replace(self._about, success=success, whole=whole), self.description)
+        self._dataset = self._dataset.write_episodes([episode]).write_rows(len(self.rows))
+        self._steps.clear()  # the row is on the disk: even if the index fails, the episode is not written again
+        self._dataset.write_index()
 
     def close(self) -> None:
         """Commit the unfinished episode as an interrupted one, and release the folder."""
         try:
             self.commit(whole=False)
         finally:
-            self._lock.close()
+            if self._lock is not None:
+                self._lock.close()
 
     def __enter__(self) -> Self:
         return self

@@ -6,8 +6,8 @@ import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bricksrl.data.layout import NEXT, OBSERVATION
 from bricksrl.data.reader import COLUMNS, load
+from bricksrl.data.schema import NEXT, OBSERVATION
 
 if TYPE_CHECKING:
     from torchrl.data.datasets import LeRobotExperienceReplay

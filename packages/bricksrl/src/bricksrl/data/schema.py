@@ -1,9 +1,12 @@
-"""Schema of a dataset: names, order, units and rate of its numbers, equal for all its episodes."""
+"""Schema of a dataset, equal for all its episodes: names, order, units and rate of its numbers, and the columns and files that
+hold them. These are LeRobot's, version 3.0. A column of vectors of length 1 holds plain numbers, as in LeRobot.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import enum
+import functools
 import json
 import math
 from dataclasses import dataclass, field
@@ -20,6 +23,48 @@ if TYPE_CHECKING:
 
 VERSION = 1
 """Version of the schema; others are refused."""
+CODEBASE_VERSION = "v3.0"
+CHUNK_SIZE = 1000
+"""Maximum number of files in a folder."""
+FILES = {
+    "info": "meta/info.json",  # number of episodes, columns, paths; written last
+    "stats": "meta/stats.json",  # minimum, maximum, mean and deviation of every column
+    "tasks": "meta/tasks.parquet",  # the task instruction, in words
+    "description": "meta/bricksrl.json",  # robot, units, ranges; LeRobot does not read it
+    "episodes": "meta/episodes/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",  # a row for each episode
+    "data": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",  # a row for each step
+    "video": "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4",  # an image for each step
+}
+"""Files by kind; there are several of the last three."""
+
+OBSERVATION, ACTION, NEXT = "observation.state", "action", "next.observation.state"
+STEP_COLUMNS = {
+    "observation": OBSERVATION,
+    "action": ACTION,
+    "reward": "next.reward",
+    "next_observation": NEXT,
+    "terminated": "next.terminated",
+    "truncated": "next.truncated",
+    "intervention": "intervention",
+    "age_s": "age_s",
+    "hub_time_s": "hub_time_s",
+}
+"""Column of each attribute of a step, except its images."""
+_NUMBERS = {
+    "next.reward": "float32",
+    "next.done": "bool",
+    "next.terminated": "bool",
+    "next.truncated": "bool",
+    "intervention": "bool",
+    "age_s": "float32",
+    "hub_time_s": "float64",
+    "timestamp": "float32",
+    "frame_index": "int64",
+    "episode_index": "int64",
+    "index": "int64",
+    "task_index": "int64",
+}
+"""Types of the columns of single numbers."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +94,56 @@ class Description:
     def image_key(self) -> str | None:
         """Name of the camera's feature in the LeRobot format."""
         return None if self.camera is None else f"observation.images.{self.camera}"
+
+    @functools.cached_property
+    def features(self) -> dict[str, dict[str, Any]]:
+        """Columns as declared in ``info.json``."""
+        vectors = {OBSERVATION: self.observation, ACTION: self.action, NEXT: self.observation}
+        columns: dict[str, dict[str, Any]] = {}
+        for column, entries in vectors.items():
+            columns[column] = {"dtype": "float32", "shape": [len(entries)], "names": [entry.name for entry in entries]}
+        columns |= {column: {"dtype": dtype, "shape": [1], "names": None} for column, dtype in _NUMBERS.items()}
+        if self.image_key is not None:
+            side = self.image_px
+            columns[self.image_key] = {
+                "dtype": "video",
+                "shape": [side, side, 3],
+                "names": ["height", "width", "channels"],
+                "info": {
+                    "video.height": side,
+                    "video.width": side,
+                    "video.codec": "h264",
+                    "video.pix_fmt": "gbrp",
+                    "video.is_depth_map": False,
+                    "video.fps": self._fps,
+                    "video.channels": 3,
+                    "has_audio": False,
+                },
+            }
+        return columns
+
+    @property
+    def _fps(self) -> int | float:
+        """Steps per second, as an integer if possible, as in LeRobot."""
+        return int(self.rate_hz) if self.rate_hz.is_integer() else self.rate_hz
+
+    def info(self, episodes: int, steps: int) -> dict[str, Any]:
+        """Content of ``info.json`` for so many episodes and steps."""
+        return {
+            "codebase_version": CODEBASE_VERSION,
+            "robot_type": self.robot.get("name"),
+            "total_episodes": episodes,
+            "total_frames": steps,
+            "total_tasks": 1,
+            "chunks_size": CHUNK_SIZE,
+            "data_files_size_in_mb": 100,
+            "video_files_size_in_mb": 200,
+            "fps": self._fps,
+            "splits": {"train": f"0:{episodes}"},
+            "data_path": FILES["data"],
+            "video_path": None if self.camera is None else FILES["video"],
+            "features": self.features,
+        }
 
     def to_json(self) -> bytes:
         """Content of ``meta/bricksrl.json``."""
@@ -87,21 +182,17 @@ class Description:
                 phrases.append(f"{name} {others} instead of {own}")
         for name in ("observation", "action"):
             own, others = getattr(self, name), getattr(other, name)
-            if own != others:
-                phrases.append(f"{name} {_difference(own, others)}")
+            names, other_names = [entry.name for entry in own], [entry.name for entry in others]
+            changed = [a.name for a, b in zip(own, others, strict=False) if a != b]
+            if names != other_names:
+                phrases.append(f"{name} [{', '.join(other_names)}] instead of [{', '.join(names)}]")
+            elif changed:
+                phrases.append(f"{name} with another unit or range of {', '.join(changed)}")
         if self.robot != other.robot:
             own, others = self.robot.get("name", "none"), other.robot.get("name", "none")
             same = "the same name with another description"
             phrases.append(f"robot {others} instead of {own}" if own != others else f"robot {own}: {same}")
         return phrases
-
-
-def _difference(own: tuple[Entry, ...], others: tuple[Entry, ...]) -> str:
-    names, other_names = [entry.name for entry in own], [entry.name for entry in others]
-    if names != other_names:
-        return f"[{', '.join(other_names)}] instead of [{', '.join(names)}]"
-    changed = [a.name for a, b in zip(own, others, strict=True) if a != b]
-    return f"with another unit or range of {', '.join(changed)}"
 
 
 def describe(env: EnvBase, options: dict[str, Any] | None = None, *, name: str | None = None) -> Description:

@@ -11,15 +11,14 @@ import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from brickhub.files import FULL, atomic_folder, refuse_existing, writing
-from bricksrl.data.cards import dataset_card
-from bricksrl.data.episode_index import dataset_folder
+from bricksrl.data.dataset import dataset_folder
 from bricksrl.data.integrity import check
-from bricksrl.data.layout import CODEBASE_VERSION
-from bricksrl.data.summary import summarise
-from bricksrl.errors import DataError, message_of
+from bricksrl.data.schema import CODEBASE_VERSION
+from bricksrl.data.summary import Summary, summarise
+from bricksrl.errors import DataError, message_of, percent
 
 if TYPE_CHECKING:
     from huggingface_hub import HfApi
@@ -39,8 +38,8 @@ def push_dataset(path: Path, repo: str, *, private: bool = False, licence: str =
     root = dataset_folder(path)
     faults = check(root)
     if faults:
-        raise DataError(f"{root} is not sound: {faults[0]}; see `bricksrl data check {root}`")
-    card = dataset_card(summarise(root), licence)
+        raise DataError(f"{root} is not sound: {faults[0].detail}; see `bricksrl data check {root}`")
+    card = _card(summarise(root), licence)
     with hub_client(repo) as api:
         api.create_repo(repo, repo_type="dataset", private=private, exist_ok=True)
         hidden = "*/.*"
@@ -58,7 +57,7 @@ def pull_dataset(repo: str, out: Path, *, revision: str | None = None) -> Path:
         revision: branch, tag or commit; by default the newest.
     """
     with downloaded(repo, "dataset", out, [*_FILES, CARD], revision) as folder:
-        faults = [line for line in check(folder) if "is not a file of a dataset" not in line]
+        faults = [fault.detail for fault in check(folder) if "is not a file of a dataset" not in fault.detail]
         if faults:
             raise DataError(
                 f"{repo} is not sound: {faults[0].replace(str(folder), repo)}; ask its owner, or take another revision"
@@ -100,15 +99,60 @@ def hub_client(repo: str) -> Iterator[HfApi]:
     except (errors.RepositoryNotFoundError, errors.RevisionNotFoundError):
         raise DataError(f"the hub shows no {repo} to you; check its name and revision, or log in with `hf auth login`") from None
     except errors.HfHubHTTPError as error:
-        raise DataError(_refusal(repo, error)) from None
+        if getattr(getattr(error, "response", None), "status_code", None) in (401, 403):
+            remedy = "log in with `hf auth login` or set HF_TOKEN, as somebody who may"
+            raise DataError(f"the hub does not let you at {repo}; {remedy}") from None
+        raise DataError(f"the hub refuses {repo} ({message_of(error)}); try again later") from None
     except (errors.OfflineModeIsEnabled, transport_error, OSError) as error:
         if isinstance(error, OSError) and (error.errno in FULL or error.filename is not None):
             raise  # of a file
         raise DataError(f"the hub at {api.endpoint} cannot be reached ({message_of(error)}); try again with a network") from None
 
 
-def _refusal(repo: str, error: Any) -> str:
-    status = getattr(getattr(error, "response", None), "status_code", None)
-    if status in (401, 403):
-        return f"the hub does not let you at {repo}; log in with `hf auth login` or set HF_TOKEN, as somebody who may"
-    return f"the hub refuses {repo} ({message_of(error)}); try again later"
+def _card(summary: Summary, licence: str) -> str:
+    """Card of a dataset, as Markdown."""
+    robot = summary.robot or "no robot"
+    success = "" if summary.success_rate is None else f"| success | {percent(summary.success_rate)} |\n"
+    camera = f"\nImages of the camera `{summary.camera}` are in `videos`, without loss.\n" if summary.camera else ""
+    return f"""---
+license: {licence}
+task_categories:
+- robotics
+tags:
+- LeRobot
+- BricksRL
+- reinforcement-learning
+configs:
+- config_name: default
+  data_files: data/*/*.parquet
+---
+
+# {summary.env} on {robot}
+
+Recorded with BricksRL, in LeRobot's dataset format v3.0.
+
+| | |
+|---|---|
+| environment | {summary.env} |
+| robot | {robot} |
+| episodes | {summary.episodes} |
+| transitions | {summary.transitions} |
+| return | {summary.return_mean:.4g} ± {summary.return_std:.4g} |
+{success}| policy | {", ".join(f"{name} ({count})" for name, count in summary.policies.items())} |
+| steps by hand | {summary.interventions} |
+| steps a second | {summary.rate_hz:g} |
+
+- `observation.state`: {", ".join(summary.observation)}
+- `action`, in -1..1: {", ".join(summary.action)}
+- `next.observation.state`, `next.reward`, `next.terminated`, `next.truncated`: what followed
+- `intervention`: a human chose the action
+- `age_s`, `hub_time_s`: age of the observation when the action left, and the hub's clock
+{camera}
+Units, ranges and the description of the robot are in `meta/bricksrl.json`.
+
+```python
+from bricksrl import data
+
+episodes = data.load("folder")
+```
+"""

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bricksrl.data.episode_index import Index, read_index
-from bricksrl.data.layout import ACTION, OBSERVATION
+from bricksrl.data.dataset import read_dataset
 from bricksrl.data.reader import read_columns
+from bricksrl.data.schema import ACTION, OBSERVATION
 from bricksrl.errors import counted
 from bricksrl.plotting import DARK, INK, LIGHT, MUTED, STRONG, check_picture, new_figure, save
 
@@ -62,30 +62,30 @@ class Summary:
 
 def summarise(path: Path | str) -> Summary:
     """Summarise a dataset. Raises DataError if there is no dataset, or it is damaged."""
-    index = read_index(path)
-    ages = read_columns(index, ["age_s"])["age_s"]
-    returns = np.array([row.return_ for row in index.rows])
-    successes = [row.about.success for row in index.rows if row.about.success is not None]
-    names = [row.about.policy for row in index.rows]
+    dataset = read_dataset(path)
+    ages = read_columns(dataset, ["age_s"])["age_s"]
+    returns = np.array([row.return_ for row in dataset.rows])
+    successes = [row.about.success for row in dataset.rows if row.about.success is not None]
+    names = [row.about.policy for row in dataset.rows]
     return Summary(
-        env=index.description.env,
-        robot=index.description.robot.get("name"),
+        env=dataset.description.env,
+        robot=dataset.description.robot.get("name"),
         episodes=len(returns),
-        transitions=index.steps,
+        transitions=dataset.steps,
         return_mean=float(returns.mean()),
         return_std=float(returns.std()),
         return_min=float(returns.min()),
         return_max=float(returns.max()),
-        length_mean=index.steps / len(returns),
+        length_mean=dataset.steps / len(returns),
         success_rate=sum(successes) / len(successes) if successes else None,
-        broken_off=sum(not row.about.whole for row in index.rows),
-        interventions=sum(row.interventions for row in index.rows),
+        broken_off=sum(not row.about.whole for row in dataset.rows),
+        interventions=sum(row.interventions for row in dataset.rows),
         age_mean_s=float(ages.mean()),
         policies={name: names.count(name) for name in dict.fromkeys(names)},
-        rate_hz=index.description.rate_hz,
-        observation=tuple(channel.name for channel in index.description.observation),
-        action=tuple(channel.name for channel in index.description.action),
-        camera=index.description.camera,
+        rate_hz=dataset.description.rate_hz,
+        observation=tuple(channel.name for channel in dataset.description.observation),
+        action=tuple(channel.name for channel in dataset.description.action),
+        camera=dataset.description.camera,
     )
 
 
@@ -93,33 +93,29 @@ def plot(path: Path | str, out: Path | str) -> None:
     """Plot the returns, and every channel and action over the steps of an episode, into an image file. Raises DataError if there
     is no dataset, or it is damaged."""
     out = check_picture(out)
-    index = read_index(path)
-    columns = read_columns(index, [OBSERVATION, ACTION, "next.reward", "frame_index"])
-    panels = _panels(index, columns)
+    dataset = read_dataset(path)
+    description, columns = dataset.description, read_columns(dataset, [OBSERVATION, ACTION, "next.reward", "frame_index"])
+    names = [f"{channel.name} [{channel.unit}]" if channel.unit else channel.name for channel in description.observation]
+    panels = list(zip(names, columns[OBSERVATION].T, strict=True))
+    panels += [(f"action: {channel.name}", values) for channel, values in zip(description.action, columns[ACTION].T, strict=True)]
+    panels.append(("reward", columns["next.reward"]))
     rows = -(-(len(panels) + 2) // _COLUMNS)
     figure = new_figure(4.0 * _COLUMNS, 2.6 * rows)
     axes = figure.subplots(rows, _COLUMNS, squeeze=False).flatten()
-    _returns(axes[0], axes[1], np.array([row.return_ for row in index.rows]))
+    _plot_returns(axes[0], axes[1], np.array([row.return_ for row in dataset.rows]))
     for panel, (title, values) in zip(axes[2:], panels, strict=False):
-        _density(panel, title, columns["frame_index"], values)
+        _plot_density(panel, title, columns["frame_index"], values)
+    for panel in axes:
+        panel.tick_params(colors=MUTED, length=2, labelsize=8)
+        panel.spines[["top", "right"]].set_visible(False)
     for unused in axes[2 + len(panels) :]:
         unused.set_visible(False)
-    title = f"{index.description.env} · {counted(len(index.rows), 'episode')} · {counted(index.steps, 'step')}"
+    title = f"{description.env} · {counted(len(dataset.rows), 'episode')} · {counted(dataset.steps, 'step')}"
     figure.suptitle(title, x=0.01, ha="left", color=INK, fontsize=13, fontweight="bold")
     save(figure, out, 100)
 
 
-def _panels(index: Index, columns: dict[str, NDArray[Any]]) -> list[tuple[str, NDArray[Any]]]:
-    """Title and values ``[N]`` of each panel."""
-    panels: list[tuple[str, NDArray[Any]]] = []
-    for i, channel in enumerate(index.description.observation):
-        panels.append((f"{channel.name} [{channel.unit}]" if channel.unit else channel.name, columns[OBSERVATION][:, i]))
-    for i, channel in enumerate(index.description.action):
-        panels.append((f"action: {channel.name}", columns[ACTION][:, i]))
-    return [*panels, ("reward", columns["next.reward"])]
-
-
-def _returns(left: Axes, right: Axes, returns: NDArray[np.float64]) -> None:
+def _plot_returns(left: Axes, right: Axes, returns: NDArray[np.float64]) -> None:
     from matplotlib.ticker import MaxNLocator
 
     left.hist(returns, bins=min(30, max(5, len(returns) // 3)), color=LIGHT)
@@ -131,11 +127,9 @@ def _returns(left: Axes, right: Axes, returns: NDArray[np.float64]) -> None:
     right.set_xlabel("episode", fontsize=8, color=MUTED)
     for axis in (left.yaxis, right.xaxis):
         axis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
-    for axes in (left, right):
-        _tidy(axes)
 
 
-def _density(axes: Axes, title: str, step: NDArray[Any], values: NDArray[Any]) -> None:
+def _plot_density(axes: Axes, title: str, step: NDArray[Any], values: NDArray[Any]) -> None:
     """Plot a 2D histogram of the values over the steps of an episode: dark is frequent."""
     from matplotlib.colors import LinearSegmentedColormap
     from matplotlib.ticker import MaxNLocator
@@ -149,9 +143,3 @@ def _density(axes: Axes, title: str, step: NDArray[Any], values: NDArray[Any]) -
     axes.set_title(title, fontsize=10, color=INK, loc="left")
     axes.set_xlabel("step", fontsize=8, color=MUTED)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
-    _tidy(axes)
-
-
-def _tidy(axes: Axes) -> None:
-    axes.tick_params(colors=MUTED, length=2, labelsize=8)
-    axes.spines[["top", "right"]].set_visible(False)

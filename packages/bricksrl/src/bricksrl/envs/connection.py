@@ -5,18 +5,20 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from brickhub.hub.hub_errors import HubNotFoundError, MediumUnavailableError
+from brickhub.errors import HubNotFoundError, MediumUnavailableError
 from bricksrl.errors import HubError
 
 if TYPE_CHECKING:
     from brickhub.hub.link.lockstep import HubLink
     from brickhub.virtual.virtual_transport import VirtualHub
-    from bricksrl.envs.odometry import Odometer
     from bricksrl.envs.vision.camera import Camera
+    from bricktwin.twin.mujoco_body import Pose
+
+_T = TypeVar("_T")
 
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.5, 15.0
 
@@ -31,16 +33,16 @@ class Connection:
     Attributes:
         link: link to the hub; the environment opens and closes it.
         place: places the robot at the start of an episode; called at every reset, while the link is open.
-        odometer: measures the distance travelled.
         twin: the virtual hub, for rendering; ``None`` for a real robot.
         camera: source of images, for a task with a camera.
+        true_pose: returns the pose of a virtual robot that has one.
     """
 
     link: HubLink
     place: Placement
-    odometer: Odometer
     twin: VirtualHub | None = None
     camera: Camera | None = None
+    true_pose: Callable[[], Pose] | None = None
 
 
 @dataclass
@@ -62,11 +64,32 @@ class Reconnect:
     _since_s: float = 0.0
     _tries: int = 0
 
-    def answered(self, *, to_step: bool) -> None:
-        """Record an answer of the robot. After an error, only an answer to a step counts as recovery, not one to a reset."""
-        self._has_answered = True
-        if to_step or self._error is None:
-            self._error, self._tries = None, 0
+    def until_answered(self, begin: Callable[[], _T], is_final: Callable[[HubError], bool] = lambda _: False) -> _T:
+        """What ``begin`` returns, which is tried again after each HubError. Raises the error if it is final, trying again is
+        useless, or ``patience_s`` is used up."""
+        while True:
+            if self._error is not None and self._tries:
+                pause_s = min(_FIRST_PAUSE_S * 2.0 ** (self._tries - 1), _LONGEST_PAUSE_S)
+                if time.monotonic() + pause_s - self._since_s >= self.patience_s:
+                    error, self._error, self._tries = self._error, None, 0
+                    raise error
+                self.wait(pause_s)
+            self._tries += 1
+            try:
+                begun = begin()
+            except HubError as error:
+                if is_final(error):
+                    raise
+                self.failed(error)
+            else:
+                self._has_answered = True
+                if self._error is None:
+                    self._tries = 0
+                return begun
+
+    def recovered(self) -> None:
+        """Record an answer to a step; one to a reset does not count as recovery."""
+        self._error, self._tries = None, 0
 
     def failed(self, error: HubError) -> None:
         """Record that the link broke in a step or a reset. Raises the error if trying again is useless."""
@@ -76,13 +99,3 @@ class Reconnect:
         self.on_error(error)
         self._since_s = time.monotonic() if self._error is None else self._since_s
         self._error = error
-
-    def before_try(self) -> None:
-        """Wait until the next reset may be tried. Raises the last HubError once ``patience_s`` is used up."""
-        if self._error is not None and self._tries:
-            pause_s = min(_FIRST_PAUSE_S * 2.0 ** (self._tries - 1), _LONGEST_PAUSE_S)
-            if time.monotonic() + pause_s - self._since_s >= self.patience_s:
-                error, self._error, self._tries = self._error, None, 0
-                raise error
-            self.wait(pause_s)
-        self._tries += 1

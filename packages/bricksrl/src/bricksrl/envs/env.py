@@ -4,31 +4,28 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import torch
 from tensordict import TensorDict, TensorDictBase
-from torchrl.data import Binary, Bounded, Composite, Unbounded
+from torchrl.data import Binary, Bounded
 from torchrl.envs import EnvBase
 
 from bricksrl.envs.connection import Connection, Reconnect
-from bricksrl.envs.dead_reckoning import TargetTracker, start_pose
 from bricksrl.envs.env_interface import BricksEnv, Timing
-from bricksrl.envs.episode import EpisodeState, observe, with_numbers, with_truth
-from bricksrl.envs.specs import NominalBounded
-from bricksrl.envs.stop_flag import StopFlag
+from bricksrl.envs.odometry import Odometer, SonarOdometer, TargetTracker, TrueOdometer, start_pose
+from bricksrl.envs.specs import set_vector_specs
 from bricksrl.envs.task import Task, never
-from bricksrl.envs.vision.camera import Camera
-from bricksrl.envs.vision.watch import Watch
+from bricksrl.envs.vision.camera import Camera, Watch
 from bricksrl.errors import BricksError, CameraError, DescriptionError, HubError, HubProgramError, StoppedError
 
 if TYPE_CHECKING:
-    from brickhub.hub.link.lockstep import HubLink
-    from brickhub.hub.link.reading import Reading
+    from brickhub.hub.link.receiver import Reading
     from brickhub.virtual.virtual_transport import VirtualHub
-    from bricksrl.envs.odometry import Odometer
 
 BLOCKED_TIMEOUT_S = 120.0
 """Time that a blocked robot waits for the obstacle to be removed."""
@@ -38,6 +35,52 @@ PAUSE_PERIOD_S = 0.2
 _log = logging.getLogger(__name__)
 
 _T = TypeVar("_T")
+
+
+@dataclass(slots=True)
+class EpisodeState:
+    """State that changes every step; not in the environment, where each attribute assignment costs ten microseconds.
+
+    Attributes:
+        drawn: sampled entries, constant for the episode.
+        commands: the last ones, where they are observed.
+        odometer: measures the distance travelled.
+        tracker: position of the target; ``None`` for a task without a target.
+        watch: the camera's view; ``None`` for a task without a camera.
+        observation: the last one, as the task's functions get it.
+        task_observations: what success and metrics get after each step; only with a camera or a target.
+        is_cut: whether a pause truncated the episode.
+        measured_s: the link's clock when the last observation was measured; ``hub_time_s`` is the hub's.
+        age_s: age of the observation that the last action was chosen for.
+    """
+
+    drawn: list[float]
+    commands: list[float]
+    measured_s: float
+    odometer: Odometer
+    tracker: TargetTracker | None
+    watch: Watch | None = None
+    observation: torch.Tensor = field(default_factory=lambda: torch.empty(0))
+    step_count: int = 0
+    task_observations: list[torch.Tensor] = field(default_factory=list)
+    is_cut: bool = False
+    hub_time_s: float = 0.0
+    age_s: float = 0.0
+
+    def observe(self, channels: Sequence[float], forward_mm: Sequence[float]) -> torch.Tensor:
+        """The observation ``[n]`` as the task's functions get it: channels, sampled entries, distance forward, last commands, the
+        target's entries and the camera's distances."""
+        target = () if self.tracker is None else self.tracker.entries()
+        distances_px = () if self.watch is None else self.watch.numbers()
+        values = (*channels, *self.drawn, *forward_mm, *self.commands, *target, *distances_px)
+        return torch.from_numpy(np.array(values, dtype=np.float32))
+
+    def with_truth(self, observation: torch.Tensor, end: int) -> torch.Tensor:
+        """The observation with the target's entries, which end at index ``end``, replaced by their true values."""
+        if self.tracker is None:
+            return observation
+        truth = torch.tensor(self.tracker.truth(), dtype=observation.dtype)
+        return torch.cat((observation[: end - len(truth)], truth, observation[end:]))
 
 
 class HubEnv(BricksEnv, EnvBase):  # type: ignore[misc]
@@ -84,9 +127,14 @@ class HubEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         self._watchers: list[Callable[[Connection], None]] = []
         self._episode: EpisodeState | None = None
         self._spans = [((c.high + c.low) / 2, (c.high - c.low) / 2) for c in task.interface.commands]
-        self._make_specs()
+        self._entries, self._observed = len(task.entries), task.observed_channels
+        set_vector_specs(self, task)
+        self.observation_spec["link_lost"] = Binary(1, dtype=torch.bool)
+        if task.camera is not None:
+            self.observation_spec["image"] = Bounded(0, 255, (task.camera.image_px, task.camera.image_px, 3), dtype=torch.uint8)
         self.reconnect = Reconnect()
-        self._stop_flag = StopFlag()
+        self._changed = threading.Condition()
+        self._is_stopped = self._is_paused = False
         self._set_seed(seed)
         self.is_closed = False
 
@@ -106,38 +154,30 @@ class HubEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         self._close_link()
 
     def stop(self) -> None:
-        self._stop_flag.stop()
+        with self._changed:
+            self._is_stopped = True
+            self._changed.notify_all()
         if self._connection is not None:
             self._connection.link.emergency_stop()
 
     def pause(self) -> None:
-        self._stop_flag.pause()
+        with self._changed:
+            self._is_paused = True
 
     def resume(self) -> None:
         if self._connection is not None:
             self._connection.link.release()
-        self._stop_flag.go_on()
+        with self._changed:
+            self._is_stopped = self._is_paused = False
+            self._changed.notify_all()
 
     @property
     def is_paused(self) -> bool:
-        return self._stop_flag.is_paused
+        return self._is_paused
 
     @property
     def is_cut(self) -> bool:
         return self._episode is not None and self._episode.is_cut
-
-    def _make_specs(self) -> None:
-        self._entries, self._observed = len(self.task.entries), self.task.observed_channels
-        vector = NominalBounded.of(self.task.entries)
-        self.observation_spec = Composite(observation=vector, link_lost=Binary(1, dtype=torch.bool))
-        camera = self.task.camera
-        if camera is not None:
-            image = Bounded(0, 255, shape=(camera.image_px, camera.image_px, 3), dtype=torch.uint8)
-            self.observation_spec.set("image", image)
-        self.action_spec = Bounded(-1.0, 1.0, shape=(len(self._spans),))
-        self.reward_spec = Unbounded(shape=(1,))
-        flag = Binary(1, dtype=torch.bool)
-        self.done_spec = Composite(done=flag, terminated=flag.clone(), truncated=flag.clone())
 
     def _set_seed(self, seed: int | None) -> None:
         self._seed = seed
@@ -149,37 +189,29 @@ class HubEnv(BricksEnv, EnvBase):  # type: ignore[misc]
             self._connection = None
 
     def _reset(self, _tensordict: TensorDictBase | None = None, **_kwargs: Any) -> TensorDictBase:
-        while True:
-            self.reconnect.before_try()
-            try:
-                state = self._begin()
-            except HubError as error:
-                if isinstance(error, HubProgramError) and self._connected().twin is not None:
-                    raise  # a virtual hub's program is deterministic: retrying would fail again
-                self.reconnect.failed(error)
-            else:
-                self.reconnect.answered(to_step=False)
-                return state
+        return self.reconnect.until_answered(
+            self._begin,
+            # A virtual hub's program is deterministic: retrying would fail again.
+            is_final=lambda error: isinstance(error, HubProgramError) and self.twin is not None,
+        )
 
     def _begin(self) -> TensorDictBase:
         reading = self._guarded(self._start)
-        measured_s = self._connected().link.now_s() - reading.age_s
+        link, true_pose, task = self._connected().link, self._connected().true_pose, self.task
+        measured_s = link.now_s() - reading.age_s
         self.is_closed = False
-        drawn = [entry.draw(self._host_rng) for entry in self.task.sampled_entries]
-        commands = [0.0] * len(self.task.command_entries)
-        measured = [0.0] * len(self.task.measured_entries) + commands
-        tracker = self._tracker(reading)
-        observation = observe(self._channels(reading), drawn, measured, tracker)
-        self._odometer.start(self._connected().link.now_s())
-        self._odometer.forward_mm(self._connected().link.now_s(), reading.values)
-        out = {"observation": observation.clone(), "link_lost": torch.zeros(1, dtype=torch.bool)}
-        watch = None
-        if self.task.camera is not None:
-            watch = Watch(self.task.camera, self._host_rng, self._guarded(self._camera.frame))
-            observation = with_numbers(observation, watch)
-            out["image"] = torch.from_numpy(watch.image)
-        self._episode = EpisodeState(drawn, observation, measured_s, commands, watch=watch, tracker=tracker)
-        return TensorDict(out, batch_size=(), device=self.device)
+        drawn, tracker = [entry.draw(self._host_rng) for entry in task.sampled_entries], None
+        if task.target is not None:
+            start = start_pose(task.scene, task.id, true_pose, self._host_rng)
+            tracker = TargetTracker(task.target, task.robot, task.interface, true_pose, start, reading.values)
+        odometer = SonarOdometer(task.interface) if true_pose is None else TrueOdometer(true_pose, link.now_s())
+        odometer.forward_mm(link.now_s(), reading.values)
+        episode = EpisodeState(drawn, [0.0] * len(task.command_entries), measured_s, odometer, tracker)
+        if task.camera is not None:
+            episode.watch = Watch(task.camera, self._host_rng, self._guarded(self._camera.frame))
+        self._episode = episode
+        episode.observation = episode.observe(self._channels(reading), [0.0] * len(task.measured_entries))
+        return self._out(episode)
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         episode = self._episode
@@ -190,23 +222,18 @@ class HubEnv(BricksEnv, EnvBase):  # type: ignore[misc]
                 raise
             self.link_error = error
             self.reconnect.failed(error)
-            return self._lost(episode)
-        self.reconnect.answered(to_step=True)
+            no, yes = torch.zeros(1, dtype=torch.bool), torch.ones(1, dtype=torch.bool)
+            ends = {"terminated": no, "truncated": yes, "done": yes.clone(), "link_lost": yes.clone()}
+            return self._out(episode, reward=torch.zeros(1), **ends)
+        self.reconnect.recovered()
         return out
-
-    def _lost(self, episode: EpisodeState) -> TensorDictBase:
-        """The outcome of a step in which the link broke: the previous observation, truncated."""
-        no, yes = torch.zeros(1, dtype=torch.bool), torch.ones(1, dtype=torch.bool)
-        out = {"observation": episode.observation[: self._entries].clone(), "reward": torch.zeros(1), "terminated": no}
-        if episode.watch is not None:
-            out["image"] = torch.from_numpy(episode.watch.image)
-        out |= {"truncated": yes, "done": yes.clone(), "link_lost": yes.clone()}
-        return TensorDict(out, batch_size=(), device=self.device)
 
     def _act(self, tensordict: TensorDictBase) -> TensorDictBase:
         action = tensordict["action"].detach().cpu().clamp(-1.0, 1.0)  # a copy: the agent's tensor is not changed
-        commands = self._commands(action)
         task, episode = self.task, self._episode
+        if action.shape != (len(self._spans),):
+            raise BricksError(f"{task.id} got an action of shape {list(action.shape)}; give [{len(self._spans)}]")
+        commands = [middle + half * value for (middle, half), value in zip(self._spans, action.tolist(), strict=True)]
         if episode is None:
             raise BricksError(f"{task.id} has no episode to step; reset the environment first")
         link = self._connected().link
@@ -226,24 +253,20 @@ class HubEnv(BricksEnv, EnvBase):  # type: ignore[misc]
             raise DescriptionError(f"terminated of {task.id} is {terminated.tolist()}, not true or false; compare")
         episode.observation = observation
         episode.step_count += 1
-        if self._stop_flag.is_paused:
+        if self._is_paused:
             episode.is_cut = True
             self._guarded(link.rest)
         truncated = torch.full_like(terminated, episode.is_cut or episode.step_count >= task.max_steps)
-        out = {
-            "observation": observation.clone(),  # a caller's in-place change must not alter episode.observation
-            "reward": reward,
-            "terminated": terminated,
-            "truncated": truncated,
-            "done": terminated | truncated,
-            "link_lost": torch.zeros(1, dtype=torch.bool),
-        }
         if task.has_hidden_entries:
-            episode.task_observations.append(with_truth(observation, episode.tracker, self._entries))
+            episode.task_observations.append(episode.with_truth(observation, self._entries))
+        return self._out(episode, reward=reward, terminated=terminated, truncated=truncated, done=terminated | truncated)
+
+    def _out(self, episode: EpisodeState, **outcome: torch.Tensor) -> TensorDictBase:
+        """Output of a reset or, with its outcome, of a step; copied, as a caller's change must not alter ``episode``."""
+        out = {"observation": episode.observation[: self._entries].clone(), "link_lost": torch.zeros(1, dtype=torch.bool)}
         if episode.watch is not None:
-            out["observation"] = observation[: self._entries].clone()
             out["image"] = torch.from_numpy(episode.watch.image)
-        return TensorDict(out, batch_size=(), device=self.device)
+        return TensorDict({**out, **outcome}, batch_size=(), device=self.device)
 
     def _step_proc_data(self, next_tensordict_out: TensorDictBase) -> TensorDictBase:
         """Skip TorchRL's completion of ``_step``'s output, unless a task's functions return shapes that it has to correct."""
@@ -273,15 +296,12 @@ class HubEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         episode.hub_time_s = reading.hub_time_ms / 1000
         forward_mm: list[float] = []
         if self.task.walks or self.task.measured_entries:
-            forward_mm = [self._odometer.forward_mm(self._connected().link.now_s(), reading.values)]
-        measured = [*forward_mm[: len(self.task.measured_entries)], *episode.commands]
+            forward_mm = [episode.odometer.forward_mm(self._connected().link.now_s(), reading.values)]
         if episode.tracker is not None:
             episode.tracker.follow(reading.values)
-        observation = observe(self._channels(reading), episode.drawn, measured, episode.tracker)
-        if episode.watch is None:
-            return observation
-        episode.watch.see(self._guarded(self._camera.frame))
-        return with_numbers(observation, episode.watch)
+        if episode.watch is not None:
+            episode.watch.see(self._guarded(self._camera.frame))
+        return episode.observe(self._channels(reading), forward_mm[: len(self.task.measured_entries)])
 
     def _channels(self, reading: Reading) -> list[float]:
         """The channels that are in the observation."""
@@ -310,17 +330,8 @@ class HubEnv(BricksEnv, EnvBase):  # type: ignore[misc]
     def walk_metrics(self) -> dict[str, float]:
         if self._episode is None:
             return {}
-        tracker = self._episode.tracker
-        return {**(self._odometer.metrics() if self.task.walks else {}), **({} if tracker is None else tracker.metrics())}
-
-    def _tracker(self, reading: Reading) -> TargetTracker | None:
-        """The tracker of the task's target for the new episode; ``None`` for a task without one."""
-        task, twin = self.task, self._connected().twin
-        if task.target is None:
-            return None
-        true_pose = None if twin is None else getattr(twin.body, "pose", None)
-        start = start_pose(task.scene, task.id, true_pose, self._host_rng)
-        return TargetTracker(task.target, task.robot, task.interface, true_pose, start, reading.values)
+        walked = self._episode.odometer.metrics() if self.task.walks else {}
+        return walked if self._episode.tracker is None else {**walked, **self._episode.tracker.metrics()}
 
     @property
     def _camera(self) -> Camera:
@@ -329,10 +340,6 @@ class HubEnv(BricksEnv, EnvBase):  # type: ignore[misc]
             raise CameraError(f"{self.task.id} needs a camera, and the connection to the robot has none; give it one")
         return camera
 
-    @property
-    def _odometer(self) -> Odometer:
-        return self._connected().odometer
-
     def _connected(self) -> Connection:
         if self._connection is None:
             self._connection = self._connect(self._twin_seed)
@@ -340,22 +347,29 @@ class HubEnv(BricksEnv, EnvBase):  # type: ignore[misc]
                 watcher(self._connection)
             if self._connection.twin is not None:
                 self._connection.twin.in_reach = self.in_reach
-            self._stop_flag.check()  # a stop requested before this had no link to act on
+            self._check_stop()  # a stop requested before this had no link to act on
         return self._connection
 
     def _start(self) -> Reading:
+        """Place the robot and read its sensors, after the end of a pause, in which reading feeds the hub program's watchdog."""
         connection = self._connected()
-        self._hold_still(connection.link)
+        while not self._waited(PAUSE_PERIOD_S):
+            if connection.link.is_open:
+                connection.link.read()
+        self._check_stop()
         connection.link.open()  # without effect when it is open
         connection.place(self._place_rng)
         return connection.link.read()
 
-    def _hold_still(self, link: HubLink) -> None:
-        """Wait for the end of a pause; reading feeds the hub program's watchdog."""
-        while not self._stop_flag.wait(PAUSE_PERIOD_S):
-            if link.is_open:
-                link.read()
-        self._stop_flag.check()
+    def _waited(self, timeout_s: float) -> bool:
+        """Wait for the end of a pause, or a stop; True if there is no pause or there is a stop."""
+        with self._changed:
+            return self._changed.wait_for(lambda: self._is_stopped or not self._is_paused, timeout_s)
+
+    def _check_stop(self) -> None:
+        """Raise StoppedError if a stop is requested."""
+        if self._is_stopped:
+            raise StoppedError("the robot was stopped by hand; call resume() when it may move again")
 
     def _guarded(self, exchange: Callable[[], _T]) -> _T:
         """Run an exchange with hub or camera; on failure close the link: the motors stop, and the next reset reopens it."""
@@ -371,11 +385,6 @@ class HubEnv(BricksEnv, EnvBase):  # type: ignore[misc]
             self._connection.link.close()
             if self._connection.camera is not None:
                 self._connection.camera.close()
-
-    def _commands(self, action: torch.Tensor) -> list[float]:
-        if action.shape != (len(self._spans),):
-            raise BricksError(f"{self.task.id} got an action of shape {list(action.shape)}; give [{len(self._spans)}]")
-        return [middle + half * value for (middle, half), value in zip(self._spans, action.tolist(), strict=True)]
 
 
 def _single(task: Task, name: str, value: Any) -> torch.Tensor:

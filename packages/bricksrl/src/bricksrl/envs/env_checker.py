@@ -5,7 +5,8 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import closing
-from typing import TYPE_CHECKING
+
+import torch
 
 from brickhub.finding import Finding, Outcome
 from brickhub.user_files import line_of_user
@@ -13,9 +14,6 @@ from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.registry import get_task, make
 from bricksrl.envs.task import Task
 from bricksrl.errors import BricksError, RenderingUnavailableError
-
-if TYPE_CHECKING:
-    from tensordict import TensorDictBase
 
 _STEPS = 5
 _SEED = 7
@@ -108,10 +106,8 @@ def _number(cell: str) -> float | str:
 def _program(task: Task) -> str:
     from brickhub.hub.program.compile import compile_program, program_blob
     from brickhub.hub.program.generate import generate
-    from brickhub.hub.program.lint import require_clean
 
     program = generate(task.robot, task.interface)
-    require_clean(program.source, task.robot.hub)
     size = len(program_blob(compile_program(program), task.robot.hub))
     return f"{size} of the {task.robot.hub.value} hub's {task.robot.hub.model.program_bytes} bytes"
 
@@ -126,36 +122,27 @@ def _specs(env_id: str) -> str:
 
 
 def _reset(env_id: str) -> str:
-    import torch
-
     with closing(make(env_id, seed=_SEED)) as env:
-        first = env.reset()["observation"]
-        again = env.reset()["observation"]
-    for observation in (first, again):
+        observations = [env.reset()["observation"] for _ in range(2)]
+    for observation in observations:
         if not bool(torch.isfinite(observation).all()):
             raise Broken(f"the observation holds {observation.tolist()}; all entries have to be numbers")
-    return f"twice, the observation starts with {[round(value, 1) for value in first.tolist()[:4]]}"
+    return f"twice, the observation starts with {[round(value, 1) for value in observations[0].tolist()[:4]]}"
 
 
 def _determinism(env_id: str) -> str:
-    first, second = _rollout(env_id), _rollout(env_id)
+    rollouts = []
+    for _ in range(2):
+        with closing(make(env_id, seed=_SEED)) as env, torch.random.fork_rng(devices=[]):
+            torch.manual_seed(_SEED)  # of the actions
+            rollouts.append(env.rollout(_STEPS))
+    first, second = rollouts
     if first.shape != second.shape or not bool((first == second).all()):
         raise Broken("the same seed and actions gave another episode; draw random numbers in sampled entries only")
     return f"the same seed and actions repeat {first.shape[0]} steps bit for bit"
 
 
-def _rollout(env_id: str) -> TensorDictBase:
-    """A few random steps, the same on every call."""
-    import torch
-
-    with closing(make(env_id, seed=_SEED)) as env, torch.random.fork_rng(devices=[]):
-        torch.manual_seed(_SEED)
-        return env.rollout(_STEPS)
-
-
 def _twin(env_id: str) -> str:
-    import torch
-
     with closing(make(env_id, seed=_SEED)) as env:
         twin = interface_of(env).twin
         if twin is None:
@@ -175,8 +162,6 @@ def _twin(env_id: str) -> str:
 
 def _functions(task: Task) -> str:
     """Check that reward, ends, success and metrics return the documented shapes and types on a batch."""
-    import torch
-
     generator, steps = torch.Generator().manual_seed(_SEED), _STEPS
     low, high = (torch.tensor([getattr(entry, end) for entry in task.task_entries]) for end in ("low", "high"))
     before, after = low + (high - low) * torch.rand((2, steps, len(low)), generator=generator)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from bricksrl.envs.options import PicklableEnv
-from bricksrl.errors import HubError
+from bricksrl.errors import BricksError, HubError
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -30,8 +30,10 @@ class Timing:
     hub_time_s: float
 
 
-class BricksEnv(PicklableEnv):
+class BricksEnv:
     """An environment of ours, by default a simulation: it moves no robot, cannot be paused and judges what the agent observes.
+
+    It is pickled and copied as the call that makes it: a fresh one with the same options and seed.
 
     Attributes:
         task: the task; ``None`` for an environment that is not ours.
@@ -39,6 +41,7 @@ class BricksEnv(PicklableEnv):
         reconnect: reconnection after the link broke; ``None`` without a link.
         link_error: error of the last step that ended with ``link_lost``.
         in_reach: of a virtual robot, may be set before the first reset: while it returns False, the link is broken.
+        remake: makes it, given a seed; ``None`` if there cannot be two of it, as of a robot.
     """
 
     task: Task | None = None
@@ -46,6 +49,17 @@ class BricksEnv(PicklableEnv):
     reconnect: Reconnect | None = None
     link_error: HubError = HubError("no link has broken")
     in_reach: Callable[[], bool] = staticmethod(lambda: True)
+    remake: Callable[..., object] | None = None
+    _seed: int | None = None
+
+    def __reduce__(self) -> tuple[Callable[[], object], tuple[()]]:
+        if self.remake is None:
+            env_id = type(self).__name__ if self.task is None else self.task.id
+            raise BricksError(
+                f"{env_id} cannot be pickled with its link to a robot; pass a function that makes it, such as "
+                f"functools.partial(bricksrl.make, '{env_id}', hub='ble')"
+            )
+        return functools.partial(self.remake, seed=self._seed), ()
 
     @property
     def twin(self) -> VirtualHub | None:

@@ -1,4 +1,4 @@
-"""Options of an environment: connection to the robot, physics, and variant of the task; pickling as these options.
+"""Options of an environment: connection to the robot, physics, and variant of the task.
 
 They are declared here for Python, the command line, Gymnasium and the configuration of a run alike: a field is an option, its
 docstring the help.
@@ -6,9 +6,8 @@ docstring the help.
 
 from __future__ import annotations
 
-import functools
 import json
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Annotated, Any, Self
@@ -18,7 +17,7 @@ import numpy as np
 from brickhub.cli.options import Flag, option, parsed
 from brickhub.fields import check_fields
 from brickhub.hub.transport import Pipe
-from bricksrl.errors import BricksError, DescriptionError
+from bricksrl.errors import DescriptionError
 from bricktwin.twin.physics import Physics, RandomPhysics, read_physics
 
 
@@ -92,23 +91,3 @@ class EnvOptions:
     def physics_or_draw(self) -> Physics | RandomPhysics | None:
         """The fixed physics, or a sampler of one for each episode."""
         return RandomPhysics() if self.randomize else self.physics
-
-
-class PicklableEnv:
-    """An environment that is pickled and copied as the call that makes it: a fresh one with the same options and seed.
-
-    Attributes:
-        remake: makes it, given a seed; ``None`` if there cannot be two of it, as of a robot.
-    """
-
-    remake: Callable[..., object] | None = None
-    _seed: int | None = None
-
-    def __reduce__(self) -> tuple[Callable[[], object], tuple[()]]:
-        if self.remake is None:
-            env_id = vars(self)["task"].id
-            raise BricksError(
-                f"{env_id} cannot be pickled with its link to a robot; pass a function that makes it, such as "
-                f"functools.partial(bricksrl.make, '{env_id}', hub='ble')"
-            )
-        return functools.partial(self.remake, seed=self._seed), ()

@@ -6,32 +6,16 @@ of its SAC on real robots (BricksRL, arXiv:2406.17490), as in `benchmarks/result
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from brickhub.tables import read_table
 
-
-@dataclass(frozen=True)
-class ReferenceReturns:
-    """Mean returns to compare a learning curve with; ``None`` where the paper has none."""
-
-    random: float
-    scripted: float
-    paper: float | None = None
-
-    def lines(self) -> dict[str, float]:
-        """Each return by the label of its line."""
-        lines = {"random": self.random, "by hand": self.scripted}
-        return lines if self.paper is None else {**lines, "paper's SAC": self.paper}
-
-
-def _reference(row: dict[str, str]) -> ReferenceReturns:
-    return ReferenceReturns(float(row["random"]), float(row["scripted"]), float(row["paper"]) if row["paper"] else None)
-
-
-REFERENCES = {row["env"]: _reference(row) for row in read_table(__package__, "reference_returns")}
+_LABELS = {"random": "random", "scripted": "by hand", "paper": "paper's SAC"}
+REFERENCES = {
+    row["env"]: {label: float(row[column]) for column, label in _LABELS.items() if row[column]}
+    for row in read_table(__package__, "reference_returns")
+}
+"""Mean returns to compare a learning curve with, by environment and the label of their line."""
 
 
 def reference_lines(env: str, options: dict[str, object] | None = None) -> dict[str, float]:
     """Reference returns of an environment by label; empty where its task has options, or is not one of ours."""
-    return {} if options or env not in REFERENCES else REFERENCES[env].lines()
+    return {} if options else REFERENCES.get(env, {})

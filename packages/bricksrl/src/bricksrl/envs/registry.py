@@ -15,11 +15,11 @@ from brickhub.hub.transport import Transport
 from brickhub.hub.transports.address import parse_hub
 from brickhub.robot import Robot
 from brickhub.seed import check_seed
-from brickhub.user_files import is_reference
-from bricksrl.envs.arenas.arena_registry import ARENAS
+from brickhub.user_files import is_reference, load_object
+from bricksrl.envs.arenas import ARENAS
+from bricksrl.envs.connection import Connection, Placement
 from bricksrl.envs.options import EnvOptions
-from bricksrl.envs.planar_kinematics import Kinematics
-from bricksrl.envs.task import Task
+from bricksrl.envs.task import Kinematics, Task
 from bricksrl.envs.tasks.line_follow import LINE_FOLLOW
 from bricksrl.envs.tasks.park import PARK
 from bricksrl.envs.tasks.robo_arm import robo_arm
@@ -28,7 +28,7 @@ from bricksrl.envs.tasks.run_away import RUN_AWAY
 from bricksrl.envs.tasks.spinning import SPINNING
 from bricksrl.envs.tasks.walker import walker
 from bricksrl.envs.tasks.walker_forward import WALKER_FORWARD
-from bricksrl.envs.user_tasks import load_builder
+from bricksrl.envs.vision.camera import TwinCamera, VideoCamera
 from bricksrl.errors import DescriptionError, UnknownNameError, UnknownOptionError, hint
 from bricktwin.twin.make_body import check_mujoco, make_body
 
@@ -38,7 +38,6 @@ if TYPE_CHECKING:
 
     from brickhub.hub.link.lockstep import HubLink
     from brickhub.hub.transports.pybricks_hub import ProfileTransport
-    from bricksrl.envs.connection import Placement
     from bricksrl.envs.env import HubEnv
 
 _log = logging.getLogger(__name__)
@@ -139,9 +138,39 @@ def make(
         env.remake = functools.partial(make, env_id, options)
         return env
     options.refuse(("realtime", "randomize", "physics"), "a real robot has its own time and physics; omit realtime and physics")
-    if "calibration" not in options.options:
-        task = _with_saved_red(task)
     return _real_env(task, options, address.transport(), seed, place)
+
+
+def _virtual_env(task: Task, options: EnvOptions, seed: int | None) -> HubEnv:
+    from brickhub.virtual.virtual_transport import VirtualHub
+    from bricksrl.envs.env import HubEnv
+
+    def connect(twin_seed: int) -> Connection:
+        body = make_body(task.robot, scene=task.scene, physics=options.physics_or_draw, seed=twin_seed)
+        twin = VirtualHub(body, realtime=options.realtime)
+        camera = None if task.camera is None else TwinCamera(body, task.camera)
+        return Connection(_link(task, options, twin), twin.reset, twin, camera, getattr(body, "pose", None))
+
+    return HubEnv(task, connect, seed=seed)
+
+
+def _real_env(task: Task, options: EnvOptions, transport: ProfileTransport, seed: int | None, place: Placement | None) -> HubEnv:
+    from brickhub.hub.diagnostics.calibration import calibration_of
+    from bricksrl.envs.env import HubEnv
+    from bricksrl.envs.vision.color_calibration import saved_red
+
+    def ask_to_place(_rng: np.random.Generator) -> None:
+        _log.warning("%s: put the robot where an episode starts", task.id)
+
+    camera = None if task.camera is None else VideoCamera(task.camera)
+    if task.camera is not None and task.camera.goal is not None and "calibration" not in options.options:
+        red = saved_red(task.camera.device)
+        goal = task.camera.goal if red is None else replace(task.camera.goal, red=red)
+        task = replace(task, camera=replace(task.camera, goal=goal))
+    calibrate = calibration_of(transport)
+    link = _link(task, options, transport, calibrate)
+    connection = Connection(link, place or ask_to_place, camera=camera)
+    return HubEnv(task, lambda _seed: connection, seed=seed)
 
 
 def _link(task: Task, options: EnvOptions, transport: Transport, calibrate: Calibration | None = None) -> HubLink:
@@ -150,52 +179,6 @@ def _link(task: Task, options: EnvOptions, transport: Transport, calibrate: Cali
 
     link_type = StreamingLink if options.streaming else HubLink
     return link_type(transport, task.robot, task.interface, pipe=options.pipe, calibrate=calibrate)
-
-
-def _virtual_env(task: Task, options: EnvOptions, seed: int | None) -> HubEnv:
-    from brickhub.virtual.virtual_transport import VirtualHub
-    from bricksrl.envs.connection import Connection
-    from bricksrl.envs.env import HubEnv
-    from bricksrl.envs.odometry import SonarOdometer, TrueOdometer
-    from bricksrl.envs.vision.camera import TwinCamera
-
-    def connect(twin_seed: int) -> Connection:
-        body = make_body(task.robot, scene=task.scene, physics=options.physics_or_draw, seed=twin_seed)
-        twin = VirtualHub(body, realtime=options.realtime)
-        pose = getattr(body, "pose", None)
-        odometer = SonarOdometer(task.interface) if pose is None else TrueOdometer(pose)
-        camera = None if task.camera is None else TwinCamera(body, task.camera)
-        return Connection(_link(task, options, twin), twin.reset, odometer, twin, camera)
-
-    return HubEnv(task, connect, seed=seed)
-
-
-def _with_saved_red(task: Task) -> Task:
-    """The task with the saved color calibration of its camera, if there is one."""
-    from bricksrl.envs.vision.color_calibration import saved_red
-
-    view = task.camera
-    if view is None or view.goal is None:
-        return task
-    red = saved_red(view.device)
-    return task if red is None else replace(task, camera=replace(view, goal=replace(view.goal, red=red)))
-
-
-def _real_env(task: Task, options: EnvOptions, transport: ProfileTransport, seed: int | None, place: Placement | None) -> HubEnv:
-    from brickhub.hub.diagnostics.calibration import calibration_of
-    from bricksrl.envs.connection import Connection
-    from bricksrl.envs.env import HubEnv
-    from bricksrl.envs.odometry import SonarOdometer
-    from bricksrl.envs.vision.camera import VideoCamera
-
-    def ask_to_place(_rng: np.random.Generator) -> None:
-        _log.warning("%s: put the robot where an episode starts", task.id)
-
-    camera = None if task.camera is None else VideoCamera(task.camera)
-    calibrate = calibration_of(lambda: transport.identity.address if transport.identity else "")
-    link = _link(task, options, transport, calibrate)
-    connection = Connection(link, place or ask_to_place, SonarOdometer(task.interface), camera=camera)
-    return HubEnv(task, lambda _seed: connection, seed=seed)
 
 
 def is_simulation(env_id: str) -> bool:
@@ -247,7 +230,7 @@ def _build(env_id: str, spec: _Spec, options: dict[str, Any]) -> Task:
 def _spec(env_id: str) -> _Spec:
     check_value("env_id", env_id, str)
     if is_reference(env_id):
-        return _Spec(_with_own_id(load_builder(env_id)))
+        return _Spec(_user_builder(env_id))
     try:
         return _specs[env_id]
     except KeyError:
@@ -259,23 +242,33 @@ def _spec(env_id: str) -> _Spec:
         raise UnknownNameError(message) from None
 
 
-def _with_own_id(build: Callable[..., Task]) -> Callable[..., Task]:
-    """A builder of a user's task that rejects the id of a different built-in task."""
+def _user_builder(reference: str) -> Callable[..., Task]:
+    """Builder of a task in the user's code, as a function of its options.
 
-    @functools.wraps(build)
-    def checked(**options: Any) -> Task:
-        task = build(**options)
-        _check_id(task)
+    Args:
+        reference: a Python file or an importable module, a colon, and the name of a :class:`Task` in it or of a function that
+            returns one; the name may be omitted for a file with a single task.
+
+    Raises:
+        UnknownNameError: there is no such file, module or name.
+        DescriptionError: the named object is no task or has the id of a different built-in one, or the code raised.
+    """
+    found = load_object(reference, Task, missing="`bricksrl new task FILE` writes a file with one")
+    if not isinstance(found, Task) and not callable(found):
+        raise DescriptionError(f"{reference} is a {type(found).__name__} and no task; name a bricksrl.envs.Task")
+    builder = (lambda: found) if isinstance(found, Task) else found
+
+    @functools.wraps(builder)
+    def build(**options: Any) -> Task:
+        task = builder(**options)
+        if not isinstance(task, Task):
+            raise DescriptionError(f"{reference} returns a {type(task).__name__} and no task; let it return a bricksrl.envs.Task")
+        built_in = _BUILT_IN[task.id].build() if task.id in _BUILT_IN else task
+        if any(getattr(built_in, part) != getattr(task, part) for part in ("doc", "robot", "interface", "max_steps", "scene")):
+            raise DescriptionError(f"{task.id} comes with BricksRL; give your task another name or version")
         return task
 
-    return checked
-
-
-def _check_id(task: Task) -> None:
-    built_in = _BUILT_IN[task.id].build() if task.id in _BUILT_IN else None
-    parts = ("doc", "robot", "interface", "max_steps", "scene")
-    if built_in is not None and any(getattr(built_in, part) != getattr(task, part) for part in parts):
-        raise DescriptionError(f"{task.id} comes with BricksRL; give your task another name or version")
+    return build
 
 
 def register(task: Task) -> None:

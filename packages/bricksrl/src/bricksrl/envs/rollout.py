@@ -135,19 +135,17 @@ class Rollout:
 
     def success(self, env: EnvBase) -> bool | None:
         """Success by the task, for the last episode of ``env``; ``None`` if ``env`` has no task or the episode no step."""
-        task = interface_of(env).task
-        return None if task is None or not self.rewards else success_of(task, self._task_observations(env))
+        ours = interface_of(env)
+        if ours.task is None or not self.rewards:
+            return None
+        return success_of(ours.task, ours.task_observations(torch.stack(self.observations)))
 
     def metrics(self, env: EnvBase) -> dict[str, float]:
         """Metrics by the task, for the last episode of ``env``; empty if ``env`` has no task or the episode no step."""
         ours = interface_of(env)
         if ours.task is None or not self.rewards:
             return {}
-        return {**metrics_of(ours.task, self._task_observations(env)), **ours.walk_metrics()}
-
-    def _task_observations(self, env: EnvBase) -> Tensor:
-        """Observations ``[steps, n]`` as the task's functions get them."""
-        return interface_of(env).task_observations(torch.stack(self.observations))
+        return {**metrics_of(ours.task, ours.task_observations(torch.stack(self.observations))), **ours.walk_metrics()}
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,11 @@
 Each commanded motor turns by its command, at once (``angle += command``) or as far as the firmware's trajectory gets in the
 task's step time. Endless motors wrap into 0..360 degrees, joints stop at their range, as on the hub. Other channels read 0.
 
+The firmware's ``run_angle`` starts at the position and speed of the previous command's reference and follows a trapezoidal speed
+profile (accelerate, cruise, decelerate) to the target, which is relative to that position. `turned_angle` is this trajectory in
+closed form (as in Pybricks' ``pbio/trajectory.c``), without the firmware's integer rounding and the motor's lag behind its
+reference: together less than two degrees, which a test checks against the firmware's values.
+
 The state is stored as ``[n, copies]``, so that all arithmetic runs along contiguous memory, which is twice as fast. Outputs are
 transposed views.
 """
@@ -15,16 +20,16 @@ from typing import Any
 import torch
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
-from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 
 from brickhub.hub.interface import RunAngle
 from bricksrl.envs.env_interface import BricksEnv
-from bricksrl.envs.motor_profile import turned_angle
-from bricksrl.envs.planar_kinematics import Kinematics
-from bricksrl.envs.specs import NominalBounded, clamped
-from bricksrl.envs.task import Task
+from bricksrl.envs.specs import clamped, set_vector_specs
+from bricksrl.envs.task import Kinematics, Task
 from bricksrl.errors import DescriptionError, RunError
+
+ACCELERATION_DEG_S2 = 2000.0
+"""Acceleration and deceleration in Pybricks, for every motor of our robots."""
 
 
 class SimulatedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
@@ -54,10 +59,11 @@ class SimulatedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         shape = batch_shape(batch_size)
         super().__init__(batch_size=shape, device=resolve_device(device))
         self.task = task
+        self._action_shape = torch.Size((*shape, len(task.interface.commands)))
         self._kinematics = kinematics
         self._rng = torch.Generator(self.device)
         self._plan(task)
-        self._make_specs()
+        set_vector_specs(self, task)
         self._set_seed(seed)
         self._copies = shape.numel()
         self._state = torch.zeros(len(task.entries), self._copies, device=self.device)
@@ -84,7 +90,12 @@ class SimulatedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         self._half = tensor([(c.high - c.low) / 2 for c in commands])
         self._noise = self._kinematics.noise * self._half
         self._limit = tensor([turn.speed_deg_s for turn in turns])
-        self._time_s = _time_s(task, self._kinematics)
+        step_ms, is_instant = task.interface.settle.fixed_ms, self._kinematics.motion == "instant"
+        if not is_instant and (step_ms is None or not all(angle.wraps for angle in angles)):  # end stops are not modelled
+            raise DescriptionError(
+                f"{task.id} cannot be simulated with the firmware's motion; it needs a Wait, and motors without ends"
+            )
+        self._time_s = None if is_instant or step_ms is None else step_ms / 1000  # until the next command
         self._low, self._high = tensor([a.low for a in angles]), tensor([a.high for a in angles])
         # Wrap and stop in one formula: whole turns are subtracted for endless motors, then all angles are clamped.
         wraps = tensor([float(angle.wraps) for angle in angles])
@@ -102,21 +113,9 @@ class SimulatedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
             [end - e.low if i in drawn else 0.0 for i, (e, end) in enumerate(zip(entries, ends, strict=True))]
         )
 
-    def _make_specs(self) -> None:
-        shape = self.batch_size
-        self.observation_spec = Composite(observation=NominalBounded.of(self.task.entries, shape, self.device), shape=shape)
-        self._action_shape = torch.Size((*shape, len(self.task.interface.commands)))
-        self.action_spec = Bounded(-1.0, 1.0, shape=self._action_shape, device=self.device)
-        self.reward_spec = Unbounded(shape=(*shape, 1), device=self.device)
-        flag = Binary(1, shape=(*shape, 1), dtype=torch.bool, device=self.device)
-        self.done_spec = Composite(done=flag, terminated=flag.clone(), truncated=flag.clone(), shape=shape)
-
     def _set_seed(self, seed: int | None) -> None:
         self._seed = seed
-        if seed is None:
-            self._rng.seed()
-        else:
-            self._rng.manual_seed(int(seed))  # it takes no NumPy integers
+        reseed(self._rng, seed)
 
     def maybe_reset(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Reset the copies that are done, and only those: resetting all would dominate the time of a step."""
@@ -184,6 +183,14 @@ class SimulatedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         return batch if self.batch_size else batch[0].clone()  # a caller's in-place change must not alter the state
 
 
+def reseed(generator: torch.Generator, seed: int | None) -> None:
+    """Seed a generator; with ``None`` with a fresh seed."""
+    if seed is None:
+        generator.seed()
+    else:
+        generator.manual_seed(int(seed))  # it takes no NumPy integers
+
+
 def resolve_device(name: str | torch.device) -> torch.device:
     """A device by name; "auto" is the best one here. Raises RunError if there is no such device."""
     if name == "auto":
@@ -202,15 +209,33 @@ def batch_shape(batch_size: int | Sequence[int]) -> torch.Size:
     return torch.Size([int(size) for size in sizes])
 
 
-def _time_s(task: Task, kinematics: Kinematics) -> float | None:
-    """Time until the next command; ``None`` for instant motion. Raises DescriptionError if the task's steps have no fixed time,
-    or a motor has end stops, where the firmware is not modelled."""
-    if kinematics.motion == "instant":
-        return None
-    interface = task.interface
-    wraps = all(interface.channels[index].wraps for index in interface.angle_indices.values())
-    if interface.settle.fixed_ms is None or not wraps:
-        raise DescriptionError(
-            f"{task.id} cannot be simulated with the firmware's motion; it needs a Wait, and motors without ends"
-        )
-    return interface.settle.fixed_ms / 1000
+def turned_angle(turn_deg: Tensor, speed_deg_s: Tensor, limit_deg_s: Tensor, time_s: float) -> tuple[Tensor, Tensor]:
+    """Angle turned after ``time_s`` (deg) and the speed then (deg/s).
+
+    Args:
+        turn_deg: commanded angle ``[*batch]``, relative to the present position; signed.
+        speed_deg_s: speed when the command arrives ``[*batch]``.
+        limit_deg_s: speed limit of the command, above 0; broadcast against the others.
+    """
+    a = ACCELERATION_DEG_S2
+    sign = turn_deg.sign()
+    distance = turn_deg.abs()
+    # A start speed too high to stop in time is clipped to the highest from which stopping is possible.
+    start = torch.minimum(sign * speed_deg_s, (2.0 * a * distance).sqrt())
+    back = torch.where(start < 0, start.square() / (2.0 * a), 0.0)
+    top = torch.minimum((2.0 * a * (distance + back)).sqrt(), limit_deg_s)
+    first = torch.where(start < top, a, -a)
+    origin = -start.square() / (2.0 * first)  # position where the first ramp, extrapolated, has speed zero
+    ramped = origin + top.square() / (2.0 * first)
+    braking = distance - top.square() / (2.0 * a)
+    is_triangular = braking < ramped  # too short to reach the limit: triangular profile, without a cruise
+    ramped = torch.where(is_triangular, (origin + distance) / 2.0, ramped)
+    braking = torch.where(is_triangular, ramped, braking)
+    top = torch.where(is_triangular, (2.0 * first * (ramped - origin)).clamp_min(0.0).sqrt(), top)
+    t1 = (top - start) / first
+    t2 = t1 + torch.where(top > 0, (braking - ramped) / top.clamp_min(1e-6), 0.0)
+    u1, u3 = t1.clamp_max(time_s), (time_s - t2).clamp_min(0.0).minimum(top / a)
+    cruise = (time_s - t1).clamp_min(0.0).minimum(t2 - t1)
+    turned = start * u1 + first * u1.square() / 2.0 + top * (cruise + u3) - a * u3.square() / 2.0
+    speed = torch.where(time_s < t1, start + first * u1, top - a * u3)
+    return sign * turned, sign * speed

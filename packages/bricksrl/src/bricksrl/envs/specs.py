@@ -5,19 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf, isnan
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import torch
 from torch import Tensor
-from torchrl.data.tensor_specs import Bounded, BoundedContinuous
+from torchrl.data.tensor_specs import Binary, Bounded, BoundedContinuous, Composite, Unbounded
 from torchrl.envs import EnvBase
 
 from brickhub.entry import Entry
 from bricksrl.envs.env_interface import BricksEnv, interface_of
+from bricksrl.envs.task import Task
 from bricksrl.errors import BricksError
-
-if TYPE_CHECKING:
-    from bricksrl.envs.task import Task
 
 
 def clamped(action: Tensor, shape: Sequence[int], env_id: str) -> Tensor:
@@ -128,6 +126,21 @@ class NominalBounded(BoundedContinuous, metaclass=_KeepClass):  # type: ignore[m
         return hash((self.shape, self.dtype))
 
 
+def end_specs(batch: Sequence[int] = (), device: torch.device | None = None) -> Composite:
+    """Specs of the ends of an episode: ``done``, ``terminated`` and ``truncated``, ``[*batch, 1]``."""
+    names = ("done", "terminated", "truncated")
+    return Composite({name: Binary(1, (*batch, 1), device, torch.bool) for name in names}, shape=batch, device=device)
+
+
+def set_vector_specs(env: EnvBase, task: Task) -> None:
+    """Set the specs of an environment of one robot, or of copies of it, without an image."""
+    batch, device = env.batch_size, env.device
+    env.observation_spec = Composite(observation=NominalBounded.of(task.entries, batch, device), shape=batch, device=device)
+    env.action_spec = Bounded(-1.0, 1.0, (*batch, len(task.interface.commands)), device=device)
+    env.reward_spec = Unbounded((*batch, 1), device=device)
+    env.done_spec = end_specs(batch, device)
+
+
 def entries_of(env: EnvBase) -> tuple[Entry, ...]:
     """Entries of any environment's observation: those of its task if it has one, else made from its spec's bounds."""
     task = interface_of(env).task
@@ -191,8 +204,7 @@ class SpecsEnv(BricksEnv, EnvBase):  # type: ignore[misc]
     def _reset(self, _tensordict: Any = None, **_: Any) -> Any:
         raise BricksError("this environment is elsewhere; act in the one that it stands for")
 
-    def _step(self, _tensordict: Any) -> Any:
-        raise BricksError("this environment is elsewhere; act in the one that it stands for")
+    _step = _reset
 
     def _set_seed(self, _seed: int | None) -> None:
         """Do nothing: there is nothing random."""

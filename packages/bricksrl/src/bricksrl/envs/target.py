@@ -10,13 +10,14 @@ from brickhub.user_files import is_reference, load_object
 from bricksrl.envs.registry import get_task
 from bricksrl.envs.task import Task
 from bricktwin import robots, target
+from bricktwin.robots.planned import is_plan
 from bricktwin.twin.make_body import make_body
 
 
 def find(name: str) -> Target:
     """An environment, or a robot as in `bricktwin`; of a user's file its only task, or else its only robot. Raises
     UnknownNameError if there is none, DescriptionError if a user's file is wrong."""
-    if name in robots.ROBOTS or name.lower().endswith(target.PLAN_SUFFIXES):
+    if name in robots.ROBOTS or is_plan(name):
         return target.find(name)
     if is_reference(name) and not _names_task(name):
         return target.find(name)

@@ -9,20 +9,24 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from brickhub.entry import Entry
 from brickhub.fields import check_arguments, check_fields, check_value
 from brickhub.hub.interface import Interface
 from brickhub.robot import Robot
-from bricksrl.envs.dead_reckoning import Target, wheels
+from bricksrl.envs.odometry import Target, wheels
 from bricksrl.envs.vision.camera import CameraView
 from bricksrl.errors import DescriptionError
 from bricktwin.twin.scene import OPEN_FLOOR, Scene
 
 if TYPE_CHECKING:
     import numpy as np
-    from torch import Tensor
+    import torch
+
+    Tensor = torch.Tensor
+else:
+    Tensor = Any  # for annotations, also of tasks: importing them loads no torch
 
 
 @dataclass(frozen=True)
@@ -92,9 +96,12 @@ class Task:
     camera: CameraView | None = None
 
     def __post_init__(self) -> None:
-        check_fields(Task, vars(self), Tensor=Any)
-        for name, arguments in _ARGUMENTS.items():
-            check_arguments(f"{name} of {self.id}", getattr(self, name), arguments)
+        check_fields(Task, vars(self))
+        check_arguments(f"reward of {self.id}", self.reward, ("previous", "action", "observation"))
+        for name in ("success", "metrics"):
+            check_arguments(f"{name} of {self.id}", getattr(self, name), ("observations",))
+        for name in ("terminated", "blocked"):
+            check_arguments(f"{name} of {self.id}", getattr(self, name), ("observation",))
         if re.fullmatch(r"\w+-v\d+", self.id) is None:
             raise DescriptionError(f"'{self.id}' is not an id for a task; take a name and a version, such as 'MyTask-v0'")
         if self.max_steps < 1:
@@ -157,14 +164,27 @@ class Task:
         return (*self.entries, *(Entry(name, 0.0, farthest_px, "px") for name in names))
 
 
-_ARGUMENTS = {
-    "reward": ("previous", "action", "observation"),
-    "success": ("observations",),
-    "metrics": ("observations",),
-    "terminated": ("observation",),
-    "blocked": ("observation",),
-}
-"""Arguments of the functions of a task."""
+@dataclass(frozen=True)
+class Kinematics:
+    """Kinematic model: each commanded motor turns by its command plus noise. Raises DescriptionError if the noise is negative, or
+    ``noise_on`` or ``motion`` is unknown.
+
+    Attributes:
+        noise: standard deviation of the normal noise on each normalised action, before it is mapped to degrees.
+        noise_on: ``"action"``, or ``"state"`` for the same noise, in the same degrees, on the angle after the move.
+        motion: ``"instant"``: a motor reaches its target before the next command. ``"firmware"``: it follows the firmware's
+            trajectory for the task's step time and carries its speed over into the next command.
+    """
+
+    noise: float
+    noise_on: Literal["action", "state"] = "action"
+    motion: Literal["instant", "firmware"] = "instant"
+
+    def __post_init__(self) -> None:
+        if self.noise < 0 or self.noise_on not in ("action", "state"):
+            raise DescriptionError(f"kinematics: noise {self.noise} on '{self.noise_on}'; give 0 or more, on 'action' or 'state'")
+        if self.motion not in ("instant", "firmware"):
+            raise DescriptionError(f"kinematics: there is no motion '{self.motion}'; choose 'instant' or 'firmware'")
 
 
 def success_of(task: Task, observations: Tensor) -> bool:

@@ -54,20 +54,19 @@ def require_trusted(path: Path, data: bytes, config: Any) -> None:
 def trust(folder: Path) -> tuple[str, ...]:
     """Declare the present config of a run or a shared policy trusted; returns the references to code in it. Raises RunError if
     there is no run or policy in the folder, or the digest cannot be written."""
-    for name in _CONFIGS:
-        path = folder / name
-        if path.is_file():
-            data = path.read_bytes()
-            try:
-                config = json.loads(data)
-            except (ValueError, RecursionError):
-                raise RunError(f"{path} is not JSON; restore the file") from None
-            try:
-                _keep(data)
-            except OSError as error:
-                raise RunError(f"cannot write to {_folder()} ({error.strerror}); make it writable") from None
-            return code_in(config.get("config")) if isinstance(config, dict) else ()
-    raise RunError(f"there is no run in {folder}; choose {folder_with(folder, *_CONFIGS)}")
+    path = next((folder / name for name in _CONFIGS if (folder / name).is_file()), None)
+    if path is None:
+        raise RunError(f"there is no run in {folder}; choose {folder_with(folder, *_CONFIGS)}")
+    data = path.read_bytes()
+    try:
+        config = json.loads(data)
+    except (ValueError, RecursionError):
+        raise RunError(f"{path} is not JSON; restore the file") from None
+    try:
+        _keep(data)
+    except OSError as error:
+        raise RunError(f"cannot write to {_digest_path(data).parent} ({error.strerror}); make it writable") from None
+    return code_in(config.get("config")) if isinstance(config, dict) else ()
 
 
 def _keep(data: bytes) -> None:
@@ -77,8 +76,4 @@ def _keep(data: bytes) -> None:
 
 
 def _digest_path(data: bytes) -> Path:
-    return _folder() / hashlib.sha256(data).hexdigest()
-
-
-def _folder() -> Path:
-    return calibration_folder().parent / "trusted"
+    return calibration_folder().parent / "trusted" / hashlib.sha256(data).hexdigest()

@@ -97,7 +97,12 @@ class _Checked:
     def memory(self) -> str:
         learner = self._learner()
         if learner.imitates:
-            return f"{counted(self._attach_dataset(learner), 'transition')} of a dataset"
+            from bricksrl.agents.bc import recorded_memory
+
+            size = getattr(preset("default", self.algorithm.name), "batch_size", 256)
+            frames = _frames(learner, make(ENV, seed=_SEED))
+            learner.dataset = recorded_memory(frames, size, ("observation",), chunk=learner.chunk, device=learner.device)
+            return f"{counted(len(learner.dataset), 'transition')} of a dataset"
         if learner.memory is None:
             raise Skip("it remembers nothing")
         learner.remember(_frames(learner, make(ENV, seed=_SEED)))
@@ -155,14 +160,6 @@ class _Checked:
         if self.learner is None:
             raise Skip("there is no learner")
         return self.learner
-
-    def _attach_dataset(self, learner: Learner) -> int:
-        from bricksrl.agents.bc import recorded_memory
-
-        size = getattr(preset("default", self.algorithm.name), "batch_size", 256)
-        frames = _frames(learner, make(ENV, seed=_SEED))
-        learner.dataset = recorded_memory(frames, size, ("observation",), chunk=learner.chunk, device=learner.device)
-        return len(learner.dataset)
 
 
 def _frames(learner: Learner, env: EnvBase) -> TensorDictBase:

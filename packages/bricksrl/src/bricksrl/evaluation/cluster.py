@@ -1,30 +1,18 @@
-"""Training of several seeds on a Ray cluster, or with Ray on this computer's cores (the extra ``distributed``).
-
-Each run is a Ray task. It writes its folder on the worker's computer and after each episode sends the changed files to an actor
-on this computer, which mirrors the folder. Where a worker is lost, Ray restarts the run elsewhere: it gets its folder back from
-the actor and resumes.
-"""
+"""Ray cluster, or Ray on this computer's cores (the extra ``distributed``): connection, and functions on it."""
 
 from __future__ import annotations
 
 import os
-import platform
-import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
-from brickhub.files import TEMPORARY_PREFIX, write_durably
 from bricksrl.errors import RunError, message_of
 
-_POLL_S = 0.5
-_RETRIES = 3
+RETRIES = 3
+"""Workers that a function on the cluster may lose, each of which is replaced."""
 _STORE_BYTES = 100_000_000
 _ENVIRONMENT = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0"}
-
-OnMessage = Callable[[int, dict[str, Any]], None]
-"""Called with the index of an order and a message of its run."""
 
 
 def parse_on(text: str) -> str | None:
@@ -68,124 +56,7 @@ def connected(address: str | None, cpus: int | None = None) -> Iterator[Any]:
         ray.shutdown()
 
 
-class Keeper:
-    """Ray actor on the driver's computer that collects the files and the messages of the runs."""
-
-    def __init__(self, folders: Sequence[str]) -> None:
-        self._folders = [Path(folder) for folder in folders]
-        self._messages: list[tuple[int, dict[str, Any]]] = []
-
-    def keep(self, number: int, files: dict[str, bytes], message: dict[str, Any]) -> None:
-        """Write files into the folder of a run, in their order, and store its message."""
-        for name, data in files.items():
-            path = self._folders[number] / name
-            path.parent.mkdir(parents=True, exist_ok=True)
-            write_durably(path, data)
-        self._messages.append((number, message))
-
-    def files(self, number: int) -> dict[str, bytes]:
-        """All files of a run, by path in its folder."""
-        folder = self._folders[number]
-        return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
-
-    def messages(self) -> list[tuple[int, dict[str, Any]]]:
-        """Messages since the last call, each with the index of its run."""
-        messages, self._messages = self._messages, []
-        return messages
-
-
-class Changes:
-    """Tracker of changed files in a folder; the checkpoint comes last, as it depends on the others."""
-
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
-        self._known: dict[str, tuple[int, int]] = {}
-
-    def take(self) -> dict[str, bytes]:
-        """Contents of the files that changed since the last call, by path in the folder."""
-        changed = {}
-        for path in sorted(self._folder.rglob("*"), key=lambda path: (path.name == "checkpoint.bin", path)):
-            if path.name.startswith(TEMPORARY_PREFIX) or not path.is_file():  # such a file may vanish at any moment
-                continue
-            stat = path.stat()
-            name, version = str(path.relative_to(self._folder)), (stat.st_mtime_ns, stat.st_size)
-            if self._known.get(name) != version:
-                self._known[name] = version
-                changed[name] = path.read_bytes()
-        return changed
-
-
-def train_on_worker(number: int, config: dict[str, Any], keeper: Any) -> str | None:
-    """Start one run on a worker, or resume it from the keeper's files, and evaluate it; returns the error, if any."""
-    import ray
-    import torch
-
-    from bricksrl.evaluation.multi_seed_worker import Reporter, train_and_evaluate
-    from bricksrl.training import Callback, TrainConfig, resume, train
-
-    torch.set_num_threads(1)
-
-    class StartReporter(Reporter):
-        def on_start(self, config: TrainConfig, run_dir: Path, episodes_done: int) -> None:
-            self.send({"started": episodes_done, "pid": os.getpid(), "node": platform.node()})
-
-    with tempfile.TemporaryDirectory(prefix="bricksrl-") as temporary:
-        folder = Path(temporary) / "run"
-        changes = Changes(folder)
-
-        def send(message: dict[str, Any]) -> None:
-            ray.get(keeper.keep.remote(number, changes.take(), message))
-
-        def start(callback: Callback) -> None:
-            files = ray.get(keeper.files.remote(number))
-            if "checkpoint.bin" in files:
-                for name, data in files.items():
-                    path = folder / name
-                    path.parent.mkdir(parents=True, exist_ok=True)
-                    path.write_bytes(data)
-                resume(folder, callback)
-            else:
-                train(TrainConfig.from_dict(config, run_dir=folder), callback)
-
-        return train_and_evaluate(start, folder, StartReporter(send))
-
-
-def train_on_cluster(
-    address: str | None,
-    orders: Sequence[tuple[dict[str, Any], Path]],
-    on_message: OnMessage,
-    *,
-    cpus: int | None = None,
-) -> list[str | None]:
-    """Train all orders, each a config and its local folder; returns the error of each, or ``None``. Raises RunError if the
-    cluster cannot be reached."""
-    with connected(address, cpus) as ray:
-        from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
-
-        on_this_node = NodeAffinitySchedulingStrategy(node_id=ray.get_runtime_context().get_node_id(), soft=False)
-        folders = [str(folder.absolute()) for _, folder in orders]
-        keeper = ray.remote(Keeper).options(num_cpus=0, scheduling_strategy=on_this_node).remote(folders)
-        remote = ray.remote(train_on_worker).options(num_cpus=1, max_retries=_RETRIES)
-        waiting = {remote.remote(number, config, keeper): number for number, (config, _) in enumerate(orders)}
-        errors: list[str | None] = [None] * len(orders)
-        while waiting:
-            done, _ = ray.wait(list(waiting), timeout=_POLL_S)
-            for number, message in ray.get(keeper.messages.remote()):
-                on_message(number, message)
-            for job in done:
-                number = waiting.pop(job)
-                try:
-                    errors[number] = ray.get(job)
-                except ray.exceptions.RayTaskError as error:  # of the run, such as of a full disk; the last line says which
-                    errors[number] = str(error).strip().splitlines()[-1]
-                except ray.exceptions.RayError as error:
-                    errors[number] = f"its worker was lost {_RETRIES + 1} times ({type(error).__name__})"
-        for number, message in ray.get(keeper.messages.remote()):
-            on_message(number, message)
-        return errors
-
-
 def map_on_cluster(ray: Any, function: Callable[..., Any], orders: Sequence[tuple[Any, ...]]) -> Iterator[Any]:
     """Map a function over argument tuples in parallel, and yield the results in order; a lost worker is replaced."""
-    remote = ray.remote(function).options(num_cpus=1, max_retries=_RETRIES)
+    remote = ray.remote(function).options(num_cpus=1, max_retries=RETRIES)
     yield from map(ray.get, [remote.remote(*order) for order in orders])

@@ -113,10 +113,14 @@ def compare(paths: Sequence[Path | str] | Path | str) -> Comparison:
         label = _label(members[0], [group[0] for (group_env, _), group in by_config.items() if group_env == env])
         curves, steps = tuple(run.curve for run in members), max(run.steps for run in members)
         groups.append(Group(env, label, seeds, scores, curves, steps, reference_lines(env, members[0].config.options)))
-    pairs = itertools.combinations(groups, 2)
-    improvements = tuple(_improvement(*pair) for pair in pairs if pair[0].env == pair[1].env)
+    improvements = []
+    for pair in itertools.combinations(groups, 2):
+        if pair[0].env == pair[1].env:
+            first, second = sorted(pair, key=lambda group: group.score, reverse=True)
+            found = probability_of_improvement(first.scores, second.scores)
+            improvements.append(Improvement(first.env, first.agent, second.agent, *found))
     scored_by = "evaluation" if evaluated else f"mean of the last {WINDOW} episodes of training"
-    return Comparison(tuple(groups), improvements, scored_by)
+    return Comparison(tuple(groups), tuple(improvements), scored_by)
 
 
 @dataclass(frozen=True)
@@ -177,12 +181,6 @@ def _flat(config: TrainConfig) -> dict[str, Any]:
     return {name: value for name, value in {**data, **settings}.items() if name not in _NOT_COMPARED}
 
 
-def _improvement(group: Group, other: Group) -> Improvement:
-    first, second = (group, other) if group.score >= other.score else (other, group)
-    probability, interval = probability_of_improvement(first.scores, second.scores)
-    return Improvement(group.env, first.agent, second.agent, probability, interval)
-
-
 def draw(path: Path | str, groups: Sequence[Group]) -> None:
     """Plot the learning curves into an image file, with one panel per environment. Raises DescriptionError if the file name is
     not that of an image.
@@ -200,7 +198,8 @@ def draw(path: Path | str, groups: Sequence[Group]) -> None:
     drawn: set[str] = set()
     for axes, env in zip(panels, envs, strict=False):
         for group in (group for group in groups if group.env == env):
-            label = f"{group.agent} ({_seeds(groups, group.agent)})"
+            counts = sorted({len(other.seeds) for other in groups if other.agent == group.agent})  # over all panels
+            label = f"{group.agent} ({' or '.join(map(str, counts))} seed{'' if counts == [1] else 's'})"
             _draw_group(axes, group, colours[group.agent], None if group.agent in drawn else label)
             drawn.add(group.agent)
         style(axes, without_folder(env), "episode", f"return (mean of {WINDOW} episodes)")
@@ -209,12 +208,6 @@ def draw(path: Path | str, groups: Sequence[Group]) -> None:
         unused.set_visible(False)
     figure.legend(loc="outside lower left", ncols=min(4, len(labels)), frameon=False, fontsize=9)
     save(figure, path)
-
-
-def _seeds(groups: Sequence[Group], agent: str) -> str:
-    """Text with the numbers of seeds of an agent over all panels."""
-    counts = sorted({len(group.seeds) for group in groups if group.agent == agent})
-    return f"{' or '.join(map(str, counts))} seed{'' if counts == [1] else 's'}"
 
 
 def _draw_group(axes: Any, group: Group, colour: str, label: str | None) -> None:

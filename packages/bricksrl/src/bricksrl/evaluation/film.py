@@ -1,4 +1,4 @@
-"""Films of policies on virtual robots, with a room, captions and goals; and of two policies side by side."""
+"""Films of policies on virtual robots, with a room, captions and goals; of two policies side by side; of an arena's robots."""
 
 from __future__ import annotations
 
@@ -14,12 +14,13 @@ from bricksrl.envs.env_interface import interface_of
 from bricksrl.errors import TwinError
 
 if TYPE_CHECKING:
+    from tensordict.nn import TensorDictModuleBase
     from torchrl.envs import EnvBase
 
     from bricksrl.envs.rollout import Policy
     from bricktwin.twin.mujoco_body import MujocoBody
     from bricktwin.twin.render.opengl import Image, Renderer, VideoWriter
-    from bricktwin.twin.render.room import Room
+    from bricktwin.twin.render.video import Room
 
 QUICK_S = 0.03
 """Longest time to draw an image without shadows for shadows to be tried."""
@@ -28,6 +29,7 @@ _LAST_S = 0.8
 _HOLDS = (1, 2, 3, 4)
 _NORMAL_SPEED_S, _SPEED = 12.0, 2.0
 """Longer episodes are shown twice as fast."""
+_ARENA_FRAME_MS = 50
 
 
 @dataclass(frozen=True)
@@ -99,10 +101,12 @@ def film(
             twin = interface_of(env).twin
             if twin is None or not isinstance(twin.body, MujocoBody):
                 raise TwinError(f"{env.task.id} has no virtual robot to film")
-            with closing(_Take(env, twin.body, options, number, start, video)) as take:
+            take = _Take(env, twin.body, options, number, start, video)
+            with closing(take.renderer):
                 twin.machine.body = Filmed(twin.machine.body, take.render, take.frame_ms, twin.machine.time_ms, take.show)
                 for frame in play(env, act, start, reset_policy=reset):
-                    take.add(frame)
+                    take.reward = float(frame["next", "reward"])
+                    take.total, take.step = take.total + take.reward, take.step + 1
                 take.show(take.render(), round(25 * _LAST_S))
             returns.append(take.total)
             distances_m.append(take.forward_m)
@@ -120,14 +124,15 @@ class _Take:
     start: Any
     video: VideoWriter
     total: float = 0.0
-    forward_m: float = 0.0
     step: int = 0
     reward: float = 0.0
 
     def __post_init__(self) -> None:
-        from bricktwin.twin.render.room import Room
+        from bricktwin.twin.render.video import Room
 
-        self.room: Room = Room(self.body, goals_of(self.env, self.start))
+        entries = zip(self.env.task.entries, self.start["observation"].tolist(), strict=False)
+        goals = {entry.name.removesuffix("_goal"): angle for entry, angle in entries if entry.name.endswith("_goal")}
+        self.room: Room = Room(self.body, goals)
         self.renderer, cost_s = self._renderer()
         expected_s = self.env.task.max_steps / self.env.task.rate_hz
         self.speed = _SPEED if expected_s > _NORMAL_SPEED_S else 1.0
@@ -155,49 +160,36 @@ class _Take:
         if cost_s > QUICK_S:
             return plain, cost_s
         shaded, shaded_s = make(shadows=True)
-        (plain if shaded_s <= 2 * QUICK_S else shaded).close()
-        return (shaded, shaded_s) if shaded_s <= 2 * QUICK_S else (plain, cost_s)
+        if shaded_s > 2 * QUICK_S:
+            shaded.close()
+            return plain, cost_s
+        plain.close()
+        return shaded, shaded_s
 
     def render(self) -> Image:
         """One image with captions."""
-        from bricktwin.twin.render.captions import captioned
+        from bricktwin.twin.render.video import captioned
 
         self.room.follow()
         image = self.renderer.render()
         parts = [f"episode {self.number}"] if self.options.episodes > 1 else []
         parts += [f"step {self.step}", f"reward {self.reward:.2f}", f"return {self.total:.1f}"]
         if self.env.task.walks:
-            parts.append(f"distance {self._distance_m():.2f} m")
+            parts.append(f"distance {self.forward_m:.2f} m")
         if self.speed != 1.0:
             parts.append(f"{self.speed:g}x speed")
         marks = self.room.metre_marks(*self.options.size)
         return captioned(image, self.options.title or self.env.task.id, "   ".join(parts), marks)
 
-    def _distance_m(self) -> float:
-        metrics = interface_of(self.env).walk_metrics()
-        return float(metrics.get("forward_m", 0.0))
-
-    def add(self, frame: Any) -> None:
-        """Update the captions' values from a frame."""
-        self.reward = float(frame["next", "reward"])
-        self.total, self.step = self.total + self.reward, self.step + 1
-        self.forward_m = self._distance_m()
+    @property
+    def forward_m(self) -> float:
+        """Distance forward so far; 0 unless the robot walks."""
+        return float(interface_of(self.env).walk_metrics().get("forward_m", 0.0))
 
     def show(self, image: Image, times: int = 0) -> None:
         """Add an image to the film, ``hold`` times by default."""
         for _ in range(times or self.hold):
             self.video.add(image)
-
-    def close(self) -> None:
-        """Release the renderer."""
-        self.renderer.close()
-
-
-def goals_of(env: EnvBase, start: Any) -> dict[str, float]:
-    """Goal angles of the motors in this episode, by motor: the entries named like ``low_goal``."""
-    values = start["observation"].tolist()
-    names = [entry.name for entry in env.task.entries]
-    return {n.removesuffix("_goal"): v for n, v in zip(names, values, strict=False) if n.endswith("_goal")}
 
 
 def side_by_side(left: Path, right: Path, path: Path, height: int = 540) -> Path:
@@ -205,24 +197,15 @@ def side_by_side(left: Path, right: Path, path: Path, height: int = 540) -> Path
     be joined."""
     import imageio_ffmpeg
 
-    fit = f"scale=-2:{height},setsar=1,tpad=stop_mode=clone:stop_duration=60"
-    graph = f"[0:v]{fit}[a];[1:v]{fit}[b];[a][b]hstack=inputs=2"
-    longest_s = max(_duration_s(left), _duration_s(right))
+    fit = f"scale=-2:{height},setsar=1"
+    graph = f"[0:v]{fit}[a];[1:v]{fit}[b];[a][b]hstack=inputs=2"  # the last image of the shorter one stays
     inputs = [word for film in (left, right) for word in ("-i", f"file:{film}")]  # a colon in a name ends no protocol
     command = [imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-v", "error", *inputs, "-filter_complex", graph]
-    command += ["-t", f"{longest_s:.2f}", "-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "26", "-movflags", "+faststart"]
-    command.append(f"file:{path}")
+    command += ["-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "26", "-movflags", "+faststart", f"file:{path}"]
     process = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603  our own arguments
     if process.returncode:
         raise TwinError(f"{left} and {right} cannot be joined ({' '.join(process.stderr.split())[:120]}); make them again")
     return path
-
-
-def _duration_s(path: Path) -> float:
-    import imageio_ffmpeg
-
-    frames, seconds = imageio_ffmpeg.count_frames_and_secs(f"file:{path}")
-    return float(seconds) if frames else 0.0
 
 
 def film_run(run_dir: Path, which: str, path: Path, options: FilmOptions, **changes: Any) -> Film:
@@ -230,7 +213,7 @@ def film_run(run_dir: Path, which: str, path: Path, options: FilmOptions, **chan
     `EnvOptions` that differ from the training. Raises RunError or CheckpointError if there is no such run or policy,
     RenderingUnavailableError or TwinError as :func:`film`."""
     from bricksrl.evaluation.evaluator import evaluation_options
-    from bricksrl.policies.named import named_policies
+    from bricksrl.policies.policy import named_policies
     from bricksrl.training.run_folder import RunFolder
     from bricksrl.training.sources import make_env
 
@@ -239,3 +222,31 @@ def film_run(run_dir: Path, which: str, path: Path, options: FilmOptions, **chan
     with closing(make_env(origin.env, filmed, seed=origin.seed)) as env:
         policy = named_policies(run_dir, env, options.seed)[which]()
         return film(env, policy.act, path, options, reset=policy.reset)
+
+
+def film_arena(env: EnvBase, policy: TensorDictModuleBase, path: Path, episodes: int, seed: int) -> None:
+    """Film episodes of an arena into an mp4 file, without exploration. Raises RenderingUnavailableError if no OpenGL library
+    works here."""
+    import torch
+    from torchrl.envs.utils import ExplorationType, set_exploration_type
+
+    from bricksrl.envs.rollout import play
+    from bricktwin.twin.render.opengl import Renderer, VideoWriter
+
+    with VideoWriter(path, 1000 / _ARENA_FRAME_MS) as video:
+        for episode in range(episodes):
+            env.set_seed(seed + episode)
+            with Renderer(env.world.bodies[0], 480, 360, "arena") as renderer:
+                due_ms = 0
+
+                def draw(time_ms: int, renderer: Renderer = renderer) -> None:
+                    nonlocal due_ms
+                    if time_ms >= due_ms:
+                        due_ms = time_ms + _ARENA_FRAME_MS
+                        video.add(renderer.render())
+
+                state = env.reset()
+                env.world.on_time = draw
+                with torch.no_grad(), set_exploration_type(ExplorationType.DETERMINISTIC):
+                    for _ in play(env, policy, state):
+                        pass

@@ -1,42 +1,47 @@
 """Training with several seeds in parallel, and the summary of their results.
 
-Each seed is a single-threaded process, with as many at a time as there are cores. `benchmarks/seeds.py` compares this with one
-program that trains all seeds as stacked networks.
+A run is a function of its configuration, `train_and_evaluate`, called in a single-threaded process of this computer, with as many
+at a time as there are cores, or as a task of a Ray cluster. `benchmarks/seeds.py` compares this with one program that trains all
+seeds as stacked networks.
+
+On a cluster, a run writes its folder on the worker's computer and after each episode sends the changed files to an actor on this
+computer, which mirrors the folder. Where a worker is lost, Ray restarts the run elsewhere: it gets its folder back from the actor
+and resumes.
 """
 
 from __future__ import annotations
 
 import contextlib
 import os
+import platform
+import tempfile
 import threading
+import traceback
+from collections import deque
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any
 
-from brickhub.files import write_durably, writing
+from brickhub.files import TEMPORARY_PREFIX, write_durably, writing
 from brickhub.seed import check_seed
-from bricksrl.child_process import END, ChildProcess, Message
-from bricksrl.errors import RunError
-from bricksrl.evaluation.cluster import parse_on, train_on_cluster
+from bricksrl.child_process import END, ChildProcess, Message, leave, parent_channel
+from bricksrl.errors import BricksError, RunError
+from bricksrl.evaluation.cluster import RETRIES, connected, parse_on
 from bricksrl.evaluation.comparison import Group, compare, draw
+from bricksrl.training.callbacks import Callback, Episode, Progress
 
 if TYPE_CHECKING:
     from bricksrl.training.config import TrainConfig
 
 MAX_SEEDS = 1000
 """Maximum number of seeds of one command."""
-_END_TIMEOUT_S, _STOP_TIMEOUT_S = 60.0, 10.0
+_END_TIMEOUT_S, _STOP_TIMEOUT_S, _POLL_S = 60.0, 10.0, 0.5
 
 OnLine = Callable[[int, dict[str, Any]], None]
-"""Called, from several threads, with a seed and a message: an episode and its return, or the return of the evaluation."""
-
-
-def seed_folder(folder: Path, seed: int) -> Path:
-    """Folder of a seed's run."""
-    return folder / f"seed-{seed}"
+"""Called with a seed and a message: an episode and its return, or the return of the evaluation."""
 
 
 def check_count(count: int) -> None:
@@ -71,84 +76,220 @@ def train_seeds(
     address = None if on is None else parse_on(on)
     if folder is None or folder.exists():
         raise RunError(f"{folder} exists already; choose another folder")
-    seeds = tuple(range(config.seed, config.seed + count))
-    configs = [replace(config, seed=seed, run_dir=seed_folder(folder, seed)) for seed in seeds]
+    folders = {seed: folder / f"seed-{seed}" for seed in range(config.seed, config.seed + count)}
+    configs = [replace(config, seed=seed, run_dir=run_dir) for seed, run_dir in folders.items()]
     try:
         with writing(folder):
             folder.mkdir(parents=True)
-        if on is None:
-            results = _in_processes(configs, jobs, on_line)
-        else:
-            orders = [(run.to_dict(), seed_folder(folder, run.seed)) for run in configs]
-            results = train_on_cluster(address, orders, lambda index, message: on_line(seeds[index], message), cpus=jobs)
+        train = _train_in_processes if on is None else partial(train_on_cluster, address)
+        results = train(configs, jobs, on_line)
     except BaseException:
         with contextlib.suppress(OSError):
             folder.rmdir()  # fails if anything was written
         raise
-    errors = [(seed, error) for seed, error in zip(seeds, results, strict=True) if error is not None]
+    errors = [(seed, error) for seed, error in zip(folders, results, strict=True) if error is not None]
     if errors:
         with contextlib.suppress(OSError):
             folder.rmdir()
         seed, error = errors[0]
         raise RunError(f"{len(errors)} of {count} seeds failed; seed {seed}: {error}")
-    comparison = compare([seed_folder(folder, seed) for seed in seeds])
+    comparison = compare(list(folders.values()))
     write_durably(folder / "summary.json", (comparison.to_json() + "\n").encode())
     draw(folder / "learning_curves.png", comparison.groups)
     return comparison.groups[0]
 
 
-def _in_processes(configs: Sequence[TrainConfig], jobs: int | None, on_line: OnLine) -> list[str | None]:
-    """Train all in local processes; returns the error of each, or ``None``."""
-    processes = _Processes()
+class Reporter(Callback):
+    """Callback that sends a message per episode."""
 
-    def run(config: TrainConfig) -> str | None:
-        return processes.run(config, lambda message: on_line(config.seed, message))
+    def __init__(self, send: Callable[[dict[str, Any]], None]) -> None:
+        self.send = send
 
-    with ThreadPoolExecutor(jobs or os.cpu_count() or 1) as pool:
-        try:
-            return list(pool.map(run, configs))
-        except BaseException:
-            processes.end()
-            pool.shutdown(cancel_futures=True)
+    def on_episode(self, episode: Episode, progress: Progress) -> None:
+        self.send({"episode": episode.episode, "return": episode.return_})
+
+
+def train_and_evaluate(
+    config: dict[str, Any], run_dir: Path, reporter: Reporter, stop: threading.Event | None = None
+) -> str | None:
+    """Train into a folder, or resume the run in it, evaluate, and report; returns the error, if any, also one of the user's code.
+    Raises KeyboardInterrupt if ``stop`` is set meanwhile."""
+    from brickhub.user_files import failure_of_user
+    from bricksrl.evaluation.evaluator import evaluate
+    from bricksrl.training import RunFolder, TrainConfig, resume, train
+
+    try:
+        if RunFolder(run_dir).checkpoint_path.exists():
+            result = resume(run_dir, reporter, stop=stop)
+        else:
+            result = train(TrainConfig.from_dict(config, run_dir=run_dir), reporter, stop=stop)
+        if result.interrupted:
+            raise KeyboardInterrupt
+        reporter.send({"evaluated": evaluate(run_dir).return_mean})
+    except BricksError as error:
+        return str(error)
+    except Exception as error:
+        message = failure_of_user(error)
+        if message is None:
             raise
+        return message
+    return None
 
 
-class _Processes:
-    """Set of running worker processes, which can be terminated together."""
+def _train_in_processes(configs: Sequence[TrainConfig], jobs: int | None, on_line: OnLine) -> list[str | None]:
+    """Train all in local processes, so many at a time; returns the error of each, or ``None``."""
+    waiting, running = deque(range(len(configs))), dict[int, ChildProcess]()
+    messages: SimpleQueue[tuple[int, Message | None]] = SimpleQueue()
+    errors: list[str | None] = [None] * len(configs)
 
-    def __init__(self) -> None:
-        self._running: set[ChildProcess] = set()
-        self._lock = threading.Lock()
-        self._ended = False
-
-    def run(self, config: TrainConfig, on_message: Callable[[dict[str, Any]], None]) -> str | None:
-        """Train one seed; returns the error, if any."""
-        messages: SimpleQueue[Message | None] = SimpleQueue()
-        with self._lock:
-            if self._ended:
-                return "stopped"
-            process = ChildProcess(
-                "bricksrl.evaluation.multi_seed_worker", messages.put, OMP_NUM_THREADS="1", MKL_NUM_THREADS="1"
-            )
-            self._running.add(process)
+    def start(number: int) -> None:
+        process = ChildProcess(
+            __name__, lambda message: messages.put((number, message)), OMP_NUM_THREADS="1", MKL_NUM_THREADS="1"
+        )
+        running[number] = process
         with contextlib.suppress(OSError):  # its end is reported
-            process.send("train", (config.to_dict(), config.run_dir))
-        error = None
-        for _, message in iter(messages.get, None):
-            error = message.get("error", error)
-            on_message(message)
-        with self._lock:
-            self._running.discard(process)
-        code = process.end(_END_TIMEOUT_S)
-        return error or (None if code == 0 else f"its process ended with exit code {code}")
+            process.send("train", (configs[number].to_dict(), configs[number].run_dir))
 
-    def end(self) -> None:
-        """End all processes after their present steps and start no more; saved files are kept."""
-        with self._lock:
-            self._ended = True
-            running = list(self._running)
-        for process in running:
+    try:
+        while waiting or running:
+            while waiting and len(running) < (jobs or os.cpu_count() or 1):
+                start(waiting.popleft())
+            number, message = messages.get()
+            if message is not None:
+                errors[number] = message[1].get("error", errors[number])
+                on_line(configs[number].seed, message[1])
+                continue
+            code = running.pop(number).end(_END_TIMEOUT_S)
+            errors[number] = errors[number] or (None if code == 0 else f"its process ended with exit code {code}")
+    except BaseException:  # all end after their present steps, and what they saved is kept
+        for process in running.values():
             with contextlib.suppress(OSError):
                 process.send(*END)
-        for process in running:
+        for process in running.values():
             process.end(_STOP_TIMEOUT_S)
+        raise
+    return errors
+
+
+def main() -> None:
+    """Entry point of a seed's process, ``python -m bricksrl.evaluation.multi_seed``: train and evaluate as ordered; sends a
+    message for each episode, one for the evaluation, and one for an error. Ends after the present step if the parent asks for it
+    or is gone."""
+    orders: SimpleQueue[Message] = SimpleQueue()
+    stop = threading.Event()
+
+    def receive(message: Message | None) -> None:
+        if message in (END, None):
+            stop.set()
+        orders.put(message or END)
+
+    send = parent_channel(receive)
+    code = 1
+    try:
+        _, order = orders.get()
+        if order is not None:
+            reporter = Reporter(partial(send, "report"))
+            config, run_dir = order
+            if (error := train_and_evaluate(config, run_dir, reporter, stop)) is not None:
+                reporter.send({"error": error})
+        code = 0
+    except (BrokenPipeError, KeyboardInterrupt):  # the parent is gone, or asked for the end
+        pass
+    except Exception:  # noqa: BLE001  an exit at once would not print it
+        traceback.print_exc()
+    leave(code)
+
+
+class Keeper:
+    """Ray actor on the driver's computer that collects the files and the messages of the runs."""
+
+    def __init__(self, folders: Sequence[str]) -> None:
+        self._folders = [Path(folder) for folder in folders]
+        self._messages: list[tuple[int, dict[str, Any]]] = []
+
+    def keep(self, number: int, files: dict[str, bytes], message: dict[str, Any]) -> None:
+        """Write files into the folder of a run, in their order, and store its message."""
+        for name, data in files.items():
+            path = self._folders[number] / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_durably(path, data)
+        self._messages.append((number, message))
+
+    def files(self, number: int) -> dict[str, bytes]:
+        """All files of a run, by path in its folder."""
+        folder = self._folders[number]
+        return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+    def messages(self) -> list[tuple[int, dict[str, Any]]]:
+        """Messages since the last call, each with the index of its run."""
+        messages, self._messages = self._messages, []
+        return messages
+
+
+def changed_files(folder: Path, known: dict[str, tuple[int, int]]) -> dict[str, bytes]:
+    """Contents of the files whose time or size is not ``known``, which is updated, by path in the folder. The checkpoint comes
+    last, as it depends on the others."""
+    changed = {}
+    for path in sorted(folder.rglob("*"), key=lambda path: (path.name == "checkpoint.bin", path)):
+        if path.name.startswith(TEMPORARY_PREFIX) or not path.is_file():  # such a file may vanish at any moment
+            continue
+        stat = path.stat()
+        name, version = str(path.relative_to(folder)), (stat.st_mtime_ns, stat.st_size)
+        if known.get(name) != version:
+            known[name], changed[name] = version, path.read_bytes()
+    return changed
+
+
+def train_on_worker(number: int, config: dict[str, Any], keeper: Any) -> str | None:
+    """Start one run on a worker, or resume it from the keeper's files, and evaluate it; returns the error, if any."""
+    import ray
+    import torch
+
+    torch.set_num_threads(1)
+
+    class StartReporter(Reporter):
+        def on_start(self, config: TrainConfig, run_dir: Path, episodes_done: int) -> None:
+            self.send({"started": episodes_done, "pid": os.getpid(), "node": platform.node()})
+
+    with tempfile.TemporaryDirectory(prefix="bricksrl-") as temporary:
+        folder, known = Path(temporary) / "run", dict[str, tuple[int, int]]()
+
+        def send(message: dict[str, Any]) -> None:
+            ray.get(keeper.keep.remote(number, changed_files(folder, known), message))
+
+        files = ray.get(keeper.files.remote(number))
+        for name, data in files.items() if "checkpoint.bin" in files else ():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            (folder / name).write_bytes(data)
+        return train_and_evaluate(config, folder, StartReporter(send))
+
+
+def train_on_cluster(address: str | None, configs: Sequence[TrainConfig], cpus: int | None, on_line: OnLine) -> list[str | None]:
+    """Train all on a cluster, each into its folder on this computer; returns the error of each, or ``None``. Raises RunError if
+    the cluster cannot be reached. ``cpus``: as in `connected`."""
+    with connected(address, cpus) as ray:
+        from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
+
+        on_this_node = NodeAffinitySchedulingStrategy(node_id=ray.get_runtime_context().get_node_id(), soft=False)
+        folders = [str(Path(config.run_dir or "").absolute()) for config in configs]
+        keeper = ray.remote(Keeper).options(num_cpus=0, scheduling_strategy=on_this_node).remote(folders)
+        remote = ray.remote(train_on_worker).options(num_cpus=1, max_retries=RETRIES)
+        waiting = {remote.remote(number, config.to_dict(), keeper): number for number, config in enumerate(configs)}
+        errors: list[str | None] = [None] * len(configs)
+        while waiting:
+            done, _ = ray.wait(list(waiting), timeout=_POLL_S)
+            for number, message in ray.get(keeper.messages.remote()):  # of runs that are done too
+                on_line(configs[number].seed, message)
+            for job in done:
+                number = waiting.pop(job)
+                try:
+                    errors[number] = ray.get(job)
+                except ray.exceptions.RayTaskError as error:  # of the run, such as of a full disk; the last line says which
+                    errors[number] = str(error).strip().splitlines()[-1]
+                except ray.exceptions.RayError as error:
+                    errors[number] = f"its worker was lost {RETRIES + 1} times ({type(error).__name__})"
+        return errors
+
+
+if __name__ == "__main__":
+    main()

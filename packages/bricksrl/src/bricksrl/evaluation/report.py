@@ -25,6 +25,11 @@ if TYPE_CHECKING:
 
 MOST_EMBEDDED_BYTES = 12_000_000
 """Size above which a film is linked rather than embedded."""
+_CURVE = "Each dot is an episode of training, in which the agent also tries what it does not know yet; the line is their mean."
+_REFERENCES = (
+    " The dashed lines are what random actions get, a controller that was written by somebody who knows the robot "
+    "(<code>benchmarks/baselines.py</code>), and, where the paper has the environment, its SAC."
+)
 
 
 @dataclass(frozen=True)
@@ -58,9 +63,9 @@ def write_report(
         *_film_part(films, no_films),
         "<h2>Return, episode by episode</h2>",
         f'<img src="{_data_url(curve, "image/png")}" alt="learning curve">',
-        f"<p>{_curve_text(result.env)}</p>",
+        f"<p>{_CURVE}{_REFERENCES if result.env in REFERENCES else ''}</p>",
         "<h2>Evaluation</h2>",
-        _table(_rows(result)),
+        _table((html.escape(label), html.escape(value)) for label, value in _rows(result)),
         "<h2>Go on</h2>",
         _commands(run_dir, RunFolder(run_dir).origin(), result.trained_episodes),
     ]
@@ -81,7 +86,8 @@ def _lead(episodes: Sequence[Episode], result: EvaluationResult, films: Films | 
     )
     reference = REFERENCES.get(result.env)
     if reference is not None:
-        text += f", where random actions get {reference.random:.4g} and a controller written by hand {reference.scripted:.4g}"
+        by_hand = f"a controller written by hand {reference['by hand']:.4g}"
+        text += f", where random actions get {reference['random']:.4g} and {by_hand}"
     walked = result.metrics.get("forward_m")
     if walked is not None:
         text += f". It walked <b>{walked:.2f} m</b> in an episode"
@@ -101,16 +107,6 @@ def _film_part(films: Films | None, no_films: str) -> Iterable[str]:
     links = ", ".join(f'<a href="{path.name}">{path.name}</a>' for path in (films.before.path, films.after.path, films.both))
     before, after = (f"{sum(film.returns) / len(film.returns):.4g}" for film in (films.before, films.after))
     yield f"<p>Left before learning (return {before}), right after it (return {after}). The files: {links}.</p>"
-
-
-def _curve_text(env: str) -> str:
-    text = "Each dot is an episode of training, in which the agent also tries what it does not know yet; the line is their mean."
-    if env in REFERENCES:
-        text += (
-            " The dashed lines are what random actions get, a controller that was written by somebody who knows the robot "
-            "(<code>benchmarks/baselines.py</code>), and, where the paper has the environment, its SAC."
-        )
-    return text
 
 
 _UNITS = {"_m_s": "m/s", "_deg_s": "deg/s", "_mm": "mm", "_m": "m", "_deg": "deg", "_pct": "%", "_px": "px"}
@@ -136,7 +132,8 @@ def labelled(name: str, value: float) -> tuple[str, str]:
 
 
 def _table(rows: Iterable[tuple[str, str]]) -> str:
-    return "<table>" + "".join(f"<tr><th>{html.escape(n)}</th><td>{html.escape(v)}</td></tr>" for n, v in rows) + "</table>"
+    """Table of labels and values, which are HTML."""
+    return "<table>" + "".join(f"<tr><th>{label}</th><td>{value}</td></tr>" for label, value in rows) + "</table>"
 
 
 def _commands(run_dir: Path, origin: Origin, trained_episodes: int) -> str:
@@ -149,9 +146,7 @@ def _commands(run_dir: Path, origin: Origin, trained_episodes: int) -> str:
         "on a LEGO robot": "" if is_simulation(origin.env) else f"bricksrl evaluate {run} --hub ble",
         "use the policy in a program of your own": f"bricksrl export {run} --out policy.pt2",
     }
-    shown = {label: html.escape(command, quote=False) for label, command in commands.items() if command}
-    rows = "".join(f"<tr><th>{label}</th><td><code>{command}</code></td></tr>" for label, command in shown.items())
-    return f"<table>{rows}</table>"
+    return _table((label, f"<code>{html.escape(text, quote=False)}</code>") for label, text in commands.items() if text)
 
 
 def _data_url(path: Path, mime_type: str) -> str:

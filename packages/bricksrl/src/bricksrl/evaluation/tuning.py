@@ -12,9 +12,10 @@ import math
 import tempfile
 import threading
 import typing
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import closing, contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager, nullcontext
 from dataclasses import dataclass, replace
+from itertools import starmap
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -35,7 +36,7 @@ BEST = "best.json"
 _Space = dict[str, tuple[float, float, bool] | list[Any]]
 """Settings to tune: least and greatest value, and whether the scale is logarithmic; or choices."""
 
-_NUMBERS: _Space = {
+_SPACE: _Space = {
     "learning_rate": (1e-4, 3e-3, True),
     "gamma": (0.9, 0.995, False),
     "tau": (2e-3, 5e-2, True),
@@ -46,13 +47,8 @@ _NUMBERS: _Space = {
     "dropout": (0.0, 0.1, False),
     "exploration_noise": (0.05, 0.5, False),
     "target_noise": (0.05, 0.4, False),
-}
-"""A user's other floats are tuned around their default."""
-
-_GOAL_NUMBERS: _Space = {"hindsight": (0.0, 0.5, False), "new_goals": (0.0, 0.5, False)}
-"""Further ranges, for tasks with goals only."""
-
-_CHOICES: _Space = {
+    "hindsight": (0.0, 0.5, False),
+    "new_goals": (0.0, 0.5, False),
     "hidden": ["64,64", "128,128", "256,256"],
     "batch_size": [64, 128, 256, 512],
     "updates_per_step": [1.0, 2.0, 4.0, 8.0, 20.0],
@@ -62,6 +58,8 @@ _CHOICES: _Space = {
     "critic_layer_norm": [True, False],
     "n_step": [1, 3],
 }
+"""A user's other floats are tuned around their default."""
+_ONLY_WITH_GOALS = ("hindsight", "new_goals")
 
 
 @dataclass(frozen=True)
@@ -115,14 +113,14 @@ def propose(trial: optuna.trial.BaseTrial, start: Any, *, goals: bool) -> Any:
 
 
 def _space(start: Any, *, goals: bool) -> _Space:
-    """Search space of settings: the tables above, and other floats of a user's algorithm, within their `Range`."""
-    known = _NUMBERS | _GOAL_NUMBERS | _CHOICES
-    space = {name: known[name] for name in known if name in vars(start) and (goals or name not in _GOAL_NUMBERS)}
+    """Search space of settings: the table above, and other floats of a user's algorithm, within their `Range`."""
+    names = [name for name in _SPACE if name in vars(start) and (goals or name not in _ONLY_WITH_GOALS)]
+    space = {name: _SPACE[name] for name in names}
     if type(start).__module__.startswith("bricksrl."):
         return space
     hints = typing.get_type_hints(type(start), include_extras=True)
     for name, value in vars(start).items():
-        if name not in known and isinstance(value, float):
+        if name not in _SPACE and isinstance(value, float):
             low, high = sorted((value / 10.0, value * 10.0)) if value else (0.0, 1.0)
             for limits in getattr(hints.get(name), "__metadata__", ()):
                 if isinstance(limits, Range):
@@ -169,15 +167,23 @@ def tune(
             load_if_exists=True,
             pruner=optuna.pruners.MedianPruner(n_startup_trials=5),
         )
-        _check_same(study, tuning, folder)
+        about = dataclasses.asdict(tuning)
+        known = study.user_attrs.get("tuning", about)
+        if known != about:
+            values = ", ".join(f"{name} {known.get(name)}" for name, value in about.items() if known.get(name) != value)
+            raise RunError(f"{folder} holds a study of {values}; give the same, or another folder")
+        study.set_user_attr("tuning", about)
         study.sampler = optuna.samplers.TPESampler(seed=(seed + len(study.trials)) % (LARGEST_SEED + 1))
         if not study.trials:
             study.enqueue_trial(_as_proposed(start, goals=goals))  # the default settings are the first trial
 
     def objective(trial: optuna.Trial) -> float:
         settings = propose(trial, start, goals=goals)
+        orders = [(tuning, settings, seed) for seed in range(tuning.seeds)]
         values: list[float] = []
-        for index, value in enumerate(evaluated(settings)):
+        # one by one here, so that those of a hopeless trial are left out
+        found = starmap(_train_and_evaluate, orders) if ray is None else list(map_on_cluster(ray, _train_and_evaluate, orders))
+        for index, value in enumerate(found):
             if math.isnan(value):
                 raise optuna.TrialPruned
             values.append(value)
@@ -192,7 +198,7 @@ def tune(
         best = _write_best(study, tuning, start, folder, goals=goals)
         on_trial(trial.number, trial.value if done else None, None if best is None else best.value)
 
-    with _storage(folder / STUDY), _evaluations(tuning, on) as evaluated:
+    with _storage(folder / STUDY), nullcontext() if on is None else connected(parse_on(on)) as ray:
         study.optimize(objective, n_trials=trials, callbacks=[after_trial])
     best = _write_best(study, tuning, start, folder, goals=goals)
     if best is None:
@@ -214,42 +220,25 @@ def _storage(path: Path) -> Iterator[None]:
         raise RunError(f"cannot use the study {path} ({reason}); {remedy}, or choose another folder") from None
 
 
-class _StopAt(Callback):
-    """Callback that ends a run with the episode that reaches ``steps``."""
-
-    def __init__(self, steps: int) -> None:
-        self.stop = threading.Event()
-        self._steps = steps
-
-    def on_episode(self, episode: Episode, progress: Progress) -> None:
-        if episode.steps >= self._steps:
-            self.stop.set()
-
-
-@contextmanager
-def _evaluations(tuning: Tuning, on: str | None) -> Iterator[Callable[[Any], Iterable[float]]]:
-    """A function from settings to their evaluations, one per seed: computed one by one, or in parallel on a cluster."""
-    if on is None:
-        yield lambda settings: (_train_and_evaluate(tuning, settings, seed) for seed in range(tuning.seeds))
-        return
-    with connected(parse_on(on)) as ray:
-        seeds = range(tuning.seeds)
-        yield lambda settings: list(map_on_cluster(ray, _train_and_evaluate, [(tuning, settings, seed) for seed in seeds]))
-
-
 def _train_and_evaluate(tuning: Tuning, settings: Any, seed: int) -> float:
     """Mean return of a trained agent; not a number if it diverged."""
     from bricksrl.evaluation.evaluator import evaluate
     from bricksrl.training.run import train
 
+    stop = threading.Event()
+
+    class StopAtSteps(Callback):
+        def on_episode(self, episode: Episode, progress: Progress) -> None:
+            if episode.steps >= tuning.steps:
+                stop.set()
+
     with tempfile.TemporaryDirectory() as folder:
         run_dir = Path(folder) / "run"
-        observer = _StopAt(tuning.steps)
         config = TrainConfig(
             tuning.env, tuning.agent, episodes=tuning.steps, seed=seed, settings=settings, run_dir=run_dir, asynchronous=False
         )
         try:
-            result = train(config, observer, stop=observer.stop)
+            result = train(config, StopAtSteps(), stop=stop)
             if result.interrupted and not (result.episodes and result.episodes[-1].steps >= tuning.steps):
                 raise KeyboardInterrupt
             return evaluate(run_dir, episodes=tuning.episodes, save=False).return_mean
@@ -277,15 +266,6 @@ def _as_proposed(settings: Any, *, goals: bool) -> dict[str, Any]:
         if value in limits if isinstance(limits, list) else value is not None and limits[0] <= value <= limits[1]:
             parameters[name] = value
     return parameters
-
-
-def _check_same(study: optuna.Study, tuning: Tuning, folder: Path) -> None:
-    known = study.user_attrs.get("tuning")
-    if known is None:
-        study.set_user_attr("tuning", dataclasses.asdict(tuning))
-    elif known != dataclasses.asdict(tuning):
-        values = ", ".join(f"{name} {known.get(name)}" for name, value in vars(tuning).items() if known.get(name) != value)
-        raise RunError(f"{folder} holds a study of {values}; give the same, or another folder")
 
 
 def _write_best(study: optuna.Study, tuning: Tuning, start: Any, folder: Path, *, goals: bool) -> Best | None:

@@ -1,5 +1,5 @@
-"""Kinds of commands and channels, of `brickhub.hub.kinds`."""
+"""Kinds of commands and channels, of `brickhub.hub.interface`."""
 
 from __future__ import annotations
 
-from brickhub.hub.kinds import *
+from brickhub.hub.interface import *

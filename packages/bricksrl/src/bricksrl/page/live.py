@@ -22,7 +22,7 @@ from bricksrl.errors import BricksError, StoppedError
 from bricksrl.page.board import MAX_EPISODES, Board
 from bricksrl.page.robot_view import NUMBERS_S, SPEEDS, RobotView
 from bricksrl.page.server import PageOptions, PageServer, chosen, is_finite
-from bricksrl.teleop.mapping import push_action, rest_action
+from bricksrl.teleoperation import push_action, rest_action
 
 if TYPE_CHECKING:
     from tensordict import TensorDictBase

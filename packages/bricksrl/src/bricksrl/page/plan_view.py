@@ -14,14 +14,14 @@ from bricksrl.errors import PlanError
 from bricksrl.page.board import Board
 from bricksrl.page.scene import HIDDEN, Floats, Mesh, Scene, SceneBody, Shape, View, flat_mesh, poses
 from bricksrl.page.server import PageOptions, PageServer, is_finite
-from bricktwin.plans.colours import colour_of
+from bricktwin.plans.catalogue import colour_of
 from bricktwin.plans.geometry import M_PER_LDU
+from bricktwin.plans.mechanism.articulation import STILL, Motion, Poser
 from bricktwin.plans.mechanism.kinematics import TO_TWIN
-from bricktwin.plans.mechanism.posing import STILL, Motion, Poser
 from bricktwin.plans.part import Part
+from bricktwin.plans.picture import TINTS, Tint, surface_of
 from bricktwin.plans.plan import Plan
 from bricktwin.plans.planned_robot import PlannedRobot, planned
-from bricktwin.plans.shapes import TINTS, Tint, surface_of
 
 _MAX_DEG = 360
 

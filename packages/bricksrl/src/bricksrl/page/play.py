@@ -15,7 +15,7 @@ from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.rollout import link_lost, play
 from bricksrl.errors import BricksError, StoppedError
 from bricksrl.page.live import LivePage
-from bricksrl.policies.named import Player
+from bricksrl.policies.policy import Player
 from bricksrl.training.callbacks import Callback, Episode, Phase, Progress, RunResult
 
 if TYPE_CHECKING:
@@ -80,7 +80,7 @@ class PageCallback(Callback):
 def resting_player(env: EnvBase) -> Player:
     """Player that moves no motor."""
     from bricksrl.data.schema import describe_task
-    from bricksrl.teleop.mapping import rest_action
+    from bricksrl.teleoperation import rest_action
 
     resting = rest_action(describe_task(env.task).action)
     return Player(lambda state: state.set("action", resting))

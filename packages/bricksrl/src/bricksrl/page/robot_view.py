@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 
 from brickhub.robot import Robot
 from brickhub.virtual.body import Body
-from brickhub.virtual.machine import Machine
-from brickhub.virtual.pace import Pace
+from brickhub.virtual.machine import Machine, Pace
 from brickhub.virtual.panel import Panel
 from bricksrl.errors import BricksError
 from bricksrl.page.board import Board

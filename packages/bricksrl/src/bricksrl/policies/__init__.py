@@ -47,7 +47,7 @@ def config_of(path: Path) -> TrainConfig:
     from bricksrl.policies.sharing import is_policy, read_policy
     from bricksrl.training.run_folder import RunFolder
 
-    return read_policy(path).config if is_policy(path) else RunFolder(path).read_config()
+    return read_policy(path)[0] if is_policy(path) else RunFolder(path).read_config()
 
 
 def make_env_of(path: Path) -> EnvBase:

@@ -1,8 +1,11 @@
-"""Policy: a trained agent's deterministic actions, as a TorchRL module and for plain arrays."""
+"""Policies: a trained agent's deterministic actions, as a TorchRL module and for plain arrays; those of a run by their names."""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -11,7 +14,11 @@ from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
+from bricksrl.envs import rollout
 from bricksrl.errors import DescriptionError
+
+if TYPE_CHECKING:
+    from torchrl.envs import EnvBase
 
 
 class Policy(TensorDictModuleBase):  # type: ignore[misc]
@@ -51,3 +58,44 @@ class Policy(TensorDictModuleBase):  # type: ignore[misc]
         """Reset the policy's state at the start of an episode, such as a chunk of planned actions."""
         if hasattr(self.module, "reset"):
             self.module.reset()
+
+
+@dataclass(frozen=True)
+class Player:
+    """A policy, and the reset of its state at the start of an episode."""
+
+    act: rollout.Policy
+    reset: Callable[[], None] = lambda: None
+
+
+def named_policies(run_dir: Path, env: EnvBase, seed: int) -> dict[str, Callable[[], Player]]:
+    """Factories of the policies of a run, or of a shared one, for comparison: random, first (untrained), best, last. Raises
+    RunError or CheckpointError if there is no run in the folder, or, when called, the policy does not match ``env``.
+
+    ``best`` exists only if the run was evaluated during training. ``seed`` is that of the random actions.
+    """
+    from bricksrl.policies import load_policy
+    from bricksrl.policies.sharing import is_policy
+    from bricksrl.training.restore import untrained_learner
+    from bricksrl.training.run_folder import RunFolder
+
+    def player(policy: Policy) -> Player:
+        return Player(policy, policy.reset)
+
+    def first() -> Player:
+        learner = untrained_learner(run_dir, env)
+        return player(Policy(learner.policy, env.observation_spec["observation"].shape[-1]))
+
+    named = {"random": lambda: random_player(env, seed)}
+    if not is_policy(run_dir):
+        named["first"] = first
+        if RunFolder(run_dir).best_path.exists():
+            named["best"] = lambda: player(load_policy(run_dir, env, which="best"))
+    return {**named, "last": lambda: player(load_policy(run_dir, env))}
+
+
+def random_player(env: EnvBase, seed: int) -> Player:
+    """Player of uniform random actions."""
+    from bricksrl.data.collect import random_policy
+
+    return Player(random_policy(env, seed))

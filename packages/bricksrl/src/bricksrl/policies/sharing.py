@@ -5,15 +5,14 @@ from __future__ import annotations
 import json
 import tempfile
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from brickhub.files import atomic_folder, folder_with, refuse_existing, write_durably
-from bricksrl.data.cards import policy_card
 from bricksrl.data.share import CARD, downloaded, hub_client
 from bricksrl.envs.trust import remember, require_trusted
-from bricksrl.errors import CheckpointError, RunError
+from bricksrl.errors import CheckpointError, RunError, counted
 from bricksrl.training.config import TrainConfig, portable
 from bricksrl.training.run_folder import RunFolder
 
@@ -47,7 +46,7 @@ def export_policy(run_dir: Path, out: Path, *, licence: str = "mit") -> Path:
     tensors = {name: tensor.contiguous() for name, tensor in trained.learner.policy_state().items()}
     shared = portable(replace(one_robot(config), data=None, updates=0, start=None, compile=False).to_dict())
     about = {"bricksrl_policy": _VERSION, "episodes": trained.episodes, "config": shared}
-    card = policy_card(shared["env"], shared["agent"], trained.episodes, folder.own_evaluation(trained.episodes), licence)
+    card = _card(shared["env"], shared["agent"], trained.episodes, folder.own_evaluation(trained.episodes), licence)
     with atomic_folder(out) as new:
         write_durably(new / TENSORS, save(tensors))
         text = (json.dumps(about, indent=1, default=str) + "\n").encode()
@@ -57,17 +56,9 @@ def export_policy(run_dir: Path, out: Path, *, licence: str = "mit") -> Path:
     return out
 
 
-@dataclass(frozen=True)
-class SharedPolicy:
-    """Shared policy, as written by `export_policy`: the config of its run, and its tensors by name."""
-
-    config: TrainConfig
-    tensors: dict[str, Any]
-
-
-def read_policy(path: Path) -> SharedPolicy:
-    """Read the policy in a folder. Nothing in it is executed. Raises CheckpointError or RunError if there is no policy, it is
-    damaged, or its config names untrusted code."""
+def read_policy(path: Path) -> tuple[TrainConfig, dict[str, Any]]:
+    """Read the policy in a folder, as `export_policy` wrote it: the config of its run, and its tensors by name. Nothing in it is
+    executed. Raises CheckpointError or RunError if there is no policy, it is damaged, or its config names untrusted code."""
     from safetensors import SafetensorError
     from safetensors.torch import load
 
@@ -87,7 +78,7 @@ def read_policy(path: Path) -> SharedPolicy:
     except (SafetensorError, ValueError, KeyError, TypeError):
         raise CheckpointError(f"{path / TENSORS} is not a valid safetensors file; fetch the policy again") from None
     try:
-        return SharedPolicy(TrainConfig.from_dict(about["config"]), tensors)
+        return TrainConfig.from_dict(about["config"]), tensors
     except RunError as error:
         raise CheckpointError(f"{path / ABOUT} is damaged: {error}") from None
 
@@ -97,12 +88,12 @@ def load_shared(path: Path, env: EnvBase) -> Learner:
     there is no policy, it is damaged, or ``env`` has other observations or actions."""
     from bricksrl.training.restore import make_learner_for
 
-    shared = read_policy(path)
-    learner = make_learner_for(shared.config, env, device="cpu")
-    state = learner.policy_state()
-    if {name: tensor.shape for name, tensor in state.items()} != {name: tensor.shape for name, tensor in shared.tensors.items()}:
+    config, tensors = read_policy(path)
+    learner = make_learner_for(config, env, device="cpu")
+    shapes, given = ({name: tensor.shape for name, tensor in state.items()} for state in (learner.policy_state(), tensors))
+    if shapes != given:
         raise CheckpointError(f"the policy in {path} observes or acts otherwise than this environment; use the one it is for")
-    learner.policy.load_state_dict(shared.tensors)
+    learner.policy.load_state_dict(tensors)
     return learner
 
 
@@ -127,3 +118,32 @@ def pull_policy(repo: str, out: Path, *, revision: str | None = None) -> Path:
     with downloaded(repo, "model", out, [TENSORS, ABOUT, CARD], revision) as folder:
         read_policy(folder)
     return out
+
+
+def _card(env: str, agent: str, episodes: int, evaluation: dict[str, Any] | None, licence: str) -> str:
+    """Card of a policy, as Markdown, with the results of an evaluation if there is one."""
+    result = "It has not been evaluated yet."
+    if evaluation is not None:
+        mean, std, count = evaluation["return_mean"], evaluation["return_std"], evaluation["episodes"]
+        result = f"Return {mean:.4g} ± {std:.4g} in {counted(count, 'episode')} of evaluation."
+    return f"""---
+license: {licence}
+library_name: bricksrl
+pipeline_tag: reinforcement-learning
+tags:
+- BricksRL
+- reinforcement-learning
+- robotics
+---
+
+# {agent} for {env}
+
+Trained with BricksRL on {json.dumps(env)} for {counted(episodes, "episode")}. {result}
+
+`policy.safetensors` holds the tensors that the policy acts with, `policy.json` what they belong to.
+
+```
+bricksrl data pull <this repository> --policy --out policy
+bricksrl record {env} --policy policy --out dataset
+```
+"""

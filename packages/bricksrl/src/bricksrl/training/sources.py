@@ -20,7 +20,7 @@ from torchrl.envs import Compose, EnvBase, ParallelEnv, RewardSum, StepCounter, 
 from torchrl.envs.utils import ExplorationType
 from torchrl.modules import RandomPolicy
 
-from bricksrl.data.transitions import about, step_of
+from bricksrl.data.collect import about, step_of
 from bricksrl.envs.env_interface import BricksEnv, interface_of
 from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.registry import get_task, is_simulation, make
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from torch import Tensor
 
     from bricksrl.agents.learner import Learner
-    from bricksrl.data.recorded_episode import About, Step
+    from bricksrl.data import About, Step
     from bricksrl.envs.connection import Placement, Reconnect
     from bricksrl.training.learner_side import LearnerSide
     from bricksrl.training.signals import StopSignals
@@ -166,7 +166,7 @@ class OneRobot(Source):
             if by_hand and self.actor.on_policy:
                 raise RunError("this agent learns from its own actions only; let it drive, or take an off-policy one such as sac")
             if self.is_recorded and not rollout.is_lost:
-                playing.steps.append(step_of(frame, self.env, intervention=by_hand))
+                playing.steps.append(step_of(frame, self.env))
             is_cut = interface_of(self.env).is_cut  # now, as an evaluation may follow
             yield Moved(playing, frame, rollout.is_lost, bool(frame["next", "done"]))
         if rollout.is_lost and phase is Phase.OFFLINE:

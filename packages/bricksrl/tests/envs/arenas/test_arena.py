@@ -13,16 +13,14 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from brickhub.hub.interface import DriveStraight, DriveTurnRate, Pitch, RunAngle
-from brickhub.hub.kinds import Command
+from brickhub.hub.interface import Command, DriveStraight, DriveTurnRate, Pitch, RunAngle
 from brickhub.robot import Mount, PoweredUpSensor, SensorKind
 from brickhub.virtual.stimuli import Sense
 from bricksrl.envs.arenas import get_arena_task, make_arena
 from bricksrl.envs.arenas.arena_task import ArenaState, seen_from, steer_towards
 from bricksrl.envs.arenas.tag import TAG
 from bricksrl.errors import BricksError, DescriptionError, HubError, RunError, TwinError, UnknownNameError
-from bricktwin.robots import SCOUT, TWO_WHEELER, WALKER
-from bricktwin.robots.robo_arm import ROBO_ARM
+from bricktwin.robots import ROBO_ARM, SCOUT, TWO_WHEELER, WALKER
 from bricktwin.twin.arena import Arena, ArenaWorld, Contestant, Place
 from bricktwin.twin.models.load import load_model
 

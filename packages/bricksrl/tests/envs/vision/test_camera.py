@@ -24,9 +24,8 @@ from brickhub.robot import Robot
 from brickhub.virtual.virtual_transport import VirtualHub
 from bricksrl.envs.connection import Connection
 from bricksrl.envs.env import HubEnv
-from bricksrl.envs.odometry import SonarOdometer
-from bricksrl.envs.planar_kinematics import Kinematics
 from bricksrl.envs.simulation import SimulatedEnv
+from bricksrl.envs.task import Kinematics
 from bricksrl.envs.tasks.spinning import SPINNING
 from bricksrl.envs.vision.camera import (
     Camera,
@@ -34,9 +33,9 @@ from bricksrl.envs.vision.camera import (
     TwinCamera,
     VideoCamera,
     VisualGoal,
+    Watch,
 )
 from bricksrl.envs.vision.frames import Frame, RedWindow, changed_part, distances_px, draw_disc, find_red, shrink
-from bricksrl.envs.vision.watch import Watch
 from bricksrl.errors import BricksError, CameraError, DescriptionError, RenderingUnavailableError
 from bricktwin.robots import ROBO_ARM
 from bricktwin.twin.make_body import make_body
@@ -149,13 +148,13 @@ def test_invalid_views_raise() -> None:
 def test_camera_watch_measures_goal_distance() -> None:
     watch = Watch(VIEW, np.random.default_rng(0), frame_with(box(28, 18)))
     assert watch.goal == (30, 20)
-    assert watch.numbers().tolist() == [0, 100]  # at the start nothing counts yet
+    assert watch.numbers() == (0, 100)  # at the start nothing counts yet
     watch.see(frame_with())
-    assert watch.numbers().tolist() == [0, 100]
+    assert watch.numbers() == (0, 100)
     watch.see(frame_with(box(38, 18), box(28, 48)))
-    assert watch.numbers().tolist() == [20, 10]
+    assert watch.numbers() == (20, 10)
     watch.see(frame_with())
-    assert watch.numbers().tolist() == [20, 100]
+    assert watch.numbers() == (20, 100)
 
 
 PARTS = st.lists(st.tuples(st.integers(-5, 79), st.integers(-5, 59), st.integers(1, 30), st.integers(1, 30)), max_size=3)
@@ -212,7 +211,7 @@ def test_camera_without_goal_has_image_only() -> None:
     view = dataclasses.replace(VIEW, goal=None)
     watch = Watch(view, np.random.default_rng(0), frame_with())
     watch.see(frame_with(box(0, 0)))
-    assert watch.numbers().shape == (0,)
+    assert watch.numbers() == ()
     assert watch.image[0, 0].tolist() == list(RED)
 
 
@@ -285,7 +284,7 @@ def test_any_task_takes_a_camera() -> None:
         twin = VirtualHub(make_body(task.robot, scene=task.scene, seed=seed))
         assert task.camera is not None
         camera = TwinCamera(twin.body, task.camera)
-        return Connection(HubLink(twin, task.robot, task.interface), twin.reset, SonarOdometer(task.interface), twin, camera)
+        return Connection(HubLink(twin, task.robot, task.interface), twin.reset, twin, camera)
 
     env = HubEnv(task, connect, seed=0)
     try:
@@ -323,7 +322,7 @@ def filmed(camera: Camera | None, **changes: Any) -> HubEnv:
     task = dataclasses.replace(SPINNING, id="Filmed-v0", camera=VIEW, **changes)
     twin = VirtualHub(make_body(task.robot, scene=task.scene))
     link = HubLink(twin, task.robot, task.interface)
-    return HubEnv(task, lambda _seed: Connection(link, twin.reset, SonarOdometer(task.interface), twin, camera), seed=0)
+    return HubEnv(task, lambda _seed: Connection(link, twin.reset, twin, camera), seed=0)
 
 
 def act() -> TensorDict:

@@ -87,13 +87,14 @@ def test_calibration_picture_marks_object_and_mask() -> None:
     assert (shown[5, 125] == 30).all()
 
 
-def test_windows_are_saved_and_joined(tmp_path: Path) -> None:
+def test_windows_are_saved_and_joined(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("bricksrl.envs.vision.color_calibration.calibration_folder", lambda: tmp_path / "deep")
     one, other = RedWindow((-20, 5), 0.6, 0.5), RedWindow((-10, 15), 0.4, 0.7)
     assert spanning([one, other]) == RedWindow((-20, 15), 0.4, 0.5)
-    path = saved_path("rtsp://eye/1", tmp_path / "deep")
-    assert saved_red("rtsp://eye/1", tmp_path / "deep") is None
+    path = saved_path("rtsp://eye/1")
+    assert saved_red("rtsp://eye/1") is None
     write_red(path, one)
-    assert saved_red("rtsp://eye/1", tmp_path / "deep") == read_red(path) == one
+    assert saved_red("rtsp://eye/1") == read_red(path) == one
 
 
 @pytest.mark.parametrize(

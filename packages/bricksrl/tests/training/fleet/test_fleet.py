@@ -20,8 +20,8 @@ from tensordict import TensorDict
 from bricksrl.agents.learner import memory_state
 from bricksrl.agents.replay.buffer import TransitionReplayBuffer
 from bricksrl.agents.sac import SACSettings
-from bricksrl.data.episode_index import read_index
-from bricksrl.data.reader import load
+from bricksrl.data import load
+from bricksrl.data.dataset import read_dataset
 from bricksrl.errors import HubError, RunError, UnknownNameError
 from bricksrl.training import Callback, Episode, Phase, Progress, RobotState, RunFolder, TrainConfig, resume, train
 from bricksrl.training.checkpoint import load_checkpoint, save_checkpoint
@@ -81,7 +81,7 @@ def test_failed_robot_returns(run: tuple[Path, Harm]) -> None:
 
 def test_dataset_has_all_frames_and_robot_names(run: tuple[Path, Harm]) -> None:
     path, _ = run
-    rows = read_index(path / "data").rows
+    rows = read_dataset(path / "data").rows
     with (path / "metrics.csv").open() as file:
         metrics = list(csv.DictReader(file))
     assert {row.about.robot for row in rows} == {"virtual-1", "virtual-2"}
@@ -274,7 +274,7 @@ def test_episode_cut_by_a_pause_is_recorded_as_such(tmp_path: Path) -> None:
             self.fleet.resume()
 
     train(config(path, episodes=2, robots=2), Pause())
-    cut = [row for row in read_index(path / "data").rows if not row.about.whole]
+    cut = [row for row in read_dataset(path / "data").rows if not row.about.whole]
     assert cut and all(row.about.success is None for row in cut)
 
 

@@ -88,8 +88,7 @@ class PlanParts:
     def execute(self) -> None:
         from brickhub.files import write_durably
         from bricktwin.plans import catalogue
-        from bricktwin.plans.parts_list import as_text, parts_list
-        from bricktwin.plans.sets import purchases
+        from bricktwin.plans.parts_list import as_text, parts_list, purchases
 
         if self.out is None:
             refuse_ignored(self, ("--plan",), "without --out")

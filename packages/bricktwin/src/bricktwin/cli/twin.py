@@ -14,9 +14,7 @@ from brickhub.cli.terminal import confirm, print_line
 from brickhub.errors import TwinError, counted
 from brickhub.seed import check_seed
 from brickhub.target import find, whole_interface
-
-# Listed here, because importing the fit takes a second.
-FITTED = ("battery_v", "friction_scale", "motor_friction_scale", "mass_scale", "backlash_deg")
+from bricktwin.twin.physics import FITTED
 
 if TYPE_CHECKING:
     from brickhub.hub.interface import Interface
@@ -93,7 +91,7 @@ class RecordMotion:
         if not (self.yes or confirm(f"The {robot.name} needs a metre of room to move at full speed. Move it now?")):
             raise TwinError(f"nobody said that the {robot.name} may move; answer y in a terminal, or give --yes")
         transport = address.transport()
-        calibrate = calibration_of(lambda: transport.identity.address if transport.identity else "")
+        calibrate = calibration_of(transport)
         return HubLink(transport, robot, interface, calibrate=calibrate)
 
 

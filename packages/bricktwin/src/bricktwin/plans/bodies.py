@@ -9,12 +9,14 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from bricktwin.plans.connections import Connection, Mesh
+from bricktwin.plans.connections import Connection, Mesh, reached
 from bricktwin.plans.geometry import Floats, lines_coincide
-from bricktwin.plans.part import DeviceKind, Fit, Site
+from bricktwin.plans.part import Fit, Site
 from bricktwin.plans.plan import Placed
 
 RATE_LENGTH = 100.0
@@ -44,6 +46,14 @@ class BodyJoint:
     motor: int | None
     is_ball: bool = False
 
+    def rates(self, motions: Floats, parent: int | None = None) -> Floats:
+        """Angular rate of the second body relative to the first in each motion [n], or reversed: relative to the body ``parent``.
+        A motor's case that turns about its shaft is the shaft turning about the reversed axis."""
+        first, second = self.bodies if parent in (None, self.bodies[0]) else self.bodies[::-1]
+        sign = -1.0 if self.motor is not None and first != self.bodies[0] else 1.0
+        relative = motions[6 * second + 3 : 6 * second + 6] - motions[6 * first + 3 : 6 * first + 6]
+        return np.asarray(sign * self.axis @ relative)
+
 
 @dataclass(frozen=True)
 class Bodies:
@@ -62,20 +72,16 @@ class Bodies:
 
     def motions(self, *, locked: Iterable[int] = ()) -> Floats:
         """Possible motions [6 x bodies, n], orthonormal; the first body is at rest, the motors in ``locked`` are braked."""
-        rows = [_constraint_rows(np.eye(6), 0, None, len(self.members))]
-        braked = set(locked)
+        count, braked = len(self.members), set(locked)
+        rows = [_rows(count, (0, np.eye(6)))]
         for joint in self.joints:
             can_turn = joint.motor not in braked
             block = _joint_rows(joint.point, joint.axis, slides=joint.slides, turns=can_turn, is_ball=joint.is_ball)
-            rows.append(_constraint_rows(block, joint.bodies[0], joint.bodies[1], len(self.members)))
-        for body, axis in self._free_spins():
-            rows.append(_constraint_rows(np.concatenate([np.zeros(3), axis])[None, :], body, None, len(self.members)))
+            rows.append(_rows(count, (joint.bodies[0], block), (joint.bodies[1], -block)))
+        rows += [_rows(count, (body, np.concatenate([np.zeros(3), axis])[None])) for body, axis in self._free_spins()]
         for first, second, mesh in self.meshes:
-            row = np.zeros((1, 6 * len(self.members)))
             scaled = np.concatenate([mesh.motion[:, :3], mesh.motion[:, 3:] / RATE_LENGTH], axis=1)
-            row[0, 6 * first : 6 * first + 6] += scaled[0]
-            row[0, 6 * second : 6 * second + 6] += scaled[1]
-            rows.append(row)
+            rows.append(_rows(count, (first, scaled[:1]), (second, scaled[1:])))
         return _null_space(np.concatenate(rows))
 
     def _free_spins(self) -> Iterator[tuple[int, Floats]]:
@@ -86,13 +92,6 @@ class Bodies:
                 axis = joints[1].point - joints[0].point
                 if (length := np.linalg.norm(axis)) > _AXIS_TOLERANCE:
                     yield body, axis / length
-
-    def rates(self, motor: int, motions: Floats) -> Floats:
-        """Angular rate of a motor's shaft relative to its case in each motion [n]."""
-        joint = next(joint for joint in self.joints if joint.motor == motor)
-        case, rotor = joint.bodies
-        relative = motions[6 * rotor + 3 : 6 * rotor + 6] - motions[6 * case + 3 : 6 * case + 6]
-        return np.asarray(joint.axis @ relative)
 
 
 def _null_space(rows: Floats) -> Floats:
@@ -114,43 +113,29 @@ def _joint_rows(point: Floats, axis: Floats, *, slides: bool, turns: bool = True
     return np.array(rows)
 
 
-def _constraint_rows(block: Floats, first: int, second: int | None, count: int) -> Floats:
-    rows = np.zeros((len(block), 6 * count))
-    rows[:, 6 * first : 6 * first + 6] = block
-    if second is not None:
-        rows[:, 6 * second : 6 * second + 6] -= block
+def _rows(count: int, *blocks: tuple[int, Floats]) -> Floats:
+    """Constraints [n, 6 x count] on the rates of so many bodies from blocks [n, 6] for some of them."""
+    rows = np.zeros((len(blocks[0][1]), 6 * count))
+    for body, block in blocks:
+        rows[:, 6 * body : 6 * body + 6] += block
     return rows
 
 
-class _Groups:
-    """Disjoint sets (union-find)."""
-
-    def __init__(self, count: int) -> None:
-        self._parents = list(range(count))
-
-    def find(self, node: int) -> int:
-        """The representative of a node's set."""
-        while self._parents[node] != node:
-            self._parents[node] = self._parents[self._parents[node]]
-            node = self._parents[node]
-        return node
-
-    def join(self, first: int, second: int) -> None:
-        """Merge two sets."""
-        self._parents[self.find(first)] = self.find(second)
+_Groups = NDArray[np.intp]
+"""Disjoint sets of nodes: the representative of each."""
 
 
-@dataclass(frozen=True)
-class _Link:
+def _join(groups: _Groups, first: int, second: int) -> None:
+    """Merge the sets of two nodes."""
+    groups[groups == groups[first]] = groups[second]
+
+
+class _Link(NamedTuple):
     """A connection between two nodes: a part, or the rotor of a motor, ``len(parts) + index``."""
 
     connection: Connection
     male: int
     female: int
-
-    @property
-    def is_axle(self) -> bool:
-        return self.connection.male_site.fit is Fit.AXLE
 
 
 def find_bodies(parts: Sequence[Placed], connections: Sequence[Connection], meshes: Sequence[Mesh]) -> Bodies:
@@ -164,10 +149,10 @@ def find_bodies(parts: Sequence[Placed], connections: Sequence[Connection], mesh
         for link in connections
         if link.fits and not link.is_crossed
     ]
-    groups = _Groups(2 * count)
+    groups = np.arange(2 * count)
     for link in links:
         if link.connection.is_rigid:
-            groups.join(link.male, link.female)
+            _join(groups, link.male, link.female)
     _join_fasteners(parts, links, groups)
     _join_loose(parts, groups)
     while True:
@@ -186,42 +171,43 @@ def _bodies(parts: Sequence[Placed], links: Sequence[_Link], meshes: Sequence[Me
     number_of = {root: number for number, root in enumerate(roots)}
     joints = []
     for motor in motors:
-        if groups.find(motor) in number_of:
-            point, axis = _shaft(parts[motor])
-            pair = (number_of[groups.find(motor)], number_of[groups.find(motor + count)])
-            joints.append(BodyJoint(pair, point, axis, False, motor))
+        if groups[motor] in number_of:
+            placed = parts[motor]
+            shaft = next(site for site in placed.part.sites if site.turns and site.fit is Fit.AXLE_HOLE)
+            pair = (number_of[groups[motor]], number_of[groups[motor + count]])
+            axis = placed.rotation @ np.array(placed.electric.direction)
+            joints.append(BodyJoint(pair, placed.point(shaft.centre), axis, False, motor))
     slides = _sliding(parts, links, groups)
     for (first, second), bundles in _bundles(links, groups).items():
         if first in number_of and second in number_of:
             can_slide = frozenset((first, second)) in slides
             pair = (number_of[first], number_of[second])
             joints += [
-                BodyJoint(pair, *_line_of(bundle), bundle[0].is_axle and can_slide, None, bundle[0].connection.is_ball)
+                BodyJoint(pair, *_line_of(bundle), bundle[0].connection.is_axle and can_slide, None, bundle[0].connection.is_ball)
                 for bundle in bundles
             ]
     geared_bodies = [
-        (number_of[groups.find(mesh.first)], number_of[groups.find(mesh.second)], mesh)
+        (number_of[groups[mesh.first]], number_of[groups[mesh.second]], mesh)
         for mesh in meshes
-        if mesh.is_good and groups.find(mesh.first) in number_of and groups.find(mesh.second) in number_of
+        if mesh.is_good and groups[mesh.first] in number_of and groups[mesh.second] in number_of
     ]
-    members = tuple(tuple(part for part in range(count) if groups.find(part) == root) for root in roots)
-    rotors = tuple(tuple(motor for motor in motors if groups.find(motor + count) == root) for root in roots)
+    members = tuple(tuple(part for part in range(count) if groups[part] == root) for root in roots)
+    rotors = tuple(tuple(motor for motor in motors if groups[motor + count] == root) for root in roots)
     return Bodies(members, rotors, tuple(joints), tuple(geared_bodies)), roots
 
 
 def _bundles(links: Sequence[_Link], groups: _Groups) -> dict[tuple[int, int], list[list[_Link]]]:
     """The connections between each pair of bodies, grouped by axis; in each group those that cannot slide come first."""
     bundles_of: dict[tuple[int, int], list[list[_Link]]] = {}
-    for link in sorted(links, key=lambda link: link.is_axle):
-        first, second = groups.find(link.male), groups.find(link.female)
+    for link in sorted(links, key=lambda link: link.connection.is_axle):
+        first, second = groups[link.male], groups[link.female]
         if first == second:
             continue
         bundles = bundles_of.setdefault((min(first, second), max(first, second)), [])
-        bundle = next((bundle for bundle in bundles if _is_coaxial(link.connection, bundle[0].connection)), None)
-        if bundle is None:
-            bundles.append([link])
-        else:
-            bundle.append(link)
+        bundle = next((bundle for bundle in bundles if _is_coaxial(link.connection, bundle[0].connection)), [])
+        if not bundle:
+            bundles.append(bundle)
+        bundle.append(link)
     return bundles_of
 
 
@@ -240,14 +226,6 @@ def _is_coaxial(first: Connection, second: Connection) -> bool:
     return not is_ball and lines_coincide(first.point, first.axis, second.point, second.axis, offset=_AXIS_TOLERANCE, sine=0.05)
 
 
-def _shaft(placed: Placed) -> tuple[Floats, Floats]:
-    """Position and outward direction of a motor's shaft."""
-    site = next(site for site in placed.part.sites if site.turns and site.fit is Fit.AXLE_HOLE)
-    device = placed.part.device
-    shaft = device.shaft if device is not None and device.kind is DeviceKind.MOTOR and device.shaft else site.axis
-    return placed.point(site.centre), placed.rotation @ np.array(shaft)
-
-
 def _join_fasteners(parts: Sequence[Placed], links: Sequence[_Link], groups: _Groups) -> None:
     """Join each pin, and each axle to which nothing is fixed, to a part around it: its own rotation does not matter."""
     fixed = {node for link in links if link.connection.is_rigid for node in (link.male, link.female)}
@@ -255,7 +233,7 @@ def _join_fasteners(parts: Sequence[Placed], links: Sequence[_Link], groups: _Gr
         sites = parts[link.connection.male].part.sites
         is_alone = len({(site.centre[1], site.centre[2]) for site in sites}) == 1
         if is_alone and all(site.fit.is_male for site in sites) and link.male not in fixed and not link.connection.is_ball:
-            groups.join(link.male, link.female)
+            _join(groups, link.male, link.female)
             fixed.add(link.male)
 
 
@@ -271,7 +249,7 @@ def _join_loose(parts: Sequence[Placed], groups: _Groups) -> None:
         if placed.part.is_loose and others:
             nearest = min(others, key=lambda other: float(np.linalg.norm(other.position - placed.position)))
             if is_chain or np.linalg.norm(nearest.position - placed.position) < _MAX_LOOSE_DISTANCE:
-                groups.join(placed.index, nearest.index)
+                _join(groups, placed.index, nearest.index)
 
 
 def _merge_rigid(links: Sequence[_Link], groups: _Groups) -> bool:
@@ -282,12 +260,9 @@ def _merge_rigid(links: Sequence[_Link], groups: _Groups) -> bool:
             continue
         connections = [bundle[0].connection for bundle in bundles]
         origin = connections[0].point
-        blocks = [
-            _joint_rows(link.point - origin, link.axis, slides=link.male_site.fit is Fit.AXLE, is_ball=link.is_ball)
-            for link in connections
-        ]
+        blocks = [_joint_rows(link.point - origin, link.axis, slides=link.is_axle, is_ball=link.is_ball) for link in connections]
         if not _null_space(np.concatenate(blocks)).size:
-            groups.join(*pair)
+            _join(groups, *pair)
             merged = True
     return merged
 
@@ -300,7 +275,7 @@ def _merge_equal_motions(bodies: Bodies, roots: Sequence[int], groups: _Groups) 
         rates = motions[6 * number : 6 * number + 6]
         for other in range(number):
             if np.abs(motions[6 * other : 6 * other + 6] - rates).max(initial=0.0) < _MOTION_TOLERANCE:
-                groups.join(root, roots[other])
+                _join(groups, root, roots[other])
                 merged = True
                 break
     return merged
@@ -311,30 +286,25 @@ def _ordered(parts: Sequence[Placed], motors: Sequence[int], links: Sequence[_Li
     count = len(parts)
     masses: dict[int, float] = defaultdict(float)
     for placed in parts:
-        masses[groups.find(placed.index)] += placed.part.mass_g
+        masses[groups[placed.index]] += placed.part.mass_g
     neighbours: dict[int, set[int]] = defaultdict(set)
     for first, second in [(link.male, link.female) for link in links] + [(motor, motor + count) for motor in motors]:
-        neighbours[groups.find(first)].add(groups.find(second))
-        neighbours[groups.find(second)].add(groups.find(first))
+        neighbours[groups[first]].add(groups[second])
+        neighbours[groups[second]].add(groups[first])
     start = max(masses, key=lambda root: masses[root])
-    seen, waiting = {start}, [start]
-    while waiting:
-        for other in sorted(neighbours[waiting.pop(0)] - seen):
-            seen.add(other)
-            waiting.append(other)
-    return [start, *sorted(seen - {start})]
+    return [start, *sorted(reached(start, neighbours) - {start})]
 
 
 def _sliding(parts: Sequence[Placed], links: Sequence[_Link], groups: _Groups) -> set[frozenset[int]]:
     """Pairs of bodies that slide along a common axle: no part fixed to the axle stops them in both directions."""
     fixed_to: dict[int, list[Connection]] = defaultdict(list)
     for link in links:
-        if link.is_axle and groups.find(link.male) == groups.find(link.female):
+        if link.connection.is_axle and groups[link.male] == groups[link.female]:
             fixed_to[link.male].append(link.connection)
     stops: dict[frozenset[int], list[int]] = defaultdict(lambda: [0, 0])
     for link in links:
-        first, second, connection = groups.find(link.male), groups.find(link.female), link.connection
-        if not link.is_axle or first == second:
+        first, second, connection = groups[link.male], groups[link.female], link.connection
+        if not link.connection.is_axle or first == second:
             continue
         ends = stops[frozenset((first, second))]
         # Parallel axles have the same two directions, whichever of the bodies has the axle.

@@ -24,7 +24,7 @@ from brickhub.files import check_writable, write_durably
 from bricktwin.drawing import import_matplotlib
 from bricktwin.plans.geometry import MM_PER_LDU
 from bricktwin.plans.part import DeviceKind, Part
-from bricktwin.plans.parts_list import Entry, parts_list
+from bricktwin.plans.parts_list import parts_list
 from bricktwin.plans.picture import VIEWS, Canvas, Pixels, View, draw
 from bricktwin.plans.plan import Placed, Plan, Step
 
@@ -98,7 +98,11 @@ def pages_of(plan: Plan) -> Iterator[Page]:
     text = f"{len(plan.parts)} parts of {len(entries)} kinds and colours · {len(plan.steps)} steps · {plan.mass_g:.0f} g"
     yield Page(plan.title, text, draw(plan.parts, _COVER_SIZE), ())
     for start in range(0, len(entries), _PARTS_PER_PAGE):
-        items = tuple(_item(entry) for entry in entries[start : start + _PARTS_PER_PAGE])
+        items = tuple(
+            Item(_part_picture(part, colour.code), entry.count, f"{part.name}\n{part.number} · {colour.name}")
+            for entry in entries[start : start + _PARTS_PER_PAGE]
+            for part, colour in [(entry.part, entry.colour)]
+        )
         yield Page("Parts", "", None, items)
     kinds = [_kind(plan, step) for step in plan.steps]
     for number, (kind, times) in enumerate(Counter(kinds).items(), 1):
@@ -118,20 +122,11 @@ def _kind(plan: Plan, step: Step) -> tuple[object, ...]:
     return (step.assembly[-1].rpartition(":")[0], step.number, *colours)
 
 
-def _item(entry: Entry) -> Item:
-    part, colour = entry.part, entry.colour
-    text = f"{part.name}\n{part.number} · {colour.name}"
-    return Item(_part_picture(part, colour.code), entry.count, text, part.length)
-
-
 def _part_picture(part: Part, colour: int) -> Pixels:
     """Picture of one part, at most as large as in the assembly."""
     turn = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]) if part.family == "beams" else np.eye(3)
     placed = Placed(0, part, colour, turn, np.zeros(3), 0, 0, ())
-    canvas = Canvas(_PART_SIZE, VIEWS[0], [placed])
-    canvas.limit_zoom(_PART_ZOOM)
-    canvas.add(placed)
-    return canvas.picture()
+    return Canvas(_PART_SIZE, VIEWS[0], [placed], [placed], _PART_ZOOM).picture()
 
 
 def _step_pages(plan: Plan, step: Step, number: int, times: int) -> Iterator[Page]:

@@ -1,21 +1,85 @@
-"""Check of building steps: each new part connects to the assembly and has a free path to its place.
+"""Space that parts occupy: collisions, and free paths to their places in the building steps.
 
-A step is tried backwards: its parts are removed one after the other, each along a straight line.
+A part collides if sample points of it are inside the material of another. A step is tried backwards: its parts are removed one
+after the other, each along a straight line.
 """
 
 from __future__ import annotations
 
 import enum
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import islice
+from typing import NamedTuple
 
 import numpy as np
 
-from bricktwin.plans.connections import Connection
-from bricktwin.plans.contact import Occupancy
+from bricktwin.plans.connections import Connection, reached
 from bricktwin.plans.geometry import Bools, Floats
-from bricktwin.plans.plan import Plan, Step
+from bricktwin.plans.plan import Placed, Plan, Step
+
+_MARGIN = 0.8
+"""LDU; with the sampling depth, overlaps up to 0.7 mm are tolerated, as real parts are slightly smaller."""
+_MIN_POINTS = 2
+"""Minimum number of points inside."""
+_MAX_PAIRS, _MAX_COMPARED = 200, 50_000
+"""Limits of the collision search."""
+
+
+class Occupancy:
+    """Space occupied by the parts of a plan.
+
+    Attributes:
+        low, high: [n, 3], bounds of each part in the plan's frame.
+        queries: number of calls of `is_free`.
+    """
+
+    def __init__(self, parts: Sequence[Placed]) -> None:
+        self._parts = parts
+        self.queries = 0
+        self.low: Floats = np.array([placed.bounds[0] for placed in parts]).reshape(-1, 3)
+        self.high: Floats = np.array([placed.bounds[1] for placed in parts]).reshape(-1, 3)
+
+    def collisions(self) -> list[tuple[int, int]]:
+        """Pairs of colliding parts, the lower index first; at most 200."""
+        still = np.zeros(3)
+        near = (
+            (index, index + 1 + int(other))
+            for index in range(len(self._parts))
+            for other in np.flatnonzero(self._near(index, still)[index + 1 :])
+        )
+        return list(islice((pair for pair in islice(near, _MAX_COMPARED) if self._collide(*pair, still)), _MAX_PAIRS))
+
+    def is_free(self, group: Iterable[int], others: Bools, shift: Floats) -> bool:
+        """Whether a group of parts, moved by ``shift``, collides with none of the parts in ``others`` [n]."""
+        self.queries += 1
+        for index in group:
+            near = self._near(index, shift) & others
+            if any(self._collide(index, int(other), shift) for other in np.flatnonzero(near)):
+                return False
+        return True
+
+    def _near(self, index: int, shift: Floats) -> Bools:
+        """Parts with bounds that overlap those of a moved part [n]."""
+        low, high = self.low[index] + shift + 1.5, self.high[index] + shift - 1.5
+        return np.asarray(((low < self.high) & (self.low < high)).all(axis=1))
+
+    def _collide(self, index: int, other: int, shift: Floats) -> bool:
+        if "chains" in (self._parts[index].part.family, self._parts[other].part.family):
+            return False  # links are flexible, and lie between teeth
+        return self._inside(index, other, shift) or self._inside(other, index, -shift)
+
+    def _inside(self, index: int, other: int, shift: Floats) -> bool:
+        """Whether points of a part, moved, lie in another."""
+        points = self._parts[index].samples + shift
+        near = ((points > self.low[other]) & (points < self.high[other])).all(axis=1)
+        if np.count_nonzero(near) < _MIN_POINTS:
+            return False
+        target = self._parts[other]
+        inner = target.to_part(points[near])
+        # In large overlaps a few points are enough.
+        return any(int(np.count_nonzero(target.part.contains(sample, _MARGIN))) >= _MIN_POINTS for sample in (inner[::23], inner))
+
 
 _MAX_QUERIES, _MAX_ITEMS = 6000, 60
 """Limits of the search: collision queries per plan, parts per step."""
@@ -24,15 +88,14 @@ _PATH_LDU = (5.0, 11.0, 17.0, 24.0, 34.0, 46.0, 70.0, 110.0, 170.0)
 
 
 class Fault(enum.Enum):
-    """Reasons why a step fails."""
+    """Reasons why a step fails, and what to do."""
 
-    UNCONNECTED = "is not connected to the assembly"
-    BLOCKED = "has no free path to its place"
-    UNCHECKED = "and the others are too many to check"
+    UNCONNECTED = "is not connected to the assembly; connect it, or add it later"
+    BLOCKED = "has no free path to its place; add it in an earlier step"
+    UNCHECKED = "and the others are too many to check; split the step"
 
 
-@dataclass(frozen=True)
-class StepFault:
+class StepFault(NamedTuple):
     """Parts of a step that cannot be placed."""
 
     step: Step
@@ -40,81 +103,59 @@ class StepFault:
     kind: Fault
 
 
-def step_faults(plan: Plan, connections: Sequence[Connection], occupancy: Occupancy) -> list[StepFault]:
+_Links = Mapping[int, list[tuple[int, Floats]]]
+"""The connections of each part: the other part, and the direction [3]."""
+
+
+def step_faults(plan: Plan, connections: Sequence[Connection], occupancy: Occupancy) -> Iterator[StepFault]:
     """All steps that fail. Parts with unmodelled connections, such as tyres, count as connected."""
-    neighbours: dict[int, set[int]] = defaultdict(set)
-    axes: dict[int, list[Floats]] = defaultdict(list)
+    links: dict[int, list[tuple[int, Floats]]] = defaultdict(list)
     for link in connections:
-        neighbours[link.male].add(link.female)
-        neighbours[link.female].add(link.male)
-        axes[link.male].append(link.axis)
-        axes[link.female].append(link.axis)
-    faults: list[StepFault] = []
+        links[link.male].append((link.female, link.axis))
+        links[link.female].append((link.male, link.axis))
     built: dict[tuple[str, ...], set[int]] = defaultdict(set)
     for step in plan.steps:
-        before = set(built[step.assembly])
-        items = [(part,) for part in step.new] + list(step.joined)
-        after = before | {part for item in items for part in item}
-        built[step.assembly] = after
-        faults += _unconnected(plan, step, items, before, after, neighbours)
+        before, items = built[step.assembly], [(part,) for part in step.new] + list(step.joined)
+        new = [part for item in items for part in item]
+        built[step.assembly] = after = before | set(new)
+        start = min(before) if before else max(new, key=lambda part: plan.parts[part].part.mass_g)
+        held = reached(start, {part: [other for other, _ in links[part] if other in after] for part in after})
+        loose = tuple(part for part in new if part not in held and not plan.parts[part].part.is_loose)
+        if loose:
+            yield StepFault(step, loose, Fault.UNCONNECTED)
         if len(items) > _MAX_ITEMS or occupancy.queries > _MAX_QUERIES:
-            faults.append(StepFault(step, items[0][:1], Fault.UNCHECKED))
-            continue
-        blocked = _blocked(items, after, occupancy, axes, neighbours, len(plan.parts))
-        if blocked:
-            faults.append(StepFault(step, blocked, Fault.BLOCKED))
-    return faults
+            yield StepFault(step, items[0][:1], Fault.UNCHECKED)
+        elif blocked := _blocked(items, after, occupancy, links):
+            yield StepFault(step, blocked, Fault.BLOCKED)
 
 
-def _unconnected(
-    plan: Plan, step: Step, items: Sequence[tuple[int, ...]], before: set[int], after: set[int], neighbours: dict[int, set[int]]
-) -> list[StepFault]:
-    """Parts that are not connected to the rest after the step."""
-    start = (
-        min(before) if before else max((part for item in items for part in item), key=lambda part: plan.parts[part].part.mass_g)
-    )
-    seen, queue = {start}, [start]
-    while queue:
-        unseen = (neighbours[queue.pop()] & after) - seen
-        seen |= unseen
-        queue += unseen
-    unconnected = tuple(part for item in items for part in item if part not in seen and not plan.parts[part].part.is_loose)
-    return [StepFault(step, unconnected, Fault.UNCONNECTED)] if unconnected else []
-
-
-def _blocked(
-    items: Sequence[tuple[int, ...]],
-    after: set[int],
-    occupancy: Occupancy,
-    axes: dict[int, list[Floats]],
-    neighbours: dict[int, set[int]],
-    count: int,
-) -> tuple[int, ...]:
+def _blocked(items: Sequence[tuple[int, ...]], after: set[int], occupancy: Occupancy, links: _Links) -> tuple[int, ...]:
     """Parts of a step without a free straight path."""
-    present = np.zeros(count, dtype=bool)
+    present = np.zeros(len(occupancy.low), dtype=bool)
     present[list(after)] = True
-    remaining = list(items)
-    if len(remaining) == len(after):  # the first step: its first item lies on the table
-        remaining = remaining[1:]
-    has_removed = True
-    while remaining and has_removed and occupancy.queries <= _MAX_QUERIES:
-        has_removed = False
-        for group in _groups(remaining, neighbours):
+    # In the first step the first item lies on the table.
+    remaining = list(items)[len(items) == len(after) :]
+    while remaining and occupancy.queries <= _MAX_QUERIES:
+        for group in _groups(remaining, links):
             parts = [part for item in group for part in item]
-            if _is_removable(parts, present, occupancy, _directions(parts, axes)):
-                present[parts] = False
+            others = present.copy()
+            others[parts] = False
+            paths = ([direction * distance for distance in _PATH_LDU] for direction in _directions(parts, links))
+            if any(all(occupancy.is_free(parts, others, shift) for shift in path) for path in paths):
+                present = others
                 remaining = [item for item in remaining if item not in group]
-                has_removed = True
                 break
+        else:
+            break
     return tuple(part for item in remaining for part in item)
 
 
-def _groups(remaining: Sequence[tuple[int, ...]], neighbours: dict[int, set[int]]) -> Iterable[list[tuple[int, ...]]]:
+def _groups(remaining: Sequence[tuple[int, ...]], links: _Links) -> Iterator[list[tuple[int, ...]]]:
     """Groups to remove together: each item, each with the new items that it touches, all items."""
     for item in reversed(remaining):
         yield [item]
     for item in reversed(remaining):
-        touched = {other for part in item for other in neighbours[part]}
+        touched = {other for part in item for other, _ in links[part]}
         group = [other for other in remaining if other == item or touched & set(other)]
         if 1 < len(group) < len(remaining):
             yield group
@@ -122,16 +163,10 @@ def _groups(remaining: Sequence[tuple[int, ...]], neighbours: dict[int, set[int]
         yield list(remaining)
 
 
-def _directions(parts: Sequence[int], axes: dict[int, list[Floats]]) -> list[Floats]:
+def _directions(parts: Sequence[int], links: _Links) -> list[Floats]:
     """Directions to try: along the connections, then along the plan's axes."""
     directions: list[Floats] = []
-    for axis in [axis for part in parts for axis in axes[part]] + list(np.eye(3)):
+    for axis in [axis for part in parts for _, axis in links[part]] + list(np.eye(3)):
         if not any(abs(float(axis @ direction)) > 0.999 for direction in directions):
             directions.append(axis)
     return [sign * direction for direction in directions for sign in (1.0, -1.0)]
-
-
-def _is_removable(parts: Sequence[int], present: Bools, occupancy: Occupancy, directions: Sequence[Floats]) -> bool:
-    others = present.copy()
-    others[list(parts)] = False
-    return any(all(occupancy.is_free(parts, others, direction * distance) for distance in _PATH_LDU) for direction in directions)

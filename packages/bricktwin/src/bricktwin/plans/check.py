@@ -11,21 +11,18 @@ import numpy as np
 from brickhub.errors import percent
 from brickhub.finding import Finding, Outcome
 from bricktwin.plans.bodies import MAX_BODIES, RATE_LENGTH, Bodies, find_bodies
-from bricktwin.plans.building import Fault, step_faults
-from bricktwin.plans.chains import chain_meshes
+from bricktwin.plans.building import Fault, Occupancy, step_faults
 from bricktwin.plans.connections import Connection, Mesh, connections, meshes
-from bricktwin.plans.contact import Occupancy
 from bricktwin.plans.geometry import MM_PER_LDU, Floats
+from bricktwin.plans.part import DeviceKind
 from bricktwin.plans.plan import Placed, Plan
-from bricktwin.plans.wiring import wiring
 
 _MAX_NAMES = 5
 _MIN_RATE = 0.02
-_REMEDIES = {
-    Fault.UNCONNECTED: "connect it, or add it later",
-    Fault.BLOCKED: "add it in an earlier step",
-    Fault.UNCHECKED: "split the step",
-}
+_SLACK_MM = 30.0
+"""Length of a cable that its bends need."""
+_Mistake = tuple[int, str, str]
+"""Line in the file, 0 for the whole plan; name; what is wrong and what to do."""
 
 
 @dataclass(frozen=True)
@@ -39,73 +36,61 @@ class Structure:
 
 def structure_of(plan: Plan) -> Structure:
     """Compute the structure of a plan."""
-    links, gears = connections(plan.parts), [*meshes(plan.parts), *chain_meshes(plan.parts)]
+    links, gears = connections(plan.parts), meshes(plan.parts)
     return Structure(tuple(links), tuple(gears), find_bodies(plan.parts, links, gears))
 
 
 def check(plan: Plan) -> list[Finding]:
     """All findings about a plan, in the order of its lines; empty if it can be built."""
-    findings = list(_check_count(plan))
+    mistakes = list(_check_count(plan))
     if plan.parts:
         structure, occupancy = structure_of(plan), Occupancy(plan.parts)
-        findings += _check_connections(plan, structure)
-        collisions = occupancy.collisions()
-        findings += _check_collisions(plan, collisions)
-        findings += _check_gears(plan, structure)
-        findings += _check_motions(plan, structure)
-        findings += _check_steps(plan, structure, occupancy, collisions)
-        findings += wiring(plan)
-    return sorted(findings, key=lambda finding: (finding.line, finding.name, finding.detail))
+        mistakes += _check_connections(plan, structure)
+        collisions = [(plan.parts[index], plan.parts[other]) for index, other in occupancy.collisions()]
+        for first, second in collisions:
+            text = f"{second.name} is inside {first.name} of line {first.line}; move one of the two"
+            mistakes.append((second.line, "collision", text))
+        mistakes += _check_gears(plan, structure)
+        mistakes += _check_motions(plan, structure)
+        mistakes += _check_steps(plan, structure, occupancy, {placed.index for pair in collisions for placed in pair})
+        mistakes += _check_wiring(plan)
+    return [Finding(name, Outcome.ERROR, text, line) for line, name, text in sorted(mistakes)]
 
 
-def _check_count(plan: Plan) -> Iterator[Finding]:
+def _check_count(plan: Plan) -> Iterator[_Mistake]:
     """Unknown parts, and a part count other than declared."""
     for unknown in plan.unknown:
-        text = f"part {unknown.number} ({_times(len(unknown.lines))}) is not in the catalogue; use another, or add it there"
-        yield Finding("unknown part", Outcome.ERROR, text, unknown.lines[0])
+        times = "once" if len(unknown.lines) == 1 else f"{len(unknown.lines)} times"
+        text = f"part {unknown.number} ({times}) is not in the catalogue; use another, or add it there"
+        yield unknown.lines[0], "unknown part", text
     count = len(plan.parts) + sum(len(unknown.lines) for unknown in plan.unknown)
     if plan.count not in (None, count):
-        text = f"the plan says PARTS {plan.count}, but places {count}; put back what is missing, or correct the number"
-        yield Finding("count", Outcome.ERROR, text)
+        yield 0, "count", f"the plan says PARTS {plan.count}, but places {count}; put back what is missing, or correct the number"
 
 
-def _times(count: int) -> str:
-    return "once" if count == 1 else f"{count} times"
-
-
-def _check_connections(plan: Plan, structure: Structure) -> Iterator[Finding]:
+def _check_connections(plan: Plan, structure: Structure) -> Iterator[_Mistake]:
     """Pins in axle holes, misaligned axles, connections that are not deep enough, unconnected parts."""
     for link in structure.connections:
         male, female = plan.parts[link.male], plan.parts[link.female]
         pair = f"{male.name} and {female.name} of line {female.line}"
         if not link.fits:
-            text = f"{pair}: a pin does not go into an axle hole; use an axle"
-            yield Finding("misfit", Outcome.ERROR, text, male.line)
+            yield male.line, "misfit", f"{pair}: a pin does not go into an axle hole; use an axle"
         elif link.is_crossed:
-            text = f"{pair}: the axle is misaligned with its hole; turn one of them"
-            yield Finding("misfit", Outcome.ERROR, text, male.line)
+            yield male.line, "misfit", f"{pair}: the axle is misaligned with its hole; turn one of them"
         elif not link.is_seated:
             text = f"{pair}: only {link.depth * MM_PER_LDU:.1f} mm are inside; push it in, or use a longer part"
-            yield Finding("half-held", Outcome.ERROR, text, male.line)
+            yield male.line, "half-held", text
     connected = {part for members in structure.bodies.members for part in members}
     for placed in plan.parts:
         if placed.index not in connected and not placed.part.is_loose:
-            text = f"{placed.name} is not connected to the main body; add a pin or an axle, or remove it"
-            yield Finding("loose", Outcome.ERROR, text, placed.line)
+            yield placed.line, "loose", f"{placed.name} is not connected to the main body; add a pin or an axle, or remove it"
     uses = Counter(link.male for link in structure.connections if link.fits)
     for placed in plan.parts:
         if placed.part.family == "pins" and uses[placed.index] == 1:
-            text = f"{placed.name} goes into one part only; add a second part, or remove it"
-            yield Finding("half-held", Outcome.ERROR, text, placed.line)
+            yield placed.line, "half-held", f"{placed.name} goes into one part only; add a second part, or remove it"
 
 
-def _check_collisions(plan: Plan, pairs: list[tuple[int, int]]) -> Iterator[Finding]:
-    for first, second in ((plan.parts[index], plan.parts[other]) for index, other in pairs):
-        text = f"{second.name} is inside {first.name} of line {first.line}; move one of the two"
-        yield Finding("collision", Outcome.ERROR, text, second.line)
-
-
-def _check_gears(plan: Plan, structure: Structure) -> Iterator[Finding]:
+def _check_gears(plan: Plan, structure: Structure) -> Iterator[_Mistake]:
     """Adjacent gears that mesh badly."""
     for mesh in structure.meshes:
         if mesh.is_good:
@@ -115,16 +100,14 @@ def _check_gears(plan: Plan, structure: Structure) -> Iterator[Finding]:
             fault = f"meet over only {percent(mesh.engaged)} of their width; shift one along its axle"
         else:
             fault = f"are {abs(mesh.error) * MM_PER_LDU:.1f} mm too {'far apart' if mesh.error > 0 else 'close'}; move one"
-        text = f"the teeth of {second.name} and {first.name} of line {first.line} {fault}"
-        yield Finding("gears", Outcome.ERROR, text, second.line)
+        yield second.line, "gears", f"the teeth of {second.name} and {first.name} of line {first.line} {fault}"
 
 
-def _check_motions(plan: Plan, structure: Structure) -> Iterator[Finding]:
+def _check_motions(plan: Plan, structure: Structure) -> Iterator[_Mistake]:
     """Parts that move although all motors are braked, and motors that cannot turn."""
     bodies = structure.bodies
     if len(bodies.members) > MAX_BODIES:
-        text = f"{len(bodies.members)} parts or groups of parts can move, too many to check; connect them"
-        yield Finding("half-held", Outcome.ERROR, text)
+        yield 0, "half-held", f"{len(bodies.members)} parts or groups of parts can move, too many to check; connect them"
         return
     motors = [joint.motor for joint in bodies.joints if joint.motor is not None]
     motions = bodies.motions(locked=motors)
@@ -134,9 +117,8 @@ def _check_motions(plan: Plan, structure: Structure) -> Iterator[Finding]:
             if np.abs(rates).max() < _MIN_RATE or any(plan.parts[part].is_free for part in members):
                 continue
             names = _names([plan.parts[part] for part in members])
-            line = min((plan.parts[part].line for part in members), default=0)
             text = f"{names} can swing or slide; connect it at a second place, or write 0 !BRICKSRL FREE before it"
-            yield Finding("half-held", Outcome.ERROR, text, line)
+            yield min((plan.parts[part].line for part in members), default=0), "half-held", text
     yield from _check_motors(plan, bodies, motors)
 
 
@@ -150,20 +132,19 @@ def _remove_spin(plan: Plan, members: tuple[int, ...], rates: Floats) -> Floats:
     return np.concatenate([rates[:3] + np.cross(angular, point, axis=0), angular - np.outer(axis, axis @ angular)])
 
 
-def _check_motors(plan: Plan, bodies: Bodies, motors: list[int]) -> Iterator[Finding]:
+def _check_motors(plan: Plan, bodies: Bodies, motors: list[int]) -> Iterator[_Mistake]:
     if not motors:
         return
     motions = bodies.motions()
-    rates = np.array([bodies.rates(motor, motions) for motor in motors]).reshape(len(motors), -1)
+    rates = np.array([joint.rates(motions) for joint in bodies.joints if joint.motor is not None]).reshape(len(motors), -1)
     locked = [motor for motor, row in zip(motors, rates, strict=True) if not len(row) or np.abs(row).max() < _MIN_RATE]
     for motor in locked:
         text = f"{plan.parts[motor].name} cannot turn: its load is fixed to its mount; remove a pin or a gear"
-        yield Finding("locked", Outcome.ERROR, text, plan.parts[motor].line)
+        yield plan.parts[motor].line, "locked", text
     rank = int(np.linalg.matrix_rank(rates, tol=_MIN_RATE)) if rates.size else 0
     if rank < len(motors) - len(locked):
         names = ", ".join(f"line {plan.parts[motor].line}" for motor in motors if motor not in locked)
-        text = f"motors block one another ({names}): they drive the same part; remove one"
-        yield Finding("locked", Outcome.ERROR, text, plan.parts[motors[0]].line)
+        yield plan.parts[motors[0]].line, "locked", f"motors block one another ({names}): they drive the same part; remove one"
 
 
 def _names(placed: list[Placed]) -> str:
@@ -172,13 +153,43 @@ def _names(placed: list[Placed]) -> str:
     return ", ".join(names[:_MAX_NAMES]) + (f" and {len(names) - _MAX_NAMES} more" if len(names) > _MAX_NAMES else "")
 
 
-def _check_steps(plan: Plan, structure: Structure, occupancy: Occupancy, pairs: list[tuple[int, int]]) -> Iterator[Finding]:
-    colliding = {part for pair in pairs for part in pair}
+def _check_steps(plan: Plan, structure: Structure, occupancy: Occupancy, colliding: set[int]) -> Iterator[_Mistake]:
     for fault in step_faults(plan, structure.connections, occupancy):
-        parts = tuple(part for part in fault.parts if fault.kind is not Fault.BLOCKED or part not in colliding)
-        if not parts:
+        placed = [plan.parts[part] for part in fault.parts if fault.kind is not Fault.BLOCKED or part not in colliding]
+        if not placed:
             continue
-        placed = [plan.parts[part] for part in parts]
-        remedy = _REMEDIES[fault.kind]
-        text = f"step {fault.step.index + 1}: {_names(placed)} {fault.kind.value}; {remedy}"
-        yield Finding("step", Outcome.ERROR, text, placed[0].line)
+        yield placed[0].line, "step", f"step {fault.step.index + 1}: {_names(placed)} {fault.kind.value}"
+
+
+def _check_wiring(plan: Plan) -> Iterator[_Mistake]:
+    """Findings about hub, ports and cables."""
+    hubs = plan.devices(DeviceKind.HUB)
+    devices = plan.devices(DeviceKind.MOTOR, DeviceKind.SENSOR)
+    if len(hubs) != 1:
+        if devices or len(hubs) > 1:
+            fault = "has no hub; add one" if not hubs else f"has {len(hubs)} hubs; leave one"
+            yield hubs[-1].line if hubs else 0, "wiring", f"the plan {fault}"
+        return
+    positions = dict(hubs[0].electric.ports)
+    used: dict[str, Placed] = {}
+    for placed in devices:
+        if placed.port is None:
+            yield placed.line, "wiring", f"{placed.name} has no port; write 0 !BRICKSRL PORT and its letter before it"
+        elif placed.port not in positions:
+            text = f"{placed.name} is on port {placed.port}, but the hub has {', '.join(sorted(positions))}; choose one of these"
+            yield placed.line, "wiring", text
+        elif placed.port in used:
+            other = used[placed.port].line
+            text = f"{placed.name} is on port {placed.port}, and so is the one of line {other}; give each its own"
+            yield placed.line, "wiring", text
+        else:
+            used[placed.port] = placed
+            yield from _cable(hubs[0], positions[placed.port], placed)
+
+
+def _cable(hub: Placed, position: tuple[float, float, float], placed: Placed) -> Iterator[_Mistake]:
+    length_mm = placed.electric.cable_mm
+    needed = float(np.linalg.norm(hub.point(position) - placed.point(placed.electric.plug))) * MM_PER_LDU + _SLACK_MM
+    if needed > length_mm:
+        text = f"the cable of {placed.name} has {length_mm:.0f} mm, but port {placed.port} needs {needed:.0f}; use a nearer port"
+        yield placed.line, "wiring", text

@@ -1,9 +1,15 @@
-"""Connections between parts: pins and axles in holes, studs, turntables, ball joints, gear meshes. LDraw units, plan frame."""
+"""Connections between parts: pins and axles in holes, studs, turntables, ball joints, meshing gears, chains around gears.
+
+LDraw units, plan frame.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice, pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,8 +29,10 @@ _MAX_COMPARED = 20_000
 """Maximum number of gear pairs to compare."""
 _CROSS_DEG = 6.0
 _WORM_PITCH_RADIUS = 10.0
-_WORM_LEAD = 7.854
-"""One tooth, pi mm, per turn."""
+_TOOTH = 7.854
+"""Length of a tooth, pi mm: lead of a worm, pitch of a rack."""
+_LINK, _LINK_TOLERANCE = 16.0, 1.5
+"""Length of a chain's link, along its z axis: two teeth. Its largest offset from the previous link, and from a gear."""
 _JOINTS = (Fit.TURNTABLE, Fit.BALL, Fit.SOCKET)
 _Placed = tuple[int, Site, Floats, Floats]
 """A site: index of its part, centre, direction."""
@@ -58,6 +66,11 @@ class Connection:
     def fits(self) -> bool:
         """Whether it is possible; a pin does not fit into an axle hole."""
         return not (self.male_site.fit in (Fit.PIN, Fit.FRICTION_PIN) and self.female_site.fit is Fit.AXLE_HOLE)
+
+    @property
+    def is_axle(self) -> bool:
+        """Whether it is an axle in a hole."""
+        return self.male_site.fit is Fit.AXLE
 
     @property
     def is_ball(self) -> bool:
@@ -95,6 +108,16 @@ class Mesh:
     def is_good(self) -> bool:
         """Whether they turn each other."""
         return abs(self.error) <= _MESH_TOLERANCE and self.engaged >= _MIN_SEATED_SHARE
+
+
+def reached(start: int, neighbours: Mapping[int, Iterable[int]]) -> set[int]:
+    """All nodes of a graph that are connected to ``start``, and that."""
+    found, waiting = {start}, [start]
+    while waiting:
+        unseen = set(neighbours[waiting.pop()]) - found
+        found |= unseen
+        waiting += unseen
+    return found
 
 
 def connections(parts: Sequence[Placed]) -> list[Connection]:
@@ -164,42 +187,52 @@ def _coinciding(joints: list[_Placed]) -> list[Connection]:
     return result
 
 
-def meshes(parts: Sequence[Placed]) -> list[Mesh]:
-    """Pairs of gears that mesh, or are nearly close enough."""
+class _Geared(NamedTuple):
+    """A gear at its place: middle [3] and axis [3]."""
+
+    placed: Placed
+    gear: Gear
+    centre: Floats
+    axis: Floats
+
+
+def _geared(parts: Sequence[Placed]) -> list[_Geared]:
     gears = [(placed, gear) for placed in parts for gear in placed.part.gears]
-    centres = np.array([placed.point(gear.centre) for placed, gear in gears]).reshape(-1, 3)
-    reach = np.array([max(gear.pitch_radius, gear.width, 4.0 * gear.teeth) for _, gear in gears])
-    result: list[Mesh] = []
-    compared = 0
-    for number, (placed, gear) in enumerate(gears):
-        distances = np.linalg.norm(centres[number + 1 :] - centres[number], axis=1)
-        for near in np.flatnonzero(distances < reach[number + 1 :] + reach[number] + 2 * _NEAR_TOLERANCE):
-            other, second = gears[number + 1 + int(near)]
-            compared += 1
-            if compared > _MAX_COMPARED:
-                return result
-            mesh = _mesh(placed, gear, other, second) if other.index != placed.index else None
-            if mesh is not None:
-                result.append(mesh)
-    return result
+    return [_Geared(placed, gear, placed.point(gear.centre), placed.rotation @ np.array(gear.axis)) for placed, gear in gears]
 
 
-def _mesh(first: Placed, gear: Gear, second: Placed, other: Gear) -> Mesh | None:
-    if GearForm.RACK in (gear.form, other.form):
-        return _rack(first, gear, second, other) if gear.form is GearForm.RACK else _rack(second, other, first, gear)
-    if GearForm.WORM in (gear.form, other.form):
-        return _worm(first, gear, second, other) if gear.form is GearForm.WORM else _worm(second, other, first, gear)
-    axis, axis2 = first.rotation @ np.array(gear.axis), second.rotation @ np.array(other.axis)
-    if np.linalg.norm(np.cross(axis, axis2)) < _MAX_TILT:
-        return _parallel(first, gear, second, other, axis)
-    forms = {gear.form, other.form}  # at a right angle a spur gear meshes with a crown gear only
-    if abs(float(axis @ axis2)) < _MAX_TILT and (GearForm.SPUR not in forms or GearForm.CROWN in forms):
-        return _right_angle(first, gear, second, other, axis, axis2)
+def meshes(parts: Sequence[Placed]) -> list[Mesh]:
+    """Pairs of gears that mesh, or are nearly close enough, then the pairs in chains."""
+    gears = _geared(parts)
+    centres = np.array([gear.centre for gear in gears]).reshape(-1, 3)
+    reach = np.array([max(placed.gear.pitch_radius, placed.gear.width, 4.0 * placed.gear.teeth) for placed in gears])
+    near = (
+        (first, gears[number + 1 + int(other)])
+        for number, first in enumerate(gears)
+        for other in np.flatnonzero(
+            np.linalg.norm(centres[number + 1 :] - centres[number], axis=1)
+            < reach[number + 1 :] + reach[number] + 2 * _NEAR_TOLERANCE
+        )
+    )
+    found = [_mesh(*pair) for pair in islice(near, _MAX_COMPARED) if pair[0].placed is not pair[1].placed]
+    return [*(mesh for mesh in found if mesh is not None), *chain_meshes(parts)]
+
+
+def _mesh(first: _Geared, second: _Geared) -> Mesh | None:
+    forms = (first.gear.form, second.gear.form)
+    for form, kind in ((GearForm.RACK, _rack), (GearForm.WORM, _worm)):
+        if form in forms:
+            return kind(first, second) if forms[0] is form else kind(second, first)
+    if np.linalg.norm(np.cross(first.axis, second.axis)) < _MAX_TILT:
+        return _parallel(first, second)
+    # At a right angle a spur gear meshes with a crown gear only.
+    if abs(float(first.axis @ second.axis)) < _MAX_TILT and (GearForm.SPUR not in forms or GearForm.CROWN in forms):
+        return _right_angle(first, second)
     return None
 
 
-def _parallel(first: Placed, gear: Gear, second: Placed, other: Gear, axis: Floats) -> Mesh | None:
-    offset = second.point(other.centre) - first.point(gear.centre)
+def _parallel(first: _Geared, second: _Geared) -> Mesh | None:
+    gear, other, axis, offset = first.gear, second.gear, first.axis, second.centre - first.centre
     along = float(offset @ axis)
     across = offset - along * axis
     distance = float(np.linalg.norm(across))
@@ -209,24 +242,23 @@ def _parallel(first: Placed, gear: Gear, second: Placed, other: Gear, axis: Floa
         return None
     # Dividing the distance by the teeth gives the exact ratio, even if the pitch circles do not quite touch.
     fraction = gear.pitch_radius / (gear.pitch_radius + other.pitch_radius)
-    point = first.point(gear.centre) + across * fraction + axis * along / 2
-    tangent = np.cross(axis, across / distance)
-    return _make_mesh(first, gear, second, other, error, overlap / min(gear.width, other.width), point, tangent)
+    point = first.centre + across * fraction + axis * along / 2
+    return _make_mesh(first, second, error, point, np.cross(axis, across / distance), overlap / min(gear.width, other.width))
 
 
-def _right_angle(first: Placed, gear: Gear, second: Placed, other: Gear, axis: Floats, axis2: Floats) -> Mesh | None:
+def _right_angle(first: _Geared, second: _Geared) -> Mesh | None:
     """Bevel and crown gears, or a crown gear and a spur gear, with intersecting axes."""
-    offset = second.point(other.centre) - first.point(gear.centre)
-    normal = np.cross(axis, axis2)
-    along, along2 = float(offset @ axis), float(offset @ axis2)
+    gear, other, offset = first.gear, second.gear, second.centre - first.centre
+    normal = np.cross(first.axis, second.axis)
+    along, along2 = float(offset @ first.axis), float(offset @ second.axis)
     error = max(_set_back_error(along, gear, other), _set_back_error(along2, other, gear), key=abs)
     if abs(float(offset @ normal)) > _NEAR_TOLERANCE or abs(error) > _NEAR_TOLERANCE:
         return None
     error += abs(float(offset @ normal))
     # On the line where the pitch cones touch, whose distances from the axes have the ratio of the teeth.
-    apex = first.point(gear.centre) + along * axis
-    point = apex - np.sign(along) * other.pitch_radius * axis + np.sign(along2) * gear.pitch_radius * axis2
-    return _make_mesh(first, gear, second, other, error, 1.0, point, normal)
+    apex = first.centre + along * first.axis
+    point = apex - np.sign(along) * other.pitch_radius * first.axis + np.sign(along2) * gear.pitch_radius * second.axis
+    return _make_mesh(first, second, error, point, normal)
 
 
 def _set_back_error(along: float, gear: Gear, other: Gear) -> float:
@@ -236,43 +268,98 @@ def _set_back_error(along: float, gear: Gear, other: Gear) -> float:
     return abs(along) - other.pitch_radius - gear.set_back
 
 
-def _worm(first: Placed, worm: Gear, second: Placed, gear: Gear) -> Mesh | None:
-    axis, axis2 = first.rotation @ np.array(worm.axis), second.rotation @ np.array(gear.axis)
-    offset = second.point(gear.centre) - first.point(worm.centre)
-    if (
-        abs(float(axis @ axis2)) > _MAX_TILT
-        or abs(float(offset @ axis2)) > gear.width / 2
-        or abs(float(offset @ axis)) > worm.width / 2
-    ):
+def _worm(worm: _Geared, wheel: _Geared) -> Mesh | None:
+    axis, offset, radius = worm.axis, wheel.centre - worm.centre, wheel.gear.pitch_radius
+    is_beside = abs(float(offset @ wheel.axis)) > wheel.gear.width / 2 or abs(float(offset @ axis)) > worm.gear.width / 2
+    if is_beside or abs(float(axis @ wheel.axis)) > _MAX_TILT:
         return None
-    across = offset - (offset @ axis) * axis - (offset @ axis2) * axis2
+    across = offset - (offset @ axis) * axis - (offset @ wheel.axis) * wheel.axis
     distance = float(np.linalg.norm(across))
-    error = distance - _WORM_PITCH_RADIUS - gear.pitch_radius
+    error = distance - _WORM_PITCH_RADIUS - radius
     if abs(error) > _NEAR_TOLERANCE or distance < 1.0:
         return None
-    point = second.point(gear.centre) - across / distance * gear.pitch_radius
-    mesh = _make_mesh(first, worm, second, gear, error, 1.0, point, axis)
+    mesh = _make_mesh(worm, wheel, error, wheel.centre - across / distance * radius, axis)
     # The thread is right-handed: turning it about its axis also moves the teeth backwards along the axis.
-    mesh.motion[0, 3:] -= axis * _WORM_LEAD / (2 * np.pi)
+    mesh.motion[0, 3:] -= axis * _TOOTH / (2 * np.pi)
     return mesh
 
 
-def _rack(first: Placed, rack: Gear, second: Placed, gear: Gear) -> Mesh | None:
-    along, up = first.rotation @ np.array(rack.axis), first.rotation @ np.array(rack.up)
-    axis = second.rotation @ np.array(gear.axis)
-    offset = second.point(gear.centre) - first.point(rack.centre)
-    error = float(offset @ up) - gear.pitch_radius
-    half = rack.teeth * 7.854 / 2
+def _rack(rack: _Geared, wheel: _Geared) -> Mesh | None:
+    along, up, axis = rack.axis, rack.placed.rotation @ np.array(rack.gear.up), wheel.axis
+    offset = wheel.centre - rack.centre
+    error = float(offset @ up) - wheel.gear.pitch_radius
     if abs(float(axis @ along)) > _MAX_TILT or abs(float(axis @ up)) > _MAX_TILT or abs(error) > _NEAR_TOLERANCE:
         return None
-    if abs(float(offset @ along)) > half or abs(float(offset @ axis)) > 0.3 * rack.width:
+    if abs(float(offset @ along)) > rack.gear.teeth * _TOOTH / 2 or abs(float(offset @ axis)) > 0.3 * rack.gear.width:
         return None
-    return _make_mesh(first, rack, second, gear, error, 1.0, second.point(gear.centre) - up * gear.pitch_radius, along)
+    return _make_mesh(rack, wheel, error, wheel.centre - up * wheel.gear.pitch_radius, along)
 
 
 def _make_mesh(
-    first: Placed, gear: Gear, second: Placed, other: Gear, error: float, engaged: float, point: Floats, tangent: Floats
+    first: _Geared,
+    second: _Geared,
+    error: float,
+    point: Floats,
+    tangent: Floats,
+    engaged: float = 1.0,
+    point2: Floats | None = None,
 ) -> Mesh:
-    """A mesh: at ``point`` both have the same velocity along ``tangent``."""
-    row = np.concatenate([tangent, np.cross(point, tangent)])
-    return Mesh(first.index, second.index, (gear, other), error, engaged, point, np.stack([row, -row]))
+    """A mesh: the first gear at ``point`` and the second there, or at ``point2``, have the same velocity along ``tangent``."""
+    row, row2 = (np.concatenate([tangent, np.cross(at, tangent)]) for at in (point, point if point2 is None else point2))
+    return Mesh(first.placed.index, second.placed.index, (first.gear, second.gear), error, engaged, point, np.stack([row, -row2]))
+
+
+def chain_meshes(parts: Sequence[Placed]) -> list[Mesh]:
+    """The gears in each closed chain, in pairs."""
+    gears = [placed for placed in _geared(parts) if placed.gear.form is GearForm.SPUR]
+    found = []
+    for points, axis in _loops(parts):
+        driven = [gear for gear in gears if _is_driven(gear, points, axis)]
+        found += [_chained(first, second, axis) for first, second in pairwise(driven)]
+    return [mesh for mesh in found if mesh is not None]
+
+
+def _loops(parts: Sequence[Placed]) -> list[tuple[Floats, Floats]]:
+    """Points [n, 3] of each closed chain, one a link, and the direction of its pins [3]."""
+    links = [placed for placed in parts if placed.part.family == "chains"]
+    starts = np.array([link.position for link in links])
+    next_link = {}
+    for number, link in enumerate(links):
+        distances = np.linalg.norm(starts - link.to_plan(np.array([[0.0, 0.0, _LINK]])), axis=1)
+        if distances.min() < _LINK_TOLERANCE:
+            next_link[number] = int(distances.argmin())
+    remaining, loops = dict.fromkeys(range(len(links))), []
+    while remaining:
+        loop = [next(iter(remaining))]
+        while loop[-1] in remaining:
+            del remaining[loop[-1]]
+            loop.append(next_link.get(loop[-1], -1))
+        if loop[-1] == loop[0]:
+            loops.append((starts[loop[:-1]], links[loop[0]].rotation[:, 0]))
+    return loops
+
+
+def _is_driven(placed: _Geared, points: Floats, axis: Floats) -> bool:
+    """Whether a gear is inside a chain, and links lie on its teeth."""
+    offset = points - placed.centre
+    projected = offset - np.outer(offset @ axis, axis)
+    radius = _LINK / 2 / math.sin(2 * math.pi / placed.gear.teeth)  # a link is the chord of two teeth
+    touching = np.abs(np.linalg.norm(projected, axis=1) - radius) < _LINK_TOLERANCE
+    is_level = np.abs(offset @ axis).max() < placed.gear.width / 2 and abs(placed.axis @ axis) > 0.999
+    after = np.roll(projected, -1, axis=0)
+    winding = np.arctan2(np.cross(projected, after) @ axis, np.einsum("ij,ij->i", projected, after)).sum()
+    return bool(is_level and np.count_nonzero(touching) >= 2 and abs(winding) > math.pi)
+
+
+def _chained(first: _Geared, second: _Geared, axis: Floats) -> Mesh | None:
+    """Two gears in a chain: where its straight part touches them, both move equally fast along it; ``None`` if one is inside
+    the other."""
+    radius, radius2, offset = first.gear.pitch_radius, second.gear.pitch_radius, second.centre - first.centre
+    offset = offset - (offset @ axis) * axis
+    distance = float(np.linalg.norm(offset))
+    if distance <= abs(radius - radius2) + _LINK_TOLERANCE:
+        return None
+    sine = (radius - radius2) / distance
+    outward = sine * offset / distance + math.sqrt(1 - sine**2) * np.cross(axis, offset / distance)
+    point, point2 = first.centre + radius * outward, second.centre + radius2 * outward
+    return _make_mesh(first, second, 0.0, point, np.cross(axis, outward), point2=point2)

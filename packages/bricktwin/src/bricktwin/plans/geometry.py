@@ -82,7 +82,10 @@ class Solid:
     def samples(self, spacing: float, depth: float) -> Floats:
         """Points [n, 3] that fill the solid up to ``depth`` below its surface."""
         half = np.maximum(np.array(self.half) - depth, 0.0)
-        lines = [_line(float(size), spacing) for size in half]
+        counts = np.maximum(2, np.ceil(2 * half / spacing).astype(int) + 1)
+        lines = [
+            np.linspace(-size, size, count) if size > 0.25 else np.zeros(1) for size, count in zip(half, counts, strict=True)
+        ]
         if self.form is Form.BOX:
             local = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 3)
         else:
@@ -96,10 +99,6 @@ class Solid:
         signs = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)], dtype=float)
         half = np.array(self.half if self.form is not Form.RING else (self.half[0], self.half[0], self.half[2]))
         return np.asarray((signs * half) @ np.array(self.axes) + np.array(self.centre))
-
-
-def _line(half: float, spacing: float) -> Floats:
-    return np.linspace(-half, half, max(2, int(np.ceil(2 * half / spacing)) + 1)) if half > 0.25 else np.zeros(1)
 
 
 def _round_samples(half: Floats, heights: Floats, spacing: float, *, is_ball: bool) -> Floats:
@@ -133,16 +132,14 @@ def box(centre: Triple, size: Triple) -> Solid:
     return Solid(Form.BOX, centre, (size[0] / 2, size[1] / 2, size[2] / 2))
 
 
-def cylinder(centre: Triple, axis: str | Triple, length: float, radius: float) -> Solid:
+def cylinder(centre: Triple, axis: Triple, length: float, radius: float) -> Solid:
     """A cylinder around ``axis``."""
-    direction = AXES[axis] if isinstance(axis, str) else axis
-    return Solid(Form.CYLINDER, centre, (radius, radius, length / 2), frame_of(direction))
+    return Solid(Form.CYLINDER, centre, (radius, radius, length / 2), frame_of(axis))
 
 
-def ring(centre: Triple, axis: str | Triple, length: float, outer: float, inner: float) -> Solid:
+def ring(centre: Triple, axis: Triple, length: float, outer: float, inner: float) -> Solid:
     """A tube around ``axis``."""
-    direction = AXES[axis] if isinstance(axis, str) else axis
-    return Solid(Form.RING, centre, (outer, inner, length / 2), frame_of(direction))
+    return Solid(Form.RING, centre, (outer, inner, length / 2), frame_of(axis))
 
 
 def ball(centre: Triple, radius: float) -> Solid:

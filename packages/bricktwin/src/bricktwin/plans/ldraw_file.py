@@ -8,7 +8,7 @@ from __future__ import annotations
 import io
 import math
 import zipfile
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from itertools import dropwhile
 from pathlib import Path
@@ -17,20 +17,16 @@ from typing import Any
 import numpy as np
 
 from brickhub.errors import PlanError
-from bricktwin.plans.colours import code_of
 from bricktwin.plans.geometry import Floats, Triple
 
 MAX_BYTES, MAX_LINES = 8_000_000, 100_000
-MARK = "!BRICKSRL"
-"""First word of our comments after the 0."""
 _STUDIO_MODELS = ("model.ldr", "model2.ldr")
 _NO_TITLES = ("Name:", "Author:", "BFC", "ROTATION")
 """First words of lines of a header that are not the title."""
 _LIBRARY_TYPES = ("Part", "Subpart", "Shortcut", "Primitive", "8_Primitive", "48_Primitive")
 _STRETCH_TOLERANCE = 0.02
-_MAX_DEG = 36_000.0
-_MAX_COORDINATE = 1e6
-"""LDU."""
+_MAX_DEG, _MAX_COORDINATE = 36_000.0, 1e6
+"""Limits of the numbers of a file, the coordinates in LDU."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -176,31 +172,32 @@ class _Parser:
         self._model: Model | None = None
         self._marks: dict[str, Any] = {}
         self._marks_line = 0
-        self._handlers: dict[str, Callable[[int, list[str]], None]] = {
-            "FILE": self._file,
-            "NOFILE": self._end_of_file,
-            "STEP": self._step,
-            "ROTSTEP": self._step,
-            "//": self._note,
-            "!LDRAW_ORG": self._declared_type,
-            "!LDCAD": self._generated,
-            MARK: self._own_comment,
-        }
 
     def parse_line(self, number: int, words: list[str]) -> None:
         """Parse one line, split into words."""
-        if not words:
-            return
-        if words[0] == "0" and len(words) > 1:
-            handler = self._handlers.get(words[1])
-            if handler is not None:
-                handler(number, words[2:])
-            elif not (self._current(number).title or words[1].startswith("!") or words[1] in _NO_TITLES):
-                self._current(number).title = " ".join(words[1:])
-        elif words[0] == "1":
-            self._reference(number, words)
-        elif words[0] in ("3", "4"):
-            self._current(number).is_shape = True
+        match words:
+            case ["0", "FILE", *name]:
+                self._file(number, " ".join(name))
+            case ["0", "NOFILE", *_]:  # what follows, up to the next model, belongs to none
+                self.begin(Model("", number))
+            case ["0", "STEP" | "ROTSTEP", *_]:
+                self._current(number).step += 1
+            case ["0", "//", *note]:
+                model = self._current(number)
+                model.notes.setdefault(model.step, []).extend(note)
+            case ["0", "!BRICKSRL", *comment]:
+                self._own_comment(number, comment)
+            case ["0", "!LDRAW_ORG", kind, *_]:
+                self._current(number).is_shape |= kind.removeprefix("Unofficial_") in _LIBRARY_TYPES
+            case ["0", "!LDCAD", "GENERATED", *origin]:  # the segments of a cable or hose
+                self._current(number).is_shape |= any(word.startswith("[master=") for word in origin)
+            case ["0", word, *_] if not (word.startswith("!") or word in _NO_TITLES):
+                model = self._current(number)
+                model.title = model.title or " ".join(words[1:])
+            case ["1", *_]:
+                self._reference(number, words)
+            case ["3" | "4", *_]:
+                self._current(number).is_shape = True
 
     def _current(self, number: int) -> Model:
         if self._model is None:
@@ -213,8 +210,7 @@ class _Parser:
             raise self._error(self._marks_line, "no part follows this comment", "move it before the part it describes")
         self._model = model
 
-    def _file(self, number: int, words: list[str]) -> None:
-        name = " ".join(words)
+    def _file(self, number: int, name: str) -> None:
         key, model = key_of(name), Model(name, number)
         if not name or (key in self.models and not key.endswith(".dat")):
             fault = f"'{name}' is the name of two models" if name else "a model without a name"
@@ -222,57 +218,32 @@ class _Parser:
         self.models.setdefault(key, model)  # files with embedded parts have some of them twice
         self.begin(model)
 
-    def _end_of_file(self, number: int, _words: list[str]) -> None:
-        """The end of a model: what follows, up to the next one, belongs to none."""
-        self.begin(Model("", number))
-
-    def _step(self, number: int, _words: list[str]) -> None:
-        self._current(number).step += 1
-
-    def _declared_type(self, number: int, words: list[str]) -> None:
-        """The declared type of a part file."""
-        if words and words[0].removeprefix("Unofficial_") in _LIBRARY_TYPES:
-            self._current(number).is_shape = True
-
-    def _generated(self, number: int, words: list[str]) -> None:
-        """A file with the segments of a cable or hose, generated by LDCad."""
-        if words[:1] == ["GENERATED"] and any(word.startswith("[master=") for word in words):
-            self._current(number).is_shape = True
-
-    def _note(self, number: int, words: list[str]) -> None:
-        model = self._current(number)
-        model.notes.setdefault(model.step, []).extend(words)
-
     def _own_comment(self, number: int, words: list[str]) -> None:
-        key, values = (words[0], tuple(words[1:])) if words else ("", ())
-        self._marks_line = self._marks_line if key in ("ROBOT", "PARTS") else number
-        if key == "ROBOT" and len(values) == 1:
-            self.robot = values[0]
-        elif key == "PARTS" and len(values) == 1 and values[0].isdecimal() and len(values[0]) < 6:
-            self.count = int(values[0])
-        elif key == "PORT" and 0 < len(values) < 4 and len(values[0]) == 1 and (angle_deg := _angle_of(values)) is not None:
-            self._marks |= {"port": values[0].upper(), "device": values[1] if len(values) > 1 else None, "angle_deg": angle_deg}
-        elif key in ("FREE", "FIXED") and not values:
-            self._marks[f"is_{key.lower()}"] = True
-        elif key == "BALL" and (ball := _position_of(values)) is not None:
-            self._marks["ball"] = ball
-        else:
-            raise self._error(
-                number,
-                f"'{' '.join(words)}' is not understood",
-                "write ROBOT NAME, PARTS COUNT, PORT LETTER [DEVICE [DEGREES]], FREE, FIXED or BALL X Y Z",
-            )
+        if words[:1] not in (["ROBOT"], ["PARTS"]):
+            self._marks_line = number
+        match words:
+            case ["ROBOT", robot]:
+                self.robot = robot
+            case ["PARTS", count] if count.isdecimal() and len(count) < 6:
+                self.count = int(count)
+            case ["PORT", port, *rest] if len(port) == 1 and len(rest) < 3 and (turn := numbers_of(rest[1:] or ["0"], _MAX_DEG)):
+                self._marks |= {"port": port.upper(), "device": rest[0] if rest else None, "angle_deg": turn[0]}
+            case ["FREE" | "FIXED" as mark]:
+                self._marks[f"is_{mark.lower()}"] = True
+            case ["BALL", *place] if len(ball := numbers_of(place, _MAX_COORDINATE)) == 3:
+                self._marks["ball"] = ball
+            case _:
+                raise self._error(
+                    number,
+                    f"'{' '.join(words)}' is not understood",
+                    "write ROBOT NAME, PARTS COUNT, PORT LETTER [DEVICE [DEGREES]], FREE, FIXED or BALL X Y Z",
+                )
 
     def _reference(self, number: int, words: list[str]) -> None:
-        try:
-            colour = code_of(words[1])
-            numbers = [float(word) for word in words[2:14]]
-        except (ValueError, IndexError):
-            numbers = []
-            colour = 0
-        name = " ".join(words[14:])
-        if len(numbers) < 12 or not name or not all(math.isfinite(value) and abs(value) < _MAX_COORDINATE for value in numbers):
+        drawn, name = colour_and_numbers(words, 12, _MAX_COORDINATE), " ".join(words[14:])
+        if drawn is None or not name:
             raise self._error(number, "cannot place a part", "write 1, a colour, 12 numbers and a file")
+        colour, numbers = drawn
         matrix = np.array(numbers[3:]).reshape(3, 3)
         model = self._current(number)
         is_stretched = bool(np.abs(matrix @ matrix.T - np.eye(3)).max() > _STRETCH_TOLERANCE)
@@ -284,22 +255,26 @@ class _Parser:
         return PlanError(f"{self.path}, line {number}: {fault}; {remedy}")
 
 
-def _angle_of(port: tuple[str, ...]) -> float | None:
-    """The angle of a PORT comment, 0 without one, ``None`` if invalid."""
+def colour_and_numbers(words: list[str], count: int, limit: float = math.inf) -> tuple[int, tuple[float, ...]] | None:
+    """Colour and ``count`` numbers, all finite and below a limit, of a line that draws something; ``None`` if one is invalid.
+
+    A colour is hexadecimal after 0x, else decimal, also with leading zeros.
+    """
+    numbers = numbers_of(words[2 : 2 + count], limit)
     try:
-        angle_deg = float(port[2]) if len(port) > 2 else 0.0
-    except ValueError:
+        colour = int(words[1], 16 if words[1].lower().startswith("0x") else 10)
+    except (ValueError, IndexError):
         return None
-    return angle_deg if abs(angle_deg) <= _MAX_DEG else None
+    return (colour, numbers) if len(numbers) == count else None
 
 
-def _position_of(words: tuple[str, ...]) -> Triple | None:
-    """The position of a BALL comment, ``None`` if invalid."""
+def numbers_of(words: Sequence[str], limit: float = math.inf) -> tuple[float, ...]:
+    """Numbers, all finite and below a limit; empty if a word is none."""
     try:
-        x, y, z = map(float, words)
+        numbers = tuple(map(float, words))
     except ValueError:
-        return None
-    return (x, y, z) if all(math.isfinite(value) and abs(value) < _MAX_COORDINATE for value in (x, y, z)) else None
+        return ()
+    return numbers if all(abs(value) < limit for value in numbers) else ()
 
 
 def key_of(name: str) -> str:

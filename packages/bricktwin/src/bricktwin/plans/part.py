@@ -111,8 +111,7 @@ class Device:
         plug: position of the cable's exit; a hub's middle.
         cable_mm: length of the cable, 0 for a hub.
         ports: positions of a hub's ports.
-        shaft: outward direction of a motor's shaft.
-        looks: viewing direction of a sensor.
+        direction: outward direction of a motor's shaft, viewing direction of a sensor; ``None`` for a hub.
         sold_as: LEGO's number of the device sold singly, "" if there is none.
     """
 
@@ -121,8 +120,7 @@ class Device:
     plug: Triple
     cable_mm: float = 0.0
     ports: tuple[tuple[str, Triple], ...] = ()
-    shaft: Triple | None = None
-    looks: Triple | None = None
+    direction: Triple | None = None
     sold_as: str = ""
 
 
@@ -209,14 +207,11 @@ class Part:
 
         sites = [(s.fit.value, point(s.centre), line(s.axis), s.length, s.turns, line(s.arm)) for s in self.sites]
         gears = [(g.form.value, point(g.centre), line(g.axis), g.width, g.teeth, point(g.up)) for g in self.gears]
-        if self.device is None:
-            return [*sorted(sites), *sorted(gears)]
-        ports = sorted((name, point(at)) for name, at in self.device.ports)
-        return [
-            *sorted(sites),
-            *sorted(gears),
-            (ports, point(self.device.plug), point(self.device.shaft), point(self.device.looks)),
-        ]
+        features: list[tuple[object, ...]] = [*sorted(sites), *sorted(gears)]
+        if self.device is not None:
+            ports = sorted((name, point(at)) for name, at in self.device.ports)
+            features.append((ports, point(self.device.plug), point(self.device.direction)))
+        return features
 
     @functools.cached_property
     def corners(self) -> Floats:

@@ -1,16 +1,20 @@
-"""Parts lists: CSV, Rebrickable's CSV, BrickLink's XML.
+"""Parts lists as CSV, Rebrickable's CSV and BrickLink's XML, and the LEGO sets that have a plan's hub and many of its parts.
 
-Parts have LDraw's numbers; the shops number some of them otherwise. Colours have the shops' numbers."""
+Parts have LDraw's numbers; the shops number some of them otherwise. Colours have the shops' numbers.
+"""
 
 from __future__ import annotations
 
 import csv
+import functools
 import io
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from xml.sax.saxutils import escape
 
-from bricktwin.plans.colours import Colour, colour_of
+from brickhub.tables import read_table
+from bricktwin.plans import catalogue
+from bricktwin.plans.catalogue import Colour, colour_of
 from bricktwin.plans.part import Part
 from bricktwin.plans.plan import Plan
 
@@ -50,14 +54,7 @@ def as_text(entries: list[Entry], kind: str) -> str:
         )
     heads = ["number", "name", "colour", "count", "mass_g", "mass_source"]
     rows = [
-        [
-            entry.part.number,
-            entry.part.name,
-            entry.colour.name,
-            entry.count,
-            round(entry.mass_g, 3),
-            entry.part.mass_source.value,
-        ]
+        [entry.part.number, entry.part.name, entry.colour.name, entry.count, round(entry.mass_g, 3), entry.part.mass_source.value]
         for entry in entries
     ]
     return _table(heads, rows)
@@ -79,3 +76,123 @@ def _bricklink(entries: list[Entry]) -> str:
         item = f"<ITEMTYPE>P</ITEMTYPE><ITEMID>{escape(entry.part.number)}</ITEMID>{colour}<MINQTY>{entry.count}</MINQTY>"
         lines.append(f"  <ITEM>{item}</ITEM>")
     return "\n".join([*lines, "</INVENTORY>"]) + "\n"
+
+
+NAMES = {
+    "45678": "SPIKE Prime",
+    "51515": "MINDSTORMS Robot Inventor",
+    "45681": "SPIKE Prime expansion",
+    "17101": "BOOST",
+    "31313": "MINDSTORMS EV3",
+    "45544": "MINDSTORMS Education EV3",
+    "45560": "MINDSTORMS Education EV3 expansion",
+}
+_ELECTRONICS_ONLY = {"51515", "17101"}
+"""Sets of which the inventory has only hub, motors and sensors."""
+_REPLACEMENTS = {"3704": "32062", "62821": "62821b"}
+"""Parts that another one can replace: an axle by a notched one, a differential by its other mould."""
+_COMPONENTS = {"56145c01": ("56145", "44309"), "86652c01": ("86652", "32019")}
+"""Rims and tyres that the catalogue also has as one part."""
+_MAX_LISTED = 8
+
+
+@dataclass(frozen=True)
+class LegoSet:
+    """A LEGO set.
+
+    Attributes:
+        parts: count of each part, as in ``needs``.
+        is_listed: whether all of its parts in the catalogue are counted, not only hub, motors and sensors.
+    """
+
+    number: str
+    name: str
+    parts: Counter[str] = field(hash=False)
+    is_listed: bool
+
+
+@dataclass(frozen=True)
+class Purchase:
+    """Sets, and what a plan needs in addition.
+
+    Attributes:
+        present: number of the plan's parts in the sets.
+        missing: parts to be added.
+        uncompared: parts that the catalogue, or the inventory of a set, does not have.
+    """
+
+    sets: tuple[LegoSet, ...]
+    present: int
+    missing: Counter[str]
+    uncompared: Counter[str]
+
+    def __str__(self) -> str:
+        """One line; names the devices and the most frequent parts, counts the others."""
+        names = " and ".join(f"{lego_set.number} {lego_set.name}" for lego_set in self.sets)
+        needed = self.present + self.missing.total() + self.uncompared.total()
+        text = f"{names}: {self.present} of {needed} parts"
+        text += f"; {self.uncompared.total()} not compared" if self.uncompared else ""
+        unknown = sorted(kind for kind in self.uncompared if kind not in _devices() and catalogue.find(kind) is None)
+        text += f" (not in the catalogue: {', '.join(unknown)})" if unknown else ""
+        return text + (f"; add {_listing(self.missing)}" if self.missing else "")
+
+
+@functools.cache
+def sets() -> tuple[LegoSet, ...]:
+    """The sets of ``inventories.csv``, which also names the sources."""
+    rows = read_table("bricktwin.plans.catalogue", "inventories")
+    counts = {number: Counter({_key(catalogue.get(row["part"])): int(row[number]) for row in rows}) for number in NAMES}
+    return tuple(LegoSet(number, NAMES[number], +count, number not in _ELECTRONICS_ONLY) for number, count in counts.items())
+
+
+def needs(plan: Plan) -> Counter[str]:
+    """Count of the plan's parts: devices by their name in ``bricktwin.robots``, others by number, with equal parts as one."""
+    numbers = [number for placed in plan.parts for number in _COMPONENTS.get(placed.part.number, (placed.part.number,))]
+    return Counter(_key(catalogue.get(number)) for number in numbers)
+
+
+def purchases(plan: Plan) -> list[Purchase]:
+    """Sets with the plan's hub, alone or with a set without hub that adds parts; the most complete first."""
+    needed, unknown = needs(plan), Counter({part.number: len(part.lines) for part in plan.unknown})
+    hubs = {name for name, part in _devices().items() if part.family == "hubs"}
+    extras = [lego_set for lego_set in sets() if not hubs & set(lego_set.parts)]
+    result = []
+    for base in (lego_set for lego_set in sets() if hubs & set(lego_set.parts) & set(needed)):
+        alone = _purchase((base,), needed, unknown)
+        pairs = [_purchase((base, extra), needed, unknown) for extra in extras if base.is_listed]
+        result += [alone, *(pair for pair in pairs if pair.present > alone.present)]
+    return sorted(result, key=lambda purchase: (-purchase.present, len(purchase.sets)))
+
+
+def _purchase(lego_sets: tuple[LegoSet, ...], needed: Counter[str], unknown: Counter[str]) -> Purchase:
+    available = sum((lego_set.parts for lego_set in lego_sets), Counter[str]())
+    missing = needed - available
+    present = needed.total() - missing.total()
+    if all(lego_set.is_listed for lego_set in lego_sets):
+        return Purchase(lego_sets, present, missing, unknown)
+    uncompared = Counter({part: count for part, count in missing.items() if part not in _devices()})
+    return Purchase(lego_sets, present, missing - uncompared, uncompared + unknown)
+
+
+def _key(part: Part) -> str:
+    return part.device.name if part.device is not None else _REPLACEMENTS.get(part.number, part.number)
+
+
+@functools.cache
+def _devices() -> dict[str, Part]:
+    return {part.device.name: part for part in catalogue.parts() if part.device is not None}
+
+
+def _listing(parts: Counter[str]) -> str:
+    """Counts, names and numbers."""
+    kinds = sorted(parts, key=lambda part: (part not in _devices(), -parts[part], part))
+    text = ", ".join(f"{parts[kind]} x {_named(kind)}" for kind in kinds[:_MAX_LISTED])
+    others = kinds[_MAX_LISTED:]
+    return f"{text} and {sum(parts[kind] for kind in others)} more of other kinds" if others else text
+
+
+def _named(kind: str) -> str:
+    if kind in _devices():
+        part = _devices()[kind]
+        return f"{part.name} ({(part.device and part.device.sold_as) or 'not sold singly'})"
+    return f"{catalogue.get(kind).name} ({kind})"

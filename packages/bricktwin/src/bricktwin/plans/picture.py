@@ -1,7 +1,12 @@
-"""Pictures of parts by a software rasterizer with a depth buffer: no OpenGL, no display."""
+"""Pictures of parts: triangle meshes from their solids, holes and teeth, and a software rasterizer with a depth buffer.
+
+It needs no OpenGL and no display. LDraw units.
+"""
 
 from __future__ import annotations
 
+import enum
+import functools
 import itertools
 import math
 from collections.abc import Iterable, Sequence
@@ -10,10 +15,250 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bricktwin.plans.colours import colour_of
-from bricktwin.plans.geometry import Bools, Floats
+from bricktwin.plans.catalogue import colour_of
+from bricktwin.plans.geometry import Bools, Floats, Form, Solid, circle_sides, cylinder, frame_of, triple
+from bricktwin.plans.part import DeviceKind, Fit, Gear, GearForm, Part, Site
 from bricktwin.plans.plan import Placed
-from bricktwin.plans.shapes import TINTS, Tint, surface_of
+
+DETAILED, COARSE = 0.1, 0.3
+"""Largest distance of a circle from the polygon that is drawn for it: of parts in a booklet, and of moving robots."""
+_ON_AXIS = 1e-9
+"""Radii of a profile below this lie on its axis, where triangles have no area."""
+_SPREAD, _OFFSET = 0.9, 0.05
+"""Sample points around a triangle: share of the way from its middle to its corners, and distance from it, LDU."""
+_STUD_RADIUS = 6.0
+_TOOTH_HEIGHT = 2.2
+"""Height of teeth above the pitch circle."""
+_DISC_OFFSET = 0.15
+"""Offset of a hole's dark disc from the surface, for visibility."""
+
+
+class Tint(enum.IntEnum):
+    """Materials of a surface."""
+
+    MAIN = 0
+    DARK = 1
+    TURNING = 2
+    FACE = 3
+
+
+TINTS = {Tint.DARK: (0.16, 0.17, 0.19), Tint.TURNING: (0.45, 0.47, 0.50), Tint.FACE: (0.10, 0.11, 0.13)}
+"""Red, green and blue, in 0..1, of the materials that do not have the part's colour."""
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Triangles [n, 3, 3], counter-clockwise from outside, and their tints [n]."""
+
+    triangles: Floats
+    tints: Floats
+
+
+@functools.lru_cache(maxsize=1024)
+def surface_of(part: Part, chord_error: float = DETAILED) -> Surface:
+    """The surface of a part in its own frame. ``chord_error``: largest distance of a circle from its polygon."""
+    pieces: list[tuple[Floats, Tint]] = []
+    if part.family == "axles":
+        pieces += [(_cross(site), Tint.MAIN) for site in part.sites]
+        pieces += [(_solid(solid, chord_error), Tint.MAIN) for solid in part.solids if solid.half[0] > 7]
+    else:
+        tooth_solids = 1 if part.gears and part.gears[0].form is not GearForm.RACK else 0
+        pieces += [(_teeth(gear), Tint.MAIN) for gear in part.gears[:tooth_solids]]
+        tint = Tint.DARK if part.family == "tyres" or part.wheel_mm > 50 else Tint.MAIN
+        solids = part.solids[tooth_solids:] if part.family == "gears" else part.solids
+        visible = _without_hidden(solids, [_solid(solid, chord_error) for solid in solids])
+        pieces += [(faces, tint if solid.form is Form.RING else Tint.MAIN) for solid, faces in zip(solids, visible, strict=True)]
+        pieces += [(_cross(site), Tint.MAIN) for site in part.sites if site.fit is Fit.AXLE]
+    studs = [cylinder(site.centre, site.axis, site.length, _STUD_RADIUS) for site in part.sites if site.fit is Fit.STUD]
+    pieces += [(_solid(stud, chord_error), Tint.MAIN) for stud in studs]
+    pieces += [(_solid(solid, chord_error), Tint.TURNING) for solid in part.turning]
+    pieces += [(_hole(site, chord_error), Tint.DARK) for site in part.holes]
+    pieces += [(_solid(collar, chord_error), Tint.MAIN) for collar in _collars(part)]
+    pieces += _electric_marks(part, chord_error)
+    triangles = np.concatenate([piece for piece, _ in pieces])
+    return Surface(triangles, np.concatenate([np.full(len(piece), int(tint)) for piece, tint in pieces]))
+
+
+def _solid(solid: Solid, chord_error: float) -> Floats:
+    sides = circle_sides(solid.half[0], chord_error)
+    if solid.form is Form.BOX:
+        local = _box(solid.half)
+    elif solid.form is Form.CYLINDER:
+        local = _revolved([(0, -1), (1, -1), (1, 1), (0, 1)], solid.half[0], solid.half[2], sides)
+    elif solid.form is Form.RING:
+        inner = solid.half[1] / solid.half[0]
+        local = _revolved([(inner, -1), (1, -1), (1, 1), (inner, 1), (inner, -1)], solid.half[0], solid.half[2], sides)
+    else:
+        angles = [math.pi * step / 10 - math.pi / 2 for step in range(11)]
+        local = _revolved([(math.cos(angle), math.sin(angle)) for angle in angles], solid.half[0], solid.half[0], sides)
+    faces = _tube_outward(local, solid.half[0], solid.half[1]) if solid.form is Form.RING else _outward(local)
+    return np.asarray(faces @ np.array(solid.axes) + np.array(solid.centre))
+
+
+def _without_hidden(solids: Sequence[Solid], surfaces: list[Floats]) -> list[Floats]:
+    """Triangles of each solid's surface [n, 3, 3] without those that others hide.
+
+    A triangle is hidden if there is material on its outer side, or if it lies on the surface of an earlier solid.
+    """
+    visible = []
+    for number, triangles in enumerate(surfaces):
+        outer, inner = (offset_points(triangles, distance).reshape(-1, 3) for distance in (_OFFSET, -_OFFSET))
+        covered, duplicate = np.zeros(len(outer), dtype=bool), np.zeros(len(outer), dtype=bool)
+        for other, solid in enumerate(solids):
+            if other != number:
+                covered |= solid.contains(outer, 0.0)
+            if other < number:
+                duplicate |= solid.contains(inner, 0.0)
+        hidden = covered.reshape(-1, 4).all(axis=1) | duplicate.reshape(-1, 4).all(axis=1)
+        visible.append(triangles[~hidden])
+    return visible
+
+
+def offset_points(triangles: Floats, distance: float) -> Floats:
+    """Points [n, 4, 3] at a distance from triangles [n, 3, 3], on their outer side: over the middle, and near the corners."""
+    centres = triangles.mean(axis=1, keepdims=True)
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    return np.concatenate([centres, centres + _SPREAD * (triangles - centres)], axis=1) + distance * normals[:, None]
+
+
+def _outward(triangles: Floats) -> Floats:
+    """Triangles of a convex solid around the origin, turned counter-clockwise from outside."""
+    return _facing(triangles, triangles.mean(axis=1))
+
+
+def _tube_outward(triangles: Floats, outer: float, inner: float) -> Floats:
+    """Triangles of a tube around the third axis, turned outwards: inside the tube, towards the axis."""
+    centres = triangles.mean(axis=1)
+    directions = centres * np.array([1.0, 1.0, 0.0])
+    directions[np.hypot(centres[:, 0], centres[:, 1]) < (outer + inner) / 2] *= -1.0
+    is_end = np.ptp(triangles[:, :, 2], axis=1) < 1e-9
+    directions[is_end] = centres[is_end] * np.array([0.0, 0.0, 1.0])
+    return _facing(triangles, directions)
+
+
+def _facing(triangles: Floats, directions: Floats) -> Floats:
+    """Triangles turned to face ``directions`` [n, 3]."""
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    is_turned = np.einsum("ij,ij->i", normals, directions) < 0.0
+    return np.where(is_turned[:, None, None], triangles[:, ::-1], triangles)
+
+
+def _box(half: tuple[float, float, float]) -> Floats:
+    corners = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)], dtype=float) * half
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    return _outward(np.array([corners[[a, b, c]] for q in quads for a, b, c in ((q[0], q[1], q[2]), (q[0], q[2], q[3]))]))
+
+
+def _revolved(profile: list[tuple[float, float]], radius: float, half: float, sides: int) -> Floats:
+    """Surface of revolution: a profile of (radius, height), each 0..1, around the third axis."""
+    angles = np.arange(sides + 1) * 2 * math.pi / sides
+    rings = [
+        np.column_stack([r * radius * np.cos(angles), r * radius * np.sin(angles), np.full(sides + 1, z * half)])
+        for r, z in profile
+    ]
+    faces = []
+    for (low, (low_radius, _)), (high, (high_radius, _)) in itertools.pairwise(zip(rings, profile, strict=True)):
+        if low_radius > _ON_AXIS:
+            faces.append(np.stack([low[:-1], low[1:], high[1:]], axis=1))
+        if high_radius > _ON_AXIS:
+            faces.append(np.stack([low[:-1], high[1:], high[:-1]], axis=1))
+    return np.concatenate(faces)
+
+
+def _polygon(radius: float, height: float, sides: int) -> Floats:
+    """Disc across the third axis."""
+    angles = np.arange(sides) * 2 * math.pi / sides
+    rim = np.column_stack([radius * np.cos(angles), radius * np.sin(angles), np.full(sides, height)])
+    return np.stack([np.broadcast_to(rim[0], (sides - 2, 3)), rim[1:-1], rim[2:]], axis=1)
+
+
+def _placed(local: Floats, site_axis: tuple[float, float, float], centre: tuple[float, float, float]) -> Floats:
+    return np.asarray(local @ np.array(frame_of(site_axis)) + np.array(centre))
+
+
+def _cross(site: Site) -> Floats:
+    """The two blades of an axle."""
+    half = site.length / 2
+    blades = np.concatenate([_box((6.0, 2.2, half)), _box((2.2, 6.0, half))])
+    return _placed(blades, site.axis, site.centre)
+
+
+def _hole(site: Site, chord_error: float) -> Floats:
+    """Dark shapes at both ends of a hole: discs for pins, crosses for axles."""
+    half = site.length / 2 + _DISC_OFFSET
+    if site.fit is Fit.HOLE:
+        discs = [_polygon(6.0, z * half, circle_sides(6.0, chord_error)) for z in (-1.0, 1.0)]
+        return _placed(_outward(np.concatenate(discs)), site.axis, site.centre)
+    blades = np.concatenate([_box((6.0, 2.0, half)), _box((2.0, 6.0, half))])
+    return _placed(blades, site.axis, site.centre)
+
+
+def _collars(part: Part) -> list[Solid]:
+    """The rims of a pin, one module from its ends."""
+    collars = []
+    for site in part.sites:
+        if site.fit in (Fit.PIN, Fit.FRICTION_PIN) and part.family == "pins":
+            ends = (0.0,) if site.length <= 40 else (-10.0, 10.0)
+            axis = np.array(site.axis)
+            collars += [
+                Solid(Form.CYLINDER, triple(np.array(site.centre) + axis * end), (7.8, 7.8, 1.2), frame_of(site.axis))
+                for end in ends
+            ]
+    return collars
+
+
+def _teeth(gear: Gear) -> Floats:
+    """The outline of a gear with its teeth, extruded along its axis."""
+    count, pitch = max(gear.teeth, 8), max(gear.pitch_radius, 10.0)
+    high, low = pitch + _TOOTH_HEIGHT, pitch - _TOOTH_HEIGHT - 0.6
+    steps = [(low, 0.0), (low, 0.45), (high, 0.62), (high, 0.88)]
+    outline = np.array(
+        [
+            (radius * math.cos(angle), radius * math.sin(angle))
+            for tooth in range(count)
+            for radius, share in steps
+            for angle in (2 * math.pi * (tooth + share) / count,)
+        ]
+    )
+    half = gear.width / 2
+    after = np.roll(outline, -1, axis=0)
+    faces = []
+    for z in (-half, half):
+        level = np.full((len(outline), 1), z)
+        middle = np.column_stack([np.zeros((len(outline), 2)), level])
+        cap = np.stack([middle, np.hstack([outline, level]), np.hstack([after, level])], axis=1)
+        faces.append(cap if z > 0 else cap[:, ::-1])
+    down, up = np.full((len(outline), 1), -half), np.full((len(outline), 1), half)
+    faces.append(np.stack([np.hstack([outline, down]), np.hstack([after, down]), np.hstack([after, up])], axis=1))
+    faces.append(np.stack([np.hstack([outline, down]), np.hstack([after, up]), np.hstack([outline, up])], axis=1))
+    return _placed(np.concatenate(faces), gear.axis, gear.centre)
+
+
+def _electric_marks(part: Part, chord_error: float) -> list[tuple[Floats, Tint]]:
+    """Marks on electric parts: a hub's display, button and ports, the eyes of a sensor."""
+    device = part.device
+    if device is None:
+        return []
+    low, high = part.bounds
+    pieces: list[tuple[Floats, Tint]] = []
+    sides = [np.array(port) for _, port in device.ports if abs(port[0]) > 45]
+    pieces += [(_box((1.0, 8.0, 15.5)) + port + np.array([-0.7 * np.sign(port[0]), 0.0, 0.0]), Tint.FACE) for port in sides]
+    if device.ports:
+        top, middle, length = low[1], (low + high) / 2, high[2] - low[2]
+        button = (float(middle[0]), float(top), float(middle[2] - 0.3 * length))
+        pieces.append((_box((40.0, 0.5, 40.0)) + np.array([middle[0], top, middle[2] + 0.18 * length]), Tint.FACE))
+        pieces.append((_placed(_disc(16.0, chord_error), (0.0, -1.0, 0.0), button), Tint.TURNING))
+    if device.kind is DeviceKind.SENSOR and device.direction is not None and part.sites:
+        eyes = (-35.0, 35.0) if high[0] > 60 else (0.0,)
+        eye, y = _disc(22.0, chord_error), float(low[1] + high[1]) / 2
+        pieces += [(_placed(eye, device.direction, (x, y, float(low[2]))), Tint.FACE) for x in eyes]
+    return pieces
+
+
+def _disc(radius: float, chord_error: float) -> Floats:
+    return _outward(_revolved([(0, 1), (1, 1)], radius, 0.6, circle_sides(radius, chord_error)))
+
 
 Pixels = NDArray[np.uint8]
 Ints = NDArray[np.int64]
@@ -59,9 +304,17 @@ class Canvas:
         size: width and height in pixels.
         fitted: parts that must fit into the picture.
         drawn: parts to draw at once.
+        max_zoom: points per LDU.
     """
 
-    def __init__(self, size: tuple[int, int], view: View, fitted: Sequence[Placed], drawn: Iterable[Placed] = ()) -> None:
+    def __init__(
+        self,
+        size: tuple[int, int],
+        view: View,
+        fitted: Sequence[Placed],
+        drawn: Iterable[Placed] = (),
+        max_zoom: float = math.inf,
+    ) -> None:
         self.size, self._axes = size, view.axes
         self._width, self._height = size[0] * _SCALE, size[1] * _SCALE
         boxes = [placed.to_plan(np.array(list(itertools.product(*np.stack(placed.part.bounds).T)))) for placed in fitted]
@@ -69,7 +322,7 @@ class Canvas:
         low = np.min([corner.min(axis=1) for corner in corners], axis=0)
         high = np.max([corner.max(axis=1) for corner in corners], axis=0)
         span = np.maximum(high - low, 1.0)
-        self.zoom = 0.94 * min(self._width / span[0], self._height / span[1])
+        self.zoom = min(max_zoom, 0.94 * min(self._width / span[0], self._height / span[1]))
         """Points per LDU."""
         self._middle = (low + high) / 2
         self._near, self._deep = float(low[2]) - 1.0, float(span[2]) + 2.0
@@ -80,10 +333,6 @@ class Canvas:
         self._count = 0
         for placed in drawn:
             self.add(placed)
-
-    def limit_zoom(self, zoom: float) -> None:
-        """Set an upper limit of the zoom (points per LDU)."""
-        self.zoom = min(self.zoom, zoom)
 
     def add(self, placed: Placed) -> None:
         """Draw a part."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import itertools
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -145,7 +144,7 @@ def read_plan(path: Path) -> Plan:
 def make_plan(document: Document) -> Plan:
     """The plan of a document. Raises PlanError if a model contains itself, or there are too many parts."""
     builder = _Builder(document)
-    builder.build(document.main, _MAIN_COLOUR, np.eye(3), np.zeros(3), ())
+    builder.build(document.main, Reference(_MAIN_COLOUR, np.eye(3), np.zeros(3), "", 0, 0, False), ())
     unknown = tuple(Unknown(number, tuple(lines)) for number, lines in sorted(builder.unknown.items()))
     title = document.main.title or Path(document.path).stem
     return Plan(document.path, title, document.robot, document.count, tuple(builder.parts), tuple(builder.steps), unknown)
@@ -161,15 +160,15 @@ class _Builder:
         self.unknown: dict[str, list[int]] = {}
         self._visits = 0
 
-    def build(self, model: Model, colour: int, matrix: Floats, offset: Floats, assembly: tuple[str, ...]) -> tuple[int, ...]:
-        """Add a model's parts and steps. Returns the indices of its parts."""
+    def build(self, model: Model, place: Reference, assembly: tuple[str, ...]) -> tuple[int, ...]:
+        """Add the parts and steps of a model at its place. Returns the indices of its parts."""
         if len(assembly) > MAX_DEPTH:
             raise PlanError(
                 f"{self.document.path}, line {model.line}: '{model.name}' is nested more than {MAX_DEPTH} deep or in itself"
             )
         first = len(self.parts)
         for number, group in itertools.groupby(model.references, lambda reference: reference.step):
-            references = [(self._located(ref, colour, matrix, offset), self._assembly(ref)) for ref in group]
+            references = [(_located(ref, place), self._assembly(ref)) for ref in group]
             joined = [self._join(ref, inner, assembly) for ref, inner in references if inner is not None]
             step, groups = len(self.steps), tuple(filter(None, joined))
             placed = [self._place(ref, step, assembly) for ref, inner in references if inner is None]
@@ -177,11 +176,6 @@ class _Builder:
             if new or groups:
                 self.steps.append(Step(step, new, groups, assembly, number, " ".join(model.notes.get(number, ()))))
         return tuple(range(first, len(self.parts)))
-
-    def _located(self, reference: Reference, colour: int, matrix: Floats, offset: Floats) -> Reference:
-        """A reference of a placed model, in the plan's frame and with its colour."""
-        colour = colour if reference.colour == _MAIN_COLOUR else reference.colour
-        return replace(reference, colour=colour, matrix=matrix @ reference.matrix, offset=matrix @ reference.offset + offset)
 
     def _assembly(self, reference: Reference) -> Model | None:
         """The sub-model of a reference, or ``None`` for a part."""
@@ -199,22 +193,18 @@ class _Builder:
         self._count(reference)
         self._check(reference)
         inner = (*assembly, f"{model.name}:{reference.line}")
-        parts = self.build(model, reference.colour, reference.matrix, reference.offset, inner)
+        parts = self.build(model, reference, inner)
         if reference.is_free or reference.is_fixed or reference.ball is not None:
             raise self._fault(reference, f"'{reference.name}' is no part; write FREE, FIXED and BALL before a part in it")
-        if reference.port is not None:
-            self._plug(reference, parts)
+        if reference.port is not None:  # of two equal sub-models, each has its own
+            devices = [self.parts[part] for part in parts if self.parts[part].part.device is not None]
+            devices = [placed for placed in devices if placed.electric.kind is not DeviceKind.HUB]
+            if len(devices) != 1:
+                text = f"'{reference.name}' has {len(devices)} motors and sensors; write PORT before a motor or sensor in it"
+                raise self._fault(reference, text)
+            port, device, angle_deg = reference.port, reference.device, reference.angle_deg
+            self.parts[devices[0].index] = replace(devices[0], port=port, device=device, angle_deg=angle_deg)
         return parts
-
-    def _plug(self, reference: Reference, parts: Iterable[int]) -> None:
-        """Give the port of a sub-model to its motor or sensor: of two equal sub-models, each has its own."""
-        devices = [self.parts[index] for index in parts]
-        devices = [placed for placed in devices if placed.part.device and placed.part.device.kind is not DeviceKind.HUB]
-        if len(devices) != 1:
-            text = f"'{reference.name}' has {len(devices)} motors and sensors; write PORT before a motor or sensor in it"
-            raise self._fault(reference, text)
-        port, device, angle_deg = reference.port, reference.device, reference.angle_deg
-        self.parts[devices[0].index] = replace(devices[0], port=port, device=device, angle_deg=angle_deg)
 
     def _place(self, reference: Reference, step: int, assembly: tuple[str, ...]) -> Placed | None:
         self._count(reference)
@@ -246,3 +236,10 @@ class _Builder:
 
     def _fault(self, reference: Reference, text: str) -> PlanError:
         return PlanError(f"{self.document.path}, line {reference.line}: {text}")
+
+
+def _located(reference: Reference, place: Reference) -> Reference:
+    """A reference in a model, in the frame of the model's place and with its colour."""
+    colour = place.colour if reference.colour == _MAIN_COLOUR else reference.colour
+    matrix, offset = place.matrix @ reference.matrix, place.matrix @ reference.offset + place.offset
+    return replace(reference, colour=colour, matrix=matrix, offset=offset)

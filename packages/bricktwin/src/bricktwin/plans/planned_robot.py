@@ -1,40 +1,30 @@
-"""Robots derived from plans, cached per file."""
+"""Robot of a plan: the mechanism that is derived from its parts, the wheels that motors drive, and end stops."""
 
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from brickhub.errors import PlanError
-from bricktwin.plans.bodies import Bodies, find_bodies
-from bricktwin.plans.chains import chain_meshes
+from bricktwin.plans.bodies import find_bodies
+from bricktwin.plans.building import Occupancy
 from bricktwin.plans.connections import connections, meshes
-from bricktwin.plans.geometry import Floats
-from bricktwin.plans.mechanism.articulation import Articulation, articulation
-from bricktwin.plans.mechanism.kinematics import Mechanism, mechanism
-from bricktwin.plans.mechanism.trains import Train, trains
+from bricktwin.plans.geometry import M_PER_LDU, rotation
+from bricktwin.plans.mechanism.articulation import Articulation, Drive, articulation
+from bricktwin.plans.mechanism.kinematics import TO_TWIN, Train, Wheel, mechanism, trains
 from bricktwin.plans.part import DeviceKind
 from bricktwin.plans.plan import Placed, Plan, read_plan
 
 
 @dataclass(frozen=True, eq=False)
-class Rolling:
-    """A motor that drives a wheel: diameter and middle [3] of the wheel, and whether clockwise rolls forwards."""
-
-    port: str
-    diameter_mm: float
-    centre_m: Floats
-    is_clockwise_forward: bool
-
-
-@dataclass(frozen=True, eq=False)
 class PlannedRobot:
-    """A plan and its derived mechanism."""
+    """A plan, its gear trains and its articulation."""
 
     plan: Plan
-    bodies: Bodies
-    mechanism: Mechanism
     trains: tuple[Train, ...]
     articulation: Articulation
 
@@ -43,17 +33,12 @@ class PlannedRobot:
         return next(placed for placed in self.plan.devices(DeviceKind.MOTOR, DeviceKind.SENSOR) if placed.port == port)
 
     @property
-    def rolling(self) -> tuple[Rolling, ...]:
-        """The motors that drive wheels; of several wheels of one motor, the leftmost counts."""
-        rolling = []
-        for drive in self.articulation.drives:
-            wheels = [wheel for wheel in self.articulation.wheels if wheel.link == drive.joint.child]
-            if wheels:
-                wheel = max(wheels, key=lambda wheel: float(wheel.centre_m[1]))
-                # Turning about +y, to the left, rolls forwards.
-                forward = float(drive.joint.axis[1]) * drive.gear > 0
-                rolling.append(Rolling(drive.port, wheel.diameter_mm, wheel.centre_m, forward))
-        return tuple(rolling)
+    def rolling(self) -> list[tuple[Drive, Wheel]]:
+        """The motors that drive wheels, with the leftmost of each motor's wheels."""
+        articulation = self.articulation
+        wheels = [[wheel for wheel in articulation.wheels if wheel.link == drive.joint.child] for drive in articulation.drives]
+        driven = zip(articulation.drives, wheels, strict=True)
+        return [(drive, max(own, key=lambda wheel: float(wheel.centre_m[1]))) for drive, own in driven if own]
 
 
 def planned_robot(path: Path) -> PlannedRobot:
@@ -83,7 +68,73 @@ def planned(plan: Plan) -> PlannedRobot:
         if placed.port in ports:
             raise PlanError(f"{plan.path}, line {placed.line}: port {placed.port} is used twice; give each device its own")
         ports.add(placed.port)
-    bodies = find_bodies(plan.parts, connections(plan.parts), [*meshes(plan.parts), *chain_meshes(plan.parts)])
+    bodies = find_bodies(plan.parts, connections(plan.parts), meshes(plan.parts))
     robot_mechanism = mechanism(plan, bodies)
     gear_trains = trains(robot_mechanism, plan.path)
-    return PlannedRobot(plan, bodies, robot_mechanism, gear_trains, articulation(robot_mechanism, gear_trains))
+    return PlannedRobot(plan, gear_trains, articulation(robot_mechanism, gear_trains))
+
+
+_STEP_DEG, _FINE_DEG = 5.0, 0.5
+"""Steps of the search, degrees of the driven part: coarse and fine."""
+
+
+@functools.lru_cache(maxsize=64)
+def free_deg(planned: PlannedRobot, port: str, low: float, high: float) -> tuple[float, float]:
+    """Collision-free range of a motor's angle within ``low`` and ``high``, degrees; other motors as in the plan.
+
+    Angles are readings of the rotation sensor; the range includes the plan's angle.
+    """
+    drive = next(drive for drive in planned.articulation.drives if drive.port == port)
+    start = planned.device(port).angle_deg
+    sweep = _Sweep(planned, drive)
+    ends = [start + sweep.reach((end - start) / drive.gear) * drive.gear for end in (low, high)]
+    return min(start, ends[0]), max(start, ends[1])
+
+
+class _Sweep:
+    """Collision test of the parts that a motor moves."""
+
+    def __init__(self, planned: PlannedRobot, drive: Drive) -> None:
+        articulation, motor = planned.articulation, planned.device(drive.port)
+        sites = tuple(site for site in motor.part.sites if not site.turns)
+        # Without the motor's disc, which turns with the driven parts.
+        case = replace(motor, part=replace(motor.part, turning=(), sites=sites))
+        self._parts = tuple(case if part is motor else part for part in planned.plan.parts)
+        # In the plan's frame, LDU.
+        self._axis, self._point = TO_TWIN.T @ drive.joint.axis, TO_TWIN.T @ drive.joint.point_m / M_PER_LDU
+        carried = {drive.joint.child}
+        for joint in articulation.joints:
+            if joint.parent in carried:
+                carried.add(joint.child)
+        self._moved = {part for body in carried for part in articulation.bodies[body].parts}
+        self._others = np.ones(len(self._parts), dtype=bool)
+        self._others[list(self._moved)] = False
+        # Geared parts and rods move away, so they are not tested.
+        coupled = [articulation.bodies[geared.joint.child].parts for geared in articulation.geared if geared.port == drive.port]
+        for parts in (*coupled, *(rod.parts for rod in articulation.rods)):
+            self._others[list(parts)] = False
+        self._is_clear_at_start = self._is_clear(0.0)
+
+    def reach(self, travel_deg: float) -> float:
+        """Collision-free part of a travel, degrees of the driven part."""
+        if not self._is_clear_at_start:
+            return 0.0
+        sign, free = math.copysign(1.0, travel_deg), 0.0
+        while free < abs(travel_deg):
+            blocked = min(free + _STEP_DEG, abs(travel_deg))
+            if self._is_clear(sign * blocked):
+                free = blocked
+                continue
+            while blocked - free > _FINE_DEG:
+                middle = (free + blocked) / 2
+                free, blocked = (middle, blocked) if self._is_clear(sign * middle) else (free, middle)
+            return sign * free
+        return travel_deg
+
+    def _is_clear(self, angle_deg: float) -> bool:
+        turn, parts = rotation(self._axis, math.radians(angle_deg)), list(self._parts)
+        for index in self._moved:
+            placed = parts[index]
+            position = turn @ (placed.position - self._point) + self._point
+            parts[index] = replace(placed, rotation=turn @ placed.rotation, position=position)
+        return Occupancy(parts).is_free(self._moved, self._others, np.zeros(3))

@@ -2,14 +2,70 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from brickhub.errors import UnknownNameError
-from brickhub.robot import BENCH, Robot
-from bricktwin.robots.robo_arm import ROBO_ARM
-from bricktwin.robots.scout import SCOUT
-from bricktwin.robots.two_wheeler import TWO_WHEELER
-from bricktwin.robots.walker import WALKER
+from brickhub.robot import (
+    BENCH,
+    Direction,
+    DriveBase,
+    HubKind,
+    Motor,
+    Mount,
+    PoweredUpSensor,
+    Robot,
+    SensorKind,
+    UltrasonicSensor,
+)
 
 __all__ = ["BENCH", "ROBOTS", "ROBO_ARM", "SCOUT", "TWO_WHEELER", "WALKER", "get"]
+
+TWO_WHEELER = Robot(
+    name="two-wheeler",
+    hub=HubKind.PRIME,
+    motors=(Motor("left", "E", direction=Direction.COUNTERCLOCKWISE), Motor("right", "A")),
+    sensors=(UltrasonicSensor("eyes", "C"),),
+    drive_base=DriveBase("left", "right", wheel_diameter_mm=56, axle_track_mm=130),
+    needs_imu=True,
+    model="bricktwin.robots.plans:two_wheeler.ldr",
+)
+"""The 2Wheeler: two driven wheels, a ball caster, and an ultrasonic sensor facing forward."""
+
+SCOUT = replace(
+    TWO_WHEELER,
+    name="scout",
+    sensors=(*TWO_WHEELER.sensors, PoweredUpSensor("light", "B", SensorKind.COLOR, Mount((56.0, 0.0, 18.0), "down"))),
+)
+"""The scout: a 2Wheeler with a color sensor that faces the floor in front of its axle."""
+
+WALKER = Robot(
+    name="walker",
+    hub=HubKind.PRIME,
+    motors=(
+        Motor("left_front", "D", direction=Direction.COUNTERCLOCKWISE),
+        Motor("right_front", "C"),
+        Motor("left_back", "B", direction=Direction.COUNTERCLOCKWISE),
+        Motor("right_back", "A"),
+    ),
+    sensors=(UltrasonicSensor("eyes", "E"),),
+    needs_imu=True,
+    model="bricktwin.robots.plans:walker.ldr",
+)
+"""The Walker: four legs on cranks, a motor for each, and an ultrasonic sensor facing forward."""
+
+ROBO_ARM = Robot(
+    name="robo-arm",
+    hub=HubKind.PRIME,
+    motors=(
+        Motor("rotation", "B", gears=(20, 60)),
+        Motor("low", "D", range_deg=(10, 70), speed_limit_deg_s=500, acceleration_deg_s2=1000, torque_limit_mnm=900),
+        Motor("high", "A", range_deg=(-150, 10)),
+        Motor("grab", "E", range_deg=(-148, -45)),
+    ),
+    needs_imu=False,
+    model="bricktwin.robots.plans:robo_arm.ldr",
+)
+"""The RoboArm: a turntable, two joints and a gripper on a fixed base."""
 
 ROBOTS = {robot.name: robot for robot in (TWO_WHEELER, SCOUT, WALKER, ROBO_ARM, BENCH)}
 

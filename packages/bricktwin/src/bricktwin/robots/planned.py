@@ -1,34 +1,131 @@
-"""Completion of robot descriptions from building plans, and check that both agree."""
+"""Facts of building plans, kept between processes: they complete the descriptions of robots, and both must agree."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from brickhub.errors import DescriptionError, PlanError, UnknownNameError
 from brickhub.finding import Finding, Outcome
-from brickhub.robot import Direction, DriveBase, Motor, MotorKind, Sensor, SensorKind
+from brickhub.robot import Direction, DriveBase, Motor, MotorKind, Robot, Sensor, SensorKind
 from brickhub.robot.spec import LOOKS, sensor_of
 from bricktwin import robots
-from bricktwin.plans.facts import DeviceFacts, PlanFacts, facts_of, read_facts
+from bricktwin.kept import kept
 
 if TYPE_CHECKING:
-    from brickhub.robot.spec import Robot
-    from bricktwin.plans.plan import Plan
+    from bricktwin.plans.plan import Placed, Plan
+    from bricktwin.plans.planned_robot import PlannedRobot
 
 _WHEEL_TOLERANCE_MM, _TRACK_TOLERANCE_MM = 0.5, 2.0
 _RATIO_TOLERANCE = 0.01
 _ALIGNED_COSINE = 0.999
+_Mistake = tuple[int, str, str]
+"""Line in the plan's file, 0 for the whole plan; name; what is wrong and what to do."""
+
+
+class WheelFacts(NamedTuple):
+    """A wheel that a motor turns: diameter, position to the left, and whether clockwise rolls forwards."""
+
+    diameter_mm: float
+    left_m: float
+    is_clockwise_forward: bool
+
+
+class DeviceFacts(NamedTuple):
+    """A hub, motor or sensor.
+
+    Attributes:
+        name: as in ``bricktwin.robots``.
+        part: name of the part.
+        line: of the plan.
+        port, label: of the plan; "" and ``None`` for a hub, and ``None`` for a device without a name.
+        sides: of a hub, the directions of its top and its front; fewer if it is at an angle.
+        gears, ratio: of a motor, as in ``kinematics.Train``; none and 0 if it drives nothing.
+        wheel: of a motor, ``None`` if it turns none.
+    """
+
+    name: str
+    part: str
+    line: int
+    port: str
+    label: str | None
+    sides: tuple[str, ...]
+    gears: tuple[int, ...]
+    ratio: float
+    wheel: WheelFacts | None
+
+
+class PlanFacts(NamedTuple):
+    """Devices of a plan."""
+
+    hubs: Sequence[DeviceFacts]
+    motors: Sequence[DeviceFacts]
+    sensors: Sequence[DeviceFacts]
+
+    @property
+    def hub_sides(self) -> tuple[str, ...]:
+        """Directions of the top and the front of the hub; empty if there is none, or it is at an angle."""
+        return self.hubs[0].sides if self.hubs else ()
+
+
+def read_facts(path: Path) -> PlanFacts:
+    """Facts of a plan file. Raises PlanError if the file is no plan, a motor has no port, or something has no twin."""
+
+    def made() -> PlanFacts:
+        from bricktwin.plans.planned_robot import planned_robot  # takes longer to import than kept facts to read
+
+        return facts_of(planned_robot(path))
+
+    return kept(lambda: (b"facts", path.read_bytes()), made, lambda facts: json.dumps(facts).encode(), _decoded)
+
+
+def facts_of(design: PlannedRobot) -> PlanFacts:
+    """Facts of the robot of a plan."""
+    from bricktwin.plans.mechanism.kinematics import TO_TWIN
+    from bricktwin.plans.part import DeviceKind
+
+    trains = {train.port: train for train in design.trains}
+    wheels = {
+        # Turning about +y, to the left, rolls forwards.
+        drive.port: WheelFacts(wheel.diameter_mm, float(wheel.centre_m[1]), float(drive.joint.axis[1]) * drive.gear > 0)
+        for drive, wheel in design.rolling
+    }
+
+    def facts(placed: Placed) -> DeviceFacts:
+        top, front = (TO_TWIN @ placed.rotation @ side for side in ((0.0, -1.0, 0.0), (0.0, 0.0, 1.0)))
+        sides = [name for axis in (top, front) for name, look in LOOKS.items() if axis @ look > _ALIGNED_COSINE]
+        port, train = placed.port or "", trains.get(placed.port or "")
+        gears, ratio = (train.gears, train.ratio) if train is not None else ((), 0.0)
+        name, part = placed.electric.name, placed.name
+        return DeviceFacts(name, part, placed.line, port, placed.device, tuple(sides), gears, ratio, wheels.get(port))
+
+    return PlanFacts(*([facts(placed) for placed in design.plan.devices(kind)] for kind in DeviceKind))
+
+
+def _decoded(data: bytes) -> PlanFacts:
+    return PlanFacts(*([_device(row) for row in rows] for rows in json.loads(data)))
+
+
+def _device(row: Sequence[Any]) -> DeviceFacts:
+    facts = DeviceFacts(*row)
+    wheel = None if facts.wheel is None else WheelFacts(*facts.wheel)
+    return facts._replace(sides=tuple(facts.sides), gears=tuple(facts.gears), wheel=wheel)
+
+
+def is_plan(file: str) -> bool:
+    """Whether a file's name is one of a building plan."""
+    return file.lower().endswith((".ldr", ".mpd", ".io"))
 
 
 def plan_file(model: str) -> Path | None:
     """Path of the building plan that a robot's model is, ``FILE`` or ``package:FILE``; ``None`` for other models. Raises
     DescriptionError if there is no such package."""
     package, _, file = model.rpartition(":")
-    if not file.lower().endswith((".ldr", ".mpd", ".io")):
+    if not is_plan(file):
         return None
     if len(package) < 2:  # one letter is the drive of a path of Windows
         return Path(model)
@@ -42,14 +139,17 @@ def completed(robot: Robot) -> tuple[tuple[Motor, ...], tuple[Sensor, ...], Driv
     """Motors, sensors, drive base and hub sides of a description, completed from its plan. Raises DescriptionError if the plan
     contradicts the description, PlanError if the plan cannot be read."""
     design = read_facts(Path(robot.plan or ""))
-    _require_known_devices(robot, design)
+    kinds = {kind.value for kind in (*MotorKind, *SensorKind)}
+    for part in (*design.motors, *design.sensors):
+        if part.name not in kinds:  # as those of EV3
+            where = f"{robot.plan}, line {part.line}"
+            raise DescriptionError(f"{where}: no hub of ours runs {part.part}; take a motor or sensor of Powered Up or SPIKE")
     motors = _motors(robot, design)
     sensors = _sensors(robot, design)
     base = robot.drive_base
     if base is not None and not (base.wheel_diameter_mm and base.axle_track_mm):
-        ports = {motor.name: motor.port for motor in motors}
-        wheels = {wheel.port: wheel for wheel in design.wheels}
-        left, right = (wheels.get(ports.get(name, "")) for name in (base.left, base.right))
+        wheels = {motor.name: part.wheel for motor in motors for part in design.motors if part.port == motor.port}
+        left, right = wheels.get(base.left), wheels.get(base.right)
         if left is None or right is None:
             missing = base.left if left is None else base.right
             raise DescriptionError(f"robot '{robot.name}': '{missing}' turns no wheel in {robot.plan}; correct the drive base")
@@ -58,76 +158,39 @@ def completed(robot: Robot) -> tuple[tuple[Motor, ...], tuple[Sensor, ...], Driv
             wheel_diameter_mm=base.wheel_diameter_mm or left.diameter_mm,
             axle_track_mm=base.axle_track_mm or round(abs(left.left_m - right.left_m) * 1000, 3),
         )
-    sides = (robot.hub_sides or hub_sides(design)) if robot.needs_imu else robot.hub_sides
+    sides = (robot.hub_sides or design.hub_sides) if robot.needs_imu else robot.hub_sides
     _raise_first(disagreements(robot, (*motors, *sensors), base, sides, design), robot.plan)
     return motors, sensors, base, sides
 
 
-def hub_sides(design: PlanFacts) -> tuple[str, ...]:
-    """Directions of the top and the front of the plan's hub; empty if it has none, or one at an angle."""
-    for hub in design.devices("hub"):
-        axes = (hub.top, hub.front)
-        return tuple(name for axis in axes for name, look in LOOKS.items() if _dot(axis, look) > _ALIGNED_COSINE)
-    return ()
-
-
-def _dot(a: Sequence[float], b: Sequence[float]) -> float:
-    return sum(x * y for x, y in zip(a, b, strict=True))
-
-
-def _check_hub_sides(name: str, sides: tuple[str, ...], design: PlanFacts) -> Iterator[Finding]:
-    """Findings on the orientation of a hub whose IMU is read."""
-    hub = next(iter(design.devices("hub")), None)
-    plan_sides = hub_sides(design)
-    if hub is None or (plan_sides == sides and len(sides) == 2):
-        return
-    if len(plan_sides) < 2:
-        text = "the hub is at an angle, so its IMU cannot be read; turn it, or say needs_imu=False"
-    else:
-        top, front = plan_sides
-        text = f"the hub's top looks {top} and its front {front}, but for the robot {name} {sides[0]} and {sides[1]}"
-        text += f"; turn it, or say hub_sides={plan_sides}"
-    yield Finding("wiring", Outcome.ERROR, text, hub.line)
-
-
-def _require_known_devices(robot: Robot, design: PlanFacts) -> None:
-    """Refuse motors and sensors that no hub of ours runs, as those of EV3."""
-    kinds = {kind.value for kind in (*MotorKind, *SensorKind)}
-    for part in design.devices("motor", "sensor"):
-        if part.name not in kinds:
-            where = f"{robot.plan}, line {part.line}"
-            raise DescriptionError(f"{where}: no hub of ours runs {part.part}; take a motor or sensor of Powered Up or SPIKE")
-
-
 def _motors(robot: Robot, design: PlanFacts) -> tuple[Motor, ...]:
     """Motors of the description, then those that only the plan has."""
-    parts = design.devices("motor")
-    motors = [replace(motor, port=motor.port or _port_of(motor.name, parts, robot)) for motor in robot.motors]
-    forward = {wheel.port: wheel.is_clockwise_forward for wheel in design.wheels}
-    for part in parts:
-        if part.port is not None and part.port not in {motor.port for motor in motors}:
+    motors = [replace(motor, port=motor.port or _port_of(motor.name, design.motors, robot)) for motor in robot.motors]
+    described = {motor.port for motor in motors}
+    for part in design.motors:
+        if part.port not in described:
             # Motors that only the plan has count up when the robot rolls forward.
-            direction = Direction.CLOCKWISE if forward.get(part.port, True) else Direction.COUNTERCLOCKWISE
+            is_forward = part.wheel is None or part.wheel.is_clockwise_forward
+            direction = Direction.CLOCKWISE if is_forward else Direction.COUNTERCLOCKWISE
             name = part.label or f"motor_{part.port.lower()}"
             motors.append(Motor(name, part.port, MotorKind(part.name), direction))
-    gears = {train.port: train.gears for train in design.trains}
+    gears = {part.port: part.gears for part in design.motors}
     return tuple(replace(motor, gears=motor.gears or gears.get(motor.port, ())) for motor in motors)
 
 
 def _sensors(robot: Robot, design: PlanFacts) -> tuple[Sensor, ...]:
-    parts = design.devices("sensor")
-    sensors: list[Sensor] = [replace(sensor, port=sensor.port or _port_of(sensor.name, parts, robot)) for sensor in robot.sensors]
-    for part in parts:
-        port = part.port
-        if port is not None and port not in {sensor.port for sensor in sensors}:
-            sensors.append(sensor_of(SensorKind(part.name), part.label or f"sensor_{port.lower()}", port))
-    return tuple(sensors)
+    parts = design.sensors
+    sensors = [replace(sensor, port=sensor.port or _port_of(sensor.name, parts, robot)) for sensor in robot.sensors]
+    described = {sensor.port for sensor in sensors}
+    others = [part for part in parts if part.port not in described]
+    names = [part.label or f"sensor_{part.port.lower()}" for part in others]
+    return (*sensors, *(sensor_of(SensorKind(part.name), name, part.port) for part, name in zip(others, names, strict=True)))
 
 
 def _port_of(name: str, parts: Sequence[DeviceFacts], robot: Robot) -> str:
     """Port of a named device in the plan."""
     for part in parts:
-        if part.label == name and part.port is not None:
+        if part.label == name:
             return part.port
     known = ", ".join(part.label for part in parts if part.label) or "none"
     raise DescriptionError(
@@ -137,72 +200,67 @@ def _port_of(name: str, parts: Sequence[DeviceFacts], robot: Robot) -> str:
 
 def disagreements(
     robot: Robot, devices: Sequence[Motor | Sensor], base: DriveBase | None, sides: tuple[str, ...], design: PlanFacts
-) -> Iterator[Finding]:
+) -> Iterator[_Mistake]:
     """Findings on contradictions between a description, with these devices, drive base and hub sides, and a plan."""
     name, hub = robot.name, robot.hub.value
-    parts = {part.port: part for part in design.devices("motor", "sensor")}
-    for hub_part in design.devices("hub"):
+    parts = {part.port: part for part in (*design.motors, *design.sensors)}
+    for hub_part in design.hubs:
         if hub_part.name != hub:
-            text = f"{hub_part.part} is not a {hub} hub, which the robot {name} has; make both agree"
-            yield Finding("wiring", Outcome.ERROR, text, hub_part.line)
+            yield hub_part.line, "wiring", f"{hub_part.part} is not a {hub} hub, which the robot {name} has; make both agree"
     for device in devices:
-        part = parts.get(device.port)
-        if part is None:
-            text = f"the robot {name} has '{device.name}' on port {device.port}, the plan nothing; add it with 0 !BRICKSRL PORT"
-            yield Finding("wiring", Outcome.ERROR, text)
+        if device.port in parts:
+            yield from _check_device(name, device, parts[device.port])
         else:
-            yield from _check_device(name, device, part, design)
+            text = f"the robot {name} has '{device.name}' on port {device.port}, the plan nothing; add it with 0 !BRICKSRL PORT"
+            yield 0, "wiring", text
     for port, part in parts.items():
         if port not in {device.port for device in devices}:
             text = f"port {port} has {part.part} '{part.label or ''}', but for the robot {name} nothing; make both agree"
-            yield Finding("wiring", Outcome.ERROR, text, part.line)
+            yield part.line, "wiring", text
     if base is not None:
         ports = {device.name: device.port for device in devices}
-        yield from _check_wheels(name, base, ports, parts, design)
-    if robot.needs_imu:
-        yield from _check_hub_sides(name, sides, design)
+        yield from _check_wheels(name, base, *(parts.get(ports.get(side, "")) for side in (base.left, base.right)))
+    if robot.needs_imu and design.hubs and not (design.hub_sides == sides and len(sides) == 2):
+        text = "the hub is at an angle, so its IMU cannot be read; turn it, or say needs_imu=False"
+        if len(design.hub_sides) == 2:
+            top, front = design.hub_sides
+            text = f"the hub's top looks {top} and its front {front}, but for the robot {name} {sides[0]} and {sides[1]}"
+            text += f"; turn it, or say hub_sides={design.hub_sides}"
+        yield design.hubs[0].line, "wiring", text
 
 
-def _check_device(name: str, device: Motor | Sensor, part: DeviceFacts, design: PlanFacts) -> list[Finding]:
+def _check_device(name: str, device: Motor | Sensor, part: DeviceFacts) -> Iterator[_Mistake]:
     """Findings on name, kind and gears of a motor or sensor."""
     kind = device.kind.value
     label = f"port {device.port} has {part.part} '{part.label or ''}'"
     if part.name != kind:
-        text = f"{label}, but for the robot {name} '{device.name}', a {kind}; make both agree"
-        return [Finding("wiring", Outcome.ERROR, text, part.line)]
-    if part.label is not None and part.label != device.name:
-        text = f"{label}, but for the robot {name} '{device.name}'; make both agree"
-        return [Finding("wiring", Outcome.ERROR, text, part.line)]
-    train = next((train for train in design.trains if train.port == device.port), None)
-    if isinstance(device, Motor) and device.gears and train is not None and device.gears[0] != device.gears[-1]:
+        yield part.line, "wiring", f"{label}, but for the robot {name} '{device.name}', a {kind}; make both agree"
+    elif part.label is not None and part.label != device.name:
+        yield part.line, "wiring", f"{label}, but for the robot {name} '{device.name}'; make both agree"
+    elif isinstance(device, Motor) and device.gears and part.ratio and device.gears[0] != device.gears[-1]:
         ratio = device.gears[0] / device.gears[-1]
-        if abs(ratio - abs(train.ratio)) > _RATIO_TOLERANCE * ratio:
-            teeth = " to ".join(map(str, train.gears)) or "no gears"
+        if abs(ratio - abs(part.ratio)) > _RATIO_TOLERANCE * ratio:
+            teeth = " to ".join(map(str, part.gears)) or "no gears"
             text = f"motor '{device.name}' has gears {device.gears} for the robot {name}, but {teeth} in the plan; correct one"
-            return [Finding("gears", Outcome.ERROR, text, part.line)]
-    return []
+            yield part.line, "gears", text
 
 
-def _check_wheels(
-    name: str, base: DriveBase, ports: dict[str, str], parts: dict[str | None, DeviceFacts], design: PlanFacts
-) -> list[Finding]:
+def _check_wheels(name: str, base: DriveBase, left: DeviceFacts | None, right: DeviceFacts | None) -> Iterator[_Mistake]:
     """Findings on a drive base: wheel diameter and axle track."""
-    wheels = {wheel.port: wheel for wheel in design.wheels}
-    sides = []
-    for side in (base.left, base.right):
-        wheel, part = wheels.get(ports.get(side, "")), parts.get(ports.get(side))
+    positions_m = []
+    for side, part in ((base.left, left), (base.right, right)):
         if part is None:
-            return []
-        if wheel is None or abs(wheel.diameter_mm - base.wheel_diameter_mm) > _WHEEL_TOLERANCE_MM:
-            turns = "none" if wheel is None else f"one of {wheel.diameter_mm:g} mm"
+            return
+        if part.wheel is None or abs(part.wheel.diameter_mm - base.wheel_diameter_mm) > _WHEEL_TOLERANCE_MM:
+            turns = "none" if part.wheel is None else f"one of {part.wheel.diameter_mm:g} mm"
             text = f"motor '{side}' should turn a wheel of {base.wheel_diameter_mm:g} mm, as {name} says, but turns {turns}"
-            return [Finding("wheels", Outcome.ERROR, f"{text}; use the wheel that is meant", part.line)]
-        sides.append(wheel)
-    track_mm = abs(sides[0].left_m - sides[1].left_m) * 1000
-    if abs(track_mm - base.axle_track_mm) > _TRACK_TOLERANCE_MM:
+            yield part.line, "wheels", f"{text}; use the wheel that is meant"
+            return
+        positions_m.append(part.wheel.left_m)
+    track_mm = abs(positions_m[0] - positions_m[1]) * 1000
+    if left is not None and abs(track_mm - base.axle_track_mm) > _TRACK_TOLERANCE_MM:
         text = f"the wheels are {track_mm:.1f} mm apart, but {name} says {base.axle_track_mm:g}; make both agree"
-        return [Finding("wheels", Outcome.ERROR, text, parts[ports[base.left]].line)]
-    return []
+        yield left.line, "wheels", text
 
 
 def check_named(plan: Plan) -> list[Finding]:
@@ -220,20 +278,20 @@ def check_named(plan: Plan) -> list[Finding]:
         return [Finding("wiring", Outcome.ERROR, str(error))]
     except PlanError:
         return []
-    return list(disagreements(robot, (*robot.motors, *robot.sensors), robot.drive_base, robot.hub_sides, design))
+    found = disagreements(robot, (*robot.motors, *robot.sensors), robot.drive_base, robot.hub_sides, design)
+    return [Finding(name, Outcome.ERROR, text, line) for line, name, text in found]
 
 
 def check_description(robot: Robot, path: Path) -> None:
     """Check that a plan agrees with a description, which may have more sensors. Raises DescriptionError if the plan contradicts
     the description, PlanError if the plan cannot be read."""
     design = read_facts(path)
-    ports = {part.port for part in design.devices("sensor")}
+    ports = {part.port for part in design.sensors}
     sensors = [sensor for sensor in robot.sensors if sensor.port in ports]
     _raise_first(disagreements(robot, (*robot.motors, *sensors), robot.drive_base, robot.hub_sides, design), path)
 
 
-def _raise_first(findings: Iterator[Finding], plan: Path | str | None) -> None:
-    """Raise DescriptionError for the first finding, if there is one."""
-    for finding in findings:
-        where = f", line {finding.line}" if finding.line else ""
-        raise DescriptionError(f"{plan}{where}: {finding.detail}")
+def _raise_first(mistakes: Iterator[_Mistake], plan: Path | str | None) -> None:
+    """Raise DescriptionError for the first mistake, if there is one."""
+    for line, _, text in mistakes:
+        raise DescriptionError(f"{plan}{f', line {line}' if line else ''}: {text}")

@@ -20,29 +20,16 @@ import numpy as np
 from brickhub.errors import TwinError, message_of
 from brickhub.robot import Robot
 from brickhub.virtual.body import Rng
-from bricktwin.twin.imu import FloatingBase, Turns
-from bricktwin.twin.model_physics import RobotPart, set_physics, up
 from bricktwin.twin.models.kept_models import kept_model
-from bricktwin.twin.models.mjcf import (
-    LOOKS,
-    OBSTACLE_GROUP,
-    SHAPE_GROUP,
-    add_camera,
-    add_light,
-    add_surroundings,
-    new_spec,
-    yaw_quaternion,
-)
-from bricktwin.twin.models.rods import Rods
+from bricktwin.twin.models.mjcf import LOOKS, add_camera, add_light, new_spec, yaw_quaternion
 from bricktwin.twin.models.scenery import add_geom
-from bricktwin.twin.models.spinners import Spinners
-from bricktwin.twin.mujoco_body import MujocoBody, Pose
+from bricktwin.twin.mujoco_body import MujocoBody, Pose, set_physics, settle
 from bricktwin.twin.physics import Physics
 from bricktwin.twin.scene import OPEN_FLOOR
-from bricktwin.twin.starts import refuse_overlap
+from bricktwin.twin.senses import Turns
+from bricktwin.twin.stance import refuse_overlap
 
 _STEPS_PER_UPDATE = 20
-_SETTLING_STEPS = 400
 _WALL_HALF_HEIGHT_M, _WALL_HALF_WIDTH_M = 0.04, 0.012
 _WALL_RGB, _LOAD_RGB = (0.55, 0.58, 0.62), (0.85, 0.55, 0.15)
 _MAX_DRAWS, _DRAWS_AT_ONCE = 20_000, 200
@@ -133,8 +120,7 @@ def _compiled(arena: Arena) -> mujoco.MjModel:
 def _built(arena: Arena) -> mujoco.MjModel:
     from bricktwin.twin.models.load import load_model  # takes longer to import than a kept model to load
 
-    spec = new_spec("arena")
-    add_surroundings(spec, OPEN_FLOOR)
+    spec = new_spec("arena", OPEN_FLOOR)
     world = spec.worldbody
     add_light(world)
     add_camera(world, "arena", (0.0, 0.0, 0.0), (0.0, -0.75, 1.0), 2.6 * max(arena.half_size_m or (0.7,)) + 0.4)
@@ -215,7 +201,7 @@ class ArenaWorld:
         self.bodies = [ArenaBody(self, contestant, physics, noise_seed) for contestant, noise_seed in robots]
         loads = [int(self.model.body(load.name).id) for load in arena.loads]
         scaled = [body for body in range(self.model.nbody) if body not in loads]
-        set_physics(self.model, self._nominal, physics, [body.part for body in self.bodies], scaled)
+        set_physics(self.model, self._nominal, physics, self.bodies, scaled)
         self._loads = [int(self.model.joint(load.name).qposadr[0]) for load in arena.loads]
         self._settle()
 
@@ -223,9 +209,7 @@ class ArenaWorld:
         """Let all robots settle on the floor, far from one another, and record their stances."""
         for number, address in enumerate([*(body.base_address for body in self.bodies), *self._loads]):
             self.data.qpos[address] = 2.0 * number
-        slope, self.model.opt.gravity[:] = self.model.opt.gravity.copy(), self._nominal.opt.gravity
-        mujoco.mj_step(self.model, self.data, _SETTLING_STEPS)
-        self.model.opt.gravity[:] = slope
+        settle(self.model, self.data, self._nominal)
         for body in self.bodies:
             body.record_stance()
 
@@ -235,7 +219,7 @@ class ArenaWorld:
         starts = self._starts(rng)
         self.data.qvel[:] = 0.0
         for body, start in zip(self.bodies, starts, strict=True):
-            body.place_at(start)
+            body.put(start)
         for load, address in zip(self.arena.loads, self._loads, strict=True):
             start = load.place.draw(rng)
             quaternion = yaw_quaternion(-math.radians(start.heading_deg))
@@ -296,51 +280,15 @@ class ArenaBody(MujocoBody):
     """Part of an arena's world that belongs to one robot; implements :class:`brickhub.virtual.body.Body`."""
 
     def __init__(self, world: ArenaWorld, contestant: Contestant, physics: Physics, seed: np.random.SeedSequence) -> None:
-        self.robot, self.scene, self.physics = contestant.robot, OPEN_FLOOR, physics
-        self._up = up(physics)
-        self._arena = world
+        self.robot, self.scene, self._arena = contestant.robot, OPEN_FLOOR, world
+        self._use(physics)
         self.model, self.data = world.model, world.data
         self._number = world.arena.robots.index(contestant)
         self._noise = np.random.default_rng(seed)
-        self.battery_mv = round(physics.battery_v * 1000)
-        self._encoder_step_mdeg = round(physics.encoder_resolution_deg * 1000)
-        self._bind_part(f"{contestant.name}/")
+        self._bind(f"{contestant.name}/")
         self._turns, self._heading_at_start_deg = Turns(), 0.0
         for port in self._terminals:
             self.set_voltage(port, None)
-
-    def _bind_part(self, prefix: str) -> None:
-        model, data = self.model, self.data
-        self._bind_motors(prefix)
-        chassis = model.body(f"{prefix}chassis")
-        self.part = RobotPart([(self._terminals[motor.port][0], motor.kind) for motor in self.robot.motors], int(chassis.id))
-        root = int(chassis.jntadr[0])
-        self.base_address, self._base_dof = int(model.jnt_qposadr[root]), int(model.jnt_dofadr[root])
-        self._base = FloatingBase(model, data, self.base_address, self._base_dof, f"{prefix}imu")
-        self._bind_sensors(prefix, int(chassis.id))
-        self._rods, self._spinners = Rods(model), Spinners(model)
-        self._detected_groups = np.zeros(6, np.uint8)
-        self._detected_groups[[OBSTACLE_GROUP, SHAPE_GROUP]] = 1  # other robots too
-        self._qpos, self._qvel = data.qpos, data.qvel
-        self._bind_values()
-
-    # ---- called by the world
-
-    def record_stance(self) -> None:
-        """Record the stance, after the robot has settled on the floor."""
-        self._standing = self._qpos[self.base_address + 2 : self.base_address + 7].copy()
-
-    def place_at(self, start: Pose) -> None:
-        """Place the robot at a start pose, in its stance."""
-        quaternion = np.empty(4)
-        mujoco.mju_mulQuat(quaternion, np.array(yaw_quaternion(-math.radians(start.heading_deg))), self._standing[1:])
-        self._qpos[self.base_address : self.base_address + 7] = (start.x_m, start.y_m, self._standing[0], *quaternion)
-
-    def update_turns(self) -> None:
-        """Add the turn since the last call; to be called before the robot has turned by half a turn."""
-        self._update_turns()
-
-    # ---- called by the hub, where it differs from a robot alone
 
     def reset(self, rng: Rng) -> None:
         """Place all robots for the start of an episode."""

@@ -8,18 +8,19 @@ from __future__ import annotations
 
 import functools
 import logging
-import math
 import os
 import re
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections import defaultdict
+from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
+from typing import NamedTuple
 
 import numpy as np
 
 from brickhub.errors import TwinError
-from bricktwin.plans.colours import code_of
+from bricktwin.plans.catalogue import DIRECT_COLOUR, colour_of
 from bricktwin.plans.geometry import Floats
+from bricktwin.plans.ldraw_file import colour_and_numbers, key_of
 
 Triangles = dict[int, Floats]
 """Triangles [n, 3, 3] by colour code, counter-clockwise seen from outside."""
@@ -28,8 +29,9 @@ MAIN_COLOUR = 16
 """Code of the colour that is chosen where the part is used."""
 
 _SYSTEM_FOLDERS = ("/usr/share/ldraw", "/usr/local/share/ldraw", "/Library/LDraw", "C:/LDraw")
-_DIRECT_COLOUR = 0x2000000
 _MAX_DEPTH = 24
+_NUMBERS = {"1": 12, "3": 9, "4": 12}
+"""Count of the numbers of a line that refers to a file, or is a triangle or a quadrilateral."""
 _MAX_FILE_BYTES = 8_000_000
 _MAX_TRIANGLES, _MAX_VISITS = 400_000, 20_000
 _COLOUR = re.compile(r"0 !COLOUR\s+\S+\s+CODE\s+(\d{1,9})\s+VALUE\s+#([0-9A-Fa-f]{6})\b")
@@ -37,8 +39,7 @@ _ALPHA = re.compile(r"\bALPHA\s+(\d{1,3})\b")
 _log = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True)
-class SubFile:
+class SubFile(NamedTuple):
     """Reference to another file: its colour, matrix [3, 3], offset [3], and whether it is inverted (inside out)."""
 
     colour: int
@@ -48,9 +49,8 @@ class SubFile:
     inverted: bool
 
 
-@dataclass(frozen=True)
-class _File:
-    references: tuple[SubFile, ...]
+class _File(NamedTuple):
+    references: list[SubFile]
     triangles: Triangles
 
 
@@ -84,8 +84,8 @@ class Library:
 
     def rgba(self, code: int) -> tuple[float, float, float, float]:
         """Colour of a code, as RGBA in 0..1; medium grey if undefined."""
-        if code >= _DIRECT_COLOUR:
-            return (code >> 16 & 255) / 255, (code >> 8 & 255) / 255, (code & 255) / 255, 1.0
+        if code >= DIRECT_COLOUR:
+            return (*colour_of(code).rgb, 1.0)
         return self._colours.get(code, (0.5, 0.5, 0.5, 1.0))
 
     def part(self, name: str) -> Triangles:
@@ -93,18 +93,41 @@ class Library:
         not have the part, or it is empty or too large."""
         if self._path(name) is None:
             raise TwinError(f"the LDraw library in {self._root} has no part '{name}'; install a newer one")
-        collector = _Collector(self._file)
+        damaged = TwinError(f"'{name}' of the LDraw library in {self._root} cannot be drawn; reinstall the library")
+        pieces: dict[int, list[Floats]] = defaultdict(list)
+        count = 0
         with np.errstate(all="ignore"):
-            collector.collect(name, MAIN_COLOUR, np.eye(3), np.zeros(3), False, ())
-        merged = {colour: np.concatenate(pieces) for colour, pieces in collector.pieces.items()}
-        if collector.is_full or not merged or not all(np.isfinite(triangles).all() for triangles in merged.values()):
-            raise TwinError(f"'{name}' of the LDraw library in {self._root} cannot be drawn; reinstall the library")
+            for visits, drawn in enumerate(self._collect(name, MAIN_COLOUR, np.eye(3), np.zeros(3), False, ()), 1):
+                for colour, triangles in drawn:
+                    pieces[colour].append(triangles)
+                    count += len(triangles)
+                if count > _MAX_TRIANGLES or visits > _MAX_VISITS:
+                    raise damaged
+        merged = {colour: np.concatenate(own) for colour, own in pieces.items()}
+        if not merged or not all(np.isfinite(triangles).all() for triangles in merged.values()):
+            raise damaged
         return merged
+
+    def _collect(
+        self, name: str, colour: int, matrix: Floats, offset: Floats, inverted: bool, ancestors: tuple[str, ...]
+    ) -> Iterator[list[tuple[int, Floats]]]:
+        """Triangles of a file and of each of its references, transformed by ``matrix`` [3, 3] and ``offset`` [3], with their
+        colours. Deep or cyclic references are left out."""
+        if name in ancestors or len(ancestors) >= _MAX_DEPTH:
+            return
+        file, flipped = self._file(name), inverted != bool(np.linalg.det(matrix) < 0)
+        drawn = [(colour if code == MAIN_COLOUR else code, local @ matrix.T + offset) for code, local in file.triangles.items()]
+        yield [(code, triangles[:, ::-1] if flipped else triangles) for code, triangles in drawn]
+        for ref in file.references:
+            code, ref_offset = colour if ref.colour == MAIN_COLOUR else ref.colour, matrix @ ref.offset + offset
+            yield from self._collect(
+                ref.name, code, matrix @ ref.matrix, ref_offset, inverted != ref.inverted, (*ancestors, name)
+            )
 
     def _file(self, name: str) -> _File:
         if name not in self._files:
             path = self._path(name)
-            self._files[name] = _File((), {}) if path is None else parse(_text(path))
+            self._files[name] = _File([], {}) if path is None else parse(_text(path))
         return self._files[name]
 
     def _path(self, name: str) -> Path | None:
@@ -116,41 +139,10 @@ class Library:
         return next((path for path in candidates if path.is_file()), None)
 
 
-@dataclass
-class _Collector:
-    """Collector of a part's triangles from its files, bounded against deep or cyclic references."""
-
-    file: Callable[[str], _File]
-    pieces: dict[int, list[Floats]] = field(default_factory=dict)
-    triangles: int = 0
-    visits: int = 0
-
-    @property
-    def is_full(self) -> bool:
-        return self.triangles > _MAX_TRIANGLES or self.visits > _MAX_VISITS
-
-    def collect(self, name: str, colour: int, matrix: Floats, offset: Floats, inverted: bool, ancestors: tuple[str, ...]) -> None:
-        """Add the triangles of a file and its references, transformed by ``matrix`` [3, 3] and ``offset`` [3]."""
-        self.visits += 1
-        if self.is_full or name in ancestors or len(ancestors) >= _MAX_DEPTH:
-            return
-        file = self.file(name)
-        flipped = inverted != bool(np.linalg.det(matrix) < 0)
-        for code, local in file.triangles.items():
-            triangles = local @ matrix.T + offset
-            self.triangles += len(triangles)
-            pieces = self.pieces.setdefault(colour if code == MAIN_COLOUR else code, [])
-            pieces.append(triangles[:, ::-1] if flipped else triangles)
-        for ref in file.references:
-            code = colour if ref.colour == MAIN_COLOUR else ref.colour
-            ref_offset = matrix @ ref.offset + offset
-            self.collect(ref.name, code, matrix @ ref.matrix, ref_offset, inverted != ref.inverted, (*ancestors, name))
-
-
 def parse(text: str) -> _File:
     """Parse one file into triangles and references; malformed lines are skipped."""
     references: list[SubFile] = []
-    triangles: dict[int, list[Floats]] = {}
+    triangles: dict[int, list[Floats]] = defaultdict(list)
     certified, clockwise, inverted = False, False, False
     for line in text.splitlines():
         words = line.split()
@@ -159,39 +151,21 @@ def parse(text: str) -> _File:
             clockwise = "CW" in words or (clockwise and "CCW" not in words)
             inverted = "INVERTNEXT" in words
             continue
-        if words and words[0] in ("1", "3", "4"):
-            _read_line(words, references, triangles, certified, clockwise, inverted)
+        count = _NUMBERS.get(words[0]) if words else None
+        drawn = None if count is None else colour_and_numbers(words, count)
+        if drawn is not None:
+            colour, numbers = drawn
+            if words[0] == "1":
+                matrix, offset = np.array(numbers[3:]).reshape(3, 3), np.array(numbers[:3])
+                references.append(SubFile(colour, matrix, offset, key_of(" ".join(words[14:])), inverted))
+            else:
+                corners = np.array(numbers).reshape(-1, 3)
+                faces = corners[None, :] if len(corners) == 3 else corners[[[0, 1, 2], [0, 2, 3]]]
+                faces = faces[:, ::-1] if clockwise else faces
+                # Of undefined winding, both sides are drawn.
+                triangles[colour].append(faces if certified else np.concatenate([faces, faces[:, ::-1]]))
         inverted = inverted and not words  # only the next line
-    return _File(tuple(references), {colour: np.concatenate(pieces) for colour, pieces in triangles.items()})
-
-
-def _read_line(
-    words: list[str],
-    references: list[SubFile],
-    triangles: dict[int, list[Floats]],
-    certified: bool,
-    clockwise: bool,
-    inverted: bool,
-) -> None:
-    try:
-        colour = code_of(words[1])
-        count = 12 if words[0] == "1" else 3 * int(words[0])
-        numbers = [float(word) for word in words[2 : 2 + count]]
-    except (ValueError, IndexError):
-        return
-    if len(numbers) < count or not all(map(math.isfinite, numbers)):
-        return
-    if words[0] == "1":
-        name = " ".join(words[14:]).replace("\\", "/").lower()
-        references.append(SubFile(colour, np.array(numbers[3:]).reshape(3, 3), np.array(numbers[:3]), name, inverted))
-        return
-    corners = np.array(numbers).reshape(-1, 3)
-    faces = corners[None, :] if len(corners) == 3 else corners[[[0, 1, 2], [0, 2, 3]]]
-    if clockwise:
-        faces = faces[:, ::-1]
-    if not certified:  # the winding is undefined: draw both sides
-        faces = np.concatenate([faces, faces[:, ::-1]])
-    triangles.setdefault(colour, []).append(faces)
+    return _File(references, {colour: np.concatenate(pieces) for colour, pieces in triangles.items()})
 
 
 def _text(path: Path) -> str:

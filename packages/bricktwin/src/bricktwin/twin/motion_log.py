@@ -22,8 +22,7 @@ from numpy.typing import NDArray
 from brickhub.errors import DescriptionError, TwinError, counted
 from brickhub.fields import check_fields
 from brickhub.files import write_durably
-from brickhub.hub.interface import Interface, UntilDone, Wait
-from brickhub.hub.kinds import Channel, Command
+from brickhub.hub.interface import Channel, Command, Interface, UntilDone, Wait
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.robot import Robot
 
@@ -139,32 +138,40 @@ def read_log(path: Path) -> RunLog:
 
 def _parse(data: bytes) -> RunLog:
     """Log in the content of a file. Raises DescriptionError if it is no motion log."""
-    lines = {number: _table(line, f"line {number}") for number, line in enumerate(data.splitlines(), 1) if line}
-    if len(lines) < 2:
-        raise DescriptionError("it has no header and no readings")
+    lines: dict[int, dict[str, Any]] = {}
+    for number, line in enumerate(data.splitlines(), 1):
+        if line:
+            with contextlib.suppress(ValueError, RecursionError):
+                lines[number] = json.loads(line)
+            _require(isinstance(lines.get(number), dict), f"line {number} is not a table of names and values")
+    _require(len(lines) >= 2, "it has no header and no readings")
     header_number, *numbers = lines
     header = lines.pop(header_number)
-    if "bricksrl_log" not in header:
-        raise DescriptionError("it has no header")
-    if header["bricksrl_log"] != _FORMAT:
-        raise DescriptionError(f"format {header['bricksrl_log']!s:.40} is unknown")
+    _require("bricksrl_log" in header, "it has no header")
+    _require(header["bricksrl_log"] == _FORMAT, f"format {header['bricksrl_log']!s:.40} is unknown")
     robot, program = header.get("robot"), header.get("program")
-    if not isinstance(robot, str):
-        raise DescriptionError("the header's robot is not a text")
-    if not (isinstance(program, str) and re.fullmatch("[0-9a-fA-F]{1,8}", program)):
-        raise DescriptionError("the header's program is not a hash")
+    _require(isinstance(robot, str), "the header's robot is not a text")
+    is_hash = isinstance(program, str) and re.fullmatch("[0-9a-fA-F]{1,8}", program) is not None
+    _require(is_hash, "the header's program is not a hash")
     interface = Interface(_parts(header, "commands"), _parts(header, "channels"), _make(header.get("settle"), "settle"))
-    times_ms = [_time_ms(lines[number], number) for number in numbers]
+    times_ms: list[int] = []
+    for number in numbers:
+        time_ms: Any = lines[number].get("time_ms")
+        _require(isinstance(time_ms, int) and _is_number(time_ms), f"line {number} has no whole number as time_ms")
+        times_ms.append(time_ms)
     for number, time_ms, before_ms in zip(numbers[1:], times_ms[1:], times_ms, strict=False):
-        if time_ms < before_ms:
-            raise DescriptionError(f"time runs backwards in line {number}")
+        _require(time_ms >= before_ms, f"time runs backwards in line {number}")
     commands = [_numbers(lines[number], "command", number, len(interface.commands)) for number in numbers[1:]]
-    gaps_ms = [_gap_ms(lines[number], number) for number in numbers[1:]]
+    gaps_ms: list[float] = []
+    for number in numbers[1:]:
+        gap_ms: Any = lines[number].get("gap_ms")
+        _require(_is_number(gap_ms) and gap_ms >= 0, f"line {number} has no gap_ms of 0 or more")
+        gaps_ms.append(float(gap_ms))
     channels = [_numbers(lines[number], "channels", number, len(interface.channels)) for number in numbers]
     return RunLog(
-        robot,
+        str(robot),
         interface,
-        int(program, 16),
+        int(str(program), 16),
         np.array(commands, dtype=np.float64).reshape(len(commands), len(interface.commands)),
         np.array(gaps_ms, dtype=np.float64),
         np.array(times_ms, dtype=np.int64),
@@ -172,34 +179,15 @@ def _parse(data: bytes) -> RunLog:
     )
 
 
-def _table(line: bytes, name: str) -> dict[str, Any]:
-    try:
-        value = json.loads(line)
-    except (ValueError, RecursionError):
-        value = None
-    if not isinstance(value, dict):
-        raise DescriptionError(f"{name} is not a table of names and values")
-    return value
-
-
-def _time_ms(line: dict[str, Any], number: int) -> int:
-    value = line.get("time_ms")
-    if not (isinstance(value, int) and _is_number(value)):
-        raise DescriptionError(f"line {number} has no whole number as time_ms")
-    return value
-
-
-def _gap_ms(line: dict[str, Any], number: int) -> float:
-    value = line.get("gap_ms")
-    if value is None or not _is_number(value) or value < 0:
-        raise DescriptionError(f"line {number} has no gap_ms of 0 or more")
-    return float(value)
+def _require(is_met: bool, fault: str) -> None:
+    if not is_met:
+        raise DescriptionError(fault)
 
 
 def _numbers(line: dict[str, Any], name: str, number: int, count: int) -> list[float]:
-    values = line.get(name)
-    if not (isinstance(values, list) and len(values) == count and all(map(_is_number, values))):
-        raise DescriptionError(f"line {number} has no {counted(count, 'number')} as {name}")
+    values: Any = line.get(name)
+    is_complete = isinstance(values, list) and len(values) == count and all(map(_is_number, values))
+    _require(is_complete, f"line {number} has no {counted(count, 'number')} as {name}")
     return [float(value) for value in values]
 
 
@@ -213,9 +201,8 @@ def _describe(part: Command | Channel | Wait | UntilDone) -> dict[str, Any]:
 
 
 def _parts(header: dict[str, Any], name: str) -> tuple[Any, ...]:
-    parts = header.get(name)
-    if not isinstance(parts, list):
-        raise DescriptionError(f"the header's {name} are not a list")
+    parts: Any = header.get(name)
+    _require(isinstance(parts, list), f"the header's {name} are not a list")
     return tuple(_make(part, name) for part in parts)
 
 

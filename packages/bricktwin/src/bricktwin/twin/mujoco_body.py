@@ -1,11 +1,12 @@
-"""Body simulated by MuJoCo: voltages in, angles and sensor readings out."""
+"""Body simulated by MuJoCo: voltages in, angles and sensor readings out, with the physics of the twin."""
 
 from __future__ import annotations
 
 import copy
 import functools
+import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
@@ -15,23 +16,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from brickhub.errors import TwinError
-from brickhub.robot import MotorKind, Robot, Sense, UltrasonicSensor
+from brickhub.robot import Robot, Sense, UltrasonicSensor
 from brickhub.virtual.body import Rng
 from brickhub.virtual.stimuli import Sensed
 from bricktwin.twin import ldraw
-from bricktwin.twin.imu import FixedBase, FloatingBase, Turns, Vector
-from bricktwin.twin.model_physics import RobotPart, backlash_joints, set_physics, up
 from bricktwin.twin.models.kept_models import robot_model
-from bricktwin.twin.models.mjcf import OBSTACLE_GROUP, yaw_quaternion
+from bricktwin.twin.models.mjcf import OBSTACLE_GROUP, SHAPE_GROUP, motor_constants, yaw_quaternion
 from bricktwin.twin.models.mounts import body_of, site_name
-from bricktwin.twin.models.rods import Rods
-from bricktwin.twin.models.spinners import Spinners
+from bricktwin.twin.models.turning import TurningParts
 from bricktwin.twin.objects import Block, Solid
 from bricktwin.twin.physics import Physics, RandomPhysics
 from bricktwin.twin.scene import Scene
-from bricktwin.twin.senses import WorldSenses, percent
-from bricktwin.twin.stance import Feet, standing_pose
-from bricktwin.twin.starts import ends_of_ranges, refuse_overlap
+from bricktwin.twin.senses import FixedBase, FloatingBase, Turns, Vector, WorldSenses
+from bricktwin.twin.stance import Feet, refuse_overlap, standing_pose
 
 _NEAREST_MM, _FARTHEST_MM = UltrasonicSensor.NEAREST_MM, UltrasonicSensor.FARTHEST_MM
 _CONE_DEG = (-12.0, -6.0, 0.0, 6.0, 12.0)
@@ -57,6 +54,11 @@ class Pose:
     heading_deg: float
 
 
+def _end(is_high: Iterator[bool], low: float, high: float) -> float:
+    """One end of a range."""
+    return high if next(is_high) else low
+
+
 @functools.lru_cache(maxsize=8)
 def _compiled(robot: Robot, scene: Scene, _looks: Path | None) -> mujoco.MjModel:
     """Compiled model, cached because a new body is made often and a copy takes a tenth of the time. Copy it before use."""
@@ -77,12 +79,12 @@ class MujocoBody:
 
     Attributes:
         model, data: MuJoCo's model and data, e.g. for a renderer.
+        chassis: index of the first body; ``moves``: whether it moves freely.
         physics: the present parameters.
     """
 
     def __init__(self, robot: Robot, scene: Scene, physics: Physics | RandomPhysics, seed: int) -> None:
         self.robot = robot
-        self._kinds: dict[str, MotorKind] = {motor.port: motor.kind for motor in robot.motors}
         self.scene = scene
         self._nominal = _compiled(robot, scene, ldraw.folder())
         self.model = copy.copy(self._nominal)
@@ -105,32 +107,37 @@ class MujocoBody:
         """Connection interval of the hub's link."""
         return self.physics.link_interval_ms
 
-    def _bind(self) -> None:
-        """Look up all names and arrays once."""
+    def actuator(self, port: str) -> int:
+        """Index of a motor's actuator in the model."""
+        return self._terminals[port][0]
+
+    def _bind(self, prefix: str = "") -> None:
+        """Look up all names and arrays once; ``prefix`` begins the names of this robot in an arena."""
         model, data = self.model, self.data
-        self._bind_motors()
+        root = int(model.body(f"{prefix}chassis").jntadr[0]) if prefix else 0
+        self.chassis, self.moves = int(model.jnt_bodyid[root]), bool(model.jnt_type[root] == mujoco.mjtJoint.mjJNT_FREE)
+        self._bind_motors(prefix)
         self._open_circuits = 0
-        self._backlash = backlash_joints(model)
+        self._backlash = _backlash_joints(model)
         feet = [geom for geom in range(model.ngeom) if model.geom(geom).name.startswith("foot_")]
         self._feet = Feet(model, feet) if len(feet) > 1 else None  # nothing stands on one
-        self._moves = bool(model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE)
-        self._base = FloatingBase(model, data) if self._moves else FixedBase(model, data)
-        self._rods, self._spinners = Rods(model), Spinners(model)
-        self._bind_sensors()
+        self.base_address, dof = int(model.jnt_qposadr[root]), int(model.jnt_dofadr[root])
+        imu = f"{prefix}imu"
+        self._base = FloatingBase(model, data, self.base_address, dof, imu) if self.moves else FixedBase(model, data, imu)
+        self._turning = TurningParts(model)
+        self._bind_sensors(prefix)
         # A pushable block has a free joint, after the robot's joints.
         self._block_addresses = [int(model.joint(f"object_{number}").qposadr[0]) for number in self._pushable()]
         self._detected_groups = np.zeros(6, np.uint8)
-        self._detected_groups[OBSTACLE_GROUP] = 1
+        # Other robots are obstacles too, but not this one.
+        self._detected_groups[[OBSTACLE_GROUP, SHAPE_GROUP] if prefix else OBSTACLE_GROUP] = 1
+        self._undetected_body = self.chassis if prefix else -1
         self._qpos, self._qvel = data.qpos, data.qvel
-        self._bind_values()
+        # NumPy is slow for single values.
+        self._joint_positions = cast("memoryview[float]", memoryview(data.qpos))
+        self._voltages_v = cast("memoryview[float]", memoryview(data.ctrl))
 
-    def _bind_values(self) -> None:
-        """View the joints and the voltages without NumPy, which is slow for single values."""
-        self._joint_positions = cast("memoryview[float]", memoryview(self.data.qpos))
-        self._voltages_v = cast("memoryview[float]", memoryview(self.data.ctrl))
-
-    def _bind_motors(self, prefix: str = "") -> None:
-        """Look up the motors; ``prefix`` begins the names of this robot."""
+    def _bind_motors(self, prefix: str) -> None:
         model, ports = self.model, [motor.port for motor in self.robot.motors]
         joints = {port: model.joint(f"{prefix}motor_{port}") for port in ports}
         actuators = {port: int(model.actuator(f"{prefix}motor_{port}").id) for port in ports}
@@ -138,8 +145,7 @@ class MujocoBody:
         self._shaft = {port: (int(joints[port].qposadr[0]), gear * math.degrees(1000.0)) for port, gear in self._gears.items()}
         self._terminals = {port: (index, 1 << int(model.actuator_group[index])) for port, index in actuators.items()}
 
-    def _bind_sensors(self, prefix: str = "", undetected_body: int = -1) -> None:
-        """Look up the sensors; those for ultrasound do not detect ``undetected_body``."""
+    def _bind_sensors(self, prefix: str) -> None:
         rays = np.array([(math.cos(math.radians(angle)), math.sin(math.radians(angle)), 0.0) for angle in _CONE_DEG])
         sensors = [sensor for sensor in self.robot.sensors if sensor.kind.model.senses]
         self._sensor_kinds = {sensor.port: sensor.kind for sensor in sensors}
@@ -147,7 +153,6 @@ class MujocoBody:
         sonars = [port for port, kind in self._sensor_kinds.items() if kind.model.range_mm is not None]
         places = {port: self._sensor_frames[port] for port in sonars}
         self._sonars = {port: (position, rays @ frame.T) for port, (position, frame) in places.items()}
-        self._undetected_body = undetected_body
         forces = [port for port, kind in self._sensor_kinds.items() if Sense.FORCE in kind.model.senses]
         self._forces = {port: self.data.sensor(f"{prefix}force_{port}").data for port in forces}
         self._world = WorldSenses(self.model, self.data, self.scene)
@@ -172,32 +177,31 @@ class MujocoBody:
 
     # ---------------------------------------------------------------- physics and start
 
-    def _apply(self, physics: Physics) -> None:
-        model = self.model
+    def _use(self, physics: Physics) -> None:
+        """Set the parameters that are not the model's."""
         self.physics = physics
-        self._up = up(physics)
+        self._up = _up(physics)
         self.battery_mv = round(physics.battery_v * 1000)
         self._encoder_step_mdeg = round(physics.encoder_resolution_deg * 1000)
-        motors = [(self._terminals[port][0], kind) for port, kind in self._kinds.items()]
-        robot = RobotPart(motors, int(model.jnt_bodyid[0]) if self._moves else None)
-        set_physics(model, self._nominal, physics, [robot], range(model.nbody))
+
+    def _apply(self, physics: Physics) -> None:
+        model = self.model
+        self._use(physics)
+        set_physics(model, self._nominal, physics, [self], range(model.nbody))
         for joint in self._backlash:
             play, address = model.jnt_range[joint, 1], model.jnt_qposadr[joint]
             self._qpos[address] = min(max(self._qpos[address], -play), play)
 
     def _settle(self) -> None:
         """Open all circuits; let a robot on wheels settle on the floor and record its stance."""
-        for port in self._kinds:
+        for port in self._terminals:
             self.set_voltage(port, None)
-        if self._feet is not None or not self._moves:
+        if self._feet is not None or not self.moves:
             return
         if self.scene.objects:
             self._qpos[0] = _FAR_M  # away from objects at the start position
-        slope, self.model.opt.gravity[:] = self.model.opt.gravity.copy(), self._nominal.opt.gravity
-        mujoco.mj_step(self.model, self.data, _SETTLING_STEPS)  # on a level floor: with open circuits it may roll
-        self.model.opt.gravity[:] = slope
-        self._standing_height_m = float(self._qpos[2])
-        self._standing_quaternion = self._qpos[3:7].copy()
+        settle(self.model, self.data, self._nominal)
+        self.record_stance()
         self._qpos[self.model.jnt_qposadr[self._backlash]] = 0.0
         self._qpos[[address for address, _ in self._shaft.values()]] = 0.0
 
@@ -208,20 +212,20 @@ class MujocoBody:
             self._apply(self._random_physics.sample(rng))
         self._qvel[:] = 0.0
         self._reset_blocks(rng)
-        if self._moves:
+        if self.moves:
             self._place(rng.uniform)
         else:
             self._take_up_backlash()
         self.data.qacc_warmstart[:] = 0.0
         mujoco.mj_forward(self.model, self.data)
         refuse_overlap(self.model, self.data, self.scene)
-        self._update_turns()
+        self.update_turns()
 
     def _check_starts(self) -> None:
         """Raise TwinError if the robot would be inside of an obstacle at an end of the ranges of its start."""
-        if self._moves and (self.scene.objects or self.scene.wall_distance_mm is not None):
-            for draw in ends_of_ranges(4):
-                self._place(draw)
+        if self.moves and (self.scene.objects or self.scene.wall_distance_mm is not None):
+            for ends in itertools.product((False, True), repeat=4):
+                self._place(functools.partial(_end, iter(ends)))
                 mujoco.mj_forward(self.model, self.data)
                 refuse_overlap(self.model, self.data, self.scene)
 
@@ -234,13 +238,9 @@ class MujocoBody:
 
     def _place(self, draw: Callable[[float, float], float]) -> None:
         """Place the robot on the floor, in front of the wall if there is one; ``draw`` chooses from a range."""
-        yaw = -math.radians(draw(*self.scene.heading_deg))
-        standing, height_m = self._stand()
-        turn, quaternion = np.array(yaw_quaternion(yaw)), np.empty(4)
-        mujoco.mju_mulQuat(quaternion, turn, standing)
+        heading_deg = draw(*self.scene.heading_deg)
         x_mm, y_mm = (low if low == high else draw(low, high) for low, high in self.scene.start_mm)
-        self._qpos[0:3] = (x_mm / 1000, y_mm / 1000, height_m)
-        self._qpos[3:7] = quaternion
+        self.put(Pose(x_mm / 1000, y_mm / 1000, heading_deg))
         if self.scene.wall_distance_mm is not None:
             distance_m = draw(*self.scene.wall_distance_mm) / 1000
             wall = self.model.geom("wall")
@@ -248,14 +248,26 @@ class MujocoBody:
             self._qpos[0] = wall.pos[0] - wall.size[0] - distance_m - sonar_m[0]
             self._qpos[1] = -sonar_m[1]
 
+    def put(self, start: Pose) -> None:
+        """Put the standing robot on the floor."""
+        standing, height_m = self._stand()
+        quaternion = np.empty(4)
+        mujoco.mju_mulQuat(quaternion, np.array(yaw_quaternion(-math.radians(start.heading_deg))), standing)
+        self._qpos[self.base_address : self.base_address + 7] = (start.x_m, start.y_m, height_m, *quaternion)
+
+    def record_stance(self) -> None:
+        """Record the stance of a robot on wheels, after it has settled on the floor."""
+        _, _, height_m, *quaternion = self._qpos[self.base_address : self.base_address + 7].tolist()
+        self._standing = np.array(quaternion), height_m
+
     def _stand(self) -> tuple[Vector, float]:
         """Orientation and height of the standing robot: constant on wheels, derived from the present leg angles on legs."""
         if self._feet is None:
-            return self._standing_quaternion, self._standing_height_m
+            return self._standing
         model, data = self.model, self.data
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
-        chassis = int(model.jnt_bodyid[0])
+        chassis = self.chassis
         frame, origin = data.xmat[chassis].reshape(3, 3), data.xpos[chassis]
         points_m, centre_m = self._feet.points_m(data) - origin, data.subtree_com[chassis] - origin
         quaternion, height_m = standing_pose(points_m @ frame, centre_m @ frame)
@@ -271,15 +283,14 @@ class MujocoBody:
 
     def pose(self) -> Pose:
         """True pose of the robot: for metrics, not for agents."""
-        self._update_turns()
+        self.update_turns()
         x_m, y_m, _ = self._base.position().tolist()
         return Pose(x_m, y_m, self._turns.heading_deg)
 
     def update_visuals(self) -> None:
         """Update the drawn geometry to the joint positions, for renderers; physics steps do not."""
         mujoco.mj_kinematics(self.model, self.data)
-        self._spinners.turn(self.model, self.data)
-        self._rods.turn(self.model, self.data)
+        self._turning.turn(self.model, self.data)
         mujoco.mj_camlight(self.model, self.data)
 
     # ---------------------------------------------------------------- time
@@ -294,9 +305,10 @@ class MujocoBody:
             self._steps += steps
             self._steps_since_update += steps
             if self._steps_since_update >= _STEPS_PER_UPDATE:
-                self._update_turns()
+                self.update_turns()
 
-    def _update_turns(self) -> None:
+    def update_turns(self) -> None:
+        """Add the turn since the last call; to be called before the robot has turned by half a turn."""
         self._steps_since_update = 0
         self._turns.update(self._base.orientation())
 
@@ -351,7 +363,7 @@ class MujocoBody:
         position, frame = self._sensor_frames[port]
         eye, gaze = self._base.in_world(position) + self._base.position(), self._base.in_world(frame[:, 0].copy())
         if sense is Sense.DISTANCE:
-            return percent(self._world.distance_mm(eye, gaze), body_of(self._sensor_kinds[port]).infrared_mm)
+            return 100.0 * min(self._world.distance_mm(eye, gaze) / body_of(self._sensor_kinds[port]).infrared_mm, 1.0)
         if sense is Sense.AMBIENT:
             return self._world.ambient(eye, gaze)
         hue, saturation, value = self._world.surface(eye, gaze)
@@ -383,11 +395,84 @@ class MujocoBody:
 
     def heading_deg(self) -> float:
         """Rotation about the vertical since the start, clockwise positive, not wrapped."""
-        self._update_turns()
+        self.update_turns()
         return self._turns.heading_deg - self._heading_at_start_deg
 
     def rotation_deg(self) -> tuple[float, float, float]:
         """Angular velocity in the frame of the hub, summed up since the start, without noise."""
-        self._update_turns()
+        self.update_turns()
         x, y, z = np.degrees(self._base.in_hub(self._turns.rotation_rad)).tolist()
         return x, y, z
+
+
+SIDE_LOAD_OFFSET_M = (0.0, 0.048, 0.0)
+"""Position of the side load relative to the chassis' centre of mass: 6 modules of LEGO to the left, in the hub's axes."""
+
+
+def settle(model: mujoco.MjModel, data: mujoco.MjData, nominal: mujoco.MjModel) -> None:
+    """Let robots settle on a level floor: with open circuits they may roll on a slope. ``nominal``: the model as compiled."""
+    slope, model.opt.gravity[:] = model.opt.gravity.copy(), nominal.opt.gravity
+    mujoco.mj_step(model, data, _SETTLING_STEPS)
+    model.opt.gravity[:] = slope
+
+
+def _backlash_joints(model: mujoco.MjModel) -> list[int]:
+    """Joints between a motor's shaft and what it drives."""
+    return [joint for joint in range(model.njnt) if "backlash_" in model.joint(joint).name]
+
+
+def set_physics(
+    model: mujoco.MjModel, nominal: mujoco.MjModel, physics: Physics, robots: Sequence[MujocoBody], bodies: Sequence[int]
+) -> None:
+    """Set a model's parameters. Raises TwinError if there is a side load, and a robot without a chassis that moves.
+
+    Args:
+        nominal: the same model as compiled.
+        bodies: bodies whose masses are scaled.
+    """
+    model.opt.gravity[:] = nominal.opt.gravity[2] * _up(physics)
+    model.geom_friction[:] = nominal.geom_friction * physics.friction_scale
+    model.pair_friction[:] = nominal.pair_friction * physics.friction_scale
+    model.body_mass[bodies] = nominal.body_mass[bodies] * physics.mass_scale
+    model.body_inertia[bodies] = nominal.body_inertia[bodies] * physics.mass_scale
+    play = math.radians(physics.backlash_deg)
+    model.jnt_range[_backlash_joints(model)] = (-play, play)
+    for robot in robots:
+        for number, motor in enumerate(robot.robot.motors):
+            actuator = robot.actuator(motor.port)
+            dof = model.jnt_dofadr[model.actuator_trnid[actuator, 0]]
+            friction_nm = motor_constants(motor.kind).friction_nm * abs(nominal.actuator_gear[actuator, 0])
+            model.dof_frictionloss[dof] = nominal.dof_frictionloss[dof] + (physics.motor_friction_scale - 1.0) * friction_nm
+            strength = physics.weak_motor_scale if number == 0 else 1.0
+            model.actuator_gainprm[actuator, 0] = nominal.actuator_gainprm[actuator, 0] * strength
+        if robot.moves:
+            _add_side_load(model, nominal, robot.chassis, physics.side_load_g / 1000)
+        elif physics.side_load_g:
+            raise TwinError("physics: side_load_g is for robots that move; leave it at 0 for one that stands on a fixed base")
+    mujoco.mj_setConst(model, mujoco.MjData(model))  # derives constants from the masses
+
+
+def _up(physics: Physics) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    """Upward direction [3] in the axes of the floor, which rises along x."""
+    slope = math.radians(physics.slope_deg)
+    return np.array([math.sin(slope), 0.0, math.cos(slope)])
+
+
+def _add_side_load(model: mujoco.MjModel, nominal: mujoco.MjModel, body: int, load_kg: float) -> None:
+    """Add a point mass at the side of a chassis: mass, centre of mass and inertia change (parallel axis theorem)."""
+    model.body_ipos[body], model.body_iquat[body] = nominal.body_ipos[body], nominal.body_iquat[body]
+    if load_kg == 0.0:
+        return
+    mass_kg, offset = float(model.body_mass[body]), np.array(SIDE_LOAD_OFFSET_M)
+    frame = np.empty(9)
+    mujoco.mju_quat2Mat(frame, nominal.body_iquat[body])
+    axes = frame.reshape(3, 3)
+    reduced_kg = mass_kg * load_kg / (mass_kg + load_kg)
+    inertia = axes @ np.diag(model.body_inertia[body]) @ axes.T
+    inertia += reduced_kg * (offset @ offset * np.eye(3) - np.outer(offset, offset))
+    moments, columns = np.linalg.eigh(inertia)
+    columns[:, 0] *= np.linalg.det(columns)  # a rotation, not a mirror image
+    mujoco.mju_mat2Quat(model.body_iquat[body], columns.ravel())
+    model.body_inertia[body] = moments
+    model.body_ipos[body] = nominal.body_ipos[body] + offset * load_kg / (mass_kg + load_kg)
+    model.body_mass[body] = mass_kg + load_kg

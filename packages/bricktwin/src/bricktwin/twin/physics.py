@@ -15,6 +15,9 @@ from brickhub.files import write_durably
 if TYPE_CHECKING:
     from brickhub.virtual.body import Rng
 
+FITTED = ("battery_v", "friction_scale", "motor_friction_scale", "mass_scale", "backlash_deg")
+"""Parameters that motion can identify."""
+
 Range = tuple[float, float]
 
 

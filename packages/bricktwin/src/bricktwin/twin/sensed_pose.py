@@ -8,7 +8,6 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from brickhub.robot import Motor
 from bricktwin.twin.models.mjcf import SHAPE_GROUP
 from bricktwin.twin.mujoco_body import MujocoBody
 
@@ -30,37 +29,25 @@ def sensed_qpos(body: MujocoBody, angles_deg: dict[str, float], tilt_deg: tuple[
     motors = [motor for motor in body.robot.motors if motor.name in angles_deg]
     joints = [model.joint(f"motor_{motor.port}") for motor in motors]
     addresses = [int(joint.qposadr[0]) for joint in joints]
-    factors = np.array([_joint_per_output(model, motor) for motor in motors])
+    # Degrees of a motor's joint per degree at its output; the model counts the shaft, clockwise positive.
+    gears = [float(model.actuator_gear[model.actuator(f"motor_{motor.port}").id, 0]) for motor in motors]
+    factors = np.array([motor.direction.value * 360.0 / motor.turn_deg / gear for motor, gear in zip(motors, gears, strict=True)])
     turns_deg = np.array([angles_deg[motor.name] for motor in motors]) - np.degrees(data.qpos[addresses]) / factors
     turns_deg = (turns_deg + 180.0) % 360.0 - 180.0
-    passive = _passive_hinges(model, {int(joint.id) for joint in joints})
+    driven = {int(joint.id) for joint in joints}
+    hinges = [
+        joint for joint in range(model.njnt) if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE and joint not in driven
+    ]
+    passive = [int(model.jnt_qposadr[joint]) for joint in hinges if not model.joint(joint).name.startswith("backlash_")]
     steps = max(1, math.ceil(np.abs(turns_deg).max(initial=0.0) / _STEP_DEG))
     for _ in range(steps):  # in small steps, so that a linkage does not flip
         data.qpos[addresses] += np.radians(turns_deg * factors) / steps
-        if passive:
+        if passive and model.neq:
             _close_loops(model, data, passive)
     if model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE:
         _stand(model, data, tilt_deg)
     qpos: NDArray[np.float64] = data.qpos.copy()
     return qpos
-
-
-def _joint_per_output(model: mujoco.MjModel, motor: Motor) -> float:
-    """Degrees of a motor's joint per degree at its output; the model counts the shaft, clockwise positive."""
-    gear = float(model.actuator_gear[model.actuator(f"motor_{motor.port}").id, 0])
-    return motor.direction.value * 360.0 / motor.turn_deg / gear
-
-
-def _passive_hinges(model: mujoco.MjModel, driven: set[int]) -> list[int]:
-    """Position indices of passive hinges, which are neither driven nor backlash."""
-    if not model.neq:
-        return []
-    hinges = (joint for joint in range(model.njnt) if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE)
-    return [
-        int(model.jnt_qposadr[joint])
-        for joint in hinges
-        if joint not in driven and not model.joint(joint).name.startswith("backlash_")
-    ]
 
 
 def _close_loops(model: mujoco.MjModel, data: mujoco.MjData, passive: list[int]) -> None:

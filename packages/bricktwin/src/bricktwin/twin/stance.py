@@ -1,4 +1,4 @@
-"""Stance of a legged robot: the feet that touch a flat floor, and the resulting pose."""
+"""Stance of a robot at its start: feet that touch a flat floor, the resulting pose, and no overlap with an obstacle."""
 
 from __future__ import annotations
 
@@ -10,7 +10,11 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from brickhub.errors import TwinError
 from bricktwin.plans.geometry import Floats
+from bricktwin.twin.models.mjcf import FLOOR_GROUP, OBSTACLE_GROUP
+from bricktwin.twin.objects import Solid
+from bricktwin.twin.scene import Scene
 
 _MIN_INSIDE = -1e-9
 
@@ -74,16 +78,33 @@ def standing_pose(points: Floats, centre: Floats) -> tuple[Floats, float]:
     violation = np.where(usable, np.maximum(-clearance, 0.0) + np.maximum(_MIN_INSIDE - inside, 0.0), math.inf)
     best = int(np.argmin(violation))
     up = normal[best]
-    return _upright(up), float(-up @ first[best])
-
-
-def _upright(up: Floats) -> Floats:
-    """Quaternion of the shortest rotation that makes a direction vertical."""
+    # The shortest rotation that makes this direction vertical.
     quaternion = np.array([1.0 + up[2], up[1], -up[0], 0.0])
-    upright: Floats = quaternion / np.linalg.norm(quaternion)
-    return upright
+    return quaternion / np.linalg.norm(quaternion), float(-up @ first[best])
 
 
 @cache
 def _triples(count: int) -> NDArray[np.intp]:
     return np.array(list(itertools.combinations(range(count), 3)))
+
+
+_DEPTH_M = 0.008
+"""Depth from which on an overlap is more than a touch."""
+
+
+def refuse_overlap(model: mujoco.MjModel, data: mujoco.MjData, scene: Scene | None = None) -> None:
+    """Raise TwinError if a robot is inside of an obstacle of the ``scene``, or of an arena. Contacts have to be computed."""
+    contacts = data.contact
+    groups = model.geom_group[contacts.geom]
+    is_of_robot = ((groups == OBSTACLE_GROUP).sum(-1) == 1) & (groups != FLOOR_GROUP).all(-1)
+    for pair in contacts.geom[is_of_robot & (contacts.dist < -_DEPTH_M)]:
+        name = next(model.geom(geom).name for geom in pair if model.geom_group[geom] == OBSTACLE_GROUP)
+        if scene is None:
+            remedy = "narrow the place of the robot, or make the arena wider"
+        else:
+            start = "start_mm" if scene.wall_distance_mm is None else "wall_distance_mm"
+            remedy = f"move that, or change {start} or heading_deg of the scene"
+        if scene is not None and name.startswith("object_"):
+            solids = [item for item in scene.objects if isinstance(item, Solid)]
+            name = f"{solids[int(name.removeprefix('object_'))]}"
+        raise TwinError(f"a robot would start inside of {name or 'an obstacle'}; {remedy}")

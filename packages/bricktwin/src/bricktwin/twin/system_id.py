@@ -24,15 +24,12 @@ from brickhub.virtual.virtual_transport import VirtualHub
 from bricktwin import robots
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.motion_log import RunLog
-from bricktwin.twin.physics import PARAMETERS, Physics
+from bricktwin.twin.physics import FITTED, PARAMETERS, Physics
 from bricktwin.twin.scene import Scene
 
 Vector = NDArray[np.float64]
 OnReplay = Callable[[int, float], None]
 """Called with the number of a replay, from 1, and the smallest error so far."""
-
-FITTED = ("battery_v", "friction_scale", "motor_friction_scale", "mass_scale", "backlash_deg")
-"""Parameters that motion can identify."""
 
 # Parameters that affect all angles. The others affect details, and are fitted after these.
 _STRONG = ("battery_v", "motor_friction_scale", "mass_scale")

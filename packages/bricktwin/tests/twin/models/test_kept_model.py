@@ -140,7 +140,7 @@ def test_kept_model_equals_built_one(robot: Robot, scene: Scene, cache: Cache) -
     built, loaded = cache.body(robot, scene), cache.body(robot, scene)
     assert cache.built == [robot.name] and len(cache.files) == 1
     assert_equal(built._nominal, loaded._nominal)
-    for parts in ("_rods", "_spinners", "_backlash", "_terminals", "_shaft"):
+    for parts in ("_turning", "_backlash", "_terminals", "_shaft"):
         one, other = getattr(built, parts), getattr(loaded, parts)
         assert str(getattr(one, "__dict__", one)) == str(getattr(other, "__dict__", other))
     assert driven(built) == driven(loaded)
@@ -156,7 +156,7 @@ def test_kept_arena_equals_built_one(cache: Cache) -> None:
     built, loaded = world(0.5), world(0.5)
     assert cache.built == ["walker", "two-wheeler"]
     assert_equal(built._nominal, loaded._nominal)
-    assert len(loaded.bodies[0]._rods._ends) == len(built.bodies[0]._rods._ends) == 4
+    assert len(loaded.bodies[0]._turning._rods) == len(built.bodies[0]._turning._rods) == 4
     world(0.6)
     assert len(cache.built) == 4
 

@@ -13,7 +13,7 @@ from brickhub.errors import RenderingUnavailableError
 from brickhub.robot import Robot
 from bricktwin.robots import ROBO_ARM, TWO_WHEELER, WALKER
 from bricktwin.twin import ldraw
-from bricktwin.twin.models import lego, looks
+from bricktwin.twin.models import lego
 from bricktwin.twin.models.mjcf import LOOKS_GROUP
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.physics import Physics
@@ -105,4 +105,4 @@ def test_ldraw_part_of_other_size_is_rejected(
     monkeypatch.setenv("LDRAWDIR", str(root))
     assert [colour for colour, _ in lego.hub().shapes] == [colour for colour, _ in ours.shapes]
     assert "unknown size" in caplog.text
-    assert looks.from_library("no such part", "white", ours) is ours
+    assert lego.from_library("no such part", "white", ours) is ours

@@ -19,7 +19,7 @@ from brickhub.virtual import VirtualHub
 from brickhub.virtual.stimuli import Sense
 from bricktwin.robots import ROBO_ARM, TWO_WHEELER, WALKER, plans
 from bricktwin.twin.make_body import make_body
-from bricktwin.twin.models.spinners import Spinners
+from bricktwin.twin.models.turning import TurningParts
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.objects import Block, Field, Ramp
 from bricktwin.twin.physics import Physics
@@ -104,7 +104,7 @@ def test_visual_shafts_turn() -> None:
     assert turned > 0.3
     expected = [math.cos(turned / 2), 0, 0, math.sin(turned / 2)]
     assert abs(float(quaternion @ expected)) == pytest.approx(1.0, abs=1e-3)
-    assert Spinners(mujoco.MjModel.from_xml_string("<mujoco/>")) is not None
+    assert TurningParts(mujoco.MjModel.from_xml_string("<mujoco/>")) is not None
 
 
 def test_steered_car_drives_circle() -> None:

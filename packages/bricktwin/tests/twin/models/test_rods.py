@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from bricktwin.twin.models.rods import Rods, add_rod
+from bricktwin.twin.models.turning import TurningParts, add_rod
 
 
 def swing() -> mujoco.MjModel:
@@ -48,7 +48,7 @@ class TestRod:
 
     def test_rod_is_drawn_between_pins(self) -> None:
         model = swing()
-        data, rods = mujoco.MjData(model), Rods(model)
+        data, rods = mujoco.MjData(model), TurningParts(model)
         for _ in range(5):
             mujoco.mj_step(model, data, 60)
             mujoco.mj_kinematics(model, data)
@@ -59,7 +59,7 @@ class TestRod:
     def test_drawing_rod_does_not_change_motion(self) -> None:
         def motion(draws: bool) -> bytes:
             model = swing()
-            data, rods = mujoco.MjData(model), Rods(model)
+            data, rods = mujoco.MjData(model), TurningParts(model)
             for _ in range(20):
                 mujoco.mj_step(model, data, 10)
                 if draws:
@@ -78,8 +78,8 @@ class TestRod:
         assert [rod.name for rod in rods] == ["rod_A", "rod_A_1"]
         model = spec.compile()
         assert model.tendon_length0.tolist() == pytest.approx([0.1, 0.2])
-        assert len(Rods(model)._ends) == 2
+        assert len(TurningParts(model)._rods) == 2
 
     def test_model_without_rods_is_unchanged(self) -> None:
         model = mujoco.MjSpec().compile()
-        Rods(model).turn(model, mujoco.MjData(model))
+        TurningParts(model).turn(model, mujoco.MjData(model))

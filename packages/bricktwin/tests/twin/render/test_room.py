@@ -8,9 +8,8 @@ import pytest
 from brickhub.errors import RenderingUnavailableError
 from bricktwin.robots import ROBO_ARM, TWO_WHEELER, WALKER
 from bricktwin.twin.make_body import make_body
-from bricktwin.twin.render.captions import captioned
 from bricktwin.twin.render.opengl import Image, Renderer
-from bricktwin.twin.render.room import Room
+from bricktwin.twin.render.video import Room, captioned
 from bricktwin.twin.scene import Scene
 
 SIZE = (320, 180)

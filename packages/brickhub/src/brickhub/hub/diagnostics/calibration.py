@@ -16,6 +16,7 @@ from pathlib import Path
 
 from brickhub.errors import BricksError, DescriptionError
 from brickhub.files import write_durably
+from brickhub.hub.transport import Transport
 from brickhub.robot import Direction, Motor, Robot
 
 
@@ -42,12 +43,11 @@ def calibrated(robot: Robot, calibration: Calibration) -> Robot:
     unknown = sorted((set(calibration.zeros_deg) | calibration.reversed) - {motor.name for motor in robot.motors})
     if unknown:
         raise DescriptionError(f"robot '{robot.name}' has no motor '{unknown[0]}'; calibrate it again")
-    return replace(robot, motors=tuple(_calibrated(motor, calibration) for motor in robot.motors))
-
-
-def _calibrated(motor: Motor, calibration: Calibration) -> Motor:
-    direction = Direction(-motor.direction.value) if motor.name in calibration.reversed else motor.direction
-    return replace(motor, direction=direction, zero_deg=calibration.zeros_deg.get(motor.name, motor.zero_deg))
+    motors = []
+    for motor in robot.motors:
+        direction = Direction(-motor.direction.value) if motor.name in calibration.reversed else motor.direction
+        motors.append(replace(motor, direction=direction, zero_deg=calibration.zeros_deg.get(motor.name, motor.zero_deg)))
+    return replace(robot, motors=tuple(motors))
 
 
 def zero_between(stops_deg: tuple[int, int], motor: Motor) -> int:
@@ -75,9 +75,9 @@ def calibration_folder() -> Path:
     return base / "bricksrl" / "calibrations"
 
 
-def load_calibration(hub_id: str, robot: Robot, folder: Path | None = None) -> Calibration:
+def load_calibration(hub: str, robot: Robot, folder: Path | None = None) -> Calibration:
     """Saved calibration of the robot on this hub; an empty one if there is none. Raises CalibrationError if it is invalid."""
-    path = _path(hub_id, robot, folder)
+    path = _path(hub, robot, folder)
     try:
         data = json.loads(path.read_bytes())
         zeros = {str(name): int(zero) for name, zero in data["zeros_deg"].items()}
@@ -88,31 +88,33 @@ def load_calibration(hub_id: str, robot: Robot, folder: Path | None = None) -> C
         raise CalibrationError(f"cannot read the calibration in {path}; delete the file and calibrate again") from None
 
 
-def calibration_of(hub_id: Callable[[], str], folder: Path | None = None) -> Callable[[Robot], Robot]:
-    """Argument ``calibrate`` for a link; ``hub_id`` is called when the hub is connected."""
-
-    def calibrate(robot: Robot) -> Robot:
-        return calibrated(robot, load_calibration(hub_id(), robot, folder))
-
-    return calibrate
+def hub_id(transport: Transport) -> str:
+    """Key of a hub's calibrations: the address that it has when it is connected."""
+    identity = getattr(transport, "identity", None)
+    return "virtual" if identity is None else identity.address
 
 
-def save_calibration(hub_id: str, robot: Robot, calibration: Calibration, folder: Path | None = None) -> Path:
+def calibration_of(transport: Transport, folder: Path | None = None) -> Callable[[Robot], Robot]:
+    """Argument ``calibrate`` for a link over this transport."""
+    return lambda robot: calibrated(robot, load_calibration(hub_id(transport), robot, folder))
+
+
+def save_calibration(hub: str, robot: Robot, calibration: Calibration, folder: Path | None = None) -> Path:
     """Write a calibration atomically; returns its path. Raises WriteError if the file cannot be written."""
-    path = _path(hub_id, robot, folder)
-    data = {"hub": hub_id, "zeros_deg": calibration.zeros_deg, "reversed": sorted(calibration.reversed)}
+    path = _path(hub, robot, folder)
+    data = {"hub": hub, "zeros_deg": calibration.zeros_deg, "reversed": sorted(calibration.reversed)}
     write_durably(path, (json.dumps(data, indent=2) + "\n").encode())
     return path
 
 
-def forget_calibration(hub_id: str, robot: Robot, folder: Path | None = None) -> None:
+def forget_calibration(hub: str, robot: Robot, folder: Path | None = None) -> None:
     """Delete the saved calibration; without effect if there is none. Raises CalibrationError if the file cannot be deleted."""
-    path = _path(hub_id, robot, folder)
+    path = _path(hub, robot, folder)
     try:
         path.unlink(missing_ok=True)
     except OSError as error:
         raise CalibrationError(f"cannot delete {path} ({error.strerror}); delete it yourself") from None
 
 
-def _path(hub_id: str, robot: Robot, folder: Path | None) -> Path:
-    return (folder or calibration_folder()) / re.sub(r"[^\w-]+", "-", hub_id) / f"{robot.name}.json"
+def _path(hub: str, robot: Robot, folder: Path | None) -> Path:
+    return (folder or calibration_folder()) / re.sub(r"[^\w-]+", "-", hub) / f"{robot.name}.json"

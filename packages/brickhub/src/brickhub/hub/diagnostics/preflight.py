@@ -1,22 +1,40 @@
-"""Preflight check of a robot: hub, ports, battery, sensors and motors against the description."""
+"""Preflight check of a robot: hub, ports, battery, latency, sensors and motors against the description."""
 
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 
 from brickhub.errors import HubError, percent
 from brickhub.finding import Finding, Outcome
-from brickhub.hub.diagnostics.latency import Latency, advice, measure
 from brickhub.hub.diagnostics.survey import Survey, survey
-from brickhub.hub.interface import Interface
-from brickhub.hub.kinds import Command
+from brickhub.hub.interface import Command, Interface
 from brickhub.hub.link.lockstep import HubLink
+from brickhub.hub.link.timing import percentile
 from brickhub.hub.transport import Transport
 from brickhub.hub.transports.connection import HubIdentity
 from brickhub.robot import HubKind, Motor, MotorKind, Robot, SensorKind
 from brickhub.robot.hardware import DC_MOTOR_ID
 
+SLOW_INTERVAL_MS = 20.0
+"""Connection interval above which a shorter one is possible."""
+_INTERVAL_UNIT_MS = 1.25
+_INTERVALS_PER_ROUND_TRIP = 2
+"""A command waits for the next connection event, and its answer for the one after that."""
+
+_ADVICE = {
+    "linux": (
+        "as root, write 6 into /sys/kernel/debug/bluetooth/hci0/conn_min_interval and 12 into conn_max_interval beside it, or "
+        "MinConnectionInterval=6 and MaxConnectionInterval=12 below [LE] in /etc/bluetooth/main.conf, and connect again"
+    ),
+    "darwin": "macOS chooses the interval itself, usually 15 ms: disconnect other Bluetooth devices and bring the hub near",
+    "win32": (
+        "Windows 11 gives 15 ms or less to a program that asks for it, which Python cannot yet: disconnect other Bluetooth "
+        "devices, bring the hub near, or use a computer with Linux or macOS"
+    ),
+}
 TEST_MOVE = 30.0
 """Degrees or millimetres of a test move."""
 _LEAST_SHARE = 0.5
@@ -25,9 +43,6 @@ _RANGE_MARGIN_DEG = 8.0
 """Tolerance for a joint that yields beyond its range."""
 _TEST_MOVE_READS = 40
 
-# Below the first voltage the hub warns, below the second it soon switches off; limits of the firmware (battery.c).
-_LITHIUM_MV = (6800, 6000)
-_CELLS_MV = (5400, 4800)
 _ENCODERS = {kind.model.device_id for kind in MotorKind}
 """Device ids of motors with an encoder: a program for one also drives the others."""
 _NAMES = (
@@ -35,6 +50,53 @@ _NAMES = (
     | {kind.model.device_id: re.sub("(?<!^)([A-Z])", r" \1", kind.value).lower() for kind in SensorKind}
     | {0: "nothing", DC_MOTOR_ID: "medium linear motor without angle", 2: "train motor"}
 )
+
+
+@dataclass(frozen=True)
+class Latency:
+    """Measured latency of a link.
+
+    Attributes:
+        exchanges: number of consecutive sensor readings.
+        p50_ms, p99_ms: percentiles of their round trips.
+        interval_ms: connection interval inferred from the median.
+        link_share: link's share of a step of the environment; ``None`` if a step has no fixed time.
+    """
+
+    exchanges: int
+    p50_ms: float
+    p99_ms: float
+    interval_ms: float
+    link_share: float | None
+
+    @property
+    def is_slow(self) -> bool:
+        """True if a shorter interval is possible."""
+        return self.interval_ms > SLOW_INTERVAL_MS
+
+
+def measure(link: HubLink, interface: Interface, exchanges: int = 100) -> Latency:
+    """Time ``exchanges`` sensor readings over an open link; nothing moves. Raises HubError if the link failed."""
+    link.read()
+    return latency([link.read().round_trip_s for _ in range(exchanges)], interface)
+
+
+def latency(round_trips_s: list[float], interface: Interface) -> Latency:
+    """Latency statistics of the round trips ``[n]`` of readings, n > 0."""
+    p50_ms, p99_ms = (percentile(round_trips_s, percent) * 1000 for percent in (50, 99))
+    step_ms = interface.settle.fixed_ms
+    return Latency(
+        exchanges=len(round_trips_s),
+        p50_ms=p50_ms,
+        p99_ms=p99_ms,
+        interval_ms=round(p50_ms / _INTERVALS_PER_ROUND_TRIP / _INTERVAL_UNIT_MS) * _INTERVAL_UNIT_MS,
+        link_share=None if step_ms is None else p50_ms / (step_ms + p50_ms),
+    )
+
+
+def advice(platform: str = sys.platform) -> str:
+    """Advice for a shorter connection interval on this operating system."""
+    return _ADVICE.get(platform, "look for the connection interval in the settings of this system's Bluetooth")
 
 
 def check_robot(
@@ -68,32 +130,20 @@ def check_robot(
         if any(finding.outcome is Outcome.ERROR for finding in port_findings):
             yield Finding("program", Outcome.SKIPPED, "the environment's program does not start before all is plugged in")
             return
-        yield from _check_with_program(transport, robot, interface, may_move, is_right, calibrate)
+        try:
+            with HubLink(transport, robot, interface, calibrate=calibrate) as link:
+                yield Finding("program", Outcome.OK, f"runs (hash {link.program.hash:08x})")
+                yield from check_angles(robot, interface, link.read().values)
+                yield check_latency(measure(link, interface))
+                if may_move():
+                    for index in range(len(interface.commands)):
+                        yield _check_move(link, robot, interface, index, is_right)
+                else:
+                    yield Finding("directions", Outcome.SKIPPED, "nothing was moved, because nobody said yes")
+        except HubError as error:
+            yield Finding("program", Outcome.ERROR, str(error))
     finally:
         transport.close()
-
-
-def _check_with_program(
-    transport: Transport,
-    robot: Robot,
-    interface: Interface,
-    may_move: Callable[[], bool],
-    is_right: Callable[[str], bool] | None,
-    calibrate: Callable[[Robot], Robot] | None,
-) -> Iterator[Finding]:
-    """Checks that run the environment's program: angles, latency, directions."""
-    try:
-        with HubLink(transport, robot, interface, calibrate=calibrate) as link:
-            yield Finding("program", Outcome.OK, f"runs (hash {link.program.hash:08x})")
-            yield from check_angles(robot, interface, link.read().values)
-            yield check_latency(measure(link, interface))
-            if may_move():
-                for index in range(len(interface.commands)):
-                    yield _check_move(link, robot, interface, index, is_right)
-            else:
-                yield Finding("directions", Outcome.SKIPPED, "nothing was moved, because nobody said yes")
-    except HubError as error:
-        yield Finding("program", Outcome.ERROR, str(error))
 
 
 def check_hub(identity: HubIdentity | None, robot: Robot) -> Iterator[Finding]:
@@ -136,21 +186,18 @@ def check_ports(robot: Robot, result: Survey) -> Iterator[Finding]:
             detail = f"{label} is expected, {found_name} is there; it works, but the virtual robot has the other one's strength"
             yield Finding(name, Outcome.WARNING, detail)
         else:
-            detail = f"{label} is expected, {found_name} is there; {_plug_advice(robot, expected_id, port, result)}"
+            taken = {device.port for device in expected.values() if device.kind.model.device_id == expected_id}
+            others = [other for other, other_id in result.ports.items() if other_id == expected_id and other not in taken]
+            remedy = f"move it from port {others[0]} to {port}" if others else f"plug it into port {port} until it clicks"
+            detail = f"{label} is expected, {found_name} is there; {remedy}"
             yield Finding(name, Outcome.ERROR, detail)
-
-
-def _plug_advice(robot: Robot, missing_id: int, port: str, result: Survey) -> str:
-    """Advice on the missing device: the port where it might be, or to plug it in."""
-    taken = {device.port for device in (*robot.motors, *robot.sensors) if device.kind.model.device_id == missing_id}
-    others = [other for other, found_id in result.ports.items() if found_id == missing_id and other not in taken]
-    return f"move it from port {others[0]} to {port}" if others else f"plug it into port {port} until it clicks"
 
 
 def check_battery(hub: HubKind, battery_mv: int) -> Finding:
     """Battery check: enough voltage for the motors."""
-    low_mv, critical_mv = _LITHIUM_MV if hub.model.is_rechargeable else _CELLS_MV
-    remedy = "charge it" if hub.model.is_rechargeable else "put fresh batteries in"
+    # Below the first voltage the hub warns, below the second it soon switches off; limits of the firmware (battery.c).
+    cells, lithium = (5400, 4800, "put fresh batteries in"), (6800, 6000, "charge it")
+    low_mv, critical_mv, remedy = lithium if hub.model.is_rechargeable else cells
     volts = f"{battery_mv / 1000:.2f} V"
     if battery_mv < critical_mv:
         return Finding("battery", Outcome.ERROR, f"{volts}, it is empty; {remedy}")
@@ -165,9 +212,8 @@ def check_imu(robot: Robot, result: Survey) -> Iterator[Finding]:
         return
     tilt = f"pitch {result.pitch_deg}, roll {result.roll_deg} deg"
     if result.imu_ready is None:
-        yield Finding(
-            "imu", Outcome.ERROR, "the hub did not say anything about its IMU; update its firmware on code.pybricks.com"
-        )
+        silent = "the hub did not say anything about its IMU; update its firmware on code.pybricks.com"
+        yield Finding("imu", Outcome.ERROR, silent)
     elif not result.imu_ready:
         yield Finding("imu", Outcome.WARNING, f"{tilt}, not ready; leave the robot still for some seconds and check again")
     else:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from brickhub.errors import HubError, HubProgramError, HubTimeoutError
 from brickhub.hub.program.generate import onboard_text, sorted_imports
-from brickhub.hub.program.traceback import describe_traceback
+from brickhub.hub.program.run_program import describe_traceback
 from brickhub.hub.protocol import Up, control_frame, hello_payload
 from brickhub.hub.transport import HubProgram, Transport
 from brickhub.robot import Motor, Robot

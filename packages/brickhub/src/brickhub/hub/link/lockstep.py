@@ -3,7 +3,7 @@
 Lost frames: the host resends the same frame after a quarter of its timeout. The hub recognises a repeated sequence
 number: it resends its last answer, or continues the current move, so that a command is never carried out twice. Answers
 to other sequence numbers are ignored. If no answer comes in time, the link is in FAULT until ``open`` is called; the hub
-stops its motors by itself. During a step, the host sends keepalives (``keepalive.py``).
+stops its motors by itself. During a step, the host sends keepalives (``timing.py``).
 If the program on the hub has ended because the host was silent for too long, ``read`` restarts it; ``act`` does not,
 because the robot has meanwhile stopped holding its position. ``states.py`` has all transitions as a table.
 
@@ -20,15 +20,11 @@ from collections.abc import Callable, Iterable, Iterator
 from types import TracebackType
 from typing import Self
 
-from brickhub.errors import HubError, HubProgramError, StoppedError
-from brickhub.hub.hub_errors import SilentHubError
+from brickhub.errors import HubError, HubProgramError, SilentHubError, StoppedError
 from brickhub.hub.interface import Interface
-from brickhub.hub.link.host_clock import HubClock
-from brickhub.hub.link.keepalive import keepalive_times_s
-from brickhub.hub.link.reading import Reading, bye_error, check_hello, is_hello
-from brickhub.hub.link.receiver import Listener
+from brickhub.hub.link.receiver import Listener, Reading, bye_error, check_hello, is_hello
 from brickhub.hub.link.states import Cause, LinkState, after, cause_of
-from brickhub.hub.link.statistics import LinkMeter, LinkStatistics
+from brickhub.hub.link.timing import HubClock, LinkStatistics, keepalive_times_s, percentile
 from brickhub.hub.program.generate import WATCHDOG_MS, generate
 from brickhub.hub.protocol import ControlFrame, DataFrame, Down, Frame, Up, WireFormat, control_frame, data_frame, next_seq
 from brickhub.hub.transport import Pipe, Transport
@@ -71,7 +67,7 @@ class HubLink:
     ) -> None:
         self._robot, self._interface, self._pipe, self._calibrate = robot, interface, pipe, calibrate
         self.program = generate(robot, interface, pipe)
-        self.wire = WireFormat.of(interface)
+        self.wire = WireFormat(interface)
         self.state = LinkState.DISCONNECTED
         self._transport = transport
         self._transport_is_open = False
@@ -84,9 +80,10 @@ class HubLink:
         self._least_watchdog_ms = _watchdog_ms(watchdog_s)
         self._watchdog_ms = WATCHDOG_MS
         self._seq = 0
+        self._frame, self._sent_s = b"", 0.0
         self._clock = HubClock()
-        self._meter = LinkMeter()
-        self._listener = Listener(transport, self.wire, self._meter)
+        self.statistics = LinkStatistics(watchdog_s=WATCHDOG_MS / 1000)
+        self._listener = Listener(transport, self.wire, self.statistics)
 
     def open(self) -> None:
         """Connect, start the program and wait for its HELLO. Also leaves FAULT; without effect on an open link.
@@ -140,6 +137,26 @@ class HubLink:
             StoppedError: an emergency stop came before or meanwhile.
         """
         return self._exchange(self._next_frame(values), self._longest_move_s, self._known_move_s)
+
+    def send(self, values: Iterable[float]) -> None:
+        """Send the commands ``[n_commands]``, in their units; `receive` then waits for the answer. So several robots move at the
+        same time. Raises as `act`, except for timeouts."""
+        self._frame = self._next_frame(values)
+        with self._fault_with_cause():
+            self._begin_exchange()
+            self._sent_s = self.now_s()
+            self._transport.write(self._frame)
+
+    def receive(self) -> Reading:
+        """Wait for the answer to the commands that were sent last. Raises as `act`."""
+        known_s = self._known_move_s
+        with self._fault_with_cause():
+            left_s = None if known_s is None else max(0.0, self._sent_s + known_s - self.now_s())
+            answer = self._await_answer(self._longest_move_s + self._timeout_s / 2, left_s)
+            if answer is None:
+                self.statistics.count_resend()
+                answer = self._send_and_wait(self._frame, self._longest_move_s, known_s)
+            return self._answered(answer, self._sent_s, self._longest_move_s, known_s)
 
     def _next_frame(self, values: Iterable[float]) -> bytes:
         """Frame of the next commands. Raises the errors of `act` that come before anything is sent."""
@@ -212,11 +229,6 @@ class HubLink:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self.close()
 
-    @property
-    def statistics(self) -> LinkStatistics:
-        """Snapshot of the link's statistics."""
-        return self._meter.snapshot(self._watchdog_ms / 1000)
-
     def _check_halted(self) -> None:
         if self._halted.is_set():
             raise _stopped()
@@ -243,7 +255,7 @@ class HubLink:
         self._listener.begin(self.program.source)
         self._clock = HubClock()
         self._seq = 0
-        self._watchdog_ms = WATCHDOG_MS
+        self._watchdog_ms, self.statistics.watchdog_s = WATCHDOG_MS, WATCHDOG_MS / 1000
         if self._has_started:
             with contextlib.suppress(HubError):  # if the hub is out of reach, the start will raise
                 self._transport.stop()
@@ -284,20 +296,17 @@ class HubLink:
     def _exchange(self, frame: bytes, longest_move_s: float, known_move_s: float | None) -> Reading:
         """Send until the answer comes; the same frame may go out several times."""
         with self._fault_with_cause():
-            self._adapt_watchdog()
-            started_s, resends = self.now_s(), self._meter.resends
+            self._begin_exchange()
+            started_s = self.now_s()
             answer = self._send_and_wait(frame, longest_move_s, known_move_s)
-            return self._answered(answer, started_s, longest_move_s, known_move_s, resends)
+            return self._answered(answer, started_s, longest_move_s, known_move_s)
 
-    def _answered(
-        self, answer: DataFrame | None, started_s: float, longest_move_s: float, known_move_s: float | None, resends: int
-    ) -> Reading:
-        """Reading of an exchange that began at ``started_s``, when ``resends`` frames had been sent again. Raises
-        HubTimeoutError if there was no answer."""
+    def _answered(self, answer: DataFrame | None, started_s: float, longest_move_s: float, known_move_s: float | None) -> Reading:
+        """Reading of an exchange that began at ``started_s``. Raises HubTimeoutError if there was no answer."""
         if answer is None:
             raise self._listener.timeout_error("the hub did not answer", longest_move_s + self._timeout_s)
         reading = self._reading(answer, started_s, known_move_s or 0.0)
-        self._meter.record(reading.round_trip_s, reading.age_s, known_move_s, resends)
+        self.statistics.record(reading.round_trip_s, reading.age_s, known_move_s)
         return reading
 
     def _reading(self, answer: DataFrame, started_s: float, move_s: float) -> Reading:
@@ -325,7 +334,8 @@ class HubLink:
         deadline_s = started_s + longest_move_s + self._timeout_s
         window_s = self._timeout_s / _SENDS_PER_TIMEOUT
         for attempt in range(int((deadline_s - started_s) / window_s) + 1):
-            self._meter.resends += attempt > 0
+            if attempt:
+                self.statistics.count_resend()
             move_s = None if known_move_s is None else max(0.0, started_s + known_move_s - self.now_s())
             self._transport.write(frame)
             answer = self._await_answer(min(window_s, deadline_s - self.now_s()), move_s)
@@ -350,22 +360,24 @@ class HubLink:
             if frame.kind == Up.BYE:
                 raise bye_error(frame)
             return False
-        self._meter.stale_answers += frame.seq != self._seq
+        self.statistics.stale_answers += frame.seq != self._seq
         return frame.seq == self._seq
 
-    def _adapt_watchdog(self) -> None:
-        if self._meter.exchanges % _EXCHANGES_PER_WATCHDOG_CHECK:
+    def _begin_exchange(self) -> None:
+        """Before an exchange, look from time to time whether the link needs a longer watchdog."""
+        self.statistics.is_resent = False
+        if self.statistics.exchanges % _EXCHANGES_PER_WATCHDOG_CHECK:
             return
         needed_ms = self._needed_watchdog_ms()
         if needed_ms > self._watchdog_ms:
             self._set_watchdog(needed_ms)
 
     def _needed_watchdog_ms(self) -> int:
-        return _watchdog_ms(_WATCHDOG_ROUND_TRIPS * self._meter.delay_p99_s())
+        return _watchdog_ms(_WATCHDOG_ROUND_TRIPS * percentile(self.statistics.delays_s, 99))
 
     def _set_watchdog(self, watchdog_ms: int) -> None:
         self._transport.write(control_frame(Down.WATCHDOG, struct.pack("<H", watchdog_ms)))
-        self._watchdog_ms = watchdog_ms
+        self._watchdog_ms, self.statistics.watchdog_s = watchdog_ms, watchdog_ms / 1000
 
 
 def _stopped() -> StoppedError:

@@ -1,17 +1,70 @@
-"""Receiver of the hub program's output: frames, a traceback, BYE frames, and the text between them."""
+"""Receiver of the hub program's output: frames, readings, HELLO and BYE, a traceback, and the text between them."""
 
 from __future__ import annotations
 
 import contextlib
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 
-from brickhub.errors import HubError, HubProgramError, HubTimeoutError
-from brickhub.hub.link.reading import bye_error
-from brickhub.hub.link.statistics import LinkMeter
-from brickhub.hub.program.traceback import describe_traceback
-from brickhub.hub.protocol import UP_PAYLOAD_BYTES, ControlFrame, Frame, FrameDecoder, Up, WireFormat
+from brickhub.errors import HubError, HubProgramError, HubProtocolError, HubTimeoutError, SilentHubError
+from brickhub.hub.link.timing import LinkStatistics
+from brickhub.hub.program.run_program import describe_traceback
+from brickhub.hub.protocol import (
+    PROTOCOL_VERSION,
+    UP_PAYLOAD_BYTES,
+    ByeReason,
+    ControlFrame,
+    Frame,
+    FrameDecoder,
+    Up,
+    WireFormat,
+    parse_hello,
+)
 from brickhub.hub.transport import Transport
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One answer of the hub.
+
+    Attributes:
+        values: ``[n_channels]``, in channel order and units, rounded to float32.
+        hub_time_ms: the hub's clock when it read its sensors, since its program started; it does not wrap.
+        round_trip_s: time from the first sending of the command to the first answer.
+        age_s: age of the sensor values when the reading was returned; see ``timing.py``.
+    """
+
+    values: tuple[float, ...]
+    hub_time_ms: int
+    round_trip_s: float
+    age_s: float = 0.0
+
+
+def bye_error(bye: ControlFrame) -> SilentHubError:
+    """Error for a BYE frame."""
+    is_silence = bye.payload[0] == ByeReason.SILENCE
+    why = "it had not heard from this computer for too long" if is_silence else "it was told to"
+    return SilentHubError(f"the program on the hub ended because {why}; call open() to start it again")
+
+
+def is_hello(frame: Frame) -> bool:
+    """True for a HELLO frame."""
+    return isinstance(frame, ControlFrame) and frame.kind == Up.HELLO
+
+
+def check_hello(hello: ControlFrame, expected_hash: int) -> None:
+    """Raise HubProtocolError unless the HELLO has the expected program hash and our protocol version."""
+    version, program_hash = parse_hello(hello.payload)
+    if version != PROTOCOL_VERSION:
+        raise HubProtocolError(
+            f"the hub speaks protocol {version}, this computer {PROTOCOL_VERSION}; install one version of brickhub"
+        )
+    if program_hash != expected_hash:
+        raise HubProtocolError(
+            f"another program runs on the hub (hash {program_hash:08x}, not {expected_hash:08x}); stop it and open again"
+        )
+
 
 _READS_PER_WAIT = 1000
 _CLOCK_TICK_S = 0.001  # tick of a virtual hub: a wait of less than half of it would not advance its clock
@@ -20,10 +73,10 @@ _TRACEBACK_PAUSE_S = 0.2
 
 
 class Listener:
-    """Receiver of frames from a transport, which counts invalid bytes in the meter."""
+    """Receiver of frames from a transport, which counts invalid bytes in the statistics."""
 
-    def __init__(self, transport: Transport, wire: WireFormat, meter: LinkMeter) -> None:
-        self._transport, self._wire, self._meter = transport, wire, meter
+    def __init__(self, transport: Transport, wire: WireFormat, statistics: LinkStatistics) -> None:
+        self._transport, self._wire, self._statistics = transport, wire, statistics
         self.begin("")
 
     def begin(self, source: str) -> None:
@@ -55,8 +108,8 @@ class Listener:
         decoder = self._decoder
         crc_errors, skipped_bytes = decoder.crc_errors, decoder.skipped_bytes
         self._frames.extend(decoder.feed(data))
-        self._meter.crc_errors += decoder.crc_errors - crc_errors
-        self._meter.skipped_bytes += decoder.skipped_bytes - skipped_bytes
+        self._statistics.crc_errors += decoder.crc_errors - crc_errors
+        self._statistics.skipped_bytes += decoder.skipped_bytes - skipped_bytes
         if "Traceback" in self._decoder.text:
             with contextlib.suppress(HubError):  # a partial traceback says more than a lost link
                 for _ in range(_TRACEBACK_READS):

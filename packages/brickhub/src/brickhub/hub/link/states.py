@@ -5,15 +5,20 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 
-from brickhub.errors import BricksError, HubError, HubProgramError, HubProtocolError, HubTimeoutError, StoppedError
-from brickhub.hub.hub_errors import (
+from brickhub.errors import (
+    BricksError,
     HubBusyError,
     HubDisconnectedError,
+    HubError,
     HubNotFoundError,
+    HubProgramError,
+    HubProtocolError,
     HubRefusedError,
+    HubTimeoutError,
     MediumUnavailableError,
     ProgramStoppedError,
     SilentHubError,
+    StoppedError,
 )
 
 
@@ -30,103 +35,103 @@ class LinkState(enum.Enum):
     """An exchange failed: call ``open`` to start over."""
 
 
-class Cause(enum.Enum):
-    """Event that changes the state of a link."""
-
-    OPENED = "the program said hello"
-    ACTED = "a command is sent"
-    RESTED = "a pause begins"
-    STOPPED = "`stop`, `close`, or the end of this program"
-    HALTED = "emergency stop"
-    NO_ANSWER = "no answer in time, or a write without acknowledgement"
-    LINK_LOST = "the link is lost: out of reach, switched off, unplugged, rebooted"
-    BUSY = "the hub stays busy"
-    REFUSED = "the hub refuses a command, or sends an unknown answer"
-    RAISED = "the program raised"
-    ENDED = "the program was stopped on the hub, by its button"
-    SILENCE = "the program ended because it had not heard from this computer, for 0.4 s during a step or 10 s more between steps"
-    NOT_FOUND = "the hub is not found, or this computer has no Bluetooth or serial port"
-    UNKNOWN = "anything else that the transport reports"
-
-
 _ANY = frozenset(LinkState)
 _OPEN = frozenset({LinkState.READY, LinkState.ARMED})
 _CLOSED = frozenset({LinkState.DISCONNECTED, LinkState.FAULT})
+_WATCHDOG = "stops its motors after 0.4 s of silence; ends its program (at once during a step, else 10 s later) and advertises"
+_AT_ONCE = "stops its motors at once"
 
 
 @dataclass(frozen=True)
 class Transition:
-    """Effect of one cause.
+    """Event that changes the state of a link, and its effect.
 
     Attributes:
-        before: states in which the cause can occur.
-        after: next state.
-        errors: errors that the call raises, the usual one first; empty for none.
+        event: what happens.
         host: reaction of this computer.
         hub: reaction of the hub.
+        errors: errors that the call raises, the usual one first; empty for none.
+        before: states in which it can occur.
+        after: next state.
     """
 
-    before: frozenset[LinkState]
-    after: LinkState
-    errors: tuple[type[BricksError], ...]
+    event: str
     host: str
-    hub: str
+    hub: str = _WATCHDOG
+    errors: tuple[type[BricksError], ...] = ()
+    before: frozenset[LinkState] = _ANY
+    after: LinkState = LinkState.FAULT
 
 
-_WATCHDOG = "stops its motors after 0.4 s of silence; ends its program (at once during a step, else 10 s later) and advertises"
+class Cause(enum.Enum):
+    """All events that change the state of a link."""
 
-TABLE: dict[Cause, Transition] = {
-    Cause.OPENED: Transition(
-        _CLOSED,
-        LinkState.READY,
-        (),
+    OPENED = Transition(
+        "the program said hello",
         "downloads the program if it is missing, starts it, compares its hash",
         "moves nothing",
-    ),
-    Cause.ACTED: Transition(_OPEN, LinkState.ARMED, (), "waits for the answer, sends again if none comes", "executes it once"),
-    Cause.RESTED: Transition(
-        _OPEN, LinkState.READY, (), "reads from time to time, to keep the program alive", "stops its motors"
-    ),
-    Cause.STOPPED: Transition(_ANY, LinkState.DISCONNECTED, (), "stops the program", "stops its motors at once"),
-    Cause.HALTED: Transition(
-        _ANY, LinkState.FAULT, (StoppedError,), "stops the program; everything raises until `release`", "stops its motors at once"
-    ),
-    Cause.NO_ANSWER: Transition(
-        _ANY, LinkState.FAULT, (HubTimeoutError,), "gives up; `open` connects again if necessary", _WATCHDOG
-    ),
-    Cause.LINK_LOST: Transition(
-        _ANY,
-        LinkState.FAULT,
-        (HubDisconnectedError,),
+        before=_CLOSED,
+        after=LinkState.READY,
+    )
+    ACTED = Transition(
+        "a command is sent",
+        "waits for the answer, sends again if none comes",
+        "executes it once",
+        before=_OPEN,
+        after=LinkState.ARMED,
+    )
+    RESTED = Transition(
+        "a pause begins",
+        "reads from time to time, to keep the program alive",
+        "stops its motors",
+        before=_OPEN,
+        after=LinkState.READY,
+    )
+    STOPPED = Transition(
+        "`stop`, `close`, or the end of this program", "stops the program", _AT_ONCE, after=LinkState.DISCONNECTED
+    )
+    HALTED = Transition("emergency stop", "stops the program; everything raises until `release`", _AT_ONCE, (StoppedError,))
+    NO_ANSWER = Transition(
+        "no answer in time, or a write without acknowledgement",
+        "gives up; `open` connects again if necessary",
+        errors=(HubTimeoutError,),
+    )
+    LINK_LOST = Transition(
+        "the link is lost: out of reach, switched off, unplugged, rebooted",
         "`open` searches for the same hub, with growing pauses, for 20 s",
-        _WATCHDOG,
-    ),
-    Cause.BUSY: Transition(_ANY, LinkState.FAULT, (HubBusyError,), "has retried for 2 s; `open` starts again", _WATCHDOG),
-    Cause.REFUSED: Transition(
-        _ANY, LinkState.FAULT, (HubRefusedError, HubProtocolError), "`open` downloads the program again", _WATCHDOG
-    ),
-    Cause.RAISED: Transition(
-        _ANY,
-        LinkState.FAULT,
-        (HubProgramError,),
+        errors=(HubDisconnectedError,),
+    )
+    BUSY = Transition("the hub stays busy", "has retried for 2 s; `open` starts again", errors=(HubBusyError,))
+    REFUSED = Transition(
+        "the hub refuses a command, or sends an unknown answer",
+        "`open` downloads the program again",
+        errors=(HubRefusedError, HubProtocolError),
+    )
+    RAISED = Transition(
+        "the program raised",
         "reports the hub's text and the line; `open` starts the program again",
-        "stops its motors at once",
-    ),
-    Cause.ENDED: Transition(
-        _ANY, LinkState.FAULT, (ProgramStoppedError,), "`open` starts the program again", "stops its motors at once"
-    ),
-    Cause.SILENCE: Transition(
-        _OPEN,
-        LinkState.FAULT,
-        (SilentHubError,),
+        _AT_ONCE,
+        (HubProgramError,),
+    )
+    ENDED = Transition(
+        "the program was stopped on the hub, by its button", "`open` starts the program again", _AT_ONCE, (ProgramStoppedError,)
+    )
+    SILENCE = Transition(
+        "the program ended because it had not heard from this computer, for 0.4 s during a step or 10 s more between steps",
         "`read` starts the program again; `act` does not",
         "has stopped its motors and advertises",
-    ),
-    Cause.NOT_FOUND: Transition(_ANY, LinkState.FAULT, (HubNotFoundError, MediumUnavailableError), "says what to do", _WATCHDOG),
-    Cause.UNKNOWN: Transition(_ANY, LinkState.FAULT, (HubError,), "`open` starts again", _WATCHDOG),
-}
+        (SilentHubError,),
+        before=_OPEN,
+    )
+    NOT_FOUND = Transition(
+        "the hub is not found, or this computer has no Bluetooth or serial port",
+        "says what to do",
+        errors=(HubNotFoundError, MediumUnavailableError),
+    )
+    UNKNOWN = Transition("anything else that the transport reports", "`open` starts again", errors=(HubError,))
 
-_CAUSES = {error: cause for cause, transition in TABLE.items() for error in transition.errors}
+
+_CAUSES = {error: cause for cause in Cause for error in cause.value.errors}
 
 
 def cause_of(error: BricksError) -> Cause:
@@ -136,17 +141,16 @@ def cause_of(error: BricksError) -> Cause:
 
 def after(state: LinkState, cause: Cause) -> LinkState:
     """Next state. Raises ValueError if the cause cannot occur in this state, which is a bug of ours."""
-    transition = TABLE[cause]
-    if state not in transition.before:
-        raise ValueError(f"'{cause.value}' cannot come while the link is {state.value}")
-    return transition.after
+    if state not in cause.value.before:
+        raise ValueError(f"'{cause.value.event}' cannot come while the link is {state.value}")
+    return cause.value.after
 
 
 def markdown() -> str:
     """Table of transitions in Markdown, for the documentation."""
     lines = ["| what happens | in state | then | the call raises | this computer | the hub |", "|---|---|---|---|---|---|"]
-    for cause, row in TABLE.items():
+    for row in (cause.value for cause in Cause):
         before = "any" if row.before == _ANY else ", ".join(state.value for state in LinkState if state in row.before)
         error = f"`{row.errors[0].__name__}`" if row.errors else "-"
-        lines.append(f"| {cause.value} | {before} | {row.after.value} | {error} | {row.host} | {row.hub} |")
+        lines.append(f"| {row.event} | {before} | {row.after.value} | {error} | {row.host} | {row.hub} |")
     return "\n".join(lines) + "\n"

@@ -19,7 +19,7 @@ from typing import Any
 from brickhub.errors import DescriptionError
 from brickhub.hub.interface import Interface
 from brickhub.hub.link.lockstep import HubLink
-from brickhub.hub.link.reading import Reading
+from brickhub.hub.link.receiver import Reading
 from brickhub.hub.protocol import ControlFrame, DataFrame, Down, Frame, control_frame
 from brickhub.hub.transport import Transport
 from brickhub.robot import Robot
@@ -57,10 +57,9 @@ class StreamingLink(HubLink):
         on_time_s = self._due_s + self._step_s
         self._due_s = on_time_s if on_time_s > started_s else started_s + self._step_s
         with self._fault_with_cause():
-            self._adapt_watchdog()
-            resends = self._meter.resends
+            self._begin_exchange()
             reading = self._stream(frame, started_s)
-            self._meter.record(reading.round_trip_s, reading.age_s, 0.0, resends)
+            self.statistics.record(reading.round_trip_s, reading.age_s, 0.0)
         return reading
 
     def _begin(self) -> None:
@@ -91,7 +90,7 @@ class StreamingLink(HubLink):
                 break
             if now_s >= next_send_s:
                 if newest is None and next_send_s > started_s:  # the command was lost, or the request for observations
-                    self._meter.resends += 1
+                    self.statistics.count_resend()
                     self._request_stream()
                 self._transport.write(frame)
                 next_send_s = now_s + alive_s

@@ -1,4 +1,4 @@
-"""Generator of the MicroPython program for a robot and an interface.
+"""Generator of the MicroPython program for a robot and an interface, which are first checked against each other.
 
 A program consists of a header comment, the constants of the wire, the robot's devices, ``start_moves`` and
 ``read_channels``, and the loop from ``onboard/loop.py``, which is the same for every robot.
@@ -7,18 +7,20 @@ A program consists of a header comment, the constants of the wire, the robot's d
 from __future__ import annotations
 
 import hashlib
+from collections import Counter
 from importlib import resources
 
-from brickhub.hub.commands import RunAngle
+from brickhub.errors import DescriptionError, ProgramError
+from brickhub.fields import check_fields
+from brickhub.hub.commands import WIRE_MAX, Command
 from brickhub.hub.interface import Interface
-from brickhub.hub.kinds import Command
-from brickhub.hub.program.validate import validate
 from brickhub.hub.protocol import (
     APP_DATA_BYTES,
     CONTROL_OVERHEAD,
     CRC_POLYNOMIAL,
     DOWN_PAYLOAD_BYTES,
     MAGIC,
+    MAX_ACTIONS,
     NOTIFICATION_BYTES,
     PROTOCOL_VERSION,
     ByeReason,
@@ -30,12 +32,49 @@ from brickhub.hub.transport import HubProgram, Pipe
 from brickhub.robot import Direction, Motor, Robot, Sensor
 from brickhub.robot.spec import HUB_FLAT
 
+_MAX_SETTLE_MS = 60_000
+
+
+def validate(robot: Robot, interface: Interface) -> None:
+    """Check that the robot has every device that the interface names and that all ranges fit the wire. Raises ProgramError if
+    this kind of hub is not supported, DescriptionError if robot and interface do not match."""
+    model = robot.hub.model
+    if model.stdin_bytes == 0:
+        raise ProgramError(
+            f"robot '{robot.name}': a {robot.hub.value} hub has neither standard input nor floating point numbers nor ustruct, "
+            "and is not supported; choose a prime, essential, technic or city hub"
+        )
+    if len(interface.commands) > MAX_ACTIONS:
+        raise DescriptionError(f"{len(interface.commands)} commands do not fit one write of 20 bytes; use at most {MAX_ACTIONS}")
+    if not interface.channels:
+        raise DescriptionError("the interface has no channels; name at least one, so that the hub has something to answer")
+    for numbers in (interface.commands, interface.channels):
+        counts = Counter(number.name for number in numbers)
+        for number in numbers:
+            if counts[number.name] > 1:
+                raise number.error(f" is named {counts[number.name]} times; name each once")
+            low, high, largest = number.low, number.high, WIRE_MAX / number.scale
+            if not -largest <= low < high <= largest:
+                raise number.error(f" ranges from {low} to {high}; give low < high within +-{largest:g}")
+            number.check(robot)
+    movers = dict[str, Command]()
+    for command in interface.commands:
+        for motor in command.motors(robot):
+            other = movers.setdefault(motor, command)
+            if other is not command and (command.call is None or command.call != other.call):
+                raise DescriptionError(f"motor '{motor}' is moved by the commands '{other.name}' and '{command.name}'; use one")
+        if interface.settle.fixed_ms is None and not command.ends:
+            raise DescriptionError(f"the command '{command.name}' goes on until the next step; let the step Wait, not UntilDone")
+    check_fields(type(interface.settle), vars(interface.settle))
+    time_ms = interface.settle.longest_ms
+    if not 0 < time_ms <= _MAX_SETTLE_MS:
+        raise DescriptionError(f"the step settles after {time_ms} ms; give 1 to {_MAX_SETTLE_MS} ms")
+
+
 WATCHDOG_MS = 400
 """Default silence after which the hub stops its motors; a WATCHDOG frame changes it."""
 END_MS = 10_000
 """Further silence after which the program ends, so that the hub advertises again."""
-
-_INPUT_FILES = {Pipe.STDIN: "stdio", Pipe.APP_DATA: "app_data"}
 
 
 def generate(robot: Robot, interface: Interface, pipe: Pipe = Pipe.STDIN) -> HubProgram:
@@ -49,7 +88,7 @@ def generate(robot: Robot, interface: Interface, pipe: Pipe = Pipe.STDIN) -> Hub
     """
     validate(robot, interface)
     loop_imports, loop = _onboard("loop")
-    input_imports, input_part = _onboard(_INPUT_FILES[pipe])
+    input_imports, input_part = _onboard({Pipe.STDIN: "stdio", Pipe.APP_DATA: "app_data"}[pipe])
     parts = [
         _constants(interface, pipe),
         input_part,  # first, since the host may write as soon as the program runs
@@ -91,6 +130,7 @@ def _hash_line(program_hash: bytes) -> str:
 
 
 def _header(robot: Robot, interface: Interface) -> str:
+    settle = interface.settle
     lines = [
         f'Program of the robot "{robot.name}" for the {robot.hub.value} hub, written by BricksRL from the robot\'s description.',
         "Do not edit: it is written anew whenever the description changes.",
@@ -98,16 +138,11 @@ def _header(robot: Robot, interface: Interface) -> str:
         *(f"  {command.name}: {command.description.format(command)}" for command in interface.commands),
         "Channels, in the order of the observation:",
         *(f"  {channel.name}, {channel.low:g} to {channel.high:g} {channel.unit}" for channel in interface.channels),
-        _settle_text(interface),
+        f"It answers when all moves have ended, or after {settle.longest_ms} ms, when it stops those that have not."
+        if settle.fixed_ms is None
+        else f"It answers {settle.fixed_ms} ms after the commands started.",
     ]
     return "".join(f"# {line}\n" for line in lines)
-
-
-def _settle_text(interface: Interface) -> str:
-    settle = interface.settle
-    if settle.fixed_ms is None:
-        return f"It answers when all moves have ended, or after {settle.longest_ms} ms, when it stops those that have not."
-    return f"It answers {settle.fixed_ms} ms after the commands started."
 
 
 def _robot_imports(robot: Robot, interface: Interface) -> list[str]:
@@ -127,7 +162,7 @@ def _robot_imports(robot: Robot, interface: Interface) -> list[str]:
 
 
 def _constants(interface: Interface, pipe: Pipe) -> str:
-    wire = WireFormat.of(interface)
+    wire = WireFormat(interface)
     until_done = interface.settle.fixed_ms is None
     sizes = ", ".join(f"{kind.name}: {CONTROL_OVERHEAD + DOWN_PAYLOAD_BYTES[kind]}" for kind in Down)
     lines = [
@@ -169,25 +204,19 @@ def _sensors(robot: Robot, interface: Interface) -> list[Sensor]:
 
 
 def _joints(robot: Robot, interface: Interface) -> set[str]:
-    """Names of the motors with a range that are commanded by `RunAngle`."""
-    commanded = {name for command in interface.commands if isinstance(command, RunAngle) for name in command.motors(robot)}
+    """Names of the motors with a range that are commanded by an angle."""
+    commanded = {name for command in interface.commands if command.is_turn_by for name in command.motors(robot)}
     return {motor.name for motor in robot.motors if motor.name in commanded and motor.range_deg is not None}
 
 
 _AXES = {"ahead": "Axis.X", "back": "-Axis.X", "left": "Axis.Y", "right": "-Axis.Y", "up": "Axis.Z", "down": "-Axis.Z"}
 
 
-def _hub_sides(robot: Robot) -> str:
-    """Arguments of a hub that does not lie flat and forwards."""
-    if robot.hub_sides == HUB_FLAT:
-        return ""
-    top, front = (_AXES[side] for side in robot.hub_sides)
-    return f"top_side={top}, front_side={front}"
-
-
 def _devices(robot: Robot, interface: Interface) -> str:
     joints = _joints(robot, interface)
-    lines = [f"hub = {robot.hub.model.class_name}({_hub_sides(robot)})"]
+    top, front = (_AXES[side] for side in robot.hub_sides)
+    sides = "" if robot.hub_sides == HUB_FLAT else f"top_side={top}, front_side={front}"
+    lines = [f"hub = {robot.hub.model.class_name}({sides})"]
     for motor in _motors(robot, interface):
         lines += _motor_lines(motor, motor.name in joints)
     setups = dict.fromkeys(command.setup(robot) for command in interface.commands)
@@ -239,7 +268,7 @@ def _start_moves(robot: Robot, interface: Interface) -> str:
         calls.setdefault(command.call or command.name, []).append((command, amount))
     for group in calls.values():
         amounts = {command.name: amount for command, amount in group}
-        lines.append("    " + group[0][0].start_all(robot, amounts))
+        lines.append("    " + group[0][0].start(robot, amounts))
     return "\n".join(lines) + "\n"
 
 

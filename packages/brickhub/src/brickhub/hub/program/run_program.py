@@ -1,17 +1,107 @@
-"""Run of a user's program on a hub, with its output, traceback and input."""
+"""User's program on a hub: its file and the modules beside it, its run with output and input, its traceback."""
 
 from __future__ import annotations
 
+import ast
 import contextlib
+import hashlib
+import math
 import queue
 import re
 import threading
+from collections.abc import Iterator
+from pathlib import Path
 from typing import BinaryIO, TextIO
 
-from brickhub.hub.hub_errors import HubBusyError, ProgramStoppedError
-from brickhub.hub.program.user_program import check_time_limit
+from brickhub.errors import HubBusyError, ProgramError, ProgramStoppedError
+from brickhub.hub.program.syntax import parse
 from brickhub.hub.protocol import WRITE_BYTES
-from brickhub.hub.transport import HubProgram, Transport, as_typed
+from brickhub.hub.transport import MAIN_FILE, HubModule, HubProgram, Transport, as_typed
+
+_MAX_FOLDERS_ABOVE = 5
+
+
+def read_program(path: Path) -> str:
+    """Source of a program. Raises ProgramError if the file cannot be read."""
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise ProgramError(f"cannot read the program '{path}' ({error.strerror}); give the path of a Python file") from error
+    except UnicodeDecodeError as error:
+        raise ProgramError(f"the program '{path}' is no text in UTF-8 ({error.reason}); save it as UTF-8") from error
+
+
+def check_time_limit(time_limit_s: float | None) -> None:
+    """Check a time limit in seconds; ``None`` for no limit. Raises ProgramError if the limit is not a positive finite number."""
+    if time_limit_s is not None and not 0 < time_limit_s < math.inf:
+        raise ProgramError(f"the time limit is {time_limit_s} s; give a number above zero, or none")
+
+
+def module_beside(path: Path, name: str) -> HubModule | None:
+    """The module ``name`` (such as ``parts.arm``) beside a program; ``None`` if there is none. Raises ProgramError if the file
+    cannot be read."""
+    stem = "/".join(name.split("."))
+    for file in (f"{stem}.py", f"{stem}/__init__.py"):
+        if (path.parent / file).is_file():
+            return HubModule(name, file, read_program(path.parent / file))
+    return None
+
+
+def folder_with_module(path: Path, name: str) -> Path | None:
+    """The nearest folder above a program's that has a module which it lacks; ``None`` if there is none."""
+    above = path.resolve().parents[1:_MAX_FOLDERS_ABOVE]
+    return next((folder for folder in above if module_beside(folder / path.name, name)), None)
+
+
+def load_program(path: Path) -> HubProgram:
+    """A program for a hub, with all modules beside it that it may import. Raises ProgramError if a file cannot be read."""
+    main = read_program(path)
+    modules: dict[str, HubModule] = {}
+    sources = [main]
+    while sources:
+        for name in _imported(sources.pop()):
+            module = None if name in modules else module_beside(path, name)
+            if module is not None:
+                modules[name] = module
+                sources.append(module.source)
+    text = "\0".join([main, *(f"{module.name}\0{module.source}" for module in modules.values())])
+    number = int.from_bytes(hashlib.sha256(text.encode()).digest()[:4], "little")
+    return HubProgram(main, number, name=path.name, modules=tuple(modules.values()), says_hello=False)
+
+
+def _imported(source: str) -> Iterator[str]:
+    """Names of modules in all import statements; empty for invalid source, which the hub's compiler rejects later."""
+    try:
+        tree = parse(source)
+    except (SyntaxError, ValueError):
+        return
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module is not None and not node.level:
+            yield node.module
+
+
+_HINTS = {
+    "ENODEV": "plug the device into the port that the robot's description names",
+    "MemoryError": "use fewer commands and channels, or a larger hub",
+}
+
+
+def describe_traceback(text: str, source: str, name: str = MAIN_FILE) -> str:
+    """One line from the hub's output: the last exception, its line in ``source`` (file ``name``), and a remedy."""
+    text = text[text.rfind("Traceback (") :]
+    # The last line that names an exception: neither indented, nor the heading, nor the firmware's closing message.
+    errors = (line.strip() for line in reversed(text.splitlines()) if re.match(r"[A-Za-z_]\w*(:|$)", line))
+    error = next(errors, "an unknown error")
+    numbers = re.findall(rf'File "{re.escape(name)}", line (\d+)', text)
+    lines = source.splitlines()
+    where = ""
+    if numbers and 1 <= int(numbers[-1]) <= len(lines):
+        where = f" at line {numbers[-1]} ({lines[int(numbers[-1]) - 1].strip()})"
+    remedy = next((hint for key, hint in _HINTS.items() if key in error), "correct the cause, then call open()")
+    return f"the program on the hub raised {error}{where}; {remedy}"
+
 
 _READ_S = 0.25
 _LONGEST_READ = 1024
@@ -35,7 +125,7 @@ def run_program(
 
     Args:
         transport: transport to the hub.
-        program: from :func:`~brickhub.hub.program.user_program.load_program`.
+        program: from :func:`~brickhub.hub.program.run_program.load_program`.
         stdout: receives the program's output as it comes.
         stderr: receives the traceback, or the message that the program was stopped.
         stdin: input of the program, bytes, or text as if it were typed; read in a thread, and passed on as the hub accepts it.
@@ -51,49 +141,38 @@ def run_program(
     check_time_limit(time_limit_s)
     transcript = Transcript(stdout, stderr)
     transport.start(program)
-    reader = _InputReader(stdin) if stdin is not None else None
+    pieces, pending = _pieces_of(stdin), b""
     deadline_s = None if time_limit_s is None else transport.now_s() + time_limit_s
     try:
         while True:
             if deadline_s is not None and transport.now_s() >= deadline_s:
                 deadline_s = None
                 transport.stop()
-            elif reader is not None and (data := reader.next()):
-                try:
-                    transport.write(data)
-                except HubBusyError:
-                    reader.put_back(data)  # the program is not reading at present
-            transcript.feed(transport.read(_READ_S if reader is None else _READ_BESIDE_INPUT_S))
+            elif pending or not pieces.empty():
+                pending = pending or pieces.get()
+                with contextlib.suppress(HubBusyError):  # the program is not reading at present
+                    transport.write(pending)
+                    pending = b""
+            transcript.feed(transport.read(_READ_S if stdin is None else _READ_BESIDE_INPUT_S))
     except ProgramStoppedError:
         return transcript.end()
 
 
-class _InputReader:
-    """Non-blocking standard input, read in a separate thread."""
+def _pieces_of(stream: BinaryIO | TextIO | None) -> queue.SimpleQueue[bytes]:
+    """Pieces of standard input that fit a write, as a thread reads them."""
+    pieces = queue.SimpleQueue[bytes]()
+    if stream is None:
+        return pieces
+    read = getattr(stream, "read1", stream.readline)
 
-    def __init__(self, stream: BinaryIO | TextIO) -> None:
-        self._stream = stream
-        self._pieces: queue.SimpleQueue[bytes] = queue.SimpleQueue()
-        self._returned = b""
-        threading.Thread(target=self._read, name="standard input", daemon=True).start()
-
-    def _read(self) -> None:
-        read = getattr(self._stream, "read1", self._stream.readline)
+    def put_all() -> None:
         with contextlib.suppress(OSError, ValueError):  # the stream was closed
             while data := as_typed(read(_LONGEST_READ)):
                 for start in range(0, len(data), WRITE_BYTES):
-                    self._pieces.put(data[start : start + WRITE_BYTES])
+                    pieces.put(data[start : start + WRITE_BYTES])
 
-    def next(self) -> bytes:
-        """Next bytes; ``b""`` while there are none."""
-        data, self._returned = self._returned, b""
-        try:
-            return data or self._pieces.get_nowait()
-        except queue.Empty:
-            return b""
-
-    def put_back(self, data: bytes) -> None:
-        self._returned = data
+    threading.Thread(target=put_all, name="standard input", daemon=True).start()
+    return pieces
 
 
 class Transcript:

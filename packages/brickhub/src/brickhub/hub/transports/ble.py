@@ -1,24 +1,244 @@
-"""Transport to a real hub over Bluetooth Low Energy."""
+"""Bluetooth Low Energy: what this computer says of it, the search for hubs, and the transport to one."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import AbstractContextManager
+import asyncio
+import contextlib
+import logging
+import os
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
-from brickhub.hub.hub_errors import HubDisconnectedError
+from brickhub.errors import (
+    AmbiguousHubError,
+    BluetoothUnavailableError,
+    HubDisconnectedError,
+    HubError,
+    HubNotFoundError,
+    HubProtocolError,
+    HubTimeoutError,
+    Reason,
+    message_of,
+)
 from brickhub.hub.transports import profile
-from brickhub.hub.transports.bluetooth import bleak_errors
 from brickhub.hub.transports.connection import Port
-from brickhub.hub.transports.pybricks_hub import ProfileTransport
-from brickhub.hub.transports.scan import BleBackend, find
+from brickhub.hub.transports.profile import PNP_ID_UUID, SERVICE_UUID, parse_hub_kind, refusal
+from brickhub.hub.transports.pybricks_hub import EventLoopThread, ProfileTransport
+from brickhub.robot import HubKind
 
 if TYPE_CHECKING:
     from bleak import BleakClient
-    from bleak.backends.characteristic import BleakGATTCharacteristic
+    from bleak.backends.adapter import BaseBleakAdapter
     from bleak.backends.client import BaseBleakClient
     from bleak.backends.device import BLEDevice
+    from bleak.backends.scanner import AdvertisementData, BaseBleakScanner
+
+_HUB_REMEDY = "switch the hub on and bring it near"
+_BLUETOOTH_FOLDER = Path("/sys/class/bluetooth")
+_RFKILL_FOLDER = Path("/sys/class/rfkill")
+_SYSTEM_BUS = Path("/run/dbus/system_bus_socket")
+_SERVICES = "`sudo systemctl start dbus bluetooth`"
+
+# Names in bleak's BleakBluetoothNotAvailableReason.
+_REASONS = {
+    "NO_BLUETOOTH": Reason.NO_ADAPTER,
+    "NO_BLE_CENTRAL_ROLE": Reason.NO_ADAPTER,
+    "POWERED_OFF": Reason.SWITCHED_OFF,
+    "DENIED_BY_USER": Reason.DENIED,
+    "DENIED_BY_SYSTEM": Reason.DENIED,
+    "DENIED_BY_UNKNOWN": Reason.DENIED,
+}
+_REMEDIES = {
+    "linux": f"see that Bluetooth's service runs ({_SERVICES}) and that you may use it (`brickhub doctor` tells)",
+    "darwin": "switch Bluetooth on, and allow the terminal to use it (System Settings, Privacy & Security, Bluetooth)",
+    "win32": "switch Bluetooth on (Settings, Bluetooth & devices)",
+}
+
+
+def bluetooth_problem() -> tuple[Reason, str] | None:
+    """Reason why Bluetooth is unavailable on Linux: adapter, switch or service. ``None`` if none is found."""
+    if sys.platform != "linux":
+        return None
+    if not (_BLUETOOTH_FOLDER.is_dir() and any(_BLUETOOTH_FOLDER.glob("hci*"))):
+        return Reason.NO_ADAPTER, "this computer has no Bluetooth adapter; plug one in"
+    for switch in _RFKILL_FOLDER.glob("rfkill*"):
+        if _text(switch / "type") == "bluetooth" and "1" in (_text(switch / "soft"), _text(switch / "hard")):
+            remedy = "run `rfkill unblock bluetooth`, or use the switch of this computer"
+            return Reason.SWITCHED_OFF, f"Bluetooth is switched off; {remedy}"
+    if not _SYSTEM_BUS.exists() and "DBUS_SYSTEM_BUS_ADDRESS" not in os.environ:
+        return Reason.NO_SERVICE, f"the system bus (D-Bus) does not run, which Bluetooth needs; start both: {_SERVICES}"
+    return None
+
+
+def remedy(platform: str = sys.platform) -> str:
+    """Remedy for Bluetooth that fails for an unknown reason."""
+    return _REMEDIES.get(platform, "switch this computer's Bluetooth on, and allow this program to use it")
+
+
+@contextmanager
+def bleak_errors(operation: str, default_error: type[HubError]) -> Iterator[None]:
+    """Translate bleak's errors during ``operation`` (e.g. ``"connect to the hub"``) into our errors.
+
+    ``default_error`` is the type for errors that bleak does not specify further.
+    """
+    from bleak.exc import BleakBluetoothNotAvailableError, BleakDeviceNotFoundError, BleakError, BleakGATTProtocolError
+
+    try:
+        yield
+    except HubError:
+        raise
+    except BleakGATTProtocolError as error:
+        raise refusal(operation, int(error.code)) from error
+    except BleakBluetoothNotAvailableError as error:
+        raise no_bluetooth(operation, error) from error
+    except BleakDeviceNotFoundError as error:
+        raise HubNotFoundError(f"could not {operation}: it is not in reach any more; {_HUB_REMEDY}") from error
+    except TimeoutError as error:
+        raise HubTimeoutError(f"could not {operation} in time; {_HUB_REMEDY}") from error
+    except (BleakError, OSError, EOFError) as error:
+        if default_error is BluetoothUnavailableError:
+            raise no_bluetooth(operation, error) from error
+        raise default_error(f"could not {operation} ({message_of(error)}); {_HUB_REMEDY}") from error
+
+
+def no_bluetooth(operation: str, error: BaseException) -> BluetoothUnavailableError:
+    """Error with the reason found on this computer, or else with bleak's."""
+    name = getattr(getattr(error, "reason", None), "name", "")
+    reason, why = bluetooth_problem() or (_REASONS.get(name, Reason.UNKNOWN), f"{message_of(error)}; {remedy()}")
+    return BluetoothUnavailableError(f"could not {operation}: {why}", reason)
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="ascii").strip()
+    except OSError:
+        return ""
+
+
+_log = logging.getLogger(__name__)
+
+_OTHERS_S = 0.5
+_REMEDY = "switch it on, bring it near, and close other programs that are connected to it"
+
+
+@dataclass(frozen=True)
+class BleBackend:
+    """Bleak backend in place of the operating system's default."""
+
+    scanner: type[BaseBleakScanner]
+    client: type[BaseBleakClient]
+    adapter: type[BaseBleakAdapter]
+
+
+@dataclass(frozen=True)
+class FoundHub:
+    """An advertising hub; a hub that runs a program does not advertise.
+
+    Attributes:
+        name: name given by its owner.
+        address: Bluetooth address; on macOS an identifier that is valid on this computer only.
+        rssi_dbm: signal strength; -60 is near, -90 is far.
+        kind: kind of hub, if known.
+    """
+
+    name: str
+    address: str
+    rssi_dbm: int
+    kind: HubKind | None = None
+
+
+_Seen: TypeAlias = "dict[str, tuple[BLEDevice, FoundHub]]"
+"""Found hubs by address."""
+
+
+def scan(timeout_s: float = 5.0, *, backend: BleBackend | None = None) -> list[FoundHub]:
+    """Advertising Pybricks hubs, found within ``timeout_s``, the strongest signal first. Raises BluetoothUnavailableError if
+    Bluetooth is not available on this computer."""
+    seen: _Seen = {}
+    with contextlib.closing(EventLoopThread("bricksrl-scan")) as loop:
+        loop.run(_listen(seen, lambda: False, timeout_s, backend), timeout_s + 10.0, "look for hubs")
+    return sorted((hub for _, hub in seen.values()), key=lambda hub: -hub.rssi_dbm)
+
+
+async def find(name: str | None, address: str | None, timeout_s: float, backend: BleBackend | None) -> BLEDevice:
+    """Find the only hub in reach with this name, or with this address; without either, the only one.
+
+    A hub that is still connected to this computer, because a program died, does not advertise, but is found too.
+
+    Raises:
+        HubNotFoundError: the hub was not found.
+        AmbiguousHubError: several such hubs were found.
+        BluetoothUnavailableError: Bluetooth is not available on this computer.
+    """
+    seen: _Seen = {}
+    for device in await _still_connected(backend):
+        seen[device.address] = (device, FoundHub(device.name or "", device.address, 0))
+    if not _matches(seen, name, address):
+        await _listen(seen, lambda: bool(_matches(seen, name, address)), timeout_s, backend)
+    if address is None and len(_matches(seen, name, None)) == 1:  # check that there are no others
+        await _listen(seen, lambda: len(_matches(seen, name, None)) > 1, _OTHERS_S, backend)
+    matches = _matches(seen, name, address)
+    if len(matches) > 1:
+        raise AmbiguousHubError(f"several hubs are in reach: {_listed(matches)}; say which one by its name or address")
+    if not matches:
+        what = "no hub" if name is None and address is None else f"no hub '{name or address}'"
+        others = f"; others are: {_listed(seen.values())}" if seen else ""
+        raise HubNotFoundError(f"{what} with Pybricks was found within {timeout_s:g} s{others}; {_REMEDY}")
+    device, hub = matches[0]
+    _log.info("found the hub '%s' (%s)", hub.name, hub.address)
+    return device
+
+
+async def _listen(seen: _Seen, is_enough: Callable[[], bool], timeout_s: float, backend: BleBackend | None) -> None:
+    """Add advertising hubs until ``is_enough()`` or the timeout."""
+    from bleak import BleakScanner
+
+    scanner = BleakScanner(service_uuids=[SERVICE_UUID], backend=backend.scanner if backend else None)
+    with bleak_errors("look for hubs", BluetoothUnavailableError):
+        async with scanner:
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(timeout_s):
+                    async for device, advertisement in scanner.advertisement_data():
+                        seen[device.address] = (device, _found_hub(device, advertisement))
+                        if is_enough():
+                            break
+
+
+async def _still_connected(backend: BleBackend | None) -> list[BLEDevice]:
+    from bleak import BleakAdapter
+    from bleak.exc import BleakError
+
+    try:
+        adapter = await BleakAdapter.get(backend=backend.adapter if backend else None)
+        return await adapter.get_connected_devices([SERVICE_UUID])
+    except (BleakError, OSError, EOFError, NotImplementedError) as error:
+        _log.debug("cannot ask for hubs that are still connected: %s", error)
+        return []
+
+
+def _matches(seen: _Seen, name: str | None, address: str | None) -> list[tuple[BLEDevice, FoundHub]]:
+    return [
+        (device, hub)
+        for device, hub in seen.values()
+        if (name is None or hub.name == name) and (address is None or hub.address.casefold() == address.casefold())
+    ]
+
+
+def _found_hub(device: BLEDevice, advertisement: AdvertisementData) -> FoundHub:
+    pnp_id = (advertisement.service_data or {}).get(PNP_ID_UUID)
+    kind = None
+    if pnp_id is not None:
+        with contextlib.suppress(HubProtocolError):  # another device with Pybricks' service
+            kind = parse_hub_kind(pnp_id)
+    return FoundHub(advertisement.local_name or device.name or "", device.address, advertisement.rssi, kind)
+
+
+def _listed(found: Iterable[tuple[BLEDevice, FoundHub]]) -> str:
+    return ", ".join(f"'{hub.name}' ({hub.address})" for _, hub in found)
 
 
 class BleTransport(ProfileTransport):
@@ -54,46 +274,33 @@ class BlePort:
     """Pybricks Profile over a GATT connection, with bleak."""
 
     def __init__(self, device: BLEDevice, client_backend: type[BaseBleakClient] | None, timeout_s: float) -> None:
-        self.name, self.address = device.name or "", device.address
-        self._device, self._client_backend, self._timeout_s = device, client_backend, timeout_s
-        self._client: BleakClient | None = None
-
-    async def open(self, on_event: Callable[[bytes], None], on_loss: Callable[[str], None]) -> None:
         from bleak import BleakClient
 
-        self._on_event = on_event
-        self._client = BleakClient(
-            self._device,
-            disconnected_callback=lambda _: on_loss("it is out of reach, or was switched off"),
-            timeout=self._timeout_s,
-            backend=self._client_backend,
-        )
+        def on_disconnect(_: BleakClient) -> None:
+            self._on_loss("it is out of reach, or was switched off")
+
+        self.name, self.address = device.name or "", device.address
+        self._client = BleakClient(device, on_disconnect, timeout=timeout_s, backend=client_backend)
+
+    async def open(self, on_event: Callable[[bytes], None], on_loss: Callable[[str], None]) -> None:
+        self._on_event, self._on_loss = on_event, on_loss
         with self._errors():
             await self._client.connect()
 
     async def read(self, characteristic: str) -> bytes:
         with self._errors():
-            return bytes(await self._opened().read_gatt_char(characteristic))
+            return bytes(await self._client.read_gatt_char(characteristic))
 
     async def subscribe(self) -> None:
-        def on_notification(_: BleakGATTCharacteristic, data: bytearray) -> None:
-            self._on_event(bytes(data))
-
         with self._errors():
-            await self._opened().start_notify(profile.COMMAND_EVENT_UUID, on_notification)
+            await self._client.start_notify(profile.COMMAND_EVENT_UUID, lambda _, data: self._on_event(bytes(data)))
 
     async def write(self, command: bytes, operation: str) -> None:
         with bleak_errors(operation, HubDisconnectedError):
-            await self._opened().write_gatt_char(profile.COMMAND_EVENT_UUID, command, response=True)
+            await self._client.write_gatt_char(profile.COMMAND_EVENT_UUID, command, response=True)
 
     async def close(self) -> None:
-        if self._client is not None:
-            await self._client.disconnect()
-
-    def _opened(self) -> BleakClient:
-        if self._client is None:
-            raise HubDisconnectedError("the hub is not connected; open the link first")
-        return self._client
+        await self._client.disconnect()
 
     def _errors(self) -> AbstractContextManager[None]:
         return bleak_errors(f"connect to the hub '{self.name}'", HubDisconnectedError)

@@ -1,22 +1,80 @@
 """Connection to one hub, over Bluetooth or USB: commands with timeouts, status, and the program's output.
 
-All methods run in the event loop's thread.
+All methods of a connection run in the event loop's thread.
 """
 
 from __future__ import annotations
 
 import asyncio
 import logging
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-from brickhub.errors import HubError, HubProtocolError, HubTimeoutError
-from brickhub.hub.hub_errors import HubBusyError, HubDisconnectedError, ProgramStoppedError
+from brickhub.errors import HubBusyError, HubDisconnectedError, HubError, HubProtocolError, HubTimeoutError, ProgramStoppedError
 from brickhub.hub.transports import profile
-from brickhub.hub.transports.profile import Status, StatusReport
-from brickhub.hub.transports.stdout_buffer import Output
+from brickhub.hub.transports.profile import PybricksCommand, Status, StatusReport
 from brickhub.robot import HubKind
+
+
+class Output:
+    """Standard output of a program, and its end.
+
+    After the end the rest can be read, then one read returns ``b""`` (so that a collected traceback is known to be
+    complete), and later ones raise the reason of the end.
+    """
+
+    def __init__(self) -> None:
+        self._changed = threading.Condition()
+        self._data = bytearray()
+        self._end: type[HubError] | None = HubError
+        self._reason = "no program runs on the hub; start one"
+        self._is_end_reported = True
+
+    def begin(self) -> None:
+        """Start with a new program: discard earlier output."""
+        with self._changed:
+            self._data.clear()
+            self._end = None
+
+    def put(self, data: bytes) -> None:
+        """Add output."""
+        with self._changed:
+            self._data += data
+            self._changed.notify_all()
+
+    def end(self, kind: type[HubError], reason: str) -> None:
+        """End the output. The last reason counts: the link may be lost after the program's end."""
+        with self._changed:
+            self._is_end_reported = self._is_end_reported and self._end is not None
+            self._end, self._reason = kind, reason
+            self._changed.notify_all()
+
+    def contains(self, data: bytes) -> bool:
+        """True if the unread output contains these bytes."""
+        with self._changed:
+            return data in self._data
+
+    def check(self) -> None:
+        """Raise HubError after the end."""
+        if self._end is not None:
+            raise self._end(self._reason)
+
+    def read(self, timeout_s: float) -> bytes:
+        """All unread output, as soon as there is some; ``b""`` if none came in time. Raises HubError if the program or the link
+        has ended; see above."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._data or self._end is not None, timeout_s)
+            if self._data or self._end is None:
+                data = bytes(self._data)
+                self._data.clear()
+                return data
+            if self._is_end_reported:
+                raise self._end(self._reason)
+            self._is_end_reported = True
+            return b""
+
 
 _log = logging.getLogger(__name__)
 
@@ -110,11 +168,6 @@ class HubConnection:
         """True if a program runs on the hub, by its last report."""
         return self.is_connected and Status.USER_PROGRAM_RUNNING in self.status.flags
 
-    @property
-    def program_location(self) -> str:
-        """Location of the program that the hub would start: its address and the selected slot."""
-        return f"{self.identity.address} slot {self.status.slot}"
-
     async def connect(self) -> None:
         """Connect, identify the hub, and subscribe to its reports. Raises a subclass of HubError with the reason."""
         self._loss = None
@@ -190,11 +243,11 @@ class HubConnection:
         Raises:
             HubError: see ``command``.
         """
-        slot = self.status.slot if self.identity.capabilities.slots else None
+        slot = (self.status.slot,) if self.identity.capabilities.slots else ()
         if self._end_timer is not None:
             await asyncio.sleep(_OUTPUT_GRACE_S)
         self.output.begin()
-        await self.command(profile.start_program(slot), "write the command that starts the program")
+        await self.command(bytes((PybricksCommand.START_USER_PROGRAM, *slot)), "write the command that starts the program")
         self._is_running_expected = True
         # The first report from now on may still be from before the start; the second one is not.
         reports = self._reports
@@ -211,7 +264,7 @@ class HubConnection:
             HubError: see ``command``.
         """
         self._is_running_expected = False
-        await self.command(profile.stop_program(), "write the command that stops the program")
+        await self.command(bytes((PybricksCommand.STOP_USER_PROGRAM,)), "write the command that stops the program")
         if not await self._wait_for(lambda: not self.is_running, self._answer_timeout_s):
             raise HubTimeoutError("the program on the hub does not stop; press the hub's button")
         self.output.end(ProgramStoppedError, "the program on the hub was stopped; start it again")

@@ -11,8 +11,7 @@ import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from brickhub.errors import HubError, HubProtocolError
-from brickhub.hub.hub_errors import HubBusyError, HubRefusedError
+from brickhub.errors import HubBusyError, HubError, HubProtocolError, HubRefusedError
 from brickhub.robot import HubKind
 
 _UUID = "c5f5{:04x}-8280-46da-89f4-6d8051e4aeef"
@@ -76,34 +75,24 @@ class Event(enum.IntEnum):
 
 
 class Status(enum.IntFlag):
-    """Status flags of the hub."""
+    """Status flags of the hub, those that are looked at."""
 
     BATTERY_LOW = 1 << 0
     BATTERY_EMPTY = 1 << 1
-    BATTERY_OVERCURRENT = 1 << 2
-    BLE_ADVERTISING = 1 << 3
-    BLE_LOW_SIGNAL = 1 << 4
-    POWER_BUTTON_PRESSED = 1 << 5
     USER_PROGRAM_RUNNING = 1 << 6
     SHUTDOWN = 1 << 7
     SHUTDOWN_REQUESTED = 1 << 8
     BLE_HOST_CONNECTED = 1 << 9
     BATTERY_HOT = 1 << 10
     BATTERY_TOO_HOT = 1 << 11
-    USB_HOST_CONNECTED = 1 << 12
-    FILE_IO = 1 << 13
 
 
 class Feature(enum.IntFlag):
-    """Feature of a hub's firmware."""
+    """Feature of a hub's firmware, as far as it matters here."""
 
     REPL = 1 << 0
     MPY_V6 = 1 << 1
     """Programs of several MicroPython files, compiled for version 6."""
-    MPY_V6_1_NATIVE = 1 << 2
-    PORT_VIEW = 1 << 3
-    IMU_CALIBRATION = 1 << 4
-    MPY_V6_3_NATIVE = 1 << 5
 
 
 @dataclass(frozen=True)
@@ -178,26 +167,6 @@ def parse_hub_kind(pnp_id: bytes) -> HubKind:
     if vendor != LEGO_COMPANY_ID or product not in _KINDS:
         raise HubProtocolError(f"the device is product 0x{product:02x} of company 0x{vendor:04x}, not a LEGO hub; choose another")
     return _KINDS[product]
-
-
-def stop_program() -> bytes:
-    """Command: stop the program, and with it the motors."""
-    return bytes((PybricksCommand.STOP_USER_PROGRAM,))
-
-
-def start_program(slot: int | None) -> bytes:
-    """Command: start the program in a slot; ``None`` for a hub without slots."""
-    return bytes((PybricksCommand.START_USER_PROGRAM,) if slot is None else (PybricksCommand.START_USER_PROGRAM, slot))
-
-
-def write_stdin(data: bytes) -> bytes:
-    """Command: bytes for the program's standard input."""
-    return bytes((PybricksCommand.WRITE_STDIN,)) + data
-
-
-def write_app_data(offset: int, data: bytes) -> bytes:
-    """Command: bytes that overwrite the program's incoming AppData from ``offset`` on."""
-    return struct.pack("<BH", PybricksCommand.WRITE_APP_DATA, offset) + data
 
 
 def download(blob: bytes, max_write_bytes: int) -> Iterator[bytes]:

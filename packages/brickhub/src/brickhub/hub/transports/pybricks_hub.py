@@ -8,22 +8,87 @@ from __future__ import annotations
 
 import asyncio
 import atexit
+import concurrent.futures
+import contextlib
 import itertools
+import json
 import logging
+import threading
 import time
 from abc import ABC, abstractmethod
+from collections.abc import Coroutine
 from pathlib import Path
+from typing import Any, TypeVar
 
-from brickhub.errors import HubError, HubProtocolError
-from brickhub.hub.hub_errors import AmbiguousHubError, HubDisconnectedError, MediumUnavailableError
+from brickhub.errors import (
+    AmbiguousHubError,
+    HubDisconnectedError,
+    HubError,
+    HubProtocolError,
+    HubTimeoutError,
+    MediumUnavailableError,
+)
+from brickhub.files import user_cache, write_durably
 from brickhub.hub.program.compile import compile_program, program_blob
 from brickhub.hub.protocol import WRITE_BYTES, Up, control_frame, hello_payload
 from brickhub.hub.transport import HubProgram, Pipe, app_data_slot
-from brickhub.hub.transports import profile
 from brickhub.hub.transports.connection import HubConnection, HubIdentity, Port
-from brickhub.hub.transports.event_loop import EventLoopThread
-from brickhub.hub.transports.profile import StatusReport
-from brickhub.hub.transports.program_cache import ProgramRecord
+from brickhub.hub.transports.profile import PybricksCommand, StatusReport
+
+_T = TypeVar("_T")
+_THREAD_END_S = 1.0
+
+
+class EventLoopThread:
+    """Thread that runs coroutines for other threads, with a timeout on every call."""
+
+    def __init__(self, name: str) -> None:
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._serve, name=name, daemon=True)
+        self._thread.start()
+
+    def run(self, coroutine: Coroutine[Any, Any, _T], timeout_s: float, operation: str) -> _T:
+        """Run a coroutine and return its result; it is cancelled after ``timeout_s``.
+
+        Raises:
+            HubTimeoutError: it took longer; ``operation`` describes it in the message.
+            HubError: the loop is closed.
+        """
+        try:
+            future = asyncio.run_coroutine_threadsafe(coroutine, self._loop)
+        except RuntimeError:
+            coroutine.close()
+            raise HubError(f"could not {operation}: the link is closed; open it again") from None
+        try:
+            return future.result(timeout_s)
+        except concurrent.futures.CancelledError:
+            raise HubError(f"could not {operation}: the link was closed meanwhile; open it again") from None
+        except concurrent.futures.TimeoutError:
+            if future.done():
+                raise
+            raise HubTimeoutError(f"could not {operation} within {timeout_s:g} s; switch the hub off and on") from None
+        finally:
+            future.cancel()
+
+    def close(self) -> None:
+        """Cancel all coroutines and end the thread; one that does not end is left behind as a daemon."""
+        with contextlib.suppress(RuntimeError):
+            self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join(2 * _THREAD_END_S)
+
+    def _serve(self) -> None:
+        asyncio.set_event_loop(self._loop)
+        try:
+            self._loop.run_forever()
+            tasks = asyncio.all_tasks(self._loop)
+            for task in tasks:
+                task.cancel()
+            if tasks:
+                self._loop.run_until_complete(asyncio.wait(tasks, timeout=_THREAD_END_S))
+            self._loop.run_until_complete(self._loop.shutdown_asyncgens())
+        finally:
+            self._loop.close()
+
 
 _log = logging.getLogger(__name__)
 
@@ -48,7 +113,7 @@ class ProfileTransport(ABC):
     def __init__(self, *, timeout_s: float, answer_timeout_s: float, record: Path | None) -> None:
         self._timeout_s = timeout_s
         self._answer_timeout_s = answer_timeout_s
-        self._record = ProgramRecord(record)
+        self._record = record or user_cache() / "programs.json"
         self._loop: EventLoopThread | None = None
         self._connection: HubConnection | None = None
         self._first_hub: HubIdentity | None = None
@@ -82,7 +147,7 @@ class ProfileTransport(ABC):
         if self._loop is None:
             self._loop = EventLoopThread("bricksrl-hub")
             atexit.register(self.close)
-        self._loop.run(self._connected(), self._timeout_s + _GRACE_S, "connect to the hub")
+        self._run(self._connected(), self._timeout_s, "connect to the hub")
 
     def start(self, program: HubProgram) -> None:
         """Download the program to the hub, unless it is there already, and start it. Reconnects after a loss.
@@ -94,9 +159,8 @@ class ProfileTransport(ABC):
         modules = compile_program(program)
         if self._loop is None:
             self.open()
-        limit_s = self._timeout_s + _DOWNLOAD_S + _GRACE_S
         self._pipe = program.pipe
-        self._running_loop().run(self._start(program, modules), limit_s, "start the program on the hub")
+        self._run(self._start(program, modules), self._timeout_s + _DOWNLOAD_S, "start the program on the hub")
 
     def write(self, data: bytes) -> None:
         """Write to the program; waits, with a timeout, while its buffer is full.
@@ -112,11 +176,11 @@ class ProfileTransport(ABC):
         connection = self._require_connection()
         connection.output.check()
         if self._pipe is Pipe.APP_DATA:
-            packet = profile.write_app_data(0, app_data_slot(next(self._counts), data))
+            offset = bytes(2)
+            packet = bytes((PybricksCommand.WRITE_APP_DATA,)) + offset + app_data_slot(next(self._counts), data)
         else:
-            packet = profile.write_stdin(data)
-        command = connection.command(packet, "write to the program")
-        self._running_loop().run(command, 2 * self._answer_timeout_s + _GRACE_S, "write to the program")
+            packet = bytes((PybricksCommand.WRITE_STDIN,)) + data
+        self._run(connection.command(packet, "write to the program"), 2 * self._answer_timeout_s, "write to the program")
 
     def read(self, timeout_s: float) -> bytes:
         """Next output of the program; ``b""`` if none came in time, and once when the program has ended.
@@ -133,7 +197,7 @@ class ProfileTransport(ABC):
         connection = self._connection
         if connection is None or not connection.is_connected:
             return
-        self._running_loop().run(connection.stop_program(), 3 * self._answer_timeout_s + _GRACE_S, "stop the program")
+        self._run(connection.stop_program(), 3 * self._answer_timeout_s, "stop the program")
 
     def close(self) -> None:
         """Stop the program and disconnect. May be called in any state and repeatedly; failures are logged."""
@@ -190,17 +254,18 @@ class ProfileTransport(ABC):
 
     async def _start(self, program: HubProgram, modules: dict[str, bytes]) -> None:
         connection = await self._connected()
-        kind, location = connection.identity.kind, connection.program_location
+        kind, location = connection.identity.kind, f"{connection.identity.address} slot {connection.status.slot}"
         if kind.model.stdin_bytes == 0 and program.says_hello:
             raise HubProtocolError("a Move Hub cannot run our programs; use another hub")
         blob = program_blob(modules, kind)
         if connection.is_running:
             await connection.stop_program()
-        if program.says_hello and self._record.get(location) == program.hash and await _start_stored_program(connection, program):
+        is_stored = program.says_hello and self._stored_programs().get(location) == program.hash
+        if is_stored and await _start_stored_program(connection, program):
             return
-        self._record.set(location, None)
+        self._note_program(location, None)
         await connection.download(blob)
-        self._record.set(location, program.hash if program.says_hello else None)
+        self._note_program(location, program.hash if program.says_hello else None)
         await connection.start_program()
 
     async def _close(self, connection: HubConnection) -> None:
@@ -210,12 +275,27 @@ class ProfileTransport(ABC):
         finally:
             await connection.disconnect()
 
+    def _stored_programs(self) -> dict[str, object]:
+        """Hashes of the programs that this computer downloaded last, by address and slot of the hub."""
+        try:
+            hashes = json.loads(self._record.read_text(encoding="utf-8"))
+        except (OSError, ValueError, RecursionError):
+            return {}
+        return hashes if isinstance(hashes, dict) else {}
+
+    def _note_program(self, location: str, program_hash: int | None) -> None:
+        try:
+            write_durably(self._record, json.dumps({**self._stored_programs(), location: program_hash}).encode())
+        except OSError as error:
+            _log.debug("cannot note which program is on the hub: %s", error)
+
     # ---- in the caller's thread
 
-    def _running_loop(self) -> EventLoopThread:
+    def _run(self, coroutine: Coroutine[Any, Any, _T], limit_s: float, operation: str) -> _T:
         if self._loop is None:
+            coroutine.close()
             raise HubError("the link to the hub is not open; open it first")
-        return self._loop
+        return self._loop.run(coroutine, limit_s + _GRACE_S, operation)
 
     def _require_connection(self) -> HubConnection:
         if self._connection is None:

@@ -1,4 +1,10 @@
-"""Transport to a hub with Pybricks 4.1 over USB: a serial port with frames of ``cobs.py``.
+"""USB: framing, and the transport to a hub with Pybricks 4.1 on a serial port.
+
+Frames are the variant of Consistent Overhead Byte Stuffing (COBS) of SPIKE and Pybricks hubs
+(https://lego.github.io/spike-prime-docs/encoding.html). A message is split into blocks at its bytes 0, 1 and 2, which are
+removed; a code before each block gives its length (including the code) and the byte that ended it:
+``byte * 84 + length + 2``; 255 stands for 84 bytes that none of them ended. Then every byte is XORed with 3, so that no 1,
+2 or 3 is left, and 2 ends the frame. A leading 1 (for messages of high priority) is ignored here.
 
 Message, host to hub: ``1 on`` subscribes to events, ``2 tag command`` is a command of the profile, ``3 service u16`` reads
 a characteristic. Hub to host: ``1 tag u32`` is a command's error code (0 for none), ``2 event`` an event,
@@ -17,12 +23,96 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from brickhub.errors import message_of
-from brickhub.hub.hub_errors import AmbiguousHubError, HubDisconnectedError, HubNotFoundError, Reason, UsbUnavailableError
-from brickhub.hub.transports import cobs, profile
+from brickhub.errors import (
+    AmbiguousHubError,
+    HubDisconnectedError,
+    HubNotFoundError,
+    HubProtocolError,
+    Reason,
+    UsbUnavailableError,
+    message_of,
+)
+from brickhub.hub.transports import profile
 from brickhub.hub.transports.connection import Port
 from brickhub.hub.transports.profile import refusal
 from brickhub.hub.transports.pybricks_hub import ProfileTransport
+
+FRAME_END = 0x02
+_HIGH_PRIORITY = 0x01
+_XOR = 0x03
+_LARGEST_DELIMITER = 2
+_CODE_OFFSET = 2
+_BLOCK_BYTES = 84
+_FULL = 0xFF
+
+
+def encode_cobs(message: bytes) -> bytes:
+    """Encode a message into a frame, including its end."""
+    out = bytearray((_FULL,))
+    code_at = 0
+    for byte in message:
+        if byte <= _LARGEST_DELIMITER:
+            out[code_at] = byte * _BLOCK_BYTES + len(out) - code_at + _CODE_OFFSET
+        else:
+            out.append(byte)
+            if len(out) - code_at <= _BLOCK_BYTES:
+                continue
+        code_at = len(out)
+        out.append(_FULL)
+    out[code_at] = len(out) - code_at + _CODE_OFFSET
+    return bytes(byte ^ _XOR for byte in out) + bytes((FRAME_END,))
+
+
+def decode_cobs(frame: bytes) -> bytes:
+    """Decode a frame, given without its end, into a message. Raises HubProtocolError if the frame is invalid."""
+    data = bytes(byte ^ _XOR for byte in frame.removeprefix(bytes((_HIGH_PRIORITY,))))
+    out = bytearray()
+    position = 0
+    while position < len(data):
+        delimiter, size = _parse_code(data[position])
+        block = data[position + 1 : position + size]
+        if len(block) != size - 1:
+            raise HubProtocolError("a frame over USB is cut short; plug the hub in again")
+        out += block
+        position += size
+        if delimiter is not None and position < len(data):
+            out.append(delimiter)
+    return bytes(out)
+
+
+def _parse_code(code: int) -> tuple[int | None, int]:
+    """The byte that ended a block, if any, and the length of the block including its code."""
+    if code == _FULL:
+        return None, _BLOCK_BYTES + 1
+    if code <= _CODE_OFFSET:
+        raise HubProtocolError("a frame over USB has a code that cannot be; plug the hub in again")
+    delimiter, size = divmod(code - _CODE_OFFSET - 1, _BLOCK_BYTES)
+    return delimiter, size + 1
+
+
+class Framer:
+    """Splitter of a stream into frames. Overlong input is dropped up to the next end. ``damaged``: number of invalid frames."""
+
+    def __init__(self, longest_bytes: int = 2048) -> None:
+        self.damaged = 0
+        self._longest_bytes = longest_bytes
+        self._buffer = b""
+
+    def feed(self, data: bytes) -> list[bytes]:
+        """Take bytes and return the messages that they complete. Never raises."""
+        messages = []
+        *ended, rest = (self._buffer + data).split(bytes((FRAME_END,)))
+        for frame in ended:
+            try:
+                if len(frame) > self._longest_bytes:
+                    raise HubProtocolError("a frame over USB is too long; plug the hub in again")
+                if message := decode_cobs(frame):
+                    messages.append(message)
+            except HubProtocolError:
+                self.damaged += 1
+        self._buffer = rest[: self._longest_bytes + 1]  # one byte tells that it is too long
+        return messages
+
 
 _LEGO_VENDOR = 0x0694
 _PRODUCTS = {0x0009: 0x81, 0x0010: 0x81, 0x000D: 0x83}
@@ -130,7 +220,7 @@ class UsbPort:
         self.name, self.address = hub.device, hub.address
         self._hub, self._open_serial = hub, open_serial
         self._serial: SerialPort | None = None
-        self._framer = cobs.Framer()
+        self._framer = Framer()
         self._is_closing = threading.Event()
         self._tag = 0
         self._response: asyncio.Future[int] | None = None
@@ -174,7 +264,7 @@ class UsbPort:
             return
         self._is_closing.set()
         try:
-            serial.write(cobs.encode(bytes((_SUBSCRIBE, 0))))
+            serial.write(encode_cobs(bytes((_SUBSCRIBE, 0))))
         finally:
             serial.close()
             self._reader.join(1.0)
@@ -183,7 +273,7 @@ class UsbPort:
         serial = self._serial
         if serial is None:
             raise HubDisconnectedError("the serial port is closed; open the link again")
-        frame = cobs.encode(message) if message else bytes((cobs.END,))
+        frame = encode_cobs(message) if message else bytes((FRAME_END,))
         with _serial_errors("write to the hub"):
             serial.write(frame)
 

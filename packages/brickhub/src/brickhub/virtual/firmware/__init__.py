@@ -4,3 +4,20 @@ Written from the behaviour of the firmware's control library (pbio, Pybricks v4)
 rounding decides at which 5 ms tick a move ends. Internal units: position mdeg, speed mdeg/s, acceleration mdeg/s2, torque uNm,
 voltage mV, time in ticks of 0.1 ms. ``trunc(a / b)`` is C's division, exact below 2**53 and faster than ``int(a / b)``.
 """
+
+from __future__ import annotations
+
+
+class RefusedError(ValueError):
+    """A value that the firmware refuses."""
+
+
+class UnavailableError(OSError):
+    """A motor that cannot be used now (EBUSY, ENODEV)."""
+
+
+class InfeasibleMoveError(ArithmeticError):
+    """Rounding put the phases of a move out of order; the firmware refuses the command."""
+
+
+FIRMWARE_ERRORS = (RefusedError, UnavailableError, InfeasibleMoveError)

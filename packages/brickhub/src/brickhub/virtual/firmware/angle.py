@@ -8,7 +8,7 @@ from __future__ import annotations
 import struct
 from math import trunc
 
-TURN_MDEG = 360_000
+from brickhub.virtual.firmware.trajectory import TURN_MDEG
 
 Angle = tuple[int, int]
 """Turns and mdeg."""

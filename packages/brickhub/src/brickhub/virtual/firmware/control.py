@@ -1,4 +1,7 @@
-"""Position and speed controller: PID along a trajectory, with anti-windup, stall detection and completion."""
+"""Position and speed controller: PID along a trajectory, with anti-windup, stall detection and completion.
+
+Its log is that of ``pbio/logger.c``, v4.
+"""
 
 from __future__ import annotations
 
@@ -7,13 +10,115 @@ from dataclasses import dataclass
 from math import trunc
 
 from brickhub.virtual.firmware import trajectory as trajectories
-from brickhub.virtual.firmware.integrators import LOOPS_PER_S, PositionIntegrator, SpeedIntegrator
-from brickhub.virtual.firmware.logger import Logger
-from brickhub.virtual.firmware.settings import ControlSettings, multiply_by_gain, to_int32
+from brickhub.virtual.firmware.settings import ControlSettings
 from brickhub.virtual.firmware.trajectory import FOREVER_MS, Trajectory, TrajectoryCommand, TrajectoryReference
 
+LOOPS_PER_S = 200
 _FOREVER = FOREVER_MS * 10
 _UNBOUNDED = 2**31 - 1
+
+
+class PositionIntegrator:
+    """Integral of the position error; a pause also stops the trajectory's clock."""
+
+    def __init__(self, settings: ControlSettings, time: int) -> None:
+        self._settings = settings
+        self.running, self.pause_began = True, time
+        self.integral = self._paused_total = 0
+
+    def trajectory_time(self, time: int) -> int:
+        return (time if self.running else self.pause_began) - self._paused_total
+
+    def toggle(self, time: int, error: int) -> None:
+        """Pause, or resume."""
+        if self.running:
+            self.pause_began = time
+        else:
+            self._paused_total += time - self.pause_began
+        self.running = not self.running
+
+    def update(self, error: int, target_error: int) -> int:
+        """Add the error of one control step, unless it winds up, and return the integral (mdeg s)."""
+        s, integral = self._settings, self.integral
+        change = trunc(error / LOOPS_PER_S)
+        shrinks = abs(integral + change) < abs(integral)
+        if not shrinks:
+            if not self.running:
+                return integral
+            rate = s.integral_rate
+            if not -rate <= error <= rate:
+                change = trunc((rate if error > 0 else -rate) / LOOPS_PER_S)
+                shrinks = abs(integral + change) < abs(integral)
+        if shrinks or s.integral_deadzone <= abs(target_error) <= s.saturation_error * 2:
+            integral, limit = integral + change, s.max_integral
+            self.integral = integral = limit if integral > limit else -limit if integral < -limit else integral
+        return integral
+
+    def is_stalled(self, time: int, speed: int, reference_speed: int) -> bool:
+        if self.running:
+            limit = self._settings.max_integral
+            if limit == 0 or -limit < self.integral < limit:
+                return False
+        return _stalls(self._settings, self.pause_began, time, speed, reference_speed)
+
+
+class SpeedIntegrator:
+    """Integral of the speed error: a difference of positions."""
+
+    def __init__(self, settings: ControlSettings) -> None:
+        self._settings = settings
+        self.running = True
+        self.pause_began = self._paused_error = self._error_at_resume = 0
+
+    def error(self, position_error: int) -> int:
+        return self._paused_error + (position_error - self._error_at_resume if self.running else 0)
+
+    def toggle(self, time: int, position_error: int) -> None:
+        """Pause, or resume."""
+        if self.running:
+            self._paused_error += position_error - self._error_at_resume
+            self.pause_began = time
+        else:
+            self._error_at_resume = position_error
+        self.running = not self.running
+
+    def is_stalled(self, time: int, speed: int, reference_speed: int) -> bool:
+        return not self.running and _stalls(self._settings, self.pause_began, time, speed, reference_speed)
+
+
+def _stalls(s: ControlSettings, since: int, time: int, speed: int, reference_speed: int) -> bool:
+    if reference_speed < 0:
+        reference_speed, speed = -reference_speed, -speed
+    if reference_speed != 0 and speed > s.stall_speed:
+        return False
+    return time - since >= s.stall_time
+
+
+class Logger:
+    """Recorded ``rows`` of integers, each beginning with the ms since the start."""
+
+    __slots__ = ("_capacity", "_down_sample", "_skipped", "_start_ms", "is_active", "rows")
+
+    def __init__(self) -> None:
+        self.is_active = False
+        self.rows: list[tuple[int, ...]] = []
+
+    def start(self, time_ms: int, capacity: int, down_sample: int) -> None:
+        """Start anew: record one of ``down_sample`` rows, up to ``capacity`` of them."""
+        self.rows = []
+        self._start_ms, self._capacity, self._down_sample, self._skipped = time_ms, capacity, down_sample, 0
+        self.is_active = True
+
+    def add(self, time_ms: int, *values: int) -> None:
+        """Record a row of the control loop."""
+        self._skipped += 1
+        if self._skipped < self._down_sample:
+            return
+        self._skipped = 0
+        if len(self.rows) == self._capacity:
+            self.is_active = False
+        else:
+            self.rows.append((time_ms - self._start_ms, *values))
 
 
 class OnCompletion(enum.Enum):
@@ -83,12 +188,9 @@ class Controller:
         self.on_completion = OnCompletion.COAST
         self.trajectory = Trajectory(0, 0)
         self.pid_average = 0
-        self._until_stalled = False
         self.torque_limit = settings.max_torque
-        self._stalled = False
         self.is_done = True
-        self._is_fast = False
-        self._acts_when_done = False
+        self._until_stalled = self._stalled = self._is_fast = self._acts_when_done = False
         self._position = PositionIntegrator(settings, 0)
         self._speed = SpeedIntegrator(settings)
         self.log = Logger()
@@ -105,8 +207,7 @@ class Controller:
     def stop(self) -> None:
         """Become passive; ``on_completion`` is kept for smart stops."""
         self.type = ControlType.NONE
-        self.is_done, self._stalled = True, False
-        self.pid_average = 0
+        self.is_done, self._stalled, self.pid_average = True, False, 0
 
     def reset(self) -> None:
         self.stop()
@@ -127,8 +228,7 @@ class Controller:
         self, time: int, state: State, target: int, speed: int, then: OnCompletion, allow_shift: bool = True
     ) -> None:
         """Run to a position; speed 0 is the default speed. Raises ValueError for a move that is too long."""
-        active = self.is_active
-        start = self.reference(time, state) if active else TrajectoryReference(time, state.position, state.speed, 0)
+        start = self.reference(time, state) if self.is_active else TrajectoryReference(time, state.position, state.speed, 0)
         command = self._command(start, speed or self.settings.default_speed, then, end=target)
         new = trajectories.to_angle(command)
         if self.type is _POSITION and allow_shift and new.a0 == start.acceleration:
@@ -158,12 +258,9 @@ class Controller:
         """Run at a speed (control units) for a duration in ticks."""
         if then.is_smart:
             then = then.passive
-        active = self.is_active
-        start = (
-            self.trajectory.reference(self._trajectory_time(time))
-            if active
-            else TrajectoryReference(time, state.position, state.speed, 0)
-        )
+        start = TrajectoryReference(time, state.position, state.speed, 0)
+        if self.is_active:
+            start = self.trajectory.reference(self._trajectory_time(time))
         command = self._command(start._replace(time=time), speed, then, duration=duration)
         new = trajectories.for_time(command)
         if self.type is _TIMED and new.a0 == start.acceleration:
@@ -221,7 +318,7 @@ class Controller:
         torque = limit if torque > limit else -limit if torque < -limit else torque
         at_limit = abs(proportional) >= limit and self._is_winding_up(proportional, speed, reference_speed, acceleration)
         if integrator.running is (at_limit or paused_by_other):
-            self._pause_or_resume(integrator.running, time, error)
+            integrator.toggle(time, error)
         self._stalled = integrator.is_stalled(time, speed, reference_speed)
         self.pid_average = trunc((self.pid_average * 95 + torque * 5) / 100)
         if self.log.is_active:
@@ -234,38 +331,24 @@ class Controller:
             self.is_done = self._stalled if self._until_stalled else self.trajectory.t3 >= _FOREVER
         if not self.is_done or self._acts_when_done:
             return action
-        return self._end(time, position, reference_time - end_time, action)
+        then = self.on_completion
+        if then.is_active:  # a timed move that ends in HOLD
+            self.start_hold(time, s.position_to_unit(position) * s.steps_per_unit)
+        elif not then.is_smart or reference_time - end_time >= s.smart_hold_time:
+            self.stop()
+            return 0, reference_speed, acceleration, then.passive, at_limit
+        return action
 
     def log_row(self, time_ms: int, state: State, torque: int, passive: OnCompletion | None) -> None:
         """Log the last :meth:`update` and its outcome."""
         s = self.settings
-        reference_time, reference, reference_speed, proportional, integral, derivative, at_limit = self._terms
+        reference_time, reference, reference_speed, *terms, at_limit = self._terms
         actuation = ACTUATIONS[passive] | self._stalled << 2 | self.is_done << 3 | at_limit << 4
-        self.log.add(
-            time_ms,
-            reference_time - self.trajectory.time,
-            s.position_to_unit(state.position),
-            s.to_unit(state.speed),
-            actuation,
-            torque,
-            s.position_to_unit(reference),
-            s.to_unit(reference_speed),
-            s.position_to_unit(state.position_estimate),
-            s.to_unit(state.speed_estimate),
-            proportional,
-            integral,
-            derivative,
-        )
-
-    def _end(self, time: int, position: int, since: int, action: Action) -> Action:
-        """Action of a move that has been complete for ``since`` ticks."""
-        s, then = self.settings, self.on_completion
-        if then.is_active:  # a timed move that ends in HOLD
-            self.start_hold(time, s.position_from_unit(s.position_to_unit(position)))
-        elif not then.is_smart or since >= s.smart_hold_time:
-            self.stop()
-            return 0, *action[1:3], then.passive, action[4]
-        return action
+        measured = s.position_to_unit(state.position), s.to_unit(state.speed)
+        wanted = s.position_to_unit(reference), s.to_unit(reference_speed)
+        estimated = s.position_to_unit(state.position_estimate), s.to_unit(state.speed_estimate)
+        since = reference_time - self.trajectory.time
+        self.log.add(time_ms, since, *measured, actuation, torque, *wanted, *estimated, *terms)
 
     def _trajectory_time(self, time: int) -> int:
         return self._position.trajectory_time(time) if self.type is _POSITION else time
@@ -298,29 +381,18 @@ class Controller:
         if target_error > far:
             return max(piecewise, low)
         # This product overflows 32 bits in the firmware, which goes on with the wrapped value.
-        product = to_int32(s.kp * (100 - s.kp_low_pct) * (far - target_error))
+        product = (s.kp * (100 - s.kp_low_pct) * (far - target_error) + 2**31) % 2**32 - 2**31
         return max(piecewise, low + trunc(trunc(product / (far - near)) / 100))
 
     def _is_winding_up(self, proportional: int, speed: int, reference_speed: int, acceleration: int) -> bool:
         """Whether the proportional part alone exceeds the torque limit, and the reference will not reduce it."""
         s = self.settings
         margin = trunc(abs(speed) / LOOPS_PER_S) * 2
-        if abs(proportional) < self.torque_limit + multiply_by_gain(margin, s.kp):
+        if abs(proportional) < self.torque_limit + trunc(s.kp * margin / 1000):
             return False
         moving = 0 if abs(speed) < s.stall_speed else speed
         sign = _sign(proportional)
         return sign != -_sign(reference_speed - moving) and sign != -_sign(acceleration)
-
-    def _pause_or_resume(self, pause: bool, time: int, error: int) -> None:
-        if self.type is _POSITION:
-            if pause:
-                self._position.pause(time)
-            else:
-                self._position.resume(time)
-        elif pause:
-            self._speed.pause(time, error)
-        else:
-            self._speed.resume(error)
 
     def _has_arrived(self, remaining: int, end_speed: int, speed: int) -> bool:
         """Whether the end is reached, given that its time is over."""

@@ -1,25 +1,96 @@
-"""Drive base of two servos: one controller for the distance, one for the heading."""
+"""Drive base of two servos: one controller for the distance, one for the heading.
+
+The gyroscope's heading is that of ``pbio/imu.c``, v4, shared by ``hub.imu`` and all drive bases.
+"""
 
 from __future__ import annotations
 
 import errno
 from collections.abc import Callable
 from math import trunc
+from operator import add, sub
 
-from brickhub.virtual.firmware.angle import Angle, difference, from_unit, mean, to_mdeg, to_unit, to_unit_float
+from brickhub.virtual.body import Body
+from brickhub.virtual.firmware import RefusedError, UnavailableError
+from brickhub.virtual.firmware.angle import Angle, difference, from_unit, mean, single, to_mdeg, to_unit, to_unit_float
 from brickhub.virtual.firmware.control import Controller, ControlType, OnCompletion, State
-from brickhub.virtual.firmware.heading import GyroHeading
 from brickhub.virtual.firmware.servo import Servo
 from brickhub.virtual.firmware.settings import drive_base_settings
-from brickhub.virtual.firmware.trajectory import validate_acceleration, validate_speed
+from brickhub.virtual.firmware.trajectory import INT32_MAX, TURN_MDEG, validate_acceleration, validate_speed
 
+_Vector = tuple[float, float, float]
 _TURN_MDEG_OVER_PI = 114_592
 _MIN_RADIUS_MM = 10
-_INT32_MAX = 2**31 - 1
 _NONE = ControlType.NONE
-
 _Values = tuple[int, int, int, int]
 """Fields of a ``State``, as a tuple: creating an object in the control loop costs as much as the computation."""
+
+
+class GyroHeading:
+    """Degrees, clockwise positive seen from above, not wrapped.
+
+    Attributes:
+        frame: directions of the hub's front, left and top in the frame of the robot.
+        turn_deg: reading of the heading for a whole turn, by which a program corrects it.
+    """
+
+    def __init__(self, body: Body) -> None:
+        self._body = body
+        self.frame: tuple[_Vector, _Vector, _Vector] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+        self.turn_deg = 360.0
+        self._gyro_deg: _Vector = (360.0, 360.0, 360.0)
+        self._yaw_deg = 0.0
+        self._rotation_deg: _Vector = (0.0, 0.0, 0.0)
+        self._zero_deg = self._total_deg()
+
+    def angle_deg(self) -> float:
+        return self._total_deg() - self._zero_deg
+
+    def angle(self, steps_per_deg: int) -> Angle:
+        """Heading in control units, in single precision as in the firmware."""
+        angle_deg, turn_deg = single(self.angle_deg()), single(TURN_MDEG / steps_per_deg)
+        turns = trunc(single(angle_deg / turn_deg))
+        rest = single(angle_deg - single(turns * turn_deg))
+        return turns, trunc(single(rest * steps_per_deg))
+
+    def set_angle(self, angle_deg: float) -> None:
+        """Set the present heading."""
+        self._zero_deg = self._total_deg() - angle_deg
+
+    def rate_deg_s(self) -> float:
+        """Angular velocity about the robot's vertical axis, clockwise."""
+        return -sum(rate * axis[2] for rate, axis in zip(self.rates_deg_s(), self.frame, strict=True))
+
+    def rates_deg_s(self, *, calibrated: bool = True) -> _Vector:
+        """Angular velocity in the frame of the hub."""
+        rates = self._body.angular_velocity_deg_s()
+        return self._scaled(rates) if calibrated else rates
+
+    def rotation_deg(self, *, calibrated: bool) -> _Vector:
+        """Angular velocity in the frame of the hub, integrated over time."""
+        x, y, z = map(add, self._scaled(self._body.rotation_deg()), self._rotation_deg)
+        scale_x, scale_y, scale_z = (360.0, 360.0, 360.0) if calibrated else self._gyro_deg
+        return x * scale_x / 360.0, y * scale_y / 360.0, z * scale_z / 360.0
+
+    def yaw_deg(self) -> float:
+        """Rotation about the vertical since the hub was switched on, without the correction of the heading."""
+        scale = sum(axis[2] ** 2 * 360.0 / scale for axis, scale in zip(self.frame, self._gyro_deg, strict=True))
+        return self._body.heading_deg() * scale + self._yaw_deg
+
+    def calibrate(self, gyro_deg: _Vector) -> None:
+        """Set the reading of the gyroscope for a whole turn about each axis of the hub; earlier rotation stays."""
+        yaw_deg, rotation_deg = self.yaw_deg(), self.rotation_deg(calibrated=True)
+        self._gyro_deg = gyro_deg
+        self._yaw_deg += yaw_deg - self.yaw_deg()
+        x, y, z = map(sub, rotation_deg, self._scaled(self._body.rotation_deg()))
+        self._rotation_deg = x, y, z
+
+    def _scaled(self, vector: _Vector) -> _Vector:
+        (x, y, z), (scale_x, scale_y, scale_z) = vector, self._gyro_deg
+        return x * 360.0 / scale_x, y * 360.0 / scale_y, z * 360.0 / scale_z
+
+    def _total_deg(self) -> float:
+        return self.yaw_deg() * (360.0 / self.turn_deg)
 
 
 class DriveBaseControl:
@@ -37,26 +108,25 @@ class DriveBaseControl:
     def __init__(self, left: Servo, right: Servo, wheel_diameter_um: int, axle_track_um: int, heading: GyroHeading) -> None:
         steps = left.settings.steps_per_unit
         if left is right or steps != right.settings.steps_per_unit:
-            raise ValueError("a drive base needs two motors with the same gears")
+            raise RefusedError("a drive base needs two motors with the same gears")
         if left.parent is not None or right.parent is not None:
-            raise OSError(errno.EBUSY, "a motor belongs to another drive base")
+            raise UnavailableError(errno.EBUSY, "a motor belongs to another drive base")
         self.left, self.right = left, right
         self._clock, self._gyro = left.clock, heading
         # As in the firmware, both motors now belong to it, even if its geometry is refused below.
         left.parent = right.parent = self
         distance_settings, heading_settings = drive_base_settings(left.settings, right.settings)
         self.distance, self.heading = Controller(distance_settings), Controller(heading_settings)
-        self._paused = False
-        self._uses_gyro = False
+        self._paused = self._uses_gyro = False
         self._set_zero((0, 0), (0, 0))
         self.stop(OnCompletion.COAST)
-        too_large = steps > _INT32_MAX // _TURN_MDEG_OVER_PI or steps > _INT32_MAX // max(axle_track_um, 1)
+        too_large = steps > INT32_MAX // _TURN_MDEG_OVER_PI or steps > INT32_MAX // max(axle_track_um, 1)
         if wheel_diameter_um < 1000 or axle_track_um < 1000 or too_large:
-            raise ValueError("the wheel diameter or the axle track is out of range")
+            raise RefusedError("the wheel diameter or the axle track is out of range")
         heading_settings.steps_per_unit = steps * axle_track_um // wheel_diameter_um
         distance_settings.steps_per_unit = steps * _TURN_MDEG_OVER_PI // wheel_diameter_um
         if not (heading_settings.steps_per_unit and distance_settings.steps_per_unit):
-            raise ValueError("the wheel diameter is out of range")
+            raise RefusedError("the wheel diameter is out of range")
         self.reset(0, 0)
 
     @property
@@ -81,22 +151,17 @@ class DriveBaseControl:
 
     def turn(self, angle_deg: int, then: OnCompletion) -> None:
         """Turn in place by an angle."""
-        self._turn(lambda time, state: self._turn_by(time, state, angle_deg, then), then)
+        distance = angle_deg * self.heading.settings.steps_per_unit
+        start = self.heading.start_relative
+        self._turn(lambda time, state: start(time, state, distance, 0, then, allow_shift=False), then)
 
     def turn_to(self, angle_deg: int, then: OnCompletion) -> None:
         """Turn in place to a heading modulo 360 degrees, the shorter way."""
-        self._turn(lambda time, state: self._turn_up_to(time, state, angle_deg, then), then)
-
-    def _turn_by(self, time: int, state: State, angle_deg: int, then: OnCompletion) -> None:
-        distance = self.heading.settings.position_from_unit(angle_deg)
-        self.heading.start_relative(time, state, distance, 0, then, allow_shift=False)
-
-    def _turn_up_to(self, time: int, state: State, angle_deg: int, then: OnCompletion) -> None:
-        settings = self.heading.settings
-        remaining = angle_deg - to_unit(self._angles()[1], settings.steps_per_unit)
+        heading = self.heading
+        remaining = angle_deg - to_unit(self._angles()[1], heading.settings.steps_per_unit)
         turns = -(-(remaining - 180) // 360) if remaining > 180 else -(-(-180 - remaining) // 360) if remaining < -180 else 0
-        target = angle_deg - 360 * turns if remaining > 0 else angle_deg + 360 * turns
-        self.heading.start_position(time, state, settings.position_from_unit(target), 0, then)
+        target = (angle_deg - 360 * turns if remaining > 0 else angle_deg + 360 * turns) * heading.settings.steps_per_unit
+        self._turn(lambda time, state: heading.start_position(time, state, target, 0, then), then)
 
     def _turn(self, start: Callable[[int, State], None], then: OnCompletion) -> None:
         """Turn in place and hold the distance for the same time, even if stopping takes longer."""
@@ -105,18 +170,16 @@ class DriveBaseControl:
         start(time, heading)
         self.distance.trajectory.stretch(self.heading.trajectory)
 
-    def arc_distance(self, radius_mm: int, distance_mm: int, then: OnCompletion) -> None:
-        """Drive a distance along an arc, to the right for a positive radius. Raises ValueError for a radius under 10 mm."""
-        _check_radius(radius_mm)
-        angle_deg = abs(distance_mm) * 573 // abs(radius_mm) // 10
-        self._drive_relative(distance_mm, angle_deg if (radius_mm < 0) == (distance_mm < 0) else -angle_deg, then)
-
-    def arc_angle(self, radius_mm: int, angle_deg: int, then: OnCompletion) -> None:
-        """Turn by an angle along an arc, to the right for a positive radius; a negative angle drives backwards. Raises
-        ValueError for a radius under 10 mm."""
-        _check_radius(radius_mm)
-        length_mm = trunc(10 * angle_deg * abs(radius_mm) / 573)
-        self._drive_relative(length_mm, -angle_deg if radius_mm < 0 else angle_deg, then)
+    def arc(self, radius_mm: int, distance_mm: int | None, angle_deg: int, then: OnCompletion) -> None:
+        """Drive a distance, or turn by an angle, along an arc, to the right for a positive radius; negative ones drive backwards.
+        Raises RefusedError for a radius under 10 mm."""
+        if abs(radius_mm) < _MIN_RADIUS_MM:
+            raise RefusedError("the radius of an arc is too small")
+        if distance_mm is None:
+            distance_mm, goes_right = trunc(10 * angle_deg * abs(radius_mm) / 573), radius_mm >= 0
+        else:
+            angle_deg, goes_right = abs(distance_mm) * 573 // abs(radius_mm) // 10, (radius_mm < 0) == (distance_mm < 0)
+        self._drive_relative(distance_mm, angle_deg if goes_right else -angle_deg, then)
 
     def drive(self, speed_mm_s: int, turn_rate_deg_s: int) -> None:
         """Drive until the next command."""
@@ -238,14 +301,6 @@ class DriveBaseControl:
         distance, heading = self._measured()
         return State(*distance), State(*heading)
 
-    def _measured(self) -> tuple[_Values, _Values]:
-        """Distance and heading. The gyroscope gives only position and speed of the heading; the estimates are the motors'."""
-        distance, heading = self._measured_by_motors()
-        if self._uses_gyro:
-            gyro, steps = self._gyro, self.heading.settings.steps_per_unit
-            heading = to_mdeg(gyro.angle(steps)), trunc(gyro.rate_deg_s() * steps), *heading[2:]
-        return distance, heading
-
     def _angles(self) -> tuple[Angle, Angle]:
         """Distance and heading as the firmware stores them."""
         distance, heading = self._wheel_angles()
@@ -265,8 +320,8 @@ class DriveBaseControl:
         self._distance_zero, self._heading_zero = distance, heading
         self._distance_zero_mdeg, self._heading_zero_mdeg = to_mdeg(distance), to_mdeg(heading)
 
-    def _measured_by_motors(self) -> tuple[_Values, _Values]:
-        """Distance and heading by the motors."""
+    def _measured(self) -> tuple[_Values, _Values]:
+        """Distance and heading. The gyroscope gives only position and speed of the heading; the estimates are the motors'."""
         right_position, left, right = self.right.position(), self.left.observer, self.right.observer
         position, is_odd = divmod(self.left.position() + right_position, 2)
         if is_odd:
@@ -276,12 +331,16 @@ class DriveBaseControl:
         angle = trunc((left.angle + right.angle) / 2)
         distance_zero, heading_zero = self._distance_zero_mdeg, self._heading_zero_mdeg
         lead, lead_estimate = position - right_position - heading_zero, angle - right.angle - heading_zero
+        turn_rate = speed - right.measured_speed
+        if self._uses_gyro:
+            gyro, steps = self._gyro, self.heading.settings.steps_per_unit
+            lead, turn_rate = to_mdeg(gyro.angle(steps)), trunc(gyro.rate_deg_s() * steps)
         distance = position - distance_zero, speed, estimate, angle - distance_zero
-        return distance, (lead, speed - right.measured_speed, estimate - right.speed, lead_estimate)
+        return distance, (lead, turn_rate, estimate - right.speed, lead_estimate)
 
     def _check_open(self) -> None:
         if not self.is_open:
-            raise OSError(errno.ENODEV, "a motor of the drive base is closed")
+            raise UnavailableError(errno.ENODEV, "a motor of the drive base is closed")
 
     def _begin(self) -> tuple[State, State]:
         """Take over both motors and return their state. Raises OSError (ENODEV) if one is closed."""
@@ -291,7 +350,7 @@ class DriveBaseControl:
         return self._state()
 
     def _drive_relative(self, distance_mm: int, angle_deg: int, then: OnCompletion) -> None:
-        length, turn = self.distance.settings.position_from_unit(distance_mm), self.heading.settings.position_from_unit(angle_deg)
+        length, turn = distance_mm * self.distance.settings.steps_per_unit, angle_deg * self.heading.settings.steps_per_unit
         distance, heading, time = *self._begin(), self._clock.time_ticks
         self.distance.start_relative(time, distance, length, 0, then, allow_shift=False)
         self.heading.start_relative(time, heading, turn, 0, then, allow_shift=False)
@@ -304,8 +363,3 @@ class DriveBaseControl:
         self.distance.stop()
         self.heading.stop()
         self._paused = False
-
-
-def _check_radius(radius_mm: int) -> None:
-    if abs(radius_mm) < _MIN_RADIUS_MM:
-        raise ValueError("the radius of an arc is too small")

@@ -1,4 +1,5 @@
-"""Motor models of the firmware: discrete linear systems with friction, in steps of 5 ms.
+"""Motor models of the firmware, discrete linear systems with friction in steps of 5 ms, and the observer, whose model tracks the
+measured angle.
 
 Figures: motor curves measured by Pybricks, as stored in the firmware (``servo_settings.c``, v4). Each entry is a denominator:
 ``PRESCALE[column] * value / entry`` is the contribution of a column to the next state.
@@ -6,10 +7,17 @@ Figures: motor curves measured by Pybricks, as stored in the firmware (``servo_s
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 from math import trunc
+from typing import TYPE_CHECKING, NamedTuple
 
 from brickhub.robot import MotorKind
+from brickhub.virtual.firmware import RefusedError
+
+if TYPE_CHECKING:
+    from brickhub.virtual.firmware.settings import ControlSettings
+
 
 PRESCALE_SPEED = 858
 PRESCALE_ACCELERATION = 85
@@ -21,6 +29,12 @@ MAX_ACCELERATION = 25_000_000
 MAX_CURRENT = 30_000
 MAX_VOLTAGE_MV = 12_000
 MAX_TORQUE_UNM = 1_000_000
+_WINDOW_START = -21  # 20 ticks of 5 ms ago: 100 ms
+_HISTORY = 60  # ticks of the longest window of Motor.speed: 300 ms
+_GAIN_THRESHOLD_MDEG = 20_000
+_HIGH_GAIN_FACTOR = 7
+_FRICTION_CUTOFF = 500
+_STALL_RATIO_PCT = 75
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,72 +100,146 @@ def _clamp(value: int, limit: int) -> int:
     return limit if value > limit else -limit if value < -limit else value
 
 
-_S_ANGULAR = ObserverModel(
-    angle=(179217, 1950303, 5654927, -425928),
-    speed=(956, 7666, 11702, -1085),
-    current=(-249247, -9356019, 349105, 383927),
-    voltage_by_torque=22334,
-    torque_by_voltage=17203,
-    torque_by_speed=12282,
-    torque_by_acceleration=35129,
-    friction_unm=9182,
-)
-_M_ANGULAR = ObserverModel(
-    angle=(177194, 2407354, 7431528, -919183),
-    speed=(934, 8311, 14444, -2332),
-    current=(-165023, 1058029, 225610, 629020),
-    voltage_by_torque=47606,
-    torque_by_voltage=8071,
-    torque_by_speed=5903,
-    torque_by_acceleration=16163,
-    friction_unm=21413,
-)
-_L_ANGULAR = ObserverModel(
-    angle=(174943, 8368268, 13442903, -3690545),
-    speed=(904, 26508, 25105, -9310),
-    current=(-58045, 396164, 86900, 975141),
-    voltage_by_torque=133763,
-    torque_by_voltage=2872,
-    torque_by_speed=1919,
-    torque_by_acceleration=3997,
-    friction_unm=23239,
-)
-_INTERACTIVE = ObserverModel(
-    angle=(179110, 7311289, 4603893, -728461),
-    speed=(941, 35750, 10967, -1850),
-    current=(-316164, -12014584, 355664, 668004),
-    voltage_by_torque=32225,
-    torque_by_voltage=11923,
-    torque_by_speed=10599,
-    torque_by_acceleration=20588,
-    friction_unm=11227,
-)
-_TECHNIC_L = ObserverModel(
-    angle=(175977, 5728019, 6164994, -1377701),
-    speed=(912, 22787, 12888, -3482),
-    current=(-159828, -44152415, 142828, 794862),
-    voltage_by_torque=62889,
-    torque_by_voltage=6110,
-    torque_by_speed=6837,
-    torque_by_acceleration=10751,
-    friction_unm=26430,
-)
-_TECHNIC_XL = ObserverModel(
-    angle=(176559, 8098298, 5471477, -1282598),
-    speed=(916, 35736, 12148, -3244),
-    current=(-175173, -7606150, 156891, 729279),
-    voltage_by_torque=55617,
-    torque_by_voltage=6908,
-    torque_by_speed=7713,
-    torque_by_acceleration=11578,
-    friction_unm=12893,
-)
 _TYPES = {
-    "spike-small": MotorType(_S_ANGULAR, 620, 30, 11, 150, max_voltage_mv=6000),
-    "spike-medium": MotorType(_M_ANGULAR, 1000, 45, 11, 150),
-    "spike-large": MotorType(_L_ANGULAR, 1000, 45, 11, 150),
-    "technic-l": MotorType(_TECHNIC_L, 1500, 45, 20, 250),
-    "technic-xl": MotorType(_TECHNIC_XL, 1500, 45, 20, 250),
-    "interactive": MotorType(_INTERACTIVE, 1000, 45, 12, 0),
-}
+    "spike-small": MotorType(ObserverModel(
+        (179217, 1950303, 5654927, -425928), (956, 7666, 11702, -1085), (-249247, -9356019, 349105, 383927),
+        22334, 17203, 12282, 35129, 9182,
+    ), 620, 30, 11, 150, max_voltage_mv=6000),
+    "spike-medium": MotorType(ObserverModel(
+        (177194, 2407354, 7431528, -919183), (934, 8311, 14444, -2332), (-165023, 1058029, 225610, 629020),
+        47606, 8071, 5903, 16163, 21413,
+    ), 1000, 45, 11, 150),
+    "spike-large": MotorType(ObserverModel(
+        (174943, 8368268, 13442903, -3690545), (904, 26508, 25105, -9310), (-58045, 396164, 86900, 975141),
+        133763, 2872, 1919, 3997, 23239,
+    ), 1000, 45, 11, 150),
+    "technic-l": MotorType(ObserverModel(
+        (175977, 5728019, 6164994, -1377701), (912, 22787, 12888, -3482), (-159828, -44152415, 142828, 794862),
+        62889, 6110, 6837, 10751, 26430,
+    ), 1500, 45, 20, 250),
+    "technic-xl": MotorType(ObserverModel(
+        (176559, 8098298, 5471477, -1282598), (916, 35736, 12148, -3244), (-175173, -7606150, 156891, 729279),
+        55617, 6908, 7713, 11578, 12893,
+    ), 1500, 45, 20, 250),
+    "interactive": MotorType(ObserverModel(
+        (179110, 7311289, 4603893, -728461), (941, 35750, 10967, -1850), (-316164, -12014584, 355664, 668004),
+        32225, 11923, 10599, 20588, 11227,
+    ), 1000, 45, 12, 0),
+}  # fmt: skip
 MOTOR_TYPES = {kind: _TYPES[kind.model.like or kind.value] for kind in MotorKind}
+
+
+class ObserverSettings(NamedTuple):
+    """Settings that a program may tune, in the firmware's order (``pbio_observer_settings_t``).
+
+    A motor stalls while it is slower than ``stall_speed`` (mdeg/s) and the feedback exceeds ``stall_ratio_pct`` of a voltage
+    above ``negligible_mv``; after ``stall_time`` (ticks of 0.1 ms) it counts as stalled. The feedback has ``gain_low`` (mV/deg)
+    up to ``gain_threshold`` (mdeg) and ``gain_high`` beyond. Friction decreases to 0 below ``friction_cutoff`` (mdeg/s).
+    """
+
+    stall_speed: int
+    stall_time: int
+    negligible_mv: int
+    stall_ratio_pct: int
+    gain_low: int
+    gain_high: int
+    gain_threshold: int
+    friction_cutoff: int
+
+
+class Observer:
+    """Estimates angle and speed of a motor; detects stalls while no controller runs.
+
+    Attributes:
+        angle, speed, current: state of the model, mdeg, mdeg/s and 0.1 mA.
+        history: angles measured at the last steps, mdeg.
+        measured_speed: mean of the measured speed over 100 ms, mdeg/s.
+        stalled_since: time of the first of the steps in which the motor stalls; after the stall time it counts as stalled.
+    """
+
+    def __init__(self, motor: MotorType, settings: ControlSettings) -> None:
+        model = motor.model
+        gain, negligible_mv = motor.observer_gain, trunc(model.voltage_mv(model.friction_unm) * 5 / 2)
+        stall = (settings.stall_speed, settings.stall_time, negligible_mv, _STALL_RATIO_PCT)
+        self.tune(ObserverSettings(*stall, gain, gain * _HIGH_GAIN_FACTOR, _GAIN_THRESHOLD_MDEG, _FRICTION_CUTOFF))
+        self._rows = *model.angle[:3], *model.speed[:3], *model.current[:3]
+        self._friction_unm = model.friction_unm
+        self._friction_columns = model.angle[3], model.speed[3], model.current[3]
+        self._full_friction = self._friction(model.friction_unm)
+        self.history: deque[int] = deque(maxlen=_HISTORY + 1)
+        self.measured_speed = 0
+        self.reset(0)
+
+    def reset(self, angle: int) -> None:
+        """Restart at rest at a measured angle (mdeg). As in the firmware, the measured speed stays until the next step."""
+        self.angle, self.speed, self.current = angle, 0, 0
+        self.stalled_since: int | None = None
+        self.history.clear()
+        self.history.extend([angle] * (_HISTORY + 1))
+
+    def tune(self, settings: ObserverSettings) -> None:
+        """Use these settings from now on."""
+        self.settings = settings
+        self._stall_speed, self._stall_time, self._negligible_mv, self._stall_ratio_pct, *gains, cutoff = settings
+        self._gain, self._high_gain, self._threshold = gains
+        self._friction_cutoff = max(cutoff, 1)
+
+    def feedback_mv(self, angle: int) -> int:
+        """Voltage that pulls the model towards a measured angle: the effect of unmodelled load."""
+        error = angle - self.angle
+        threshold = self._threshold
+        if -threshold <= error <= threshold:
+            return trunc(error * self._gain / 1000)
+        beyond = (abs(error) - threshold) * self._high_gain
+        voltage = min((threshold * self._gain + beyond) // 1000, MAX_VOLTAGE_MV)
+        return voltage if error > 0 else -voltage
+
+    def update(self, time: int, angle: int, voltage_mv: int) -> None:
+        """One 5 ms step with the measured angle and the applied voltage."""
+        history = self.history
+        history.append(angle)
+        self.measured_speed = (angle - history[_WINDOW_START]) * 10
+        speed, feedback = self.speed, self.feedback_mv(angle)
+        if (
+            voltage_mv * feedback < 0
+            and (speed if voltage_mv > 0 else -speed) < self._stall_speed
+            and abs(feedback) * 100 > abs(voltage_mv) * self._stall_ratio_pct
+            and abs(voltage_mv) > self._negligible_mv
+        ):
+            self.stalled_since = time if self.stalled_since is None else self.stalled_since
+        else:
+            self.stalled_since = None
+        voltage = voltage_mv + feedback
+        voltage = MAX_VOLTAGE_MV if voltage > MAX_VOLTAGE_MV else -MAX_VOLTAGE_MV if voltage < -MAX_VOLTAGE_MV else voltage
+        cutoff = self._friction_cutoff
+        if -cutoff <= speed <= cutoff:
+            slip, friction, drop = self._friction(trunc(abs(speed) * self._friction_unm / cutoff))
+        else:
+            slip, friction, drop = self._full_friction
+        if speed < 0:
+            slip, friction, drop = -slip, -friction, -drop
+        ps, pc, pv = PRESCALE_SPEED * speed, PRESCALE_CURRENT * self.current, PRESCALE_VOLTAGE * voltage
+        a0, a1, a2, s0, s1, s2, c0, c1, c2 = self._rows
+        self.angle += trunc(ps / a0) + trunc(pc / a1) + trunc(pv / a2) + slip
+        next_speed = trunc(ps / s0) + trunc(pc / s1) + trunc(pv / s2) + friction
+        current = trunc(ps / c0) + trunc(pc / c1) + trunc(pv / c2) + drop
+        if (speed < 0) is not (next_speed < 0):
+            next_speed -= friction  # friction brakes to rest, not beyond
+        self.speed = MAX_SPEED if next_speed > MAX_SPEED else -MAX_SPEED if next_speed < -MAX_SPEED else next_speed
+        self.current = MAX_CURRENT if current > MAX_CURRENT else -MAX_CURRENT if current < -MAX_CURRENT else current
+
+    def _friction(self, torque_unm: int) -> tuple[int, int, int]:
+        """Changes of angle, speed and current by a torque against the motion."""
+        torque = PRESCALE_TORQUE * torque_unm
+        angle, speed, current = self._friction_columns
+        return trunc(torque / angle), trunc(torque / speed), trunc(torque / current)
+
+    def window_speed(self, window_ms: int) -> int:
+        """Mean measured speed over a window, mdeg/s. Raises ValueError for one shorter than a tick or longer than 300 ms."""
+        ticks = (window_ms + 2) // 5
+        if not 1 <= ticks <= _HISTORY:
+            raise RefusedError("the window is out of range")
+        return trunc((self.history[-1] - self.history[-1 - ticks]) * 1000 / (ticks * 5))
+
+    def is_stalled(self, time: int) -> bool:
+        return self.stalled_since is not None and time - self.stalled_since > self._stall_time

@@ -8,16 +8,22 @@ from typing import Protocol
 
 from brickhub.robot import Direction, MotorKind
 from brickhub.virtual.body import Body, FittingBody
-from brickhub.virtual.firmware.angle import TURN_MDEG, Angle, difference, from_unit, split, to_mdeg, to_unit
-from brickhub.virtual.firmware.clock import Clock
-from brickhub.virtual.firmware.control import Controller, ControlType, OnCompletion, State
-from brickhub.virtual.firmware.logger import Logger
-from brickhub.virtual.firmware.motor_model import MOTOR_TYPES
-from brickhub.virtual.firmware.observer import Observer
+from brickhub.virtual.firmware import RefusedError, UnavailableError
+from brickhub.virtual.firmware.angle import Angle, difference, from_unit, split, to_mdeg, to_unit
+from brickhub.virtual.firmware.control import Controller, ControlType, Logger, OnCompletion, State
+from brickhub.virtual.firmware.motor_model import MOTOR_TYPES, Observer
 from brickhub.virtual.firmware.settings import ControlSettings, servo_settings
+from brickhub.virtual.firmware.trajectory import TURN_MDEG
 
 _NONE = ControlType.NONE
 _VOLTAGE = 2
+
+
+class Clock(Protocol):
+    """Simulated time in ms and in ticks of 0.1 ms, for controllers, observers and logs."""
+
+    time_ms: int
+    time_ticks: int
 
 
 class Parent(Protocol):
@@ -36,26 +42,24 @@ class Servo:
         is_plain: whether it lacks a rotation sensor.
         is_taken: whether it must be closed before the next :meth:`setup`. A setup that is refused for this still ends the
             control loop, and the motor keeps its voltage.
+        direction: 1 if the angle increases when the shaft turns clockwise, else -1.
+        voltage_mv: present voltage; ``None`` while it coasts.
         driven_ms: time at which it began to coast; ``None`` before its first voltage.
     """
 
     def __init__(self, kind: MotorKind, port: str, body: Body, clock: Clock) -> None:
-        self.kind = kind
-        self.port = port
+        self.kind, self.port, self.body, self.clock = kind, port, body, clock
         self.type = MOTOR_TYPES[kind]
         self._drive_mv = self.type.model.drive_mv
-        self.is_taken = self._is_updated = False
-        self.is_plain = False
+        self.is_taken = self.is_plain = self._is_updated = False
         self.parent: Parent | None = None
-        self.body = body
-        self.clock = clock
-        self._sign = 1
+        self.direction = 1
         self._set_zero((0, 0))
-        self._voltage_mv: int | None = None
+        self.voltage_mv: int | None = None
         self.driven_ms: int | None = None
-        self._max_voltage_mv = self.type.max_voltage_mv
+        self.max_voltage_mv = self.type.max_voltage_mv
         self.control = Controller(servo_settings(self.type, 1000, 0))
-        self.observer = self._new_observer()
+        self.observer = Observer(self.type, self.settings)
         self.log = Logger()
 
     @property
@@ -68,41 +72,27 @@ class Servo:
         self._is_updated = self._is_updated and self.is_taken
         return self._is_updated
 
-    @property
-    def direction(self) -> int:
-        """1 if the angle increases when the shaft turns clockwise, else -1."""
-        return self._sign
-
-    @property
-    def is_coasting(self) -> bool:
-        return self._voltage_mv is None
-
-    @property
-    def max_voltage_mv(self) -> int:
-        """Limit of the voltage."""
-        return self._max_voltage_mv
-
-    @max_voltage_mv.setter
-    def max_voltage_mv(self, value: int) -> None:
-        if not 0 <= value <= self.type.max_voltage_mv:
-            raise ValueError("the voltage limit is out of range")
-        self._max_voltage_mv = value
+    def set_max_voltage(self, value_mv: int) -> None:
+        """Set the limit of the voltage. Raises RefusedError if the motor takes less."""
+        if not 0 <= value_mv <= self.type.max_voltage_mv:
+            raise RefusedError("the voltage limit is out of range")
+        self.max_voltage_mv = value_mv
 
     def setup(self, direction: Direction, gear_ratio_milli: int, reset_angle: bool, profile_deg: int) -> None:
         """Take the motor into use; ``gear_ratio_milli`` is 1000 times the motor's turns for one of the output. Raises OSError
         (EBUSY) if it is in use, ValueError if the gear ratio or the profile is out of range."""
         self._is_updated = False
         if reset_angle:
-            self._set_zero(difference(split(self._shaft_mdeg()), (0, self._absolute_mdeg())))
+            self._set_zero(difference(split(self.body.angle_mdeg(self.port)), (0, self._absolute_mdeg())))
         if self.is_taken:
-            raise OSError(errno.EBUSY, "the motor is in use already")
+            raise UnavailableError(errno.EBUSY, "the motor is in use already")
         self.set_voltage(None)
-        self._sign = direction.value
+        self.direction = direction.value
         self.is_taken = True
-        self._max_voltage_mv = self.type.max_voltage_mv
+        self.max_voltage_mv = self.type.max_voltage_mv
         self.control.reset()
         self.control = Controller(servo_settings(self.type, gear_ratio_milli, profile_deg))
-        measured_speed, self.observer = self.observer.measured_speed, self._new_observer()
+        measured_speed, self.observer = self.observer.measured_speed, Observer(self.type, self.settings)
         self.observer.measured_speed = measured_speed  # until the next step
         self.observer.reset(self.position())
         self._is_updated = True
@@ -111,8 +101,8 @@ class Servo:
         """Take it into use as a motor without rotation sensor: voltage only."""
         self.is_plain = True
         self.set_voltage(None)
-        self._sign = direction.value
-        self._max_voltage_mv = self.type.max_voltage_mv
+        self.direction = direction.value
+        self.max_voltage_mv = self.type.max_voltage_mv
 
     def close(self) -> None:
         """Coast, and allow a new setup."""
@@ -124,18 +114,18 @@ class Servo:
     def check_open(self) -> None:
         """Raise OSError (ENODEV) unless its control loop runs."""
         if not self.is_open:
-            raise OSError(errno.ENODEV, "the motor is not in use")
+            raise UnavailableError(errno.ENODEV, "the motor is not in use")
 
     # ---- state
 
     def position(self) -> int:
         """Angle of the motor's shaft in mdeg, in the program's direction and from its zero."""
-        return (self.body.angle_mdeg(self.port) - self._zero_mdeg) * self._sign
+        return (self.body.angle_mdeg(self.port) - self._zero_mdeg) * self.direction
 
     def angle(self) -> Angle:
         """:meth:`position` as the firmware stores it."""
-        turns, mdeg = difference(split(self._shaft_mdeg()), self._zero)
-        return turns * self._sign, mdeg * self._sign
+        turns, mdeg = difference(split(self.body.angle_mdeg(self.port)), self._zero)
+        return turns * self.direction, mdeg * self.direction
 
     def state(self) -> State:
         observer = self.observer
@@ -158,10 +148,10 @@ class Servo:
         """Angle (deg), mean speed over 100 ms (deg/s), load (mNm) and voltage (mV, ``None`` while it coasts) of the last control
         step, for a log: nothing is measured. Angle, speed and load are ``None`` without a control loop."""
         if not self._is_updated:
-            return None, None, None, self._voltage_mv
-        position = self.observer.measured_angle
+            return None, None, None, self.voltage_mv
+        position = self.observer.history[-1]
         angle_deg = round(position / self.settings.steps_per_unit, 3) + 0.0
-        return angle_deg, self.speed_deg_s(), self._load_mnm(position), self._voltage_mv
+        return angle_deg, self.speed_deg_s(), self._load_mnm(position), self.voltage_mv
 
     def is_done(self) -> bool:
         return self.control.is_done
@@ -170,21 +160,21 @@ class Servo:
         self.check_open()
         if self.control.is_active:
             return self.control.is_stalled
-        return self._voltage_mv is not None and self.observer.is_stalled(self.clock.time_ticks)
+        return self.voltage_mv is not None and self.observer.is_stalled(self.clock.time_ticks)
 
     # ---- commands
 
     def reset_angle(self, angle_deg: int | None) -> None:
         """Set the angle, with ``None`` to the absolute angle of the shaft. A running move stops."""
         was_active, then = self.control.is_active, self.control.on_completion
-        voltage = self._voltage_mv
+        voltage = self.voltage_mv
         self.stop(OnCompletion.COAST)
         self.control.reset()
         if angle_deg is None:
-            turns, mdeg = 0, self._absolute_mdeg() * self._sign
+            turns, mdeg = 0, self._absolute_mdeg() * self.direction
         else:
             turns, mdeg = from_unit(angle_deg, self.settings.steps_per_unit)
-        self._set_zero(difference(split(self._shaft_mdeg()), (turns * self._sign, mdeg * self._sign)))
+        self._set_zero(difference(split(self.body.angle_mdeg(self.port)), (turns * self.direction, mdeg * self.direction)))
         self.observer.reset(to_mdeg((turns, mdeg)))
         if was_active:
             self.stop(then)
@@ -204,16 +194,13 @@ class Servo:
         self._end_control()
         self.set_voltage(0)
 
-    def hold(self) -> None:
-        self.stop(OnCompletion.HOLD)
-
     def stop(self, then: OnCompletion) -> None:
         """End the running move: hold at its reference, or become passive."""
         self._take_over()
         if then.is_active:
             state = self.state()
-            time = self.clock.time_ticks
-            target = self.control.reference(time, state).position if self.control.is_active else state.position
+            is_active = self.control.is_active
+            target = self.control.reference(self.clock.time_ticks, state).position if is_active else state.position
             self.track_target(self.settings.position_to_unit(target))
             return
         self.control.stop()
@@ -227,29 +214,24 @@ class Servo:
         self._take_over()
         self.control.start_timed(self.clock.time_ticks, self.state(), time_ms * 10, self.settings.from_unit(speed), then)
 
-    def run_until_stalled(self, speed: int, then: OnCompletion, duty_limit_pct: int | None) -> None:
-        limit = self.settings.max_torque
+    def run_until_stalled(self, speed: int, then: OnCompletion, duty_limit_pct: int | None, limit_unm: int | None = None) -> None:
+        """Run with a limit as a duty or a torque, or the motor's own. Raises RefusedError for ``CONTINUE``."""
+        if then is OnCompletion.CONTINUE:
+            raise RefusedError("a stalled motor cannot continue")
+        limit = self.settings.max_torque if limit_unm is None else limit_unm
         if duty_limit_pct is not None:
             limit = self.type.model.torque_unm(trunc(duty_limit_pct * self.body.battery_mv / 100))
-        self.run_until_stalled_with(speed, then, limit)
-
-    def run_until_stalled_with(self, speed: int, then: OnCompletion, limit: int) -> None:
-        """:meth:`run_until_stalled` with the limit as a torque in uNm. Raises ValueError for ``CONTINUE``."""
-        if then is OnCompletion.CONTINUE:
-            raise ValueError("a stalled motor cannot continue")
         self._take_over()
         speed = self.settings.from_unit(speed)
         if isinstance(self.body, FittingBody):
-            self.body.block(self.port, self._sign if speed > 0 else -self._sign)
+            self.body.block(self.port, self.direction if speed > 0 else -self.direction)
         self.control.start_until_stalled(self.clock.time_ticks, self.state(), speed, limit, then)
 
     def run_angle(self, speed: int, angle: int, then: OnCompletion) -> None:
         """Run by an angle; a negative speed reverses it, at speed 0 the motor stays."""
         self._take_over()
         s = self.settings
-        if speed == 0:
-            angle = 0
-        distance = s.position_from_unit(-angle if speed < 0 else angle)
+        distance = ((speed > 0) - (speed < 0)) * angle * s.steps_per_unit
         self.control.start_relative(self.clock.time_ticks, self.state(), distance, s.from_unit(speed), then)
 
     def run_target(self, speed: int, target: int, then: OnCompletion) -> None:
@@ -259,12 +241,11 @@ class Servo:
             return
         self._take_over()
         s = self.settings
-        position = s.position_from_unit(target)
-        self.control.start_position(self.clock.time_ticks, self.state(), position, s.from_unit(speed), then)
+        self.control.start_position(self.clock.time_ticks, self.state(), target * s.steps_per_unit, s.from_unit(speed), then)
 
     def track_target(self, target: int) -> None:
         self._take_over()
-        self.control.start_hold(self.clock.time_ticks, self.settings.position_from_unit(target))
+        self.control.start_hold(self.clock.time_ticks, target * self.settings.steps_per_unit)
 
     # ---- the loop
 
@@ -272,7 +253,7 @@ class Servo:
         """One control step: controller, voltage, observer."""
         if not self._is_updated:
             return
-        time, position = self.clock.time_ms * 10, (self.body.angle_mdeg(self.port) - self._zero_mdeg) * self._sign
+        time, position = self.clock.time_ms * 10, (self.body.angle_mdeg(self.port) - self._zero_mdeg) * self.direction
         control, observer = self.control, self.observer
         torque = speed = acceleration = 0
         if control.type is not _NONE:
@@ -285,7 +266,7 @@ class Servo:
                 control.log_row(self.clock.time_ms, self.state(), torque, passive)
         if self.log.is_active:
             self._log_row(position, torque, self.type.model.feedforward_unm(speed, acceleration))
-        observer.update(time, position, self._voltage_mv or 0)
+        observer.update(time, position, self.voltage_mv or 0)
 
     def actuate(self, torque_unm: int, speed: int, acceleration: int) -> None:
         """Exert a torque plus the feedforward of a reference (mdeg/s, mdeg/s2)."""
@@ -294,30 +275,23 @@ class Servo:
     def set_voltage(self, voltage_mv: int | None) -> None:
         """Set the voltage, or coast for ``None``, without a change of the controllers."""
         if voltage_mv is None:
-            if self._voltage_mv is not None:
+            if self.voltage_mv is not None:
                 self.driven_ms = self.clock.time_ms
-            self._voltage_mv = None
+            self.voltage_mv = None
             self.body.set_voltage(self.port, None)
             return
-        limit = self._max_voltage_mv
-        self._voltage_mv = voltage_mv = limit if voltage_mv > limit else -limit if voltage_mv < -limit else voltage_mv
-        self.body.set_voltage(self.port, voltage_mv * self._sign)
+        limit = self.max_voltage_mv
+        self.voltage_mv = voltage_mv = limit if voltage_mv > limit else -limit if voltage_mv < -limit else voltage_mv
+        self.body.set_voltage(self.port, voltage_mv * self.direction)
 
     def _log_row(self, position: int, feedback_unm: int, feedforward_unm: int) -> None:
         s, observer = self.settings, self.observer
-        self.log.add(
-            self.clock.time_ms,
-            self.clock.time_ticks,
-            s.position_to_unit(position),
-            s.to_unit(observer.measured_speed),
-            (0 if self._voltage_mv is None else _VOLTAGE) | self.is_stalled() << 2,
-            self._voltage_mv or 0,
-            s.position_to_unit(observer.angle),
-            s.to_unit(observer.speed),
-            feedback_unm,
-            feedforward_unm,
-            observer.feedback_mv(position),
-        )
+        measured = s.position_to_unit(position), s.to_unit(observer.measured_speed)
+        actuation = (0 if self.voltage_mv is None else _VOLTAGE) | self.is_stalled() << 2
+        estimated = s.position_to_unit(observer.angle), s.to_unit(observer.speed)
+        torques = feedback_unm, feedforward_unm, observer.feedback_mv(position)
+        time_ms, time_ticks = self.clock.time_ms, self.clock.time_ticks
+        self.log.add(time_ms, time_ticks, *measured, actuation, self.voltage_mv or 0, *estimated, *torques)
 
     def _take_over(self) -> None:
         self.check_open()
@@ -332,21 +306,15 @@ class Servo:
             self.parent.stop_from_servo()
 
     def _load_mnm(self, position: int) -> int:
-        if self._voltage_mv is None:
+        if self.voltage_mv is None:
             return 0
         if self.control.is_active:
             return trunc(-self.control.pid_average / 1000)
         return trunc(self.type.model.torque_unm(self.observer.feedback_mv(position)) / 1000)
 
-    def _shaft_mdeg(self) -> int:
-        return self.body.angle_mdeg(self.port)
-
     def _absolute_mdeg(self) -> int:
         """Absolute angle of the shaft, clockwise, -180..180 degrees."""
-        return (self._shaft_mdeg() + TURN_MDEG // 2) % TURN_MDEG - TURN_MDEG // 2
+        return (self.body.angle_mdeg(self.port) + TURN_MDEG // 2) % TURN_MDEG - TURN_MDEG // 2
 
     def _set_zero(self, zero: Angle) -> None:
         self._zero, self._zero_mdeg = zero, to_mdeg(zero)
-
-    def _new_observer(self) -> Observer:
-        return Observer(self.type, self.settings.stall_speed, self.settings.stall_time)

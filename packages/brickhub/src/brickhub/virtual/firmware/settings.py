@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import trunc
 
+from brickhub.virtual.firmware import RefusedError
 from brickhub.virtual.firmware.angle import split, to_unit
 from brickhub.virtual.firmware.motor_model import MAX_TORQUE_UNM, MotorType
-from brickhub.virtual.firmware.trajectory import validate_acceleration, validate_speed
-
-_INT32_MAX = 2**31 - 1
+from brickhub.virtual.firmware.trajectory import INT32_MAX, validate_acceleration, validate_speed
 
 
 @dataclass(slots=True)
@@ -44,7 +44,8 @@ class ControlSettings:
     max_integral: int = field(init=False)
 
     def __post_init__(self) -> None:
-        self._derive()
+        self.saturation_error = divide_by_gain(self.max_torque, self.kp)
+        self.max_integral = divide_by_gain(self.max_torque, self.ki)
 
     def to_unit(self, value: int) -> int:
         """A speed or a small angle in the program's units, truncated."""
@@ -55,16 +56,12 @@ class ControlSettings:
         return to_unit(split(position), self.steps_per_unit)
 
     def from_unit(self, value: int) -> int:
-        return max(-_INT32_MAX, min(_INT32_MAX, value * self.steps_per_unit))
-
-    def position_from_unit(self, value: int) -> int:
-        """A position in control units, not limited to 32 bits."""
-        return value * self.steps_per_unit
+        return max(-INT32_MAX, min(INT32_MAX, value * self.steps_per_unit))
 
     def limits(self) -> tuple[int, int, int, int]:
         """Speed, acceleration and deceleration in the program's units, torque in mNm."""
-        to_unit = self.to_unit
-        return to_unit(self.max_speed), to_unit(self.acceleration), to_unit(self.deceleration), self.max_torque // 1000
+        acceleration, deceleration = self.to_unit(self.acceleration), self.to_unit(self.deceleration)
+        return self.to_unit(self.max_speed), acceleration, deceleration, self.max_torque // 1000
 
     def set_limits(self, speed: int, acceleration: int, deceleration: int, torque_mnm: int) -> None:
         """Set what :meth:`limits` returns. Raises ValueError for a value out of range; if only the torque is, the others are
@@ -75,9 +72,9 @@ class ControlSettings:
         self.max_speed = self.from_unit(speed)
         self.acceleration, self.deceleration = self.from_unit(acceleration), self.from_unit(deceleration)
         if not 1 <= torque_mnm <= MAX_TORQUE_UNM // 1000:
-            raise ValueError("the torque limit is out of range")
+            raise RefusedError("the torque limit is out of range")
         self.max_torque = torque_mnm * 1000
-        self._derive()
+        self.__post_init__()
 
     def pid(self) -> tuple[int, int, int, int, int]:
         """kp, ki, kd in control units; integral deadzone and integral rate in the program's units."""
@@ -86,12 +83,12 @@ class ControlSettings:
     def set_pid(self, kp: int, ki: int, kd: int, integral_deadzone: int, integral_rate: int) -> None:
         """Set what :meth:`pid` returns. Raises ValueError for a value out of range."""
         if min(kp, ki, kd) < 0:
-            raise ValueError("a gain is negative")
+            raise RefusedError("a gain is negative")
         validate_speed(self.steps_per_unit, integral_rate)
         self._validate_position(integral_deadzone)
         self.kp, self.ki, self.kd = kp, ki, kd
         self.integral_deadzone, self.integral_rate = self.from_unit(integral_deadzone), self.from_unit(integral_rate)
-        self._derive()
+        self.__post_init__()
 
     def target_tolerances(self) -> tuple[int, int]:
         """Speed and position within which a move is complete."""
@@ -112,23 +109,9 @@ class ControlSettings:
         validate_speed(self.steps_per_unit, speed)
         self.stall_speed, self.stall_time = self.from_unit(speed), time_ms * 10
 
-    def _derive(self) -> None:
-        self.saturation_error = divide_by_gain(self.max_torque, self.kp)
-        self.max_integral = divide_by_gain(self.max_torque, self.ki)
-
     def _validate_position(self, value: int) -> None:
-        if not 0 <= value <= self.to_unit(_INT32_MAX):
-            raise ValueError("the angle is out of range")
-
-
-def multiply_by_gain(value: int, gain: int) -> int:
-    """Torque (uNm) of a value (mdeg, mdeg/s or mdeg s) and a gain (uNm per degree)."""
-    return trunc(gain * value / 1000)
-
-
-def to_int32(value: int) -> int:
-    """The value wrapped to a signed 32-bit integer."""
-    return (value + 2**31) % 2**32 - 2**31
+        if not 0 <= value <= self.to_unit(INT32_MAX):
+            raise RefusedError("the angle is out of range")
 
 
 def divide_by_gain(torque: int, gain: int) -> int:
@@ -140,7 +123,7 @@ def servo_settings(motor: MotorType, gear_ratio_milli: int, profile_deg: int) ->
     """The firmware's settings of a single motor. Raises ValueError for a gear ratio under 1/1000 or a profile under 5 degrees."""
     precision_deg = profile_deg or motor.precision_deg
     if gear_ratio_milli < 1 or precision_deg < 5:
-        raise ValueError("the gear ratio or the profile is out of range")
+        raise RefusedError("the gear ratio or the profile is out of range")
     nominal_torque = motor.model.torque_unm(min(motor.max_voltage_mv, 7500))
     speed = motor.max_speed_deg_s * 1000
     return ControlSettings(
@@ -168,31 +151,31 @@ def servo_settings(motor: MotorType, gear_ratio_milli: int, profile_deg: int) ->
 
 def drive_base_settings(left: ControlSettings, right: ControlSettings) -> tuple[ControlSettings, ControlSettings]:
     """Settings of the distance and the heading controller, by the weaker motor; the caller sets ``steps_per_unit``."""
+
+    def of_both(choose: Callable[[int, int], int], *names: str) -> dict[str, int]:
+        return {name: choose(getattr(left, name), getattr(right, name)) for name in names}
+
+    weaker = of_both(min, "max_speed", "kd", "integral_rate", "speed_tolerance", "stall_speed", "stall_time")
+    weaker |= of_both(max, "integral_deadzone", "smart_hold_time")
     kp = min(left.kp, right.kp) * min(left.kp_low_pct, right.kp_low_pct) // 100
-    max_torque, max_speed = min(left.max_torque, right.max_torque), min(left.max_speed, right.max_speed)
+    max_torque = min(left.max_torque, right.max_torque)
 
     def settings(default_speed: int, torque: int) -> ControlSettings:
         return ControlSettings(
+            **weaker,
             steps_per_unit=1,
-            max_speed=max_speed,
             default_speed=default_speed,
             acceleration=min(left.acceleration, right.acceleration) * 3 // 4,
             deceleration=min(left.deceleration, right.deceleration) * 3 // 4,
             max_torque=torque,
             kp=kp,
             ki=0,
-            kd=min(left.kd, right.kd),
             kp_low_pct=0,
             kp_low_error=0,
             kp_low_speed=0,
-            integral_deadzone=max(left.integral_deadzone, right.integral_deadzone),
-            integral_rate=min(left.integral_rate, right.integral_rate),
-            speed_tolerance=min(left.speed_tolerance, right.speed_tolerance),
             position_tolerance=divide_by_gain(max_torque, kp),
-            stall_speed=min(left.stall_speed, right.stall_speed),
-            stall_time=min(left.stall_time, right.stall_time),
-            smart_hold_time=max(left.smart_hold_time, right.smart_hold_time),
         )
 
     # Default speed: 40 % of the maximum ahead, 33 % in turns. Twice the torque, so that a saturated heading wins.
+    max_speed = weaker["max_speed"]
     return settings(max_speed * 10 // 25, max_torque), settings(max_speed // 3, max_torque * 2)

@@ -6,21 +6,20 @@ Speeds inside this module are in ddeg/s and accelerations in deg/s2, for the sam
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from math import trunc
 from typing import NamedTuple
+
+from brickhub.virtual.firmware import InfeasibleMoveError, RefusedError
 
 FOREVER_MS = 60_000
 _ANGLE_MAX_MDEG = (2**31 - 1) // 2
 _SPEED_MAX = 20_000
 _ACCELERATION_MIN, _ACCELERATION_MAX = 50, 20_000
 _TIME_MAX = _ANGLE_MAX_MDEG // (_SPEED_MAX * 100) * 10_000
-_TURN_MDEG = 360_000
-_TURNS_MAX = _ANGLE_MAX_MDEG // _TURN_MDEG - 1
-_INT32_MAX = 2**31 - 1
-
-
-class InfeasibleMoveError(ArithmeticError):
-    """Rounding put the phases of a move out of order; the firmware refuses the command."""
+TURN_MDEG = 360_000
+_TURNS_MAX = _ANGLE_MAX_MDEG // TURN_MDEG - 1
+INT32_MAX = 2**31 - 1
 
 
 class TrajectoryCommand(NamedTuple):
@@ -58,12 +57,12 @@ class Trajectory:
 
     __slots__ = ("a0", "a2", "end", "position", "t1", "t2", "t3", "th1", "th2", "th3", "time", "w0", "w1", "w3", "wu")
 
-    def __init__(self, time: int, position: int, speed: int = 0) -> None:
-        """A constant trajectory; ``speed`` in ddeg/s."""
+    def __init__(self, time: int, position: int) -> None:
+        """A constant trajectory."""
         self.time, self.position = time, position
         self.t1 = self.t2 = self.t3 = 0
         self.th1 = self.th2 = self.th3 = 0
-        self.w0 = self.w1 = self.wu = self.w3 = speed
+        self.w0 = self.w1 = self.wu = self.w3 = 0
         self.a0 = self.a2 = 0
         self.end = self._endpoint()
 
@@ -112,11 +111,13 @@ class Trajectory:
             return
         braking = self.t3 - self.t2
         angle = 2 * self.th3 - _angle(self.w0, self.t1) - _angle(self.w3, braking)
-        self.w1 = _mean_speed(angle, self.t3 + self.t2 - self.t1)
+        duration = self.t3 + self.t2 - self.t1
+        # An angle that would overflow 32 bits loses digits first, as in the firmware.
+        self.w1 = trunc(angle * 100 / duration) if abs(angle) < INT32_MAX // 100 else trunc(angle / duration) * 100
         self.a0 = trunc((self.w1 - self.w0) * 1000 / self.t1) if self.t1 else 0
         self.a2 = trunc((self.w3 - self.w1) * 1000 / braking) if braking else 0
         self.w3 = 0 if braking else self.w1
-        self.th1 = _angle(self.w0, self.t1) + _angle_gain(self.a0, self.t1)
+        self.th1 = _angle(self.w0, self.t1) + trunc(_angle(_speed_gain(self.a0, self.t1), self.t1) / 2)
         self.th2 = self.th1 + _angle(self.w1, self.t2 - self.t1)
         self.end = self._endpoint()
 
@@ -125,10 +126,6 @@ class Trajectory:
 
     def _endpoint(self) -> TrajectoryReference:
         return self._point(self.t3, self.th3, self.w3, 0)
-
-    def _check_order(self) -> None:
-        if not 0 <= self.t1 <= self.t2 <= self.t3:
-            raise InfeasibleMoveError("the phases of the move are not in order")
 
     def _mirror(self) -> None:
         self.th1, self.th2, self.th3 = -self.th1, -self.th2, -self.th3
@@ -140,23 +137,11 @@ def to_angle(command: TrajectoryCommand) -> Trajectory:
     """The trajectory that ends at ``command.end``; the sign of the target speed is ignored. Raises ValueError if the angle or its
     duration is too long, InfeasibleMoveError if rounding leaves no trajectory."""
     distance = command.end - command.position
-    if (abs(distance) - 1) // _TURN_MDEG >= _TURNS_MAX:
-        raise ValueError("the angle is too large for one move")
+    if (abs(distance) - 1) // TURN_MDEG >= _TURNS_MAX:
+        raise RefusedError("the angle is too large for one move")
     if command.target_speed == 0 or distance == 0:
         return Trajectory(command.time, command.position)
-    forward = command._replace(
-        target_speed=min(abs(command.target_speed), command.max_speed),
-        end=command.position + abs(distance),
-        speed=command.speed if distance > 0 else -command.speed,
-    )
-    trajectory = _forward_angle(forward)
-    trajectory._check_order()
-    if not trajectory.th1 <= trajectory.th2 <= trajectory.th3:
-        raise InfeasibleMoveError("the phases of the move are not in order")
-    if distance < 0:
-        trajectory._mirror()
-    trajectory.end = trajectory._endpoint()
-    return trajectory
+    return _built(command._replace(end=command.position + abs(distance)), distance < 0, _forward_angle)
 
 
 def for_time(command: TrajectoryCommand) -> Trajectory:
@@ -164,13 +149,16 @@ def for_time(command: TrajectoryCommand) -> Trajectory:
     leaves no trajectory, as with almost equal accelerations."""
     if command.duration == 0:
         return Trajectory(command.time, command.position)
-    backward = command.target_speed < 0
-    forward = command._replace(
-        target_speed=min(abs(command.target_speed), command.max_speed),
-        speed=-command.speed if backward else command.speed,
-    )
-    trajectory = _forward_time(forward)
-    trajectory._check_order()
+    return _built(command, command.target_speed < 0, _forward_time)
+
+
+def _built(command: TrajectoryCommand, backward: bool, build: Callable[[TrajectoryCommand], Trajectory]) -> Trajectory:
+    """The trajectory of a command, built forward."""
+    speed = -command.speed if backward else command.speed
+    trajectory = build(command._replace(target_speed=min(abs(command.target_speed), command.max_speed), speed=speed))
+    angles_are_ordered = build is _forward_time or trajectory.th1 <= trajectory.th2 <= trajectory.th3
+    if not (0 <= trajectory.t1 <= trajectory.t2 <= trajectory.t3 and angles_are_ordered):
+        raise InfeasibleMoveError("the phases of the move are not in order")
     if backward:
         trajectory._mirror()
     trajectory.end = trajectory._endpoint()
@@ -180,14 +168,14 @@ def for_time(command: TrajectoryCommand) -> Trajectory:
 def validate_speed(steps_per_unit: int, speed: int) -> None:
     """Raise ValueError for a speed limit that the firmware refuses."""
     if not 100 * 100 // steps_per_unit <= speed <= _SPEED_MAX * 100 // steps_per_unit:
-        raise ValueError("the speed limit is out of range")
+        raise RefusedError("the speed limit is out of range")
 
 
 def validate_acceleration(steps_per_unit: int, acceleration: int) -> None:
     """Raise ValueError for an acceleration limit that the firmware refuses."""
     low, high = _ACCELERATION_MIN * 1000 // steps_per_unit, _ACCELERATION_MAX * 1000 // steps_per_unit
     if not low <= acceleration <= high:
-        raise ValueError("the acceleration limit is out of range")
+        raise RefusedError("the acceleration limit is out of range")
 
 
 def _speed_gain(a: int, t: int) -> int:
@@ -196,17 +184,6 @@ def _speed_gain(a: int, t: int) -> int:
 
 def _angle(w: int, t: int) -> int:
     return trunc(w * t / 100)
-
-
-def _angle_gain(a: int, t: int) -> int:
-    return trunc(_angle(_speed_gain(a, t), t) / 2)
-
-
-def _mean_speed(th: int, t: int) -> int:
-    """Speed over an angle in a time; an angle that would overflow 32 bits loses digits first, as in the firmware."""
-    if abs(th) < _INT32_MAX // 100:
-        return trunc(th * 100 / t)
-    return trunc(th / t) * 100
 
 
 def _ramp_angle(w_end: int, w_start: int, a: int) -> int:
@@ -223,21 +200,15 @@ def _start_speed(w_end: int, a: int, th: int) -> int:
     return math.isqrt(max(0, w_end * w_end + trunc(a * th / 5)))
 
 
-def _bounded_speed(speed: int) -> int:
-    return max(-_SPEED_MAX, min(_SPEED_MAX, trunc(speed / 100)))
-
-
-def _bounded_acceleration(acceleration: int) -> int:
-    return max(_ACCELERATION_MIN, min(_ACCELERATION_MAX, trunc(acceleration / 1000)))
-
-
 def _start(command: TrajectoryCommand) -> tuple[Trajectory, int, int, int]:
     """A trajectory with its given speeds, then target speed, acceleration and deceleration."""
     trajectory = Trajectory(command.time, command.position)
-    target = trajectory.wu = _bounded_speed(command.target_speed)
-    trajectory.w3 = target if command.keep_running else 0
-    trajectory.w0 = _bounded_speed(command.speed)
-    return trajectory, target, _bounded_acceleration(command.acceleration), _bounded_acceleration(command.deceleration)
+    speeds = (trunc(speed / 100) for speed in (command.target_speed, command.speed))
+    target, trajectory.w0 = (max(-_SPEED_MAX, min(_SPEED_MAX, speed)) for speed in speeds)
+    trajectory.wu, trajectory.w3 = target, target if command.keep_running else 0
+    rates = (trunc(rate / 1000) for rate in (command.acceleration, command.deceleration))
+    acceleration, deceleration = (max(_ACCELERATION_MIN, min(_ACCELERATION_MAX, rate)) for rate in rates)
+    return trajectory, target, acceleration, deceleration
 
 
 def _forward_angle(command: TrajectoryCommand) -> Trajectory:
@@ -253,7 +224,7 @@ def _forward_angle(command: TrajectoryCommand) -> Trajectory:
     if target == 0:
         return Trajectory(command.time, command.position)
     if trunc(angle * 100 / target) + (_ramp_time(-tr.w0, accel) if tr.w0 < 0 else 0) > _TIME_MAX:
-        raise ValueError("the move would take too long")
+        raise RefusedError("the move would take too long")
     tr.a0 = accel if tr.w0 < target else -accel
     tr.a2 = -decel
     # Angle at which the first ramp, extrapolated, has speed zero.
@@ -294,11 +265,11 @@ def _join_ramps(tr: Trajectory, origin: int, accel: int, keep_running: bool) -> 
 
 def _forward_time(command: TrajectoryCommand) -> Trajectory:
     if command.duration > _TIME_MAX:
-        raise ValueError("the duration is too long for one move")
+        raise RefusedError("the duration is too long for one move")
     tr, target, accel, decel = _start(command)
     tr.t3 = command.duration
     if _angle(target, tr.t3) > _ANGLE_MAX_MDEG:
-        raise ValueError("the move would turn too far")
+        raise RefusedError("the move would turn too far")
     strongest = max(accel, decel)
     if _ramp_time(tr.w0, accel) < -tr.t3:
         tr.w0 = -_speed_gain(accel, tr.t3)

@@ -1,20 +1,33 @@
-"""Attributes of types, restricted to those that exist on a hub."""
+"""Classes of a hub and attributes of its types.
+
+Classes have single inheritance, no attribute hooks, no descriptors, ``super()`` without ``object``; attributes are restricted to
+those that exist on a hub.
+"""
 
 from __future__ import annotations
 
+import builtins
 import inspect
 from collections.abc import Callable
 from types import BuiltinFunctionType, FunctionType, GeneratorType, ModuleType
 from typing import Any
 
-from brickhub.virtual.micropython.byte_array import HubBytearray
-from brickhub.virtual.micropython.classes import FIRMWARE, HubSuper, defines, is_native
 from brickhub.virtual.micropython.containers import HubDict, HubSet
-from brickhub.virtual.micropython.exceptions import CATCHABLE, SwitchedOff, function_name
+from brickhub.virtual.micropython.exceptions import CATCHABLE, FIRMWARE, SwitchedOff, function_name, is_native
 from brickhub.virtual.micropython.iterables import is_dropped
-from brickhub.virtual.micropython.streams import BytesIO
+from brickhub.virtual.micropython.streams import BytesIO, HubBytearray
 from brickhub.virtual.micropython.text import type_name
 
+_MIRRORED = {"__lt__": "__gt__", "__gt__": "__lt__", "__le__": "__ge__", "__ge__": "__le__"}
+_UNUSED = (
+    *("__setattr__", "__delattr__", "__getattribute__", "__del__", "__get__", "__set__", "__delete__", "__set_name__"),
+    *("__iand__", "__ior__", "__ixor__", "__missing__"),
+)
+_MADE_BY_CPYTHON = (
+    *("__dict__", "__weakref__", "__doc__", "__module__", "__qualname__", "__slotnames__", "__annotations__"),
+    *("__firstlineno__", "__static_attributes__"),  # since Python 3.13
+    *("__annotate__", "__annotate_func__", "__annotations_cache__"),  # since Python 3.14
+)
 _SEQUENCE_TEXT = (
     "count endswith find format index isalpha isdigit islower isspace isupper join lower lstrip replace rfind rindex rsplit "
     "rstrip split startswith strip upper"
@@ -56,15 +69,80 @@ _CLASS_ATTRIBUTES = ("__module__", "__qualname__")
 _OF_MODULES = frozenset(["__builtins__", *vars(ModuleType("")).keys() - {"__name__"}])
 """Names that CPython puts into modules."""
 _HIDDEN_NAMES = _FIRST_ARGUMENT.union(*_HIDDEN.values())
+_WITH_KEYWORDS = frozenset(["sort", "update", "sorted", "max", "min"])
+_KINDS_WITHOUT_KEYWORDS = frozenset(
+    [bool, HubBytearray, complex, enumerate, HubSet, list, map, range, reversed, slice, tuple, type, zip]
+)
 
 
-def _is_special(name: str) -> bool:
-    return name.startswith("__") and name.endswith("__")
+def build_class(body: Any, class_name: str, *bases: Any, **keywords: Any) -> Any:
+    """Implementation of the ``class`` statement. Raises NotImplementedError if there are several bases."""
+    if len(bases) > 1:
+        raise NotImplementedError("multiple inheritance not supported")
+    cls = builtins.__build_class__(body, class_name, *bases, **keywords)
+    for method in _UNUSED:
+        if method in cls.__dict__:
+            delattr(cls, method)
+    for name, value in list(cls.__dict__.items()):
+        if isinstance(value, FunctionType) and value.__module__.startswith(FIRMWARE):
+            setattr(cls, name, staticmethod(value))  # builtins do not become methods
+    for method, mirrored in _MIRRORED.items():
+        if getattr(cls, mirrored) is not getattr(object, mirrored) and getattr(cls, method) is getattr(object, method):
+            setattr(cls, method, _refusal(method))
+    if cls.__init__ is object.__init__ and cls.__new__ is object.__new__:
+        cls.__init__ = lambda self, *args, **kwargs: None  # ignores all arguments on a hub
+    return cls
+
+
+def _refusal(method: str) -> Callable[[Any, Any], Any]:
+    """A missing comparison; unlike CPython, a hub does not try the reflected one.
+
+    If the other operand's class is a base class, CPython asks this one first, although it is second in the program.
+    """
+
+    def refuse(self: Any, other: Any) -> Any:
+        if isinstance(self, type(other)) and type(self) is not type(other):
+            return NotImplemented
+        raise TypeError(f"unsupported types for {method}: '{type(self).__name__}', '{type(other).__name__}'")
+
+    return refuse
+
+
+def defines(kind: type, name: str) -> bool:
+    """Whether a name stands in the body of a program's class."""
+    if is_native(kind) or name in _MADE_BY_CPYTHON or name not in kind.__dict__:
+        return False
+    value = kind.__dict__[name]
+    is_own = not (isinstance(value, FunctionType) and value.__module__.startswith(FIRMWARE))
+    return is_own and not (name == "__hash__" and value is None)
+
+
+class HubStaticMethod(staticmethod):  # type: ignore[type-arg]
+    """``staticmethod``: on a hub it can be called through a class only."""
+
+    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        raise TypeError("'staticmethod' object isn't callable")
+
+
+class HubSuper(super):
+    """``super()`` over the program's and native classes; ``object`` has no methods."""
+
+    def __getattribute__(self, name: str) -> Any:
+        instance, owner = super().__getattribute__("__self__"), super().__getattribute__("__thisclass__")
+        ancestors = (instance if isinstance(instance, type) else type(instance)).__mro__
+        for kind in ancestors[ancestors.index(owner) + 1 : -1]:
+            if defines(kind, name) or (is_native(kind) and name in kind.__dict__ and (name == "__init__" or name[:2] != "__")):
+                return super().__getattribute__(name)
+        raise AttributeError(f"'super' object has no attribute '{name}'")
+
+
+HubSuper.__name__ = HubSuper.__qualname__ = "super"
+HubStaticMethod.__name__ = HubStaticMethod.__qualname__ = "staticmethod"
 
 
 def may_be_hidden(name: str) -> bool:
     """Whether :func:`visible_attribute` has to look for an attribute, as some type has it only on CPython."""
-    return _is_special(name) or name in _HIDDEN_NAMES
+    return name in _HIDDEN_NAMES or (name.startswith("__") and name.endswith("__"))
 
 
 def visible_attribute(value: Any, name: str) -> Any:
@@ -87,9 +165,9 @@ def _is_visible(value: Any, owner: type, name: str) -> bool:
         return True
     if owner is not value and name in getattr(value, "__dict__", ()):
         return name not in _OF_MODULES
-    if not _is_special(name):
-        return not any(name in _HIDDEN.get(kind, ()) for kind in owner.__mro__)
-    return hasattr(value, name) and any(name in _SPECIAL.get(kind, ()) for kind in owner.__mro__)
+    if name.startswith("__") and name.endswith("__"):
+        return hasattr(value, name) and any(name in _SPECIAL.get(kind, ()) for kind in owner.__mro__)
+    return not any(name in _HIDDEN.get(kind, ()) for kind in owner.__mro__)
 
 
 def store_attribute(value: Any, owner: Any, name: str) -> None:
@@ -123,20 +201,12 @@ def directory(value: Any) -> list[str]:
     return sorted(name for name in names if "@" not in name)
 
 
-_WITH_KEYWORDS = frozenset(["sort", "update", "sorted", "max", "min"])
-_KINDS_WITHOUT_KEYWORDS = frozenset(
-    [bool, HubBytearray, complex, enumerate, HubSet, list, map, range, reversed, slice, tuple, type, zip]
-)
-
-
 def with_keywords(function: Any) -> Any:
     """A callable that accepts keyword arguments, which few builtins do. Raises TypeError if it accepts none."""
     if isinstance(function, FunctionType):
         code = function.__code__
-        accepts_keywords = (
-            code.co_argcount > code.co_posonlyargcount or code.co_kwonlyargcount or code.co_flags & inspect.CO_VARKEYWORDS
-        )
-        refuses = function.__module__.startswith(FIRMWARE) and not accepts_keywords
+        named = code.co_argcount - code.co_posonlyargcount + code.co_kwonlyargcount
+        refuses = function.__module__.startswith(FIRMWARE) and not (named or code.co_flags & inspect.CO_VARKEYWORDS)
     elif isinstance(function, type):
         refuses = function in _KINDS_WITHOUT_KEYWORDS
     else:
@@ -155,8 +225,7 @@ class Manager:
     """
 
     def __init__(self, value: Any, reword: Callable[[BaseException], BaseException]) -> None:
-        self._exit = visible_attribute(value, "__exit__")
-        self._enter = visible_attribute(value, "__enter__")
+        self._exit, self._enter = visible_attribute(value, "__exit__"), visible_attribute(value, "__enter__")
         self._reword = reword
 
     def __enter__(self) -> Any:
@@ -169,3 +238,8 @@ class Manager:
             return self._exit(kind, error and self._reword(error), None)
         self._exit(SystemExit, SystemExit(), None)  # stopped from outside: whatever the answer is
         return None
+
+
+ATTRIBUTE_FUNCTIONS: dict[str, Any] = {"@attr": visible_attribute, "@store": store_attribute, "@keywords": with_keywords}
+ATTRIBUTE_FUNCTIONS |= {"@with": Manager, "super": HubSuper, "staticmethod": HubStaticMethod, "__build_class__": build_class}
+"""Functions and classes by their names in the transformed program."""

@@ -10,28 +10,22 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from types import FrameType, MethodType, ModuleType
 from typing import Any
 
-from brickhub.virtual.console import Console
 from brickhub.virtual.micropython.attributes import (
-    Manager,
+    ATTRIBUTE_FUNCTIONS,
     directory,
     may_be_hidden,
     store_attribute,
     visible_attribute,
-    with_keywords,
 )
-from brickhub.virtual.micropython.byte_array import HubBytearray
-from brickhub.virtual.micropython.classes import HubStaticMethod, HubSuper, build_class
 from brickhub.virtual.micropython.compiler import compile_string
-from brickhub.virtual.micropython.containers import HubDict, HubSet
+from brickhub.virtual.micropython.containers import HubDict, HubSet, hash_of
 from brickhub.virtual.micropython.exceptions import EXCEPTIONS, HubOSError, ProgramInterrupt
 from brickhub.virtual.micropython.floats import SMALL_MAX, int_from_float
-from brickhub.virtual.micropython.formatting import to_number
-from brickhub.virtual.micropython.hash_table import hash_of
+from brickhub.virtual.micropython.iterables import sorted_list
 from brickhub.virtual.micropython.numbers import module
 from brickhub.virtual.micropython.operators import operators, to_float, to_int, to_str
-from brickhub.virtual.micropython.sorting import sorted_list
-from brickhub.virtual.micropython.streams import as_bytes, write_text
-from brickhub.virtual.micropython.text import representation, text
+from brickhub.virtual.micropython.streams import Console, HubBytearray, as_bytes, write_text
+from brickhub.virtual.micropython.text import representation, text, to_number
 
 _UNCHANGED = """
     all any bin bool bytes callable chr classmethod complex enumerate float hex int len list max memoryview min
@@ -39,6 +33,7 @@ _UNCHANGED = """
 """.split()  # noqa: SIM905  a list would take a line for each
 
 _ENTER, _CTRL_C, _CTRL_D, _BACKSPACES = "\r", "\x03", "\x04", "\b\x7f"
+_MISSING = object()
 
 
 def cooked(data: bytes) -> bytes:
@@ -56,36 +51,28 @@ def builtin_names(
     """Builtin names for a program without ``missing_builtins``. ``namespaces``: globals of its modules. ``find_module`` raises
     ImportError."""
     result: dict[str, Any] = {name: getattr(builtins, name) for name in (*_UNCHANGED, *EXCEPTIONS)}
-    result.update(operators(namespaces))
-    result.update(hooks)
-    result.update({"@attr": visible_attribute, "@store": store_attribute, "@keywords": with_keywords, "@with": Manager})
-    result.update({"Ellipsis": ..., "__debug__": True, "OSError": HubOSError, "super": HubSuper, "dict": HubDict, "set": HubSet})
-    result.update({"bytearray": HubBytearray, "sorted": sorted_list, "staticmethod": HubStaticMethod})
-    result["@del"] = _delete_global
-    result["__build_class__"] = build_class
+    result.update({**operators(namespaces), **hooks, **ATTRIBUTE_FUNCTIONS, **_FUNCTIONS, **_stream_functions(console)})
+    result.update({"Ellipsis": ..., "__debug__": True, "OSError": HubOSError, "dict": HubDict, "set": HubSet})
+    result.update({"bytearray": HubBytearray, "sorted": sorted_list, "repr": representation, "@del": _delete_global})
     result.update(_number_functions(result["@n"], result["@pow"]))
-    result.update(_stream_functions(console))
-    result.update(_identity_functions())
-    result.update(_attribute_functions())
-    result.update(_program_functions())
     present = {name: value for name, value in result.items() if name not in missing_builtins}
     builtins_module = module("builtins", {name: value for name, value in present.items() if "@" not in name})
-    present["__import__"] = builtins_module.__dict__["__import__"] = _importer(
-        lambda name: builtins_module if name == "builtins" else find_module(name)
-    )
-    return present
 
-
-def _importer(find_module: Callable[[str], ModuleType]) -> Callable[..., ModuleType]:
     def find(name: str, globals: object = None, locals: object = None, fromlist: object = (), level: int = 0) -> ModuleType:
         if level:
             raise NotImplementedError("relative import")
-        found = find_module(name)
+        found = builtins_module if name == "builtins" else find_module(name)
         if fromlist == ("*",):  # a hub does not know `__all__`
             return module(name, {key: value for key, value in vars(found).items() if not key.startswith("_")})
         return found
 
-    return find
+    present["__import__"] = builtins_module.__dict__["__import__"] = find
+    return present
+
+
+def _named(*functions: Callable[..., Any]) -> dict[str, Any]:
+    """Functions by their names on a hub; ours may end with ``_``."""
+    return {function.__name__.rstrip("_"): function for function in functions}
 
 
 def _number_functions(normalize: Callable[[Any], Any], power: Callable[[Any, Any], Any]) -> dict[str, Any]:
@@ -115,29 +102,24 @@ def _number_functions(normalize: Callable[[Any], Any], power: Callable[[Any, Any
             raise NotImplementedError("3-arg pow() not supported")
         return power(a, b)
 
-    def map_(function: Any, *values: Iterable[Any]) -> Any:
-        conversions: dict[Any, Callable[..., Any]] = {int: to_int, float: to_float, str: to_str}
-        convert = conversions.get(function) if isinstance(function, type) else None
-        return map(function, *values) if convert is None else map(lambda *args: convert(function, *args), *values)
-
-    def next_(values: Any, /) -> Any:
-        return next(values)
-
     def abs_(value: Any, /) -> Any:
         return normalize(abs(value))
 
-    def iter_(values: Any, /) -> Any:
-        return iter(values)
+    return _named(sum_, round_, divmod_, pow_, abs_)
 
-    numbers = {
-        "abs": abs_,
-        "sum": sum_,
-        "round": round_,
-        "divmod": divmod_,
-        "pow": pow_,
-        "map": map_,
-    }
-    return numbers | {"next": next_, "iter": iter_}
+
+def map_(function: Any, *values: Iterable[Any]) -> Any:
+    conversions: dict[Any, Callable[..., Any]] = {int: to_int, float: to_float, str: to_str}
+    convert = conversions.get(function) if isinstance(function, type) else None
+    return map(function, *values) if convert is None else map(lambda *args: convert(function, *args), *values)
+
+
+def next_(values: Any, /) -> Any:
+    return next(values)
+
+
+def iter_(values: Any, /) -> Any:
+    return iter(values)
 
 
 def _expect_text(*values: Any) -> None:
@@ -176,24 +158,23 @@ def _stream_functions(console: Console) -> dict[str, Any]:
         console.write(b"\r\n")
         return line
 
-    def open_(*args: object, **kwargs: object) -> None:
-        raise HubOSError(2)
-
-    return {"print": print_, "input": input_, "open": open_}
+    return _named(print_, input_)
 
 
-def _identity_functions() -> dict[str, Any]:
-    def id_(value: Any, /) -> int:
-        return id(value) & SMALL_MAX
+def open_(*args: object, **kwargs: object) -> None:
+    raise HubOSError(2)
 
-    def hash_(value: Any, /) -> int:
-        value_hash = hash_of(value)
-        if value_hash is not None:
-            return value_hash
-        address = id(value.__self__) ^ id(value.__func__) if isinstance(value, MethodType) else id(value)
-        return address >> 4 & SMALL_MAX
 
-    return {"repr": representation, "id": id_, "hash": hash_}
+def id_(value: Any, /) -> int:
+    return id(value) & SMALL_MAX
+
+
+def hash_(value: Any, /) -> int:
+    value_hash = hash_of(value)
+    if value_hash is not None:
+        return value_hash
+    address = id(value.__self__) ^ id(value.__func__) if isinstance(value, MethodType) else id(value)
+    return address >> 4 & SMALL_MAX
 
 
 def _delete_global(name: str) -> None:
@@ -204,43 +185,37 @@ def _delete_global(name: str) -> None:
     del names[name]
 
 
-def _attribute_functions() -> dict[str, Any]:
-    def getattr_(value: Any, name: str, *default: Any) -> Any:
-        _expect_text(name)
-        try:
-            return visible_attribute(value, name) if may_be_hidden(name) else getattr(value, name)
-        except AttributeError:
-            if default:
-                return default[0]
-            raise
+def getattr_(value: Any, name: str, *default: Any) -> Any:
+    _expect_text(name)
+    try:
+        return visible_attribute(value, name) if may_be_hidden(name) else getattr(value, name)
+    except AttributeError:
+        if default:
+            return default[0]
+        raise
 
-    def dir_(*values: Any) -> list[str]:
-        if not values:
-            return sorted(name for name in _namespace(sys._getframe(1)) if "@" not in name and name != "__builtins__")
-        return directory(values[0])
 
-    def hasattr_(value: Any, name: str) -> bool:
-        missing = object()
-        return getattr_(value, name, missing) is not missing
+def dir_(*values: Any) -> list[str]:
+    if not values:
+        return sorted(name for name in _namespace(sys._getframe(1)) if "@" not in name and name != "__builtins__")
+    return directory(values[0])
 
-    def isinstance_(value: Any, kinds: Any) -> bool:
-        return isinstance(value, _without_int(kinds) if type(value) is bool else kinds)
 
-    def issubclass_(kind: Any, kinds: Any) -> bool:
-        return issubclass(kind, _without_int(kinds) if kind is bool else kinds)
+def hasattr_(value: Any, name: str) -> bool:
+    return getattr_(value, name, _MISSING) is not _MISSING
 
-    def setattr_(value: Any, name: str, new: Any, /) -> None:
-        _expect_text(name)
-        store_attribute(new, value, name)
 
-    return {
-        "dir": dir_,
-        "getattr": getattr_,
-        "setattr": setattr_,
-        "hasattr": hasattr_,
-        "isinstance": isinstance_,
-        "issubclass": issubclass_,
-    }
+def isinstance_(value: Any, kinds: Any) -> bool:
+    return isinstance(value, _without_int(kinds) if type(value) is bool else kinds)
+
+
+def issubclass_(kind: Any, kinds: Any) -> bool:
+    return issubclass(kind, _without_int(kinds) if kind is bool else kinds)
+
+
+def setattr_(value: Any, name: str, new: Any, /) -> None:
+    _expect_text(name)
+    store_attribute(new, value, name)
 
 
 def _without_int(kinds: Any) -> Any:
@@ -256,37 +231,45 @@ def _namespace(frame: FrameType) -> Any:
     return frame.f_locals if is_class else frame.f_globals
 
 
-def _program_functions() -> dict[str, Any]:
-    def run(code: Any, globals: dict[str, Any] | None, locals: Any) -> Any:
-        frame = sys._getframe(2)
-        if not (isinstance(globals, dict | None) and isinstance(locals, dict | None)):
-            raise TypeError
-        if globals is None:
-            return eval(code, frame.f_globals, _namespace(frame) if locals is None else locals)
-        names = dict(globals) if isinstance(globals, HubDict) else globals
-        added = {"__builtins__", "__name__"} - names.keys()
-        names.update((name, frame.f_globals[name]) for name in added)
-        try:
-            return eval(code, names, names if locals is None or locals is globals else locals)
-        finally:
-            if names is not globals:
-                for name in set(globals) - set(names):
-                    del globals[name]
-                globals.update((name, value) for name, value in names.items() if name not in added)
+def _run(code: Any, globals: dict[str, Any] | None, locals: Any) -> Any:
+    frame = sys._getframe(2)
+    if not (isinstance(globals, dict | None) and isinstance(locals, dict | None)):
+        raise TypeError
+    if globals is None:
+        return eval(code, frame.f_globals, _namespace(frame) if locals is None else locals)
+    names = dict(globals) if isinstance(globals, HubDict) else globals
+    added = {"__builtins__", "__name__"} - names.keys()
+    names.update((name, frame.f_globals[name]) for name in added)
+    try:
+        return eval(code, names, names if locals is None or locals is globals else locals)
+    finally:
+        if names is not globals:
+            for name in set(globals) - set(names):
+                del globals[name]
+            globals.update((name, value) for name, value in names.items() if name not in added)
 
-    def decoded(source: Any) -> str:
-        return source if isinstance(source, str) else as_bytes(source).decode()
 
-    def eval_(source: Any, globals: dict[str, Any] | None = None, locals: Any = None) -> Any:
-        return run(compile_string(decoded(source), "eval"), globals, locals)
+def _decoded(source: Any) -> str:
+    return source if isinstance(source, str) else as_bytes(source).decode()
 
-    def exec_(source: Any, globals: dict[str, Any] | None = None, locals: Any = None) -> None:
-        run(compile_string(decoded(source)), globals, locals)
 
-    def globals_() -> dict[str, Any]:
-        return sys._getframe(1).f_globals
+def eval_(source: Any, globals: dict[str, Any] | None = None, locals: Any = None) -> Any:
+    return _run(compile_string(_decoded(source), "eval"), globals, locals)
 
-    def locals_() -> Any:
-        return _namespace(sys._getframe(1))
 
-    return {"eval": eval_, "exec": exec_, "globals": globals_, "locals": locals_}
+def exec_(source: Any, globals: dict[str, Any] | None = None, locals: Any = None) -> None:
+    _run(compile_string(_decoded(source)), globals, locals)
+
+
+def globals_() -> dict[str, Any]:
+    return sys._getframe(1).f_globals
+
+
+def locals_() -> Any:
+    return _namespace(sys._getframe(1))
+
+
+_FUNCTIONS = _named(
+    *(map_, next_, iter_, open_, id_, hash_, getattr_, dir_, hasattr_, isinstance_, issubclass_, setattr_),
+    *(eval_, exec_, globals_, locals_),
+)

@@ -6,19 +6,130 @@ import ast
 import functools
 import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, field
 from types import CodeType
+from typing import Any
 
 import mpy_cross_v6
 
 from brickhub.hub.program.syntax import TEXT, deep_recursion, parse
 from brickhub.virtual.micropython.floats import SMALL_MAX
-from brickhub.virtual.micropython.syntax.assignment_expressions import lose_assignments
-from brickhub.virtual.micropython.syntax.calls import called_name
-from brickhub.virtual.micropython.syntax.transform import transform
+from brickhub.virtual.micropython.transform import called_name, transform
 
+_Function = ast.FunctionDef | ast.AsyncFunctionDef
+_Comprehension = ast.ListComp | ast.SetComp | ast.DictComp | ast.GeneratorExp
 STRING = "<string>"
 """File name of what ``eval`` and ``exec`` compile."""
+_LEADING_ZERO = re.compile(rf"{TEXT}|(?<![\w.])(?P<number>0[0-9_]*[1-9][0-9_]*)(?![\w.])", re.DOTALL)
+_HEADER_BYTES = 4
+_TEXT, _INTEGER, _FLOAT, _TUPLE = (5, 6), 7, 8, 10
+_WITHOUT_DATA = 4
+_KINDS_OF_NAMES = ("co_names", "co_varnames", "co_cellvars", "co_freevars")
+_MAX_DIGITS = 20
+"""More than any integer of 31 bits has, and few enough to be read at once."""
+
+
+@dataclass
+class _Scope:
+    """Scope of names.
+
+    Attributes:
+        keeps: whether a comprehension's assignments always reach it.
+        declared: names that are global or nonlocal in it.
+        variables: of a function that is in no other.
+        reads: names that a comprehension reads; ``None`` for other scopes.
+        lost: names whose assignments it loses.
+    """
+
+    keeps: bool
+    declared: Collection[str] = ()
+    variables: set[str] | None = None
+    reads: set[str] | None = None
+    lost: set[str] = field(default_factory=set)
+
+
+class _Loser(ast.NodeTransformer):
+    """Loses assignments ``name := value`` in comprehensions, as a hub mostly does within functions.
+
+    The hub's compiler stores the value under the number of the function's variable, but among the variables of the comprehension,
+    which is a function of its own: the function's variable stays as it was. It changes where both numbers are the same: the
+    comprehension reads the name, and all other variables of the function. At the top level, and for names that the function
+    declares global or nonlocal, the value is always kept. The name remains a variable of the function.
+    """
+
+    def __init__(self) -> None:
+        self._scopes = [_Scope(keeps=True)]
+
+    def visit_FunctionDef(self, node: _Function) -> ast.AST:
+        for part in (*node.decorator_list, node.args):
+            self.visit(part)
+        declarations = (part for part in ast.walk(node) if isinstance(part, ast.Global | ast.Nonlocal))
+        declared = {name for part in declarations for name in part.names}
+        is_inner = any(not scope.keeps for scope in self._scopes)
+        arguments = {part.arg for part in ast.walk(node.args) if isinstance(part, ast.arg)}
+        variables = None if is_inner else {*arguments, *_assigned(node.body)} - declared
+        self._scopes.append(_Scope(keeps=False, declared=declared, variables=variables))
+        node.body = [self.visit(statement) for statement in node.body]
+        for name in sorted(self._scopes.pop().lost):
+            assign = ast.Assign([ast.Name(name, ast.Store())], ast.Constant(None))
+            node.body.insert(0, ast.copy_location(ast.If(ast.Constant(False), [assign], []), node.body[0]))
+        return node
+
+    visit_AsyncFunctionDef = visit_FunctionDef
+
+    def visit_Lambda(self, node: ast.Lambda) -> ast.AST:
+        self.visit(node.args)
+        self._scopes.append(_Scope(keeps=False))
+        node.body = self.visit(node.body)
+        self._scopes.pop()
+        return node
+
+    def visit_ClassDef(self, node: ast.ClassDef) -> ast.AST:
+        self._scopes.append(_Scope(keeps=True))
+        self.generic_visit(node)
+        self._scopes.pop()
+        return node
+
+    def visit_ListComp(self, node: _Comprehension) -> ast.AST:
+        first = node.generators[0]
+        first.iter = self.visit(first.iter)
+        iterable, first.iter = first.iter, ast.Constant(None)  # computed in the scope around
+        names = [part for part in ast.walk(node) if isinstance(part, ast.Name)]
+        own = {name.id for generator in node.generators for name in ast.walk(generator.target) if isinstance(name, ast.Name)}
+        reads = {name.id for name in names if isinstance(name.ctx, ast.Load)} - own
+        self._scopes.append(_Scope(keeps=False, reads=reads))
+        self.generic_visit(node)
+        self._scopes.pop()
+        first.iter = iterable
+        return node
+
+    visit_SetComp = visit_DictComp = visit_GeneratorExp = visit_ListComp
+
+    def visit_NamedExpr(self, node: ast.NamedExpr) -> ast.AST:
+        self.generic_visit(node)
+        name, reads, around = node.target.id, self._scopes[-1].reads, self._scopes[-2:][0]
+        if reads is None or around.keeps or name in around.declared:
+            return node
+        if around.variables is not None and name in reads and reads >= around.variables:
+            return node
+        around.lost.add(name)
+        return node.value
+
+
+def _assigned(nodes: Collection[ast.AST]) -> Iterator[str]:
+    """Names that statements and expressions assign in their own scope."""
+    for node in nodes:
+        if isinstance(node, ast.Name) and not isinstance(node.ctx, ast.Load):
+            yield node.id
+        elif isinstance(node, ast.alias):
+            yield node.asname or node.name.partition(".")[0]
+        elif isinstance(node, ast.ExceptHandler | _Function | ast.ClassDef) and node.name:
+            yield node.name
+        if isinstance(node, _Comprehension):
+            yield from (part.target.id for part in ast.walk(node) if isinstance(part, ast.NamedExpr))
+        elif not isinstance(node, _Function | ast.ClassDef | ast.Lambda):
+            yield from _assigned(list(ast.iter_child_nodes(node)))
 
 
 @functools.lru_cache(maxsize=64)
@@ -34,14 +145,12 @@ def compile_source(source: str, filename: str, mode: str = "exec") -> CodeType:
         warnings.simplefilter("ignore", SyntaxWarning)
         warnings.simplefilter("ignore", DeprecationWarning)
         tree = parse(source, filename, mode)
-        lose_assignments(tree)
+        if any(isinstance(node, ast.NamedExpr) for node in ast.walk(tree)):
+            _Loser().visit(tree)
         code = compile(transform(tree, _recursive_names(tree), floats), filename, mode, dont_inherit=True)
-    code = _with_names_of_hub(code)
     classes = {node.name.lstrip("_") for node in ast.walk(tree) if isinstance(node, ast.ClassDef)} - {""}
-    if not classes or "__" not in source:
-        return code
-    words = frozenset(re.findall(r"\w+", source))
-    return _unmangled(code, re.compile(f"_(?:{'|'.join(sorted(classes))})(__\\w+)"), words)
+    mangled = re.compile(f"_(?:{'|'.join(sorted(classes))})(__\\w+)") if classes and "__" in source else None
+    return _with_names_of_hub(code, mangled, frozenset(re.findall(r"\w+", source)))
 
 
 def compile_string(source: str, mode: str = "exec") -> CodeType:
@@ -64,12 +173,9 @@ def compile_string(source: str, mode: str = "exec") -> CodeType:
     nodes = list(ast.walk(parse(source, STRING, mode)))
     if texts := [node for node in nodes if isinstance(node, ast.JoinedStr)]:  # f-strings
         raise _at_line(texts[0].lineno, SyntaxError("invalid syntax"))
-    if any(map(_is_large, nodes)):
+    if any(isinstance(node, ast.Constant) and type(node.value) is int and node.value > SMALL_MAX for node in nodes):
         raise OverflowError("long int not supported in this build")  # the digits of -1073741824 are read before the sign
     return code
-
-
-_LEADING_ZERO = re.compile(rf"{TEXT}|(?<![\w.])(?P<number>0[0-9_]*[1-9][0-9_]*)(?![\w.])", re.DOTALL)
 
 
 def _at_line(line: int, error: SyntaxError) -> SyntaxError:
@@ -77,14 +183,10 @@ def _at_line(line: int, error: SyntaxError) -> SyntaxError:
     return error
 
 
-def _is_large(node: ast.AST) -> bool:
-    return isinstance(node, ast.Constant) and type(node.value) is int and node.value > SMALL_MAX
-
-
 def _recursive_names(tree: ast.AST) -> set[str]:
     """Names of functions that may call themselves, directly or through others; those of methods begin with a point."""
     methods = {part for node in ast.walk(tree) if isinstance(node, ast.ClassDef) for part in node.body}
-    functions = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)]
+    functions = [node for node in ast.walk(tree) if isinstance(node, _Function)]
     names = [f".{function.name}" if function in methods else function.name for function in functions]
     calls: dict[str, set[str]] = {name: set() for name in names}
     for name, function in zip(names, functions, strict=True):
@@ -97,27 +199,20 @@ def _recursive_names(tree: ast.AST) -> set[str]:
     return {name for name, reached in calls.items() if name in reached}
 
 
-def _with_names_of_hub(code: CodeType) -> CodeType:
-    """Name list comprehensions, which `transform` makes generators, as a hub does."""
-    constants = tuple(_with_names_of_hub(part) if isinstance(part, CodeType) else part for part in code.co_consts)
-    name = "<listcomp>" if "@element" in code.co_names else code.co_name
-    return code.replace(co_consts=constants, co_name=name)
-
-
-def _unmangled(code: CodeType, mangled: re.Pattern[str], words: frozenset[str]) -> CodeType:
-    """Undo name mangling, which a hub does not have."""
+def _with_names_of_hub(code: CodeType, mangled: re.Pattern[str] | None, words: frozenset[str]) -> CodeType:
+    """Name list comprehensions, which `transform` makes generators, as a hub does, and undo name mangling, which it does not
+    have, of names that are not among the ``words`` of the source."""
+    constants = tuple(_with_names_of_hub(c, mangled, words) if isinstance(c, CodeType) else c for c in code.co_consts)
+    code = code.replace(co_consts=constants, co_name="<listcomp>" if "@element" in code.co_names else code.co_name)
+    if mangled is None:
+        return code
 
     def demangled(names: tuple[str, ...]) -> tuple[str, ...]:
         matches = [None if name in words else mangled.fullmatch(name) for name in names]
         return tuple(match[1] if match else name for name, match in zip(names, matches, strict=True))
 
-    return code.replace(
-        co_names=demangled(code.co_names),
-        co_varnames=demangled(code.co_varnames),
-        co_cellvars=demangled(code.co_cellvars),
-        co_freevars=demangled(code.co_freevars),
-        co_consts=tuple(_unmangled(c, mangled, words) if isinstance(c, CodeType) else c for c in code.co_consts),
-    )
+    names: dict[str, Any] = {kind: demangled(getattr(code, kind)) for kind in _KINDS_OF_NAMES}
+    return code.replace(**names)
 
 
 def _compile_for_hub(source: str, filename: str) -> bytes:
@@ -131,13 +226,6 @@ def _compile_for_hub(source: str, filename: str) -> bytes:
     if location := re.search(r'File ".*", line (\d+)(?:, in (\S+))?', report):
         error.filename, error.lineno, error.text = filename, int(location[1]), location[2]
     raise error
-
-
-_HEADER_BYTES = 4
-_TEXT, _INTEGER, _FLOAT, _TUPLE = (5, 6), 7, 8, 10
-_WITHOUT_DATA = 4
-_MAX_DIGITS = 20
-"""More than any integer of 31 bits has, and few enough to be read at once."""
 
 
 def _constants(mpy: bytes) -> Iterator[tuple[int, bytes]]:

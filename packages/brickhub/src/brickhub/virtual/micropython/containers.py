@@ -1,14 +1,156 @@
-"""Dicts and sets in the order of a hub's hash tables (``py/objdict.c`` and ``py/objset.c`` of MicroPython 1.26)."""
+"""Dicts and sets in the order of a hub's open hash tables.
+
+Source: ``py/map.c``, ``py/qstr.c``, ``py/obj{dict,set,tuple}.c`` of MicroPython 1.26, with Pybricks' 2-byte string hashes. Values
+that are hashed by address there (objects, functions, ``None``) are in insertion order here.
+"""
 
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
+from types import FunctionType
 from typing import Any
 
-from brickhub.virtual.micropython.hash_table import HashTable
+from brickhub.virtual.micropython.memory import check_allocation
 
+_SIZES = (
+    *(0, 2, 4, 6, 8, 10, 12, 17, 23, 29, 37, 47, 59, 73, 97, 127, 167, 223, 293, 389, 521, 691, 919, 1223, 1627, 2161),
+    *(3229, 4831, 7243, 10861, 16273, 24407, 36607, 54907),
+)
+
+_SLOT_BYTES = 4
+"""Bytes of a set's slot; one of a dict has 8."""
 _MISSING = object()
+
+
+class _Mark:
+    """Marks an empty or deleted slot."""
+
+
+_FREE, _DELETED = _Mark(), _Mark()
+
+
+def hash_of(value: Any) -> int | None:
+    """``hash(value)`` on a hub; ``None`` if it is the address. Raises TypeError if the value is unhashable."""
+    kind = type(value)
+    if getattr(kind, "hash_is_address", False):
+        return None
+    if isinstance(kind.__hash__, FunctionType):
+        return _small(hash(value))
+    if isinstance(value, int):
+        return int(value)
+    if isinstance(value, str):
+        return _text_hash(value.encode("utf-8", "surrogatepass"))
+    if isinstance(value, bytes):
+        return _text_hash(value)
+    if isinstance(value, float):
+        return _small(_float_hash(value))
+    if isinstance(value, complex):
+        return _small(_float_hash(value.real) ^ _float_hash(value.imag))
+    hash(value)
+    if isinstance(value, range):
+        raise TypeError("unhashable type: 'range'")
+    if isinstance(value, tuple):
+        parts = [hash_of(part) for part in value]
+        return None if None in parts else _small(sum(part for part in parts if part is not None))
+    return None
+
+
+def _small(value: int) -> int:
+    """The lowest 31 bits, signed."""
+    return (value + 0x4000_0000 & 0x7FFF_FFFF) - 0x4000_0000
+
+
+def _text_hash(data: bytes) -> int:
+    value = 5381
+    for byte in data:
+        value = value * 33 ^ byte
+    return value & 0xFFFF or 1
+
+
+def _float_hash(value: float) -> int:
+    """Whole part; saturated to 32 bits, as ARM processors convert."""
+    return 0 if math.isnan(value) else int(max(-(2.0**31), min(2.0**31 - 1, value)))
+
+
+class HashTable:
+    """Keys in slots. The owner knows which keys exist, and adds none twice. ``size``: initial number of slots."""
+
+    __slots__ = ("_added", "_hashes", "slots")
+
+    def __init__(self, size: int = 0) -> None:
+        check_allocation(_SLOT_BYTES * size)
+        self.slots: list[Any] = [_FREE] * size
+        self._hashes = [0] * size
+        self._added = 0
+
+    def add(self, key: Any) -> None:
+        """Add a new key; grows the table if it is full."""
+        key_hash = hash_of(key)
+        self._put(key, self._added if key_hash is None else key_hash & 0xFFFF_FFFF)
+        self._added += 1
+
+    def _put(self, key: Any, hash_: int) -> None:
+        slots, size = self.slots, len(self.slots)
+        for step in range(size):
+            index = (hash_ + step) % size
+            if isinstance(slots[index], _Mark):
+                slots[index], self._hashes[index] = key, hash_
+                return
+        entries = [pair for pair in zip(slots, self._hashes, strict=True) if not isinstance(pair[0], _Mark)]
+        required = size + 1
+        size = next((size for size in _SIZES if size >= required), required + required // 2 | 1)
+        check_allocation(_SLOT_BYTES * size)
+        self.slots, self._hashes = [_FREE] * size, [0] * size
+        for entry in (*entries, (key, hash_)):
+            self._put(*entry)
+
+    def remove(self, key: Any) -> None:
+        """Remove an existing key."""
+        index = next(index for index, other in enumerate(self.slots) if other is key or other == key)
+        after = self.slots[(index + 1) % len(self.slots)]
+        self.slots[index] = _FREE if after is _FREE else _DELETED
+
+    def drop_first(self) -> Any:
+        """Remove the first key as ``popitem`` does: its slot counts as used until the table grows."""
+        index, key = next((index, key) for index, key in enumerate(self.slots) if not isinstance(key, _Mark))
+        self.slots[index] = _DELETED
+        return key
+
+    def clear(self) -> None:
+        """Remove all keys and slots."""
+        self.slots, self._hashes = [], []
+
+    def copy(self) -> HashTable:
+        """A copy with the same keys in the same slots."""
+        other = HashTable()
+        other.slots, other._hashes, other._added = list(self.slots), list(self._hashes), self._added
+        return other
+
+    def __iter__(self) -> Iterator[Any]:
+        return TableIterator(self)
+
+
+class TableIterator:
+    """Iterates over slots, regardless of changes; gives keys, or what a function makes of them."""
+
+    __slots__ = ("_function", "_next", "_table")
+
+    def __init__(self, table: HashTable, function: Callable[[Any], Any] | None = None) -> None:
+        self._table, self._function, self._next = table, function, 0
+
+    def __iter__(self) -> TableIterator:
+        return self
+
+    def __next__(self) -> Any:
+        slots = self._table.slots
+        while self._next < len(slots):
+            key = slots[self._next]
+            self._next += 1
+            if not isinstance(key, _Mark):
+                return key if self._function is None else self._function(key)
+        raise StopIteration
 
 
 class HubDict(dict[Any, Any]):
@@ -39,7 +181,7 @@ class HubDict(dict[Any, Any]):
         """An ordered dict, as made by the firmware."""
         result = cls()
         dict.update(result, values)
-        result._table = HashTable.in_order(values)
+        result._table.slots, result._table._hashes = list(values), [0] * len(values)
         return result
 
     def __setitem__(self, key: Any, value: Any, /) -> None:
@@ -98,16 +240,11 @@ class HubDict(dict[Any, Any]):
         return self[key]
 
     def update(self, other: Any = (), /, **named: Any) -> None:
-        pairs = other.items() if type(other) is HubDict else map(_pair, other)
-        for key, value in itertools.chain(pairs, named.items()):
-            self[key] = value
-
-
-def _pair(values: Iterable[Any]) -> list[Any]:
-    pair = list(values)
-    if len(pair) != 2:
-        raise ValueError("dict update sequence has wrong length")
-    return pair
+        for values in itertools.chain(other.items() if type(other) is HubDict else other, named.items()):
+            pair = list(values)
+            if len(pair) != 2:
+                raise ValueError("dict update sequence has wrong length")
+            self[pair[0]] = pair[1]
 
 
 class DictView:
@@ -116,15 +253,15 @@ class DictView:
     __slots__ = ("kind", "owner")
 
     def __init__(self, owner: HubDict, kind: str) -> None:
-        self.owner = owner
-        self.kind = kind
+        self.owner, self.kind = owner, kind
 
     def __iter__(self) -> Iterator[Any]:
+        owner = self.owner
         if self.kind == "keys":
-            return iter(self.owner)
+            return iter(owner)
         if self.kind == "values":
-            return Mapped(self.owner, lambda key: dict.__getitem__(self.owner, key))
-        return Mapped(self.owner, lambda key: (key, dict.__getitem__(self.owner, key)))
+            return TableIterator(owner._table, lambda key: dict.__getitem__(owner, key))
+        return TableIterator(owner._table, lambda key: (key, dict.__getitem__(owner, key)))
 
     def __hash__(self) -> int:
         if self.kind != "values":
@@ -135,20 +272,16 @@ class DictView:
         return value in self.owner if self.kind == "keys" else any(value == other for other in self)
 
 
-class Mapped:
-    """Iterator over a function of the keys."""
+def _operator(method: str) -> Any:
+    """An operator of sets that does what a method does, in place if that returns nothing."""
 
-    __slots__ = ("_function", "_keys")
+    def operate(self: HubSet, other: Any) -> Any:
+        if not isinstance(other, set):
+            return NotImplemented
+        result = getattr(self, method)(other)
+        return self if result is None else result
 
-    def __init__(self, owner: HubDict, function: Callable[[Any], Any]) -> None:
-        self._keys = iter(owner)
-        self._function = function
-
-    def __iter__(self) -> Mapped:
-        return self
-
-    def __next__(self) -> Any:
-        return self._function(next(self._keys))
+    return operate
 
 
 class HubSet(set[Any]):
@@ -196,7 +329,7 @@ class HubSet(set[Any]):
     def pop(self) -> Any:
         if not self:
             raise KeyError("pop from an empty set")
-        value = self._table.first()
+        value = next(iter(self))
         self.discard(value)
         return value
 
@@ -253,37 +386,11 @@ class HubSet(set[Any]):
     def intersection(self, other: Iterable[Any], /) -> HubSet:  # type: ignore[override]  # one, on a hub
         return self.copy() if other is self else HubSet(value for value in other if value in self)
 
-    def __or__(self, other: Any) -> Any:
-        return self.union(other) if isinstance(other, set) else NotImplemented
-
-    def __sub__(self, other: Any) -> Any:
-        return self.difference(other) if isinstance(other, set) else NotImplemented
-
-    def __xor__(self, other: Any) -> Any:
-        return self.symmetric_difference(other) if isinstance(other, set) else NotImplemented
-
-    def __and__(self, other: Any) -> Any:
-        return self.intersection(other) if isinstance(other, set) else NotImplemented
-
-    def __ior__(self, other: Any) -> Any:
-        return _in_place(self, self.update, other)
-
-    def __isub__(self, other: Any) -> Any:
-        return _in_place(self, self.difference_update, other)
-
-    def __ixor__(self, other: Any) -> Any:
-        return _in_place(self, self.symmetric_difference_update, other)
-
-    def __iand__(self, other: Any) -> Any:
-        return _in_place(self, self.intersection_update, other)
+    __or__, __ior__ = _operator("union"), _operator("update")
+    __sub__, __isub__ = _operator("difference"), _operator("difference_update")
+    __xor__, __ixor__ = _operator("symmetric_difference"), _operator("symmetric_difference_update")
+    __and__, __iand__ = _operator("intersection"), _operator("intersection_update")
 
 
-def _in_place(owner: HubSet, change: Callable[[Any], None], other: Any) -> Any:
-    if not isinstance(other, set):
-        return NotImplemented
-    change(other)
-    return owner
-
-
-for _kind, _name in ((HubDict, "dict"), (HubSet, "set"), (DictView, "dict_view"), (Mapped, "iterator")):
+for _kind, _name in ((HubDict, "dict"), (HubSet, "set"), (DictView, "dict_view"), (TableIterator, "iterator")):
     _kind.__name__ = _kind.__qualname__ = _name

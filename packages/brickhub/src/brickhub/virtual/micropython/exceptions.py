@@ -11,8 +11,12 @@ from collections.abc import Callable, Mapping, Sequence
 from types import BuiltinFunctionType, FrameType, FunctionType, MethodType, ModuleType, TracebackType
 from typing import Any, TypeGuard
 
-from brickhub.virtual.host_stop import HostStop
+from greenlet import GreenletExit
 
+from brickhub.errors import SceneError, WriteError
+
+FIRMWARE = __name__.partition(".")[0] + "."
+"""Beginning of the names of modules with native classes."""
 EXCEPTIONS = """
     ArithmeticError AssertionError AttributeError BaseException EOFError Exception GeneratorExit ImportError
     IndentationError IndexError KeyError KeyboardInterrupt LookupError MemoryError NameError NotImplementedError
@@ -20,15 +24,34 @@ EXCEPTIONS = """
     ZeroDivisionError
 """.split()  # noqa: SIM905  a list would take a line for each
 """Exceptions common to hub and CPython; ``OSError`` is replaced."""
-
 ERROR_NAMES = {
     getattr(errno, name): name
     for name in ("EPERM", "EIO", "EBUSY", "ENODEV", "EINVAL", "EOPNOTSUPP", "EAGAIN", "ETIMEDOUT", "ECANCELED")
 }
-
-
 CATCHABLE = (Exception, SystemExit, KeyboardInterrupt, GeneratorExit)
 """What a program can catch: not what stops it from outside."""
+_OPERATORS = {
+    "+": "__add__", "-": "__sub__", "*": "__mul__", "/": "__truediv__", "//": "__floordiv__", "%": "__mod__",
+    "** or pow()": "__pow__", "<<": "__lshift__", ">>": "__rshift__", "&": "__and__", "|": "__or__", "^": "__xor__",
+    "@": "__matmul__", "<": "__lt__", "<=": "__le__", ">": "__gt__", ">=": "__ge__", "+=": "__add__", "-=": "__sub__",
+    "&=": "__and__", "|=": "__or__", "^=": "__xor__", "divmod()": "__divmod__",
+}  # fmt: skip
+_UNARY = {"-": "__neg__", "+": "__pos__", "~": "__invert__", "abs()": "__abs__"}
+_CLASS_NAMES = (
+    (r"\bbuiltin_function_or_method\b", "function"), (r"(?<!attribute ')\b\w+_iterator\b", "iterator"),
+    (r"\b\w+_reverseiterator\b", "reversed"), (r"'ellipsis'", "''"), (r"^byte(?= indices)", "bytes"),
+    (r"(?<!attribute )(?<!argument )(['\"])method(?=['\"])", r"\1bound_method"), (r"(?<=convert )method(?= to)", "bound_method"),
+)  # fmt: skip
+"""Names of classes that differ on a hub."""
+_COMPARISONS = ("<", "<=", ">", ">=")
+_RAISE = dis.opmap["RAISE_VARARGS"]
+_LANGUAGE = f"{__package__}."
+_FUNCTIONS = (FunctionType, BuiltinFunctionType, MethodType)
+
+
+class HostStop(BaseException):
+    """Ends a program past its exception handlers and reaches the caller; derive the host's own ends from it. Whatever else is
+    raised while a program runs is an error of the program, but for a failing scene and a film that cannot be written."""
 
 
 class SwitchedOff(HostStop):
@@ -40,6 +63,13 @@ class ProgramInterrupt(KeyboardInterrupt):
 
 
 ProgramInterrupt.__name__ = "KeyboardInterrupt"
+
+
+def is_program_error(error: BaseException) -> bool:
+    """Whether the program raised it, not an external stop, a failing scene or a film that cannot be written."""
+    if isinstance(error, ProgramInterrupt):
+        return True
+    return not isinstance(error, HostStop | SceneError | WriteError | KeyboardInterrupt | GreenletExit)
 
 
 class HubOSError(OSError):
@@ -55,21 +85,6 @@ class HubOSError(OSError):
 
 HubOSError.__name__ = HubOSError.__qualname__ = "OSError"
 
-_OPERATORS = {
-    "+": "__add__", "-": "__sub__", "*": "__mul__", "/": "__truediv__", "//": "__floordiv__", "%": "__mod__",
-    "** or pow()": "__pow__", "<<": "__lshift__", ">>": "__rshift__", "&": "__and__", "|": "__or__", "^": "__xor__",
-    "@": "__matmul__", "<": "__lt__", "<=": "__le__", ">": "__gt__", ">=": "__ge__", "+=": "__add__", "-=": "__sub__",
-    "&=": "__and__", "|=": "__or__", "^=": "__xor__", "divmod()": "__divmod__",
-}  # fmt: skip
-_UNARY = {"-": "__neg__", "+": "__pos__", "~": "__invert__", "abs()": "__abs__"}
-_CLASS_NAMES = (
-    (r"\bbuiltin_function_or_method\b", "function"), (r"(?<!attribute ')\b\w+_iterator\b", "iterator"),
-    (r"\b\w+_reverseiterator\b", "reversed"), (r"'ellipsis'", "''"), (r"^byte(?= indices)", "bytes"),
-    (r"(?<!attribute )(?<!argument )(['\"])method(?=['\"])", r"\1bound_method"), (r"(?<=convert )method(?= to)", "bound_method"),
-)  # fmt: skip
-"""Names of classes that differ on a hub."""
-_COMPARISONS = ("<", "<=", ">", ">=")
-
 
 def _types(operator: str, left: str, right: str) -> str:
     """Refusal of two operands; a truth value refuses as the number that it is, but not on the right of a comparison."""
@@ -83,60 +98,58 @@ def _argument_count(name: str, arguments: str) -> int:
     return int(arguments) + (not hasattr(builtins, name))
 
 
-_Rule = tuple[type[BaseException], str, Callable[["re.Match[str]"], str]]
-_RULES: tuple[_Rule, ...] = (
+_RULES: tuple[tuple[type[BaseException], str, str | Callable[[re.Match[str]], str]], ...] = (
     (AttributeError, r"(?:partially initialized )?module '.*' has no attribute '(\w+)'.*",
-     lambda m: f"'module' object has no attribute '{m[1]}'"),
-    (TypeError, r"'\w+' is an invalid keyword argument for sort\(\)", lambda m: "extra keyword arguments given"),
+     r"'module' object has no attribute '\1'"),
+    (TypeError, r"'\w+' is an invalid keyword argument for sort\(\)", "extra keyword arguments given"),
     (TypeError, r".*takes no keyword arguments|.*positional-only arguments passed as keyword.*",
-     lambda m: "function doesn't take keyword arguments"),
+     "function doesn't take keyword arguments"),
     (TypeError,
      r".*(?:argument|Value) after \* must be an iterable, not (.*)|argument of type '(.*)' is not (?:a container or )?iterable",
-     lambda m: f"'{m[1] or m[2]}' object isn't iterable"),
-    (TypeError, r"type\(\) (takes 1 or 3 arguments)", lambda m: f"type {m[1]}"),
+     r"'\1\2' object isn't iterable"),
+    (TypeError, r"cannot unpack non-iterable (.*) object", r"'\1' object isn't iterable"),
+    (TypeError, r"type\(\) (takes 1 or 3 arguments)", r"type \1"),
     (TypeError, r"\w+\(\) argument \d+ must be str, not (\w+)|ord\(\) expected string of length 1, but (\w+) found",
-     lambda m: f"can't convert '{m[1] or m[2]}' object to str implicitly"),
-    (ValueError, r"slice step cannot be zero", lambda m: "slice step can't be zero"),
-    (ValueError, r"Single '}' encountered in format string", lambda m: "single '}' encountered in format string"),
+     r"can't convert '\1\2' object to str implicitly"),
+    (TypeError, r"'in <string>' requires string as left operand, not (.*)", r"can't convert '\1' object to str implicitly"),
+    (ValueError, r"slice step cannot be zero", "slice step can't be zero"),
+    (ValueError, r"Single '}' encountered in format string", "single '}' encountered in format string"),
     (ValueError, r"Single '{' encountered in format string|unmatched '{' in format spec|expected '}' before end of string",
-     lambda m: "unmatched '{' in format"),
-    (ZeroDivisionError, r".*(zero|modulo|negative power|divmod).*", lambda m: "divide by zero"),
-    (UnboundLocalError, r".*", lambda m: "local variable referenced before assignment"),
-    (RuntimeError, r"No active exception to reraise", lambda m: "no active exception to reraise"),
-    (NameError, r"name '(.*)' is not defined", lambda m: f"name '{m[1]}' isn't defined"),
-    (NameError, r"cannot access free variable.*", lambda m: "local variable referenced before assignment"),
+     "unmatched '{' in format"),
+    (ZeroDivisionError, r".*(zero|modulo|negative power|divmod).*", "divide by zero"),
+    (UnboundLocalError, r".*", "local variable referenced before assignment"),
+    (RuntimeError, r"No active exception to reraise", "no active exception to reraise"),
+    (NameError, r"name '(.*)' is not defined", r"name '\1' isn't defined"),
+    (NameError, r"cannot access free variable.*", "local variable referenced before assignment"),
     (TypeError, r"unsupported operand type\(s\) for (.*): '(.*)' and '(.*)'", lambda m: _types(m[1], m[2], m[3])),
     (TypeError, r"'(.*)' not supported between instances of '(.*)' and '(.*)'", lambda m: _types(m[1], m[2], m[3])),
     (TypeError, r"can only concatenate (.*) \(not \"(.*)\"\) to .*", lambda m: _types("+", m[1], m[2])),
     (TypeError, r"can't concat (.*) to bytes", lambda m: _types("+", "bytes", m[1])),
     (TypeError, r"bad operand type for (?:unary )?(.*): '(.*)'", lambda m: f"unsupported type for {_UNARY[m[1]]}: '{m[2]}'"),
-    (TypeError, r"cannot unpack non-iterable (.*) object", lambda m: f"'{m[1]}' object isn't iterable"),
-    (TypeError, r"(.*) indices must be integers or slices, not (.*)", lambda m: f"{m[1]} indices must be integers, not {m[2]}"),
-    (TypeError, r"string indices must be integers, not '(.*)'", lambda m: f"string indices must be integers, not {m[1]}"),
-    (TypeError, r"cannot convert ('.*' object) to bytes(?:array)?", lambda m: f"{m[1]} isn't iterable"),
-    (TypeError, r"'(.*)' object is not reversible", lambda m: f"object of type '{m[1]}' has no len()"),
-    (TypeError, r"type '.*' is not subscriptable", lambda m: "'type' object isn't subscriptable"),
-    (TypeError, r"('.*' object) is not (callable|iterable|subscriptable|an iterator)", lambda m: f"{m[1]} isn't {m[2]}"),
-    (TypeError, r"('.*' object) does(?: not|n't) support item (.*)", lambda m: f"{m[1]} doesn't support item {m[2]}"),
-    (TypeError, r"(?:cannot use .* \()?unhashable type: '(.*?)'\)?", lambda m: f"unsupported type for __hash__: '{m[1]}'"),
-    (IndexError, r"(list) assignment index out of range|pop index out of range", lambda m: "list index out of range"),
-    (IndexError, r"range object index out of range", lambda m: "range index out of range"),
-    (IndexError, r"Matrix index out of range", lambda m: "index out of range"),
-    (IndexError, r"index out of bounds on dimension 1", lambda m: "memoryview index out of range"),
-    (TypeError, r"cannot (modify read-only|delete) memory",
-     lambda m: f"'memoryview' object doesn't support item {'deletion' if m[1] == 'delete' else 'assignment'}"),
-    (TypeError, r"memoryview: a bytes-like object is required, .*", lambda m: "object with buffer protocol required"),
-    (IndexError, r"index out of range", lambda m: "bytes index out of range"),
-    (IndexError, r"Replacement index \d+ out of range.*", lambda m: "tuple index out of range"),
-    (ValueError, r"not enough values to unpack \(expected .*, got (.*)\)", lambda m: f"need more than {m[1]} values to unpack"),
-    (ValueError, r"list.remove\(x\): x not in list|.* is not in list|tuple.index.*", lambda m: "object not in sequence"),
-    (ValueError, r"(?:max|min)\(\) (?:iterable argument is empty|arg is an empty sequence)",
-     lambda m: "arg is an empty sequence"),
-    (ValueError, r"bytes? must be in range\(0, 256\)", lambda m: "bytes value out of range"),
-    (ValueError, r"range\(\) arg 3 must not be zero", lambda m: "zero step"),
-    (ValueError, r"negative count", lambda m: ""),
-    (TypeError, r"is(?:instance|subclass)\(\) arg 2 must be .*",
-     lambda m: "issubclass() arg 2 must be a class or a tuple of classes"),
+    (TypeError, r"(.*) indices must be integers or slices, not (.*)", r"\1 indices must be integers, not \2"),
+    (TypeError, r"string indices must be integers, not '(.*)'", r"string indices must be integers, not \1"),
+    (TypeError, r"cannot convert ('.*' object) to bytes(?:array)?", r"\1 isn't iterable"),
+    (TypeError, r"'(.*)' object is not reversible", r"object of type '\1' has no len()"),
+    (TypeError, r"type '.*' is not subscriptable", "'type' object isn't subscriptable"),
+    (TypeError, r"('.*' object) is not (callable|iterable|subscriptable|an iterator)", r"\1 isn't \2"),
+    (TypeError, r"('.*' object) does(?: not|n't) support item (.*)", r"\1 doesn't support item \2"),
+    (TypeError, r"(?:cannot use .* \()?unhashable type: '(.*?)'\)?", r"unsupported type for __hash__: '\1'"),
+    (IndexError, r"(list) assignment index out of range|pop index out of range", "list index out of range"),
+    (IndexError, r"range object index out of range", "range index out of range"),
+    (IndexError, r"Matrix index out of range", "index out of range"),
+    (IndexError, r"index out of bounds on dimension 1", "memoryview index out of range"),
+    (TypeError, r"cannot modify read-only memory", "'memoryview' object doesn't support item assignment"),
+    (TypeError, r"cannot delete memory", "'memoryview' object doesn't support item deletion"),
+    (TypeError, r"memoryview: a bytes-like object is required, .*", "object with buffer protocol required"),
+    (IndexError, r"index out of range", "bytes index out of range"),
+    (IndexError, r"Replacement index \d+ out of range.*", "tuple index out of range"),
+    (ValueError, r"not enough values to unpack \(expected .*, got (.*)\)", r"need more than \1 values to unpack"),
+    (ValueError, r"list.remove\(x\): x not in list|.* is not in list|tuple.index.*", "object not in sequence"),
+    (ValueError, r"(?:max|min)\(\) (?:iterable argument is empty|arg is an empty sequence)", "arg is an empty sequence"),
+    (ValueError, r"bytes? must be in range\(0, 256\)", "bytes value out of range"),
+    (ValueError, r"range\(\) arg 3 must not be zero", "zero step"),
+    (ValueError, r"negative count", ""),
+    (TypeError, r"is(?:instance|subclass)\(\) arg 2 must be .*", "issubclass() arg 2 must be a class or a tuple of classes"),
     (TypeError, r"\w+(?: expected|\(\) takes) at least (\d+) arguments?(?:, got | \()(\d+)(?: given\))?",
      lambda m: f"function missing {int(m[1]) - int(m[2])} required positional arguments"),
     (TypeError, r"(?!function )(\w+)(?: expected|\(\) takes) at most (\d+) arguments?(?:, got | \()(\d+)(?: given\))?",
@@ -144,40 +157,40 @@ _RULES: tuple[_Rule, ...] = (
     (TypeError, r"(\w+) expected (\d+) arguments?, got (\d+)",
      lambda m: f"function takes {_argument_count(m[1], m[2])} positional arguments but {_argument_count(m[1], m[3])} were given"),
     (TypeError, r"Hub(?:Dict|Set)\.\w+\(\) takes from \d+ to (\d+) positional arguments but (\d+) were given",
-     lambda m: f"function expected at most {m[1]} arguments, got {m[2]}"),
+     r"function expected at most \1 arguments, got \2"),
     (TypeError, r"Hub(?:Dict|Set)\.\w+\(\) takes (\d+) positional arguments? but (\d+) were given",
-     lambda m: f"function takes {m[1]} positional arguments but {m[2]} were given"),
+     r"function takes \1 positional arguments but \2 were given"),
     (TypeError, r"HubDict\.(?:pop|setdefault|fromkeys)\(\) missing 1 required positional argument: .*",
-     lambda m: "function missing 1 required positional arguments"),
+     "function missing 1 required positional arguments"),
     (TypeError, r"HubSet\.\w+\(\) missing 1 required positional argument: .*",
-     lambda m: "function takes 2 positional arguments but 1 were given"),
-    (TypeError, r"sequence item \d+: expected .*",
-     lambda m: "join expects a list of str/bytes objects consistent with self object"),
-    (TypeError, r"'(.*)' object cannot be interpreted as an integer", lambda m: f"can't convert {m[1]} to int"),
-    (TypeError, r"argument should be integer or None, not '(.*)'", lambda m: f"can't convert {m[1]} to int"),
+     "function takes 2 positional arguments but 1 were given"),
+    (TypeError, r"sequence item \d+: expected .*", "join expects a list of str/bytes objects consistent with self object"),
+    (TypeError, r"'(.*)' object cannot be interpreted as an integer|argument should be integer or None, not '(.*)'",
+     r"can't convert \1\2 to int"),
     (TypeError, r"a(?: bytes-like object is required|rgument should be integer or bytes-like object), not 'str'",
-     lambda m: "can't convert 'str' object to bytes implicitly"),
+     "can't convert 'str' object to bytes implicitly"),
     (TypeError, r"a(?: bytes-like object is required|rgument should be integer or bytes-like object), not '(.*)'",
-     lambda m: f"can't convert '{m[1]}' object to str implicitly"),
+     r"can't convert '\1' object to str implicitly"),
     (TypeError, r"(?:\w+ first arg )?must be (?:str|bytes)(?: or None| or a tuple of (?:str|bytes))?, not (.*)",
-     lambda m: f"can't convert '{m[1]}' object to str implicitly"),
+     r"can't convert '\1' object to str implicitly"),
     (TypeError, r"(\w+)\(\) takes exactly one argument \((\d+) given\)",
-     lambda m: f"function takes 1 positional arguments but {m[2]} were given"),
+     r"function takes 1 positional arguments but \2 were given"),
     (TypeError, r"\w+\.\w+\(\) takes exactly one argument \((\d+) given\)",
      lambda m: f"function takes 2 positional arguments but {int(m[1]) + 1} were given"),
     (TypeError, r"\w+\.\w+\(\) takes no arguments \((\d+) given\)",
      lambda m: f"function takes 1 positional arguments but {int(m[1]) + 1} were given"),
-    (TypeError, r"'in <string>' requires string as left operand, not (.*)",
-     lambda m: f"can't convert '{m[1]}' object to str implicitly"),
-    (ImportError, r"cannot import name '(.*?)' .*", lambda m: f"can't import name {m[1]}"),
-    (RecursionError, r".*", lambda m: "maximum recursion depth exceeded"),
+    (ImportError, r"cannot import name '(.*?)' .*", r"can't import name \1"),
+    (RecursionError, r".*", "maximum recursion depth exceeded"),
 )  # fmt: skip
+"""Classes of errors, the whole message of CPython, and the hub's, a template or a function of the match."""
 
 
 def reword(error: BaseException, namespaces: Sequence[Mapping[str, object]]) -> BaseException:
     """Replace CPython's message by the hub's; ``namespaces`` are the globals of the program's modules. Returns the error."""
-    if _is_raised_by_program(error):
-        return error
+    for trace in _traces(error)[-1:]:
+        code, position = trace.tb_frame.f_code.co_code, trace.tb_lasti
+        if "@n" in trace.tb_frame.f_builtins and code[position] == _RAISE and code[position + 1] > 0:
+            return error  # from a `raise` with an exception in the program
     if isinstance(error, UnicodeError):
         error.args = ()
     if len(error.args) != 1 or not isinstance(error.args[0], str) or not isinstance(error, Exception):
@@ -191,7 +204,7 @@ def reword(error: BaseException, namespaces: Sequence[Mapping[str, object]]) -> 
         message = re.sub(pattern, name, message)
     for kind, pattern, text in _RULES:
         if isinstance(error, kind) and (match := re.fullmatch(pattern, message, re.DOTALL)):
-            reworded = text(match)
+            reworded = match.expand(text) if isinstance(text, str) else text(match)
             error.args = (reworded,) if reworded else ()
             if isinstance(error, ImportError):
                 error.msg = reworded
@@ -205,11 +218,6 @@ def reword(error: BaseException, namespaces: Sequence[Mapping[str, object]]) -> 
     return error
 
 
-_RAISE = dis.opmap["RAISE_VARARGS"]
-_LANGUAGE = f"{__package__}."
-_FUNCTIONS = (FunctionType, BuiltinFunctionType, MethodType)
-
-
 def function_name(function: object) -> str:
     """Name of a function's class on a hub."""
     if not isinstance(function, FunctionType):
@@ -221,17 +229,25 @@ def function_name(function: object) -> str:
     return "bound_method" if is_method else "generator" if function.__code__.co_flags & inspect.CO_GENERATOR else "function"
 
 
+def _traces(error: BaseException) -> list[TracebackType]:
+    """Entries of the traceback, the innermost last."""
+    traces, trace = [], error.__traceback__
+    while trace is not None:
+        traces.append(trace)
+        trace = trace.tb_next
+    return traces
+
+
 def _operand_name(error: BaseException) -> str:
     """Name of the class of the only function of the program in the line that failed, if it has one."""
     names = {"function"}
-    trace = error.__traceback__
-    while trace is not None:
-        if "@n" in trace.tb_frame.f_builtins:
-            values = {**trace.tb_frame.f_globals, **trace.tb_frame.f_locals}
-            steps = (step for step in dis.get_instructions(trace.tb_frame.f_code) if step.offset <= trace.tb_lasti)
+    for trace in _traces(error):
+        frame = trace.tb_frame
+        if "@n" in frame.f_builtins:
+            values = {**frame.f_globals, **frame.f_locals}
+            steps = (step for step in dis.get_instructions(frame.f_code) if step.offset <= trace.tb_lasti)
             loaded = (values.get(step.argval) for step in steps if step.positions and step.positions.lineno == trace.tb_lineno)
             names = {function_name(value) for value in loaded if is_own(value)}
-        trace = trace.tb_next
     return names.pop() if len(names) == 1 else "function"
 
 
@@ -240,47 +256,41 @@ def local_values(frame: FrameType) -> list[Any]:
     return [*frame.f_locals.values()] if frame.f_code.co_flags & inspect.CO_OPTIMIZED else []
 
 
-def _locals_within(error: BaseException) -> list[object]:
-    """Values of local variables in the traceback."""
-    values: list[object] = []
-    trace = error.__traceback__
-    while trace is not None:
-        values += local_values(trace.tb_frame)
-        trace = trace.tb_next
-    return values
-
-
 def _call_message(message: str, namespaces: Sequence[Mapping[str, object]], error: BaseException) -> str:
     """Message for a call with wrong arguments, which differs between program and firmware functions."""
     match = re.fullmatch(r"(.*?)\(\) (.*?)(?:\. Did you mean '\w+'\?)?", message)
     if match is None:
         return message
     name, problem = match[1], match[2]
-    values = [value for names in namespaces for value in names.values()]
+    traces = _traces(error)
     function = next(filter(None, (_find(name, names) for names in namespaces)), None)
-    function = function or _find_among(name, [*_locals_within(error), *values])
-    if function is None and "keyword argument" in problem and (first := _first_missing(error)):
-        return f"'{first}' argument required"
-    if function is None and "multiple values for argument" in problem:
-        return "extra keyword arguments given"
+    if function is None:  # a lambda or an inner function
+        values = [value for trace in traces for value in local_values(trace.tb_frame)]
+        values += [value for names in namespaces for value in names.values()]
+        function = next((value for value in values if is_own(value) and value.__qualname__ == name), None)
+    if function is None:
+        if "keyword argument" in problem and traces and (first := _first_missing(traces[-1].tb_frame.f_locals)):
+            return f"'{first}' argument required"
+        if "multiple values for argument" in problem:
+            return "extra keyword arguments given"
     if multiple := re.fullmatch(r"got multiple values for (?:keyword )?argument '(.*)'", problem):
         return f"function got multiple values for argument '{multiple[1]}'"
-    if function is None and name.endswith("<lambda>") and (given := re.match(r"takes (\d+) positional .* but (\d+) w", problem)):
-        return f"<lambda>() takes {given[1]} positional arguments but {given[2]} were given"
-    if function is None and (message_of_language := _language_call_message(name, problem, error)):
-        return message_of_language
     if function is None:
-        return _builtin_call_message(problem, name.startswith("tools_module")) or message
+        if name.endswith("<lambda>") and (given := re.match(r"takes (\d+) positional .* but (\d+) w", problem)):
+            return f"<lambda>() takes {given[1]} positional arguments but {given[2]} were given"
+        of_language = _language_call_message(name, problem, traces[-1].tb_frame) if traces else None
+        return of_language or _builtin_call_message(problem, name.startswith("tools_module")) or message
     if keyword := re.fullmatch(r"got an unexpected keyword argument '(.*)'", problem):
         return f"unexpected keyword argument '{keyword[1]}'"
     code = function.__code__
-    checks_each = function.__kwdefaults__ or _has_keywords(error)  # the firmware looks for each argument separately
+    # With a keyword, in the call or in the function, the firmware looks for each argument separately.
+    checks_each = bool(function.__kwdefaults__)
+    for trace in traces[-1:]:
+        steps = [step.opname for step in dis.get_instructions(trace.tb_frame.f_code) if step.offset <= trace.tb_lasti]
+        checks_each |= any("KW" in step for step in steps[-3:])
     if missing := re.match(r"missing \d+ required keyword-only arguments?: '(\w+)'", problem):
-        return (
-            f"function missing required keyword argument '{missing[1]}'"
-            if checks_each
-            else "function missing keyword-only argument"
-        )
+        one = f"function missing required keyword argument '{missing[1]}'"
+        return one if checks_each else "function missing keyword-only argument"
     cells = len(code.co_freevars)  # on a hub the first arguments of an inner function
     total = code.co_argcount + cells
     required = total - len(function.__defaults__ or ())
@@ -293,53 +303,23 @@ def _call_message(message: str, namespaces: Sequence[Mapping[str, object]], erro
     return message
 
 
-def _innermost(error: BaseException) -> TracebackType | None:
-    trace = error.__traceback__
-    while trace is not None and trace.tb_next is not None:
-        trace = trace.tb_next
-    return trace
-
-
-def _is_raised_by_program(error: BaseException) -> bool:
-    """Whether the error is from a ``raise`` with an exception in the program."""
-    trace = _innermost(error)
-    if trace is None or "@n" not in trace.tb_frame.f_builtins:
-        return False
-    code, position = trace.tb_frame.f_code.co_code, trace.tb_lasti
-    return code[position] == _RAISE and code[position + 1] > 0
-
-
-def _has_keywords(error: BaseException) -> bool:
-    """Whether the call that failed names an argument."""
-    trace = _innermost(error)
-    if trace is None:
-        return False
-    names = [step.opname for step in dis.get_instructions(trace.tb_frame.f_code) if step.offset <= trace.tb_lasti]
-    return any("KW" in name for name in names[-3:])
-
-
-def _first_missing(error: BaseException) -> str | None:
-    """First missing argument of a firmware method, or ``None`` if there is no such call."""
-    trace = _innermost(error)
-    frame_locals: Mapping[str, Any] = trace.tb_frame.f_locals if trace is not None else {}
-    if not all(name in frame_locals for name in ("method", "args", "kwargs")):
+def _first_missing(values: Mapping[str, Any]) -> str | None:
+    """First missing argument of a firmware method, by the local variables of its caller; ``None`` if there is no such call."""
+    if not {"method", "args", "kwargs"} <= values.keys():
         return None
-    method, args, kwargs = (frame_locals[name] for name in ("method", "args", "kwargs"))
-    code = method.__code__
-    required = code.co_varnames[1 : code.co_argcount - len(method.__defaults__ or ())]
-    return next((name for name in required[len(args) :] if name not in kwargs), None)
+    method = values["method"]
+    required = method.__code__.co_varnames[1 : method.__code__.co_argcount - len(method.__defaults__ or ())]
+    return next((name for name in required[len(values["args"]) :] if name not in values["kwargs"]), None)
 
 
-def _language_call_message(name: str, problem: str, error: BaseException) -> str | None:
+def _language_call_message(name: str, problem: str, frame: FrameType) -> str | None:
     """Message for a wrong number of arguments of a builtin or of a module of the language, which are not named."""
-    trace = _innermost(error)
-    frame_values = [*trace.tb_frame.f_globals.values(), *trace.tb_frame.f_locals.values()] if trace is not None else []
-    modules = [value for value in frame_values if isinstance(value, ModuleType)]
-    builtin = list(trace.tb_frame.f_builtins.values()) if trace is not None else []
-    values = [*frame_values, *builtin, *(value for module in modules for value in vars(module).values())]
+    values = [*frame.f_globals.values(), *frame.f_locals.values()]
+    modules = [value for value in values if isinstance(value, ModuleType)]
+    values += [*frame.f_builtins.values(), *(value for module in modules for value in vars(module).values())]
     function: Any = next((value for value in values if getattr(value, "__qualname__", None) == name), None)
     own = isinstance(function, MethodType)
-    function = function.__func__ if isinstance(function, MethodType) else function
+    function = function.__func__ if own else function
     numbers = [int(number) for number in re.findall(r"\d+", problem)]
     if not isinstance(function, FunctionType) or not function.__module__.startswith(_LANGUAGE) or not numbers:
         return None
@@ -359,20 +339,17 @@ def _builtin_call_message(problem: str, is_module_function: bool) -> str | None:
         return f"'{missing[1]}' argument required"
     if "unexpected keyword" in problem or "takes no keyword" in problem:
         return "extra keyword arguments given"
-    if given := re.fullmatch(r"takes (\d+) positional arguments? but (\d+) (?:was|were) given", problem):
-        if int(given[1]) == 1 and not is_module_function:
-            return f"function takes 1 positional arguments but {given[2]} were given"
-        return "extra positional arguments given"
-    if re.match(r"takes from \d+ to \d+ positional arguments but \d+ were given", problem):
-        return "extra positional arguments given"
-    return None
+    given = re.fullmatch(r"takes (?:from \d+ to )?(\d+) positional arguments? but (\d+) (?:was|were) given", problem)
+    if given and given[1] == "1" and "from" not in problem and not is_module_function:
+        return f"function takes 1 positional arguments but {given[2]} were given"
+    return "extra positional arguments given" if given else None
 
 
 def _find(qualified_name: str, names: Mapping[str, object]) -> FunctionType | None:
     """The program's function with a qualified name."""
-    parts = qualified_name.rsplit(".<locals>.", maxsplit=1)[-1].split(".")
-    value = names.get(parts[0])
-    for part in parts[1:]:
+    first, *others = qualified_name.rsplit(".<locals>.", maxsplit=1)[-1].split(".")
+    value = names.get(first)
+    for part in others:
         value = getattr(value, part, None)
     if isinstance(value, type):
         value = value.__dict__.get("__init__")
@@ -380,14 +357,14 @@ def _find(qualified_name: str, names: Mapping[str, object]) -> FunctionType | No
     return value if is_own(value) and value.__qualname__.startswith(qualified_name) else None
 
 
-def _find_among(qualified_name: str, values: list[object]) -> FunctionType | None:
-    """A function that is not in the globals: a lambda or an inner function."""
-    return next((value for value in values if is_own(value) and value.__qualname__ == qualified_name), None)
-
-
 def is_own(value: object) -> TypeGuard[FunctionType]:
     """Whether a value is a function of the program."""
     return isinstance(value, FunctionType) and "@n" in value.__globals__.get("__builtins__", ())
+
+
+def is_native(kind: type) -> bool:
+    """Whether a class is not a program's."""
+    return kind.__module__.startswith((FIRMWARE, "builtins", "_io"))
 
 
 def class_name(kind: type) -> str:

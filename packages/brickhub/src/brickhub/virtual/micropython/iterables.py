@@ -1,23 +1,24 @@
-"""Iterables of a hub: functions that collect items refuse more than fit on any hub, and a generator that a program drops in the
-middle just stays there, where CPython closes it."""
+"""Iterables of a hub: collecting their items, generators, and sorting.
+
+Functions that collect items refuse more than fit on any hub. A generator that a program drops in the middle just stays there,
+where CPython closes it. Sorting is a quicksort (``py/objlist.c`` of MicroPython 1.26), which changes the order of equal elements.
+"""
 
 from __future__ import annotations
 
 import sys
 import threading
+from collections.abc import Callable, Iterable
 from types import GeneratorType
 from typing import Any
 
-from brickhub.virtual.memory import check_allocation, extend, items_of
+from brickhub.virtual.micropython.memory import check_allocation, extend, items_of
 
 
-def _to_list(kind: type, values: Any) -> Any:
-    """``list(values)``, named ``kind`` in the program."""
-    return items_of(values) if kind is list else kind(values)
-
-
-def _to_tuple(kind: type, values: Any) -> Any:
-    """``tuple(values)``, named ``kind`` in the program."""
+def _to_sequence(kind: type, values: Any) -> Any:
+    """``list(values)`` and ``tuple(values)``, named ``kind`` in the program."""
+    if kind is list:
+        return items_of(values)
     return tuple(items_of(values)) if kind is tuple and not isinstance(values, tuple) else kind(values)
 
 
@@ -100,14 +101,65 @@ def is_dropped() -> bool:
     return not _ending.calls and isinstance(sys.exc_info()[1], GeneratorExit)
 
 
-ITERABLE_FUNCTIONS = {
-    "@list": _to_list,
-    "@tuple": _to_tuple,
-    "@bytes": _to_bytes,
-    "@star": _star,
-    "@close": close,
-    "@throw": _throw,
-    "@extend": _extend,
-    "@join": _join,
-}
+ITERABLE_FUNCTIONS = {"@list": _to_sequence, "@tuple": _to_sequence, "@bytes": _to_bytes, "@star": _star, "@extend": _extend}
+ITERABLE_FUNCTIONS |= {"@join": _join, "@close": close, "@throw": _throw}
 """Functions by their names in the transformed program."""
+
+
+def sort(owner: Any, *args: Any, **kwargs: Any) -> Any:
+    """``owner.sort(...)``."""
+    if not isinstance(owner, list) or type(owner).sort is not list.sort:
+        return owner.sort(*args, **kwargs)
+    if args:
+        raise TypeError("extra positional arguments given")
+    return _sort(owner, **kwargs)
+
+
+def sorted_list(values: Iterable[Any], /, *args: Any, **kwargs: Any) -> list[Any]:
+    """``sorted(...)``."""
+    if args:
+        raise TypeError("must use keyword argument for key function")
+    items = items_of(values)
+    _sort(items, **kwargs)
+    return items
+
+
+def _sort(items: list[Any], *, key: Callable[[Any], Any] | None = None, reverse: Any = False) -> None:
+    kinds = set(map(type, items))
+    if key is None and kinds in ({int}, {str}):  # equal elements are the same in every respect
+        items.sort(reverse=bool(reverse))
+    else:
+        _quicksort(items, 0, len(items) - 1, key or (lambda value: value), not reverse)
+
+
+def _is_less(a: Any, b: Any) -> Any:
+    """``a < b``; a hub asks the first items that differ for ``>``."""
+    if type(a) not in (list, tuple) or type(b) is not type(a):
+        return a < b
+    for x, y in zip(a, b, strict=False):
+        if x is not y and not x == y:  # noqa: SIM201  `!=` may be another method
+            return y > x
+    return len(a) < len(b)
+
+
+def _quicksort(items: list[Any], first: int, last: int, key: Callable[[Any], Any], is_less: bool) -> None:
+    """Sort ``items[first:last + 1]`` so that ``<`` gives ``is_less``; keys are computed for each comparison."""
+    while first < last:
+        pivot = key(items[last])
+        low, high = first, last - 1
+        while True:
+            while low <= high and _is_less(key(items[low]), pivot) is is_less:
+                low += 1
+            while low < high and _is_less(pivot, key(items[high])) is is_less:
+                high -= 1
+            if low >= high:
+                break
+            items[low], items[high] = items[high], items[low]
+            low, high = low + 1, high - 1
+        items[low], items[last] = items[last], items[low]
+        if high - first < last - low - 1:
+            _quicksort(items, first, high, key, is_less)
+            first = low + 1
+        else:
+            _quicksort(items, low + 1, last, key, is_less)
+            last = high

@@ -2,37 +2,41 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import re
 import struct
-from collections.abc import Callable, Sequence
-from types import ModuleType
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType, ModuleType
 from typing import Any
 
-from brickhub.virtual.memory import check_allocation
 from brickhub.virtual.micropython.floats import int_from_float, to_single
-from brickhub.virtual.micropython.formatting import to_number
+from brickhub.virtual.micropython.memory import check_allocation
 from brickhub.virtual.micropython.operators import small
 from brickhub.virtual.micropython.streams import as_bytes
+from brickhub.virtual.micropython.text import to_number
 
 _MASK = 0xFFFFFFFF
+_PI = to_single(math.pi)
+_RADIANS, _DEGREES = to_single(_PI / 180), to_single(180 / _PI)  # as computed by the hub's compiler
+_BINARY_FUNCTIONS = ("atan2", "pow", "fmod", "copysign")
+_CODES = re.compile(r"(\d*)([xbBhHiIlLqQPOsefd])")
+_WIDE = frozenset("iIlLqQd")
+_HALF_INFINITE = 65520.0
+"""Least float that is infinite in 16 bits."""
 
 
-def module(name: str, names: dict[str, Any]) -> ModuleType:
-    """A module with these names."""
-    result = ModuleType(name)
+def module(module_name: str, names: Mapping[str, Any] = MappingProxyType({}), *functions: Callable[..., Any]) -> ModuleType:
+    """A module with these names, and with functions by their own; ours may end with ``_``."""
+    result = ModuleType(module_name)
     result.__dict__.clear()
-    result.__dict__.update({"__name__": name, **names})
+    result.__dict__.update({"__name__": module_name, **names})
+    result.__dict__.update((function.__name__.rstrip("_"), function) for function in functions)
     return result
 
 
 def _as_float(value: Any) -> float:
     return to_single(to_number(value, "float"))
-
-
-_PI = to_single(math.pi)
-_RADIANS, _DEGREES = to_single(_PI / 180), to_single(180 / _PI)  # as computed by the hub's compiler
-_BINARY_FUNCTIONS = ("atan2", "pow", "fmod", "copysign")
 
 
 def math_module() -> ModuleType:
@@ -50,6 +54,13 @@ def math_module() -> ModuleType:
             if math.isinf(result) and not any(map(math.isinf, values)):
                 raise ValueError("math domain error")
             return result
+
+        return call
+
+    def to_integer(function: Callable[[float], int]) -> Callable[[Any], int]:
+        def call(x: Any) -> int:
+            x = _as_float(x)
+            return int_from_float(float(function(x)) if math.isfinite(x) else x)
 
         return call
 
@@ -71,24 +82,12 @@ def math_module() -> ModuleType:
     names["ldexp"] = lambda m, p: to_single(math.ldexp(_as_float(m), p))
     names["frexp"] = lambda x: math.frexp(_as_float(x))
     names["modf"] = lambda x: tuple(map(to_single, math.modf(_as_float(x))))
-    for name in ("ceil", "floor", "trunc"):
-        names[name] = _to_integer(getattr(math, name))
-    return module("math", {**names, "log": log, "e": to_single(math.e), "pi": _PI})
-
-
-def _to_integer(function: Callable[[float], int]) -> Callable[[Any], int]:
-    def call(x: Any) -> int:
-        x = _as_float(x)
-        return int_from_float(float(function(x)) if math.isfinite(x) else x)
-
-    return call
+    names |= {name: to_integer(getattr(math, name)) for name in ("ceil", "floor", "trunc")}
+    return module("math", {**names, "e": to_single(math.e), "pi": _PI}, log)
 
 
 class _Yasmarang:
     """The hub's pseudo-random generator: equal seeds give equal sequences."""
-
-    def __init__(self, seed: int) -> None:
-        self.seed(seed)
 
     def seed(self, seed: int) -> None:
         self._pad, self._n, self._d, self._dat = seed & _MASK, 69, 233, 0
@@ -122,7 +121,8 @@ def expect_int(*values: Any) -> None:
 
 def random_module(clock_us: int) -> ModuleType:
     """``clock_us``: the hub's seed at program start."""
-    source = _Yasmarang(clock_us)
+    source = _Yasmarang()
+    source.seed(clock_us)
 
     def getrandbits(k: int, /) -> int:
         expect_int(k)
@@ -157,14 +157,7 @@ def random_module(clock_us: int) -> ModuleType:
         expect_int(0 if a is None else a)
         source.seed(clock_us if a is None else a)
 
-    names = {"getrandbits": getrandbits, "randrange": randrange, "randint": randint, "choice": choice, "uniform": uniform}
-    return module("random", {**names, "seed": seed, "random": source.fraction})
-
-
-_CODES = re.compile(r"(\d*)([xbBhHiIlLqQPOsefd])")
-_WIDE = frozenset("iIlLqQd")
-_HALF_INFINITE = 65520.0
-"""Least float that is infinite in 16 bits."""
+    return module("random", {"random": source.fraction}, getrandbits, randrange, randint, choice, uniform, seed)
 
 
 class _Layout:
@@ -210,12 +203,7 @@ class _Layout:
 
 
 def struct_module() -> ModuleType:
-    layouts: dict[str, _Layout] = {}
-
-    def cached_layout(text: str) -> _Layout:
-        if text not in layouts:
-            layouts[text] = _Layout(text)
-        return layouts[text]
+    cached_layout = functools.cache(_Layout)
 
     def pack(fmt: str, /, *values: Any) -> bytes:
         layout = cached_layout(fmt)
@@ -247,5 +235,4 @@ def struct_module() -> ModuleType:
     def calcsize(fmt: str, /) -> int:
         return cached_layout(fmt).struct.size
 
-    names = {"pack": pack, "pack_into": pack_into, "unpack": unpack, "unpack_from": unpack_from, "calcsize": calcsize}
-    return module("struct", names)
+    return module("struct", {}, pack, pack_into, unpack, unpack_from, calcsize)

@@ -13,16 +13,13 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
-from brickhub.virtual.memory import check_allocation
-from brickhub.virtual.micropython.byte_array import HubBytearray
-from brickhub.virtual.micropython.classes import is_native
 from brickhub.virtual.micropython.containers import HubDict, HubSet
-from brickhub.virtual.micropython.exceptions import CATCHABLE, SwitchedOff, reword
+from brickhub.virtual.micropython.exceptions import CATCHABLE, SwitchedOff, is_native, reword
 from brickhub.virtual.micropython.floats import SMALL_MAX, SMALL_MIN, int_from_float, read_float, to_single
-from brickhub.virtual.micropython.formatting import format_text, format_value, percent, to_number
-from brickhub.virtual.micropython.iterables import ITERABLE_FUNCTIONS, add_in_place, is_dropped
-from brickhub.virtual.micropython.sorting import sort
-from brickhub.virtual.micropython.text import representation, text
+from brickhub.virtual.micropython.iterables import ITERABLE_FUNCTIONS, add_in_place, is_dropped, sort
+from brickhub.virtual.micropython.memory import check_allocation
+from brickhub.virtual.micropython.streams import HubBytearray
+from brickhub.virtual.micropython.text import format_text, format_value, percent, representation, text, to_number
 
 _EXACT_INT_MAX = 2**24
 _BASES = {"0b": 2, "0o": 8, "0x": 16}
@@ -37,12 +34,10 @@ _ITEM_BYTES: dict[Any, int] = {str: 1, bytes: 1, list: 4, tuple: 4}
 """Sizes of the items of what operators make longer."""
 _SIZED = (str, bytes, HubBytearray, list, tuple)
 _CHECKED_ITEMS = 256
-_WITH_END = (str, bytes)
-"""Kinds that end with a zero byte."""
 
 
 def _check_length(kind: type, length: int) -> None:
-    check_allocation(length * _ITEM_BYTES[kind] + (kind in _WITH_END))
+    check_allocation(length * _ITEM_BYTES[kind] + (kind in (str, bytes)))  # these end with a zero byte
 
 
 def small(value: int) -> int:
@@ -202,12 +197,10 @@ def _ascii_method(name: str) -> Callable[..., Any]:
 
 def _contains(item: Any, container: Any) -> bool:
     """``item in container``; bytes have text in them, and no number above 255."""
-    if isinstance(container, bytes):
-        if isinstance(item, str):
-            item = item.encode()
-        elif isinstance(item, int):
-            return 0 <= item <= 255 and item in container
-    return item in container
+    if isinstance(container, bytes) and isinstance(item, str):
+        return item.encode() in container
+    is_byte = not isinstance(container, bytes) or not isinstance(item, int) or 0 <= item <= 255
+    return is_byte and item in container
 
 
 def _to_slice(kind: type, *args: Any, **kwargs: Any) -> Any:
@@ -273,12 +266,6 @@ def _bitwise(operation: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
     return operate
 
 
-def _dict_display(*parts: Any) -> HubDict:
-    """``{key: value, ...}`` with as many slots as keys; alternating values and keys, as a hub computes the value first."""
-    values, keys = parts[::2], parts[1::2]
-    return HubDict.sized(len(keys), zip(keys, values, strict=True))
-
-
 def _list_comprehension(elements: Iterator[Any]) -> list[Any]:
     """The elements; a StopIteration in one of them is not that of a generator."""
     items: list[Any] = []
@@ -293,25 +280,22 @@ def _list_comprehension(elements: Iterator[Any]) -> list[Any]:
     return items
 
 
-def _dict_comprehension(pairs: list[tuple[Any, Any]]) -> HubDict:
-    """``{key: value for ...}`` from pairs of value and key."""
-    return HubDict.sized(0, ((key, value) for value, key in pairs))
-
-
-def _set_display(*values: Any) -> HubSet:
-    return HubSet.sized(values, len(values))
-
-
-def _keyword_arguments(names: dict[str, Any]) -> HubDict:
-    """Arguments received as ``**names``."""
-    return HubDict.sized(len(names), names.items())
-
-
 def _format(obj: Any, *args: Any, **kwargs: Any) -> Any:
     """``obj.format(...)``, which bytes have too."""
     if isinstance(obj, bytes):
         return format_text(obj.decode("latin-1"), args, kwargs).encode("latin-1")
     return format_text(obj, args, kwargs) if isinstance(obj, str) else obj.format(*args, **kwargs)
+
+
+def _f_string(value: Any, conversion: int, spec: str) -> str:
+    convert = {ord("r"): representation, ord("s"): text}.get(conversion)
+    return format_value(value if convert is None else convert(value), spec)
+
+
+_FUNCTIONS: dict[str, Any] = {f"@{name}": _ascii_method(name) for name in ASCII_METHODS}
+_FUNCTIONS |= {"@int": to_int, "@float": to_float, "@str": to_str, "@slice": _to_slice, "@sort": sort, "@f": _f_string}
+_FUNCTIONS |= {"@format": _format, "@in": _contains, "@to_bytes": _to_bytes, "@from_bytes": _from_bytes}
+_FUNCTIONS |= {"@sub": _subscriptable, "@stepped": _stepped, "@sliced": _sliced, "@setslice": _set_slice}
 
 
 def operators(namespaces: Sequence[Mapping[str, object]]) -> dict[str, Any]:
@@ -343,54 +327,26 @@ def operators(namespaces: Sequence[Mapping[str, object]]) -> dict[str, Any]:
                 return math.inf
             raise
 
-    def in_place(operation: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
-        return lambda a, b: normalize(operation(a, b))
+    def subtract_in_place(a: Any, b: Any) -> Any:
+        a -= b
+        return normalize(a)
 
-    def f_string(value: Any, conversion: int, spec: str) -> str:
-        if conversion == ord("r"):
-            value = representation(value)
-        elif conversion == ord("s"):
-            value = text(value)
-        return format_value(value, spec)
-
-    return {
-        "@n": normalize,
-        "@mul": in_place(_product),
-        "@div": divide,
-        "@floordiv": floor_divide,
-        "@mod": modulo,
-        "@pow": power,
-        "@iadd": in_place(add_in_place),
-        "@isub": in_place(operator.isub),
-        "@and": _bitwise(operator.and_),
-        "@or": _bitwise(operator.or_),
-        "@xor": _bitwise(operator.xor),
-        "@iand": _bitwise(operator.iand),
-        "@ior": _bitwise(operator.ior),
-        "@ixor": _bitwise(operator.ixor),
-        "@int": to_int,
-        "@float": to_float,
-        "@str": to_str,
-        **ITERABLE_FUNCTIONS,
-        "@format": _format,
-        "@sort": sort,
-        "@in": _contains,
-        "@to_bytes": _to_bytes,
-        "@from_bytes": _from_bytes,
-        "@f": f_string,
-        "@sub": _subscriptable,
-        "@slice": _to_slice,
-        "@stepped": _stepped,
-        "@sliced": _sliced,
-        "@setslice": _set_slice,
-        "@dict": _dict_display,
-        "@dictof": _dict_comprehension,
-        "@set": _set_display,
+    arithmetic = {"@n": normalize, "@div": divide, "@floordiv": floor_divide, "@mod": modulo, "@pow": power}
+    arithmetic |= {"@mul": lambda a, b: normalize(_product(a, b)), "@iadd": lambda a, b: normalize(add_in_place(a, b))}
+    bits = ("and_", "or_", "xor", "iand", "ior", "ixor")
+    bitwise = {f"@{name.rstrip('_')}": _bitwise(getattr(operator, name)) for name in bits}
+    displays = {
+        # `{key: value, ...}` with as many slots as keys; in pairs the value is first, as a hub computes it first
+        "@dict": lambda *parts: HubDict.sized(len(parts) // 2, zip(parts[1::2], parts[::2], strict=True)),
+        "@dictof": lambda pairs: HubDict.sized(0, ((key, value) for value, key in pairs)),
+        "@set": lambda *values: HubSet.sized(values, len(values)),
         "@setof": HubSet,
         "@listof": _list_comprehension,
-        "@named": _keyword_arguments,
-        **{f"@{name}": _ascii_method(name) for name in ASCII_METHODS},
+        "@named": lambda names: HubDict.sized(len(names), names.items()),
+    }
+    errors = {
         "@any": CATCHABLE,
         "@ends": lambda: not (isinstance(sys.exc_info()[1], SwitchedOff) or is_dropped()),
         "@reword": lambda error: reword(error, namespaces),
     }
+    return {**_FUNCTIONS, **ITERABLE_FUNCTIONS, **arithmetic, "@isub": subtract_in_place, **bitwise, **displays, **errors}

@@ -1,13 +1,88 @@
-"""``BytesIO`` and ``StringIO`` of a hub: both hold bytes, and accept text and bytes."""
+"""Bytes and streams of a hub: ``bytearray``, which keeps the last eight bits of numbers, and ``BytesIO`` and ``StringIO``.
+
+Both hold bytes, and accept text and bytes. Source: ``py/objarray.c`` and ``py/binary.c`` of MicroPython 1.26.
+"""
 
 from __future__ import annotations
 
 import errno
 import io
-from typing import Any
+import operator
+from typing import Any, Protocol
 
-from brickhub.virtual.micropython.byte_array import HubBytearray
 from brickhub.virtual.micropython.exceptions import HubOSError
+from brickhub.virtual.micropython.memory import check_allocation, items_of
+
+
+def _low_bytes(values: Any) -> Any:
+    """Numbers as bytes; a size and a buffer, unchanged."""
+    if isinstance(values, int | str | bytes | bytearray | memoryview):
+        return values
+    return bytes(operator.index(value) & 0xFF for value in items_of(values, item_bytes=1))
+
+
+def _buffer(value: Any) -> Any:
+    return value.encode() if isinstance(value, str) else value
+
+
+class HubBytearray(bytearray):
+    """A bytearray of any integers, modulo 256. Text is added as UTF-8."""
+
+    __slots__ = ()
+
+    def __init__(self, source: Any = b"", *encoding: Any) -> None:
+        if isinstance(source, int):
+            check_allocation(source)
+        super().__init__(_low_bytes(source), *encoding)
+
+    def __setitem__(self, index: Any, value: Any) -> None:
+        super().__setitem__(index, value if isinstance(index, slice) else operator.index(value) & 0xFF)
+
+    def __getitem__(self, index: Any) -> Any:
+        item = super().__getitem__(index)
+        return HubBytearray(item) if isinstance(index, slice) else item
+
+    def __delitem__(self, index: Any) -> None:
+        raise TypeError("'bytearray' object doesn't support item deletion")
+
+    def __contains__(self, item: Any) -> bool:
+        if isinstance(item, int | float):
+            raise NotImplementedError
+        return isinstance(item, str | bytes | bytearray | memoryview) and super().__contains__(_buffer(item))
+
+    def __mul__(self, other: Any) -> Any:
+        return NotImplemented
+
+    __rmul__ = __imul__ = __mul__
+
+    def __add__(self, other: Any) -> HubBytearray:
+        return HubBytearray(super().__add__(_buffer(other)))
+
+    def __iadd__(self, other: Any) -> HubBytearray:
+        self.extend(other)
+        return self
+
+    def append(self, value: Any, /) -> None:
+        super().append(operator.index(value) & 0xFF)
+
+    def extend(self, values: Any, /) -> None:
+        super().extend(_low_bytes(_buffer(values)))
+
+
+HubBytearray.__name__ = HubBytearray.__qualname__ = "bytearray"
+
+
+class Console(Protocol):
+    """Byte streams between a program and its host. ``print`` writes ``\\r\\n`` for ``\\n``."""
+
+    def available(self) -> int:
+        """Number of bytes that can be read without waiting."""
+
+    def read(self, n: int) -> bytes:
+        """Exactly ``n`` bytes; simulated time advances in steps of 1 ms until they are there."""
+
+    def write(self, data: bytes) -> None:
+        """Send bytes unchanged."""
 
 
 def as_bytes(value: Any) -> bytes:

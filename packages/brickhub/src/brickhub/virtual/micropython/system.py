@@ -1,50 +1,118 @@
-"""Modules ``sys``, ``select``, ``io``, ``json``, ``errno``, ``gc`` and ``micropython`` of a hub."""
+"""Modules ``sys``, ``select``, ``io``, ``json``, ``errno``, ``gc`` and ``micropython`` of a hub.
+
+JSON is read as in ``extmod/modjson.c`` of MicroPython 1.26: commas and colons are spaces, any bracket closes.
+"""
 
 from __future__ import annotations
 
 import errno
 import json
+import re
 from collections.abc import Callable, Iterator
 from types import ModuleType
 from typing import Any
 
-from greenlet import GreenletExit
-
-from brickhub.errors import SceneError, WriteError
-from brickhub.virtual.console import Console
-from brickhub.virtual.host_stop import HostStop
-from brickhub.virtual.memory import BLOCK_BYTES
 from brickhub.virtual.micropython.builtins import cooked
 from brickhub.virtual.micropython.containers import HubDict
 from brickhub.virtual.micropython.exceptions import ERROR_NAMES, HubOSError, ProgramInterrupt
 from brickhub.virtual.micropython.floats import to_single
-from brickhub.virtual.micropython.json_text import read_json
+from brickhub.virtual.micropython.memory import BLOCK_BYTES
 from brickhub.virtual.micropython.numbers import module
-from brickhub.virtual.micropython.streams import BytesIO, IOBase, Stream, StringIO, as_bytes, part_of, write_text
+from brickhub.virtual.micropython.operators import to_float, to_int
+from brickhub.virtual.micropython.streams import BytesIO, Console, IOBase, Stream, StringIO, as_bytes, part_of, write_text
 from brickhub.virtual.micropython.text import format_traceback, representation, text
 
+_TOKEN = re.compile(
+    r"""[,:\ \t\n\r]*(?:
+        (?P<word>null|false|true)
+      | "(?P<text>(?:[^"\\]|\\.)*)"
+      | (?P<number>[-0-9][-+.eE0-9]*)
+      | (?P<open>[\[{])
+      | (?P<close>[\]}])
+    )""",
+    re.VERBOSE | re.DOTALL,
+)
+_WORDS = {"null": None, "false": False, "true": True}
+_ESCAPES = {"b": "\b", "f": "\f", "n": "\n", "r": "\r", "t": "\t"}
+_SPACES = " \t\n\r\v\f"
+_NO_KEY = object()
+_SYNTAX_ERROR = "syntax error in JSON"
 _POLLIN, _POLLOUT, _POLLERR, _POLLHUP = 1, 4, 8, 16
-_STDIN = 0
-_CTRL_C = 3
-_ENOENT = 2
+_STDIN, _CTRL_C = 0, 3
 _STACK_BYTES = 8 * 1024
 _FOREVER_MS = 1000  # polling interval
 
 
-def is_program_error(error: BaseException) -> bool:
-    """Whether the program raised it, not an external stop, a failing scene or a film that cannot be written."""
-    if isinstance(error, ProgramInterrupt):
-        return True
-    return not isinstance(error, HostStop | SceneError | WriteError | KeyboardInterrupt | GreenletExit)
+def read_json(source: str) -> Any:
+    """Parse JSON. Raises ValueError as on the hub, OverflowError if a number needs more than 31 bits."""
+    parents: list[Any] = []
+    top: Any = None
+    key: Any = _NO_KEY
+    position = 0
+    while True:
+        token = _TOKEN.match(source, position)
+        if token is None or (token["close"] and top is None):
+            raise ValueError(_SYNTAX_ERROR)
+        position = token.end()
+        if token["close"]:
+            if not parents:
+                break
+            top = parents.pop()
+            continue
+        value, opens = _value(token), token["open"] is not None
+        if isinstance(top, list):
+            top.append(value)
+        elif top is not None and key is not _NO_KEY:
+            top[key], key = value, _NO_KEY
+        elif top is not None:
+            if opens:
+                raise ValueError(_SYNTAX_ERROR)
+            key = value
+        if opens:
+            if top is not None:
+                parents.append(top)
+            top = value
+        elif top is None:
+            top = value
+            break
+    if source[position:].strip(_SPACES):
+        raise ValueError(_SYNTAX_ERROR)
+    return top
 
 
-class Keyboard:
-    """The byte that interrupts a program; ``kbd_intr(-1)`` disables it."""
+def _value(token: re.Match[str]) -> Any:
+    if token["open"]:
+        return [] if token["open"] == "[" else HubDict()
+    if token["word"]:
+        return _WORDS[token["word"]]
+    number = token["number"]
+    if number is None:
+        return re.sub(r"\\(u.{4}|.)", _unescaped, token["text"], flags=re.DOTALL)
+    return to_float(float, number) if re.search("[.eE]", number) else to_int(int, number, 10)
 
-    def __init__(self) -> None:
-        self.interrupt = _CTRL_C
 
-    def check(self, data: bytes) -> bytes:
+def _unescaped(escape: re.Match[str]) -> str:
+    text = escape[1]
+    if len(text) == 1:
+        return _ESCAPES.get(text, text)
+    try:
+        return chr(int(text[1:], 16))
+    except ValueError:
+        raise ValueError(_SYNTAX_ERROR) from None
+
+
+class Terminal:
+    """Standard streams of a program: its console, what is called before it reads, and the byte that interrupts it.
+
+    ``kbd_intr(-1)`` lets no byte interrupt.
+    """
+
+    def __init__(self, console: Console, tick: Callable[[], None]) -> None:
+        self.console, self.tick, self.interrupt = console, tick, _CTRL_C
+
+    def read(self, count: int) -> bytes:
+        """Bytes of the console. Raises ProgramInterrupt if one interrupts."""
+        data = self.console.read(count)
         if self.interrupt >= 0 and self.interrupt in data:
             raise ProgramInterrupt
         return data
@@ -53,11 +121,8 @@ class Keyboard:
 class FileIO(Stream):
     """Standard input and output as bytes."""
 
-    def __init__(self, number: int, console: Console, keyboard: Keyboard, tick: Callable[[], None]) -> None:
-        self._number = number
-        self._console = console
-        self._keyboard = keyboard
-        self._tick = tick
+    def __init__(self, number: int, terminal: Terminal) -> None:
+        self._number, self._terminal = number, terminal
 
     def __repr__(self) -> str:
         return f"<io.{type(self).__name__} {self._number}>"
@@ -73,10 +138,10 @@ class FileIO(Stream):
 
     def events(self) -> int:
         # Standard output is never ready: programs register standard input without a mask and rely on it.
-        return _POLLIN if self._console.available() else 0
+        return _POLLIN if self._terminal.console.available() else 0
 
     def read(self, size: int = -1) -> Any:
-        self._tick()
+        self._terminal.tick()
         return self._take(1 << 20 if size < 0 else size) if size else b""
 
     def readinto(self, buffer: bytearray, size: int = -1) -> int:
@@ -96,24 +161,25 @@ class FileIO(Stream):
         return bytes(line)
 
     def _take(self, count: int) -> bytes:
-        """Read bytes, and look for the one that interrupts."""
-        return self._keyboard.check(self._console.read(count))
+        return self._terminal.read(count)
 
     def write(self, data: Any, *part: int) -> int:
         """Write :func:`part_of` a buffer; returns the number of bytes."""
-        return self._write(part_of(data, *part))
+        content = part_of(data, *part)
+        self._terminal.console.write(self._cooked(content))
+        return len(content)
 
-    def _write(self, data: bytes) -> int:
-        self._console.write(data)
-        return len(data)
+    def _cooked(self, data: bytes) -> bytes:
+        """Bytes as they are sent."""
+        return data
 
 
 class TextIOWrapper(FileIO):
     """Standard input or output as text; ``buffer`` is the byte stream. The Enter key, CR, is read as LF."""
 
-    def __init__(self, number: int, console: Console, keyboard: Keyboard, tick: Callable[[], None]) -> None:
-        super().__init__(number, console, keyboard, tick)
-        self.buffer = FileIO(0, console, keyboard, tick)
+    def __init__(self, number: int, terminal: Terminal) -> None:
+        super().__init__(number, terminal)
+        self.buffer = FileIO(0, terminal)
 
     def _take(self, count: int) -> bytes:
         if self._number != _STDIN:
@@ -122,22 +188,23 @@ class TextIOWrapper(FileIO):
 
     def read(self, size: int = -1) -> str:
         """Read a number of characters."""
-        self._tick()
-        return self._take(1 << 20).decode() if size < 0 else "".join(self._character() for _ in range(size))
-
-    def _character(self) -> str:
-        first = self._take(1)
-        others = (first >= b"\xc0") + (first >= b"\xe0") + (first >= b"\xf0")
-        return (first + self._take(others)).decode()
+        self._terminal.tick()
+        if size < 0:
+            return self._take(1 << 20).decode()
+        characters = ""
+        for _ in range(size):
+            first = self._take(1)
+            others = (first >= b"\xc0") + (first >= b"\xe0") + (first >= b"\xf0")
+            characters += (first + self._take(others)).decode()
+        return characters
 
     def readline(self, size: int = -1) -> str:
         return super().readline(size).decode()  # type: ignore[no-any-return]
 
-    def _write(self, data: bytes) -> int:
+    def _cooked(self, data: bytes) -> bytes:
         if self._number == _STDIN:
             raise HubOSError(errno.EPERM)
-        self._console.write(cooked(data))
-        return len(data)
+        return cooked(data)
 
 
 class Poll:
@@ -155,12 +222,13 @@ class Poll:
 
     def modify(self, stream: Any, eventmask: int) -> None:
         if id(stream) not in self._streams:
-            raise HubOSError(_ENOENT)
+            raise HubOSError(errno.ENOENT)
         self._streams[id(stream)] = (stream, eventmask)
 
     def poll(self, timeout: int = -1, flags: int = 0) -> list[tuple[FileIO, int]]:
         self._tick()
-        while not (ready := self._ready()) and timeout:
+        streams = self._streams.values()
+        while not (ready := [(stream, now) for stream, mask in streams if (now := stream.events() & mask)]) and timeout:
             if timeout < 0:
                 self._advance(_FOREVER_MS)
             else:
@@ -173,14 +241,6 @@ class Poll:
     def ipoll(self, timeout: int = -1, flags: int = 0) -> Iterator[tuple[FileIO, int]]:
         return iter(self.poll(timeout, flags))
 
-    def _ready(self) -> list[tuple[FileIO, int]]:
-        ready = []
-        for stream, mask in self._streams.values():
-            events = stream.events() & mask
-            if events:
-                ready.append((stream, events))
-        return ready
-
 
 Poll.__name__ = Poll.__qualname__ = "poll"
 
@@ -191,30 +251,24 @@ def _pollable(stream: Any) -> FileIO:
     return stream
 
 
-def sys_module(console: Console, keyboard: Keyboard, tick: Callable[[], None], version: str, machine: str) -> ModuleType:
-    stdout = TextIOWrapper(1, console, keyboard, tick)
+def sys_module(terminal: Terminal, version: str, machine: str) -> ModuleType:
+    stdout = TextIOWrapper(1, terminal)
 
     def print_exception(error: object, file: Any = stdout) -> None:
-        if not isinstance(error, BaseException):
-            write_text(file, f"{representation(error)}\n")
-            return
-        write_text(file, format_traceback(error, ""))
+        write_text(file, format_traceback(error, "") if isinstance(error, BaseException) else f"{representation(error)}\n")
 
-    return module(
-        "sys",
-        {
-            "stdin": TextIOWrapper(0, console, keyboard, tick),
-            "stdout": stdout,
-            "stderr": TextIOWrapper(2, console, keyboard, tick),
-            "path": ["", ".frozen"],
-            "argv": [],
-            "version": f"3.4.0; Pybricks MicroPython v{version}",
-            "version_info": (3, 4, 0),
-            "implementation": ("micropython", (1, 26, 0, ""), machine, 0x2306),
-            "byteorder": "little",
-            "print_exception": print_exception,
-        },
-    )
+    names: dict[str, Any] = {
+        "stdin": TextIOWrapper(0, terminal),
+        "stdout": stdout,
+        "stderr": TextIOWrapper(2, terminal),
+        "path": ["", ".frozen"],
+        "argv": [],
+        "version": f"3.4.0; Pybricks MicroPython v{version}",
+        "version_info": (3, 4, 0),
+        "implementation": ("micropython", (1, 26, 0, ""), machine, 0x2306),
+        "byteorder": "little",
+    }
+    return module("sys", names, print_exception)
 
 
 def select_module(advance: Callable[[int], int], tick: Callable[[], None]) -> ModuleType:
@@ -237,12 +291,12 @@ def select_module(advance: Callable[[int], int], tick: Callable[[], None]) -> Mo
     return module("select", {"poll": lambda: Poll(advance, tick), "select": select, **flags})
 
 
-def micropython_module(keyboard: Keyboard, console: Console, memory: Callable[[], tuple[int, int]]) -> ModuleType:
+def micropython_module(terminal: Terminal, memory: Callable[[], tuple[int, int]]) -> ModuleType:
     """``memory`` returns the bytes in use and the free ones."""
     state = {"level": 0, "locks": 0}
 
     def kbd_intr(character: int) -> None:
-        keyboard.interrupt = character
+        terminal.interrupt = character
 
     def opt_level(level: int | None = None) -> int | None:
         if level is None:
@@ -264,40 +318,27 @@ def micropython_module(keyboard: Keyboard, console: Console, memory: Callable[[]
             f"GC: total: {used_bytes + free_bytes}, used: {used_bytes}, free: {free_bytes}",
             f" No. of 1-blocks: 0, 2-blocks: 0, max blk sz: 0, max free sz: {free_bytes // BLOCK_BYTES}",
         )
-        console.write(cooked("".join(f"{line}\n" for line in lines).encode()))
+        terminal.console.write(cooked("".join(f"{line}\n" for line in lines).encode()))
 
     def qstr_info(verbose: Any = None) -> None:
-        console.write(cooked(b"qstr pool: n_pool=0, n_qstr=0, n_str_data_bytes=0, n_total_bytes=0\n"))
+        terminal.console.write(cooked(b"qstr pool: n_pool=0, n_qstr=0, n_str_data_bytes=0, n_total_bytes=0\n"))
 
-    names: dict[str, Any] = {
-        "mem_info": mem_info,
-        "qstr_info": qstr_info,
-        "const": lambda value: value,
-        "kbd_intr": kbd_intr,
-        "opt_level": opt_level,
-    }
-    return module("micropython", {**names, "heap_lock": heap_lock, "heap_unlock": heap_unlock, "stack_use": lambda: 0})
+    names = {"const": lambda value: value, "stack_use": lambda: 0}
+    return module("micropython", names, mem_info, qstr_info, kbd_intr, opt_level, heap_lock, heap_unlock)
 
 
 def gc_module(memory: Callable[[], tuple[int, int]]) -> ModuleType:
-    state = {"on": True}
-    limit = [-1]
+    state = {"on": True, "limit": -1}
 
     def threshold(*size: int) -> int | None:
         if not size:
-            return limit[0]
-        limit[:] = size
+            return state["limit"]
+        (state["limit"],) = size
         return None
 
-    def switch(on: bool) -> Callable[[], None]:
-        def call() -> None:
-            state["on"] = on
-
-        return call
-
-    names: dict[str, Any] = {"enable": switch(True), "disable": switch(False), "isenabled": lambda: state["on"]}
-    names["threshold"] = threshold
-    return module("gc", {**names, "collect": lambda: None, "mem_alloc": lambda: memory()[0], "mem_free": lambda: memory()[1]})
+    names: dict[str, Any] = {"enable": lambda: state.update(on=True), "disable": lambda: state.update(on=False)}
+    names |= {"isenabled": lambda: state["on"], "mem_alloc": lambda: memory()[0], "mem_free": lambda: memory()[1]}
+    return module("gc", {**names, "collect": lambda: None}, threshold)
 
 
 def errno_module() -> ModuleType:
@@ -305,7 +346,7 @@ def errno_module() -> ModuleType:
 
 
 def io_module() -> ModuleType:
-    return module("io", {"BytesIO": BytesIO, "IOBase": IOBase, "StringIO": StringIO})
+    return module("io", {}, BytesIO, IOBase, StringIO)
 
 
 def json_module() -> ModuleType:
@@ -314,7 +355,8 @@ def json_module() -> ModuleType:
 
         def write(value: Any) -> str:
             if isinstance(value, dict):
-                return "{" + item.join(write_key(k) + key + write(v) for k, v in value.items()) + "}"
+                names = (write(name) if isinstance(name, str) else f'"{write(name)}"' for name in value)
+                return "{" + item.join(name + key + write(part) for name, part in zip(names, value.values(), strict=True)) + "}"
             if isinstance(value, list | tuple):
                 return "[" + item.join(map(write, value)) + "]"
             if value is None or isinstance(value, bool):
@@ -322,9 +364,6 @@ def json_module() -> ModuleType:
             if isinstance(value, bytes):
                 value = value.decode()
             return json.dumps(value, ensure_ascii=False) if isinstance(value, str) else text(value)
-
-        def write_key(name: Any) -> str:
-            return write(name) if isinstance(name, str) else f'"{write(name)}"'
 
         return write(value)
 
@@ -334,4 +373,4 @@ def json_module() -> ModuleType:
     def dump(value: Any, stream: Any, /, *, separators: tuple[str, str] | None = None) -> None:
         write_text(stream, dumps(value, separators=separators))
 
-    return module("json", {"dumps": dumps, "loads": loads, "dump": dump, "load": lambda stream: loads(stream.read())})
+    return module("json", {"load": lambda stream: loads(stream.read())}, dumps, loads, dump)

@@ -2,32 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from types import ModuleType
 
-from brickhub.virtual.call_stack import check_of_calls, most_nested_calls
-from brickhub.virtual.console import Console
-from brickhub.virtual.heap import Heap
 from brickhub.virtual.interpreter import Modules
 from brickhub.virtual.machine import Machine
+from brickhub.virtual.micropython import system
+from brickhub.virtual.micropython.memory import Heap, check_of_calls, most_nested_calls
 from brickhub.virtual.micropython.numbers import math_module, module, random_module, struct_module
-from brickhub.virtual.micropython.system import (
-    Keyboard,
-    errno_module,
-    gc_module,
-    io_module,
-    json_module,
-    micropython_module,
-    select_module,
-    sys_module,
-)
+from brickhub.virtual.micropython.streams import Console
 from brickhub.virtual.pybricks.context import Context
 from brickhub.virtual.pybricks.hubs import hubs_module
 from brickhub.virtual.pybricks.iodevices import iodevices_module
-from brickhub.virtual.pybricks.messaging import messaging_module
-from brickhub.virtual.pybricks.parameters import Parameters
+from brickhub.virtual.pybricks.parameters import enumeration, parameters_module
 from brickhub.virtual.pybricks.pupdevices import pupdevices_module
 from brickhub.virtual.pybricks.robotics import robotics_module
 from brickhub.virtual.pybricks.tools import tools_module
+from brickhub.virtual.pybricks.wireless import messaging_module
 
 FIRMWARE_VERSION = "4.0.1"
 FIRMWARE_BUILD = "v4.0.1 on 2026-06-23"
@@ -42,27 +33,18 @@ def modules(machine: Machine, console: Console) -> Modules:
     """
     hub = machine.robot.hub
     machine.runs_program = True
-    context = Context(machine, console)
-    parameters = Parameters(hub.model)
+    context = Context(machine, console, enumeration("Port", " ".join(hub.model.ports)))
     messaging = messaging_module(context)
-    pybricks = {
-        "hubs": hubs_module(context, hub.model),
-        "parameters": parameters.module(),
-        "pupdevices": pupdevices_module(context, parameters),
-        "iodevices": iodevices_module(context, parameters),
-        "robotics": robotics_module(context),
-        "tools": tools_module(context, messaging.AppData),
-        "messaging": messaging,
-    }
-    if not hub.model.has_float:
-        del pybricks["iodevices"]
-    result = {f"pybricks.{name}": part for name, part in pybricks.items()}
+    parts = [hubs_module(context, hub.model), parameters_module(context), pupdevices_module(context), robotics_module(context)]
+    parts += [tools := tools_module(context, messaging.AppData), messaging]
+    parts += [iodevices_module(context)] if hub.model.has_float else []
+    result = {f"pybricks.{part.__name__}": part for part in parts}
     result["pybricks"] = module("pybricks", {"version": (f"{hub.value}hub", FIRMWARE_VERSION, FIRMWARE_BUILD)})
     if hub.model.has_float:
-        result["pybricks.geometry"] = pybricks["tools"]
+        result["pybricks.geometry"] = tools
     heap = Heap(hub.model)
     machine.check_memory = heap.check
-    language = _language_modules(machine, console, heap)
+    language = {part.__name__: part for part in _language_modules(machine, console, heap)}
     result.update(language)
     result.update({f"u{name}": language[name] for name in _U_PREFIXED if name in language})
     machine.branch(None)
@@ -70,20 +52,13 @@ def modules(machine: Machine, console: Console) -> Modules:
     return Modules(result, *hooks, heap.namespaces, missing_builtins=hub.model.missing)
 
 
-def _language_modules(machine: Machine, console: Console, heap: Heap) -> dict[str, ModuleType]:
+def _language_modules(machine: Machine, console: Console, heap: Heap) -> Iterator[ModuleType]:
     hub = machine.robot.hub.model
-    if not hub.has_float:
-        return {"errno": errno_module()}
-    keyboard = Keyboard()
-    return {
-        "errno": errno_module(),
-        "micropython": micropython_module(keyboard, console, heap.statistics),
-        "math": math_module(),
-        "random": random_module(machine.time_ms * 1000),
-        "struct": struct_module(),
-        "json": json_module(),
-        "io": io_module(),
-        "gc": gc_module(heap.statistics),
-        "select": select_module(machine.advance_to_alarm, machine.charge_call),
-        "sys": sys_module(console, keyboard, machine.charge_call, FIRMWARE_VERSION, hub.machine),
-    }
+    yield system.errno_module()
+    if hub.has_float:
+        terminal = system.Terminal(console, machine.charge_call)
+        yield from (math_module(), random_module(machine.time_ms * 1000), struct_module())
+        yield from (system.json_module(), system.io_module(), system.gc_module(heap.statistics))
+        yield system.micropython_module(terminal, heap.statistics)
+        yield system.select_module(machine.advance_to_alarm, machine.charge_call)
+        yield system.sys_module(terminal, FIRMWARE_VERSION, hub.machine)

@@ -17,7 +17,7 @@ from typing import Any
 
 from brickhub.robot import MotorKind, Sense, SensorKind, UltrasonicSensor
 from brickhub.virtual.machine import Machine
-from brickhub.virtual.pybricks.colors import nearest
+from brickhub.virtual.pybricks.parameters import nearest
 from brickhub.virtual.stimuli import Hsv, brightness_pct, color, number, pitch_and_roll, reflection_pct
 
 MAX_FORCE_MN = 10_000
@@ -122,25 +122,19 @@ class DeviceMode:
         return readings + (0,) * (self.count - len(readings))
 
 
-@dataclass(frozen=True)
 class DeviceModes:
     """Modes of a kind of device.
 
     Attributes:
         modes: all of them, by number; none of a passive device, such as a light.
-        first: number of the mode after plugging in (``pbio_port_lump_sync_thread``): of motors, where the firmware reads their
-            angle.
+        first_mode: name of the mode after plugging in (``pbio_port_lump_sync_thread``), of number ``first``: of motors, where
+            the firmware reads their angle.
         stale_ms: time after a change of mode until values are fresh (``lego_device_stale_data_delay``).
     """
 
-    modes: tuple[DeviceMode, ...] = ()
-    first: int = 0
-    stale_ms: int = 0
-
-    @property
-    def first_mode(self) -> str:
-        """Name of the mode after plugging in."""
-        return self.modes[self.first].name if self.modes else ""
+    def __init__(self, *modes: DeviceMode, first: int = 0, stale_ms: int = 0) -> None:
+        self.modes, self.stale_ms = modes, stale_ms
+        self.first_mode = modes[first].name if modes else ""
 
 
 def _lego_color(plug: Plug) -> Iterable[int]:
@@ -148,34 +142,22 @@ def _lego_color(plug: Plug) -> Iterable[int]:
     return () if index is None else (list(_LEGO_COLORS)[index],)
 
 
-def _boost_rgb(plug: Plug) -> Iterable[int]:
+def _rgb(plug: Plug, is_boost: bool) -> Iterable[int]:
     hue, saturation, value = plug.color()
-    return _rgb(hue, saturation, 100 - math.sqrt(10_000 - 100 * value), _BOOST_FULL_RAW)
+    raw_saturation = saturation if is_boost else 100 - math.sqrt(10_000 - 100 * saturation)
+    raw_value = 100 - math.sqrt(10_000 - 100 * value) if is_boost else 150 - math.sqrt(22_500 - 200 * value)
+    full = _BOOST_FULL_RAW if is_boost else _SPIKE_FULL_RAW
+    return (round(share * full) for share in colorsys.hsv_to_rgb(hue / 360, raw_saturation / 100, raw_value / 100))
 
 
-def _spike_rgb(plug: Plug) -> Iterable[int]:
-    hue, saturation, value = plug.color()
-    return _rgb(hue, 100 - math.sqrt(10_000 - 100 * saturation), 150 - math.sqrt(22_500 - 200 * value), _SPIKE_FULL_RAW)
+def _hsv(plug: Plug, sense: Sense) -> Iterable[int]:
+    hue, saturation, value = plug.color(sense)
+    return hue, saturation * 10, value * 10
 
 
-def _rgb(hue: float, saturation: float, value: float, full: int) -> Iterable[int]:
-    return (round(share * full) for share in colorsys.hsv_to_rgb(hue / 360, saturation / 100, value / 100))
-
-
-def _hsv(sense: Sense) -> Read:
-    def read(plug: Plug) -> Iterable[int]:
-        hue, saturation, value = plug.color(sense)
-        return hue, saturation * 10, value * 10
-
-    return read
-
-
-def _millimetres(max_mm: float) -> Read:
-    def read(plug: Plug) -> Iterable[int]:
-        distance_mm = plug.distance_mm()
-        return (_NOTHING_NEAR if distance_mm is None or distance_mm > max_mm else distance_mm,)
-
-    return read
+def _millimetres(plug: Plug, max_mm: float = math.inf) -> Iterable[int]:
+    distance_mm = plug.distance_mm()
+    return (_NOTHING_NEAR if distance_mm is None or distance_mm > max_mm else distance_mm,)
 
 
 def _echo_us(plug: Plug) -> Iterable[int]:
@@ -187,110 +169,92 @@ def _force_raw(plug: Plug) -> Iterable[int]:
     return (_FORCE_RELEASED_RAW + (_FORCE_MAX_RAW - _FORCE_RELEASED_RAW) * plug.force_mn() // MAX_FORCE_MN,)
 
 
-_8, _16, _32 = DataType.INT8, DataType.INT16, DataType.INT32
+_8, _16, _32 = DataType
 _REFLECTION = DeviceMode("REFLT", 1, _8, lambda plug: (reflection_pct(plug.color()),))
 _AMBIENT = DeviceMode("AMBI", 1, _8, lambda plug: (round(plug.ambient_pct()),))
 _POWER = DeviceMode("POWER", 1, _8, is_writable=True)
 _ABSOLUTE_MOTOR = DeviceModes(
-    (
-        _POWER,
-        DeviceMode("SPEED", 1, _8, lambda plug: (plug.speed_pct(),), is_writable=True),
-        DeviceMode("POS", 1, _32, lambda plug: (plug.angle_mdeg() // 1000,), is_writable=True),
-        DeviceMode("APOS", 1, _16, lambda plug: ((plug.angle_mdeg() // 1000 + 180) % 360 - 180,), is_writable=True),
-        DeviceMode("CALIB", 2, _16, lambda plug: (0, plug.angle_mdeg() // 100 % 3600)),
-        DeviceMode("STATS", 14, _16),
-    ),
+    _POWER,
+    DeviceMode("SPEED", 1, _8, lambda plug: (plug.speed_pct(),), is_writable=True),
+    DeviceMode("POS", 1, _32, lambda plug: (plug.angle_mdeg() // 1000,), is_writable=True),
+    DeviceMode("APOS", 1, _16, lambda plug: ((plug.angle_mdeg() // 1000 + 180) % 360 - 180,), is_writable=True),
+    DeviceMode("CALIB", 2, _16, lambda plug: (0, plug.angle_mdeg() // 100 % 3600)),
+    DeviceMode("STATS", 14, _16),
     first=4,
 )
 _RELATIVE_MOTOR = DeviceModes(
-    (
-        _POWER,
-        DeviceMode("SPEED", 1, _8, lambda plug: (plug.speed_pct(),)),
-        DeviceMode("POS", 1, _32, lambda plug: (plug.angle_mdeg() // 1000,)),
-        DeviceMode("TEST", 5, _16),
-    ),
+    _POWER,
+    DeviceMode("SPEED", 1, _8, lambda plug: (plug.speed_pct(),)),
+    DeviceMode("POS", 1, _32, lambda plug: (plug.angle_mdeg() // 1000,)),
+    DeviceMode("TEST", 5, _16),
     first=2,
 )
 SENSOR_MODES: Mapping[SensorKind, DeviceModes] = {
     SensorKind.LIGHT: DeviceModes(),
     SensorKind.TILT: DeviceModes(
-        (
-            DeviceMode("LPF2-ANGLE", 2, _8, lambda plug: reversed(plug.tilt_deg())),
-            DeviceMode("LPF2-TILT", 1, _8),
-            DeviceMode("LPF2-CRASH", 3, _8),
-            DeviceMode("LPF2-CAL", 3, _8),
-        )
+        DeviceMode("LPF2-ANGLE", 2, _8, lambda plug: reversed(plug.tilt_deg())),
+        DeviceMode("LPF2-TILT", 1, _8),
+        DeviceMode("LPF2-CRASH", 3, _8),
+        DeviceMode("LPF2-CAL", 3, _8),
     ),
     SensorKind.INFRARED: DeviceModes(
-        (
-            DeviceMode("LPF2-DETECT", 1, _8, lambda plug: (plug.proximity(),)),
-            DeviceMode("LPF2-COUNT", 1, _32, lambda plug: (plug.passed(),)),
-            DeviceMode("LPF2-CAL", 3, _16, lambda plug: (plug.infrared_raw(),)),
-        )
+        DeviceMode("LPF2-DETECT", 1, _8, lambda plug: (plug.proximity(),)),
+        DeviceMode("LPF2-COUNT", 1, _32, lambda plug: (plug.passed(),)),
+        DeviceMode("LPF2-CAL", 3, _16, lambda plug: (plug.infrared_raw(),)),
     ),
     SensorKind.COLOR_DISTANCE: DeviceModes(
-        (
-            DeviceMode("COLOR", 1, _8, _lego_color),
-            DeviceMode("PROX", 1, _8, lambda plug: (plug.proximity(),)),
-            DeviceMode("COUNT", 1, _32),
-            _REFLECTION,
-            _AMBIENT,
-            DeviceMode("COL O", 1, _8, is_writable=True),
-            DeviceMode("RGB I", 3, _16, _boost_rgb),
-            DeviceMode("IR Tx", 1, _16, is_writable=True),
-            DeviceMode("SPEC 1", 4, _8),
-            DeviceMode("DEBUG", 2, _16),
-            DeviceMode("CALIB", 8, _16),
-        ),
+        DeviceMode("COLOR", 1, _8, _lego_color),
+        DeviceMode("PROX", 1, _8, lambda plug: (plug.proximity(),)),
+        DeviceMode("COUNT", 1, _32),
+        _REFLECTION,
+        _AMBIENT,
+        DeviceMode("COL O", 1, _8, is_writable=True),
+        DeviceMode("RGB I", 3, _16, lambda plug: _rgb(plug, is_boost=True)),
+        DeviceMode("IR Tx", 1, _16, is_writable=True),
+        DeviceMode("SPEC 1", 4, _8),
+        DeviceMode("DEBUG", 2, _16),
+        DeviceMode("CALIB", 8, _16),
         first=6,
         stale_ms=30,
     ),
     SensorKind.COLOR: DeviceModes(
-        (
-            DeviceMode("COLOR", 1, _8, _lego_color),
-            _REFLECTION,
-            _AMBIENT,
-            DeviceMode("LIGHT", 3, _8, is_writable=True),
-            DeviceMode("RREFL", 2, _16),
-            DeviceMode("RGB I", 4, _16, _spike_rgb),
-            DeviceMode("HSV", 3, _16, _hsv(Sense.SURFACE)),
-            DeviceMode("SHSV", 4, _16, _hsv(Sense.AMBIENT)),
-            DeviceMode("DEBUG", 4, _16),
-            DeviceMode("CALIB", 7, _16),
-        ),
+        DeviceMode("COLOR", 1, _8, _lego_color),
+        _REFLECTION,
+        _AMBIENT,
+        DeviceMode("LIGHT", 3, _8, is_writable=True),
+        DeviceMode("RREFL", 2, _16),
+        DeviceMode("RGB I", 4, _16, lambda plug: _rgb(plug, is_boost=False)),
+        DeviceMode("HSV", 3, _16, lambda plug: _hsv(plug, Sense.SURFACE)),
+        DeviceMode("SHSV", 4, _16, lambda plug: _hsv(plug, Sense.AMBIENT)),
+        DeviceMode("DEBUG", 4, _16),
+        DeviceMode("CALIB", 7, _16),
         stale_ms=30,
     ),
     SensorKind.FORCE: DeviceModes(
-        (
-            DeviceMode("FORCE", 1, _8, lambda plug: (plug.force_mn() * 100 // MAX_FORCE_MN,)),
-            DeviceMode("TOUCH", 1, _8, lambda plug: (int(plug.force_mn() > 0),)),
-            DeviceMode("TAP", 1, _8),
-            DeviceMode("FPEAK", 1, _8),
-            DeviceMode("FRAW", 1, _16, _force_raw),
-            DeviceMode("FPRAW", 1, _16),
-            DeviceMode("CALIB", 8, _16, lambda plug: (0, 0, _FORCE_RELEASED_RAW, 0, 0, 0, _FORCE_MAX_RAW)),
-        )
+        DeviceMode("FORCE", 1, _8, lambda plug: (plug.force_mn() * 100 // MAX_FORCE_MN,)),
+        DeviceMode("TOUCH", 1, _8, lambda plug: (int(plug.force_mn() > 0),)),
+        DeviceMode("TAP", 1, _8),
+        DeviceMode("FPEAK", 1, _8),
+        DeviceMode("FRAW", 1, _16, _force_raw),
+        DeviceMode("FPRAW", 1, _16),
+        DeviceMode("CALIB", 8, _16, lambda plug: (0, 0, _FORCE_RELEASED_RAW, 0, 0, 0, _FORCE_MAX_RAW)),
     ),
     SensorKind.COLOR_LIGHT_MATRIX: DeviceModes(
-        (
-            DeviceMode("LEV O", 1, _8, is_writable=True),
-            DeviceMode("COL O", 1, _8, is_writable=True),
-            DeviceMode("PIX O", 9, _8, is_writable=True),
-            DeviceMode("TRANS", 1, _8, is_writable=True),
-        )
+        DeviceMode("LEV O", 1, _8, is_writable=True),
+        DeviceMode("COL O", 1, _8, is_writable=True),
+        DeviceMode("PIX O", 9, _8, is_writable=True),
+        DeviceMode("TRANS", 1, _8, is_writable=True),
     ),
     SensorKind.ULTRASONIC: DeviceModes(
-        (
-            DeviceMode("DISTL", 1, _16, _millimetres(math.inf)),
-            DeviceMode("DISTS", 1, _16, _millimetres(_DISTS_MAX_MM)),
-            DeviceMode("SINGL", 1, _16, _millimetres(math.inf)),
-            DeviceMode("LISTN", 1, _8),
-            DeviceMode("TRAW", 1, _32, _echo_us),
-            DeviceMode("LIGHT", 4, _8, is_writable=True),
-            DeviceMode("PING", 1, _8, is_writable=True),
-            DeviceMode("ADRAW", 1, _16),
-            DeviceMode("CALIB", 7, _16),
-        ),
+        DeviceMode("DISTL", 1, _16, _millimetres),
+        DeviceMode("DISTS", 1, _16, lambda plug: _millimetres(plug, _DISTS_MAX_MM)),
+        DeviceMode("SINGL", 1, _16, _millimetres),
+        DeviceMode("LISTN", 1, _8),
+        DeviceMode("TRAW", 1, _32, _echo_us),
+        DeviceMode("LIGHT", 4, _8, is_writable=True),
+        DeviceMode("PING", 1, _8, is_writable=True),
+        DeviceMode("ADRAW", 1, _16),
+        DeviceMode("CALIB", 7, _16),
         stale_ms=50,
     ),
 }

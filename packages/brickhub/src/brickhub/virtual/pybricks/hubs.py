@@ -1,28 +1,328 @@
-"""``pybricks.hubs``: the class of the robot's hub."""
+"""``pybricks.hubs``: the class of the robot's hub, and its parts besides the IMU."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import itertools
+import re
+from collections.abc import Callable, Iterator, Sequence
 from types import ModuleType
 from typing import Any
 
 from brickhub.robot import HubModel
-from brickhub.virtual.micropython.numbers import module
-from brickhub.virtual.pybricks.accelerometer import Accelerometer
-from brickhub.virtual.pybricks.context import Context
-from brickhub.virtual.pybricks.hub_parts import Battery, Charger, ColorLight, Keypad, LightMatrix, Speaker, System
-from brickhub.virtual.pybricks.imu import IMU
-from brickhub.virtual.pybricks.parameters import Axis
-from brickhub.virtual.pybricks.radio import Radio
+from brickhub.virtual.micropython.containers import HubDict
+from brickhub.virtual.micropython.exceptions import SwitchedOff
+from brickhub.virtual.micropython.numbers import expect_int, module
+from brickhub.virtual.micropython.streams import as_bytes
+from brickhub.virtual.pybricks.arguments import expect, expect_type, get_array, get_int, get_text, percentage
+from brickhub.virtual.pybricks.context import Awaited, Context, Native, bind
+from brickhub.virtual.pybricks.imu import IMU, Accelerometer
+from brickhub.virtual.pybricks.matrix import Matrix
+from brickhub.virtual.pybricks.parameters import Axis, Button, Color, Side, buttons
+from brickhub.virtual.pybricks.wireless import Radio
 
+_STORAGE_BYTES = 512
+_IDLE_CURRENT_MA = 100
+_ROOM_TEMPERATURE_MDEG = 25_000
+_SIZE = 5
+_MAX_BRIGHTNESS = 100
+_MAX_FRAMES = 255
+_NOTE = re.compile(r"(?:R|([A-G])([#b]?)([0-9])?)(/)?(\d\d?)?(\.?)(_?)")
+_FORBIDDEN_NOTES = ("Cb", "B#", "E#", "Fb")
+_SEMITONES = {"C": 0, "D": 2, "E": 4, "F": 5, "G": 7, "A": 9, "B": 11}
+_LOWEST_OCTAVE_CHZ = (1635, 1732, 1835, 1945, 2060, 2183, 2312, 2450, 2596, 2750, 2914, 3087)  # C0 to B0
 _MOVED_MESSAGE = b"""Hub messaging has been moved. You should use:\r
 \r
 from pybricks.messaging import BLERadio\r
 radio = BLERadio(broadcast_channel, observe_channels)\r
 \r
 """
-_MODULES = {"battery": "battery", "system": ""}
-"""Names of the parts that are modules on a hub."""
+
+
+class ColorLight(Native):
+    """Status light."""
+
+    def on(self, color: Any) -> None:
+        self._show(color)
+
+    def off(self) -> None:
+        self._machine.panel.stop_animation("light")
+        self._set_light(None, 0)
+
+    def blink(self, color: Any, durations: Any) -> None:
+        durations_ms = [get_int(duration) for _, duration in zip(range(len(durations)), durations, strict=False)]
+        expect(all(duration > 0 for duration in durations_ms))
+        self._show(color)
+        self._play([(None if index % 2 else color, duration) for index, duration in enumerate(durations_ms)])
+
+    def animate(self, colors: Any, interval: Any) -> None:
+        sequence = [color for _, color in zip(range(len(colors)), colors, strict=False)]
+        for color in sequence:
+            expect_type(color, Color)
+        interval_ms = get_int(interval)
+        self._play([(color, interval_ms) for color in sequence])
+
+    def _play(self, frames: list[tuple[Any, int]]) -> None:
+        if frames:
+            self._machine.panel.animate("light", itertools.starmap(self._set_light, itertools.cycle(frames)))
+
+    def _set_light(self, color: Any, duration_ms: int) -> int:
+        self._machine.panel.change(light=(color.h, color.s, color.v) if color is not None and color.v > 0 else None)
+        return duration_ms
+
+    def _show(self, color: Any) -> None:
+        expect_type(color, Color)
+        self._machine.panel.stop_animation("light")
+        self._set_light(color, 0)
+
+
+class _Timed(Native):
+    """A part that plays something, which can be awaited."""
+
+    def __init__(self) -> None:
+        self._awaited = Awaited(self._loop)
+
+    def _play(self, steps: Iterator[bool], on_close: Callable[[], None] | None = None) -> Any:
+        """Play ``steps``, which yield False until all is played."""
+        return self._awaited.finish(lambda: next(steps, True), None, on_close, poll_ms=1)
+
+    def _until(self, end_ms: int) -> Iterator[bool]:
+        while self._machine.time_ms < end_ms:
+            yield False
+
+
+class LightMatrix(_Timed):
+    """Display of 5 by 5 pixels."""
+
+    def orientation(self, up: Any) -> None:
+        expect_type(up, Side)
+
+    def icon(self, icon: Any) -> None:
+        self._show(_pixels(icon))
+
+    def animate(self, icons: Any, interval: Any) -> None:
+        interval_ms = get_int(interval)
+        pictures = get_array(icons)
+        expect(2 <= len(pictures) <= _MAX_FRAMES)
+        frames = [_pixels(picture) for picture in pictures]
+
+        def animation() -> Iterator[int]:
+            for frame in itertools.cycle(frames):
+                self._machine.panel.show(frame)
+                yield interval_ms
+
+        self._machine.panel.animate("display", animation())
+
+    def pixel(self, row: Any, column: Any, brightness: Any = _MAX_BRIGHTNESS) -> None:
+        position, value = (get_int(row), get_int(column)), percentage(brightness)
+        if self._machine.panel.stop_animation("display"):
+            self._machine.panel.show([0] * _SIZE**2)
+        if all(0 <= x < _SIZE for x in position):
+            pixels = list(self._machine.panel.display)
+            pixels[position[0] * _SIZE + position[1]] = value
+            self._machine.panel.show(pixels, self._machine.panel.text)
+
+    def on(self, brightness: Any = _MAX_BRIGHTNESS) -> None:
+        self._show([percentage(brightness)] * _SIZE**2)
+
+    def off(self) -> None:
+        self._show([0] * _SIZE**2)
+
+    def number(self, number: Any) -> None:
+        self._show_symbol(get_int(number))
+
+    def char(self, char: Any) -> None:
+        expect_type(char, str)
+        self._show_symbol(char)
+
+    def _show_symbol(self, symbol: Any) -> None:
+        """Show a character or a number; numbers of more than two digits are shown as < or >."""
+        if isinstance(symbol, str):
+            expect(len(symbol) == 1 and 32 <= ord(symbol) <= 126)
+            text = symbol
+        else:
+            number = get_int(symbol)
+            text = ">" if number > 99 else "<" if number < -99 else str(number)
+        self._show([0] * _SIZE**2, text)
+
+    def _show(self, pixels: list[int], text: str = "") -> None:
+        self._machine.panel.stop_animation("display")
+        self._machine.panel.show(pixels, text)
+
+    def text(self, text: Any, on: Any = 500, off: Any = 50) -> Any:
+        on_ms, off_ms = get_int(on), get_int(off)
+        return self._play(self._text(get_text(text), on_ms, off_ms))
+
+    def _text(self, text: str, on_ms: int, off_ms: int) -> Iterator[bool]:
+        """Show each character and the pause after it."""
+        for index, char in enumerate(text):
+            self._show_symbol(char)
+            yield from self._until(self._machine.time_ms + on_ms)
+            if off_ms > 0 or index == len(text) - 1:
+                self._show([0] * _SIZE**2)
+                yield from self._until(self._machine.time_ms + off_ms)
+
+
+def _pixels(icon: Any) -> list[int]:
+    """The brightness of all pixels, row by row.
+
+    Raises:
+        ValueError: it has not five rows of five.
+    """
+    if isinstance(icon, Matrix):
+        expect(icon.shape == (_SIZE, _SIZE))
+        return [int(max(0.0, min(float(_MAX_BRIGHTNESS), value))) for value in icon]
+    return [percentage(pixel) for row in _five(icon) for pixel in _five(row)]
+
+
+def _five(values: Any) -> Sequence[Any]:
+    expect(len(get_array(values)) == _SIZE)
+    return get_array(values)
+
+
+class Speaker(_Timed):
+    """Loudspeaker; a new sound ends the awaited one."""
+
+    _volume = 100
+
+    def volume(self, volume: Any = None) -> int | None:
+        if volume is None:
+            return self._volume
+        self._volume = percentage(volume)
+        return None
+
+    def beep(self, frequency: Any = 500, duration: Any = 100) -> Any:
+        """Play a tone at once; whoever waits for its end also ends it."""
+        frequency_hz, duration_ms = get_int(frequency), get_int(duration)
+        self._machine.panel.change(sound_hz=frequency_hz)
+        end_ms = self._machine.time_ms + duration_ms
+        return None if duration_ms < 0 else self._play(self._rest_of_tone(end_ms), self._silence)
+
+    def play_notes(self, notes: Any, tempo: Any = 120) -> Any:
+        notes, bar_ms = iter(notes), 4 * 60 * 1000 // get_int(tempo)
+        steps = (step for note in notes for step in self._sound(*_parse_note(note, bar_ms)))
+        return self._play(steps, self._silence)
+
+    def _rest_of_tone(self, end_ms: int) -> Iterator[bool]:
+        yield from self._until(end_ms)
+        self._silence()
+
+    def _silence(self) -> None:
+        self._machine.panel.change(sound_hz=0)
+
+    def _sound(self, frequency_hz: int, sound_ms: int, total_ms: int) -> Iterator[bool]:
+        """Play a note with the silence at its end."""
+        start_ms = self._machine.time_ms
+        self._machine.panel.change(sound_hz=frequency_hz)
+        yield from self._rest_of_tone(start_ms + sound_ms)
+        yield from self._until(start_ms + total_ms)
+
+
+def _parse_note(note: Any, bar_ms: int) -> tuple[int, int, int]:
+    """Frequency (Hz), duration of the sound and of the whole note (ms). Raises ValueError, with the firmware's message, for an
+    invalid note."""
+    match = _NOTE.match(get_text(note))
+    if match is None:
+        raise ValueError("Missing note name A-G or R")
+    name, sign, octave, slash, fraction, dot, tie = match.groups()
+    if name and name + sign in _FORBIDDEN_NOTES:
+        raise ValueError(f"{name}{sign} is not allowed")
+    if name and (octave is None or not 2 <= int(octave) <= 8):
+        raise ValueError("Missing octave number 2-8")
+    if slash is None:
+        raise ValueError("Missing /")
+    if fraction is None:
+        raise ValueError("Missing fractional value 1, 2, 4, 8, etc.")
+    total_ms = bar_ms // int(fraction)
+    total_ms = 3 * total_ms // 2 if dot else total_ms
+    semitone = _SEMITONES[name] + {"#": 1, "b": -1}.get(sign, 0) if name else 0
+    frequency_hz = (_LOWEST_OCTAVE_CHZ[semitone] << int(octave)) // 100 if name else 0
+    return frequency_hz, total_ms if tie else 7 * total_ms // 8, total_ms
+
+
+class Keypad(Native):
+    """Buttons of the hub."""
+
+    def pressed(self) -> Any:
+        down = self._machine.panel.pressed(self._machine.time_ms)
+        names = [name for name in ("left", "right", "center", "bluetooth") if name in down]
+        return buttons(names, self._machine.robot.hub.model)
+
+
+ColorLight.__name__ = Keypad.__name__ = ""  # as in the firmware
+
+
+class Battery(Native):
+    def voltage(self) -> int:
+        return self._machine.body.battery_mv
+
+    def current(self) -> int:
+        return _IDLE_CURRENT_MA
+
+    def type(self) -> str:
+        return "Li-ion" if self._machine.robot.hub.model.is_rechargeable else "Alkaline"
+
+    def temperature(self) -> int:
+        return _ROOM_TEMPERATURE_MDEG
+
+
+class Charger(Native):
+    """Charger, never connected."""
+
+    def connected(self) -> int:
+        return 0
+
+    status = current = connected
+
+
+class System(Native):
+    def __init__(self) -> None:
+        self._storage = bytearray(_STORAGE_BYTES)
+
+    def set_stop_button(self, button: Any) -> None:
+        try:
+            names = list(button) if button else []
+        except TypeError:
+            names = [button]
+        for name in names:
+            if not isinstance(name, Button):
+                expect_type(button, Button)
+        self._machine.panel.stop_buttons = frozenset(str(name).partition(".")[2].lower() for name in names)
+
+    def name(self) -> str:
+        return "Pybricks Hub"
+
+    def reset_reason(self) -> int:
+        return 0
+
+    def info(self) -> dict[str, Any]:
+        values = {
+            "name": self.name(),
+            "reset_reason": 0,
+            "host_connected_ble": True,
+            "host_connected_usb": False,
+            "program_start_type": 3,
+            "program_id": 0,
+        }
+        return HubDict.sized(len(values), values.items())
+
+    def shutdown(self) -> None:
+        raise SwitchedOff
+
+    def storage(self, offset: Any, read: Any = None, write: Any = None) -> bytes | None:
+        expect_int(offset, 0 if read is None else read)
+        start: int = offset
+        if (read is None) == (write is None):
+            raise TypeError("Must set either read (int) or write (bytes).")
+        data = b"" if write is None else as_bytes(write)
+        size = read if write is None else len(data)
+        expect(start >= 0 and size >= 0 and start + size <= _STORAGE_BYTES)
+        if write is None:
+            return bytes(self._storage[start : start + size])
+        self._storage[start : start + size] = data
+        return None
+
+    def reset_storage(self) -> None:
+        self._storage[:] = bytes(_STORAGE_BYTES)
 
 
 class _Hub:
@@ -36,7 +336,7 @@ class _Hub:
         self.ble = None
         if broadcast_channel is not None or observe_channels != ():
             self._context.console.write(_MOVED_MESSAGE)
-            self.ble = Radio(self._context, broadcast_channel, observe_channels)
+            self.ble = bind(self._context, Radio)(broadcast_channel, observe_channels)
 
 
 class _OrientedHub(_Hub):
@@ -44,13 +344,12 @@ class _OrientedHub(_Hub):
         self, top_side: Any = Axis.Z, front_side: Any = Axis.X, broadcast_channel: Any = None, observe_channels: Any = ()
     ) -> None:
         super().__init__(broadcast_channel, observe_channels)
-        self._parts["imu"].orient(top_side, front_side)
+        self._parts["imu"]._orient(top_side, front_side)
 
 
-class _MoveHub(_Hub):
+class _MoveHub(_OrientedHub):
     def __init__(self, top_side: Any = 3, front_side: Any = 1, broadcast_channel: Any = None, observe_channels: Any = ()) -> None:
-        super().__init__(broadcast_channel, observe_channels)
-        self._parts["imu"].orient(top_side, front_side)
+        super().__init__(top_side, front_side, broadcast_channel, observe_channels)
 
 
 def _as_module(name: str, part: Any) -> ModuleType:
@@ -66,14 +365,13 @@ def _as_module(name: str, part: Any) -> ModuleType:
 
 
 def hubs_module(context: Context, model: HubModel) -> ModuleType:
-    classes: dict[str, Any] = {"battery": Battery, "buttons": Keypad, "light": ColorLight, "system": System}
-    classes |= {"charger": Charger} if model.is_rechargeable else {}
-    classes |= {"display": LightMatrix} if model.has_display else {}
-    classes |= {"speaker": Speaker} if model.has_speaker else {}
-    classes |= {"imu": IMU} if model.has_imu else {"imu": Accelerometer} if model.has_accelerometer else {}
-    parts = {name: part(context) for name, part in classes.items()}
-    for part, name in _MODULES.items():
-        parts[part] = _as_module(name, parts[part])
+    kinds: dict[str, Any] = {"battery": Battery, "buttons": Keypad, "light": ColorLight, "system": System}
+    kinds |= {"charger": Charger} if model.is_rechargeable else {}
+    kinds |= {"display": LightMatrix} if model.has_display else {}
+    kinds |= {"speaker": Speaker} if model.has_speaker else {}
+    kinds |= {"imu": IMU} if model.has_imu else {"imu": Accelerometer} if model.has_accelerometer else {}
+    parts = {name: bind(context, kind)() for name, kind in kinds.items()}
+    parts["battery"], parts["system"] = _as_module("battery", parts["battery"]), _as_module("", parts["system"])
     if len(model.buttons) == 1:
         parts["button"] = parts["buttons"]  # older name
     base = _MoveHub if model.has_accelerometer else _OrientedHub if "imu" in parts else _Hub

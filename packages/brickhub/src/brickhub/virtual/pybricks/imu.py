@@ -1,15 +1,20 @@
-"""``hub.imu``."""
+"""``hub.imu``: gyroscope and accelerometer, and the accelerometer of the Move hub.
+
+The latter computes with integers (``pb_type_movehub.c``, v4).
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 from brickhub.virtual.body import FittingBody
-from brickhub.virtual.firmware.heading import GyroHeading
+from brickhub.virtual.firmware.drive_base import GyroHeading
 from brickhub.virtual.micropython.exceptions import HubOSError
 from brickhub.virtual.micropython.floats import to_single
-from brickhub.virtual.pybricks.context import Context, charged, get_array, get_number
+from brickhub.virtual.pybricks.arguments import expect, get_array, get_int, get_number
+from brickhub.virtual.pybricks.context import Native
 from brickhub.virtual.pybricks.matrix import Matrix, vector
 from brickhub.virtual.pybricks.parameters import Axis, Side
 
@@ -17,26 +22,34 @@ _DEG_PER_RAD = 57.296
 _GRAVITY_MM_S2 = 9806.65
 _REST_MS = 1000
 """Duration of 833 samples of the gyroscope, all below the threshold."""
-_DEFAULTS = (2.0, 2500.0, (0.0, 0.0, 0.0), (360.0, 360.0, 360.0), (_GRAVITY_MM_S2, -_GRAVITY_MM_S2) * 3, 360.0)
-_NAMES = (
-    "angular_velocity_threshold",
-    "acceleration_threshold",
-    "angular_velocity_bias",
-    "angular_velocity_scale",
-    "acceleration_correction",
-    "heading_correction",
-)
-_BOUNDS: dict[str, tuple[tuple[float, ...], float]] = {
-    "angular_velocity_scale": ((360.0,) * 3, 15.0),
-    "heading_correction": ((360.0,), 15.0),
+_SETTINGS: dict[str, tuple[Any, float]] = {
+    "angular_velocity_threshold": (2.0, math.inf),
+    "acceleration_threshold": (2500.0, math.inf),
+    "angular_velocity_bias": ((0.0, 0.0, 0.0), math.inf),
+    "angular_velocity_scale": ((360.0, 360.0, 360.0), 15.0),
     "acceleration_correction": ((_GRAVITY_MM_S2, -_GRAVITY_MM_S2) * 3, _GRAVITY_MM_S2 / 10),
+    "heading_correction": (360.0, 15.0),
 }
-"""Nominal values, and the largest deviation that the firmware accepts."""
-_LENGTHS = {"angular_velocity_bias": 3, "angular_velocity_scale": 3, "acceleration_correction": 6}
+"""Default values, and the largest deviation from them that the firmware accepts."""
 _Vector = tuple[float, float, float]
+_COUNTS_PER_G, _G_MM_S2 = 64, 9806.65  # of the sensor (LIS3DH) at 2 g, 8 bits
+_MM_S2_PER_COUNT = 158
+_ARC_TANGENTS = (
+    (0, 0),
+    (409, 178),
+    (972, 348),
+    (1638, 472),
+    (2560, 545),
+    (3891, 605),
+    (5120, 632),
+    (7168, 660),
+    (15360, 692),
+    (25600, 705),
+)
+"""1024 times a ratio, and 8 times its arc tangent in degrees (``pbio/int_math.c``)."""
 
 
-def side_up(upwards: _Vector) -> Any:
+def _side_up(upwards: Sequence[float]) -> Any:
     """The ``Side`` of the hub through which a vector in its frame passes."""
     magnitudes = [abs(part) for part in upwards]
     largest = magnitudes.index(max(magnitudes))
@@ -47,7 +60,7 @@ def side_up(upwards: _Vector) -> Any:
 def _axis(value: Any) -> _Vector:
     if not isinstance(value, Matrix):
         raise TypeError("Axis must be Matrix.")
-    values = value.flat()
+    values = list(value)
     if len(values) != 3:
         raise ValueError("Axis must be 1x3 or 3x1 matrix.")
     return values[0], values[1], values[2]
@@ -56,42 +69,32 @@ def _axis(value: Any) -> _Vector:
 def _project(value: _Vector, axis: Any) -> float:
     direction = _axis(axis)
     length = math.sqrt(_dot(direction, direction))
-    if not length:
-        raise ValueError("Invalid argument")
+    expect(length)
     return to_single(_dot(value, direction) / length)
-
-
-def _along(value: _Vector, axis: Any) -> Any:
-    return vector(*value) if axis is None else _project(value, axis)
 
 
 def _dot(a: _Vector, b: _Vector) -> float:
     return sum(x * y for x, y in zip(a, b, strict=True))
 
 
-class IMU:
+class IMU(Native):
     """Gyroscope and accelerometer, in the robot's frame as defined by ``top_side`` and ``front_side``."""
 
-    def __init__(self, context: Context) -> None:
-        self._machine = context.machine
+    def __init__(self) -> None:
         body = self._machine.body
         self._bench = body if isinstance(body, FittingBody) else None
-        self._settings: dict[str, Any] = dict(zip(_NAMES, _DEFAULTS, strict=True))
+        self._settings = {name: default for name, (default, _) in _SETTINGS.items()}
         self._turned_ms: int | None = None
-        self.orient(Axis.Z, Axis.X)
+        self._orient(Axis.Z, Axis.X)
 
-    def orient(self, top_side: Any, front_side: Any) -> None:
+    def _orient(self, top_side: Any, front_side: Any) -> None:
         """Set the directions of the hub's top and front in the robot's frame, and the heading to 0. Raises ValueError if they are
         not at right angles."""
         front, top = _axis(front_side), _axis(top_side)
-        if abs(_dot(front, top)) > 1e-3 or not _dot(front, front) or not _dot(top, top):
-            raise ValueError("Invalid argument")
+        expect(not abs(_dot(front, top)) > 1e-3 and _dot(front, front) and _dot(top, top))
         front, top = (tuple(x / math.sqrt(_dot(v, v)) for x in v) for v in (front, top))  # type: ignore[assignment]
-        left = (
-            top[1] * front[2] - top[2] * front[1],
-            top[2] * front[0] - top[0] * front[2],
-            top[0] * front[1] - top[1] * front[0],
-        )
+        (a, b, c), (x, y, z) = top, front
+        left = b * z - c * y, c * x - a * z, a * y - b * x
         self._frame = self._heading.frame = front, left, top
         if self._bench is not None:
             self._bench.mount((front[2], left[2], top[2]))
@@ -105,7 +108,6 @@ class IMU:
             self._bench.find_wheels({port: servo.direction for port, servo in self._machine.servos.items()})
         return self._machine.heading
 
-    @charged
     def tilt(self, calibrated: Any = True) -> tuple[float, float]:
         pitch, roll = self._machine.body.tilt_deg()
         if not (calibrated and self._is_aligned):
@@ -117,40 +119,32 @@ class IMU:
             self._machine.log.read(("pitch_deg", "roll_deg"), tilt)
         return tilt
 
-    @charged
     def up(self, calibrated: Any = True) -> Any:
-        return side_up(self._gravity_in_hub() if calibrated else self._machine.body.acceleration_mm_s2())
+        return _side_up(self._gravity_in_hub() if calibrated else self._machine.body.acceleration_mm_s2())
 
-    @charged
     def acceleration(self, axis: Any = None, calibrated: Any = True) -> Any:
         force = self._machine.body.acceleration_mm_s2()
-        return _along(self._in_robot_frame(self._corrected(force) if calibrated else force), axis)
+        force = self._in_robot_frame(self._corrected(force) if calibrated else force)
+        return vector(*force) if axis is None else _project(force, axis)
 
-    @charged
     def angular_velocity(self, axis: Any = None, calibrated: Any = True) -> Any:
-        rates = self._heading.rates_deg_s(calibrated=bool(calibrated))
-        return _along(self._in_robot_frame(rates), axis)
+        rates = self._in_robot_frame(self._heading.rates_deg_s(calibrated=bool(calibrated)))
+        return vector(*rates) if axis is None else _project(rates, axis)
 
-    @charged
     def heading(self) -> float:
         heading_deg = to_single(self._heading.angle_deg())
         if self._machine.log is not None:
             self._machine.log.read(("heading_deg",), heading_deg)
         return heading_deg
 
-    @charged
     def reset_heading(self, angle: Any) -> None:
         if any(base.needs_gyro for base in self._machine.drive_bases):
             raise HubOSError("Can't reset heading while gyro in use. Stop driving first.")
-        if not isinstance(angle, int | float):
-            raise TypeError(f"can't convert {type(angle).__name__} to float")
-        self._heading.set_angle(angle)
+        self._heading.set_angle(get_number(angle))
 
-    @charged
     def rotation(self, axis: Any = None, calibrated: Any = True) -> float:
         return _project(self._in_robot_frame(self._heading.rotation_deg(calibrated=bool(calibrated))), axis)
 
-    @charged
     def orientation(self) -> Any:
         pitch, roll = (math.radians(a) for a in self._machine.body.tilt_deg())
         yaw = -math.radians(self._heading.yaw_deg())
@@ -163,11 +157,9 @@ class IMU:
             ]
         )
 
-    @charged
     def ready(self) -> bool:
         return True
 
-    @charged
     def stationary(self) -> bool:
         """Whether the hub has been at rest for a second, its motors coasting. It rests while no motor drives it and it is not
         seen to turn."""
@@ -176,9 +168,8 @@ class IMU:
             self._turned_ms = self._machine.time_ms
         moved_ms = [ms for ms in (self._turned_ms, *(servo.driven_ms for servo in servos)) if ms is not None]
         rests = not moved_ms or self._machine.time_ms - max(moved_ms) >= _REST_MS
-        return rests and all(servo.is_coasting for servo in servos)
+        return rests and all(servo.voltage_mv is None for servo in servos)
 
-    @charged
     def settings(
         self,
         angular_velocity_threshold: Any = None,
@@ -188,26 +179,19 @@ class IMU:
         angular_velocity_scale: Any = None,
         acceleration_correction: Any = None,
     ) -> tuple[Any, ...] | None:
-        arguments = {
-            "angular_velocity_threshold": angular_velocity_threshold,
-            "acceleration_threshold": acceleration_threshold,
-            "heading_correction": heading_correction,
-            "angular_velocity_bias": angular_velocity_bias,
-            "angular_velocity_scale": angular_velocity_scale,
-            "acceleration_correction": acceleration_correction,
-        }
-        if all(value is None for value in arguments.values()):
-            return tuple(map(_to_singles, self._settings.values()))
-        for name, value in arguments.items():
-            if value is None:
-                continue
-            if name in _LENGTHS and len(get_array(value)) != _LENGTHS[name]:
-                label = name.replace("_", " ").capitalize()
-                raise ValueError(f"{label} must be a {_LENGTHS[name]}-element tuple.")
-            numbers = tuple(map(get_number, value if name in _LENGTHS else (value,)))
-            if name in _BOUNDS:
-                _check_deviation(numbers, *_BOUNDS[name])
-            self._settings[name] = numbers if name in _LENGTHS else numbers[0]
+        given = {name: value for name, value in locals().items() if name in _SETTINGS and value is not None}
+        if not given:
+            values = self._settings.values()
+            return tuple(tuple(map(to_single, value)) if isinstance(value, tuple) else to_single(value) for value in values)
+        for name, value in given.items():
+            default, max_deviation = _SETTINGS[name]
+            is_tuple = isinstance(default, tuple)
+            if is_tuple and len(get_array(value)) != len(default):
+                raise ValueError(f"{name.replace('_', ' ').capitalize()} must be a {len(default)}-element tuple.")
+            numbers = tuple(map(get_number, value if is_tuple else (value,)))
+            nominal = default if is_tuple else (default,)
+            expect(not any(abs(number - other) > max_deviation for number, other in zip(numbers, nominal, strict=True)))
+            self._settings[name] = numbers if is_tuple else numbers[0]
         self._heading.turn_deg = self._settings["heading_correction"]
         if angular_velocity_scale is not None:
             self._heading.calibrate(self._settings["angular_velocity_scale"])
@@ -233,10 +217,54 @@ class IMU:
         return x, y, z
 
 
-def _check_deviation(values: tuple[float, ...], nominal: tuple[float, ...], max_deviation: float) -> None:
-    if any(abs(value - other) > max_deviation for value, other in zip(values, nominal, strict=True)):
-        raise ValueError("Invalid argument")
+class Accelerometer(Native):
+    """Accelerometer in the robot's frame, as defined by ``top_side`` and ``front_side``."""
+
+    def __init__(self) -> None:
+        self._orient(3, 1)
+
+    def _orient(self, top_side: Any, front_side: Any) -> None:
+        """Set the axes, 1 to 3 or negative, along which top and front of the hub are in the robot. Raises ValueError if they are
+        not at right angles."""
+        top, front = get_int(top_side), get_int(front_side)
+        axes = {abs(top), abs(front)}
+        expect(len(axes) == 2 and axes <= {1, 2, 3})
+        (left,) = {1, 2, 3} - axes
+        follows = (abs(front) - abs(top)) % 3 == 1
+        self._axes = front, left if follows is (top * front > 0) else -left, top
+        if isinstance(self._machine.body, FittingBody):
+            x, y, z = (float((axis == 3) - (axis == -3)) for axis in self._axes)
+            self._machine.body.mount((x, y, z))
+
+    def up(self) -> Any:
+        return _side_up(self._counts())
+
+    def acceleration(self) -> tuple[int, ...]:
+        return tuple(count * _MM_S2_PER_COUNT for count in self._in_robot_frame())
+
+    def tilt(self) -> tuple[int, int]:
+        x, y, z = self._in_robot_frame()
+        return _atan2_deg(-x, math.isqrt(z * z + y * y)), _atan2_deg(y, z)
+
+    def _counts(self) -> Sequence[int]:
+        force = self._machine.body.acceleration_mm_s2()
+        return [max(-128, min(127, math.floor(part * _COUNTS_PER_G / _G_MM_S2))) for part in force]
+
+    def _in_robot_frame(self) -> list[int]:
+        values = {abs(axis): count if axis > 0 else -count for axis, count in zip(self._axes, self._counts(), strict=True)}
+        return [values[axis] for axis in (1, 2, 3)]
 
 
-def _to_singles(value: Any) -> Any:
-    return tuple(map(to_single, value)) if isinstance(value, tuple) else to_single(value)
+def _atan2_deg(y: int, x: int) -> int:
+    """Arc tangent in whole degrees, as the firmware interpolates it."""
+    if y == 0:
+        return 0 if x > 0 else -180
+    if x == 0:
+        return 90 if y > 0 else -90
+    ratio = abs(1024 * y) // abs(x)
+    pairs = zip(_ARC_TANGENTS, _ARC_TANGENTS[1:], strict=False)
+    eighths = next((a + (ratio - r) * (b - a) // (s - r) for (r, a), (s, b) in pairs if ratio < s), _ARC_TANGENTS[-1][1])
+    angle = eighths // 8 if (x > 0) == (y > 0) else -(eighths // 8)
+    if x > 0:
+        return angle
+    return angle - 180 if angle > 0 else angle + 180

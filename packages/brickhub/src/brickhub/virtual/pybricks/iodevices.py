@@ -11,27 +11,15 @@ from typing import Any
 from brickhub.robot import SensorKind
 from brickhub.robot.hardware import DC_MOTOR_ID
 from brickhub.virtual.body import FittingBody
-from brickhub.virtual.console import Console
 from brickhub.virtual.machine import Machine
-from brickhub.virtual.micropython.byte_array import HubBytearray
 from brickhub.virtual.micropython.containers import HubDict
 from brickhub.virtual.micropython.numbers import module
-from brickhub.virtual.pybricks.context import (
-    Awaited,
-    Context,
-    RunLoop,
-    bind,
-    charged,
-    get_array,
-    get_exact_int,
-    get_int,
-    get_text,
-    os_error,
-)
-from brickhub.virtual.pybricks.device_modes import MODES, DeviceModes, reports_angle
-from brickhub.virtual.pybricks.parameters import Parameters
+from brickhub.virtual.micropython.streams import HubBytearray
+from brickhub.virtual.pybricks.arguments import expect, get_array, get_exact_int, get_int, get_text, os_error
+from brickhub.virtual.pybricks.context import Awaited, Context, Native, classes
+from brickhub.virtual.pybricks.device_modes import MODES, DeviceMode, DeviceModes, reports_angle
 from brickhub.virtual.pybricks.pupsensors import SEND_MS, WRITE_MS, Device
-from brickhub.virtual.pybricks.wireless import LWP3Device, XboxController, wireless
+from brickhub.virtual.pybricks.wireless import LWP3Device, XboxController
 
 _BITS_PER_BYTE = 10  # with start and stop bit
 _WARNING = b"Custom electronics may damage your LEGO hub. Proceed at your own risk.\r\nPress Y to proceed. Press N to cancel.\r\n"
@@ -48,23 +36,18 @@ class PUPDevice(Device):
         self._mode = self._machine.modes.get(self._letter) or self._first_mode
         return device is not None
 
-    @charged
     def info(self) -> dict[str, Any]:
         modes = tuple((mode.name, mode.count, int(mode.data_type)) for mode in self._modes)
         return HubDict(id=self._id, modes=modes) if modes else HubDict(id=self._id)
 
-    @charged
     def reset(self) -> None:
         """Reset to the state after plugging in."""
-        self._expect_modes()
+        if not self._modes:
+            raise os_error(errno.EPERM)
         self._machine.modes[self._letter] = self._first_mode
 
     def read(self, mode: Any) -> Any:
-        self._expect_modes()
-        number = get_exact_int(mode) & 0xFF
-        if number >= len(self._modes):
-            raise ValueError("Invalid argument")
-        device_mode = self._modes[number]
+        device_mode = self._checked_mode(mode, "Invalid argument")
         self._release_motor(device_mode.name)
         name = device_mode.name.replace(" ", "_")
         parts = [f"{name}_{part}" for part in range(device_mode.count)] if device_mode.count > 1 else [name]
@@ -72,25 +55,26 @@ class PUPDevice(Device):
 
     def write(self, mode: Any, data: Any) -> Any:
         """Command without a visible effect; values are checked."""
-        self._expect_modes()
-        number = get_exact_int(mode) & 0xFF
-        if number >= len(self._modes):
-            raise ValueError("Invalid mode")
-        device_mode = self._modes[number]
+        device_mode = self._checked_mode(mode, "Invalid mode")
         if not device_mode.is_writable:
             raise ValueError("Mode not writable")
         if len(get_array(data)) != device_mode.count:
             raise ValueError(f"Expected {device_mode.count} values")
-        limit = 1 << device_mode.data_type.bits - 1
+        bits = device_mode.data_type.bits
+        limit = 1 << bits - 1
         if not all(-limit <= get_exact_int(value) < limit for value in data):
-            raise ValueError(f"Value out of range for int{device_mode.data_type.bits}")
+            raise ValueError(f"Value out of range for int{bits}")
         self._release_motor(device_mode.name)
         return self._write(device_mode.name, SEND_MS if device_mode.name == "IR Tx" else WRITE_MS)
 
-    def _expect_modes(self) -> None:
-        """Raise OSError (EPERM) for a passive device."""
+    def _checked_mode(self, mode: Any, refusal: str) -> DeviceMode:
+        """A mode that the program names by its number. Raises OSError (EPERM) for a passive device."""
         if not self._modes:
             raise os_error(errno.EPERM)
+        number = get_exact_int(mode) & 0xFF
+        if number >= len(self._modes):
+            raise ValueError(refusal)
+        return self._modes[number]
 
     def _release_motor(self, mode: str) -> None:
         """Close a motor that no longer reports its angle, as the firmware does."""
@@ -112,66 +96,62 @@ def _device_id(machine: Machine, port: str) -> int | None:
     return None if plugged_in is None else SensorKind(plugged_in).model.device_id
 
 
-class UARTDevice:
+class UARTDevice(Native):
     """UART on a port, with nothing at the other end.
 
     An abandoned transfer, such as a read that lost a race, keeps it busy until ``clear()``.
     """
 
-    _context: Context
-    _loop: RunLoop
-    _parameters: Parameters
-
     def __init__(self, port: Any, baudrate: Any = 115200, timeout: Any = None, power_pin: Any = 0) -> None:
-        self._machine = self._context.machine
         self._timeout_ms = None if timeout is None else get_int(timeout)
-        if self._timeout_ms is not None and self._timeout_ms < 1:
-            raise ValueError("Invalid argument")
-        self._parameters.port_letter(port)
+        expect(self._timeout_ms is None or self._timeout_ms >= 1)
+        self._context.port_letter(port)
         self.set_baudrate(baudrate)
-        _ask_for_power(get_int(power_pin), self._context.console)
+        if pin := get_int(power_pin):
+            self._ask_for_power(pin)
         self._busy: set[str] = set()
         self._awaits_pattern = False
         self._reads, self._writes = Awaited(self._loop), Awaited(self._loop)
 
-    @charged
+    def _ask_for_power(self, pin: int) -> None:
+        """Ask a person for permission to put the battery's voltage on a pin."""
+        expect(pin in (1, 2))
+        console = self._context.console
+        console.write(_WARNING)
+        answer = console.read(1)
+        if answer not in b"yY":
+            console.write(b"Cancelled. Power not enabled.\r\n")
+            raise os_error(errno.EOPNOTSUPP)
+        console.write(answer + b". Port power may be enabled.\r\n")
+
     def set_baudrate(self, baudrate: Any) -> None:
         rate = get_int(baudrate)
-        if rate < 1:
-            raise ValueError("Invalid argument")
+        expect(rate >= 1)
         self._bits_per_s = rate
 
-    @charged
     def read(self, length: Any = 1) -> Any:
         duration_ms = math.inf if get_int(length) > 0 else 0.0
         return self._reads.finish(self._transfer("read", duration_ms), lambda: b"", poll_ms=1)
 
-    @charged
     def read_all(self) -> bytes:
         return b""
 
-    @charged
     def write(self, data: Any) -> Any:
         content = data.encode() if isinstance(data, str) else data
-        if type(content) not in (bytes, HubBytearray):
-            raise ValueError("Invalid argument")
+        expect(type(content) in (bytes, HubBytearray))
         duration_ms = len(content) * _BITS_PER_BYTE * 1000 / self._bits_per_s
         return self._writes.finish(self._transfer("write", duration_ms), poll_ms=1)
 
-    @charged
     def waiting(self) -> int:
         return 0
 
-    @charged
     def wait_until(self, pattern: Any) -> Any:
         if self._awaits_pattern:
             raise os_error(errno.EBUSY)
-        if not get_text(pattern):
-            raise ValueError("Invalid argument")
+        expect(get_text(pattern))
         self._awaits_pattern = True
         return self._reads.finish(lambda: False, poll_ms=1)
 
-    @charged
     def clear(self) -> None:
         self._busy.clear()
 
@@ -198,24 +178,5 @@ class UARTDevice:
         return is_done
 
 
-def _ask_for_power(pin: int, console: Console) -> None:
-    """Ask a person for permission to put the battery's voltage on a pin, unless it is none (0)."""
-    if not pin:
-        return
-    if pin not in (1, 2):
-        raise ValueError("Invalid argument")
-    console.write(_WARNING)
-    answer = console.read(1)
-    if answer not in b"yY":
-        console.write(b"Cancelled. Power not enabled.\r\n")
-        raise os_error(errno.EOPNOTSUPP)
-    console.write(answer + b". Port power may be enabled.\r\n")
-
-
-def iodevices_module(context: Context, parameters: Parameters) -> ModuleType:
-    names: dict[str, Any] = wireless((LWP3Device, XboxController), context)
-    for kind in (PUPDevice, UARTDevice):
-        subclass: Any = bind(kind, context)
-        subclass._parameters = parameters
-        names[kind.__name__] = subclass
-    return module("iodevices", names)
+def iodevices_module(context: Context) -> ModuleType:
+    return module("iodevices", classes(context, (PUPDevice, UARTDevice, LWP3Device, XboxController)))

@@ -7,11 +7,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from brickhub.virtual.micropython.floats import to_single
-from brickhub.virtual.pybricks.context import get_array, get_exact_int, get_number
-
-
-def _invalid() -> ValueError:
-    return ValueError("Invalid argument")
+from brickhub.virtual.pybricks.arguments import expect, get_array, get_exact_int, get_number
 
 
 class Matrix:
@@ -24,8 +20,7 @@ class Matrix:
         if isinstance(rows, Matrix):
             return rows
         values = [[to_single(get_number(x)) for x in get_array(row)] for row in get_array(rows)]
-        if not values or not values[0] or any(len(row) != len(values[0]) for row in values):
-            raise _invalid()
+        expect(values and values[0] and all(len(row) == len(values[0]) for row in values))
         return _from_rows(values)
 
     @property
@@ -36,16 +31,12 @@ class Matrix:
     def T(self) -> Any:
         return _from_rows([list(column) for column in zip(*self._rows, strict=True)])
 
-    def flat(self) -> list[float]:
-        """All elements by rows."""
-        return [x for row in self._rows for x in row]
-
     def __iter__(self) -> Iterator[float]:
-        return iter(self.flat())
+        return iter([x for row in self._rows for x in row])
 
     def __getitem__(self, index: Any) -> float:
         rows, columns = self.shape
-        flat = self.flat()
+        flat = list(self)
         position = -1
         if isinstance(index, int):
             position = index + len(flat) if index < 0 else index
@@ -72,8 +63,7 @@ class Matrix:
             return self._scaled(to_single(other))
         if not isinstance(other, Matrix):
             return NotImplemented
-        if self.shape[1] != other.shape[0]:
-            raise _invalid()
+        expect(self.shape[1] == other.shape[0])
         columns = list(zip(*other._rows, strict=True))
         return _from_rows([[_dot(row, column) for column in columns] for row in self._rows])
 
@@ -93,7 +83,7 @@ class Matrix:
     def __abs__(self) -> float:
         if 1 not in self.shape:
             raise TypeError("unsupported type for __abs__: 'Matrix'")
-        return to_single(math.sqrt(_dot(self.flat(), self.flat())))
+        return to_single(math.sqrt(_dot(list(self), list(self))))
 
     def _scaled(self, scale: float) -> Any:
         return _from_rows([[to_single(x * scale) for x in row] for row in self._rows])
@@ -101,8 +91,7 @@ class Matrix:
     def _elementwise(self, other: Any, sign: int) -> Any:
         if not isinstance(other, Matrix):
             return NotImplemented
-        if self.shape != other.shape:
-            raise _invalid()
+        expect(self.shape == other.shape)
         pairs = zip(self._rows, other._rows, strict=True)
         return _from_rows([[to_single(a + sign * b) for a, b in zip(x, y, strict=True)] for x, y in pairs])
 
@@ -145,7 +134,6 @@ def cross(*vectors: Any) -> Matrix:
         raise TypeError(f"function takes 2 positional arguments but {len(vectors)} were given")
     if not all(isinstance(value, Matrix) for value in vectors):
         raise TypeError("arguments must be Matrix objects")
-    if any(sorted(value.shape) != [1, 3] for value in vectors):
-        raise _invalid()
+    expect(all(sorted(value.shape) == [1, 3] for value in vectors))
     (x, y, z), (u, v, w) = vectors
     return vector(y * w - z * v, z * u - x * w, x * v - y * u)

@@ -1,8 +1,12 @@
-"""``pybricks.parameters``."""
+"""``pybricks.parameters``: enumerations, icons of a 5x5 light matrix, colors.
+
+The nearest detectable color is found in the firmware's integer arithmetic (``pbio/color``, v4).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from math import trunc
 from types import ModuleType
 from typing import Any
 
@@ -10,9 +14,125 @@ from brickhub.robot import HubModel
 from brickhub.virtual.micropython.containers import HubDict, HubSet
 from brickhub.virtual.micropython.numbers import module
 from brickhub.virtual.micropython.text import representation
-from brickhub.virtual.pybricks.context import expect_type, get_int, get_number
-from brickhub.virtual.pybricks.icons import Icon
-from brickhub.virtual.pybricks.matrix import vector
+from brickhub.virtual.pybricks.arguments import expect, expect_type, get_int, get_number
+from brickhub.virtual.pybricks.context import Context
+from brickhub.virtual.pybricks.matrix import Matrix, vector
+from brickhub.virtual.stimuli import COLORS, Hsv
+
+_ROWS = {
+    "UP": (4, 14, 31, 14, 14),
+    "DOWN": (14, 14, 31, 14, 4),
+    "LEFT": (4, 15, 31, 15, 4),
+    "RIGHT": (4, 30, 31, 30, 4),
+    "ARROW_RIGHT_UP": (7, 3, 5, 8, 16),
+    "ARROW_RIGHT_DOWN": (16, 8, 5, 3, 7),
+    "ARROW_LEFT_UP": (28, 24, 20, 2, 1),
+    "ARROW_LEFT_DOWN": (1, 2, 20, 24, 28),
+    "ARROW_UP": (4, 14, 21, 4, 4),
+    "ARROW_DOWN": (4, 4, 21, 14, 4),
+    "ARROW_LEFT": (4, 8, 31, 8, 4),
+    "ARROW_RIGHT": (4, 2, 31, 2, 4),
+    "HAPPY": (27, 27, 0, 17, 14),
+    "SAD": (27, 27, 0, 14, 17),
+    "EYE_LEFT": (0, 0, 24, 24, 0),
+    "EYE_RIGHT": (0, 0, 3, 3, 0),
+    "EYE_LEFT_BLINK": (0, 0, 0, 24, 0),
+    "EYE_RIGHT_BLINK": (0, 0, 0, 3, 0),
+    "EYE_RIGHT_BROW": (0, 3, 0, 0, 0),
+    "EYE_LEFT_BROW": (0, 24, 0, 0, 0),
+    "EYE_LEFT_BROW_UP": (24, 0, 0, 0, 0),
+    "EYE_RIGHT_BROW_UP": (3, 0, 0, 0, 0),
+    "HEART": (10, 31, 31, 14, 4),
+    "PAUSE": (0, 10, 10, 10, 0),
+    "EMPTY": (0, 0, 0, 0, 0),
+    "FULL": (31, 31, 31, 31, 31),
+    "SQUARE": (0, 14, 14, 14, 0),
+    "TRIANGLE_RIGHT": (8, 12, 14, 12, 8),
+    "TRIANGLE_LEFT": (2, 6, 14, 6, 2),
+    "TRIANGLE_UP": (0, 4, 14, 31, 0),
+    "TRIANGLE_DOWN": (0, 31, 14, 4, 0),
+    "CIRCLE": (14, 31, 31, 31, 14),
+    "CLOCKWISE": (30, 18, 18, 23, 2),
+    "COUNTERCLOCKWISE": (15, 9, 9, 29, 8),
+    "TRUE": (1, 2, 20, 8, 0),
+    "FALSE": (17, 10, 4, 10, 17),
+}
+"""Icons: for each row of pixels the number of which its lights are the bits."""
+_GRAY, _FULL = (0, 0), (100, 100)
+"""Hue and saturation of a gray, saturation and value of a full color."""
+_MAX_GRAY_SATURATION_PCT = 40  # up to this saturation a color is a gray,
+_MAX_GRAY_VALUE_PCT = 1  # and up to this value
+_OTHER_KIND_DISTANCE = 1000  # above every distance between hues or values
+_REMOTE_BUTTONS = "LEFT RIGHT CENTER LEFT_PLUS LEFT_MINUS RIGHT_PLUS RIGHT_MINUS"
+_BUTTONS = (
+    f"{_REMOTE_BUTTONS} UP DOWN LEFT_UP LEFT_DOWN RIGHT_UP RIGHT_DOWN BEACON "
+    "BLUETOOTH A B X Y LB RB VIEW MENU GUIDE LJ RJ UPLOAD P1 P2 P3 P4"
+)
+
+
+class Icon:
+    """Named icons, and pictures from the bits of numbers, 100 for set bits."""
+
+    def __call__(self, *bits: Any) -> Any:
+        expect(len(bits) == 1)
+        return _picture([get_int(bits[0]) >> shift for shift in (20, 15, 10, 5, 0)])
+
+    def __getattr__(self, name: str) -> Any:
+        if name not in _ROWS:
+            raise AttributeError(f"'Icon' object has no attribute '{name}'")
+        return _picture(_ROWS[name])
+
+
+def _picture(rows: Sequence[int]) -> Any:
+    return Matrix([[100 if row >> bit & 1 else 0 for bit in (4, 3, 2, 1, 0)] for row in rows])
+
+
+def nearest(measured: Hsv, candidates: Sequence[Hsv]) -> int | None:
+    """Index of the first nearest candidate, or ``None``.
+
+    Grays are compared by value and full colors by hue, independent of the distance to the surface. If a candidate is neither,
+    distances are in a double cone with black and white at the tips.
+    """
+    is_ideal = all(candidate[:2] == _GRAY or candidate[1:] == _FULL for candidate in candidates)
+    distance = _ideal_distance if is_ideal else _cone_distance
+    return min(range(len(candidates)), key=lambda i: distance(measured, candidates[i]), default=None)
+
+
+def _ideal_distance(measured: Hsv, candidate: Hsv) -> int:
+    """Degrees of hue or percent of value; larger if only one is a gray."""
+    hue, saturation, value = measured
+    looks_gray = saturation <= _MAX_GRAY_SATURATION_PCT or value <= _MAX_GRAY_VALUE_PCT
+    if looks_gray:
+        return abs(candidate[2] - value) if candidate[:2] == _GRAY else _OTHER_KIND_DISTANCE + _hue_distance(candidate[0], hue)
+    return _hue_distance(candidate[0], hue) if candidate[1:] == _FULL else _OTHER_KIND_DISTANCE + abs(candidate[2] - value)
+
+
+def _hue_distance(a: int, b: int) -> int:
+    difference = abs(a - b)
+    return min(difference, 360 - difference)
+
+
+def _cone_distance(a: Hsv, b: Hsv) -> int:
+    """Squared distance in a double cone, 20 000 high and wide. Negative values are below black, far from all colors."""
+    ax, ay, az = _in_cone(a)
+    bx, by, bz = _in_cone(b)
+    dx, dy = trunc((bx - ax) / 10_000), trunc((by - ay) / 10_000)
+    return dx * dx + dy * dy + (bz - az) ** 2
+
+
+def _in_cone(color: Hsv) -> tuple[int, int, int]:
+    """Two chroma coordinates, times 10 000, and lightness."""
+    hue, saturation, value = color
+    radius = max(value, 0) * saturation
+    return radius * _sine(hue + 90), radius * _sine(hue), (200 - saturation) * value
+
+
+def _sine(angle_deg: int) -> int:
+    """10 000 times the sine, by parabolas."""
+    x = angle_deg % 360
+    x, sign = (x - 180, -1) if x >= 180 else (x, 1)
+    x = 180 - x if x >= 90 else x
+    return sign * (201 - x) * x
 
 
 class _Member:
@@ -32,7 +152,7 @@ class _Member:
         return super().__new__(cls)
 
 
-def _enumeration(name: str, names: str) -> type[Any]:
+def enumeration(name: str, names: str) -> type[Any]:
     kind: Any = type(name, (_Member,), {"__slots__": ()})
     for member in names.split():
         setattr(kind, member, kind(member))
@@ -40,30 +160,10 @@ def _enumeration(name: str, names: str) -> type[Any]:
     return kind  # type: ignore[no-any-return]
 
 
-Direction = _enumeration("Direction", "CLOCKWISE COUNTERCLOCKWISE")
-Stop = _enumeration("Stop", "COAST BRAKE HOLD NONE COAST_SMART BRAKE_SMART")
-Side = _enumeration("Side", "RIGHT FRONT TOP LEFT BACK BOTTOM")
-_REMOTE_BUTTONS = "LEFT RIGHT CENTER LEFT_PLUS LEFT_MINUS RIGHT_PLUS RIGHT_MINUS"
-_BUTTONS = (
-    f"{_REMOTE_BUTTONS} UP DOWN LEFT_UP LEFT_DOWN RIGHT_UP RIGHT_DOWN BEACON "
-    "BLUETOOTH A B X Y LB RB VIEW MENU GUIDE LJ RJ UPLOAD P1 P2 P3 P4"
-)
-Button = _enumeration("Button", _BUTTONS)
-
-
-class _Buttons:
-    """``Button``: not a class but an object with buttons as attributes."""
-
-    def __init__(self, names: Iterable[str]) -> None:
-        self._names = frozenset(names)
-
-    def __getattr__(self, name: str) -> Any:
-        if name not in self._names:
-            raise AttributeError(f"'Button' object has no attribute '{name}'")
-        return getattr(Button, name)
-
-    def __repr__(self) -> str:
-        return "Button"
+Direction = enumeration("Direction", "CLOCKWISE COUNTERCLOCKWISE")
+Stop = enumeration("Stop", "COAST BRAKE HOLD NONE COAST_SMART BRAKE_SMART")
+Side = enumeration("Side", "RIGHT FRONT TOP LEFT BACK BOTTOM")
+Button = enumeration("Button", _BUTTONS)
 
 
 def buttons(names: Iterable[str], hub: HubModel) -> HubSet | tuple[Any, ...]:
@@ -97,11 +197,6 @@ class Color:
     def __repr__(self) -> str:
         return f"Color(h={self.h}, s={self.s}, v={self.v})" if self._name is None else f"Color.{self._name}"
 
-    def named(self, name: str) -> None:
-        """Set the printed name, if there is none yet."""
-        if self._name is None:
-            object.__setattr__(self, "_name", name)
-
     def __iter__(self) -> Iterator[int]:
         return iter((self.h, self.s, self.v))
 
@@ -134,12 +229,7 @@ class Color:
         return Color(self.h - get_int(shift), self.s, self.v)
 
 
-_COLORS = {
-    "RED": (0, 100, 100), "BROWN": (30, 100, 50), "ORANGE": (30, 100, 100), "YELLOW": (60, 100, 100), "GREEN": (120, 100, 100),
-    "CYAN": (180, 100, 100), "BLUE": (240, 100, 100), "MAGENTA": (300, 100, 100), "VIOLET": (270, 100, 100), "BLACK": (0, 0, 10),
-    "GRAY": (0, 0, 50), "WHITE": (0, 0, 100), "NONE": (0, 0, 0),
-}  # fmt: skip
-NAMED_COLORS = {name: Color(*hsv, name) for name, hsv in _COLORS.items()}
+NAMED_COLORS = {name: Color(*hsv, name) for name, hsv in COLORS.items()}
 
 
 class _Palette:
@@ -160,8 +250,8 @@ class _Palette:
     def __setitem__(self, name: Any, color: Any) -> None:
         expect_type(color, Color)
         self._colors[name] = color
-        if isinstance(name, str):
-            color.named(name)
+        if isinstance(name, str) and color._name is None:
+            object.__setattr__(color, "_name", name)
 
     def __delitem__(self, name: Any) -> None:
         del self._colors[name]
@@ -171,20 +261,13 @@ class _Palette:
             raise AttributeError(name)
         return self._colors[name]
 
-    def __setattr__(self, name: str, color: Any) -> None:
-        self[name] = color
-
-    def __delattr__(self, name: str) -> None:
-        del self._colors[name]
+    __setattr__, __delattr__ = __setitem__, __delitem__
 
     def __iter__(self) -> Iterator[Any]:
         return iter(self._colors)
 
     def __repr__(self) -> str:
         return representation(self._colors)
-
-
-_Palette.__name__ = _Palette.__qualname__ = "Color"
 
 
 class Axis:
@@ -198,31 +281,15 @@ class Axis:
         raise TypeError("can't create 'Axis' instances")
 
 
-class _NumberedAxis:
-    """``Axis`` of a hub without floating-point numbers."""
-
-    X, Y, Z = 1, 2, 3
+_Palette.__name__ = _Palette.__qualname__ = "Color"
+_NumberedAxis = type("Axis", (), {"X": 1, "Y": 2, "Z": 3})  # of a hub without floating-point numbers
 
 
-_NumberedAxis.__name__ = _NumberedAxis.__qualname__ = "Axis"
-
-
-class Parameters:
-    """Enumerations of a kind of hub, with its ports only."""
-
-    def __init__(self, hub: HubModel) -> None:
-        self.Port = _enumeration("Port", " ".join(hub.ports))
-        self._has_display, self._has_float = hub.has_display, hub.has_float
-
-    def port_letter(self, port: Any) -> str:
-        """Letter of a ``Port``; raises TypeError for other values."""
-        expect_type(port, self.Port)
-        return str(port._name)
-
-    def module(self) -> ModuleType:
-        axis, button = (Axis, _BUTTONS) if self._has_float else (_NumberedAxis, _REMOTE_BUTTONS)
-        names: dict[str, Any] = {"Axis": axis, "Button": _Buttons(button.split()), "Color": _Palette(), "Direction": Direction}
-        names.update({"Port": self.Port, "Side": Side, "Stop": Stop})
-        if self._has_display:
-            names["Icon"] = Icon()
-        return module("parameters", names)
+def parameters_module(context: Context) -> ModuleType:
+    hub = context.machine.robot.hub.model
+    axis, button_names = (Axis, _BUTTONS) if hub.has_float else (_NumberedAxis, _REMOTE_BUTTONS)
+    members = {name: getattr(Button, name) for name in button_names.split()}
+    button = type("Button", (), {"__repr__": lambda self: "Button", **members})()  # not a class but an object
+    names: dict[str, Any] = {"Axis": axis, "Button": button, "Color": _Palette(), "Direction": Direction}
+    names |= {"Port": context.ports, "Side": Side, "Stop": Stop} | ({"Icon": Icon()} if hub.has_display else {})
+    return module("parameters", names)

@@ -1,49 +1,163 @@
-"""Motors of ``pybricks.pupdevices``; sensors and lights are in ``pupsensors.py``."""
+"""Motors of ``pybricks.pupdevices``, with the controllers, logs and models of ``pybricks.common``.
+
+Sensors and lights are in ``pupsensors.py``.
+"""
 
 from __future__ import annotations
 
 import errno
+from collections.abc import Callable
+from math import trunc
 from types import ModuleType
 from typing import Any
 
 from brickhub.robot import Direction as MotorDirection
-from brickhub.virtual.firmware.control import OnCompletion
+from brickhub.virtual.firmware.control import Controller, Logger, OnCompletion
+from brickhub.virtual.firmware.motor_model import Observer, ObserverSettings
 from brickhub.virtual.firmware.servo import Servo
-from brickhub.virtual.machine import Machine
+from brickhub.virtual.machine import CONTROL_LOOP_MS, Machine
+from brickhub.virtual.micropython.floats import to_single
 from brickhub.virtual.micropython.numbers import module
-from brickhub.virtual.pybricks.common import Control, Log, MotorModel
-from brickhub.virtual.pybricks.context import (
-    Awaited,
-    Context,
-    RunLoop,
-    bind,
-    charged,
-    expect_type,
-    firmware_errors,
-    get_array,
-    get_int,
-    hide_attributes,
-    os_error,
-)
+from brickhub.virtual.pybricks.arguments import expect, expect_type, get_array, get_int, os_error
+from brickhub.virtual.pybricks.context import Awaited, Context, Native, bind, classes, firmware_errors
 from brickhub.virtual.pybricks.device_modes import reports_angle
-from brickhub.virtual.pybricks.parameters import Direction, Parameters, Stop
+from brickhub.virtual.pybricks.parameters import Direction, Stop
 from brickhub.virtual.pybricks.pupsensors import DEVICES, PFMotor
-from brickhub.virtual.pybricks.wireless import DuploTrain, MarioHub, Remote, TechnicMoveHub, wireless
+from brickhub.virtual.pybricks.wireless import DuploTrain, MarioHub, Remote, TechnicMoveHub
 
-COMPLETIONS = {
-    Stop.COAST: OnCompletion.COAST,
-    Stop.BRAKE: OnCompletion.BRAKE,
-    Stop.HOLD: OnCompletion.HOLD,
-    Stop.NONE: OnCompletion.CONTINUE,
-    Stop.COAST_SMART: OnCompletion.COAST_SMART,
-    Stop.BRAKE_SMART: OnCompletion.BRAKE_SMART,
-}
+
+def acceleration_value(up: int, down: int) -> Any:
+    """Acceleration as the firmware shows it: one number, or a pair when slowing down differs."""
+    return up if up == down else (up, down)
+
+
+def acceleration_pair(value: Any, up: int, down: int) -> tuple[int, int]:
+    """Pair of accelerations from one number or a pair; ``None`` keeps what is set."""
+    if value is None:
+        return up, down
+    if isinstance(value, list | tuple):
+        expect(len(value) == 2)
+        return get_int(value[0]), get_int(value[1])
+    return get_int(value), get_int(value)
+
+
+def magnitude(value: Any, default: int) -> int:
+    """Absolute value; ``None`` keeps the default."""
+    return default if value is None else abs(get_int(value))
+
+
+class Control(Native):
+    """Settings of one controller. Without arguments, each method returns what is set."""
+
+    def __init__(self, controller: Callable[[], Controller], context: Context) -> None:
+        self._controller, self._machine = controller, context.machine
+        self.scale = controller().settings.steps_per_unit
+        self.log = Log(lambda: controller().log, context)
+
+    def limits(self, speed: Any = None, acceleration: Any = None, torque: Any = None) -> tuple[Any, ...] | None:
+        settings = self._controller().settings
+        now_speed, up, down, now_torque = settings.limits()
+        if speed is None and acceleration is None and torque is None:
+            return now_speed, acceleration_value(up, down), now_torque
+        up, down = acceleration_pair(acceleration, up, down)
+        settings.set_limits(magnitude(speed, now_speed), up, down, magnitude(torque, now_torque))
+        return None
+
+    def pid(
+        self, kp: Any = None, ki: Any = None, kd: Any = None, integral_deadzone: Any = None, integral_rate: Any = None
+    ) -> tuple[int, ...] | None:
+        return self._get_or_set("pid", kp, ki, kd, integral_deadzone, integral_rate)
+
+    def target_tolerances(self, speed: Any = None, position: Any = None) -> tuple[int, ...] | None:
+        return self._get_or_set("target_tolerances", speed, position)
+
+    def stall_tolerances(self, speed: Any = None, time: Any = None) -> tuple[int, ...] | None:
+        return self._get_or_set("stall_tolerances", speed, time)
+
+    def _get_or_set(self, name: str, *values: Any) -> tuple[int, ...] | None:
+        settings = self._controller().settings
+        current: tuple[int, ...] = getattr(settings, name)()
+        if all(value is None for value in values):
+            return current
+        getattr(settings, f"set_{name}")(*map(magnitude, values, current))
+        return None
+
+    # ---- of older versions, and still there
+
+    def trajectory(self) -> tuple[int, ...] | None:
+        """Times (ms), angles (deg), speeds (deg/s) and accelerations (deg/s2) of the phases, while it is active."""
+        controller = self._controller()
+        if not controller.is_active:
+            return None
+        t = controller.trajectory
+        times, angles = (trunc(x / 10) for x in (t.t1, t.t2, t.t3)), (trunc(x / 1000) for x in (t.th1, t.th2, t.th3))
+        return 0, *times, 0, *angles, *(trunc(w / 10) for w in (t.w0, t.w1, t.w3)), t.a0, t.a2
+
+    def done(self) -> bool:
+        return self._controller().is_done
+
+    def load(self) -> int:
+        controller = self._controller()
+        return trunc(controller.pid_average / 1000) if controller.is_active else 0
+
+    def stalled(self) -> bool:
+        return self._controller().is_stalled
+
+
+class Log(Native):
+    """Records the state at each control loop, and prints it as a file that pybricksdev saves."""
+
+    def __init__(self, logger: Callable[[], Logger], context: Context) -> None:
+        self._logger, self._machine, self._console = logger, context.machine, context.console
+
+    def start(self, duration: Any, down_sample: Any = 1) -> None:
+        step = max(get_int(down_sample), 1)
+        duration_ms = get_int(duration)
+        if duration_ms < 0:
+            raise MemoryError("memory allocation failed")
+        self._logger().start(self._machine.time_ticks // 10, duration_ms // CONTROL_LOOP_MS // step, step)
+
+    def stop(self) -> None:
+        self._logger().is_active = False
+
+    def save(self, path: Any = None) -> None:
+        logger = self._logger()
+        logger.is_active = False
+        if path is not None and not isinstance(path, str):
+            raise TypeError(f"can't convert '{type(path).__name__}' object to str implicitly")
+        for line in (f"PB_OF:{path or 'log.txt'}", *(", ".join(map(str, row)) for row in logger.rows), "PB_EOF"):
+            self._console.write(f"{line}\r\n".encode())
+
+
+Log.__name__ = Log.__qualname__ = "Logger"
+
+
+class MotorModel(Native):
+    """State of the observer, at the motor's own shaft: gears do not count (``pb_type_motor_model.c``)."""
+
+    def __init__(self, observer: Callable[[], Observer], machine: Machine) -> None:
+        self._observer, self._machine = observer, machine
+
+    def state(self) -> tuple[float, float, float, bool]:
+        """Angle (deg), speed (deg/s), current (mA), and whether it stalls at this moment, however shortly."""
+        observer = self._observer()
+        numbers = (observer.angle / 1000, observer.speed / 1000, observer.current / 10)
+        return (*map(to_single, numbers), observer.stalled_since is not None)  # type: ignore[return-value]
+
+    def settings(self, values: Any = None) -> tuple[int, ...] | None:
+        """The eight ``ObserverSettings``, or set them all."""
+        observer = self._observer()
+        if values is None:
+            return tuple(observer.settings)
+        expect(len(get_array(values)) == len(ObserverSettings._fields))
+        observer.tune(ObserverSettings(*map(get_int, values)))
+        return None
 
 
 def completion(then: Any) -> OnCompletion:
     """Behaviour at the end of a move for a ``Stop``. Raises TypeError for anything else."""
     expect_type(then, Stop)
-    return COMPLETIONS[then]
+    return OnCompletion["CONTINUE" if then is Stop.NONE else then._name]
 
 
 def _gear_ratio_milli(gears: Any) -> int:
@@ -60,18 +174,14 @@ def _gear_ratio_milli(gears: Any) -> int:
     return 1000 * last // first
 
 
-class _BaseMotor:
+class _BaseMotor(Native):
     """Common methods of motors with and without rotation sensor."""
 
-    _context: Context
-    _machine: Machine
-    _loop: RunLoop
-    _parameters: Parameters
     _servo: Servo
 
     def __init__(self, port: Any, positive_direction: Any) -> None:
         self._loop.assert_blocking()
-        self._letter = self._parameters.port_letter(port)
+        self._letter = self._context.port_letter(port)
         expect_type(positive_direction, Direction)
         is_clockwise = positive_direction is Direction.CLOCKWISE
         self._direction = MotorDirection.CLOCKWISE if is_clockwise else MotorDirection.COUNTERCLOCKWISE
@@ -80,27 +190,21 @@ class _BaseMotor:
         direction = Direction.CLOCKWISE if self._servo.direction > 0 else Direction.COUNTERCLOCKWISE
         return f"{type(self).__name__}(Port.{self._letter}, {direction!r})"
 
-    @charged
     def stop(self) -> None:
         self._servo.coast()
 
-    @charged
     def brake(self) -> None:
         self._servo.brake()
 
-    @charged
     def dc(self, duty: Any) -> None:
         self._servo.dc(get_int(duty))
 
-    @charged
     def settings(self, max_voltage: Any = None) -> tuple[int] | None:
         if max_voltage is None:
             return (self._servo.max_voltage_mv,)
-        with firmware_errors():
-            self._servo.max_voltage_mv = get_int(max_voltage)
+        self._servo.set_max_voltage(get_int(max_voltage))
         return None
 
-    @charged
     def close(self) -> None:
         self._servo.close()
 
@@ -138,117 +242,74 @@ class Motor(_BaseMotor):
             servo.setup(self._direction, ratio, bool(reset_angle), 0 if profile is None else abs(get_int(profile)))
         self._servo = servo
         self._awaited = Awaited(self._loop)
-        self._control = Control(lambda: servo.control, self._context)
-        self._log = Log(lambda: servo.log, self._context)
-        self._model = MotorModel(lambda: servo.observer, self._machine)
-
-    @property
-    def control(self) -> Control:
-        return self._control
-
-    @property
-    def log(self) -> Log:
-        return self._log
-
-    @property
-    def model(self) -> MotorModel:
-        return self._model
+        self.control = Control(lambda: servo.control, self._context)
+        self.log = Log(lambda: servo.log, self._context)
+        self.model = MotorModel(lambda: servo.observer, self._machine)
 
     # ---- reading
 
     def angle(self) -> int:
-        self._machine.charge_call()
-        if not self._servo.is_open:
-            raise os_error(errno.ENODEV)
         return self._servo.angle_deg()
 
-    @charged
     def speed(self, window: Any = 100) -> int:
-        with firmware_errors():
-            return self._servo.speed_deg_s(max(0, get_int(window)))
+        return self._servo.speed_deg_s(max(0, get_int(window)))
 
-    @charged
     def load(self) -> int:
-        with firmware_errors():
-            return self._servo.load_mnm()
+        return self._servo.load_mnm()
 
-    @charged
     def stalled(self) -> bool:
-        with firmware_errors():
-            return self._servo.is_stalled()
+        return self._servo.is_stalled()
 
     def done(self) -> bool:
-        self._machine.charge_call()
         return self._servo.is_done()
 
     # ---- commands that do not wait
 
-    @charged
     def hold(self) -> None:
-        with firmware_errors():
-            self._servo.hold()
+        self._servo.stop(OnCompletion.HOLD)
         self._awaited.cancel()
 
-    @charged
     def reset_angle(self, angle: Any = None) -> None:
-        with firmware_errors():
-            self._servo.reset_angle(None if angle is None else get_int(angle))
+        self._servo.reset_angle(None if angle is None else get_int(angle))
         self._awaited.cancel()
 
-    @charged
     def run(self, speed: Any) -> None:
-        with firmware_errors():
-            self._servo.run(get_int(speed))
+        self._servo.run(get_int(speed))
         self._awaited.cancel()
 
-    @charged
     def track_target(self, target_angle: Any) -> None:
-        with firmware_errors():
-            self._servo.track_target(get_int(target_angle))
+        self._servo.track_target(get_int(target_angle))
         self._awaited.cancel()
 
     # ---- moves
 
-    @charged
     def run_time(self, speed: Any, time: Any, then: Any = Stop.HOLD, wait: Any = True) -> Any:
-        with firmware_errors():
-            self._servo.run_time(get_int(speed), max(0, get_int(time)), completion(then))
+        self._servo.run_time(get_int(speed), max(0, get_int(time)), completion(then))
         return self._finish() if wait else None
 
-    @charged
     def run_angle(self, speed: Any, rotation_angle: Any, then: Any = Stop.HOLD, wait: Any = True) -> Any:
-        with firmware_errors():
-            self._servo.run_angle(get_int(speed), get_int(rotation_angle), completion(then))
+        self._servo.run_angle(get_int(speed), get_int(rotation_angle), completion(then))
         return self._finish() if wait else None
 
-    @charged
     def run_target(self, speed: Any, target_angle: Any, then: Any = Stop.HOLD, wait: Any = True) -> Any:
-        with firmware_errors():
-            self._servo.run_target(get_int(speed), get_int(target_angle), completion(then))
+        self._servo.run_target(get_int(speed), get_int(target_angle), completion(then))
         return self._finish() if wait else None
 
-    @charged
     def run_until_stalled(self, speed: Any, then: Any = Stop.COAST, duty_limit: Any = None) -> Any:
         limit = None if duty_limit is None else max(0, min(100, get_int(duty_limit)))
-        with firmware_errors():
-            self._servo.run_until_stalled(get_int(speed), completion(then), limit)
+        self._servo.run_until_stalled(get_int(speed), completion(then), limit)
         return self._finish(returns_angle=True)
 
     def _finish(self, returns_angle: bool = False) -> Any:
-        return self._awaited.finish(self._is_done, self._servo.angle_deg if returns_angle else None, self._servo.coast)
+        def is_done() -> bool:
+            if not self._servo.is_open:
+                raise os_error(errno.ENODEV)
+            return self._servo.is_done()
 
-    def _is_done(self) -> bool:
-        if not self._servo.is_open:
-            raise os_error(errno.ENODEV)
-        return self._servo.is_done()
+        return self._awaited.finish(is_done, self._servo.angle_deg if returns_angle else None, self._servo.coast)
 
 
-def pupdevices_module(context: Context, parameters: Parameters) -> ModuleType:
-    names: dict[str, Any] = {"PFMotor": PFMotor, **wireless((Remote, TechnicMoveHub, DuploTrain, MarioHub), context)}
-    for kind in (Motor, DCMotor, *DEVICES):
-        subclass: Any = bind(kind, context)
-        subclass._parameters = parameters
-        names[kind.__name__] = subclass
-    if not context.machine.robot.hub.model.has_float:
-        hide_attributes(names["Motor"], "control", "log", "model")
-    return module("pupdevices", names)
+def pupdevices_module(context: Context) -> ModuleType:
+    kinds = (Remote, TechnicMoveHub, DuploTrain, MarioHub, DCMotor, *DEVICES)
+    hidden = () if context.machine.robot.hub.model.has_float else ("control", "log", "model")
+    return module("pupdevices", {"PFMotor": PFMotor, "Motor": bind(context, Motor, *hidden), **classes(context, kinds)})

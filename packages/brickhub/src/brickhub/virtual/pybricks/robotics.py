@@ -1,4 +1,4 @@
-"""``pybricks.robotics``."""
+"""``pybricks.robotics``: drive bases, and cars of which one motor steers and others drive."""
 
 from __future__ import annotations
 
@@ -10,37 +10,26 @@ from typing import Any
 
 from brickhub.errors import TwinError
 from brickhub.virtual.firmware.control import OnCompletion
-from brickhub.virtual.machine import Machine
+from brickhub.virtual.firmware.servo import Servo
 from brickhub.virtual.micropython.floats import to_single
 from brickhub.virtual.micropython.numbers import module
-from brickhub.virtual.pybricks.car import Car
-from brickhub.virtual.pybricks.common import Control, acceleration_pair, acceleration_value, magnitude
-from brickhub.virtual.pybricks.context import (
-    Awaited,
-    Context,
-    RunLoop,
-    bind,
-    charged,
-    expect_type,
-    firmware_errors,
-    get_int,
-    get_scaled,
-    hide_attributes,
-    os_error,
-)
+from brickhub.virtual.pybricks.arguments import expect, expect_type, get_int, get_scaled, os_error
+from brickhub.virtual.pybricks.context import Awaited, Context, Native, bind, firmware_errors
 from brickhub.virtual.pybricks.parameters import Stop
-from brickhub.virtual.pybricks.pupdevices import Motor, completion
+from brickhub.virtual.pybricks.pupdevices import Control, Motor, acceleration_pair, acceleration_value, completion, magnitude
 
 _MAX_DISTANCE_MM = 2**15 - 1
 _DEG_PER_RAD = 57.29578
+_STEERING_SPEED_DEG_S = 300
+_POLL_MS = 10
+_SEARCH_TIMEOUT_MS = 10_000
+_BACKLASH_DEG = 10
+_COAST_BELOW_PCT = 10
+_MAX_DRIVE_MOTORS = 5
 
 
-class DriveBase:
+class DriveBase(Native):
     """Drive base of two motors: mm, degrees, clockwise positive."""
-
-    _context: Context
-    _machine: Machine
-    _loop: RunLoop
 
     def __init__(self, left_motor: Any, right_motor: Any, wheel_diameter: Any, axle_track: Any) -> None:
         for motor in (left_motor, right_motor):
@@ -50,140 +39,98 @@ class DriveBase:
             base = self._machine.new_drive_base(left_motor._servo, right_motor._servo, *sizes_um)
         self._base = base
         self._awaited = Awaited(self._loop)
-        self._distance_control = Control(lambda: base.distance, self._context)
-        self._heading_control = Control(lambda: base.heading, self._context)
-
-    @property
-    def distance_control(self) -> Control:
-        return self._distance_control
-
-    @property
-    def heading_control(self) -> Control:
-        return self._heading_control
+        self.distance_control = Control(lambda: base.distance, self._context)
+        self.heading_control = Control(lambda: base.heading, self._context)
 
     # ---- moves
 
-    @charged
     def straight(self, distance: Any, then: Any = Stop.HOLD, wait: Any = True) -> Any:
-        with firmware_errors():
-            self._base.straight(get_int(distance), completion(then))
+        self._base.straight(get_int(distance), completion(then))
         return self._finish() if wait else None
 
-    @charged
     def turn(self, angle: Any, then: Any = Stop.HOLD, wait: Any = True, absolute: Any = False) -> Any:
-        with firmware_errors():
-            if absolute:
-                self._base.turn_to(get_int(angle), completion(then))
-            else:
-                self._base.turn(get_int(angle), completion(then))
+        if absolute:
+            self._base.turn_to(get_int(angle), completion(then))
+        else:
+            self._base.turn(get_int(angle), completion(then))
         return self._finish() if wait else None
 
-    @charged
     def move_by(self, dx: Any, dy: Any, then: Any = Stop.HOLD) -> Any:
         """Turn the shorter way and drive to a point, x ahead of heading 0 and y to its left. Direction and distance are truncated
         to whole degrees and mm."""
         x, y = get_int(dx), get_int(dy)
         direction = int(to_single(math.atan2(y, x) * _DEG_PER_RAD))
-        if max(abs(x), abs(y)) > _MAX_DISTANCE_MM:
-            raise ValueError("Invalid argument")
-        with firmware_errors():
-            self._base.turn_to(-direction, OnCompletion.HOLD)
+        expect(max(abs(x), abs(y)) <= _MAX_DISTANCE_MM)
+        self._base.turn_to(-direction, OnCompletion.HOLD)
         distance, end = int(to_single(math.sqrt(x * x + y * y))), completion(then)
         return self._finish(lambda: self._base.straight(distance, end))
 
-    @charged
     def curve(self, radius: Any, angle: Any, then: Any = Stop.HOLD, wait: Any = True) -> Any:
-        with firmware_errors():
-            self._base.curve(get_int(radius), get_int(angle), completion(then))
+        self._base.curve(get_int(radius), get_int(angle), completion(then))
         return self._finish() if wait else None
 
-    @charged
     def arc(self, radius: Any, angle: Any = None, distance: Any = None, then: Any = Stop.HOLD, wait: Any = True) -> Any:
         radius_mm = get_int(radius)
         if (angle is None) == (distance is None):
             raise ValueError("Please specify distance or angle but not both.")
-        with firmware_errors():
-            if distance is not None:
-                self._base.arc_distance(radius_mm, get_int(distance), completion(then))
-            else:
-                self._base.arc_angle(radius_mm, get_int(angle), completion(then))
+        distance_mm, angle_deg = (None, get_int(angle)) if distance is None else (get_int(distance), 0)
+        self._base.arc(radius_mm, distance_mm, angle_deg, completion(then))
         return self._finish() if wait else None
 
-    @charged
     def drive(self, speed: Any, turn_rate: Any) -> None:
         rates = get_int(speed), get_int(turn_rate)
         self._awaited.cancel()
-        with firmware_errors():
-            self._base.drive(*rates)
+        self._base.drive(*rates)
 
-    @charged
     def stop(self) -> None:
         self._end(OnCompletion.COAST)
 
-    @charged
     def brake(self) -> None:
         self._end(OnCompletion.BRAKE)
 
-    @charged
     def hold(self) -> None:
         self._end(OnCompletion.HOLD)
 
     # ---- state
 
-    @charged
     def distance(self) -> int:
         return self._base.state()[0]
 
-    @charged
     def angle(self) -> float:
         return to_single(self._base.angle_deg()) if self._machine.robot.hub.model.has_float else self._base.state()[2]
 
-    @charged
     def state(self) -> tuple[int, int, int, int]:
         return self._base.state()
 
     def done(self) -> bool:
-        self._machine.charge_call()
         return self._base.is_done()
 
-    @charged
     def stalled(self) -> bool:
-        with firmware_errors():
-            return self._base.is_stalled()
+        return self._base.is_stalled()
 
     # ---- settings
 
-    @charged
     def reset(self, distance: Any = 0, angle: Any = 0) -> None:
         values = get_int(distance), get_int(angle)
-        with firmware_errors():
-            self._base.reset(*values)
+        self._base.reset(*values)
 
-    @charged
     def use_gyro(self, use_gyro: Any) -> None:
-        with firmware_errors():
-            self._base.use_gyro(bool(use_gyro))
+        self._base.use_gyro(bool(use_gyro))
 
-    @charged
     def settings(
-        self,
-        straight_speed: Any = None,
-        straight_acceleration: Any = None,
-        turn_rate: Any = None,
-        turn_acceleration: Any = None,
+        self, straight_speed: Any = None, straight_acceleration: Any = None, turn_rate: Any = None, turn_acceleration: Any = None
     ) -> tuple[Any, ...] | None:
         distance, heading = self._base.distance.settings, self._base.heading.settings
         straight = distance.to_unit(distance.default_speed), *distance.limits()[1:3]
         turn = heading.to_unit(heading.default_speed), *heading.limits()[1:3]
         if all(value is None for value in (straight_speed, straight_acceleration, turn_rate, turn_acceleration)):
             return straight[0], acceleration_value(*straight[1:]), turn[0], acceleration_value(*turn[1:])
-        with firmware_errors():
-            self._base.set_settings(
-                magnitude(straight_speed, straight[0]),
-                acceleration_pair(straight_acceleration, *straight[1:]),
-                magnitude(turn_rate, turn[0]),
-                acceleration_pair(turn_acceleration, *turn[1:]),
-            )
+        self._base.set_settings(
+            magnitude(straight_speed, straight[0]),
+            acceleration_pair(straight_acceleration, *straight[1:]),
+            magnitude(turn_rate, turn[0]),
+            acceleration_pair(turn_acceleration, *turn[1:]),
+        )
         return None
 
     def _end(self, then: OnCompletion) -> None:
@@ -202,7 +149,9 @@ class DriveBase:
         following = iter(others)
 
         def is_done() -> bool:
-            if not self._is_done():
+            if not self._base.is_open:
+                raise os_error(errno.ENODEV)
+            if not self._base.is_done():
                 return False
             start = next(following, None)
             if start is not None:
@@ -211,17 +160,66 @@ class DriveBase:
 
         return self._awaited.finish(is_done, None, lambda: self._end(OnCompletion.COAST))
 
-    def _is_done(self) -> bool:
-        if not self._base.is_open:
-            raise os_error(errno.ENODEV)
-        return self._base.is_done()
+
+class Car(Native):
+    """Finds the end stops of its steering at construction; the middle between them is straight ahead."""
+
+    def __init__(self, steer_motor: Any, drive_motors: Any, torque_limit: Any = 100) -> None:
+        self._steer = _servo(steer_motor)
+        motors = drive_motors if isinstance(drive_motors, list | tuple) else [drive_motors]
+        if not 1 <= len(motors) <= _MAX_DRIVE_MOTORS:
+            raise ValueError(f"drive_motors must be a list of 1 to {_MAX_DRIVE_MOTORS} motors")
+        self._drive = [_servo(motor) for motor in motors]
+        if self._steer in self._drive:
+            raise ValueError("drive_motors and steer_motor must be different")
+        if len(set(map(id, self._drive))) < len(self._drive):
+            raise ValueError("drive_motors must be unique")
+        limit = self._steer.settings.max_torque * max(0, min(100, get_int(torque_limit))) // 100
+        left = self._end_stop(-_STEERING_SPEED_DEG_S, limit)
+        right = self._end_stop(_STEERING_SPEED_DEG_S, limit)
+        self._max_angle = int((right - left) / 2)
+        self._steer.reset_angle(self._max_angle)
+        self._steer.track_target(0)
+
+    def steer(self, percentage: Any) -> None:
+        self._steer.track_target(int((self._max_angle - _BACKLASH_DEG) * _percentage(percentage) / 100))
+
+    def drive_power(self, power: Any) -> None:
+        power_pct = _percentage(power)
+        sign = (power_pct > 0) - (power_pct < 0)
+        for servo in self._drive:
+            if abs(power_pct) < _COAST_BELOW_PCT:
+                servo.coast()
+            else:
+                servo.dc(int(power_pct * 8 / 10) + 20 * sign)
+
+    def drive_speed(self, speed: Any) -> None:
+        value = get_int(speed)
+        for servo in self._drive:
+            servo.run(value)
+
+    def _end_stop(self, speed: int, torque_unm: int) -> int:
+        self._loop.assert_blocking()
+        servo, start_ms = self._steer, self._machine.time_ms
+        servo.run_until_stalled(speed, OnCompletion.COAST, None, torque_unm)
+        while not servo.is_done():
+            if self._machine.time_ms - start_ms > _SEARCH_TIMEOUT_MS:
+                raise RuntimeError("The steering mechanism has no end stop. Did you build a car yet?")
+            self._machine.advance(_POLL_MS)
+        return servo.angle_deg()
+
+
+def _servo(motor: Any) -> Servo:
+    expect_type(motor, Motor)
+    return motor._servo  # type: ignore[no-any-return]
+
+
+def _percentage(value: Any) -> int:
+    return max(-100, min(100, get_int(value)))
 
 
 def robotics_module(context: Context) -> ModuleType:
     model = context.machine.robot.hub.model
-    subclass = bind(DriveBase, context)
-    if not model.has_imu:
-        hide_attributes(subclass, "use_gyro")
-    if not model.has_float:
-        hide_attributes(subclass, "distance_control", "heading_control", "move_by")
-    return module("robotics", {"DriveBase": subclass, "Car": bind(Car, context)})
+    hidden = [] if model.has_imu else ["use_gyro"]
+    hidden += [] if model.has_float else ["distance_control", "heading_control", "move_by"]
+    return module("robotics", {"DriveBase": bind(context, DriveBase, *hidden), "Car": bind(context, Car)})

@@ -8,42 +8,37 @@ from types import FunctionType, ModuleType
 from typing import Any
 
 from brickhub.errors import TwinError
-from brickhub.virtual.machine import Machine
 from brickhub.virtual.micropython.iterables import close
 from brickhub.virtual.micropython.numbers import module
-from brickhub.virtual.pybricks.context import Async, Context, RunLoop, bind, get_int
-from brickhub.virtual.pybricks.hub_parts import LightMatrix
+from brickhub.virtual.pybricks.arguments import get_int
+from brickhub.virtual.pybricks.context import Context, Native, RunLoop, bind
+from brickhub.virtual.pybricks.hubs import LightMatrix
 from brickhub.virtual.pybricks.matrix import Matrix, cross, vector
 from brickhub.virtual.pybricks.parameters import Axis
 
+_DONE = object()
 
-class StopWatch:
+
+class StopWatch(Native):
     """Time in ms since construction or reset, without pauses."""
-
-    _machine: Machine
 
     def __init__(self, *_unused: Any, **_named: Any) -> None:
         self._start = self._machine.time_ms
         self._pause: int | None = None
 
     def time(self) -> int:
-        machine = self._machine
-        machine.charge_call()
-        return (machine.time_ms if self._pause is None else self._pause) - self._start
+        return (self._machine.time_ms if self._pause is None else self._pause) - self._start
 
     def pause(self) -> None:
-        self._machine.charge_call()
         if self._pause is None:
             self._pause = self._machine.time_ms
 
     def resume(self) -> None:
-        self._machine.charge_call()
         if self._pause is not None:
             self._start += self._machine.time_ms - self._pause
             self._pause = None
 
     def reset(self) -> None:
-        self._machine.charge_call()
         self._start = self._machine.time_ms
         if self._pause is not None:
             self._pause = self._start
@@ -110,16 +105,11 @@ def tools_module(context: Context, app_data: type[Any]) -> ModuleType:
 
     def wait(time: Any) -> Any:
         duration = time if type(time) is int else get_int(time)
-        if not loop.is_active:
-            if duration > 0:
-                machine.advance(duration)
-            else:
-                machine.charge_call()
-            return None
-        if duration == 0:
+        if loop.is_active and duration == 0:
             return loop.yield_once()
-        end_ms = machine.time_ms + duration
-        return Async(loop, lambda: machine.time_ms >= end_ms)
+        if not loop.is_active and duration <= 0:
+            return machine.charge_call()
+        return loop.wait_until(machine.time_ms + duration)
 
     def run_task(task: Any = None) -> bool | None:
         if task is None:
@@ -130,7 +120,12 @@ def tools_module(context: Context, app_data: type[Any]) -> ModuleType:
         try:
             iterator = _iterator(task)
             while next(iterator, _DONE) is not _DONE:
-                loop.advance_turn()
+                if loop.is_waiting:
+                    machine.advance(1)
+                else:  # a task only yielded
+                    machine.charge_call()
+                loop.is_waiting = False
+                machine.branch(None)
         finally:
             loop.is_active = False
         return None
@@ -141,28 +136,23 @@ def tools_module(context: Context, app_data: type[Any]) -> ModuleType:
         if not count:
             return None
         byte = context.console.read(count if last else 1)[-1]
-        if not chr:
-            return byte
-        return bytes((byte,)).decode() if 32 <= byte <= 126 else None
+        return byte if not chr else bytes((byte,)).decode() if 32 <= byte <= 126 else None
 
     def hub_menu(*entries: Any) -> Any:
         if len(entries) < 2:
             raise TypeError(f"function missing {2 - len(entries)} required positional arguments")
         return _menu(context, entries)
 
-    names: dict[str, Any] = {"wait": wait, "run_task": run_task, "read_input_byte": read_input_byte, "AppData": app_data}
-    names |= {"StopWatch": bind(StopWatch, context), "multitask": bind(Task, context)}
+    names = {"AppData": app_data, "StopWatch": bind(context, StopWatch), "multitask": bind(context, Task)}
     names |= {"Matrix": Matrix, "vector": vector, "cross": cross, "Axis": Axis} if hub.has_float else {}
-    if hub.has_display:
-        names["hub_menu"] = hub_menu
-    return module("tools", names)
+    return module("tools", names, wait, run_task, read_input_byte, *([hub_menu] if hub.has_display else []))
 
 
 def _menu(context: Context, entries: tuple[Any, ...]) -> Any:
     """The entry selected by the left, right and center buttons. Raises TwinError if nobody can press them."""
-    machine, display, panel = context.machine, LightMatrix(context), context.machine.panel
+    machine, display, panel = context.machine, bind(context, LightMatrix)(), context.machine.panel
     for entry in reversed(entries):
-        display.show_symbol(entry)
+        display._show_symbol(entry)
     context.loop.assert_blocking()
 
     def wait_for_buttons(pressed: bool) -> frozenset[str]:
@@ -185,11 +175,8 @@ def _menu(context: Context, entries: tuple[Any, ...]) -> Any:
             if "center" in down:
                 break
             selected = (selected + ("right" in down) - ("right" not in down and "left" in down)) % len(entries)
-            display.show_symbol(entries[selected])
+            display._show_symbol(entries[selected])
         wait_for_buttons(pressed=False)
     finally:
         panel.stop_buttons = stop_buttons
     return entries[selected]
-
-
-_DONE = object()

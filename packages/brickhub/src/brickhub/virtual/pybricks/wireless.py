@@ -1,27 +1,20 @@
-"""Bluetooth devices. Only a remote control and an Xbox controller can be near: searches for others time out.
+"""Bluetooth: devices, messages between hubs, and AppData for the host (``pybricks.messaging`` of Pybricks 4.0).
 
-Names and errors: ``pybricks`` 4.0 on PyPI, ``pb_type_iodevices_lwp3device.c`` and ``pb_type_iodevices_xbox_controller.c``, v4.
+Only a remote control and an Xbox controller can be near: searches for others time out. A virtual hub sends messages, but receives
+none. Names and errors: ``pybricks`` on PyPI, ``pb_type_iodevices_lwp3device.c``, ``pb_type_iodevices_xbox_controller.c``, v4.
 """
 
 from __future__ import annotations
 
 import errno
 from collections.abc import Callable
-from typing import Any
+from types import ModuleType
+from typing import Any, Protocol, runtime_checkable
 
-from brickhub.virtual.machine import Machine
+from brickhub.virtual.micropython.numbers import module
 from brickhub.virtual.micropython.streams import as_bytes
-from brickhub.virtual.pybricks.context import (
-    Context,
-    RunLoop,
-    bind,
-    charged,
-    expect_type,
-    get_exact_int,
-    get_int,
-    get_text,
-    os_error,
-)
+from brickhub.virtual.pybricks.arguments import expect, expect_type, get_array, get_exact_int, get_int, get_text, os_error
+from brickhub.virtual.pybricks.context import Context, Native, bind
 from brickhub.virtual.pybricks.parameters import Color, buttons
 
 _MAX_NAME_BYTES = 14
@@ -33,12 +26,16 @@ _XBOX_EXTRAS = ("upload", "p1", "p2", "p3", "p4")
 _RUMBLE_MOTORS = 4
 _STICK_MAX, _TRIGGER_MAX = 2**15 - 1, 1023
 _MESSAGE_BYTES = range(3, 21)
+_LAST_CHANNEL = 255
+_MAX_PAYLOAD_BYTES = 26
+_NOTHING_HEARD_DBM = -128
+_MAX_EVENT_BYTES = 19
+_SET_UP, _CONFIGURE = 0, 1
 
 
 def _unavailable(name: str) -> Callable[..., Any]:
     """A method that needs the device."""
 
-    @charged
     def method(self: Any, *values: Any) -> Any:
         raise os_error(errno.ENODEV)
 
@@ -46,12 +43,10 @@ def _unavailable(name: str) -> Callable[..., Any]:
     return method
 
 
-class Wireless:
+class Wireless(Native):
     """Bluetooth device."""
 
     _kind = ""  # name of the device among those that can be near
-    _loop: RunLoop
-    _machine: Machine
     _is_connected = False
     _pause_ms: int | None = None
     """Pause before the second search; ``None`` if there is none."""
@@ -65,7 +60,6 @@ class Wireless:
             self.connect()
 
     def connect(self) -> Any:
-        self._machine.charge_call()
         start_ms = self._machine.time_ms
         is_near = self._kind in self._machine.panel.near
         longest_ms = self._timeout_ms
@@ -81,7 +75,11 @@ class Wireless:
 
         return self._loop.finish(is_done, poll_ms=1)
 
-    @charged
+    def _done(self) -> Any:
+        """A command that completes immediately. Raises OSError, ENODEV, while it is not connected."""
+        self._down()
+        return self._loop.done()
+
     def disconnect(self) -> Any:
         self._is_connected = False
         return self._loop.done()
@@ -90,30 +88,17 @@ class Wireless:
 
     def _down(self) -> frozenset[str]:
         """Names of the buttons that are down. Raises OSError, ENODEV, while it is not connected."""
-        self._check_connected()
-        return self._machine.panel.pressed_on(self._kind, self._machine.time_ms)
-
-    def _check_connected(self) -> None:
         if not self._is_connected:
             raise os_error(errno.ENODEV)
+        return self._machine.panel.pressed_on(self._kind, self._machine.time_ms)
 
 
-class _Part:
-    """Part of a device."""
-
-    def __init__(self, device: Wireless) -> None:
-        self._device = device
-        self._machine = device._machine  # for ``charged``
-
-
-class _Buttons(_Part):
-    """Its buttons in the firmware's order, pressed by the panel."""
+class _Buttons(Native):
+    """Buttons of a device in the firmware's order, pressed by the panel."""
 
     def __init__(self, device: Wireless, names: tuple[str, ...]) -> None:
-        super().__init__(device)
-        self._names = names
+        self._device, self._machine, self._names = device, device._machine, names
 
-    @charged
     def pressed(self) -> Any:
         down = self._device._down()
         return buttons([name for name in self._names if name in down], self._machine.robot.hub.model)
@@ -133,7 +118,6 @@ class LWP3Device(Wireless):
             get_exact_int(number)
         super().__init__(name, timeout, connect)
 
-    @charged
     def write(self, buf: Any, /) -> Any:
         message = as_bytes(buf)
         if len(message) not in _MESSAGE_BYTES:
@@ -145,15 +129,16 @@ class LWP3Device(Wireless):
     read = _unavailable("read")
 
 
-class _RemoteLight(_Part):
+class _RemoteLight(Native):
+    def __init__(self, device: Remote) -> None:
+        self._device, self._machine = device, device._machine
+
     def on(self, color: Any) -> Any:
         expect_type(color, Color)
-        return self.off()
+        return self._device._done()
 
-    @charged
     def off(self) -> Any:
-        self._device._check_connected()
-        return self._device._loop.done()
+        return self._device._done()
 
 
 class Remote(Wireless):
@@ -166,12 +151,11 @@ class Remote(Wireless):
         self._name = "Handset" if name is None else name
         super().__init__(name, timeout, connect)
 
-    @charged
     def name(self, *name: Any) -> Any:
         text = get_text(name[0]) if name else self._name
         if not 1 <= len(text.encode()) <= _MAX_NAME_BYTES:
             raise ValueError("bad name length")
-        self._check_connected()
+        self._down()
         self._name = text
         return self._loop.done() if name else text
 
@@ -188,7 +172,6 @@ class DuploTrain(Wireless):
 class MarioHub(Wireless):
     color, hsv = _unavailable("color"), _unavailable("hsv")
 
-    @charged
     def detectable_colors(self, colors: Any = None) -> None:
         for color in colors or ():
             expect_type(color, Color)
@@ -205,12 +188,10 @@ class XboxController(Wireless):
         self.buttons = _Buttons(self, (*filter(None, _XBOX_BUTTONS), *_XBOX_EXTRAS, "up", "right", "down", "left"))
         super().__init__(name, timeout, connect)
 
-    @charged
     def name(self, name: Any = None) -> str:
-        self._check_connected()
+        self._down()
         return "Xbox Wireless Controller"
 
-    @charged
     def state(self) -> tuple[int, ...]:
         """Raw values, as the controller sends them."""
         down = self._down()
@@ -223,37 +204,30 @@ class XboxController(Wireless):
         extras = int(upload), 0, 0, sum(is_down << bit for bit, is_down in enumerate(paddles))
         return *raw, *triggers, _dpad(down), bits, *extras
 
-    @charged
     def dpad(self) -> int:
         return _dpad(self._down())
 
-    @charged
     def profile(self) -> int:
-        self._check_connected()
+        self._down()
         return 0
 
-    @charged
     def joystick_left(self) -> tuple[int, int]:
         return _stick(self._down(), "left", 100)
 
-    @charged
     def joystick_right(self) -> tuple[int, int]:
         return _stick(self._down(), "right", 100)
 
-    @charged
     def triggers(self) -> tuple[int, int]:
         down = self._down()
         return 100 * ("left_trigger" in down), 100 * ("right_trigger" in down)
 
-    @charged
     def rumble(self, power: Any = 100, duration: Any = 200, count: Any = 1, delay: Any = 100) -> Any:
         powers = power if isinstance(power, list | tuple) else (power,) * _RUMBLE_MOTORS
         if len(powers) != _RUMBLE_MOTORS:
             raise ValueError(f"expected 1 number or tuple of {_RUMBLE_MOTORS} values")
         for number in (duration, delay, count, *powers):
             get_int(number)
-        self._check_connected()
-        return self._loop.done()
+        return self._done()
 
 
 def _stick(down: frozenset[str], side: str, limit: int) -> tuple[int, int]:
@@ -268,7 +242,125 @@ def _dpad(down: frozenset[str]) -> int:
     return {(0, 1): 1, (1, 1): 2, (1, 0): 3, (1, -1): 4, (0, -1): 5, (-1, -1): 6, (-1, 0): 7, (-1, 1): 8}.get((x, y), 0)
 
 
-def wireless(kinds: tuple[type[Wireless], ...], context: Context) -> dict[str, Any]:
-    """Classes for one program, by name; without those that its hub lacks."""
-    missing = context.machine.robot.hub.model.missing
-    return {kind.__name__: bind(kind, context) for kind in kinds if kind.__name__ not in missing}
+class Radio(Native):
+    """``hub.ble`` and ``pybricks.messaging.BLERadio``; channels 0 to 255."""
+
+    def __init__(self, broadcast_channel: Any = None, observe_channels: Any = ()) -> None:
+        if broadcast_channel is not None and not 0 <= get_exact_int(broadcast_channel) <= _LAST_CHANNEL:
+            raise ValueError("Broadcast channel must be 0 to 255 or None")
+        channels = [get_exact_int(observe_channels[index]) for index in range(len(observe_channels))]
+        if not all(0 <= channel <= _LAST_CHANNEL for channel in channels):
+            raise ValueError("observe channel must be 0 to 255")
+        self._broadcast_channel, self._observed = broadcast_channel, frozenset(channels)
+
+    def broadcast(self, data: Any) -> Any:
+        if self._broadcast_channel is None:
+            raise RuntimeError("no broadcast channel selected")
+        if data is not None:
+            values = data if isinstance(data, list | tuple) else [data]
+            if sum(map(_encoded_bytes, values)) + (values is not data) > _MAX_PAYLOAD_BYTES:
+                raise ValueError(f"payload limited to {_MAX_PAYLOAD_BYTES} bytes")
+        return self._loop.done()
+
+    def observe(self, channel: Any) -> None:
+        self._check(channel)
+
+    def signal_strength(self, channel: Any) -> int:
+        self._check(channel)
+        return _NOTHING_HEARD_DBM
+
+    def version(self) -> str:
+        return "v1.0"
+
+    def _check(self, channel: Any) -> None:
+        if get_exact_int(channel) not in self._observed:
+            raise ValueError("channel not configured")
+
+
+def _encoded_bytes(value: Any) -> int:
+    """Size of a value in an advertisement: type byte and value."""
+    match value:
+        case bool():
+            return 1
+        case int():
+            return 2 if -(2**7) <= value < 2**7 else 3 if -(2**15) <= value < 2**15 else 5
+        case float():
+            return 5
+        case str() | bytes() | bytearray() | memoryview():
+            return 1 + len(as_bytes(value))
+    raise TypeError("must be True, False, int, float, str or bytes")
+
+
+class BLERadio(Radio):
+    """Radio of Pybricks 4, separate from the hub."""
+
+
+@runtime_checkable
+class AppDataConsole(Protocol):
+    """A console with AppData. ``inbox``: buffer that the host writes to; the program sets its size."""
+
+    inbox: bytearray
+
+    def write_app_data(self, data: bytes) -> None:
+        """Send bytes; raises OSError without a listener."""
+
+
+def _payload(data: Any) -> bytes:
+    """Bytes of text or bytes; unlike elsewhere, a bytearray is neither."""
+    if not isinstance(data, str | bytes):
+        raise TypeError(f"can't convert '{type(data).__name__}' object to str implicitly")
+    return as_bytes(data)
+
+
+def messaging_module(context: Context) -> ModuleType:
+    console, machine = context.console, context.machine
+
+    class AppData:
+        """A byte buffer besides the standard streams; the host overwrites it."""
+
+        def __init__(self, modes: Any) -> None:
+            if not isinstance(console, AppDataConsole):
+                raise os_error(errno.EOPNOTSUPP)
+            context.loop.assert_blocking()
+            if console.inbox:
+                raise RuntimeError("host rx_buffer already allocated")
+            expect_type(get_array(modes), list)
+            self._slices: dict[int, tuple[int, int]] = {}
+            start = 0
+            for pair in sorted(modes):
+                if len(get_array(pair)) != 2 or get_exact_int(pair[0]) > 255:
+                    raise TypeError("modes must be a list of (mode, size) tuples")
+                mode, size = pair[0] & 0xFF, get_exact_int(pair[1])
+                if mode in self._slices:
+                    raise ValueError("mode numbers must be unique")
+                self._slices[mode] = (start, size)
+                start += size
+            console.inbox = bytearray(start)
+            self._console = console
+            self.write_bytes(bytes((_SET_UP, *self._slices)))
+
+        def get_bytes(self, mode: int, index: int | None = None) -> bytes | int:
+            machine.charge_call()
+            if get_exact_int(mode) not in self._slices:
+                raise ValueError("invalid mode")
+            start, size = self._slices[mode]
+            if index is None:
+                return bytes(self._console.inbox[start : start + size])
+            if not 0 <= get_exact_int(index) < size:
+                raise ValueError("index out of range")
+            return self._console.inbox[start + index]
+
+        def write_bytes(self, data: Any, /) -> Any:
+            payload = _payload(data)
+            expect(len(payload) <= _MAX_EVENT_BYTES)
+            self._console.write_app_data(payload)
+            return context.loop.done()
+
+        def configure(self, mode: Any, parameter: Any, value: Any) -> Any:
+            numbers = (_CONFIGURE, get_exact_int(mode) & 0xFF, get_exact_int(parameter) & 0xFF)
+            return self.write_bytes(bytes(numbers) + _payload(value))
+
+        def close(self) -> None:
+            self._console.inbox = bytearray()
+
+    return module("messaging", {"AppData": AppData, "BLERadio": bind(context, BLERadio)})

@@ -1,7 +1,77 @@
-"""Arenas: environments of several robots in one world."""
+"""Arenas: environments of several robots in one world. Importing this imports neither torch nor MuJoCo; making an arena does."""
 
 from __future__ import annotations
 
-from bricksrl.envs.arenas.arena_registry import ARENAS, get_arena_task, make_arena
+import functools
+import importlib
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from brickhub.seed import check_seed
+from bricksrl.errors import DescriptionError, UnknownNameError, hint
+
+if TYPE_CHECKING:
+    from torchrl.envs import EnvBase
+
+    from bricksrl.envs.arenas.arena_task import ArenaTask
+    from bricktwin.twin.physics import Physics
 
 __all__ = ["ARENAS", "get_arena_task", "make_arena"]
+
+ARENAS = {"Tag-v0": "tag:TAG", "Carry-v0": "carry:CARRY"}
+"""Module and object of each task."""
+
+
+def get_arena_task(env_id: str) -> ArenaTask:
+    """Task of a name. Raises UnknownNameError if there is none."""
+    if env_id not in ARENAS:
+        raise UnknownNameError(f"there is no arena '{env_id}'{hint(env_id, ARENAS)}; choose {', '.join(ARENAS)}")
+    module, _, name = ARENAS[env_id].partition(":")
+    task: ArenaTask = getattr(importlib.import_module(f"bricksrl.envs.arenas.{module}"), name)
+    return task
+
+
+def make_arena(
+    env: str | ArenaTask,
+    *,
+    seed: int | None = None,
+    physics: Physics | None = None,
+    realtime: bool = False,
+    batch_size: int | Sequence[int] = 0,
+    device: str = "cpu",
+) -> EnvBase:
+    """An environment of several robots, in TorchRL's multi-agent conventions.
+
+    Args:
+        env: a name of `ARENAS`, or a task of your own.
+        physics: physics of the virtual robots.
+        realtime: run in real time.
+        batch_size, device: number of copies (``8``, or ``[8]`` as in TorchRL) of a kinematic simulation without hubs, contacts
+            and loads, and the device of its tensors; 0 for the arena itself.
+
+    Raises:
+        UnknownNameError: there is no such arena.
+        RunError: there is no such device.
+        DescriptionError: the seed is invalid, or the task has no simulation.
+    """
+    check_seed(seed)
+    task = get_arena_task(env) if isinstance(env, str) else env
+    from bricksrl.envs.arenas.arena_env import ArenaEnv, ArenaSimulation
+    from bricksrl.envs.simulation import batch_shape
+
+    shape = batch_shape(batch_size)
+    if shape:
+        if task.arena.loads:
+            raise DescriptionError(
+                f"{task.id} has no kinematic simulation, which would lack what the robots push; leave out batch_size, or let the "
+                "team learn with copies=0"
+            )
+        if realtime or physics is not None:
+            raise DescriptionError(f"the kinematic simulation of {task.id} has no time and no physics; omit realtime and physics")
+        arena: ArenaSimulation | ArenaEnv = ArenaSimulation(task, shape[0], seed=seed, device=device)
+    elif device != "cpu":
+        raise DescriptionError(f"{task.id} with its hubs runs on the CPU; omit device, or give a batch_size")
+    else:
+        arena = ArenaEnv(task, seed=seed, physics=physics, realtime=realtime)
+    arena.remake = functools.partial(make_arena, env, physics=physics, realtime=realtime, batch_size=batch_size, device=device)
+    return arena

@@ -1,31 +1,124 @@
-"""Environment of several virtual robots in one world: a step commands all hubs, then reads all."""
+"""Environments of several robots: virtual ones in one world, and a kinematic simulation of many copies.
+
+The simulation has no hubs and no contacts: robots on two wheels are points with a heading, which slide along walls and pass
+through one another. It serves for fast training; policies are evaluated in the arena itself.
+"""
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import torch
-from tensordict import TensorDictBase
+from tensordict import TensorDict, TensorDictBase
+from torch import Tensor
+from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 
-from brickhub.hub.link.team import TeamLink
+from brickhub.hub.link.lockstep import HubLink
+from brickhub.hub.link.receiver import Reading
 from brickhub.virtual.virtual_transport import PLACEMENT_MS, VirtualHub
-from bricksrl.envs.arenas.arena_specs import frame, joined_actions, set_specs
 from bricksrl.envs.arenas.arena_task import ArenaState, ArenaTask
 from bricksrl.envs.connection import Reconnect
 from bricksrl.envs.env_interface import BricksEnv
-from bricksrl.errors import BricksError, HubError, StoppedError
+from bricksrl.envs.simulation import batch_shape, reseed, resolve_device
+from bricksrl.envs.specs import NominalBounded, clamped, end_specs
+from bricksrl.errors import BricksError, DescriptionError, HubError, StoppedError
 from bricktwin.twin.arena import ArenaWorld
+from bricktwin.twin.physics import Physics
 
-if TYPE_CHECKING:
-    from brickhub.hub.link.reading import Reading
-    from bricktwin.twin.physics import Physics
+LAG = (0.2, 0.6)
+"""Range of the share of a command that is carried out in the next step, as motors speed up; drawn for each episode."""
+NOISE = 0.03
+"""Standard deviation of a wheel's travel, as a share of the largest command."""
+MAX_DRAWS = 2000
+"""Number of times that starts too near to one another are drawn again."""
+MARGIN_M = 0.07
+"""Least distance of a robot's middle from a wall."""
 
 
-class ArenaEnv(BricksEnv, EnvBase):  # type: ignore[misc]
-    """Several robots of a task, as a TorchRL environment with groups; see `bricksrl.envs.arenas.arena_specs.set_specs`.
+class GroupedEnv(BricksEnv, EnvBase):  # type: ignore[misc]
+    """Several robots of a task, as a TorchRL environment with groups, in its multi-agent conventions.
+
+    ==========================  =================  =======================================
+    key                         shape              meaning
+    ==========================  =================  =======================================
+    ``(group, observation)``    ``[robots, n]``    of each robot of the group
+    ``(group, action)``         ``[robots, 2]``    in -1..1
+    ``(group, reward)``         ``[robots, 1]``    of each robot
+    ``terminated``, ...         ``[1]``            of the episode, as for one robot
+    ``link_lost``               ``[1]``            the link to one of them broke in this step
+    ``success``                 ``[1]``            of the task, in this state
+    ==========================  =================  =======================================
+    """
+
+    task: ArenaTask  # type: ignore[assignment]
+
+    def __init__(self, task: ArenaTask, copies: tuple[int, ...] = (), device: torch.device | None = None) -> None:
+        super().__init__(batch_size=copies, device=device)
+        self.task = task
+        self.group_map = {group: list(names) for group, names in task.groups.items()}
+        observations, actions, rewards = {}, {}, {}
+        is_bounded = all(math.isfinite(end) for entry in task.entries for end in (entry.low, entry.high))
+        for group, names in task.groups.items():
+            shape = (*copies, len(names))
+            bounded = NominalBounded.of(task.entries, shape, device) if is_bounded else Unbounded((*shape, len(task.entries)))
+            observations[group] = Composite(observation=bounded, shape=shape)
+            actions[group] = Composite(action=Bounded(-1.0, 1.0, (*shape, 2)), shape=shape)
+            rewards[group] = Composite(reward=Unbounded((*shape, 1)), shape=shape)
+        flag = Binary(1, shape=(*copies, 1), dtype=torch.bool)
+        self.observation_spec = Composite(**observations, link_lost=flag, success=flag.clone(), shape=copies, device=device)
+        self.action_spec = Composite(**actions, shape=copies, device=device)
+        self.reward_spec = Composite(**rewards, shape=copies, device=device)
+        self.done_spec = end_specs(copies, device)
+        self._step_count = torch.zeros(*copies, 1, dtype=torch.int64, device=device)
+
+    def _actions(self, tensordict: TensorDictBase) -> Tensor:
+        """Actions ``[*batch, robots, 2]`` in the arena's order, `clamped`."""
+        task, parts = self.task, [torch.empty(0)] * len(self.task.robots)
+        for group, names in task.groups.items():
+            actions = clamped(tensordict[group, "action"], (*tensordict.batch_size, len(names), 2), f"{group} of {task.id}")
+            for index, action in zip(task.places(group), actions.unbind(-2), strict=True):
+                parts[index] = action
+        return torch.stack(parts, -2)
+
+    def _outcome(self, before: ArenaState, state: ArenaState) -> TensorDictBase:
+        """Output of a step between two states."""
+        self._step_count += 1
+        return self._frame(state, self.task.reward(before, state), self.task.terminated(state))
+
+    def _frame(self, state: ArenaState, reward: Any = None, terminated: Any = None, *, is_lost: bool = False) -> TensorDictBase:
+        """Output of a reset or, with the reward and the end of a step, of a step. Raises DescriptionError if a function of the
+        task returns something else than a tensor of the right shape and type."""
+        task, batch = self.task, self.batch_size
+        per_robot = {"observation": self._checked("observe", task.observe(state), len(task.robots), len(task.entries))}
+        lost = torch.full((*batch, 1), is_lost, device=self.device)
+        flags = {"link_lost": lost, "success": self._checked("success", task.success(state), 1)}
+        if reward is not None:
+            per_robot["reward"] = self._checked("reward", reward, len(task.robots), 1)
+            terminated = self._checked("terminated", terminated, 1)
+            truncated = lost | (self._step_count >= task.max_steps)
+            flags |= {"terminated": terminated, "truncated": truncated, "done": terminated | truncated}
+        groups = {
+            group: TensorDict(
+                {name: value[..., task.places(group), :] for name, value in per_robot.items()}, (*batch, len(names))
+            )
+            for group, names in task.groups.items()
+        }
+        return TensorDict({**flags, **groups}, batch, device=self.device)
+
+    def _checked(self, name: str, value: Any, *shape: int) -> Tensor:
+        """What a function of the task returns: flags ``[*batch, 1]``, or numbers of each robot ``[*batch, robots, n]``."""
+        shape, dtype = (*self.batch_size, *shape), torch.bool if len(shape) == 1 else torch.float32
+        if not isinstance(value, Tensor) or value.shape != shape or value.dtype != dtype:
+            given = f"of shape {list(value.shape)} and {value.dtype}" if isinstance(value, Tensor) else f"{value!r:.40}"
+            raise DescriptionError(f"{name} of {self.task.id} is {given}; compute a tensor of shape {list(shape)} and {dtype}")
+        return value
+
+
+class ArenaEnv(GroupedEnv):
+    """Virtual robots in one world: a step commands all hubs, then reads all.
 
     A broken link ends the episode for all: the step is truncated and marked ``link_lost``, all links are closed, so that all
     motors stop, and the next reset tries to open them again as set by ``reconnect``.
@@ -36,24 +129,20 @@ class ArenaEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         realtime: run in real time.
     """
 
-    task: ArenaTask  # type: ignore[assignment]
     reconnect: Reconnect
 
     def __init__(
         self, task: ArenaTask, *, seed: int | None = None, physics: Physics | None = None, realtime: bool = False
     ) -> None:
-        super().__init__(batch_size=())
-        self.task = task
+        super().__init__(task)
         self._physics, self._realtime = physics, realtime
         self._world: ArenaWorld | None = None
         self._hubs: list[VirtualHub] = []
-        self._links: list[TeamLink] = []
+        self._links: list[HubLink] = []
         self._state: ArenaState | None = None
-        self._step_count = 0
         self.reconnect = Reconnect()
         spans = [[(c.low, c.high) for c in interface.commands] for interface in task.interfaces]
         self._low, self._high = torch.tensor(spans)[..., 0], torch.tensor(spans)[..., 1]
-        set_specs(self, task)
         self._set_seed(seed)
         self.is_closed = False
 
@@ -74,7 +163,7 @@ class ArenaEnv(BricksEnv, EnvBase):  # type: ignore[misc]
             self._hubs = [VirtualHub(body, realtime=self._realtime) for body in self._world.bodies]
             self._world.runners = [hub.run_on_until for hub in self._hubs]
             self._links = [
-                TeamLink(hub, body.robot, interface)
+                HubLink(hub, body.robot, interface)
                 for hub, body, interface in zip(self._hubs, self._world.bodies, task.interfaces, strict=True)
             ]
         return self._world
@@ -85,81 +174,55 @@ class ArenaEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         return self._hubs[self.task.robots.index(robot)]
 
     def _reset(self, _tensordict: TensorDictBase | None = None, **_kwargs: Any) -> TensorDictBase:
-        while True:
-            self.reconnect.before_try()
-            try:
-                self._begin()
-            except HubError as error:
-                self.reconnect.failed(error)
-                self._close_links()
-            except StoppedError:
-                self._close_links()
-                raise
-            else:
-                self.reconnect.answered(to_step=False)
-                return self._out(torch.zeros(1, dtype=torch.bool))
+        return self._frame(self.reconnect.until_answered(self._begin))
 
-    def _begin(self) -> None:
+    def _begin(self) -> ArenaState:
         world = self.world
-        for link in self._links:
-            link.open()
-        now_ms = max(hub.machine.time_ms for hub in self._hubs)
-        for hub in self._hubs:  # placing the robots by hand takes time
-            hub.run_on_until(now_ms + PLACEMENT_MS)
-        world.place(self._place_rng)
-        self._angles = self._wheels([link.read() for link in self._links])
+        try:
+            for link in self._links:
+                link.open()
+            now_ms = max(hub.machine.time_ms for hub in self._hubs)
+            for hub in self._hubs:  # placing the robots by hand takes time
+                hub.run_on_until(now_ms + PLACEMENT_MS)
+            world.place(self._place_rng)
+            self._angles = self._wheels([link.read() for link in self._links])
+        except (HubError, StoppedError):
+            self._close_links()
+            raise
         self._state = ArenaState(self._poses(), torch.zeros(len(self._links), 2))
-        self._step_count = 0
+        self._step_count.zero_()
+        return self._state
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
-        if self._state is None:
+        before = self._state
+        if before is None:
             raise BricksError(f"{self.task.id} has no episode to step; reset the environment first")
-        actions = joined_actions(self.task, tensordict)
-        commands = self._low + (actions + 1.0) / 2.0 * (self._high - self._low)
+        commands = self._low + (self._actions(tensordict) + 1.0) / 2.0 * (self._high - self._low)
         try:
             for link, values in zip(self._links, commands.tolist(), strict=True):
                 link.send(values)
             readings = [link.receive() for link in self._links]
-        except HubError as error:
-            return self._lost(error)
+        except HubError as error:  # the last observation, truncated for all
+            self.link_error = error
+            self.reconnect.failed(error)
+            self._close_links()
+            return self._frame(before, torch.zeros(len(self._links), 1), torch.zeros(1, dtype=torch.bool), is_lost=True)
         except StoppedError:
             self._close_links()
             raise
-        self.reconnect.answered(to_step=True)
-        return self._outcome(readings)
-
-    def _outcome(self, readings: list[Reading]) -> TensorDictBase:
-        task, before = self.task, self._state
-        assert before is not None  # noqa: S101  `_step` looked
+        self.reconnect.recovered()
         angles = self._wheels(readings)
         turned = (angles - self._angles + 180.0) % 360.0 - 180.0
-        self._angles = angles
-        self._state = ArenaState(self._poses(), turned / self._high)
-        self._step_count += 1
-        terminated = task.terminated(self._state)
-        truncated = torch.full_like(terminated, self._step_count >= task.max_steps)
-        return self._out(torch.zeros(1, dtype=torch.bool), task.reward(before, self._state), terminated, truncated)
+        self._angles, self._state = angles, ArenaState(self._poses(), turned / self._high)
+        return self._outcome(before, self._state)
 
-    def _lost(self, error: HubError) -> TensorDictBase:
-        """Outcome of a step in which a link broke: the last observation, truncated for all."""
-        self.link_error = error
-        self.reconnect.failed(error)
-        no, yes = torch.zeros(1, dtype=torch.bool), torch.ones(1, dtype=torch.bool)
-        out = self._out(yes, torch.zeros(len(self._links), 1), no, yes.clone())
-        self._close_links()
-        return out
-
-    def _out(self, lost: torch.Tensor, *outcome: torch.Tensor) -> TensorDictBase:
-        assert self._state is not None  # noqa: S101  callers have checked it
-        return frame(self.task, self._state, lost, *outcome)
-
-    def _wheels(self, readings: list[Reading]) -> torch.Tensor:
+    def _wheels(self, readings: list[Reading]) -> Tensor:
         """Angles of the left and the right wheel, ``[robots, 2]``."""
         indices = [interface.angle_indices for interface in self.task.interfaces]
         rows = zip(readings, indices, strict=True)
         return torch.tensor([[reading.values[index[name]] for name in ("left", "right")] for reading, index in rows])
 
-    def _poses(self) -> torch.Tensor:
+    def _poses(self) -> Tensor:
         poses = [(pose.x_m, pose.y_m, -math.radians(pose.heading_deg)) for pose in self.world.poses()]
         return torch.tensor(poses, dtype=torch.float32)
 
@@ -172,3 +235,81 @@ class ArenaEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         """Stop all robots. May be called twice; a reset opens the links again."""
         super().close(raise_if_closed=raise_if_closed)
         self._close_links()
+
+
+class ArenaSimulation(GroupedEnv):
+    """Copies ``[copies]`` of a task without loads. Raises DescriptionError if the task has no simulation, or ``copies`` is
+    invalid; RunError if there is no such device."""
+
+    def __init__(self, task: ArenaTask, copies: int, *, seed: int | None = None, device: torch.device | str = "cpu") -> None:
+        device = resolve_device(device)
+        super().__init__(task, batch_shape(copies), device)
+        travel_deg, track, radius = [], [], []
+        for contestant, interface in zip(task.arena.robots, task.interfaces, strict=True):
+            base = contestant.robot.drive_base
+            if base is None or task.arena.loads:
+                raise DescriptionError(f"{task.id}: only robots with a drive base, and no loads, are simulated so")
+            travel_deg.append([command.high for command in interface.commands])
+            track.append(base.axle_track_mm / 1000)
+            radius.append(base.wheel_diameter_mm / 2000)
+        self._way_m = torch.deg2rad(torch.tensor(travel_deg, device=device)) * torch.tensor(radius, device=device)[:, None]
+        self._track_m = torch.tensor(track, device=device)
+        places = [contestant.place for contestant in task.arena.robots]
+        bounds = torch.tensor([[place.x_m, place.y_m, place.heading_deg] for place in places], device=device)
+        bounds[:, 2] = -torch.deg2rad(bounds[:, 2].flip(-1))  # clockwise in a place, counter-clockwise in a state
+        self._low, self._high = bounds.unbind(-1)
+        self._rng = torch.Generator(device=self.device)
+        self._set_seed(seed)
+        n = len(task.robots)
+        self._state = ArenaState(torch.zeros(copies, n, 3, device=device), torch.zeros(copies, n, 2, device=device))
+        self._lag = torch.zeros(copies, 1, 1, device=device)
+        self._last_command = torch.zeros(copies, n, 2, device=device)
+
+    def _set_seed(self, seed: int | None) -> None:
+        self._seed = seed
+        reseed(self._rng, seed)
+
+    def _uniform(self, *shape: int) -> Tensor:
+        return torch.rand(shape, generator=self._rng, device=self.device)
+
+    def _starts(self, count: int) -> Tensor:
+        """Poses ``[count, robots, 3]`` that keep the arena's gap. Raises TwinError if none are found."""
+        poses = torch.empty(count, *self._low.shape, device=self.device)
+        near = torch.ones(count, dtype=torch.bool, device=self.device)
+        for _ in range(MAX_DRAWS):
+            poses[near] = self._low + self._uniform(int(near.sum()), *self._low.shape) * (self._high - self._low)
+            distances = torch.cdist(poses[..., :2], poses[..., :2]) + 1e6 * torch.eye(poses.shape[1], device=self.device)
+            near = distances.amin((-1, -2)) < self.task.arena.gap_m
+            if not bool(near.any()):
+                return poses
+        raise self.task.arena.too_narrow()
+
+    def _reset(self, tensordict: TensorDictBase | None = None, **_kwargs: Any) -> TensorDictBase:
+        mask = None if tensordict is None else tensordict.get("_reset", None)
+        is_reset = torch.ones(self.batch_size, dtype=torch.bool, device=self.device) if mask is None else mask.squeeze(-1)
+        count = int(is_reset.sum())
+        if count:
+            poses, moved = self._state.poses.clone(), self._state.moved.clone()
+            poses[is_reset], moved[is_reset] = self._starts(count), 0.0
+            self._state = ArenaState(poses, moved)
+            self._last_command[is_reset] = 0.0
+            self._lag[is_reset] = LAG[0] + (LAG[1] - LAG[0]) * self._uniform(count, 1, 1)
+            self._step_count[is_reset] = 0
+        return self._frame(self._state)
+
+    def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
+        before, actions = self._state, self._actions(tensordict)
+        noise = NOISE * torch.randn(actions.shape, generator=self._rng, device=self.device)
+        moved = (1.0 - self._lag) * actions + self._lag * self._last_command + noise
+        self._last_command = actions
+        left_m, right_m = (moved * self._way_m).unbind(-1)
+        x, y, heading = before.poses.unbind(-1)
+        turn, forward = (right_m - left_m) / self._track_m, (left_m + right_m) / 2.0
+        middle = heading + turn / 2.0
+        x, y = x + forward * middle.cos(), y + forward * middle.sin()
+        if self.task.arena.half_size_m is not None:
+            half_x, half_y = self.task.arena.half_size_m
+            x = x.clamp(-half_x + MARGIN_M, half_x - MARGIN_M)
+            y = y.clamp(-half_y + MARGIN_M, half_y - MARGIN_M)
+        self._state = ArenaState(torch.stack((x, y, heading + turn), -1), moved)
+        return self._outcome(before, self._state)

@@ -1,4 +1,4 @@
-"""Task of several robots: an arena, interfaces, and pure functions of tensors. Importing this loads no torch.
+"""Task of several robots: an arena, interfaces, and pure functions of tensors.
 
 All functions are batched: a state has poses ``[*batch, things, 3]`` of the robots and then of the loads; values of the robots
 have the shape ``[*batch, robots, n]``.
@@ -9,17 +9,15 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+
+import torch
+from torch import Tensor
 
 from brickhub.entry import Entry
 from brickhub.fields import check_arguments, check_fields
 from brickhub.hub.interface import Interface, RunAngle
 from bricksrl.errors import DescriptionError, hint
-
-if TYPE_CHECKING:
-    from torch import Tensor
-
-    from bricktwin.twin.arena import Arena
+from bricktwin.twin.arena import Arena
 
 
 @dataclass(frozen=True)
@@ -70,9 +68,7 @@ class ArenaTask:
     opponents: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        from bricktwin.twin.arena import Arena  # an arena has loaded it
-
-        check_fields(ArenaTask, vars(self), Tensor=Any, Arena=Arena)
+        check_fields(ArenaTask, vars(self))
         for name, arguments in _ARGUMENTS.items():
             check_arguments(f"{name} of {self.id}", getattr(self, name), arguments)
         for name, script in self.scripts.items():
@@ -108,11 +104,6 @@ class ArenaTask:
         """Names of the robots, in the arena's order."""
         return tuple(robot.name for robot in self.arena.robots)
 
-    @property
-    def summary(self) -> str:
-        """The first line of the description."""
-        return self.doc.strip().partition("\n")[0]
-
     def places(self, group: str) -> list[int]:
         """Indices of a group's robots among all robots."""
         return [self.robots.index(name) for name in self.groups[group]]
@@ -125,8 +116,6 @@ _ARGUMENTS = {"observe": ("state",), "reward": ("before", "after"), "terminated"
 def seen_from(poses: Tensor, viewer: int, seen: int) -> Tensor:
     """Pose of a thing in a robot's frame, ``[*batch, 4]``: metres ahead and to the left, cosine and sine of the difference of
     their headings."""
-    import torch
-
     x, y, heading = (poses[..., viewer, i] for i in range(3))
     dx, dy = poses[..., seen, 0] - x, poses[..., seen, 1] - y
     turn = poses[..., seen, 2] - heading
@@ -136,8 +125,6 @@ def seen_from(poses: Tensor, viewer: int, seen: int) -> Tensor:
 
 def own_pose(poses: Tensor, robot: int) -> Tensor:
     """Pose of a robot in the arena, ``[*batch, 4]``: x, y, and cosine and sine of its heading."""
-    import torch
-
     x, y, heading = (poses[..., robot, i] for i in range(3))
     return torch.stack((x, y, heading.cos(), heading.sin()), -1)
 
@@ -145,8 +132,6 @@ def own_pose(poses: Tensor, robot: int) -> Tensor:
 def steer_towards(ahead: Tensor, left: Tensor, speed: float = 1.0) -> Tensor:
     """Action ``[*batch, 2]`` that turns a robot on two wheels towards a direction in its frame, and drives on as far as it faces
     it."""
-    import torch
-
     angle = torch.atan2(left, ahead)
     forward, turn = speed * angle.cos().clamp_min(0.0), (1.5 * angle).clamp(-1.0, 1.0) * 0.6
     action = torch.stack((forward - turn, forward + turn), -1)

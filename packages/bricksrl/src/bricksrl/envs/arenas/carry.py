@@ -40,16 +40,15 @@ An episode succeeds when the beam has arrived.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+
+import torch
+from torch import Tensor
 
 from brickhub.entry import Entry
 from brickhub.hub.interface import Interface, MotorAngle, RunAngle, Wait
 from bricksrl.envs.arenas.arena_task import ArenaState, ArenaTask, own_pose, seen_from, steer_towards
 from bricktwin.robots import TWO_WHEELER
 from bricktwin.twin.arena import Arena, Contestant, Load, Place
-
-if TYPE_CHECKING:
-    from torch import Tensor
 
 START_M, GOAL_M = 0.12, 0.52
 """Position of the beam's middle along x, at the start and at the goal."""
@@ -74,8 +73,6 @@ ENTRIES = (
 
 def observe(state: ArenaState) -> Tensor:
     """Observations of both robots, ``[*batch, 2, 12]``."""
-    import torch
-
     poses = state.poses
     views = [
         torch.cat(
@@ -104,8 +101,6 @@ def terminated(state: ArenaState) -> Tensor:
 
 def reward(before: ArenaState, after: ArenaState) -> Tensor:
     """Rewards, equal for both, ``[*batch, 2, 1]``."""
-    import torch
-
     forward_m = after.poses[..., _BEAM, :1] - before.poses[..., _BEAM, :1]
     turn = after.poses[..., _BEAM, 2:].abs() - before.poses[..., _BEAM, 2:].abs()
     gain = 10.0 * forward_m - 2.0 * turn + _ARRIVAL_REWARD * arrived(after)
@@ -115,8 +110,6 @@ def reward(before: ArenaState, after: ArenaState) -> Tensor:
 def push(observation: Tensor) -> Tensor:
     """Script of both: drive along x, more slowly if the robot's half of the beam is ahead; ``[*batch, 12]`` to
     ``[*batch, 2]``."""
-    import torch
-
     y, cos, sin = observation[..., 1], observation[..., 2], observation[..., 3]
     beam_sin = observation[..., 6] * sin + observation[..., 7] * cos  # of the beam in the world: positive when its left lags
     home = torch.where(y >= 0, 0.2, -0.2) - y

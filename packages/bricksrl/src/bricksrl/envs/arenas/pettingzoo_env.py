@@ -11,7 +11,7 @@ from gymnasium.utils.seeding import np_random
 from numpy.typing import NDArray
 from tensordict import TensorDict
 
-from bricksrl.envs.arenas.arena_registry import make_arena
+from bricksrl.envs.arenas import make_arena
 from bricksrl.errors import RunError, UnknownOptionError, hint
 
 if TYPE_CHECKING:
@@ -25,7 +25,6 @@ except ImportError:
     raise RunError("PettingZoo is not installed; run `pip install 'bricksrl[arenas]'`") from None
 
 Array = NDArray[np.float32]
-_RENDER_MODES = ("rgb_array",)
 _SIZE_PX = (480, 360)
 
 
@@ -45,18 +44,13 @@ class ArenaParallelEnv(ParallelEnv):  # type: ignore[misc]
     def __init__(self, env: str | ArenaTask, render_mode: str | None = None, **named: Any) -> None:
         if named.get("batch_size"):
             raise UnknownOptionError("PettingZoo's arenas are single ones; omit batch_size, or use make_arena")
-        if render_mode not in (None, *_RENDER_MODES):
-            given = f"{render_mode!r}{hint(str(render_mode), _RENDER_MODES)}"
-            raise UnknownOptionError(f"an arena has no render_mode {given}; choose {' or '.join(_RENDER_MODES)}, or omit it")
+        if render_mode not in (None, "rgb_array"):
+            given = f"{render_mode!r}{hint(str(render_mode), ('rgb_array',))}"
+            raise UnknownOptionError(f"an arena has no render_mode {given}; choose rgb_array, or omit it")
         self._env: ArenaEnv = make_arena(env, **named)
         task = self._env.task
-        fps = round(1000.0 / (task.interfaces[0].settle.fixed_ms or 1000.0))
-        self.metadata = {
-            "name": task.id,
-            "is_parallelizable": True,
-            "render_modes": list(_RENDER_MODES),
-            "render_fps": max(1, fps),
-        }
+        fps = max(1, round(1000.0 / (task.interfaces[0].settle.fixed_ms or 1000.0)))
+        self.metadata = {"name": task.id, "is_parallelizable": True, "render_modes": ["rgb_array"], "render_fps": fps}
         self.render_mode = render_mode
         self._renderer: Renderer | None = None
         self.possible_agents = list(task.robots)

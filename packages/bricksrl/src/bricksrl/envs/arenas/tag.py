@@ -38,16 +38,15 @@ The catcher succeeds when it catches the runner.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+
+import torch
+from torch import Tensor
 
 from brickhub.entry import Entry
 from brickhub.hub.interface import Interface, MotorAngle, RunAngle, Wait
 from bricksrl.envs.arenas.arena_task import ArenaState, ArenaTask, own_pose, seen_from, steer_towards
 from bricktwin.robots import TWO_WHEELER
 from bricktwin.twin.arena import Arena, Contestant, Place
-
-if TYPE_CHECKING:
-    from torch import Tensor
 
 HALF_M = 0.8
 CAUGHT_M = 0.2
@@ -83,8 +82,6 @@ def distance_m(state: ArenaState) -> Tensor:
 
 def observe(state: ArenaState) -> Tensor:
     """Observations of catcher and runner, ``[*batch, 2, 10]``."""
-    import torch
-
     views = [
         torch.cat((own_pose(state.poses, robot), seen_from(state.poses, robot, other), state.moved[..., robot, :]), -1)
         for robot, other in ((CATCHER, RUNNER), (RUNNER, CATCHER))
@@ -100,8 +97,6 @@ def caught(state: ArenaState) -> Tensor:
 
 def reward(before: ArenaState, after: ArenaState) -> Tensor:
     """Rewards of catcher and runner, ``[*batch, 2, 1]``; their sum is 0."""
-    import torch
-
     gain = _REWARD_PER_M * (distance_m(before) - distance_m(after)) + _CATCH_REWARD * caught(after)
     return torch.stack((gain, -gain), -2)
 
@@ -109,8 +104,6 @@ def reward(before: ArenaState, after: ArenaState) -> Tensor:
 def flee(observation: Tensor) -> Tensor:
     """The runner's script, ``[*batch, 10]`` to ``[*batch, 2]``. Of 16 directions it takes the one in which it is caught latest by
     a catcher that drives straight at it, if it turns there first, drives on and slides along the walls."""
-    import torch
-
     start, cos, sin = observation[..., 0:2], observation[..., 2], observation[..., 3]
     ahead, left = observation[..., 4], observation[..., 5]
     angles = torch.arange(_DIRECTIONS, device=observation.device) * (2.0 * math.pi / _DIRECTIONS)

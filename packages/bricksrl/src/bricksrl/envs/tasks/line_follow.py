@@ -43,16 +43,12 @@ that of the edge, `mean_off_pct`; a virtual robot adds its distance, speed and s
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from brickhub.hub.interface import DriveSpeed, DriveTurnRate, Interface, SensorReading, Wait, YawRate
-from bricksrl.envs.task import Task
+from bricksrl.envs.task import Task, Tensor
 from bricktwin.robots import SCOUT
 from bricktwin.twin.objects import Line
 from bricktwin.twin.scene import Scene
-
-if TYPE_CHECKING:
-    from torch import Tensor
 
 EDGE_PCT = 45.0
 """Brightness halfway between the line and the floor."""

@@ -51,17 +51,12 @@ reckoning.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from brickhub.hub.interface import DriveSpeed, DriveTurnRate, Interface, MotorAngle, Wait
-from bricksrl.envs.dead_reckoning import Target
-from bricksrl.envs.task import Task
+from bricksrl.envs.odometry import Target
+from bricksrl.envs.task import Task, Tensor
 from bricktwin.robots import TWO_WHEELER
 from bricktwin.twin.objects import Field, Line
 from bricktwin.twin.scene import Scene
-
-if TYPE_CHECKING:
-    from torch import Tensor
 
 PARKED_MM, PARKED_DEG = 15.0, 4.0
 """Tolerances by dead reckoning, at which an episode ends."""

@@ -46,16 +46,11 @@ their goals at the end, `error_sum_deg`.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from brickhub.hub.interface import Interface, MotorAngle, RunAngle, Wait
-from bricksrl.envs.task import SampledEntry, Task
+from bricksrl.envs.task import SampledEntry, Task, Tensor
 from bricksrl.envs.tasks.walker import shortest_angle_deg
 from bricksrl.errors import DescriptionError
 from bricktwin.robots import ROBO_ARM
-
-if TYPE_CHECKING:
-    from torch import Tensor
 
 THRESHOLD_DEG = 50.0
 """Sum of the four errors under which a goal counts as reached; the paper's stricter one is 20."""

@@ -54,16 +54,12 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from brickhub.hub.interface import Interface, MotorAngle, RunAngle, Wait
-from bricksrl.envs.task import Task
+from bricksrl.envs.task import Task, Tensor
 from bricksrl.envs.vision.camera import CameraView, VisualGoal
 from bricktwin.robots import ROBO_ARM
 from bricktwin.twin.scene import Scene
-
-if TYPE_CHECKING:
-    from torch import Tensor
 
 REACHED_PX = 40.0
 """Distance from the goal within which the ball has arrived."""

@@ -42,15 +42,10 @@ distance, `final_distance_mm`, and the largest pitch, `largest_pitch_deg`.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from brickhub.hub.interface import Distance, DriveStraight, Interface, MotorAngle, Pitch, Roll, UntilDone
-from bricksrl.envs.task import Task
+from bricksrl.envs.task import Task, Tensor
 from bricktwin.robots import TWO_WHEELER
 from bricktwin.twin.scene import Scene
-
-if TYPE_CHECKING:
-    from torch import Tensor
 
 NEAR_MM = 40.0
 """The ultrasonic sensor reports nothing nearer."""

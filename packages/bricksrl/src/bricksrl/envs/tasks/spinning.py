@@ -43,14 +43,9 @@ The paper defines no success for this task. Here an episode succeeds when the me
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from brickhub.hub.interface import Interface, MotorAngle, Pitch, Roll, RunAngle, Wait, YawRate
-from bricksrl.envs.task import SampledEntry, Task
+from bricksrl.envs.task import SampledEntry, Task, Tensor
 from bricktwin.robots import TWO_WHEELER
-
-if TYPE_CHECKING:
-    from torch import Tensor
 
 SUCCESS_DEG_S = 100.0
 """Least mean yaw rate of a successful episode."""

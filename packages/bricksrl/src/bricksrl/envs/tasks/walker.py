@@ -50,16 +50,12 @@ An episode succeeds when the robot does not fall over. The metric is the mean re
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from brickhub.fields import check_value
 from brickhub.hub.interface import Distance, Interface, MotorAngle, Pitch, Roll, RunAngle, Wait
-from bricksrl.envs.task import Task
+from bricksrl.envs.task import Task, Tensor
 from bricksrl.errors import DescriptionError
 from bricktwin.robots import WALKER
-
-if TYPE_CHECKING:
-    from torch import Tensor
 
 STEP_MS = 250
 EPISODE_MS = 25_000

@@ -44,15 +44,10 @@ An episode succeeds when the robot moves forward by 10 mm a step on average and 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from brickhub.entry import Entry
-from bricksrl.envs.task import Task
+from bricksrl.envs.task import Task, Tensor
 from bricksrl.envs.tasks.walker import INTERFACE, terminated
 from bricktwin.robots import WALKER
-
-if TYPE_CHECKING:
-    from torch import Tensor
 
 UNIT_MM = 20.0
 """Distance forward with reward 1."""

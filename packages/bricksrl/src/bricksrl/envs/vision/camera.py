@@ -1,4 +1,4 @@
-"""Camera as a sensor: its description in a task, and sources of frames.
+"""Camera as a sensor: its description in a task, sources of frames, and what is seen in an episode.
 
 The agent does not get the frame but a small image of it with the goal drawn in.
 """
@@ -12,12 +12,22 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from bricksrl.envs.vision.frames import Frame, Place, RedWindow
+from bricksrl.envs.vision.frames import (
+    Frame,
+    Place,
+    RedWindow,
+    changed_part,
+    distances_px,
+    find_red,
+    hull,
+    red_part,
+    shrink,
+    shrink_part,
+)
 from bricksrl.errors import CameraError, DescriptionError, RenderingUnavailableError
 
 if TYPE_CHECKING:
     from brickhub.virtual.body import Body
-    from bricktwin.twin.mujoco_body import MujocoBody
     from bricktwin.twin.render.opengl import Renderer
     from bricktwin.twin.render.raycast import RayCaster
 
@@ -108,23 +118,19 @@ class TwinCamera:
         """Present frame. Raises RenderingUnavailableError if the virtual robot has no MuJoCo model."""
         if self._renderer is None:
             from bricktwin.twin.mujoco_body import MujocoBody
+            from bricktwin.twin.render.opengl import Renderer
+            from bricktwin.twin.render.raycast import RayCaster
 
             if not isinstance(self._body, MujocoBody):
                 raise RenderingUnavailableError("the virtual robot has no picture; give it a MuJoCo model or no camera")
-            self._renderer = self._open(self._body)
+            view = self._view
+            try:
+                # Anti-aliasing would take most of the time, and its effect vanishes in the small image.
+                self._renderer = Renderer(self._body, view.width_px, view.height_px, view.name, smooth=False)
+            except RenderingUnavailableError as error:
+                _log.info("drawing by rays: %s", error)
+                self._renderer = RayCaster(self._body, view.width_px, view.height_px, view.name, view.spot_px)
         return self._renderer.render()
-
-    def _open(self, body: MujocoBody) -> Renderer | RayCaster:
-        from bricktwin.twin.render.opengl import Renderer
-        from bricktwin.twin.render.raycast import RayCaster
-
-        view = self._view
-        try:
-            # Anti-aliasing would take most of the time, and its effect vanishes in the small image.
-            return Renderer(body, view.width_px, view.height_px, view.name, smooth=False)
-        except RenderingUnavailableError as error:
-            _log.info("drawing by rays: %s", error)
-            return RayCaster(body, view.width_px, view.height_px, view.name, view.spot_px)
 
     def close(self) -> None:
         """Release the renderer."""
@@ -145,7 +151,16 @@ class VideoCamera:
         size."""
         view = self._view
         if self._capture is None:
-            self._capture = _open_capture(view)
+            try:
+                import cv2
+            except ImportError as error:
+                raise CameraError("no OpenCV is here to read cameras with; install it: pip install 'bricksrl[vision]'") from error
+            level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # of a missing camera our own message tells
+            self._capture = cv2.VideoCapture(view.device)
+            cv2.utils.logging.setLogLevel(level)
+            self._capture.set(cv2.CAP_PROP_FRAME_WIDTH, view.width_px)
+            self._capture.set(cv2.CAP_PROP_FRAME_HEIGHT, view.height_px)
+            self._capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
         self._capture.grab()  # discard the driver's buffered frame, taken before the robot moved
         is_read, frame = self._capture.read()
         if not is_read:
@@ -165,15 +180,44 @@ class VideoCamera:
             self._capture = None
 
 
-def _open_capture(view: CameraView) -> Any:
-    try:
-        import cv2
-    except ImportError as error:
-        raise CameraError("no OpenCV is here to read cameras with; install it: pip install 'bricksrl[vision]'") from error
-    level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # of a missing camera our own message tells
-    capture = cv2.VideoCapture(view.device)
-    cv2.utils.logging.setLogLevel(level)
-    capture.set(cv2.CAP_PROP_FRAME_WIDTH, view.width_px)
-    capture.set(cv2.CAP_PROP_FRAME_HEIGHT, view.height_px)
-    capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
-    return capture
+class Watch:
+    """Goal, image and distances of a camera over one episode. Only changes from the first frame are processed.
+
+    Args:
+        view: the task's camera.
+        rng: generator that the goal is drawn from.
+        frame: frame at the start.
+
+    Attributes:
+        goal: position of the goal, constant for the episode; ``None`` for a camera without one.
+        image: the agent's image, uint8 ``[side, side, 3]``.
+        mean_px: mean distance of the red objects from the goal; unchanged where none is seen, 0 at the start.
+        nearest_px: distance of the nearest red object; the diagonal of the frame where none is seen.
+    """
+
+    def __init__(self, view: CameraView, rng: np.random.Generator, frame: Frame) -> None:
+        self._view = view
+        self.goal = None if view.goal is None else view.goal.draw(rng)
+        self.mean_px, self.nearest_px = 0.0, view.farthest_px
+        self._disc = None if view.goal is None or self.goal is None else (self.goal, view.goal.radius_px)
+        self._first, self._first_image = frame, shrink(frame, view.image_px, self._disc)
+        self._red_part = None if view.goal is None else red_part(frame, view.goal.red)
+        self.image = self._first_image.copy()
+
+    def see(self, frame: Frame) -> None:
+        """Update image and distances from the frame after a step."""
+        changed = changed_part(frame, self._first)
+        self.image = self._first_image.copy()
+        shrink_part(self.image, frame, changed, self._disc)
+        if self._view.goal is None or self.goal is None:
+            return
+        rows, columns = changed if self._red_part is None else hull(changed, self._red_part)
+        goal = self.goal[0] - columns.start, self.goal[1] - rows.start
+        found_px = distances_px(find_red(frame[rows, columns], self._view.goal.red), goal)
+        self.nearest_px = self._view.farthest_px
+        if len(found_px):
+            self.mean_px, self.nearest_px = float(found_px.mean()), float(found_px.min())
+
+    def numbers(self) -> tuple[float, ...]:
+        """Mean and smallest distance in px; empty for a camera without a goal."""
+        return () if self.goal is None else (self.mean_px, self.nearest_px)

@@ -51,7 +51,13 @@ def calibrate_red(frame: Frame, at: Place | None = None) -> FoundRed:
     """
     hue_deg, saturation, value = _colours(frame)
     chroma = np.where(np.abs(hue_deg) <= _AROUND_RED_DEG, saturation * value, 0.0)
-    seed = _around(frame, at) if at is not None else _strongest(chroma)
+    if at is not None:
+        rows, columns = np.ogrid[: frame.shape[0], : frame.shape[1]]
+        seed = (np.abs(rows - at[1]) <= _POINT_PX) & (np.abs(columns - at[0]) <= _POINT_PX)
+    else:  # the largest region of nearly the strongest chroma
+        count = min(_SEED_PX, chroma.size)
+        vivid = chroma >= max(0.75 * float(np.partition(chroma, -count, axis=None)[-count]), _LEAST_CHROMA)
+        seed = _region(vivid, vivid)
     if seed.sum() < _LEAST_PX or np.median(chroma[seed]) < _LEAST_CHROMA:
         place = "the frame" if at is None else f"the frame at {at[0]}, {at[1]}"
         raise CameraError(f"nothing is red in {place}; bring the ball into the picture, give it light, or name a point of it")
@@ -78,19 +84,6 @@ def _colours(frame: Frame) -> tuple[NDArray[np.float64], NDArray[np.float64], ND
     safe = np.where(chroma > 0, chroma, 1.0)
     hue_deg = np.where((red == value) & (chroma > 0), 60.0 * (green - blue) / safe, 180.0)
     return hue_deg, chroma / np.where(value > 0, value, 1.0), value
-
-
-def _around(frame: Frame, at: Place) -> NDArray[np.bool_]:
-    rows, columns = np.ogrid[: frame.shape[0], : frame.shape[1]]
-    near: NDArray[np.bool_] = (np.abs(rows - at[1]) <= _POINT_PX) & (np.abs(columns - at[0]) <= _POINT_PX)
-    return near
-
-
-def _strongest(chroma: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """The largest region of nearly the strongest chroma."""
-    count = min(_SEED_PX, chroma.size)
-    strong = chroma >= max(0.75 * float(np.partition(chroma, -count, axis=None)[-count]), _LEAST_CHROMA)
-    return _region(strong, strong)
 
 
 def _region(mask: NDArray[np.bool_], seed: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -130,9 +123,9 @@ def picture(frame: Frame, found: FoundRed) -> Frame:
 # ---------------------------------------------------------------- files
 
 
-def saved_path(device: int | str, folder: Path | None = None) -> Path:
+def saved_path(device: int | str) -> Path:
     """Path of a camera's calibration, in the folder of the robots' calibrations."""
-    return (folder or calibration_folder()) / f"camera-{re.sub(r'[^A-Za-z0-9_-]+', '-', str(device))}.json"
+    return calibration_folder() / f"camera-{re.sub(r'[^A-Za-z0-9_-]+', '-', str(device))}.json"
 
 
 def write_red(path: Path, window: RedWindow) -> None:
@@ -153,7 +146,7 @@ def read_red(path: Path) -> RedWindow:
     raise CameraError(f"cannot read the calibration {path} ({reason}); make one with `bricksrl camera calibrate`")
 
 
-def saved_red(device: int | str, folder: Path | None = None) -> RedWindow | None:
+def saved_red(device: int | str) -> RedWindow | None:
     """The saved window of this camera; ``None`` if there is none. Raises CameraError if the file is invalid."""
-    path = saved_path(device, folder)
+    path = saved_path(device)
     return read_red(path) if path.exists() else None

@@ -102,7 +102,7 @@ class Worker:
         """One episode; ends early if the link breaks."""
         from torchrl.modules import RandomPolicy
 
-        from bricksrl.data.transitions import about, step_of
+        from bricksrl.data.collect import about, step_of
         from bricksrl.envs.rollout import Rollout, link_lost, play
 
         rollout, is_random = Rollout(), order["is_random"]

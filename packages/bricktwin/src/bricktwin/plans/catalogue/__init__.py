@@ -1,14 +1,19 @@
-"""Part catalogue, by LDraw number: the tables ``parts.csv`` and ``devices.csv``."""
+"""Part catalogue, by LDraw number, and LDraw's colours: the tables ``parts.csv``, ``devices.csv`` and ``colours.csv``."""
 
 from __future__ import annotations
 
 import functools
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 from brickhub.errors import UnknownNameError
 from brickhub.tables import read_table
 from bricktwin.plans.catalogue import part_notation
+from bricktwin.plans.geometry import Triple
 from bricktwin.plans.part import Device, DeviceKind, MassSource, Part
+
+DIRECT_COLOUR = 0x2000000
+"""Code of black as red, green and blue."""
 
 
 @functools.cache
@@ -62,16 +67,50 @@ def _part(row: Mapping[str, str], electric: Mapping[str, str] | None) -> Part:
 
 
 def _device(row: Mapping[str, str]) -> Device:
-    kind = DeviceKind(row["kind"])
     ports = [port.partition("=") for port in row["ports"].split()]
-    direction = part_notation.point(row["direction"]) if row["direction"] else None
     return Device(
-        kind,
+        DeviceKind(row["kind"]),
         row["name"],
         part_notation.point(row["plug"]),
         float(row["cable_mm"] or 0.0),
         tuple((name, part_notation.point(place)) for name, _, place in ports),
-        shaft=direction if kind is DeviceKind.MOTOR else None,
-        looks=direction if kind is DeviceKind.SENSOR else None,
-        sold_as=row["sold_as"],
+        part_notation.point(row["direction"]) if row["direction"] else None,
+        row["sold_as"],
     )
+
+
+@dataclass(frozen=True)
+class Colour:
+    """A colour.
+
+    Attributes:
+        rgb: components 0..1.
+        bricklink: BrickLink's number, 0 if unknown.
+    """
+
+    code: int
+    name: str
+    rgb: Triple
+    bricklink: int
+
+    @property
+    def rebrickable(self) -> int:
+        """Rebrickable's number: LDraw's, or that of any colour for a direct colour of LDraw."""
+        return self.code if self.code < DIRECT_COLOUR else 9999
+
+
+@functools.cache
+def _colours() -> dict[int, tuple[str, str, int]]:
+    """Name, RGB in hexadecimal and BrickLink's number of each colour."""
+    rows = read_table(__package__, "colours")
+    return {int(row["code"]): (row["name"], row["rgb"], int(row["bricklink"])) for row in rows}
+
+
+def colour_of(code: int) -> Colour:
+    """The colour of a code; grey if unknown."""
+    unknown = (f"colour {code}", "808080", 0)
+    if code >= DIRECT_COLOUR:
+        unknown = (f"#{code & 0xFFFFFF:06x}", f"{code & 0xFFFFFF:06x}", 0)
+    name, rgb, bricklink = _colours().get(code, unknown)
+    red, green, blue = (component / 255 for component in bytes.fromhex(rgb))
+    return Colour(code, name, (red, green, blue), bricklink)

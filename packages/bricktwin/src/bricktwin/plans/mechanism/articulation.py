@@ -1,18 +1,22 @@
-"""Articulation: the bodies and joints of a mechanism that a simulation needs. Plain data.
+"""Articulation: the bodies and joints of a mechanism that a simulation needs, and their poses. Plain data.
 
-Balanced shafts and gears become visual parts of their carrier; a light link between two pins becomes a rod. Metres, kilograms,
+Balanced shafts and gears become visual parts of their carrier; a light link between two pins becomes a rod. A motion maps points
+of the plan's position to the current one; loops are closed by Gauss-Newton on the angles without motors. Metres, kilograms,
 radians; x forward, y left, z up, in the plan's position.
 """
 
 from __future__ import annotations
 
+import math
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bricktwin.plans.geometry import Floats
-from bricktwin.plans.mechanism.kinematics import Hinge, Link, Mechanism, Mounted, Wheel, merged
-from bricktwin.plans.mechanism.trains import Train, is_balanced, is_coaxial
+from bricktwin.plans.connections import reached
+from bricktwin.plans.geometry import Floats, rotation
+from bricktwin.plans.mechanism.kinematics import Hinge, Link, Mechanism, Mounted, Train, Wheel, is_balanced, merged, share_axis
 
 _BALANCED_KG_M = 1.2e-5
 """12 g, 1 mm off the axis: 0.1 Nmm, 1/200 of a motor's friction."""
@@ -125,24 +129,22 @@ class _Simplifier:
 
     def __init__(self, mechanism: Mechanism, trains: tuple[Train, ...]) -> None:
         self.mechanism, self.trains = mechanism, trains
-        self.merged_into = list(range(len(mechanism.links)))
+        self.merged_into = np.arange(len(mechanism.links))
         """For each link, the one that it has been merged into."""
         self.hinges = dict(enumerate(mechanism.hinges))
         self.followers: list[tuple[int, Hinge, str, float]] = []
         self.rods: list[tuple[int, Hinge, Hinge]] = []
         self.armature: dict[str, float] = {}
-        self.coupled = {train.output for train in trains} | {number for train in trains for number, _ in train.others}
-        self.wheels = {wheel.link for wheel in mechanism.wheels}
-        self.preserved = self.wheels | {device.link for device in mechanism.mounted} | {mechanism.fixed or 0}
+        self.coupled = {number for train in trains for number in train.hinges}
+        self.preserved = {wheel.link for wheel in mechanism.wheels} | {device.link for device in mechanism.mounted}
+        self.preserved.add(mechanism.fixed or 0)
 
-    def find(self, link: int) -> int:
-        """The link that a link has been merged into."""
-        while self.merged_into[link] != link:
-            link = self.merged_into[link]
-        return link
+    def _merge(self, link: int, other: int) -> None:
+        """Merge a link into another one."""
+        self.merged_into[self.merged_into == link] = self.merged_into[other]
 
     def _hinges_of(self, link: int) -> list[int]:
-        return [number for number, hinge in self.hinges.items() if link in (self.find(hinge.parent), self.find(hinge.child))]
+        return [number for number, hinge in self.hinges.items() if link in self._ends(hinge)]
 
     def make_followers(self) -> None:
         """Add balanced shafts and gears that turn with a motor to their carriers as visual parts."""
@@ -160,73 +162,71 @@ class _Simplifier:
                 relative = ratio / train.ratio * (1.0 if link == hinge.child else -1.0)
                 self.armature[train.port] += inertia * relative**2
                 self.followers.append((link, hinge, train.port, relative))
-                self.merged_into[link] = carrier
+                self._merge(link, carrier)
                 del self.hinges[number]
 
     def merge_shafts(self) -> None:
         """Merge an axle that spins freely about one axis with one of the parts around it."""
-        for link in sorted(range(len(self.mechanism.links)), key=lambda link: self.mechanism.links[link].mass_kg):
-            numbers = self._hinges_of(link)
-            if link in self.preserved or self.find(link) != link or not numbers or self.coupled & set(numbers):
-                continue
+        for link, numbers in self._light_links():
             hinges = [self.hinges[number] for number in numbers]
-            if not all(is_coaxial(hinges[0], hinge) for hinge in hinges):
-                continue
-            if self.mechanism.links[link].mass_kg < _ROD_KG and is_balanced(self.mechanism, hinges[0], link, _BALANCED_KG_M):
-                self.merged_into[link] = self.find(hinges[0].parent if self.find(hinges[0].child) == link else hinges[0].child)
+            is_shaft = bool(hinges) and all(share_axis(hinges[0], hinge) for hinge in hinges)
+            if is_shaft and is_balanced(self.mechanism, hinges[0], link, _BALANCED_KG_M):
+                self._merge(link, next(other for other in self._ends(hinges[0]) if other != link))
                 del self.hinges[numbers[0]]
-        self._drop_duplicates()
-
-    def _drop_duplicates(self) -> None:
-        """Remove duplicate hinges between two links about one axis."""
+        # Two links have one hinge about an axis.
         for number, hinge in list(self.hinges.items()):
-            ends = {self.find(hinge.parent), self.find(hinge.child)}
+            ends = set(self._ends(hinge))
             for other, earlier in self.hinges.items():
-                is_same = {self.find(earlier.parent), self.find(earlier.child)} == ends and is_coaxial(earlier, hinge)
+                is_same = set(self._ends(earlier)) == ends and share_axis(earlier, hinge)
                 if len(ends) == 1 or (is_same and other != number and (other in self.coupled or other < number)):
                     if number not in self.coupled:
                         del self.hinges[number]
                     break
 
+    def _light_links(self) -> Iterator[tuple[int, list[int]]]:
+        """Light links that nothing needs as bodies, the lightest first, with their hinges."""
+        masses_kg = [link.mass_kg for link in self.mechanism.links]
+        for link in sorted(range(len(masses_kg)), key=lambda link: masses_kg[link]):
+            numbers = self._hinges_of(link)
+            is_needed = link in self.preserved or self.merged_into[link] != link or self.coupled & set(numbers)
+            if masses_kg[link] < _ROD_KG and not is_needed:
+                yield link, numbers
+
     def find_rods(self) -> None:
         """Turn the lightest links of closed loops between two pins, or two balls, into rods."""
-        for link in sorted(range(len(self.mechanism.links)), key=lambda link: self.mechanism.links[link].mass_kg):
-            numbers = self._hinges_of(link)
-            if len(numbers) != 2 or link in self.preserved or self.coupled & set(numbers) or self.find(link) != link:
+        for link, numbers in self._light_links():
+            if len(numbers) != 2:
                 continue
             first, second = (self.hinges[number] for number in numbers)
-            is_parallel = np.linalg.norm(np.cross(first.axis, second.axis)) < 0.02 and not is_coaxial(first, second)
+            is_parallel = np.linalg.norm(np.cross(first.axis, second.axis)) < 0.02 and not share_axis(first, second)
             is_rod = (first.is_ball and second.is_ball) or (is_parallel and not first.is_ball and not second.is_ball)
-            if is_rod and self.mechanism.links[link].mass_kg < _ROD_KG and self._is_in_loop(link, numbers):
+            if is_rod and self._is_in_loop(link, numbers):
                 self.rods.append((link, first, second))
                 for number in numbers:
                     del self.hinges[number]
 
     def _is_in_loop(self, link: int, numbers: list[int]) -> bool:
         """Whether the link's neighbours are connected without it."""
-        ends = [self._other_link(self.hinges[number], link) for number in numbers]
-        reached, queue = {ends[0]}, [ends[0]]
-        while queue:
-            current = queue.pop()
-            for number in self._hinges_of(current):
-                other = self._other_link(self.hinges[number], current)
-                if number not in numbers and other not in reached:
-                    reached.add(other)
-                    queue.append(other)
-        return ends[1] in reached
+        neighbours: dict[int, list[int]] = defaultdict(list)
+        for number in self.hinges.keys() - set(numbers):
+            first, second = self._ends(self.hinges[number])
+            neighbours[first].append(second)
+            neighbours[second].append(first)
+        start, end = (next(other for other in self._ends(self.hinges[number]) if other != link) for number in numbers)
+        return end in reached(start, neighbours)
 
-    def _other_link(self, hinge: Hinge, link: int) -> int:
-        first, second = self.find(hinge.parent), self.find(hinge.child)
-        return second if first == link else first
+    def _ends(self, hinge: Hinge) -> tuple[int, int]:
+        """The two links of a hinge."""
+        return int(self.merged_into[hinge.parent]), int(self.merged_into[hinge.child])
 
     def result(self) -> Articulation:
         """The tree of the remaining links from the first body on, and the loops."""
         mechanism = self.mechanism
-        base = self.find(mechanism.fixed or 0)
+        base = int(self.merged_into[mechanism.fixed or 0])
         order, tree, loops = [base], [], []
         remaining = sorted(self.hinges, key=lambda number: number not in self.coupled)
         while remaining:
-            ends = {number: (self.find(self.hinges[number].parent), self.find(self.hinges[number].child)) for number in remaining}
+            ends = {number: self._ends(self.hinges[number]) for number in remaining}
             open_ends = [number for number in remaining if (ends[number][0] in order) != (ends[number][1] in order)]
             if not open_ends:
                 loops += [number for number in remaining if set(ends[number]) <= set(order)]
@@ -235,9 +235,9 @@ class _Simplifier:
             remaining.remove(number)
             order.append(next(link for link in ends[number] if link not in order))
             tree.append(number)
-        roots = {link: self.find(link) for link in range(len(mechanism.links))}
-        body_of = {link: order.index(root) for link, root in roots.items() if root in order}
-        joints = {number: self._joint(self.hinges[number], body_of) for number in (*tree, *loops)}
+        body_of = {link: order.index(root) for link, root in enumerate(self.merged_into.tolist()) if root in order}
+        joints = {number: _joint(self.hinges[number], body_of) for number in (*tree, *loops)}
+        flipped = {number: replace(joint, axis=-joint.axis) for number, joint in joints.items()}
         rods = tuple(_rod(mechanism.links[link], first, second, link, body_of) for link, first, second in self.rods)
         pieces = {number: [mechanism.links[link] for link in body_of if body_of[link] == number] for number in range(len(order))}
         for rod, (link, _, _) in zip(rods, self.rods, strict=True):
@@ -247,8 +247,17 @@ class _Simplifier:
         return Articulation(
             bodies,
             mechanism.fixed is not None,
-            self._drives(joints),
-            self._geared(joints),
+            tuple(
+                # Seen from outside, a clockwise turn is against the shaft's direction.
+                Drive(train.port, flipped[train.output], 1.0 / train.ratio, self.armature[train.port], train.teeth)
+                for train in self.trains
+            ),
+            tuple(
+                Geared(train.port, flipped[number], ratio / train.ratio)
+                for train in self.trains
+                for number, ratio in train.others
+                if number in joints
+            ),
             tuple(joints[number] for number in tree if number not in self.coupled),
             tuple(joints[number] for number in loops),
             tuple(
@@ -260,33 +269,12 @@ class _Simplifier:
             tuple(replace(device, link=body_of[device.link]) for device in mechanism.mounted),
         )
 
-    def _joint(self, hinge: Hinge, body_of: dict[int, int]) -> Joint:
-        """A hinge as a joint; the child is the later body, and the axis is reversed if that was the parent."""
-        parent, child = body_of[hinge.parent], body_of[hinge.child]
-        if parent < child:
-            return Joint(parent, child, hinge.point_m, hinge.axis, hinge.is_ball)
-        return Joint(child, parent, hinge.point_m, -hinge.axis, hinge.is_ball)
 
-    def _drives(self, joints: dict[int, Joint]) -> tuple[Drive, ...]:
-        """The motors; seen from outside, a clockwise turn is against the shaft's direction."""
-        drives = []
-        for train in self.trains:
-            joint = _flipped(joints[train.output])
-            drives.append(Drive(train.port, joint, 1.0 / train.ratio, self.armature[train.port], train.teeth))
-        return tuple(drives)
-
-    def _geared(self, joints: dict[int, Joint]) -> tuple[Geared, ...]:
-        """Bodies geared to a motor's output; the sign follows the joint's axis."""
-        return tuple(
-            Geared(train.port, _flipped(joints[number]), ratio / train.ratio)
-            for train in self.trains
-            for number, ratio in train.others
-            if number in joints
-        )
-
-
-def _flipped(joint: Joint) -> Joint:
-    return Joint(joint.parent, joint.child, joint.point_m, -joint.axis)
+def _joint(hinge: Hinge, body_of: dict[int, int]) -> Joint:
+    """A hinge as a joint; the child is the later body, and the axis is reversed if that was the parent."""
+    parent, child = body_of[hinge.parent], body_of[hinge.child]
+    sign = 1 if parent < child else -1
+    return Joint(min(parent, child), max(parent, child), hinge.point_m, sign * hinge.axis, hinge.is_ball)
 
 
 def _rod(link: Link, first: Hinge, second: Hinge, number: int, body_of: dict[int, int]) -> Rod:
@@ -294,3 +282,137 @@ def _rod(link: Link, first: Hinge, second: Hinge, number: int, body_of: dict[int
     near, far = (hinge.parent if hinge.child == number else hinge.child for hinge in (first, second))
     shift = 0.0 if first.is_ball else float((second.point_m - first.point_m) @ first.axis)
     return Rod(body_of[near], first.point_m, body_of[far], second.point_m - shift * first.axis, link.parts)
+
+
+_MAX_STEPS, _TOLERANCE_M, _ANGLE_STEP = 30, 1e-7, 1e-6
+_REGULARIZATION_M = 0.01
+"""Regularization towards the previous angles, for angles that no loop determines."""
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A rigid motion: ``turn`` [3, 3] and ``shift`` [3]."""
+
+    turn: Floats
+    shift: Floats
+
+    def of(self, points: Floats) -> Floats:
+        """Moved points [..., 3]."""
+        return np.asarray(points @ self.turn.T + self.shift)
+
+    def after(self, other: Motion) -> Motion:
+        """The composition: ``other`` first, then this."""
+        return Motion(self.turn @ other.turn, self.turn @ other.shift + self.shift)
+
+
+STILL = Motion(np.eye(3), np.zeros(3))
+
+
+def turning(axis: Floats, point: Floats, angle: float) -> Motion:
+    """A rotation about a unit axis through a point; radians."""
+    turn = rotation(axis, angle)
+    return Motion(turn, point - turn @ point)
+
+
+class Poser:
+    """Poses of the bodies of an articulation. ``free``: indices of the swings outside of loops; a ball joint is three swings."""
+
+    def __init__(self, articulation: Articulation) -> None:
+        self._articulation = articulation
+        # The three hinges of a ball joint, which moves by less than the quarter turn at which two of them align.
+        hinges = [
+            [replace(swing, axis=axis) for axis in np.eye(3)] if swing.is_ball else [swing] for swing in articulation.swings
+        ]
+        self._swings = [hinge for swing in hinges for hinge in swing]
+        self._angles = np.zeros(len(self._swings))
+        slopes = np.zeros(0)
+        if (articulation.rods or articulation.loops) and len(self._angles):
+            slopes = np.abs(self._jacobian({}, self._angles)).max(axis=0)
+        self._constrained = np.flatnonzero(slopes > 1e-5).tolist()
+        """The swings that affect rods and loops."""
+        self.free = tuple(number for number in range(len(self._swings)) if number not in self._constrained)
+
+    def motions(self, shafts: Mapping[str, float], swings: Mapping[int, float] | None = None) -> tuple[Motion, ...]:
+        """The motion of each body.
+
+        Args:
+            shafts: angle of each motor's shaft from the plan's position by port, clockwise, rad.
+            swings: angles of free swings by index, rad.
+        """
+        for number, angle in (swings or {}).items():
+            if number not in self._constrained:
+                self._angles[number] = angle
+        if self._constrained:
+            self._close(shafts)
+        return self._forward(shafts, self._angles)
+
+    def of_parts(self, shafts: Mapping[str, float], motions: tuple[Motion, ...]) -> dict[int, Motion]:
+        """The motion of each part by index, from the motions of the bodies."""
+        articulation, result = self._articulation, dict[int, Motion]()
+        for number, body in enumerate(articulation.bodies):
+            result |= dict.fromkeys(body.parts, motions[number])
+        gears = {drive.port: drive.gear for drive in articulation.drives}
+        for follower in articulation.followers:
+            angle = follower.ratio * shafts.get(follower.port, 0.0) / gears[follower.port]
+            spin = turning(-follower.axis, follower.point_m, angle)
+            result |= dict.fromkeys(follower.parts, motions[follower.body].after(spin))
+        for rod in articulation.rods:
+            near, far = motions[rod.near].of(rod.near_m), motions[rod.far].of(rod.far_m)
+            result |= dict.fromkeys(rod.parts, _rod_motion(rod.near_m, rod.far_m, near, far))
+        return result
+
+    def _forward(self, shafts: Mapping[str, float], angles: Floats) -> tuple[Motion, ...]:
+        articulation = self._articulation
+        joints: list[tuple[Joint, float]] = list(zip(self._swings, (float(angle) for angle in angles), strict=True))
+        drives = {drive.port: shafts.get(drive.port, 0.0) / drive.gear for drive in articulation.drives}
+        joints += [(drive.joint, drives[drive.port]) for drive in articulation.drives]
+        joints += [(geared.joint, geared.ratio * drives[geared.port]) for geared in articulation.geared]
+        motions = {0: STILL}
+        for joint, angle in sorted(joints, key=lambda item: item[0].child):
+            parent = motions.get(joint.child, motions[joint.parent])
+            motions[joint.child] = parent.after(turning(joint.axis, joint.point_m, angle))
+        return tuple(motions[number] for number in range(len(articulation.bodies)))
+
+    def _residuals(self, shafts: Mapping[str, float], angles: Floats) -> Floats:
+        """Residuals of rods and loops [n], m."""
+        motions, gaps = self._forward(shafts, angles), []
+        for rod in self._articulation.rods:
+            length = np.linalg.norm(rod.far_m - rod.near_m)
+            distance = motions[rod.far].of(rod.far_m) - motions[rod.near].of(rod.near_m)
+            gaps.append(float(np.linalg.norm(distance) - length))
+        for loop in self._articulation.loops:
+            gaps += (motions[loop.parent].of(loop.point_m) - motions[loop.child].of(loop.point_m)).tolist()
+        return np.array(gaps)
+
+    def _jacobian(self, shafts: Mapping[str, float], angles: Floats) -> Floats:
+        """Jacobian of the residuals [gaps, angles], by finite differences."""
+        steps = [np.eye(len(angles))[number] * _ANGLE_STEP for number in range(len(angles))]
+        changes = [self._residuals(shafts, angles + step) - self._residuals(shafts, angles - step) for step in steps]
+        return np.stack([change / (2 * _ANGLE_STEP) for change in changes], axis=1)
+
+    def _close(self, shafts: Mapping[str, float]) -> None:
+        """Turn the swings until rods and loops are closed, as far as possible."""
+        constrained, start = self._constrained, self._angles.copy()
+        for _ in range(_MAX_STEPS):
+            gaps = self._residuals(shafts, self._angles)
+            if np.abs(gaps).max() < _TOLERANCE_M:
+                return
+            slopes = self._jacobian(shafts, self._angles)[:, constrained]
+            weight = (_REGULARIZATION_M * 1e-3) ** 2
+            matrix = slopes.T @ slopes + weight * np.eye(len(constrained))
+            change = np.linalg.solve(matrix, slopes.T @ gaps)
+            self._angles[constrained] -= np.clip(change, -0.3, 0.3)
+        if np.abs(self._residuals(shafts, self._angles)).max() > 1e-3:
+            self._angles = start
+
+
+def _rod_motion(old_near: Floats, old_far: Floats, near: Floats, far: Floats) -> Motion:
+    """The motion of a rod between two positions of its pins, by the shortest rotation."""
+    before, now = old_far - old_near, far - near
+    before, now = before / np.linalg.norm(before), now / np.linalg.norm(now)
+    cross = np.cross(before, now)
+    sine = float(np.linalg.norm(cross))
+    if sine < 1e-9:
+        return Motion(np.eye(3), near - old_near)
+    turn = turning(cross / sine, np.zeros(3), math.atan2(sine, float(before @ now))).turn
+    return Motion(turn, near - turn @ old_near)

@@ -1,17 +1,20 @@
-"""Mechanism of a plan: links with mass and inertia, hinges, gear ratios, wheels, sensors. Plain data.
+"""Mechanism of a plan: links with mass and inertia, hinges, gear ratios, wheels, sensors, and the gear train of each motor.
 
-Metres, kilograms, radians; x forward, y left, z up (plan: z forward, y down). The origin is the plan's.
+Plain data in metres, kilograms, radians; x forward, y left, z up (plan: z forward, y down). The origin is the plan's.
 """
 
 from __future__ import annotations
 
 import functools
+import math
+from collections import Counter, defaultdict
 from dataclasses import dataclass
 
 import numpy as np
 
 from brickhub.errors import PlanError
 from bricktwin.plans.bodies import MAX_BODIES, Bodies, BodyJoint
+from bricktwin.plans.connections import Mesh, reached
 from bricktwin.plans.geometry import M_PER_LDU, Floats, lines_coincide
 from bricktwin.plans.part import DeviceKind, GearForm, Part
 from bricktwin.plans.plan import Placed, Plan
@@ -90,15 +93,6 @@ class Mounted:
     part: int
 
 
-@dataclass(frozen=True)
-class Teeth:
-    """Two links with meshing gears: link, teeth and kind of each."""
-
-    links: tuple[int, int]
-    teeth: tuple[int, int]
-    forms: tuple[GearForm, GearForm]
-
-
 @dataclass(frozen=True, eq=False)
 class Mechanism:
     """The mechanism of a robot.
@@ -107,7 +101,7 @@ class Mechanism:
         ratios: [hinges, motors], turns of a hinge's child about its axis per turn of a motor's shaft about its outward direction,
             in the plan's position; motors in the order of ``ports``.
         ports: of the motors.
-        gears: meshing gears.
+        meshes: pairs of links with their gears that mesh.
         fixed: index of the fixed link, or ``None``.
     """
 
@@ -117,7 +111,7 @@ class Mechanism:
     ratios: Floats
     wheels: tuple[Wheel, ...]
     mounted: tuple[Mounted, ...]
-    gears: tuple[Teeth, ...]
+    meshes: tuple[tuple[int, int, Mesh], ...]
     fixed: int | None
 
 
@@ -135,21 +129,19 @@ def mechanism(plan: Plan, bodies: Bodies) -> Mechanism:
     ordered = _hinges(plan, bodies)
     motors = [joint for joint in bodies.joints if joint.motor is not None]
     ports = tuple(plan.parts[joint.motor].port or "" for joint in motors if joint.motor is not None)
-    shaft_rates = [_rate(joint, *joint.bodies, motions) for joint in motors]
-    ratios = _ratios([_rate(joint, hinge.parent, hinge.child, motions) for joint, hinge in ordered], shaft_rates)
+    ratios = np.zeros((len(ordered), len(motors)))
+    if ratios.size:
+        rates = np.stack([joint.rates(motions, hinge.parent) for joint, hinge in ordered])
+        shaft_rates = np.stack([joint.rates(motions) for joint in motors])
+        ratios += np.round(rates @ np.linalg.pinv(shaft_rates), 6)
     wheels = tuple(
         Wheel(link_of[placed.index], _point_m(placed.position), placed.part.wheel_mm, placed.index)
         for placed in plan.parts
         if placed.part.wheel_mm and placed.index in link_of
     )
-    gears = tuple(
-        Teeth((first, second), (mesh.gears[0].teeth, mesh.gears[1].teeth), (mesh.gears[0].form, mesh.gears[1].form))
-        for first, second, mesh in bodies.meshes
-        if first != second
-    )
     hinges = tuple(hinge for _, hinge in ordered)
     fixed = next((link_of[placed.index] for placed in plan.parts if placed.is_fixed and placed.index in link_of), None)
-    return Mechanism(links, hinges, ports, ratios, wheels, _mounted(plan, link_of), gears, fixed)
+    return Mechanism(links, hinges, ports, ratios, wheels, _mounted(plan, link_of), bodies.meshes, fixed)
 
 
 def _hinges(plan: Plan, bodies: Bodies) -> list[tuple[BodyJoint, Hinge]]:
@@ -157,8 +149,9 @@ def _hinges(plan: Plan, bodies: Bodies) -> list[tuple[BodyJoint, Hinge]]:
     remaining: list[tuple[BodyJoint, int, int]] = []
     for joint in sorted(bodies.joints, key=lambda joint: joint.motor is None):
         first, second = joint.bodies
-        is_known = any({a, b} == {first, second} and _is_coaxial(other, joint) for other, a, b in remaining)
-        if first != second and not is_known:
+        known = [other for other, a, b in remaining if {a, b} == {first, second} and not (other.is_ball or joint.is_ball)]
+        lines = ((other.point, other.axis, joint.point, joint.axis) for other in known)
+        if first != second and not any(lines_coincide(*line, offset=2.0, sine=0.05) for line in lines):
             remaining.append((joint, first, second))
     is_fixed = [any(plan.parts[part].is_fixed for part in parts) for parts in bodies.members]
     root = is_fixed.index(True) if any(is_fixed) else 0
@@ -179,26 +172,6 @@ def _hinges(plan: Plan, bodies: Bodies) -> list[tuple[BodyJoint, Hinge]]:
     return hinges
 
 
-def _is_coaxial(first: BodyJoint, second: BodyJoint) -> bool:
-    is_ball = first.is_ball or second.is_ball
-    return not is_ball and lines_coincide(first.point, first.axis, second.point, second.axis, offset=2.0, sine=0.05)
-
-
-def _ratios(rates: list[Floats], shaft_rates: list[Floats]) -> Floats:
-    """Turns of each hinge per turn of each motor [hinges, motors]."""
-    if not (rates and shaft_rates):
-        return np.zeros((len(rates), len(shaft_rates)))
-    return np.asarray(np.round(np.stack(rates) @ np.linalg.pinv(np.stack(shaft_rates)), 6)) + 0.0
-
-
-def _rate(joint: BodyJoint, parent: int, child: int, motions: Floats) -> Floats:
-    """Relative angular rate of two bodies about a joint's axis in each motion [n]."""
-    relative = motions[6 * child + 3 : 6 * child + 6] - motions[6 * parent + 3 : 6 * parent + 6]
-    # A case that turns about its shaft is the shaft turning about the reversed axis.
-    sign = -1.0 if joint.motor is not None and parent != joint.bodies[0] else 1.0
-    return np.asarray(sign * joint.axis @ relative)
-
-
 def _point_m(point: Floats) -> Floats:
     return np.asarray(TO_TWIN @ point * M_PER_LDU)
 
@@ -209,9 +182,9 @@ def _mounted(plan: Plan, link_of: dict[int, int]) -> tuple[Mounted, ...]:
         if placed.index not in link_of:
             continue
         device = placed.electric
-        looks = np.array(device.looks or (0.0, 0.0, 1.0))
+        looks = np.array(device.direction or (0.0, 0.0, 1.0))
         low, high = placed.part.bounds
-        local = np.where(looks > 0.5, high, np.where(looks < -0.5, low, 0.0)) if device.looks else np.array(device.plug)
+        local = np.where(looks > 0.5, high, np.where(looks < -0.5, low, 0.0)) if device.direction else np.array(device.plug)
         point_m, facing = _point_m(placed.point(local)), TO_TWIN @ placed.rotation @ looks
         mounted.append(Mounted(link_of[placed.index], placed.port, placed.device or device.name, point_m, facing, placed.index))
     return tuple(mounted)
@@ -258,3 +231,123 @@ def _unit_inertia(part: Part) -> tuple[Floats, Floats]:
     # Each point is a small box with an inertia of its own.
     squares = offset.T @ offset / len(points) + np.diag((cell * M_PER_LDU) ** 2 / 12)
     return centre, np.asarray(np.trace(squares) * np.eye(3) - squares)
+
+
+_MIN_RATIO = 1e-4
+_COAXIAL_M = 0.001
+
+
+@dataclass(frozen=True)
+class Train:
+    """A motor and what it drives.
+
+    Attributes:
+        output: index of the driven hinge; the shaft's without gears.
+        ratio: turns of the output's child about its axis per turn of the shaft.
+        teeth: meshing pairs from the motor to the output; empty without gears.
+        others: indices and ratios of the other geared hinges, including the shaft's.
+    """
+
+    port: str
+    output: int
+    ratio: float
+    teeth: tuple[int, ...]
+    others: tuple[tuple[int, float], ...]
+
+    @property
+    def hinges(self) -> set[int]:
+        """Indices of all hinges that it turns."""
+        return {self.output, *(number for number, _ in self.others)}
+
+    @property
+    def gears(self) -> tuple[int, ...]:
+        """Teeth ``(motor, output)`` of one pair with the same ratio; empty without gears."""
+        if not self.teeth:
+            return ()
+        driving, driven = Counter(self.teeth[::2]), Counter(self.teeth[1::2])
+        first, last = list((driving - driven).elements()), list((driven - driving).elements())
+        if len(first) == len(last) == 1:  # an idler does not change the ratio
+            return first[0], last[0]
+        before, after = math.prod(first), math.prod(last)
+        shared = math.gcd(before, after)
+        return before // shared, after // shared
+
+
+def trains(mechanism: Mechanism, path: str) -> tuple[Train, ...]:
+    """The train of each motor, in the order of the mechanism's ports. Raises PlanError if two motors drive the same thing, or a
+    gear drives a rack."""
+    neighbours: dict[int, list[tuple[int, int, int]]] = defaultdict(list)
+    for link, other, mesh in mechanism.meshes:
+        gear, other_gear = mesh.gears
+        if link != other and GearForm.RACK in (gear.form, other_gear.form):
+            raise PlanError(f"{path}: a gear drives a rack; sliding parts have no twin, so drive a rotating part")
+        neighbours[link].append((other, gear.teeth, other_gear.teeth))
+        neighbours[other].append((link, other_gear.teeth, gear.teeth))
+    result: list[Train] = []
+    for column, port in enumerate(mechanism.ports):
+        index = next((number for number, hinge in enumerate(mechanism.hinges) if hinge.port == port), None)
+        if index is None:
+            raise PlanError(f"{path}: the motor of port {port} drives the same part as another one, or nothing; remove it")
+        result.append(_train(mechanism, neighbours, index, column))
+    driven = Counter(hinge for train in result for hinge in train.hinges)
+    shared = {hinge for hinge, count in driven.items() if count > 1}
+    if shared:
+        ports = ", ".join(train.port for train in result if train.hinges & shared)
+        raise PlanError(f"{path}: the motors of ports {ports} drive the same part; give each part one motor")
+    return tuple(result)
+
+
+def _train(mechanism: Mechanism, neighbours: dict[int, list[tuple[int, int, int]]], index: int, column: int) -> Train:
+    """The train of the motor with shaft hinge ``index``."""
+    shaft = mechanism.hinges[index]
+    ratios = mechanism.ratios[:, column]
+    rotor, case = (shaft.child, shaft.parent) if shaft.turns_child else (shaft.parent, shaft.child)
+    reached: dict[int, tuple[int, ...]] = {rotor: ()}
+    queue = [rotor]
+    while queue:
+        link = queue.pop(0)
+        for other, link_teeth, other_teeth in neighbours[link]:
+            if other not in reached and other != case:
+                reached[other] = (*reached[link], link_teeth, other_teeth)
+                queue.append(other)
+    hinges: dict[int, tuple[int, ...]] = {index: ()}
+    for link, teeth in reached.items():
+        for number, hinge in enumerate(mechanism.hinges):
+            is_free = hinge.port is None and not (hinge.closes_loop or hinge.is_ball) and abs(ratios[number]) > _MIN_RATIO
+            # A meshing link turns about the axis of its gear; its other hinges belong to a linkage.
+            is_of_link = bool(teeth) and is_free and link in (hinge.parent, hinge.child)
+            if is_of_link and abs(abs(ratios[number]) - _ratio(teeth)) < 0.02 * abs(ratios[number]):
+                hinges.setdefault(number, teeth)
+    output = max(hinges, key=lambda number: (_weight(mechanism, number), -len(hinges[number]), -number))
+    exact = {number: math.copysign(_ratio(teeth), ratios[number]) for number, teeth in hinges.items()}
+    others = tuple((number, ratio) for number, ratio in exact.items() if number != output)
+    return Train(mechanism.ports[column], output, exact[output], hinges[output], others)
+
+
+def _ratio(teeth: tuple[int, ...]) -> float:
+    """Turns of the last gear per turn of the first one, without sign."""
+    return math.prod(teeth[::2]) / math.prod(teeth[1::2])
+
+
+def _weight(mechanism: Mechanism, number: int) -> tuple[bool, float]:
+    """Sort key of a hinge's load: whether there is a wheel, and the mass."""
+    children: dict[int, list[int]] = defaultdict(list)
+    for hinge in mechanism.hinges:
+        if not hinge.closes_loop:
+            children[hinge.parent].append(hinge.child)
+    carried = reached(mechanism.hinges[number].child, children)
+    mass_kg = sum(mechanism.links[link].mass_kg for link in carried)
+    return any(wheel.link in carried for wheel in mechanism.wheels), round(mass_kg, 6)
+
+
+def is_balanced(mechanism: Mechanism, hinge: Hinge, link: int, max_kg_m: float) -> bool:
+    """Whether a link's centre of mass is close to a hinge's axis."""
+    body = mechanism.links[link]
+    offset: Floats = np.cross(body.centre_m - hinge.point_m, hinge.axis)
+    return bool(body.mass_kg * np.linalg.norm(offset) < max_kg_m)
+
+
+def share_axis(first: Hinge, second: Hinge) -> bool:
+    """Whether two hinges share an axis; a ball joint has none."""
+    is_ball = first.is_ball or second.is_ball
+    return not is_ball and lines_coincide(first.point_m, first.axis, second.point_m, second.axis, offset=_COAXIAL_M, sine=0.02)

@@ -7,27 +7,14 @@ the parts catalogue. The drive base drives forward when both of its motors count
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import mujoco
 
 from brickhub.errors import TwinError
 from brickhub.robot import DriveBase, HubKind, Motor, MotorKind, Robot
 from bricktwin.plans.geometry import Triple
 from bricktwin.plans.part import DeviceKind
-from bricktwin.twin.models import lego
-from bricktwin.twin.models.meshes import X_AXIS, Y_AXIS, Z_AXIS, Piece, box, cylinder, draw
-from bricktwin.twin.models.mjcf import (
-    add_box,
-    add_camera,
-    add_caster,
-    add_driven,
-    add_light,
-    add_rotor,
-    add_surroundings,
-    add_tyre,
-    new_spec,
-)
+from bricktwin.twin.models import lego, mjcf
+from bricktwin.twin.models.lego import X_AXIS, Y_AXIS, Z_AXIS, Piece, box, cylinder, draw
 from bricktwin.twin.models.mounts import add_hub_site, case_of, hub_axes, mount_of, mount_sensor
 from bricktwin.twin.scene import Scene
 
@@ -43,135 +30,113 @@ _DRAWINGS = {"prime": lego.hub, "spike-medium": lego.medium_motor}
 """Our drawings of hubs and motors; all others are drawn as their cases."""
 
 
-@dataclass(frozen=True)
-class _Frame:
-    """Dimensions in mm; heights are relative to the axle."""
-
-    axle: float
-    half_track: float
-    motor_size: Triple
-    motor_height: float
-    hub: Triple
-    hub_size: Triple
-
-
 def driving_robot(robot: Robot, scene: Scene) -> mujoco.MjSpec:
     """Model of the robot in its scene. Raises TwinError if the robot has no drive base, or its wheels are too small or too close
     together for its motors."""
-    base = robot.drive_base
-    if base is None:
+    if robot.drive_base is None:
         raise TwinError(f"robot '{robot.name}' has neither a MuJoCo model nor a drive base; give Robot(..., model=...)")
-    frame = _measure(robot, base)
-    spec, axle_m = new_spec(robot.name), frame.axle / 1000
-    add_surroundings(spec, scene)
+    frame = _Frame(robot, robot.drive_base)
+    spec, axle_m = mjcf.new_spec(robot.name, scene), frame.axle / 1000
     chassis = spec.worldbody.add_body(name="chassis", pos=[0.0, 0.0, axle_m])
     chassis.add_freejoint(name="root")
-    _add_masses(chassis, robot, frame)
+    frame.add_masses(chassis)
     x, y, z = frame.hub
     add_hub_site(chassis, hub_axes(robot.hub_sides), (x / 1000, y / 1000, z / 1000))
-    wheels = (robot.motor(base.left), robot.motor(base.right))
-    for motor, side in zip(wheels, (1.0, -1.0), strict=True):
-        _add_wheel(spec, chassis, motor, side, frame)
+    for motor, side in frame.driving.items():
+        frame.add_wheel(spec, chassis, motor, side)
     for motor in robot.motors:
-        if motor not in wheels:
-            add_rotor(spec, chassis, motor, (0.0, 0.0, 0.08), gear=motor.shaft_turns)  # without load
+        if motor not in frame.driving:
+            mjcf.add_rotor(spec, chassis, motor, (0.0, 0.0, 0.08), gear=motor.shaft_turns)  # without load
     lego.add_colours(spec)
     sensors = [mount_sensor(spec, chassis, sensor, axle_m) for sensor in robot.sensors]
-    draw(spec, chassis, [*_parts(robot, frame), *sensors])
-    add_light(chassis)
+    draw(spec, chassis, [*frame.parts(), *sensors])
+    mjcf.add_light(chassis)
     reach_m = max(0.42, 4.0 * frame.half_track / 1000)
-    add_camera(chassis, "chase", (-0.005, 0.0, 0.01), (-0.62, -0.62, 0.55), reach_m)
-    add_camera(chassis, "portrait", (-0.002, 0.0, 0.008), (0.75, -0.52, 0.45), 0.75 * reach_m)
+    mjcf.add_camera(chassis, "chase", (-0.005, 0.0, 0.01), (-0.62, -0.62, 0.55), reach_m)
+    mjcf.add_camera(chassis, "portrait", (-0.002, 0.0, 0.008), (0.75, -0.52, 0.45), 0.75 * reach_m)
     return spec
 
 
-def _measure(robot: Robot, base: DriveBase) -> _Frame:
-    axle, half_track = base.wheel_diameter_mm / 2, base.axle_track_mm / 2
-    motor_size, _ = _motor_case(robot.motor(base.left).kind)
-    hub_size, _ = _hub_case(robot.hub)
-    space = half_track - _TYRE_WIDTH_MM / 2
-    if axle < _CASTER_RADIUS_MM or space < motor_size[2] / 2:
-        raise TwinError(
-            f"robot '{robot.name}': wheels of {base.wheel_diameter_mm:g} mm, {base.axle_track_mm:g} mm apart, leave no room for "
-            f"its motors; give wheels of {2 * _CASTER_RADIUS_MM:g} mm or more and a wider axle track"
-        )
-    motor_height = max(0.0, motor_size[1] / 2 + _CLEARANCE_MM - axle)
-    hub_z = motor_height + motor_size[1] / 2 + 8.0 + hub_size[2] / 2
-    hub_x, hub_y = robot.chassis.hub_mm or (_HUB_X_MM, 0.0)
-    return _Frame(axle, half_track, motor_size, motor_height, (hub_x, hub_y, hub_z), hub_size)
+class _Frame:
+    """Dimensions in mm, with heights relative to the axle, and what is built of them.
+
+    Attributes:
+        driving: the driving motors, and their sides: 1 for the left, -1 for the right.
+    """
+
+    def __init__(self, robot: Robot, base: DriveBase) -> None:
+        self.robot = robot
+        self.driving = {robot.motor(base.left): 1.0, robot.motor(base.right): -1.0}
+        self.axle, self.half_track = base.wheel_diameter_mm / 2, base.axle_track_mm / 2
+        self.motor_size, _ = _motor_case(robot.motor(base.left).kind)
+        self.hub_size, self.hub_g = case_of(DeviceKind.HUB, robot.hub.value) or _UNKNOWN_HUB
+        _, motor_height, motor_width = self.motor_size
+        space = self.half_track - _TYRE_WIDTH_MM / 2
+        if self.axle < _CASTER_RADIUS_MM or space < motor_width / 2:
+            raise TwinError(
+                f"robot '{robot.name}': wheels of {base.wheel_diameter_mm:g} mm, {base.axle_track_mm:g} mm apart, leave no room "
+                f"for its motors; give wheels of {2 * _CASTER_RADIUS_MM:g} mm or more and a wider axle track"
+            )
+        self.motor_z = max(0.0, motor_height / 2 + _CLEARANCE_MM - self.axle)
+        # Beside its wheel, without overlapping the other motor.
+        self.motor_y = max(motor_width / 2, space - 8.0 - motor_width / 2)
+        self.top = self.motor_z + motor_height / 2 + 4.0
+        hub_x, hub_y = robot.chassis.hub_mm or (_HUB_X_MM, 0.0)
+        self.hub = (hub_x, hub_y, self.motor_z + motor_height / 2 + 8.0 + self.hub_size[2] / 2)
+
+    def add_masses(self, chassis: mujoco.MjsBody) -> None:
+        """Add the masses of hub, motors, frame, ballast and caster."""
+        mjcf.add_box(chassis, self.hub, self.hub_size, self.hub_g / 1000)
+        for motor in self.robot.motors:
+            size, mass_g = _motor_case(motor.kind)
+            centre = (self.hub[0], 0.0, self.hub[2] + 30.0)
+            if motor in self.driving:
+                centre = (12.0 - size[0] / 2, self.driving[motor] * self.motor_y, self.motor_z)
+            mjcf.add_box(chassis, centre, (size[0], size[2], size[1]), mass_g / 1000)
+        frame_kg = _FRAME_KG + self.robot.chassis.ballast_g / 1000
+        mjcf.add_box(chassis, (self.hub[0], 0.0, self.top), (88.0, 48.0, 8.0), frame_kg)
+        x, y = self.robot.chassis.caster_mm
+        centre = (x / 1000, y / 1000, (_CASTER_RADIUS_MM - self.axle) / 1000)
+        mjcf.add_caster(chassis, "caster", centre, _CASTER_RADIUS_MM / 1000, _CASTER_KG)
+
+    def add_wheel(self, spec: mujoco.MjSpec, chassis: mujoco.MjsBody, motor: Motor, side: float) -> None:
+        """Add a motor's geared output and the wheel on it with backlash; a positive turn of both drives forward."""
+        rotor = mjcf.add_rotor(spec, chassis, motor, (0.0, side * self.half_track / 1000, 0.0), gear=motor.shaft_turns)
+        mass_kg = _WHEEL_KG * (2 * self.axle / _WHEEL_MM) ** 2
+        wheel = mjcf.add_driven(rotor, f"wheel_{motor.port}", motor.port, (0.0, 1.0, 0.0))
+        mjcf.add_tyre(wheel, f"tyre_{motor.port}", (self.axle / 1000, _TYRE_WIDTH_MM / 2000, self.axle / 1000), mass_kg)
+        length = self.half_track - self.motor_y
+        draw(spec, rotor, [lego.axle(max(length, 16.0)).at(0, -side * length / 2, 0)])
+        draw(spec, wheel, [lego.wheel(2 * self.axle)])
+
+    def parts(self) -> list[Piece]:
+        """Drawn parts of the chassis."""
+        x, y = self.robot.chassis.caster_mm
+        parts = [_hub(self.robot.hub, self.hub_size).at(*self.hub)]
+        for motor, side in self.driving.items():
+            parts.append(_motor(motor.kind, self.motor_size, side).at(0, side * self.motor_y, self.motor_z))
+        parts += [lego.beam(13, "turquoise").turned(X_AXIS, 90).at(-12, side * 20, self.top) for side in (1, -1)]
+        parts += [lego.beam(9, "dark_grey").turned(Z_AXIS, 90).at(ahead, 0, self.top) for ahead in (20, -52)]
+        height = _CASTER_RADIUS_MM - self.axle
+        post = max(self.top - height - 16.0, 8.0)
+        parts.append(lego.ball_caster(_CASTER_RADIUS_MM).at(x, y, height))
+        parts.append(Piece((("dark_grey", box(14, 14, post, radius=1.0).at(x, y, self.top - post / 2)),)))
+        return parts + [self._holder(mount_of(sensor).at_mm) for sensor in self.robot.sensors]
+
+    def _holder(self, at_mm: Triple) -> Piece:
+        """Strut from the frame to a sensor."""
+        ahead, left, up = at_mm[0] - 12.0, at_mm[1], at_mm[2] - self.axle
+        length, height = max(abs(ahead) - 20.0, 8.0), max(abs(self.top - up) - 8.0, 8.0)
+        sign = 1.0 if ahead >= 0 else -1.0
+        bar = box(length, 7.6, 7.6, radius=1.0).at(sign * (20.0 + length / 2), left, self.top)
+        post = box(7.6, 7.6, height, radius=1.0).at(ahead, left, (self.top + up) / 2)
+        return Piece((("dark_grey", bar), ("dark_grey", post)))
 
 
 def _motor_case(kind: MotorKind) -> tuple[Triple, float]:
     case = case_of(DeviceKind.MOTOR, kind.model.like or kind.value)
     assert case is not None  # noqa: S101 - the catalogue has every kind of motor, which a test checks
     return case
-
-
-def _hub_case(kind: HubKind) -> tuple[Triple, float]:
-    return case_of(DeviceKind.HUB, kind.value) or _UNKNOWN_HUB
-
-
-def _motor_y(frame: _Frame) -> float:
-    """y of the middle of the left motor: beside its wheel, without overlapping the other motor."""
-    return max(frame.motor_size[2] / 2, frame.half_track - _TYRE_WIDTH_MM / 2 - 8.0 - frame.motor_size[2] / 2)
-
-
-def _add_masses(chassis: mujoco.MjsBody, robot: Robot, frame: _Frame) -> None:
-    """Add the masses of hub, motors, frame, ballast and caster."""
-    add_box(chassis, frame.hub, frame.hub_size, _hub_case(robot.hub)[1] / 1000)
-    base = robot.drive_base
-    for motor in robot.motors:
-        size, mass_g = _motor_case(motor.kind)
-        if base is not None and motor.name in (base.left, base.right):
-            side = 1.0 if motor.name == base.left else -1.0
-            centre = (12.0 - size[0] / 2, side * _motor_y(frame), frame.motor_height)
-            add_box(chassis, centre, (size[0], size[2], size[1]), mass_g / 1000)
-        else:
-            add_box(chassis, (frame.hub[0], 0.0, frame.hub[2] + 30.0), (size[0], size[2], size[1]), mass_g / 1000)
-    frame_z = frame.motor_height + frame.motor_size[1] / 2 + 4.0
-    add_box(chassis, (frame.hub[0], 0.0, frame_z), (88.0, 48.0, 8.0), _FRAME_KG + robot.chassis.ballast_g / 1000)
-    x, y = robot.chassis.caster_mm
-    centre = (x / 1000, y / 1000, (_CASTER_RADIUS_MM - frame.axle) / 1000)
-    add_caster(chassis, "caster", centre, _CASTER_RADIUS_MM / 1000, _CASTER_KG)
-
-
-def _add_wheel(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, motor: Motor, side: float, frame: _Frame) -> None:
-    """Add a motor's geared output and the wheel on it with backlash; a positive turn of both drives forward."""
-    rotor = add_rotor(spec, chassis, motor, (0.0, side * frame.half_track / 1000, 0.0), gear=motor.shaft_turns)
-    mass_kg = _WHEEL_KG * (2 * frame.axle / _WHEEL_MM) ** 2
-    wheel = add_driven(rotor, f"wheel_{motor.port}", motor.port, (0.0, 1.0, 0.0))
-    add_tyre(wheel, f"tyre_{motor.port}", (frame.axle / 1000, _TYRE_WIDTH_MM / 2000, frame.axle / 1000), mass_kg)
-    length = frame.half_track - _motor_y(frame)
-    draw(spec, rotor, [lego.axle(max(length, 16.0)).at(0, -side * length / 2, 0)])
-    draw(spec, wheel, [lego.wheel(2 * frame.axle)])
-
-
-def _parts(robot: Robot, frame: _Frame) -> list[Piece]:
-    """Drawn parts of the chassis."""
-    base = robot.drive_base
-    assert base is not None  # noqa: S101
-    x, y = robot.chassis.caster_mm
-    parts = [_hub(robot.hub, frame.hub_size).at(*frame.hub)]
-    for name, side in ((base.left, 1.0), (base.right, -1.0)):
-        parts.append(_motor(robot.motor(name).kind, frame.motor_size, side).at(0, side * _motor_y(frame), frame.motor_height))
-    top = frame.motor_height + frame.motor_size[1] / 2 + 4.0
-    parts += [lego.beam(13, "turquoise").turned(X_AXIS, 90).at(-12, side * 20, top) for side in (1, -1)]
-    parts += [lego.beam(9, "dark_grey").turned(Z_AXIS, 90).at(ahead, 0, top) for ahead in (20, -52)]
-    height = _CASTER_RADIUS_MM - frame.axle
-    post = max(top - height - 16.0, 8.0)
-    parts.append(lego.ball_caster(_CASTER_RADIUS_MM).at(x, y, height))
-    parts.append(Piece((("dark_grey", box(14, 14, post, radius=1.0).at(x, y, top - post / 2)),)))
-    return parts + [_holder(mount_of(sensor).at_mm, frame, top) for sensor in robot.sensors]
-
-
-def _holder(at_mm: Triple, frame: _Frame, top: float) -> Piece:
-    """Strut from the frame to a sensor."""
-    ahead, left, up = at_mm[0] - 12.0, at_mm[1], at_mm[2] - frame.axle
-    length, height = max(abs(ahead) - 20.0, 8.0), max(abs(top - up) - 8.0, 8.0)
-    sign = 1.0 if ahead >= 0 else -1.0
-    bar = box(length, 7.6, 7.6, radius=1.0).at(sign * (20.0 + length / 2), left, top)
-    post = box(7.6, 7.6, height, radius=1.0).at(ahead, left, (top + up) / 2)
-    return Piece((("dark_grey", bar), ("dark_grey", post)))
 
 
 def _hub(kind: HubKind, size: Triple) -> Piece:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from brickhub.robot import Motor, MotorKind
 from brickhub.virtual.firmware.motor_model import MOTOR_TYPES, PRESCALE_ACCELERATION, PRESCALE_SPEED, PRESCALE_VOLTAGE
 from bricktwin.plans.geometry import Floats, Triple
-from bricktwin.twin.objects import Block, Field, Lamp, Line, Object, Ramp
+from bricktwin.twin.objects import Block, Field, Lamp, Line, Ramp, Wall
 from bricktwin.twin.scene import Scene
 
 TIMESTEP_S = 0.0025
@@ -68,12 +68,13 @@ def motor_constants(kind: MotorKind) -> MotorConstants:
     )
 
 
-def new_spec(name: str) -> mujoco.MjSpec:
-    """Empty model with the physics options of all twins."""
+def new_spec(name: str, scene: Scene) -> mujoco.MjSpec:
+    """Model of the surroundings with the physics options of all twins."""
     spec = mujoco.MjSpec()
     spec.modelname = name
     spec.compiler.degree = False
     set_options(spec)
+    add_surroundings(spec, scene)
     return spec
 
 
@@ -234,21 +235,22 @@ def add_surroundings(spec: mujoco.MjSpec, scene: Scene) -> None:
 
 def _overview_of(scene: Scene) -> tuple[Triple, float]:
     """Centre of the objects and the robot's start area (m), and a camera distance that shows all of them."""
-    points_mm = [point for item in scene.objects for point in _points_mm(item)]
-    points = np.array([*zip(*scene.start_mm, strict=True), *points_mm]) / 1000
+    points_mm = list(zip(*scene.start_mm, strict=True))
+    for item in scene.objects:
+        match item:
+            case Line():
+                points_mm += item.points_mm
+            case Wall():
+                points_mm += [item.from_mm, item.to_mm]
+            case Lamp():
+                points_mm.append(item.at_mm[:2])
+            case Field() | Block() | Ramp():
+                reach = item.length_mm if isinstance(item, Ramp) else max(item.size_mm[:2]) / 2
+                points_mm += [(item.at_mm[0] + side * reach, item.at_mm[1] + side * reach) for side in (-1, 1)]
+    points = np.array(points_mm) / 1000
     low, high = points.min(0), points.max(0)
     x, y = ((low + high) / 2).tolist()
     return (x, y, 0.0), max(1.1, 1.25 * float(np.linalg.norm(high - low)))
-
-
-def _points_mm(item: Object) -> list[tuple[float, float]]:
-    """Points that bound an object's extent on the floor."""
-    if isinstance(item, Line):
-        return list(item.points_mm)
-    if isinstance(item, (Field, Block, Ramp)):
-        reach = max(item.size_mm[:2]) / 2 if isinstance(item, (Field, Block)) else item.length_mm
-        return [(item.at_mm[0] + side * reach, item.at_mm[1] + side * reach) for side in (-1, 1)]
-    return [item.at_mm[:2]] if isinstance(item, Lamp) else [item.from_mm, item.to_mm]
 
 
 def pair_contacts(spec: mujoco.MjSpec) -> None:

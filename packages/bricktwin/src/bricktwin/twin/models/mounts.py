@@ -14,7 +14,7 @@ from bricktwin.plans import catalogue
 from bricktwin.plans.geometry import MM_PER_LDU, Floats, Triple
 from bricktwin.plans.part import DeviceKind
 from bricktwin.twin.models import lego
-from bricktwin.twin.models.meshes import X_AXIS, Z_AXIS, Piece, box, cylinder, ring
+from bricktwin.twin.models.lego import X_AXIS, Z_AXIS, Piece, box, cylinder, ring
 from bricktwin.twin.models.mjcf import SHAPE_GROUP, add_box
 
 _BUTTON_MM = 8.0

@@ -7,22 +7,18 @@ from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
 
-import mujoco
 import numpy as np
 
 from brickhub.errors import TwinError
-from bricktwin.plans.colours import colour_of
+from bricktwin.plans.catalogue import colour_of
 from bricktwin.plans.geometry import MM_PER_LDU, Floats
 from bricktwin.plans.mechanism.kinematics import TO_TWIN
 from bricktwin.plans.part import DeviceKind, Part
+from bricktwin.plans.picture import COARSE, TINTS, Tint, offset_points, surface_of
 from bricktwin.plans.plan import Placed, Plan
-from bricktwin.plans.planned_robot import PlannedRobot
-from bricktwin.plans.shapes import COARSE, TINTS, Tint, offset_points, surface_of
 from bricktwin.twin import ldraw
-from bricktwin.twin.models import lego, meshes
-from bricktwin.twin.models.looks import library_shapes, shape_of, signed_axes
-from bricktwin.twin.models.meshes import Shape, colour_name
-from bricktwin.twin.models.spinners import PREFIX
+from bricktwin.twin.models import lego
+from bricktwin.twin.models.lego import Shape, colour_name, library_shapes, shape_of, signed_axes
 
 _CLEARANCE = 0.5
 """LDU: 0.1 mm on each side of a part."""
@@ -30,17 +26,17 @@ _BEND = 80.0
 """LDU: how far a cable's curve is pulled away from its ends."""
 _SPOKED_MM = 40.0
 """Diameter from which a wheel is drawn with spokes."""
-_DETAILED: dict[str, tuple[Callable[[], meshes.Piece], tuple[int, int, int]]] = {
-    "prime": (lego.hub, (3, -1, -2)),
-    "spike-medium": (lego.medium_motor_case, (-3, -2, -1)),
-    "UltrasonicSensor": (lego.ultrasonic_sensor, (-3, 1, -2)),
+_DETAILED: dict[str, tuple[Callable[[], lego.Piece], tuple[int, int, int]]] = {
+    "prime": (lego.hub, lego.HUB_AXES),
+    "spike-medium": (lego.medium_motor_case, lego.MOTOR_AXES),
+    "UltrasonicSensor": (lego.ultrasonic_sensor, lego.SONAR_AXES),
 }
-"""Our drawings of electric parts, and the signed axes of the catalogue's part that are our x, y and z (1 is its x)."""
+"""Our drawings of electric parts, and the signed axes of the catalogue's parts, which are those of LDraw's files."""
 
 
 def looks_of(
     plan: Plan, parts: Iterable[int], origin_m: Floats, *, axes: Floats | None = None, shafts: Iterable[int] = ()
-) -> meshes.Piece:
+) -> lego.Piece:
     """Looks of parts of a plan in the frame of their body, mm.
 
     Args:
@@ -57,17 +53,14 @@ def looks_of(
     for placed, is_shaft in [*((part, False) for part in placed_parts), *((motor, True) for motor in motors)]:
         turn = frame @ placed.rotation
         can_hide = not is_shaft and ldraw.folder() is None  # the shapes of a library are not those of our solids
-        near = [part for part in placed_parts if can_hide and _touch(part.bounds, placed.bounds)]
+        low, high = placed.bounds
+        near = [part for part in placed_parts if can_hide and (part.bounds[0] <= high).all() and (low <= part.bounds[1]).all()]
         for colour, shape in _shapes(placed, only_turning=is_shaft):
             visible = _uncovered(placed, shape, [part for part in near if part is not placed])
             points = (visible.points @ turn.T + frame @ placed.position) * MM_PER_LDU - shift
             if len(visible.faces):
                 shapes.append((colour, Shape(points, visible.normals @ turn.T, visible.faces)))
-    return meshes.Piece(tuple(shapes))
-
-
-def _touch(first: tuple[Floats, Floats], second: tuple[Floats, Floats]) -> bool:
-    return bool((first[0] <= second[1]).all() and (second[0] <= first[1]).all())
+    return lego.Piece(tuple(shapes))
 
 
 def _uncovered(placed: Placed, shape: Shape, others: list[Placed]) -> Shape:
@@ -101,14 +94,11 @@ def _shapes(placed: Placed, *, only_turning: bool) -> list[tuple[str, Shape]]:
 def _of_catalogue(part: Part) -> dict[Tint, Shape]:
     """Our shapes of a part."""
     surface = surface_of(part, COARSE)
-    triangles = surface.triangles * _less_clearance(*part.bounds)
+    low, high = part.bounds
+    # Smaller by the clearance between parts, so that no two surfaces coincide.
+    triangles = surface.triangles * (1.0 - _CLEARANCE / np.maximum(high - low, 10.0))
     shapes = {tint: shape_of(triangles[surface.tints == int(tint)]) for tint in Tint}
     return {tint: shape for tint, shape in shapes.items() if shape is not None}
-
-
-def _less_clearance(low: Floats, high: Floats) -> Floats:
-    """Factors [3] that make a part's drawing smaller by the clearance between parts, so that no two surfaces coincide."""
-    return 1.0 - _CLEARANCE / np.maximum(high - low, 10.0)
 
 
 @functools.lru_cache(maxsize=64)
@@ -119,7 +109,7 @@ def _detailed(part: Part) -> list[tuple[str, Shape]]:
         make, axes = _DETAILED[device]
         drawing = make()
     elif part.wheel_mm > _SPOKED_MM:
-        drawing, axes = lego.wheel(part.wheel_mm), (-1, -3, -2)
+        drawing, axes = lego.wheel(part.wheel_mm), lego.WHEEL_AXES
     else:
         return []
     turn = signed_axes(axes)  # from the part's axes to ours
@@ -143,7 +133,7 @@ def _of_library(part: Part, root: Path) -> tuple[tuple[str, Shape], ...]:
     return ()
 
 
-def cables_of(plan: Plan, parts: Iterable[int], origin_m: Floats) -> list[meshes.Piece]:
+def cables_of(plan: Plan, parts: Iterable[int], origin_m: Floats) -> list[lego.Piece]:
     """Cables between the hub and the motors and sensors on the same body, in that body's frame, mm."""
     devices = [(plan.parts[part], plan.parts[part].part.device) for part in parts]
     hub = next((placed for placed, device in devices if device is not None and device.kind is DeviceKind.HUB), None)
@@ -157,15 +147,3 @@ def cables_of(plan: Plan, parts: Iterable[int], origin_m: Floats) -> list[meshes
         line = np.concatenate([hub.to_plan(np.stack([socket, socket + outward])), placed.to_plan(np.stack([plug + back, plug]))])
         cables.append(lego.cable([(x, y, z) for x, y, z in (line @ TO_TWIN.T * MM_PER_LDU - origin_m * 1000).tolist()]))
     return cables
-
-
-def draw_spinners(
-    spec: mujoco.MjSpec, planned: PlannedRobot, bodies: dict[int, mujoco.MjsBody], origins: dict[int, Floats]
-) -> None:
-    """Draw shafts and gears that turn visually only: massless bodies, with their ratio and axis as user data."""
-    for number, follower in enumerate(planned.articulation.followers):
-        if follower.body not in bodies:
-            continue
-        name, place_m = f"{PREFIX}{follower.port}_{number}", (follower.point_m - origins[follower.body]).tolist()
-        body = bodies[follower.body].add_body(name=name, pos=place_m, userdata=[follower.ratio, *(-follower.axis).tolist()])
-        meshes.draw(spec, body, [looks_of(planned.plan, follower.parts, follower.point_m)])

@@ -1,41 +1,33 @@
-"""Models from building plans: bodies, joints, gears, rods, wheels, feet, sensors and looks, derived from the parts' positions.
+"""Models from building plans: bodies, joints, gears, rods, shapes that collide, sensors and looks, from the parts' positions.
 
 All bodies have the plan's axes (x forward, y left, z up) in the plan's configuration. The origin of the first body, where the
 robot's pose is measured, is below the middle of the hub, or on the axle of the driven wheels if there are any; that of a robot
-that stands on the table is the plan's.
+that stands on the table is the plan's. Tyres, casters and feet touch the floor, and the convex hulls of the other bodies.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
 from brickhub.errors import TwinError
 from brickhub.robot import Motor, Robot
-from bricktwin.plans.geometry import MM_PER_LDU, Floats
+from bricktwin.plans.geometry import M_PER_LDU, MM_PER_LDU, Floats, Form
 from bricktwin.plans.mechanism.articulation import Articulation, Drive, Joint
-from bricktwin.plans.mechanism.end_stops import free_deg
-from bricktwin.plans.mechanism.kinematics import TO_TWIN
-from bricktwin.plans.planned_robot import PlannedRobot, planned_robot
+from bricktwin.plans.mechanism.kinematics import TO_TWIN, Wheel
+from bricktwin.plans.plan import Placed
+from bricktwin.plans.planned_robot import PlannedRobot, free_deg, planned_robot
 from bricktwin.robots.planned import check_description
-from bricktwin.twin.models import lego, meshes
-from bricktwin.twin.models.mjcf import (
-    add_ball,
-    add_camera,
-    add_driven,
-    add_light,
-    add_rotor,
-    add_surroundings,
-    add_webcam,
-    new_spec,
-)
+from bricktwin.twin.models import lego, mjcf
 from bricktwin.twin.models.mounts import add_hub_site, add_sensor_site, mount_sensor
-from bricktwin.twin.models.planned_looks import cables_of, draw_spinners, looks_of
-from bricktwin.twin.models.planned_shapes import add_shapes, lowest_m
-from bricktwin.twin.models.rods import add_rod
+from bricktwin.twin.models.planned_looks import cables_of, looks_of
+from bricktwin.twin.models.turning import SPINNER, add_rod
 from bricktwin.twin.scene import Scene
 
 _HINGE, _BALL = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_BALL
@@ -47,6 +39,11 @@ _HEAVY_KG = 0.030
 """Mass above which a body has more damping in its backlash."""
 _BEYOND_DEG = 15.0
 """Angle beyond a motor's range, at its shaft, up to which end stops are searched for."""
+_PLASTIC_FRICTION = 0.8
+"""Sliding friction of plastic on a smooth floor; an estimate."""
+_FOOT_REACH_M = 0.015
+"""Height above the robot's lowest point up to which a leg's lower end is a foot, in a robot without wheels."""
+_SAME_AXIS_M = 0.0012
 
 
 def from_plan(path: Path, robot: Robot, scene: Scene) -> mujoco.MjSpec:
@@ -61,8 +58,7 @@ def from_plan(path: Path, robot: Robot, scene: Scene) -> mujoco.MjSpec:
     planned = planned_robot(path)
     if planned.articulation.is_fixed and (scene.wall_distance_mm is not None or scene.heading_deg != (0.0, 0.0)):
         raise TwinError(f"robot '{robot.name}' stands still and sees no wall; omit wall_distance_mm and heading_deg")
-    spec = new_spec(robot.name)
-    add_surroundings(spec, scene)
+    spec = mjcf.new_spec(robot.name, scene)
     _Builder(spec, robot, planned, holds_ball=scene.ball).build()
     # All constraints share one body: searching for independent islands would take a tenth of the time in vain.
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND
@@ -90,9 +86,11 @@ class _Builder:
             raise TwinError(f"{planned.plan.path}, line {placed.line}: {fault}")
         self.bodies: dict[int, mujoco.MjsBody] = {}
         self.origins: dict[int, Floats] = {0: self._origin()}
+        self.casters, self.feet = _casters(planned), _feet(planned)
+        self.tyres = self._tyres()
         self.subtree_kg = self._subtree_kg()
         self.ports = self._ports()
-        self.mounted_parts: list[meshes.Piece] = []
+        self.mounted_parts: list[lego.Piece] = []
         """Drawn parts of the first body that are not in the plan."""
 
     def build(self) -> None:
@@ -111,9 +109,10 @@ class _Builder:
             name = self.ports.get(rod.far) or self.ports.get(rod.near) or str(number)
             body = add_rod(self.spec, name, near, far)
             axes = _axes_along(rod.far_m - rod.near_m)
-            meshes.draw(self.spec, body, [looks_of(self.planned.plan, rod.parts, rod.near_m, axes=axes)])
+            lego.draw(self.spec, body, [looks_of(self.planned.plan, rod.parts, rod.near_m, axes=axes)])
         self._close_loops()
-        add_shapes(self.spec, self.planned, self.bodies, self.origins, self.ports)
+        if not self.articulation.is_fixed:  # nothing collides within the ranges of a fixed robot's joints
+            self._add_shapes()
         lego.add_colours(self.spec)
         self._add_sensors()
         if self.holds_ball:
@@ -124,9 +123,29 @@ class _Builder:
         """Origin of the first body, in the plan's frame."""
         if self.articulation.is_fixed:
             return np.zeros(3)
-        axle_m = [wheel.centre_m for wheel in self.planned.rolling] or [self.hub.point_m * (1.0, 1.0, 0.0)]
+        axle_m = [wheel.centre_m for _, wheel in self.planned.rolling] or [self.hub.point_m * (1.0, 1.0, 0.0)]
         x, _, z = np.mean(axle_m, axis=0)
         return np.round([x, self.hub.point_m[1], z], 6)
+
+    def _tyres(self) -> list[Wheel]:
+        """Wheels that roll on the floor: the largest of those at one position, without casters."""
+        casters = {wheel.part for wheel, _, _ in self.casters}
+        tyres: list[Wheel] = []
+        for wheel in sorted(self.articulation.wheels, key=lambda wheel: -wheel.diameter_mm):
+            is_inner = any(tyre.link == wheel.link and np.linalg.norm(tyre.centre_m - wheel.centre_m) <= 0.008 for tyre in tyres)
+            if not is_inner and wheel.part not in casters:
+                tyres.append(wheel)
+        return tyres
+
+    def _lowest_m(self) -> float:
+        """Height of the robot's lowest point in the plan."""
+        lowest = [float(wheel.centre_m[2]) - wheel.diameter_mm / 2000 for wheel in self.tyres]
+        lowest += [float(foot.start_m[2]) - foot.radius_m for foot in self.feet]
+        lowest += [float(centre_m[2]) - radius_m for _, centre_m, radius_m in self.casters]
+        if self.articulation.is_fixed or not lowest:
+            parts = [self.planned.plan.parts[part] for body in self.articulation.bodies for part in body.parts]
+            lowest += [float(_in_twin(placed, placed.part.corners)[:, 2].min()) for placed in parts]
+        return min(lowest)
 
     def _subtree_kg(self) -> dict[int, float]:
         """Mass of each body with all its descendants, kg."""
@@ -159,7 +178,7 @@ class _Builder:
 
     def _add_base(self) -> None:
         """Add the root body: free, or fixed to the floor."""
-        height = float(self.origins[0][2]) - lowest_m(self.planned)
+        height = float(self.origins[0][2]) - self._lowest_m()
         body = self.spec.worldbody.add_body(name="base" if self.articulation.is_fixed else "chassis", pos=[0.0, 0.0, height])
         if not self.articulation.is_fixed:
             body.add_freejoint(name="root")
@@ -174,14 +193,14 @@ class _Builder:
         friction = _TRAIN_FRICTION_NM * abs(drive.gear) if drive.teeth else 0.0
         x, y, z = joint.axis.tolist()
         at_m = self._local(joint.parent, joint.point_m)
-        rotor = add_rotor(self.spec, self.bodies[joint.parent], motor, at_m, (x, y, z), drive.gear, friction)
+        rotor = mjcf.add_rotor(self.spec, self.bodies[joint.parent], motor, at_m, (x, y, z), drive.gear, friction)
         rotor.quat, rotor.mass, rotor.inertia = _quaternion(joint.axis, angle), _ROTOR_KG, [_ROTOR_KG_M2] * 3
         is_heavy = self.subtree_kg[joint.child] > _HEAVY_KG
         shaft = rotor.joints[0]
         shaft.damping[0], shaft.ref = 1e-3 if is_heavy else 0.0, math.radians(start) / drive.gear
         shaft.armature += drive.armature
         self._limit(shaft, motor, drive.gear)
-        body = add_driven(rotor, f"driven_{port}", port, (x, y, z), is_heavy=is_heavy)
+        body = mjcf.add_driven(rotor, f"driven_{port}", port, (x, y, z), is_heavy=is_heavy)
         self._register(joint, body)
 
     def _add_passive(self, joint: Joint) -> None:
@@ -233,6 +252,51 @@ class _Builder:
             equal.data[:3] = self._local(loop.parent, loop.point_m)
             equal.solref = [2 * self.spec.option.timestep, 1.0]
 
+    def _add_shapes(self) -> None:
+        """Add all collision shapes; tyres and feet are named after the port of their motor."""
+        for wheel in self.tyres:
+            placed = self.planned.plan.parts[wheel.part]
+            low, high = placed.part.bounds
+            radius, half_width = wheel.diameter_mm / 2000, float(high[2] - low[2]) / 2 * M_PER_LDU
+            quaternion = np.empty(4)
+            mujoco.mju_quatZ2Vec(quaternion, TO_TWIN @ placed.rotation[:, 2])
+            name, at_m = (
+                self._free_name(f"tyre_{self.ports.get(wheel.link, wheel.part)}"),
+                self._local(wheel.link, wheel.centre_m),
+            )
+            mjcf.add_tyre(self.bodies[wheel.link], name, (radius, radius, half_width), at_m=at_m, turn=quaternion)
+        for number, (wheel, centre_m, radius_m) in enumerate(self.casters):
+            name = "caster" if number == 0 else f"caster_{number}"
+            mjcf.add_caster(self.bodies[wheel.link], name, self._local(wheel.link, centre_m), radius_m)
+        for number, foot in enumerate(self.feet):
+            name = self._free_name(f"foot_{self.ports.get(foot.body, number)}")
+            ends = [*self._local(foot.body, foot.start_m), *self._local(foot.body, foot.end_m)]
+            shape, attributes = mujoco.mjtGeom.mjGEOM_CAPSULE, mjcf.contact_attributes(_PLASTIC_FRICTION)
+            self.bodies[foot.body].add_geom(name=name, type=shape, fromto=ends, size=[foot.radius_m, 0, 0], **attributes)
+        touching = {foot.body for foot in self.feet} | {wheel.link for wheel in self.tyres}
+        for number in sorted(self.bodies.keys() - touching | {0}):
+            self._add_hull(number)
+
+    def _free_name(self, name: str) -> str:
+        """The name, or with a number if it is taken."""
+        numbered = itertools.chain([name], (f"{name}_{number}" for number in itertools.count(2)))
+        return next(candidate for candidate in numbered if self.spec.geom(candidate) is None)
+
+    def _add_hull(self, number: int) -> None:
+        """Add the convex hull of a body's parts, except wheels and casters. MuJoCo makes it from the points."""
+        rolls = {wheel.part for wheel in self.articulation.wheels}
+        parts = [self.planned.plan.parts[part] for part in self.articulation.bodies[number].parts if part not in rolls]
+        if not parts:
+            return
+        points = np.concatenate([_in_twin(placed, placed.part.corners) for placed in parts]) - self.origins[number]
+        if np.ptp(points, axis=0).min() < 0.001:
+            return
+        # Corners closer than 2 mm make no difference in a collision.
+        corners = points[np.unique(np.round(points / 0.002), axis=0, return_index=True)[1]]
+        name, shell = f"hull_{number}", mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
+        self.spec.add_mesh(name=name, uservert=corners.ravel().tolist(), inertia=shell)
+        self.bodies[number].add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, mass=0, **mjcf.COLLIDING)
+
     def _add_sensors(self) -> None:
         """Add the sites of hub and sensors; sensors that are not in the plan are mounted on the first body."""
         hub = self.hub
@@ -261,7 +325,7 @@ class _Builder:
             return
         number = next(number for number, body in enumerate(self.articulation.bodies) if holder.index in body.parts)
         centre_m = TO_TWIN @ holder.to_plan(np.array([holder.ball]))[0] * MM_PER_LDU / 1000
-        add_ball(self.bodies[number], self._local(number, centre_m))
+        mjcf.add_ball(self.bodies[number], self._local(number, centre_m))
 
     def _draw(self) -> None:
         plan = self.planned.plan
@@ -273,19 +337,23 @@ class _Builder:
             shafts = tuple(self.planned.device(port).index for port in ports)
             cables = cables_of(plan, parts, self.origins[number])
             mounted = self.mounted_parts if number == 0 else []
-            meshes.draw(self.spec, body, [looks_of(plan, parts, self.origins[number], shafts=shafts), *cables, *mounted])
-        draw_spinners(self.spec, self.planned, self.bodies, self.origins)
-        corners = np.concatenate([np.stack(placed.part.bounds) @ placed.rotation.T + placed.position for placed in plan.parts])
+            lego.draw(self.spec, body, [looks_of(plan, parts, self.origins[number], shafts=shafts), *cables, *mounted])
+        for number, follower in enumerate(self.articulation.followers):
+            name, ratio_and_axis = f"{SPINNER}{follower.port}_{number}", [follower.ratio, *(-follower.axis).tolist()]
+            at_m = self._local(follower.body, follower.point_m)
+            body = self.bodies[follower.body].add_body(name=name, pos=at_m, userdata=ratio_and_axis)
+            lego.draw(self.spec, body, [looks_of(plan, follower.parts, follower.point_m)])
+        corners = np.concatenate([placed.to_plan(np.stack(placed.part.bounds)) for placed in plan.parts])
         size_m = float(np.linalg.norm(np.ptp(corners, axis=0))) * MM_PER_LDU / 1000
         base = self.bodies[0]
         middle = tuple((self.articulation.bodies[0].centre_m - self.origins[0]).tolist())
         parent = self.spec.worldbody if self.articulation.is_fixed else base
         target = (middle[0], middle[1], 0.4 * size_m) if self.articulation.is_fixed else middle
-        add_light(parent)
-        add_camera(parent, "chase", target, (-0.62, -0.62, 0.55), 1.6 * size_m)
-        add_camera(parent, "portrait", target, (0.75, -0.55, 0.42), 1.55 * size_m)
+        mjcf.add_light(parent)
+        mjcf.add_camera(parent, "chase", target, (-0.62, -0.62, 0.55), 1.6 * size_m)
+        mjcf.add_camera(parent, "portrait", target, (0.75, -0.55, 0.42), 1.55 * size_m)
         if self.articulation.is_fixed:
-            add_webcam(parent)
+            mjcf.add_webcam(parent)
 
 
 def _range_of_shaft(motor: Motor) -> tuple[float, float] | None:
@@ -315,3 +383,60 @@ def _axes_along(direction: Floats) -> Floats:
     mujoco.mju_quatZ2Vec(quaternion, direction)
     mujoco.mju_quat2Mat(matrix, quaternion)
     return matrix.reshape(3, 3).T
+
+
+class _Foot(NamedTuple):
+    """Round lower end of a leg: its body, the ends [3] of its axis in the twin's axes, and its radius."""
+
+    body: int
+    start_m: Floats
+    end_m: Floats
+    radius_m: float
+
+
+def _feet(planned: PlannedRobot) -> list[_Foot]:
+    """Feet of a robot without wheels; empty for others."""
+    articulation = planned.articulation
+    if articulation.is_fixed or articulation.wheels:
+        return []
+    legs = []
+    for number, body in enumerate(articulation.bodies):
+        cylinders = [cylinder for part in body.parts for cylinder in _cylinders(planned.plan.parts[part])]
+        if number == 0 or not cylinders:
+            continue
+        centre, axis, _, radius = min(cylinders, key=lambda cylinder: cylinder[0][2] - cylinder[3])
+        ends = [
+            other + axis * sign * half_length
+            for other, other_axis, half_length, _ in cylinders
+            for sign in (-1.0, 1.0)
+            if np.linalg.norm(np.cross(other - centre, axis)) < _SAME_AXIS_M and abs(float(other_axis @ axis)) > 0.99
+        ]
+        along = np.array([float((end - centre) @ axis) for end in ends])
+        legs.append(_Foot(number, centre + axis * along.min(), centre + axis * along.max(), radius))
+    low = min((foot.start_m[2] - foot.radius_m for foot in legs), default=0.0)
+    standing = [foot for foot in legs if foot.start_m[2] - foot.radius_m < low + _FOOT_REACH_M]
+    return standing if len(standing) > 1 else []  # nothing stands on one
+
+
+def _cylinders(placed: Placed) -> Iterator[tuple[Floats, Floats, float, float]]:
+    """Centre [3], axis [3], half length and radius of each horizontal cylinder of a part."""
+    for solid in placed.part.solids:
+        axis = TO_TWIN @ placed.rotation @ np.array(solid.axes[2])
+        if solid.form is Form.CYLINDER and abs(float(axis[2])) < 0.1:
+            yield _in_twin(placed, np.array([solid.centre]))[0], axis, solid.half[2] * M_PER_LDU, solid.half[0] * M_PER_LDU
+
+
+def _casters(planned: PlannedRobot) -> list[tuple[Wheel, Floats, float]]:
+    """Casters, and centre [3] and radius (m) of their balls."""
+    casters = []
+    for wheel in planned.articulation.wheels:
+        placed = planned.plan.parts[wheel.part]
+        balls = [solid for solid in placed.part.solids if solid.form is Form.BALL]
+        if balls:
+            casters.append((wheel, _in_twin(placed, np.array([balls[0].centre]))[0], balls[0].half[0] * M_PER_LDU))
+    return casters
+
+
+def _in_twin(placed: Placed, points: Floats) -> Floats:
+    """Points [n, 3] of a part in the twin's axes, m."""
+    return np.asarray(placed.to_plan(points) @ TO_TWIN.T * M_PER_LDU)

@@ -9,9 +9,9 @@ import mujoco
 import numpy as np
 
 from bricktwin.plans.geometry import Floats, Triple
-from bricktwin.twin.models.meshes import Piece, Shape, colour_name, discs, draw, merge
+from bricktwin.twin.models.lego import Piece, Shape, colour_name, discs, draw, merge
 from bricktwin.twin.models.mjcf import OBSTACLE_GROUP, yaw_quaternion
-from bricktwin.twin.objects import COLORS, Block, Field, Line, Mark, Point, Ramp, Wall
+from bricktwin.twin.objects import COLORS, Block, Field, Line, Point, Ramp, Wall
 from bricktwin.twin.scene import Scene
 
 _LAYER_MM = 0.2
@@ -27,48 +27,36 @@ def add_objects(spec: mujoco.MjSpec, scene: Scene) -> None:
     world = spec.worldbody
     marks = [item for item in scene.objects if isinstance(item, (Line, Field))]
     if marks:
-        draw(spec, world, [_mark_part(mark, (number + 1) * _LAYER_MM) for number, mark in enumerate(marks)])
+        shapes = [_field(mark) if isinstance(mark, Field) else _line(mark) for mark in marks]
+        layers = [shape.at(0.0, 0.0, number * _LAYER_MM) for number, shape in enumerate(shapes, 1)]
+        colours = [colour_name(COLORS[mark.color]) for mark in marks]
+        draw(spec, world, [Piece(tuple(zip(colours, layers, strict=True)))])
     for number, solid in enumerate(solids):
-        name = f"object_{number}"
+        name, rgb = f"object_{number}", COLORS[solid.color]
         if isinstance(solid, Wall):
-            _add_wall(world, name, solid)
-        elif isinstance(solid, Ramp):
-            _add_ramp(world, name, solid)
+            start, end = np.array(solid.from_mm) / 1000, np.array(solid.to_mm) / 1000
+            (x, y), (along_x, along_y) = ((start + end) / 2).tolist(), end - start
+            half = [float(np.hypot(along_x, along_y)) / 2, solid.thickness_mm / 2000, solid.height_mm / 2000]
+            add_geom(world, name, [x, y, half[2]], half, rgb, yaw_quaternion(math.atan2(along_y, along_x)))
+            continue
+        (x, y), yaw = (value / 1000 for value in solid.at_mm), -math.radians(solid.heading_deg)
+        if isinstance(solid, Ramp):  # a plate whose upper side rises from the floor to the ramp's height
+            rise = math.atan2(solid.height_mm, solid.length_mm)
+            half = [math.hypot(solid.length_mm, solid.height_mm) / 2000, solid.width_mm / 2000, _RAMP_MM / 2000]
+            ahead = half[0] * math.cos(rise) + half[2] * math.sin(rise)
+            position = [x + ahead * math.cos(yaw), y + ahead * math.sin(yaw), half[0] * math.sin(rise) - half[2] * math.cos(rise)]
+            tilt, quaternion = np.array([math.cos(rise / 2), 0.0, -math.sin(rise / 2), 0.0]), np.empty(4)
+            mujoco.mju_mulQuat(quaternion, np.array(yaw_quaternion(yaw)), tilt)
+            add_geom(world, name, position, half, rgb, quaternion.tolist())
+            continue
+        half = [side / 2000 for side in solid.size_mm]
+        position = [x, y, half[2]]
+        if solid.mass_g is None:
+            add_geom(world, name, position, half, rgb, yaw_quaternion(yaw), is_round=solid.round)
         else:
-            _add_block(world, name, solid)
-
-
-def _add_wall(world: mujoco.MjsBody, name: str, wall: Wall) -> None:
-    start, end = np.array(wall.from_mm) / 1000, np.array(wall.to_mm) / 1000
-    (x, y), (along_x, along_y) = (start + end) / 2, end - start
-    half = [float(np.hypot(along_x, along_y)) / 2, wall.thickness_mm / 2000, wall.height_mm / 2000]
-    add_geom(world, name, [float(x), float(y), half[2]], half, COLORS[wall.color], yaw_quaternion(math.atan2(along_y, along_x)))
-
-
-def _add_ramp(world: mujoco.MjsBody, name: str, ramp: Ramp) -> None:
-    """Add a plate whose upper side rises from the floor to the ramp's height."""
-    rise, yaw = math.atan2(ramp.height_mm, ramp.length_mm), -math.radians(ramp.heading_deg)
-    half_length, half_thickness = math.hypot(ramp.length_mm, ramp.height_mm) / 2000, _RAMP_MM / 2000
-    ahead = half_length * math.cos(rise) + half_thickness * math.sin(rise)
-    up = half_length * math.sin(rise) - half_thickness * math.cos(rise)
-    x, y = ramp.at_mm[0] / 1000 + ahead * math.cos(yaw), ramp.at_mm[1] / 1000 + ahead * math.sin(yaw)
-    tilt, quaternion = np.array([math.cos(rise / 2), 0.0, -math.sin(rise / 2), 0.0]), np.empty(4)
-    mujoco.mju_mulQuat(quaternion, np.array(yaw_quaternion(yaw)), tilt)
-    add_geom(
-        world, name, [x, y, up], [half_length, ramp.width_mm / 2000, half_thickness], COLORS[ramp.color], quaternion.tolist()
-    )
-
-
-def _add_block(world: mujoco.MjsBody, name: str, block: Block) -> None:
-    half = [side / 2000 for side in block.size_mm]
-    position = [block.at_mm[0] / 1000, block.at_mm[1] / 1000, half[2]]
-    quaternion = yaw_quaternion(-math.radians(block.heading_deg))
-    if block.mass_g is None:
-        add_geom(world, name, position, half, COLORS[block.color], quaternion, is_round=block.round)
-        return
-    body = world.add_body(name=name, pos=position, quat=quaternion)
-    body.add_freejoint(name=name)
-    add_geom(body, name, [0.0] * 3, half, COLORS[block.color], is_round=block.round, mass_kg=block.mass_g / 1000)
+            body = world.add_body(name=name, pos=position, quat=yaw_quaternion(yaw))
+            body.add_freejoint(name=name)
+            add_geom(body, name, [0.0] * 3, half, rgb, is_round=solid.round, mass_kg=solid.mass_g / 1000)
 
 
 def add_geom(
@@ -103,11 +91,6 @@ def add_geom(
 
 
 # ---------------------------------------------------------------- on the floor
-
-
-def _mark_part(mark: Mark, height_mm: float) -> Piece:
-    shape = _field(mark) if isinstance(mark, Field) else _line(mark)
-    return Piece(((colour_name(COLORS[mark.color]), shape.at(0.0, 0.0, height_mm)),))
 
 
 def _field(field: Field) -> Shape:

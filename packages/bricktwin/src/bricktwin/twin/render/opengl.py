@@ -1,4 +1,4 @@
-"""Offscreen OpenGL renderer of virtual robots. Training never imports this."""
+"""Offscreen OpenGL renderer of virtual robots, which draws only what may have changed. Training never imports this."""
 
 from __future__ import annotations
 
@@ -6,12 +6,14 @@ import contextlib
 import ctypes
 import errno
 import importlib
+import math
 import os
 import shutil
 import sys
 import tempfile
 import weakref
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn, Self
 
@@ -22,7 +24,95 @@ from numpy.typing import NDArray
 from brickhub.errors import RenderingUnavailableError, TwinError, message_of
 from brickhub.files import TEMPORARY_PREFIX, check_writable, writing
 from bricktwin.twin.mujoco_body import MujocoBody
-from bricktwin.twin.render.view import Box, MovingParts, aim, is_fixed_camera, is_opaque
+
+_NEAR_M = 1e-3
+"""Least depth in the projection; nearer points are treated as at this depth."""
+
+
+@dataclass(frozen=True)
+class Box:
+    """Part of an image in px, from its upper left corner; ``right`` and ``bottom`` are exclusive."""
+
+    left: int
+    top: int
+    right: int
+    bottom: int
+
+    @property
+    def width(self) -> int:
+        return self.right - self.left
+
+    @property
+    def height(self) -> int:
+        return self.bottom - self.top
+
+
+def is_fixed_camera(model: mujoco.MjModel, camera: int) -> bool:
+    """True if a camera is fixed in the world."""
+    fixed = model.cam_mode[camera] == mujoco.mjtCamLight.mjCAMLIGHT_FIXED
+    return bool(fixed and model.body_weldid[model.cam_bodyid[camera]] == 0)
+
+
+def is_opaque(model: mujoco.MjModel, groups: NDArray[np.uint8]) -> bool:
+    """True if no geometry of the drawn groups is transparent."""
+    geoms = np.flatnonzero(groups[model.geom_group])
+    materials = model.geom_matid[geoms]
+    alphas = *model.geom_rgba[geoms, 3], *model.mat_rgba[materials[materials >= 0], 3]
+    return all(alpha == 1.0 for alpha in alphas)
+
+
+class MovingParts:
+    """Part of a fixed camera's image that moving geometry may cover. ``groups``: flags of the geometry groups that are drawn."""
+
+    def __init__(self, model: mujoco.MjModel, camera: int, width: int, height: int, groups: NDArray[np.uint8]) -> None:
+        self._camera, self._width, self._height = camera, width, height
+        moves = model.body_weldid[model.geom_bodyid] != 0
+        self._geoms = np.flatnonzero(moves & (groups[model.geom_group] != 0))
+        middle, half = model.geom_aabb[self._geoms, None, :3], model.geom_aabb[self._geoms, None, 3:]
+        signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+        self._corners = middle + half * signs  # [geoms, 8, 3], in the frame of each geometry
+        focal_px = height / 2 / math.tan(math.radians(float(model.cam_fovy[camera])) / 2)
+        self._focal_px, self._middle_px = np.array((focal_px, -focal_px)), np.array((width, height)) / 2
+        self._whole = 0, 0, width, height
+
+    def box(self, data: mujoco.MjData) -> Box:
+        """Bounding box of all moving geometry, with a margin of 1 px; empty if there is none."""
+        if not len(self._geoms):
+            return Box(0, 0, 0, 0)
+        bounds = self._bounds(data)
+        return Box(*bounds[:, :2].min(0).tolist(), *bounds[:, 2:].max(0).tolist())
+
+    def mask(self, data: mujoco.MjData, spot_px: int) -> NDArray[np.bool_]:
+        """Mask ``[rows, columns]`` of the squares of ``spot_px`` that moving geometry may cover."""
+        mask = np.zeros((-(-self._height // spot_px), -(-self._width // spot_px)), bool)
+        bounds = self._bounds(data)
+        bounds[:, 2:] += spot_px - 1
+        for left, top, right, bottom in bounds // spot_px:
+            mask[top:bottom, left:right] = True
+        return mask
+
+    def _bounds(self, data: mujoco.MjData) -> NDArray[np.int64]:
+        """Left, top, right and bottom of each geometry's bounding box, with a margin of 1 px; ``[geometries, 4]``."""
+        rotated = self._corners @ data.geom_xmat[self._geoms].reshape(-1, 3, 3).transpose(0, 2, 1)
+        corners = rotated + data.geom_xpos[self._geoms, None] - data.cam_xpos[self._camera]
+        local = corners @ data.cam_xmat[self._camera].reshape(3, 3)  # right, up, back
+        pixels = self._middle_px + self._focal_px * local[..., :2] / np.maximum(-local[..., 2:], _NEAR_M)
+        bounds = np.concatenate((np.floor(pixels.min(1)) - 1, np.ceil(pixels.max(1)) + 1), 1)
+        bounds[local[..., 2].max(1) > -_NEAR_M] = self._whole  # beside or behind the camera: it may cover anything
+        clipped: NDArray[np.int64] = np.minimum(np.maximum(bounds, 0), self._whole[2:] * 2).astype(np.int64)
+        return clipped
+
+
+def aim(scene: mujoco.MjvScene, box: Box, width: int, height: int) -> None:
+    """Narrow the view of the scene's camera to a part of its image of ``width`` x ``height`` px."""
+    for camera in scene.camera:
+        top, bottom = camera.frustum_top, camera.frustum_bottom
+        half_width, height_m = (top - bottom) / 2 * width / height, top - bottom
+        camera.frustum_center = half_width * ((box.left + box.right) / width - 1.0)
+        camera.frustum_width = half_width * box.width / width
+        camera.frustum_top = top - height_m * box.top / height
+        camera.frustum_bottom = top - height_m * box.bottom / height
+
 
 Image = NDArray[np.uint8]
 
@@ -201,20 +291,16 @@ class VideoWriter:
             return
         try:
             file.close()
-            if complete and not self._is_whole(self._part):
-                self._fail()
             if complete:
+                with self._part.open("rb") as written:
+                    written.seek(max(0, self._part.stat().st_size - 2**20))
+                    is_whole = b"moov" in written.read()  # the table of the images, which the encoder writes last
+                if not is_whole:
+                    self._fail()
                 self._part.chmod(0o644)
                 self._part.replace(self.path)
         finally:
             self._part.unlink(missing_ok=True)
-
-    @staticmethod
-    def _is_whole(path: Path) -> bool:
-        """Whether the encoder has written the table of the images, which comes last."""
-        with path.open("rb") as file:
-            file.seek(max(0, path.stat().st_size - 2**20))
-            return b"moov" in file.read()
 
     def _fail(self) -> NoReturn:
         with writing(self.path):
@@ -276,14 +362,8 @@ def _choose_backend() -> str:
     if not sys.platform.startswith("linux") or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
         return ""
     for backend, names in _LIBRARIES.items():
-        if any(_loads(name) for name in names):
-            return backend
+        for name in names:
+            with contextlib.suppress(OSError):
+                ctypes.CDLL(name)
+                return backend
     raise RenderingUnavailableError(f"no OpenGL library is here to draw with; {_REMEDY}")
-
-
-def _loads(name: str) -> bool:
-    try:
-        ctypes.CDLL(name)
-    except OSError:
-        return False
-    return True

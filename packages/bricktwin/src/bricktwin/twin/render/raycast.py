@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from brickhub.errors import TwinError
 from bricktwin.twin.mujoco_body import MujocoBody
-from bricktwin.twin.render.view import MovingParts, is_fixed_camera
+from bricktwin.twin.render.opengl import MovingParts, is_fixed_camera
 
 _DRAWN_GROUPS = np.array([1, 1, 1, 0, 0, 0], np.uint8)  # the groups that MuJoCo draws by default
 _SKY = (0.50, 0.59, 0.69)
@@ -106,14 +106,9 @@ def _colours(model: mujoco.MjModel) -> tuple[NDArray[np.float64], NDArray[np.flo
     for geom, material in enumerate(model.geom_matid):
         if material >= 0:
             colours[geom] = model.mat_rgba[material, :3]
-            textures[geom] = _texture_mean(model, int(model.mat_texid[material].max()))
+            texture = int(model.mat_texid[material].max())
+            if texture >= 0:
+                start, channels = int(model.tex_adr[texture]), int(model.tex_nchannel[texture])
+                size = int(model.tex_height[texture]) * int(model.tex_width[texture]) * channels
+                textures[geom] = model.tex_data[start : start + size].reshape(-1, channels)[:, :3].mean(0) / 255
     return colours, textures
-
-
-def _texture_mean(model: mujoco.MjModel, texture: int) -> NDArray[np.float64]:
-    if texture < 0:
-        return np.ones(3)
-    start, channels = int(model.tex_adr[texture]), int(model.tex_nchannel[texture])
-    size = int(model.tex_height[texture]) * int(model.tex_width[texture]) * channels
-    mean: NDArray[np.float64] = model.tex_data[start : start + size].reshape(-1, channels)[:, :3].mean(0) / 255
-    return mean

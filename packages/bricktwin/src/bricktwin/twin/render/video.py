@@ -1,16 +1,172 @@
-"""Video of a virtual robot that a program moves."""
+"""Films of virtual robots: captions, a room with metre lines and a ghost of the robot at its goal, and a robot that is filmed
+while a program moves it.
+
+All of the room is drawn as decoration, without effect on the physics.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import functools
+import math
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+
 from brickhub.errors import TwinError
 from brickhub.virtual.body import Body
+from bricktwin.drawing import import_matplotlib
 from bricktwin.twin.mujoco_body import MujocoBody
-from bricktwin.twin.render.opengl import Image, Renderer, VideoWriter
+from bricktwin.twin.physics import Physics
+from bricktwin.twin.render.opengl import Renderer, VideoWriter
+from bricktwin.twin.sensed_pose import sensed_qpos
+
+Pixels = NDArray[np.uint8]
+_INK, _MUTED, _BACKGROUND, _OPACITY = (31, 36, 48), (73, 81, 94), (255, 255, 255), 205
+
+
+@functools.lru_cache(maxsize=8)
+def _font(size_px: int, bold: bool) -> ImageFont.FreeTypeFont:
+    """DejaVu Sans, from Matplotlib's data."""
+    import_matplotlib()
+    import matplotlib
+
+    name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
+    return ImageFont.truetype(str(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / name), size_px)
+
+
+def captioned(image: Pixels, title: str, line: str, labels: Iterable[tuple[int, int, str]] = ()) -> Pixels:
+    """The image ``[height, width, 3]`` with title and line in its upper left corner, and labels (column, row, text)."""
+    height = image.shape[0]
+    large, small = max(11, height // 26), max(9, height // 34)
+    picture = Image.fromarray(image)
+    pen = ImageDraw.Draw(picture)
+    for column, row, text in labels:
+        pen.text((column, row), text, _MUTED, _font(small, False), anchor="mm")
+    lines = [(text, _font(size, bold)) for text, size, bold in ((title, large, True), (line, small, False)) if text]
+    if lines:
+        margin = height // 45
+        width = 2 * margin + round(max(pen.textlength(text, font) for text, font in lines))
+        box_height = 2 * margin + round(sum(font.size for _, font in lines)) + margin // 2 * (len(lines) - 1)
+        # Only the area behind the text is blended: the whole image would take longer than drawing the robot.
+        mask = Image.new("L", (width, box_height), 0)
+        ImageDraw.Draw(mask).rounded_rectangle((0, 0, width - 1, box_height - 1), margin // 2, _OPACITY)
+        picture.paste(_BACKGROUND, (margin, margin, margin + width, margin + box_height), mask)
+        top = 2.0 * margin
+        for text, font in lines:
+            pen.text((2 * margin, top), text, _INK, font)
+            top += font.size + margin // 2
+    return np.asarray(picture)
+
+
+_BACK_M, _HEIGHT_M, _SKIRTING_M = 1.3, 1.6, 0.07
+"""Wall behind the robot: distance to the left of its start, height, and height of its skirting board."""
+_LINE = (0.45, 0.50, 0.58, 1.0)
+_WALL, _BOARD = (0.90, 0.90, 0.87, 1.0), (0.97, 0.97, 0.96, 1.0)
+_GHOST = (0.10, 0.62, 0.25, 0.30)
+_LAG = 0.06
+"""Share of the distance to the robot by which the camera's target moves per image."""
+
+
+class Room:
+    """Decoration and camera of a film of a robot.
+
+    Args:
+        body: the robot.
+        goal_deg: goal angles of its motors, by name; ``None`` for a robot without such a goal.
+
+    Attributes:
+        camera: camera for a renderer; :meth:`follow` aims it.
+    """
+
+    def __init__(self, body: MujocoBody, goal_deg: dict[str, float] | None = None) -> None:
+        self._body = body
+        self.camera = mujoco.MjvCamera()
+        self.camera.type = mujoco.mjtCamera.mjCAMERA_FREE
+        self._moves = body.model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE
+        self.camera.distance = 0.62 if self._moves else 0.72
+        self.camera.azimuth, self.camera.elevation = 62.0, -21.0  # from behind, so that no wall ahead hides the robot
+        self._target = np.array(self._robot())
+        self.camera.lookat[:] = self._target
+        self._ghost = MujocoBody(body.robot, body.scene, Physics(), 0) if goal_deg else None
+        self._option = mujoco.MjvOption()
+        self.aim_for(goal_deg or {})
+
+    def aim_for(self, goal_deg: dict[str, float]) -> None:
+        """Set the goal that the ghost shows."""
+        if self._ghost is not None:
+            self._ghost.data.qpos[:] = sensed_qpos(self._ghost, goal_deg, (0.0, 0.0))
+            self._ghost.update_visuals()
+
+    def follow(self) -> None:
+        """Move the camera's target towards the robot, smoothly."""
+        self._target += _LAG * (np.array(self._robot()) - self._target)
+        self.camera.lookat[:] = self._target
+
+    def _robot(self) -> tuple[float, float, float]:
+        if not self._moves:
+            return 0.04, 0.0, 0.13
+        x, y = self._body.data.qpos[:2]
+        return float(x), float(y), 0.07
+
+    def decorate(self, scene: mujoco.MjvScene) -> None:
+        """Add walls, metre lines and ghost to a scene."""
+        middle = round(float(self._target[0]))
+        _box(scene, (middle, _BACK_M + 0.01, _HEIGHT_M / 2), (6.0, 0.01, _HEIGHT_M / 2), _WALL)
+        _box(scene, (middle, _BACK_M - 0.008, _SKIRTING_M / 2), (6.0, 0.008, _SKIRTING_M / 2), _BOARD)
+        for metre in range(middle - 3, middle + 4):
+            _box(scene, (metre, _BACK_M / 2 - 1.0, 0.0), (0.003, _BACK_M / 2 + 1.0, 0.0004), _LINE)
+        for metre in range(-2, 2):
+            _box(scene, (middle, metre, 0.0), (6.0, 0.003, 0.0004), _LINE)
+        ghost, first, category = self._ghost, scene.ngeom, mujoco.mjtCatBit.mjCAT_DYNAMIC
+        if ghost is not None:
+            mujoco.mjv_addGeoms(ghost.model, ghost.data, self._option, mujoco.MjvPerturb(), category, scene)
+        for geom in scene.geoms[first : scene.ngeom]:
+            geom.rgba[:], geom.matid = _GHOST, -1
+
+    def metre_marks(self, width: int, height: int) -> list[tuple[int, int, str]]:
+        """Labels of the metre lines in an image of that size in px: column, row, text."""
+        marks = []
+        for metre in range(round(float(self._target[0])) - 2, round(float(self._target[0])) + 3):
+            pixel = self._project(np.array([metre, -0.28, 0.0]), width, height)
+            if pixel is not None and 0 < pixel[0] < width and 0 < pixel[1] < height:
+                marks.append((*pixel, f"{metre} m"))
+        return marks
+
+    def _project(self, point: NDArray[np.float64], width: int, height: int) -> tuple[int, int] | None:
+        azimuth, elevation = math.radians(self.camera.azimuth), math.radians(self.camera.elevation)
+        forward = np.array(
+            [math.cos(elevation) * math.cos(azimuth), math.cos(elevation) * math.sin(azimuth), math.sin(elevation)]
+        )
+        right = np.array([math.sin(azimuth), -math.cos(azimuth), 0.0])
+        up = np.cross(right, forward)
+        offset = point - (np.array(self.camera.lookat) - self.camera.distance * forward)
+        depth = float(offset @ forward)
+        if depth < 0.05:
+            return None
+        focal_px = height / 2 / math.tan(math.radians(float(self._body.model.vis.global_.fovy)) / 2)
+        x, y = float(offset @ right), float(offset @ up)
+        return round(width / 2 + focal_px * x / depth), round(height / 2 - focal_px * y / depth)
+
+
+def _box(
+    scene: mujoco.MjvScene, position: tuple[float, float, float], half: tuple[float, float, float], rgba: tuple[float, ...]
+) -> None:
+    if scene.ngeom >= scene.maxgeom:
+        return
+    geom = scene.geoms[scene.ngeom]
+    mujoco.mjv_initGeom(
+        geom, mujoco.mjtGeom.mjGEOM_BOX, np.array(half), np.array(position), np.eye(3).ravel(), np.array(rgba, np.float32)
+    )
+    geom.category = mujoco.mjtCatBit.mjCAT_DECOR
+    geom.segid = -1
+    scene.ngeom += 1
+
 
 SIZE = (480, 360)
 _FRAME_MS = 40
@@ -20,7 +176,7 @@ class Filmed:
     """Proxy of a body that takes an image, as ``render`` returns it, every ``frame_ms`` of simulated time."""
 
     def __init__(
-        self, body: Any, render: Callable[[], Image], frame_ms: int, time_ms: int, on_image: Callable[[Image], None]
+        self, body: Any, render: Callable[[], Pixels], frame_ms: int, time_ms: int, on_image: Callable[[Pixels], None]
     ) -> None:
         self._body = body
         self._render = render

@@ -1,0 +1,137 @@
+"""Times of a link: the hub's clock, keepalives, and statistics of the exchanges.
+
+The clocks of hub and computer have different origins. Each exchange bounds their offset: the sensors were read after the
+command was sent and before the answer arrived. The offset is the midpoint of the tightest bounds of the recent exchanges; its
+error is at most half of their distance, about half of the link's shortest round trip. Older exchanges are dropped because
+crystals drift (50 ppm are 1 ms in 20 s).
+
+A hub stops its motors after hearing nothing from its host for the watchdog's time. So a keepalive is sent twice within that
+time while the hub carries out a step; not more often, because a write takes two connection intervals until it is acknowledged,
+and an emergency stop and the next command have to wait for that. For the same reason none is sent when the answer is due.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections import deque
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+
+_RECENT, _RECENT_EXCHANGES = 200, 500
+_WRAP_MS = 1 << 16
+_PER_WATCHDOG = 2
+
+
+class HubClock:
+    """Clock of one hub program, from its start."""
+
+    def __init__(self) -> None:
+        self._time_ms = 0
+        self._lower_bounds_s: deque[float] = deque(maxlen=_RECENT)
+        self._upper_bounds_s: deque[float] = deque(maxlen=_RECENT)
+
+    def unwrap(self, time_ms: int) -> int:
+        """Unwrap the hub's 16-bit clock; answers are never a whole wrap (65.5 s) apart unless the program ended."""
+        self._time_ms += (time_ms - self._time_ms) % _WRAP_MS
+        return self._time_ms
+
+    def compare(self, time_ms: int, not_before_s: float, arrived_s: float) -> None:
+        """Add the bounds of one exchange: ``time_ms`` is the hub's unwrapped clock, the others are this computer's."""
+        self._lower_bounds_s.append(not_before_s - time_ms / 1000)
+        self._upper_bounds_s.append(arrived_s - time_ms / 1000)
+
+    def age_s(self, time_ms: int, now_s: float) -> float:
+        """Age of a time on the hub's clock; 0 before the first exchange."""
+        if not self._upper_bounds_s:
+            return 0.0
+        upper_bound_s = min(self._upper_bounds_s)
+        offset_s = (min(max(self._lower_bounds_s), upper_bound_s) + upper_bound_s) / 2
+        return max(0.0, now_s - offset_s - time_ms / 1000)
+
+
+def keepalive_times_s(move_s: float | None, watchdog_s: float) -> Iterator[float]:
+    """Times of the keepalives, counted from the command; an infinite iterator.
+
+    Args:
+        move_s: time until the answer is due on the hub; ``None`` if unknown.
+        watchdog_s: time of the hub's watchdog.
+    """
+    longest_s, pauses_s = watchdog_s / _PER_WATCHDOG, list[float]()
+    if move_s is not None:
+        count = int(move_s / longest_s)
+        pause_s = move_s / (count + 1)
+        pauses_s = [pause_s] * count + [pause_s + longest_s / 2]
+    return itertools.accumulate(itertools.chain(pauses_s, itertools.repeat(longest_s)))
+
+
+def percentile(values: Iterable[float], percent: float) -> float:
+    """Percentile of some values, interpolated between the two nearest; 0 for none."""
+    ordered = sorted(values) or [0.0]
+    position = (len(ordered) - 1) * (percent / 100)
+    low, high = ordered[math.floor(position)], ordered[math.ceil(position)]
+    share = position % 1
+    return low + (high - low) * share if share < 0.5 else high - (high - low) * (1 - share)
+
+
+def _recent() -> deque[float]:
+    return deque(maxlen=_RECENT_EXCHANGES)
+
+
+@dataclass
+class LinkStatistics:
+    """Counts since the link was made; percentiles are over the last 500 exchanges, and 0 before the first.
+
+    Attributes:
+        exchanges: commands and readings that were answered.
+        resends: frames sent again because no answer came in time; ``is_resent``: whether one of this exchange was.
+        stale_answers: answers to another sequence number than the one waited for.
+        crc_errors, skipped_bytes: see ``FrameDecoder``.
+        watchdog_s: silence after which the hub stops its motors.
+        round_trips_s: times from the first sending to the answer, including the commands' duration.
+        ages_s: ages of the observations when they were returned.
+        delays_s: round trips minus the commands' duration, where that is known.
+    """
+
+    exchanges: int = 0
+    resends: int = 0
+    stale_answers: int = 0
+    crc_errors: int = 0
+    skipped_bytes: int = 0
+    watchdog_s: float = 0.0
+    is_resent: bool = False
+    round_trips_s: deque[float] = field(default_factory=_recent)
+    ages_s: deque[float] = field(default_factory=_recent)
+    delays_s: deque[float] = field(default_factory=_recent)
+
+    @property
+    def round_trip_p50_s(self) -> float:
+        return percentile(self.round_trips_s, 50)
+
+    @property
+    def round_trip_p99_s(self) -> float:
+        return percentile(self.round_trips_s, 99)
+
+    @property
+    def age_p50_s(self) -> float:
+        return percentile(self.ages_s, 50)
+
+    @property
+    def age_p99_s(self) -> float:
+        return percentile(self.ages_s, 99)
+
+    def count_resend(self) -> None:
+        """Count a frame that is sent again."""
+        self.resends += 1
+        self.is_resent = True
+
+    def record(self, round_trip_s: float, age_s: float, move_s: float | None) -> None:
+        """Count an exchange. ``move_s`` is the duration of its command, ``None`` if unknown.
+
+        Waiting for a lost frame is no delay of the link: if counted, it would raise the watchdog's time ever further.
+        """
+        self.exchanges += 1
+        self.ages_s.append(age_s)
+        self.round_trips_s.append(round_trip_s)
+        if move_s is not None and not self.is_resent:
+            self.delays_s.append(max(0.0, round_trip_s - move_s))

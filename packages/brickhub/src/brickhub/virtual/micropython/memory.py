@@ -1,0 +1,172 @@
+"""Memory of a hub: whether a program's objects fit into its heap, and how deep its functions can call each other.
+
+Sizes of objects are those of MicroPython 1.26 on 32 bits (``py/gc.c``, ``py/obj*.c``), without the program itself and
+fragmentation: a program that runs out of memory here does so on a hub, a little earlier. The stack goes by the firmware (Pybricks
+4.1: ``_common/micropython.c``, ``py/objfun.c``).
+"""
+
+from __future__ import annotations
+
+import gc
+import itertools
+import sys
+from collections.abc import Callable, Iterable
+from types import CellType, CoroutineType, FrameType, FunctionType, GeneratorType, MethodType
+from typing import Any
+
+from brickhub.robot import HubKind, HubModel
+from brickhub.virtual.micropython.exceptions import FIRMWARE, is_native, is_own, local_values
+
+MOST_BYTES = max(kind.model.program_bytes for kind in HubKind)
+"""Memory of the largest hub."""
+BLOCK_BYTES = 16
+"""Bytes of a block of MicroPython's heap."""
+_REFERENCE_BYTES = 4
+_TABLES_SHARE = 12 / 524
+"""Share of the garbage collector's tables: 1 byte for each 4 blocks, 1 for each 8 (``gc_setup_area``)."""
+_OBJECT = 2 * BLOCK_BYTES
+"""Object of the firmware, such as a motor; an estimate."""
+_LONG_BYTES = 256
+"""Least size of an object for which a hub that is full has memory for the message."""
+_LONGEST_INTERVAL = 1024
+"""Branches between two checks of a program that does not grow."""
+_KEPT_BYTES = 1024 + 250
+"""Kept free for what interrupts a program; before its first line, and to look at the stack."""
+_VARIABLES_BYTES = 40
+"""Variables of a small function. They take 24 to 64 bytes; those that need more are on the heap."""
+
+
+def check_allocation(size_bytes: int) -> None:
+    """Raise MemoryError for an object that fits on no hub."""
+    if size_bytes > MOST_BYTES:
+        raise MemoryError(f"memory allocation failed, allocating {size_bytes} bytes")
+
+
+def items_of(values: Iterable[Any], item_bytes: int = _REFERENCE_BYTES) -> list[Any]:
+    """A list of an iterable's items. Raises MemoryError if there are more than fit on any hub."""
+    items: list[Any] = []
+    extend(items, values, item_bytes)
+    return items
+
+
+def extend(items: list[Any], values: Iterable[Any], item_bytes: int = _REFERENCE_BYTES) -> None:
+    """Append an iterable's items one by one. Raises MemoryError if there are more than fit on any hub."""
+    items.extend(itertools.islice(values, MOST_BYTES // item_bytes + 1))
+    check_allocation(item_bytes * len(items))
+
+
+class Heap:
+    """Heap of one kind of hub.
+
+    Attributes:
+        size_bytes: for objects.
+        namespaces: globals of the program and of its modules.
+    """
+
+    def __init__(self, hub: HubModel) -> None:
+        self.size_bytes = int((hub.program_bytes - hub.stored_bytes) * (1.0 - _TABLES_SHARE))
+        self.namespaces: list[dict[str, Any]] = []
+        self._used_bytes, self._interval = 0, 1
+
+    def statistics(self) -> tuple[int, int]:
+        """Bytes of all objects that the program can reach, and of the rest, negative if they do not fit."""
+        roots: list[Any] = [*self.namespaces]
+        frame: FrameType | None = sys._getframe()
+        while frame is not None:
+            if "@n" in frame.f_builtins:
+                roots += local_values(frame)
+            frame = frame.f_back
+        used_bytes, seen = 0, set[int]()
+        while roots:
+            value = roots.pop()
+            if value is None or isinstance(value, int) or id(value) in seen:  # a hub's integers are in their references
+                continue
+            seen.add(id(value))
+            size, parts = _size_and_parts(value)
+            used_bytes += size
+            roots += parts
+        return used_bytes, self.size_bytes - used_bytes
+
+    def check(self) -> int:
+        """The number of branches until the next check: the earlier, the faster the program grows. Raises MemoryError if the
+        objects do not fit."""
+        used_bytes, free_bytes = self.statistics()
+        growth, self._used_bytes = max(0, used_bytes - self._used_bytes), used_bytes
+        branch_bytes = growth // self._interval
+        longest = self._interval * min(2.0, free_bytes / (4 * growth) if growth else 2.0)
+        self._interval = max(1, min(round(longest), _LONGEST_INTERVAL))
+        if free_bytes < 0:
+            if branch_bytes < _LONG_BYTES:  # nothing is left for a message
+                raise MemoryError
+            raise MemoryError(f"memory allocation failed, allocating {branch_bytes} bytes")
+        return self._interval
+
+
+def _size_and_parts(value: Any) -> tuple[int, Iterable[Any]]:
+    """Size of an object itself, and the objects that it refers to."""
+    match value:
+        case bytearray() | bytes():
+            return BLOCK_BYTES + _blocks(len(value)), ()
+        case str():
+            return BLOCK_BYTES + _blocks(len(value.encode("utf-8", "surrogatepass")) + 1), ()
+        case list():
+            return BLOCK_BYTES + _blocks(4 * _slots(value)), value
+        case tuple():
+            return _blocks(8 + 4 * len(value)), value
+        case dict():
+            names = [name for name in value if not (isinstance(name, str) and name.startswith("__"))]
+            parts = [name for name in names if not isinstance(name, str)]  # most texts are in the table of names
+            return BLOCK_BYTES + _blocks(8 * len(names)), [*parts, *(value[name] for name in names)]
+        case set() | frozenset():
+            return BLOCK_BYTES + _blocks(4 * len(value)), value
+        case float():
+            return BLOCK_BYTES, ()
+        case FunctionType() if not value.__module__.startswith(FIRMWARE):
+            cells = value.__closure__ or ()
+            return BLOCK_BYTES * (2 if cells else 1), (*cells, *(value.__defaults__ or ()))
+        case CellType():
+            return BLOCK_BYTES, gc.get_referents(value)
+        case MethodType():
+            return BLOCK_BYTES, (value.__self__,)
+        case GeneratorType() | CoroutineType():
+            code = value.gi_code if isinstance(value, GeneratorType) else value.cr_code
+            return BLOCK_BYTES + _blocks(4 * (code.co_nlocals + code.co_stacksize)), gc.get_referents(value)
+        case type() if not is_native(value):
+            return BLOCK_BYTES, (dict(value.__dict__),)
+        case _ if not is_native(type(value)) and hasattr(value, "__dict__"):
+            return BLOCK_BYTES + _blocks(8 * len(value.__dict__)), value.__dict__.values()
+    return (0 if isinstance(value, type | FunctionType) else _OBJECT), ()
+
+
+def _blocks(size_bytes: int) -> int:
+    """A size in whole blocks, bytes."""
+    return -(-size_bytes // BLOCK_BYTES) * BLOCK_BYTES
+
+
+def _slots(items: list[Any]) -> int:
+    """Slots of a list: as many as items at first, at least 4; twice as many whenever it is full."""
+    spare = sys.getsizeof(items) - sys.getsizeof([]) - 8 * len(items)
+    return max(4, len(items)) if spare <= 0 else 1 << max(2, (len(items) - 1).bit_length())
+
+
+def most_nested_calls(hub: HubKind) -> int:
+    """How many functions, and the program itself, can wait for each other on a kind of hub."""
+    return (hub.model.stack_bytes - _KEPT_BYTES) // (hub.model.call_bytes + _VARIABLES_BYTES)
+
+
+def check_of_calls(most: int) -> Callable[[Any], Any]:
+    """A function that returns its argument, which is called next. It raises RuntimeError if that is a function of the program
+    and ``most`` calls are nested already."""
+
+    def callee(function: Any) -> Any:
+        if is_own(getattr(function, "__func__", function)):
+            nested = 0
+            frame: FrameType | None = sys._getframe(1)
+            while frame is not None:
+                nested += "@n" in frame.f_builtins
+                frame = frame.f_back
+            if nested >= most:
+                raise RuntimeError("maximum recursion depth exceeded")
+        return function
+
+    return callee

@@ -1,1 +1,0 @@
-"""Program text: what differs from Python is rewritten before it is compiled."""

@@ -1,0 +1,98 @@
+"""Arguments of a program's calls, checked and converted as by the firmware, and its errors."""
+
+from __future__ import annotations
+
+import errno
+from collections.abc import Sequence
+from typing import Any
+
+from brickhub.virtual.micropython.exceptions import HubOSError
+
+_HINTS = """--> Check the line in your script that matches
+    the line number given in the 'Traceback' above.
+
+"""
+_NOT_CONNECTED = "A sensor or motor is not connected to the specified port"
+
+
+def _explained(problem: str, *checks: str) -> str:
+    return "".join((f"\n\n{problem}:\n", *(f"--> Check {check}.\n" for check in checks), _HINTS))
+
+
+_MESSAGES = {
+    errno.ENODEV: _explained(_NOT_CONNECTED, "the cables to each motor and sensor", "the port settings in your script"),
+    errno.EOPNOTSUPP: _explained(
+        "The requested operation is not supported on this device", "the documentation for device compatibility"
+    ),
+    errno.EPERM: _explained(
+        "The requested operation is not valid in the current state", "the documentation for required conditions"
+    ),
+    errno.EBUSY: "Device or resource busy",
+    errno.ETIMEDOUT: "Timed out",
+}
+
+
+def os_error(code: int) -> HubOSError:
+    """The firmware's error for a number, with its text."""
+    return HubOSError(code, _MESSAGES[code])
+
+
+def get_int(value: Any) -> int:
+    """An integer; floats are truncated, as mostly in the firmware. Raises TypeError if it is not a number."""
+    if type(value) is int:
+        return value
+    if isinstance(value, int | float):
+        if value != value:
+            raise ValueError("Invalid argument")
+        return int(value)
+    raise TypeError(f"can't convert {type(value).__name__} to int")
+
+
+def get_exact_int(value: Any) -> int:
+    """An integer (``mp_obj_get_int``). Raises TypeError for anything else, floats included."""
+    if not isinstance(value, int):
+        raise TypeError(f"can't convert {type(value).__name__} to int")
+    return int(value)
+
+
+def percentage(value: Any) -> int:
+    """An integer, clamped to 0..100."""
+    return max(0, min(100, get_int(value)))
+
+
+def get_number(value: Any) -> float:
+    """A float. Raises TypeError if it is not a number."""
+    if not isinstance(value, int | float):
+        raise TypeError(f"can't convert {type(value).__name__} to float")
+    return float(value)
+
+
+def get_text(value: Any) -> str:
+    """Text, or bytes as text. Raises TypeError if it is neither."""
+    if not isinstance(value, str | bytes):
+        raise TypeError(f"can't convert '{type(value).__name__}' object to str implicitly")
+    return value if isinstance(value, str) else value.decode("latin-1")
+
+
+def get_array(value: Any) -> Sequence[Any]:
+    """A tuple or list, unchanged. Raises TypeError if it is neither."""
+    if not isinstance(value, list | tuple):
+        raise TypeError(f"object '{type(value).__name__}' isn't a tuple or list")
+    return value
+
+
+def get_scaled(value: Any, scale: int) -> int:
+    """A number in units of 1/``scale``."""
+    return int(value * scale) if isinstance(value, float) else get_int(value) * scale
+
+
+def expect(condition: object) -> None:
+    """Raise the firmware's ValueError unless a condition holds."""
+    if not condition:
+        raise ValueError("Invalid argument")
+
+
+def expect_type(value: Any, kind: type) -> None:
+    """Raise the firmware's TypeError for a value of another class."""
+    if not isinstance(value, kind):
+        raise TypeError(f"can't convert {type(value).__name__} to {kind.__name__}")

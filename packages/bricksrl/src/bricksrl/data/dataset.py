@@ -1,0 +1,408 @@
+"""Dataset on the disk: its description, its episodes, and a row about each (``meta/episodes``).
+
+The rows have LeRobot's columns, and ours with the provenance of an episode.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from brickhub.fields import check_fields
+from brickhub.files import folder_with, quoted, write_durably
+from bricksrl.data.columns import (
+    RESTORE,
+    STATISTICS,
+    Statistics,
+    arrow_types,
+    column_statistics,
+    encode,
+    join_statistics,
+    read_bytes,
+    read_parquet,
+    to_parquet,
+    to_table,
+)
+from bricksrl.data.schema import CHUNK_SIZE, CODEBASE_VERSION, FILES, Description
+from bricksrl.errors import DataError, counted
+
+
+@dataclass(frozen=True)
+class About:
+    """Provenance of an episode: policy, seed, hub, versions, success.
+
+    Attributes:
+        policy: source of the actions, such as ``"random"``, ``"sac"``, ``"keyboard"``.
+        seed: seed of the episode; ``None`` if none was given.
+        success: success by the task; ``None`` if it defines none.
+        whole: whether the episode ran to its end; false if it was interrupted.
+        started: date and time of its start, with the time zone.
+        hub: how the robot was reached.
+        robot: name of the robot, if several recorded together.
+        program_hash: hash of the program on its hub; ``None`` without a hub.
+        versions: versions of the recording packages.
+        physics: physics of a virtual robot, as plain values.
+    """
+
+    policy: str = ""
+    seed: int | None = None
+    success: bool | None = None
+    whole: bool = True
+    started: str = ""
+    hub: str = ""
+    robot: str = ""
+    program_hash: int | None = None
+    versions: dict[str, str] = field(default_factory=dict)
+    physics: dict[str, float] = field(default_factory=dict)
+
+
+_TEXT, _INT, _FLOAT, _BOOL = pa.string(), pa.int64(), pa.float64(), pa.bool_()
+_TYPES = {"str": _TEXT, "int | None": _INT, "bool": _BOOL, "bool | None": _BOOL}
+_ABOUT = {attribute.name: _TYPES[str(attribute.type)] for attribute in fields(About) if attribute.type in _TYPES}
+_ABOUT_JSON = [attribute.name for attribute in fields(About) if attribute.name not in _ABOUT]
+"""Attributes of `About`: columns of their own, and dictionaries as texts."""
+
+
+@dataclass(frozen=True)
+class EpisodeRow:
+    """Row of an episode in ``meta/episodes``.
+
+    Attributes:
+        start: first row of the episode in the dataset.
+        data_file: number of the file with its steps; ``data_sha256`` is the file's digest, ``None`` if none was recorded.
+        video_file, video_start_s, video_sha256: the same for its images.
+        final_image: raw bytes of the image after the last step, which the video does not have.
+        return_: sum of its rewards.
+        statistics: statistics of its columns.
+    """
+
+    episode: int
+    length: int
+    start: int
+    return_: float
+    terminated: bool
+    interventions: int
+    data_file: int
+    data_sha256: str | None
+    statistics: dict[str, Statistics]
+    about: About
+    video_file: int = 0
+    video_start_s: float = 0.0
+    video_sha256: str | None = None
+    final_image: bytes | None = None
+
+
+@dataclass(frozen=True)
+class Episode:
+    """Complete episode: its provenance, and columns ``[length, ...]``.
+
+    Attributes:
+        images: before each step and after the last one, ``[length + 1, side, side, 3]``, with a camera.
+        image_statistics: statistics of the images before the steps.
+    """
+
+    about: About
+    columns: dict[str, NDArray[Any]]
+    images: NDArray[np.uint8] | None = None
+    image_statistics: Statistics | None = None
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """Dataset in a folder.
+
+    Attributes:
+        rows: rows of its committed episodes, in order and contiguous.
+        row_files: number of files with rows.
+    """
+
+    root: Path
+    description: Description
+    rows: tuple[EpisodeRow, ...] = ()
+    row_files: int = 0
+
+    @property
+    def steps(self) -> int:
+        """Number of steps of all episodes."""
+        return sum(row.length for row in self.rows)
+
+    @property
+    def data_files(self) -> int:
+        """Number of files with steps, and so the number of the next one; a merged dataset has fewer files with rows."""
+        return 1 + max((row.data_file for row in self.rows), default=-1)
+
+    def path(self, kind: str, number: int = 0) -> Path:
+        """Path of a file of a kind in ``FILES``, or of that ``number`` with steps, images or rows."""
+        chunk, file = divmod(number, CHUNK_SIZE)
+        return self.root / FILES[kind].format(video_key=self.description.image_key, chunk_index=chunk, file_index=file)
+
+    def unfinished_files(self) -> list[Path]:
+        """Files of an episode without a row, because its writer was killed."""
+        at = self.data_files
+        if self.path("data", at + 1).exists() or self.path("episodes", self.row_files + 1).exists():
+            return []  # a killed writer leaves one at most: here row files are missing
+        return [path for path in (self.path("data", at), self.path("video", at)) if path.exists()]
+
+    def check_order(self, episodes: int) -> None:
+        """Raise DataError unless the rows are those of ``episodes`` consecutive episodes."""
+        root, start = self.root, 0
+        for number, row in enumerate(self.rows):
+            if row.episode != number or row.start != start:
+                raise DataError(f"the rows in {root / 'meta/episodes'} are not in order at episode {number}; restore them")
+            start += row.length
+        if len(self.rows) != episodes:
+            raise DataError(
+                f"{self.path('info')} counts {counted(episodes, 'episode')} and meta/episodes holds {len(self.rows)}; "
+                f"restore it from a copy, or run `bricksrl data repair {quoted(root)}`"
+            )
+
+    def has_task(self) -> bool:
+        """True if ``meta/tasks.parquet`` holds the task of the episodes only."""
+        try:
+            return bool(read_parquet(self.path("tasks")).to_pylist() == [{"task_index": 0, "task": self.description.env}])
+        except DataError:
+            return False
+
+    def write_description(self) -> None:
+        """Write the files that do not depend on the episodes."""
+        write_durably(self.path("description"), self.description.to_json())
+        self.write_task()
+
+    def write_task(self) -> None:
+        """Write ``meta/tasks.parquet``: the only instruction is the id of the environment; for LeRobot it is pandas' index."""
+        column = {"field_name": None, "metadata": None}
+        pandas = {
+            "index_columns": ["task"],
+            "column_indexes": [{"name": None, "pandas_type": "unicode", "numpy_type": "object", **column}],
+            "columns": [
+                {"name": "task_index", "pandas_type": "int64", "numpy_type": "int64", **column, "field_name": "task_index"},
+                {"name": "task", "pandas_type": "unicode", "numpy_type": "object", **column, "field_name": "task"},
+            ],
+            "creator": {"library": "pyarrow", "version": pa.__version__},
+            "pandas_version": "2.0.0",
+        }
+        table = pa.table({"task_index": pa.array([0], _INT), "task": pa.array([self.description.env], _TEXT)})
+        write_durably(self.path("tasks"), to_parquet(table.replace_schema_metadata({"pandas": json.dumps(pandas)})))
+
+    def write_episodes(self, episodes: Sequence[Episode]) -> Dataset:
+        """Write the next data file and, with a camera, the next video file, with these episodes; returns the dataset with their
+        rows, which `write_rows` writes."""
+        description, key, at = self.description, self.description.image_key, self.data_files
+        rows, tables, images = [], [], []
+        start, video_s = self.steps, 0.0
+        for number, episode in enumerate(episodes, len(self.rows)):
+            length = len(episode.columns["index"])
+            own = {"episode_index": np.full(length, number), "index": np.arange(start, start + length)}
+            columns = {name: (episode.columns | own)[name] for name in arrow_types(description)}
+            tables.append(to_table(columns, description))
+            row = EpisodeRow(
+                episode=number,
+                length=length,
+                start=start,
+                return_=float(columns["next.reward"].sum(dtype=np.float64)),
+                terminated=bool(columns["next.terminated"][-1]),
+                interventions=int(columns["intervention"].sum()),
+                data_file=at,
+                data_sha256=None,
+                statistics={name: column_statistics(values) for name, values in columns.items()},
+                about=episode.about,
+                video_file=at,
+                video_start_s=video_s,
+            )
+            if key is not None and episode.images is not None and episode.image_statistics is not None:
+                images.append(episode.images[:-1])
+                row.statistics[key] = episode.image_statistics
+                row = replace(row, final_image=episode.images[-1].tobytes())
+            rows.append(row)
+            start += length
+            video_s += length / description.rate_hz
+        data = to_parquet(pa.concat_tables(tables))
+        write_durably(self.path("data", at), data)
+        rows = [replace(row, data_sha256=hashlib.sha256(data).hexdigest()) for row in rows]
+        if images:
+            video = encode(np.concatenate(images), description.rate_hz)
+            write_durably(self.path("video", at), video)
+            rows = [replace(row, video_sha256=hashlib.sha256(video).hexdigest()) for row in rows]
+        return replace(self, rows=(*self.rows, *rows))
+
+    def write_rows(self, first: int) -> Dataset:
+        """Write the rows from episode ``first`` on into the next file of rows; returns the dataset with it."""
+        rows, at = self.rows[first:], self.row_files
+        cells: dict[str, tuple[list[Any], pa.DataType]] = {
+            "episode_index": ([row.episode for row in rows], _INT),
+            "tasks": ([[self.description.env]] * len(rows), pa.list_(_TEXT)),
+            "length": ([row.length for row in rows], _INT),
+            "data/chunk_index": ([row.data_file // CHUNK_SIZE for row in rows], _INT),
+            "data/file_index": ([row.data_file % CHUNK_SIZE for row in rows], _INT),
+            "data/sha256": ([row.data_sha256 for row in rows], _TEXT),
+            "dataset_from_index": ([row.start for row in rows], _INT),
+            "dataset_to_index": ([row.start + row.length for row in rows], _INT),
+            "meta/episodes/chunk_index": ([at // CHUNK_SIZE] * len(rows), _INT),
+            "meta/episodes/file_index": ([at % CHUNK_SIZE] * len(rows), _INT),
+            "return": ([row.return_ for row in rows], _FLOAT),
+            "terminated": ([row.terminated for row in rows], _BOOL),
+            "interventions": ([row.interventions for row in rows], _INT),
+            **{name: ([getattr(row.about, name) for row in rows], type_) for name, type_ in _ABOUT.items()},
+            **{name: ([json.dumps(getattr(row.about, name)) for row in rows], _TEXT) for name in _ABOUT_JSON},
+        }
+        key = self.description.image_key
+        if key is not None:
+            cells |= {
+                f"videos/{key}/chunk_index": ([row.video_file // CHUNK_SIZE for row in rows], _INT),
+                f"videos/{key}/file_index": ([row.video_file % CHUNK_SIZE for row in rows], _INT),
+                f"videos/{key}/from_timestamp": ([row.video_start_s for row in rows], _FLOAT),
+                f"videos/{key}/to_timestamp": (
+                    [row.video_start_s + row.length / self.description.rate_hz for row in rows],
+                    _FLOAT,
+                ),
+                f"videos/{key}/sha256": ([row.video_sha256 for row in rows], _TEXT),
+                f"final/{key}": ([row.final_image for row in rows], pa.binary()),
+            }
+        for name, feature in self.description.features.items():
+            type_ = pa.list_(pa.list_(pa.list_(_FLOAT))) if feature["dtype"] == "video" else pa.list_(_FLOAT)
+            for number, stat in enumerate(STATISTICS):
+                cells[f"stats/{name}/{stat}"] = [row.statistics[name][0][number].tolist() for row in rows], type_
+            cells[f"stats/{name}/count"] = [[row.statistics[name][1]] for row in rows], pa.list_(_INT)
+        table = pa.table({name: pa.array(values, type_) for name, (values, type_) in cells.items()})
+        write_durably(self.path("episodes", at), to_parquet(table))
+        return replace(self, row_files=at + 1)
+
+    def write_index(self) -> None:
+        """Write the joint statistics and the number of episodes; the latter comes last, and commits the newest episode."""
+        write_durably(self.path("stats"), to_json(join_statistics([row.statistics for row in self.rows])))
+        write_durably(self.path("info"), to_json(self.description.info(len(self.rows), self.steps)))
+
+
+def is_dataset(root: Path) -> bool:
+    """True if the folder has a dataset, even an empty one."""
+    return any((root / FILES[kind]).exists() for kind in ("description", "info"))
+
+
+def dataset_folder(path: Path | str) -> Path:
+    """Folder of the dataset: the given one, or ``data`` in the folder of a run."""
+    path, info = Path(path), FILES["info"]
+    return path / "data" if (path / "data" / info).exists() and not (path / info).exists() else path
+
+
+def read_dataset(path: Path | str) -> Dataset:
+    """Read the dataset in a folder, or in the folder of a run, without its steps. Raises DataError if there is no dataset, it is
+    damaged, or it was not made by BricksRL."""
+    root, info = dataset_folder(path), FILES["info"]
+    if not (root / info).exists():
+        raise DataError(f"there is no dataset in {root}; choose {folder_with(root, info, f'data/{info}')}")
+    description = read_description(root)
+    episodes = read_episode_count(root, description)
+    dataset = read_all_rows(root, description)
+    dataset = replace(dataset, rows=dataset.rows[:episodes])  # later rows are from an unfinished commit of a killed writer
+    dataset.check_order(episodes)
+    return dataset
+
+
+def read_description(root: Path) -> Description:
+    """Read the description in ``meta/bricksrl.json``. Raises DataError if it is damaged or missing."""
+    path = root / FILES["description"]
+    if not path.exists():
+        raise DataError(f"the dataset in {root} was not made by BricksRL: it has no meta/bricksrl.json; choose another")
+    return Description.from_json(read_bytes(path), str(path))
+
+
+def read_episode_count(root: Path, description: Description) -> int:
+    """Read the number of committed episodes. Raises DataError if the file is damaged, or of another dataset."""
+    path, repair = root / FILES["info"], f"run `bricksrl data repair {quoted(root)}`"
+    try:
+        data = json.loads(read_bytes(path))
+    except (ValueError, RecursionError):
+        raise DataError(f"{path} is not JSON; restore it, or {repair}") from None
+    if not isinstance(data, dict) or data.get("codebase_version") != CODEBASE_VERSION:
+        raise DataError(f"{path} is of no dataset in LeRobot's format {CODEBASE_VERSION}; choose another")
+    if data.get("features") != description.features or data.get("data_path") != FILES["data"]:
+        raise DataError(f"{path} and bricksrl.json disagree about the columns; restore both from one copy")
+    episodes = data.get("total_episodes")
+    if type(episodes) is not int or episodes < 0:
+        raise DataError(f"{path} does not count its episodes; {repair}")
+    return episodes
+
+
+def read_all_rows(root: Path, description: Description) -> Dataset:
+    """Read the rows of all consecutive files, including those of an unfinished commit."""
+    dataset, rows = Dataset(root, description), []
+    while (path := dataset.path("episodes", dataset.row_files)).exists():
+        rows += read_rows(path, description)
+        dataset = replace(dataset, row_files=dataset.row_files + 1)
+    return replace(dataset, rows=tuple(rows))
+
+
+def to_json(value: Any) -> bytes:
+    """JSON in LeRobot's formatting."""
+    return (json.dumps(value, indent=4) + "\n").encode()
+
+
+def read_rows(path: Path, description: Description) -> list[EpisodeRow]:
+    """Read the rows in a file. Raises DataError if the file is missing, damaged or not of such a dataset."""
+    records = read_parquet(path).to_pylist()
+    try:
+        return [_row(record, description) for record in records]
+    except (AttributeError, KeyError, TypeError, ValueError, OverflowError, RecursionError):
+        raise DataError(f"{path} holds rows that are not ours; {RESTORE}") from None
+
+
+def _row(record: dict[str, Any], description: Description) -> EpisodeRow:
+    key = description.image_key
+    video: dict[str, Any] = {}
+    if key is not None:
+        video = {
+            "video_file": _file(record, f"videos/{key}"),
+            "video_start_s": float(record[f"videos/{key}/from_timestamp"]),
+            "video_sha256": record[f"videos/{key}/sha256"],
+            "final_image": record[f"final/{key}"],
+        }
+    about = {name: record[name] for name in _ABOUT if name in record}  # older datasets name no robot
+    about |= {name: json.loads(record[name]) for name in _ABOUT_JSON}
+    check_fields(About, about)
+    row = EpisodeRow(
+        episode=int(record["episode_index"]),
+        length=int(record["length"]),
+        start=int(record["dataset_from_index"]),
+        return_=float(record["return"]),
+        terminated=bool(record["terminated"]),
+        interventions=int(record["interventions"]),
+        data_file=_file(record, "data"),
+        data_sha256=record["data/sha256"],
+        statistics=_statistics(record, description),
+        about=About(**about),
+        **video,
+    )
+    if row.length < 1 or row.start < 0 or row.episode < 0:
+        raise ValueError("an episode without steps")
+    digests = isinstance(row.data_sha256, str | None) and isinstance(row.video_sha256, str | None)
+    if not digests or not isinstance(row.final_image, bytes | None):
+        raise TypeError("another type")
+    return row
+
+
+def _file(record: dict[str, Any], prefix: str) -> int:
+    """Number of a file, from its chunk folder and its number in it."""
+    chunk, file = int(record[f"{prefix}/chunk_index"]), int(record[f"{prefix}/file_index"])
+    if chunk < 0 or not 0 <= file < CHUNK_SIZE:
+        raise ValueError("a file with an impossible number")
+    return chunk * CHUNK_SIZE + file
+
+
+def _statistics(record: dict[str, Any], description: Description) -> dict[str, Statistics]:
+    statistics = {}
+    for name, feature in description.features.items():
+        values = np.array([record[f"stats/{name}/{stat}"] for stat in STATISTICS], np.float64)
+        [count] = record[f"stats/{name}/count"]
+        expected = (3, 1, 1) if feature["dtype"] == "video" else tuple(feature["shape"])
+        if values.shape != (4, *expected) or type(count) is not int or count < 1:
+            raise ValueError("statistics of something else")
+        statistics[name] = values, count
+    return statistics

@@ -1,0 +1,361 @@
+"""Gymnasium interface: ``gymnasium.make("bricksrl/RunAway-v0")`` after ``import bricksrl``.
+
+Gymnasium calls each id that has a later version out of date. Here a later version is another task: ``Walker-v0`` is the paper's.
+``gymnasium.make(gymnasium.spec("bricksrl/Walker-v0"))`` does not warn.
+
+Gymnasium truncates after the number of steps that an id has without options. With an option that makes episodes longer, give the
+number too: ``gymnasium.make("bricksrl/Walker-v0", step_ms=100, max_episode_steps=250)``.
+
+Wrappers show goals as Gymnasium's environments of robots have them, for hindsight experience replay of other libraries.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import gymnasium
+import numpy as np
+import torch
+from gymnasium.spaces import Box, Dict
+from gymnasium.utils import RecordConstructorArgs
+from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+from tensordict import TensorDict, TensorDictBase
+
+from bricksrl.envs.options import EnvOptions
+from bricksrl.envs.registry import is_simulation, make
+from bricksrl.envs.rollout import link_lost
+from bricksrl.envs.specs import ObservationLayout, clamped
+from bricksrl.envs.task import metrics_of, success_of
+from bricksrl.errors import BricksError, DescriptionError, RenderingUnavailableError, UnknownOptionError
+
+if TYPE_CHECKING:
+    from bricksrl.envs.env import HubEnv
+    from bricksrl.envs.simulation import SimulatedEnv
+    from bricksrl.envs.task import Task
+    from bricktwin.twin.render.opengl import Renderer
+
+Array = NDArray[np.float32]
+Observation = Array | dict[str, NDArray[Any]]
+
+
+class GymnasiumEnv(gymnasium.Env[Observation, Array]):
+    """A BricksRL environment with Gymnasium's interface.
+
+    Observation and action are float32 arrays with the bounds of the task's tables; where a range is only nominal, the bounds
+    are those that a hub can report. With a camera, the observation is a dict of this array, "observation", and the uint8
+    "image". ``info`` holds the task's metrics of the episode so far and, at its end, ``success``.
+
+    Args:
+        env_id: id of the environment, such as ``"RunAway-v0"``.
+        render_mode: ``None``, or ``"rgb_array"`` to draw a virtual robot.
+        options, named: as in :func:`bricksrl.make`.
+    """
+
+    metadata = {"render_modes": ["rgb_array"]}  # noqa: RUF012 - as Gymnasium declares it
+
+    def __init__(self, env_id: str, render_mode: str | None = None, options: EnvOptions | None = None, **named: Any) -> None:
+        if is_simulation(env_id):
+            if render_mode is not None:
+                raise UnknownOptionError(f"{env_id} simulates no body that could be drawn; omit render_mode")
+            if named.get("batch_size") or named.get("device", "cpu") != "cpu":
+                remedy = "omit batch_size and device, or use bricksrl.make"
+                raise UnknownOptionError(f"Gymnasium's {env_id} is one environment on the CPU; {remedy}")
+            self.metadata = {"render_modes": []}
+        self.env: HubEnv | SimulatedEnv = make(env_id, options, **named)
+        self.metadata = {**self.metadata, "render_fps": max(1, round(self.env.task.rate_hz))}
+        self.render_mode = render_mode
+        self._observations: list[torch.Tensor] = []
+        self._renderer: Renderer | None = None
+        vector = _box(self.env.task)
+        camera = self.env.task.camera
+        self.observation_space: gymnasium.Space[Any] = vector
+        if camera is not None:
+            image = Box(0, 255, (camera.image_px, camera.image_px, 3), np.uint8)
+            self.observation_space = Dict({"observation": vector, "image": image})
+        self.action_space = Box(-1.0, 1.0, self.env.action_spec.shape)
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, dict[str, Any]]:
+        """Start an episode. A seed makes this and all later episodes reproducible."""
+        super().reset(seed=seed)
+        if seed is not None:
+            self.env.set_seed(seed)
+            self._close_renderer()  # its virtual robot is replaced by the new seed
+        self._observations = []
+        return self._observation(self.env.reset()), {}
+
+    def step(self, action: Array) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Take one step; returns observation, reward, terminated, truncated and info."""
+        sent = TensorDict({"action": torch.tensor(action, dtype=torch.float32)}, batch_size=())
+        result = self.env.step(sent)["next"]
+        terminated, truncated = bool(result["terminated"]), bool(result["truncated"])
+        if link_lost(sent.set("next", result)):
+            return self._observation(result), 0.0, False, True, {"link_lost": True}
+        self._observations.append(result["observation"].clone())
+        episode = self.env.task_observations(torch.stack(self._observations))
+        info: dict[str, Any] = dict(metrics_of(self.env.task, episode))
+        if terminated or truncated:
+            info["success"] = success_of(self.env.task, episode)
+        return self._observation(result), float(result["reward"]), terminated, truncated, info
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """Image of the virtual robot, uint8 ``[height, width, 3]``; ``None`` without a render mode. Raises
+        RenderingUnavailableError if the robot is real, or OpenGL is missing."""
+        if self.render_mode is None:
+            return None
+        if self._renderer is None:
+            from bricktwin.twin.mujoco_body import MujocoBody
+            from bricktwin.twin.render.opengl import Renderer
+
+            body = None if self.env.twin is None else self.env.twin.body
+            if not isinstance(body, MujocoBody):
+                raise RenderingUnavailableError(f"the robot of {self.env.task.id} has no picture; use hub='virtual'")
+            self._renderer = Renderer(body)
+        return self._renderer.render()
+
+    def close(self) -> None:
+        """Stop the robot and close the link. May be called twice."""
+        self._close_renderer()
+        self.env.close()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Pickled without an episode, as ``env`` is."""
+        return {**self.__dict__, "_observations": [], "_renderer": None}
+
+    def _close_renderer(self) -> None:
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
+    def _observation(self, state: TensorDictBase) -> Observation:
+        vector: Array = state["observation"].numpy()
+        return vector if self.env.task.camera is None else {"observation": vector, "image": state["image"].numpy()}
+
+
+class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
+    """Copies of a simulation as one batch: ``gymnasium.make_vec("bricksrl/WalkerSim-v0", 1024)``.
+
+    The step after the end of an episode resets its copy, ignores the action and has no reward. ``info`` holds the task's metrics
+    and ``success`` of the episodes that just ended. A seed is that of all copies. Arguments are those of `GymnasiumEnv` and:
+
+    Args:
+        autoreset_mode: one of Gymnasium's: ``NEXT_STEP`` as above; ``SAME_STEP`` resets a copy in the step that ends its episode,
+            whose observation and info are then ``final_obs`` and ``final_info``; ``DISABLED`` leaves it to
+            ``reset(options={"reset_mask": ended})``.
+    """
+
+    metadata = {"autoreset_mode": AutoresetMode.NEXT_STEP, "render_modes": []}  # noqa: RUF012 - as Gymnasium declares it
+
+    def __init__(
+        self,
+        env_id: str,
+        num_envs: int = 1,
+        max_episode_steps: int | None = None,
+        render_mode: str | None = None,
+        options: EnvOptions | None = None,
+        autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
+        **named: Any,
+    ) -> None:
+        if render_mode is not None:
+            raise UnknownOptionError(f"{env_id} simulates no body that could be drawn; omit render_mode")
+        try:
+            self.autoreset_mode = AutoresetMode(autoreset_mode)
+        except ValueError:
+            known = ", ".join(mode.value for mode in AutoresetMode)
+            raise UnknownOptionError(f"there is no autoreset_mode {autoreset_mode!r}; choose one of {known}") from None
+        self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
+        self.env: SimulatedEnv = make(env_id, options, batch_size=num_envs, **named)
+        self.num_envs, self._max_steps = num_envs, max_episode_steps or self.env.task.max_steps
+        self.single_observation_space = _box(self.env.task)
+        self.single_action_space = Box(-1.0, 1.0, self.env.action_spec.shape[1:])
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._episodes = torch.zeros(num_envs, self._max_steps, len(self.env.task.entries))
+        self._copies = torch.arange(num_envs)
+        self._steps, self._ended = torch.zeros_like(self._copies), torch.zeros(num_envs, dtype=torch.bool)
+
+    def reset(
+        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Array, dict[str, Any]]:
+        """Start an episode of all copies, or of those in ``options["reset_mask"]``, bool ``[copies]``. A seed makes these and all
+        later episodes reproducible."""
+        if isinstance(seed, list):
+            raise UnknownOptionError(f"{self.env.task.id} has one seed for all copies; give a whole number")
+        super().reset(seed=seed)
+        if seed is not None:
+            self.env.set_seed(seed)
+        mask = (options or {}).get("reset_mask")
+        if mask is not None:
+            copies = np.asarray(mask)
+            if copies.dtype != np.bool_ or copies.shape != (self.num_envs,) or not copies.any():
+                wanted = f"a reset_mask of {self.num_envs} bools, one of them True at least"
+                raise UnknownOptionError(f"{self.env.task.id} needs {wanted}")
+            return self._restart(torch.from_numpy(copies)), {}
+        self._steps, self._ended = torch.zeros_like(self._copies), torch.zeros(self.num_envs, dtype=torch.bool)
+        return self.env.reset()["observation"].cpu().numpy().copy(), {}
+
+    def step(self, actions: Array) -> tuple[Array, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
+        """Take one step in all copies; returns observations, rewards, terminated, truncated and info."""
+        starts = self._ended
+        if self.autoreset_mode is AutoresetMode.DISABLED and starts.any():
+            raise BricksError(f"{self.env.task.id} got a step after the end of an episode; reset with its reset_mask first")
+        batch = clamped(torch.as_tensor(actions, dtype=torch.float32), self.env.action_spec.shape, self.env.task.id)
+        sent = TensorDict({"action": batch}, self.env.batch_size, device=self.env.device)
+        result = self.env.step(sent)["next"]
+        names = ("reward", "terminated", "truncated")
+        reward, terminated, truncated = (result[name].squeeze(-1).cpu().masked_fill(starts, 0) for name in names)
+        observation = self._restart(starts) if starts.any() else result["observation"].cpu().numpy().copy()
+        self._episodes[self._copies, self._steps] = torch.from_numpy(observation)
+        self._steps += ~starts  # the first step overwrites the start
+        truncated |= self._steps >= self._max_steps
+        self._ended = terminated | truncated
+        info = self._info()
+        if self.autoreset_mode is AutoresetMode.SAME_STEP and self._ended.any():
+            ended = self._ended.numpy()
+            final = np.full(self.num_envs, None, dtype=object)  # as in Gymnasium: None for the others
+            for copy in ended.nonzero()[0]:
+                final[copy] = observation[copy]
+            info = {"final_obs": final, "_final_obs": ended, "final_info": info, "_final_info": ended}
+            observation = self._restart(self._ended)
+        return observation, reward.numpy(), terminated.numpy(), truncated.numpy(), info
+
+    def _restart(self, copies: torch.Tensor) -> Array:
+        """Observations of all copies after those of a mask have been reset."""
+        done = dict.fromkeys(self.env.done_keys, copies[:, None].to(self.env.device))
+        state = self.env.maybe_reset(TensorDict(done, self.env.batch_size, device=self.env.device))
+        self._steps, self._ended = self._steps.masked_fill(copies, 0), self._ended & ~copies
+        observation: Array = state["observation"].cpu().numpy().copy()
+        return observation
+
+    def _info(self) -> dict[str, Any]:
+        """Metrics and success of the episodes that just ended, each with a mask of their copies, as in Gymnasium."""
+        info: dict[str, Any] = {}
+        for steps in self._steps[self._ended].unique().tolist():
+            copies = (self._ended & (self._steps == steps)).nonzero().squeeze(-1)
+            episodes = self._episodes[copies, :steps]
+            for name, value in {**self.env.task.metrics(episodes), "success": self.env.task.success(episodes)}.items():
+                info.setdefault(name, torch.zeros(self.num_envs, dtype=value.dtype).numpy())[copies] = value
+        return info | {f"_{name}": self._ended.numpy() for name in info}
+
+    def close_extras(self, **_kwargs: Any) -> None:
+        """Close the simulation."""
+        self.env.close(raise_if_closed=False)
+
+
+def _box(task: Task) -> Box:
+    """Space of a task's observation, without an image."""
+    limits = np.array([entry.bounds for entry in task.entries], dtype=np.float32)
+    return Box(limits[:, 0], limits[:, 1])
+
+
+class _Goals:
+    """Goals in the observation vector of an environment of ours, which ``_find_goals`` looks for, and rewards of other goals."""
+
+    unwrapped: Any
+    _size: int
+    _parts: dict[str, list[int]]
+    """Indices of the entries of each part of an observation."""
+
+    def _find_goals(self, env: Any, vector: gymnasium.Space[Any]) -> None:
+        ours = env.unwrapped
+        pairs = ObservationLayout.of(ours.env).goals if isinstance(ours, GymnasiumEnv | GymnasiumVectorEnv) else ()
+        if not isinstance(vector, Box) or not pairs:
+            raise DescriptionError(f"{env} has no goals in a vector of ours; take one that has, such as bricksrl/RoboArm-v0")
+        self._size = vector.shape[-1]
+        goals, reached = ([pair[k] for pair in pairs] for k in (0, 1))
+        others = [index for index in range(self._size) if index not in goals]
+        self._parts = {"observation": others, "achieved_goal": reached, "desired_goal": goals}
+
+    def _split_space(self, vector: Any) -> gymnasium.Space[Any]:
+        return Dict({name: Box(vector.low[..., part], vector.high[..., part]) for name, part in self._parts.items()})
+
+    def observation(self, observation: Array) -> dict[str, Array]:
+        """Parts of an observation vector."""
+        return {name: observation[..., part] for name, part in self._parts.items()}
+
+    def compute_reward(self, achieved_goal: Array, desired_goal: Array, info: Any) -> Any:
+        """Reward of a step that reached ``achieved_goal [*batch, g]``: a number, or an array ``[*batch]``."""
+        state = self._state(achieved_goal, desired_goal)
+        action = torch.zeros(*state.shape[:-1], len(self._task.interface.commands))
+        return _plain(self._task.reward(state, action, state))
+
+    def compute_terminated(self, achieved_goal: Array, desired_goal: Array, info: Any) -> Any:
+        """Whether such a step ends the episode: a bool, or an array ``[*batch]``."""
+        return _plain(self._task.terminated(self._state(achieved_goal, desired_goal)))
+
+    def compute_truncated(self, achieved_goal: Array, desired_goal: Array, info: Any) -> bool:
+        """False: only time truncates an episode."""
+        return False
+
+    @property
+    def _task(self) -> Task:
+        task: Task = self.unwrapped.env.task
+        return task
+
+    def _state(self, achieved_goal: Array, desired_goal: Array) -> torch.Tensor:
+        achieved, desired = (torch.as_tensor(np.asarray(goal, np.float32)) for goal in (achieved_goal, desired_goal))
+        state = torch.zeros(*achieved.shape[:-1], self._size)
+        state[..., self._parts["achieved_goal"]], state[..., self._parts["desired_goal"]] = achieved, desired
+        return state
+
+
+class GoalObservation(_Goals, gymnasium.ObservationWrapper[dict[str, Array], Array, Any], RecordConstructorArgs):
+    """An environment whose observation vector has entries ``X_goal`` and ``X_angle``, split as in Gymnasium-Robotics.
+
+    The observation is a dict: "observation", all entries that are no goals; "desired_goal", the goals ``[g]``; "achieved_goal",
+    the entries ``[g]`` that are to reach them. `compute_reward` says what a step would have paid with another goal.
+
+    ``GoalObservation(gymnasium.make("bricksrl/RoboArmSim-v0", sparse=True))``
+
+    Args:
+        env: one of ours, from ``gymnasium.make``, whose reward and end depend on goals and reached entries alone.
+
+    Raises:
+        DescriptionError: the environment has no goals, or is not ours.
+    """
+
+    def __init__(self, env: gymnasium.Env[Array, Array]) -> None:
+        RecordConstructorArgs.__init__(self)
+        gymnasium.ObservationWrapper.__init__(self, env)
+        self._find_goals(env, env.observation_space)
+        self.observation_space = self._split_space(env.observation_space)
+
+
+class VectorGoalObservation(_Goals, VectorWrapper):
+    """Copies of a simulation as one batch with goals, each as of `GoalObservation`.
+
+    ``VectorGoalObservation(gymnasium.make_vec("bricksrl/RoboArmSim-v0", 64, sparse=True))``
+
+    Args:
+        envs: one of ours, from ``gymnasium.make_vec``, in any autoreset mode; final observations are split too.
+
+    Raises:
+        DescriptionError: the environment has no goals, or is not ours.
+    """
+
+    def __init__(self, envs: VectorEnv[Array, Array, Any]) -> None:
+        super().__init__(envs)
+        self._find_goals(envs, envs.single_observation_space)
+        self.single_observation_space = self._split_space(envs.single_observation_space)
+        self.observation_space = self._split_space(envs.observation_space)
+
+    def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[dict[str, Array], dict[str, Any]]:
+        """Start an episode of all copies, or of those in ``options["reset_mask"]``."""
+        observations, info = self.env.reset(seed=seed, options=options)
+        return self.observation(observations), info
+
+    def step(self, actions: Array) -> tuple[dict[str, Array], Any, Any, Any, dict[str, Any]]:
+        """Take one step in all copies."""
+        observations, *outcome, info = self.env.step(actions)
+        if "final_obs" in info:
+            for copy in info["_final_obs"].nonzero()[0]:
+                info["final_obs"][copy] = self.observation(info["final_obs"][copy])
+        reward, terminated, truncated = outcome
+        return self.observation(observations), reward, terminated, truncated, info
+
+
+def _plain(values: torch.Tensor) -> Any:
+    """Values ``[*batch, 1]`` as a number, or an array ``[*batch]``."""
+    array: NDArray[Any] = values.squeeze(-1).numpy()
+    return array if array.ndim else array.item()

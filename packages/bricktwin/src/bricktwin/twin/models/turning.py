@@ -1,0 +1,71 @@
+"""Parts that turn visually only: rods between two pins, and shafts and gears; all are found by the names of their bodies.
+
+A rod is modelled as a constant distance between its pins. This takes a fraction of the time of a body with two joints, one of
+which closes a loop. It is drawn as a massless body, fixed to one pin and turned towards the other before rendering.
+"""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from bricktwin.plans.geometry import Floats, Triple
+from bricktwin.twin.models.mjcf import SHAPE_GROUP
+
+SPINNER, _ROD = "spin_", "rod_"
+"""First letters of the names of the bodies."""
+
+
+def add_rod(
+    spec: mujoco.MjSpec, name: str, near: tuple[mujoco.MjsBody, Triple], far: tuple[mujoco.MjsBody, Triple]
+) -> mujoco.MjsBody:
+    """Join two bodies, each given with its pin's position, by a rod of the pins' distance in the initial configuration.
+
+    It has no mass: the bodies carry half of it each. Several rods may have one name, which gets a number.
+
+    Returns:
+        The body to draw the rod on: its origin is the near pin, its z axis points to the far one.
+    """
+    name = _ROD + (name if spec.tendon(_ROD + name) is None else f"{name}_{len(spec.tendons)}")
+    tendon = spec.add_tendon(name=name, group=SHAPE_GROUP)
+    for end, (carrier, pin) in {"near": near, "far": far}.items():
+        tendon.wrap_site(carrier.add_site(name=f"{name}_{end}", pos=list(pin), group=SHAPE_GROUP).name)
+    constraint = spec.add_equality(name=name, type=mujoco.mjtEq.mjEQ_TENDON, objtype=mujoco.mjtObj.mjOBJ_TENDON)
+    constraint.name1, constraint.data[:5] = name, 0.0
+    # Stiff: with MuJoCo's default the ends of a light rod separate by fractions of a millimetre.
+    constraint.solref, constraint.solimp = [2 * spec.option.timestep, 1.0], [0.99, 0.99, 0.001, 0.5, 2.0]
+    body: mujoco.MjsBody = near[0].add_body(name=name, pos=list(near[1]))
+    return body
+
+
+class TurningParts:
+    """Parts of a model that turn visually only."""
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        self._spinners: list[tuple[int, int, float, Floats]] = []
+        """Body, address of the joint's position, ratio and axis [3] of each shaft or gear."""
+        self._rods: list[tuple[int, int]] = []
+        """Body, and site of the far pin of each rod."""
+        for body in range(model.nbody):
+            full_name = model.body(body).name
+            robot, slash, name = full_name.rpartition("/")  # "ROBOT/" in an arena
+            if name.startswith(SPINNER) and model.nuser_body:
+                ratio, *axis = model.body_user[body, :4].tolist()
+                address = int(model.joint(f"{robot}{slash}motor_{name.split('_')[1]}").qposadr[0])
+                self._spinners.append((body, address, ratio, np.array(axis)))
+            elif name.startswith(_ROD):
+                far = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, f"{full_name}_far")
+                if far >= 0:  # a user's model may have bodies of such names
+                    self._rods.append((body, far))
+
+    def turn(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        """Turn shafts and gears with their motors' joints, rods to their far pins; positions must be up to date, and are so
+        afterwards."""
+        for body, address, ratio, axis in self._spinners:
+            angle = ratio * float(data.qpos[address] - model.qpos0[address])
+            mujoco.mju_axisAngle2Quat(model.body_quat[body], axis, angle)
+        for body, far in self._rods:
+            frame = data.xmat[model.body_parentid[body]].reshape(3, 3)
+            mujoco.mju_quatZ2Vec(model.body_quat[body], (data.site_xpos[far] - data.xpos[body]) @ frame)
+        if self._spinners or self._rods:
+            mujoco.mj_kinematics(model, data)
