@@ -14,7 +14,7 @@ import pytest
 import torch
 from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModule
-from test_loop import Recorder, assert_same_run, ctrl_c, rows
+from test_training_loop import Recorder, assert_same_run, ctrl_c, rows
 
 import bricksrl
 from bricksrl.agents import preset

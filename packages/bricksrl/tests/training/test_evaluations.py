@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 import torch
 from tensordict import TensorDictBase
-from test_loop import Recorder, assert_same_run, ctrl_c, rows
+from test_training_loop import Recorder, assert_same_run, ctrl_c, rows
 from torchrl.envs.utils import ExplorationType
 from toys import Cart, LosingCart
 

@@ -12,7 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from test_loop import assert_same_run
+from test_training_loop import assert_same_run
 
 from brickhub.files import TEMPORARY_PREFIX
 from bricksrl.agents import preset

@@ -20,7 +20,7 @@ from typing import Any
 import pytest
 import torch
 from tensordict import TensorDict
-from test_loop import Recorder, ctrl_c, rows
+from test_training_loop import Recorder, ctrl_c, rows
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 from toys import Cart
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import torch
 from tensordict import TensorDictBase
-from test_loop import Recorder, ctrl_c, rows
+from test_training_loop import Recorder, ctrl_c, rows
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 from toys import Cart, LosingCart
 

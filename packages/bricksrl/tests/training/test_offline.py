@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 import torch
 from tensordict import TensorDictBase
-from test_loop import Recorder as Listener
-from test_loop import assert_same_run, ctrl_c, names, rows
+from test_training_loop import Recorder as Listener
+from test_training_loop import assert_same_run, ctrl_c, names, rows
 from toys import Cart, LosingCart, assert_equal
 
 import bricksrl

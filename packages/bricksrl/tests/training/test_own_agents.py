@@ -8,7 +8,7 @@ from pathlib import Path
 import optuna
 import pytest
 import torch
-from test_loop import Recorder, assert_same_run, ctrl_c
+from test_training_loop import Recorder, assert_same_run, ctrl_c
 from toys import Cart
 
 import bricksrl

@@ -13,11 +13,11 @@ from bricksrl.agents.sac import SACSettings
 from bricksrl.envs.env import HubEnv
 from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.rollout import seed_episode
-from bricksrl.errors import DescriptionError, RunError
+from bricksrl.errors import DescriptionError, RunError, TwinError
 from bricksrl.evaluation import evaluate, evaluator
 from bricksrl.training import RunFolder, TrainConfig, train
 from bricksrl.training.sources import make_env
-from bricktwin.twin.physics import PARAMETERS, Physics
+from bricktwin.twin.physics import PARAMETERS, Physics, write_physics
 
 WEAK = Physics(battery_v=7.2, friction_scale=0.8)
 
@@ -95,3 +95,17 @@ def test_evaluation_does_not_randomise_by_default(trained_with, evaluated_with, 
     monkeypatch.setattr(evaluator, "make_env", noting)
     evaluate(tmp_path / "run", episodes=1, **evaluated_with)
     assert used == [expected]
+
+
+def test_physics_may_be_a_file(tmp_path: Path) -> None:
+    write_physics(tmp_path / "weak.json", WEAK)
+    for file in (tmp_path / "weak.json", str(tmp_path / "weak.json")):
+        config = TrainConfig("RunAway-v0", physics=file)  # type: ignore[arg-type]
+        assert config.physics == WEAK, "stored with the run"
+        assert set(physics_of_episodes(config, 1)) == {WEAK}
+        env = make_env("RunAway-v0", EnvOptions(physics=file), seed=0)  # type: ignore[arg-type]
+        env.reset()
+        assert env.twin.body.physics == WEAK
+        env.close()
+    with pytest.raises(TwinError, match="cannot read the physics"):
+        TrainConfig("RunAway-v0", physics=tmp_path / "none.json")

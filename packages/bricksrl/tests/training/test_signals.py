@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 
 import pytest
-from test_loop import ctrl_c
+from test_training_loop import ctrl_c
 
 from bricksrl.training.signals import StopSignals
 

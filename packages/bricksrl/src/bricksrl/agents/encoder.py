@@ -134,7 +134,6 @@ def encoder_keys(encoder: nn.Module) -> list[str]:
     return list(getattr(encoder, "in_keys", ("observation",)))
 
 
-def encode(encoder: nn.Module, tensordict: Any) -> Tensor:
-    """Features ``[*batch, f]`` of what the encoder reads in a TensorDict."""
-    features: Tensor = encoder(*(tensordict[key] for key in encoder_keys(encoder)))
-    return features
+def encode(encoder: nn.Module, tensordict: Any) -> Any:
+    """Features ``[*batch, f]``, a tensor, of what the encoder reads in a TensorDict."""
+    return encoder(*(tensordict[key] for key in encoder_keys(encoder)))

@@ -69,7 +69,6 @@ class Learner:
         gradients: replaces autograd; see `bricksrl.agents.compiled`.
         dataset: provides half of each batch, all of it while the memory is empty (RLPD, Ball et al., 2023).
         weights: newest weights of a policy trained elsewhere, for the next action; may be set from any thread.
-        acting: the policy that acts, which is a copy where the environment is on another device.
     """
 
     policy: TensorDictModuleBase
@@ -94,12 +93,12 @@ class Learner:
     dataset: ReplayBuffer | None = field(default=None, init=False)
     weights: deque[dict[str, Tensor]] = field(default_factory=lambda: deque(maxlen=1), init=False)
     due: float = field(default=0.0, init=False)
-    acting: TensorDictModuleBase = field(init=False)
+    _copy: TensorDictModuleBase | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
         # Without dropout and by running statistics, while the loss trains the original.
         shared = {id(tensor): tensor for tensor in (*self.policy.parameters(), *self.policy.buffers())}
-        self.acting = self.policy = copy.deepcopy(self.policy, shared).eval()
+        self.policy = copy.deepcopy(self.policy, shared).eval()
 
     @property
     def device(self) -> torch.device:
@@ -114,9 +113,13 @@ class Learner:
 
     def act_on(self, device: torch.device | str | None) -> None:
         """Act on an environment's device (``None`` is the CPU), with a copy of the policy if the networks are on another."""
-        device = torch.device(device or "cpu")
-        if device.type != self.device.type:
-            self.acting = copy.deepcopy(self.policy).to(device)
+        if torch.device(device or "cpu").type != self.device.type:
+            self._copy = copy.deepcopy(self.policy).to(device or "cpu")
+
+    @property
+    def acting(self) -> TensorDictModuleBase:
+        """The acting policy."""
+        return self.policy if self._copy is None else self._copy
 
     def reset_policy(self) -> None:
         """Discard the acting policy's state, if any: the next observation does not follow from its last action."""
@@ -171,8 +174,8 @@ class Learner:
         if self.begin is not None and not self.updates:
             self.begin(sources[0][:])
         metrics = means(map(self.update, self.batches(count)))
-        if self.acting is not self.policy:
-            self.acting.load_state_dict(self.policy.state_dict())
+        if self._copy is not None:
+            self._copy.load_state_dict(self.policy.state_dict())
         return metrics
 
     def batches(self, count: int) -> Iterable[TensorDictBase]:

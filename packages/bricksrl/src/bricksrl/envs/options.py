@@ -47,7 +47,7 @@ class EnvOptions:
     """Run a virtual robot in real time; always on while a human drives."""
     randomize: Flag = False
     """Domain randomization: draw the physics of the virtual robot (battery, friction, masses, noise, link) for each episode."""
-    physics: Annotated[Physics | None, parsed(Path, metavar="FILE"), option()] = None
+    physics: Annotated[Physics | Path | None, parsed(Path, metavar="FILE"), option()] = None
     """Physics of the virtual robot: a JSON file such as `bricksrl twin fit` writes; by default charged, on a smooth floor."""
     options: Annotated[dict[str, Any], parsed(parse_option, metavar="NAME=VALUE", collect=dict), option(name="option")] = field(
         default_factory=dict
@@ -59,8 +59,8 @@ class EnvOptions:
             if isinstance(value, np.generic):  # a NumPy number, such as a seed from an array
                 object.__setattr__(self, name, value.item())
         file: object = self.physics
-        if isinstance(file, Path | str):  # as good as its content
-            object.__setattr__(self, "physics", read_physics(Path(file)))
+        if isinstance(file, str):  # as good as a path
+            object.__setattr__(self, "physics", Path(file))
         check_fields(type(self), vars(self))
         if self.randomize and self.physics is not None:
             raise DescriptionError("the physics is given and is to be random too; choose one of the two")
@@ -90,4 +90,9 @@ class EnvOptions:
     @property
     def physics_or_draw(self) -> Physics | RandomPhysics | None:
         """The fixed physics, or a sampler of one for each episode."""
-        return RandomPhysics() if self.randomize else self.physics
+        return RandomPhysics() if self.randomize else self.known_physics
+
+    @property
+    def known_physics(self) -> Physics | None:
+        """The fixed physics; a file is read. Raises TwinError if it cannot be."""
+        return read_physics(self.physics) if isinstance(self.physics, Path) else self.physics

@@ -82,6 +82,7 @@ class TrainConfig(RunOptions, EnvOptions):
             if isinstance(getattr(self, name), Path | str):
                 object.__setattr__(self, name, type_(getattr(self, name)))
         super().__post_init__()
+        object.__setattr__(self, "physics", self.known_physics)  # stored with the run
         for name in ("env", "agent"):  # the run can then be used in any folder
             object.__setattr__(self, name, with_absolute_file(getattr(self, name)))
         for name, least in _LEAST.items():

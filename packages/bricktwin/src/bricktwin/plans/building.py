@@ -133,8 +133,8 @@ def _blocked(items: Sequence[tuple[int, ...]], after: set[int], occupancy: Occup
     """Parts of a step without a free straight path."""
     present = np.zeros(len(occupancy.low), dtype=bool)
     present[list(after)] = True
-    # In the first step the first item lies on the table.
-    remaining = list(items)[len(items) == len(after) :]
+    is_first = len(items) == len(after)
+    remaining = list(items[1:] if is_first else items)  # in the first step, the first item lies on the table
     while remaining and occupancy.queries <= _MAX_QUERIES:
         for group in _groups(remaining, links):
             parts = [part for item in group for part in item]

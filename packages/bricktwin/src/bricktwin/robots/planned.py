@@ -201,7 +201,7 @@ def _port_of(name: str, parts: Sequence[DeviceFacts], robot: Robot) -> str:
 def disagreements(
     robot: Robot, devices: Sequence[Motor | Sensor], base: DriveBase | None, sides: tuple[str, ...], design: PlanFacts
 ) -> Iterator[_Mistake]:
-    """Findings on contradictions between a description, with these devices, drive base and hub sides, and a plan."""
+    """Contradictions between a description, with these devices, drive base and hub sides, and a plan."""
     name, hub = robot.name, robot.hub.value
     parts = {part.port: part for part in (*design.motors, *design.sensors)}
     for hub_part in design.hubs:
@@ -230,7 +230,7 @@ def disagreements(
 
 
 def _check_device(name: str, device: Motor | Sensor, part: DeviceFacts) -> Iterator[_Mistake]:
-    """Findings on name, kind and gears of a motor or sensor."""
+    """Contradictions in name, kind and gears of a motor or sensor."""
     kind = device.kind.value
     label = f"port {device.port} has {part.part} '{part.label or ''}'"
     if part.name != kind:
@@ -246,7 +246,7 @@ def _check_device(name: str, device: Motor | Sensor, part: DeviceFacts) -> Itera
 
 
 def _check_wheels(name: str, base: DriveBase, left: DeviceFacts | None, right: DeviceFacts | None) -> Iterator[_Mistake]:
-    """Findings on a drive base: wheel diameter and axle track."""
+    """Contradictions in a drive base: wheel diameter and axle track."""
     positions_m = []
     for side, part in ((base.left, left), (base.right, right)):
         if part is None:

@@ -120,7 +120,8 @@ class MujocoBody:
         self._open_circuits = 0
         self._backlash = _backlash_joints(model)
         feet = [geom for geom in range(model.ngeom) if model.geom(geom).name.startswith("foot_")]
-        self._feet = Feet(model, feet) if len(feet) > 1 else None  # nothing stands on one
+        # Nothing stands on one foot; in an arena a robot keeps the stance in which it has settled.
+        self._feet = Feet(model, feet) if len(feet) > 1 and not prefix else None
         self.base_address, dof = int(model.jnt_qposadr[root]), int(model.jnt_dofadr[root])
         imu = f"{prefix}imu"
         self._base = FloatingBase(model, data, self.base_address, dof, imu) if self.moves else FixedBase(model, data, imu)

@@ -14,7 +14,7 @@ import numpy as np
 
 from bricktwin.plans.geometry import Floats
 from bricktwin.twin.models.mjcf import OBSTACLE_GROUP
-from bricktwin.twin.objects import COLORS, Field, Lamp, Line, Solid
+from bricktwin.twin.objects import COLORS, Lamp, Mark, Solid
 from bricktwin.twin.scene import FLOOR, Scene
 
 Vector = np.ndarray[tuple[int], np.dtype[np.float64]]
@@ -170,7 +170,7 @@ class WorldSenses:
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, scene: Scene) -> None:
         self._model, self._data, self._scene = model, data, scene
-        self._marks = [item for item in reversed(scene.objects) if isinstance(item, (Line, Field))]
+        self._marks = [item for item in reversed(scene.objects) if isinstance(item, Mark)]
         self._lamps = [item for item in scene.objects if isinstance(item, Lamp)]
         solids = [item for item in scene.objects if isinstance(item, Solid)]
         self._colors = {int(model.geom(f"object_{number}").id): COLORS[solid.color] for number, solid in enumerate(solids)}

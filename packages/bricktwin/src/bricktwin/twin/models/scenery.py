@@ -11,7 +11,7 @@ import numpy as np
 from bricktwin.plans.geometry import Floats, Triple
 from bricktwin.twin.models.lego import Piece, Shape, colour_name, discs, draw, merge
 from bricktwin.twin.models.mjcf import OBSTACLE_GROUP, yaw_quaternion
-from bricktwin.twin.objects import COLORS, Block, Field, Line, Point, Ramp, Wall
+from bricktwin.twin.objects import COLORS, Field, Line, Mark, Point, Ramp, Solid, Wall
 from bricktwin.twin.scene import Scene
 
 _LAYER_MM = 0.2
@@ -23,9 +23,9 @@ _FRICTION = 0.4
 
 def add_objects(spec: mujoco.MjSpec, scene: Scene) -> None:
     """Add the scene's objects to a model, after the robot."""
-    solids = [item for item in scene.objects if isinstance(item, (Wall, Block, Ramp))]
+    solids = [item for item in scene.objects if isinstance(item, Solid)]
     world = spec.worldbody
-    marks = [item for item in scene.objects if isinstance(item, (Line, Field))]
+    marks = [item for item in scene.objects if isinstance(item, Mark)]
     if marks:
         shapes = [_field(mark) if isinstance(mark, Field) else _line(mark) for mark in marks]
         layers = [shape.at(0.0, 0.0, number * _LAYER_MM) for number, shape in enumerate(shapes, 1)]
