@@ -126,3 +126,26 @@ def test_a_plan_without_a_hub_is_refused(pybricks_hub: PybricksHub, tmp_path: Pa
     plan.write_text("1 0 0 0 0 1 0 0 0 1 0 0 0 1 3647.dat\n")
     with pytest.raises(DescriptionError, match="has no hub; a robot needs one"):
         pybricks_hub.run("pass", robot=str(plan))
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_left_and_right_exchanged_with_the_gyroscope_on_spins(seed: int, tmp_path: Path) -> None:
+    """What is unstable shows, as on a robot (pybricks/support#1220), and what is not stays straight."""
+    source = """
+hub.imu.reset_heading(0)
+base = DriveBase(FIRST, SECOND, 56, 130)
+base.use_gyro(True)
+base.straight(900, wait=False)
+wait(4000)
+print(abs(hub.imu.heading()) > 45, abs(hub.imu.heading()) < 1)
+"""
+    motors = "Motor(Port.A)", "Motor(Port.E, Direction.COUNTERCLOCKWISE)"
+
+    def printed(first: str, second: str) -> str:
+        path, out = tmp_path / "main.py", io.BytesIO()
+        path.write_text(HEAD + source.replace("FIRST", first).replace("SECOND", second))
+        assert run_file(path, make_body(robots.get("two-wheeler"), seed=seed), stdout=out) == 0
+        return out.getvalue().decode().strip()
+
+    assert printed(*motors) == "True False"
+    assert printed(*reversed(motors)) == "False True"

@@ -26,7 +26,7 @@ from bricktwin.twin.models.scenery import add_geom
 from bricktwin.twin.mujoco_body import MujocoBody, Pose, set_physics, settle
 from bricktwin.twin.physics import Physics
 from bricktwin.twin.scene import OPEN_FLOOR
-from bricktwin.twin.senses import Turns
+from bricktwin.twin.senses import SummedNoise, Turns
 from bricktwin.twin.stance import refuse_overlap
 
 _STEPS_PER_UPDATE = 20
@@ -183,6 +183,7 @@ class ArenaWorld:
         bodies: bodies in the order of the arena's robots.
         runners: functions that run a robot's hub up to a time in ms, in the same order; to be set before any time passes.
         on_time: called with each time in ms that the world has reached, for a film.
+        steps: of the physics since the world was made.
     """
 
     def __init__(self, arena: Arena, physics: Physics | None = None, seed: int = 0) -> None:
@@ -190,7 +191,7 @@ class ArenaWorld:
         self._nominal = _compiled(arena)
         self.model = copy.copy(self._nominal)
         self.data = mujoco.MjData(self.model)
-        self.time_ms, self._steps = 0, 0
+        self.time_ms, self.steps = 0, 0
         self.open_circuits = 0
         self.runners: list[Callable[[int], None]] = []
         self.on_time: Callable[[int], None] = lambda _: None
@@ -264,12 +265,12 @@ class ArenaWorld:
         del self._target_ms[number]
 
     def _advance_to(self, time_ms: int) -> None:
-        remaining = time_ms * 2 // 5 - self._steps
+        remaining = time_ms * 2 // 5 - self.steps
         while remaining > 0:
             steps = min(remaining, _STEPS_PER_UPDATE)
             mujoco.mj_step(self.model, self.data, steps)
             remaining -= steps
-            self._steps += steps
+            self.steps += steps
             for body in self.bodies:
                 body.update_turns()
         self.time_ms = time_ms
@@ -284,7 +285,7 @@ class ArenaBody(MujocoBody):
         self._use(physics)
         self.model, self.data = world.model, world.data
         self._number = world.arena.robots.index(contestant)
-        self._noise = np.random.default_rng(seed)
+        self._noise, self._heading_noise = np.random.default_rng(seed), SummedNoise(np.random.default_rng(seed.spawn(1)[0]))
         self._bind(f"{contestant.name}/")
         self._turns, self._heading_at_start_deg = Turns(), 0.0
         for port in self._terminals:
@@ -293,6 +294,9 @@ class ArenaBody(MujocoBody):
     def reset(self, rng: Rng) -> None:
         """Place all robots for the start of an episode."""
         self._arena.place(rng)
+
+    def _step_count(self) -> int:
+        return self._arena.steps
 
     def advance_to(self, time_ms: int) -> None:
         """Advance the world to this time, and all other robots with it."""

@@ -21,13 +21,13 @@ from brickhub.virtual.body import Rng
 from brickhub.virtual.stimuli import Sensed
 from bricktwin.twin import ldraw
 from bricktwin.twin.models.kept_models import robot_model
-from bricktwin.twin.models.mjcf import OBSTACLE_GROUP, SHAPE_GROUP, motor_constants, yaw_quaternion
+from bricktwin.twin.models.mjcf import OBSTACLE_GROUP, SHAPE_GROUP, TIMESTEP_S, motor_constants, yaw_quaternion
 from bricktwin.twin.models.mounts import body_of, site_name
 from bricktwin.twin.models.turning import TurningParts
 from bricktwin.twin.objects import Block, Solid
 from bricktwin.twin.physics import Physics, RandomPhysics
 from bricktwin.twin.scene import Scene
-from bricktwin.twin.senses import FixedBase, FloatingBase, Turns, Vector, WorldSenses
+from bricktwin.twin.senses import FixedBase, FloatingBase, SummedNoise, Turns, Vector, WorldSenses
 from bricktwin.twin.stance import Feet, refuse_overlap, standing_pose
 
 _NEAREST_MM, _FARTHEST_MM = UltrasonicSensor.NEAREST_MM, UltrasonicSensor.FARTHEST_MM
@@ -92,8 +92,8 @@ class MujocoBody:
         self._random_physics = physics if isinstance(physics, RandomPhysics) else None
         self._bind()
         self._apply(Physics() if isinstance(physics, RandomPhysics) else physics)
-        noise_seed, start_seed = np.random.SeedSequence(seed).spawn(2)
-        self._noise = np.random.default_rng(noise_seed)
+        noise_seed, start_seed, heading_seed = np.random.SeedSequence(seed).spawn(3)
+        self._noise, self._heading_noise = np.random.default_rng(noise_seed), SummedNoise(np.random.default_rng(heading_seed))
         self._steps = self._steps_since_update = 0
         self._turns, self._heading_at_start_deg = Turns(), 0.0
         self._settle()
@@ -296,6 +296,10 @@ class MujocoBody:
 
     # ---------------------------------------------------------------- time
 
+    def _step_count(self) -> int:
+        """Steps of the physics since the body was made."""
+        return self._steps
+
     def advance_to(self, time_ms: int) -> None:
         """Integrate whole steps up to this simulated time."""
         remaining = time_ms * 2 // 5 - self._steps
@@ -395,9 +399,10 @@ class MujocoBody:
         return x, y, z
 
     def heading_deg(self) -> float:
-        """Rotation about the vertical since the start, clockwise positive, not wrapped."""
+        """Rotation about the vertical since the start, as summed up from the gyroscope, clockwise positive, not wrapped."""
         self.update_turns()
-        return self._turns.heading_deg - self._heading_at_start_deg
+        noise_deg = self._heading_noise.deg(self._step_count() * TIMESTEP_S, self.physics.gyro_noise_deg_s)
+        return self._turns.heading_deg - self._heading_at_start_deg + noise_deg
 
     def rotation_deg(self) -> tuple[float, float, float]:
         """Angular velocity in the frame of the hub, summed up since the start, without noise."""

@@ -20,6 +20,10 @@ from bricktwin.twin.scene import FLOOR, Scene
 Vector = np.ndarray[tuple[int], np.dtype[np.float64]]
 
 
+_GYRO_SAMPLE_S = 1 / 833
+_SUMMED_S = 0.005  # samples of the gyroscope that are drawn as one
+
+
 class Turns:
     """Turns of a hub, summed up from its orientations; updates must be less than half a turn apart.
 
@@ -42,6 +46,24 @@ class Turns:
         mujoco.mju_subQuat(turn_rad, orientation, self._last)
         self.rotation_rad += turn_rad
         self._last[:] = orientation
+
+
+class SummedNoise:
+    """What a gyroscope's noise adds to the heading, which is summed up from it: it disturbs what is unstable.
+
+    It depends on time alone, not on who asks. ``rng``: of its own.
+    """
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        self._rng, self._samples, self._sum = rng, 0, 0.0
+
+    def deg(self, time_s: float, noise_deg_s: float) -> float:
+        """The sum at a time, which must not decrease, for a noise of this standard deviation."""
+        samples = int(time_s / _SUMMED_S)
+        for noise in self._rng.standard_normal(max(samples - self._samples, 0)).tolist():
+            self._sum += noise
+        self._samples = max(samples, self._samples)
+        return self._sum * noise_deg_s * math.sqrt(_SUMMED_S * _GYRO_SAMPLE_S)
 
 
 class _Base:
