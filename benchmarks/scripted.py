@@ -86,7 +86,7 @@ def bring(state: TensorDictBase) -> Tensor:
 def follow(state: TensorDictBase) -> Tensor:
     """Half speed, with a turn proportional to the difference of the brightness from that of the edge."""
     off_pct = state["observation"][0] - EDGE_PCT
-    action: Tensor = torch.stack([torch.zeros(()), 0.8 * off_pct / 45.0]).clamp(-1.0, 1.0)
+    action: Tensor = torch.stack([torch.zeros(()), 0.8 * off_pct / EDGE_PCT]).clamp(-1.0, 1.0)
     return action
 
 

@@ -16,7 +16,7 @@ import bricksrl
 from benchmarks.scripted import CONTROLLERS
 from brickhub.hub.interface import DriveSpeed, Interface, MotorAngle, RunAngle, Wait, YawRate
 from bricksrl.envs.odometry import FloorPose, Target, TargetTracker, start_pose
-from bricksrl.envs.tasks.line_follow import LINE_FOLLOW
+from bricksrl.envs.tasks.line_follow import EDGE_PCT, LINE_FOLLOW
 from bricksrl.envs.tasks.park import PARK, cost, reward
 from bricksrl.errors import DescriptionError
 from bricktwin.robots import TWO_WHEELER, WALKER
@@ -180,7 +180,7 @@ def test_success_uses_true_position_of_twin(monkeypatch: pytest.MonkeyPatch) -> 
 
 def test_lost_scout_reward_for_turning_back() -> None:
     right, left = torch.tensor([0.0, 1.0]), torch.tensor([0.0, -1.0])
-    floor, line, edge = (torch.tensor([brightness, 0.0]) for brightness in (82.0, 8.0, 45.0))
+    floor, line, edge = (torch.tensor([brightness, 0.0]) for brightness in (71.0, 5.0, EDGE_PCT))
     assert [LINE_FOLLOW.reward(edge, right, seen).item() for seen in (floor, line, edge)] == [-0.25, -0.75, 0.75]
     assert [LINE_FOLLOW.reward(edge, left, seen).item() for seen in (floor, line, edge)] == [-0.75, -0.25, 0.75]
     assert LINE_FOLLOW.reward(edge, torch.tensor([1.0, 0.0]), edge).item() == 1.0
@@ -192,6 +192,14 @@ def test_scout_driving_straight_loses_line_to_the_left(heading_deg: float) -> No
     assert not LINE_FOLLOW.scene.objects[0].covers(np.array([(spot.x_mm, spot.y_mm) for spot in spots])).any()
 
 
+def test_scout_that_drives_straight_on_sees_the_bare_floor() -> None:
+    env = bricksrl.make("LineFollow-v0", seed=1)
+    steps = env.rollout(100, lambda tensordict: tensordict.set("action", torch.tensor([1.0, 0.0])))["next"]
+    env.close()
+    assert not LINE_FOLLOW.success(steps["observation"]) and LINE_FOLLOW.success(steps["observation"][:3])
+    assert (steps["reward"][-40:] < 0.0).all(), "it is lost"
+
+
 def test_scripted_scout_follows_line() -> None:
     env = bricksrl.make("LineFollow-v0", seed=1)
     state, observations = env.reset(), []
@@ -199,6 +207,6 @@ def test_scripted_scout_follows_line() -> None:
         state = env.step(state.set("action", CONTROLLERS["LineFollow-v0"](state)))["next"]
         observations.append(state["observation"])
     assert LINE_FOLLOW.success(torch.stack(observations))
-    assert not LINE_FOLLOW.success(torch.tensor([[82.0, 0.0]]).expand(60, 2)), "the bare floor"
+    assert not LINE_FOLLOW.success(torch.tensor([[71.0, 0.0]]).expand(60, 2)), "the bare floor"
     assert env.walk_metrics()["forward_m"] > 0.3
     env.close()
