@@ -52,8 +52,8 @@ SHARED = ("entry.py", "errors.py", "fields.py", "files.py", "finding.py", "seed.
 FOLDERS = {"brickhub": ("hub", "virtual_hub", "robots/spec.py", *SHARED), "bricktwin": ("plans", "twin", "robots")}
 """Files and folders of `OLD` that belong to the lower houses; the first that fits. All others belong to bricksrl."""
 TEMPLATES = "cli/templates"
-TEST_S, RUN_S = 180.0, 5400.0
-"""Longest time of a test without a limit of its own, and of a run of pytest."""
+TEST_S, QUIET_S, RUN_S = 180.0, 400.0, 5400.0
+"""Longest time of a test without a limit of its own, of a run of pytest that reports nothing, and of a run."""
 SURVIVED = "survived folder"
 QUICK = ("-m", "not slow and not realtime")
 WORKERS = ("--numprocesses=3", "--dist=loadfile")
@@ -323,7 +323,10 @@ class Tree:
             )
             try:
                 with contextlib.suppress(TimeoutError):
-                    await asyncio.wait_for(process.wait(), RUN_S)
+                    async with asyncio.timeout(RUN_S):
+                        while process.returncode is None and time.time() - log.stat().st_mtime < QUIET_S:
+                            with contextlib.suppress(TimeoutError):
+                                await asyncio.wait_for(process.wait(), 10)
             finally:
                 with contextlib.suppress(ProcessLookupError):
                     os.killpg(process.pid, signal.SIGKILL)  # also what tests have left behind
@@ -357,7 +360,9 @@ class Tree:
 
 def failed_tests(output: str) -> list[str]:
     """The names of the failed tests in what pytest has written; of the last that began if it could not say."""
-    if names := re.findall(r"^(?:FAILED|ERROR) (\S+?\.py(?:::\w+)*(?:\[.*?\])?)(?: - |$)", output, re.MULTILINE):
+    if names := re.findall(
+        r"^(?:\[gw\d\] .*?)?(?:FAILED|ERROR) (\S+?\.py(?:::\w+)*(?:\[.*?\])?)(?: - | *$)", output, re.MULTILINE
+    ):
         return list(dict.fromkeys(names))
     if begun := re.findall(r"^(?:\[gw\d\] .*? )?(\S+?\.py::\w+(?:::\w+)*(?:\[.*?\])?)(?: |$)", output, re.MULTILINE):
         return [str(begun[-1])]
