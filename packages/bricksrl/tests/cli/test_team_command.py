@@ -50,7 +50,7 @@ def test_ctrl_c_keeps_the_team_and_a_second_one_ends_at_once(
 
     folder = tmp_path / "a team"
     monkeypatch.setattr(team, "print_line", press)
-    assert run(["team", "Tag-v0", "--copies", "8", "--run", str(folder)]) == 130
+    assert run(["team", "Tag-v0", "--copies", "8", "--frames", "20000", "--run", str(folder)]) == 130
     errors = capsys.readouterr().err
     assert len(printed) == 2, "one line of progress"
     if presses == 2:

@@ -67,7 +67,7 @@ def test_report_without_videos(trained):
 
 
 def test_report_with_videos(trained, tmp_path, monkeypatch):
-    monkeypatch.setattr("bricksrl.cli.video.FILM_BUDGET_S", 2.0)
+    monkeypatch.setattr("bricksrl.cli.video.FILM_BUDGET_S", 0.5)
     run_dir = tmp_path / "run"
     shutil.copytree(trained[0], run_dir)
     result = RunResult(run_dir, RunFolder(run_dir).read_episodes(), interrupted=False)
@@ -355,7 +355,7 @@ def test_sparkline():
 
 def test_missing_graphics_library_disables_pictures_only(bricksrl, tmp_path):
     process = bricksrl(
-        "train", "RunAway-v0", "--agent", "random", "--episodes", "1", "--run", str(tmp_path / "run"), MUJOCO_GL="bogus"
+        "train", "Spinning-v0", "--agent", "random", "--episodes", "1", "--run", str(tmp_path / "run"), MUJOCO_GL="bogus"
     )
     assert process.returncode == 0 and "video           none: " in process.stdout
     assert process.stderr.count("MUJOCO_GL=bogus does not work") == 1

@@ -20,6 +20,7 @@ def log(tmp_path):
     return path
 
 
+@pytest.mark.slow  # the fit itself is tested in bricktwin
 def test_record_fit_train(bricksrl, log, capsys, tmp_path):
     capsys.readouterr()
     assert main(["twin", "fit", str(log), "--parameters", "battery_v", "friction_scale"]) == 0

@@ -187,7 +187,7 @@ def test_only_an_evaluation_under_the_conditions_of_the_training_counts(spinning
 
 def test_film_shows_the_evaluated_episodes(tmp_path: Path) -> None:
     walker = train(TrainConfig("Walker-v1", episodes=1, seed=0, record=False, run_dir=tmp_path / "run")).run_dir
-    options = FilmOptions(episodes=1, size=(64, 48), seed=1000, budget_s=1.0)
+    options = FilmOptions(episodes=1, size=(64, 48), seed=1000, budget_s=0.2)
     seen = set()
     for changes in ({}, {"physics": Physics(friction_scale=0.1, slope_deg=10.0)}, {"randomize": True}):
         result = evaluate(walker, episodes=1, save=False, **changes)
