@@ -24,7 +24,7 @@ from bricksrl.envs.tasks.line_follow import LINE_FOLLOW
 from bricksrl.envs.tasks.park import PARK
 from bricksrl.envs.tasks.robo_arm import robo_arm
 from bricksrl.envs.tasks.robo_arm_mixed import robo_arm_mixed
-from bricksrl.envs.tasks.run_away import RUN_AWAY
+from bricksrl.envs.tasks.run_away import run_away
 from bricksrl.envs.tasks.spinning import SPINNING
 from bricksrl.envs.tasks.walker import walker
 from bricksrl.envs.tasks.walker_forward import WALKER_FORWARD
@@ -66,7 +66,7 @@ _SIMULATED = " (simulated without a hub, thousands at once)"
 _BUILT_IN = {
     "LineFollow-v0": _Spec(lambda: LINE_FOLLOW, episodes=30),
     "Park-v0": _Spec(lambda: PARK, episodes=30),
-    "RunAway-v0": _Spec(lambda: RUN_AWAY),
+    "RunAway-v0": _Spec(run_away),
     "Spinning-v0": _Spec(lambda: SPINNING, episodes=15),
     "Walker-v0": _Spec(functools.partial(walker, "Walker-v0"), episodes=75),
     "Walker-v1": _Spec(lambda: WALKER_FORWARD, episodes=75),

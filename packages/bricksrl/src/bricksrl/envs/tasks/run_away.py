@@ -33,6 +33,8 @@ Wheel angles are wrapped into 0..360. Nose down is positive pitch.
 | terminated | distance is 40 mm or less                  |
 | truncated  | after 20 steps                             |
 
+With the option `ends_at_wall=false` only 2000 mm end an episode, and -1 is the reward at the wall too: the paper's wording.
+
 ## Success and metrics
 
 The paper defines no success for this task. Here an episode succeeds when it ends 1000 mm or more from the wall. (Not at 2000 mm:
@@ -42,6 +44,7 @@ distance, `final_distance_mm`, and the largest pitch, `largest_pitch_deg`.
 
 from __future__ import annotations
 
+from brickhub.fields import check_value
 from brickhub.hub.interface import Distance, DriveStraight, Interface, MotorAngle, Pitch, Roll, UntilDone
 from bricksrl.envs.task import Task, Tensor
 from bricktwin.robots import TWO_WHEELER
@@ -58,18 +61,6 @@ _PITCH = 2
 _DISTANCE = slice(4, 5)
 
 
-def reward(previous: Tensor, _action: Tensor, observation: Tensor) -> Tensor:
-    """The sign of the change in distance, 0 at the wall; ``[*batch, 1]``."""
-    distance_mm = observation[..., _DISTANCE]
-    return (distance_mm - previous[..., _DISTANCE]).sign().masked_fill(distance_mm <= NEAR_MM, 0.0)
-
-
-def terminated(observation: Tensor) -> Tensor:
-    """At the wall or at the sensor's limit; bool ``[*batch, 1]``."""
-    distance_mm = observation[..., _DISTANCE]
-    return (distance_mm <= NEAR_MM) | (distance_mm >= FAR_MM)
-
-
 def success(observations: Tensor) -> Tensor:
     """True if the episode ``[*batch, steps, n]`` ended well away from the wall; bool ``[*batch]``."""
     return observations[..., -1, _DISTANCE.start] >= AWAY_MM
@@ -83,19 +74,41 @@ def metrics(observations: Tensor) -> dict[str, Tensor]:
     }
 
 
-RUN_AWAY = Task(
-    id="RunAway-v0",
-    doc=__doc__,
-    robot=TWO_WHEELER,
-    interface=Interface(
-        commands=(DriveStraight(-100, 100),),
-        channels=(MotorAngle("left"), MotorAngle("right"), Pitch(), Roll(), Distance("eyes")),
-        settle=UntilDone(),
-    ),
-    max_steps=20,
-    reward=reward,
-    success=success,
-    metrics=metrics,
-    terminated=terminated,
-    scene=Scene(wall_distance_mm=(200.0, 300.0), heading_deg=(-5.0, 5.0)),
-)
+def run_away(*, ends_at_wall: bool = True) -> Task:
+    """The task.
+
+    Args:
+        ends_at_wall: whether an episode ends at the wall, without a penalty, as in the released code.
+    """
+    check_value("ends_at_wall", ends_at_wall, bool)
+
+    def reward(previous: Tensor, _action: Tensor, observation: Tensor) -> Tensor:
+        distance_mm = observation[..., _DISTANCE]
+        sign = (distance_mm - previous[..., _DISTANCE]).sign()
+        return sign.masked_fill(distance_mm <= NEAR_MM, 0.0) if ends_at_wall else sign
+
+    def terminated(observation: Tensor) -> Tensor:
+        distance_mm = observation[..., _DISTANCE]
+        at_limit = distance_mm >= FAR_MM
+        return at_limit | (distance_mm <= NEAR_MM) if ends_at_wall else at_limit
+
+    return Task(
+        id="RunAway-v0",
+        doc=__doc__,
+        robot=TWO_WHEELER,
+        interface=Interface(
+            commands=(DriveStraight(-100, 100),),
+            channels=(MotorAngle("left"), MotorAngle("right"), Pitch(), Roll(), Distance("eyes")),
+            settle=UntilDone(),
+        ),
+        max_steps=20,
+        reward=reward,
+        success=success,
+        metrics=metrics,
+        terminated=terminated,
+        scene=Scene(wall_distance_mm=(200.0, 300.0), heading_deg=(-5.0, 5.0)),
+    )
+
+
+RUN_AWAY = run_away()
+"""The task without options."""

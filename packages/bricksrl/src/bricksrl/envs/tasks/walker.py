@@ -39,17 +39,20 @@ between two legs, and the action as the agent gave it: 0.1 a step at best.
 | truncated  | after 100 steps                                   |
 
 While an obstacle is within 40 mm (option `blocked_at_mm`), the robot waits with its motors held and logs a warning. With the
-option `step_ms`, the time of a step, an episode has as many steps as fit into the same 25 seconds.
+option `step_ms`, the time of a step, an episode has as many steps as fit into the same 25 seconds, or `max_steps`. With
+`safe_tilt_deg=180` no tilt ends it.
 
 ## Success and metrics
 
-An episode succeeds when the robot does not fall over. The metric is the mean reward of a step for a trot alone,
+An episode succeeds when the robot trots: it does not fall over, its legs turn by 90 degrees a second or more, and the four
+angles of the reward are within 20 degrees of a trot, all on average. The metric is the mean reward of a step for a trot alone,
 `mean_gait_reward`, at most 0.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 from brickhub.fields import check_value
 from brickhub.hub.interface import Distance, Interface, MotorAngle, Pitch, Roll, RunAngle, Wait
@@ -61,6 +64,10 @@ STEP_MS = 250
 EPISODE_MS = 25_000
 SAFE_TILT_DEG = 60.0
 """A Walker that is tilted further has fallen over."""
+TROT_WITHIN_DEG = 20.0
+"""Largest mean deviation of two legs from a trot, in a successful episode."""
+TURNS_DEG_S = 90.0
+"""Least mean speed of the legs in a successful episode."""
 BLOCKED_AT_MM = 40.0
 """The ultrasonic sensor reports nothing nearer."""
 
@@ -88,14 +95,15 @@ def reward(_previous: Tensor, action: Tensor, observation: Tensor) -> Tensor:
     return gait_reward(observation) - action.sum(-1, keepdim=True) / 40.0
 
 
-def terminated(observation: Tensor) -> Tensor:
+def terminated(observation: Tensor, safe_tilt_deg: float = SAFE_TILT_DEG) -> Tensor:
     """True if the robot has fallen over; bool ``[*batch, 1]``."""
-    return (observation[..., _TILT].abs() > SAFE_TILT_DEG).any(-1, keepdim=True)
+    return (observation[..., _TILT].abs() > safe_tilt_deg).any(-1, keepdim=True)
 
 
-def success(observations: Tensor) -> Tensor:
-    """True if the robot stayed on its legs in the episode ``[*batch, steps, n]``; bool ``[*batch]``."""
-    return ~terminated(observations)[..., 0].any(-1)
+def mean_turn_deg(observations: Tensor) -> Tensor:
+    """Mean angle of a step by which the legs turn forwards in the episode ``[*batch, steps, n]``; ``[*batch]``."""
+    turn = observations[..., :-1, :4] - observations[..., 1:, :4]
+    return turn.sub((turn / 360.0).round_(), alpha=360.0).mean((-2, -1)).nan_to_num(0.0)
 
 
 def metrics(observations: Tensor) -> dict[str, Tensor]:
@@ -110,21 +118,43 @@ INTERFACE = Interface(
 )
 
 
-def walker(env_id: str, *, blocked_at_mm: float = BLOCKED_AT_MM, step_ms: int = STEP_MS) -> Task:
+def walker(
+    env_id: str,
+    *,
+    blocked_at_mm: float = BLOCKED_AT_MM,
+    step_ms: int = STEP_MS,
+    max_steps: int | None = None,
+    safe_tilt_deg: float = SAFE_TILT_DEG,
+) -> Task:
     """The task, for the robot or for its simulation.
 
     Args:
         blocked_at_mm: distance at which, and nearer, the robot waits until its way is clear.
         step_ms: time of a step, from the command to the answer.
+        max_steps: steps of an episode; by default those of 25 seconds.
+        safe_tilt_deg: pitch or roll beyond which the robot has fallen over; 180 for none.
 
     Raises:
-        DescriptionError: the distance is negative, or a step takes no whole number of ms, or longer than an episode.
+        DescriptionError: the distance or the tilt is negative, there is no step, or a step takes no whole number of ms, or longer
+            than 25 seconds.
     """
     check_value("step_ms", step_ms, int)
+    check_value("max_steps", max_steps, int | None)
     if blocked_at_mm < 0:
         raise DescriptionError(f"{env_id}: blocked_at_mm is {blocked_at_mm}; give 0 or more")
     if not 1 <= step_ms <= EPISODE_MS:
         raise DescriptionError(f"{env_id}: step_ms is {step_ms}; give 1 to {EPISODE_MS}")
+    if max_steps is not None and max_steps < 1:
+        raise DescriptionError(f"{env_id}: max_steps is {max_steps}; give 1 or more")
+    if not 0 < safe_tilt_deg <= 180:
+        raise DescriptionError(f"{env_id}: safe_tilt_deg is {safe_tilt_deg}; give more than 0, up to 180")
+
+    has_fallen = partial(terminated, safe_tilt_deg=safe_tilt_deg)
+
+    def success(observations: Tensor) -> Tensor:
+        trots = gait_reward(observations)[..., 0].mean(-1) >= -4.0 * TROT_WITHIN_DEG / 180.0
+        turns = mean_turn_deg(observations) >= TURNS_DEG_S * step_ms / 1000.0
+        return trots & turns & ~has_fallen(observations)[..., 0].any(-1)
 
     def blocked(observation: Tensor) -> Tensor:
         return observation[..., _DISTANCE] <= blocked_at_mm
@@ -134,11 +164,11 @@ def walker(env_id: str, *, blocked_at_mm: float = BLOCKED_AT_MM, step_ms: int = 
         doc=__doc__,
         robot=WALKER,
         interface=replace(INTERFACE, settle=Wait(step_ms)),
-        max_steps=EPISODE_MS // step_ms,
+        max_steps=max_steps or EPISODE_MS // step_ms,
         reward=reward,
         success=success,
         metrics=metrics,
-        terminated=terminated,
+        terminated=has_fallen,
         blocked=blocked,
         walks=True,
     )
