@@ -79,15 +79,19 @@ def main(session: Session) -> None:
 
 def run_seed(cell: Cell, seed: int, path: Path) -> dict[str, Any]:
     """Train and evaluate one seed in the folder ``path``, or resume it; returns its outcome."""
+    from bricksrl.agents import preset
     from bricksrl.training import RunFolder, TrainConfig, resume, train
     from bricksrl.training.callbacks import WINDOW
 
+    config = dict(cell.config)
+    if name := config.pop("preset", None):
+        config["settings"] = preset(name, config["agent"], images="mixed" in config["env"])
     cpu_s = None
     if RunFolder(path).checkpoint_path.exists():
         _check_whole(resume(path))
     else:
         before_s = _cpu_s()
-        _check_whole(train(TrainConfig(**{**cell.config, "seed": seed, "run_dir": path, "asynchronous": False})))
+        _check_whole(train(TrainConfig(**{**config, "seed": seed, "run_dir": path, "asynchronous": False})))
         cpu_s = _cpu_s() - before_s
     results = [_evaluate_condition(path, seed, number, condition) for number, condition in enumerate(cell.conditions)]
     episodes = RunFolder(path).read_episodes()
@@ -101,7 +105,15 @@ def run_seed(cell: Cell, seed: int, path: Path) -> dict[str, Any]:
         "cpu_s": cpu_s,
         "robot_s": robot_seconds(path),
         "reached": reached,
+        "curve": {
+            "return": [_rounded(episode.return_) for episode in episodes],
+            "episode_steps": [episode.length for episode in episodes],
+        },
     }
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.4g}")
 
 
 def _check_whole(result: RunResult) -> None:
@@ -235,12 +247,14 @@ def summary(cell: Cell, outcomes: Sequence[dict[str, Any]]) -> dict[str, Any]:
     return {
         "row": cell.row,
         "column": cell.column,
+        "settings": cell.config.get("preset", "default"),
         "seeds": len(outcomes),
         "steps": [outcome["steps"] for outcome in outcomes],
         "wall_s": [round(outcome["wall_s"], 1) for outcome in outcomes],
         "cpu_s": [outcome.get("cpu_s") for outcome in outcomes],
         "robot_s": [outcome["robot_s"] for outcome in outcomes],
         "reached": [outcome["reached"] for outcome in outcomes],
+        "curves": [outcome.get("curve", {}) for outcome in outcomes],
         "paper": dict(cell.paper),
         "conditions": {name: _condition_summary(name, outcomes) for name in names},
     }

@@ -70,7 +70,12 @@ def _heads(result: Numbers) -> Sequence[str]:
 
 def _labels(result: Numbers) -> dict[str, Column]:
     row, column = _heads(result)
-    return {row: lambda cell: cell["row"], column: lambda cell: cell["column"], "seeds": lambda cell: str(cell["seeds"])}
+    return {
+        row: lambda cell: cell["row"],
+        column: lambda cell: cell["column"],
+        "settings": lambda cell: cell.get("settings", ""),
+        "seeds": lambda cell: str(cell["seeds"]),
+    }
 
 
 def _measures(result: Numbers) -> dict[str, Column]:

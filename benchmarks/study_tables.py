@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -46,7 +46,7 @@ class Cell:
 
     Attributes:
         row, column: position in the table.
-        config: fields of `TrainConfig`; seed and folder are set by the study.
+        config: fields of `TrainConfig`; seed and folder are set by the study. ``preset`` names the agent's settings.
         paper: the paper's numbers: "return" (mean and standard deviation), "success" (rate), "minutes" of a training.
     """
 
@@ -112,7 +112,7 @@ def _cell(agent: str, env: str, quick: bool, conditions: tuple[Condition, ...], 
     )
 
 
-def _agents(quick: bool) -> tuple[Cell, ...]:
+def _agents(quick: bool, agents: Sequence[str] = PAPER_AGENTS, **config: Any) -> tuple[Cell, ...]:
     """Agents of the paper, evaluated with 5 episodes, as in the paper, and with 20."""
     test_envs = {env: env for env in ON_THE_ROBOT} | IN_SIMULATION
     if quick:
@@ -124,10 +124,31 @@ def _agents(quick: bool) -> tuple[Cell, ...]:
             quick,
             (_played(5, quick, test_env), _played(20, quick, test_env)),
             env if env == test_env else f"{test_env} from {env}",
+            **config,
         )
         for env, test_env in test_envs.items()
-        for agent in PAPER_AGENTS
+        for agent in agents
     )
+
+
+def _paper_settings(quick: bool) -> tuple[Cell, ...]:
+    """The paper's agents with its settings; the Walker at the paper's 2 Hz too, and DroQ at 11 Hz, for as many steps."""
+    agents = ("sac",) if quick else ("td3", "sac", "droq")
+    rates = {"2 Hz": (500, agents), "11 Hz": (91, ("droq",))}
+    at_rates = tuple(
+        _cell(
+            agent,
+            "Walker-v0",
+            quick,
+            (_played(5, quick), _played(20, quick)),
+            f"Walker-v0, {name}",
+            preset="paper",
+            options={"step_ms": step_ms, "max_steps": 100},
+        )
+        for name, (step_ms, of) in rates.items()
+        for agent in (() if quick else of)
+    )
+    return _agents(quick, agents, preset="paper") + at_rates
 
 
 def drawn_twins(count: int = DRAWN_TWINS) -> list[Physics]:
@@ -201,6 +222,15 @@ def _robot_time(quick: bool) -> tuple[Cell, ...]:
 
 STUDIES = (
     Study("agents", "Agents of the paper, on the robot and from simulation", 360, 5, cells=_agents, metrics=_STEPS, note=_PAPER),
+    Study(
+        "paper",
+        "The paper's settings, on the robot and from simulation",
+        1200,
+        5,
+        cells=_paper_settings,
+        metrics=_STEPS,
+        note=_PAPER,
+    ),
     Study("sim-to-robot", "From simulation to robots with other physics", 720, 4, cells=_sim_to_robot, metrics=_WALK),
     Study(
         "communication",
