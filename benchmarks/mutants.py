@@ -403,6 +403,8 @@ async def far_verdicts(
     for file in {file for file, _ in places.values()}:
         (tree.folder / file).write_text(texts[file], encoding="utf-8")
     print(f"{len(failed)} tests fail with {len(places)} mutants at once:", *failed, sep="\n  ", flush=True)
+    for i in mutants.keys() - places.keys():
+        yield i, {"state": "gone"}
     for i, (file, place) in places.items():
         start = time.monotonic()
         wrong = mutated(texts[file], fault_of(mutants[i]), place)

@@ -7,6 +7,7 @@ If Gymnasium is imported too, before or after, the environments are registered t
 
 from __future__ import annotations
 
+import os
 import sys
 
 TYPE_CHECKING = False  # importing it from typing takes longer than all the rest here
@@ -90,6 +91,10 @@ class _GymnasiumHook:
         return spec
 
 
+if os.environ.get("MUJOCO_GL", "disable") != "disable":  # TorchRL, which most modules import, loads the library that it names
+    from bricktwin.twin.make_body import check_mujoco
+
+    check_mujoco()
 if "gymnasium" in sys.modules:
     import importlib
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 import sys
@@ -249,3 +250,22 @@ def test_vector_environment_refuses_what_a_batch_cannot_do() -> None:
             envs.step(np.zeros(shape, np.float32))
     with pytest.raises(TypeError, match="one seed"):
         gymnasium.make_vec("bricksrl/WalkerSim-v1", 4).reset(seed=[1, 2, 3, 4])
+
+
+def test_step_after_the_end_raises() -> None:
+    env = gymnasium.make("bricksrl/WalkerSim-v0").unwrapped
+    env.reset(seed=0)
+    while not any(env.step(env.action_space.sample())[2:4]):
+        pass
+    with pytest.raises(BricksError, match="WalkerSim-v0 got a step after the end of an episode; reset it first"):
+        env.step(env.action_space.sample())
+    env.reset()
+    env.step(env.action_space.sample())
+
+
+def test_missing_graphics_library_disables_pictures_only() -> None:
+    """Whatever is imported first."""
+    script = "from bricksrl.evaluation import evaluate; import gymnasium; gymnasium.make('bricksrl/WalkerSim-v1').reset()"
+    command = [sys.executable, "-c", script]
+    done = subprocess.run(command, env={**os.environ, "MUJOCO_GL": "bogus"}, capture_output=True, text=True, check=False)
+    assert done.returncode == 0 and done.stderr.count("MUJOCO_GL=bogus does not work") == 1, done.stderr

@@ -67,6 +67,7 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
         self.metadata = {**self.metadata, "render_fps": max(1, round(self.env.task.rate_hz))}
         self.render_mode = render_mode
         self._observations: list[torch.Tensor] = []
+        self._ended = False
         self._renderer: Renderer | None = None
         vector = _box(self.env.task)
         camera = self.env.task.camera
@@ -82,20 +83,24 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
         if seed is not None:
             self.env.set_seed(seed)
             self._close_renderer()  # its virtual robot is replaced by the new seed
-        self._observations = []
+        self._observations, self._ended = [], False
         return self._observation(self.env.reset()), {}
 
     def step(self, action: Array) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Take one step; returns observation, reward, terminated, truncated and info."""
+        """Take one step; returns observation, reward, terminated, truncated and info. Raises BricksError after the end of an
+        episode."""
+        if self._ended:
+            raise BricksError(f"{self.env.task.id} got a step after the end of an episode; reset it first")
         sent = TensorDict({"action": torch.tensor(action, dtype=torch.float32)}, batch_size=())
         result = self.env.step(sent)["next"]
         terminated, truncated = bool(result["terminated"]), bool(result["truncated"])
+        self._ended = terminated or truncated
         if link_lost(sent.set("next", result)):
             return self._observation(result), 0.0, False, True, {"link_lost": True}
         self._observations.append(result["observation"].clone())
         episode = self.env.task_observations(torch.stack(self._observations))
         info: dict[str, Any] = dict(metrics_of(self.env.task, episode))
-        if terminated or truncated:
+        if self._ended:
             info["success"] = success_of(self.env.task, episode)
         return self._observation(result), float(result["reward"]), terminated, truncated, info
 
@@ -121,7 +126,7 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
 
     def __getstate__(self) -> dict[str, Any]:
         """Pickled without an episode, as ``env`` is."""
-        return {**self.__dict__, "_observations": [], "_renderer": None}
+        return {**self.__dict__, "_observations": [], "_ended": False, "_renderer": None}
 
     def _close_renderer(self) -> None:
         if self._renderer is not None:
