@@ -253,11 +253,11 @@ def test_vector_environment_refuses_what_a_batch_cannot_do() -> None:
 
 
 def test_step_after_the_end_raises() -> None:
-    env = gymnasium.make("bricksrl/WalkerSim-v0").unwrapped
+    env = gymnasium.make("bricksrl/WalkerSim-v1").unwrapped
     env.reset(seed=0)
     while not any(env.step(env.action_space.sample())[2:4]):
         pass
-    with pytest.raises(BricksError, match="WalkerSim-v0 got a step after the end of an episode; reset it first"):
+    with pytest.raises(BricksError, match="WalkerSim-v1 got a step after the end of an episode; reset it first"):
         env.step(env.action_space.sample())
     env.reset()
     env.step(env.action_space.sample())
