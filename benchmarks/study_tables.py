@@ -164,7 +164,7 @@ OUTSIDE = {
     "flat battery": Physics(battery_v=6.4),
     "slow link": Physics(link_interval_ms=100.0),
     "5 degrees uphill": Physics(slope_deg=5.0),
-    "one motor at 70 %": Physics(weak_motor_scale=0.7),
+    "one motor at 70 %": Physics(motor_1_scale=0.7),
     "100 g on one side": Physics(side_load_g=100.0),
 }
 """Physics outside the ranges of domain randomization."""
@@ -177,7 +177,8 @@ def _sim_to_robot(quick: bool) -> tuple[Cell, ...]:
     for env, test_env in list(tested.items())[: 1 if quick else None]:
         fixed_base = test_env == "RoboArm-v0"
         outside = [(name, physics) for name, physics in OUTSIDE.items() if not (fixed_base and physics.side_load_g)]
-        twins = [*(("drawn twins", physics) for physics in drawn), *outside]
+        loads = {"side_load_g": 0.0} if fixed_base else {}
+        twins = [*(("drawn twins", replace(physics, **loads)) for physics in drawn), *outside]
         conditions = [Condition("nominal twin", test_env, episodes=2 if quick else 20)]
         conditions += [Condition(name, test_env, {"physics": physics}, episodes) for name, physics in twins]
         for learn_episodes in (1,) if quick else (2, 5):

@@ -399,6 +399,32 @@ def link_rates(result: Result) -> str:
     return table(["connection interval", "one exchange: median", "p99", "rate"], rows)
 
 
+def motors(result: Result) -> str:
+    """Motors of the twins and of LEGO's sheets."""
+    rows = []
+    for kind, entry in result["motors"].items():
+        twin, sheet, off = entry["twin"], entry["sheet"] or {}, entry["deviation_pct"]
+        cells = [
+            f"{twin[name]:.3g}" + (f" ({sheet[name]:g}: {off[name]:+.0f} %)" if sheet else "")
+            for name in ("free_rpm", "loaded_rpm", "stall_ncm")
+        ]
+        source = "LEGO's data sheet" if sheet else "Pybricks' measured curve"
+        rows.append([kind, cells[0], f"{cells[1]} at {entry['load_ncm']:g} Ncm", cells[2], source])
+    return table(["motor at 7.2 V", "free, rpm (sheet)", "loaded, rpm (sheet)", "stall, Ncm (sheet)", "of"], rows)
+
+
+def resets(result: Result) -> str:
+    """Starts at rest, and falls of a trained Walker."""
+    rows = [
+        [f"`{env}`", str(entry["starts"]), str(entry["restless"]), f"{entry['most_deg']:.2f}", f"{entry['most_mm']:.2f}"]
+        for env, entry in result["environments"].items()
+    ]
+    text = table(["environment", "starts", "not at rest", "largest turn, degrees", "largest way, mm"], rows)
+    if walker := result.get("walker"):
+        text += f"\nFalls of a trained Walker in {walker['episodes']} evaluation episodes: {walker['falls']}.\n"
+    return text
+
+
 SECTIONS: dict[str, tuple[str, Callable[[Result], str]]] = {
     "robots": ("SAC on each robot, with the paper's number of episodes", robots),
     "baselines": ("Random actions and hand-written controllers (return, success)", baselines),
@@ -420,6 +446,8 @@ SECTIONS: dict[str, tuple[str, Callable[[Result], str]]] = {
     "arena": ("Tag: catchers trained in the simulation, in the arena", arena),
     "realtime_factor": ("Speed of the virtual robots, hub program and environment included", realtime_factor),
     "simulation_speed": ("Speed of the batched simulations", simulation_speed),
+    "motors": ("Motors of the twins, free, under load and stalled, against LEGO's data sheets", motors),
+    "resets": ("Starts of the virtual robots after random steps", resets),
     "link_rates": ("Rate of the link, over a simulated radio", link_rates),
 }
 

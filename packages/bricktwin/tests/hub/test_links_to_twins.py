@@ -44,7 +44,8 @@ def test_step_takes_move_and_two_intervals(env_id: str) -> None:
     interface = TASKS[env_id][1]
     link.read()
     reading = link.act([command.low for command in interface.commands])
-    settle_s = {"RunAway-v0": 0.805, "Spinning-v0": 0.1, "Walker-v0": 0.25, "RoboArm-v0": 0.25}[env_id]
+    # The firmware with its own model of a motor takes 805 ms for 100 mm; LEGO's is stronger.
+    settle_s = {"RunAway-v0": 0.785, "Spinning-v0": 0.1, "Walker-v0": 0.25, "RoboArm-v0": 0.25}[env_id]
     assert reading.round_trip_s == pytest.approx(settle_s + 0.030, abs=0.02)
     assert hub.now_s() > settle_s
 

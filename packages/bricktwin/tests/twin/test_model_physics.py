@@ -14,7 +14,7 @@ from brickhub.robot import Robot
 from bricktwin.robots import ROBO_ARM, TWO_WHEELER, WALKER
 from bricktwin.twin.arena import Arena, ArenaWorld, Contestant, Place
 from bricktwin.twin.models.load import load_model
-from bricktwin.twin.models.mjcf import motor_constants
+from bricktwin.twin.models.motors import motor_constants
 from bricktwin.twin.mujoco_body import SIDE_LOAD_OFFSET_M, MujocoBody
 from bricktwin.twin.physics import Physics, RandomPhysics
 from bricktwin.twin.scene import OPEN_FLOOR, Scene
@@ -81,8 +81,9 @@ def test_a_side_load_needs_a_robot_that_moves() -> None:
         body(ROBO_ARM, side_load_g=100.0)
 
 
-def test_a_weak_motor_turns_slower_and_the_other_does_not() -> None:
-    robot = body(weak_motor_scale=0.7)
+@pytest.mark.parametrize("scale", [0.7, 1.15])
+def test_each_motor_has_its_own_speed(scale: float) -> None:
+    robot = body(motor_1_scale=scale)
     robot.model.opt.gravity[:] = 0.0
     robot.data.qpos[2] = 1.0
     for port in (LEFT, RIGHT):
@@ -91,10 +92,31 @@ def test_a_weak_motor_turns_slower_and_the_other_does_not() -> None:
     before = {port: robot.angle_mdeg(port) for port in (LEFT, RIGHT)}
     robot.advance_to(2000)
     motor = motor_constants(TWO_WHEELER.motors[0].kind)
-    for port, scale in ((LEFT, 0.7), (RIGHT, 1.0)):
-        no_load_rad_s = (motor.torque_nm_v * 5.0 * scale - motor.friction_nm) / motor.drag_nm_s
+    for port, factor in ((LEFT, scale), (RIGHT, 1.0)):
+        no_load_rad_s = factor * (motor.torque_nm_v * 5.0 - motor.friction_nm) / motor.drag_nm_s
         speed_deg_s = (robot.angle_mdeg(port) - before[port]) / 1000
         assert speed_deg_s == pytest.approx(math.degrees(no_load_rad_s), rel=0.01)
+
+
+@pytest.mark.parametrize(("voltage_mv", "is_tilted"), [(2000, False), (2300, False), (5000, True), (8000, True)])
+def test_a_robot_tilts_when_it_accelerates_as_its_masses_say(voltage_mv: int, is_tilted: bool) -> None:
+    """Driving backwards it lifts its caster as soon as the acceleration times the height of its centre of mass exceeds gravity
+    times that centre's distance behind the axle: the moments about the wheels' contact."""
+    robot = body(backlash_deg=0.0)
+    behind_m, _, height_m = np.abs(robot.data.subtree_com[robot.chassis] - [*robot.data.xpos[robot.chassis][:2], 0.0])
+    robot.set_voltage(LEFT, voltage_mv)
+    robot.set_voltage(RIGHT, -voltage_mv)
+    robot.advance_to(30)
+    assert bool(-robot.data.qvel[0] / 0.03 > 9.81 * behind_m / height_m) is is_tilted
+    robot.advance_to(200)
+    assert (robot.tilt_deg()[0] > 2.0) is is_tilted
+
+
+def test_a_fixed_robot_draws_no_side_load() -> None:
+    robot, rng = MujocoBody(ROBO_ARM, OPEN_FLOOR, RandomPhysics(), 0), np.random.default_rng(5)
+    robot.reset(rng)
+    assert robot.physics.side_load_g == 0.0
+    assert robot.physics.motor_1_scale != 1.0
 
 
 def test_random_physics_starts_from_the_nominal_model_each_time() -> None:
@@ -102,18 +124,20 @@ def test_random_physics_starts_from_the_nominal_model_each_time() -> None:
     nominal = load_model(WALKER, OPEN_FLOOR).compile()
     for _ in range(3):
         robot.reset(rng)
-        assert robot.model.body_mass.sum() == pytest.approx(nominal.body_mass.sum() * robot.physics.mass_scale)
-        np.testing.assert_array_equal(robot.model.body_ipos, nominal.body_ipos)
+        load_kg = robot.physics.side_load_g / 1000
+        assert robot.model.body_mass.sum() == pytest.approx(nominal.body_mass.sum() * robot.physics.mass_scale + load_kg)
+        shift_m = np.linalg.norm(robot.model.body_ipos - nominal.body_ipos, axis=-1)
+        assert shift_m.sum() == shift_m[robot.chassis] < 0.048 * load_kg / robot.model.body_mass[robot.chassis] + 1e-9
 
 
 def test_all_robots_of_an_arena_get_the_physics() -> None:
     arena = Arena(tuple(Contestant(name, TWO_WHEELER, Place(x_m=(x_m, x_m))) for x_m, name in enumerate("ab")))
     nominal = ArenaWorld(arena).model
-    changed = ArenaWorld(arena, Physics(slope_deg=5.0, side_load_g=50.0, weak_motor_scale=0.7, motor_friction_scale=2.0)).model
+    changed = ArenaWorld(arena, Physics(slope_deg=5.0, side_load_g=50.0, motor_1_scale=0.7, motor_friction_scale=2.0)).model
     assert changed.body_mass.sum() == pytest.approx(nominal.body_mass.sum() + 0.1)
     assert changed.opt.gravity[0] == pytest.approx(-9.81 * math.sin(math.radians(5.0)))
     for name in ("a", "b"):
         weak, strong = (changed.actuator(f"{name}/motor_{port}").id for port in (LEFT, RIGHT))
-        assert changed.actuator_gainprm[weak, 0] == pytest.approx(0.7 * changed.actuator_gainprm[strong, 0])
+        assert 0.7 * changed.actuator_biasprm[weak, 2] == pytest.approx(changed.actuator_biasprm[strong, 2])
         dof = changed.joint(f"{name}/motor_{LEFT}").dofadr[0]
         assert changed.dof_frictionloss[dof] > nominal.dof_frictionloss[dof]

@@ -15,15 +15,15 @@ def feet(heights: list[float]) -> np.ndarray[tuple[int, int], np.dtype[np.float6
     return np.column_stack([CORNERS, heights])
 
 
-def on_the_floor(heights: list[float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def on_the_floor(heights: list[float], centre: np.ndarray = CENTRE) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Feet and centre of mass in the world, and the rotation [3, 3]."""
     points = feet(heights)
-    quaternion, height = standing_pose(points, CENTRE)
+    quaternion, height = standing_pose(points, centre)
     matrix = np.empty(9)
     mujoco.mju_quat2Mat(matrix, quaternion)
     turn = matrix.reshape(3, 3)
     up = np.array([0.0, 0.0, height])
-    return points @ turn.T + up, turn @ CENTRE + up, turn
+    return points @ turn.T + up, turn @ centre + up, turn
 
 
 @given(st.lists(st.floats(-0.1, -0.08), min_size=4, max_size=4))
@@ -57,5 +57,12 @@ def test_equal_feet_are_level() -> None:
 
 
 def test_short_leg_is_off_floor() -> None:
-    points, _, _ = on_the_floor([-0.09, -0.09, -0.09, -0.08])
+    points, _, _ = on_the_floor([-0.09, -0.09, -0.09, -0.08], np.array([0.02, 0.02, 0.0]))
     assert points[3, 2] > 0.009
+
+
+def test_of_two_stances_the_lower_is_taken() -> None:
+    """With its centre near the diagonal the robot stands on the short leg, too, tilted and lower."""
+    points, centre, _ = on_the_floor([-0.09, -0.09, -0.09, -0.08])
+    assert points[3, 2] < 1e-9
+    assert 0.089 < centre[2] < 0.09

@@ -23,7 +23,7 @@ from brickhub.virtual.body import Rng
 from bricktwin.twin.models.kept_models import kept_model
 from bricktwin.twin.models.mjcf import LOOKS, add_camera, add_light, new_spec, yaw_quaternion
 from bricktwin.twin.models.scenery import add_geom
-from bricktwin.twin.mujoco_body import MujocoBody, Pose, set_physics, settle
+from bricktwin.twin.mujoco_body import STEPS_PER_LOAD, MujocoBody, Pose, set_physics, settle
 from bricktwin.twin.physics import Physics
 from bricktwin.twin.scene import OPEN_FLOOR
 from bricktwin.twin.senses import SummedNoise, Turns
@@ -210,7 +210,7 @@ class ArenaWorld:
         """Let all robots settle on the floor, far from one another, and record their stances."""
         for number, address in enumerate([*(body.base_address for body in self.bodies), *self._loads]):
             self.data.qpos[address] = 2.0 * number
-        settle(self.model, self.data, self._nominal)
+        settle(self.model, self.data, self.bodies)
         for body in self.bodies:
             body.record_stance()
 
@@ -228,6 +228,7 @@ class ArenaWorld:
         self.data.qacc_warmstart[:] = 0.0
         mujoco.mj_forward(self.model, self.data)
         refuse_overlap(self.model, self.data)
+        settle(self.model, self.data, self.bodies)
         for body in self.bodies:
             body.update_turns()
 
@@ -267,12 +268,14 @@ class ArenaWorld:
     def _advance_to(self, time_ms: int) -> None:
         remaining = time_ms * 2 // 5 - self.steps
         while remaining > 0:
-            steps = min(remaining, _STEPS_PER_UPDATE)
+            steps = min(remaining, STEPS_PER_LOAD - self.steps % STEPS_PER_LOAD)
             mujoco.mj_step(self.model, self.data, steps)
             remaining -= steps
             self.steps += steps
             for body in self.bodies:
                 body.update_turns()
+                if self.steps % STEPS_PER_LOAD == 0:
+                    body.load_battery()
         self.time_ms = time_ms
         self.on_time(time_ms)
 

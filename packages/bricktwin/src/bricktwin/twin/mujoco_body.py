@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 import functools
 import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
 
@@ -21,7 +21,8 @@ from brickhub.virtual.body import Rng
 from brickhub.virtual.stimuli import Sensed
 from bricktwin.twin import ldraw
 from bricktwin.twin.models.kept_models import robot_model
-from bricktwin.twin.models.mjcf import OBSTACLE_GROUP, SHAPE_GROUP, TIMESTEP_S, motor_constants, yaw_quaternion
+from bricktwin.twin.models.mjcf import OBSTACLE_GROUP, SHAPE_GROUP, TIMESTEP_S, yaw_quaternion
+from bricktwin.twin.models.motors import motor_constants
 from bricktwin.twin.models.mounts import body_of, site_name
 from bricktwin.twin.models.turning import TurningParts
 from bricktwin.twin.objects import Block, Solid
@@ -36,11 +37,12 @@ _SETTLING_STEPS = 400
 _FAR_M = 100.0
 # Steps between two updates of the turns: few enough that no robot turns by half a turn.
 _STEPS_PER_UPDATE = 20
-# A smaller torque of gravity is rounding, as on a vertical joint.
-_MIN_PULL_NM = 1e-3
+STEPS_PER_LOAD, _LOADS_PER_AVERAGE = 2, 128
+_HELD_KG_M2 = 1e3
+"""Inertia of a shaft that a motor holds: nothing on a robot moves it within a second."""
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class Pose:
     """Pose of a robot.
 
@@ -137,6 +139,7 @@ class MujocoBody:
         # NumPy is slow for single values.
         self._joint_positions = cast("memoryview[float]", memoryview(data.qpos))
         self._voltages_v = cast("memoryview[float]", memoryview(data.ctrl))
+        self._torques_nm = cast("memoryview[float]", memoryview(data.actuator_force))
 
     def _bind_motors(self, prefix: str) -> None:
         model, ports = self.model, [motor.port for motor in self.robot.motors]
@@ -144,6 +147,9 @@ class MujocoBody:
         actuators = {port: int(model.actuator(f"{prefix}motor_{port}").id) for port in ports}
         self._gears = {port: float(model.actuator_gear[index, 0]) for port, index in actuators.items()}
         self._shaft = {port: (int(joints[port].qposadr[0]), gear * math.degrees(1000.0)) for port, gear in self._gears.items()}
+        constants = {motor.port: motor_constants(motor.kind) for motor in self.robot.motors}
+        self._amperes = [(index, 1.0 / constants[port].torque_nm_a) for port, index in actuators.items()]
+        self.shaft_dofs = [int(joint.dofadr[0]) for joint in joints.values()]
         self._terminals = {port: (index, 1 << int(model.actuator_group[index])) for port, index in actuators.items()}
 
     def _bind_sensors(self, prefix: str) -> None:
@@ -183,6 +189,7 @@ class MujocoBody:
         self.physics = physics
         self._up = _up(physics)
         self.battery_mv = round(physics.battery_v * 1000)
+        self._terminal_v = self._average_v = physics.battery_v
         self._encoder_step_mdeg = round(physics.encoder_resolution_deg * 1000)
 
     def _apply(self, physics: Physics) -> None:
@@ -201,25 +208,26 @@ class MujocoBody:
             return
         if self.scene.objects:
             self._qpos[0] = _FAR_M  # away from objects at the start position
-        settle(self.model, self.data, self._nominal)
+        settle(self.model, self.data, [self])
         self.record_stance()
         self._qpos[self.model.jnt_qposadr[self._backlash]] = 0.0
         self._qpos[[address for address, _ in self._shaft.values()]] = 0.0
 
     def reset(self, rng: Rng) -> None:
-        """Place the robot at the start of an episode; motors keep their angles, clock and program continue. ``rng``: generator
-        of the start pose, and of the physics if random."""
+        """Put the robot down at the start of an episode and let it come to rest; motors keep their angles, clock and program
+        continue. ``rng``: generator of the start pose, and of the physics if random."""
         if self._random_physics is not None:
-            self._apply(self._random_physics.sample(rng))
+            drawn = self._random_physics.sample(rng)
+            # A load on a base that is fixed changes nothing.
+            self._apply(drawn if self.moves else dataclasses.replace(drawn, side_load_g=0.0))
         self._qvel[:] = 0.0
         self._reset_blocks(rng)
         if self.moves:
             self._place(rng.uniform)
-        else:
-            self._take_up_backlash()
         self.data.qacc_warmstart[:] = 0.0
         mujoco.mj_forward(self.model, self.data)
         refuse_overlap(self.model, self.data, self.scene)
+        settle(self.model, self.data, [self])
         self.update_turns()
 
     def _check_starts(self) -> None:
@@ -274,14 +282,6 @@ class MujocoBody:
         quaternion, height_m = standing_pose(points_m @ frame, centre_m @ frame)
         return quaternion, height_m + self._feet.radius_m
 
-    def _take_up_backlash(self) -> None:
-        """Move each joint to the end of its backlash to which gravity pulls it, so that no arm drops at a start."""
-        mujoco.mj_forward(self.model, self.data)
-        for joint in self._backlash:
-            pull_nm = -float(self.data.qfrc_bias[self.model.jnt_dofadr[joint]])
-            end = np.sign(pull_nm) if abs(pull_nm) > _MIN_PULL_NM else 0.0
-            self._qpos[self.model.jnt_qposadr[joint]] = end * self.model.jnt_range[joint, 1]
-
     def pose(self) -> Pose:
         """True pose of the robot: for metrics, not for agents."""
         self.update_turns()
@@ -304,13 +304,16 @@ class MujocoBody:
         """Integrate whole steps up to this simulated time."""
         remaining = time_ms * 2 // 5 - self._steps
         while remaining > 0:
-            steps = remaining if remaining <= _STEPS_PER_UPDATE else _STEPS_PER_UPDATE
+            steps = STEPS_PER_LOAD - self._steps % STEPS_PER_LOAD
+            steps = steps if steps < remaining else remaining
             mujoco.mj_step(self.model, self.data, steps)
             remaining -= steps
             self._steps += steps
             self._steps_since_update += steps
             if self._steps_since_update >= _STEPS_PER_UPDATE:
                 self.update_turns()
+            if self._steps % STEPS_PER_LOAD == 0:
+                self.load_battery()
 
     def update_turns(self) -> None:
         """Add the turn since the last call; to be called before the robot has turned by half a turn."""
@@ -318,6 +321,22 @@ class MujocoBody:
         self._turns.update(self._base.orientation())
 
     # ---------------------------------------------------------------- motors
+
+    def load_battery(self) -> None:
+        """Load the battery with the motors' present currents, and average its voltage as the firmware does, every 5 ms.
+
+        A bridge gives a motor a share of the battery's voltage, and takes that share of the motor's current from it. The
+        firmware chooses the share by its slow average (Pybricks' ``battery.c``).
+        """
+        voltages, torques, power_w = self._voltages_v, self._torques_nm, 0.0
+        for motor, amperes_per_nm in self._amperes:
+            power_w += voltages[motor] * torques[motor] * amperes_per_nm
+        before_v, physics = self._terminal_v, self.physics
+        self._terminal_v = terminal_v = physics.battery_v - physics.battery_ohm * power_w / before_v
+        for motor, _ in self._amperes:
+            voltages[motor] *= terminal_v / before_v
+        self._average_v += (terminal_v - self._average_v) / _LOADS_PER_AVERAGE
+        self.battery_mv = int(self._average_v * 1000.0 + 0.5)
 
     def angle_mdeg(self, port: str) -> int:
         """Angle of a motor's shaft in whole steps of its rotation sensor, clockwise positive."""
@@ -333,9 +352,9 @@ class MujocoBody:
             self._open_circuits ^= circuit
             self.model.opt.disableactuator = self._open_circuits
         if voltage_mv is not None:
-            limit = self.battery_mv
-            voltage_mv = limit if voltage_mv > limit else -limit if voltage_mv < -limit else voltage_mv
-            self._voltages_v[actuator] = voltage_mv * 0.001
+            share = voltage_mv / self.battery_mv
+            share = 1.0 if share > 1.0 else -1.0 if share < -1.0 else share
+            self._voltages_v[actuator] = share * self._terminal_v
 
     # ---------------------------------------------------------------- sensors
 
@@ -415,11 +434,20 @@ SIDE_LOAD_OFFSET_M = (0.0, 0.048, 0.0)
 """Position of the side load relative to the chassis' centre of mass: 6 modules of LEGO to the left, in the hub's axes."""
 
 
-def settle(model: mujoco.MjModel, data: mujoco.MjData, nominal: mujoco.MjModel) -> None:
-    """Let robots settle on a level floor: with open circuits they may roll on a slope. ``nominal``: the model as compiled."""
-    slope, model.opt.gravity[:] = model.opt.gravity.copy(), nominal.opt.gravity
+def settle(model: mujoco.MjModel, data: mujoco.MjData, robots: Sequence[MujocoBody]) -> None:
+    """Let robots come to rest where they are put, with their motors held: play is taken up, feet find the floor."""
+    places = [slice(robot.base_address, robot.base_address + 2 * robot.moves) for robot in robots]
+    starts_m = [data.qpos[place].copy() for place in places]
+    shafts = [dof for robot in robots for dof in robot.shaft_dofs]
+    armature = model.dof_armature.copy()
+    model.dof_armature[shafts] = _HELD_KG_M2
     mujoco.mj_step(model, data, _SETTLING_STEPS)
-    model.opt.gravity[:] = slope
+    model.dof_armature[:] = armature
+    for place, start_m in zip(places, starts_m, strict=True):
+        data.qpos[place] = start_m
+    data.qvel[:] = 0.0
+    data.qacc_warmstart[:] = 0.0
+    mujoco.mj_forward(model, data)
 
 
 def _backlash_joints(model: mujoco.MjModel) -> list[int]:
@@ -444,13 +472,12 @@ def set_physics(
     play = math.radians(physics.backlash_deg)
     model.jnt_range[_backlash_joints(model)] = (-play, play)
     for robot in robots:
-        for number, motor in enumerate(robot.robot.motors):
+        for motor, scale in zip(robot.robot.motors, physics.motor_scales, strict=False):
             actuator = robot.actuator(motor.port)
             dof = model.jnt_dofadr[model.actuator_trnid[actuator, 0]]
             friction_nm = motor_constants(motor.kind).friction_nm * abs(nominal.actuator_gear[actuator, 0])
             model.dof_frictionloss[dof] = nominal.dof_frictionloss[dof] + (physics.motor_friction_scale - 1.0) * friction_nm
-            strength = physics.weak_motor_scale if number == 0 else 1.0
-            model.actuator_gainprm[actuator, 0] = nominal.actuator_gainprm[actuator, 0] * strength
+            model.actuator_biasprm[actuator, 2] = nominal.actuator_biasprm[actuator, 2] / scale
         if robot.moves:
             _add_side_load(model, nominal, robot.chassis, physics.side_load_g / 1000)
         elif physics.side_load_g:

@@ -42,13 +42,18 @@ def _parameter(default: float, unit: str, random_range: Range, allowed_range: Ra
     return dataclasses.field(default=default, metadata={"parameter": Parameter(unit, random_range, allowed_range, source)})
 
 
+def _motor_scale() -> Any:
+    return _parameter(1.0, "1", (0.85, 1.15), (0.1, 2.0), "LEGO's data sheets: speeds within 15 %")
+
+
 @dataclass(frozen=True)
 class Physics:
     """Parameters of a twin; the defaults are a freshly charged robot on a smooth floor. Raises TwinError if a value is outside of
     its allowed range.
 
     Attributes:
-        battery_v: voltage of the battery, which limits the motors'.
+        battery_v: voltage of the battery without load, by its charge; it limits the motors'.
+        battery_ohm: resistance of the battery with its protection and contacts: its voltage sags under the motors' load.
         friction_scale: factor on the friction between tyres and floor.
         mass_scale: factor on all masses and inertias.
         motor_friction_scale: factor on the dry friction inside the motors.
@@ -63,11 +68,14 @@ class Physics:
         link_interval_ms: connection interval of Bluetooth; messages are transmitted at its ticks.
         slope_deg: slope of the floor, uphill along x, the direction in which robots start.
         side_load_g: mass fastened to the left side of the chassis, 6 modules from its centre of mass.
-        weak_motor_scale: factor on the torque per volt of the first motor of the description.
+        motor_1_scale ... motor_6_scale: factor on the speed, free or loaded, of each motor in the order of the description.
     """
 
     battery_v: float = _parameter(
         8.0, "V", (7.2, 8.3), (6.0, 9.0), "two lithium cells, 8.3 V charged, 7.2 V nominal; the hub switches off at 6 V"
+    )
+    battery_ohm: float = _parameter(
+        0.2, "ohm", (0.1, 0.4), (0.0, 0.5), "estimate: two cells of 50 mohm, the rest protection, contacts and wires"
     )
     friction_scale: float = _parameter(1.0, "1", (0.7, 1.2), (0.05, 3.0), "estimate: rubber on wood, laminate, a dusty floor")
     mass_scale: float = _parameter(1.0, "1", (0.9, 1.15), (0.3, 3.0), "parts are estimated; 10 % for cables and other bricks")
@@ -87,9 +95,20 @@ class Physics:
     link_interval_ms: float = _parameter(
         15.0, "ms", (7.5, 50.0), (0.0, 4000.0), "Bluetooth LE: 7.5 ms to 4 s, computers give 7.5 to 50"
     )
-    slope_deg: float = _parameter(0.0, "deg", (0.0, 0.0), (-30.0, 30.0), "a level floor; never drawn")
-    side_load_g: float = _parameter(0.0, "g", (0.0, 0.0), (0.0, 500.0), "nothing carried; never drawn")
-    weak_motor_scale: float = _parameter(1.0, "1", (1.0, 1.0), (0.1, 1.0), "equal motors; never drawn")
+    slope_deg: float = _parameter(0.0, "deg", (-2.0, 2.0), (-30.0, 30.0), "estimate: floors and tables are not level")
+    side_load_g: float = _parameter(0.0, "g", (0.0, 50.0), (0.0, 500.0), "estimate: a sensor, a motor or a cable more")
+    motor_1_scale: float = _motor_scale()
+    motor_2_scale: float = _motor_scale()
+    motor_3_scale: float = _motor_scale()
+    motor_4_scale: float = _motor_scale()
+    motor_5_scale: float = _motor_scale()
+    motor_6_scale: float = _motor_scale()
+
+    @property
+    def motor_scales(self) -> tuple[float, ...]:
+        """Factors on the speeds of the motors, in the order of the description; a hub has at most six."""
+        first = self.motor_1_scale, self.motor_2_scale, self.motor_3_scale
+        return *first, self.motor_4_scale, self.motor_5_scale, self.motor_6_scale
 
     def __post_init__(self) -> None:
         for name, parameter in PARAMETERS.items():

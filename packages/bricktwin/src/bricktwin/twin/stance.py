@@ -17,6 +17,7 @@ from bricktwin.twin.objects import Solid
 from bricktwin.twin.scene import Scene
 
 _MIN_INSIDE = -1e-9
+_ROUNDING_M = 1e-9
 
 
 class Feet:
@@ -50,7 +51,7 @@ class Feet:
 
 
 def standing_pose(points: Floats, centre: Floats) -> tuple[Floats, float]:
-    """Pose in which a rigid body rests on three of its points.
+    """Pose in which a rigid body rests on three of its points: of several, the one whose centre of mass is lowest.
 
     Args:
         points: [n, 3], possible contact points in the body's frame, m.
@@ -74,9 +75,10 @@ def standing_pose(points: Floats, centre: Floats) -> tuple[Floats, float]:
         side = np.einsum("ij,ij->i", np.cross(end - start, centre - start), normal)
         orientation = np.einsum("ij,ij->i", np.cross(second - first, third - first), normal)
         inside = np.minimum(inside, side * np.sign(orientation))
-    # If more than three points lie in one plane, rounding makes some triples fail slightly: take the best one.
+    # If more than three points lie in one plane, rounding makes some triples fail slightly.
     violation = np.where(usable, np.maximum(-clearance, 0.0) + np.maximum(_MIN_INSIDE - inside, 0.0), math.inf)
-    best = int(np.argmin(violation))
+    height = np.einsum("ij,ij->i", normal, centre - first)
+    best = int(np.argmin(np.where(violation <= violation.min() + _ROUNDING_M, height, math.inf)))
     up = normal[best]
     # The shortest rotation that makes this direction vertical.
     quaternion = np.array([1.0 + up[2], up[1], -up[0], 0.0])

@@ -391,7 +391,7 @@ class TestProcesses:
         for file, old, new in (
             ("bricktwin/twin/models/mjcf.py", "TYRE_FRICTION = 1.0", "TYRE_FRICTION = 0.95"),
             ("bricktwin/plans/catalogue/colours.csv", ",", " ,"),
-            ("brickhub/virtual/firmware/motor_model.py", "PRESCALE_VOLTAGE =", "PRESCALE_VOLTAGE = 2 *"),
+            ("brickhub/virtual/firmware/motor_model.py", "PRESCALE_ACCELERATION =", "PRESCALE_ACCELERATION = 2 *"),
         ):
             path = tree / file
             text = path.read_text(encoding="utf-8")

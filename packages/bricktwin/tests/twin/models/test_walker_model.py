@@ -68,6 +68,20 @@ class Walking:
         return float(np.abs(np.array(apart) - 0.032).max()) * 1000
 
 
+@pytest.mark.parametrize("legs", [(304, 86, 84, 138), (300, 79, 80, 136)])
+def test_a_robot_is_put_down_where_it_stays(legs: tuple[int, ...]) -> None:
+    """It could stand on the ends of two legs, too, at 38 degrees."""
+    walker = Walking()
+    walker.pose_legs(legs)
+    walker.put_down()
+    start, (pitch_deg, roll_deg) = walker.body.pose(), walker.body.tilt_deg()
+    assert max(abs(pitch_deg), abs(roll_deg)) < 10
+    walker.machine.advance(1000)
+    end = walker.body.pose()
+    assert 1000 * math.hypot(end.x_m - start.x_m, end.y_m - start.y_m) < 3
+    assert walker.body.tilt_deg() == pytest.approx((pitch_deg, roll_deg), abs=2)
+
+
 def speed_m_s(phases: Phases, physics: Physics = QUIET, angle: int = -100, steps: int = 12) -> float:
     """Forward speed of a gait: equal cranks with these phases."""
     robot = Walking(physics)
@@ -95,7 +109,7 @@ class TestModel:
         open_by = data.efc_pos[data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY]
         assert len(open_by) == 4
         assert np.abs(open_by).max() < 1e-9
-        assert Walking().loop_error_mm() < 1e-6
+        assert Walking().loop_error_mm() < 0.01  # under the weight of the standing robot
 
     def test_only_feet_and_frame_touch_floor(self) -> None:
         assert not (model().geom_contype.any() or model().geom_conaffinity.any())
@@ -261,8 +275,9 @@ class TestReset:
             feet = [data.geom(f"foot_{port}") for port in "ABCD"]
             half, radius = robot.body.model.geom("foot_A").size[[1, 0]]
             lowest = sorted(foot.xpos[2] - half * abs(foot.xmat[8]) - radius for foot in feet)
-            assert lowest[0] == pytest.approx(0.0, abs=1e-6)
-            assert lowest[1] == pytest.approx(0.0, abs=1e-6)
+            # A contact carries weight at a depth of some tenths of a millimetre.
+            assert lowest[0] == pytest.approx(0.0, abs=5e-4)
+            assert lowest[1] == pytest.approx(0.0, abs=5e-4)
             height_m = data.qpos[2]
             robot.machine.advance(300)
             assert data.ncon >= 2
@@ -283,7 +298,8 @@ class TestReset:
         for _ in range(3):
             robot.body.reset(rng)
             seen.append(robot.body.physics)
-            assert robot.body.model.body_mass.sum() == pytest.approx(0.5604 * robot.body.physics.mass_scale, abs=0.001)
+            kg = 0.5604 * robot.body.physics.mass_scale + robot.body.physics.side_load_g / 1000
+            assert robot.body.model.body_mass.sum() == pytest.approx(kg, abs=0.001)
             assert robot.body.model.joint("backlash_A").range[1] == pytest.approx(math.radians(robot.body.physics.backlash_deg))
         assert len(set(seen)) == 3
 
@@ -319,7 +335,7 @@ class TestPhysics:
             robot.put_down()
             before = robot.angles()
             for servo in robot.servos:
-                servo.dc(-35)
+                servo.dc(-28)
             robot.machine.advance(2000)
             return [start - end for start, end in zip(before, robot.angles(), strict=True)]
 

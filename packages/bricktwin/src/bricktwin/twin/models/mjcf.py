@@ -6,10 +6,8 @@ Geom groups: obstacles that ultrasound detects, floor, looks, and the robot's co
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import mujoco
@@ -17,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from brickhub.robot import Motor, MotorKind
-from brickhub.virtual.firmware.motor_model import MOTOR_TYPES, PRESCALE_ACCELERATION, PRESCALE_SPEED, PRESCALE_VOLTAGE
 from bricktwin.plans.geometry import Floats, Triple
+from bricktwin.twin.models.motors import LIMIT_A, motor_constants
 from bricktwin.twin.objects import Block, Field, Lamp, Line, Ramp, Wall
 from bricktwin.twin.scene import Scene
 
@@ -28,44 +26,13 @@ TYRE_FRICTION = 1.0
 OBSTACLE_GROUP, FLOOR_GROUP, LOOKS_GROUP, SHAPE_GROUP = 0, 1, 2, 3
 WALL_X_M = 0.35
 """Position of the wall's face."""
+_BEARING_FRICTION_NM = 0.01
+"""Dry friction between a motor's output and an arm, or it would float through its play; an estimate: 500 g at 10 mm, 0.2."""
 WEBCAM_HEIGHT_M = 0.68
 """Height of the webcam over the table."""
 BALL_RADIUS_M, _BALL_KG = 0.024, 0.006
 _WALL_HALF_SIZE = (0.012, 1.5, 0.096)
 _BRICK = (0.78, 0.16, 0.12)
-
-
-@dataclass(frozen=True)
-class MotorConstants:
-    """Constants of a motor with its gear train, at its shaft. Inductance is neglected: it decays in a millisecond.
-
-    Attributes:
-        torque_nm_v: stall torque per volt.
-        drag_nm_s: loss of torque per rad/s, by back-EMF.
-        inertia_kg_m2: inertia of the rotor, through the gears.
-        friction_nm: dry friction.
-    """
-
-    torque_nm_v: float
-    drag_nm_s: float
-    inertia_kg_m2: float
-    friction_nm: float
-
-
-@functools.cache
-def motor_constants(kind: MotorKind) -> MotorConstants:
-    """Constants of a kind of motor, from the curves that the Pybricks authors measured and their firmware stores.
-
-    (``servo_settings.c`` v4, in ``virtual_hub/firmware/motor_model.py``: a medium motor has 460 rad/s2 from standstill at 7.2 V.)
-    """
-    model = MOTOR_TYPES[kind].model
-    per_rad = 180.0 / math.pi * 1e-3  # from mdeg and uNm
-    return MotorConstants(
-        torque_nm_v=PRESCALE_VOLTAGE / model.torque_by_voltage * 1e-3,
-        drag_nm_s=PRESCALE_SPEED / model.torque_by_speed * per_rad,
-        inertia_kg_m2=PRESCALE_ACCELERATION / model.torque_by_acceleration * per_rad,
-        friction_nm=model.friction_unm * 1e-6,
-    )
 
 
 def new_spec(name: str, scene: Scene) -> mujoco.MjSpec:
@@ -102,6 +69,8 @@ def add_motor(
     actuator.biastype = mujoco.mjtBias.mjBIAS_AFFINE
     actuator.gainprm[0] = motor.torque_nm_v
     actuator.biasprm[2] = -motor.drag_nm_s
+    actuator.forcelimited, most_nm = True, LIMIT_A * motor.torque_nm_a
+    actuator.forcerange = [-most_nm, most_nm]
     # A separate group, so that the body can open this motor's circuit.
     actuator.group = len(spec.actuators) - 1
     joint.armature = motor.inertia_kg_m2 * gear**2
@@ -172,6 +141,7 @@ def add_driven(rotor: mujoco.MjsBody, name: str, port: str, axis: Triple, *, is_
         limited=True,
         range=[-0.05, 0.05],
         damping=4e-3 if is_heavy else 5e-4,
+        frictionloss=_BEARING_FRICTION_NM if is_heavy else 0.0,
         solref_limit=[0.010 if is_heavy else 0.005, 1.0],
     )
     return body
