@@ -399,6 +399,26 @@ def link_rates(result: Result) -> str:
     return table(["connection interval", "one exchange: median", "p99", "rate"], rows)
 
 
+def senses(result: Result) -> str:
+    """Sensors, nominal and drawn."""
+    rows = [
+        [
+            f"{row['name']}, {row['unit']}",
+            row["published"],
+            f"{row['nominal']:.4g}",
+            f"{row['low']:.4g} to {row['high']:.4g}",
+            f"`{row['parameter']}`: {row['source']}",
+        ]
+        for row in result["rows"]
+    ]
+    exchanged = result["exchanged"]
+    turned = ", ".join(number(heading_deg) for heading_deg in exchanged["heading_deg"])
+    rows.append(
+        [f"{exchanged['name']}: heading after 4 s, deg", exchanged["published"], turned, "", "noise of the gyroscope alone"]
+    )
+    return table(["reading", "published", "nominal twin", "drawn twins", "parameter and source"], rows)
+
+
 SECTIONS: dict[str, tuple[str, Callable[[Result], str]]] = {
     "robots": ("SAC on each robot, with the paper's number of episodes", robots),
     "baselines": ("Random actions and hand-written controllers (return, success)", baselines),
@@ -420,6 +440,7 @@ SECTIONS: dict[str, tuple[str, Callable[[Result], str]]] = {
     "arena": ("Tag: catchers trained in the simulation, in the arena", arena),
     "realtime_factor": ("Speed of the virtual robots, hub program and environment included", realtime_factor),
     "simulation_speed": ("Speed of the batched simulations", simulation_speed),
+    "senses": ("Sensors of the virtual robots, beside what is published", senses),
     "link_rates": ("Rate of the link, over a simulated radio", link_rates),
 }
 
