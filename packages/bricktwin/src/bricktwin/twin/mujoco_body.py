@@ -259,11 +259,15 @@ class MujocoBody:
         x_mm, y_mm = (low if low == high else draw(low, high) for low, high in self.scene.start_mm)
         self.put(Pose(x_mm / 1000, y_mm / 1000, heading_deg))
         if self.scene.wall_distance_mm is not None:
-            distance_m = draw(*self.scene.wall_distance_mm) / 1000
-            wall = self.model.geom("wall")
-            sonar_m = self._base.in_world(next(iter(self._sonars.values()))[0])
-            self._qpos[0] = wall.pos[0] - wall.size[0] - distance_m - sonar_m[0]
-            self._qpos[1] = -sonar_m[1]
+            self.face_wall(draw(*self.scene.wall_distance_mm), heading_deg)
+
+    def face_wall(self, distance_mm: float, heading_deg: float) -> None:
+        """Put the robot on the floor with its first ultrasonic sensor at this distance from the scene's wall."""
+        self.put(Pose(0.0, 0.0, heading_deg))
+        wall = self.model.geom("wall")
+        sonar_m = self._base.in_world(next(iter(self._sonars.values()))[0])
+        self._qpos[0] = wall.pos[0] - wall.size[0] - distance_mm / 1000 - sonar_m[0]
+        self._qpos[1] = -sonar_m[1]
 
     def put(self, start: Pose) -> None:
         """Put the standing robot on the floor."""
