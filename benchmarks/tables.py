@@ -425,6 +425,26 @@ def resets(result: Result) -> str:
     return text
 
 
+def senses(result: Result) -> str:
+    """Sensors, nominal and drawn."""
+    rows = [
+        [
+            f"{row['name']}, {row['unit']}",
+            row["published"],
+            f"{row['nominal']:.4g}",
+            f"{row['low']:.4g} to {row['high']:.4g}",
+            f"`{row['parameter']}`: {row['source']}",
+        ]
+        for row in result["rows"]
+    ]
+    exchanged = result["exchanged"]
+    turned = ", ".join(number(heading_deg) for heading_deg in exchanged["heading_deg"])
+    rows.append(
+        [f"{exchanged['name']}: heading after 4 s, deg", exchanged["published"], turned, "", "noise of the gyroscope alone"]
+    )
+    return table(["reading", "published", "nominal twin", "drawn twins", "parameter and source"], rows)
+
+
 SECTIONS: dict[str, tuple[str, Callable[[Result], str]]] = {
     "robots": ("SAC on each robot, with the paper's number of episodes", robots),
     "baselines": ("Random actions and hand-written controllers (return, success)", baselines),
@@ -448,6 +468,7 @@ SECTIONS: dict[str, tuple[str, Callable[[Result], str]]] = {
     "simulation_speed": ("Speed of the batched simulations", simulation_speed),
     "motors": ("Motors of the twins, free, under load and stalled, against LEGO's data sheets", motors),
     "resets": ("Starts of the virtual robots after random steps", resets),
+    "senses": ("Sensors of the virtual robots, beside what is published", senses),
     "link_rates": ("Rate of the link, over a simulated radio", link_rates),
 }
 

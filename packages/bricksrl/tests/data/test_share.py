@@ -13,14 +13,17 @@ from hub_server import TOKEN, Hub, serving
 from toy_data import SEEING, record
 
 import bricksrl
+from brickhub.errors import TwinError
 from brickhub.files import writing
 from bricksrl.agents import preset
+from bricksrl.cli import main
 from bricksrl.data import load
-from bricksrl.data.share import pull_dataset, push_dataset
+from bricksrl.data.share import pull_dataset, push_dataset, push_log
 from bricksrl.errors import CheckpointError, DataError, WriteError
 from bricksrl.policies import load_policy, sharing
 from bricksrl.policies.sharing import export_policy, is_policy, pull_policy, push_policy
 from bricksrl.training import TrainConfig, train
+from bricktwin.measure.session import Row, SessionLog, write_log
 
 
 @pytest.fixture
@@ -139,3 +142,17 @@ def test_policy_export_is_atomic(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert len(names) == written and not out.parent.exists()
     monkeypatch.setattr(sharing, "write_durably", write)
     assert is_policy(export_policy(run, out))
+
+
+def test_log_of_a_measured_robot_goes_to_the_hub(hub: Hub, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "log.jsonl"
+    write_log(path, SessionLog("two-wheeler", {"hub": "ble"}, (Row("rest", 5, 90.0, {"heading": 0.1}),)))
+    assert main(("data", "push", str(path), "me/logs", "--licence", "cc0-1.0")) == 0
+    assert capsys.readouterr().out.strip() == f"{hub.address}/datasets/me/logs"
+    files = hub.files["datasets/me/logs"]
+    assert files["log.jsonl"] == path.read_bytes() and sorted(files) == ["README.md", "log.jsonl"]
+    card = files["README.md"].decode()
+    assert "license: cc0-1.0\n" in card and "| robot | two-wheeler |" in card and "| hub | ble |" in card
+    path.write_text("secrets\n")
+    with pytest.raises(TwinError, match="it is another file"):
+        push_log(path, "me/logs")

@@ -89,8 +89,12 @@ Examples:
             },
         ),
         "twin": (
-            "The twin of a robot: record the robot's motion, fit the twin's physics to it.",
-            {"record": "bricktwin.cli.twin:RecordMotion", "fit": "bricktwin.cli.twin:FitTwin"},
+            "The twin of a robot: measure the robot, record its motion, fit the twin's physics to it.",
+            {
+                "measure": "bricktwin.cli.twin:Measure",
+                "record": "bricktwin.cli.twin:RecordMotion",
+                "fit": "bricktwin.cli.twin:FitTwin",
+            },
         ),
     },
     spelling={

@@ -237,17 +237,18 @@ class ExportData:
 
 @dataclass(frozen=True)
 class Push:
-    """Upload a dataset, or the policy of a run, to the Hugging Face hub, with a card.
+    """Upload a dataset, the policy of a run, or the log of a measured robot to the Hugging Face hub, with a card.
 
     Log in first: `hf auth login`, or set HF_TOKEN.
 
     Examples:
       bricksrl data push datasets/walker_expert me/walker-expert
       bricksrl data push runs/walker me/walker-sac --policy
+      bricksrl data push measured/log.jsonl me/my-two-wheeler
     """
 
-    folder: Annotated[Positional[Path], option(metavar="DIR")]
-    """Folder of the dataset, or of the run."""
+    folder: Annotated[Positional[Path], option(metavar="PATH")]
+    """Folder of the dataset, or of the run; or the log that `bricksrl twin measure` wrote."""
     repo: Annotated[Positional[str], option(metavar="REPO")]
     """Repository on the Hugging Face hub: owner/name."""
     policy: Flag = False
@@ -258,11 +259,11 @@ class Push:
     """Licence on the card, by the hub's name for it, such as cc-by-4.0."""
 
     def execute(self) -> None:
-        from bricksrl.data.share import push_dataset
+        from bricksrl.data.share import push_dataset, push_log
         from bricksrl.policies.sharing import push_policy
 
         load_learning()
-        push = push_policy if self.policy else push_dataset
+        push = push_policy if self.policy else push_log if self.folder.is_file() else push_dataset
         print_line(push(self.folder, self.repo, private=self.private, licence=self.licence))
 
 

@@ -19,6 +19,7 @@ from bricksrl.data.integrity import check
 from bricksrl.data.schema import CODEBASE_VERSION
 from bricksrl.data.summary import Summary, summarise
 from bricksrl.errors import DataError, message_of, percent
+from bricktwin.measure.session import read_log
 
 if TYPE_CHECKING:
     from huggingface_hub import HfApi
@@ -46,6 +47,41 @@ def push_dataset(path: Path, repo: str, *, private: bool = False, licence: str =
         api.upload_folder(repo_id=repo, repo_type="dataset", folder_path=str(root), allow_patterns=_FILES, ignore_patterns=hidden)
         api.upload_file(path_or_fileobj=card.encode(), path_in_repo=CARD, repo_id=repo, repo_type="dataset")
         api.create_tag(repo, tag=CODEBASE_VERSION, repo_type="dataset", exist_ok=True)
+        return f"{api.endpoint}/datasets/{repo}"
+
+
+def push_log(path: Path, repo: str, *, private: bool = False, licence: str = "mit") -> str:
+    """Upload the log of a measured robot, as `bricktwin twin measure` writes it, to the hub as a dataset; returns its address.
+    Raises TwinError if it is no such log, DataError as `push_dataset`."""
+    log = read_log(path)
+    about = "".join(f"| {name} | {value} |\n" for name, value in log.about.items())
+    card = f"""---
+license: {licence}
+task_categories:
+- robotics
+tags:
+- BricksRL
+- system-identification
+configs:
+- config_name: default
+  data_files: log.jsonl
+---
+
+# Two minutes with a {log.robot}
+
+Measured by hand with `bricktwin twin measure`: link, gyroscope, accelerometer, motors, ultrasonic sensor.
+
+| | |
+|---|---|
+| robot | {log.robot} |
+| answers of the hub | {len(log.rows)} |
+{about}
+Each line after the first is an answer: phase, the hub's clock, delay of the exchange, values.
+"""
+    with hub_client(repo) as api:
+        api.create_repo(repo, repo_type="dataset", private=private, exist_ok=True)
+        for content, name in ((path.read_bytes(), "log.jsonl"), (card.encode(), CARD)):
+            api.upload_file(path_or_fileobj=content, path_in_repo=name, repo_id=repo, repo_type="dataset")
         return f"{api.endpoint}/datasets/{repo}"
 
 

@@ -1,16 +1,18 @@
-"""``bricktwin twin``: record a robot's motion, and fit its twin to it."""
+"""``bricktwin twin``: measure a robot, record its motion, and fit its twin to it."""
 
 from __future__ import annotations
 
+import platform
 import sys
+import threading
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional
 
-from brickhub.cli.options import Flag, option
-from brickhub.cli.terminal import confirm, print_line
+from brickhub.cli.options import Flag, option, refuse_ignored
+from brickhub.cli.terminal import confirm, print_line, print_note
 from brickhub.errors import TwinError, counted
 from brickhub.seed import check_seed
 from brickhub.target import find, whole_interface
@@ -19,7 +21,9 @@ from bricktwin.twin.physics import FITTED
 if TYPE_CHECKING:
     from brickhub.hub.interface import Interface
     from brickhub.hub.link.lockstep import HubLink
+    from brickhub.hub.transport import Transport
     from brickhub.robot import Robot
+    from bricktwin.measure.hands import Deed, Person
     from bricktwin.twin.scene import Scene
     from bricktwin.twin.system_id import FittedPhysics
 
@@ -93,6 +97,94 @@ class RecordMotion:
         transport = address.transport()
         calibrate = calibration_of(transport)
         return HubLink(transport, robot, interface, calibrate=calibrate)
+
+
+@dataclass(frozen=True)
+class Measure:
+    """Measure a robot in two minutes, by hand: link, gyroscope, accelerometer, motors, ultrasonic sensor.
+
+    It says what to do, and goes on when you press Enter. It needs a level table, a straight edge and a bare wall. The folder gets
+    the log, a report beside the twin, and the physics of the twin fitted to the robot. Virtual robots are handled by nobody.
+
+    Examples:
+      bricktwin twin measure two-wheeler --hub ble --out measured
+      bricktwin twin measure walker --out measured
+      bricktwin twin measure two-wheeler --log measured/log.jsonl --out again
+    """
+
+    robot: Annotated[Positional[str], option(metavar="ROBOT")]
+    """Robot, as for `bricktwin twin record`."""
+    out: Annotated[Path, option(metavar="DIR")]
+    """Folder to write log.jsonl, report.html and physics.json to."""
+    hub: Annotated[str, option(metavar="HUB")] = "virtual"
+    """How to reach the robot, as for `bricktwin twin record`."""
+    log: Annotated[Path | None, option(metavar="LOG")] = None
+    """Log of an earlier measurement, from which report and physics are made anew."""
+    seed: Annotated[int, option(metavar="N")] = 0
+    """Seed of a virtual robot's noise and hands."""
+    physics: Annotated[Path | None, option(metavar="FILE")] = None
+    """Physics of a virtual robot: a JSON file such as `bricktwin twin fit` writes."""
+
+    def execute(self) -> None:
+        from brickhub.files import check_writable
+        from bricktwin.measure.report import lines, write_report
+        from bricktwin.measure.results import compare
+        from bricktwin.measure.session import measure, read_log, write_log
+        from bricktwin.twin.physics import write_physics
+
+        check_seed(self.seed)
+        target = find(self.robot)
+        if self.log is not None:
+            refuse_ignored(self, ("--robot", "--out", "--log"), "with --log")
+            log = read_log(self.log)
+            if log.robot != target.robot.name:
+                raise TwinError(f"{self.log} is of the robot '{log.robot}'; name that one")
+        else:
+            check_writable(self.out / "log.jsonl")
+            transport, person = self._robot(target.robot)
+            about = {"hub": self.hub.partition(":")[0], "computer": platform.platform(terse=True)}
+            log = measure(transport, target.robot, person, about)
+            write_log(self.out / "log.jsonl", log)
+        comparison = compare(log, target.robot)
+        write_report(self.out / "report.html", log, comparison)
+        write_physics(self.out / "physics.json", comparison.fitted())
+        for name, robot, twin, drawn, remark in (("", "robot", "twin", "drawn twins", ""), *lines(comparison)):
+            print_line(f"{name:36}{robot:>10}{twin:>10}   {drawn:22}{remark}".rstrip())
+        print_line(f"{self.out}: report.html, physics.json{'' if self.log else ', log.jsonl'}")
+
+    def _robot(self, robot: Robot) -> tuple[Transport, Person]:
+        """A transport to the robot, and who handles it."""
+        import numpy as np
+
+        from brickhub.hub.transports.address import parse_hub
+        from bricktwin.measure.hands import SimulatedPerson
+        from bricktwin.measure.results import virtual
+        from bricktwin.twin.physics import Physics, read_physics
+
+        address = parse_hub(self.hub)
+        if not address.is_virtual:
+            if self.physics is not None:
+                raise TwinError("a real robot has its own physics; omit --physics")
+            return address.transport(), _Reader()
+        hub = virtual(robot, Physics() if self.physics is None else read_physics(self.physics), self.seed)
+        return hub, SimulatedPerson(hub, np.random.default_rng(self.seed))
+
+
+class _Reader:
+    """The person at the terminal, who reads what to do and presses Enter when it is done."""
+
+    def begin(self, deed: Deed) -> None:
+        print_note(f"{deed.text} Then press Enter.")
+        self._answer: str | None = None
+        threading.Thread(target=self._wait, daemon=True).start()
+
+    def is_done(self) -> bool:
+        if self._answer == "":
+            raise TwinError("nobody is there to handle the robot: standard input ended; run it in a terminal")
+        return self._answer is not None
+
+    def _wait(self) -> None:
+        self._answer = "" if sys.stdin is None else sys.stdin.readline()
 
 
 @dataclass(frozen=True)

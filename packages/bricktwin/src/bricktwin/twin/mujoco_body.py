@@ -35,6 +35,7 @@ _NEAREST_MM, _FARTHEST_MM = UltrasonicSensor.NEAREST_MM, UltrasonicSensor.FARTHE
 _CONE_DEG = (-12.0, -6.0, 0.0, 6.0, 12.0)
 _SETTLING_STEPS = 400
 _FAR_M = 100.0
+_GRAVITY_MM_S2 = 9810.0
 # Steps between two updates of the turns: few enough that no robot turns by half a turn.
 _STEPS_PER_UPDATE = 20
 STEPS_PER_LOAD, _LOADS_PER_AVERAGE = 2, 128
@@ -109,6 +110,10 @@ class MujocoBody:
         """Connection interval of the hub's link."""
         return self.physics.link_interval_ms
 
+    def tyres(self, difference_pct: float) -> Iterator[tuple[int, float]]:
+        """Geometries of the drive base's tyres, left and right, with what each is larger than nominal if they differ by this."""
+        return zip(self._tyres, (difference_pct / 2, -difference_pct / 2), strict=False)
+
     def actuator(self, port: str) -> int:
         """Index of a motor's actuator in the model."""
         return self._terminals[port][0]
@@ -143,6 +148,10 @@ class MujocoBody:
 
     def _bind_motors(self, prefix: str) -> None:
         model, ports = self.model, [motor.port for motor in self.robot.motors]
+        base = self.robot.drive_base
+        wheels = [] if base is None else [self.robot.motor(name).port for name in (base.left, base.right)]
+        tyres = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, f"{prefix}tyre_{port}") for port in wheels]
+        self._tyres = tyres if min(tyres, default=-1) >= 0 else []  # a model of the user may have other names
         joints = {port: model.joint(f"{prefix}motor_{port}") for port in ports}
         actuators = {port: int(model.actuator(f"{prefix}motor_{port}").id) for port in ports}
         self._gears = {port: float(model.actuator_gear[index, 0]) for port, index in actuators.items()}
@@ -160,6 +169,8 @@ class MujocoBody:
         sonars = [port for port, kind in self._sensor_kinds.items() if kind.model.range_mm is not None]
         places = {port: self._sensor_frames[port] for port in sonars}
         self._sonars = {port: (position, rays @ frame.T) for port, (position, frame) in places.items()}
+        solids = [item for item in self.scene.objects if isinstance(item, Solid)]
+        self._soft_geoms = {int(self.model.geom(f"object_{number}").id) for number, item in enumerate(solids) if item.soft}
         forces = [port for port, kind in self._sensor_kinds.items() if Sense.FORCE in kind.model.senses]
         self._forces = {port: self.data.sensor(f"{prefix}force_{port}").data for port in forces}
         self._world = WorldSenses(self.model, self.data, self.scene)
@@ -191,6 +202,11 @@ class MujocoBody:
         self.battery_mv = round(physics.battery_v * 1000)
         self._terminal_v = self._average_v = physics.battery_v
         self._encoder_step_mdeg = round(physics.encoder_resolution_deg * 1000)
+        self._acceleration_bias_mm_s2: Vector = np.array(
+            [physics.acceleration_bias_x_mm_s2, physics.acceleration_bias_y_mm_s2, physics.acceleration_bias_z_mm_s2]
+        )
+        self._gyro_scale = 1.0 + physics.gyro_scale_error_pct / 100.0
+        self._least_echo = math.cos(math.radians(physics.echo_angle_deg))
 
     def _apply(self, physics: Physics) -> None:
         model = self.model
@@ -251,11 +267,15 @@ class MujocoBody:
         x_mm, y_mm = (low if low == high else draw(low, high) for low, high in self.scene.start_mm)
         self.put(Pose(x_mm / 1000, y_mm / 1000, heading_deg))
         if self.scene.wall_distance_mm is not None:
-            distance_m = draw(*self.scene.wall_distance_mm) / 1000
-            wall = self.model.geom("wall")
-            sonar_m = self._base.in_world(next(iter(self._sonars.values()))[0])
-            self._qpos[0] = wall.pos[0] - wall.size[0] - distance_m - sonar_m[0]
-            self._qpos[1] = -sonar_m[1]
+            self.face_wall(draw(*self.scene.wall_distance_mm), heading_deg)
+
+    def face_wall(self, distance_mm: float, heading_deg: float) -> None:
+        """Put the robot on the floor with its first ultrasonic sensor at this distance from the scene's wall."""
+        self.put(Pose(0.0, 0.0, heading_deg))
+        wall = self.model.geom("wall")
+        sonar_m = self._base.in_world(next(iter(self._sonars.values()))[0])
+        self._qpos[0] = wall.pos[0] - wall.size[0] - distance_mm / 1000 - sonar_m[0]
+        self._qpos[1] = -sonar_m[1]
 
     def put(self, start: Pose) -> None:
         """Put the standing robot on the floor."""
@@ -359,21 +379,30 @@ class MujocoBody:
     # ---------------------------------------------------------------- sensors
 
     def distance_mm(self, port: str) -> int:
-        """Distance to the nearest obstacle or robot that one of five rays in a cone of 24 degrees hits, with noise; 40..2000."""
+        """Distance to the nearest obstacle or robot that throws one of five rays in a cone of 24 degrees back, with noise, bias
+        and failures; 40..2000.
+
+        What is hard is a mirror of sound and throws back what meets it nearly at right angles; what is soft scatters sound, and
+        is seen late.
+        """
+        if self.physics.distance_dropout_share and self._noise.random() < self.physics.distance_dropout_share:
+            return _FARTHEST_MM
         position, rays = self._sonars[port]
         origin = self._base.in_world(position) + self._base.position()
-        nearest_mm = math.inf
+        nearest_mm, geom, normal = math.inf, np.empty(1, np.int32), np.empty(3)
         for ray in rays:
             direction = self._base.in_world(ray)
             distance_m = mujoco.mj_ray(
-                self.model, self.data, origin, direction, self._detected_groups, True, self._undetected_body, None
+                self.model, self.data, origin, direction, self._detected_groups, True, self._undetected_body, geom, normal
             )
             if distance_m >= 0.0:
-                nearest_mm = min(nearest_mm, distance_m * 1000.0)
+                is_soft = geom[0] in self._soft_geoms
+                if distance_m * 1000.0 < self.physics.soft_range_mm if is_soft else -(direction @ normal) >= self._least_echo:
+                    nearest_mm = min(nearest_mm, distance_m * 1000.0)
         if nearest_mm >= _FARTHEST_MM:
             return _FARTHEST_MM
         deviation_mm = self.physics.distance_noise_mm + self.physics.distance_noise_ratio * nearest_mm
-        reading_mm = round(nearest_mm + deviation_mm * self._noise.standard_normal())
+        reading_mm = round(nearest_mm + self.physics.distance_bias_mm + deviation_mm * self._noise.standard_normal())
         return min(max(reading_mm, _NEAREST_MM), _FARTHEST_MM)
 
     def sensed(self, port: str, sense: Sense) -> Sensed:
@@ -397,37 +426,42 @@ class MujocoBody:
     def tilt_deg(self) -> tuple[float, float]:
         """Pitch (nose down positive) and roll (right side down positive) from the direction of "up" in the hub's frame.
 
-        As in the firmware, this is the fused orientation, which accelerations do not disturb.
+        As in the firmware, this is the fused orientation, which accelerations do not disturb, but the accelerometer's bias does.
         """
-        up_x, up_y, up_z = self._base.up(self._up).tolist()
+        up_x, up_y, up_z = (self._base.up(self._up) + self._acceleration_bias_mm_s2 / _GRAVITY_MM_S2).tolist()
         pitch_deg = math.degrees(math.atan2(-up_x, math.hypot(up_y, up_z)))
         roll_deg = math.degrees(math.atan2(up_y, up_z))
         noise_pitch, noise_roll = (self.physics.tilt_noise_deg * self._noise.standard_normal(2)).tolist()
         return pitch_deg + noise_pitch, roll_deg + noise_roll
 
     def angular_velocity_deg_s(self) -> tuple[float, float, float]:
-        """Gyroscope in the frame of the hub, with noise; counter-clockwise about each axis is positive."""
-        noise = self.physics.gyro_noise_deg_s * self._noise.standard_normal(3)
-        x, y, z = (np.degrees(self._base.angular_velocity()) + noise).tolist()
+        """Gyroscope in the frame of the hub, with noise, scale error and drift; counter-clockwise about each axis is positive."""
+        noise = self.physics.gyro_noise_deg_s * self._noise.standard_normal(3) - self.physics.gyro_drift_deg_min / 60.0
+        x, y, z = (np.degrees(self._base.angular_velocity()) * self._gyro_scale + noise).tolist()
         return x, y, z
 
     def acceleration_mm_s2(self) -> tuple[float, float, float]:
-        """Accelerometer in the frame of the hub, with noise; at rest (0, 0, +9810)."""
-        noise = self.physics.acceleration_noise_mm_s2 * self._noise.standard_normal(3)
+        """Accelerometer in the frame of the hub, with noise and bias; at rest (0, 0, +9810)."""
+        noise = self.physics.acceleration_noise_mm_s2 * self._noise.standard_normal(3) + self._acceleration_bias_mm_s2
         x, y, z = (self._base.specific_force() * 1000.0 + noise).tolist()
         return x, y, z
 
     def heading_deg(self) -> float:
         """Rotation about the vertical since the start, as summed up from the gyroscope, clockwise positive, not wrapped."""
         self.update_turns()
-        noise_deg = self._heading_noise.deg(self._step_count() * TIMESTEP_S, self.physics.gyro_noise_deg_s)
-        return self._turns.heading_deg - self._heading_at_start_deg + noise_deg
+        noise_deg = self._heading_noise.deg(self._step_count() * TIMESTEP_S, self.physics.gyro_noise_deg_s) + self._drift_deg()
+        return (self._turns.heading_deg - self._heading_at_start_deg) * self._gyro_scale + noise_deg
 
     def rotation_deg(self) -> tuple[float, float, float]:
         """Angular velocity in the frame of the hub, summed up since the start, without noise."""
         self.update_turns()
-        x, y, z = np.degrees(self._base.in_hub(self._turns.rotation_rad)).tolist()
+        rotation = np.degrees(self._base.in_hub(self._turns.rotation_rad)) * self._gyro_scale - self._drift_deg()
+        x, y, z = rotation.tolist()
         return x, y, z
+
+    def _drift_deg(self) -> float:
+        """What the gyroscope has drifted since the start, clockwise."""
+        return self.physics.gyro_drift_deg_min / 60.0 * self._step_count() * TIMESTEP_S
 
 
 SIDE_LOAD_OFFSET_M = (0.0, 0.048, 0.0)
@@ -472,6 +506,13 @@ def set_physics(
     play = math.radians(physics.backlash_deg)
     model.jnt_range[_backlash_joints(model)] = (-play, play)
     for robot in robots:
+        for tyre, difference_pct in robot.tyres(physics.wheel_difference_pct):
+            for sizes, before in (
+                (model.geom_size, nominal.geom_size),
+                (model.geom_rbound, nominal.geom_rbound),
+                (model.geom_aabb, nominal.geom_aabb),
+            ):
+                sizes[tyre] = before[tyre] * (1.0 + difference_pct / 100.0)
         for motor, scale in zip(robot.robot.motors, physics.motor_scales, strict=False):
             actuator = robot.actuator(motor.port)
             dof = model.jnt_dofadr[model.actuator_trnid[actuator, 0]]

@@ -111,13 +111,14 @@ class Field:
 
 @dataclass(frozen=True)
 class Wall:
-    """Wall between two points. Raises TwinError if a value is invalid."""
+    """Wall between two points; a soft one, such as a curtain, swallows ultrasound. Raises TwinError if a value is invalid."""
 
     from_mm: Point
     to_mm: Point
     height_mm: float = 100.0
     thickness_mm: float = 16.0
     color: str = "red"
+    soft: bool = False
 
     def __post_init__(self) -> None:
         _check(self.color, "a wall", (self.height_mm, self.thickness_mm), 2, (self.from_mm, self.to_mm))
@@ -135,6 +136,7 @@ class Block:
         size_mm: size along x and y, before rotation, and height.
         mass_g: mass; ``None`` for a fixed block.
         spread_mm: maximum random shift along x and y at the start of each episode; only with a mass.
+        soft: whether it swallows ultrasound, as a cushion or a person does.
     """
 
     at_mm: Point
@@ -144,6 +146,7 @@ class Block:
     mass_g: float | None = None
     round: bool = False
     spread_mm: Point = (0.0, 0.0)
+    soft: bool = False
 
     def __post_init__(self) -> None:
         _check(self.color, "a block", self.size_mm, 3, (self.at_mm, self.spread_mm, (self.heading_deg, 0.0)))
@@ -161,6 +164,7 @@ class Ramp:
         at_mm: middle of its lower edge.
         heading_deg: direction in which it rises.
         length_mm: length on the floor; ``height_mm`` is that of its upper end.
+        soft: as of a block.
     """
 
     at_mm: Point
@@ -169,6 +173,7 @@ class Ramp:
     height_mm: float = 60.0
     heading_deg: float = 0.0
     color: str = "light_grey"
+    soft: bool = False
 
     def __post_init__(self) -> None:
         size = (self.length_mm, self.width_mm, self.height_mm)

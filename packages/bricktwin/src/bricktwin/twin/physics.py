@@ -42,6 +42,9 @@ def _parameter(default: float, unit: str, random_range: Range, allowed_range: Ra
     return dataclasses.field(default=default, metadata={"parameter": Parameter(unit, random_range, allowed_range, source)})
 
 
+_ACCELERATION_BIAS = (-184.0, 184.0), (-1000.0, 1000.0), "120 to 184 mm/s2 on Prime hubs, not calibrated; by default calibrated"
+
+
 def _motor_scale() -> Any:
     return _parameter(1.0, "1", (0.85, 1.15), (0.1, 2.0), "LEGO's data sheets: speeds within 15 %")
 
@@ -50,6 +53,8 @@ def _motor_scale() -> Any:
 class Physics:
     """Parameters of a twin; the defaults are a freshly charged robot on a smooth floor. Raises TwinError if a value is outside of
     its allowed range.
+
+    By default sensors have noise, but no bias, as offsets have either sign and a mean of 0, and never fail.
 
     Attributes:
         battery_v: voltage of the battery without load, by its charge; it limits the motors'.
@@ -61,12 +66,21 @@ class Physics:
         encoder_resolution_deg: step of a motor's rotation sensor.
         distance_noise_mm: standard deviation of the ultrasonic sensor at zero distance.
         distance_noise_ratio: increase of this deviation per millimetre of distance.
+        distance_bias_mm: offset of the ultrasonic sensor.
+        distance_dropout_share: share of its readings that are 2000 whatever is ahead.
+        echo_angle_deg: largest angle to a hard surface's normal at which the surface throws sound back.
+        soft_range_mm: distance from which on it sees something soft.
         tilt_noise_deg: standard deviation of pitch and roll.
         gyro_noise_deg_s: standard deviation of each axis of the gyroscope.
+        gyro_scale_error_pct: what the gyroscope reads for a turn, beyond the turn.
+        gyro_drift_deg_min: heading that the gyroscope adds by itself.
         acceleration_noise_mm_s2: standard deviation of each axis of the accelerometer.
+        acceleration_bias_x_mm_s2, acceleration_bias_y_mm_s2, acceleration_bias_z_mm_s2: offset of each axis of the accelerometer,
+            in the hub's frame; it tilts pitch and roll, too.
         color_noise_pct: standard deviation of the light reflected to a color sensor.
         link_interval_ms: connection interval of Bluetooth; messages are transmitted at its ticks.
         slope_deg: slope of the floor, uphill along x, the direction in which robots start.
+        wheel_difference_pct: by how much the left wheel of a drive base is larger than the right one.
         side_load_g: mass fastened to the left side of the chassis, 6 modules from its centre of mass.
         motor_1_scale ... motor_6_scale: factor on the speed, free or loaded, of each motor in the order of the description.
     """
@@ -88,14 +102,44 @@ class Physics:
     distance_noise_ratio: float = _parameter(
         0.004, "1", (0.002, 0.008), (0.0, 0.2), "estimate: a wall far off against one nearby"
     )
+    distance_bias_mm: float = _parameter(
+        0.0, "mm", (-20.0, 20.0), (-200.0, 200.0), "LEGO's technical fact sheet of 45604: +-20 mm; by default exact"
+    )
+    distance_dropout_share: float = _parameter(
+        0.0,
+        "1",
+        (0.0, 0.03),
+        (0.0, 1.0),
+        "estimate: owners tell of 2000 before a wall (pybricks/support#39, #476), not how often",
+    )
+    echo_angle_deg: float = _parameter(
+        35.0, "deg", (25.0, 50.0), (0.0, 90.0), "estimate: LEGO's technical fact sheet of 45604 gives a field of view of +-35 deg"
+    )
+    soft_range_mm: float = _parameter(
+        1500.0, "mm", (1200.0, 1800.0), (0.0, 2000.0), "LEGO: soft objects from 150 cm; the range is an estimate"
+    )
     tilt_noise_deg: float = _parameter(0.3, "deg", (0.1, 0.6), (0.0, 10.0), "estimate: a hub at rest")
-    gyro_noise_deg_s: float = _parameter(0.5, "deg/s", (0.2, 1.0), (0.0, 50.0), "estimate: a hub at rest")
+    gyro_noise_deg_s: float = _parameter(
+        0.1, "deg/s", (0.07, 0.2), (0.0, 50.0), "data sheet of ST's LSM6DS3TR-C: 5 mdps per root of Hz, up to half its 833 Hz"
+    )
+    gyro_scale_error_pct: float = _parameter(
+        0.0, "%", (-1.0, 1.0), (-5.0, 5.0), "363.4 and 362.8 deg for a turn (pybricks/support#1678); by default calibrated"
+    )
+    gyro_drift_deg_min: float = _parameter(
+        0.0, "deg/min", (-0.4, 0.4), (-60.0, 60.0), "0.044 deg in 7 s at rest, 0.37 a minute (pybricks/support#2238)"
+    )
     acceleration_noise_mm_s2: float = _parameter(20.0, "mm/s2", (10.0, 50.0), (0.0, 2000.0), "estimate: a hub at rest")
+    acceleration_bias_x_mm_s2: float = _parameter(0.0, "mm/s2", *_ACCELERATION_BIAS)
+    acceleration_bias_y_mm_s2: float = _parameter(0.0, "mm/s2", *_ACCELERATION_BIAS)
+    acceleration_bias_z_mm_s2: float = _parameter(0.0, "mm/s2", *_ACCELERATION_BIAS)
     color_noise_pct: float = _parameter(0.5, "%", (0.2, 1.5), (0.0, 20.0), "estimate: readings of a still sheet of paper")
     link_interval_ms: float = _parameter(
         15.0, "ms", (7.5, 50.0), (0.0, 4000.0), "Bluetooth LE: 7.5 ms to 4 s, computers give 7.5 to 50"
     )
     slope_deg: float = _parameter(0.0, "deg", (-2.0, 2.0), (-30.0, 30.0), "estimate: floors and tables are not level")
+    wheel_difference_pct: float = _parameter(
+        0.0, "%", (-0.5, 0.5), (-10.0, 10.0), "estimate: new and worn tyres, one more loaded than the other"
+    )
     side_load_g: float = _parameter(0.0, "g", (0.0, 50.0), (0.0, 500.0), "estimate: a sensor, a motor or a cable more")
     motor_1_scale: float = _motor_scale()
     motor_2_scale: float = _motor_scale()

@@ -1,0 +1,1 @@
+"""Two minutes with a real robot: what its link, sensors and motors are, beside its twin."""

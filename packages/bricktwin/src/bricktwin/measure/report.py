@@ -1,0 +1,97 @@
+"""Report of a measuring session: a page with each number of a robot beside its twin's, and plots."""
+
+from __future__ import annotations
+
+import html
+import io
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from brickhub.files import write_durably
+from bricktwin.drawing import import_matplotlib
+from bricktwin.measure.results import Comparison, Quantity
+from bricktwin.measure.session import SessionLog
+from bricktwin.twin.physics import PARAMETERS, Physics
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_ROBOT, _TWIN = "#d55e00", "#0b5cad"
+_OUTSIDE = -0.3, 1.3
+"""Where numbers are drawn that are far outside of the range."""
+_HEAD = ("", "robot", "twin", "drawn twins", "")
+
+
+def lines(comparison: Comparison) -> Iterator[tuple[str, str, str, str, str]]:
+    """For each number: name with unit, the robot, the twin, the range of twins that are drawn, and a remark."""
+    for one in comparison.quantities:
+        if one.name not in comparison.robot:
+            continue
+        name, value = f"{one.name}, {one.unit}", comparison.robot[one.name]
+        if one.name not in comparison.twin:
+            yield name, f"{value:.4g}", "", "", ""
+        elif not one.parameter:
+            yield name, f"{value:.4g}", f"{comparison.twin[one.name]:.4g}", "", ""
+        else:
+            low, high = _range(comparison, one)
+            nominal = comparison.at(one, getattr(Physics(), one.parameter))
+            remark = "" if low <= value <= high else f"outside of what --randomize draws ({one.parameter})"
+            yield name, f"{value:.4g}", f"{nominal:.4g}", f"{low:.4g} to {high:.4g}", remark
+
+
+def _range(comparison: Comparison, quantity: Quantity) -> tuple[float, float]:
+    ends = [comparison.at(quantity, end) for end in PARAMETERS[quantity.parameter].random_range]
+    return min(ends), max(ends)
+
+
+def write_report(path: Path, log: SessionLog, comparison: Comparison) -> None:
+    """Write the page. Raises WriteError if that is impossible."""
+    rows = [_HEAD, *lines(comparison)]
+    table = "\n".join("<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
+    about = html.escape(", ".join(f"{name} {value}" for name, value in log.about.items()))
+    page = f"""<!DOCTYPE html>
+<html lang="en"><head><meta charset="utf-8"><title>{html.escape(log.robot)}, measured</title>
+<style>body {{ font: 15px sans-serif; margin: 2em }} td {{ padding: 0 1.2em 0 0 }} svg {{ max-width: 100% }}</style></head>
+<body><h1>{html.escape(log.robot)}, measured</h1><p>{about}</p>
+<table>{table}</table>
+{_plots(log, comparison)}
+</body></html>
+"""
+    write_durably(path, page.encode())
+
+
+def _plots(log: SessionLog, comparison: Comparison) -> str:
+    """The plots, as SVG."""
+    import_matplotlib()
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(11.0, 7.0), layout="constrained")
+    left, right = figure.subplots(1, 2, width_ratios=(3, 2))
+    _draw_ranges(left, comparison)
+    right.hist([row.delay_ms for row in log.rows], bins=60, color=_ROBOT, log=True)
+    right.set(title="time of an exchange", xlabel="ms", ylabel="exchanges")
+    buffer = io.StringIO()
+    figure.savefig(buffer, format="svg")
+    return "".join(buffer.getvalue().partition("<svg")[1:])
+
+
+def _draw_ranges(axes: Axes, comparison: Comparison) -> None:
+    """The robot's numbers on scales from the lowest to the highest of the twins that are drawn."""
+    shown = [
+        one for one in comparison.quantities if one.parameter and {one.name} <= comparison.robot.keys() & comparison.twin.keys()
+    ]
+    for place, one in enumerate(shown):
+        low, high = _range(comparison, one)
+        nominal = comparison.at(one, getattr(Physics(), one.parameter))
+        axes.plot([0, 1], [place, place], color=_TWIN, linewidth=6, alpha=0.3, solid_capstyle="butt")
+        axes.plot([(nominal - low) / (high - low)], [place], "|", color=_TWIN, markersize=14)
+        share = (comparison.robot[one.name] - low) / (high - low)
+        axes.plot([min(max(share, _OUTSIDE[0]), _OUTSIDE[1])], [place], "o", color=_ROBOT)
+        axes.text(0.0, place + 0.2, f"{low:.3g}", fontsize=7, va="top")
+        axes.text(1.0, place + 0.2, f"{high:.3g} {one.unit}", fontsize=7, va="top", ha="right")
+    axes.set_yticks(range(len(shown)), [one.name for one in shown])
+    axes.set_xlim(-0.35, 1.35)
+    axes.set_xticks([])
+    axes.invert_yaxis()
+    axes.set_title("robot (dot), twin (line), drawn twins (bar)")

@@ -1,0 +1,212 @@
+"""Measuring session: a person handles a robot while programs on its hub report what link, sensors and motors do; and its log.
+
+A log has one JSON object per line: a header with the robot, then the hub's answers.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+from brickhub.errors import TwinError
+from brickhub.files import write_durably
+from brickhub.hub.interface import Channel, Distance, Heading, Interface, MotorAngle, Pitch, Roll, RunDuty, Wait, YawRate
+from brickhub.hub.link.lockstep import HubLink
+from brickhub.hub.transport import Transport
+from brickhub.robot import Robot
+from bricktwin.measure.hands import Deed, Person
+
+TURNED_DEG = 1260.0
+WALL_MM = 300.0
+WALL_DEG = 30.0
+_REST_S, _TURNED_S, _LIFTED_S, _WALL_S = 60.0, 8.0, 2.0, 6.0
+_FREE_S, _HELD_S = 1.2, 0.6
+_STEP = Wait(50)
+_FORMAT = 1
+
+REST = Deed("Put the robot on a level table, its left side along a straight edge, such as a heavy box, and let go of it.")
+TURN = Deed(
+    "Turn it on the table clockwise, seen from above, by three and a half turns, until its right side lies along the edge.",
+    turn_deg=TURNED_DEG,
+)
+LIFT = Deed("Take it into your hand, so that nothing touches its wheels or legs; they will run at full speed.", is_lifted=True)
+LET_GO = Deed("Let go of it, and keep the robot in your hand.", is_lifted=True)
+WALL = Deed(f"Put it before a bare, hard wall, its ultrasonic sensor {WALL_MM:g} mm from it, straight.", wall_mm=WALL_MM)
+ASLANT = Deed(
+    f"Turn it by {WALL_DEG:g} degrees to the left; the sensor stays {WALL_MM:g} mm from the wall.",
+    wall_mm=WALL_MM,
+    wall_deg=-WALL_DEG,
+)
+
+
+def held(motor: str) -> Deed:
+    """The deed of holding what a motor turns."""
+    return Deed(f"Hold fast what motor '{motor}' turns.", is_lifted=True, holds=motor)
+
+
+@dataclass(frozen=True)
+class _Half(Heading):
+    """``hub.imu.heading()``, wrapped, which leaves more digits on the wire."""
+
+    scale: ClassVar[int] = 100
+    expression: ClassVar[str] = "((hub.imu.heading() + 180) % 360 - 180)"
+    is_nominal: ClassVar[bool] = False
+
+
+@dataclass(frozen=True)
+class _Rate(YawRate):
+    scale: ClassVar[int] = 100
+
+
+class _Battery(Channel):
+    low: ClassVar[float] = 0.0
+    high: ClassVar[float] = 12.0
+
+    def check(self, robot: Robot) -> None:
+        """Each hub has one."""
+
+
+@dataclass(frozen=True)
+class _Volts(_Battery):
+    scale: ClassVar[int] = 1000
+    unit: ClassVar[str] = "V"
+    name: ClassVar[str] = "battery_v"
+    expression: ClassVar[str] = "(hub.battery.voltage() / 1000)"
+
+
+@dataclass(frozen=True)
+class _Amperes(_Battery):
+    scale: ClassVar[int] = 1000
+    unit: ClassVar[str] = "A"
+    name: ClassVar[str] = "battery_a"
+    expression: ClassVar[str] = "(hub.battery.current() / 1000)"
+
+
+@dataclass(frozen=True)
+class Row:
+    """One answer of the hub.
+
+    Attributes:
+        phase: what was going on: ``"rest"``, ``"turned"``, ``"lifted"``, ``"wall"``, ``"aslant"``, ``"hands"``, and for each
+            motor ``"free NAME"``, ``"back NAME"`` and ``"held NAME"``.
+        time_ms: clock of the hub's program.
+        delay_ms: of the exchange, without the duration of its command.
+        values: of the channels, by name.
+    """
+
+    phase: str
+    time_ms: int
+    delay_ms: float
+    values: dict[str, float]
+
+
+@dataclass(frozen=True)
+class SessionLog:
+    """Name of a robot, what else is known of it, and the answers of its hub."""
+
+    robot: str
+    about: dict[str, str]
+    rows: tuple[Row, ...]
+
+
+class _Session:
+    def __init__(self, transport: Transport, robot: Robot, person: Person) -> None:
+        self._transport, self._robot, self._person = transport, robot, person
+        self.rows: list[Row] = []
+
+    def link(self, channels: Sequence[Channel], motors: Sequence[str] = ()) -> HubLink:
+        self._channels = [channel.name for channel in channels]
+        self._motors = motors
+        interface = Interface(tuple(RunDuty(name) for name in motors), tuple(channels), _STEP)
+        self._link = HubLink(self._transport, self._robot, interface)
+        return self._link
+
+    def ask(self, deed: Deed) -> None:
+        self._person.begin(deed)
+        while not self._person.is_done():
+            self._read("hands")
+
+    def watch(self, phase: str, duration_s: float) -> None:
+        end_s = self._link.now_s() + duration_s
+        while self._link.now_s() < end_s:
+            self._read(phase)
+
+    def run(self, phase: str, motor: str, duty_pct: float, duration_s: float) -> None:
+        end_s = self._link.now_s() + duration_s
+        while self._link.now_s() < end_s:
+            self._add(phase, self._link.act([duty_pct * (name == motor) for name in self._motors]), _STEP.time_ms)
+        self._link.act([0.0] * len(self._motors))
+
+    def _read(self, phase: str) -> None:
+        self._add(phase, self._link.read(), 0)
+
+    def _add(self, phase: str, answer: Any, command_ms: int) -> None:
+        values = dict(zip(self._channels, answer.values, strict=True))
+        self.rows.append(Row(phase, answer.hub_time_ms, round(answer.round_trip_s * 1000 - command_ms, 3), values))
+
+
+def measure(transport: Transport, robot: Robot, person: Person, about: dict[str, str]) -> SessionLog:
+    """Measure a robot in about two minutes. Raises HubError if the link failed, TwinError if there is nothing to measure.
+
+    Args:
+        transport: unopened transport to its hub.
+        person: who handles the robot.
+        about: what else is to be known of robot and computer, for the log.
+    """
+    session = _Session(transport, robot, person)
+    motors = [motor.name for motor in robot.motors if motor.range_deg is None]
+    eyes = [sensor.name for sensor in robot.sensors if sensor.kind.model.range_mm is not None][:1]
+    if robot.needs_imu:
+        with session.link((_Half(), Pitch(), Roll(), _Rate())):
+            session.ask(REST)
+            session.watch("rest", _REST_S)
+            session.ask(TURN)
+            session.watch("turned", _TURNED_S)
+    for name in eyes:
+        with session.link((Distance(name),)):
+            session.ask(WALL)
+            session.watch("wall", _WALL_S)
+            session.ask(ASLANT)
+            session.watch("aslant", _WALL_S)
+    if motors:  # last, as legs stand otherwise afterwards
+        with session.link((*(MotorAngle(name, -180.0, 180.0) for name in motors), _Volts(), _Amperes()), motors):
+            session.ask(LIFT)
+            session.watch("lifted", _LIFTED_S)
+            for name in motors:
+                session.run(f"free {name}", name, 100.0, _FREE_S)
+                session.run(f"back {name}", name, -100.0, _FREE_S)
+                session.ask(held(name))
+                session.run(f"held {name}", name, 100.0, _HELD_S)
+                session.ask(LET_GO)
+    if not session.rows:
+        raise TwinError(
+            f"'{robot.name}' has no IMU, endless motor or ultrasonic sensor to measure; see `brickhub latency` for its link"
+        )
+    return SessionLog(robot.name, about, tuple(session.rows))
+
+
+def write_log(path: Path, log: SessionLog) -> None:
+    """Write a log to a file, replacing an existing one; its folder is created. Raises WriteError if that is impossible."""
+    lines = [{"bricktwin_measure": _FORMAT, "robot": log.robot, "about": log.about}, *map(asdict, log.rows)]
+    write_durably(path, "".join(json.dumps(line) + "\n" for line in lines).encode())
+
+
+def read_log(path: Path) -> SessionLog:
+    """Read a log. Raises TwinError if the file cannot be read, or is none."""
+    try:
+        header, *lines = map(json.loads, path.read_bytes().splitlines())
+        if header["bricktwin_measure"] != _FORMAT:
+            raise ValueError
+        rows = tuple(
+            Row(str(row["phase"]), int(row["time_ms"]), float(row["delay_ms"]), {k: float(v) for k, v in row["values"].items()})
+            for row in lines
+        )
+        return SessionLog(str(header["robot"]), {str(k): str(v) for k, v in header["about"].items()}, rows)
+    except OSError as error:
+        reason = error.strerror
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
+        reason = "it is another file"
+    raise TwinError(f"cannot read the log {path} ({reason}); give a log that `bricktwin twin measure` wrote")

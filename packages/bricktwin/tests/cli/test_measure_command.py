@@ -1,0 +1,81 @@
+"""``bricktwin twin measure``."""
+
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+
+import pytest
+from ble_world import World
+
+from brickhub.hub.link.lockstep import HubLink
+from brickhub.hub.transports.address import HubAddress
+from bricktwin.measure import session
+from bricktwin.measure.session import read_log
+from bricktwin.twin.physics import read_physics
+
+
+def test_measure_a_virtual_robot_and_report_again(bricktwin, fails, tmp_path: Path) -> None:
+    (tmp_path / "hidden.json").write_text('{"gyro_scale_error_pct": 0.8, "distance_bias_mm": 25}')
+    out, again = tmp_path / "measured", tmp_path / "again"
+    done = bricktwin("twin", "measure", "two-wheeler", "--physics", str(tmp_path / "hidden.json"), "--out", str(out))
+    assert (done.code, done.err) == (0, "")
+    assert "outside of what --randomize draws (distance_bias_mm)" in done.out
+    physics = read_physics(out / "physics.json")
+    assert physics.gyro_scale_error_pct == pytest.approx(0.8, abs=0.3)
+    assert physics.distance_bias_mm == pytest.approx(25, abs=5)
+    report = (out / "report.html").read_text()
+    assert "gyroscope, scale error" in report and report.count("<svg") == report.count("</svg>") == 1
+    log = str(out / "log.jsonl")
+    assert bricktwin("twin", "measure", "two-wheeler", "--log", log, "--out", str(again)).code == 0
+    assert json.loads((again / "physics.json").read_text()) == json.loads((out / "physics.json").read_text())
+    assert not (again / "log.jsonl").exists()
+    fails("twin", "measure", "walker", "--log", log, "--out", str(again), says="is of the robot 'two-wheeler'")
+    fails(
+        "twin", "measure", "two-wheeler", "--log", log, "--hub", "ble", "--out", str(again), says="--hub has no effect with --log"
+    )
+    fails("twin", "measure", "robo-arm", "--out", str(again), says="cannot be taken in hand")
+    fails("twin", "measure", "two-wheeler", "--hub", "ble", "--physics", "x.json", "--out", str(again), says="its own physics")
+
+
+@pytest.fixture
+def short(world: World, monkeypatch: pytest.MonkeyPatch) -> World:
+    """A hub over the simulated radio, and a session of seconds."""
+
+    def link(*arguments) -> HubLink:
+        made = HubLink(*arguments)
+        world.hub.library.append(made.program.source)
+        return made
+
+    for name in ("_REST_S", "_TURNED_S", "_LIFTED_S", "_WALL_S", "_HELD_S"):
+        monkeypatch.setattr(session, name, 0.5)
+    monkeypatch.setattr(session, "HubLink", link)
+    monkeypatch.setattr(HubAddress, "transport", lambda self: world.transport())
+    return world
+
+
+MEASURE = ("twin", "measure", "two-wheeler", "--hub", "ble", "--out")
+
+
+@pytest.mark.realtime
+def test_a_person_who_presses_enter_over_bluetooth(
+    bricktwin, short: World, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    pressed = io.StringIO("\n" * 9)
+    monkeypatch.setattr("sys.stdin", pressed)
+    done = bricktwin(*MEASURE, str(tmp_path))
+    assert done.code == 0
+    assert done.err.count("Then press Enter.") == 9 and pressed.read() == ""
+    log = read_log(tmp_path / "log.jsonl")
+    assert {row.phase for row in log.rows} >= {"rest", "turned", "wall", "aslant", "free left", "back right", "held right"}
+    assert any(abs(row.values["left_angle"]) > 300 for row in log.rows if row.phase == "free left")
+    assert not short.hub.is_driven and not short.hub.is_running
+
+
+@pytest.mark.realtime
+def test_the_robot_is_let_go_if_nobody_is_there(bricktwin, short: World, tmp_path: Path) -> None:
+    done = bricktwin(*MEASURE, str(tmp_path))
+    assert (done.code, done.out) == (2, "")
+    assert done.err.splitlines()[-1] == "error: nobody is there to handle the robot: standard input ended; run it in a terminal"
+    assert not short.hub.is_driven and not short.hub.is_running
