@@ -58,6 +58,7 @@ def _part(row: Mapping[str, str], electric: Mapping[str, str] | None) -> Part:
         MassSource[row["mass_source"].upper()],
         tuple(row["aliases"].split()),
         () if electric is None else part_notation.solids(electric["rotor_solids"]),
+        part_notation.notches(row["solids"], sites),
         part_notation.gears(row["gears"]),
         None if electric is None else _device(electric),
         int(row["length"] or 0),
