@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bricktwin.plans.connections import Connection, open_holes, reached
+from bricktwin.plans.connections import Connection, neighbours, open_holes, reached
 from bricktwin.plans.geometry import Bools, Floats
 from bricktwin.plans.plan import Placed, Plan, Step
 
@@ -109,8 +109,11 @@ _Links = Mapping[int, list[tuple[int, Floats]]]
 """The connections of each part: the other part, and the direction [3]."""
 
 
-def step_faults(plan: Plan, connections: Sequence[Connection], occupancy: Occupancy) -> Iterator[StepFault]:
-    """All steps that fail. Parts with unmodelled connections, such as tyres, count as connected."""
+def step_faults(
+    plan: Plan, connections: Sequence[Connection], occupancy: Occupancy, groups: Sequence[frozenset[int]] = ()
+) -> Iterator[StepFault]:
+    """All steps that fail. Parts with unmodelled connections count as connected, and so do groups around unknown parts."""
+    graph = neighbours(connections, groups)
     links: dict[int, list[tuple[int, Floats]]] = defaultdict(list)
     for link in connections:
         links[link.male].append((link.female, link.axis))
@@ -121,7 +124,8 @@ def step_faults(plan: Plan, connections: Sequence[Connection], occupancy: Occupa
         new = [part for item in items for part in item]
         built[step.assembly] = after = before | set(new)
         start = min(before) if before else max(new, key=lambda part: plan.parts[part].part.mass_g)
-        held = reached(start, {part: [other for other, _ in links[part] if other in after] for part in after})
+        nodes = after | set(range(-len(groups), 0))
+        held = reached(start, {node: [other for other in graph[node] if other in nodes] for node in nodes})
         loose = tuple(part for part in new if part not in held and not plan.parts[part].part.is_loose)
         if loose:
             yield StepFault(step, loose, Fault.UNCONNECTED)

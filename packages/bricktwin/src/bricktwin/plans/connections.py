@@ -1,4 +1,4 @@
-"""Connections between parts: pins and axles in holes, studs, tyres on rims, turntables, ball joints, meshing gears, chains around gears.
+"""Connections between parts: pins and axles in holes, studs, tyres on rims, turntables, ball joints, meshing gears, chains.
 
 LDraw units, plan frame.
 """
@@ -6,6 +6,7 @@ LDraw units, plan frame.
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice, pairwise
@@ -116,11 +117,21 @@ class Mesh:
         return abs(self.error) <= _MESH_TOLERANCE and self.engaged >= _MIN_SEATED_SHARE
 
 
-def reached(start: int, neighbours: Mapping[int, Iterable[int]]) -> set[int]:
+def neighbours(connections: Iterable[Connection], groups: Sequence[frozenset[int]] = ()) -> dict[int, list[int]]:
+    """The connected parts of each part. Groups may be held together by something unknown: a node -1, -2, ... each."""
+    graph: dict[int, list[int]] = defaultdict(list)
+    pairs = [(link.male, link.female) for link in connections]
+    for part, other in [*pairs, *((-1 - number, part) for number, group in enumerate(groups) for part in group)]:
+        graph[part].append(other)
+        graph[other].append(part)
+    return graph
+
+
+def reached(start: int, graph: Mapping[int, Iterable[int]]) -> set[int]:
     """All nodes of a graph that are connected to ``start``, and that."""
     found, waiting = {start}, [start]
     while waiting:
-        unseen = set(neighbours[waiting.pop()]) - found
+        unseen = set(graph[waiting.pop()]) - found
         found |= unseen
         waiting += unseen
     return found

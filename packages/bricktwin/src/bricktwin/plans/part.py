@@ -192,7 +192,7 @@ class Part:
         for number, solid in enumerate((*self.solids, *self.turning)):
             within = np.flatnonzero(solid.contains(points, margin))
             inside[within[~self._in_notch(points[within], number, margin)]] = True
-        inside[inside] = ~_in_holes(points[inside], open_holes, 0.0, _RECESS)
+        inside[inside] = ~_in_holes(points[inside], open_holes, margin, _RECESS)
         return inside
 
     def _in_notch(self, points: Floats, number: int, margin: float) -> Bools:
@@ -241,7 +241,7 @@ class Part:
             samples = solid.samples(3.5 if min(solid.half) < 12 else 7.0, 0.9)
             points.append(samples[~self._in_notch(samples, number, 0.9)])
         samples = np.concatenate(points)
-        return samples[~_in_holes(samples, self.holes, 0.9)]
+        return samples[~_in_holes(samples, self.holes, 0.9, _RECESS)]
 
     @functools.cached_property
     def bounds(self) -> tuple[Floats, Floats]:
@@ -250,7 +250,7 @@ class Part:
 
 
 def _in_holes(points: Floats, holes: Iterable[Site], margin: float, recess: float = 0.0) -> Bools:
-    """Whether points [n, 3] are in a hole, or less than ``margin`` from one [n]. ``recess``: further radius at a pin hole's ends."""
+    """Whether points [n, 3] are in a hole, or less than ``margin`` from one [n]. ``recess``: of a pin hole's ends."""
     inside = np.zeros(len(points), dtype=bool)
     for site in holes:
         offset = points - np.array(site.centre)
