@@ -18,6 +18,7 @@ from brickhub.errors import PlanError
 from bricktwin.plans import ldraw_file
 from bricktwin.plans.part import DeviceKind
 from bricktwin.plans.plan import MAX_PARTS, read_plan
+from bricktwin.plans.planned_robot import planned
 
 WHEEL = ("0 FILE wheel.ldr", "1 16 0 0 10 1 0 0 0 1 0 0 0 1 39367p02.dat", "0 STEP", "1 71 0 0 30 1 0 0 0 1 0 0 0 1 3713.dat")
 
@@ -246,8 +247,19 @@ def test_mirrored_hub_is_refused():
 def test_only_unknown_parts_may_be_stretched():
     hose = "1 4 0 0 0 1 0 0 0 9 0 0 0 1 hose_piece.dat"
     assert len(plan_of(BEAM, hose).unknown) == 1
-    with pytest.raises(PlanError, match="line 2: '32316.dat' is stretched"):
-        plan_of(hose, hose.replace("hose_piece", "32316"))
+    plan = plan_of(hose, hose.replace("hose_piece", "32316"), BEAM)
+    assert [(fault.line, fault.text) for fault in plan.faults] == [(2, "'32316.dat' is stretched; place it without scaling")]
+
+
+def test_rest_of_a_damaged_file_is_read(findings):
+    lines = [BEAM, "1 4 0 0 zero 1 0 0 0 1 0 0 0 1 32316.dat", "1 4 0 90 0 -1 0 0 0 1 0 0 0 1 67718.dat", "1 4 0 0"]
+    plan = plan_of(*lines)
+    assert [placed.line for placed in plan.parts] == [1]
+    found = [(one.line, one.detail.partition(";")[0]) for one in findings(*lines) if one.name == "unreadable"]
+    assert found[::2] == [(2, "cannot place a part"), (4, "cannot place a part")]
+    assert found[1] == (3, "'67718.dat' is mirrored, and Prime hub with battery has a left and a right")
+    with pytest.raises(PlanError, match=r"try.ldr, line 2: cannot place a part; write 1, a colour, 12 numbers and a file"):
+        planned(plan)
 
 
 def test_embedded_part_files_may_repeat():
@@ -257,16 +269,45 @@ def test_embedded_part_files_may_repeat():
     assert [(one.number, len(one.lines)) for one in plan.unknown] == [("99999", 1)]
 
 
+SEGMENT = "1 16 0 0 0 1 0 0 0 1 0 0 0 1 u9218.dat"
+
+
 @pytest.mark.parametrize(
     "segments",
     [
         ["1 16 0 0 0 1 0 0 0 9 0 0 0 1 4-4cyli.dat"] * 40,
-        ["0 !LDCAD GENERATED [generator=LDCad 1.6] [master=a.ldr]", *["1 16 0 0 0 1 0 0 0 1 0 0 0 1 u9218.dat"] * 40],
+        ["0 !LDCAD GENERATED [generator=LDCad 1.6] [master=a.ldr]", *[SEGMENT] * 40],
+        ["0 !LDCAD GENERATED [generator=LDCad 1.6]", "0 UNOFFICIAL PART", *[SEGMENT] * 40],
     ],
 )
-def test_segmented_hose_is_one_unknown_part(segments):
+def test_segmented_hose_is_one_piece(segments):
     plan = plan_of("0 FILE a.ldr", BEAM, BEAM.replace("32316.dat", "hose.ldr"), "0 FILE hose.ldr", *segments)
-    assert [(one.number, len(one.lines)) for one in plan.unknown] == [("hose.ldr", 1)]
+    assert (len(plan.parts), plan.unknown, plan.drawn) == (1, (), (3,))
+
+
+def test_cable_of_ldcad_keeps_the_motor_at_its_end():
+    motor, cable = SEGMENT.replace("u9218", "54675"), SEGMENT.replace("u9218.dat", "cable.ldr")
+    inner = [
+        "0 FILE cable.ldr",
+        "0 !LDCAD GENERATED [generator=LDCad 1.7]",
+        motor,
+        SEGMENT.replace("u9218.dat", "piece.ldr"),
+        SEGMENT,
+    ]
+    piece = ["0 FILE piece.ldr", "0 !LDCAD GENERATED [master=cable.ldr]", "0 UNOFFICIAL PART", SEGMENT, SEGMENT]
+    plan = plan_of("0 FILE a.ldr", cable, *inner, *piece)
+    assert [placed.part.number for placed in plan.parts] == ["54675"]
+    assert (plan.unknown, len(plan.drawn)) == ((), 1)
+
+
+def test_hose_of_lsynth_is_one_piece(findings):
+    begin, end = "0 SYNTH BEGIN TECHNIC_FLEX_AXLE 0", "0 SYNTH END"
+    lines = [BEAM, begin, SEGMENT, "0 SYNTH SYNTHESIZED BEGIN", SEGMENT, "0 SYNTH SYNTHESIZED END", end, "0 !BRICKSRL PARTS 2"]
+    plan = plan_of(*lines)
+    assert (len(plan.parts), plan.unknown, plan.drawn) == (1, (), (2,))
+    assert findings(*lines) == []
+    with pytest.raises(PlanError, match="line 2: no 0 SYNTH END follows; write it after the last segment"):
+        plan_of(*lines[:5])
 
 
 def test_ball_has_place_in_frame_of_next_part() -> None:

@@ -76,6 +76,7 @@ class PlanParts:
       bricktwin plan parts two-wheeler
       bricktwin plan parts two-wheeler --out parts.csv
       bricktwin plan parts two-wheeler --format bricklink --out wanted.xml
+      bricktwin plan parts walker --own 45678,45681
       bricktwin plan parts
     """
 
@@ -84,32 +85,44 @@ class PlanParts:
     """File to write."""
     format: Literal["csv", "rebrickable", "bricklink"] = "csv"
     """Format of the file: a table with masses, Rebrickable's CSV, or BrickLink's wanted list in XML."""
+    own: Annotated[str | None, option(metavar="SET[,SET]")] = None
+    """LEGO sets that you have, such as 45678,45681: list what is missing, with the numbers of shops."""
 
     def execute(self) -> None:
         from brickhub.files import write_durably
         from bricktwin.plans import catalogue
-        from bricktwin.plans.parts_list import as_text, parts_list, purchases
+        from bricktwin.plans.parts_list import as_text, owned, parts_list, purchases, still_needed
 
         if self.out is None:
-            refuse_ignored(self, ("--plan",), "without --out")
+            refuse_ignored(self, ("--plan", "--own"), "without --out")
         if self.plan is None:
-            if self.out is not None:
-                raise PlanError("--out needs a plan; name an LDraw file")
+            if self.out is not None or self.own is not None:
+                raise PlanError(f"{'--out' if self.out is not None else '--own'} needs a plan; name an LDraw file")
             for part in catalogue.parts():
                 print_line(f"{part.number:10}{part.family:12}{part.mass_g:8.2f} g  {part.name}")
             return
         plan = read_named_plan(self.plan)
-        entries = parts_list(plan)
+        entries, advice = parts_list(plan), purchases(plan)
+        if self.own is not None:
+            advice = [owned(plan, self.own.split(","))]
+            entries = still_needed(entries, advice[0].missing)
         if self.out is not None:
             write_durably(self.out, as_text(entries, self.format).encode())
         else:
             for entry in entries:
-                columns = f"{entry.count:4} x  {entry.part.number:10}{entry.colour.name:20}{entry.mass_g:8.2f} g"
+                number = entry.part.number if self.own is None else entry.shop_number
+                columns = f"{entry.count:4} x  {number:10}{entry.colour.name:20}{entry.mass_g:8.2f} g"
                 print_line(f"{columns}  {entry.part.name}")
         for unknown in plan.unknown:
             print_line(f"{len(unknown.lines):4} x  {unknown.number:10}not in the catalogue")
-        print_line(f"{counted(len(plan.parts), 'part')}, {plan.mass_g:.0f} g{f': {self.out}' if self.out else ''}")
-        for purchase in purchases(plan):
+        if plan.drawn:
+            print_line(f"{len(plan.drawn):4} x  drawn cable or hose, without a number")
+        for fault in plan.faults:
+            print_line(f"line {fault.line} is left out: {fault.text}")
+        total = f"{counted(len(plan.parts), 'part')}, {plan.mass_g:.0f} g"
+        total = total if self.own is None else f"{sum(entry.count for entry in entries)} of {total} to be added"
+        print_line(f"{total}{f': {self.out}' if self.out else ''}")
+        for purchase in advice:
             print_line(f"Set {purchase}")
 
 

@@ -1,6 +1,7 @@
 """Space that parts occupy: collisions, and free paths to their places in the building steps.
 
-A part collides if sample points of it are inside the material of another. A step is tried backwards: its parts are removed one
+A part collides if sample points of it are inside the material of another; a hole is room for the pin or axle that fits into it,
+and for nothing else. A step is tried backwards: its parts are removed one
 after the other, each along a straight line.
 """
 
@@ -14,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bricktwin.plans.connections import Connection, reached
+from bricktwin.plans.connections import Connection, neighbours, open_holes, reached
 from bricktwin.plans.geometry import Bools, Floats
 from bricktwin.plans.plan import Placed, Plan, Step
 
@@ -65,8 +66,9 @@ class Occupancy:
         return np.asarray(((low < self.high) & (self.low < high)).all(axis=1))
 
     def _collide(self, index: int, other: int, shift: Floats) -> bool:
-        if "chains" in (self._parts[index].part.family, self._parts[other].part.family):
-            return False  # links are flexible, and lie between teeth
+        families = {self._parts[index].part.family, self._parts[other].part.family}
+        if "chains" in families or ("tyres" in families and shift.any()):
+            return False  # links are flexible, and lie between teeth; a tyre is pulled over its rim
         return self._inside(index, other, shift) or self._inside(other, index, -shift)
 
     def _inside(self, index: int, other: int, shift: Floats) -> bool:
@@ -76,9 +78,9 @@ class Occupancy:
         if np.count_nonzero(near) < _MIN_POINTS:
             return False
         target = self._parts[other]
-        inner = target.to_part(points[near])
+        inner, holes = target.to_part(points[near]), open_holes(self._parts[index], shift, target)
         # In large overlaps a few points are enough.
-        return any(int(np.count_nonzero(target.part.contains(sample, _MARGIN))) >= _MIN_POINTS for sample in (inner[::23], inner))
+        return any(np.count_nonzero(target.part.blocks(sample, _MARGIN, holes)) >= _MIN_POINTS for sample in (inner[::23], inner))
 
 
 _MAX_QUERIES, _MAX_ITEMS = 6000, 60
@@ -107,8 +109,11 @@ _Links = Mapping[int, list[tuple[int, Floats]]]
 """The connections of each part: the other part, and the direction [3]."""
 
 
-def step_faults(plan: Plan, connections: Sequence[Connection], occupancy: Occupancy) -> Iterator[StepFault]:
-    """All steps that fail. Parts with unmodelled connections, such as tyres, count as connected."""
+def step_faults(
+    plan: Plan, connections: Sequence[Connection], occupancy: Occupancy, groups: Sequence[frozenset[int]] = ()
+) -> Iterator[StepFault]:
+    """All steps that fail. Parts with unmodelled connections count as connected, and so do groups around unknown parts."""
+    graph = neighbours(connections, groups)
     links: dict[int, list[tuple[int, Floats]]] = defaultdict(list)
     for link in connections:
         links[link.male].append((link.female, link.axis))
@@ -119,7 +124,8 @@ def step_faults(plan: Plan, connections: Sequence[Connection], occupancy: Occupa
         new = [part for item in items for part in item]
         built[step.assembly] = after = before | set(new)
         start = min(before) if before else max(new, key=lambda part: plan.parts[part].part.mass_g)
-        held = reached(start, {part: [other for other, _ in links[part] if other in after] for part in after})
+        nodes = after | set(range(-len(groups), 0))
+        held = reached(start, {node: [other for other in graph[node] if other in nodes] for node in nodes})
         loose = tuple(part for part in new if part not in held and not plan.parts[part].part.is_loose)
         if loose:
             yield StepFault(step, loose, Fault.UNCONNECTED)

@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from brickhub.errors import percent
+from brickhub.errors import counted, percent
 from brickhub.finding import Finding, Outcome
 from bricktwin.plans.bodies import MAX_BODIES, RATE_LENGTH, Bodies, find_bodies
 from bricktwin.plans.building import Fault, Occupancy, step_faults
-from bricktwin.plans.connections import Connection, Mesh, connections, meshes
+from bricktwin.plans.connections import Connection, Mesh, connections, meshes, neighbours, reached
 from bricktwin.plans.geometry import MM_PER_LDU, Floats
 from bricktwin.plans.part import DeviceKind
-from bricktwin.plans.plan import Placed, Plan
+from bricktwin.plans.plan import Placed, Plan, Unknown
 
 _MAX_NAMES = 5
 _MIN_RATE = 0.02
+_REACH = 40.0
+"""Distance at which an unknown part may hold others, LDU: half of a Brick 2 x 4."""
 _SLACK_MM = 30.0
 """Length of a cable that its bends need."""
 _Mistake = tuple[int, str, str]
@@ -42,19 +44,30 @@ def structure_of(plan: Plan) -> Structure:
 
 def check(plan: Plan) -> list[Finding]:
     """All findings about a plan, in the order of its lines; empty if it can be built."""
-    mistakes = list(_check_count(plan))
+    mistakes = [(fault.line, "unreadable", fault.text) for fault in plan.faults]
     if plan.parts:
         structure, occupancy = structure_of(plan), Occupancy(plan.parts)
-        mistakes += _check_connections(plan, structure)
+        guesses = held_by_unknown(plan, plan.unknown)
+        mistakes += _check_connections(plan, structure, guesses)
         collisions = [(plan.parts[index], plan.parts[other]) for index, other in occupancy.collisions()]
         for first, second in collisions:
             text = f"{second.name} is inside {first.name} of line {first.line}; move one of the two"
             mistakes.append((second.line, "collision", text))
         mistakes += _check_gears(plan, structure)
-        mistakes += _check_motions(plan, structure)
-        mistakes += _check_steps(plan, structure, occupancy, {placed.index for pair in collisions for placed in pair})
+        mistakes += _check_motions(plan, structure, guesses)
+        colliding = {placed.index for pair in collisions for placed in pair}
+        mistakes += _check_steps(plan, structure, occupancy, colliding, guesses)
         mistakes += _check_wiring(plan)
+    mistakes += _check_count(plan)
     return [Finding(name, Outcome.ERROR, text, line) for line, name, text in sorted(mistakes)]
+
+
+def held_by_unknown(plan: Plan, unknowns: Iterable[Unknown]) -> list[frozenset[int]]:
+    """The parts around each place of unknown parts, which may hold them together."""
+    low, high = (np.array([placed.bounds[end] for placed in plan.parts]).reshape(-1, 3) for end in (0, 1))
+    positions = [position for unknown in unknowns for position in unknown.positions]
+    gaps = [np.maximum(low - position, position - high).max(axis=1) for position in positions]
+    return [frozenset(np.flatnonzero(gap < _REACH).tolist()) for gap in gaps]
 
 
 def _check_count(plan: Plan) -> Iterator[_Mistake]:
@@ -62,13 +75,15 @@ def _check_count(plan: Plan) -> Iterator[_Mistake]:
     for unknown in plan.unknown:
         times = "once" if len(unknown.lines) == 1 else f"{len(unknown.lines)} times"
         text = f"part {unknown.number} ({times}) is not in the catalogue; use another, or add it there"
+        held = frozenset().union(*held_by_unknown(plan, [unknown]))
+        text += f"; what it holds, of {counted(len(held), 'part')} around it, is not checked" if held else ""
         yield unknown.lines[0], "unknown part", text
-    count = len(plan.parts) + sum(len(unknown.lines) for unknown in plan.unknown)
+    count = len(plan.parts) + sum(len(unknown.lines) for unknown in plan.unknown) + len(plan.drawn)
     if plan.count not in (None, count):
         yield 0, "count", f"the plan says PARTS {plan.count}, but places {count}; put back what is missing, or correct the number"
 
 
-def _check_connections(plan: Plan, structure: Structure) -> Iterator[_Mistake]:
+def _check_connections(plan: Plan, structure: Structure, guesses: Sequence[frozenset[int]]) -> Iterator[_Mistake]:
     """Pins in axle holes, misaligned axles, connections that are not deep enough, unconnected parts."""
     for link in structure.connections:
         male, female = plan.parts[link.male], plan.parts[link.female]
@@ -81,12 +96,15 @@ def _check_connections(plan: Plan, structure: Structure) -> Iterator[_Mistake]:
             text = f"{pair}: only {link.depth * MM_PER_LDU:.1f} mm are inside; push it in, or use a longer part"
             yield male.line, "half-held", text
     connected = {part for members in structure.bodies.members for part in members}
+    if guesses:
+        connected |= reached(min(connected), neighbours(structure.connections, guesses))
     for placed in plan.parts:
         if placed.index not in connected and not placed.part.is_loose:
             yield placed.line, "loose", f"{placed.name} is not connected to the main body; add a pin or an axle, or remove it"
+    guessed = frozenset().union(*guesses)
     uses = Counter(link.male for link in structure.connections if link.fits)
     for placed in plan.parts:
-        if placed.part.family == "pins" and uses[placed.index] == 1:
+        if placed.part.family == "pins" and uses[placed.index] == 1 and placed.index not in guessed:
             yield placed.line, "half-held", f"{placed.name} goes into one part only; add a second part, or remove it"
 
 
@@ -103,7 +121,7 @@ def _check_gears(plan: Plan, structure: Structure) -> Iterator[_Mistake]:
         yield second.line, "gears", f"the teeth of {second.name} and {first.name} of line {first.line} {fault}"
 
 
-def _check_motions(plan: Plan, structure: Structure) -> Iterator[_Mistake]:
+def _check_motions(plan: Plan, structure: Structure, guesses: Sequence[frozenset[int]]) -> Iterator[_Mistake]:
     """Parts that move although all motors are braked, and motors that cannot turn."""
     bodies = structure.bodies
     if len(bodies.members) > MAX_BODIES:
@@ -112,9 +130,10 @@ def _check_motions(plan: Plan, structure: Structure) -> Iterator[_Mistake]:
     motors = [joint.motor for joint in bodies.joints if joint.motor is not None]
     motions = bodies.motions(locked=motors)
     if motions.shape[1]:
+        guessed = frozenset().union(*guesses)
         for number, members in enumerate(bodies.members):
             rates = _remove_spin(plan, members, motions[6 * number : 6 * number + 6])
-            if np.abs(rates).max() < _MIN_RATE or any(plan.parts[part].is_free for part in members):
+            if np.abs(rates).max() < _MIN_RATE or any(plan.parts[part].is_free or part in guessed for part in members):
                 continue
             names = _names([plan.parts[part] for part in members])
             text = f"{names} can swing or slide; connect it at a second place, or write 0 !BRICKSRL FREE before it"
@@ -153,8 +172,10 @@ def _names(placed: list[Placed]) -> str:
     return ", ".join(names[:_MAX_NAMES]) + (f" and {len(names) - _MAX_NAMES} more" if len(names) > _MAX_NAMES else "")
 
 
-def _check_steps(plan: Plan, structure: Structure, occupancy: Occupancy, colliding: set[int]) -> Iterator[_Mistake]:
-    for fault in step_faults(plan, structure.connections, occupancy):
+def _check_steps(
+    plan: Plan, structure: Structure, occupancy: Occupancy, colliding: set[int], guesses: Sequence[frozenset[int]]
+) -> Iterator[_Mistake]:
+    for fault in step_faults(plan, structure.connections, occupancy, guesses):
         placed = [plan.parts[part] for part in fault.parts if fault.kind is not Fault.BLOCKED or part not in colliding]
         if not placed:
             continue

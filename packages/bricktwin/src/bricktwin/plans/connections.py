@@ -1,4 +1,4 @@
-"""Connections between parts: pins and axles in holes, studs, turntables, ball joints, meshing gears, chains around gears.
+"""Connections between parts: pins and axles in holes, studs, tyres on rims, turntables, ball joints, meshing gears, chains.
 
 LDraw units, plan frame.
 """
@@ -6,6 +6,7 @@ LDraw units, plan frame.
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice, pairwise
@@ -19,6 +20,8 @@ from bricktwin.plans.plan import Placed
 
 _MAX_OFFSET, _MAX_TILT = 1.2, 0.03
 """Tolerances of a pin: offset from the hole's axis (LDU), tilt (sine)."""
+_MAX_LOOSE_OFFSET, _MAX_LOOSE_TILT = 2.5, 0.1
+"""The same where it only has room: real parts give way."""
 _MIN_DEPTH = 3.5
 """Minimum depth of a connection, LDU; a stud is 4 high."""
 _MIN_SEATED_SHARE = 0.7
@@ -33,7 +36,11 @@ _TOOTH = 7.854
 """Length of a tooth, pi mm: lead of a worm, pitch of a rack."""
 _LINK, _LINK_TOLERANCE = 16.0, 1.5
 """Length of a chain's link, along its z axis: two teeth. Its largest offset from the previous link, and from a gear."""
-_JOINTS = (Fit.TURNTABLE, Fit.BALL, Fit.SOCKET)
+_BARS = (Fit.PIN, Fit.FRICTION_PIN, Fit.AXLE, Fit.PEG)
+_JOINTS = (Fit.TURNTABLE, Fit.BALL, Fit.SOCKET, Fit.RIM, Fit.TYRE)
+_SEAT_PLAY = 4.0
+"""Tolerance of a tyre, LDU: of its place and of its diameter."""
+_RIGID = ((Fit.AXLE, Fit.AXLE_HOLE), (Fit.STUD, Fit.STUD_HOLE), (Fit.RIM, Fit.TYRE))
 _Placed = tuple[int, Site, Floats, Floats]
 """A site: index of its part, centre, direction."""
 
@@ -79,8 +86,8 @@ class Connection:
 
     @property
     def is_rigid(self) -> bool:
-        """Whether it has no freedom: an axle in an axle hole, or a stud (also a single one)."""
-        return (self.male_site.fit, self.female_site.fit) in ((Fit.AXLE, Fit.AXLE_HOLE), (Fit.STUD, Fit.STUD_HOLE))
+        """Whether it has no freedom: an axle in an axle hole, a stud (also a single one), or a tyre."""
+        return (self.male_site.fit, self.female_site.fit) in _RIGID
 
 
 @dataclass(frozen=True)
@@ -110,18 +117,28 @@ class Mesh:
         return abs(self.error) <= _MESH_TOLERANCE and self.engaged >= _MIN_SEATED_SHARE
 
 
-def reached(start: int, neighbours: Mapping[int, Iterable[int]]) -> set[int]:
+def neighbours(connections: Iterable[Connection], groups: Sequence[frozenset[int]] = ()) -> dict[int, list[int]]:
+    """The connected parts of each part. Groups may be held together by something unknown: a node -1, -2, ... each."""
+    graph: dict[int, list[int]] = defaultdict(list)
+    pairs = [(link.male, link.female) for link in connections]
+    for part, other in [*pairs, *((-1 - number, part) for number, group in enumerate(groups) for part in group)]:
+        graph[part].append(other)
+        graph[other].append(part)
+    return graph
+
+
+def reached(start: int, graph: Mapping[int, Iterable[int]]) -> set[int]:
     """All nodes of a graph that are connected to ``start``, and that."""
     found, waiting = {start}, [start]
     while waiting:
-        unseen = set(neighbours[waiting.pop()]) - found
+        unseen = set(graph[waiting.pop()]) - found
         found |= unseen
         waiting += unseen
     return found
 
 
 def connections(parts: Sequence[Placed]) -> list[Connection]:
-    """All pins and axles in holes, studs, turntables and ball joints."""
+    """All pins and axles in holes, studs, tyres on rims, turntables and ball joints."""
     males: list[_Placed] = []
     females: list[_Placed] = []
     joints: list[_Placed] = []
@@ -159,6 +176,21 @@ def connections(parts: Sequence[Placed]) -> list[Connection]:
     return result
 
 
+def open_holes(male: Placed, shift: Floats, female: Placed) -> list[Site]:
+    """The holes of a part into which a pin or an axle of another one fits that is moved by ``shift`` [3], however deep."""
+    bars = [site for site in male.part.sites if site.fit in _BARS]
+    holes = female.part.holes
+    if not bars or not holes:
+        return []
+    points = female.to_part(male.to_plan(np.array([site.centre for site in bars])) + shift)
+    axes = np.array([site.axis for site in bars]) @ male.rotation.T @ female.rotation
+    offsets = np.array([site.centre for site in holes])[:, None] - points
+    across = np.linalg.norm(np.cross(offsets, axes), axis=2)
+    tilts = np.linalg.norm(np.cross(np.array([site.axis for site in holes])[:, None], axes), axis=2)
+    fitting = ((across < _MAX_LOOSE_OFFSET) & (tilts < _MAX_LOOSE_TILT)).any(axis=1)
+    return [site for site, fits in zip(holes, fitting, strict=True) if fits]
+
+
 def _is_crossed(axle: Placed, site: Site, holder: Placed, hole: Site) -> bool:
     """Whether an axle's cross is misaligned with that of its hole; a motor turns its shaft to fit."""
     if site.fit is not Fit.AXLE or hole.fit is not Fit.AXLE_HOLE or hole.turns:
@@ -174,15 +206,17 @@ def _arm(site: Site) -> Floats:
 
 
 def _coinciding(joints: list[_Placed]) -> list[Connection]:
-    """Halves of a turntable, and balls in sockets."""
+    """Halves of a turntable, balls in sockets, tyres on rims."""
     result = []
     for owner, site, centre, axis in joints:
         for other, hole, centre2, direction in joints:
-            if owner == other or np.linalg.norm(centre2 - centre) > _MAX_OFFSET:
+            distance, pair = np.linalg.norm(centre2 - centre), (site.fit, hole.fit)
+            if owner == other or distance > (_SEAT_PLAY if pair == (Fit.RIM, Fit.TYRE) else _MAX_OFFSET):
                 continue
-            is_aligned = owner < other and np.linalg.norm(np.cross(axis, direction)) < _MAX_TILT
-            pair = (site.fit, hole.fit)
-            if pair == (Fit.BALL, Fit.SOCKET) or (pair == (Fit.TURNTABLE, Fit.TURNTABLE) and is_aligned):
+            is_aligned = bool(np.linalg.norm(np.cross(axis, direction)) < _MAX_TILT)
+            is_seat = pair == (Fit.RIM, Fit.TYRE) and is_aligned and abs(site.length - hole.length) <= _SEAT_PLAY
+            is_turntable = pair == (Fit.TURNTABLE, Fit.TURNTABLE) and is_aligned and owner < other
+            if pair == (Fit.BALL, Fit.SOCKET) or is_turntable or is_seat:
                 result.append(Connection(owner, other, site, hole, centre, axis, site.length, True, False))
     return result
 

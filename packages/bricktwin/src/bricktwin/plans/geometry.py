@@ -89,9 +89,8 @@ class Solid:
         if self.form is Form.BOX:
             local = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 3)
         else:
-            local = _round_samples(half, lines[2], spacing, is_ball=self.form is Form.BALL)
-        if self.form is Form.RING:
-            local = local[np.hypot(local[:, 0], local[:, 1]) > self.half[1] + depth]
+            inner = self.half[1] + depth if self.form is Form.RING else 0.0
+            local = _round_samples(half, inner, lines[2], spacing, is_ball=self.form is Form.BALL)
         return np.asarray(local @ np.array(self.axes) + np.array(self.centre))
 
     def corners(self) -> Floats:
@@ -101,15 +100,16 @@ class Solid:
         return np.asarray((signs * half) @ np.array(self.axes) + np.array(self.centre))
 
 
-def _round_samples(half: Floats, heights: Floats, spacing: float, *, is_ball: bool) -> Floats:
-    """Rings of points around the third axis [n, 3]."""
+def _round_samples(half: Floats, inner: float, heights: Floats, spacing: float, *, is_ball: bool) -> Floats:
+    """Rings of points around the third axis, none closer to it than ``inner`` [n, 3]."""
     rows = []
     for height in heights:
         radius = float(np.sqrt(max(half[0] ** 2 - height**2, 0.0))) if is_ball else float(half[0])
-        for ring in np.linspace(radius, 0.0, max(2, int(np.ceil(radius / spacing)) + 1)):
+        layers = max(2, int(np.ceil((radius - inner) / spacing)) + 1) if radius >= inner else 0
+        for ring in np.linspace(radius, inner, layers):
             angles = np.arange(max(1, round(2 * np.pi * ring / spacing))) * spacing / max(ring, 1e-9)
             rows.append(np.column_stack([ring * np.cos(angles), ring * np.sin(angles), np.full(len(angles), height)]))
-    return np.concatenate(rows)
+    return np.concatenate(rows) if rows else np.zeros((0, 3))
 
 
 def frame_of(axis: Triple) -> tuple[Triple, Triple, Triple]:

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from itertools import dropwhile
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,6 +25,7 @@ _NO_TITLES = ("Name:", "Author:", "BFC", "ROTATION")
 """First words of lines of a header that are not the title."""
 _LIBRARY_TYPES = ("Part", "Subpart", "Shortcut", "Primitive", "8_Primitive", "48_Primitive")
 _STRETCH_TOLERANCE = 0.02
+_MAIN_COLOUR = 16
 _MAX_DEG, _MAX_COORDINATE = 36_000.0, 1e6
 """Limits of the numbers of a file, the coordinates in LDU."""
 
@@ -81,6 +82,7 @@ class Model:
     Attributes:
         notes: words by step.
         is_shape: whether it has geometry or is declared a part, and so is no assembly.
+        is_drawn: whether it is a cable, hose or band that an editor drew, with the parts at its ends.
     """
 
     name: str
@@ -89,7 +91,15 @@ class Model:
     references: list[Reference] = field(default_factory=list)
     notes: dict[int, list[str]] = field(default_factory=dict)
     is_shape: bool = False
+    is_drawn: bool = False
     step: int = 0
+
+
+class LineFault(NamedTuple):
+    """A line that places nothing: its number, and what is wrong and what to do."""
+
+    line: int
+    text: str
 
 
 @dataclass(frozen=True)
@@ -100,12 +110,14 @@ class Document:
         models: by name in lower case; the first, which is not empty, is the main model.
         robot: name of the robot, from our comment.
         count: declared number of parts.
+        faults: lines that are left out.
     """
 
     path: str
     models: dict[str, Model]
     robot: str | None
     count: int | None
+    faults: tuple[LineFault, ...]
 
     @property
     def main(self) -> Model:
@@ -147,7 +159,7 @@ def _unzipped(path: Path, data: bytes) -> bytes:
 
 
 def parse(text: str, path: str) -> Document:
-    """Parse a document. Raises PlanError if a line is invalid; the message has its number."""
+    """Parse a document. Raises PlanError if it places no part, or a comment or a name is invalid."""
     lines = text.splitlines()
     if len(lines) > MAX_LINES:
         raise PlanError(f"{path} has {len(lines)} lines, more than {MAX_LINES}; split the plan")
@@ -157,8 +169,10 @@ def parse(text: str, path: str) -> Document:
     parser.begin(Model("", len(lines)))
     models = dict(dropwhile(lambda item: not item[1].references, parser.models.items()))
     if not models:
-        raise PlanError(f"{path} places no part; give an LDraw file with lines that begin with 1")
-    return Document(path, models, parser.robot, parser.count)
+        number, text = parser.faults[0] if parser.faults else (0, "")
+        fault = f", line {number}: {text}" if text else " places no part; give an LDraw file with lines that begin with 1"
+        raise PlanError(f"{path}{fault}")
+    return Document(path, models, parser.robot, parser.count, tuple(parser.faults))
 
 
 class _Parser:
@@ -169,6 +183,8 @@ class _Parser:
         self.models: dict[str, Model] = {}
         self.robot: str | None = None
         self.count: int | None = None
+        self.faults: list[LineFault] = []
+        self._drawn: Model | None = None
         self._model: Model | None = None
         self._marks: dict[str, Any] = {}
         self._marks_line = 0
@@ -189,8 +205,14 @@ class _Parser:
                 self._own_comment(number, comment)
             case ["0", "!LDRAW_ORG", kind, *_]:
                 self._current(number).is_shape |= kind.removeprefix("Unofficial_") in _LIBRARY_TYPES
-            case ["0", "!LDCAD", "GENERATED", *origin]:  # the segments of a cable or hose
-                self._current(number).is_shape |= any(word.startswith("[master=") for word in origin)
+            case ["0", "!LDCAD", "GENERATED", *_]:  # the segments of a cable or hose of LDCad, and parts at its ends
+                self._current(number).is_drawn = True
+            case ["0", "SYNTH", "BEGIN", kind, *_]:  # what follows are the segments of a cable or hose of LSynth
+                name = f"{kind.lower()} of line {number}"
+                self._place(number, _MAIN_COLOUR, np.eye(3), np.zeros(3), name)
+                self._drawn = self.models[name] = Model(name, number, is_drawn=True)
+            case ["0", "SYNTH", "END", *_]:
+                self._drawn = None
             case ["0", word, *_] if not (word.startswith("!") or word in _NO_TITLES):
                 model = self._current(number)
                 model.title = model.title or " ".join(words[1:])
@@ -208,6 +230,8 @@ class _Parser:
         """End the present model, and begin another one. Raises PlanError if a comment of ours has no part after it."""
         if self._marks:
             raise self._error(self._marks_line, "no part follows this comment", "move it before the part it describes")
+        if self._drawn is not None:
+            raise self._error(self._drawn.line, "no 0 SYNTH END follows", "write it after the last segment of the cable or hose")
         self._model = model
 
     def _file(self, number: int, name: str) -> None:
@@ -241,15 +265,18 @@ class _Parser:
 
     def _reference(self, number: int, words: list[str]) -> None:
         drawn, name = colour_and_numbers(words, 12, _MAX_COORDINATE), " ".join(words[14:])
+        if self._drawn is not None:
+            return
         if drawn is None or not name:
-            raise self._error(number, "cannot place a part", "write 1, a colour, 12 numbers and a file")
-        colour, numbers = drawn
-        matrix = np.array(numbers[3:]).reshape(3, 3)
+            self.faults.append(LineFault(number, "cannot place a part; write 1, a colour, 12 numbers and a file"))
+        else:
+            self._place(number, drawn[0], np.array(drawn[1][3:]).reshape(3, 3), np.array(drawn[1][:3]), name)
+        self._marks = {}
+
+    def _place(self, number: int, colour: int, matrix: Floats, offset: Floats, name: str) -> None:
         model = self._current(number)
         is_stretched = bool(np.abs(matrix @ matrix.T - np.eye(3)).max() > _STRETCH_TOLERANCE)
-        offset = np.array(numbers[:3])
         model.references.append(Reference(colour, matrix, offset, name, model.step, number, is_stretched, **self._marks))
-        self._marks = {}
 
     def _error(self, number: int, fault: str, remedy: str) -> PlanError:
         return PlanError(f"{self.path}, line {number}: {fault}; {remedy}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import enum
 import functools
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,8 @@ from bricktwin.plans.geometry import Bools, Floats, Solid, Triple
 
 HOLE_RADIUS = 6.2
 """Radius of pin and axle holes; that of a pin is 6."""
+_RECESS, _RECESS_DEPTH = 2.0, 2.0
+"""By how much the ends of a pin hole are wider, for a pin's collar or an axle's stop."""
 
 
 class Fit(enum.Enum):
@@ -30,11 +33,14 @@ class Fit(enum.Enum):
     BALL = "ball"
     """A towball; the axis is that of its pin."""
     SOCKET = "ball socket"
+    RIM = "rim"
+    """The length of the site is the diameter of the tyre's seat; so it is for a tyre."""
+    TYRE = "tyre"
 
     @property
     def is_male(self) -> bool:
         """Whether it goes into another part."""
-        return self in (Fit.PIN, Fit.FRICTION_PIN, Fit.AXLE, Fit.STUD, Fit.PEG, Fit.BALL)
+        return self in (Fit.PIN, Fit.FRICTION_PIN, Fit.AXLE, Fit.STUD, Fit.PEG, Fit.BALL, Fit.RIM)
 
 
 @dataclass(frozen=True)
@@ -143,10 +149,11 @@ class Part:
         sites: connection sites.
         solids: occupied space, holes not subtracted.
         turning: solids of a motor's rotor.
+        notches: empty space, each with the number of solids that it is cut out of: the first ones.
         mass_g: grams.
         length: of an axle, in modules; else 0.
         wheel_mm: rolling diameter of a wheel, else 0.
-        is_loose: whether its connection is not modelled (a tyre on its rim, a ball in its cup).
+        is_loose: whether its connection is not modelled (a ball in its cup).
     """
 
     number: str
@@ -158,6 +165,7 @@ class Part:
     mass_source: MassSource
     aliases: tuple[str, ...] = ()
     turning: tuple[Solid, ...] = ()
+    notches: tuple[tuple[int, Solid], ...] = ()
     gears: tuple[Gear, ...] = ()
     device: Device | None = None
     length: int = 0
@@ -170,22 +178,29 @@ class Part:
         return tuple(site for site in self.sites if site.fit in (Fit.HOLE, Fit.AXLE_HOLE))
 
     def contains(self, points: Floats, margin: float) -> Bools:
-        """Whether points [n, 3], in the part's frame, are deeper than ``margin`` in the material [n]."""
+        """Whether points [n, 3], in the part's frame, are deeper than ``margin`` in the solids, and in no hole [n]."""
         inside = np.zeros(len(points), dtype=bool)
         for solid in (*self.solids, *self.turning):
             inside |= solid.contains(points, margin)
-        if inside.any():
-            inside[inside] = ~self._in_hole(points[inside], 0.0)
+        inside[inside] = ~_in_holes(points[inside], self.holes, 0.0)
         return inside
 
-    def _in_hole(self, points: Floats, margin: float) -> Bools:
-        """Whether points [n, 3] are in a hole, or less than ``margin`` from one [n]."""
+    def blocks(self, points: Floats, margin: float, open_holes: Iterable[Site]) -> Bools:
+        """Whether points [n, 3] are deeper than ``margin`` in the material [n]. Only the holes that are open for them are empty:
+        nothing else fits into a hole."""
         inside = np.zeros(len(points), dtype=bool)
-        for site in self.holes:
-            offset = points - np.array(site.centre)
-            along = offset @ np.array(site.axis)
-            squared = np.einsum("ij,ij->i", offset, offset) - along * along  # of the distance from the axis
-            inside |= (squared < (HOLE_RADIUS + margin) ** 2) & (np.abs(along) < site.length / 2 + 0.5)
+        for number, solid in enumerate((*self.solids, *self.turning)):
+            within = np.flatnonzero(solid.contains(points, margin))
+            inside[within[~self._in_notch(points[within], number, margin)]] = True
+        inside[inside] = ~_in_holes(points[inside], open_holes, margin, _RECESS)
+        return inside
+
+    def _in_notch(self, points: Floats, number: int, margin: float) -> Bools:
+        """Whether points [n, 3] are in a notch of a solid, or less than ``margin`` from one [n]."""
+        inside = np.zeros(len(points), dtype=bool)
+        for count, notch in self.notches:
+            if number < count:
+                inside |= notch.contains(points, -margin)
         return inside
 
     @functools.cached_property
@@ -221,12 +236,27 @@ class Part:
     @functools.cached_property
     def samples(self) -> Floats:
         """Points [n, 3] in the material, at least 0.9 LDU below the surface."""
-        solids = (*self.solids, *self.turning)
-        points = [solid.samples(3.5 if min(solid.half) < 12 else 7.0, 0.9) for solid in solids]
-        samples = np.concatenate(points) if points else np.zeros((0, 3))
-        return samples[~self._in_hole(samples, 0.9)]
+        points = [np.zeros((0, 3))]
+        for number, solid in enumerate((*self.solids, *self.turning)):
+            samples = solid.samples(3.5 if min(solid.half) < 12 else 7.0, 0.9)
+            points.append(samples[~self._in_notch(samples, number, 0.9)])
+        samples = np.concatenate(points)
+        return samples[~_in_holes(samples, self.holes, 0.9, _RECESS)]
 
     @functools.cached_property
     def bounds(self) -> tuple[Floats, Floats]:
         """Lowest and highest coordinates [3]."""
         return self.corners.min(axis=0), self.corners.max(axis=0)
+
+
+def _in_holes(points: Floats, holes: Iterable[Site], margin: float, recess: float = 0.0) -> Bools:
+    """Whether points [n, 3] are in a hole, or less than ``margin`` from one [n]. ``recess``: of a pin hole's ends."""
+    inside = np.zeros(len(points), dtype=bool)
+    for site in holes:
+        offset = points - np.array(site.centre)
+        along = offset @ np.array(site.axis)
+        squared = np.einsum("ij,ij->i", offset, offset) - along * along  # of the distance from the axis
+        is_end = (np.abs(along) > site.length / 2 - _RECESS_DEPTH) & (site.fit is Fit.HOLE)
+        radius = HOLE_RADIUS + margin + recess * is_end
+        inside |= (squared < radius**2) & (np.abs(along) < site.length / 2 + 0.5)
+    return inside

@@ -9,9 +9,11 @@ import csv
 import functools
 import io
 from collections import Counter
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from xml.sax.saxutils import escape
 
+from brickhub.errors import PlanError
 from brickhub.tables import read_table
 from bricktwin.plans import catalogue
 from bricktwin.plans.catalogue import Colour, colour_of
@@ -28,6 +30,11 @@ class Entry:
     part: Part
     colour: Colour
     count: int
+
+    @property
+    def shop_number(self) -> str:
+        """LEGO's number of a device that is sold singly, else the part's."""
+        return (self.part.device and self.part.device.sold_as) or self.part.number
 
     @property
     def mass_g(self) -> float:
@@ -162,6 +169,27 @@ def purchases(plan: Plan) -> list[Purchase]:
         pairs = [_purchase((base, extra), needed, unknown) for extra in extras if base.is_listed]
         result += [alone, *(pair for pair in pairs if pair.present > alone.present)]
     return sorted(result, key=lambda purchase: (-purchase.present, len(purchase.sets)))
+
+
+def owned(plan: Plan, numbers: Sequence[str]) -> Purchase:
+    """The plan's parts in sets that somebody has; a number may occur twice. Raises PlanError for a set without an inventory."""
+    known = {lego_set.number: lego_set for lego_set in sets() if lego_set.is_listed}
+    for number in numbers:
+        if number not in known:
+            raise PlanError(f"there is no inventory of set '{number}'; name sets of {', '.join(known)}, with commas between them")
+    unknown = Counter({part.number: len(part.lines) for part in plan.unknown})
+    return _purchase(tuple(known[number] for number in numbers), needs(plan), unknown)
+
+
+def still_needed(entries: Iterable[Entry], missing: Counter[str]) -> list[Entry]:
+    """The entries, with the counts that are missing; a missing part may have any of its colours."""
+    left, result = Counter(missing), []
+    for entry in entries:
+        keys = [_key(catalogue.get(number)) for number in _COMPONENTS.get(entry.part.number, (entry.part.number,))]
+        count = min(entry.count, max(left[key] for key in keys))
+        left -= Counter(dict.fromkeys(keys, count))
+        result += [replace(entry, count=count)] if count else []
+    return result
 
 
 def _purchase(lego_sets: tuple[LegoSet, ...], needed: Counter[str], unknown: Counter[str]) -> Purchase:

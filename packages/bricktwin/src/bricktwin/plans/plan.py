@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import itertools
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,11 +12,12 @@ import numpy as np
 from brickhub.errors import PlanError
 from bricktwin.plans import catalogue, ldraw_file
 from bricktwin.plans.geometry import Floats, Triple, triple
-from bricktwin.plans.ldraw_file import Document, Marks, Model, Reference
+from bricktwin.plans.ldraw_file import Document, LineFault, Marks, Model, Reference
 from bricktwin.plans.part import Device, DeviceKind, Part
 
-MAX_PARTS, MAX_DEPTH = 3000, 16
+MAX_PARTS, MAX_DEPTH = 10_000, 16
 _MAIN_COLOUR = 16
+_STRETCHED = "'{}' is stretched; place it without scaling"
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,10 +98,11 @@ class Step:
 
 @dataclass(frozen=True)
 class Unknown:
-    """A part that is not in the catalogue, and the lines that place it."""
+    """A part that is not in the catalogue, and the lines and positions [n, 3] that place it."""
 
     number: str
     lines: tuple[int, ...]
+    positions: Floats = field(compare=False)
 
 
 @dataclass(frozen=True)
@@ -110,6 +112,8 @@ class Plan:
     Attributes:
         robot: name of the robot that it builds.
         count: declared number of parts.
+        drawn: lines that place a drawn cable, hose or band: one piece each, without a shape.
+        faults: lines that are left out.
     """
 
     path: str
@@ -119,6 +123,8 @@ class Plan:
     parts: tuple[Placed, ...]
     steps: tuple[Step, ...]
     unknown: tuple[Unknown, ...]
+    drawn: tuple[int, ...]
+    faults: tuple[LineFault, ...]
 
     def devices(self, *kinds: DeviceKind) -> list[Placed]:
         """The hubs, motors or sensors, kind by kind."""
@@ -142,12 +148,18 @@ def read_plan(path: Path) -> Plan:
 
 
 def make_plan(document: Document) -> Plan:
-    """The plan of a document. Raises PlanError if a model contains itself, or there are too many parts."""
+    """The plan of a document. Raises PlanError if a model contains itself, there are too many parts, or no line is valid."""
     builder = _Builder(document)
     builder.build(document.main, Reference(_MAIN_COLOUR, np.eye(3), np.zeros(3), "", 0, 0, False), ())
-    unknown = tuple(Unknown(number, tuple(lines)) for number, lines in sorted(builder.unknown.items()))
-    title = document.main.title or Path(document.path).stem
-    return Plan(document.path, title, document.robot, document.count, tuple(builder.parts), tuple(builder.steps), unknown)
+    unknown = tuple(
+        Unknown(number, tuple(ref.line for ref in references), np.array([ref.offset for ref in references]))
+        for number, references in sorted(builder.unknown.items())
+    )
+    title, faults = document.main.title or Path(document.path).stem, (*document.faults, *builder.faults)
+    if faults and not (builder.parts or unknown):
+        raise PlanError(f"{document.path}, line {faults[0].line}: {faults[0].text}")
+    parts, steps, drawn = tuple(builder.parts), tuple(builder.steps), tuple(builder.drawn)
+    return Plan(document.path, title, document.robot, document.count, parts, steps, unknown, drawn, faults)
 
 
 class _Builder:
@@ -157,7 +169,9 @@ class _Builder:
         self.document = document
         self.parts: list[Placed] = []
         self.steps: list[Step] = []
-        self.unknown: dict[str, list[int]] = {}
+        self.unknown: dict[str, list[Reference]] = {}
+        self.drawn: list[int] = []
+        self.faults: list[LineFault] = []
         self._visits = 0
 
     def build(self, model: Model, place: Reference, assembly: tuple[str, ...]) -> tuple[int, ...]:
@@ -171,7 +185,7 @@ class _Builder:
             references = [(_located(ref, place), self._assembly(ref)) for ref in group]
             joined = [self._join(ref, inner, assembly) for ref, inner in references if inner is not None]
             step, groups = len(self.steps), tuple(filter(None, joined))
-            placed = [self._place(ref, step, assembly) for ref, inner in references if inner is None]
+            placed = [self._place(ref, step, assembly, model) for ref, inner in references if inner is None]
             new = tuple(part.index for part in placed if part is not None)
             if new or groups:
                 self.steps.append(Step(step, new, groups, assembly, number, " ".join(model.notes.get(number, ()))))
@@ -180,18 +194,19 @@ class _Builder:
     def _assembly(self, reference: Reference) -> Model | None:
         """The sub-model of a reference, or ``None`` for a part."""
         model = self.document.models.get(ldraw_file.key_of(reference.name))
-        return None if model is None or catalogue.find(reference.name) or self._is_drawn(model) else model
+        return None if model is None or model.is_shape or catalogue.find(reference.name) or self._is_drawn(model) else model
 
-    def _is_drawn(self, model: Model) -> bool:
-        """Whether a model is one part: a shape, or a hose or cable of stretched pieces."""
-        if model.is_shape or not any(reference.is_stretched for reference in model.references):
-            return model.is_shape
+    def _is_drawn(self, model: Model | None) -> bool:
+        """Whether a model is one drawn cable or hose, without parts of the catalogue; others draw them as stretched pieces."""
+        if model is None or not (model.is_drawn or any(reference.is_stretched for reference in model.references)):
+            return False
         models = self.document.models
         return not any(catalogue.find(part.name) or ldraw_file.key_of(part.name) in models for part in model.references)
 
     def _join(self, reference: Reference, model: Model, assembly: tuple[str, ...]) -> tuple[int, ...]:
         self._count(reference)
-        self._check(reference)
+        if reference.is_stretched:  # so would be all of its parts
+            raise self._fault(reference, _STRETCHED.format(reference.name))
         inner = (*assembly, f"{model.name}:{reference.line}")
         parts = self.build(model, reference, inner)
         if reference.is_free or reference.is_fixed or reference.ball is not None:
@@ -206,28 +221,30 @@ class _Builder:
             self.parts[devices[0].index] = replace(devices[0], port=port, device=device, angle_deg=angle_deg)
         return parts
 
-    def _place(self, reference: Reference, step: int, assembly: tuple[str, ...]) -> Placed | None:
+    def _place(self, reference: Reference, step: int, assembly: tuple[str, ...], model: Model) -> Placed | None:
         self._count(reference)
         part = catalogue.find(reference.name)
         if part is None:
-            self.unknown.setdefault(reference.name.lower().removesuffix(".dat"), []).append(reference.line)
+            if self._is_drawn(self.document.models.get(ldraw_file.key_of(reference.name))):
+                self.drawn.append(reference.line)
+            elif not model.is_drawn:
+                self.unknown.setdefault(reference.name.lower().removesuffix(".dat"), []).append(reference)
             return None
-        self._check(reference)
+        if reference.is_stretched:
+            self.faults.append(LineFault(reference.line, _STRETCHED.format(reference.name)))
+            return None
         rotation, marks = reference.matrix, reference.marks
         if np.linalg.det(rotation) < 0.0:  # editors mirror halves of a model; a symmetric part can be turned instead
             if part.mirror is None:
-                raise self._fault(reference, f"'{reference.name}' is mirrored, and {part.name} has a left and a right; turn it")
+                text = f"'{reference.name}' is mirrored, and {part.name} has a left and a right; turn it"
+                self.faults.append(LineFault(reference.line, text))
+                return None
             rotation = rotation * part.mirror
             marks["ball"] = None if reference.ball is None else triple(np.array(reference.ball) * part.mirror)
         line = reference.line
         placed = Placed(len(self.parts), part, reference.colour, rotation, reference.offset, step, line, assembly, **marks)
         self.parts.append(placed)
         return placed
-
-    def _check(self, reference: Reference) -> None:
-        """Refuse stretched known parts; unknown ones, such as pieces of a hose, may be stretched."""
-        if reference.is_stretched:
-            raise self._fault(reference, f"'{reference.name}' is stretched; place it without scaling")
 
     def _count(self, reference: Reference) -> None:
         self._visits += 1

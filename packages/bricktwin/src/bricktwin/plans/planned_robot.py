@@ -57,6 +57,8 @@ def _planned(path: Path, _resolved: Path, _changed_ns: tuple[int, int], _size: i
 
 def planned(plan: Plan) -> PlannedRobot:
     """The robot of a plan. Raises PlanError if a motor has no port, two devices share one, or something has no twin."""
+    for fault in plan.faults:
+        raise PlanError(f"{plan.path}, line {fault.line}: {fault.text}")
     if not plan.parts:
         raise PlanError(f"{plan.path} has no part that the catalogue knows; run `bricktwin plan check` on it")
     ports: set[str] = set()

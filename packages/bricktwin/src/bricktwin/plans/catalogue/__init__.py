@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -12,6 +13,8 @@ from bricktwin.plans.catalogue import part_notation
 from bricktwin.plans.geometry import Triple
 from bricktwin.plans.part import Device, DeviceKind, MassSource, Part
 
+_PRINTED = re.compile(r"(\d+[a-z]??)(?:p|d|-)\w{1,8}")
+"""A number with a pattern, in LDraw's notation: 3004p0b, stickers as 87079d08, formerly 3005-7."""
 DIRECT_COLOUR = 0x2000000
 """Code of black as red, green and blue."""
 
@@ -29,8 +32,10 @@ def _by_number() -> dict[str, Part]:
 
 
 def find(number: str) -> Part | None:
-    """The part with an LDraw number, with or without ``.dat``, or ``None``."""
-    return _by_number().get(number.lower().removesuffix(".dat"))
+    """The part with an LDraw number, with or without ``.dat``, or ``None``. A print or sticker does not change the shape."""
+    number = number.lower().removesuffix(".dat")
+    plain = _PRINTED.fullmatch(number)
+    return _by_number().get(number) or (_by_number().get(plain[1]) if plain else None)
 
 
 def get(number: str) -> Part:
@@ -58,6 +63,7 @@ def _part(row: Mapping[str, str], electric: Mapping[str, str] | None) -> Part:
         MassSource[row["mass_source"].upper()],
         tuple(row["aliases"].split()),
         () if electric is None else part_notation.solids(electric["rotor_solids"]),
+        part_notation.notches(row["solids"], sites),
         part_notation.gears(row["gears"]),
         None if electric is None else _device(electric),
         int(row["length"] or 0),

@@ -8,7 +8,7 @@ Points are words ``x,y,z``. A coordinate is a number, ``±40`` (-40 and 40), ``0
 - beams: an axis with the thickness, a hole for each point (``-`` for none), and the points that bars connect, as in
   ``chain y20 +oo: 0,0,0..40``.
 - solids: ``box 0,0,±60 80,20,20``, ``cylinder z20 0,0,0 9.5``, ``ring y15 0,0,0 74.5 68`` (outer and inner radius),
-  ``ball 0,0,0 24``, or ``tubes`` around all sites.
+  ``ball 0,0,0 24``, or ``tubes`` around all sites. ``notch box 0,20,±30 60,20,20`` is cut out of the solids before it.
 - gears: form, teeth, axis with width, centre and further fields, as in ``bevel 12 z10 0,0,2 set_back=0``.
 """
 
@@ -36,9 +36,12 @@ _FITS = {
     "peg": Fit.PEG,
     "ball": Fit.BALL,
     "socket": Fit.SOCKET,
+    "rim": Fit.RIM,
+    "tyre": Fit.TYRE,
 }
-_WITHOUT_SOLIDS = (Fit.TURNTABLE, Fit.STUD, Fit.STUD_HOLE, Fit.BALL, Fit.SOCKET)
+_WITHOUT_SOLIDS = (Fit.TURNTABLE, Fit.STUD, Fit.STUD_HOLE, Fit.BALL, Fit.SOCKET, Fit.RIM, Fit.TYRE)
 """Sites without solids: collisions ignore studs, sockets and the hollows for them; a towball's head is added to its part."""
+_NOTCH = "notch "
 _MODULE = 20.0
 _WALL_RADIUS, _PIN_RADIUS = 9.0, 6.0
 
@@ -108,8 +111,23 @@ def beam(text: str) -> tuple[tuple[Site, ...], tuple[Solid, ...]]:
 
 def solids(text: str, part_sites: Iterable[Site] = ()) -> tuple[Solid, ...]:
     """Solids of a part with these sites."""
+    return _solids([group for group in _groups(text) if not group.startswith(_NOTCH)], part_sites)
+
+
+def notches(text: str, part_sites: Iterable[Site]) -> tuple[tuple[int, Solid], ...]:
+    """Notches in these solids, each with the number of solids before it."""
+    groups = _groups(text)
+    return tuple(
+        (len(solids("|".join(groups[:place]), part_sites)), notch)
+        for place, group in enumerate(groups)
+        if group.startswith(_NOTCH)
+        for notch in _solids([group.removeprefix(_NOTCH)])
+    )
+
+
+def _solids(groups: Iterable[str], part_sites: Iterable[Site] = ()) -> tuple[Solid, ...]:
     found: list[Solid] = []
-    for group in _groups(text):
+    for group in groups:
         match group.split():
             case ["tubes"]:
                 found += _tubes(part_sites)
@@ -152,4 +170,4 @@ def _axis(text: str) -> tuple[Triple, float]:
 
 
 def _groups(text: str) -> list[str]:
-    return [group for group in text.split("|") if group.strip()]
+    return [group.strip() for group in text.split("|") if group.strip()]
