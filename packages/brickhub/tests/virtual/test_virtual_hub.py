@@ -12,6 +12,7 @@ import pytest
 from described import TWO_WHEELER
 
 from brickhub.errors import HubError, HubProgramError, SceneError, TwinError
+from brickhub.hub.link.profiles import LinkProfile
 from brickhub.hub.transport import HubModule, HubProgram
 from brickhub.robot import BENCH
 from brickhub.virtual.bench_body import BenchBody
@@ -54,9 +55,7 @@ raise ValueError(watch.time())
 
 
 def hub(source: str, interval_ms: float = 15.0, **kwargs: bool) -> VirtualHub:
-    body = BenchBody(TWO_WHEELER)
-    body.link_interval_ms = interval_ms
-    hub = VirtualHub(body, **kwargs)
+    hub = VirtualHub(BenchBody(TWO_WHEELER), link=LinkProfile(interval_ms), **kwargs)
     hub.open()
     hub.start(HubProgram(source, 0))
     return hub

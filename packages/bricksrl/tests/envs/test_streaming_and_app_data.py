@@ -13,6 +13,7 @@ from tensordict import TensorDict
 import bricksrl
 from brickhub.hub.interface import Interface, MotorAngle, RunAngle, Wait
 from brickhub.hub.link.lockstep import HubLink
+from brickhub.hub.link.profiles import LinkProfile
 from brickhub.hub.link.streaming import StreamingLink
 from brickhub.hub.program.generate import WATCHDOG_MS
 from brickhub.hub.transport import HubProgram, Pipe
@@ -22,13 +23,12 @@ from bricksrl.envs.tasks.spinning import SPINNING
 from bricksrl.errors import DescriptionError, HubError
 from bricktwin.robots import TWO_WHEELER
 from bricktwin.twin.make_body import make_body
-from bricktwin.twin.physics import Physics
 
 STEP_S = 0.1
 
 
 def stream(interval_ms: float = 15.0, **options: object) -> StreamingLink:
-    hub = VirtualHub(make_body(TWO_WHEELER, physics=Physics(link_interval_ms=interval_ms), seed=1))
+    hub = VirtualHub(make_body(TWO_WHEELER, seed=1), link=LinkProfile(interval_ms))
     return StreamingLink(hub, TWO_WHEELER, SPINNING.interface, **options)
 
 

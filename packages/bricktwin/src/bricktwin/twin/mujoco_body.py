@@ -80,7 +80,7 @@ class MujocoBody:
     Attributes:
         model, data: MuJoCo's model and data, e.g. for a renderer.
         chassis: index of the first body; ``moves``: whether it moves freely.
-        physics: the present parameters.
+        physics: the present parameters; ``link``: those of the link.
     """
 
     def __init__(self, robot: Robot, scene: Scene, physics: Physics | RandomPhysics, seed: int) -> None:
@@ -101,11 +101,6 @@ class MujocoBody:
         self.reset(np.random.default_rng(start_seed))
         self._heading_at_start_deg = self._turns.heading_deg
         self._turns.rotation_rad[:] = 0.0
-
-    @property
-    def link_interval_ms(self) -> float:
-        """Connection interval of the hub's link."""
-        return self.physics.link_interval_ms
 
     def actuator(self, port: str) -> int:
         """Index of a motor's actuator in the model."""
@@ -180,7 +175,7 @@ class MujocoBody:
 
     def _use(self, physics: Physics) -> None:
         """Set the parameters that are not the model's."""
-        self.physics = physics
+        self.physics, self.link = physics, physics.link
         self._up = _up(physics)
         self.battery_mv = round(physics.battery_v * 1000)
         self._encoder_step_mdeg = round(physics.encoder_resolution_deg * 1000)

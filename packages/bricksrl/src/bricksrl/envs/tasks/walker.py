@@ -110,6 +110,15 @@ INTERFACE = Interface(
 )
 
 
+def timed(env_id: str, step_ms: int) -> tuple[Interface, int]:
+    """The interface with steps of ``step_ms``, and the number of steps of an episode. Raises DescriptionError if a step takes no
+    whole number of ms, or longer than an episode."""
+    check_value("step_ms", step_ms, int)
+    if not 1 <= step_ms <= EPISODE_MS:
+        raise DescriptionError(f"{env_id}: step_ms is {step_ms}; give 1 to {EPISODE_MS}")
+    return replace(INTERFACE, settle=Wait(step_ms)), EPISODE_MS // step_ms
+
+
 def walker(env_id: str, *, blocked_at_mm: float = BLOCKED_AT_MM, step_ms: int = STEP_MS) -> Task:
     """The task, for the robot or for its simulation.
 
@@ -120,11 +129,9 @@ def walker(env_id: str, *, blocked_at_mm: float = BLOCKED_AT_MM, step_ms: int = 
     Raises:
         DescriptionError: the distance is negative, or a step takes no whole number of ms, or longer than an episode.
     """
-    check_value("step_ms", step_ms, int)
+    interface, max_steps = timed(env_id, step_ms)
     if blocked_at_mm < 0:
         raise DescriptionError(f"{env_id}: blocked_at_mm is {blocked_at_mm}; give 0 or more")
-    if not 1 <= step_ms <= EPISODE_MS:
-        raise DescriptionError(f"{env_id}: step_ms is {step_ms}; give 1 to {EPISODE_MS}")
 
     def blocked(observation: Tensor) -> Tensor:
         return observation[..., _DISTANCE] <= blocked_at_mm
@@ -133,8 +140,8 @@ def walker(env_id: str, *, blocked_at_mm: float = BLOCKED_AT_MM, step_ms: int = 
         id=env_id,
         doc=__doc__,
         robot=WALKER,
-        interface=replace(INTERFACE, settle=Wait(step_ms)),
-        max_steps=EPISODE_MS // step_ms,
+        interface=interface,
+        max_steps=max_steps,
         reward=reward,
         success=success,
         metrics=metrics,
