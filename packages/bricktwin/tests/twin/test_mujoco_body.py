@@ -262,7 +262,9 @@ class TestPhysics:
         assert spread(physics, lambda robot: robot.acceleration_mm_s2()[index]) == pytest.approx(100.0, rel=0.15)
 
     def test_physics_sets_the_link(self) -> None:
-        assert make_body(TWO_WHEELER, physics=quiet(link_interval_ms=40.0)).link == dataclasses.replace(PROFILES[DEFAULT_LINK], interval_ms=40.0)
+        assert make_body(TWO_WHEELER, physics=quiet(link_interval_ms=40.0)).link == dataclasses.replace(
+            PROFILES[DEFAULT_LINK], interval_ms=40.0
+        )
 
 
 class TestReset:

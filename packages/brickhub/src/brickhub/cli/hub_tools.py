@@ -31,6 +31,9 @@ TargetArgument = Annotated[
         "bricksrl adds environments, such as RunAway-v0, with their robots and commands.",
     ),
 ]
+Link = Annotated[
+    str | None, option(metavar="LINK", help="Bluetooth link of the virtual hub: mac, linux or bad-room; linux by default.")
+]
 Folder = Annotated[Path | None, option(metavar="DIR")]
 
 
@@ -155,8 +158,7 @@ class MeasureLatency:
     hub: Hub = "ble"
     exchanges: Annotated[int, option(metavar="N")] = 100
     """Number of readings to time."""
-    link: Annotated[str | None, option(metavar="LINK")] = None
-    """Bluetooth link of the virtual hub: mac, linux or bad-room; linux by default."""
+    link: Link = None
     json: JsonFlag = False
 
     def execute(self) -> None:
@@ -193,6 +195,7 @@ class Check:
 
     target: TargetArgument
     hub: Hub = "ble"
+    link: Link = None
     yes: Flag = False
     """Make the test moves without asking for permission, or whether they were right."""
     calibrations: Folder = None
@@ -204,7 +207,7 @@ class Check:
         from brickhub.hub.diagnostics.preflight import check_robot
 
         target = _find(self.target)
-        transport = _transport(self.hub, target)
+        transport = _transport(self.hub, target, self.link)
         is_watched = not self.yes and is_terminal()
         findings = check_robot(
             transport,

@@ -41,8 +41,10 @@ class _Stopped(HostStop):
 class _Wire:
     """Standard streams of the program, with bytes in transit to the host."""
 
-    def __init__(self, hub: VirtualHub, stdin_bytes: int) -> None:
-        self._hub, self._capacity = hub, stdin_bytes
+    def __init__(self, hub: VirtualHub) -> None:
+        model = hub.robot.hub.model
+        self._hub = hub
+        self._capacity = max(model.stdin_bytes, model.packet_bytes) if hub.machine.firmware.takes_packets else model.stdin_bytes
         self._stdin, self.inbox = bytearray(), bytearray()
         self.outbox: deque[tuple[float, bytes]] = deque()
 
@@ -92,6 +94,7 @@ class VirtualHub:
 
     Attributes:
         in_reach: set to False to break the link.
+        waits_for_acknowledgement: whether `write` waits for the hub's; set to False where a host writes to several hubs at once.
     """
 
     def __init__(self, body: Body, *, realtime: bool = False, link: LinkProfile | None = None, seed: int = 0) -> None:
@@ -99,7 +102,7 @@ class VirtualHub:
         self._given_link, self._radio = link, Radio(seed)
         self.machine = Machine(body)
         self.machine.on_alarm = self._switch_to_host
-        self._wire = _Wire(self, self.robot.hub.model.stdin_bytes)
+        self._wire = _Wire(self)
         self._program: greenlet | None = None
         self._host: greenlet | None = None
         self._thread = threading.get_ident()
@@ -109,6 +112,7 @@ class VirtualHub:
         self._counts = itertools.cycle(range(1, 256))
         self._pace = Pace() if realtime else None
         self.in_reach: Callable[[], bool] = lambda: True
+        self.waits_for_acknowledgement = True
 
     @property
     def _link(self) -> LinkProfile:
@@ -131,7 +135,7 @@ class VirtualHub:
         self._pipe = program.pipe
         self._stop_requested = False  # an earlier stop request was for the previous program
         self._error = None
-        self._wire = _Wire(self, self.robot.hub.model.stdin_bytes)
+        self._wire = _Wire(self)
         self._keep_pace()  # otherwise a new program sees the elapsed real time as silence
         self._program = greenlet(self._run)
         self._thread = threading.get_ident()
@@ -152,7 +156,8 @@ class VirtualHub:
             self._wire.deliver_app_data(app_data_slot(next(self._counts), data))
         else:
             self._wire.deliver(data)
-        self.run_on_until(math.ceil(self.arrival_ms()))
+        if self.waits_for_acknowledgement:
+            self.run_on_until(math.ceil(self.arrival_ms()))
 
     def read(self, timeout_s: float) -> bytes:
         """The program's next output; ``b""`` after the (simulated) timeout. Raises HubError if no program runs and no output is

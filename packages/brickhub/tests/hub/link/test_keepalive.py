@@ -47,9 +47,7 @@ def repeated(hub: StandInHub) -> tuple[int, int]:
     ("robot", "interface", "values", "count"),
     [(TWO_WHEELER, SPINNING, [30, 30], (1, 0)), (WALKER, WALKING, [-30] * 4, (2, 0)), (TWO_WHEELER, RUN_AWAY, [90], (2, 5))],
 )
-def test_keepalive_lets_long_step_finish(
-    robot: Robot, interface: Interface, values: list[float], count: tuple[int, int]
-) -> None:
+def test_keepalive_lets_long_step_finish(robot: Robot, interface: Interface, values: list[float], count: tuple[int, int]) -> None:
     hub = StandInHub()
     with HubLink(hub, robot, interface) as link:
         for _ in range(3):

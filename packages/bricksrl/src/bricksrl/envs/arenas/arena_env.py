@@ -164,6 +164,8 @@ class ArenaEnv(GroupedEnv):
             seeds = [derive_seed(self._world_seed, "link", number) for number in range(len(task.robots))]
             hubs = zip(self._world.bodies, seeds, strict=True)
             self._hubs = [VirtualHub(body, realtime=self._realtime, seed=seed) for body, seed in hubs]
+            for hub in self._hubs:
+                hub.waits_for_acknowledgement = False
             self._world.runners = [hub.run_on_until for hub in self._hubs]
             self._links = [
                 HubLink(hub, body.robot, interface)
