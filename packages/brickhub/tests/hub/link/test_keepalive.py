@@ -31,7 +31,7 @@ def test_frame_is_repeated_as_keepalive_and_when_overdue(move_s: float | None, w
     is_short = due_s < watchdog_s
     for pause_s, time_s in zip(pauses_s, times_s, strict=True):
         if time_s < due_s:
-            assert pause_s <= 1.0001 * watchdog_s / (2 if is_short else 6), "five may get lost while silence would end a step"
+            assert pause_s <= 1.0001 * watchdog_s / (2 if is_short else 6), "four in a row may get lost"
         else:
             assert time_s >= due_s + 0.4999 * watchdog_s, "the answer is on its way"
             assert pause_s <= 1.0001 * watchdog_s

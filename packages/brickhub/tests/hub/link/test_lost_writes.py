@@ -37,10 +37,9 @@ class LossyHub(VirtualHub):
 
 def run(link: HubLink, hub: LossyHub, interface: Interface, steps: int) -> None:
     """Random steps; each must be answered by the program that was started at first."""
-    draw, times_ms = random.Random(7), []
+    draw, spans = random.Random(7), [(command.low, command.high) for command in interface.commands]
     with link:
-        for _ in range(steps):
-            times_ms.append(link.act([draw.uniform(command.low, command.high) for command in interface.commands]).hub_time_ms)
+        times_ms = [link.act([draw.uniform(*span) for span in spans]).hub_time_ms for _ in range(steps)]
         assert link.state is LinkState.ARMED and times_ms == sorted(times_ms)
         assert hub.lost > steps * SHARE / 2
 

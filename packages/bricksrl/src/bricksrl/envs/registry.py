@@ -137,9 +137,8 @@ def make(
         env = _virtual_env(task, options, seed)
         env.remake = functools.partial(make, env_id, options)
         return env
-    options.refuse(
-        ("realtime", "randomize", "physics", "link"), "a real robot has its own time and physics; omit realtime, physics and link"
-    )
+    virtual = ("realtime", "randomize", "physics", "link")
+    options.refuse(virtual, "a real robot has its own time, physics and link; omit realtime, physics and link")
     return _real_env(task, options, address.transport(), seed, place)
 
 

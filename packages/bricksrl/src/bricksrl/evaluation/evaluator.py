@@ -190,8 +190,8 @@ def evaluate(
 
 
 def evaluation_options(origin: Origin, env: str, **named: Any) -> EnvOptions:
-    """Options of the environment of an evaluation: those of the training that it has, without physics and link of another environment
-    or hub, neither randomized nor in real time."""
+    """Options of the environment of an evaluation: those of the training that it has, without physics and link of another
+    environment or hub, neither randomized nor in real time."""
     same_env, before = env == origin.env, origin.options
     keeps_link = same_env and named.get("hub", before.hub) == "virtual"
     link, physics = (before.link, before.physics) if keeps_link else (None, None)

@@ -1,8 +1,7 @@
 """Profiles of Bluetooth links: what a connection does to messages between a computer and a hub, as a table.
 
-Computer and hub meet at connection events only. An event in which a packet is lost carries nothing; the radios send it again in the
-next one. Losses come in bursts, after E. N. Gilbert (1960), https://doi.org/10.1002/j.1538-7305.1960.tb03959.x: during one,
-``BURST_LOSS`` of the events are lost.
+Computer and hub meet at connection events only. What is lost in one is sent again in the next one. Losses come in bursts, after
+E. N. Gilbert (1960), https://doi.org/10.1002/j.1538-7305.1960.tb03959.x: during one, ``BURST_LOSS`` of the events are lost.
 """
 
 from __future__ import annotations

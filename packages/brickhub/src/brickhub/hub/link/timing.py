@@ -6,10 +6,10 @@ error is at most half of their distance, about half of the link's shortest round
 crystals drift (50 ppm are 1 ms in 20 s).
 
 A hub stops its motors after hearing nothing from its host for the watchdog's time, and ends its program if that is in the middle
-of a step. So a step's frame is repeated as a keepalive. Twice within the watchdog's time are enough where the step ends before it;
-a longer step survives the loss of five in a row. Not more often, because a write takes two connection intervals until it is
-acknowledged, and an emergency stop and the next command have to wait for that. For the same reason none is sent when the answer is
-due. An answer is overdue after half of the watchdog's time, which is twice the 99th percentile of the round trips or more.
+of a step. So a step's frame is repeated as a keepalive: twice within the watchdog's time where the step ends before it, six times
+in a longer step, so that four in a row may get lost. Not more often, because a write takes two connection intervals until it is
+acknowledged, and an emergency stop and the next command have to wait for that. For the same reason none is sent when the answer
+is due. An answer is overdue after half of the watchdog's time, at least twice the 99th percentile of the round trips.
 """
 
 from __future__ import annotations

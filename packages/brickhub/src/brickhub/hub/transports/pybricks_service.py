@@ -1,4 +1,4 @@
-"""Pybricks' own background service (``pybricks-service`` of 2026), which keeps the link to a hub after its programs have ended."""
+"""Pybricks' own background service (``pybricks-service``, 2026), which keeps the link to a hub after its programs have ended."""
 
 from __future__ import annotations
 
@@ -14,12 +14,10 @@ RELEASE = "release the hub with `pb disconnect`, or end the service with `pb ser
 
 def socket_path() -> Path:
     """The service's socket (``pb_core/paths.py`` of pybricks-core 1.0)."""
-    if folder := os.environ.get("PB_RUNTIME_DIR"):
-        return Path(folder) / "pb-service.sock"
+    given = os.environ.get("PB_RUNTIME_DIR")
     runtime = os.environ.get("XDG_RUNTIME_DIR") if sys.platform == "linux" else None
-    user = os.getuid() if hasattr(os, "getuid") else 0
-    folder = Path(runtime) / "pybricks" if runtime else Path(tempfile.gettempdir()) / f"pybricks-{user}"
-    return folder / "pb-service.sock"
+    own = Path(runtime) / "pybricks" if runtime else Path(tempfile.gettempdir()) / f"pybricks-{os.getuid()}"
+    return (Path(given) if given else own) / "pb-service.sock"
 
 
 def is_running() -> bool:
