@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import math
 import struct
 import threading
 from collections.abc import Callable, Iterable, Iterator
@@ -22,6 +23,7 @@ from typing import Self
 
 from brickhub.errors import HubError, HubProgramError, SilentHubError, StoppedError
 from brickhub.hub.interface import Interface
+from brickhub.hub.link.profiles import PAUSE_MS
 from brickhub.hub.link.receiver import Listener, Reading, bye_error, check_hello, is_hello
 from brickhub.hub.link.states import Cause, LinkState, after, cause_of
 from brickhub.hub.link.timing import REPEATS_PER_WATCHDOG, HubClock, LinkStatistics, percentile, repeat_times_s
@@ -80,7 +82,7 @@ class HubLink:
         self._least_watchdog_ms = _watchdog_ms(watchdog_s)
         self._watchdog_ms = WATCHDOG_MS
         self._seq = 0
-        self._frame, self._sent_s = b"", 0.0
+        self._frame, self._sent_s, self._written_s = b"", 0.0, -math.inf
         self._clock = HubClock()
         self.statistics = LinkStatistics(watchdog_s=WATCHDOG_MS / 1000)
         self._listener = Listener(transport, self.wire, self.statistics)
@@ -298,10 +300,13 @@ class HubLink:
         self._write(frame)
 
     def _write(self, frame: bytes) -> None:
-        """Write a frame, and time the round trip of its acknowledgement."""
-        started_s = self.now_s()
+        """Write a frame, and time the round trip of its acknowledgement, which after a pause is longer but then keeps no motor
+        waiting."""
+        started_s, before_s = self.now_s(), self._written_s
         self._transport.write(frame)
-        self.statistics.delays_s.append(self.now_s() - started_s)
+        self._written_s = self.now_s()
+        if started_s - before_s < PAUSE_MS / 1000:
+            self.statistics.delays_s.append(self._written_s - started_s)
 
     def _receive(self, frame: bytes, longest_move_s: float, known_move_s: float | None) -> Reading:
         """Wait for the answer to a frame that was sent, and repeat it meanwhile. Raises HubTimeoutError if none comes in time.

@@ -93,7 +93,7 @@ class LinkStatistics:
         watchdog_s: silence after which the hub stops its motors.
         round_trips_s: times from the first sending to the answer, including the commands' duration.
         ages_s: ages of the observations when they were returned.
-        delays_s: times from writing a frame to its acknowledgement, the round trips of the link itself.
+        delays_s: times from writing a frame to its acknowledgement, the round trips of the link itself, except after a pause.
     """
 
     exchanges: int = 0
