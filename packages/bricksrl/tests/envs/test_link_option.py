@@ -78,7 +78,7 @@ def test_given_link_stays_when_physics_are_drawn() -> None:
     env = made("Spinning-v0", seed=0, link="bad-room", randomize=True)
     for _ in range(3):
         env.reset()
-        assert env.twin._link == PROFILES["bad-room"]
+        assert env.twin.link == PROFILES["bad-room"]
     env.close()
 
 

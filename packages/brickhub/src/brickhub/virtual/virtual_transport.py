@@ -115,7 +115,8 @@ class VirtualHub:
         self.waits_for_acknowledgement = True
 
     @property
-    def _link(self) -> LinkProfile:
+    def link(self) -> LinkProfile:
+        """Present delays and losses."""
         return self.body.link if self._given_link is None else self._given_link
 
     @property
@@ -148,7 +149,7 @@ class VirtualHub:
             raise HubError(f"{len(data)} bytes in one write; split them into {MAX_WRITE_BYTES} bytes or less")
         self._check_reach()
         self._keep_pace()
-        arrival_ms = math.ceil(self._radio.to_hub_ms(self.machine.body_ms, self._link))
+        arrival_ms = math.ceil(self._radio.to_hub_ms(self.machine.body_ms, self.link))
         self._run_until(self._next_stop_ms(arrival_ms))
         self.run_on_until(arrival_ms)
         self._check()
@@ -215,11 +216,11 @@ class VirtualHub:
 
     def arrival_ms(self) -> float:
         """Time at which what the hub sends now is with the host."""
-        return self._radio.to_computer_ms(self.machine.body_ms, self._link)
+        return self._radio.to_computer_ms(self.machine.body_ms, self.link)
 
     def loses_notification(self) -> bool:
         """Whether the next notification gets lost."""
-        return self._radio.loses_notification(self._link)
+        return self._radio.loses_notification(self.link)
 
     def _run_until(self, time_ms: int, new_program: HubProgram | None = None) -> None:
         """Run the program until a simulated time, its next output, or its end."""

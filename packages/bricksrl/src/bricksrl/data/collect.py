@@ -131,5 +131,5 @@ def about(env: EnvBase, policy: str, *, seed: int | None = None, hub: str = "vir
         hub=hub if on_hub else "",
         program_hash=generate(task.robot, task.interface).hash if on_hub and task is not None else None,
         versions=_VERSIONS,
-        physics={} if physics is None else dataclasses.asdict(physics),
+        physics={} if physics is None else dataclasses.asdict(physics.with_link(ours.twin.link)),
     )
