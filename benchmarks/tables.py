@@ -445,6 +445,33 @@ def senses(result: Result) -> str:
     return table(["reading", "published", "nominal twin", "drawn twins", "parameter and source"], rows)
 
 
+def link_exchanges(result: Result) -> str:
+    """Exchanges over each link, measured (expected)."""
+    rows = []
+    for name, link in result["links"].items():
+        expected = link["expected"]
+        for row, label in (("exchanges", ""), ("after_pause", " after a pause of 1 s")):
+            given = {percent: f" ({value})" for percent, value in expected.get(row, {}).items()}
+            times = [f"{link[row][percent]}{given.get(percent, '')}" for percent in ("p50", "p95", "p99", "p99.9")]
+            rows.append([f"{name}{label}", *times, expected["source"] if row == "exchanges" else ""])
+    return table(["link; ms, measured (expected)", "p50", "p95", "p99", "p99.9", "source of the expected"], rows)
+
+
+def link_profiles(result: Result) -> str:
+    """Returns over each link."""
+    links = list(dict.fromkeys(link for found in result["environments"].values() for link in found))
+    rows = []
+    for row, found in result["environments"].items():
+        cells = [found.get(link) for link in links]
+        rows.append([row, *(f"{cell['return_mean']:.4g}{success_of(cell)}" if cell else "-" for cell in cells)])
+    return table(["mean return (success)", *links], rows)
+
+
+def success_of(cell: Result) -> str:
+    """Share of successful episodes, in brackets."""
+    return f" ({100 * cell['success_rate']:.0f} %)" if "success_rate" in cell else ""
+
+
 SECTIONS: dict[str, tuple[str, Callable[[Result], str]]] = {
     "robots": ("SAC on each robot, with the paper's number of episodes", robots),
     "baselines": ("Random actions and hand-written controllers (return, success)", baselines),
@@ -469,6 +496,8 @@ SECTIONS: dict[str, tuple[str, Callable[[Result], str]]] = {
     "motors": ("Motors of the twins, free, under load and stalled, against LEGO's data sheets", motors),
     "resets": ("Starts of the virtual robots after random steps", resets),
     "senses": ("Sensors of the virtual robots, beside what is published", senses),
+    "link_exchanges": ("Exchanges over each link of the virtual hub", link_exchanges),
+    "link_profiles": ("SAC on each robot over each link of the virtual hub", link_profiles),
     "link_rates": ("Rate of the link, over a simulated radio", link_rates),
 }
 

@@ -244,7 +244,7 @@ def test_fine_tuning_leaves_original_run(tmp_path: Path) -> None:
 
 def test_robot_time_is_hub_time(tmp_path: Path) -> None:
     config = {"agent": "random", "episodes": 2, "settings": None}
-    run = train(TrainConfig("Walker-v0", run_dir=tmp_path / "walk", **config))
+    run = train(TrainConfig("Walker-v0", run_dir=tmp_path / "walk", link="mac", **config))
     steps = run.episodes[-1].steps
     assert robot_seconds(tmp_path / "walk") == pytest.approx(0.25 * steps, rel=0.2)
     train(TrainConfig("WalkerSim-v0", run_dir=tmp_path / "sim", **config))

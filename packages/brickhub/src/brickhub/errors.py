@@ -57,6 +57,7 @@ class Reason(enum.Enum):
     DENIED = "this program may not use Bluetooth or the port"
     NOT_FOUND = "no such hub is in reach"
     SEVERAL = "several such hubs are in reach"
+    TAKEN = "another program keeps the link to the hub"
     UNKNOWN = "the message says what is known"
 
     @property
@@ -111,6 +112,12 @@ class AmbiguousHubError(HubNotFoundError):
     """Several such hubs are in reach."""
 
     reason: ClassVar[Reason] = Reason.SEVERAL
+
+
+class HubTakenError(HubNotFoundError):
+    """Another program keeps the link to the hub."""
+
+    reason: ClassVar[Reason] = Reason.TAKEN
 
 
 class StoppedError(BricksError):

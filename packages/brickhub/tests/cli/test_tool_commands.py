@@ -48,15 +48,19 @@ def test_program_equals_generated_one(told, tmp_path: Path) -> None:
 
 def test_latency(told, fails) -> None:
     code, out = told("latency", CAR, "--hub", "virtual", "--exchanges", "5")
-    assert code == 0 and "p50 30.0 ms" in out and "of 5 exchanges" in out and "15 ms" in out and "38 %" in out
-    _, out = told("latency", CAR, "--hub", "virtual", "--json")
-    found = json.loads(out)
-    assert (found["interval_ms"], found["link_share"], found["exchanges"]) == (15.0, pytest.approx(30 / 80), 100)
+    assert code == 0 and "round trip           p50" in out and "of 5 exchanges" in out and "is the link" in out
+    for link, interval_ms in ((), 45.0), (("--link", "mac"), 15.0):
+        _, out = told("latency", CAR, "--hub", "virtual", *link, "--json")
+        found = json.loads(out)
+        assert found["interval_ms"] == pytest.approx(interval_ms, abs=1.25) and found["exchanges"] == 100
+        assert found["link_share"] == pytest.approx(2 * interval_ms / (50 + 2 * interval_ms), abs=0.03)
+    fails("latency", CAR, "--hub", "virtual", "--link", "car", says="no link 'car'")
+    fails("latency", CAR, "--hub", "ble", "--link", "mac", says="leave out --link")
     fails("latency", CAR, "--hub", "virtual", "--exchanges", "0", says="at least 1")
 
 
 def test_good_robot_passes_check(told) -> None:
-    code, out = told("check", CAR, "--hub", "virtual", "--yes")
+    code, out = told("check", CAR, "--hub", "virtual", "--link", "mac", "--yes")
     assert code == 0
     assert out.splitlines()[-1] == "ready for two-wheeler"
     assert all(line.startswith("ok ") for line in out.splitlines()[:-1])

@@ -35,6 +35,7 @@ from brickhub.hub.interface import (
     Wait,
 )
 from brickhub.hub.link.lockstep import HubLink
+from brickhub.hub.link.profiles import LinkProfile
 from brickhub.hub.program.compile import compile_program
 from brickhub.hub.program.generate import generate, validate
 from brickhub.hub.transport import Pipe
@@ -62,7 +63,7 @@ def interface(*commands: Command, settle: Wait | UntilDone | None = None) -> Int
 
 def carried_out(wanted: Interface, *steps: Sequence[float], robot: Any = TWO_WHEELER) -> tuple[list[list[float]], VirtualHub]:
     """Readings after the steps ``[1 + steps, channels]``, relative to the first, and the hub."""
-    hub = VirtualHub(BenchBody(robot))
+    hub = VirtualHub(BenchBody(robot), link=LinkProfile(15.0))
     link = HubLink(hub, robot, wanted)
     link.open()
     first = link.read().values

@@ -10,6 +10,7 @@ from described import ROBO_ARM, RUN_AWAY, TASKS, TWO_WHEELER
 
 from brickhub.errors import HubError
 from brickhub.hub.link.lockstep import HubLink, LinkState
+from brickhub.hub.link.profiles import LinkProfile
 from brickhub.virtual import virtual_transport as transport
 from brickhub.virtual.bench_body import BenchBody
 from brickhub.virtual.machine import Pace
@@ -20,7 +21,7 @@ ON_A_ROBOT = ("RunAway-v0", "Spinning-v0", "Walker-v0", "RoboArm-v0")
 
 def connected(env_id: str) -> tuple[HubLink, VirtualHub]:
     robot, interface = TASKS[env_id]
-    hub = VirtualHub(BenchArm() if robot is ROBO_ARM else BenchBody(robot))
+    hub = VirtualHub(BenchArm() if robot is ROBO_ARM else BenchBody(robot), link=LinkProfile(15.0))
     link = HubLink(hub, robot, interface)
     link.open()
     return link, hub

@@ -13,6 +13,7 @@ from tensordict import TensorDict
 import bricksrl
 from brickhub.hub.interface import Interface, MotorAngle, RunAngle, Wait
 from brickhub.hub.link.lockstep import HubLink
+from brickhub.hub.link.profiles import LinkProfile
 from brickhub.hub.link.streaming import StreamingLink
 from brickhub.hub.program.generate import WATCHDOG_MS
 from brickhub.hub.transport import HubProgram, Pipe
@@ -25,17 +26,19 @@ from bricktwin.twin.make_body import make_body
 from bricktwin.twin.physics import Physics
 
 STEP_S = 0.1
+STEADY = LinkProfile(15.0)
 
 
 def stream(interval_ms: float = 15.0, **options: object) -> StreamingLink:
-    hub = VirtualHub(make_body(TWO_WHEELER, physics=Physics(link_interval_ms=interval_ms), seed=1))
+    hub = VirtualHub(make_body(TWO_WHEELER, seed=1), link=LinkProfile(interval_ms))
     return StreamingLink(hub, TWO_WHEELER, SPINNING.interface, **options)
 
 
 def test_app_data_equals_standard_input() -> None:
     readings = {}
     for pipe in Pipe:
-        with HubLink(VirtualHub(make_body(TWO_WHEELER, seed=1)), TWO_WHEELER, SPINNING.interface, pipe=pipe) as link:
+        hub = VirtualHub(make_body(TWO_WHEELER, seed=1), link=STEADY)
+        with HubLink(hub, TWO_WHEELER, SPINNING.interface, pipe=pipe) as link:
             assert ("pybricks.messaging" in link.program.source) is (pipe is Pipe.APP_DATA)
             readings[pipe] = np.array([link.act([50, -50]).values[:2] for _ in range(5)])
             assert link.statistics.resends == 0
@@ -87,7 +90,7 @@ def test_observation_age_is_accurate_to_half_round_trip() -> None:
 
 
 def test_lockstep_is_slower_and_older_than_streaming() -> None:
-    with HubLink(VirtualHub(make_body(TWO_WHEELER, seed=1)), TWO_WHEELER, SPINNING.interface) as link:
+    with HubLink(VirtualHub(make_body(TWO_WHEELER, seed=1), link=STEADY), TWO_WHEELER, SPINNING.interface) as link:
         readings = [link.act([50, 50]) for _ in range(10)]
         assert np.diff([reading.hub_time_ms for reading in readings]).mean() > 1000 * STEP_S + 10
         assert all(0 <= reading.age_s < 0.03 for reading in readings)
@@ -153,7 +156,7 @@ def test_untimed_step_cannot_be_streamed() -> None:
 
 @pytest.mark.parametrize("app_data", [False, True])
 def test_environment_with_streaming(app_data: bool) -> None:
-    env = bricksrl.make("Spinning-v0", seed=0, streaming=True, app_data=app_data)
+    env = bricksrl.make("Spinning-v0", seed=0, streaming=True, app_data=app_data, physics=Physics().with_link(STEADY))
     assert isinstance(env, HubEnv)
     env.reset()
     started_s, ages = env.twin.now_s(), []
@@ -182,7 +185,7 @@ def test_streaming_episode_is_reproducible() -> None:
 
 def test_streaming_returns_the_newest_of_several_observations() -> None:
     """A step of 60 ms ends at a connection event, which brings two observations."""
-    env = bricksrl.make("LineFollow-v0", seed=0, streaming=True)
+    env = bricksrl.make("LineFollow-v0", seed=0, physics=Physics().with_link(STEADY))
     env.rollout(10)
     assert env._connection.link.statistics.age_p50_s == pytest.approx(0.005, abs=0.001)
     env.close()

@@ -7,6 +7,7 @@ from described import TASKS
 
 from brickhub.errors import HubError
 from brickhub.hub.link.lockstep import HubLink, LinkState
+from brickhub.hub.link.profiles import LinkProfile
 from brickhub.virtual.virtual_transport import VirtualHub
 from bricktwin import robots
 from bricktwin.twin.make_body import make_body
@@ -19,7 +20,7 @@ SCENES = {"RunAway-v0": Scene(wall_distance_mm=(200.0, 300.0), heading_deg=(-5.0
 def connected(env_id: str) -> tuple[HubLink, VirtualHub]:
     described, interface = TASKS[env_id]
     robot = robots.get(described.name)
-    hub = VirtualHub(make_body(robot, scene=SCENES.get(env_id)))
+    hub = VirtualHub(make_body(robot, scene=SCENES.get(env_id)), link=LinkProfile(15.0))
     link = HubLink(hub, robot, interface)
     link.open()
     return link, hub

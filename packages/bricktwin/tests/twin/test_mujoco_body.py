@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from brickhub.errors import TwinError
+from brickhub.hub.link.profiles import DEFAULT_LINK, PROFILES
 from brickhub.robot import BENCH, HubKind, MotorKind, Robot
 from brickhub.virtual.bench_body import BenchBody
-from brickhub.virtual.virtual_transport import VirtualHub
 from bricktwin.robots import TWO_WHEELER
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.models.motors import motor_constants
@@ -277,8 +277,10 @@ class TestPhysics:
         assert spread(physics, lambda robot: robot.angular_velocity_deg_s()[index]) == pytest.approx(3.0, rel=0.15)
         assert spread(physics, lambda robot: robot.acceleration_mm_s2()[index]) == pytest.approx(100.0, rel=0.15)
 
-    def test_link_interval_ms_sets_the_connection_events(self) -> None:
-        assert VirtualHub(make_body(TWO_WHEELER, physics=quiet(link_interval_ms=40.0))).next_event_ms() == 40.0
+    def test_physics_sets_the_link(self) -> None:
+        assert make_body(TWO_WHEELER, physics=quiet(link_interval_ms=40.0)).link == dataclasses.replace(
+            PROFILES[DEFAULT_LINK], interval_ms=40.0
+        )
 
 
 class TestReset:

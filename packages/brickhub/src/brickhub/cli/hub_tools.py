@@ -31,6 +31,9 @@ TargetArgument = Annotated[
         "bricksrl adds environments, such as RunAway-v0, with their robots and commands.",
     ),
 ]
+Link = Annotated[
+    str | None, option(metavar="LINK", help="Bluetooth link of the virtual hub: mac, linux or bad-room; linux by default.")
+]
 Folder = Annotated[Path | None, option(metavar="DIR")]
 
 
@@ -148,13 +151,14 @@ class MeasureLatency:
 
     Examples:
       brickhub latency my_robot.py
-      brickhub latency my_robot.py --hub virtual --json
+      brickhub latency my_robot.py --hub virtual --link mac --json
     """
 
     target: TargetArgument
     hub: Hub = "ble"
     exchanges: Annotated[int, option(metavar="N")] = 100
     """Number of readings to time."""
+    link: Link = None
     json: JsonFlag = False
 
     def execute(self) -> None:
@@ -164,7 +168,7 @@ class MeasureLatency:
         if self.exchanges < 1:
             raise DescriptionError(f"exchanges is {self.exchanges}; measure at least 1")
         target = _find(self.target)
-        with HubLink(_transport(self.hub, target), target.robot, target.interface) as link:
+        with HubLink(_transport(self.hub, target, self.link), target.robot, target.interface) as link:
             result = measure(link, target.interface, self.exchanges)
         if self.json:
             print_line(json.dumps(dataclasses.asdict(result)))
@@ -191,6 +195,7 @@ class Check:
 
     target: TargetArgument
     hub: Hub = "ble"
+    link: Link = None
     yes: Flag = False
     """Make the test moves without asking for permission, or whether they were right."""
     calibrations: Folder = None
@@ -202,7 +207,7 @@ class Check:
         from brickhub.hub.diagnostics.preflight import check_robot
 
         target = _find(self.target)
-        transport = _transport(self.hub, target)
+        transport = _transport(self.hub, target, self.link)
         is_watched = not self.yes and is_terminal()
         findings = check_robot(
             transport,
@@ -311,13 +316,17 @@ def _find(name: str) -> Target:
     return find(name)
 
 
-def _transport(hub: str, target: Target) -> Transport:
-    """An unopened transport to the hub."""
+def _transport(hub: str, target: Target, link: str | None = None) -> Transport:
+    """An unopened transport to the hub. ``link``: that of a virtual hub, by name. Raises DescriptionError if a real hub is given
+    one."""
+    from brickhub.hub.link.profiles import profile
     from brickhub.hub.transports.address import parse_hub
 
-    address = parse_hub(hub)
+    address, chosen = parse_hub(hub), None if link is None else profile(link)
     if not address.is_virtual:
+        if link is not None:
+            raise DescriptionError("a real hub has a link of its own; leave out --link, or take --hub virtual")
         return address.transport()
     from brickhub.virtual.virtual_transport import VirtualHub
 
-    return VirtualHub(target.make_body())
+    return VirtualHub(target.make_body(), link=chosen)

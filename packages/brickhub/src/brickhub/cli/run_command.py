@@ -63,6 +63,8 @@ class Run:
     what the program last read from each sensor."""
     realtime: Flag = False
     """Run a virtual hub in real time. The keys left, right, space (center) and b (bluetooth) press its buttons."""
+    firmware: Annotated[str, option(metavar="VERSION")] = "4.1"
+    """Version of Pybricks' firmware that the virtual hub plays: 4.1 or 4.0."""
     panel: Flag = False
     """Print each change of the virtual hub's light, display and loudspeaker on standard error."""
 
@@ -147,6 +149,7 @@ class Run:
             end_stops=dict(parse_end_stop(text) for text in self.end_stop),
             devices=dict(parse_device(text) for text in self.port),
             realtime=self.realtime,
+            firmware=self.firmware,
             watch=watch,
             attend=self._logged(stack),
         )

@@ -34,7 +34,9 @@ class HubModel:
         ports: letters of the ports for motors and sensors.
         own_motors: those at which it has motors of its own.
         program_bytes: largest size of a user program, which is the memory for stored data and the heap too.
-        stdin_bytes: usable size of the standard input ring buffer; 0 means no stdin.
+        stdin_bytes: usable size of the standard input ring buffer up to Pybricks 4.0; 0 means no stdin.
+        packet_bytes: largest packet over Bluetooth (``PBDRV_BLUETOOTH_MAX_MTU_SIZE``, less 3), which the buffer takes since 4.1.
+        has_hub_network: whether its firmware has ``HubNetwork`` since Pybricks 4.1.
         stack_bytes, call_bytes: size of the call stack, which is what static data leaves of the memory, and of a call's frame.
         stored_bytes: user data, settings and slots.
         storage_bytes: user data that ``hub.system.storage`` keeps.
@@ -58,6 +60,8 @@ class HubModel:
     call_bytes: int
     stored_bytes: int = 200
     storage_bytes: int = 128
+    packet_bytes: int = 0
+    has_hub_network: bool = False
     has_imu: bool = False
     has_accelerometer: bool = False
     has_float: bool = True
@@ -86,6 +90,8 @@ class HubKind(_Kind):
         ports="ABCDEF",
         program_bytes=272 * 1024,
         stdin_bytes=63,
+        packet_bytes=512,
+        has_hub_network=True,
         stack_bytes=15_412,
         call_bytes=208,
         stored_bytes=600,
@@ -105,6 +111,8 @@ class HubKind(_Kind):
         ports="AB",
         program_bytes=258 * 1024,
         stdin_bytes=63,
+        packet_bytes=512,
+        has_hub_network=True,
         stack_bytes=36_400,
         call_bytes=216,
         stored_bytes=600,
@@ -120,6 +128,7 @@ class HubKind(_Kind):
         ports="ABCD",
         program_bytes=32 * 1024,
         stdin_bytes=20,
+        packet_bytes=155,
         stack_bytes=22_968,
         call_bytes=208,
         has_imu=True,
@@ -133,6 +142,7 @@ class HubKind(_Kind):
         ports="AB",
         program_bytes=20 * 1024,
         stdin_bytes=20,
+        packet_bytes=155,
         stack_bytes=6_688,
         call_bytes=224,
         missing=("memoryview", "XboxController", *_RARE_DEVICES),

@@ -13,6 +13,7 @@ from types import MappingProxyType
 from typing import Any
 
 from brickhub.errors import SceneError, TwinError
+from brickhub.hub.link.profiles import DEFAULT_LINK, PROFILES
 from brickhub.robot import HubKind, Motor, MotorKind, Robot, Sense, SensorKind, UltrasonicSensor
 from brickhub.virtual.body import Rng
 from brickhub.virtual.given_readings import GivenReading
@@ -68,7 +69,7 @@ class BenchBody:
     Attributes:
         battery_mv: voltage of the battery; at first that of the firmware's motor simulation.
         motor_friction_scale: factor on the dry friction inside the motors.
-        link_interval_ms: connection interval of the hub's link.
+        link: delays and losses of the hub's link.
 
     Raises:
         TwinError: a sensor has no reading, or a reading or end stop no device.
@@ -86,7 +87,7 @@ class BenchBody:
         self.robot = robot
         self.battery_mv = 7200
         self.motor_friction_scale = 1.0
-        self.link_interval_ms = 15.0
+        self.link = PROFILES[DEFAULT_LINK]
         self._readings = _readings_by_sense(robot, readings)
         self._outputs = [(motor.name, motor.port, _mdeg_per_deg(motor)) for motor in robot.motors]
         stops = _end_stops_mdeg(robot, end_stops)

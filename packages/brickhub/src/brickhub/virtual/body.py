@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Protocol, runtime_checkable
 
+from brickhub.hub.link.profiles import LinkProfile
 from brickhub.robot import MotorKind, Robot, Sense
 from brickhub.virtual.stimuli import Sensed
 
@@ -25,10 +26,8 @@ class Body(Protocol):
     robot: Robot
     """Hub, motors and sensors with their ports."""
     battery_mv: int
-
-    @property
-    def link_interval_ms(self) -> float:
-        """Connection interval of the hub's link; 0 for no delay."""
+    link: LinkProfile
+    """Delays and losses of the hub's link."""
 
     def reset(self, rng: Rng) -> None:
         """Place the robot at the start of an episode."""

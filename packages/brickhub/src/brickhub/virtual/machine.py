@@ -15,6 +15,7 @@ from typing import Any
 from brickhub.virtual.body import Body, FittingBody
 from brickhub.virtual.firmware.drive_base import DriveBaseControl, GyroHeading
 from brickhub.virtual.firmware.servo import Servo
+from brickhub.virtual.firmware_version import FIRMWARE_VERSIONS, NEWEST
 from brickhub.virtual.micropython.exceptions import SwitchedOff
 from brickhub.virtual.panel import Panel
 from brickhub.virtual.run_log import RunLog
@@ -68,6 +69,7 @@ class Machine:
     """Clock, servos and drive bases of one virtual hub.
 
     Attributes:
+        firmware: version of the firmware that is played.
         runs_program: whether a program runs that the stop button can stop.
         pace: keeps simulated time to real time at each control loop; ``None`` for as fast as possible.
         log: log of the run; ``None`` for none.
@@ -85,6 +87,7 @@ class Machine:
         self.robot, self.body = body.robot, body
         self.panel = panel or Panel(body.robot.hub)
         self.panel.clock_ms = lambda: self.time_ms
+        self.firmware = FIRMWARE_VERSIONS[NEWEST]
         self.runs_program = False
         self.pace: Pace | None = None
         self.log: RunLog | None = None

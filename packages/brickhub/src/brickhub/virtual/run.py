@@ -22,6 +22,7 @@ from brickhub.hub.transport import HubProgram, as_typed
 from brickhub.robot import HubKind, MotorKind, SensorKind
 from brickhub.virtual.bench_body import FittedBench
 from brickhub.virtual.body import Body
+from brickhub.virtual.firmware_version import NEWEST, firmware_version
 from brickhub.virtual.given_readings import GivenReading
 from brickhub.virtual.interpreter import execute
 from brickhub.virtual.machine import Machine, Pace
@@ -106,6 +107,7 @@ class Operation:
         end_stops: lowest and highest angle (deg) of motors on the bench, by port.
         devices: motors and sensors on the bench, by port; ``None`` for nothing.
         realtime: run in real time.
+        firmware: version of the firmware to play, such as ``"4.0"``.
         watch: called with the hub's panel before the program starts.
         attend: called with the machine before the program starts; may set its pace and call :func:`stop_program`.
     """
@@ -115,6 +117,7 @@ class Operation:
     end_stops: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     devices: Mapping[str, MotorKind | SensorKind | None] = field(default_factory=dict)
     realtime: bool = False
+    firmware: str = NEWEST
     watch: Callable[[Panel], None] | None = None
     attend: Callable[[Machine], None] | None = None
 
@@ -146,6 +149,7 @@ def run_file(
     Raises:
         OSError: ``stdout`` does not take what the program prints.
         ProgramError: the file cannot be read, or the time limit is invalid.
+        UnknownNameError: that version of the firmware is not played.
         TwinError: a button, port or reading does not suit the hub, or the program waits for ever.
     """
     operation = operation or Operation()
@@ -153,6 +157,7 @@ def run_file(
     stdout, stderr = stdout or sys.stdout.buffer, stderr or sys.stderr
     source = read_program(path)
     check_time_limit(time_limit_s)
+    firmware = firmware_version(operation.firmware)
     if body is None:
         hub = _imported_hub(load_program(path))
         given = (operation.readings, operation.end_stops, operation.devices)
@@ -162,6 +167,7 @@ def run_file(
         raise TwinError("readings, end stops and devices on ports are for the bench; omit them, or take --robot bench")
     else:
         machine = Machine(body, Panel(body.robot.hub, operation.presses))
+    machine.firmware = firmware
     if time_limit_s is not None:
         machine.alarm_ms = round(time_limit_s * 1000)
         machine.on_alarm = stop_program

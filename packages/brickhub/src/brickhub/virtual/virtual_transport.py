@@ -1,7 +1,7 @@
 """Transport to a virtual hub, which runs a LEGO hub's program on a body in simulated time.
 
-The program is a greenlet that runs only while the host waits: no threads, reproducible runs. Bytes travel at connection events,
-as over Bluetooth.
+The program is a greenlet that runs only while the host waits: no threads, reproducible runs. Bytes travel as the profile of the
+body's link says: at connection events, as over Bluetooth.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from collections.abc import Callable
 from greenlet import getcurrent, greenlet
 
 from brickhub.errors import HubError, HubProgramError, TwinError
+from brickhub.hub.link.profiles import LinkProfile
 from brickhub.hub.program.run_program import describe_traceback
 from brickhub.hub.transport import HubProgram, Pipe, app_data_slot
 from brickhub.virtual import interpreter
@@ -24,6 +25,7 @@ from brickhub.virtual.machine import MAX_STEP_MS, Machine, Pace
 from brickhub.virtual.micropython.exceptions import HostStop, SwitchedOff, is_program_error
 from brickhub.virtual.micropython.text import format_traceback
 from brickhub.virtual.pybricks import modules
+from brickhub.virtual.radio import Radio
 
 MAX_WRITE_BYTES = 20
 _LONGEST_RUN_DOWN_MS = 1000
@@ -39,8 +41,10 @@ class _Stopped(HostStop):
 class _Wire:
     """Standard streams of the program, with bytes in transit to the host."""
 
-    def __init__(self, hub: VirtualHub, stdin_bytes: int) -> None:
-        self._hub, self._capacity = hub, stdin_bytes
+    def __init__(self, hub: VirtualHub) -> None:
+        model = hub.robot.hub.model
+        self._hub = hub
+        self._capacity = max(model.stdin_bytes, model.packet_bytes) if hub.machine.firmware.takes_packets else model.stdin_bytes
         self._stdin, self.inbox = bytearray(), bytearray()
         self.outbox: deque[tuple[float, bytes]] = deque()
 
@@ -56,7 +60,9 @@ class _Wire:
 
     def write(self, data: bytes) -> None:
         self._hub.machine.charge_call()
-        due_ms = self._hub.next_event_ms()
+        if self._hub.loses_notification():
+            return
+        due_ms = self._hub.arrival_ms()
         self.outbox.append((due_ms, data))
         alarm_ms = self._hub.machine.alarm_ms
         if alarm_ms is not None:  # return to the host no later than that
@@ -83,16 +89,20 @@ class VirtualHub:
     Args:
         body: a ``BenchBody``, or a twin of ``bricktwin.twin``.
         realtime: run in real time: the robot moves on while the host computes.
+        link: delays and losses of the link; ``None`` for those of the body.
+        seed: their seed.
 
     Attributes:
         in_reach: set to False to break the link.
+        waits_for_acknowledgement: whether `write` waits for the hub's; set to False where a host writes to several hubs at once.
     """
 
-    def __init__(self, body: Body, *, realtime: bool = False) -> None:
+    def __init__(self, body: Body, *, realtime: bool = False, link: LinkProfile | None = None, seed: int = 0) -> None:
         self.robot, self.body = body.robot, body
+        self._given_link, self._radio = link, Radio(seed)
         self.machine = Machine(body)
         self.machine.on_alarm = self._switch_to_host
-        self._wire = _Wire(self, self.robot.hub.model.stdin_bytes)
+        self._wire = _Wire(self)
         self._program: greenlet | None = None
         self._host: greenlet | None = None
         self._thread = threading.get_ident()
@@ -102,6 +112,12 @@ class VirtualHub:
         self._counts = itertools.cycle(range(1, 256))
         self._pace = Pace() if realtime else None
         self.in_reach: Callable[[], bool] = lambda: True
+        self.waits_for_acknowledgement = True
+
+    @property
+    def link(self) -> LinkProfile:
+        """Present delays and losses."""
+        return self.body.link if self._given_link is None else self._given_link
 
     @property
     def is_realtime(self) -> bool:
@@ -120,20 +136,20 @@ class VirtualHub:
         self._pipe = program.pipe
         self._stop_requested = False  # an earlier stop request was for the previous program
         self._error = None
-        self._wire = _Wire(self, self.robot.hub.model.stdin_bytes)
+        self._wire = _Wire(self)
         self._keep_pace()  # otherwise a new program sees the elapsed real time as silence
         self._program = greenlet(self._run)
         self._thread = threading.get_ident()
         self._run_until(self.machine.time_ms, program)
 
     def write(self, data: bytes) -> None:
-        """Send bytes; they arrive at the next connection event. Raises HubError for over 20 bytes, no program, or a full input
-        buffer, HubProgramError if the program raised."""
+        """Send bytes, and wait until the hub acknowledges them: two connection events later, or more. Raises HubError for over 20
+        bytes, no program, or a full input buffer, HubProgramError if the program raised."""
         if len(data) > MAX_WRITE_BYTES:
             raise HubError(f"{len(data)} bytes in one write; split them into {MAX_WRITE_BYTES} bytes or less")
         self._check_reach()
         self._keep_pace()
-        arrival_ms = math.ceil(self.next_event_ms())
+        arrival_ms = math.ceil(self._radio.to_hub_ms(self.machine.body_ms, self.link))
         self._run_until(self._next_stop_ms(arrival_ms))
         self.run_on_until(arrival_ms)
         self._check()
@@ -141,6 +157,8 @@ class VirtualHub:
             self._wire.deliver_app_data(app_data_slot(next(self._counts), data))
         else:
             self._wire.deliver(data)
+        if self.waits_for_acknowledgement:
+            self.run_on_until(math.ceil(self.arrival_ms()))
 
     def read(self, timeout_s: float) -> bytes:
         """The program's next output; ``b""`` after the (simulated) timeout. Raises HubError if no program runs and no output is
@@ -196,10 +214,13 @@ class VirtualHub:
 
     # ---- between host and program
 
-    def next_event_ms(self) -> float:
-        """Time of the next connection event; an interval of 0 is a link without delay."""
-        interval_ms, now_ms = self.body.link_interval_ms, self.machine.body_ms
-        return (now_ms // interval_ms + 1) * interval_ms if interval_ms else now_ms
+    def arrival_ms(self) -> float:
+        """Time at which what the hub sends now is with the host."""
+        return self._radio.to_computer_ms(self.machine.body_ms, self.link)
+
+    def loses_notification(self) -> bool:
+        """Whether the next notification gets lost."""
+        return self._radio.loses_notification(self.link)
 
     def _run_until(self, time_ms: int, new_program: HubProgram | None = None) -> None:
         """Run the program until a simulated time, its next output, or its end."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 
 import pytest
 from described import RUN_AWAY, SPINNING, TWO_WHEELER, WALKER, WALKING
@@ -14,7 +15,7 @@ from brickhub.errors import HubError, SilentHubError
 from brickhub.hub.interface import Interface
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.link.states import LinkState
-from brickhub.hub.link.timing import keepalive_times_s
+from brickhub.hub.link.timing import repeat_times_s
 from brickhub.hub.program.generate import WATCHDOG_MS
 from brickhub.hub.protocol import Down
 from brickhub.robot import Robot
@@ -23,28 +24,35 @@ WATCHDOG_S = WATCHDOG_MS / 1000
 
 
 @given(st.none() | st.floats(0.0, 10.0), st.floats(0.05, 2.0))
-def test_keepalive_interval_is_bounded(move_s: float | None, watchdog_s: float) -> None:
-    times_s = list(itertools.takewhile(lambda time_s: time_s < 12.0, keepalive_times_s(move_s, watchdog_s)))
+def test_frame_is_repeated_as_keepalive_and_when_overdue(move_s: float | None, watchdog_s: float) -> None:
+    times_s = list(itertools.takewhile(lambda time_s: time_s < 12.0, repeat_times_s(move_s, watchdog_s)))
     pauses_s = [after - before for before, after in itertools.pairwise([0.0, *times_s])]
-    assert max(pauses_s) <= 0.7501 * watchdog_s, "a quarter is left for the way"
-    if move_s is not None:
-        assert not any(move_s - 1e-9 <= time_s < move_s + 0.249 * watchdog_s for time_s in times_s)
+    due_s = math.inf if move_s is None else move_s
+    is_short = due_s < watchdog_s
+    for pause_s, time_s in zip(pauses_s, times_s, strict=True):
+        if time_s < due_s:
+            assert pause_s <= 1.0001 * watchdog_s / (2 if is_short else 6), "four in a row may get lost"
+        else:
+            assert time_s >= due_s + 0.4999 * watchdog_s, "the answer is on its way"
+            assert pause_s <= 1.0001 * watchdog_s
 
 
-def signs(hub: StandInHub) -> int:
-    return sum(write[1] == 0 and write[2] == Down.WATCHDOG for write in hub.writes)
+def repeated(hub: StandInHub) -> tuple[int, int]:
+    """Number of data frames, and of those that tell the watchdog's time."""
+    data = sum(write[1] != 0 for write in hub.writes)
+    return data, sum(write[1] == 0 and write[2] == Down.WATCHDOG for write in hub.writes)
 
 
 @pytest.mark.parametrize(
     ("robot", "interface", "values", "count"),
-    [(TWO_WHEELER, SPINNING, [30, 30], 0), (WALKER, WALKING, [-30] * 4, 1), (TWO_WHEELER, RUN_AWAY, [90], 2)],
+    [(TWO_WHEELER, SPINNING, [30, 30], (1, 0)), (WALKER, WALKING, [-30] * 4, (2, 0)), (TWO_WHEELER, RUN_AWAY, [90], (2, 5))],
 )
-def test_keepalive_lets_long_step_finish(robot: Robot, interface: Interface, values: list[float], count: int) -> None:
+def test_keepalive_lets_long_step_finish(robot: Robot, interface: Interface, values: list[float], count: tuple[int, int]) -> None:
     hub = StandInHub()
     with HubLink(hub, robot, interface) as link:
         for _ in range(3):
             link.act(values)
-        assert signs(hub) == 3 * count and hub.starts == 1
+        assert repeated(hub) == (3 * count[0], 3 * count[1]) and hub.starts == 1
         assert (link.statistics.resends, link.statistics.stale_answers) == (0, 0)
 
 

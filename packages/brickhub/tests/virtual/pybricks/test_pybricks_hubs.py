@@ -338,7 +338,7 @@ def test_version_and_geometry() -> None:
     with pytest.raises(ImportError, match="can't import name tools"):
         hub(source)
     printed = hub(source.replace("from pybricks import tools\n", ""))
-    assert printed == "('primehub', '4.0.1', 'v4.0.1 on 2026-06-23')\n(2, 1)"
+    assert printed == "('primehub', '4.1.0', 'v4.1.0 on 2026-10-12')\n(2, 1)"
 
 
 def test_memory_is_reported_as_on_a_hub() -> None:

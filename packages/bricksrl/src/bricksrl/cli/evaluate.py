@@ -53,6 +53,8 @@ class Evaluate:
     """Draw new physics of the virtual robot for each episode; by default off, even if the training randomized."""
     physics: Annotated[Path | None, option(metavar="FILE")] = None
     """Physics of the virtual robot: a JSON file such as `bricksrl twin fit` writes; by default as in training."""
+    link: Annotated[str | None, option(metavar="LINK")] = None
+    """Bluetooth link of the virtual robot: mac, linux or bad-room; by default as in training."""
     best: Flag = False
     """Use the checkpoint of the best evaluation during training instead of the last one."""
     video: Annotated[Path | None, option(metavar="FILE")] = None
@@ -77,6 +79,7 @@ class Evaluate:
         load_learning()
         physics: dict[str, Any] = {"randomize": self.randomize}
         physics |= {} if self.physics is None else {"physics": read_physics(self.physics)}
+        physics |= {} if self.link is None else {"link": self.link}
         options = {"realtime": self.realtime, **physics} | ({} if self.hub is None else {"hub": self.hub})
 
         def report(episode: int, return_: float) -> None:

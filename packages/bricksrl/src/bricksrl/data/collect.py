@@ -123,7 +123,8 @@ def about(env: EnvBase, policy: str, *, seed: int | None = None, hub: str = "vir
     """
     ours = interface_of(env)
     task, on_hub = ours.task, ours.robots > 0
-    physics = getattr(ours.twin.body, "physics", None) if on_hub and hub == "virtual" and ours.twin is not None else None
+    twin = ours.twin if on_hub and hub == "virtual" else None
+    physics = None if twin is None else getattr(twin.body, "physics", None)
     return About(
         policy=policy,
         seed=seed,
@@ -131,5 +132,5 @@ def about(env: EnvBase, policy: str, *, seed: int | None = None, hub: str = "vir
         hub=hub if on_hub else "",
         program_hash=generate(task.robot, task.interface).hash if on_hub and task is not None else None,
         versions=_VERSIONS,
-        physics={} if physics is None else dataclasses.asdict(physics),
+        physics={} if twin is None or physics is None else dataclasses.asdict(physics.with_link(twin.link)),
     )

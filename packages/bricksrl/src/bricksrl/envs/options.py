@@ -16,6 +16,7 @@ import numpy as np
 
 from brickhub.cli.options import Flag, option, parsed
 from brickhub.fields import check_fields
+from brickhub.hub.link.profiles import LinkProfile, profile
 from brickhub.hub.transport import Pipe
 from bricksrl.errors import DescriptionError
 from bricktwin.twin.physics import Physics, RandomPhysics, read_physics
@@ -49,6 +50,8 @@ class EnvOptions:
     """Domain randomization: draw the physics of the virtual robot (battery, friction, masses, noise, link) for each episode."""
     physics: Annotated[Physics | Path | None, parsed(Path, metavar="FILE"), option()] = None
     """Physics of the virtual robot: a JSON file such as `bricksrl twin fit` writes; by default charged, on a smooth floor."""
+    link: Annotated[str | None, option(metavar="LINK")] = None
+    """Bluetooth link of the virtual robot: mac, linux or bad-room, in place of that of the physics, which is linux by default."""
     options: Annotated[dict[str, Any], parsed(parse_option, metavar="NAME=VALUE", collect=dict), option(name="option")] = field(
         default_factory=dict
     )
@@ -62,6 +65,8 @@ class EnvOptions:
         if isinstance(file, str):  # as good as a path
             object.__setattr__(self, "physics", Path(file))
         check_fields(type(self), vars(self))
+        if self.link is not None:
+            profile(self.link)  # raises for an unknown name
         if self.randomize and self.physics is not None:
             raise DescriptionError("the physics is given and is to be random too; choose one of the two")
 
@@ -91,6 +96,11 @@ class EnvOptions:
     def physics_or_draw(self) -> Physics | RandomPhysics | None:
         """The fixed physics, or a sampler of one for each episode."""
         return RandomPhysics() if self.randomize else self.known_physics
+
+    @property
+    def link_profile(self) -> LinkProfile | None:
+        """The link in place of that of the physics; ``None`` for no other."""
+        return None if self.link is None else profile(self.link)
 
     @property
     def known_physics(self) -> Physics | None:

@@ -27,7 +27,7 @@ from bricksrl.envs.tasks.robo_arm_mixed import robo_arm_mixed
 from bricksrl.envs.tasks.run_away import run_away
 from bricksrl.envs.tasks.spinning import SPINNING
 from bricksrl.envs.tasks.walker import walker
-from bricksrl.envs.tasks.walker_forward import WALKER_FORWARD
+from bricksrl.envs.tasks.walker_forward import walker_forward
 from bricksrl.envs.vision.camera import TwinCamera, VideoCamera
 from bricksrl.errors import DescriptionError, UnknownNameError, UnknownOptionError, hint
 from bricktwin.twin.make_body import check_mujoco, make_body
@@ -69,7 +69,7 @@ _BUILT_IN = {
     "RunAway-v0": _Spec(run_away),
     "Spinning-v0": _Spec(lambda: SPINNING, episodes=15),
     "Walker-v0": _Spec(functools.partial(walker, "Walker-v0"), episodes=75),
-    "Walker-v1": _Spec(lambda: WALKER_FORWARD, episodes=75),
+    "Walker-v1": _Spec(walker_forward, episodes=75),
     "WalkerSim-v0": _Spec(functools.partial(walker, "WalkerSim-v0"), Kinematics(noise=0.1), episodes=75, note=_SIMULATED),
     "WalkerSim-v1": _Spec(
         functools.partial(walker, "WalkerSim-v1"),
@@ -137,7 +137,8 @@ def make(
         env = _virtual_env(task, options, seed)
         env.remake = functools.partial(make, env_id, options)
         return env
-    options.refuse(("realtime", "randomize", "physics"), "a real robot has its own time and physics; omit realtime and physics")
+    virtual = ("realtime", "randomize", "physics", "link")
+    options.refuse(virtual, "a real robot has its own time, physics and link; omit realtime, physics and link")
     return _real_env(task, options, address.transport(), seed, place)
 
 
@@ -147,7 +148,7 @@ def _virtual_env(task: Task, options: EnvOptions, seed: int | None) -> HubEnv:
 
     def connect(twin_seed: int) -> Connection:
         body = make_body(task.robot, scene=task.scene, physics=options.physics_or_draw, seed=twin_seed)
-        twin = VirtualHub(body, realtime=options.realtime)
+        twin = VirtualHub(body, realtime=options.realtime, link=options.link_profile, seed=twin_seed)
         camera = None if task.camera is None else TwinCamera(body, task.camera)
         return Connection(_link(task, options, twin), twin.reset, twin, camera, getattr(body, "pose", None))
 
@@ -177,7 +178,7 @@ def _link(task: Task, options: EnvOptions, transport: Transport, calibrate: Cali
     from brickhub.hub.link.lockstep import HubLink
     from brickhub.hub.link.streaming import StreamingLink
 
-    link_type = StreamingLink if options.streaming else HubLink
+    link_type = StreamingLink if options.streaming or task.streams else HubLink
     return link_type(transport, task.robot, task.interface, pipe=options.pipe, calibrate=calibrate)
 
 

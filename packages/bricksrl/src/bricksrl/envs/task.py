@@ -75,6 +75,7 @@ class Task:
         target: a pose that a driving robot is to reach; success and metrics get the true pose of a virtual robot.
         walks: whether a virtual robot reports distance, speed and straightness.
         camera: a camera on the robot, which adds an image to the observation.
+        streams: whether the hub always streams its observations, for steps shorter than an exchange over the link.
     """
 
     id: str
@@ -94,6 +95,7 @@ class Task:
     target: Target | None = None
     walks: bool = False
     camera: CameraView | None = None
+    streams: bool = False
 
     def __post_init__(self) -> None:
         check_fields(Task, vars(self))

@@ -156,7 +156,7 @@ def evaluate(
         env_id = with_absolute_file(env or origin.env)
         nominal, options = evaluation_options(origin, origin.env), evaluation_options(origin, env_id, **named)
         _warn_without(nominal.options, env_id, options, named)
-        names = ("options", "physics", "randomize")
+        names = ("options", "physics", "randomize", "link")
         as_trained = env_id == origin.env and all(getattr(options, name) == getattr(nominal, name) for name in names)
         hub = options.hub
         side_by_side = is_simulation(env_id) and hub == "virtual" and not options.realtime
@@ -190,12 +190,14 @@ def evaluate(
 
 
 def evaluation_options(origin: Origin, env: str, **named: Any) -> EnvOptions:
-    """Options of the environment of an evaluation: those of the training that it has, without physics of another environment or
-    hub, neither randomized nor in real time."""
+    """Options of the environment of an evaluation: those of the training that it has, without physics and link of another
+    environment or hub, neither randomized nor in real time."""
     same_env, before = env == origin.env, origin.options
-    keeps_physics = same_env and named.get("hub", before.hub) == "virtual" and not named.get("randomize", False)
-    physics, options = before.physics if keeps_physics else None, before.options if same_env else options_of(env, before.options)
-    return replace(before, realtime=False, randomize=False, physics=physics, options=options).changed(**named)
+    keeps_link = same_env and named.get("hub", before.hub) == "virtual"
+    link, physics = (before.link, before.physics) if keeps_link else (None, None)
+    physics = None if named.get("randomize", False) else physics
+    options = before.options if same_env else options_of(env, before.options)
+    return replace(before, realtime=False, randomize=False, physics=physics, link=link, options=options).changed(**named)
 
 
 def _warn_without(trained: dict[str, Any], env: str, options: EnvOptions, named: dict[str, Any]) -> None:

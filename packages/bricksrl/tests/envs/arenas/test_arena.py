@@ -14,6 +14,7 @@ import torch
 from tensordict import TensorDict
 
 from brickhub.hub.interface import Command, DriveStraight, DriveTurnRate, Pitch, RunAngle
+from brickhub.hub.link.profiles import PROFILES
 from brickhub.robot import Mount, PoweredUpSensor, SensorKind
 from brickhub.virtual.stimuli import Sense
 from bricksrl.envs.arenas import get_arena_task, make_arena
@@ -23,6 +24,7 @@ from bricksrl.errors import BricksError, DescriptionError, HubError, RunError, T
 from bricktwin.robots import ROBO_ARM, SCOUT, TWO_WHEELER, WALKER
 from bricktwin.twin.arena import Arena, ArenaWorld, Contestant, Place
 from bricktwin.twin.models.load import load_model
+from bricktwin.twin.physics import Physics
 
 
 def acted(env: Any, state: TensorDict, **actions: list[list[float]]) -> TensorDict:
@@ -48,7 +50,7 @@ def test_torchrl_checks_the_simulations_specs() -> None:
 
 
 def test_robots_share_simulated_time() -> None:
-    env = make_arena("Tag-v0", seed=1)
+    env = make_arena("Tag-v0", seed=1, physics=Physics().with_link(PROFILES["mac"]))
     state = env.reset()
     clocks = [env.hub(robot).machine.time_ms for robot in env.task.robots]
     assert len(set(clocks)) == 1

@@ -39,7 +39,7 @@ class BenchTwin(BenchBody):
         self.physics = physics
         self.battery_mv = round(physics.battery_v * 1000)
         self.motor_friction_scale = physics.motor_friction_scale
-        self.link_interval_ms = physics.link_interval_ms
+        self.link = physics.link
 
     def reset(self, rng: Rng) -> None:
         """Draw random physics, if any; there is nothing to place."""

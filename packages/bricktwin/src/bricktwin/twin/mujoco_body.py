@@ -83,7 +83,7 @@ class MujocoBody:
     Attributes:
         model, data: MuJoCo's model and data, e.g. for a renderer.
         chassis: index of the first body; ``moves``: whether it moves freely.
-        physics: the present parameters.
+        physics: the present parameters; ``link``: those of the link.
     """
 
     def __init__(self, robot: Robot, scene: Scene, physics: Physics | RandomPhysics, seed: int) -> None:
@@ -104,11 +104,6 @@ class MujocoBody:
         self.reset(np.random.default_rng(start_seed))
         self._heading_at_start_deg = self._turns.heading_deg
         self._turns.rotation_rad[:] = 0.0
-
-    @property
-    def link_interval_ms(self) -> float:
-        """Connection interval of the hub's link."""
-        return self.physics.link_interval_ms
 
     def tyres(self, difference_pct: float) -> Iterator[tuple[int, float]]:
         """Geometries of the drive base's tyres, left and right, with what each is larger than nominal if they differ by this."""
@@ -197,7 +192,7 @@ class MujocoBody:
 
     def _use(self, physics: Physics) -> None:
         """Set the parameters that are not the model's."""
-        self.physics = physics
+        self.physics, self.link = physics, physics.link
         self._up = _up(physics)
         self.battery_mv = round(physics.battery_v * 1000)
         self._terminal_v = self._average_v = physics.battery_v

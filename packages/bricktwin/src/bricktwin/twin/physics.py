@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from brickhub.errors import TwinError
 from brickhub.files import write_durably
+from brickhub.hub.link.profiles import DEFAULT_LINK, PROFILES, LinkProfile
 
 if TYPE_CHECKING:
     from brickhub.virtual.body import Rng
@@ -38,6 +39,10 @@ class Parameter:
     source: str
 
 
+DRAWN_LINKS = (PROFILES["mac"], PROFILES["linux"])
+"""Links of domain randomization: those of ordinary computers."""
+
+
 def _parameter(default: float, unit: str, random_range: Range, allowed_range: Range, source: str) -> Any:
     return dataclasses.field(default=default, metadata={"parameter": Parameter(unit, random_range, allowed_range, source)})
 
@@ -47,6 +52,12 @@ _ACCELERATION_BIAS = (-184.0, 184.0), (-1000.0, 1000.0), "120 to 184 mm/s2 on Pr
 
 def _motor_scale() -> Any:
     return _parameter(1.0, "1", (0.85, 1.15), (0.1, 2.0), "LEGO's data sheets: speeds within 15 %")
+
+
+def _link_parameter(name: str, unit: str, allowed_range: Range, source: str) -> Any:
+    """A number of the link's profile. Randomization draws one of ``DRAWN_LINKS``, with all its numbers."""
+    drawn = [getattr(link, name) for link in DRAWN_LINKS]
+    return _parameter(getattr(PROFILES[DEFAULT_LINK], name), unit, (min(drawn), max(drawn)), allowed_range, source)
 
 
 @dataclass(frozen=True)
@@ -78,7 +89,8 @@ class Physics:
         acceleration_bias_x_mm_s2, acceleration_bias_y_mm_s2, acceleration_bias_z_mm_s2: offset of each axis of the accelerometer,
             in the hub's frame; it tilts pitch and roll, too.
         color_noise_pct: standard deviation of the light reflected to a color sensor.
-        link_interval_ms: connection interval of Bluetooth; messages are transmitted at its ticks.
+        link_interval_ms, link_jitter_ms, link_loss, link_burst_ms, link_lost_notifications, link_wake_ms: delays and losses of
+            Bluetooth, as in :class:`~brickhub.hub.link.profiles.LinkProfile`.
         slope_deg: slope of the floor, uphill along x, the direction in which robots start.
         wheel_difference_pct: by how much the left wheel of a drive base is larger than the right one.
         side_load_g: mass fastened to the left side of the chassis, 6 modules from its centre of mass.
@@ -133,9 +145,12 @@ class Physics:
     acceleration_bias_y_mm_s2: float = _parameter(0.0, "mm/s2", *_ACCELERATION_BIAS)
     acceleration_bias_z_mm_s2: float = _parameter(0.0, "mm/s2", *_ACCELERATION_BIAS)
     color_noise_pct: float = _parameter(0.5, "%", (0.2, 1.5), (0.0, 20.0), "estimate: readings of a still sheet of paper")
-    link_interval_ms: float = _parameter(
-        15.0, "ms", (7.5, 50.0), (0.0, 4000.0), "Bluetooth LE: 7.5 ms to 4 s, computers give 7.5 to 50"
-    )
+    link_interval_ms: float = _link_parameter("interval_ms", "ms", (0.0, 4000.0), "Bluetooth LE allows 7.5 ms to 4 s")
+    link_jitter_ms: float = _link_parameter("jitter_ms", "ms", (0.0, 200.0), "estimate: the computer's own time")
+    link_loss: float = _link_parameter("loss", "1", (0.0, 0.45), "estimate: packets lost in the air, and sent again")
+    link_burst_ms: float = _link_parameter("burst_ms", "ms", (1.0, 60_000.0), "estimate: Wi-Fi and people in between")
+    link_lost_notifications: float = _link_parameter("lost_notifications", "1", (0.0, 0.2), "estimate; pybricks/support#320")
+    link_wake_ms: float = _link_parameter("wake_ms", "ms", (0.0, 2000.0), "labapart/gattlib#223: up to 300 ms in all")
     slope_deg: float = _parameter(0.0, "deg", (-2.0, 2.0), (-30.0, 30.0), "estimate: floors and tables are not level")
     wheel_difference_pct: float = _parameter(
         0.0, "%", (-0.5, 0.5), (-10.0, 10.0), "estimate: new and worn tyres, one more loaded than the other"
@@ -160,6 +175,15 @@ class Physics:
             if not (math.isfinite(value) and low <= value <= high):
                 unit = "" if parameter.unit == "1" else f" {parameter.unit}"
                 raise TwinError(f"physics: {name} is {value}{unit}; give a value from {low} to {high}")
+
+    @property
+    def link(self) -> LinkProfile:
+        """The link's delays and losses."""
+        return LinkProfile(**{part.name: getattr(self, f"link_{part.name}") for part in dataclasses.fields(LinkProfile)})
+
+    def with_link(self, link: LinkProfile) -> Physics:
+        """The same physics with another link."""
+        return dataclasses.replace(self, **{f"link_{name}": value for name, value in dataclasses.asdict(link).items()})
 
     @classmethod
     def from_dict(cls, data: object) -> Physics:
@@ -203,7 +227,7 @@ class RandomPhysics:
     """Sampler of a :class:`Physics` for every episode (domain randomization). Raises TwinError if the width is not in 0..1.
 
     Attributes:
-        width: 1 draws each parameter uniformly from its whole range, 0 keeps the defaults.
+        width: 1 draws each parameter uniformly from its whole range, and one of ``DRAWN_LINKS``; 0 keeps the defaults.
     """
 
     width: float = 1.0
@@ -215,8 +239,10 @@ class RandomPhysics:
     def sample(self, rng: Rng) -> Physics:
         """Draw the parameters."""
         nominal, values = Physics(), {}
+        drawn_link = nominal.with_link(DRAWN_LINKS[int(rng.uniform(0.0, 1.0) * len(DRAWN_LINKS)) % len(DRAWN_LINKS)])
         for name, parameter in PARAMETERS.items():
-            default = getattr(nominal, name)
-            low, high = (default + self.width * (bound - default) for bound in parameter.random_range)
+            default, link_value = getattr(nominal, name), getattr(drawn_link, name)
+            bounds = (link_value, link_value) if name.startswith("link_") else parameter.random_range
+            low, high = (default + self.width * (bound - default) for bound in bounds)
             values[name] = rng.uniform(low, high)
         return Physics(**values)

@@ -17,6 +17,7 @@ from scipy.stats import qmc
 
 from brickhub.errors import TwinError
 from brickhub.hub.link.lockstep import HubLink
+from brickhub.hub.link.profiles import IDEAL
 from brickhub.robot import Robot, UltrasonicSensor
 from brickhub.seed import check_seed
 from brickhub.virtual.machine import CONTROL_LOOP_MS
@@ -42,7 +43,7 @@ _MIN_ERROR = 0.01  # smaller errors, in roughnesses, count as this
 _MIN_REST_STEPS = 4
 _HUBER_DELTA = 3.0  # differences beyond this many roughnesses count linearly rather than quadratically
 _NOISES = tuple(name for name in PARAMETERS if "noise" in name)
-_NOISE_FREE = dict.fromkeys((*_NOISES, "link_interval_ms"), 0.0)
+_NOISE_FREE = dict.fromkeys(_NOISES, 0.0)
 # The hub's program receives a command of the host one millisecond later.
 _LEAD_MS = 1
 
@@ -73,7 +74,7 @@ def replay(log: RunLog, physics: Physics, robot: Robot | None = None, scene: Sce
     """Channels ``[n + 1, n_channels]`` of a noise-free twin that gets a log's commands at the same times, by default on a floor
     with the wall that the log shows. Raises UnknownNameError or TwinError if there is no such robot, or it has no twin."""
     robot = robots.get(log.robot) if robot is None else robot
-    hub = VirtualHub(make_body(robot, scene=scene or _scene(log), physics=replace(physics, **_NOISE_FREE)))
+    hub = VirtualHub(make_body(robot, scene=scene or _scene(log), physics=replace(physics, **_NOISE_FREE).with_link(IDEAL)))
     rows = []
     with HubLink(hub, robot, log.interface) as link:
         first = link.read()

@@ -29,7 +29,7 @@ from bricktwin.twin import arena, mujoco_body
 from bricktwin.twin.arena import Arena, ArenaWorld, Contestant, Place
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.models import load
-from bricktwin.twin.models.kept_models import _encoded
+from bricktwin.twin.models.kept_models import _encoded, kept_model
 from bricktwin.twin.models.load import load_model
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.objects import Block, Line, Wall
@@ -56,6 +56,7 @@ import hashlib, sys
 import mujoco
 from bricktwin.robots import TWO_WHEELER
 from bricktwin.twin.make_body import make_body
+from bricktwin.twin.models.kept_models import kept_model
 from bricktwin.twin.models.kept_models import _encoded
 body = make_body(TWO_WHEELER)
 told = "built" if "bricktwin.twin.models.load" in sys.modules else "kept"
@@ -474,3 +475,16 @@ def test_descriptions_of_values() -> None:
     for value in (Foreign(), lambda: 1, {"light": len}, np.int64(1), Scene(readings={"light": lambda _: 1.0})):
         with pytest.raises(kept.UnkeptError):
             kept.described(value)
+
+
+@pytest.mark.parametrize(("joints", "is_sparse"), [(59, False), (60, False)])
+def test_large_models_use_dense_matrices(joints: int, is_sparse: bool) -> None:
+    """MuJoCo 4.0.0 takes sparse ones from 60 degrees of freedom on, and their factor is wrong."""
+
+    def compiled() -> mujoco.MjModel:
+        links = "".join(f'<body pos="0 {i} 0"><joint type="hinge"/><geom size="0.1"/></body>' for i in range(joints))
+        return mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{links}</worldbody></mujoco>")
+
+    model = kept_model(compiled, [], f"{joints} links")
+    assert model.nv == joints and bool(mujoco.mj_isSparse(model)) is is_sparse
+    assert bool(mujoco.mj_isSparse(compiled())) is (joints >= 60), "without us"

@@ -15,6 +15,7 @@ from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.link.timing import percentile
 from brickhub.hub.transport import Transport
 from brickhub.hub.transports.connection import HubIdentity
+from brickhub.hub.transports.profile import NEWEST_PROFILE
 from brickhub.robot import HubKind, Motor, MotorKind, Robot, SensorKind
 from brickhub.robot.hardware import DC_MOTOR_ID
 
@@ -41,7 +42,7 @@ _LEAST_SHARE = 0.5
 """Share of a test move that a motor has to complete."""
 _RANGE_MARGIN_DEG = 8.0
 """Tolerance for a joint that yields beyond its range."""
-_TEST_MOVE_READS = 40
+_TEST_MOVE_S = 1.2
 
 _ENCODERS = {kind.model.device_id for kind in MotorKind}
 """Device ids of motors with an encoder: a program for one also drives the others."""
@@ -159,6 +160,9 @@ def check_hub(identity: HubIdentity | None, robot: Robot) -> Iterator[Finding]:
     if firmware.partition(".")[0] in ("2", "3"):
         detail = f"Pybricks {firmware}, profile {version}; BricksRL was written for version 4, update it on code.pybricks.com"
         yield Finding("firmware", Outcome.WARNING, detail)
+    elif identity.profile_version > NEWEST_PROFILE:
+        detail = f"Pybricks {firmware}, profile {version}, which is newer than this brickhub; update it if something fails"
+        yield Finding("firmware", Outcome.WARNING, detail)
     else:
         yield Finding("firmware", Outcome.OK, f"Pybricks {firmware}, profile {version}")
 
@@ -265,8 +269,8 @@ def _check_move(link: HubLink, robot: Robot, interface: Interface, index: int, i
     value = small_move(command, motors[0].range_deg, angles_before[0])
     name = f"motor {command.name}" if len(motors) == 1 else command.name
     link.act([value if i == index else 0.0 for i in range(len(interface.commands))])
-    after = before
-    for _ in range(_TEST_MOVE_READS):  # a step may end before its move does
+    after, end_s = before, link.now_s() + _TEST_MOVE_S
+    while link.now_s() < end_s:  # a step may end before its move does
         after = link.read().values
     if not command.ends:
         link.act([0.0] * len(interface.commands))

@@ -1,9 +1,9 @@
 """Lock-step exchange with the program on a hub: one command down, one answer up.
 
-Lost frames: the host resends the same frame after a quarter of its timeout. The hub recognises a repeated sequence
-number: it resends its last answer, or continues the current move, so that a command is never carried out twice. Answers
-to other sequence numbers are ignored. If no answer comes in time, the link is in FAULT until ``open`` is called; the hub
-stops its motors by itself. During a step, the host sends keepalives (``timing.py``).
+Lost frames: the host repeats the frame, during a step as a keepalive, and when its answer is overdue (``timing.py``). The hub
+recognises a repeated sequence number: it resends its last answer, or continues the current move, so that a command is never
+carried out twice. Answers to other sequence numbers are ignored. If no answer comes in time, the link is in FAULT until ``open``
+is called; the hub stops its motors by itself.
 If the program on the hub has ended because the host was silent for too long, ``read`` restarts it; ``act`` does not,
 because the robot has meanwhile stopped holding its position. ``states.py`` has all transitions as a table.
 
@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import math
 import struct
 import threading
 from collections.abc import Callable, Iterable, Iterator
@@ -22,9 +23,10 @@ from typing import Self
 
 from brickhub.errors import HubError, HubProgramError, SilentHubError, StoppedError
 from brickhub.hub.interface import Interface
+from brickhub.hub.link.profiles import PAUSE_MS
 from brickhub.hub.link.receiver import Listener, Reading, bye_error, check_hello, is_hello
 from brickhub.hub.link.states import Cause, LinkState, after, cause_of
-from brickhub.hub.link.timing import HubClock, LinkStatistics, keepalive_times_s, percentile
+from brickhub.hub.link.timing import REPEATS_PER_WATCHDOG, HubClock, LinkStatistics, percentile, repeat_times_s
 from brickhub.hub.program.generate import WATCHDOG_MS, generate
 from brickhub.hub.protocol import ControlFrame, DataFrame, Down, Frame, Up, WireFormat, control_frame, data_frame, next_seq
 from brickhub.hub.transport import Pipe, Transport
@@ -32,7 +34,7 @@ from brickhub.robot import Robot
 
 _log = logging.getLogger(__name__)
 
-_SENDS_PER_TIMEOUT = 4
+_HELLOS_PER_TIMEOUT = 4
 _EXCHANGES_PER_WATCHDOG_CHECK = 50
 _WATCHDOG_ROUND_TRIPS = 4
 _WATCHDOG_MAX_MS = 0xFFFF
@@ -46,7 +48,7 @@ class HubLink:
         robot, interface: robot and interface that the hub's program is generated from.
         timeout_s: time limit of an answer, beyond the duration of the commands.
         watchdog_s: silence after which the hub stops its motors; raised to four times the 99th percentile of the link's
-            delays if that is more.
+            round trips if that is more.
         pipe: channel for input to the program.
         calibrate: applies the robot's calibration to the description; called when the hub is connected.
 
@@ -80,7 +82,7 @@ class HubLink:
         self._least_watchdog_ms = _watchdog_ms(watchdog_s)
         self._watchdog_ms = WATCHDOG_MS
         self._seq = 0
-        self._frame, self._sent_s = b"", 0.0
+        self._frame, self._sent_s, self._written_s = b"", 0.0, -math.inf
         self._clock = HubClock()
         self.statistics = LinkStatistics(watchdog_s=WATCHDOG_MS / 1000)
         self._listener = Listener(transport, self.wire, self.statistics)
@@ -143,20 +145,12 @@ class HubLink:
         same time. Raises as `act`, except for timeouts."""
         self._frame = self._next_frame(values)
         with self._fault_with_cause():
-            self._begin_exchange()
-            self._sent_s = self.now_s()
-            self._transport.write(self._frame)
+            self._send(self._frame)
 
     def receive(self) -> Reading:
         """Wait for the answer to the commands that were sent last. Raises as `act`."""
-        known_s = self._known_move_s
         with self._fault_with_cause():
-            left_s = None if known_s is None else max(0.0, self._sent_s + known_s - self.now_s())
-            answer = self._await_answer(self._longest_move_s + self._timeout_s / 2, left_s)
-            if answer is None:
-                self.statistics.count_resend()
-                answer = self._send_and_wait(self._frame, self._longest_move_s, known_s)
-            return self._answered(answer, self._sent_s, self._longest_move_s, known_s)
+            return self._receive(self._frame, self._longest_move_s, self._known_move_s)
 
     def _next_frame(self, values: Iterable[float]) -> bytes:
         """Frame of the next commands. Raises the errors of `act` that come before anything is sent."""
@@ -266,7 +260,7 @@ class HubLink:
             raise _stopped()
         # The program sends a HELLO at its start; it is requested if that one does not come.
         check_hello(self._receive_hello() or self._request_hello(), self.program.hash)
-        watchdog_ms = max(self._least_watchdog_ms, self._needed_watchdog_ms())
+        watchdog_ms = self._needed_watchdog_ms()
         if watchdog_ms != WATCHDOG_MS:
             self._set_watchdog(watchdog_ms)
         self._begin()
@@ -276,13 +270,13 @@ class HubLink:
         """Hook: set up a program that has just sent its HELLO."""
 
     def _receive_hello(self) -> ControlFrame | None:
-        frame = self._listener.wait_for(is_hello, self._timeout_s / _SENDS_PER_TIMEOUT)
+        frame = self._listener.wait_for(is_hello, self._timeout_s / _HELLOS_PER_TIMEOUT)
         return frame if isinstance(frame, ControlFrame) else None
 
     def _request_hello(self) -> ControlFrame:
         """Request a HELLO, on which the hub stops its motors, until it comes."""
-        for _ in range(_SENDS_PER_TIMEOUT - 1):
-            self._transport.write(control_frame(Down.HELLO))
+        for _ in range(_HELLOS_PER_TIMEOUT - 1):
+            self._write(control_frame(Down.HELLO))
             hello = self._receive_hello()
             if hello is not None:
                 return hello
@@ -296,18 +290,42 @@ class HubLink:
     def _exchange(self, frame: bytes, longest_move_s: float, known_move_s: float | None) -> Reading:
         """Send until the answer comes; the same frame may go out several times."""
         with self._fault_with_cause():
-            self._begin_exchange()
-            started_s = self.now_s()
-            answer = self._send_and_wait(frame, longest_move_s, known_move_s)
-            return self._answered(answer, started_s, longest_move_s, known_move_s)
+            self._send(frame)
+            return self._receive(frame, longest_move_s, known_move_s)
 
-    def _answered(self, answer: DataFrame | None, started_s: float, longest_move_s: float, known_move_s: float | None) -> Reading:
-        """Reading of an exchange that began at ``started_s``. Raises HubTimeoutError if there was no answer."""
-        if answer is None:
-            raise self._listener.timeout_error("the hub did not answer", longest_move_s + self._timeout_s)
-        reading = self._reading(answer, started_s, known_move_s or 0.0)
-        self.statistics.record(reading.round_trip_s, reading.age_s, known_move_s)
-        return reading
+    def _send(self, frame: bytes) -> None:
+        """Send a frame; `_receive` then waits for its answer."""
+        self._adapt_watchdog()
+        self._sent_s = self.now_s()
+        self._write(frame)
+
+    def _write(self, frame: bytes) -> None:
+        """Write a frame, and time the round trip of its acknowledgement, which after a pause is longer but then keeps no motor
+        waiting."""
+        started_s, before_s = self.now_s(), self._written_s
+        self._transport.write(frame)
+        self._written_s = self.now_s()
+        if started_s - before_s < PAUSE_MS / 1000:
+            self.statistics.delays_s.append(self._written_s - started_s)
+
+    def _receive(self, frame: bytes, longest_move_s: float, known_move_s: float | None) -> Reading:
+        """Wait for the answer to a frame that was sent, and repeat it meanwhile. Raises HubTimeoutError if none comes in time.
+
+        Most keepalives of a long step tell the watchdog's time instead, which the hub may not have heard, and ask for no answer.
+        """
+        limit_s, watchdog_s = longest_move_s + self._timeout_s, self._watchdog_ms / 1000
+        for number, time_s in enumerate(repeat_times_s(known_move_s, watchdog_s)):
+            answer = self._listener.wait_for(self._is_answer, self._sent_s + min(time_s, limit_s) - self.now_s())
+            if isinstance(answer, DataFrame):
+                reading = self._reading(answer, self._sent_s, known_move_s or 0.0)
+                self.statistics.record(reading.round_trip_s, reading.age_s)
+                return reading
+            if time_s >= limit_s:
+                break
+            is_overdue = time_s > (longest_move_s if known_move_s is None else known_move_s)
+            self.statistics.resends += is_overdue
+            self._write(frame if is_overdue or number % REPEATS_PER_WATCHDOG == 0 else _watchdog_frame(self._watchdog_ms))
+        raise self._listener.timeout_error("the hub did not answer", limit_s)
 
     def _reading(self, answer: DataFrame, started_s: float, move_s: float) -> Reading:
         """Reading from an answer that has just arrived, to a command sent at ``started_s`` that takes at least ``move_s``."""
@@ -329,32 +347,6 @@ class HubLink:
                 self._listener.raise_program_error()
                 raise
 
-    def _send_and_wait(self, frame: bytes, longest_move_s: float, known_move_s: float | None) -> DataFrame | None:
-        started_s = self.now_s()
-        deadline_s = started_s + longest_move_s + self._timeout_s
-        window_s = self._timeout_s / _SENDS_PER_TIMEOUT
-        for attempt in range(int((deadline_s - started_s) / window_s) + 1):
-            if attempt:
-                self.statistics.count_resend()
-            move_s = None if known_move_s is None else max(0.0, started_s + known_move_s - self.now_s())
-            self._transport.write(frame)
-            answer = self._await_answer(min(window_s, deadline_s - self.now_s()), move_s)
-            if answer is not None:
-                return answer
-        return None
-
-    def _await_answer(self, window_s: float, move_s: float | None) -> DataFrame | None:
-        """The answer, if it comes in time. Meanwhile, send keepalives to the hub."""
-        started_s = self.now_s()
-        for keepalive_s in keepalive_times_s(move_s, self._watchdog_ms / 1000):
-            answer = self._listener.wait_for(self._is_answer, started_s + min(keepalive_s, window_s) - self.now_s())
-            if isinstance(answer, DataFrame):
-                return answer
-            if keepalive_s >= window_s:
-                break
-            self._set_watchdog(self._watchdog_ms)
-        return None
-
     def _is_answer(self, frame: Frame) -> bool:
         if isinstance(frame, ControlFrame):
             if frame.kind == Up.BYE:
@@ -363,25 +355,29 @@ class HubLink:
         self.statistics.stale_answers += frame.seq != self._seq
         return frame.seq == self._seq
 
-    def _begin_exchange(self) -> None:
-        """Before an exchange, look from time to time whether the link needs a longer watchdog."""
-        self.statistics.is_resent = False
-        if self.statistics.exchanges % _EXCHANGES_PER_WATCHDOG_CHECK:
-            return
-        needed_ms = self._needed_watchdog_ms()
-        if needed_ms > self._watchdog_ms:
-            self._set_watchdog(needed_ms)
+    def _adapt_watchdog(self) -> None:
+        """Before an exchange, set the watchdog by the measured round trips: at once if one took long, and from time to time."""
+        delays_s = self.statistics.delays_s
+        is_slow = bool(delays_s) and _watchdog_ms(_WATCHDOG_ROUND_TRIPS * delays_s[-1]) > self._watchdog_ms
+        if is_slow or self.statistics.exchanges % _EXCHANGES_PER_WATCHDOG_CHECK == 0:
+            needed_ms = self._needed_watchdog_ms()
+            if not self._watchdog_ms / 2 <= needed_ms <= self._watchdog_ms:
+                self._set_watchdog(needed_ms)
 
     def _needed_watchdog_ms(self) -> int:
-        return _watchdog_ms(_WATCHDOG_ROUND_TRIPS * percentile(self.statistics.delays_s, 99))
+        return max(self._least_watchdog_ms, _watchdog_ms(_WATCHDOG_ROUND_TRIPS * percentile(self.statistics.delays_s, 99)))
 
     def _set_watchdog(self, watchdog_ms: int) -> None:
-        self._transport.write(control_frame(Down.WATCHDOG, struct.pack("<H", watchdog_ms)))
+        self._write(_watchdog_frame(watchdog_ms))
         self._watchdog_ms, self.statistics.watchdog_s = watchdog_ms, watchdog_ms / 1000
 
 
 def _stopped() -> StoppedError:
     return StoppedError("the robot was stopped by hand; release it when it may move again")
+
+
+def _watchdog_frame(watchdog_ms: int) -> bytes:
+    return control_frame(Down.WATCHDOG, struct.pack("<H", watchdog_ms))
 
 
 def _watchdog_ms(seconds: float) -> int:

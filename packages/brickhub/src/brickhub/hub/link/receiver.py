@@ -91,17 +91,18 @@ class Listener:
         return bool(self._frames)
 
     def wait_for(self, is_wanted: Callable[[Frame], bool], window_s: float) -> Frame | None:
-        """The first wanted frame that comes in time. The number of reads is bounded too, in case the clock stands still."""
+        """The first wanted frame that comes in time, or has come. The number of reads is bounded too, in case the clock stands
+        still."""
         deadline_s = self._transport.now_s() + window_s
-        for _ in range(_READS_PER_WAIT):
+        for number in range(_READS_PER_WAIT):
             while self._frames:
                 frame = self._frames.popleft()
                 if is_wanted(frame):
                     return frame
             remaining_s = deadline_s - self._transport.now_s()
-            if remaining_s <= _CLOCK_TICK_S / 2:
+            if remaining_s <= _CLOCK_TICK_S / 2 and number:
                 return None
-            self._feed(self._transport.read(remaining_s))
+            self._feed(self._transport.read(max(0.0, remaining_s)))
         return None
 
     def _feed(self, data: bytes) -> None:

@@ -57,9 +57,9 @@ class StreamingLink(HubLink):
         on_time_s = self._due_s + self._step_s
         self._due_s = on_time_s if on_time_s > started_s else started_s + self._step_s
         with self._fault_with_cause():
-            self._begin_exchange()
+            self._adapt_watchdog()
             reading = self._stream(frame, started_s)
-            self.statistics.record(reading.round_trip_s, reading.age_s, 0.0)
+            self.statistics.record(reading.round_trip_s, reading.age_s)
         return reading
 
     def _begin(self) -> None:
@@ -68,7 +68,7 @@ class StreamingLink(HubLink):
 
     def _request_stream(self) -> None:
         """Ask the hub to send observations."""
-        self._transport.write(control_frame(Down.STREAM, struct.pack("<H", PERIOD_MS)))
+        self._write(control_frame(Down.STREAM, struct.pack("<H", PERIOD_MS)))
 
     def _is_answer(self, frame: Frame) -> bool:
         """Whether a frame answers; observations under an earlier command are normal here, and not counted as stale."""
@@ -90,10 +90,10 @@ class StreamingLink(HubLink):
                 break
             if now_s >= next_send_s:
                 if newest is None and next_send_s > started_s:  # the command was lost, or the request for observations
-                    self.statistics.count_resend()
+                    self.statistics.resends += 1
                     self._request_stream()
-                self._transport.write(frame)
-                next_send_s = now_s + alive_s
+                self._write(frame)
+                next_send_s = self.now_s() + alive_s
             wake_s = min(next_send_s, give_up_s if newest is None else self._due_s)
             answer = self._listener.wait_for(self._is_answer, wake_s - self.now_s())
             if isinstance(answer, DataFrame):

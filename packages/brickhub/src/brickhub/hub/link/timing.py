@@ -1,13 +1,15 @@
-"""Times of a link: the hub's clock, keepalives, and statistics of the exchanges.
+"""Times of a link: the hub's clock, repetitions of a frame, and statistics of the exchanges.
 
 The clocks of hub and computer have different origins. Each exchange bounds their offset: the sensors were read after the
 command was sent and before the answer arrived. The offset is the midpoint of the tightest bounds of the recent exchanges; its
 error is at most half of their distance, about half of the link's shortest round trip. Older exchanges are dropped because
 crystals drift (50 ppm are 1 ms in 20 s).
 
-A hub stops its motors after hearing nothing from its host for the watchdog's time. So a keepalive is sent twice within that
-time while the hub carries out a step; not more often, because a write takes two connection intervals until it is acknowledged,
-and an emergency stop and the next command have to wait for that. For the same reason none is sent when the answer is due.
+A hub stops its motors after hearing nothing from its host for the watchdog's time, and ends its program if that is in the middle
+of a step. So a step's frame is repeated as a keepalive: twice within the watchdog's time where the step ends before it, six times
+in a longer step, so that four in a row may get lost. Not more often, because a write takes two connection intervals until it is
+acknowledged, and an emergency stop and the next command have to wait for that. For the same reason none is sent when the answer
+is due. An answer is overdue after half of the watchdog's time, at least twice the 99th percentile of the round trips.
 """
 
 from __future__ import annotations
@@ -20,7 +22,7 @@ from dataclasses import dataclass, field
 
 _RECENT, _RECENT_EXCHANGES = 200, 500
 _WRAP_MS = 1 << 16
-_PER_WATCHDOG = 2
+REPEATS_PER_WATCHDOG, _IN_SHORT_STEP = 6, 2
 
 
 class HubClock:
@@ -50,19 +52,20 @@ class HubClock:
         return max(0.0, now_s - offset_s - time_ms / 1000)
 
 
-def keepalive_times_s(move_s: float | None, watchdog_s: float) -> Iterator[float]:
-    """Times of the keepalives, counted from the command; an infinite iterator.
+def repeat_times_s(move_s: float | None, watchdog_s: float) -> Iterator[float]:
+    """Times at which a frame is repeated until its answer comes, counted from when it was sent; an infinite iterator.
 
     Args:
         move_s: time until the answer is due on the hub; ``None`` if unknown.
         watchdog_s: time of the hub's watchdog.
     """
-    longest_s, pauses_s = watchdog_s / _PER_WATCHDOG, list[float]()
-    if move_s is not None:
-        count = int(move_s / longest_s)
-        pause_s = move_s / (count + 1)
-        pauses_s = [pause_s] * count + [pause_s + longest_s / 2]
-    return itertools.accumulate(itertools.chain(pauses_s, itertools.repeat(longest_s)))
+    is_short = move_s is not None and move_s < watchdog_s
+    longest_s = watchdog_s / (_IN_SHORT_STEP if is_short else REPEATS_PER_WATCHDOG)
+    if move_s is None:
+        return itertools.accumulate(itertools.repeat(longest_s))
+    count = int(move_s / longest_s)
+    pause_s, overdue_s = move_s / (count + 1), watchdog_s / 2
+    return itertools.accumulate(itertools.chain([pause_s] * count, [pause_s + overdue_s], itertools.repeat(overdue_s)))
 
 
 def percentile(values: Iterable[float], percent: float) -> float:
@@ -84,13 +87,13 @@ class LinkStatistics:
 
     Attributes:
         exchanges: commands and readings that were answered.
-        resends: frames sent again because no answer came in time; ``is_resent``: whether one of this exchange was.
+        resends: frames sent again because no answer came in time.
         stale_answers: answers to another sequence number than the one waited for.
         crc_errors, skipped_bytes: see ``FrameDecoder``.
         watchdog_s: silence after which the hub stops its motors.
         round_trips_s: times from the first sending to the answer, including the commands' duration.
         ages_s: ages of the observations when they were returned.
-        delays_s: round trips minus the commands' duration, where that is known.
+        delays_s: times from writing a frame to its acknowledgement, the round trips of the link itself, except after a pause.
     """
 
     exchanges: int = 0
@@ -99,7 +102,6 @@ class LinkStatistics:
     crc_errors: int = 0
     skipped_bytes: int = 0
     watchdog_s: float = 0.0
-    is_resent: bool = False
     round_trips_s: deque[float] = field(default_factory=_recent)
     ages_s: deque[float] = field(default_factory=_recent)
     delays_s: deque[float] = field(default_factory=_recent)
@@ -120,18 +122,8 @@ class LinkStatistics:
     def age_p99_s(self) -> float:
         return percentile(self.ages_s, 99)
 
-    def count_resend(self) -> None:
-        """Count a frame that is sent again."""
-        self.resends += 1
-        self.is_resent = True
-
-    def record(self, round_trip_s: float, age_s: float, move_s: float | None) -> None:
-        """Count an exchange. ``move_s`` is the duration of its command, ``None`` if unknown.
-
-        Waiting for a lost frame is no delay of the link: if counted, it would raise the watchdog's time ever further.
-        """
+    def record(self, round_trip_s: float, age_s: float) -> None:
+        """Count an exchange."""
         self.exchanges += 1
         self.ages_s.append(age_s)
         self.round_trips_s.append(round_trip_s)
-        if move_s is not None and not self.is_resent:
-            self.delays_s.append(max(0.0, round_trip_s - move_s))

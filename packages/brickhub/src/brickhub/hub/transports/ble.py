@@ -20,11 +20,12 @@ from brickhub.errors import (
     HubError,
     HubNotFoundError,
     HubProtocolError,
+    HubTakenError,
     HubTimeoutError,
     Reason,
     message_of,
 )
-from brickhub.hub.transports import profile
+from brickhub.hub.transports import profile, pybricks_service
 from brickhub.hub.transports.connection import Port
 from brickhub.hub.transports.profile import PNP_ID_UUID, SERVICE_UUID, parse_hub_kind, refusal
 from brickhub.hub.transports.pybricks_hub import EventLoopThread, ProfileTransport
@@ -172,11 +173,15 @@ async def find(name: str | None, address: str | None, timeout_s: float, backend:
     Raises:
         HubNotFoundError: the hub was not found.
         AmbiguousHubError: several such hubs were found.
+        HubTakenError: Pybricks' own service keeps the link to it.
         BluetoothUnavailableError: Bluetooth is not available on this computer.
     """
     seen: _Seen = {}
     for device in await _still_connected(backend):
         seen[device.address] = (device, FoundHub(device.name or "", device.address, 0))
+    if (matches := _matches(seen, name, address)) and pybricks_service.is_running():
+        what = f"{_listed(matches)} is connected to Pybricks' own background service"
+        raise HubTakenError(f"the hub {what}; {pybricks_service.RELEASE}")
     if not _matches(seen, name, address):
         await _listen(seen, lambda: bool(_matches(seen, name, address)), timeout_s, backend)
     if address is None and len(_matches(seen, name, None)) == 1:  # check that there are no others
@@ -187,7 +192,9 @@ async def find(name: str | None, address: str | None, timeout_s: float, backend:
     if not matches:
         what = "no hub" if name is None and address is None else f"no hub '{name or address}'"
         others = f"; others are: {_listed(seen.values())}" if seen else ""
-        raise HubNotFoundError(f"{what} with Pybricks was found within {timeout_s:g} s{others}; {_REMEDY}")
+        is_served = pybricks_service.is_running()
+        remedy = f"Pybricks' own background service runs, and may have it: {pybricks_service.RELEASE}" if is_served else _REMEDY
+        raise HubNotFoundError(f"{what} with Pybricks was found within {timeout_s:g} s{others}; {remedy}")
     device, hub = matches[0]
     _log.info("found the hub '%s' (%s)", hub.name, hub.address)
     return device
@@ -229,12 +236,10 @@ def _matches(seen: _Seen, name: str | None, address: str | None) -> list[tuple[B
 
 
 def _found_hub(device: BLEDevice, advertisement: AdvertisementData) -> FoundHub:
-    pnp_id = (advertisement.service_data or {}).get(PNP_ID_UUID)
-    kind = None
-    if pnp_id is not None:
-        with contextlib.suppress(HubProtocolError):  # another device with Pybricks' service
-            kind = parse_hub_kind(pnp_id)
-    return FoundHub(advertisement.local_name or device.name or "", device.address, advertisement.rssi, kind)
+    name, kind = advertisement.local_name or device.name or "", None
+    with contextlib.suppress(HubProtocolError):  # it does not say, or is another device with Pybricks' service
+        kind = parse_hub_kind((advertisement.service_data or {}).get(PNP_ID_UUID, b""), name)
+    return FoundHub(name, device.address, advertisement.rssi, kind)
 
 
 def _listed(found: Iterable[tuple[BLEDevice, FoundHub]]) -> str:

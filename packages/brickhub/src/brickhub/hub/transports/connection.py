@@ -78,7 +78,6 @@ class Output:
 
 _log = logging.getLogger(__name__)
 
-_OLDEST_PROFILE = (1, 3)
 _FIRST_STATUS_S = 3 * profile.STATUS_PERIOD_S
 _OUTPUT_GRACE_S = 0.3
 """Time for the rest of a program's output, which may arrive after the report of its end."""
@@ -277,12 +276,15 @@ class HubConnection:
 
     async def _identify(self) -> HubIdentity:
         version = profile.parse_version(await self._port.read(profile.PROFILE_VERSION_UUID))
-        if version[0] != _OLDEST_PROFILE[0] or version < _OLDEST_PROFILE:
+        if version > profile.NEWEST_PROFILE:
+            newest = ".".join(map(str, profile.NEWEST_PROFILE))
+            _log.warning("the hub speaks Pybricks Profile %d.%d, newer than the known %s; update brickhub", *version, newest)
+        if version < profile.OLDEST_PROFILE:
             raise HubProtocolError(f"the hub speaks Pybricks Profile {version[0]}.{version[1]}; update it on code.pybricks.com")
         return HubIdentity(
             name=self._port.name,
             address=self._port.address,
-            kind=profile.parse_hub_kind(await self._port.read(profile.PNP_ID_UUID)),
+            kind=profile.parse_hub_kind(await self._port.read(profile.PNP_ID_UUID), self._port.name),
             firmware=(await self._port.read(profile.FIRMWARE_REVISION_UUID)).decode("utf-8", "replace"),
             profile_version=version,
             capabilities=profile.parse_capabilities(await self._port.read(profile.CAPABILITIES_UUID)),

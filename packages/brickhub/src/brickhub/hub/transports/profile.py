@@ -1,6 +1,6 @@
 """Pybricks Profile as enums and pure functions: the protocol between a host and a hub's firmware over Bluetooth.
 
-Versions 1.3 to 1.6. Commands are written, with response, to one characteristic; events are notified by the same one.
+Versions 1.3 to 1.7. Commands are written, with response, to one characteristic; events are notified by the same one.
 """
 
 from __future__ import annotations
@@ -30,6 +30,10 @@ LEGO_COMPANY_ID = 0x0397
 STATUS_PERIOD_S = 0.5
 """Period of a hub's status reports; changes are reported at once."""
 
+OLDEST_PROFILE, NEWEST_PROFILE = (1, 3), (1, 7)
+"""Versions of the profile that this module was written for. A newer one adds to them, by its promise."""
+_PEAK_PREFIX = "Peak-"
+"""Begins the names of PeakHubs, of Sciurus Robotics, which run programs for a Prime hub (``sciro.hubs``, scirodev 0.7.7)."""
 _KINDS = {kind.model.product_id: kind for kind in HubKind}
 _STATUS_REPORT = struct.Struct("<IxB")
 """Flags, the program's id, and the slot."""
@@ -158,8 +162,10 @@ def parse_version(data: bytes) -> tuple[int, int]:
     return int(match[1]), int(match[2])
 
 
-def parse_hub_kind(pnp_id: bytes) -> HubKind:
-    """Kind of hub from its plug-and-play id. Raises HubProtocolError if the id is not that of a known hub."""
+def parse_hub_kind(pnp_id: bytes, name: str = "") -> HubKind:
+    """Kind of hub from its plug-and-play id, or its name. Raises HubProtocolError if neither is that of a known hub."""
+    if name.startswith(_PEAK_PREFIX):
+        return HubKind.PRIME
     try:
         _, vendor, product, _ = struct.unpack("<BHHH", pnp_id)
     except struct.error:

@@ -25,6 +25,7 @@ from brickhub.errors import (
     HubDisconnectedError,
     HubError,
     HubProtocolError,
+    HubTakenError,
     HubTimeoutError,
     MediumUnavailableError,
 )
@@ -232,7 +233,7 @@ class ProfileTransport(ABC):
         while True:
             try:
                 self._connection = await self._connect(deadline_s - loop.time())
-            except (AmbiguousHubError, MediumUnavailableError, HubProtocolError):
+            except (AmbiguousHubError, HubTakenError, MediumUnavailableError, HubProtocolError):
                 raise
             except HubError as error:
                 if loop.time() + pause_s >= deadline_s:

@@ -20,8 +20,6 @@ from brickhub.virtual.pybricks.robotics import robotics_module
 from brickhub.virtual.pybricks.tools import tools_module
 from brickhub.virtual.pybricks.wireless import messaging_module
 
-FIRMWARE_VERSION = "4.0.1"
-FIRMWARE_BUILD = "v4.0.1 on 2026-06-23"
 _U_PREFIXED = ("sys", "select", "struct", "math", "random", "json", "io", "errno")
 
 
@@ -39,7 +37,8 @@ def modules(machine: Machine, console: Console) -> Modules:
     parts += [tools := tools_module(context, messaging.AppData), messaging]
     parts += [iodevices_module(context)] if hub.model.has_float else []
     result = {f"pybricks.{part.__name__}": part for part in parts}
-    result["pybricks"] = module("pybricks", {"version": (f"{hub.value}hub", FIRMWARE_VERSION, FIRMWARE_BUILD)})
+    firmware = machine.firmware
+    result["pybricks"] = module("pybricks", {"version": (f"{hub.value}hub", firmware.version, firmware.build)})
     if hub.model.has_float:
         result["pybricks.geometry"] = tools
     heap = Heap(hub.model)
@@ -61,4 +60,4 @@ def _language_modules(machine: Machine, console: Console, heap: Heap) -> Iterato
         yield from (system.json_module(), system.io_module(), system.gc_module(heap.statistics))
         yield system.micropython_module(terminal, heap.statistics)
         yield system.select_module(machine.advance_to_alarm, machine.charge_call)
-        yield system.sys_module(terminal, FIRMWARE_VERSION, hub.machine)
+        yield system.sys_module(terminal, machine.firmware.version, hub.machine)

@@ -1,4 +1,4 @@
-"""Bluetooth: devices, messages between hubs, and AppData for the host (``pybricks.messaging`` of Pybricks 4.0).
+"""Bluetooth: devices, messages between hubs, and AppData for the host (``pybricks.messaging`` of Pybricks 4).
 
 Only a remote control and an Xbox controller can be near: searches for others time out. A virtual hub sends messages, but receives
 none. Names and errors: ``pybricks`` on PyPI, ``pb_type_iodevices_lwp3device.c``, ``pb_type_iodevices_xbox_controller.c``, v4.
@@ -305,6 +305,13 @@ class BLERadio(Radio):
     """Radio of Pybricks 4, separate from the hub."""
 
 
+class HubNetwork:
+    """Network of hubs, of Pybricks 4.1, which is not played: its messages are not documented yet."""
+
+    def __init__(self, *values: Any, **options: Any) -> None:
+        raise NotImplementedError("the virtual hub does not play HubNetwork; use BLERadio, or a real hub")
+
+
 @runtime_checkable
 class AppDataConsole(Protocol):
     """A console with AppData. ``inbox``: buffer that the host writes to; the program sets its size."""
@@ -373,4 +380,7 @@ def messaging_module(context: Context) -> ModuleType:
         def close(self) -> None:
             self._console.inbox = bytearray()
 
-    return module("messaging", {"AppData": AppData, "BLERadio": bind(context, BLERadio)})
+    names: dict[str, Any] = {"AppData": AppData, "BLERadio": bind(context, BLERadio)}
+    if machine.firmware.has_hub_network and machine.robot.hub.model.has_hub_network:
+        names["HubNetwork"] = HubNetwork
+    return module("messaging", names)

@@ -18,6 +18,7 @@ from torchrl.envs import EnvBase
 
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.link.receiver import Reading
+from brickhub.seed import derive_seed
 from brickhub.virtual.virtual_transport import PLACEMENT_MS, VirtualHub
 from bricksrl.envs.arenas.arena_task import ArenaState, ArenaTask
 from bricksrl.envs.connection import Reconnect
@@ -160,7 +161,11 @@ class ArenaEnv(GroupedEnv):
         if self._world is None:
             task = self.task
             self._world = ArenaWorld(task.arena, self._physics, self._world_seed)
-            self._hubs = [VirtualHub(body, realtime=self._realtime) for body in self._world.bodies]
+            seeds = [derive_seed(self._world_seed, "link", number) for number in range(len(task.robots))]
+            hubs = zip(self._world.bodies, seeds, strict=True)
+            self._hubs = [VirtualHub(body, realtime=self._realtime, seed=seed) for body, seed in hubs]
+            for hub in self._hubs:
+                hub.waits_for_acknowledgement = False
             self._world.runners = [hub.run_on_until for hub in self._hubs]
             self._links = [
                 HubLink(hub, body.robot, interface)

@@ -118,6 +118,15 @@ INTERFACE = Interface(
 )
 
 
+def timed(env_id: str, step_ms: int) -> tuple[Interface, int]:
+    """The interface with steps of ``step_ms``, and the number of steps of an episode. Raises DescriptionError if a step takes no
+    whole number of ms, or longer than an episode."""
+    check_value("step_ms", step_ms, int)
+    if not 1 <= step_ms <= EPISODE_MS:
+        raise DescriptionError(f"{env_id}: step_ms is {step_ms}; give 1 to {EPISODE_MS}")
+    return replace(INTERFACE, settle=Wait(step_ms)), EPISODE_MS // step_ms
+
+
 def walker(
     env_id: str,
     *,
@@ -138,12 +147,10 @@ def walker(
         DescriptionError: the distance or the tilt is negative, there is no step, or a step takes no whole number of ms, or longer
             than 25 seconds.
     """
-    check_value("step_ms", step_ms, int)
+    interface, steps = timed(env_id, step_ms)
     check_value("max_steps", max_steps, int | None)
     if blocked_at_mm < 0:
         raise DescriptionError(f"{env_id}: blocked_at_mm is {blocked_at_mm}; give 0 or more")
-    if not 1 <= step_ms <= EPISODE_MS:
-        raise DescriptionError(f"{env_id}: step_ms is {step_ms}; give 1 to {EPISODE_MS}")
     if max_steps is not None and max_steps < 1:
         raise DescriptionError(f"{env_id}: max_steps is {max_steps}; give 1 or more")
     if not 0 < safe_tilt_deg <= 180:
@@ -163,8 +170,8 @@ def walker(
         id=env_id,
         doc=__doc__,
         robot=WALKER,
-        interface=replace(INTERFACE, settle=Wait(step_ms)),
-        max_steps=max_steps or EPISODE_MS // step_ms,
+        interface=interface,
+        max_steps=max_steps or steps,
         reward=reward,
         success=success,
         metrics=metrics,

@@ -36,23 +36,26 @@ Distance forward in this step, in units of 20 mm: about 1 a step for a trot at f
 | terminated | pitch or roll is beyond 60 degrees to either side |
 | truncated  | after 100 steps                                   |
 
+With the option `step_ms`, the time of a step, an episode has as many steps as fit into the same 25 seconds. The return is the
+distance forward in units of 20 mm, whatever the step.
+
 ## Success and metrics
 
-An episode succeeds when the robot moves forward by 10 mm a step on average and does not fall over. The metric is that mean,
-`mean_step_mm`; a virtual robot adds its true distance, speed and straightness.
+An episode succeeds when the robot moves forward by 10 mm in 250 ms of a step on average and does not fall over. The metric is the
+mean of a step, `mean_step_mm`; a virtual robot adds its true distance, speed and straightness.
 """
 
 from __future__ import annotations
 
 from brickhub.entry import Entry
 from bricksrl.envs.task import Task, Tensor
-from bricksrl.envs.tasks.walker import INTERFACE, terminated
+from bricksrl.envs.tasks.walker import STEP_MS, terminated, timed
 from bricktwin.robots import WALKER
 
 UNIT_MM = 20.0
 """Distance forward with reward 1."""
-SUCCESS_STEP_MM = 10.0
-"""Least mean distance forward per step of a successful episode."""
+SUCCESS_MM_S = 40.0
+"""Least mean speed forward of a successful episode, in the steps' own time."""
 
 _FORWARD = slice(7, 8)
 
@@ -62,27 +65,36 @@ def reward(_previous: Tensor, _action: Tensor, observation: Tensor) -> Tensor:
     return observation[..., _FORWARD] / UNIT_MM
 
 
-def success(observations: Tensor) -> Tensor:
-    """True if the robot walked far enough without falling in the episode ``[*batch, steps, n]``; bool ``[*batch]``."""
-    fell = terminated(observations)[..., 0].any(-1)
-    return (observations[..., _FORWARD.start].mean(-1) >= SUCCESS_STEP_MM) & ~fell
-
-
 def metrics(observations: Tensor) -> dict[str, Tensor]:
     """Mean distance forward per step of the episode ``[*batch, steps, n]``; ``[*batch]``."""
     return {"mean_step_mm": observations[..., _FORWARD.start].mean(-1)}
 
 
-WALKER_FORWARD = Task(
-    id="Walker-v1",
-    doc=__doc__,
-    robot=WALKER,
-    interface=INTERFACE,
-    max_steps=100,
-    reward=reward,
-    success=success,
-    metrics=metrics,
-    terminated=terminated,
-    walks=True,
-    measured_entries=(Entry("forward", -100.0, 100.0, "mm", limits=(-32767.0, 32767.0)),),
-)
+def walker_forward(*, step_ms: int = STEP_MS) -> Task:
+    """The task.
+
+    Args:
+        step_ms: time of a step, from the command to the answer.
+
+    Raises:
+        DescriptionError: see `timed`.
+    """
+    interface, max_steps = timed("Walker-v1", step_ms)
+
+    def success(observations: Tensor) -> Tensor:
+        fell = terminated(observations)[..., 0].any(-1)
+        return (observations[..., _FORWARD.start].mean(-1) >= SUCCESS_MM_S * step_ms / 1000) & ~fell
+
+    return Task(
+        id="Walker-v1",
+        doc=__doc__,
+        robot=WALKER,
+        interface=interface,
+        max_steps=max_steps,
+        reward=reward,
+        success=success,
+        metrics=metrics,
+        terminated=terminated,
+        walks=True,
+        measured_entries=(Entry("forward", -100.0, 100.0, "mm", limits=(-32767.0, 32767.0)),),
+    )

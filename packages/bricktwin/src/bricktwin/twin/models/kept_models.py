@@ -15,6 +15,9 @@ from bricktwin.robots.planned import plan_file
 from bricktwin.twin import ldraw
 from bricktwin.twin.scene import Scene
 
+_SPARSE_FROM_DOFS = 60
+"""Degrees of freedom from which MuJoCo chooses sparse matrices, whose factor is wrong until version 4.0.1 (its changelog)."""
+
 
 def robot_model(robot: Robot, scene: Scene) -> mujoco.MjModel:
     """Compiled model of a robot in its scene. Raises TwinError if there is none, see ``load_model``, or it does not compile."""
@@ -46,7 +49,10 @@ def kept_model(compiled: Callable[[], mujoco.MjModel], robots: Sequence[Robot], 
             yield path.read_bytes()
         yield from _library()
 
-    return kept(sources, compiled, _encoded, _decoded)
+    model = kept(sources, compiled, _encoded, _decoded)
+    if model.nv >= _SPARSE_FROM_DOFS:
+        model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+    return model
 
 
 def _model_files(robot: Robot) -> list[Path]:

@@ -1,0 +1,48 @@
+"""SAC on each robot over each link of the virtual hub: trained and evaluated there, with the default preset.
+
+    python -m benchmarks link_profiles
+    python -m benchmarks link_profiles --envs Walker-v1 --links linux --seeds 3
+
+Walker-v1 also with the time of a step that is given behind its name. Other environments and links stay in the result.
+"""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any
+
+from benchmarks.robots import EPISODES, run, summary
+from benchmarks.session import Session
+from brickhub.hub.link.profiles import PROFILES
+
+TASKS: dict[str, tuple[str, dict[str, Any]]] = {
+    **{env_id: (env_id, {}) for env_id in EPISODES if env_id != "RoboArm_mixed-v0"},
+    "Walker-v1, 150 ms": ("Walker-v1", {"step_ms": 150}),
+}
+"""Environment and its options, by the name of the row."""
+
+
+def main(session: Session) -> None:
+    """Train all and write the results."""
+    parser = session.parser
+    parser.add_argument("--envs", nargs="+", default=list(TASKS), choices=list(TASKS))
+    parser.add_argument("--links", nargs="+", default=list(PROFILES), choices=list(PROFILES))
+    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--episodes", type=int, help="instead of those of the benchmark robots")
+    args = session.parse()
+    cells = list(itertools.product(args.envs, args.links))
+    jobs = {}
+    for row, link in cells:
+        env_id, options = TASKS[row]
+        episodes = args.episodes or EPISODES[env_id]
+        for seed in range(args.seeds):
+            name = f"{row.replace(', ', '-').replace(' ', '')}-{link}-{episodes}-{seed}"
+            jobs[name] = (env_id, "sac", episodes, seed, {"link": link, "options": options})
+    found = session.outcomes(run, jobs)
+    known: dict[str, Any] = session.known().get("environments", {})
+    for row, link in cells:
+        runs = list(itertools.islice(found, args.seeds))
+        known.setdefault(row, {})[link] = {"episodes": args.episodes or EPISODES[TASKS[row][0]], **summary(runs), "seeds": runs}
+        print(row, link, {name: known[row][link][name] for name in ("return_mean", "return_interval")}, flush=True)
+    ordered = {row: {link: known[row][link] for link in PROFILES if link in known[row]} for row in TASKS if row in known}
+    session.write({"agent": "sac", "preset": "default", "environments": ordered})
