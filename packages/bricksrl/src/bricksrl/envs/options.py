@@ -15,8 +15,9 @@ from typing import Annotated, Any, Self
 import numpy as np
 
 from brickhub.cli.options import Flag, option, parsed
-from brickhub.fields import check_fields
+from brickhub.fields import Range, check_fields
 from brickhub.hub.transport import Pipe
+from brickhub.user_files import with_absolute_file
 from bricksrl.errors import DescriptionError
 from bricktwin.twin.physics import Physics, RandomPhysics, read_physics
 
@@ -31,6 +32,10 @@ def parse_option(text: str) -> tuple[str, Any]:
         return name, json.loads(value)
     except (ValueError, RecursionError):
         return name, value
+
+
+TRANSFORMS: dict[str, Any] = {"frame_stack": 1, "frame_skip": 1, "transform": None}
+"""Options of what is between an environment and its agent, at which there is nothing."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,6 +54,12 @@ class EnvOptions:
     """Domain randomization: draw the physics of the virtual robot (battery, friction, masses, noise, link) for each episode."""
     physics: Annotated[Physics | Path | None, parsed(Path, metavar="FILE"), option()] = None
     """Physics of the virtual robot: a JSON file such as `bricksrl twin fit` writes; by default charged, on a smooth floor."""
+    frame_stack: Annotated[int, Range(1, 64), option(metavar="N")] = 1
+    """Observe the last N observations together (CatFrames)."""
+    frame_skip: Annotated[int, Range(1, 1000), option(metavar="N")] = 1
+    """Repeat each action for N steps of the robot; their rewards are summed."""
+    transform: Annotated[str | None, option(metavar="FILE")] = None
+    """Your own transform: FILE.py[:NAME], one of TorchRL's or a function of the environment that returns it transformed."""
     options: Annotated[dict[str, Any], parsed(parse_option, metavar="NAME=VALUE", collect=dict), option(name="option")] = field(
         default_factory=dict
     )
@@ -62,6 +73,8 @@ class EnvOptions:
         if isinstance(file, str):  # as good as a path
             object.__setattr__(self, "physics", Path(file))
         check_fields(type(self), vars(self))
+        if self.transform is not None:
+            object.__setattr__(self, "transform", with_absolute_file(self.transform))  # it can be used in any folder
         if self.randomize and self.physics is not None:
             raise DescriptionError("the physics is given and is to be random too; choose one of the two")
 
@@ -81,6 +94,20 @@ class EnvOptions:
     def env_options(self) -> EnvOptions:
         """These options alone, for a subclass with further fields."""
         return EnvOptions(**{option.name: getattr(self, option.name) for option in fields(EnvOptions)})
+
+    @property
+    def is_transformed(self) -> bool:
+        """Whether agents get other observations, rewards or steps than the environment's own."""
+        return self.transforms != TRANSFORMS
+
+    @property
+    def transforms(self) -> dict[str, Any]:
+        """The options of what is between the environment and its agent."""
+        return {name: getattr(self, name) for name in TRANSFORMS}
+
+    def as_it_is(self) -> Self:
+        """A copy without transforms."""
+        return replace(self, **TRANSFORMS)
 
     @property
     def pipe(self) -> Pipe:
