@@ -9,13 +9,13 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from small import ENV, LAYOUT, SIGHT, settings
+from torchrl.data import Composite
 from toys import Cart
 
-from bricksrl.agents.encoder import Convolutions, ImageEncoder, Keypoints, ObservationEncoder, encoder_keys, make_encoder
-from bricksrl.agents.replay.buffer import shift_images
-from bricksrl.envs.env_interface import BricksEnv
-from bricksrl.envs.registry import get_task
-from bricksrl.envs.specs import ObservationLayout
+from brickhub.entry import Entry
+from bricksrl.agents.encoder import Encoder, ObservationEncoder, encoder_keys, make_encoder
+from bricksrl.envs.specs import ImageShape, NominalBounded, ObservationLayout
+from bricksrl.envs.vision.networks import Convolutions, Keypoints, shift_images
 from bricksrl.errors import DescriptionError
 
 MIXED = ObservationLayout((0.0, -90.0, 0.0, -math.inf), (360.0, 90.0, 2000.0, math.inf), (True, False, False, False))
@@ -74,25 +74,29 @@ def test_batch_dimensions_do_not_change_features(angles: str, goals: str) -> Non
     torch.testing.assert_close(features[1, 2], encoder(observations[1, 2]))
     assert features.abs().max() < 20.0
     assert not list(encoder.parameters())
-    assert not encoder.state_dict()
 
 
-def test_layouts_come_from_the_task_or_from_the_bounds_of_the_spec() -> None:
-    class WithTask(BricksEnv):
-        task = get_task("Spinning-v0")
-        full_observation_spec_unbatched = Cart().full_observation_spec_unbatched
-
-    layout = ObservationLayout.of(WithTask())  # type: ignore[arg-type]
-    assert layout.wraps == (True, True, False, False, False, False)
-    assert layout.high == (360.0, 360.0, 90.0, 90.0, 100.0, 1.0)
-    assert ObservationLayout.of(Cart()) == ObservationLayout((0.0, -1.0), (1000.0, 1.0), (False, False))
-    assert ObservationLayout.of(SIGHT) == ObservationLayout((-1.0,) * 2, (1.0,) * 2, (False,) * 2, image_px=32)
+def test_layouts_come_from_the_entries_or_from_the_bounds_of_the_spec() -> None:
+    cart = ObservationLayout.of(Cart())
+    assert (cart.low, cart.high, cart.wraps, cart.vectors) == (
+        (0.0, -1.0),
+        (1000.0, 1.0),
+        (False, False),
+        (("observation", (2,)),),
+    )
+    seen = ObservationLayout.of(SIGHT)
+    assert (seen.low, seen.keys) == ((-1.0,) * 2, ["observation", "image"])
+    assert seen.images == (ImageShape("image", 32, 3, True, 0.0, 255.0),)
     assert LAYOUT.goals == ((4, 0), (5, 1), (6, 2), (7, 3))
+    own = Cart()
+    entries = (Entry("turn_angle", 0.0, 360.0, wraps=True), Entry("speed"))
+    own.observation_spec = Composite(observation=NominalBounded.of(entries))
+    assert ObservationLayout.of(own).wraps == (True, False)  # an environment of one's own says what its numbers are
 
 
 def test_images_and_observations_are_joined() -> None:
     keypoints = make_encoder(SIGHT, settings("sac", images=True))
-    assert isinstance(keypoints, ImageEncoder)
+    assert isinstance(keypoints, Encoder)
     assert encoder_keys(keypoints) == ["observation", "image"]
     assert encoder_keys(make_encoder(ENV, settings("sac"))) == ["observation"]
     images = torch.stack([SIGHT.shown(column)["image"] for column in (3, 9, 20, 4, 5, 6)]).view(2, 3, 32, 32, 3)
@@ -102,7 +106,9 @@ def test_images_and_observations_are_joined() -> None:
 
 
 def test_paper_network_sizes() -> None:
-    made = ImageEncoder(ObservationLayout((0.0,) * 3, (1.0,) * 3, (False,) * 3, (), 64), settings("sac", encoder="convolutions"))
+    image, vectors = ImageShape("image", 64, 3, True), (("observation", (3,)),)
+    layout = ObservationLayout((0.0,) * 3, (1.0,) * 3, (False,) * 3, (), (image,), vectors)
+    made = Encoder(layout, settings("sac", encoder="convolutions"))
     shapes = [tuple(weight.shape) for name, weight in made.named_parameters() if name.endswith("weight")]
     assert shapes == [(32, 3, 8, 8), (64, 32, 4, 4), (64, 64, 3, 3), (256, 1024), (128, 256), (128, 3), (32, 128)]
     assert made.size == 160

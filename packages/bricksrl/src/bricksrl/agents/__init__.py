@@ -150,12 +150,16 @@ def preset(name: str = "default", agent: str = "sac", *, images: bool = False) -
 
 def make_learner(agent: str, env: EnvBase, settings: Any = None, device: str = "cpu") -> Learner:
     """A new learner for an environment, on a device, with the ``settings`` or those of the preset "default". Initialized from
-    torch's global generator. Raises UnknownNameError if there is no such algorithm, DescriptionError if the settings are of
-    another algorithm or do not suit the environment, or a user's code raised."""
+    torch's global generator. From here on running statistics among the transforms of ``env`` leave angles, goals and entries
+    with a range in their units, see `bricksrl.envs.transforms.KeepUnits`. Raises UnknownNameError if there is no such algorithm,
+    DescriptionError if the settings are of another algorithm or do not suit the environment, or a user's code raised."""
     from bricksrl.agents.learner import Learner
+    from bricksrl.envs.specs import ObservationLayout
+    from bricksrl.envs.transforms import prepare
 
     chosen = algorithm(agent)
-    images = "image" in env.full_observation_spec_unbatched.keys()  # noqa: SIM118  a Composite
+    prepare(env)
+    images = bool(ObservationLayout.of(env).images)
     settings = preset("default", agent, images=images) if settings is None else settings
     if is_reference(agent) and type(settings).__name__ == chosen.settings.__name__:
         settings = chosen.settings(**vars(settings))  # the user's file was reloaded, and its class with it

@@ -1,19 +1,19 @@
-"""Encoders: observations and images to features; the first module of each network."""
+"""Encoders: vectors and images to features; the first module of each network."""
 
 from __future__ import annotations
 
 import math
-from collections import OrderedDict
+from collections.abc import Sequence
 from typing import Any
 
 import torch
 from torch import Tensor, nn
-from torch.nn import functional
 from torchrl.envs import EnvBase
 
 from bricksrl.agents.settings import Settings
+from bricksrl.envs.seen_inputs import SeenInputs
 from bricksrl.envs.specs import ObservationLayout
-from bricksrl.errors import DescriptionError
+from bricksrl.envs.vision.networks import Convolutions, Keypoints, pixels
 
 
 class ObservationEncoder(nn.Module):
@@ -21,11 +21,17 @@ class ObservationEncoder(nn.Module):
 
     Bounded entries are scaled to -1..1, unbounded ones unchanged. With ``angles="sincos"`` wrapping angles become sine and
     cosine; ``angles="phases"`` adds sine and cosine of the differences between angles, goals excluded (the phases of a gait).
-    With ``goals="difference"`` each goal adds its difference to the current value, for wrapping angles the shorter way.
+    With ``goals="difference"`` each goal adds its difference to the current value, for wrapping angles the shorter way. What a
+    transform has scaled comes back to its unit first. ``normalize``: linear entries by the mean and deviation of what was seen.
     """
 
-    def __init__(self, layout: ObservationLayout, angles: str = "phases", goals: str = "difference") -> None:
+    def __init__(
+        self, layout: ObservationLayout, angles: str = "phases", goals: str = "difference", *, normalize: bool = False
+    ) -> None:
         super().__init__()
+        self.normalize, self.is_scaled = normalize, bool(layout.scale)
+        self.unit_scale, self.unit_offset = _constant(layout.scale), _constant(layout.offset)
+        self.seen = SeenInputs(layout.names, layout.wraps, [goal for goal, _ in layout.goals])
         wraps = [w and angles != "raw" for w in layout.wraps]
         angle_index = [i for i, w in enumerate(wraps) if w]
         linear_index = [i for i, w in enumerate(wraps) if not w]
@@ -49,7 +55,10 @@ class ObservationEncoder(nn.Module):
 
     def forward(self, observation: Tensor) -> Tensor:
         """Features: scaled entries, then all sines, all cosines, all goal differences."""
-        parts = [torch.addcmul(self.offset, observation.index_select(-1, self.linear), self.scale)]
+        observation = self.seen(self.in_units(observation))
+        linear = self.seen.normalised(observation) if self.normalize else observation
+        linear = linear.index_select(-1, self.linear)
+        parts = [linear if self.normalize else torch.addcmul(self.offset, linear, self.scale)]
         if self.angle_matrix.shape[1]:
             angle_rad = observation @ self.angle_matrix
             parts += [angle_rad.sin(), angle_rad.cos()]
@@ -58,75 +67,54 @@ class ObservationEncoder(nn.Module):
             parts.append((difference - (difference / self.period).round() * 360.0) * self.goal_scale)
         return torch.cat(parts, -1)
 
+    def in_units(self, observation: Tensor) -> Tensor:
+        """Observations ``[*batch, n]`` in physical units."""
+        return (observation - self.unit_offset) / self.unit_scale if self.is_scaled else observation
 
-def _constant(values: Tensor | list[Any], dtype: torch.dtype | None = None) -> nn.Buffer:
+
+def _constant(values: Any, dtype: torch.dtype | None = None) -> nn.Buffer:
     """A tensor that moves with its module and is not in its state."""
     return nn.Buffer(torch.as_tensor(values, dtype=dtype), persistent=False)
 
 
-class Keypoints(nn.Module):
-    """Feature points: two convolutions, then a spatial softmax of each map (Finn et al., 2016). Maps are normalised to mean 0 and
-    variance 1, so the softmax is sharp even before training: random filters find a coloured spot."""
-
-    def __init__(self, image_px: int, channels: int = 16, points: int = 16) -> None:
-        super().__init__()
-        if image_px < 16:
-            raise DescriptionError(f"images of {image_px} px are too small for keypoints; make them 16 px or larger")
-        self.first = nn.Conv2d(3, channels, 8, stride=4, padding=2)
-        self.second = nn.Conv2d(channels, points, 1)
-        self.sharpness = nn.Parameter(torch.ones(points, 1))
-        axis = torch.linspace(-1.0, 1.0, (image_px - 4) // 4 + 1)
-        self.positions = _constant(torch.cartesian_prod(axis, axis))
-        self.size = 2 * points
-
-    def forward(self, images: Tensor) -> Tensor:
-        """Images ``[batch, 3, side, side]`` to positions ``[batch, size]``, -1..1 from edge to edge."""
-        maps = self.second(self.first(images).relu()).flatten(2)
-        sharp = functional.layer_norm(maps, maps.shape[-1:]) * self.sharpness
-        return (sharp.softmax(-1) @ self.positions).flatten(1)
-
-
-class Convolutions(nn.Sequential):
-    """The paper's image network ``[batch, 3, side, side]`` to ``[batch, 128]``: three convolutions, then dense layers."""
-
-    size = 128
-
-    def __init__(self, image_px: int) -> None:
-        side_left = ((image_px - 8) // 4 - 3) // 2 - 1
-        if side_left < 1:
-            raise DescriptionError(f"images of {image_px} px are too small for the convolutions; make them 36 px or larger")
-        convolutions = [nn.Conv2d(3, 32, 8, stride=4), nn.ReLU(), nn.Conv2d(32, 64, 4, stride=2), nn.ReLU()]
-        convolutions += [nn.Conv2d(64, 64, 3), nn.ReLU(), nn.Flatten()]
-        dense = (nn.Linear(64 * side_left**2, 256), nn.ReLU(), nn.Linear(256, self.size), nn.ReLU())
-        super().__init__(OrderedDict(layers=nn.Sequential(*convolutions, *dense)))
-
-
-class ImageEncoder(nn.Module):
-    """Observations and images to joint features ``[*batch, size]``; convolutions come with the paper's dense layers."""
-
-    in_keys = ("observation", "image")
+class Encoder(nn.Module):
+    """All vectors and images that are observed (``in_keys``) to joint features ``[*batch, size]``: each image through its own
+    network, of which convolutions come with the paper's dense layers for the numbers."""
 
     def __init__(self, layout: ObservationLayout, settings: Settings) -> None:
         super().__init__()
-        self.numbers = ObservationEncoder(layout, settings.angles, settings.goals)
-        self.image: Keypoints | Convolutions
-        if settings.encoder == "keypoints":
-            self.image, self.dense, size = Keypoints(layout.image_px), nn.Sequential(), self.numbers.size
-        else:
-            self.image, size = Convolutions(layout.image_px), 32
-            self.dense = nn.Sequential(nn.Linear(self.numbers.size, 128), nn.ReLU(), nn.Linear(128, 32), nn.ReLU())
-        self.size = self.image.size + size
+        self.in_keys, self.images = layout.keys, layout.images
+        self._dims = [len(shape) for _, shape in layout.vectors]
+        self.numbers = ObservationEncoder(layout, settings.angles, settings.goals, normalize=settings.normalize)
+        make = {"keypoints": Keypoints, "convolutions": Convolutions}[settings.encoder]
+        self.networks = nn.ModuleList(make(image.side_px, image.channels) for image in self.images)
+        size, self.dense = self.numbers.size, nn.Sequential()
+        if self.images and size and settings.encoder == "convolutions":
+            self.dense, size = nn.Sequential(nn.Linear(size, 128), nn.ReLU(), nn.Linear(128, 32), nn.ReLU()), 32
+        self.size = size + sum(int(network.size) for network in self.networks)
 
-    def forward(self, observation: Tensor, image: Tensor) -> Tensor:
-        """Observations ``[*batch, n]`` and images uint8 ``[*batch, side, side, 3]`` to features."""
-        images = image.reshape(-1, *image.shape[-3:]).permute(0, 3, 1, 2).float().mul_(1 / 255).sub_(0.5)
-        return torch.cat((self.image(images).view(*image.shape[:-3], -1), self.dense(self.numbers(observation))), -1)
+    def forward(self, *inputs: Tensor) -> Tensor:
+        """Vectors and images ``[*batch, *shape]``, in the order of ``in_keys``, to features."""
+        shown = zip(inputs[len(self._dims) :], self.images, self.networks, strict=True)
+        parts = [network(pixels(image, shape)).view(*image.shape[:-3], -1) for image, shape, network in shown]
+        if self._dims:
+            parts.append(self.dense(self.numbers(self._joined(inputs))))
+        return parts[0] if len(parts) == 1 else torch.cat(parts, -1)
+
+    def see(self, tensordict: Any) -> None:
+        """Note the range of observations that are learned on."""
+        if self._dims:
+            self.numbers.seen.see(self.numbers.in_units(self._joined([tensordict[key] for key in self.in_keys])))
+
+    def _joined(self, inputs: Sequence[Tensor]) -> Tensor:
+        """The numbers of all vectors."""
+        vectors = [value.flatten(-dims).float() for value, dims in zip(inputs, self._dims, strict=False)]
+        return vectors[0] if len(vectors) == 1 else torch.cat(vectors, -1)
 
 
-def make_encoder(env: EnvBase, settings: Settings) -> ObservationEncoder | ImageEncoder:
-    """The encoder for an environment's observation, and image if it has one."""
-    layout, kind = ObservationLayout.of(env), (settings.angles, settings.goals)
-    return ImageEncoder(layout, settings) if layout.image_px else ObservationEncoder(layout, *kind)
+def make_encoder(env: EnvBase, settings: Settings) -> Encoder:
+    """The encoder of all that an environment observes."""
+    return Encoder(ObservationLayout.of(env), settings)
 
 
 def encoder_keys(encoder: nn.Module) -> list[str]:

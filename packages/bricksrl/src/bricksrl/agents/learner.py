@@ -18,6 +18,7 @@ from torchrl.envs import EnvBase
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 from torchrl.objectives import LossModule
 
+from bricksrl.agents.encoder import Encoder
 from bricksrl.agents.replay.buffer import TransitionReplayBuffer, make_replay_buffer
 from bricksrl.agents.settings import OffPolicySettings, Settings
 from bricksrl.envs.rollout import cut_at_lost_links, lost_links, with_outcome
@@ -146,10 +147,17 @@ class Learner:
         if self.memory is None or self.imitates:
             return
         frames = frames.to(self.device)
+        self.see(frames)
         if isinstance(self.memory, TransitionReplayBuffer):
             self.memory.extend(self.prepare(frames), robot=robot)
         elif len(rows := with_outcome(self.prepare(cut_at_lost_links(frames)), lost_links(frames))):
             self.memory.extend(rows)
+
+    def see(self, frames: TensorDictBase) -> None:
+        """Note the range of the observations in frames that are learned on: what is acted on is held within it."""
+        for encoder in (module for module in self.policy.modules() if isinstance(module, Encoder)):
+            encoder.see(frames)
+            encoder.see(frames["next"])
 
     def end_episodes(self, robot: int | None = None) -> None:
         """End the current episode of a robot, or of all: the next frame does not follow from the last."""

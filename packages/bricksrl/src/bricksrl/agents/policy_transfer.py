@@ -14,6 +14,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
+from bricksrl.agents.encoder import Encoder
 from bricksrl.agents.learner import Learner
 from bricksrl.agents.networks import Actor
 from bricksrl.agents.sac import LEAST_SCALE, SCALE_SHIFT, ActorCriticLoss, SACLoss
@@ -55,6 +56,8 @@ def transfer_policy(learner: Learner, source: Learner) -> None:
             layers[-1][size:] = math.log(math.expm1(MARGIN * loss.settings.min_scale - LEAST_SCALE)) - SCALE_SHIFT
         old_log_alpha = getattr(source.loss, "log_alpha", None)
         loss.log_alpha.copy_(loss.log_alpha.clamp_max(math.log(ALPHA)) if old_log_alpha is None else old_log_alpha)
+    if isinstance(actor.encoder, Encoder) and isinstance(old_actor.encoder, Encoder):
+        actor.encoder.numbers.seen.load_state_dict(old_actor.encoder.numbers.seen.state_dict())
     if hasattr(loss, "target_actor"):
         loss.target_actor.load_state_dict(loss.actor.state_dict())
     anchor(learner)

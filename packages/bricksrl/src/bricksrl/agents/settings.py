@@ -39,6 +39,8 @@ class Settings:
     """Features of angles that wrap: sine and cosine, also of differences (phases) or not (sincos), or scaled (raw)."""
     goals: Literal["difference", "plain"] = "difference"
     """Features of a goal: itself and its difference to the current value, or itself only."""
+    normalize: bool = False
+    """Scale numbers by the mean and deviation of what was seen, instead of by their range; angles stay sine and cosine."""
     encoder: Literal["keypoints", "convolutions"] = "keypoints"
     """Image features: learned keypoints, or the paper's convolutions with dense layers."""
 

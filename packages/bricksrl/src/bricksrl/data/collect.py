@@ -17,7 +17,7 @@ from brickhub.seed import check_seed
 from bricksrl.data.dataset import About, EpisodeRow
 from bricksrl.data.recorder import Recorder, Step
 from bricksrl.envs.env_interface import interface_of
-from bricksrl.envs.rollout import Driver, Policy, Rollout, link_lost, play
+from bricksrl.envs.rollout import Driver, Policy, Rollout, play
 
 if TYPE_CHECKING:
     from tensordict import TensorDictBase
@@ -75,11 +75,12 @@ def collect(
         episode = Rollout()
         try:
             for frame in play(env, policy, state, driver=driver, reset_policy=reset_policy):
-                if link_lost(frame):
+                own = episode.add(frame, env)
+                if episode.is_lost:
                     raise ours.link_error
-                recorder.add(step_of(frame, env))
-                episode.add(frame)
-                on_frame(frame)
+                for step in own:
+                    recorder.add(step_of(step, env))
+                    on_frame(step)
             is_cut = ours.is_cut
             success = None if is_cut else episode.success(env)
         except BaseException:

@@ -207,9 +207,12 @@ def describe(env: EnvBase, options: dict[str, Any] | None = None, *, name: str |
     task = interface_of(env).task
     if task is not None:
         return describe_task(task, options)
-    from bricksrl.envs.specs import entries_of, spec_entries
+    from bricksrl.envs.specs import spec_entries
+    from bricksrl.envs.transforms import base_of
 
-    entries = entries_of(env), spec_entries(env.action_spec, "action")
+    env = base_of(env)
+    vector = spec_entries(env.full_observation_spec_unbatched["observation"], "observation")
+    entries = vector, spec_entries(env.action_spec, "action")
     return Description(name or type(env).__name__, 1.0, *entries, options=_plain(options or {}))
 
 

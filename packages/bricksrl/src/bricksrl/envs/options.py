@@ -15,9 +15,10 @@ from typing import Annotated, Any, Self
 import numpy as np
 
 from brickhub.cli.options import Flag, option, parsed
-from brickhub.fields import check_fields
+from brickhub.fields import Range, check_fields
 from brickhub.hub.link.profiles import LinkProfile, profile
 from brickhub.hub.transport import Pipe
+from brickhub.user_files import with_absolute_file
 from bricksrl.errors import DescriptionError
 from bricktwin.twin.physics import Physics, RandomPhysics, read_physics
 
@@ -32,6 +33,10 @@ def parse_option(text: str) -> tuple[str, Any]:
         return name, json.loads(value)
     except (ValueError, RecursionError):
         return name, value
+
+
+TRANSFORMS: dict[str, Any] = {"frame_stack": 1, "frame_skip": 1, "transform": None}
+"""Options of what is between an environment and its agent, at which there is nothing."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,6 +57,12 @@ class EnvOptions:
     """Physics of the virtual robot: a JSON file such as `bricksrl twin fit` writes; by default charged, on a smooth floor."""
     link: Annotated[str | None, option(metavar="LINK")] = None
     """Bluetooth link of the virtual robot: mac, linux or bad-room, in place of that of the physics, which is linux by default."""
+    frame_stack: Annotated[int, Range(1, 64), option(metavar="N")] = 1
+    """Observe the last N observations together (CatFrames)."""
+    frame_skip: Annotated[int, Range(1, 1000), option(metavar="N")] = 1
+    """Repeat each action for N steps of the robot; their rewards are summed."""
+    transform: Annotated[str | None, option(metavar="FILE")] = None
+    """Your own transform: FILE.py[:NAME], one of TorchRL's or a function of the environment that returns it transformed."""
     options: Annotated[dict[str, Any], parsed(parse_option, metavar="NAME=VALUE", collect=dict), option(name="option")] = field(
         default_factory=dict
     )
@@ -67,6 +78,8 @@ class EnvOptions:
         check_fields(type(self), vars(self))
         if self.link is not None:
             profile(self.link)  # raises for an unknown name
+        if self.transform is not None:
+            object.__setattr__(self, "transform", with_absolute_file(self.transform))  # it can be used in any folder
         if self.randomize and self.physics is not None:
             raise DescriptionError("the physics is given and is to be random too; choose one of the two")
 
@@ -86,6 +99,20 @@ class EnvOptions:
     def env_options(self) -> EnvOptions:
         """These options alone, for a subclass with further fields."""
         return EnvOptions(**{option.name: getattr(self, option.name) for option in fields(EnvOptions)})
+
+    @property
+    def is_transformed(self) -> bool:
+        """Whether agents get other observations, rewards or steps than the environment's own."""
+        return self.transforms != TRANSFORMS
+
+    @property
+    def transforms(self) -> dict[str, Any]:
+        """The options of what is between the environment and its agent."""
+        return {name: getattr(self, name) for name in TRANSFORMS}
+
+    def as_it_is(self) -> Self:
+        """A copy without transforms."""
+        return replace(self, **TRANSFORMS)
 
     @property
     def pipe(self) -> Pipe:

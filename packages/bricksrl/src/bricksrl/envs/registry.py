@@ -18,7 +18,7 @@ from brickhub.seed import check_seed
 from brickhub.user_files import is_reference, load_object
 from bricksrl.envs.arenas import ARENAS
 from bricksrl.envs.connection import Connection, Placement
-from bricksrl.envs.options import EnvOptions
+from bricksrl.envs.options import TRANSFORMS, EnvOptions
 from bricksrl.envs.task import Kinematics, Task
 from bricksrl.envs.tasks.line_follow import LINE_FOLLOW
 from bricksrl.envs.tasks.park import PARK
@@ -124,22 +124,31 @@ def make(
     task = _build(env_id, spec, options.options)
     check_mujoco()  # TorchRL imports it, whatever the environment
     if spec.kinematics is not None:
-        names = [field.name for field in fields(EnvOptions) if field.name != "options"]
+        names = [field.name for field in fields(EnvOptions) if field.name not in ("options", *TRANSFORMS)]
         options.refuse(names, f"{env_id} is simulated without a robot; omit hub, realtime, physics and the like")
         from bricksrl.envs.simulation import SimulatedEnv
 
         simulation = SimulatedEnv(task, kinematics or spec.kinematics, batch_size=batch_size, device=device, seed=seed)
-        simulation.remake = functools.partial(make, env_id, options, batch_size=batch_size, device=device, kinematics=kinematics)
-        return simulation
+        again = {"batch_size": batch_size, "device": device, "kinematics": kinematics}
+        simulation.remake = functools.partial(make, env_id, options.as_it_is(), **again)
+        return _transformed(simulation, options)
     if batch_size or device != "cpu" or kinematics is not None:
         raise DescriptionError(f"{env_id} is one robot; omit batch_size, device and kinematics")
     if address.is_virtual:
         env = _virtual_env(task, options, seed)
-        env.remake = functools.partial(make, env_id, options)
-        return env
+        env.remake = functools.partial(make, env_id, options.as_it_is())
+        return _transformed(env, options)
     virtual = ("realtime", "randomize", "physics", "link")
     options.refuse(virtual, "a real robot has its own time, physics and link; omit realtime, physics and link")
-    return _real_env(task, options, address.transport(), seed, place)
+    return _transformed(_real_env(task, options, address.transport(), seed, place), options)
+
+
+def _transformed(env: EnvBase, options: EnvOptions) -> EnvBase:
+    if not options.is_transformed:
+        return env
+    from bricksrl.envs.transforms import transformed
+
+    return transformed(env, options)
 
 
 def _virtual_env(task: Task, options: EnvOptions, seed: int | None) -> HubEnv:

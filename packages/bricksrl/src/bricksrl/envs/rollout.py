@@ -11,6 +11,7 @@ import torch
 from brickhub.seed import derive_seed
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.task import metrics_of, success_of
+from bricksrl.envs.transforms import own_frames, own_state
 
 if TYPE_CHECKING:
     from tensordict import TensorDictBase
@@ -49,7 +50,7 @@ def play(
     reset_policy()
     done = False
     while not done:
-        driver_action = None if driver is None else driver(state["observation"])
+        driver_action = None if driver is None else driver(own_state(env, state)["observation"])
         if driver_action is not None:
             reset_policy()
         state = policy(state) if driver_action is None else state.set("action", driver_action)
@@ -114,14 +115,17 @@ class Rollout:
     observations: list[Tensor] = field(default_factory=list)
     is_lost: bool = False
 
-    def add(self, frame: TensorDictBase) -> None:
-        """Add a frame."""
-        if link_lost(frame):
-            self.is_lost = True
-            return
-        self.rewards.append(float(frame["next", "reward"]))
-        self.action_sizes.append(float(frame["action"].abs().mean()))
-        self.observations.append(frame["next", "observation"])
+    def add(self, frame: TensorDictBase, env: EnvBase) -> list[TensorDictBase]:
+        """Add the steps of the environment itself behind a frame of its transforms, and return them."""
+        own = own_frames(env, frame)
+        for step in own:
+            if link_lost(step):
+                self.is_lost = True
+                break
+            self.rewards.append(float(step["next", "reward"]))
+            self.action_sizes.append(float(step["action"].abs().mean()))
+            self.observations.append(step["next"].get("observation", None))
+        return own
 
     @property
     def action_size(self) -> float:
@@ -173,7 +177,7 @@ def play_episodes(
             episode = Rollout()
             seed_episode(env, derive_seed(seed, "evaluation", number))
             for frame in play(env, policy, reset_policy=reset_policy):
-                episode.add(frame)
+                episode.add(frame, env)
             if episode.is_lost:
                 raise interface_of(env).link_error
         yield EpisodeScore(episode.return_, len(episode.rewards), episode.action_size, episode.success(env), episode.metrics(env))

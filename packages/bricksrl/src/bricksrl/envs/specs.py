@@ -1,8 +1,9 @@
-"""Specs: nominal bounds, the layout of an observation, and an environment that consists of its specs only."""
+"""Specs: entries with nominal bounds, the layout of all that is observed, and an environment that consists of its specs only."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import inf, isnan
 from typing import Any
@@ -13,9 +14,9 @@ from torchrl.data.tensor_specs import Binary, Bounded, BoundedContinuous, Compos
 from torchrl.envs import EnvBase
 
 from brickhub.entry import Entry
-from bricksrl.envs.env_interface import BricksEnv, interface_of
+from bricksrl.envs.env_interface import BricksEnv
 from bricksrl.envs.task import Task
-from bricksrl.errors import BricksError
+from bricksrl.errors import BricksError, DescriptionError
 
 
 def clamped(action: Tensor, shape: Sequence[int], env_id: str) -> Tensor:
@@ -46,9 +47,11 @@ class NominalBounded(BoundedContinuous, metaclass=_KeepClass):  # type: ignore[m
 
     Attributes:
         nominal: bool of the spec's shape; ``True`` where the bounds are nominal.
+        entries: what the numbers of its last dimension are; empty if that is not known.
     """
 
     nominal: Tensor
+    entries: tuple[Entry, ...] = ()
 
     def __init__(self, *args: Any, nominal: Tensor | None = None, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
@@ -60,7 +63,9 @@ class NominalBounded(BoundedContinuous, metaclass=_KeepClass):  # type: ignore[m
         low, high = (torch.tensor([getattr(e, end) for e in entries], device=device) for end in ("low", "high"))
         nominal = torch.tensor([e.bounds != (e.low, e.high) for e in entries], device=device)
         shape = (*batch, len(entries))
-        return cls(low.expand(shape), high.expand(shape), nominal=nominal)
+        spec = cls(low.expand(shape), high.expand(shape), nominal=nominal)
+        spec.entries = tuple(entries)
+        return spec
 
     def is_in(self, val: Tensor) -> bool:
         if val.dtype != self.dtype or val.shape[-self.ndim :] != self.shape or not bool(val.isfinite().all()):
@@ -87,7 +92,7 @@ class NominalBounded(BoundedContinuous, metaclass=_KeepClass):  # type: ignore[m
         if not isinstance(spec, NominalBounded):  # ``Bounded.to`` makes a plain ``Bounded``
             spec = NominalBounded(spec.low, spec.high, spec.shape, spec.device, spec.dtype)
         result: NominalBounded = spec
-        result.nominal = nominal.clone()
+        result.nominal, result.entries = nominal.clone(), self.entries
         return result
 
     def clone(self) -> NominalBounded:
@@ -117,7 +122,7 @@ class NominalBounded(BoundedContinuous, metaclass=_KeepClass):  # type: ignore[m
 
     def __getitem__(self, idx: Any) -> NominalBounded:
         spec = super().__getitem__(idx)
-        return self._with(spec, self.nominal[idx].expand(spec.shape))
+        return self._with(spec, self._mask(self.nominal).expand(self.shape)[idx].expand(spec.shape))
 
     def __eq__(self, other: object) -> bool:
         return bool(super().__eq__(other)) and isinstance(other, NominalBounded) and torch.equal(self.nominal, other.nominal)
@@ -141,65 +146,160 @@ def set_vector_specs(env: EnvBase, task: Task) -> None:
     env.done_spec = end_specs(batch, device)
 
 
-def entries_of(env: EnvBase) -> tuple[Entry, ...]:
-    """Entries of any environment's observation: those of its task if it has one, else made from its spec's bounds."""
-    task = interface_of(env).task
-    return spec_entries(env.full_observation_spec_unbatched["observation"], "observation") if task is None else task.entries
-
-
 def spec_entries(spec: Any, prefix: str) -> tuple[Entry, ...]:
-    """Numbered entries with the bounds of a spec, infinite where it has none."""
-    space, n = getattr(spec, "space", None), int(spec.shape[-1])
+    """Entries of a spec; where it has none, numbered ones with its bounds, infinite where it has none."""
+    entries: tuple[Entry, ...] = getattr(spec, "entries", ())
+    space, n = getattr(spec, "space", None), spec.shape.numel()
+    if len(entries) == n:
+        return entries
     ends = [getattr(space, end, None) for end in ("low", "high")]
     low, high = ([without] * n if end is None else end.flatten().tolist() for end, without in zip(ends, (-inf, inf), strict=True))
     return tuple(Entry(f"{prefix}_{i}", low[i], high[i]) for i in range(n))
 
 
 @dataclass(frozen=True)
+class Number:
+    """A number of an observation: ``scale * entry + offset``. ``frame``: which of several observations it is of."""
+
+    entry: Entry
+    scale: float = 1.0
+    offset: float = 0.0
+    frame: int = 0
+
+
+@dataclass(frozen=True)
+class ImageShape:
+    """An image: its size, whether the channels are its last dimension, and the values of black and white."""
+
+    key: str
+    side_px: int
+    channels: int
+    is_channels_last: bool
+    low: float = 0.0
+    high: float = 1.0
+
+    @classmethod
+    def of(cls, key: str, spec: Any) -> ImageShape:
+        """The image of a spec ``[side, side, channels]`` or ``[channels, side, side]``. Raises DescriptionError for another."""
+        shape = tuple(spec.shape)
+        is_last = shape[-1] < shape[0]
+        channels, side = (shape[-1], shape[0]) if is_last else (shape[0], shape[-1])
+        if sorted(shape) != sorted((channels, side, side)):
+            raise DescriptionError(f"an agent reads no '{key}' of shape {list(shape)}; crop it to a square, or leave it out")
+        ends = [getattr(spec.space, end, None) for end in ("low", "high")]
+        low, high = (without if end is None else float(end.max()) for end, without in zip(ends, (0.0, 1.0), strict=True))
+        return cls(key, side, channels, is_last, *((low, high) if inf > high > low > -inf else (0.0, 1.0)))
+
+
+EPISODE_KEYS = ("link_lost", "episode_reward", "step_count", "is_init", "traj_count")
+"""What is observed of the course of an episode rather than of the robot, by us and by TorchRL's transforms; no agent reads it."""
+
+
+def observed_specs(env: EnvBase) -> dict[str, Any]:
+    """Specs, without batch, of all that an agent observes. Raises DescriptionError for one that no agent can read."""
+    specs = {}
+    for key, spec in env.full_observation_spec_unbatched.items():
+        if key in EPISODE_KEYS:
+            continue
+        if isinstance(spec, Composite) or spec.dtype is None or not 0 < len(spec.shape) <= 3:
+            kind = type(spec).__name__ if isinstance(spec, Composite) or spec.dtype is None else f"shape {list(spec.shape)}"
+            raise DescriptionError(f"an agent reads no '{key}' ({kind}); leave it out, as by TorchRL's ExcludeTransform")
+        specs[str(key)] = spec
+    return specs
+
+
+@dataclass(frozen=True)
 class ObservationLayout:
-    """The meaning of an observation ``[n]``, entry by entry, as features and hindsight need it, and the size of its image.
+    """The meaning of all that is observed, number by number, as features and hindsight need it, and the images.
 
     Attributes:
-        low, high: bounds; infinite where there are none.
+        low, high: bounds of the entries; infinite where there are none.
         wraps: angles in degrees that run around from 360 to 0.
         goals: pairs of indices: of a goal, and of the entry that is to reach it.
-        image_px: side of the square image beside the observation; 0 for none.
+        images: the images.
+        vectors: key and shape of each vector; their numbers follow one another.
+        scale, offset: a number is ``scale * entry + offset``; empty where all are the entries themselves.
+        names: of the entries.
     """
 
     low: tuple[float, ...]
     high: tuple[float, ...]
     wraps: tuple[bool, ...]
     goals: tuple[tuple[int, int], ...] = ()
-    image_px: int = 0
+    images: tuple[ImageShape, ...] = ()
+    vectors: tuple[tuple[str, tuple[int, ...]], ...] = ()
+    scale: tuple[float, ...] = ()
+    offset: tuple[float, ...] = ()
+    names: tuple[str, ...] = ()
+
+    @property
+    def keys(self) -> list[str]:
+        """Keys of vectors and images."""
+        return [key for key, _ in self.vectors] + [image.key for image in self.images]
 
     @classmethod
     def of(cls, env: EnvBase) -> ObservationLayout:
-        """The layout of an environment's observation: from its task where it has one, else the bounds of its spec."""
-        spec = env.full_observation_spec_unbatched
-        image_px = int(spec["image"].shape[-2]) if "image" in spec.keys() else 0  # noqa: SIM118  a Composite
-        entries = entries_of(env)
-        bounds = tuple(e.low for e in entries), tuple(e.high for e in entries)
-        return cls(*bounds, tuple(e.wraps for e in entries), _goal_pairs(entries), image_px)
+        """The layout of an environment's observation, from its specs and through its transforms. Raises DescriptionError for an
+        entry that no agent can read."""
+        if isinstance(env, SpecsEnv) and env.layout is not None:
+            return env.layout
+        from bricksrl.envs.transforms import numbers_of
+
+        specs, vectors = observed_specs(env), numbers_of(env)
+        images = tuple(ImageShape.of(key, spec) for key, spec in specs.items() if key not in vectors)
+        return cls.of_numbers(vectors, [tuple(specs[key].shape) for key in vectors], images)
+
+    @classmethod
+    def of_numbers(
+        cls, vectors: Mapping[str, Sequence[Number]], shapes: Sequence[tuple[int, ...]], images: tuple[ImageShape, ...]
+    ) -> ObservationLayout:
+        """The layout of vectors with known numbers, and of images."""
+        numbers = [number for numbers in vectors.values() for number in numbers]
+        goals = _goal_pairs(numbers)
+        paired = {index for pair in goals for index in pair}
+        # the scale of a number without range, angle or goal is a transform's matter
+        plain = [i not in paired and not n.entry.wraps and not inf > n.entry.high - n.entry.low for i, n in enumerate(numbers)]
+        maps = [(1.0, 0.0) if is_plain else (n.scale, n.offset) for is_plain, n in zip(plain, numbers, strict=True)]
+        is_scaled = any(pair != (1.0, 0.0) for pair in maps)
+        entries = [number.entry for number in numbers]
+        return cls(
+            tuple(e.low for e in entries),
+            tuple(e.high for e in entries),
+            tuple(e.wraps for e in entries),
+            goals,
+            images,
+            tuple(zip(vectors, shapes, strict=True)),
+            *((tuple(scale for scale, _ in maps), tuple(offset for _, offset in maps)) if is_scaled else ((), ())),
+            names=tuple(e.name for e in entries),
+        )
 
 
-def _goal_pairs(entries: Sequence[Entry]) -> tuple[tuple[int, int], ...]:
-    """Each entry ``X_goal`` with the entry ``X_angle`` of the same kind; none where a goal lacks one."""
-    index_of = {entry.name: index for index, entry in enumerate(entries)}
-    goals = [index for name, index in index_of.items() if name.endswith("_goal")]
-    pairs = [(goal, index_of.get(entries[goal].name.removesuffix("_goal") + "_angle")) for goal in goals]
-    matched = tuple((goal, reached) for goal, reached in pairs if reached is not None)
-    alike = all(entries[goal].wraps == entries[reached].wraps for goal, reached in matched)
-    return matched if alike and len(matched) == len(goals) else ()
+def _goal_pairs(numbers: Sequence[Number]) -> tuple[tuple[int, int], ...]:
+    """Each entry ``X_goal`` with the entry ``X_angle`` of the same kind and frame, where there is one."""
+    places = defaultdict[tuple[str, int], list[int]](list)
+    for index, number in enumerate(numbers):
+        places[number.entry.name, number.frame].append(index)
+    pairs: list[tuple[int, int]] = []
+    for (name, frame), goals in places.items():
+        if name.endswith("_goal"):
+            pairs += zip(goals, places.get((f"{name.removesuffix('_goal')}_angle", frame), ()), strict=False)
+    return tuple(sorted(pair for pair in pairs if len({numbers[index].entry.wraps for index in pair}) == 1))
+
+
+SPECS = ("observation_spec", "action_spec", "reward_spec", "done_spec")
+"""Specs of an environment."""
 
 
 class SpecsEnv(BricksEnv, EnvBase):  # type: ignore[misc]
-    """Specs and task of a remote environment: enough to build an agent for it; it cannot be reset or stepped."""
+    """Specs, task and layout of a remote environment: enough to build an agent for it; it cannot be reset or stepped."""
 
-    def __init__(self, specs: dict[str, Any], task: Task | None) -> None:
-        super().__init__(batch_size=())
+    def __init__(
+        self, specs: Mapping[str, Any], task: Task | None, layout: ObservationLayout | None = None, batch: Sequence[int] = ()
+    ) -> None:
+        super().__init__(batch_size=torch.Size(batch))
         for name, spec in specs.items():
             setattr(self, name, spec)
-        self.task = task
+        self.task, self.layout = task, layout
 
     def _reset(self, _tensordict: Any = None, **_: Any) -> Any:
         raise BricksError("this environment is elsewhere; act in the one that it stands for")

@@ -26,7 +26,7 @@ def code_in(config: Any) -> tuple[str, ...]:
         return ()
     settings = config.get("settings")
     network = settings.get("network", "") if isinstance(settings, dict) else ""
-    names = (config.get("env"), config.get("agent"), network)
+    names = (config.get("env"), config.get("agent"), config.get("transform"), network)
     return tuple(name for name in names if isinstance(name, str) and is_reference(name))
 
 

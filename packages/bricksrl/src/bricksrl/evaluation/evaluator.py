@@ -161,7 +161,7 @@ def evaluate(
         hub = options.hub
         side_by_side = is_simulation(env_id) and hub == "virtual" and not options.realtime
         in_chunks = hasattr(algorithm(origin.agent).settings, "chunk")
-        copies = min(episodes, MAX_COPIES) if side_by_side and not in_chunks else 1
+        copies = min(episodes, MAX_COPIES) if side_by_side and not (in_chunks or options.is_transformed) else 1
         env = own = make_env(env_id, options, copies, seed=origin.seed, place=place)
     else:
         task = interface_of(env).task

@@ -22,7 +22,8 @@ def load_policy(path: Path | str, env: EnvBase | None = None, *, which: Which = 
 
     Args:
         path: folder of a run, or of a shared policy.
-        env: environment to act in; by default that of the training.
+        env: environment to act in; by default that of the training. If it has no transforms and the training had some, the policy
+            has them, and takes what the environment itself observes.
         which: the last checkpoint, or that of the best evaluation.
 
     Raises:
@@ -34,12 +35,17 @@ def load_policy(path: Path | str, env: EnvBase | None = None, *, which: Which = 
     from bricksrl.training.restore import load_learner
 
     check_value("path", path, Path | str)
-    path = Path(path)
+    path, given = Path(path), env
     if which != "last" and is_policy(path):
         raise RunError(f"{path} holds the policy of one checkpoint; take the last one")
+    from bricksrl.envs.transforms import base_of, transformed
+
     with closing(make_env_of(path)) if env is None else nullcontext(env) as env:
-        learner = load_shared(path, env) if is_policy(path) else load_learner(path, env, which=which).learner
-        return Policy(learner.policy, env.observation_spec["observation"].shape[-1])
+        options, base = config_of(path).robot, base_of(env)
+        takes_own = options.is_transformed and (base is env or given is None)
+        trained = transformed(env, options) if takes_own and base is env else env
+        learner = load_shared(path, trained) if is_policy(path) else load_learner(path, trained, which=which).learner
+        return Policy(learner.policy, base, trained) if takes_own else Policy(learner.policy, trained)
 
 
 def config_of(path: Path) -> TrainConfig:

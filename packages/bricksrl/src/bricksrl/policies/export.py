@@ -1,10 +1,14 @@
-"""Export of a trained policy, from observation to action, to one file that is independent of BricksRL, and verified."""
+"""Export of a trained policy, from observation to action, to one file that is independent of BricksRL, and verified.
+
+A policy that learned behind transforms takes what they made: whoever runs the file stacks frames or skips steps.
+"""
 
 from __future__ import annotations
 
 import importlib.util
 import io
 import logging
+import math
 import warnings
 from collections.abc import Callable
 from contextlib import closing
@@ -23,6 +27,8 @@ from bricksrl.policies import load_policy, make_env_of
 from bricksrl.training.restore import Which
 
 if TYPE_CHECKING:
+    from torchrl.envs import EnvBase
+
     from bricksrl.policies.policy import Policy
 
 Format = Literal["torch-export", "onnx"]
@@ -65,7 +71,9 @@ def export_model(path: Path | str, out: Path, format_: Format = "torch-export", 
         names = " and ".join(missing)
         raise RunError(f"export as onnx needs {names}; run `pip install 'bricksrl[onnx]'`, or export as torch-export")
     with closing(make_env_of(Path(path))) as env:
-        policy, inputs = load_policy(path, env, which=which), _observations(ObservationLayout.of(env))
+        policy, layout = load_policy(path, env, which=which), ObservationLayout.of(env)
+        named = _observations(env, layout)
+        inputs = tuple(named[key] for key in policy.in_keys)
     acting = BestAction(policy).eval().requires_grad_(False)
     with torch.no_grad():
         expected = _best(policy, acting, inputs)
@@ -91,15 +99,20 @@ def _best(policy: Policy, acting: BestAction, inputs: tuple[Tensor, ...]) -> Ten
     return first
 
 
-def _observations(layout: ObservationLayout) -> tuple[Tensor, ...]:
-    """Random observations ``[batch, n]`` within their bounds, and images if there are any."""
+def _observations(env: EnvBase, layout: ObservationLayout) -> dict[str, Tensor]:
+    """Random vectors ``[batch, n]`` within their bounds, and images, if there are any."""
     generator = torch.Generator().manual_seed(0)
     low, high = (torch.tensor(end).nan_to_num(posinf=1.0, neginf=-1.0) for end in (layout.low, layout.high))
-    observation = low + (high - low) * torch.rand(_OBSERVATIONS, len(low), generator=generator)
-    if not layout.image_px:
-        return (observation,)
-    side = layout.image_px
-    return observation, torch.randint(0, 256, (_OBSERVATIONS, side, side, 3), generator=generator, dtype=torch.uint8)
+    numbers = low + (high - low) * torch.rand(_OBSERVATIONS, len(low), generator=generator)
+    if layout.scale:
+        numbers = numbers * torch.tensor(layout.scale) + torch.tensor(layout.offset)
+    shapes = dict(layout.vectors)
+    vectors = numbers.split([math.prod(shape) for shape in shapes.values()], -1)
+    drawn = {key: values.view(_OBSERVATIONS, *shapes[key]) for key, values in zip(shapes, vectors, strict=True)}
+    for image in layout.images:
+        spec = env.full_observation_spec_unbatched[image.key]
+        drawn[image.key] = torch.rand(_OBSERVATIONS, *spec.shape, generator=generator).mul(image.high).to(spec.dtype)
+    return drawn
 
 
 def _program(acting: BestAction, inputs: tuple[Tensor, ...], format_: Format) -> bytes:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +16,8 @@ from torch import Tensor
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from bricksrl.envs import rollout
+from bricksrl.envs.specs import ObservationLayout
+from bricksrl.envs.transforms import Playback, base_of, frames_per_step, over, still
 from bricksrl.errors import DescriptionError
 
 if TYPE_CHECKING:
@@ -25,39 +28,78 @@ class Policy(TensorDictModuleBase):  # type: ignore[misc]
     """Deterministic policy of a trained agent: ``env.rollout(100, policy)``, or `act` on an observation.
 
     Args:
-        module: reads "observation", and "image" if the policy uses it, and writes "action"; may have a method ``reset``.
-        size: n, the number of values of an observation.
+        module: reads observations, and writes "action"; may have a method ``reset``.
+        env: environment whose observations it takes.
+        through: environment whose transforms these go through first; by default none. As they may remember, which stacked frames
+            do, `reset` is needed where an episode starts.
     """
 
-    def __init__(self, module: TensorDictModuleBase, size: int) -> None:
+    def __init__(self, module: TensorDictModuleBase, env: EnvBase, through: EnvBase | None = None) -> None:
         super().__init__()
-        self.size = size
-        self.in_keys, self.out_keys = list(module.in_keys), ["action"]
+        layout = ObservationLayout.of(env)
+        self.shapes = dict(layout.vectors)
+        self.in_keys, self.out_keys = list(module.in_keys if through is None else layout.keys), ["action"]
         self.module = module.eval()
+        self._transforms = None if through is None else PolicyTransforms(through)
 
     @torch.no_grad()
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        if tensordict["observation"].shape[-1:] != (self.size,):
-            raise DescriptionError(f"the policy takes observations of {self.size} numbers; give [*batch, {self.size}]")
-        if "image" in self.in_keys and "image" not in tensordict:
-            raise DescriptionError("the policy uses images; give one too")
+        for key in self.in_keys:
+            if key not in tensordict:
+                raise DescriptionError(f"the policy uses {'images' if key == 'image' else key}; give one too")
+            shape = self.shapes.get(key, ())
+            if tensordict[key].shape[tensordict[key].ndim - len(shape) :] != shape:
+                size = ", ".join(map(str, shape))
+                raise DescriptionError(f"the policy takes observations of {size} numbers; give [*batch, {size}]")
+        given = tensordict.select(*self.in_keys)
         with set_exploration_type(ExplorationType.DETERMINISTIC):
-            action = self.module(tensordict.select(*self.in_keys))["action"]
+            through = self._transforms
+            action = self.module(given)["action"] if through is None else through.action(self.module, given)
         return tensordict.set("action", action)
 
     def act(self, observation: Any, image: Any = None) -> Any:
         """Action ``[*batch, m]``, in -1..1, for an observation ``[*batch, n]``: an array for an array, a tensor for a tensor.
         ``image``: uint8 ``[*batch, side, side, 3]``, for a policy that uses images. Raises DescriptionError for another n, or
         without the image that the policy needs."""
-        values = torch.as_tensor(observation, dtype=torch.float32)
-        inputs = {"observation": values} if image is None else {"observation": values, "image": torch.as_tensor(image)}
-        action: Tensor = self(TensorDict(inputs, values.shape[:-1]))["action"]
+        values, key = torch.as_tensor(observation, dtype=torch.float32), next(iter(self.shapes), "observation")
+        inputs = {key: values} if image is None else {key: values, "image": torch.as_tensor(image)}
+        action: Tensor = self(TensorDict(inputs, values.shape[: values.ndim - len(self.shapes.get(key, (0,)))]))["action"]
         return action if isinstance(observation, Tensor) else np.asarray(action)
 
     def reset(self) -> None:
         """Reset the policy's state at the start of an episode, such as a chunk of planned actions."""
         if hasattr(self.module, "reset"):
             self.module.reset()
+        if self._transforms is not None:
+            self._transforms.view = None
+
+
+class PolicyTransforms:
+    """The transforms of a policy's training, on the observations that it is given one after the other."""
+
+    def __init__(self, env: EnvBase) -> None:
+        self._env, self._skip = env, frames_per_step(env)
+        self._given: deque[TensorDictBase] = deque()
+        self.view: EnvBase | None = None
+
+    def action(self, module: TensorDictModuleBase, given: TensorDictBase) -> Tensor:
+        """The module's action behind the transforms; between two steps of theirs its last one."""
+        base, batch = base_of(self._env), given.batch_size
+
+        def outcome(_: int) -> TensorDictBase:
+            return still(base).expand(*batch, *base.batch_size).clone().update(self._given.popleft())
+
+        self._given.append(given)
+        if self.view is None or self._playback.batch_size != batch:
+            self._given = deque([given])
+            self._playback = Playback(base, outcome, batch)
+            self.view = over(self._env, self._playback)
+            self._acted = module(self.view.reset())
+        elif len(self._given) == self._skip:
+            self._acted = module(self.view.step(self._acted)["next"])
+            del self._playback.played[:-1]
+        action: Tensor = self._acted["action"]
+        return action
 
 
 @dataclass(frozen=True)
@@ -84,7 +126,7 @@ def named_policies(run_dir: Path, env: EnvBase, seed: int) -> dict[str, Callable
 
     def first() -> Player:
         learner = untrained_learner(run_dir, env)
-        return player(Policy(learner.policy, env.observation_spec["observation"].shape[-1]))
+        return player(Policy(learner.policy, env))
 
     named = {"random": lambda: random_player(env, seed)}
     if not is_policy(run_dir):

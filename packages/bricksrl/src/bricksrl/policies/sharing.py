@@ -35,6 +35,7 @@ def export_policy(run_dir: Path, out: Path, *, licence: str = "mit") -> Path:
     exists or cannot be written, or there is no run, CheckpointError if the run's checkpoint is damaged."""
     from safetensors.torch import save
 
+    from bricksrl.envs.transforms import has_running_statistics, prepare
     from bricksrl.training.restore import load_learner, one_robot
     from bricksrl.training.sources import make_env
 
@@ -42,6 +43,9 @@ def export_policy(run_dir: Path, out: Path, *, licence: str = "mit") -> Path:
     folder = RunFolder(run_dir)
     config = folder.read_config()
     with closing(make_env(config.env, config.robot, seed=config.seed)) as env:
+        prepare(env)
+        if has_running_statistics(env):
+            raise RunError("a shared policy has no running statistics of a transform; train it with --normalize instead")
         trained = load_learner(run_dir, env)
     tensors = {name: tensor.contiguous() for name, tensor in trained.learner.policy_state().items()}
     shared = portable(replace(one_robot(config), data=None, updates=0, start=None, compile=False).to_dict())
@@ -91,7 +95,8 @@ def load_shared(path: Path, env: EnvBase) -> Learner:
     config, tensors = read_policy(path)
     learner = make_learner_for(config, env, device="cpu")
     shapes, given = ({name: tensor.shape for name, tensor in state.items()} for state in (learner.policy_state(), tensors))
-    if shapes != given:
+    seen = {name: shape for name, shape in shapes.items() if ".seen." in name}  # not in those of earlier versions
+    if shapes != {**seen, **given}:
         raise CheckpointError(f"the policy in {path} observes or acts otherwise than this environment; use the one it is for")
     learner.policy.load_state_dict(tensors)
     return learner

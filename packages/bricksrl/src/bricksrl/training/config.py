@@ -40,6 +40,8 @@ class RunOptions:
     """Evaluate after every N episodes, and keep the best checkpoint; 0 to do neither."""
     eval_episodes: Annotated[int, option(metavar="N")] = 5
     """Episodes of each of these evaluations."""
+    normalize: Flag = False
+    """Scale observations by their running mean and deviation, kept with the policy; angles stay sine and cosine."""
     stop_at: Annotated[float | None, option(metavar="RETURN")] = None
     """Stop when the mean return of the last five episodes, or of an evaluation if there are any, reaches this."""
     record: Flag = True
@@ -98,7 +100,10 @@ class TrainConfig(RunOptions, EnvOptions):
             object.__setattr__(self, "settings", settings_for(self.env, "default", self.agent))
         if not dataclasses.is_dataclass(self.settings):
             raise DescriptionError(f"settings is {self.settings!r}; give those of the agent, such as preset('paper', 'sac')")
-        object.__setattr__(self, "settings", _plain(self.settings))
+        if self.normalize and not hasattr(self.settings, "normalize"):
+            raise DescriptionError(f"{self.agent} cannot normalize; give its settings a field normalize, or omit it")
+        settings = replace(self.settings, normalize=True) if self.normalize else self.settings
+        object.__setattr__(self, "settings", _plain(settings))
 
     @property
     def hubs(self) -> tuple[str, ...]:
@@ -187,7 +192,8 @@ def _plain(settings: Any) -> Any:
 def portable(data: dict[str, Any]) -> dict[str, Any]:
     """A config as plain values with only the names of the user's files: it is the same on all computers."""
     settings = {name: without_folder(value) if name == "network" else value for name, value in data["settings"].items()}
-    return {**data, "env": without_folder(data["env"]), "agent": without_folder(data["agent"]), "settings": settings}
+    names = {name: without_folder(data[name]) for name in ("env", "agent", "transform") if data.get(name) is not None}
+    return {**data, **names, "settings": settings}
 
 
 def settings_from(agent: str, given: dict[str, Any]) -> Any:

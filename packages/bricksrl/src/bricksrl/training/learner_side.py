@@ -19,16 +19,16 @@ from typing import Any, Self
 import torch
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
-from torchrl.envs import EnvBase
+from torchrl.envs import EnvBase, TransformedEnv
 
 from brickhub.seed import derive_seed
 from bricksrl.agents.learner import Learner, means
 from bricksrl.agents.policy_transfer import restore
 from bricksrl.child_process import END, ChildProcess, Message, Send, leave, parent_channel
 from bricksrl.envs.env_interface import interface_of
-from bricksrl.envs.registry import get_task
+from bricksrl.envs.registry import get_task, make
 from bricksrl.envs.rollout import lost_links, with_outcome
-from bricksrl.envs.specs import SpecsEnv
+from bricksrl.envs.specs import SPECS, ObservationLayout, SpecsEnv
 from bricksrl.errors import BricksError, LearnerError, message_of
 from bricksrl.training.checkpoint import save_checkpoint
 from bricksrl.training.config import TrainConfig
@@ -117,10 +117,12 @@ class AsyncLearner:
                 self._process = ChildProcess("bricksrl.training.learner_side", self._deliver)
         except OSError as error:
             raise LearnerError(f"cannot start the learner's process ({error.strerror}); train synchronously") from None
-        specs = {name: getattr(env, name).cpu() for name in ("observation_spec", "action_spec", "reward_spec", "done_spec")}
+        specs, layout = {name: getattr(env, name).cpu() for name in SPECS}, ObservationLayout.of(env)
         has_task = interface_of(env).task is not None
+        if config.data is not None and isinstance(env, TransformedEnv) and not config.is_transformed:
+            raise LearnerError("the learner's process does not know this environment's transforms; train synchronously")
         own = {name: state[name] for name in ("agent", "pace", "collected")}
-        self._send("begin", {"config": config.to_dict(), "specs": specs, "has_task": has_task, "state": own})
+        self._send("begin", {"config": config.to_dict(), "specs": specs, "layout": layout, "has_task": has_task, "state": own})
 
     def __enter__(self) -> Self:
         return self
@@ -246,7 +248,10 @@ def serve(begin: dict[str, Any], inbox: Inbox, send: Send) -> None:
     asked, done = begin["state"]["pace"]["asked"], begin["state"]["pace"]["done"]
     config = TrainConfig.from_dict(begin["config"])
     torch.manual_seed(derive_seed(config.seed, "learner", asked))
-    env = SpecsEnv(begin["specs"], get_task(config.env, **config.options) if begin["has_task"] else None)
+    if config.data is not None and config.is_transformed:  # the data goes through the transforms
+        env = make(config.env, config.robot)
+    else:
+        env = SpecsEnv(begin["specs"], get_task(config.env, **config.options) if begin["has_task"] else None, begin["layout"])
     learner = make_learner_for(config, env)
     restore(learner, begin["state"]["agent"])
     attach_dataset(config, learner, env)

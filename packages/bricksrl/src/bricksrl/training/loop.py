@@ -10,7 +10,6 @@ import time
 from dataclasses import InitVar, dataclass, replace
 from typing import Any
 
-import torch
 from tensordict import TensorDictBase
 from torchrl.envs import EnvBase
 
@@ -21,6 +20,7 @@ from bricksrl.agents.learner import means
 from bricksrl.data.recorder import Recorder
 from bricksrl.data.schema import describe
 from bricksrl.envs.rollout import Driver, play_episodes
+from bricksrl.envs.transforms import unaffected
 from bricksrl.errors import BricksError, DescriptionError, HubError
 from bricksrl.training.callbacks import WINDOW, Callback, Episode, Phase, Progress, RunResult
 from bricksrl.training.config import TrainConfig
@@ -142,7 +142,7 @@ class Loop:
             return
         frames = frame if frame.batch_dims else frame[None]
         if not moved.is_lost and not frame.batch_dims:
-            self.callback.on_transition(playing.number, playing.length, playing.phase, frame)
+            self.callback.on_transition(playing.number, playing.length, playing.phase, moved.own)
         self.learner.remember(frames, playing.robot)
         if playing.phase is Phase.TRAIN and not moved.is_lost:
             playing.metrics.append(self.learner.learn(frames.shape[-1]))
@@ -200,17 +200,16 @@ class Loop:
         self.learner.finish(lambda: not self.signals.requested)  # the policy must not change meanwhile
         if (reconnect := reconnect_of(self.env)) is not None:
             reconnect.on_error = lambda _: None  # no episode of the run is affected
-        generator, config, reset_policy = torch.get_rng_state(), self.config, self.actor.reset_policy
+        count, seed = self.config.eval_episodes, self.config.seed
         try:
-            played = list(play_episodes(self.env, self._exploit, config.eval_episodes, config.seed, reset_policy=reset_policy))
+            with unaffected(self.env):
+                played = list(play_episodes(self.env, self._exploit, count, seed, reset_policy=self.actor.reset_policy))
         except HubError:
             return episode
-        finally:
-            torch.set_rng_state(generator)  # an evaluation must not affect learning
         mean = sum(rollout.return_ for rollout in played) / len(played)
         if self.best is None or mean > self.best:
             self.best = mean
-            self.learner.save(self.folder.best_path, run_state(self.identity, [*self.episodes, episode], mean))
+            self.learner.save(self.folder.best_path, run_state(self.env, self.identity, [*self.episodes, episode], mean))
         return replace(episode, evaluation=mean)
 
     def _exploit(self, tensordict: TensorDictBase) -> TensorDictBase:
@@ -235,7 +234,7 @@ class Loop:
     def save(self) -> None:
         """Write the checkpoint."""
         self._saved_at = self.learner.pace
-        self.learner.save(self.folder.checkpoint_path, run_state(self.identity, self.episodes, self.best))
+        self.learner.save(self.folder.checkpoint_path, run_state(self.env, self.identity, self.episodes, self.best))
 
     def _catch_up(self, before: LearningPace) -> int:
         """Finish pending updates and checkpoints. Returns the number of updates."""

@@ -40,12 +40,14 @@ def load_learner(run_dir: Path | str, env: EnvBase, *, which: Which = "last") ->
     """The learner of a run, on the CPU, for ``env``. Raises RunError if there is no run in the folder, CheckpointError if it is
     damaged, or the observation or action of ``env`` differs, DivergedError if its weights are not finite."""
     from bricksrl.agents.policy_transfer import restore
+    from bricksrl.envs.transforms import load_transform_state
 
     folder = RunFolder(run_dir)
     config = folder.read_config()
     learner = make_learner_for(config, env, device="cpu")
     state = load_state(folder, config, env, which=which)
     restore(learner, {key: value for key, value in state["agent"].items() if key != "memory"})
+    load_transform_state(env, state["transforms"], frozen=True)
     check_weights(learner)
     return Trained(learner, len(state["episodes"]))
 
@@ -91,17 +93,20 @@ def identity_of(config: TrainConfig, env: EnvBase) -> dict[str, Any]:
     from bricksrl.agents.networks import action_size
     from bricksrl.envs.specs import ObservationLayout
 
-    data = config.to_dict()
+    data, layout = config.to_dict(), asdict(ObservationLayout.of(env))
     run = {key: data[key] for key in ("env", "agent", "seed", "settings")}
-    return {**run, "layout": asdict(ObservationLayout.of(env)), "action_size": action_size(env)}
+    del layout["names"]  # for messages
+    return {**run, "layout": layout, "action_size": action_size(env)}
 
 
-def run_state(identity: dict[str, Any], episodes: list[Episode], best: float | None = None) -> dict[str, Any]:
+def run_state(env: EnvBase, identity: dict[str, Any], episodes: list[Episode], best: float | None = None) -> dict[str, Any]:
     """State of a run in a checkpoint, without its agent."""
     import torch
 
-    generator = torch.get_rng_state()
-    return {"identity": identity, "episodes": [episode.to_dict() for episode in episodes], "generator": generator, "best": best}
+    from bricksrl.envs.transforms import transform_state
+
+    state = {"identity": identity, "episodes": [episode.to_dict() for episode in episodes], "best": best}
+    return {**state, "generator": torch.get_rng_state(), "transforms": transform_state(env)}
 
 
 def load_state(folder: RunFolder, config: TrainConfig, env: EnvBase, *, which: Which = "last") -> dict[str, Any]:
@@ -131,6 +136,9 @@ def _differences(saved: Any, identity: dict[str, Any], config: TrainConfig) -> s
     with contextlib.suppress(DescriptionError, LookupError, TypeError):
         defaults = TrainConfig(config.env, config.agent, settings=type(config.settings)()).to_dict()["settings"]
         saved = {**saved, "settings": {**defaults, **saved["settings"]}}
+    with contextlib.suppress(LookupError, TypeError):  # of a layout what it had then
+        layout = {key: value for key, value in identity["layout"].items() if key in saved["layout"]}
+        identity, saved = {**identity, "layout": layout}, {**saved, "layout": {key: saved["layout"][key] for key in layout}}
     try:
         saved, identity = portable(saved), portable(identity)
         return {key for key, value in identity.items() if value != saved[key]}
@@ -152,9 +160,12 @@ def _check_state(state: dict[str, Any]) -> None:
     float(state["best"] or 0.0)
     for frames in state["collected"]:
         frames["next"]["done"].shape  # noqa: B018
-    sizes = {"observation": len(state["identity"]["layout"]["low"]), "action": state["identity"]["action_size"]}
+    state.setdefault("transforms", {})
+    identity = state["identity"]
+    shapes = dict(identity["layout"].get("vectors", [("observation", [len(identity["layout"]["low"])])]))
+    shapes["action"] = [identity["action_size"]]
     rows = state["agent"].get("memory", {"rows": {}})["rows"]
-    if any(name in rows and rows[name].shape[1:] != (size,) for name, size in sizes.items()):
+    if any(name in rows and list(rows[name].shape[1:]) != list(shape) for name, shape in shapes.items()):
         raise ValueError
 
 
@@ -178,6 +189,8 @@ def attach_dataset(config: TrainConfig, learner: Learner, env: EnvBase) -> None:
     RunError if the agent cannot use a dataset, or needs one."""
     from bricksrl.agents.bc import recorded_memory
     from bricksrl.agents.replay.buffer import TransitionReplayBuffer
+    from bricksrl.envs.specs import ObservationLayout, observed_specs
+    from bricksrl.envs.transforms import base_of, through
 
     if learner.imitates and config.data is None:
         raise RunError(f"{config.agent} needs a dataset; give its folder as data")
@@ -188,10 +201,13 @@ def attach_dataset(config: TrainConfig, learner: Learner, env: EnvBase) -> None:
     if not (learner.memory is None or isinstance(learner.memory, TransitionReplayBuffer) or config.updates):
         remedy = "give it a bricksrl.agents.replay.buffer.TransitionReplayBuffer, or omit the data"
         raise RunError(f"{config.agent} has a replay buffer that cannot be mixed with a dataset; {remedy}")
-    data = read_for(config.data, env, images="image" in learner.policy.in_keys)
+    images = bool(ObservationLayout.of(env).images) or "image" in observed_specs(base_of(env))
+    data = read_for(config.data, env, images=images)
     frames = data.to_tensordict()
     frames["next", "done"][:-1] |= (data.episode[1:] != data.episode[:-1])[:, None]
     frames["next", "done"][-1] = True
+    frames = through(env, frames)
+    learner.see(frames)
     if isinstance(learner.memory, TransitionReplayBuffer):
         learner.dataset = learner.memory.empty_like(max(2, len(frames)))
         learner.dataset.extend(frames)
@@ -204,6 +220,7 @@ def warm_start(config: TrainConfig, learner: Learner, env: EnvBase) -> None:
     """Copy the whole agent of the config's ``start`` run to a new learner; of another algorithm only the policy, see
     `transfer_policy`. Raises RunError if there is no such run, CheckpointError if it does not fit."""
     from bricksrl.agents.policy_transfer import PolicyFormError, restore, transfer_policy
+    from bricksrl.envs.transforms import load_transform_state
 
     if config.start is None:
         return
@@ -212,7 +229,9 @@ def warm_start(config: TrainConfig, learner: Learner, env: EnvBase) -> None:
     if old_config.agent == config.agent:
         if old_config.to_dict()["settings"] != config.to_dict()["settings"]:  # a user's class differs each time it is loaded
             raise CheckpointError(f"the agent of {config.start} has other settings; go on with its own")
-        restore(learner, load_state(folder, one_robot(old_config), env)["agent"])
+        state = load_state(folder, one_robot(old_config), env)
+        restore(learner, state["agent"])
+        load_transform_state(env, state["transforms"])
         learner.end_episodes()  # those that ran in a fleet do not go on
         return
     try:
@@ -226,7 +245,7 @@ def settings_like(before: TrainConfig, settings: Any) -> Any:
     """Settings of another agent with a network of the same form as in ``before``."""
     form = {"actor_layer_norm": False, **vars(before.settings)}
     names = {field.name for field in dataclasses.fields(settings)} & form.keys()
-    names &= {"hidden", "angles", "goals", "network", "actor_layer_norm"}
+    names &= {"hidden", "angles", "goals", "network", "normalize", "actor_layer_norm"}
     return dataclasses.replace(settings, **{name: form[name] for name in names})
 
 

@@ -124,6 +124,7 @@ def _run_in(
 ) -> RunResult:
     import torch
 
+    from bricksrl.envs.transforms import load_transform_state
     from bricksrl.training.loop import Loop
 
     learner = make_learner_for(config, env)
@@ -133,9 +134,10 @@ def _run_in(
     if folder is None:
         warm_start(config, learner, env)
         own = {"agent": learner.state_dict(), "pace": {"asked": 0, "done": 0}, "collected": []}
-        state = {**own, **run_state(identity_of(config, env), [])}
+        state = {**own, **run_state(env, identity_of(config, env), [])}
     else:
         state = load_state(folder, config, env)
+        load_transform_state(env, state["transforms"])
     callback.on_env(env)
     callback.on_learner(learner)
     with ExitStack() as lock, ExitStack() as stack:  # a learner in another process may write until it has ended

@@ -25,6 +25,7 @@ from bricksrl.envs.env_interface import BricksEnv, interface_of
 from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.registry import get_task, is_simulation, make
 from bricksrl.envs.rollout import Driver, Rollout, play, seed_episode
+from bricksrl.envs.transforms import transformed
 from bricksrl.errors import DescriptionError, RunError
 from bricksrl.training.callbacks import Callback, Episode, Phase
 
@@ -67,10 +68,12 @@ class Playing:
 
 @dataclass(frozen=True)
 class Moved:
-    """A step of a robot, as ``EnvBase.step`` returns it, or a batch ``[copies, time]``; its outcome is void if the link broke."""
+    """A step of a robot, as ``EnvBase.step`` returns it, or a batch ``[copies, time]``; its outcome is void if the link broke.
+    ``own``: the last one that the environment itself made in it, without transforms."""
 
     playing: Playing
     frame: TensorDictBase
+    own: TensorDictBase
     is_lost: bool = False
     is_last: bool = False
     """Whether `Ended` follows at once."""
@@ -160,15 +163,17 @@ class OneRobot(Source):
         policy = {Phase.PREFILL: random, Phase.TRAIN: self.actor.explore, Phase.OFFLINE: self.actor.exploit}[phase]
         is_cut = False
         for frame in play(self.env, policy, start, driver=self.driver, reset_policy=self.actor.reset_policy):
-            rollout.add(frame)
+            own = rollout.add(frame, self.env)
             playing.length = len(rollout.rewards)
             by_hand = bool(frame.get("intervention", False))
             if by_hand and self.actor.on_policy:
                 raise RunError("this agent learns from its own actions only; let it drive, or take an off-policy one such as sac")
             if self.is_recorded and not rollout.is_lost:
-                playing.steps.append(step_of(frame, self.env))
+                playing.steps += [step_of(step, self.env) for step in own]
             is_cut = interface_of(self.env).is_cut  # now, as an evaluation may follow
-            yield Moved(playing, frame, rollout.is_lost, bool(frame["next", "done"]))
+            if rollout.is_lost:  # also where a transform leaves it out
+                frame["next", "link_lost"] = torch.ones(1, dtype=torch.bool)
+            yield Moved(playing, frame, own[-1], rollout.is_lost, bool(frame["next", "done"]))
         if rollout.is_lost and phase is Phase.OFFLINE:
             raise interface_of(self.env).link_error  # a measurement has to be complete, and its updates are made once
         success = None if rollout.is_lost else rollout.success(self.env)
@@ -190,7 +195,7 @@ class Copies(Source):
         policy = RandomPolicy(self.env.full_action_spec) if playing.phase is Phase.PREFILL else self.actor.acting
         for frames in collect_round(self.env, policy, self.env.task.max_steps, self.actor.frames_per_batch):
             playing.length += frames.shape[-1]
-            yield Moved(playing, frames)
+            yield Moved(playing, frames, frames)
             after = frames["next"]
             done = after["done"] & ~after.get("link_lost", torch.zeros_like(after["done"]))
             ended += done.sum()
@@ -219,21 +224,22 @@ def make_env(
     """Environment of one robot, or with batch ``[copies]``: a batched simulation, or one process per virtual robot, which tracks
     return and length of episodes. ``place`` places a real robot at the start position. Raises UnknownNameError if there is no
     such environment or hub, RunError if it does not support copies, or their processes cannot be started."""
-    options = options.env_options
+    options, plain = options.env_options, options.env_options.as_it_is()
     if copies == 1:
         return make(env_id, options, seed=seed, place=place)
     try:
         if is_simulation(env_id):
-            env = make(env_id, options, batch_size=copies, seed=seed, device=device)
+            env = make(env_id, plain, batch_size=copies, seed=seed, device=device)
         else:
-            env = _Processes(copies, functools.partial(make, env_id, options, seed=seed), mp_start_method="spawn")
+            env = _Processes(copies, functools.partial(make, env_id, plain, seed=seed), mp_start_method="spawn")
             env.start()
             env.task = get_task(env_id, **options.options)  # attributes do not cross process boundaries
     except DescriptionError as error:
         raise RunError(f"cannot make {copies} copies of {env_id}: {error}") from None
     except EOFError:  # a process ended at once, as it imports the script that starts it
         raise RunError(f"the {copies} processes cannot start; put your script under `if __name__ == '__main__':`") from None
-    return TransformedEnv(env, Compose(RewardSum(), StepCounter()))
+    env = TransformedEnv(env, Compose(RewardSum(), StepCounter()))
+    return transformed(env, options) if options.is_transformed else env
 
 
 def collect_round(env: EnvBase, policy: Any, steps: int, steps_per_batch: int) -> Iterator[TensorDictBase]:

@@ -7,7 +7,6 @@ Reward and termination are pure functions of the observation, and goals do not a
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import torch
@@ -17,39 +16,14 @@ from torchrl.data import LazyMemmapStorage, LazyTensorStorage, TensorDictReplayB
 from torchrl.envs import EnvBase
 
 from bricksrl.agents.settings import OffPolicySettings
-from bricksrl.envs.env_interface import interface_of
+from bricksrl.envs.goals import GoalRelabelling, relabelling
 from bricksrl.envs.rollout import lost_links, with_outcome
-from bricksrl.envs.specs import ObservationLayout
-from bricksrl.envs.task import Task
+from bricksrl.envs.specs import ImageShape, ObservationLayout
+from bricksrl.envs.vision.networks import shift_images
 from bricksrl.errors import DescriptionError
 
 HORIZON = 4
 """Hindsight goals are reached at most this number of steps later."""
-
-
-@dataclass(frozen=True)
-class GoalRelabelling:
-    """Replacement of goals in shares of a batch: by goals reached later (``hindsight``), by drawn ones (``new_goals``)."""
-
-    task: Task
-    layout: ObservationLayout
-    hindsight: float
-    new_goals: float
-
-    def draw(self, *batch: int, device: torch.device) -> Tensor:
-        """Uniformly random goals ``[*batch, g]``."""
-        ends = (self.layout.low, self.layout.high)
-        low, high = (torch.tensor([end[goal] for goal, _ in self.layout.goals], device=device) for end in ends)
-        return low + torch.rand(*batch, len(low), device=device) * (high - low)
-
-    def relabel(self, rows: TensorDictBase, goals: Tensor) -> None:
-        """Write goals ``[*batch, g]`` into rows ``[n, *batch]`` and update their rewards and ends."""
-        goal_index = [goal for goal, _ in self.layout.goals]
-        after = rows["next"]
-        for observation in (rows["observation"], after["observation"]):
-            observation[..., goal_index] = goals
-        after["reward"].copy_(self.task.reward(rows["observation"], rows["action"], after["observation"]))
-        after["terminated"].copy_(self.task.terminated(after["observation"]))
 
 
 class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
@@ -72,11 +46,12 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
         n_step: int = 1,
         goals: GoalRelabelling | None = None,
         shift_px: int = 0,
+        images: Sequence[ImageShape] = (),
     ) -> None:
         super().__init__(storage=LazyMemmapStorage(capacity) if memory_mapped else LazyTensorStorage(capacity, device=device))
         self._rows, self._observed, self._sampled_to = batch_size, keys, torch.device(device)
         self._device = torch.device("cpu") if memory_mapped else self._sampled_to
-        self._gamma, self._n_step, self._goals, self._shift_px = gamma, n_step, goals, shift_px
+        self._gamma, self._n_step, self._goals, self._shift = gamma, n_step, goals, (shift_px, images)
         self._keys = [*keys, "action", *(("next", key) for key in (*keys, "reward", "terminated"))]
         self._has_links = n_step > 1 or (goals is not None and goals.hindsight > 0)
         self._none = capacity  # index of the missing successor
@@ -90,7 +65,8 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
 
     def empty_like(self, capacity: int) -> TransitionReplayBuffer:
         """An empty buffer of the same kind for ``capacity`` transitions, not in a file."""
-        kind: dict[str, Any] = {"gamma": self._gamma, "n_step": self._n_step, "goals": self._goals, "shift_px": self._shift_px}
+        kind: dict[str, Any] = {"gamma": self._gamma, "n_step": self._n_step, "goals": self._goals}
+        kind |= {"shift_px": self._shift[0], "images": self._shift[1]}
         return type(self)(capacity, self._rows, self._observed, device=self._sampled_to, **kind)
 
     def extend(self, frames: TensorDictBase, *, robot: int | None = 0, **_: Any) -> Tensor:
@@ -142,9 +118,10 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
         index = batch.pop("index")
         if self._goals is not None or self._n_step > 1:
             batch = self._augmented(batch, index, len(index) // batches if batches else min(self._rows, len(index)))
-        if self._shift_px:
+        shift_px, images = self._shift
+        for image in images if shift_px else ():
             for part in (batch, batch["next"]):
-                part["image"] = shift_images(part["image"], self._shift_px)
+                part[image.key] = shift_images(part[image.key], shift_px, image.is_channels_last)
         return batch if self._device == self._sampled_to else batch.to(self._sampled_to)
 
     def _augmented(self, batch: TensorDictBase, index: Tensor, size: int) -> TensorDictBase:
@@ -209,19 +186,9 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
         self._last = {} if last is None else {0: last.to(self._device)}
 
 
-def shift_images(images: Tensor, max_px: int) -> Tensor:
-    """Images ``[batch, side, side, 3]``, each shifted randomly; edges are repeated. As in DrQ (Kostrikov et al., 2021)."""
-    batch, side = images.shape[:2]
-    shift = torch.randint(-max_px, max_px + 1, (2, batch, 1), device=images.device)
-    rows, columns = (torch.arange(side, device=images.device) + shift).clamp_(0, side - 1)
-    return images[torch.arange(batch, device=images.device)[:, None, None], rows[:, :, None], columns[:, None, :]]
-
-
 def make_replay_buffer(env: EnvBase, settings: OffPolicySettings, device: torch.device | str) -> TransitionReplayBuffer:
     """The replay buffer of the settings for an environment."""
-    layout, task, goals = ObservationLayout.of(env), interface_of(env).task, None
-    if task is not None and layout.goals and settings.hindsight + settings.new_goals > 0:
-        goals = GoalRelabelling(task, layout, settings.hindsight, settings.new_goals)
-    keys, shift_px = (("observation", "image"), settings.shift_px) if layout.image_px else (("observation",), 0)
-    args = (settings.buffer_size, settings.batch_size, keys, settings.memory_mapped, device)
-    return TransitionReplayBuffer(*args, gamma=settings.gamma, n_step=settings.n_step, goals=goals, shift_px=shift_px)
+    layout, goals = ObservationLayout.of(env), relabelling(env, settings.hindsight, settings.new_goals)
+    args = (settings.buffer_size, settings.batch_size, layout.keys, settings.memory_mapped, device)
+    kwargs = {"gamma": settings.gamma, "n_step": settings.n_step, "goals": goals}
+    return TransitionReplayBuffer(*args, **kwargs, shift_px=settings.shift_px, images=layout.images)

@@ -152,15 +152,15 @@ class FleetRobots(Source):
             if other.state is RobotState.DONE:
                 self._assign(other)
 
-    def _frame(self, member: Member, rows: dict[str, Any], step: Any) -> Moved:
+    def _frame(self, member: Member, rows: list[dict[str, Any]], steps: list[Any], rewards: list[float]) -> Moved:
         playing = self.playing[member.number]
-        frame = TensorDict(rows).unflatten_keys(".")
-        is_lost = bool(frame["next"].get("link_lost", False))
-        if not is_lost:
-            playing.length += 1
-            playing.return_ += float(frame["next", "reward"])
-            playing.steps += [] if step is None else [step]
-        return Moved(playing, frame, is_lost)
+        frames = [TensorDict(part).unflatten_keys(".") for part in rows]
+        is_lost = bool(frames[0]["next"].get("link_lost", False))
+        playing.length += len(rewards)
+        for reward in rewards:
+            playing.return_ += reward
+        playing.steps += steps
+        return Moved(playing, frames[0], frames[-1], is_lost)
 
     def _ended(self, member: Member, success: bool | None, is_lost: bool, is_cut: bool) -> Ended | None:
         """End a robot's episode, and assign the next one: a robot need not wait for the disk."""

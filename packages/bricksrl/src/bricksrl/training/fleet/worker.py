@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from brickhub.user_files import line_of_user
 from bricksrl.child_process import END, Message, leave, parent_channel
-from bricksrl.envs.env_interface import BricksEnv
+from bricksrl.envs.env_interface import BricksEnv, interface_of
 from bricksrl.errors import StoppedError, message_of
 
 if TYPE_CHECKING:
@@ -89,21 +89,23 @@ class Worker:
         torch.set_num_threads(1)
         config = TrainConfig.from_dict(begin["config"])
         torch.manual_seed(begin["seed"])
-        env: Any = make(config.env, config, seed=config.seed, place=self._place if begin["is_placed"] else None)
+        env = make(config.env, config, seed=config.seed, place=self._place if begin["is_placed"] else None)
         actor = make_learner_for(config, env, device="cpu")
         actor.weights = self._weights
-        env.reconnect.patience_s, env.reconnect.wait = float("inf"), self._wait
-        env.reconnect.on_error = lambda error: self.send("out", str(error))
-        env.in_reach = lambda: time.monotonic() >= self._cut_until_s
-        self._env = env
+        robot: Any = interface_of(env)  # none of a transform's attributes
+        robot.reconnect.patience_s, robot.reconnect.wait = float("inf"), self._wait
+        robot.reconnect.on_error = lambda error: self.send("out", str(error))
+        robot.in_reach = lambda: time.monotonic() >= self._cut_until_s
+        self._env = robot
         return env, actor
 
     def _episode(self, env: Any, actor: Learner, begin: dict[str, Any], order: dict[str, Any]) -> None:
         """One episode; ends early if the link breaks."""
+        import torch
         from torchrl.modules import RandomPolicy
 
         from bricksrl.data.collect import about, step_of
-        from bricksrl.envs.rollout import Rollout, link_lost, play
+        from bricksrl.envs.rollout import Rollout, play
 
         rollout, is_random = Rollout(), order["is_random"]
         env.set_seed(order["seed"])
@@ -112,11 +114,14 @@ class Worker:
         self.send("begun", description)
         policy = RandomPolicy(env.full_action_spec) if is_random else actor.explore
         for frame in play(env, policy, state, reset_policy=actor.reset_policy):
-            rollout.add(frame)
-            lost = link_lost(frame)
-            step = step_of(frame, env) if begin["is_recorded"] and not lost else None
-            rows = frame.exclude("link_lost").flatten_keys(".")  # only meaningful within an episode
-            self.send("frame", (dict(rows.items()), step))
+            before = len(rollout.rewards)
+            own = rollout.add(frame, env)
+            if rollout.is_lost:
+                frame["next", "link_lost"] = torch.ones(1, dtype=torch.bool)
+            steps = [step_of(step, env) for step in own] if begin["is_recorded"] and not rollout.is_lost else []
+            parts = (frame,) if own[-1] is frame else (frame, own[-1])
+            rows = [dict(part.exclude("link_lost").flatten_keys(".").items()) for part in parts]  # within an episode only
+            self.send("frame", (rows, steps, rollout.rewards[before:]))
             if begin["is_paced"]:
                 self._next_message("go")
             if self._ended.is_set():

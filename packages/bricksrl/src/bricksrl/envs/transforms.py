@@ -1,0 +1,427 @@
+"""Transforms between an environment and its agent: what they do to each number, what they hide, what they keep.
+
+Which number of an observation is which entry of the environment is found by trying: the transforms are copied onto a playback of
+random observations, and a number that in every try is the same linear function of the same entry is that entry. Nothing is
+concluded from the name of a class, except that running statistics (`RUNNING`) change while an agent learns.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from math import inf
+from typing import TYPE_CHECKING, Any
+
+import torch
+from tensordict import TensorDictBase
+from torch import Tensor
+from torch.nn.parameter import Parameter, UninitializedBuffer, is_lazy
+from torchrl.envs import CatFrames, Compose, EnvBase, FrameSkipTransform, Transform, TransformedEnv, VecNorm, VecNormV2
+
+from brickhub.entry import Entry
+from brickhub.user_files import load_object
+from bricksrl.envs.env_interface import interface_of
+from bricksrl.envs.specs import SPECS, ImageShape, Number, SpecsEnv, observed_specs, spec_entries
+from bricksrl.errors import DataError, DescriptionError, message_of
+
+if TYPE_CHECKING:
+    from bricksrl.envs.options import EnvOptions
+
+_TRIES, _STEPS = 8, (2, 24)
+"""Random episodes, and their steps; the longer ones if a number is the same in all short ones, as it is of an earlier step."""
+RUNNING = (VecNorm, VecNormV2)
+"""Transforms by running statistics, which can be undone (``denorm``) and frozen."""
+_TOLERANCE = 1e-4
+"""Largest deviation from a linear function, in standard deviations: that of single precision."""
+
+
+def base_of(env: EnvBase) -> EnvBase:
+    """The environment under all transforms."""
+    while isinstance(env, TransformedEnv):
+        env = env.base_env
+    return env
+
+
+def transforms_of(env: EnvBase) -> list[Transform]:
+    """The transforms of an environment, innermost first."""
+    chain: list[Transform] = []
+    while isinstance(env, TransformedEnv):
+        own = env.transform
+        chain = [*(own.transforms if isinstance(own, Compose) else [own]), *chain]
+        env = env.base_env
+    return chain
+
+
+class Tap(Transform):  # type: ignore[misc]
+    """Innermost transform, which changes nothing: it notes what the environment itself observes and pays in each of its steps."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.noted: dict[str, Any] = {"frames": []}  # shared with TorchRL's copies of a chain
+
+    def _inv_call(self, tensordict: TensorDictBase) -> TensorDictBase:
+        self.noted["action"] = tensordict.get("action", None)
+        return tensordict
+
+    def _reset(self, _tensordict: TensorDictBase, tensordict_reset: TensorDictBase) -> TensorDictBase:
+        self.noted |= {"frames": [], "state": tensordict_reset.clone()}
+        return tensordict_reset
+
+    def _step(self, _tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
+        if not next_tensordict.batch_dims:  # copies are judged by their task's kinematics
+            before, after = self.noted["state"], next_tensordict.clone()
+            ends = ("done", "terminated", "truncated")
+            state = before.exclude("reward", *ends).set("action", self.noted["action"])
+            self.noted["frames"].append(state.set("next", after))
+            self.noted["state"] = after
+        return next_tensordict
+
+
+def own_state(env: EnvBase, state: TensorDictBase) -> TensorDictBase:
+    """The environment's own observation behind a state of its transforms."""
+    first = next(iter(transforms_of(env)), None)
+    own: TensorDictBase = first.noted["state"] if isinstance(first, Tap) else state
+    return own
+
+
+def own_frames(env: EnvBase, frame: TensorDictBase) -> list[TensorDictBase]:
+    """The environment's own steps behind the last step of its transforms: with its observations, actions and rewards."""
+    first = next(iter(transforms_of(env)), None)
+    if not isinstance(first, Tap):
+        return [frame]
+    frames, first.noted["frames"] = first.noted["frames"], []
+    if "intervention" in frame:
+        for own in frames:
+            own["intervention"] = frame["intervention"]
+    return list(frames)
+
+
+class FrameSkip(FrameSkipTransform):  # type: ignore[misc]
+    """TorchRL's frame skip, which repeats an action, that stops where the episode ends."""
+
+    def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
+        parent, reward = self.parent, next_tensordict["reward"]
+        for _ in range(self.frame_skip - 1):
+            if bool(next_tensordict["done"].all()):
+                break
+            next_tensordict = parent._step(tensordict)
+            reward = reward + next_tensordict["reward"]
+        return next_tensordict.set("reward", reward)
+
+
+class KeepUnits(Transform):  # type: ignore[misc]
+    """After running statistics: entries with a range, angles and goals in their units again, as the statistics change and what
+    was remembered would not mean the same any more. The rest stays normalised."""
+
+    def __init__(self, statistics: VecNorm | VecNormV2) -> None:
+        super().__init__()
+        self.source = (statistics,)  # no module of this one
+        self.is_tried = False
+        before = statistics.parent
+        specs, numbers = observed_specs(before), numbers_of(before)
+        self.kept = {
+            (key, out): torch.tensor([_has_unit(number.entry) for number in numbers[key]]).view(specs[key].shape)
+            for key, out in zip(statistics.in_keys, statistics.out_keys, strict=True)
+            if key in numbers
+        }
+
+    def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
+        (statistics,) = self.source
+        before = statistics.denorm(next_tensordict)
+        for (key, out), kept in self.kept.items():
+            if out in next_tensordict:
+                value = next_tensordict[out]
+                other = torch.randn_like(value) if self.is_tried else value  # no fixed function of an entry
+                next_tensordict[out] = torch.where(kept.to(value.device), before[key], other)
+        return next_tensordict
+
+    def _reset(self, _tensordict: TensorDictBase, tensordict_reset: TensorDictBase) -> TensorDictBase:
+        return self._call(tensordict_reset)
+
+
+def _has_unit(entry: Entry) -> bool:
+    return entry.wraps or entry.name.endswith(("_goal", "_angle")) or entry.high - entry.low < inf
+
+
+def prepare(env: EnvBase) -> None:
+    """Prepare the transforms of an environment for an agent: its own steps are noted, running statistics keep units. To do it
+    again changes nothing."""
+    while isinstance(env, TransformedEnv):
+        inner, chain = env.base_env, _chain(env)
+        for place, (transform, after) in reversed(list(enumerate(zip(chain, [*chain[1:], None], strict=True)))):
+            if isinstance(transform, RUNNING) and not transform.frozen and not isinstance(after, KeepUnits):
+                _insert(env, place + 1, KeepUnits(transform))
+        if not (isinstance(inner, TransformedEnv) or inner.batch_size or isinstance(next(iter(chain), None), Tap)):
+            _insert(env, 0, Tap())
+        env = inner
+
+
+def _chain(env: TransformedEnv) -> list[Transform]:
+    """The transforms of the outermost level."""
+    return list(env.transform.transforms) if isinstance(env.transform, Compose) else [env.transform]
+
+
+def _insert(env: TransformedEnv, place: int, transform: Transform) -> None:
+    """TorchRL's insertion, which copies a transform that is alone, so that its owner's is none of the environment any more."""
+    if not isinstance(env.transform, Compose):
+        alone = env.transform
+        alone.reset_parent()
+        env.transform = Compose(alone)
+    env.insert_transform(place, transform)
+
+
+class Playback(SpecsEnv):
+    """Plays outcomes of an environment: the first one at the reset, the next ones at each step. ``outcome``: the n-th."""
+
+    def __init__(self, env: EnvBase, outcome: Callable[[int], TensorDictBase], batch: Sequence[int] = ()) -> None:
+        specs = {name: getattr(env, name) for name in SPECS}
+        specs = {name: spec.expand(*batch, *spec.shape).clone() for name, spec in specs.items()}
+        super().__init__(specs, interface_of(env).task, batch=(*batch, *env.batch_size))
+        self.outcome, self.played = outcome, [outcome(0)]
+        self.acted: list[Tensor] = []
+
+    def _reset(self, _tensordict: Any = None, **_: Any) -> Any:
+        return self.played[0].exclude("reward").clone()
+
+    def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
+        self.acted.append(tensordict["action"])
+        self.played.append(self.outcome(len(self.played)))
+        return self.played[-1].clone()
+
+
+def over(env: EnvBase, playback: Playback, *, is_tried: bool = False) -> EnvBase:
+    """A playback behind copies of an environment's transforms, in their state."""
+    chain, memo = transforms_of(env), dict[int, Any]()
+    while isinstance(env, TransformedEnv):  # they are copied without the environment
+        memo[id(env)] = None
+        if isinstance(env.transform, Compose):
+            memo[id(env.transform)] = None
+        env.transform.empty_cache()
+        env = env.base_env
+    for buffer in (buffer for transform in chain for buffer in transform.buffers() if is_lazy(buffer)):
+        memo[id(buffer)] = UninitializedBuffer(device=buffer.device, dtype=buffer.dtype)  # it cannot be copied
+    copied = copy.deepcopy(chain, memo)
+    for transform in copied:
+        transform.reset_parent()
+        if isinstance(transform, KeepUnits):
+            transform.is_tried = is_tried
+    return TransformedEnv(playback, Compose(*copied)) if copied else playback
+
+
+def numbers_of(env: EnvBase) -> dict[str, list[Number]]:
+    """The numbers of each vector of an environment, through its transforms. Raises DescriptionError for an observation that no
+    agent reads."""
+    vectors = _vectors(env)
+    if not isinstance(env, TransformedEnv) or not vectors:
+        return {key: [Number(entry) for entry in entries] for key, entries in vectors.items()}
+    given, seen, entries = _tried(env, list(vectors))
+    return {key: _numbers(given, values, entries, key) for key, values in seen.items()}
+
+
+def changes_nothing(env: EnvBase) -> bool:
+    """Whether an agent gets observations and rewards as the environment gives them."""
+    base = base_of(env)
+    if base is env:
+        return True
+    playback = Playback(base, lambda _: still(base).set("reward", torch.ones_like(base.reward_spec.zero())))
+    view = over(env, playback)
+    paid = view.step(view.reset().update(view.full_action_spec.zero()))["next", "reward"]
+    is_same = numbers_of(env) == numbers_of(base) and bool((paid == 1.0).all())
+    return is_same and len(playback.played) == 2
+
+
+def has_running_statistics(env: EnvBase) -> bool:
+    """Whether what observations mean changes while an agent learns."""
+    return any(isinstance(transform, RUNNING) and not transform.frozen for transform in transforms_of(env))
+
+
+def frames_per_step(env: EnvBase) -> int:
+    """Steps of the environment in one of its transforms."""
+    base = base_of(env)
+    playback = Playback(base, lambda _: still(base))
+    view = over(env, playback)
+    view.step(view.reset().update(view.full_action_spec.zero()))
+    return len(playback.played) - 1
+
+
+def still(env: EnvBase) -> TensorDictBase:
+    """An outcome of nothing: zeros, which end nothing."""
+    outcome: TensorDictBase = env.full_observation_spec.zero().update(env.full_done_spec.zero())
+    return outcome.set("reward", env.reward_spec.zero())
+
+
+def _vectors(env: EnvBase) -> dict[str, tuple[Entry, ...]]:
+    return {key: spec_entries(spec, key) for key, spec in observed_specs(env).items() if len(spec.shape) < 3}
+
+
+def _tried(env: EnvBase, wanted: list[str]) -> tuple[Tensor, dict[str, Tensor], list[Entry]]:
+    """Random observations ``[tries, frames, entries]`` of the environment, what its transforms make of the last ones,
+    ``[tries, numbers]`` for each key, and the entries. Raises DescriptionError if a transform fails."""
+    base = base_of(env)
+    vectors, ends = _vectors(base), {key: _ends(key, spec) for key, spec in observed_specs(base).items()}
+    given, seen = list[Tensor](), dict[str, list[Tensor]]()
+    for steps in _STEPS:
+        given, seen = [], {key: [] for key in wanted}
+        for number in range(_TRIES):
+            generator = torch.Generator().manual_seed(number)
+            playback = Playback(base, lambda _, generator=generator: _random_outcome(base, ends, generator))
+            with torch.random.fork_rng(devices=[]), torch.no_grad():
+                torch.manual_seed(0)  # noise that a transform adds is the same in all tries
+                try:
+                    view = over(env, playback, is_tried=True)
+                    state = view.reset()
+                    for _ in range(steps):
+                        state = view.step(view.rand_action(state))["next"]
+                except Exception as error:
+                    raise DescriptionError(f"the transforms fail ({message_of(error, typed=True)}); correct them") from error
+            given.append(torch.stack([torch.cat([_flat(row[key], base) for key in vectors]) for row in playback.played]))
+            for key in wanted:
+                seen[key].append(_flat(state[key], env))
+        if all(bool((torch.stack(values) != values[0]).any(0).all()) for values in seen.values()):
+            break
+    entries = [entry for of_key in vectors.values() for entry in of_key]
+    return torch.stack(given), {key: torch.stack(values) for key, values in seen.items()}, entries
+
+
+def _ends(key: str, spec: Any) -> tuple[Tensor, Tensor]:
+    """Bounds that random values are drawn from."""
+    if len(spec.shape) == 3:
+        image = ImageShape.of(key, spec)
+        return torch.tensor(image.low), torch.tensor(image.high)
+    entries = [(e.low, e.high) if e.high - e.low < inf else (-1.0, 1.0) for e in spec_entries(spec, key)]
+    low, high = torch.tensor(entries).T
+    return low.view(spec.shape), high.view(spec.shape)
+
+
+def _random_outcome(env: EnvBase, ends: dict[str, tuple[Tensor, Tensor]], generator: torch.Generator) -> TensorDictBase:
+    """A random observation, the same for all copies, that ends nothing."""
+    outcome, copies = still(env), env.batch_size
+    for key, (low, high) in ends.items():
+        zeros = outcome[key]
+        value = low + (high - low) * torch.rand(zeros.shape[len(copies) :], generator=generator)
+        outcome[key] = value.to(zeros).expand(zeros.shape).clone()
+    return outcome
+
+
+def _flat(value: Tensor, env: EnvBase) -> Tensor:
+    """The numbers of the first copy."""
+    value = value.flatten(0, len(env.batch_size) - 1)[0] if env.batch_size else value
+    return value.detach().cpu().double().flatten()
+
+
+def _numbers(given: Tensor, seen: Tensor, entries: Sequence[Entry], key: str) -> list[Number]:
+    """Each number ``[tries, numbers]`` as a linear function of an entry in one of the frames, or as a new entry."""
+    _, frames, n = given.shape
+    x = given.flatten(1) - given.flatten(1).mean(0)
+    y = seen - seen.mean(0)
+    covariance, variance = x.T @ y, x.square().sum(0)[:, None]  # [frames * n, numbers]
+    slope = covariance / variance.clamp_min(1e-12)
+    rest = (y[:, None] - x[:, :, None] * slope).square().sum(0).sqrt()
+    size = y.square().sum(0).sqrt()
+    found = (rest <= _TOLERANCE * size) & (size > 1e-9) & (slope.abs() > 1e-9)
+    numbers = []
+    for j in range(seen.shape[1]):
+        index = next(iter(found[:, j].nonzero().flatten().tolist()), None)
+        if index is None:
+            numbers.append(Number(Entry(f"{key}_{j}")))
+            continue
+        scale = _exact(float(slope[index, j]))
+        offset = _exact(float(seen[:, j].mean() - scale * given.flatten(1)[:, index].mean()), float(size[j]))
+        numbers.append(Number(entries[index % n], scale, offset, frames - 1 - index // n))
+    return numbers
+
+
+def _exact(value: float, size: float = 0.0) -> float:
+    """A value without the noise of single precision; ``size``: of what it is added to."""
+    whole = float(round(value))
+    return whole if abs(value - whole) <= 1e-6 * max(abs(whole), size) else float(f"{value:.7g}")
+
+
+def through(env: EnvBase, frames: TensorDictBase) -> TensorDictBase:
+    """What an environment's transforms make of its own frames ``[time]`` of whole episodes, which end with "done"; the statistics
+    that they gather they keep. Raises DataError if the actions are not those that would pass the transforms."""
+    if base_of(env) is env:
+        return frames
+    base, rows, start = base_of(env), list[TensorDictBase](), 0
+    given = frames.select(*base.full_observation_spec.keys(), "action", "next", strict=False)
+    playback = Playback(base, lambda _: rows[0])
+    view = over(env, playback)
+    made = []
+    for end in (frames["next", "done"].view(-1).nonzero().flatten() + 1).tolist():
+        episode = given[start:end]
+        first = episode[0].exclude("action", "next").update(base.full_done_spec.zero())
+        after = [still(base).update(first), *(still(base).update(row["next"]) for row in episode)]
+        playback.outcome = lambda index, after=after: after[index]
+        playback.played = after[:1]
+        state = view.reset()
+        while len(playback.played) <= len(episode):
+            place = len(playback.played) - 1
+            out = view.step(state.set("action", episode[place]["action"]))
+            taken = episode[place : len(playback.played) - 1]["action"]
+            if not torch.equal(torch.stack(playback.acted), taken):
+                raise DataError("the data has other actions than these transforms would give; record with them, or omit them")
+            made.append(out)
+            state = view.step_mdp(out)
+            playback.acted.clear()
+        start = end
+    load_transform_state(env, transform_state(view))
+    return torch.stack(made)
+
+
+def transform_state(env: EnvBase) -> dict[str, Any]:
+    """What transforms keep from episode to episode, such as statistics, as plain tensors; networks do not change."""
+    kept: dict[str, Any] = {}
+    for place, transform in enumerate(transforms_of(env)):
+        for name, value in transform.state_dict(keep_vars=True).items():
+            if not (isinstance(value, Parameter) or is_lazy(value)):
+                kept[f"{place}.{name}"] = copy.deepcopy(value)
+    return {name: value for name, value in kept.items() if isinstance(value, Tensor) or value}
+
+
+def load_transform_state(env: EnvBase, state: dict[str, Any], *, frozen: bool = False) -> None:
+    """Inverse of `transform_state`; ``frozen``: statistics do not run on."""
+    for place, transform in enumerate(transforms_of(env)):
+        own = transform.state_dict(keep_vars=True)
+        part = {name.partition(".")[2]: value for name, value in state.items() if name.startswith(f"{place}.")}
+        part = {name: value for name, value in part.items() if not is_lazy(own.get(name))}
+        transform.load_state_dict(copy.deepcopy(part), strict=False)
+        if frozen and isinstance(transform, RUNNING):
+            transform.freeze()
+
+
+@contextmanager
+def unaffected(env: EnvBase) -> Iterator[None]:
+    """Nothing that transforms keep, nor torch's generator, is changed by what happens inside."""
+    generator, state = torch.get_rng_state(), transform_state(env)
+    try:
+        yield
+    finally:
+        torch.set_rng_state(generator)
+        load_transform_state(env, state)
+
+
+def transformed(env: EnvBase, options: EnvOptions) -> EnvBase:
+    """An environment with the transforms of its options, prepared for an agent. Raises DescriptionError if a user's transform is
+    none, or raises."""
+    for reference in filter(None, (options.transform,)):
+        found = load_object(reference, "transform")
+        try:
+            env = TransformedEnv(env, found) if isinstance(found, Transform) else found(env)
+        except Exception as error:
+            raise DescriptionError(f"{reference} cannot be applied ({message_of(error, typed=True)}); correct it") from error
+        if not isinstance(env, EnvBase):
+            raise DescriptionError(f"{reference} gives a {type(env).__name__}; let it return a torchrl.envs.TransformedEnv")
+    if options.frame_skip > 1:
+        env = TransformedEnv(env, FrameSkip(options.frame_skip))
+    if options.frame_stack > 1:
+        specs = observed_specs(env)
+        stacks = {dim: [key for key, spec in specs.items() if _stack_dim(key, spec) == dim] for dim in (-1, -3)}
+        stacked = [CatFrames(options.frame_stack, dim, in_keys=keys) for dim, keys in stacks.items() if keys]
+        env = TransformedEnv(env, Compose(*stacked))
+    prepare(env)
+    return env
+
+
+def _stack_dim(key: str, spec: Any) -> int:
+    return -3 if len(spec.shape) == 3 and not ImageShape.of(key, spec).is_channels_last else -1

@@ -1,0 +1,196 @@
+"""Transforms between an environment and its agents: what reaches the networks, and what is held within what was learned on."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Callable
+
+import pytest
+import torch
+from tensordict import TensorDict, TensorDictBase
+from torch import Tensor
+from torchrl.data import Bounded, Composite, NonTensor, Unbounded
+from torchrl.envs import (
+    CatFrames,
+    Compose,
+    DoubleToFloat,
+    DTypeCastTransform,
+    EnvBase,
+    ObservationNorm,
+    RenameTransform,
+    RewardScaling,
+    SqueezeTransform,
+    Transform,
+    TransformedEnv,
+    UnsqueezeTransform,
+    VecNormV2,
+)
+from torchrl.envs.utils import ExplorationType, set_exploration_type
+
+import bricksrl
+from bricksrl.agents import make_learner, preset
+from bricksrl.agents.encoder import Encoder, encode, make_encoder
+from bricksrl.envs.specs import ObservationLayout
+from bricksrl.envs.transforms import changes_nothing, own_frames, prepare
+from bricksrl.errors import DescriptionError
+
+KEYS = ["observation"]
+
+
+class Mixed(Transform):
+    """Reverses the vector, leaves half of it out, and scales the rest."""
+
+    def __init__(self) -> None:
+        super().__init__(in_keys=KEYS, out_keys=KEYS)
+
+    def _apply_transform(self, observation: Tensor) -> Tensor:
+        return observation.flip(-1)[..., ::2] * -0.25 + 3.0
+
+    def _reset(self, _tensordict: TensorDictBase, tensordict_reset: TensorDictBase) -> TensorDictBase:
+        return self._call(tensordict_reset)
+
+    def transform_observation_spec(self, observation_spec: Composite) -> Composite:
+        spec = observation_spec["observation"]
+        observation_spec["observation"] = Unbounded((*spec.shape[:-1], 4), device=spec.device)
+        return observation_spec
+
+
+class Embedding(Transform):
+    """Sixteen numbers that are made of all entries, beside them."""
+
+    def __init__(self) -> None:
+        super().__init__(in_keys=KEYS, out_keys=["embedding"])
+
+    def _apply_transform(self, observation: Tensor) -> Tensor:
+        return torch.sin(observation.sum(-1, keepdim=True) * torch.arange(1, 17))
+
+    def _reset(self, _tensordict: TensorDictBase, tensordict_reset: TensorDictBase) -> TensorDictBase:
+        return self._call(tensordict_reset)
+
+    def transform_observation_spec(self, observation_spec: Composite) -> Composite:
+        observation_spec["embedding"] = Unbounded(16)
+        return observation_spec
+
+
+def arm(*transforms: Transform) -> EnvBase:
+    env = TransformedEnv(bricksrl.make("RoboArmSim-v0", seed=3), Compose(*transforms))
+    prepare(env)
+    return env
+
+
+def features(env: EnvBase) -> tuple[Tensor, Tensor, ObservationLayout]:
+    """Features of an observation after two steps, the observation of the arm itself, and the layout."""
+    settings = preset("default", "sac")
+    encoder = make_encoder(env, settings)
+    state = env.reset()
+    for _ in range(2):
+        frame = env.step(state.update(env.full_action_spec.rand()))
+        own = own_frames(env, frame)[-1]["next", "observation"]
+        state = env.step_mdp(frame)
+    return encode(encoder, state), own, ObservationLayout.of(env)
+
+
+UNCHANGED: dict[str, Callable[[], list[Transform]]] = {
+    "renamed": lambda: [RenameTransform(KEYS, ["joints"])],
+    "unsqueezed and squeezed": lambda: [UnsqueezeTransform(-1, in_keys=KEYS), SqueezeTransform(-1, in_keys=KEYS)],
+    "as a matrix": lambda: [UnsqueezeTransform(-1, in_keys=KEYS)],
+    "normalised": lambda: [ObservationNorm(torch.linspace(-90, 90, 8), torch.linspace(20, 90, 8), KEYS, standard_normal=True)],
+    "running statistics": lambda: [VecNormV2(in_keys=KEYS)],
+    "frozen statistics": lambda: [VecNormV2(in_keys=KEYS), RewardScaling(0.0, 0.1)],
+    "double and float": lambda: [DTypeCastTransform(torch.float32, torch.float64, in_keys=KEYS), DoubleToFloat(in_keys=KEYS)],
+}
+
+
+@pytest.mark.parametrize("name", UNCHANGED)
+def test_angles_and_goals_survive_where_the_numbers_do(name: str) -> None:
+    env = arm(*UNCHANGED[name]())
+    made, own, layout = features(env)
+    plain = bricksrl.make("RoboArmSim-v0")
+    torch.testing.assert_close(made, make_encoder(plain, preset("default", "sac"))(own), atol=1e-4, rtol=1e-4)
+    before = ObservationLayout.of(plain)
+    assert (layout.wraps, layout.goals, layout.names) == (before.wraps, before.goals, before.names)
+
+
+def test_stacked_frames_are_stacked_entries() -> None:
+    env = arm(CatFrames(3, -1, in_keys=KEYS))
+    made, own, layout = features(env)
+    assert layout.names == ObservationLayout.of(bricksrl.make("RoboArmSim-v0")).names * 3
+    assert layout.goals == tuple((8 * frame + goal, 8 * frame + goal - 4) for frame in range(3) for goal in range(4, 8))
+    angles = [index for index, wraps in enumerate(layout.wraps) if wraps]
+    assert angles == [0, 4, 8, 12, 16, 20]
+    sines = made[18 : 18 + 6]  # after the linear entries
+    torch.testing.assert_close(sines[4], torch.sin(own[0] * math.pi / 180), atol=1e-5, rtol=0)
+
+
+def test_an_own_transform_keeps_what_it_keeps() -> None:
+    _, _, layout = features(arm(Mixed()))
+    assert layout.names == ("grab_goal", "low_goal", "grab_angle", "low_angle")
+    assert (layout.goals, layout.scale, layout.offset) == (((0, 2), (1, 3)), (-0.25,) * 4, (3.0,) * 4)
+
+
+def test_numbers_of_several_vectors_are_read() -> None:
+    made, own, layout = features(arm(Embedding()))
+    assert layout.keys == ["observation", "embedding"]
+    assert layout.names[8] == "embedding_0"
+    plain = make_encoder(bricksrl.make("RoboArmSim-v0"), preset("default", "sac"))
+    assert made.shape[-1] == plain.size + 16
+    torch.testing.assert_close(made[6 : 6 + 16], torch.sin(own.sum() * torch.arange(1, 17)), atol=1e-3, rtol=0)
+
+
+def test_what_no_agent_reads_is_an_error() -> None:
+    env = bricksrl.make("RoboArmSim-v0")
+    for name, spec in {"said": NonTensor(()), "volume": Unbounded((2, 3, 4, 5)), "inner": Composite(x=Unbounded(2))}.items():
+        env.observation_spec = Composite(observation=env.observation_spec["observation"], **{name: spec})
+        with pytest.raises(DescriptionError, match=f"'{name}'"):
+            ObservationLayout.of(env)
+    env.observation_spec = Composite(image=Bounded(0, 1, (3, 20, 30)))
+    with pytest.raises(DescriptionError, match="'image' of shape"):
+        ObservationLayout.of(env)
+
+
+def test_images_alone_and_several_are_read() -> None:
+    env = bricksrl.make("RoboArmSim-v0")
+    env.observation_spec = Composite(left=Bounded(0, 255, (32, 32, 3), dtype=torch.uint8), right=Bounded(0, 1, (4, 20, 20)))
+    encoder = make_encoder(env, preset("default", "sac"))
+    assert encoder.size == 64
+    observed = TensorDict({"left": torch.zeros(5, 32, 32, 3, dtype=torch.uint8), "right": torch.rand(5, 4, 20, 20)}, [5])
+    assert encode(encoder, observed).shape == (5, 64)
+
+
+def test_goals_are_replaced_only_where_the_task_observes_and_pays() -> None:
+    plain = bricksrl.make("RoboArmSim-v0")
+    assert changes_nothing(plain)
+    assert changes_nothing(arm(DoubleToFloat()))
+    assert not changes_nothing(arm(CatFrames(2, -1, in_keys=KEYS)))
+    assert not changes_nothing(arm(RewardScaling(0.0, 2.0)))
+
+
+def test_an_acting_agent_is_held_within_what_it_learned_on(caplog: pytest.LogCaptureFixture) -> None:
+    env = bricksrl.make("WalkerSim-v0", seed=0)
+    learner = make_learner("sac", env)
+    learner.remember(env.rollout(20))
+    state = env.reset()
+    far = state.clone()
+    far["observation"][6] = 2000.0  # the distance, which a kinematic simulation reads as 0
+    with caplog.at_level(logging.WARNING):
+        assert torch.equal(learner.exploit(state)["action"], learner.exploit(far)["action"])
+        learner.exploit(far)
+    assert [record.getMessage() for record in caplog.records] == [
+        "distance reads 2000, but the agent learned with 0: it acts as if it read that"
+    ]
+    (learning,) = (module for module in learner.loss.modules() if isinstance(module, Encoder))  # type: ignore[union-attr]
+    assert float(encode(learning, far)[2]) == 1.0  # what is learned from is not held
+    with set_exploration_type(ExplorationType.RANDOM):
+        assert float(encode(learner.policy.module[0].module.encoder, far)[2]) == 1.0
+
+
+def test_normalised_numbers_have_no_mean_and_unit_deviation() -> None:
+    env = bricksrl.make("RoboArmSim-v0", seed=0)
+    learner = make_learner("sac", env, preset("default", "sac").__class__(normalize=True))
+    frames = env.rollout(200, break_when_any_done=False)
+    learner.remember(frames)
+    (encoder,) = (module for module in learner.loss.modules() if isinstance(module, Encoder))  # type: ignore[union-attr]
+    numbers = encode(encoder, frames)[:, :6]
+    assert float(numbers.mean(0).abs().max()) < 0.1
+    torch.testing.assert_close(numbers.std(0), torch.ones(6), atol=0.1, rtol=0)
