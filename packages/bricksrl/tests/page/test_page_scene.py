@@ -49,7 +49,7 @@ def test_primitives_are_closed_and_face_outwards(mesh: Mesh, expected: float) ->
 
 def test_too_large_mesh_raises() -> None:
     good = box((1.0, 1.0, 1.0))
-    with pytest.raises(PageError, match="numbers below 36"):
+    with pytest.raises(PageError, match="numbers below 48"):
         Mesh(good.points, good.normals, good.faces + 1)
     with pytest.raises(PageError, match=r"\[n, 3\]"):
         Mesh(good.points, good.normals[:-1], good.faces)

@@ -13,7 +13,6 @@ from tyro.conf import Positional
 from brickhub.cli.options import Flag, JsonFlag, option
 from brickhub.cli.terminal import Interrupted, print_line, print_note
 from bricksrl.cli.terminal import load_learning
-from bricksrl.cli.video import check_film
 from bricksrl.errors import StoppedError, TwinError, counted, percent
 
 if TYPE_CHECKING:
@@ -62,7 +61,7 @@ class Evaluate:
     def execute(self) -> None:
         from bricksrl.cli.terminal import EmergencyStop
         from bricksrl.evaluation import evaluate
-        from bricksrl.evaluation.film import FilmOptions, check_filmable, film_run
+        from bricksrl.evaluation.film import FilmOptions, check_film, check_filmable, film_run
         from bricksrl.training import RunFolder
         from bricktwin.twin.physics import read_physics
 

@@ -15,12 +15,12 @@ from brickhub.cli.options import Flag, option
 from brickhub.cli.terminal import Interrupted, print_line, print_note
 from brickhub.files import quoted
 from brickhub.seed import check_seed
-from bricksrl.cli.page import LivePageGroup, PageAddress, PageFlag, RobotGroup, run_on_page
+from bricksrl.cli.page import LivePageGroup, PageFlag, RobotGroup, run_on_page, shown
 from bricksrl.cli.teleop import DEVICES, driving, quiet, with_human
 from bricksrl.cli.terminal import load_learning
-from bricksrl.cli.video import filmed_env
 from bricksrl.envs.options import EnvOptions
 from bricksrl.errors import DataError, DescriptionError, RunError, StoppedError, counted, hint
+from bricksrl.page.server import PageOptions
 
 if TYPE_CHECKING:
     import numpy as np
@@ -66,7 +66,7 @@ class Record:
     """Let the agent of a run explore as in training; by default it acts deterministically."""
     page: PageFlag = False
     robot: RobotGroup = EnvOptions()
-    live_page: LivePageGroup = PageAddress()
+    live_page: LivePageGroup = PageOptions()
 
     def execute(self) -> None:
         from bricksrl.cli.terminal import EmergencyStop
@@ -78,8 +78,10 @@ class Record:
             raise DataError(f"episodes is {self.episodes}; record at least 1")
         check_seed(self.seed)
         self._check_policy()
-        address = self.live_page.shown(self.page)
+        address = shown(self.live_page, self.page)
         load_learning()
+        from bricksrl.evaluation.film import filmed_env
+
         count = 0
 
         def report(episode: EpisodeRow) -> None:

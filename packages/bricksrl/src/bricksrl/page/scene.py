@@ -155,23 +155,14 @@ def flat_mesh(triangles: NDArray[np.floating]) -> Mesh:
 
 def box(half_size: Triple) -> Mesh:
     """Box around the origin."""
-    triangles = []
-    for axis in range(3):
-        for sign in (-1.0, 1.0):
-            a, b = (axis + 1) % 3, (axis + 2) % 3
-            corners = np.zeros((4, 3))
-            corners[:, axis] = sign
-            corners[:, a], corners[:, b] = (-1, 1, 1, -1), (-1, -1, 1, 1)
-            corners = corners if sign > 0 else corners[::-1]
-            triangles += [corners[[0, 1, 2]], corners[[0, 2, 3]]]
-    return flat_mesh(np.array(triangles) * np.array(half_size))
+    prism = cylinder(math.sqrt(2.0), 1.0, segments=4)
+    turned = np.array([[1.0, 1.0, 0.0], [-1.0, 1.0, 0.0], [0.0, 0.0, math.sqrt(2.0)]]) / math.sqrt(2.0)  # by 45 degrees
+    return flat_mesh(prism.points[prism.faces] @ turned * np.array(half_size))
 
 
 def ellipsoid(radii: Triple) -> Mesh:
     """Ellipsoid around the origin."""
-    angles = np.linspace(-math.pi / 2, math.pi / 2, _SEGMENTS // 2 + 1)
-    outline = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    unit = _revolved(outline, outline)
+    unit = capsule(1.0, 0.0)
     normals = unit.points / np.array(radii)
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     return Mesh((unit.points * np.array(radii)).astype(np.float32), (normals / length).astype(np.float32), unit.faces)
@@ -179,24 +170,24 @@ def ellipsoid(radii: Triple) -> Mesh:
 
 def capsule(radius: float, half_length: float) -> Mesh:
     """Cylinder along z with a hemisphere at either end; ``half_length`` is that of the cylinder."""
-    angles = np.linspace(-math.pi / 2, math.pi / 2, _SEGMENTS // 2 + 2)
+    quarter = np.linspace(0.0, math.pi / 2, _SEGMENTS // 4 + 1)
+    angles = np.concatenate([quarter - math.pi / 2, quarter])
     normals = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    outline = radius * normals
-    outline[:, 1] += np.where(angles > 0, half_length, -half_length)
-    return _revolved(outline, normals)
+    ends = np.repeat([-half_length, half_length], len(quarter))
+    return _revolved(radius * normals + np.stack([0.0 * ends, ends], axis=1), normals)
 
 
-def cylinder(radius: float, half_length: float) -> Mesh:
+def cylinder(radius: float, half_length: float, segments: int = _SEGMENTS) -> Mesh:
     """Cylinder along z."""
     r, z = radius, half_length
     outline = np.array([(0, -z), (r, -z), (r, -z), (r, z), (r, z), (0, z)])
     normals = np.array([(0, -1), (0, -1), (1, 0), (1, 0), (0, 1), (0, 1)])
-    return _revolved(outline, normals)
+    return _revolved(outline, normals, segments)
 
 
-def _revolved(outline: NDArray[np.floating], normals: NDArray[np.floating]) -> Mesh:
+def _revolved(outline: NDArray[np.floating], normals: NDArray[np.floating], segments: int = _SEGMENTS) -> Mesh:
     """Solid of revolution about z of an outline ``[n, 2]`` of radius and height, from below."""
-    angles = np.linspace(0.0, 2.0 * math.pi, _SEGMENTS + 1)[:, None]
+    angles = np.linspace(0.0, 2.0 * math.pi, segments + 1)[:, None]
 
     def revolve(profile: NDArray[np.floating]) -> Floats:
         radius, height = profile.T
@@ -204,7 +195,7 @@ def _revolved(outline: NDArray[np.floating], normals: NDArray[np.floating]) -> M
         return np.stack(rings, 2).reshape(-1, 3).astype(np.float32)
 
     count = len(outline)
-    start = (np.arange(_SEGMENTS)[:, None] * count + np.arange(count - 1)).ravel()
+    start = (np.arange(segments)[:, None] * count + np.arange(count - 1)).ravel()
     low, high, next_low, next_high = start, start + 1, start + count, start + count + 1
     faces = np.concatenate([np.stack([low, next_low, next_high], 1), np.stack([low, next_high, high], 1)])
     return Mesh(revolve(outline), revolve(normals), faces)
