@@ -29,9 +29,9 @@ if TYPE_CHECKING:
     from bricksrl.cli.terminal import EmergencyStop
     from bricksrl.data.dataset import EpisodeRow
     from bricksrl.data.recorder import Recorder
-    from bricksrl.data.schema import Description
-    from bricksrl.envs.rollout import Driver, Policy
+    from bricksrl.envs.rollout import Driver
     from bricksrl.page.live import LivePage
+    from bricksrl.policies.policy import Player
 
 
 @dataclass(frozen=True)
@@ -148,23 +148,20 @@ class Record:
         if page is not None:
             page.attach(env)
             hooks = {"driver": human or page.driver, "on_frame": page.show_step_and_hold}
-        policy, reset_policy = self._policy(env, recorder.description)
-        hooks |= {"reset_policy": reset_policy, "on_episode": on_episode}
-        collect(env, policy, recorder, self.episodes, name=self.policy, seed=self.seed, hub=self.robot.hub, **hooks)
+        player = self._player(env)
+        hooks |= {"reset_policy": player.reset, "on_episode": on_episode}
+        collect(env, player.act, recorder, self.episodes, name=self.policy, seed=self.seed, hub=self.robot.hub, **hooks)
 
-    def _policy(self, env: EnvBase, description: Description) -> tuple[Policy, Callable[[], None]]:
-        """The policy, and the reset of its state."""
-        from bricksrl.data.collect import random_policy
-        from bricksrl.teleoperation import rest_action
-
-        if self.policy == "random":
-            return random_policy(env, self.seed), lambda: None
-        if self.policy in DEVICES:
-            resting = rest_action(description.action)
-            return lambda state: state.set("action", resting), lambda: None  # the robot rests while the human does not drive
+    def _player(self, env: EnvBase) -> Player:
+        from bricksrl.page.play import resting_player
+        from bricksrl.policies.policy import Player, random_player
         from bricksrl.policies.sharing import is_policy, load_shared
         from bricksrl.training import load_learner
 
+        if self.policy == "random":
+            return random_player(env, self.seed)
+        if self.policy in DEVICES:
+            return resting_player(env)  # the robot rests while the human does not drive
         path = Path(self.policy)
         learner = load_shared(path, env) if is_policy(path) else load_learner(path, env).learner
-        return (learner.explore if self.explore else learner.exploit), learner.reset_policy
+        return Player(learner.explore if self.explore else learner.exploit, learner.reset_policy)

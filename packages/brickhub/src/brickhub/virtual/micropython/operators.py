@@ -351,7 +351,7 @@ def operators(namespaces: Sequence[Mapping[str, object]]) -> dict[str, Any]:
         # `{key: value, ...}` with as many slots as keys; in pairs the value is first, as a hub computes it first
         "@dict": lambda *parts: HubDict.sized(len(parts) // 2, zip(parts[1::2], parts[::2], strict=True)),
         "@dictof": lambda pairs: HubDict.sized(0, ((key, value) for value, key in pairs)),
-        "@set": lambda *values: HubSet.sized(values, len(values)),
+        "@set": lambda *values: HubSet.sized(len(values), values),
         "@setof": HubSet,
         "@listof": _list_comprehension,
         "@named": lambda names: HubDict.sized(len(names), names.items()),
