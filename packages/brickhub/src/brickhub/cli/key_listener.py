@@ -7,8 +7,9 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Self
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from prompt_toolkit.input import Input
@@ -18,35 +19,23 @@ ESCAPE_S = 0.05
 _POLL_S, _END_S = 0.02, 2.0
 
 
-class KeyListener:
-    """Context that calls ``on_key`` for each key press, in a separate thread. Ctrl-C still interrupts.
+@contextmanager
+def keys_heard(on_key: Callable[[str], None], source: Input | None = None) -> Iterator[None]:
+    """Call ``on_key`` for each key press inside this context, in a separate thread. Ctrl-C still interrupts.
 
     Args:
         on_key: called with the key's name: a letter, or one of prompt_toolkit's names, such as ``"escape"``.
         source: input to read; by default the terminal.
     """
+    from prompt_toolkit.input import create_input
 
-    def __init__(self, on_key: Callable[[str], None], source: Input | None = None) -> None:
-        self._on_key, self._source = on_key, source
-        self._end, self._ready = threading.Event(), threading.Event()
-        self._thread = threading.Thread(target=self._run, name="bricksrl-keys", daemon=True)
+    end, ready = threading.Event(), threading.Event()
 
-    def __enter__(self) -> Self:
-        self._thread.start()
-        self._ready.wait(_END_S)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._end.set()
-        self._thread.join(_END_S)
-
-    def _run(self) -> None:
-        from prompt_toolkit.input import create_input
-
-        source, last_s = self._source or create_input(), 0.0
+    def listen(source: Input) -> None:
+        last_s = 0.0
         with source.raw_mode():
-            self._ready.set()
-            while not self._end.wait(_POLL_S) and not source.closed:
+            ready.set()
+            while not end.wait(_POLL_S) and not source.closed:
                 presses, now_s = source.read_keys(), time.monotonic()
                 last_s = now_s if presses else last_s
                 for press in presses or (source.flush_keys() if now_s - last_s > ESCAPE_S else ()):
@@ -54,7 +43,16 @@ class KeyListener:
                     if key == "c-c":  # in raw mode the terminal sends no signal for it
                         interrupt_main()
                     else:
-                        self._on_key(key)
+                        on_key(key)
+
+    thread = threading.Thread(target=listen, args=(source or create_input(),), name="bricksrl-keys", daemon=True)
+    thread.start()
+    ready.wait(_END_S)
+    try:
+        yield
+    finally:
+        end.set()
+        thread.join(_END_S)
 
 
 def interrupt_main() -> None:
