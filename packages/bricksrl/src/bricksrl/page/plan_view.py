@@ -12,7 +12,7 @@ import numpy as np
 
 from bricksrl.errors import PlanError
 from bricksrl.page.board import Board
-from bricksrl.page.scene import HIDDEN, Floats, Mesh, Scene, SceneBody, Shape, View, flat_mesh, poses
+from bricksrl.page.scene import HIDDEN, Floats, Mesh, Scene, SceneBody, Shape, View, mesh_of, poses
 from bricksrl.page.server import PageOptions, PageServer, is_finite
 from bricktwin.plans.catalogue import colour_of
 from bricktwin.plans.geometry import M_PER_LDU
@@ -22,6 +22,7 @@ from bricktwin.plans.picture import TINTS, Tint, surface_of
 from bricktwin.plans.plan import Plan
 from bricktwin.plans.planned_robot import PlannedRobot, planned
 from bricktwin.twin.linkage import Linkage
+from bricktwin.twin.models.lego import shape_of
 
 _MAX_DEG = 360
 
@@ -119,8 +120,8 @@ def _scene(plan: Plan) -> Scene:
         part = placed.part
         if part not in pieces:
             surface = surface_of(part)
-            by_tint = {tint: surface.triangles[surface.tints == int(tint)] for tint in Tint}
-            pieces[part] = {tint: flat_mesh(triangles * M_PER_LDU) for tint, triangles in by_tint.items() if len(triangles)}
+            by_tint = {tint: shape_of(surface.triangles[surface.tints == int(tint)]) for tint in Tint}
+            pieces[part] = {tint: mesh_of(shape, M_PER_LDU) for tint, shape in by_tint.items() if shape is not None}
         main = colour_of(placed.colour).rgb
         shapes = tuple(Shape(mesh, (*TINTS.get(tint, main), 1.0)) for tint, mesh in pieces[part].items())
         bodies.append(SceneBody(f"{placed.index}", shapes))
