@@ -244,8 +244,8 @@ def _plain(value: Any) -> Any:
     """Dataclasses, enums and tuples as JSON types."""
 
     def parts(value: Any) -> Any:
-        return (
-            value.value if isinstance(value, enum.Enum) else {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
-        )
+        if isinstance(value, enum.Enum):
+            return value.value
+        return {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
 
     return json.loads(json.dumps(value, default=parts))
