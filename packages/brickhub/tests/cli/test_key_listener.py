@@ -9,7 +9,7 @@ from collections.abc import Callable
 import pytest
 from prompt_toolkit.input import create_pipe_input
 
-from brickhub.cli.key_listener import KeyListener
+from brickhub.cli.key_listener import keys_heard
 
 pytestmark = pytest.mark.realtime
 
@@ -25,7 +25,7 @@ def eventually(is_so: Callable[[], object], bound_s: float = BOUND_S) -> None:
 
 def test_keys_have_names() -> None:
     pressed: list[str] = []
-    with create_pipe_input() as source, KeyListener(pressed.append, source):
+    with create_pipe_input() as source, keys_heard(pressed.append, source):
         source.send_text("p q")
         eventually(lambda: len(pressed) == 3)
         source.send_text("\x1b")
@@ -37,6 +37,6 @@ def test_keys_have_names() -> None:
 
 
 def test_ctrl_c_is_unchanged() -> None:
-    with create_pipe_input() as source, KeyListener(lambda key: None, source), pytest.raises(KeyboardInterrupt):  # noqa: PT012
+    with create_pipe_input() as source, keys_heard(lambda key: None, source), pytest.raises(KeyboardInterrupt):  # noqa: PT012
         source.send_text("\x03")
         eventually(lambda: False)

@@ -18,11 +18,11 @@ from brickhub.robot import Motor, PoweredUpSensor, SensorKind
 from bricksrl.cli import main
 from bricksrl.cli.app import run
 from bricksrl.cli.new import write_template
-from bricksrl.cli.video import film_before_and_after
 from bricksrl.data.dataset import read_dataset
 from bricksrl.envs.registry import get_task
 from bricksrl.envs.trust import trust
 from bricksrl.errors import DescriptionError, RunError, TwinError, WriteError
+from bricksrl.evaluation.report import film_before_and_after
 from bricksrl.policies import load_policy
 from bricksrl.training import RunFolder, TrainConfig, train
 from bricktwin.twin.render.opengl import VideoWriter

@@ -110,8 +110,8 @@ def test_errors_print_one_line(fails, tmp_path, monkeypatch, arguments, says):
 
 def test_page_is_local_by_default():
     for words in (["drive", "Spinning-v0"], ["play", "runs/spin", "--page"], ["train", "Walker-v1", "--page"]):
-        options = parse(words).live_page.page_options()
-        assert (options.host, options.port) == ("127.0.0.1", None)
+        options = parse(words).live_page
+        assert (options.page_host, options.page_port) == ("127.0.0.1", None)
     assert isinstance(parse(["drive", "Spinning-v0"]), DriveRobot) and isinstance(parse(["play", "runs/spin"]), Play)
 
 

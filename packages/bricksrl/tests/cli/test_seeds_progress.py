@@ -14,17 +14,17 @@ from bricksrl.errors import DescriptionError, RunError, UnknownNameError
 
 def test_progress_lines_show_episodes_and_lost_workers(capsys: pytest.CaptureFixture[str]) -> None:
     with SeedsProgress(range(2), 3, live=False) as progress:
-        progress.update(0, {"started": 0, "pid": 1, "node": "one"})
-        progress.update(0, {"episode": 1, "return": 2.5})
-        progress.update(0, {"started": 1, "pid": 2, "node": "two"})
-        progress.update(0, {"evaluated": 7.0})
+        progress.tell(0, {"started": 0, "pid": 1, "node": "one"})
+        progress.tell(0, {"episode": 1, "return": 2.5})
+        progress.tell(0, {"started": 1, "pid": 2, "node": "two"})
+        progress.tell(0, {"evaluated": 7.0})
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "seed 0  episode 1/3  return 2.5"
     assert lines[1] == "seed 0  its worker was lost; resumed after episode 1"
     assert lines[2].endswith("trained and evaluated  return 7")
-    cells = [list(column.cells) for column in progress.table().columns]
-    assert cells[0] == ["0", "1"] and cells[1] == ["1/3", "0/3"]
-    assert cells[3] == ["evaluated", "waiting"] and cells[4] == ["two", ""]
+    first, second = progress.tasks
+    assert [first.description, second.description] == ["0", "1"] and [first.completed, second.completed] == [1, 0]
+    assert first.fields == {"value": "return 7", "state": "evaluated", "node": "two"} and second.fields["state"] == "waiting"
 
 
 def test_studies_are_listed(capsys: pytest.CaptureFixture[str]) -> None:

@@ -24,13 +24,13 @@ from bricksrl.cli import main
 from bricksrl.cli.app import parse
 from bricksrl.cli.progress import LineProgress, clock, sparkline
 from bricksrl.cli.train import Train
-from bricksrl.cli.video import filmed_env, report
 from bricksrl.data import load
 from bricksrl.envs import make
 from bricksrl.errors import RunError
 from bricksrl.evaluation import evaluate
+from bricksrl.evaluation.film import filmed_env
+from bricksrl.evaluation.report import write_report
 from bricksrl.training import RunFolder
-from bricksrl.training.callbacks import RunResult
 
 
 def test_train_prints_progress(trained):
@@ -67,12 +67,10 @@ def test_report_without_videos(trained):
 
 
 def test_report_with_videos(trained, tmp_path, monkeypatch):
-    monkeypatch.setattr("bricksrl.cli.video.FILM_BUDGET_S", 0.5)
+    monkeypatch.setattr("bricksrl.evaluation.report.FILM_BUDGET_S", 0.5)
     run_dir = tmp_path / "run"
     shutil.copytree(trained[0], run_dir)
-    result = RunResult(run_dir, RunFolder(run_dir).read_episodes(), interrupted=False)
-    judged = evaluate(run_dir, episodes=1, save=False)
-    path, said = report(result, judged)
+    path, said = write_report(run_dir, RunFolder(run_dir).read_episodes(), evaluate(run_dir, episodes=1, save=False))
     if said.startswith("none"):
         pytest.skip(said)
     images = {}
@@ -172,7 +170,7 @@ def test_recording_shows_streaming_and_app_data(tmp_path, pipes):
 
 
 def test_recording_names_its_film(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("bricksrl.cli.record.filmed_env", lambda *_: contextlib.nullcontext())
+    monkeypatch.setattr("bricksrl.evaluation.film.filmed_env", lambda *_: contextlib.nullcontext())
     out, video = tmp_path / "my data", tmp_path / "film.mp4"
     assert main(["record", "RunAway-v0", "--episodes", "1", "--out", str(out), "--video", str(video)]) == 0
     written = capsys.readouterr().out

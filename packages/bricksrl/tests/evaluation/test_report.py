@@ -76,5 +76,5 @@ def test_commands_suit_the_run(config: TrainConfig, longer: str, on_robot: bool)
 def test_folder_with_an_unreadable_name_gets_its_report(tmp_path: Path) -> None:
     """As "läuft" in a terminal whose locale is C."""
     result = train(TrainConfig("WalkerSim-v0", "random", episodes=1, run_dir=tmp_path / os.fsdecode(b"l\xe4uft"), record=False))
-    path = write_report(result.run_dir, result.episodes, evaluate(result.run_dir, episodes=1), None, "no film")
+    path, _ = write_report(result.run_dir, result.episodes, evaluate(result.run_dir, episodes=1))
     assert b"l\xe4uft" in path.read_bytes()

@@ -7,14 +7,15 @@ import struct
 import threading
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
 from brickhub.robot import DriveBase, HubKind, Motor, Robot
 from bricksrl.errors import PageError
 from bricksrl.page.board import Board
-from bricksrl.page.robot_view import Mirror, RobotView, twin_scene
-from bricksrl.page.scene import HIDDEN, Mesh, Scene, SceneBody, Shape, box, capsule, cylinder, ellipsoid, poses
+from bricksrl.page.robot_view import PRIMITIVES, Mirror, RobotView, twin_scene
+from bricksrl.page.scene import HIDDEN, Mesh, Scene, SceneBody, Shape, box, poses
 from bricktwin.robots import ROBO_ARM, TWO_WHEELER, WALKER, plans
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.scene import OPEN_FLOOR
@@ -29,16 +30,17 @@ def volume(mesh: Mesh) -> float:
 
 
 @pytest.mark.parametrize(
-    ("mesh", "expected"),
+    ("kind", "size", "expected"),
     [
-        (box((1.0, 2.0, 3.0)), 48.0),
-        (ellipsoid((1.0, 1.0, 1.0)), 4 / 3 * np.pi),
-        (ellipsoid((1.0, 2.0, 0.5)), 4 / 3 * np.pi),
-        (cylinder(1.0, 2.0), 4 * np.pi),
-        (capsule(1.0, 2.0), 4 * np.pi + 4 / 3 * np.pi),
+        (mujoco.mjtGeom.mjGEOM_BOX, (1.0, 2.0, 3.0), 48.0),
+        (mujoco.mjtGeom.mjGEOM_SPHERE, (1.0, 0.0, 0.0), 4 / 3 * np.pi),
+        (mujoco.mjtGeom.mjGEOM_ELLIPSOID, (1.0, 2.0, 0.5), 4 / 3 * np.pi),
+        (mujoco.mjtGeom.mjGEOM_CYLINDER, (1.0, 2.0, 0.0), 4 * np.pi),
+        (mujoco.mjtGeom.mjGEOM_CAPSULE, (1.0, 2.0, 0.0), 4 * np.pi + 4 / 3 * np.pi),
     ],
 )
-def test_primitives_are_closed_and_face_outwards(mesh: Mesh, expected: float) -> None:
+def test_primitives_are_closed_and_face_outwards(kind: int, size: tuple[float, float, float], expected: float) -> None:
+    mesh = PRIMITIVES[kind](*size)
     assert 0.95 * expected < volume(mesh) < 1.0001 * expected
     assert np.allclose(np.linalg.norm(mesh.normals, axis=1), 1.0, atol=1e-5)
     a, b, c = (mesh.points[mesh.faces[:, i]] for i in range(3))
@@ -49,7 +51,7 @@ def test_primitives_are_closed_and_face_outwards(mesh: Mesh, expected: float) ->
 
 def test_too_large_mesh_raises() -> None:
     good = box((1.0, 1.0, 1.0))
-    with pytest.raises(PageError, match="numbers below 36"):
+    with pytest.raises(PageError, match="numbers below 24"):
         Mesh(good.points, good.normals, good.faces + 1)
     with pytest.raises(PageError, match=r"\[n, 3\]"):
         Mesh(good.points, good.normals[:-1], good.faces)

@@ -91,7 +91,7 @@ def test_plan_without_parts_raises() -> None:
 
 @pytest.mark.realtime
 def test_the_page_serves_its_scene() -> None:
-    with PlanView(read_plan(PLANS / "two_wheeler.ldr"), PageOptions(port=0)) as shown:
+    with PlanView(read_plan(PLANS / "two_wheeler.ldr"), PageOptions(page_port=0)) as shown:
         address = shown.url.replace("/?", "/scene.bin?")
         with urllib.request.urlopen(address, timeout=20) as answer:
             data = answer.read()

@@ -64,12 +64,15 @@ def test_program_is_shown_and_stopped(tmp_path: Path) -> None:
 def test_used_port_raises() -> None:
     with ProgramPage("one") as page:
         port = int(page.url.split(":")[2].split("/")[0])
-        with pytest.raises(PageError, match="name another host or port") as caught, ProgramPage("two", PageOptions(port=port)):
+        with (
+            pytest.raises(PageError, match="name another host or port") as caught,
+            ProgramPage("two", PageOptions("127.0.0.1", port)),
+        ):
             pass
         assert "\n" not in str(caught.value)
         with ProgramPage("three") as another:
             assert another.url != page.url, "without a name the next free port is taken"
-    for bad in (PageOptions("256.0.0.1"), PageOptions(port=70000), PageOptions(port=-1)):
+    for bad in (PageOptions("256.0.0.1"), PageOptions(page_port=70000), PageOptions(page_port=-1)):
         with pytest.raises(PageError), ProgramPage("bad", bad):
             pass
 

@@ -12,9 +12,9 @@ from test_bodies import FLAT, PLATE, shaft
 
 from brickhub.errors import PlanError
 from bricktwin.plans.check import structure_of
-from bricktwin.plans.mechanism.articulation import Poser
 from bricktwin.plans.mechanism.kinematics import mechanism, merged
 from bricktwin.plans.planned_robot import PlannedRobot, free_deg, planned, planned_robot
+from bricktwin.twin.linkage import Linkage
 
 HUB = "1 15 200 0 0 1 0 0 0 1 0 0 0 1 67718.dat"
 
@@ -136,34 +136,41 @@ def test_error_names_the_file_as_it_was_given(tmp_path, monkeypatch):
         planned_robot(Path("arm.ldr"))
 
 
+def moved(linkage, part, point):
+    """Place of a point of a part."""
+    turn, shift = linkage.motion(part)
+    return turn @ point + shift
+
+
 def test_walker_legs_turn_fully():
-    made = robot("walker")
-    poser = Poser(made.articulation)
-    assert poser.free == ()
-    leg = next(drive.joint.child for drive in made.articulation.drives if drive.port == "C")
-    leg = next(swing.child for swing in made.articulation.swings if swing.parent == leg)
+    made = robot("walker").articulation
+    linkage = Linkage(made)
+    assert linkage.free == ()
+    leg = next(drive.joint.child for drive in made.drives if drive.port == "C")
+    leg = next(swing.child for swing in made.swings if swing.parent == leg)
     foot = np.array([0.0674, -0.056, -0.0840])
+    parts = [body.parts[0] for body in made.bodies]
     places = []
     for turned in range(0, 360, 20):
-        motions = poser.motions({"C": math.radians(turned)})
-        places.append(motions[leg].of(foot))
-        for rod in made.articulation.rods:
-            apart = motions[rod.far].of(rod.far_m) - motions[rod.near].of(rod.near_m)
-            assert np.linalg.norm(apart) == pytest.approx(np.linalg.norm(rod.far_m - rod.near_m), abs=1e-6)
+        linkage.turn({"motor_C": math.radians(turned)})
+        places.append(moved(linkage, parts[leg], foot))
+        for rod in made.rods:
+            apart = moved(linkage, parts[rod.far], rod.far_m) - moved(linkage, parts[rod.near], rod.near_m)
+            assert np.linalg.norm(apart) == pytest.approx(np.linalg.norm(rod.far_m - rod.near_m), abs=2e-5)
+            for end, point in ((rod.near, rod.near_m), (rod.far, rod.far_m)):
+                assert moved(linkage, rod.parts[0], point) == pytest.approx(moved(linkage, parts[end], point), abs=2e-5)
     stride, across, lift = np.ptp(places, axis=0) * 1000
     assert (stride, across, lift) == (pytest.approx(38.4, abs=1.0), pytest.approx(0, abs=1e-6), pytest.approx(16.0, abs=0.5))
 
 
 def test_visual_gears_counter_rotate():
-    made = robot("robo_arm")
-    poser = Poser(made.articulation)
-    shafts = {"A": math.radians(90.0)}
-    motions = poser.motions(shafts)
-    of_parts = poser.of_parts(shafts, motions)
-    (motor_gear,) = [one for one in made.articulation.followers if one.port == "A"]
-    shaft_turn = of_parts[motor_gear.parts[0]].turn
-    drive = next(one for one in made.articulation.drives if one.port == "A")
-    forearm = motions[drive.joint.child].turn
+    made = robot("robo_arm").articulation
+    linkage = Linkage(made)
+    linkage.turn({"motor_A": math.radians(90.0)})
+    (motor_gear,) = [one for one in made.followers if one.port == "A"]
+    shaft_turn, _ = linkage.motion(motor_gear.parts[0])
+    drive = next(one for one in made.drives if one.port == "A")
+    forearm, _ = linkage.motion(made.bodies[drive.joint.child].parts[0])
     assert np.allclose(shaft_turn @ [0, 1, 0], [0, 1, 0])
     # The motor turns by 90 degrees, the forearm by half of that the other way.
     first, second = (math.degrees(math.atan2(turn[0, 2], turn[0, 0])) for turn in (shaft_turn, forearm))

@@ -10,9 +10,9 @@ import pytest
 from plan_lines import plan_of
 
 from bricktwin.plans.check import check, structure_of
-from bricktwin.plans.mechanism.articulation import Poser
 from bricktwin.plans.plan import read_plan
 from bricktwin.plans.planned_robot import planned, planned_robot
+from bricktwin.twin.linkage import Linkage
 
 CAR = Path(__file__).with_name("link_steered.ldr")
 BEAM = "1 4 0 0 0 1 0 0 0 1 0 0 0 1 32316.dat"
@@ -29,10 +29,10 @@ def test_links_become_rods_and_steer_both_wheels():
     knuckles = [number for number, swing in enumerate(made.swings) if abs(swing.axis[2]) > 0.9]
     assert (len(made.rods), len(knuckles), made.loops) == (2, 2, ())
     assert sorted(np.linalg.norm(rod.far_m - rod.near_m) for rod in made.rods) == pytest.approx([0.040, 0.064])
-    poser = Poser(made)
+    linkage = Linkage(made)
     for steered in (-30, 15):
-        motions = poser.motions({"A": math.radians(steered)})
-        turns = [motions[made.swings[number].child].turn for number in knuckles]
+        linkage.turn({"motor_A": math.radians(steered)})
+        turns = [linkage.motion(made.bodies[made.swings[number].child].parts[0])[0] for number in knuckles]
         assert [math.degrees(math.atan2(turn[1, 0], turn[0, 0])) for turn in turns] == pytest.approx([steered, steered], abs=0.01)
 
 
@@ -63,13 +63,14 @@ def test_ball_beside_its_socket_is_loose(shift):
     assert {"loose", "half-held", "step"} <= names
 
 
-def test_poser_turns_ball_joint_about_its_ball():
+def test_ball_joint_turns_about_its_ball():
     made = planned(plan_of(BEAM, TOWBALL, "0 !BRICKSRL FREE", LINK)).articulation
     (swing,) = made.swings
     assert swing.is_ball
-    poser = Poser(made)
-    assert poser.free == (0, 1, 2)
-    motion = poser.motions({}, {0: 0.3, 1: -0.2, 2: 0.5})[swing.child]
-    assert motion.of(swing.point_m) == pytest.approx(swing.point_m)
-    assert np.trace(motion.turn) < 2.8
-    assert np.allclose(motion.turn @ motion.turn.T, np.eye(3))
+    linkage = Linkage(made)
+    assert len(linkage.free) == 3
+    linkage.turn(dict(zip(linkage.free, (0.3, -0.2, 0.5), strict=True)))
+    turn, shift = linkage.motion(made.bodies[swing.child].parts[0])
+    assert turn @ swing.point_m + shift == pytest.approx(swing.point_m)
+    assert np.trace(turn) < 2.8
+    assert np.allclose(turn @ turn.T, np.eye(3))

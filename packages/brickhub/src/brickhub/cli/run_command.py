@@ -125,7 +125,7 @@ class Run:
         return None
 
     def _operation(self, stack: ExitStack) -> Operation:
-        from brickhub.cli.key_listener import KeyListener, can_listen
+        from brickhub.cli.key_listener import can_listen, keys_heard
         from brickhub.virtual.given_readings import parse_device, parse_end_stop, parse_reading
         from brickhub.virtual.panel import parse_press
         from brickhub.virtual.run import Operation
@@ -139,7 +139,7 @@ class Run:
 
             if listens:
                 panel.is_watched = True
-                stack.enter_context(KeyListener(press))
+                stack.enter_context(keys_heard(press))
             if self.panel:
                 panel.on_change = lambda panel: print_note(f"{panel.now_s:9.3f} s  {panel.describe()}")
 

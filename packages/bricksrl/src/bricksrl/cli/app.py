@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from brickhub.cli import app
+from brickhub.cli import app, command_table
 from brickhub.cli.app import CommandLine, ParsedCommand
 from bricksrl import __version__
+from bricktwin.cli import command_table as of_twins
+
+_OF_HUBS, _OF_TWINS = command_table.LINE.commands, of_twins.LINE.groups
+"""Commands of the other houses, which are handed through."""
 
 LINE = CommandLine(
     "bricksrl",
@@ -45,15 +49,8 @@ Examples:
     {
         "hub": (
             "Hubs: find, check, calibrate and stop one; print its program; run your own programs.",
-            {
-                "scan": "brickhub.cli.hub_tools:Scan",
-                "check": "brickhub.cli.hub_tools:Check",
-                "latency": "brickhub.cli.hub_tools:MeasureLatency",
-                "calibrate": "brickhub.cli.hub_tools:Calibrate",
-                "stop": "brickhub.cli.hub_tools:Stop",
-                "program": "brickhub.cli.hub_tools:Program",
-                "run": "bricksrl.cli.hub_run:Run",
-            },
+            {name: _OF_HUBS[name] for name in ("scan", "check", "latency", "calibrate", "stop", "program")}
+            | {"run": "bricksrl.cli.hub_run:Run"},
         ),
         "data": (
             "Datasets: inspect, repair, merge, split, import, export and share them.",
@@ -73,12 +70,7 @@ Examples:
         "camera": ("The camera of a task: calibrate its colors.", {"calibrate": "bricksrl.cli.camera_command:CalibrateCamera"}),
         "plan": (
             "Building plans: check an LDraw file, list its parts, draw its booklet, show it in the browser.",
-            {
-                "check": "bricktwin.cli.plan_commands:CheckPlan",
-                "parts": "bricktwin.cli.plan_commands:PlanParts",
-                "steps": "bricktwin.cli.plan_commands:PlanSteps",
-                "show": "bricksrl.cli.page:ShowPlan",
-            },
+            {**_OF_TWINS["plan"][1], "show": "bricksrl.cli.page:ShowPlan"},
         ),
         "new": (
             "Templates: write a commented Python file as a start for your own task, robot or algorithm.",
@@ -88,14 +80,7 @@ Examples:
                 "agent": "bricksrl.cli.new:NewAgent",
             },
         ),
-        "twin": (
-            "The twin of a robot: measure the robot, record its motion, fit the twin's physics to it.",
-            {
-                "measure": "bricktwin.cli.twin:Measure",
-                "record": "bricktwin.cli.twin:RecordMotion",
-                "fit": "bricktwin.cli.twin:FitTwin",
-            },
-        ),
+        "twin": _OF_TWINS["twin"],
     },
     spelling={
         "bricktwin plan": "bricksrl plan",

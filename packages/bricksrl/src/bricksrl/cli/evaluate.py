@@ -13,7 +13,6 @@ from tyro.conf import Positional
 from brickhub.cli.options import Flag, JsonFlag, option
 from brickhub.cli.terminal import Interrupted, print_line, print_note
 from bricksrl.cli.terminal import load_learning
-from bricksrl.cli.video import check_film
 from bricksrl.errors import StoppedError, TwinError, counted, percent
 
 if TYPE_CHECKING:
@@ -63,20 +62,22 @@ class Evaluate:
 
     def execute(self) -> None:
         from bricksrl.cli.terminal import EmergencyStop
-        from bricksrl.evaluation import evaluate
-        from bricksrl.evaluation.film import FilmOptions, check_filmable, film_run
-        from bricksrl.training import RunFolder
+        from bricksrl.training.run_folder import RunFolder
         from bricktwin.twin.physics import read_physics
+
+        origin = RunFolder(self.run).origin()  # before torch is loaded, which takes long
+        load_learning()
+        from bricksrl.evaluation import evaluate
+        from bricksrl.evaluation.film import FilmOptions, check_film, check_filmable, film_run
 
         if self.video is not None:
             check_film(self.video)
-            hub = self.hub if self.hub is not None else RunFolder(self.run).origin().options.hub
+            hub = self.hub if self.hub is not None else origin.options.hub
             if self.env is not None or hub != "virtual":
                 raise TwinError(
                     "only the virtual robot of the run itself can be filmed; give --hub virtual, without --env, or no --video"
                 )
         film_options = FilmOptions(episodes=min(self.episodes, _FILMED_EPISODES), seed=self.seed)
-        load_learning()
         physics: dict[str, Any] = {"randomize": self.randomize}
         physics |= {} if self.physics is None else {"physics": read_physics(self.physics)}
         physics |= {} if self.link is None else {"link": self.link}

@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated
 
 from brickhub.cli.options import option
-from bricksrl.cli.page import LivePageGroup, PageAddress, PageFlag, announce
+from bricksrl.cli.page import LivePageGroup, PageFlag, announce, shown
 from bricksrl.errors import DescriptionError
+from bricksrl.page.server import PageOptions
 from bricktwin.cli import run_command as run
 
 if TYPE_CHECKING:
@@ -41,12 +42,12 @@ class Run(run.Run):
     """Virtual robot: two-wheeler, walker, robo-arm or bench; RunAway-v0, with its scene, or another environment; a building plan,
     my_robot.ldr; my_robot.py."""
     page: PageFlag = False
-    live_page: LivePageGroup = PageAddress()
+    live_page: LivePageGroup = PageOptions()
 
     def body(self, stack: ExitStack) -> Body | None:
-        self.live_page.shown(self.page)
-        shown = replace(self, robot=run.ROBOT_OF_FILMS) if self.page and self.robot is None else self
-        return super(Run, shown).body(stack)
+        shown(self.live_page, self.page)
+        drawn = replace(self, robot=run.ROBOT_OF_FILMS) if self.page and self.robot is None else self
+        return super(Run, drawn).body(stack)
 
     def attend(self, stack: ExitStack) -> Callable[[Machine], None] | None:
         if not self.page:
@@ -55,6 +56,6 @@ class Run(run.Run):
             raise DescriptionError("the page has a pace of its own; leave out --page, or --video and --realtime")
         from bricksrl.page.program import ProgramPage
 
-        page = stack.enter_context(ProgramPage(self.file.name, self.live_page.page_options()))
+        page = stack.enter_context(ProgramPage(self.file.name, self.live_page))
         announce(page.url)
         return page.attend

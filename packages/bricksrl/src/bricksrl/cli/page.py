@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Self
+from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import OmitArgPrefixes, Positional
 
@@ -20,13 +20,13 @@ from brickhub.files import folder_with
 from bricksrl.cli.terminal import load_learning, place_robot
 from bricksrl.envs.options import EnvOptions
 from bricksrl.errors import DescriptionError, RunError, StoppedError, counted
+from bricksrl.page.server import PageOptions
 from bricktwin.cli.plan_commands import PlanArgument, read_named_plan
 
 if TYPE_CHECKING:
     from torchrl.envs import EnvBase
 
     from bricksrl.page.live import LivePage
-    from bricksrl.page.server import PageOptions
     from bricksrl.policies.policy import Player
 
 
@@ -36,31 +36,15 @@ RobotGroup = Annotated[EnvOptions, OmitArgPrefixes]
 """Options of a command's robot, as a separate group in the help."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class PageAddress:
-    """Address flags of the live page."""
-
-    page_host: Annotated[str, option(metavar="ADDRESS")] = "127.0.0.1"
-    """Address that serves the live page; 0.0.0.0 also admits devices in the same network that know the page's full address."""
-    page_port: Annotated[int | None, option(metavar="N")] = None
-    """Port of the live page; by default the first free one from 8090."""
-
-    def page_options(self) -> PageOptions:
-        """Options of the page's server."""
-        from bricksrl.page.server import PageOptions
-
-        return PageOptions(self.page_host, self.page_port)
-
-    def shown(self, page: bool) -> Self | None:
-        """This address if the page is to be shown, else ``None``. Raises DescriptionError if it is given without ``--page``."""
-        if page:
-            return self
-        refuse_ignored(self, (), "without --page")
-        return None
-
-
-LivePageGroup = Annotated[PageAddress, OmitArgPrefixes]
+LivePageGroup = Annotated[PageOptions, OmitArgPrefixes]
 """Address of a command's live page, as a separate group in the help."""
+
+
+def shown(address: PageOptions, page: bool) -> PageOptions | None:
+    """The address if the page is to be shown, else ``None``. Raises DescriptionError if it is given without ``--page``."""
+    if not page:
+        refuse_ignored(address, (), "without --page")
+    return address if page else None
 
 
 def announce(url: str) -> None:
@@ -107,13 +91,13 @@ class Play:
     """Seed of the episodes and of random actions."""
     page: PageFlag = False
     robot: RobotGroup = EnvOptions()
-    live_page: LivePageGroup = PageAddress()
+    live_page: LivePageGroup = PageOptions()
 
     def execute(self) -> None:
         from brickhub.user_files import is_reference
         from bricksrl.policies.policy import named_policies, random_player
 
-        address = self.live_page.shown(self.page)
+        address = shown(self.live_page, self.page)
         if self.episodes is not None and self.episodes < 1:
             raise DescriptionError(f"episodes is {self.episodes}; give 1 or more")
         load_learning()
@@ -151,7 +135,7 @@ class DriveRobot:
     seed: Annotated[int, option(metavar="N")] = 0
     """Seed of the episodes."""
     robot: RobotGroup = EnvOptions()
-    live_page: LivePageGroup = PageAddress()
+    live_page: LivePageGroup = PageOptions()
 
     def execute(self) -> None:
         from bricksrl.page.play import resting_player
@@ -178,7 +162,7 @@ def _environment(flags: Play | DriveRobot, target: str, run: Path | None) -> Ite
 
 
 def _on_page(
-    address: PageAddress,
+    address: PageOptions,
     env: EnvBase,
     env_id: str,
     players: Mapping[str, Callable[[], Player]],
@@ -191,9 +175,7 @@ def _on_page(
     from bricksrl.page.live import LivePage
     from bricksrl.page.play import play_on_page
 
-    page = LivePage(
-        env_id, subtitle, task=env.task, in_charge=in_charge, policies=tuple(players), speed="1x", options=address.page_options()
-    )
+    page = LivePage(env_id, subtitle, task=env.task, in_charge=in_charge, policies=tuple(players), speed="1x", options=address)
     try:
         with page, EmergencyStop(stop := threading.Event(), print_note) as emergency_stop:
             announce(page.url)
@@ -221,7 +203,7 @@ def _in_terminal(env: EnvBase, player: Player, episodes: int | None, seed: int) 
 
 @contextmanager
 def run_on_page(
-    address: PageAddress | None,
+    address: PageOptions | None,
     env_id: str,
     options: Mapping[str, object],
     *,
@@ -236,7 +218,7 @@ def run_on_page(
     from bricksrl.page.live import LivePage
 
     task = get_task(env_id, **options)
-    with LivePage(env_id, task=task, can_drive=can_drive, on_stop=on_stop, options=address.page_options()) as page:
+    with LivePage(env_id, task=task, can_drive=can_drive, on_stop=on_stop, options=address) as page:
         announce(page.url)
         yield page
 
@@ -251,14 +233,14 @@ class ShowPlan:
     """
 
     plan: PlanArgument
-    live_page: LivePageGroup = PageAddress()
+    live_page: LivePageGroup = PageOptions()
 
     def execute(self) -> None:
         from bricksrl.page.plan_view import PlanView
 
         plan = read_named_plan(self.plan)
         try:
-            with PlanView(plan, self.live_page.page_options()) as page:
+            with PlanView(plan, self.live_page) as page:
                 announce(page.url)
                 threading.Event().wait()
         except KeyboardInterrupt:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import sys
-import threading
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
+
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
+from rich.progress import Progress as Bars
 
 from brickhub.cli.terminal import Interrupted, print_line, print_note
 from brickhub.files import quoted
@@ -19,7 +20,6 @@ from bricksrl.training.callbacks import Callback, Episode, Phase, Progress, Robo
 
 if TYPE_CHECKING:
     import numpy as np
-    from rich.table import Table
     from torchrl.envs import EnvBase
 
     from bricksrl.errors import BricksError
@@ -123,12 +123,9 @@ class LiveProgress(LineProgress):
     """Progress as a bar, with a sparkline of the last returns."""
 
     def __init__(self, hub: str = "virtual") -> None:
-        from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
-        from rich.progress import Progress as Bar
-
         super().__init__(hub)
         self._returns: list[float] = []
-        self._bar = Bar(
+        self._bar = Bars(
             TextColumn("episode"),
             MofNCompleteColumn(),
             BarColumn(20),
@@ -187,68 +184,34 @@ def sparkline(values: list[float]) -> str:
     return "".join(_BARS[round((value - low) / (high - low) * (len(_BARS) - 1))] for value in values)
 
 
-@dataclass
-class _Row:
-    """State of one seed: computer, episode, last return."""
-
-    state: str = "waiting"
-    episode: int = 0
-    return_: float | None = None
-    node: str = ""
-
-
-class SeedsProgress:
-    """Progress of all seeds: a live table on a terminal, a line per event elsewhere."""
+class SeedsProgress(Bars):
+    """Progress of all seeds: a live row of each on a terminal, a line per event elsewhere."""
 
     def __init__(self, seeds: range, episodes: int, *, live: bool | None = None) -> None:
-        self._rows = {seed: _Row() for seed in seeds}
+        state = TextColumn("{task.fields[value]}  {task.fields[state]}  {task.fields[node]}", markup=False)
+        is_live = sys.stdout.isatty() if live is None else live
+        super().__init__(TextColumn("seed {task.description}  episode"), MofNCompleteColumn(), state, disable=not is_live)
+        self._ids = {seed: self.add_task(str(seed), total=episodes, value="", state="waiting", node="") for seed in seeds}
         self._episodes = episodes
-        self._lock = threading.Lock()
-        self._live: Any = None
-        if sys.stdout.isatty() if live is None else live:
-            from rich.live import Live
 
-            self._live = Live(self.table(), refresh_per_second=4)
-
-    def __enter__(self) -> Self:
-        if self._live is not None:
-            self._live.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._live is not None:
-            self._live.stop()
-
-    def update(self, seed: int, message: dict[str, Any]) -> None:
+    def tell(self, seed: int, message: dict[str, Any]) -> None:
         """Update the row of a seed from a message of its run; may be called from several threads."""
-        with self._lock:
-            row, line = self._rows[seed], ""
-            if "started" in message:
-                is_restart = row.state != "waiting"
-                row.state, row.node = "training", message.get("node", "")
-                line = f"seed {seed}  its worker was lost; resumed after episode {message['started']}" if is_restart else ""
-            elif "episode" in message:
-                row.state, row.episode, row.return_ = "training", message["episode"], message["return"]
-                line = f"seed {seed}  episode {row.episode}/{self._episodes}  return {row.return_:.4g}"
-            elif "evaluated" in message:
-                row.state, row.return_ = "evaluated", message["evaluated"]
-                line = f"seed {seed}  trained and evaluated  return {row.return_:.4g}"
-            elif "error" in message:
-                row.state = "failed"
-            if self._live is not None:
-                self._live.update(self.table())
-            elif line:
-                print_line(line)
-
-    def table(self) -> Table:
-        """Table of all seeds."""
-        from rich.table import Table
-
-        table = Table("seed", "episode", "return", "state", "computer", box=None)
-        for seed, row in self._rows.items():
-            return_ = "" if row.return_ is None else f"{row.return_:.4g}"
-            table.add_row(str(seed), f"{row.episode}/{self._episodes}", return_, row.state, row.node)
-        return table
+        changes, line = dict[str, Any](), ""
+        if "started" in message:
+            changes = {"state": "training", "node": message.get("node", "")}
+            if self.tasks[self._ids[seed]].fields["state"] != "waiting":
+                line = f"its worker was lost; resumed after episode {message['started']}"
+        elif "episode" in message:
+            changes = {"state": "training", "completed": message["episode"], "value": f"return {message['return']:.4g}"}
+            line = f"episode {message['episode']}/{self._episodes}  {changes['value']}"
+        elif "evaluated" in message:
+            changes = {"state": "evaluated", "value": f"return {message['evaluated']:.4g}"}
+            line = f"trained and evaluated  {changes['value']}"
+        elif "error" in message:
+            changes = {"state": "failed"}
+        self.update(self._ids[seed], **changes)
+        if line and self.disable:
+            print_line(f"seed {seed}  {line}")
 
 
 def train_seeds(config: TrainConfig, count: int, on: str | None = None) -> None:
@@ -258,7 +221,7 @@ def train_seeds(config: TrainConfig, count: int, on: str | None = None) -> None:
     multi_seed.check_count(count)
     try:
         with SeedsProgress(range(config.seed, config.seed + count), config.episodes) as progress:
-            group = multi_seed.train_seeds(config, count, on=on, on_line=progress.update)
+            group = multi_seed.train_seeds(config, count, on=on, on_line=progress.tell)
     except KeyboardInterrupt:
         folder = config.run_dir
         if folder is None or not folder.exists():

@@ -15,12 +15,12 @@ from brickhub.cli.options import Flag, option
 from brickhub.cli.terminal import Interrupted, print_line, print_note
 from brickhub.files import quoted
 from brickhub.seed import check_seed
-from bricksrl.cli.page import LivePageGroup, PageAddress, PageFlag, RobotGroup, run_on_page
+from bricksrl.cli.page import LivePageGroup, PageFlag, RobotGroup, run_on_page, shown
 from bricksrl.cli.teleop import DEVICES, driving, quiet, with_human
 from bricksrl.cli.terminal import load_learning
-from bricksrl.cli.video import filmed_env
 from bricksrl.envs.options import EnvOptions
 from bricksrl.errors import DataError, DescriptionError, RunError, StoppedError, counted, hint
+from bricksrl.page.server import PageOptions
 
 if TYPE_CHECKING:
     import numpy as np
@@ -29,9 +29,9 @@ if TYPE_CHECKING:
     from bricksrl.cli.terminal import EmergencyStop
     from bricksrl.data.dataset import EpisodeRow
     from bricksrl.data.recorder import Recorder
-    from bricksrl.data.schema import Description
-    from bricksrl.envs.rollout import Driver, Policy
+    from bricksrl.envs.rollout import Driver
     from bricksrl.page.live import LivePage
+    from bricksrl.policies.policy import Player
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class Record:
     """Let the agent of a run explore as in training; by default it acts deterministically."""
     page: PageFlag = False
     robot: RobotGroup = EnvOptions()
-    live_page: LivePageGroup = PageAddress()
+    live_page: LivePageGroup = PageOptions()
 
     def execute(self) -> None:
         from bricksrl.cli.terminal import EmergencyStop
@@ -78,8 +78,10 @@ class Record:
             raise DataError(f"episodes is {self.episodes}; record at least 1")
         check_seed(self.seed)
         self._check_policy()
-        address = self.live_page.shown(self.page)
+        address = shown(self.live_page, self.page)
         load_learning()
+        from bricksrl.evaluation.film import filmed_env
+
         count = 0
 
         def report(episode: EpisodeRow) -> None:
@@ -146,23 +148,20 @@ class Record:
         if page is not None:
             page.attach(env)
             hooks = {"driver": human or page.driver, "on_frame": page.show_step_and_hold}
-        policy, reset_policy = self._policy(env, recorder.description)
-        hooks |= {"reset_policy": reset_policy, "on_episode": on_episode}
-        collect(env, policy, recorder, self.episodes, name=self.policy, seed=self.seed, hub=self.robot.hub, **hooks)
+        player = self._player(env)
+        hooks |= {"reset_policy": player.reset, "on_episode": on_episode}
+        collect(env, player.act, recorder, self.episodes, name=self.policy, seed=self.seed, hub=self.robot.hub, **hooks)
 
-    def _policy(self, env: EnvBase, description: Description) -> tuple[Policy, Callable[[], None]]:
-        """The policy, and the reset of its state."""
-        from bricksrl.data.collect import random_policy
-        from bricksrl.teleoperation import rest_action
-
-        if self.policy == "random":
-            return random_policy(env, self.seed), lambda: None
-        if self.policy in DEVICES:
-            resting = rest_action(description.action)
-            return lambda state: state.set("action", resting), lambda: None  # the robot rests while the human does not drive
+    def _player(self, env: EnvBase) -> Player:
+        from bricksrl.page.play import resting_player
+        from bricksrl.policies.policy import Player, random_player
         from bricksrl.policies.sharing import is_policy, load_shared
         from bricksrl.training import load_learner
 
+        if self.policy == "random":
+            return random_player(env, self.seed)
+        if self.policy in DEVICES:
+            return resting_player(env)  # the robot rests while the human does not drive
         path = Path(self.policy)
         learner = load_shared(path, env) if is_policy(path) else load_learner(path, env).learner
-        return (learner.explore if self.explore else learner.exploit), learner.reset_policy
+        return Player(learner.explore if self.explore else learner.exploit, learner.reset_policy)

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from types import FrameType
 from typing import TYPE_CHECKING, Self
 
-from brickhub.cli.key_listener import KeyListener, can_listen, interrupt_main
+from brickhub.cli.key_listener import can_listen, interrupt_main, keys_heard
 from brickhub.cli.terminal import print_error
 from bricksrl.envs.env_interface import BricksEnv, interface_of
 from bricksrl.errors import BricksError, RunError
@@ -103,7 +103,7 @@ class EmergencyStop:
             for number in STOP_SIGNALS:
                 self._handlers.callback(signal.signal, number, signal.signal(number, lambda *_: self._requests.put("stop")))
         if self._keys:
-            self._listener.enter_context(KeyListener(self._on_key, self._source))
+            self._listener.enter_context(keys_heard(self._on_key, self._source))
             self._notify(LEGEND)
         return self
 
@@ -121,7 +121,7 @@ class EmergencyStop:
             yield
         finally:
             if self._keys:
-                self._listener.enter_context(KeyListener(self._on_key, self._source))
+                self._listener.enter_context(keys_heard(self._on_key, self._source))
 
     def place(self, rng: np.random.Generator) -> None:
         """Ask for the robot to be placed, as :func:`place_robot`."""

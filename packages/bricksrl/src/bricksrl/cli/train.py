@@ -15,10 +15,11 @@ from tyro.conf import OmitArgPrefixes, Positional, UseAppendAction
 from brickhub.cli.options import Flag, option, refuse_ignored
 from brickhub.cli.terminal import Interrupted, print_line
 from brickhub.files import only_writer, quoted
-from bricksrl.cli.page import LivePageGroup, PageAddress, PageFlag, RobotGroup, run_on_page
+from bricksrl.cli.page import LivePageGroup, PageFlag, RobotGroup, run_on_page, shown
 from bricksrl.cli.terminal import load_learning
 from bricksrl.envs.options import EnvOptions
 from bricksrl.errors import DescriptionError, RunError, StoppedError, counted
+from bricksrl.page.server import PageOptions
 from bricksrl.training.config import RunOptions, TrainConfig
 
 if TYPE_CHECKING:
@@ -96,7 +97,7 @@ class Train:
     """Learn while the robot waits, even on a real robot; runs of a virtual robot are then reproducible."""
     learning: Annotated[RunOptions, OmitArgPrefixes] = RunOptions()
     robot: RobotGroup = EnvOptions()
-    live_page: LivePageGroup = PageAddress()
+    live_page: LivePageGroup = PageOptions()
 
     def execute(self) -> None:
         if self.resume is not None:
@@ -107,7 +108,7 @@ class Train:
             return
         if self.env is None:
             raise DescriptionError("name an environment to train in, or a run to --resume; `bricksrl list` shows environments")
-        address = self.live_page.shown(self.page)
+        address = shown(self.live_page, self.page)
         if self.seeds is not None and (self.page or self.take_over is not None):
             raise DescriptionError(
                 "several seeds have no page and nobody who takes over; omit --seeds, or --page and --take-over"
@@ -184,12 +185,12 @@ class Resume:
     episodes: Annotated[int | None, option(metavar="N")] = None
     """Total number of episodes, including those already trained; by default as when the run was started."""
     page: PageFlag = False
-    live_page: LivePageGroup = PageAddress()
+    live_page: LivePageGroup = PageOptions()
 
     def execute(self) -> None:
         from bricksrl.training import RunFolder, resume
 
-        address, config = self.live_page.shown(self.page), RunFolder(self.run).read_config()
+        address, config = shown(self.live_page, self.page), RunFolder(self.run).read_config()
         run_training(partial(resume, self.run, episodes=self.episodes), config, address)
 
 
@@ -224,13 +225,13 @@ class TrainOffline:
     run: Annotated[Path | None, option(metavar="DIR")] = None
     """Folder to write to, which must not exist; by default runs/<env>-<agent>-<seed>-<time>."""
     page: PageFlag = False
-    live_page: LivePageGroup = PageAddress()
+    live_page: LivePageGroup = PageOptions()
 
     def execute(self) -> None:
         from bricksrl.training import train
         from bricksrl.training.config import settings_for
 
-        address = self.live_page.shown(self.page)
+        address = shown(self.live_page, self.page)
         if self.updates < 1:
             raise RunError(f"updates is {self.updates}; make at least 1")
         load_learning()  # algorithms are registered when their modules are imported
@@ -258,7 +259,7 @@ def run_folder(named: Path | None, env: str, agent: str, seed: int) -> Path:
 def run_training(
     run: Callable[..., RunResult],
     config: TrainConfig,
-    address: PageAddress | None,
+    address: PageOptions | None,
     *,
     driver: Driver | None = None,
     keys: bool | None = None,
@@ -313,8 +314,8 @@ def _report(result: RunResult, emergency_stop: EmergencyStop, page: LivePage | N
     """Evaluate, film, and print the paths of the results."""
     from bricksrl.cli.evaluate import describe
     from bricksrl.cli.page import show_file
-    from bricksrl.cli.video import report
     from bricksrl.evaluation import evaluate
+    from bricksrl.evaluation.report import write_report
     from bricksrl.training import RunFolder
 
     last = result.episodes[-1]
@@ -337,7 +338,7 @@ def _report(result: RunResult, emergency_stop: EmergencyStop, page: LivePage | N
     evaluation.save()
     if page is not None:
         page.finish(f"Done. `bricksrl play {quoted(result.run_dir)} --page` shows what it has learned.")
-    summary, video = report(result, evaluation)
+    summary, video = write_report(result.run_dir, result.episodes, evaluation)
     print_line(f"learning curve  {RunFolder(result.run_dir).curve_path}")
     print_line(f"video           {video}")
     print_line(f"report          {summary}")

@@ -100,6 +100,26 @@ class EpisodeRow:
     final_image: bytes | None = None
 
 
+_COLUMNS = {
+    "episode": ("episode_index", _INT),
+    "length": ("length", _INT),
+    "start": ("dataset_from_index", _INT),
+    "return_": ("return", _FLOAT),
+    "terminated": ("terminated", _BOOL),
+    "interventions": ("interventions", _INT),
+    "data_sha256": ("data/sha256", _TEXT),
+    "video_start_s": ("videos/{key}/from_timestamp", _FLOAT),
+    "video_sha256": ("videos/{key}/sha256", _TEXT),
+    "final_image": ("final/{key}", pa.binary()),
+}
+
+
+def _columns(key: str | None) -> dict[str, tuple[str, pa.DataType]]:
+    """Columns, with their types, of plain attributes of `EpisodeRow`; ``key``: name of the images' feature, if any."""
+    present = {name: column for name, column in _COLUMNS.items() if key is not None or "{key}" not in column[0]}
+    return {name: (column.format(key=key), type_) for name, (column, type_) in present.items()}
+
+
 @dataclass(frozen=True)
 class Episode:
     """Complete episode: its provenance, and columns ``[length, ...]``.
@@ -235,37 +255,20 @@ class Dataset:
 
     def write_rows(self, first: int) -> Dataset:
         """Write the rows from episode ``first`` on into the next file of rows; returns the dataset with it."""
-        rows, at = self.rows[first:], self.row_files
-        cells: dict[str, tuple[list[Any], pa.DataType]] = {
-            "episode_index": ([row.episode for row in rows], _INT),
-            "tasks": ([[self.description.env]] * len(rows), pa.list_(_TEXT)),
-            "length": ([row.length for row in rows], _INT),
-            "data/chunk_index": ([row.data_file // CHUNK_SIZE for row in rows], _INT),
-            "data/file_index": ([row.data_file % CHUNK_SIZE for row in rows], _INT),
-            "data/sha256": ([row.data_sha256 for row in rows], _TEXT),
-            "dataset_from_index": ([row.start for row in rows], _INT),
-            "dataset_to_index": ([row.start + row.length for row in rows], _INT),
-            "meta/episodes/chunk_index": ([at // CHUNK_SIZE] * len(rows), _INT),
-            "meta/episodes/file_index": ([at % CHUNK_SIZE] * len(rows), _INT),
-            "return": ([row.return_ for row in rows], _FLOAT),
-            "terminated": ([row.terminated for row in rows], _BOOL),
-            "interventions": ([row.interventions for row in rows], _INT),
-            **{name: ([getattr(row.about, name) for row in rows], type_) for name, type_ in _ABOUT.items()},
-            **{name: ([json.dumps(getattr(row.about, name)) for row in rows], _TEXT) for name in _ABOUT_JSON},
-        }
-        key = self.description.image_key
+        rows, at, key = self.rows[first:], self.row_files, self.description.image_key
+        cells = {column: ([getattr(row, name) for row in rows], type_) for name, (column, type_) in _columns(key).items()}
+        files = {"data": [row.data_file for row in rows], "meta/episodes": [at] * len(rows)}
+        files |= {} if key is None else {f"videos/{key}": [row.video_file for row in rows]}
+        for place, numbers in files.items():
+            cells[f"{place}/chunk_index"] = [number // CHUNK_SIZE for number in numbers], _INT
+            cells[f"{place}/file_index"] = [number % CHUNK_SIZE for number in numbers], _INT
+        cells["tasks"] = [[self.description.env]] * len(rows), pa.list_(_TEXT)
+        cells["dataset_to_index"] = [row.start + row.length for row in rows], _INT
         if key is not None:
-            cells |= {
-                f"videos/{key}/chunk_index": ([row.video_file // CHUNK_SIZE for row in rows], _INT),
-                f"videos/{key}/file_index": ([row.video_file % CHUNK_SIZE for row in rows], _INT),
-                f"videos/{key}/from_timestamp": ([row.video_start_s for row in rows], _FLOAT),
-                f"videos/{key}/to_timestamp": (
-                    [row.video_start_s + row.length / self.description.rate_hz for row in rows],
-                    _FLOAT,
-                ),
-                f"videos/{key}/sha256": ([row.video_sha256 for row in rows], _TEXT),
-                f"final/{key}": ([row.final_image for row in rows], pa.binary()),
-            }
+            ends_s = [row.video_start_s + row.length / self.description.rate_hz for row in rows]
+            cells[f"videos/{key}/to_timestamp"] = ends_s, _FLOAT
+        cells |= {name: ([getattr(row.about, name) for row in rows], type_) for name, type_ in _ABOUT.items()}
+        cells |= {name: ([json.dumps(getattr(row.about, name)) for row in rows], _TEXT) for name in _ABOUT_JSON}
         for name, feature in self.description.features.items():
             type_ = pa.list_(pa.list_(pa.list_(_FLOAT))) if feature["dtype"] == "video" else pa.list_(_FLOAT)
             for number, stat in enumerate(STATISTICS):
@@ -356,35 +359,17 @@ def read_rows(path: Path, description: Description) -> list[EpisodeRow]:
 
 def _row(record: dict[str, Any], description: Description) -> EpisodeRow:
     key = description.image_key
-    video: dict[str, Any] = {}
+    values = {name: record[column] for name, (column, _) in _columns(key).items()}
+    values["data_file"] = _file(record, "data")
     if key is not None:
-        video = {
-            "video_file": _file(record, f"videos/{key}"),
-            "video_start_s": float(record[f"videos/{key}/from_timestamp"]),
-            "video_sha256": record[f"videos/{key}/sha256"],
-            "final_image": record[f"final/{key}"],
-        }
+        values["video_file"] = _file(record, f"videos/{key}")
     about = {name: record[name] for name in _ABOUT if name in record}  # older datasets name no robot
     about |= {name: json.loads(record[name]) for name in _ABOUT_JSON}
     check_fields(About, about)
-    row = EpisodeRow(
-        episode=int(record["episode_index"]),
-        length=int(record["length"]),
-        start=int(record["dataset_from_index"]),
-        return_=float(record["return"]),
-        terminated=bool(record["terminated"]),
-        interventions=int(record["interventions"]),
-        data_file=_file(record, "data"),
-        data_sha256=record["data/sha256"],
-        statistics=_statistics(record, description),
-        about=About(**about),
-        **video,
-    )
+    check_fields(EpisodeRow, values)
+    row = EpisodeRow(**values, statistics=_statistics(record, description), about=About(**about))
     if row.length < 1 or row.start < 0 or row.episode < 0:
         raise ValueError("an episode without steps")
-    digests = isinstance(row.data_sha256, str | None) and isinstance(row.video_sha256, str | None)
-    if not digests or not isinstance(row.final_image, bytes | None):
-        raise TypeError("another type")
     return row
 
 

@@ -244,13 +244,11 @@ def _entry_from_json(values: dict[str, Any]) -> Entry:
 
 
 def _plain(value: Any) -> Any:
-    """Convert dataclasses, enums and tuples to JSON types."""
-    if dataclasses.is_dataclass(value):
-        return {f.name: _plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
-    if isinstance(value, enum.Enum):
-        return _plain(value.value)
-    if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
-    return value
+    """Dataclasses, enums and tuples as JSON types."""
+
+    def parts(value: Any) -> Any:
+        if isinstance(value, enum.Enum):
+            return value.value
+        return {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
+
+    return json.loads(json.dumps(value, default=parts))

@@ -1,4 +1,4 @@
-"""Evaluation of trained agents. Importing this loads no torch."""
+"""Evaluation of trained agents."""
 
 from __future__ import annotations
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import subprocess
 import time
-from collections.abc import Callable
-from contextlib import closing
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from brickhub.files import check_writable
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.errors import TwinError
 
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from tensordict.nn import TensorDictModuleBase
     from torchrl.envs import EnvBase
 
+    from bricksrl.envs.connection import Connection
     from bricksrl.envs.rollout import Policy
     from bricktwin.twin.mujoco_body import MujocoBody
     from bricktwin.twin.render.opengl import Image, Renderer, VideoWriter
@@ -29,7 +31,7 @@ _LAST_S = 0.8
 _HOLDS = (1, 2, 3, 4)
 _NORMAL_SPEED_S, _SPEED = 12.0, 2.0
 """Longer episodes are shown twice as fast."""
-_ARENA_FRAME_MS = 50
+_ARENA_FRAME_MS, _RECORDED_FRAME_MS = 50, 80
 
 
 @dataclass(frozen=True)
@@ -58,6 +60,13 @@ class Film:
     path: Path
     returns: tuple[float, ...]
     forward_m: tuple[float, ...]
+
+
+def check_film(path: Path) -> None:
+    """Raise TwinError unless the name ends in .mp4, WriteError if the file cannot be written."""
+    if path.suffix.lower() != ".mp4":
+        raise TwinError(f"'{path}' is not a name of a film; end it in .mp4")
+    check_writable(path)
 
 
 def check_filmable(env: EnvBase) -> None:
@@ -190,6 +199,43 @@ class _Take:
         """Add an image to the film, ``hold`` times by default."""
         for _ in range(times or self.hold):
             self.video.add(image)
+
+
+@contextmanager
+def filmed_env(env: EnvBase, path: Path | None, title: str) -> Iterator[None]:
+    """Film the virtual robot of an environment inside this context, however it ends; without a path do nothing. Raises TwinError
+    if there is no virtual robot to film, or the file is no mp4, RenderingUnavailableError if no OpenGL library works here."""
+    if path is None:
+        yield
+        return
+    from bricktwin.twin.mujoco_body import MujocoBody
+    from bricktwin.twin.render.opengl import Renderer, VideoWriter
+    from bricktwin.twin.render.video import Filmed, Room, captioned
+
+    check_film(path)
+    check_filmable(env)
+    size, number = (1280, 720), 0
+    video, renderers = VideoWriter(path, 1000 / _RECORDED_FRAME_MS), ExitStack()
+
+    def install(connection: Connection) -> None:
+        nonlocal number
+        body = None if connection.twin is None else connection.twin.body
+        if connection.twin is None or not isinstance(body, MujocoBody):
+            raise TwinError(f"{env.task.id} has no virtual robot to film; leave out --video")
+        renderers.close()  # that of the previous episode
+        number, machine, room = number + 1, connection.twin.machine, Room(body)
+        renderer = renderers.enter_context(Renderer(body, *size, room.camera, smooth=False, decorate=room.decorate))
+
+        def render() -> Image:
+            room.follow()
+            caption = f"episode {number}   {machine.time_ms / 1000:.1f} s"
+            return captioned(renderer.render(), title, caption, room.metre_marks(*size))
+
+        machine.body = Filmed(machine.body, render, _RECORDED_FRAME_MS, machine.time_ms, video.add)
+
+    with closing(video), renderers, ExitStack() as watch:
+        watch.callback(interface_of(env).watch(install))
+        yield
 
 
 def side_by_side(left: Path, right: Path, path: Path, height: int = 540) -> Path:

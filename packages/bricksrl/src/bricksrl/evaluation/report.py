@@ -5,24 +5,25 @@ from __future__ import annotations
 import base64
 import html
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 from string import Template
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from brickhub.files import quoted, write_durably
 from bricksrl.envs.reference_returns import REFERENCES, reference_lines
 from bricksrl.envs.registry import is_simulation
-from bricksrl.errors import counted, percent
+from bricksrl.errors import RenderingUnavailableError, TwinError, counted, percent
+from bricksrl.evaluation.film import Film, FilmOptions, film_run, side_by_side
 from bricksrl.training.callbacks import Episode
 from bricksrl.training.curve import draw_learning_curve
 from bricksrl.training.run_folder import Origin, RunFolder
 
 if TYPE_CHECKING:
     from bricksrl.evaluation.evaluator import EvaluationResult
-    from bricksrl.evaluation.film import Film
 
+FILM_BUDGET_S = 20.0
+"""Approximate drawing time of each film of a run."""
 MOST_EMBEDDED_BYTES = 12_000_000
 """Size above which a film is linked rather than embedded."""
 _CURVE = "Each dot is an episode of training, in which the agent also tries what it does not know yet; the line is their mean."
@@ -32,8 +33,7 @@ _REFERENCES = (
 )
 
 
-@dataclass(frozen=True)
-class Films:
+class Films(NamedTuple):
     """Films of a run: before training, after it, and both side by side."""
 
     before: Film
@@ -41,26 +41,37 @@ class Films:
     both: Path
 
 
-def write_report(
-    run_dir: Path, episodes: Sequence[Episode], result: EvaluationResult, films: Films | None, no_films: str = ""
-) -> Path:
-    """Write ``report.html`` into a run's folder.
+def film_before_and_after(run_dir: Path, env: str) -> Films:
+    """Film an episode of a run's agent before training and one after, and join them side by side. Raises
+    RenderingUnavailableError if no OpenGL library works here, TwinError if the environment has no virtual robot."""
+    before, after = (
+        film_run(run_dir, which, run_dir / f"{name}.mp4", FilmOptions(f"{env} {name} learning", budget_s=FILM_BUDGET_S))
+        for which, name in (("first", "before"), ("last", "after"))
+    )
+    return Films(before, after, side_by_side(before.path, after.path, run_dir / "before_after.mp4"))
+
+
+def write_report(run_dir: Path, episodes: Sequence[Episode], result: EvaluationResult) -> tuple[Path, str]:
+    """Film a run, and write ``report.html`` into its folder.
 
     Args:
         episodes: episodes of the training.
         result: evaluation after the training.
-        films: films of the run, or ``None``.
-        no_films: reason why there are none.
 
     Returns:
-        Path of the report.
+        Path of the report, and of the film, or the reason why there is none.
     """
+    films, reason = None, ""
+    try:
+        films = film_before_and_after(run_dir, result.env)
+    except (RenderingUnavailableError, TwinError) as error:
+        reason = str(error)
     curve = run_dir / "report_curve.png"
     draw_learning_curve(curve, episodes, "", reference_lines(result.env))
     body = [
         f"<h1>{html.escape(result.env)}: what the robot has learned</h1>",
         f"<p class=lead>{_lead(episodes, result, films)}</p>",
-        *_film_part(films, no_films),
+        *_film_part(films, reason),
         "<h2>Return, episode by episode</h2>",
         f'<img src="{_data_url(curve, "image/png")}" alt="learning curve">',
         f"<p>{_CURVE}{_REFERENCES if result.env in REFERENCES else ''}</p>",
@@ -74,7 +85,7 @@ def write_report(
     text = template.substitute(title=html.escape(result.env), body="\n".join(body))
     write_durably(path, text.encode(errors="surrogateescape"))  # names of folders that this computer's locale cannot read
     curve.unlink(missing_ok=True)
-    return path
+    return path, str(films.both) if films is not None else f"none: {reason}"
 
 
 def _lead(episodes: Sequence[Episode], result: EvaluationResult, films: Films | None) -> str:

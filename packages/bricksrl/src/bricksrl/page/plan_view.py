@@ -12,16 +12,17 @@ import numpy as np
 
 from bricksrl.errors import PlanError
 from bricksrl.page.board import Board
-from bricksrl.page.scene import HIDDEN, Floats, Mesh, Scene, SceneBody, Shape, View, flat_mesh, poses
+from bricksrl.page.scene import HIDDEN, Floats, Mesh, Scene, SceneBody, Shape, View, mesh_of, poses
 from bricksrl.page.server import PageOptions, PageServer, is_finite
 from bricktwin.plans.catalogue import colour_of
 from bricktwin.plans.geometry import M_PER_LDU
-from bricktwin.plans.mechanism.articulation import STILL, Motion, Poser
 from bricktwin.plans.mechanism.kinematics import TO_TWIN
 from bricktwin.plans.part import Part
 from bricktwin.plans.picture import TINTS, Tint, surface_of
 from bricktwin.plans.plan import Plan
 from bricktwin.plans.planned_robot import PlannedRobot, planned
+from bricktwin.twin.linkage import Linkage
+from bricktwin.twin.models.lego import shape_of
 
 _MAX_DEG = 360
 
@@ -40,16 +41,16 @@ class PlanView(PageServer):
             raise PlanError(f"{plan.path} has no part that the catalogue knows; run `bricksrl plan check` on it")
         self._plan, self._lock = plan, threading.Lock()
         self._robot: PlannedRobot | None = None
-        self._poser: Poser | None = None
-        self._sliders: dict[str, str | int] = {}
+        self._linkage: Linkage | None = None
+        self._sliders: dict[str, str] = {}
         message = ""
         try:
             self._robot = planned(plan)
-            self._poser = Poser(self._robot.articulation)
-            self._sliders = _sliders(self._robot, self._poser)
+            self._linkage = Linkage(self._robot.articulation)
+            self._sliders = _sliders(self._robot, self._linkage)
         except PlanError as error:
             message = f"{error}. The joints are not shown."
-        self._step, self._angles = len(plan.steps), dict[str | int, float]()
+        self._step, self._angles = len(plan.steps), dict[str, float]()
         self.board.show_scene(_scene(plan), self._poses())
         self.board.update_status(
             title=plan.title, subtitle="building plan", state="", controls=["step", "reset"], message=message
@@ -64,7 +65,7 @@ class PlanView(PageServer):
                     self._step = self._step % len(self._plan.steps) + 1
                 case "reset", _:
                     self._angles, self._step = {}, len(self._plan.steps)
-                    self._poser = None if self._robot is None else Poser(self._robot.articulation)
+                    self._linkage = None if self._robot is None else Linkage(self._robot.articulation)
                 case "slider", ["Step", number] if is_finite(number):
                     self._step = min(max(round(number), 1), len(self._plan.steps))
                 case "slider", [str(label), number] if is_finite(number) and label in self._sliders:
@@ -89,29 +90,26 @@ class PlanView(PageServer):
 
     def _poses(self) -> Floats:
         """Poses of the parts [parts, 7]."""
-        motions: dict[int, Motion] = {}
-        if self._robot is not None and self._poser is not None:
-            shafts = {port: angle for port, angle in self._angles.items() if isinstance(port, str)}
-            swings = {joint: angle for joint, angle in self._angles.items() if isinstance(joint, int)}
-            motions = self._poser.of_parts(shafts, self._poser.motions(shafts, swings))
+        if self._linkage is not None:
+            self._linkage.turn(self._angles)
         visible, positions = self._plan.present_parts(self._plan.steps[self._step - 1]), []
         turns = np.empty((len(self._plan.parts), 4))
-        for turn, placed in zip(turns, self._plan.parts, strict=True):
-            motion = motions.get(placed.index, STILL)
-            mujoco.mju_mat2Quat(turn, (motion.turn @ TO_TWIN @ placed.rotation).ravel())
-            position = motion.of(TO_TWIN @ placed.position * M_PER_LDU)
+        for quaternion, placed in zip(turns, self._plan.parts, strict=True):
+            turn, shift = (np.eye(3), np.zeros(3)) if self._linkage is None else self._linkage.motion(placed.index)
+            mujoco.mju_mat2Quat(quaternion, (turn @ TO_TWIN @ placed.rotation).ravel())
+            position = turn @ TO_TWIN @ placed.position * M_PER_LDU + shift
             positions.append(position if placed.index in visible else np.array([HIDDEN, 0.0, 0.0]))
         return poses(np.array(positions), turns)
 
 
-def _sliders(robot: PlannedRobot, poser: Poser) -> dict[str, str | int]:
-    """Sliders by name, each with the motor's port or the number of the joint that it turns."""
-    sliders: dict[str, str | int] = {}
+def _sliders(robot: PlannedRobot, linkage: Linkage) -> dict[str, str]:
+    """Sliders by name, each with the joint that it turns."""
+    sliders: dict[str, str] = {}
     for drive in robot.articulation.drives:
         placed = robot.device(drive.port)
         name = placed.device if placed is not None and placed.device else "motor"
-        sliders[f"{name}, port {drive.port}, deg"] = drive.port
-    return sliders | {f"joint {number + 1}, deg": joint for number, joint in enumerate(poser.free)}
+        sliders[f"{name}, port {drive.port}, deg"] = f"motor_{drive.port}"
+    return sliders | {f"joint {number}, deg": joint for number, joint in enumerate(linkage.free, 1)}
 
 
 def _scene(plan: Plan) -> Scene:
@@ -122,8 +120,8 @@ def _scene(plan: Plan) -> Scene:
         part = placed.part
         if part not in pieces:
             surface = surface_of(part)
-            by_tint = {tint: surface.triangles[surface.tints == int(tint)] for tint in Tint}
-            pieces[part] = {tint: flat_mesh(triangles * M_PER_LDU) for tint, triangles in by_tint.items() if len(triangles)}
+            by_tint = {tint: shape_of(surface.triangles[surface.tints == int(tint)]) for tint in Tint}
+            pieces[part] = {tint: mesh_of(shape, M_PER_LDU) for tint, shape in by_tint.items() if shape is not None}
         main = colour_of(placed.colour).rgb
         shapes = tuple(Shape(mesh, (*TINTS.get(tint, main), 1.0)) for tint, mesh in pieces[part].items())
         bodies.append(SceneBody(f"{placed.index}", shapes))

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from tensordict import TensorDictBase
     from torchrl.envs import EnvBase
 
-    from brickhub.virtual.virtual_transport import VirtualHub
     from bricksrl.training.config import TrainConfig
 
 _PHASES = {Phase.PREFILL: "random start", Phase.TRAIN: "learning", Phase.OFFLINE: "learning from data"}
@@ -123,7 +122,10 @@ def play_on_page(
                 message = "The robot was stopped by hand. Reset lets it start again."
                 page.mark_stopped()
                 env.close(raise_if_closed=False)  # a virtual hub ends its program in this thread only
-                _coast(interface_of(env).twin)
+                if (twin := interface_of(env).twin) is not None:
+                    for _ in range(_COAST_MS // 10):
+                        twin.machine.advance(10)
+                        time.sleep(0.01)
             page.board.update_status(message=message)
             page.wait_for_reset(stop.is_set)
             if stop.is_set():
@@ -152,11 +154,3 @@ def _episode(env: EnvBase, page: LivePage, player: Callable[[], Player], number:
     if page.is_stopped:
         raise StoppedError("the robot was stopped by hand")
     return None
-
-
-def _coast(twin: VirtualHub | None) -> None:
-    """Advance simulated time after a stop, to show the motors coast."""
-    if twin is not None:
-        for _ in range(_COAST_MS // 10):
-            twin.machine.advance(10)
-            time.sleep(0.01)

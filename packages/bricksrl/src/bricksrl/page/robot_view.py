@@ -22,8 +22,9 @@ from brickhub.virtual.machine import Machine, Pace
 from brickhub.virtual.panel import Panel
 from bricksrl.errors import BricksError
 from bricksrl.page.board import Board
-from bricksrl.page.scene import Floats, Mesh, Scene, SceneBody, Shape, View, box, capsule, cylinder, ellipsoid, poses
+from bricksrl.page.scene import Floats, Mesh, Scene, SceneBody, Shape, View, box, mesh_of, poses
 from bricktwin.twin.make_body import lies_on_bench
+from bricktwin.twin.models import lego
 from bricktwin.twin.models.mjcf import SHAPE_GROUP
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.physics import Physics
@@ -41,12 +42,14 @@ _MAX_LAG_S, _MIN_LEAD_S = 0.05, 0.01
 """Lag beyond which the clock is restarted instead of catching up; least lead for which it waits."""
 _NO_MODEL = "This robot has no model to draw; its numbers are below."
 _GEOM = mujoco.mjtGeom
-_PRIMITIVES: dict[int, Callable[[float, float, float], Mesh]] = {
+_ARC = 6  # segments of a quarter of a circle
+_SPHERE = lego.box(2.0, 2.0, 2.0, 1.0, _ARC)
+PRIMITIVES: dict[int, Callable[[float, float, float], Mesh]] = {
     _GEOM.mjGEOM_BOX: lambda x, y, z: box((x, y, z)),
-    _GEOM.mjGEOM_SPHERE: lambda x, _y, _z: ellipsoid((x, x, x)),
-    _GEOM.mjGEOM_ELLIPSOID: lambda x, y, z: ellipsoid((x, y, z)),
-    _GEOM.mjGEOM_CAPSULE: lambda x, y, _z: capsule(x, y),
-    _GEOM.mjGEOM_CYLINDER: lambda x, y, _z: cylinder(x, y),
+    _GEOM.mjGEOM_SPHERE: lambda x, _y, _z: mesh_of(_SPHERE, x),
+    _GEOM.mjGEOM_ELLIPSOID: lambda x, y, z: mesh_of(_SPHERE, (x, y, z)),
+    _GEOM.mjGEOM_CAPSULE: lambda x, y, _z: mesh_of(lego.box(2 * x, 2 * x, 2 * (x + y), x, _ARC)),
+    _GEOM.mjGEOM_CYLINDER: lambda x, y, _z: mesh_of(lego.cylinder(1000 * x, 2000 * y), 0.001),
 }
 """Meshes of MuJoCo's geometry by kind, from its size."""
 
@@ -108,12 +111,12 @@ def twin_scene(body: MujocoBody) -> tuple[Scene, list[int]]:
     meshes: dict[int, Mesh] = {}
     for geom in range(model.ngeom):
         kind = int(model.geom_type[geom])
-        if model.geom_group[geom] == SHAPE_GROUP or not (kind in _PRIMITIVES or kind == _GEOM.mjGEOM_MESH):
+        if model.geom_group[geom] == SHAPE_GROUP or not (kind in PRIMITIVES or kind == _GEOM.mjGEOM_MESH):
             continue
         number = int(model.geom_dataid[geom])
         if kind == _GEOM.mjGEOM_MESH and number not in meshes:
             meshes[number] = _triangles(model, number)
-        mesh = meshes[number] if kind == _GEOM.mjGEOM_MESH else _PRIMITIVES[kind](*model.geom_size[geom].tolist())
+        mesh = meshes[number] if kind == _GEOM.mjGEOM_MESH else PRIMITIVES[kind](*model.geom_size[geom].tolist())
         material = int(model.geom_matid[geom])
         red, green, blue, opacity = (model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom]).tolist()
         px, py, pz = model.geom_pos[geom].tolist()

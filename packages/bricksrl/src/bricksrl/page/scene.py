@@ -1,7 +1,7 @@
 """Scene of named bodies in 3D for a browser: constant meshes, variable poses. Metres, z up.
 
-A scene is sent once, as one binary file; after that only poses are sent. This module is independent of robots, MuJoCo and torch:
-it shows twins (:mod:`bricksrl.page.robot_view`) and building plans alike.
+A scene is sent once, as one binary file; after that only poses are sent. This module knows no robots and loads neither MuJoCo nor
+torch: it shows twins (:mod:`bricksrl.page.robot_view`) and building plans alike.
 """
 
 from __future__ import annotations
@@ -11,11 +11,15 @@ import math
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bricksrl.errors import PageError
+
+if TYPE_CHECKING:
+    from bricktwin.twin.models.lego import Shape as LegoShape
 
 Floats = NDArray[np.float32]
 Triple = tuple[float, float, float]
@@ -27,8 +31,6 @@ Quaternion = tuple[float, float, float, float]
 NO_TURN: Quaternion = (1.0, 0.0, 0.0, 0.0)
 HIDDEN = math.nan
 """Value of x in a body's pose that hides the body."""
-_SEGMENTS = 24
-"""Number of segments of a circle."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,70 +143,18 @@ def poses(positions: Sequence[Sequence[float]] | NDArray[np.floating], turns: ob
     return np.concatenate([positions_m, quaternions.reshape(-1, 4)], axis=1)
 
 
-# ---------------------------------------------------------------- meshes
+# ---------------------------------------------------------------- meshes, by the same code as the looks of twins
 
 
-def flat_mesh(triangles: NDArray[np.floating]) -> Mesh:
-    """Flat-shaded mesh of triangles ``[n, 3, 3]``; those without an area are left out."""
-    cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    length = np.linalg.norm(cross, axis=1)
-    visible, normals = triangles[length > 0.0], cross[length > 0.0] / length[length > 0.0, None]
-    points = visible.reshape(-1, 3).astype(np.float32)
-    return Mesh(points, np.repeat(normals, 3, axis=0).astype(np.float32), np.arange(len(points)).reshape(-1, 3))
+def mesh_of(shape: LegoShape, scale: float | Triple = 1.0) -> Mesh:
+    """Mesh of a drawn shape, larger by a factor, or by one along each axis."""
+    normals = shape.normals / np.array(scale)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return Mesh((shape.points * np.array(scale)).astype(np.float32), normals.astype(np.float32), shape.faces)
 
 
 def box(half_size: Triple) -> Mesh:
     """Box around the origin."""
-    triangles = []
-    for axis in range(3):
-        for sign in (-1.0, 1.0):
-            a, b = (axis + 1) % 3, (axis + 2) % 3
-            corners = np.zeros((4, 3))
-            corners[:, axis] = sign
-            corners[:, a], corners[:, b] = (-1, 1, 1, -1), (-1, -1, 1, 1)
-            corners = corners if sign > 0 else corners[::-1]
-            triangles += [corners[[0, 1, 2]], corners[[0, 2, 3]]]
-    return flat_mesh(np.array(triangles) * np.array(half_size))
+    from bricktwin.twin.models import lego
 
-
-def ellipsoid(radii: Triple) -> Mesh:
-    """Ellipsoid around the origin."""
-    angles = np.linspace(-math.pi / 2, math.pi / 2, _SEGMENTS // 2 + 1)
-    outline = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    unit = _revolved(outline, outline)
-    normals = unit.points / np.array(radii)
-    length = np.linalg.norm(normals, axis=1, keepdims=True)
-    return Mesh((unit.points * np.array(radii)).astype(np.float32), (normals / length).astype(np.float32), unit.faces)
-
-
-def capsule(radius: float, half_length: float) -> Mesh:
-    """Cylinder along z with a hemisphere at either end; ``half_length`` is that of the cylinder."""
-    angles = np.linspace(-math.pi / 2, math.pi / 2, _SEGMENTS // 2 + 2)
-    normals = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    outline = radius * normals
-    outline[:, 1] += np.where(angles > 0, half_length, -half_length)
-    return _revolved(outline, normals)
-
-
-def cylinder(radius: float, half_length: float) -> Mesh:
-    """Cylinder along z."""
-    r, z = radius, half_length
-    outline = np.array([(0, -z), (r, -z), (r, -z), (r, z), (r, z), (0, z)])
-    normals = np.array([(0, -1), (0, -1), (1, 0), (1, 0), (0, 1), (0, 1)])
-    return _revolved(outline, normals)
-
-
-def _revolved(outline: NDArray[np.floating], normals: NDArray[np.floating]) -> Mesh:
-    """Solid of revolution about z of an outline ``[n, 2]`` of radius and height, from below."""
-    angles = np.linspace(0.0, 2.0 * math.pi, _SEGMENTS + 1)[:, None]
-
-    def revolve(profile: NDArray[np.floating]) -> Floats:
-        radius, height = profile.T
-        rings = [radius * np.cos(angles), radius * np.sin(angles), np.broadcast_to(height, (len(angles), len(height)))]
-        return np.stack(rings, 2).reshape(-1, 3).astype(np.float32)
-
-    count = len(outline)
-    start = (np.arange(_SEGMENTS)[:, None] * count + np.arange(count - 1)).ravel()
-    low, high, next_low, next_high = start, start + 1, start + count, start + count + 1
-    faces = np.concatenate([np.stack([low, next_low, next_high], 1), np.stack([low, next_high, high], 1)])
-    return Mesh(revolve(outline), revolve(normals), faces)
+    return mesh_of(lego.block(2.0, 2.0, 2.0), half_size)

@@ -24,8 +24,9 @@ import time
 import urllib.parse
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Self, TypeGuard
+from typing import TYPE_CHECKING, Annotated, Any, Self, TypeGuard
 
+from brickhub.cli.options import option
 from bricksrl.errors import PageError
 from bricksrl.page.board import Board, BoardReader, to_json
 
@@ -108,15 +109,12 @@ Press = Callable[[str, Any], None]
 
 @dataclass(frozen=True)
 class PageOptions:
-    """Address of the page's server.
+    """Address flags of the live page."""
 
-    Attributes:
-        host: address to listen on; 127.0.0.1 for this computer only, 0.0.0.0 or :: for others too.
-        port: port to listen on; ``None`` for the first free one of :data:`PORTS`, 0 for any.
-    """
-
-    host: str = "127.0.0.1"
-    port: int | None = None
+    page_host: Annotated[str, option(metavar="ADDRESS")] = "127.0.0.1"
+    """Address that serves the live page; 0.0.0.0 also admits devices in the same network that know the page's full address."""
+    page_port: Annotated[int | None, option(metavar="N")] = None
+    """Port of the live page; by default the first free one from 8090."""
 
 
 class PageServer:
@@ -154,7 +152,8 @@ class PageServer:
             raise PageError("the live page needs websockets; install it with: pip install 'bricksrl[page]'") from None
         server_socket = _listen(self._options)
         host, port = server_socket.getsockname()[:2]
-        self._guard = Guard(secrets.token_urlsafe(18), port, is_open=self._options.host not in ("127.0.0.1", "localhost", "::1"))
+        is_open = self._options.page_host not in ("127.0.0.1", "localhost", "::1")
+        self._guard = Guard(secrets.token_urlsafe(18), port, is_open)
         name = _own_address() if host in ("0.0.0.0", "::") else host  # noqa: S104  compared, not listened on
         name = f"[{name}]" if ":" in name else name
         self.url = f"http://{name}:{port}/?token={self._guard.token}"
@@ -283,17 +282,17 @@ class PageServer:
 
 def _listen(options: PageOptions) -> socket.socket:
     """Open a listening socket on the given port, or on the first free one."""
-    if options.port is not None and not 0 <= options.port < 65536:
-        raise PageError(f"{options.port} is not a port; give one in 0 to 65535, or none")
+    if options.page_port is not None and not 0 <= options.page_port < 65536:
+        raise PageError(f"{options.page_port} is not a port; give one in 0 to 65535, or none")
     last_error: OSError | None = None
-    family = socket.AF_INET6 if ":" in options.host else socket.AF_INET
-    is_dual = options.host == "::" and socket.has_dualstack_ipv6()  # all addresses, also those of IPv4
-    for port in PORTS if options.port is None else (options.port,):
+    family = socket.AF_INET6 if ":" in options.page_host else socket.AF_INET
+    is_dual = options.page_host == "::" and socket.has_dualstack_ipv6()  # all addresses, also those of IPv4
+    for port in PORTS if options.page_port is None else (options.page_port,):
         try:
-            return socket.create_server((options.host, port), family=family, dualstack_ipv6=is_dual)
+            return socket.create_server((options.page_host, port), family=family, dualstack_ipv6=is_dual)
         except OSError as error:
             last_error = error
-    address = f"{options.host}:{PORTS.start if options.port is None else options.port}"
+    address = f"{options.page_host}:{PORTS.start if options.page_port is None else options.page_port}"
     reason = str((last_error and last_error.strerror) or last_error).partition(" (while attempting")[0]
     raise PageError(f"cannot serve the page on {address} ({reason}); name another host or port")
 

@@ -8,14 +8,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from bricktwin.twin.linkage import turn_joints
 from bricktwin.twin.models.mjcf import SHAPE_GROUP
 from bricktwin.twin.mujoco_body import MujocoBody
-
-_STEP_DEG = 15.0
-_MAX_STEPS = 8
-_TOLERANCE = 1e-5
-_STEP_RAD, _DIFFERENCE_RAD = 0.3, 1e-5
-"""Largest rotation of a joint per Gauss-Newton step, and step of its finite differences."""
 
 
 def sensed_qpos(body: MujocoBody, angles_deg: dict[str, float], tilt_deg: tuple[float, float]) -> NDArray[np.float64]:
@@ -38,49 +33,12 @@ def sensed_qpos(body: MujocoBody, angles_deg: dict[str, float], tilt_deg: tuple[
     hinges = [
         joint for joint in range(model.njnt) if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE and joint not in driven
     ]
-    passive = [int(model.jnt_qposadr[joint]) for joint in hinges if not model.joint(joint).name.startswith("backlash_")]
-    steps = max(1, math.ceil(np.abs(turns_deg).max(initial=0.0) / _STEP_DEG))
-    for _ in range(steps):  # in small steps, so that a linkage does not flip
-        data.qpos[addresses] += np.radians(turns_deg * factors) / steps
-        if passive and model.neq:
-            _close_loops(model, data, passive)
+    passive = [joint for joint in hinges if not model.joint(joint).name.startswith("backlash_")]
+    turn_joints(model, data, addresses, np.radians(turns_deg * factors), passive)
     if model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE:
         _stand(model, data, tilt_deg)
     qpos: NDArray[np.float64] = data.qpos.copy()
     return qpos
-
-
-def _close_loops(model: mujoco.MjModel, data: mujoco.MjData, passive: list[int]) -> None:
-    """Solve the passive hinges for the rods' lengths and the gear constraints, by Gauss-Newton."""
-    start = data.qpos[passive].copy()
-    for _ in range(_MAX_STEPS):
-        error = _gaps(model, data)
-        if np.abs(error).max() < _TOLERANCE:
-            return
-        slopes = np.empty((len(error), len(passive)))
-        for column, address in enumerate(passive):
-            data.qpos[address] += _DIFFERENCE_RAD
-            slopes[:, column] = (_gaps(model, data) - error) / _DIFFERENCE_RAD
-            data.qpos[address] -= _DIFFERENCE_RAD
-        step = np.linalg.lstsq(slopes, -error, rcond=1e-6)[0]
-        data.qpos[passive] += np.clip(step, -_STEP_RAD, _STEP_RAD)
-    if np.abs(_gaps(model, data)).max() > 100 * _TOLERANCE:
-        data.qpos[passive] = start  # not converged: keep the previous pose
-
-
-def _gaps(model: mujoco.MjModel, data: mujoco.MjData) -> NDArray[np.float64]:
-    """Residuals: each rod's change of length (m), and each coupled joint's deviation, weighted by 0.01."""
-    mujoco.mj_kinematics(model, data)
-    mujoco.mj_comPos(model, data)
-    mujoco.mj_tendon(model, data)
-    followers = np.flatnonzero(model.eq_type == mujoco.mjtEq.mjEQ_JOINT)
-    gaps = np.empty(model.ntendon + len(followers))
-    gaps[: model.ntendon] = data.ten_length - model.tendon_length0
-    for row, number in enumerate(followers, model.ntendon):
-        follower, leader = (model.jnt_qposadr[ids[number]] for ids in (model.eq_obj1id, model.eq_obj2id))
-        target = np.polyval(model.eq_data[number, 4::-1], data.qpos[leader] - model.qpos0[leader])
-        gaps[row] = 0.01 * (data.qpos[follower] - model.qpos0[follower] - target)
-    return gaps
 
 
 def _stand(model: mujoco.MjModel, data: mujoco.MjData, tilt_deg: tuple[float, float]) -> None:

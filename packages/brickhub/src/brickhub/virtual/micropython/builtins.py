@@ -23,7 +23,7 @@ from brickhub.virtual.micropython.exceptions import EXCEPTIONS, HubOSError, Prog
 from brickhub.virtual.micropython.floats import SMALL_MAX, int_from_float
 from brickhub.virtual.micropython.iterables import sorted_list
 from brickhub.virtual.micropython.numbers import module
-from brickhub.virtual.micropython.operators import operators, to_float, to_int, to_str
+from brickhub.virtual.micropython.operators import CONVERSIONS, operators
 from brickhub.virtual.micropython.streams import Console, HubBytearray, as_bytes, write_text
 from brickhub.virtual.micropython.text import representation, text, to_number
 
@@ -109,9 +109,7 @@ def _number_functions(normalize: Callable[[Any], Any], power: Callable[[Any, Any
 
 
 def map_(function: Any, *values: Iterable[Any]) -> Any:
-    conversions: dict[Any, Callable[..., Any]] = {int: to_int, float: to_float, str: to_str}
-    convert = conversions.get(function) if isinstance(function, type) else None
-    return map(function, *values) if convert is None else map(lambda *args: convert(function, *args), *values)
+    return map(CONVERSIONS.get(function, function) if isinstance(function, type) else function, *values)
 
 
 def next_(values: Any, /) -> Any:

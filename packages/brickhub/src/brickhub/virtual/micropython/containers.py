@@ -10,7 +10,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
 from types import FunctionType
-from typing import Any
+from typing import Any, Self
 
 from brickhub.virtual.micropython.memory import check_allocation
 
@@ -153,28 +153,40 @@ class TableIterator:
         raise StopIteration
 
 
-class HubDict(dict[Any, Any]):
-    """A dict ordered by slots."""
+class _Slotted:
+    """A container ordered by the slots of a table."""
 
-    __slots__ = ("_table",)
+    __slots__ = ()
     _table: HashTable
 
     def __new__(cls, *args: Any, **kwargs: Any) -> Any:
-        result = super().__new__(cls)
+        result: Any = super().__new__(cls)
         result._table = HashTable()
         return result
 
+    @classmethod
+    def sized(cls, size: int, values: Iterable[Any]) -> Self:
+        """With an initial number of slots."""
+        result: Any = cls()
+        result._table = HashTable(size)
+        result.update(values)
+        return result  # type: ignore[no-any-return]
+
+    def __iter__(self) -> Iterator[Any]:
+        return iter(self._table)
+
+    def clear(self) -> None:
+        super().clear()  # type: ignore[misc]  # of the dict or set
+        self._table.clear()
+
+
+class HubDict(_Slotted, dict[Any, Any]):
+    """A dict ordered by slots."""
+
+    __slots__ = ("_table",)
+
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         self.update(*args, **kwargs)
-
-    @classmethod
-    def sized(cls, size: int, pairs: Iterable[tuple[Any, Any]]) -> HubDict:
-        """With an initial number of slots."""
-        result = cls()
-        result._table = HashTable(size)
-        for key, value in pairs:
-            result[key] = value
-        return result
 
     @classmethod
     def in_order(cls, values: Mapping[Any, Any]) -> HubDict:
@@ -193,9 +205,6 @@ class HubDict(dict[Any, Any]):
         super().__delitem__(key)
         self._table.remove(key)
 
-    def __iter__(self) -> Iterator[Any]:
-        return iter(self._table)
-
     def __reversed__(self) -> Any:
         raise TypeError("'dict' object is not reversible")
 
@@ -207,10 +216,6 @@ class HubDict(dict[Any, Any]):
 
     def items(self) -> Any:
         return DictView(self, "items")
-
-    def clear(self) -> None:
-        super().clear()
-        self._table.clear()
 
     def copy(self) -> HubDict:
         result = HubDict()
@@ -284,32 +289,15 @@ def _operator(method: str) -> Any:
     return operate
 
 
-class HubSet(set[Any]):
+class HubSet(_Slotted, set[Any]):
     """A set ordered by slots."""
 
     __slots__ = ("_table",)
-    _table: HashTable
-
-    def __new__(cls, *args: Any) -> Any:
-        result = super().__new__(cls)
-        result._table = HashTable()
-        return result
 
     def __init__(self, *values: Iterable[Any]) -> None:
         if len(values) > 1:
             raise TypeError(f"function expected at most 1 arguments, got {len(values)}")
         self.update(*values)
-
-    @classmethod
-    def sized(cls, values: Iterable[Any], size: int) -> HubSet:
-        """With an initial number of slots."""
-        result = cls()
-        result._table = HashTable(size)
-        result.update(values)
-        return result
-
-    def __iter__(self) -> Iterator[Any]:
-        return iter(self._table)
 
     def add(self, value: Any, /) -> None:
         if value not in self:
@@ -332,10 +320,6 @@ class HubSet(set[Any]):
         value = next(iter(self))
         self.discard(value)
         return value
-
-    def clear(self) -> None:
-        super().clear()
-        self._table.clear()
 
     def copy(self) -> HubSet:
         result = HubSet()

@@ -15,22 +15,15 @@ from typing import Any
 from brickhub.virtual.micropython.memory import check_allocation, extend, items_of
 
 
-def _to_sequence(kind: type, values: Any) -> Any:
-    """``list(values)`` and ``tuple(values)``, named ``kind`` in the program."""
-    if kind is list:
-        return items_of(values)
-    return tuple(items_of(values)) if kind is tuple and not isinstance(values, tuple) else kind(values)
-
-
-def _to_bytes(kind: type, values: Any) -> Any:
-    """``bytes(values)``, named ``kind`` in the program: of a size, a buffer or an iterable."""
-    if kind is bytes and isinstance(values, bool):
+def _to_bytes(values: Any) -> Any:
+    """``bytes(values)``: of a size, a buffer or an iterable."""
+    if isinstance(values, bool):
         raise TypeError("'bool' object isn't iterable")
-    if kind is bytes and isinstance(values, int):
+    if isinstance(values, int):
         check_allocation(values + 1)
-    elif kind is bytes and not isinstance(values, str | bytes | bytearray | memoryview):
+    elif not isinstance(values, str | bytes | bytearray | memoryview):
         values = items_of(values, item_bytes=1)
-    return kind(values)
+    return bytes(values)
 
 
 def _star(values: Any) -> Any:
@@ -101,9 +94,14 @@ def is_dropped() -> bool:
     return not _ending.calls and isinstance(sys.exc_info()[1], GeneratorExit)
 
 
-ITERABLE_FUNCTIONS = {"@list": _to_sequence, "@tuple": _to_sequence, "@bytes": _to_bytes, "@star": _star, "@extend": _extend}
-ITERABLE_FUNCTIONS |= {"@join": _join, "@close": close, "@throw": _throw}
+ITERABLE_FUNCTIONS = {"@star": _star, "@extend": _extend, "@join": _join, "@close": close, "@throw": _throw}
 """Functions by their names in the transformed program."""
+ITERABLE_CONVERSIONS: dict[Any, Callable[..., Any]] = {
+    list: items_of,
+    tuple: lambda values: values if type(values) is tuple else tuple(items_of(values)),
+    bytes: _to_bytes,
+}
+"""Calls of classes with one argument."""
 
 
 def sort(owner: Any, *args: Any, **kwargs: Any) -> Any:

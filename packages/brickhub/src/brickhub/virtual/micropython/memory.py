@@ -42,7 +42,7 @@ def check_allocation(size_bytes: int) -> None:
         raise MemoryError(f"memory allocation failed, allocating {size_bytes} bytes")
 
 
-def items_of(values: Iterable[Any], item_bytes: int = _REFERENCE_BYTES) -> list[Any]:
+def items_of(values: Iterable[Any], *, item_bytes: int = _REFERENCE_BYTES) -> list[Any]:
     """A list of an iterable's items. Raises MemoryError if there are more than fit on any hub."""
     items: list[Any] = []
     extend(items, values, item_bytes)

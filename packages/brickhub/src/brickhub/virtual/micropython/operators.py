@@ -16,7 +16,7 @@ from typing import Any
 from brickhub.virtual.micropython.containers import HubDict, HubSet
 from brickhub.virtual.micropython.exceptions import CATCHABLE, SwitchedOff, is_native, reword
 from brickhub.virtual.micropython.floats import SMALL_MAX, SMALL_MIN, int_from_float, read_float, to_single
-from brickhub.virtual.micropython.iterables import ITERABLE_FUNCTIONS, add_in_place, is_dropped, sort
+from brickhub.virtual.micropython.iterables import ITERABLE_CONVERSIONS, ITERABLE_FUNCTIONS, add_in_place, is_dropped, sort
 from brickhub.virtual.micropython.memory import check_allocation
 from brickhub.virtual.micropython.streams import HubBytearray
 from brickhub.virtual.micropython.text import format_text, format_value, percent, representation, text, to_number
@@ -81,11 +81,8 @@ def _operands(a: Any, b: Any) -> tuple[Any, Any]:
     return (_single_int(a), _single_int(b)) if float in (type(a), type(b)) else (a, b)
 
 
-def to_int(kind: type, *args: Any, **kwargs: Any) -> Any:
-    """``int(...)``, named ``kind`` in the program."""
-    if kind is not int:
-        return kind(*args, **kwargs)
-    _refuse_keywords(kwargs)
+def to_int(*args: Any) -> Any:
+    """``int(...)``."""
     if len(args) > 2:
         raise TypeError(f"function expected at most 2 arguments, got {len(args)}")
     if len(args) == 1:
@@ -121,11 +118,8 @@ def _digits(value: str | bytes | bytearray) -> str:
     return (value.encode() if isinstance(value, str) else value).decode("latin-1")
 
 
-def to_float(kind: type, *args: Any, **kwargs: Any) -> Any:
-    """``float(...)``, named ``kind`` in the program."""
-    if kind is not float:
-        return kind(*args, **kwargs)
-    _refuse_keywords(kwargs)
+def to_float(*args: Any) -> Any:
+    """``float(...)``."""
     if len(args) != 1:
         return float(*args)
     value = args[0]
@@ -138,14 +132,6 @@ def to_float(kind: type, *args: Any, **kwargs: Any) -> Any:
         if match := _NO_DIGITS.fullmatch(digits):
             return -0.0 if match[1] == "-" else 0.0
         raise ValueError("invalid syntax for number") from None
-
-
-def to_str(kind: type, *args: Any, **kwargs: Any) -> Any:
-    """``str(...)``, named ``kind`` in the program."""
-    if kind is not str:
-        return kind(*args, **kwargs)
-    _refuse_keywords(kwargs)
-    return text(args[0]) if len(args) == 1 else str(*args)
 
 
 def _refuse_keywords(kwargs: Mapping[str, object]) -> None:
@@ -214,11 +200,9 @@ def _ordered(operation: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
     return compare
 
 
-def _to_slice(kind: type, *args: Any, **kwargs: Any) -> Any:
-    """``slice(...)``, named ``kind`` in the program, which only brackets can make."""
-    if kind is slice:
-        raise TypeError("can't create 'slice' instances")
-    return kind(*args, **kwargs)
+def _to_slice(*args: Any) -> Any:
+    """``slice(...)``, which only brackets can make."""
+    raise TypeError("can't create 'slice' instances")
 
 
 def _stepped(container: Any, start: Any, stop: Any, step: Any) -> Any:
@@ -303,8 +287,27 @@ def _f_string(value: Any, conversion: int, spec: str) -> str:
     return format_value(value if convert is None else convert(value), spec)
 
 
+CONVERSIONS: dict[Any, Callable[..., Any]] = {
+    **ITERABLE_CONVERSIONS,
+    int: to_int,
+    float: to_float,
+    slice: _to_slice,
+    str: lambda *args: text(args[0]) if len(args) == 1 else str(*args),
+}
+"""Calls of builtin classes as on a hub."""
+
+
+def _convert(kind: Any, *args: Any, **kwargs: Any) -> Any:
+    """``kind(...)`` of what has the name of a builtin class in the program."""
+    convert = CONVERSIONS.get(kind) if isinstance(kind, type) else None
+    if convert is None:
+        return kind(*args, **kwargs)
+    _refuse_keywords(kwargs)
+    return convert(*args)
+
+
 _FUNCTIONS: dict[str, Any] = {f"@{name}": _ascii_method(name) for name in ASCII_METHODS}
-_FUNCTIONS |= {"@int": to_int, "@float": to_float, "@str": to_str, "@slice": _to_slice, "@sort": sort, "@f": _f_string}
+_FUNCTIONS |= {"@convert": _convert, "@sort": sort, "@f": _f_string}
 _FUNCTIONS |= {"@format": _format, "@in": _contains, "@to_bytes": _to_bytes, "@from_bytes": _from_bytes}
 _FUNCTIONS |= {f"@{name}": _ordered(getattr(operator, name)) for name in ("lt", "le", "gt", "ge")}
 _FUNCTIONS |= {"@sub": _subscriptable, "@stepped": _stepped, "@sliced": _sliced, "@setslice": _set_slice}
@@ -351,7 +354,7 @@ def operators(namespaces: Sequence[Mapping[str, object]]) -> dict[str, Any]:
         # `{key: value, ...}` with as many slots as keys; in pairs the value is first, as a hub computes it first
         "@dict": lambda *parts: HubDict.sized(len(parts) // 2, zip(parts[1::2], parts[::2], strict=True)),
         "@dictof": lambda pairs: HubDict.sized(0, ((key, value) for value, key in pairs)),
-        "@set": lambda *values: HubSet.sized(values, len(values)),
+        "@set": lambda *values: HubSet.sized(len(values), values),
         "@setof": HubSet,
         "@listof": _list_comprehension,
         "@named": lambda names: HubDict.sized(len(names), names.items()),

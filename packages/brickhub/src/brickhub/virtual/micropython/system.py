@@ -88,7 +88,7 @@ def _value(token: re.Match[str]) -> Any:
     number = token["number"]
     if number is None:
         return re.sub(r"\\(u.{4}|.)", _unescaped, token["text"], flags=re.DOTALL)
-    return to_float(float, number) if re.search("[.eE]", number) else to_int(int, number, 10)
+    return to_float(number) if re.search("[.eE]", number) else to_int(number, 10)
 
 
 def _unescaped(escape: re.Match[str]) -> str:

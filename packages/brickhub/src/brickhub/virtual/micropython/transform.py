@@ -208,7 +208,7 @@ class _Transformer(ast.NodeTransformer):
         methods = (*_METHODS, "extend", "join") if is_of_one and not is_recursive else _METHODS
         self.generic_visit(node)
         if isinstance(function, ast.Name) and (function.id in _CONVERSIONS or (is_of_one and function.id in _OF_ITERABLES)):
-            return self._call_helper(node, function.id, function)
+            return self._call_helper(node, "convert", function)
         if isinstance(function, ast.Attribute) and function.attr in methods:
             return self._call_helper(node, function.attr, function.value)
         if node.keywords:

@@ -1,0 +1,122 @@
+"""Linkages: joints of a model that are turned without forces, while rods, gears and loops hold."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import mujoco
+import numpy as np
+
+from bricktwin.plans.geometry import Floats
+from bricktwin.plans.mechanism.articulation import Articulation
+from bricktwin.twin.models.turning import SPINNER, TurningParts, add_rod
+
+_TURN_RAD = 0.25
+"""Largest turn between two solutions, so that a linkage does not flip."""
+_MAX_STEPS, _STEP_RAD, _TOLERANCE, _OPEN = 8, 0.3, 1e-6, 1e-3
+
+
+def turn_joints(
+    model: mujoco.MjModel, data: mujoco.MjData, addresses: Sequence[int], changes: Floats, passive: Sequence[int]
+) -> None:
+    """Turn joints, and the ``passive`` hinges so that all equality constraints hold.
+
+    Args:
+        addresses: of the joints' positions, which change by ``changes`` [n], rad.
+        passive: indices of the hinges that follow; they stay where the constraints cannot hold.
+    """
+    steps = max(1, math.ceil(np.abs(changes).max(initial=0.0) / _TURN_RAD))
+    for _ in range(steps):
+        data.qpos[addresses] += changes / steps
+        if passive and model.neq:
+            _close_loops(model, data, passive)
+
+
+def _close_loops(model: mujoco.MjModel, data: mujoco.MjData, passive: Sequence[int]) -> None:
+    """Gauss-Newton from the present angles."""
+    addresses, dofs = model.jnt_qposadr[passive], model.jnt_dofadr[passive]
+    start = data.qpos[addresses].copy()
+    for _ in range(_MAX_STEPS):
+        gaps, slopes = _constraints(model, data)
+        if np.abs(gaps).max(initial=0.0) < _TOLERANCE:
+            return
+        step = np.linalg.lstsq(slopes[:, dofs], -gaps, rcond=1e-6)[0]
+        data.qpos[addresses] += np.clip(step, -_STEP_RAD, _STEP_RAD)
+    if np.abs(_constraints(model, data)[0]).max() > _OPEN:
+        data.qpos[addresses] = start
+
+
+def _constraints(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[Floats, Floats]:
+    """Residuals [n] of the equality constraints (m, rad), and their slopes [n, nv]."""
+    for compute in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_tendon, mujoco.mj_makeConstraint):
+        compute(model, data)
+    slopes = np.zeros((data.nefc, model.nv))
+    if mujoco.mj_isSparse(model):
+        mujoco.mju_sparse2dense(slopes, data.efc_J, data.efc_J_rownnz, data.efc_J_rowadr, data.efc_J_colind)
+    else:
+        slopes = data.efc_J.reshape(slopes.shape)
+    return data.efc_pos[: data.ne].copy(), slopes[: data.ne]
+
+
+class Linkage:
+    """Linkage of a building plan, whose parts follow its motors and free joints.
+
+    Attributes:
+        free: names of the joints that no motor, rod or loop turns; a ball joint is three.
+    """
+
+    def __init__(self, made: Articulation) -> None:
+        spec = mujoco.MjSpec()
+        self._gears = {f"motor_{drive.port}": drive.gear for drive in made.drives}
+        drives = {drive.joint: f"motor_{drive.port}" for drive in made.drives}
+        bodies, origins = [spec.worldbody.add_body(name="body_0")], [np.zeros(3)]
+        for joint in made.joints:
+            body = bodies[joint.parent].add_body(name=f"body_{joint.child}", pos=joint.point_m - origins[joint.parent])
+            body.explicitinertial, body.mass, body.inertia = True, 1.0, [1.0] * 3
+            for number, axis in enumerate(np.eye(3) if joint.is_ball else [joint.axis]):
+                name = drives.get(joint, f"joint_{joint.child}_{number}")
+                body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis)
+            bodies.append(body)
+            origins.append(joint.point_m)
+        for geared in made.geared:
+            equal = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT)
+            equal.name1, equal.name2 = f"joint_{geared.joint.child}_0", f"motor_{geared.port}"
+            equal.data[:5] = [0.0, geared.ratio, 0.0, 0.0, 0.0]
+        for loop in made.loops:
+            equal = spec.add_equality(type=mujoco.mjtEq.mjEQ_CONNECT, objtype=mujoco.mjtObj.mjOBJ_BODY)
+            equal.name1, equal.name2 = bodies[loop.parent].name, bodies[loop.child].name
+            equal.data[:3] = loop.point_m - origins[loop.parent]
+        body_of = {part: body for number, body in enumerate(bodies) for part in made.bodies[number].parts}
+        for number, rod in enumerate(made.rods):
+            pins = (rod.near, rod.near_m), (rod.far, rod.far_m)
+            near, far = ((bodies[end], tuple(at_m - origins[end])) for end, at_m in pins)
+            body_of |= dict.fromkeys(rod.parts, add_rod(spec, str(number), near, far))
+        for number, follower in enumerate(made.followers):
+            at_m, about = follower.point_m - origins[follower.body], [follower.ratio, *-follower.axis]
+            body = bodies[follower.body].add_body(name=f"{SPINNER}{follower.port}_{number}", pos=at_m, userdata=about)
+            body_of |= dict.fromkeys(follower.parts, body)
+        self._model = model = spec.compile()
+        self._data = mujoco.MjData(model)
+        self._body_of = {part: int(body.id) for part, body in body_of.items()}
+        self._turning = TurningParts(model)
+        names = [model.joint(joint).name for joint in range(model.njnt)]
+        self._passive = [joint for joint, name in enumerate(names) if name not in self._gears]
+        held = np.abs(_constraints(model, self._data)[1]).max(axis=0, initial=0.0) > _TOLERANCE
+        self.free = tuple(names[joint] for joint in self._passive if not held[model.jnt_dofadr[joint]])
+        self.turn({})
+        self._start_m, self._start_axes = self._data.xpos.copy(), self._data.xmat.reshape(-1, 3, 3).copy()
+
+    def turn(self, angles: Mapping[str, float]) -> None:
+        """Turn joints to angles (rad) by name: those in `free`, and the shafts of motors, clockwise, such as ``"motor_A"``."""
+        addresses = [int(self._model.joint(name).qposadr[0]) for name in angles]
+        wanted = np.array([angle / self._gears.get(name, 1.0) for name, angle in angles.items()])
+        turn_joints(self._model, self._data, addresses, wanted - self._data.qpos[addresses], self._passive)
+        mujoco.mj_kinematics(self._model, self._data)
+        self._turning.turn(self._model, self._data)
+
+    def motion(self, part: int) -> tuple[Floats, Floats]:
+        """Rotation [3, 3] and shift [3], m, of a part from its place in the plan; none of a part that is not in the linkage."""
+        body = self._body_of.get(part, 0)
+        turn = self._data.xmat[body].reshape(3, 3) @ self._start_axes[body].T
+        return turn, self._data.xpos[body] - turn @ self._start_m[body]
