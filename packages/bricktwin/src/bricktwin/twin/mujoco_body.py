@@ -39,6 +39,8 @@ _GRAVITY_MM_S2 = 9810.0
 # Steps between two updates of the turns: few enough that no robot turns by half a turn.
 _STEPS_PER_UPDATE = 20
 STEPS_PER_LOAD, _LOADS_PER_AVERAGE = 2, 128
+_AT_REST = 5e-3
+"""Speed of each joint below which a robot is at rest, m/s and rad/s."""
 _HELD_KG_M2 = 1e3
 """Inertia of a shaft that a motor holds: nothing on a robot moves it within a second."""
 
@@ -470,7 +472,10 @@ def settle(model: mujoco.MjModel, data: mujoco.MjData, robots: Sequence[MujocoBo
     shafts = [dof for robot in robots for dof in robot.shaft_dofs]
     armature = model.dof_armature.copy()
     model.dof_armature[shafts] = _HELD_KG_M2
-    mujoco.mj_step(model, data, _SETTLING_STEPS)
+    for _ in range(_SETTLING_STEPS // _STEPS_PER_UPDATE):
+        mujoco.mj_step(model, data, _STEPS_PER_UPDATE)
+        if np.abs(data.qvel).max() < _AT_REST:
+            break
     model.dof_armature[:] = armature
     for place, start_m in zip(places, starts_m, strict=True):
         data.qpos[place] = start_m

@@ -26,8 +26,8 @@ TYRE_FRICTION = 1.0
 OBSTACLE_GROUP, FLOOR_GROUP, LOOKS_GROUP, SHAPE_GROUP = 0, 1, 2, 3
 WALL_X_M = 0.35
 """Position of the wall's face."""
-_BEARING_FRICTION_NM = 0.01
-"""Dry friction between a motor's output and an arm, or it would float through its play; an estimate: 500 g at 10 mm, 0.2."""
+_TURNTABLE_FRICTION_NM = 0.02
+"""Dry friction of a turntable under an arm, which would float through its play without; an estimate: 500 g at 20 mm, 0.2."""
 WEBCAM_HEIGHT_M = 0.68
 """Height of the webcam over the table."""
 BALL_RADIUS_M, _BALL_KG = 0.024, 0.006
@@ -141,7 +141,7 @@ def add_driven(rotor: mujoco.MjsBody, name: str, port: str, axis: Triple, *, is_
         limited=True,
         range=[-0.05, 0.05],
         damping=4e-3 if is_heavy else 5e-4,
-        frictionloss=_BEARING_FRICTION_NM if is_heavy else 0.0,
+        frictionloss=_TURNTABLE_FRICTION_NM if is_heavy and abs(axis[2]) > 0.9 else 0.0,
         solref_limit=[0.010 if is_heavy else 0.005, 1.0],
     )
     return body
