@@ -90,7 +90,7 @@ def test_survey_finds_devices_without_motion(name: str) -> None:
     assert taken == {device.port for device in (*robot.motors, *robot.sensors)}
     assert set(found.angles_deg) == {motor.name for motor in robot.motors}
     assert found.battery_mv == hub.body.battery_mv
-    assert (found.firmware, found.name) == ("4.0.1", "Pybricks Hub")
+    assert (found.firmware, found.name) == ("4.1.0", "Pybricks Hub")
     assert found.imu_ready and found.imu_still
     assert [hub.body.angle_mdeg(port) for port in hub.machine.servos] == before
 

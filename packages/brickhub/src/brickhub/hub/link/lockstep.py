@@ -320,7 +320,7 @@ class HubLink:
                 reading = self._reading(answer, self._sent_s, known_move_s or 0.0)
                 self.statistics.record(reading.round_trip_s, reading.age_s)
                 return reading
-            if time_s >= limit_s:
+            if max(time_s, self.now_s() - self._sent_s) >= limit_s:
                 break
             is_overdue = time_s > (longest_move_s if known_move_s is None else known_move_s)
             self.statistics.resends += is_overdue
