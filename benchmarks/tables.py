@@ -419,6 +419,14 @@ def senses(result: Result) -> str:
     return table(["reading", "published", "nominal twin", "drawn twins", "parameter and source"], rows)
 
 
+def measured_robots(result: Result) -> str:
+    """Errors of the measurement of drawn robots."""
+    robots = result["robots"]
+    head = ["error", *(f"{row['robot']}, {row['robot_time_s']:.0f} s" for row in robots), "allowed"]
+    rows = [[name, *(f"{row['errors'][name]:.3g}" for row in robots), f"{limit:g}"] for name, limit in result["limits"].items()]
+    return table(head, rows)
+
+
 SECTIONS: dict[str, tuple[str, Callable[[Result], str]]] = {
     "robots": ("SAC on each robot, with the paper's number of episodes", robots),
     "baselines": ("Random actions and hand-written controllers (return, success)", baselines),
@@ -441,6 +449,7 @@ SECTIONS: dict[str, tuple[str, Callable[[Result], str]]] = {
     "realtime_factor": ("Speed of the virtual robots, hub program and environment included", realtime_factor),
     "simulation_speed": ("Speed of the batched simulations", simulation_speed),
     "senses": ("Sensors of the virtual robots, beside what is published", senses),
+    "measure": ("Two minutes with a robot: errors of `twin measure`", measured_robots),
     "link_rates": ("Rate of the link, over a simulated radio", link_rates),
 }
 
