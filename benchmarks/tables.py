@@ -472,6 +472,14 @@ def success_of(cell: Result) -> str:
     return f" ({100 * cell['success_rate']:.0f} %)" if "success_rate" in cell else ""
 
 
+def measured_robots(result: Result) -> str:
+    """Errors of the measurement of drawn robots."""
+    robots = result["robots"]
+    head = ["error", *(f"{row['robot']}, {row['robot_time_s']:.0f} s" for row in robots), "allowed"]
+    rows = [[name, *(f"{row['errors'][name]:.3g}" for row in robots), f"{limit:g}"] for name, limit in result["limits"].items()]
+    return table(head, rows)
+
+
 SECTIONS: dict[str, tuple[str, Callable[[Result], str]]] = {
     "robots": ("SAC on each robot, with the paper's number of episodes", robots),
     "baselines": ("Random actions and hand-written controllers (return, success)", baselines),
@@ -498,6 +506,7 @@ SECTIONS: dict[str, tuple[str, Callable[[Result], str]]] = {
     "senses": ("Sensors of the virtual robots, beside what is published", senses),
     "link_exchanges": ("Exchanges over each link of the virtual hub", link_exchanges),
     "link_profiles": ("SAC on each robot over each link of the virtual hub", link_profiles),
+    "measure": ("Two minutes with a robot: errors of `twin measure`", measured_robots),
     "link_rates": ("Rate of the link, over a simulated radio", link_rates),
 }
 

@@ -156,4 +156,4 @@ def test_a_robot_without_a_twin_is_measured_alone(monkeypatch: pytest.MonkeyPatc
     alone = compare(log, fan)
     assert alone.robot["speed of blades, free"] > 900 and not alone.twin
     assert alone.fitted() == Physics()
-    assert [name for name, *_ in lines(alone)][-1] == "current with blades held, A"
+    assert [name for name, *_ in lines(alone)][-1] == "battery with blades held, V"

@@ -69,15 +69,14 @@ configs:
 
 # Two minutes with a {log.robot}
 
-Measured by hand with `bricktwin twin measure`: link, gyroscope, accelerometer, motors, ultrasonic sensor.
+Measured by hand with `bricktwin twin measure`. After the first line, each is an answer of the hub: phase, its clock, delay of
+the exchange, values.
 
 | | |
 |---|---|
 | robot | {log.robot} |
 | answers of the hub | {len(log.rows)} |
-{about}
-Each line after the first is an answer: phase, the hub's clock, delay of the exchange, values.
-"""
+{about}"""
     with hub_client(repo) as api:
         api.create_repo(repo, repo_type="dataset", private=private, exist_ok=True)
         for content, name in ((path.read_bytes(), "log.jsonl"), (card.encode(), CARD)):

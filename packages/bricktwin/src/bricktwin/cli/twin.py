@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional
 
-from brickhub.cli.options import Flag, option, refuse_ignored
+from brickhub.cli.options import Flag, option
 from brickhub.cli.terminal import confirm, print_line, print_note
 from brickhub.errors import TwinError, counted
 from brickhub.seed import check_seed
@@ -109,7 +109,6 @@ class Measure:
     Examples:
       bricktwin twin measure two-wheeler --hub ble --out measured
       bricktwin twin measure walker --out measured
-      bricktwin twin measure two-wheeler --log measured/log.jsonl --out again
     """
 
     robot: Annotated[Positional[str], option(metavar="ROBOT")]
@@ -118,8 +117,6 @@ class Measure:
     """Folder to write log.jsonl, report.html and physics.json to."""
     hub: Annotated[str, option(metavar="HUB")] = "virtual"
     """How to reach the robot, as for `bricktwin twin record`."""
-    log: Annotated[Path | None, option(metavar="LOG")] = None
-    """Log of an earlier measurement, from which report and physics are made anew."""
     seed: Annotated[int, option(metavar="N")] = 0
     """Seed of a virtual robot's noise and hands."""
     physics: Annotated[Path | None, option(metavar="FILE")] = None
@@ -127,32 +124,26 @@ class Measure:
 
     def execute(self) -> None:
         from brickhub.files import check_writable
-        from bricktwin.measure.report import lines, write_report
+        from bricktwin.measure.report import HEAD, lines, write_report
         from bricktwin.measure.results import compare
-        from bricktwin.measure.session import measure, read_log, write_log
+        from bricktwin.measure.session import measure, write_log
         from bricktwin.twin.physics import write_physics
 
         check_seed(self.seed)
-        target = find(self.robot)
-        if self.log is not None:
-            refuse_ignored(self, ("--robot", "--out", "--log"), "with --log")
-            log = read_log(self.log)
-            if log.robot != target.robot.name:
-                raise TwinError(f"{self.log} is of the robot '{log.robot}'; name that one")
-        else:
-            check_writable(self.out / "log.jsonl")
-            transport, person = self._robot(target.robot)
-            about = {"hub": self.hub.partition(":")[0], "computer": platform.platform(terse=True)}
-            log = measure(transport, target.robot, person, about)
-            write_log(self.out / "log.jsonl", log)
-        comparison = compare(log, target.robot)
+        robot = find(self.robot).robot
+        check_writable(self.out / "log.jsonl")
+        transport, person = self._link_to(robot)
+        about = {"hub": self.hub.partition(":")[0], "computer": platform.platform(terse=True)}
+        log = measure(transport, robot, person, about)
+        write_log(self.out / "log.jsonl", log)
+        comparison = compare(log, robot)
         write_report(self.out / "report.html", log, comparison)
         write_physics(self.out / "physics.json", comparison.fitted())
-        for name, robot, twin, drawn, remark in (("", "robot", "twin", "drawn twins", ""), *lines(comparison)):
-            print_line(f"{name:36}{robot:>10}{twin:>10}   {drawn:22}{remark}".rstrip())
-        print_line(f"{self.out}: report.html, physics.json{'' if self.log else ', log.jsonl'}")
+        for name, value, twin, drawn, remark in (HEAD, *lines(comparison)):
+            print_line(f"{name:36}{value:>10}{twin:>10}   {drawn:22}{remark}".rstrip())
+        print_line(f"{self.out}: report.html, physics.json, log.jsonl")
 
-    def _robot(self, robot: Robot) -> tuple[Transport, Person]:
+    def _link_to(self, robot: Robot) -> tuple[Transport, Person]:
         """A transport to the robot, and who handles it."""
         import numpy as np
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 _ROBOT, _TWIN = "#d55e00", "#0b5cad"
 _OUTSIDE = -0.3, 1.3
 """Where numbers are drawn that are far outside of the range."""
-_HEAD = ("", "robot", "twin", "drawn twins", "")
+HEAD = ("", "robot", "twin", "drawn twins", "")
 
 
 def lines(comparison: Comparison) -> Iterator[tuple[str, str, str, str, str]]:
@@ -47,7 +47,7 @@ def _range(comparison: Comparison, quantity: Quantity) -> tuple[float, float]:
 
 def write_report(path: Path, log: SessionLog, comparison: Comparison) -> None:
     """Write the page. Raises WriteError if that is impossible."""
-    rows = [_HEAD, *lines(comparison)]
+    rows = [HEAD, *lines(comparison)]
     table = "\n".join("<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
     about = html.escape(", ".join(f"{name} {value}" for name, value in log.about.items()))
     page = f"""<!DOCTYPE html>

@@ -54,7 +54,6 @@ def quantities(robot: Robot) -> tuple[Quantity, ...]:
         motors += [
             Quantity(f"speed of {motor.name}, free", "deg/s", "motor_friction_scale", -slower),
             Quantity(f"battery with {motor.name} held", "V"),
-            Quantity(f"current with {motor.name} held", "A"),
         ]
     return (
         Quantity("link, median", "ms", "link_interval_ms", 2.0),
@@ -96,7 +95,6 @@ def measured(log: SessionLog) -> dict[str, float]:
             numbers[f"speed of {motor}, free"] = (_speed(answers, motor) + _speed(rows[f"back {motor}"], motor)) / 2
         elif kind == "held":
             numbers[f"battery with {motor} held"] = _mean(answers, "battery_v")
-            numbers[f"current with {motor} held"] = _mean(answers, "battery_a")
     for phase, name in (("wall", f"wall at {WALL_MM:g} mm"), ("aslant", "wall aslant")):
         if phase in rows:
             distances = np.array([row.values["distance"] for row in rows[phase]])

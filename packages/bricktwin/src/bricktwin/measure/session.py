@@ -61,28 +61,17 @@ class _Rate(YawRate):
     scale: ClassVar[int] = 100
 
 
-class _Battery(Channel):
+@dataclass(frozen=True)
+class _Volts(Channel):
     low: ClassVar[float] = 0.0
     high: ClassVar[float] = 12.0
-
-    def check(self, robot: Robot) -> None:
-        """Each hub has one."""
-
-
-@dataclass(frozen=True)
-class _Volts(_Battery):
     scale: ClassVar[int] = 1000
     unit: ClassVar[str] = "V"
     name: ClassVar[str] = "battery_v"
     expression: ClassVar[str] = "(hub.battery.voltage() / 1000)"
 
-
-@dataclass(frozen=True)
-class _Amperes(_Battery):
-    scale: ClassVar[int] = 1000
-    unit: ClassVar[str] = "A"
-    name: ClassVar[str] = "battery_a"
-    expression: ClassVar[str] = "(hub.battery.current() / 1000)"
+    def check(self, robot: Robot) -> None:
+        """Each hub has a battery."""
 
 
 @dataclass(frozen=True)
@@ -172,7 +161,7 @@ def measure(transport: Transport, robot: Robot, person: Person, about: dict[str,
             session.ask(ASLANT)
             session.watch("aslant", _WALL_S)
     if motors:  # last, as legs stand otherwise afterwards
-        with session.link((*(MotorAngle(name, -180.0, 180.0) for name in motors), _Volts(), _Amperes()), motors):
+        with session.link((*(MotorAngle(name, -180.0, 180.0) for name in motors), _Volts()), motors):
             session.ask(LIFT)
             session.watch("lifted", _LIFTED_S)
             for name in motors:

@@ -84,6 +84,7 @@ class MujocoBody:
 
     Attributes:
         model, data: MuJoCo's model and data, e.g. for a renderer.
+        tyres: geometries of the drive base's tyres, left and right, if it has such.
         chassis: index of the first body; ``moves``: whether it moves freely.
         physics: the present parameters; ``link``: those of the link.
     """
@@ -106,10 +107,6 @@ class MujocoBody:
         self.reset(np.random.default_rng(start_seed))
         self._heading_at_start_deg = self._turns.heading_deg
         self._turns.rotation_rad[:] = 0.0
-
-    def tyres(self, difference_pct: float) -> Iterator[tuple[int, float]]:
-        """Geometries of the drive base's tyres, left and right, with what each is larger than nominal if they differ by this."""
-        return zip(self._tyres, (difference_pct / 2, -difference_pct / 2), strict=False)
 
     def actuator(self, port: str) -> int:
         """Index of a motor's actuator in the model."""
@@ -148,7 +145,7 @@ class MujocoBody:
         base = self.robot.drive_base
         wheels = [] if base is None else [self.robot.motor(name).port for name in (base.left, base.right)]
         tyres = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, f"{prefix}tyre_{port}") for port in wheels]
-        self._tyres = tyres if min(tyres, default=-1) >= 0 else []  # a model of the user may have other names
+        self.tyres = tyres if min(tyres, default=-1) >= 0 else []  # a model of the user may have other names
         joints = {port: model.joint(f"{prefix}motor_{port}") for port in ports}
         actuators = {port: int(model.actuator(f"{prefix}motor_{port}").id) for port in ports}
         self._gears = {port: float(model.actuator_gear[index, 0]) for port, index in actuators.items()}
@@ -506,13 +503,11 @@ def set_physics(
     play = math.radians(physics.backlash_deg)
     model.jnt_range[_backlash_joints(model)] = (-play, play)
     for robot in robots:
-        for tyre, difference_pct in robot.tyres(physics.wheel_difference_pct):
-            for sizes, before in (
-                (model.geom_size, nominal.geom_size),
-                (model.geom_rbound, nominal.geom_rbound),
-                (model.geom_aabb, nominal.geom_aabb),
-            ):
-                sizes[tyre] = before[tyre] * (1.0 + difference_pct / 100.0)
+        for tyre, share in zip(robot.tyres, (0.5, -0.5), strict=False):
+            size = 1.0 + share * physics.wheel_difference_pct / 100.0
+            model.geom_size[tyre] = nominal.geom_size[tyre] * size
+            model.geom_rbound[tyre] = nominal.geom_rbound[tyre] * size
+            model.geom_aabb[tyre] = nominal.geom_aabb[tyre] * size
         for motor, scale in zip(robot.robot.motors, physics.motor_scales, strict=False):
             actuator = robot.actuator(motor.port)
             dof = model.jnt_dofadr[model.actuator_trnid[actuator, 0]]
