@@ -268,7 +268,7 @@ CHANGES: dict[str, Any] = {
     "weight_decay": 0.5,
     "denoising_steps": 5,
 }
-OPPOSITE = ("critic_layer_norm", "actor_layer_norm", "start_value")
+OPPOSITE = ("normalize", "critic_layer_norm", "actor_layer_norm", "start_value")
 ELSEWHERE = (
     "prefill_episodes",
     "exploration_noise",

@@ -87,11 +87,11 @@ class Encoder(nn.Module):
         self._dims = [len(shape) for _, shape in layout.vectors]
         self.numbers = ObservationEncoder(layout, settings.angles, settings.goals, normalize=settings.normalize)
         make = {"keypoints": Keypoints, "convolutions": Convolutions}[settings.encoder]
-        self.networks = nn.ModuleList(make(image.side_px, image.channels) for image in self.images)
-        size, self.dense = self.numbers.size, nn.Sequential()
+        networks = [make(image.side_px, image.channels) for image in self.images]
+        self.networks, size, self.dense = nn.ModuleList(networks), self.numbers.size, nn.Sequential()
         if self.images and size and settings.encoder == "convolutions":
             self.dense, size = nn.Sequential(nn.Linear(size, 128), nn.ReLU(), nn.Linear(128, 32), nn.ReLU()), 32
-        self.size = size + sum(int(network.size) for network in self.networks)
+        self.size = size + sum(network.size for network in networks)
 
     def forward(self, *inputs: Tensor) -> Tensor:
         """Vectors and images ``[*batch, *shape]``, in the order of ``in_keys``, to features."""

@@ -23,6 +23,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 from tensordict import TensorDict, TensorDictBase
 
+from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.registry import is_simulation, make
 from bricksrl.envs.rollout import link_lost
@@ -63,7 +64,7 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
                 remedy = "omit batch_size and device, or use bricksrl.make"
                 raise UnknownOptionError(f"Gymnasium's {env_id} is one environment on the CPU; {remedy}")
             self.metadata = {"render_modes": []}
-        self.env: HubEnv | SimulatedEnv = make(env_id, options, **named)
+        self.env: HubEnv | SimulatedEnv = _made(env_id, options, **named)
         self.metadata = {**self.metadata, "render_fps": max(1, round(self.env.task.rate_hz))}
         self.render_mode = render_mode
         self._observations: list[torch.Tensor] = []
@@ -170,7 +171,7 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
             known = ", ".join(mode.value for mode in AutoresetMode)
             raise UnknownOptionError(f"there is no autoreset_mode {autoreset_mode!r}; choose one of {known}") from None
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
-        self.env: SimulatedEnv = make(env_id, options, batch_size=num_envs, **named)
+        self.env: SimulatedEnv = _made(env_id, options, batch_size=num_envs, **named)
         self.num_envs, self._max_steps = num_envs, max_episode_steps or self.env.task.max_steps
         self.single_observation_space = _box(self.env.task)
         self.single_action_space = Box(-1.0, 1.0, self.env.action_spec.shape[1:])
@@ -246,6 +247,13 @@ class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
     def close_extras(self, **_kwargs: Any) -> None:
         """Close the simulation."""
         self.env.close(raise_if_closed=False)
+
+
+def _made(env_id: str, options: EnvOptions | None, **named: Any) -> Any:
+    env = make(env_id, options, **named)
+    if interface_of(env) is not env:
+        raise UnknownOptionError("Gymnasium has wrappers of its own; omit frame_stack, frame_skip and transform")
+    return env
 
 
 def _box(task: Task) -> Box:

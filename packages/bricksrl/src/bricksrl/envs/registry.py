@@ -129,7 +129,7 @@ def make(
         from bricksrl.envs.simulation import SimulatedEnv
 
         simulation = SimulatedEnv(task, kinematics or spec.kinematics, batch_size=batch_size, device=device, seed=seed)
-        again = {"batch_size": batch_size, "device": device, "kinematics": kinematics}
+        again: dict[str, Any] = {"batch_size": batch_size, "device": device, "kinematics": kinematics}
         simulation.remake = functools.partial(make, env_id, options.as_it_is(), **again)
         return _transformed(simulation, options)
     if batch_size or device != "cpu" or kinematics is not None:

@@ -19,6 +19,10 @@ class SeenInputs(nn.Module):
     """Least, greatest, mean and deviation of each input ``[n]`` that was learned on, in the module's state; where it lacks them,
     nothing was seen. Angles (``wraps``) are held only if they never varied, ``free`` inputs never."""
 
+    least: Tensor
+    greatest: Tensor
+    moments: Tensor
+
     def __init__(self, names: Sequence[str], wraps: Sequence[bool], free: Sequence[int]) -> None:
         super().__init__()
         n = len(wraps)
@@ -70,7 +74,8 @@ class SeenInputs(nn.Module):
         count, mean, squares = self.moments
         deviation = (squares / count.clamp_min(1.0)).sqrt()
         scale = torch.where(deviation > 1e-6, 1.0 / deviation.clamp_min(1e-6), 0.0)
-        return ((inputs - mean) * scale).to(inputs.dtype)
+        normalised: Tensor = (inputs - mean) * scale
+        return normalised.to(inputs.dtype)
 
     def _load_from_state_dict(self, state_dict: dict[str, Any], prefix: str, *args: Any) -> None:
         for name, buffer in self.named_buffers():

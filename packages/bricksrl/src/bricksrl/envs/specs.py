@@ -304,7 +304,8 @@ class SpecsEnv(BricksEnv, EnvBase):  # type: ignore[misc]
     def _reset(self, _tensordict: Any = None, **_: Any) -> Any:
         raise BricksError("this environment is elsewhere; act in the one that it stands for")
 
-    _step = _reset
+    def _step(self, tensordict: Any) -> Any:
+        return self._reset(tensordict)
 
     def _set_seed(self, _seed: int | None) -> None:
         """Do nothing: there is nothing random."""

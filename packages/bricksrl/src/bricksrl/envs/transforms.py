@@ -10,6 +10,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from math import inf
 from typing import TYPE_CHECKING, Any
 
@@ -116,7 +117,6 @@ class KeepUnits(Transform):  # type: ignore[misc]
 
     def __init__(self, statistics: VecNorm | VecNormV2) -> None:
         super().__init__()
-        self.source = (statistics,)  # no module of this one
         self.is_tried = False
         before = statistics.parent
         specs, numbers = observed_specs(before), numbers_of(before)
@@ -127,8 +127,8 @@ class KeepUnits(Transform):  # type: ignore[misc]
         }
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
-        (statistics,) = self.source
-        before = statistics.denorm(next_tensordict)
+        chain = self.__dict__["_container"]().transforms
+        before = chain[list(chain).index(self) - 1].denorm(next_tensordict)  # in a copy of the chain by its own statistics
         for (key, out), kept in self.kept.items():
             if out in next_tensordict:
                 value = next_tensordict[out]
@@ -200,7 +200,7 @@ def over(env: EnvBase, playback: Playback, *, is_tried: bool = False) -> EnvBase
         env.transform.empty_cache()
         env = env.base_env
     for buffer in (buffer for transform in chain for buffer in transform.buffers() if is_lazy(buffer)):
-        memo[id(buffer)] = UninitializedBuffer(device=buffer.device, dtype=buffer.dtype)  # it cannot be copied
+        memo[id(buffer)] = UninitializedBuffer(False, buffer.device, buffer.dtype)  # it cannot be copied
     copied = copy.deepcopy(chain, memo)
     for transform in copied:
         transform.reset_parent()
@@ -265,7 +265,7 @@ def _tried(env: EnvBase, wanted: list[str]) -> tuple[Tensor, dict[str, Tensor], 
         given, seen = [], {key: [] for key in wanted}
         for number in range(_TRIES):
             generator = torch.Generator().manual_seed(number)
-            playback = Playback(base, lambda _, generator=generator: _random_outcome(base, ends, generator))
+            playback = Playback(base, partial(_random_outcome, base, ends, generator))
             with torch.random.fork_rng(devices=[]), torch.no_grad():
                 torch.manual_seed(0)  # noise that a transform adds is the same in all tries
                 try:
@@ -294,7 +294,7 @@ def _ends(key: str, spec: Any) -> tuple[Tensor, Tensor]:
     return low.view(spec.shape), high.view(spec.shape)
 
 
-def _random_outcome(env: EnvBase, ends: dict[str, tuple[Tensor, Tensor]], generator: torch.Generator) -> TensorDictBase:
+def _random_outcome(env: EnvBase, ends: dict[str, tuple[Tensor, Tensor]], generator: torch.Generator, _: int) -> TensorDictBase:
     """A random observation, the same for all copies, that ends nothing."""
     outcome, copies = still(env), env.batch_size
     for key, (low, high) in ends.items():
@@ -343,23 +343,23 @@ def through(env: EnvBase, frames: TensorDictBase) -> TensorDictBase:
     that they gather they keep. Raises DataError if the actions are not those that would pass the transforms."""
     if base_of(env) is env:
         return frames
-    base, rows, start = base_of(env), list[TensorDictBase](), 0
+    base, start = base_of(env), 0
     given = frames.select(*base.full_observation_spec.keys(), "action", "next", strict=False)
-    playback = Playback(base, lambda _: rows[0])
+    playback = Playback(base, lambda _: still(base))
     view = over(env, playback)
     made = []
     for end in (frames["next", "done"].view(-1).nonzero().flatten() + 1).tolist():
         episode = given[start:end]
         first = episode[0].exclude("action", "next").update(base.full_done_spec.zero())
         after = [still(base).update(first), *(still(base).update(row["next"]) for row in episode)]
-        playback.outcome = lambda index, after=after: after[index]
+        playback.outcome = [*after, *after[-1:] * _STEPS[-1]].__getitem__  # a repeated action may outlast its episode
         playback.played = after[:1]
         state = view.reset()
         while len(playback.played) <= len(episode):
             place = len(playback.played) - 1
             out = view.step(state.set("action", episode[place]["action"]))
             taken = episode[place : len(playback.played) - 1]["action"]
-            if not torch.equal(torch.stack(playback.acted), taken):
+            if not torch.equal(torch.stack(playback.acted)[: len(taken)], taken):
                 raise DataError("the data has other actions than these transforms would give; record with them, or omit them")
             made.append(out)
             state = view.step_mdp(out)

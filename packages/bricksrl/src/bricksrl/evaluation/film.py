@@ -97,6 +97,7 @@ def film(
     check_filmable(env)
     from brickhub.seed import derive_seed
     from bricksrl.envs.rollout import play, seed_episode
+    from bricksrl.envs.transforms import own_frames
     from bricktwin.twin.mujoco_body import MujocoBody
     from bricktwin.twin.render.opengl import VideoWriter
     from bricktwin.twin.render.video import Filmed
@@ -114,8 +115,8 @@ def film(
             with closing(take.renderer):
                 twin.machine.body = Filmed(twin.machine.body, take.render, take.frame_ms, twin.machine.time_ms, take.show)
                 for frame in play(env, act, start, reset_policy=reset):
-                    take.reward = float(frame["next", "reward"])
-                    take.total, take.step = take.total + take.reward, take.step + 1
+                    rewards = [float(own["next", "reward"]) for own in own_frames(env, frame)]
+                    take.reward, take.total, take.step = rewards[-1], take.total + sum(rewards), take.step + len(rewards)
                 take.show(take.render(), round(25 * _LAST_S))
             returns.append(take.total)
             distances_m.append(take.forward_m)
@@ -137,9 +138,10 @@ class _Take:
     reward: float = 0.0
 
     def __post_init__(self) -> None:
+        from bricksrl.envs.transforms import own_state
         from bricktwin.twin.render.video import Room
 
-        entries = zip(self.env.task.entries, self.start["observation"].tolist(), strict=False)
+        entries = zip(self.env.task.entries, own_state(self.env, self.start)["observation"].tolist(), strict=False)
         goals = {entry.name.removesuffix("_goal"): angle for entry, angle in entries if entry.name.endswith("_goal")}
         self.room: Room = Room(self.body, goals)
         self.renderer, cost_s = self._renderer()

@@ -80,6 +80,7 @@ class PolicyTransforms:
     def __init__(self, env: EnvBase) -> None:
         self._env, self._skip = env, frames_per_step(env)
         self._given: deque[TensorDictBase] = deque()
+        self._playback: Playback
         self.view: EnvBase | None = None
 
     def action(self, module: TensorDictModuleBase, given: TensorDictBase) -> Tensor:

@@ -102,8 +102,7 @@ class TrainConfig(RunOptions, EnvOptions):
             raise DescriptionError(f"settings is {self.settings!r}; give those of the agent, such as preset('paper', 'sac')")
         if self.normalize and not hasattr(self.settings, "normalize"):
             raise DescriptionError(f"{self.agent} cannot normalize; give its settings a field normalize, or omit it")
-        settings = replace(self.settings, normalize=True) if self.normalize else self.settings
-        object.__setattr__(self, "settings", _plain(settings))
+        object.__setattr__(self, "settings", _plain(self.settings, **({"normalize": True} if self.normalize else {})))
 
     @property
     def hubs(self) -> tuple[str, ...]:
@@ -181,9 +180,9 @@ _RULES: tuple[Rule, ...] = (
 )
 
 
-def _plain(settings: Any) -> Any:
-    """Settings for a file: NumPy numbers, such as rates from an array, as Python's; the network by its absolute path."""
-    changed = {name: value.item() for name, value in vars(settings).items() if isinstance(value, np.generic)}
+def _plain(settings: Any, **changed: Any) -> Any:
+    """Settings, with changes, for a file: NumPy numbers, such as rates from an array, as Python's; files by their whole path."""
+    changed |= {name: value.item() for name, value in vars(settings).items() if isinstance(value, np.generic)}
     if isinstance(network := getattr(settings, "network", None), str):
         changed["network"] = with_absolute_file(network)
     return replace(settings, **changed) if changed else settings

@@ -190,5 +190,5 @@ def make_replay_buffer(env: EnvBase, settings: OffPolicySettings, device: torch.
     """The replay buffer of the settings for an environment."""
     layout, goals = ObservationLayout.of(env), relabelling(env, settings.hindsight, settings.new_goals)
     args = (settings.buffer_size, settings.batch_size, layout.keys, settings.memory_mapped, device)
-    kwargs = {"gamma": settings.gamma, "n_step": settings.n_step, "goals": goals}
+    kwargs: dict[str, Any] = {"gamma": settings.gamma, "n_step": settings.n_step, "goals": goals}
     return TransitionReplayBuffer(*args, **kwargs, shift_px=settings.shift_px, images=layout.images)

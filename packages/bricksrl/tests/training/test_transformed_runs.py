@@ -1,0 +1,100 @@
+"""Runs behind transforms: recorded, resumed, evaluated, exported, loaded, learned from."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+from torchrl.envs import CatFrames, TransformedEnv
+
+import bricksrl
+from bricksrl.agents import preset
+from bricksrl.data import load
+from bricksrl.errors import DescriptionError, RunError
+from bricksrl.evaluation.evaluator import evaluate
+from bricksrl.policies.export import export_model
+from bricksrl.training import TrainConfig, resume, train
+from bricksrl.training.run_folder import RunFolder
+
+SMALL = replace(preset("default", "sac"), hidden=(16, 16), updates_per_step=0.2)
+TRANSFORM = """
+from torchrl.envs import Compose, RenameTransform, RewardScaling, TransformedEnv, VecNormV2
+
+def transform(env):
+    named = RenameTransform(["observation"], ["seen"])
+    return TransformedEnv(env, Compose(VecNormV2(in_keys=["observation"]), RewardScaling(0.0, 0.1), named))
+"""
+
+
+def config(run_dir: Path, **named: Any) -> TrainConfig:
+    return TrainConfig(**{"env": "WalkerSim-v0", "episodes": 2, "settings": SMALL, "run_dir": run_dir, **named})
+
+
+@pytest.fixture(params=["stacked", "own", "normalized"])
+def options(request: pytest.FixtureRequest, tmp_path: Path) -> dict[str, Any]:
+    file = tmp_path / "mine.py"
+    file.write_text(TRANSFORM)
+    return {
+        "stacked": {"frame_stack": 3, "frame_skip": 2},
+        "own": {"transform": str(file)},
+        "normalized": {"normalize": True},
+    }[request.param]
+
+
+def test_runs_carry_their_transforms(tmp_path: Path, options: dict[str, Any]) -> None:
+    whole = train(config(tmp_path / "whole", episodes=3, **options))
+    train(config(tmp_path / "part", **options))
+    resumed = resume(tmp_path / "part", episodes=3)
+    assert [episode.return_ for episode in resumed.episodes] == [episode.return_ for episode in whole.episodes]
+    assert [episode.length for episode in whole.episodes] == [100] * 3  # steps of the robot
+    data = load(tmp_path / "whole")
+    assert data.observation.shape == (300, 7)  # its own observations and rewards
+    returns = torch.stack([data.reward[data.episode == number].sum() for number in range(3)])
+    torch.testing.assert_close(returns, torch.tensor([episode.return_ for episode in whole.episodes]), atol=1e-2, rtol=0)
+    judged = evaluate(tmp_path / "whole", episodes=2, save=False)
+    assert judged.as_trained
+    assert judged.return_mean < -1.0  # of the robot, not of a scaled reward
+    policy = bricksrl.load_policy(tmp_path / "whole")
+    env = bricksrl.make("WalkerSim-v0", seed=5)
+    actions = env.rollout(10, policy)["action"]  # of the environment itself
+    assert actions.shape == (10, 4)
+    assert torch.equal(actions[1], actions[2]) == ("frame_skip" in options)
+    assert export_model(tmp_path / "whole", tmp_path / "policy.pt2") < 1e-4
+
+
+def test_data_goes_through_the_transforms(tmp_path: Path, options: dict[str, Any]) -> None:
+    train(config(tmp_path / "data", **options))
+    run = train(config(tmp_path / "run", data=str(tmp_path / "data"), updates=4, **options))
+    assert len(run.episodes) == 2
+
+
+def test_an_environment_with_transforms_is_trained_and_evaluated(tmp_path: Path) -> None:
+    def made() -> TransformedEnv:
+        return TransformedEnv(bricksrl.make("WalkerSim-v0", seed=0), CatFrames(2, -1, in_keys=["observation"]))
+
+    train(config(tmp_path / "run"), env=made())
+    assert evaluate(tmp_path / "run", made(), episodes=1, save=False).episodes == 1
+    assert bricksrl.load_policy(tmp_path / "run", made()).shapes == {"observation": (14,)}
+
+
+def test_copies_and_other_processes_have_the_transforms(tmp_path: Path) -> None:
+    copies = train(config(tmp_path / "copies", num_envs=3, frame_stack=2))
+    assert [episode.length for episode in copies.episodes] == [100] * 2
+    apart = train(config(tmp_path / "apart", asynchronous=True, frame_stack=2))
+    assert RunFolder(apart.run_dir).read_config().frame_stack == 2
+
+
+def test_what_cannot_be_honoured_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "mine.py"
+    file.write_text("def transform(env):\n    return 3\n")
+    with pytest.raises(DescriptionError, match="gives a int"):
+        bricksrl.make("WalkerSim-v0", transform=str(file))
+    file.write_text("def transform(env):\n    return env.nothing\n")
+    with pytest.raises(DescriptionError, match="cannot be applied"):
+        bricksrl.make("WalkerSim-v0", transform=str(file))
+    file.write_text(TRANSFORM)
+    with pytest.raises(RunError, match="different statistics"):
+        train(config(tmp_path / "run", env="RunAway-v0", robots=2, transform=str(file)))
