@@ -2,20 +2,23 @@
 
     python -m benchmarks plans_of_others FOLDER
 
-Reads every .ldr, .mpd and .io file below the folder. The result has counts only, nothing of the files themselves.
+Reads every .ldr, .mpd and .io file below the folder. The result has counts only, nothing of the files themselves; those whose
+digest is in ``plans_of_others.csv`` are counted under their repository's name too.
 """
 
 from __future__ import annotations
 
+import hashlib
 import time
 from collections import Counter
 from pathlib import Path
 from typing import Any
 
 from benchmarks.session import Session
+from brickhub.tables import read_table
 from bricksrl.errors import PlanError
 from bricktwin.plans.bodies import MAX_BODIES
-from bricktwin.plans.check import structure_of
+from bricktwin.plans.check import check, structure_of
 from bricktwin.plans.mechanism.kinematics import mechanism
 from bricktwin.plans.part import DeviceKind
 from bricktwin.plans.plan import Plan, read_plan
@@ -23,6 +26,7 @@ from bricktwin.plans.plan import Plan, read_plan
 ENDINGS = (".ldr", ".mpd", ".io")
 _COLUMNS = ("parts", "known", "hinges", "motors", "motors_turning", "wheels", "wheels_driven", "cpu_s")
 _TURNS = 0.02
+_LISTED = ("parts", "known", "collisions", "loose", "findings", "motors_turning", "wheels_driven")
 
 
 def moving(plan: Plan) -> dict[str, int]:
@@ -54,6 +58,8 @@ def look(path: Path) -> dict[str, Any]:
         return {"read": False, "reason": str(error).rpartition("; ")[0].rpartition(": ")[2].rpartition(" is ")[2][:60]}
     unknown = sum(len(unknown_part.lines) for unknown_part in plan.unknown)
     counts: dict[str, Any] = {"read": True, "parts": len(plan.parts) + unknown, "known": len(plan.parts)}
+    found = Counter(finding.name for finding in check(plan))
+    counts |= {"collisions": found["collision"], "loose": found["loose"], "findings": found.total()}
     counts |= {"motors": len(plan.devices(DeviceKind.MOTOR)), "hinges": 0, "motors_turning": 0, "wheels": 0, "wheels_driven": 0}
     if plan.parts:
         counts |= moving(plan)
@@ -66,10 +72,13 @@ def main(session: Session) -> None:
     parser.add_argument("folder", type=Path)
     folder: Path = session.parse().folder
     files = [path for path in sorted(folder.rglob("*")) if path.suffix.lower() in ENDINGS]
-    counts = []
+    names = {row["sha256"]: f"{row['repository']}: {row['path']}" for row in read_table("benchmarks", "plans_of_others")}
+    counts, listed = [], {}
     for number, path in enumerate(files, 1):
         counts.append(look(path))
         print(number, counts[-1], flush=True)
+        if name := names.get(hashlib.sha256(path.read_bytes()).hexdigest()):
+            listed[name] = {key: counts[-1][key] for key in ("read", "reason", *_LISTED) if key in counts[-1]}
     read = [file_counts for file_counts in counts if file_counts["read"]]
     summary = {
         "files": len(counts),
@@ -86,6 +95,7 @@ def main(session: Session) -> None:
         "files_whose_motors_all_turn": sum(0 < file_counts["motors"] == file_counts["motors_turning"] for file_counts in read),
         "files_with_motors_and_wheels": sum(file_counts["motors"] > 0 and file_counts["wheels"] > 0 for file_counts in read),
         "files_whose_motors_turn_wheels": sum(file_counts["wheels_driven"] > 0 for file_counts in read),
+        "listed": listed,
         "each": [{name: file_counts[name] for name in _COLUMNS} for file_counts in read],
     }
     session.write(summary)

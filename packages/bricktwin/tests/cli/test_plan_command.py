@@ -72,6 +72,27 @@ def test_parts_for_shops(bricktwin, tmp_path):
     assert {row["Part"]: row["Quantity"] for row in csv.DictReader(sets.read_text(encoding="utf-8").splitlines())}["2780"] == "18"
 
 
+def test_what_is_missing_from_own_sets(bricktwin, fails, tmp_path):
+    alone = bricktwin("plan", "parts", "walker", "--own", "45678").out.splitlines()
+    assert [line.split()[:3] for line in alone[:2]] == [["2", "x", "45603"], ["12", "x", "3673"]]
+    assert alone[2].startswith("14 of 84 parts")
+    wanted = tmp_path / "wanted.xml"
+    both = bricktwin("plan", "parts", "walker", "--own", "45678,45681", "--out", str(wanted), "--format", "bricklink").out
+    assert "Set 45678 SPIKE Prime and 45681 SPIKE Prime expansion: 82 of 84 parts" in both
+    assert re.findall(r"<MINQTY>(\d+)</MINQTY>", wanted.read_text(encoding="utf-8")) == ["2"]
+    assert "0 of 84 parts" in bricktwin("plan", "parts", "walker", "--own", "45678,45681,45678").out
+    says = "error: there is no inventory of set '45345'; name sets of 45678, 45681, 31313, 45544, 45560, with commas between them"
+    fails("plan", "parts", "walker", "--own", "45345", says=says)
+    fails("plan", "parts", "--own", "45678", says="error: --own needs a plan; name an LDraw file")
+
+
+def test_drawn_cables_and_lines_left_out_are_listed(bricktwin, tmp_path):
+    path, place = tmp_path / "hose.ldr", "1 0 0 0 0 1 0 0 0 1 0 0 0 1"
+    path.write_text(f"{place} 32316.dat\n0 SYNTH BEGIN HOSE 0\n{place} LS01.dat\n0 SYNTH END\n1 0 0\n", encoding="utf-8")
+    listed = bricktwin("plan", "parts", str(path)).out
+    assert "   1 x  drawn cable or hose, without a number\nline 5 is left out: cannot place a part; write 1," in listed
+
+
 def test_the_catalogue(bricktwin):
     done = bricktwin("plan", "parts")
     assert "2780      pins            0.19 g  Pin with friction" in done.out

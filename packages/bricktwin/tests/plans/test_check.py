@@ -98,6 +98,15 @@ def test_enclosed_part_is_found(findings):
     assert any("has no free path to its place" in one for one in text)
 
 
+def test_what_an_unknown_part_may_hold_is_one_finding(findings):
+    """A brick on an unknown brick on a brick, and what stands on it; a brick far away is loose all the same."""
+    tower = [line("3001", 0, 0, 0), line("99999", 0, -24, 0), line("3004", 0, -48, 0), line("3004", 0, -72, 0)]
+    text = "\n0 STEP\n".join(tower).splitlines()
+    assert [(one.name, one.line) for one in findings(*text)] == [("unknown part", 3)]
+    assert "what it holds, of 3 parts around it, is not checked" in findings(*text)[0].detail
+    assert ("loose", 8) in [(one.name, one.line) for one in findings(*text, line("3004", 400, 0, 0))]
+
+
 def test_unconnected_part_is_found(findings):
     found = findings(BEAM, "0 STEP", FRAME, "0 STEP", *HELD[2:])
     assert [(one.name, one.line) for one in found] == [("step", 3)]

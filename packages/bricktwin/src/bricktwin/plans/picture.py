@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bricktwin.plans.catalogue import colour_of
-from bricktwin.plans.geometry import Bools, Floats, Form, Solid, circle_sides, cylinder, frame_of, triple
+from bricktwin.plans.geometry import MM_PER_LDU, Bools, Floats, Form, Solid, circle_sides, cylinder, frame_of, triple
 from bricktwin.plans.part import DeviceKind, Fit, Gear, GearForm, Part, Site
 from bricktwin.plans.plan import Placed
 
@@ -27,6 +27,8 @@ _ON_AXIS = 1e-9
 _SPREAD, _OFFSET = 0.9, 0.05
 """Sample points around a triangle: share of the way from its middle to its corners, and distance from it, LDU."""
 _STUD_RADIUS = 6.0
+_RUBBER = 0.4
+"""Rings of a wheel that are wider than this share of its diameter are its tyre."""
 _TOOTH_HEIGHT = 2.2
 """Height of teeth above the pitch circle."""
 _DISC_OFFSET = 0.15
@@ -64,10 +66,11 @@ def surface_of(part: Part, chord_error: float = DETAILED) -> Surface:
     else:
         tooth_solids = 1 if part.gears and part.gears[0].form is not GearForm.RACK else 0
         pieces += [(_teeth(gear), Tint.MAIN) for gear in part.gears[:tooth_solids]]
-        tint = Tint.DARK if part.family == "tyres" or part.wheel_mm > 50 else Tint.MAIN
+        rubber = 0.0 if part.family == "tyres" else _RUBBER * part.wheel_mm / MM_PER_LDU if part.wheel_mm > 50 else math.inf
         solids = part.solids[tooth_solids:] if part.family == "gears" else part.solids
         visible = _without_hidden(solids, [_solid(solid, chord_error) for solid in solids])
-        pieces += [(faces, tint if solid.form is Form.RING else Tint.MAIN) for solid, faces in zip(solids, visible, strict=True)]
+        tints = [Tint.DARK if solid.form is Form.RING and solid.half[0] > rubber else Tint.MAIN for solid in solids]
+        pieces += list(zip(visible, tints, strict=True))
         pieces += [(_cross(site), Tint.MAIN) for site in part.sites if site.fit is Fit.AXLE]
     studs = [cylinder(site.centre, site.axis, site.length, _STUD_RADIUS) for site in part.sites if site.fit is Fit.STUD]
     pieces += [(_solid(stud, chord_error), Tint.MAIN) for stud in studs]
