@@ -200,7 +200,7 @@ def _outcome(result: RunResult, last: _Last) -> dict[str, Any]:
     weights = [value.numpy().tobytes() for value in policy.values() if isinstance(value, torch.Tensor)]
     return {
         "returns": [episode.return_ for episode in result.episodes],
-        "losses": result.episodes[-1].losses,
+        "losses": result.episodes[-1].measures,
         "observation": last.step["observation"].tolist(),
         "weights": digest(*weights),
     }

@@ -31,6 +31,7 @@ from bricksrl.evaluation.statistics import ends, interquartile_mean, probability
 
 if TYPE_CHECKING:
     from bricksrl.training import RunResult
+    from bricksrl.training.callbacks import Episode
 
 OUTCOME = "outcome.json"
 """File with the outcome of a seed: steps, wall time and CPU time (null if resumed) of its training; the time of its steps by the
@@ -105,15 +106,16 @@ def run_seed(cell: Cell, seed: int, path: Path) -> dict[str, Any]:
         "cpu_s": cpu_s,
         "robot_s": robot_seconds(path),
         "reached": reached,
-        "curve": {
-            "return": [_rounded(episode.return_) for episode in episodes],
-            "episode_steps": [episode.length for episode in episodes],
-        },
+        "curve": _curve(episodes),
     }
 
 
-def _rounded(value: float) -> float:
-    return float(f"{value:.4g}")
+def _curve(episodes: Sequence[Episode]) -> dict[str, list[float]]:
+    """Return, steps and the task's metrics of each training episode, with four digits; metrics only if all have them."""
+    named = [episode.measures for episode in episodes if not episode.link_lost]
+    names = [name for name in named[0] if all(name in measures for measures in named)]
+    rows = [{"return": one.return_, "episode_steps": one.length, **one.measures} for one in episodes if not one.link_lost]
+    return {name: [float(f"{row[name]:.4g}") for row in rows] for name in ("return", "episode_steps", *names)}
 
 
 def _check_whole(result: RunResult) -> None:

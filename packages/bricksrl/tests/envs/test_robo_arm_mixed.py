@@ -193,7 +193,7 @@ def test_asynchronous_run_with_images(tmp_path: Path) -> None:
     settings = replace(preset("default", "sac", images=True), hidden=(16,), batch_size=8, prefill_episodes=1)
     config = TrainConfig(ID, episodes=3, settings=settings, asynchronous=True, run_dir=tmp_path / "run")
     result = train(config, env=short())
-    assert result.episodes[-1].losses
+    assert result.episodes[-1].measures
     state = load_checkpoint(result.run_dir / "checkpoint.bin")["agent"]
     assert 0 < state["updates"] <= sum(episode.length for episode in result.episodes[1:])
     assert len(state["memory"]["rows"]["image"]) == result.episodes[-1].steps

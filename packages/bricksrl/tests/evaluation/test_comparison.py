@@ -27,7 +27,7 @@ def write_run(path: Path, config: TrainConfig, returns: list[float], evaluation:
     folder = RunFolder(path)
     folder.write_config(config)
     episodes = [Episode(k, Phase.TRAIN, 10 * k, 10, value, None) for k, value in enumerate(returns, 1)]
-    folder.write_episodes(episodes, ())
+    folder.write_episodes(episodes)
     if evaluation is not None:
         scores = {"return_mean": evaluation, "return_std": 0.0, "episodes": 5}
         data = {"as_trained": True, "trained_episodes": len(returns), **scores}

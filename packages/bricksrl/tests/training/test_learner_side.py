@@ -157,7 +157,7 @@ def test_asynchronous_run_saves_learner(config: TrainConfig) -> None:
     assert result.updates_per_step == pytest.approx(2 * (asked - result.caught_up / 2) / asked)
     assert [row["updates_per_step"] for row in rows(result.run_dir)][:2] == ["", ""]
     assert 0 < float(rows(result.run_dir)[-1]["updates_per_step"]) <= result.updates_per_step + 1e-3
-    assert result.episodes[-1].losses["loss_qvalue"] > 0
+    assert result.episodes[-1].measures["loss_qvalue"] > 0
     state = load_checkpoint(result.run_dir / "checkpoint.bin")
     assert len(state["agent"]["memory"]["rows"]["action"]) == result.episodes[-1].steps
     assert state["pace"] == {"asked": asked, "done": asked}

@@ -54,7 +54,7 @@ def test_offline_run_writes_files(config: TrainConfig) -> None:
     folder = RunFolder(result.run_dir)
     assert folder.read_config() == config
     assert [episode.phase for episode in folder.read_episodes()] == [Phase.OFFLINE] * 3
-    assert set(result.episodes[0].losses) == {"loss_qvalue", "loss_value", "loss_actor", "entropy"}
+    assert set(result.episodes[0].measures) == {"loss_qvalue", "loss_value", "loss_actor", "entropy"}
     assert listener.calls == ["start 0", "episode 1", "episode 2", "episode 3", "end"]
     found = evaluate(result.run_dir, Cart(), episodes=2)
     assert (found.agent, found.episodes) == ("iql", 2)

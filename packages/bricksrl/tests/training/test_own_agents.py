@@ -81,7 +81,7 @@ def test_user_loss_trains_and_resumes_exactly(redq: str, tmp_path: Path) -> None
     """Its buffer is TorchRL's, and has wrapped."""
     config = TrainConfig("Cart", redq, 8, seed=3, run_dir=tmp_path / "whole")
     result = train(config, env=Cart())
-    assert {"loss_actor", "loss_qvalue", "loss_alpha"} <= set(result.episodes[-1].losses)
+    assert {"loss_actor", "loss_qvalue", "loss_alpha"} <= set(result.episodes[-1].measures)
     assert result.episodes[-1].steps > 40
     part = TrainConfig("Cart", redq, 8, seed=3, run_dir=tmp_path / "run")
     assert train(part, Recorder((7, 2), ctrl_c), env=Cart()).interrupted
@@ -108,12 +108,12 @@ def test_dataset_beside_the_users_buffer(redq: str, tmp_path: Path) -> None:
     text = REDQ.replace("TensorDictReplayBuffer(storage=LazyTensorStorage(40), batch_size=8)", buffer)
     (tmp_path / "own.py").write_text(f"from bricksrl.agents.replay.buffer import TransitionReplayBuffer\n{text}")
     result = train(config, env=Cart())
-    assert result.episodes[-1].losses
+    assert result.episodes[-1].measures
 
 
 def test_asynchronous_user_algorithm(redq: str, tmp_path: Path) -> None:
     result = train(TrainConfig("Cart", redq, 8, run_dir=tmp_path / "run", asynchronous=True), env=Cart())
-    assert any(episode.losses.get("loss_qvalue", 0.0) > 0 for episode in result.episodes)
+    assert any(episode.measures.get("loss_qvalue", 0.0) > 0 for episode in result.episodes)
     assert load_checkpoint(tmp_path / "run" / "checkpoint.bin")["agent"]["updates"] > 0
 
 

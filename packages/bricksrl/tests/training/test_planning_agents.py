@@ -73,7 +73,7 @@ def test_offline_episodes_reset_chunks(config: TrainConfig) -> None:
     assert config.run_dir is not None
     episodes = RunFolder(config.run_dir).read_episodes()
     assert episodes[-1].return_ > -0.5
-    assert set(episodes[-1].losses) == {"loss_act", "loss_reconstruction", "loss_kl"}
+    assert set(episodes[-1].measures) == {"loss_act", "loss_reconstruction", "loss_kl"}
 
 
 def test_evaluation_resets_chunks(config: TrainConfig) -> None:

@@ -86,12 +86,12 @@ def test_run_writes_files(config: TrainConfig) -> None:
     assert names(result.run_dir) == [".lock", "checkpoint.bin", "config.json", "data", "learning_curve.png", "metrics.csv"]
     assert folder.read_config() == config
     assert "torchrl" in json.loads(folder.config_path.read_text())["versions"]
-    columns = "episode,phase,steps,length,return,success,loss_qvalue,loss_actor,loss_alpha,alpha,entropy,seconds"
+    columns = "episode,phase,steps,length,return,success,loss_qvalue,loss_actor,loss_alpha,entropy,alpha,seconds"
     assert folder.metrics_path.read_text().splitlines()[0] == f"{columns},updates_per_step,link_lost,evaluation,robot"
     assert [episode.return_ for episode in folder.read_episodes()] == [episode.return_ for episode in result.episodes]
     assert [episode.phase for episode in result.episodes] == [Phase.PREFILL] * 2 + [Phase.TRAIN] * 4
-    assert not result.episodes[1].losses
-    assert set(result.episodes[2].losses) == {"loss_qvalue", "loss_actor", "loss_alpha", "entropy", "alpha"}
+    assert not result.episodes[1].measures
+    assert set(result.episodes[2].measures) == {"loss_qvalue", "loss_actor", "loss_alpha", "entropy", "alpha"}
     assert sum(episode.length for episode in result.episodes) == result.episodes[-1].steps
     assert folder.curve_path.read_bytes().startswith(b"\x89PNG")
     assert (observer.calls[0], observer.calls[1], observer.calls[-1]) == ("start 0", "step 1.1 prefill", "end")
@@ -327,7 +327,7 @@ def test_resume_of_other_run_raises(config: TrainConfig, tmp_path: Path) -> None
 def test_random_agent_runs_too(config: TrainConfig) -> None:
     result = train(replace(config, agent="random", settings=None), env=Cart())
     assert [episode.phase for episode in result.episodes] == [Phase.TRAIN] * 6
-    assert not result.episodes[-1].losses
+    assert not result.episodes[-1].measures
 
 
 def test_learns_to_leave_the_wall(config: TrainConfig) -> None:

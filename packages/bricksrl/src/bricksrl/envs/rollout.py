@@ -144,6 +144,10 @@ class Rollout:
             return None
         return success_of(ours.task, ours.task_observations(torch.stack(self.observations)))
 
+    def judged(self, env: EnvBase) -> tuple[bool | None, dict[str, float]]:
+        """Success and metrics of a training episode; none after a lost link."""
+        return (None, {}) if self.is_lost else (self.success(env), self.metrics(env))
+
     def metrics(self, env: EnvBase) -> dict[str, float]:
         """Metrics by the task, for the last episode of ``env``; empty if ``env`` has no task or the episode no step."""
         ours = interface_of(env)

@@ -61,8 +61,8 @@ class Episode:
     """Sum of rewards."""
     success: bool | None
     """By the task's definition; ``None`` without one."""
-    losses: dict[str, float] = field(default_factory=dict)
-    """Mean over its updates, by name; empty without updates."""
+    measures: dict[str, float] = field(default_factory=dict)
+    """Metrics of the task, such as the final error, and losses, means over the updates, by name."""
     seconds: float = 0.0
     """Total time of the run at its end, without interruptions."""
     link_lost: bool = False

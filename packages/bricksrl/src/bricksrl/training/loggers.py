@@ -49,7 +49,7 @@ def numbers(episode: Episode) -> dict[str, float]:
     names = ("episode", "length", "success", "updates_per_step", "evaluation", "link_lost", "seconds")
     values = {name: getattr(episode, name) for name in names}
     numeric = {name: float(value) for name, value in values.items() if value is not None}
-    return {"return": episode.return_, **numeric, **episode.losses}
+    return {"return": episode.return_, **numeric, **episode.measures}
 
 
 def _logged_in_to_wandb() -> bool:

@@ -168,7 +168,7 @@ class Loop:
             episode,
             episode=len(self.episodes) + 1,
             steps=episode.steps + (previous.steps if previous else 0),
-            losses={name: float(value) for name, value in means(playing.metrics).items()},
+            measures=episode.measures | {name: float(value) for name, value in means(playing.metrics).items()},
             seconds=self._ended_s - begun_s + (previous.seconds if previous else 0.0),
             updates_per_step=self.learner.pace.updates_per_step(self.actor),
         )

@@ -152,7 +152,7 @@ def _check_state(state: dict[str, Any]) -> None:
 
     for episode in map(Episode.from_dict, state["episodes"]):
         check_fields(Episode, vars(episode))
-        for value in (*episode.losses.values(), episode.updates_per_step or 0.0, episode.evaluation or 0.0):
+        for value in (*episode.measures.values(), episode.updates_per_step or 0.0, episode.evaluation or 0.0):
             float(value)
     if any(type(state["pace"][name]) is not int for name in ("asked", "done")):
         raise TypeError

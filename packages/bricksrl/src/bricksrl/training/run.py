@@ -146,13 +146,12 @@ def _run_in(
         loop = Loop(config, env, side, callback, signals, state, driver)
         if folder is None and not config.updates:
             loop.source.start()
-        losses = tuple(name for name in getattr(learner.loss, "out_keys", ()) if isinstance(name, str))
         with signals.held_back():
             if folder is None:
-                folder = RunFolder.create(config, state, losses)
+                folder = RunFolder.create(config, state)
                 lock.enter_context(only_writer(folder.path, RunError))
             else:
-                folder.write_episodes(loop.episodes, losses)
+                folder.write_episodes(loop.episodes)
                 folder.write_config(config)
         del state  # may be large
         return loop.run(folder)

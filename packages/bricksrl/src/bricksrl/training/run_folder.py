@@ -52,7 +52,7 @@ class RunFolder:
         self.curve_path, self.evaluation_path = path / "learning_curve.png", path / "evaluation.json"
 
     @classmethod
-    def create(cls, config: TrainConfig, state: dict[str, Any], losses: tuple[str, ...]) -> RunFolder:
+    def create(cls, config: TrainConfig, state: dict[str, Any]) -> RunFolder:
         """Create a folder with config and first checkpoint, atomically. Raises RunError if it exists, or WriteError."""
         from bricksrl.training.checkpoint import save_checkpoint
 
@@ -66,7 +66,7 @@ class RunFolder:
                 with atomic_folder(path) as temporary:
                     folder = cls(temporary)
                     folder.write_config(config)
-                    folder.write_episodes([], losses)
+                    folder.write_episodes([])
                     save_checkpoint(folder.checkpoint_path, state)
             except WriteError:
                 if path.exists():  # another process created it meanwhile
@@ -120,11 +120,14 @@ class RunFolder:
         return data if data is not None and data["trained_episodes"] == episodes and data.get("as_trained") else None
 
     def append(self, episode: Episode) -> None:
-        """Append an episode to the metrics."""
+        """Append an episode to the metrics; they are written anew where it has a measure that none before it had."""
         with self.metrics_path.open("r+b") as file:
             columns = file.readline().decode().strip().split(",")
-            file.seek(0, 2)
-            file.write(_csv(columns, [episode]))
+            if is_known := episode.measures.keys() <= {*columns}:
+                file.seek(0, 2)
+                file.write(_csv(columns, [episode]))
+        if not is_known:
+            self.write_episodes([*self.read_episodes(), episode])
 
     def draw_curve(self, config: TrainConfig, episodes: Sequence[Episode]) -> None:
         """Draw the learning curve."""
@@ -143,11 +146,11 @@ class RunFolder:
         except (KeyError, ValueError, TypeError):
             raise RunError(f"{self.metrics_path} has an invalid row; restore the file or start a new run") from None
 
-    def write_episodes(self, episodes: Iterable[Episode], losses: tuple[str, ...]) -> None:
+    def write_episodes(self, episodes: Sequence[Episode]) -> None:
         """Replace the metrics, which after a crash may be ahead of the checkpoint, and remove incomplete files."""
         for remnant in self.path.glob(f"{TEMPORARY_PREFIX}*"):
             remnant.unlink(missing_ok=True)
-        columns = [*_HEAD, *losses, *_TAIL]
+        columns = [*_HEAD, *dict.fromkeys(name for episode in episodes for name in episode.measures), *_TAIL]
         write_durably(self.metrics_path, f"{','.join(columns)}\n".encode() + _csv(columns, episodes))
 
 
@@ -166,7 +169,7 @@ def _row(episode: Episode) -> dict[str, Any]:
     success = None if episode.success is None else int(episode.success)
     ratio = None if episode.updates_per_step is None else f"{episode.updates_per_step:.4g}"
     texts = {"seconds": f"{episode.seconds:.3f}", "updates_per_step": ratio, "link_lost": int(episode.link_lost)}
-    return {**episode.losses, **vars(episode), **texts, "return": episode.return_, "success": success}
+    return {**episode.measures, **vars(episode), **texts, "return": episode.return_, "success": success}
 
 
 def _episode(row: dict[str, str]) -> Episode:
@@ -177,7 +180,7 @@ def _episode(row: dict[str, str]) -> Episode:
         length=int(row["length"]),
         return_=float(row["return"]),
         success=bool(int(row["success"])) if row["success"] else None,
-        losses={name: float(value) for name, value in row.items() if value and name not in (*_HEAD, *_TAIL)},
+        measures={name: float(value) for name, value in row.items() if value and name not in (*_HEAD, *_TAIL)},
         seconds=float(row["seconds"]),
         updates_per_step=float(row["updates_per_step"]) if row["updates_per_step"] else None,
         link_lost=row["link_lost"] == "1",

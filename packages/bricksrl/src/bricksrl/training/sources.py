@@ -176,9 +176,9 @@ class OneRobot(Source):
             yield Moved(playing, frame, own[-1], rollout.is_lost, bool(frame["next", "done"]))
         if rollout.is_lost and phase is Phase.OFFLINE:
             raise interface_of(self.env).link_error  # a measurement has to be complete, and its updates are made once
-        success = None if rollout.is_lost else rollout.success(self.env)
+        success, measures = rollout.judged(self.env)
         length, return_ = playing.length, rollout.return_
-        episode = Episode(playing.number, phase, length, length, return_, success, link_lost=rollout.is_lost)
+        episode = Episode(playing.number, phase, length, length, return_, success, measures, link_lost=rollout.is_lost)
         yield Ended(self.playing.pop(0), episode if length else None, is_cut)
 
 

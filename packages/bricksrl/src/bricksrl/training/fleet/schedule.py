@@ -111,7 +111,7 @@ class FleetRobots(Source):
                 return self._ended(member, *content)
             case "gone" | "given up":
                 self._set_state(member, RobotState.LEFT if kind == "gone" else RobotState.GIVEN_UP, content)
-                ended = self._ended(member, None, True, False)
+                ended = self._ended(member, None, {}, True, False)
                 self._assign_idle()
                 return ended
         return None
@@ -162,7 +162,9 @@ class FleetRobots(Source):
         playing.steps += steps
         return Moved(playing, frames[0], frames[-1], is_lost)
 
-    def _ended(self, member: Member, success: bool | None, is_lost: bool, is_cut: bool) -> Ended | None:
+    def _ended(
+        self, member: Member, success: bool | None, measures: dict[str, float], is_lost: bool, is_cut: bool
+    ) -> Ended | None:
         """End a robot's episode, and assign the next one: a robot need not wait for the disk."""
         playing = self.playing.pop(member.number, None)
         self._unsaved = int(playing is not None and playing.length > 0)
@@ -176,6 +178,6 @@ class FleetRobots(Source):
             return Ended(playing, None)
         if member.process is not None:  # else the episode is not complete
             member.deaths = 0
-        number, phase, length = playing.number, playing.phase, playing.length
-        episode = Episode(number, phase, length, length, playing.return_, success, link_lost=is_lost, robot=member.name)
+        done = (playing.number, playing.phase, playing.length, playing.length, playing.return_)
+        episode = Episode(*done, success, measures, link_lost=is_lost, robot=member.name)
         return Ended(playing, episode, is_cut)

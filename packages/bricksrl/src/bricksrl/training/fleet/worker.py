@@ -126,8 +126,7 @@ class Worker:
                 self._next_message("go")
             if self._ended.is_set():
                 raise _FleetEnded
-        success = None if rollout.is_lost else rollout.success(env)
-        self.send("ended", (success, rollout.is_lost, env.is_cut))
+        self.send("ended", (*rollout.judged(env), rollout.is_lost, env.is_cut))
 
     def _place(self, _rng: np.random.Generator) -> None:
         self.send("place")
