@@ -58,7 +58,7 @@ class CheckPlan:
         findings = check(plan) + check_named(plan)
         for finding in findings:
             location = f"line {finding.line}" if finding.line else "the plan"
-            print_line(f"{location:10}{finding.name:14}{finding.detail}")
+            print_line(f"{location:9} {finding.name:13} {finding.detail}")
         kinds = len({placed.part for placed in plan.parts})
         parts, steps = counted(len(plan.parts), "part"), counted(len(plan.steps), "step")
         summary = f"{parts} of {counted(kinds, 'kind')}, {steps}, {plan.mass_g:.0f} g"
