@@ -37,6 +37,11 @@ def read_named_plan(path: Path) -> Plan:
     return read_plan(file)
 
 
+def _print_faults(plan: Plan) -> None:
+    for fault in plan.faults:
+        print_line(f"line {fault.line} is left out: {fault.text}")
+
+
 @dataclass(frozen=True)
 class CheckPlan:
     """Check a building plan: unknown, loose and half-held parts, collisions, gears, steps, ports, cables.
@@ -58,7 +63,7 @@ class CheckPlan:
         findings = check(plan) + check_named(plan)
         for finding in findings:
             location = f"line {finding.line}" if finding.line else "the plan"
-            print_line(f"{location:10}{finding.name:14}{finding.detail}")
+            print_line(f"{location:9} {finding.name:13} {finding.detail}")
         kinds = len({placed.part for placed in plan.parts})
         parts, steps = counted(len(plan.parts), "part"), counted(len(plan.steps), "step")
         summary = f"{parts} of {counted(kinds, 'kind')}, {steps}, {plan.mass_g:.0f} g"
@@ -117,8 +122,7 @@ class PlanParts:
             print_line(f"{len(unknown.lines):4} x  {unknown.number:10}not in the catalogue")
         if plan.drawn:
             print_line(f"{len(plan.drawn):4} x  drawn cable or hose, without a number")
-        for fault in plan.faults:
-            print_line(f"line {fault.line} is left out: {fault.text}")
+        _print_faults(plan)
         total = f"{counted(len(plan.parts), 'part')}, {plan.mass_g:.0f} g"
         total = total if self.own is None else f"{sum(entry.count for entry in entries)} of {total} to be added"
         print_line(f"{total}{f': {self.out}' if self.out else ''}")
@@ -143,4 +147,5 @@ class PlanSteps:
         from bricktwin.plans.booklet import write_booklet
 
         plan = read_named_plan(self.plan)
+        _print_faults(plan)
         print_line(f"{counted(write_booklet(plan, self.out), 'page')}: {self.out}")

@@ -78,7 +78,7 @@ def _check_count(plan: Plan) -> Iterator[_Mistake]:
         held = frozenset().union(*held_by_unknown(plan, [unknown]))
         text += f"; what it holds, of {counted(len(held), 'part')} around it, is not checked" if held else ""
         yield unknown.lines[0], "unknown part", text
-    count = len(plan.parts) + sum(len(unknown.lines) for unknown in plan.unknown) + len(plan.drawn)
+    count = len(plan.parts) + sum(len(unknown.lines) for unknown in plan.unknown) + len(plan.drawn) + len(plan.faults)
     if plan.count not in (None, count):
         yield 0, "count", f"the plan says PARTS {plan.count}, but places {count}; put back what is missing, or correct the number"
 

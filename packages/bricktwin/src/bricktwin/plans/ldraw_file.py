@@ -208,9 +208,9 @@ class _Parser:
             case ["0", "!LDCAD", "GENERATED", *_]:  # the segments of a cable or hose of LDCad, and parts at its ends
                 self._current(number).is_drawn = True
             case ["0", "SYNTH", "BEGIN", kind, *_]:  # what follows are the segments of a cable or hose of LSynth
-                name = f"{kind.lower()} of line {number}"
-                self._place(number, _MAIN_COLOUR, np.eye(3), np.zeros(3), name)
-                self._drawn = self.models[name] = Model(name, number, is_drawn=True)
+                drawn = Model(f"{kind.lower()} of line {number}", number, is_drawn=True)
+                self._place(number, _MAIN_COLOUR, np.eye(3), np.zeros(3), drawn.name)
+                self._drawn = self.models[drawn.name] = drawn
             case ["0", "SYNTH", "END", *_]:
                 self._drawn = None
             case ["0", word, *_] if not (word.startswith("!") or word in _NO_TITLES):
