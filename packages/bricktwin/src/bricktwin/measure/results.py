@@ -163,7 +163,8 @@ class Comparison:
 
     def at(self, quantity: Quantity, value: float) -> float:
         """The number of a twin whose parameter has this value."""
-        return self.twin[quantity.name] + quantity.factor * (value - getattr(self.base, quantity.parameter))
+        base: float = getattr(self.base, quantity.parameter)
+        return self.twin[quantity.name] + quantity.factor * (value - base)
 
     def fitted(self) -> Physics:
         """Physics of the robot; what several numbers say of a parameter is averaged, what none says of it is the default."""
