@@ -17,7 +17,7 @@ from brickhub.cli.terminal import Interrupted, print_line
 from brickhub.files import only_writer, quoted
 from bricksrl.cli.page import LivePageGroup, PageAddress, PageFlag, RobotGroup, run_on_page
 from bricksrl.cli.terminal import load_learning
-from bricksrl.envs.options import EnvOptions
+from bricksrl.envs.options import EnvOptions, TransformOptions
 from bricksrl.errors import DescriptionError, RunError, StoppedError, counted
 from bricksrl.training.config import RunOptions, TrainConfig
 
@@ -224,6 +224,7 @@ class TrainOffline:
     run: Annotated[Path | None, option(metavar="DIR")] = None
     """Folder to write to, which must not exist; by default runs/<env>-<agent>-<seed>-<time>."""
     page: PageFlag = False
+    transforms: Annotated[TransformOptions, OmitArgPrefixes] = TransformOptions()
     live_page: LivePageGroup = PageAddress()
 
     def execute(self) -> None:
@@ -235,6 +236,7 @@ class TrainOffline:
             raise RunError(f"updates is {self.updates}; make at least 1")
         load_learning()  # algorithms are registered when their modules are imported
         config = TrainConfig(
+            **vars(self.transforms),
             env=self.env,
             agent=self.agent,
             episodes=self.episodes,

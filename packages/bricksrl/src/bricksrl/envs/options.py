@@ -34,12 +34,24 @@ def parse_option(text: str) -> tuple[str, Any]:
         return name, value
 
 
-TRANSFORMS: dict[str, Any] = {"frame_stack": 1, "frame_skip": 1, "transform": None}
-"""Options of what is between an environment and its agent, at which there is nothing."""
+@dataclass(frozen=True, kw_only=True)
+class TransformOptions:
+    """What is between the environment and its agent."""
+
+    frame_stack: Annotated[int, Range(1, 64), option(metavar="N")] = 1
+    """Observe the last N observations together (CatFrames)."""
+    frame_skip: Annotated[int, Range(1, 1000), option(metavar="N")] = 1
+    """Repeat each action for N steps of the robot; their rewards are summed."""
+    transform: Annotated[str | None, option(metavar="FILE")] = None
+    """Your own transform: FILE.py[:NAME], one of TorchRL's or a function of the environment that returns it transformed."""
+
+
+TRANSFORMS: dict[str, Any] = vars(TransformOptions())
+"""These options without any transform."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class EnvOptions:
+class EnvOptions(TransformOptions):
     """Connection to the robot, physics of a virtual one, and options of the task."""
 
     hub: Annotated[str, option(metavar="HUB")] = "virtual"
@@ -54,12 +66,6 @@ class EnvOptions:
     """Domain randomization: draw the physics of the virtual robot (battery, friction, masses, noise, link) for each episode."""
     physics: Annotated[Physics | Path | None, parsed(Path, metavar="FILE"), option()] = None
     """Physics of the virtual robot: a JSON file such as `bricksrl twin fit` writes; by default charged, on a smooth floor."""
-    frame_stack: Annotated[int, Range(1, 64), option(metavar="N")] = 1
-    """Observe the last N observations together (CatFrames)."""
-    frame_skip: Annotated[int, Range(1, 1000), option(metavar="N")] = 1
-    """Repeat each action for N steps of the robot; their rewards are summed."""
-    transform: Annotated[str | None, option(metavar="FILE")] = None
-    """Your own transform: FILE.py[:NAME], one of TorchRL's or a function of the environment that returns it transformed."""
     options: Annotated[dict[str, Any], parsed(parse_option, metavar="NAME=VALUE", collect=dict), option(name="option")] = field(
         default_factory=dict
     )
