@@ -10,7 +10,8 @@ from small import ENV, LAYOUT, TASK, make, settings, steps
 from tensordict import TensorDict
 from torch import Tensor
 
-from bricksrl.agents.replay.buffer import HORIZON, GoalRelabelling, TransitionReplayBuffer, make_replay_buffer
+from bricksrl.agents.replay.buffer import HORIZON, TransitionReplayBuffer, make_replay_buffer
+from bricksrl.envs.goals import GoalRelabelling
 
 GOALS = GoalRelabelling(TASK, LAYOUT, 0.5, 0.5)
 

@@ -156,7 +156,7 @@ def _environment(flags: Play | DriveRobot, target: str, run: Path | None) -> Ite
     if run is not None:
         config = config_of(run)
         env_id = config.env
-        options = options.changed(**config.options | options.options)
+        options = options.changed(**config.transforms, **config.options | options.options)
     with closing(make(env_id, options, seed=flags.seed, place=place_robot)) as env:
         yield env, env_id
 

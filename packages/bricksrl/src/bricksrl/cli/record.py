@@ -126,6 +126,10 @@ class Record:
 
     def _environment(self, options: EnvOptions, human: Driver | None, emergency_stop: EmergencyStop) -> EnvBase:
         from bricksrl.envs import make
+        from bricksrl.policies import config_of
+
+        if self.policy != "random" and self.policy not in DEVICES:  # a run, whose policy acts behind its transforms
+            options = options.changed(**config_of(Path(self.policy)).transforms)
 
         def place(rng: np.random.Generator) -> None:
             with quiet(human):

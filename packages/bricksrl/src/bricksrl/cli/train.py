@@ -17,7 +17,7 @@ from brickhub.cli.terminal import Interrupted, print_line
 from brickhub.files import only_writer, quoted
 from bricksrl.cli.page import LivePageGroup, PageFlag, RobotGroup, run_on_page, shown
 from bricksrl.cli.terminal import load_learning
-from bricksrl.envs.options import EnvOptions
+from bricksrl.envs.options import EnvOptions, TransformOptions
 from bricksrl.errors import DescriptionError, RunError, StoppedError, counted
 from bricksrl.page.server import PageOptions
 from bricksrl.training.config import RunOptions, TrainConfig
@@ -225,6 +225,7 @@ class TrainOffline:
     run: Annotated[Path | None, option(metavar="DIR")] = None
     """Folder to write to, which must not exist; by default runs/<env>-<agent>-<seed>-<time>."""
     page: PageFlag = False
+    transforms: Annotated[TransformOptions, OmitArgPrefixes] = TransformOptions()
     live_page: LivePageGroup = PageOptions()
 
     def execute(self) -> None:
@@ -236,6 +237,7 @@ class TrainOffline:
             raise RunError(f"updates is {self.updates}; make at least 1")
         load_learning()  # algorithms are registered when their modules are imported
         config = TrainConfig(
+            **vars(self.transforms),
             env=self.env,
             agent=self.agent,
             episodes=self.episodes,

@@ -35,12 +35,24 @@ def parse_option(text: str) -> tuple[str, Any]:
         return name, value
 
 
-TRANSFORMS: dict[str, Any] = {"frame_stack": 1, "frame_skip": 1, "transform": None}
-"""Options of what is between an environment and its agent, at which there is nothing."""
+@dataclass(frozen=True, kw_only=True)
+class TransformOptions:
+    """What is between the environment and its agent."""
+
+    frame_stack: Annotated[int, Range(1, 64), option(metavar="N")] = 1
+    """Observe the last N observations together (CatFrames)."""
+    frame_skip: Annotated[int, Range(1, 1000), option(metavar="N")] = 1
+    """Repeat each action for N steps of the robot; their rewards are summed."""
+    transform: Annotated[str | None, option(metavar="FILE")] = None
+    """Your own transform: FILE.py[:NAME], one of TorchRL's or a function of the environment that returns it transformed."""
+
+
+TRANSFORMS: dict[str, Any] = vars(TransformOptions())
+"""These options without any transform."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class EnvOptions:
+class EnvOptions(TransformOptions):
     """Connection to the robot, physics of a virtual one, and options of the task."""
 
     hub: Annotated[str, option(metavar="HUB")] = "virtual"
@@ -57,12 +69,6 @@ class EnvOptions:
     """Physics of the virtual robot: a JSON file such as `bricksrl twin fit` writes; by default charged, on a smooth floor."""
     link: Annotated[str | None, option(metavar="LINK")] = None
     """Bluetooth link of the virtual robot: mac, linux or bad-room, in place of that of the physics, which is linux by default."""
-    frame_stack: Annotated[int, Range(1, 64), option(metavar="N")] = 1
-    """Observe the last N observations together (CatFrames)."""
-    frame_skip: Annotated[int, Range(1, 1000), option(metavar="N")] = 1
-    """Repeat each action for N steps of the robot; their rewards are summed."""
-    transform: Annotated[str | None, option(metavar="FILE")] = None
-    """Your own transform: FILE.py[:NAME], one of TorchRL's or a function of the environment that returns it transformed."""
     options: Annotated[dict[str, Any], parsed(parse_option, metavar="NAME=VALUE", collect=dict), option(name="option")] = field(
         default_factory=dict
     )

@@ -18,6 +18,7 @@ import torch
 from tensordict import TensorDictBase
 from torch import Tensor
 from torch.nn.parameter import Parameter, UninitializedBuffer, is_lazy
+from torchrl import set_auto_unwrap_transformed_env
 from torchrl.envs import CatFrames, Compose, EnvBase, FrameSkipTransform, Transform, TransformedEnv, VecNorm, VecNormV2
 
 from brickhub.entry import Entry
@@ -401,6 +402,7 @@ def unaffected(env: EnvBase) -> Iterator[None]:
         load_transform_state(env, state)
 
 
+@set_auto_unwrap_transformed_env(False)  # type: ignore[untyped-decorator]
 def transformed(env: EnvBase, options: EnvOptions) -> EnvBase:
     """An environment with the transforms of its options, prepared for an agent. Raises DescriptionError if a user's transform is
     none, or raises."""
