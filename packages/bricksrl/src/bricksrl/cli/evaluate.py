@@ -12,6 +12,7 @@ from tyro.conf import Positional
 
 from brickhub.cli.options import Flag, JsonFlag, option
 from brickhub.cli.terminal import Interrupted, print_line, print_note
+from brickhub.seed import check_seed
 from bricksrl.cli.terminal import load_learning
 from bricksrl.errors import StoppedError, TwinError, counted, percent
 
@@ -65,6 +66,9 @@ class Evaluate:
         from bricksrl.training.run_folder import RunFolder
         from bricktwin.twin.physics import read_physics
 
+        check_seed(self.seed)
+        physics: dict[str, Any] = {"randomize": self.randomize}
+        physics |= {} if self.physics is None else {"physics": read_physics(self.physics)}
         origin = RunFolder(self.run).origin()  # before torch is loaded, which takes long
         load_learning()
         from bricksrl.evaluation import evaluate
@@ -78,8 +82,6 @@ class Evaluate:
                     "only the virtual robot of the run itself can be filmed; give --hub virtual, without --env, or no --video"
                 )
         film_options = FilmOptions(episodes=min(self.episodes, _FILMED_EPISODES), seed=self.seed)
-        physics: dict[str, Any] = {"randomize": self.randomize}
-        physics |= {} if self.physics is None else {"physics": read_physics(self.physics)}
         physics |= {} if self.link is None else {"link": self.link}
         options = {"realtime": self.realtime, **physics} | ({} if self.hub is None else {"hub": self.hub})
 

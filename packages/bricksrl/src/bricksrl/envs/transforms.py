@@ -201,7 +201,9 @@ def over(env: EnvBase, playback: Playback, *, is_tried: bool = False) -> EnvBase
         env.transform.empty_cache()
         env = env.base_env
     for buffer in (buffer for transform in chain for buffer in transform.buffers() if is_lazy(buffer)):
-        memo[id(buffer)] = UninitializedBuffer(False, buffer.device, buffer.dtype)  # it cannot be copied
+        memo[id(buffer)] = UninitializedBuffer(
+            requires_grad=False, device=buffer.device, dtype=buffer.dtype
+        )  # it cannot be copied  # type: ignore[call-arg]  # as its stub has no arguments
     copied = copy.deepcopy(chain, memo)
     for transform in copied:
         transform.reset_parent()

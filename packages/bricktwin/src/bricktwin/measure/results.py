@@ -18,7 +18,7 @@ from brickhub.virtual.virtual_transport import VirtualHub
 from bricktwin.measure.hands import SimulatedPerson
 from bricktwin.measure.session import TURNED_DEG, WALL_MM, Row, SessionLog, measure
 from bricktwin.twin.make_body import lies_on_bench, make_body
-from bricktwin.twin.models.mjcf import motor_constants
+from bricktwin.twin.models.motors import motor_constants
 from bricktwin.twin.physics import PARAMETERS, Physics
 from bricktwin.twin.scene import OPEN_FLOOR, Scene
 
