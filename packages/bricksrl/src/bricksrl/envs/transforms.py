@@ -201,9 +201,8 @@ def over(env: EnvBase, playback: Playback, *, is_tried: bool = False) -> EnvBase
         env.transform.empty_cache()
         env = env.base_env
     for buffer in (buffer for transform in chain for buffer in transform.buffers() if is_lazy(buffer)):
-        memo[id(buffer)] = UninitializedBuffer(
-            requires_grad=False, device=buffer.device, dtype=buffer.dtype
-        )  # it cannot be copied  # type: ignore[call-arg]  # as its stub has no arguments
+        empty = UninitializedBuffer(False, buffer.device, buffer.dtype)  # type: ignore[arg-type]  # its stub is wrong
+        memo[id(buffer)] = empty  # it cannot be copied
     copied = copy.deepcopy(chain, memo)
     for transform in copied:
         transform.reset_parent()
