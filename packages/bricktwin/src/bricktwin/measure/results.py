@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +42,10 @@ class Quantity:
     unit: str
     parameter: str = ""
     factor: float | None = 1.0
+
+
+PAUSE_MS = 300.0
+"""Time without an exchange after which the next one is late for that alone, and says nothing of the others."""
 
 
 def quantities(robot: Robot) -> tuple[Quantity, ...]:
@@ -78,7 +83,7 @@ def measured(log: SessionLog) -> dict[str, float]:
     rows: dict[str, list[Row]] = {}
     for row in log.rows:
         rows.setdefault(row.phase, []).append(row)
-    delays_ms = [row.delay_ms for row in log.rows]
+    delays_ms = [row.delay_ms for before, row in pairwise(log.rows) if row.time_ms - before.time_ms < PAUSE_MS + row.delay_ms]
     names = "link, median", "link, 95 of 100 within", "link, 999 of 1000 within"
     numbers = dict(zip(names, np.percentile(delays_ms, (50, 95, 99.9)), strict=True))
     numbers[f"link, over {LATE_MS:g} ms"] = 100.0 * float(np.mean(np.array(delays_ms) > LATE_MS))
