@@ -2,8 +2,8 @@
 
     python -m benchmarks measure
 
-Each robot has random physics, with one of the links of the virtual hub, and is handled by a person who errs by a degree and a second. The measurement
-sees what a real hub sends. Takes two minutes.
+Each robot has random physics, with one of the links of the virtual hub, and is handled by a person who errs by a degree and a
+second. The measurement sees what a real hub sends. Takes two minutes.
 """
 
 from __future__ import annotations

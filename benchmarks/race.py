@@ -121,11 +121,11 @@ def run_other(package: str, agent: str, seed: int, limit: int, *, like_ours: boo
     import bricksrl.envs  # registers with Gymnasium
     from bricksrl.agents import preset
     from bricksrl.agents.encoder import ObservationEncoder
-    from bricksrl.envs.specs import ObservationLayout
+    from bricksrl.envs.transforms import layout_of
 
     race = Race(limit)
     env = gymnasium.make(f"bricksrl/{ENV}")
-    encoder = ObservationEncoder(ObservationLayout.of(bricksrl.make(ENV)))
+    encoder = ObservationEncoder(layout_of(bricksrl.make(ENV)))
 
     def features(observation: Any) -> Any:
         return encoder(torch.as_tensor(observation)).numpy()

@@ -48,7 +48,10 @@ def test_study_writes_tables_and_reuses_runs(tmp_path: Path) -> None:
     assert found["same"]["return_95"] is None and result["improvements"][0]["probability_95"] is None
     assert {"processor", "cores", "system"} == set(result["machine"]) and "torch" in result["versions"]
     text = page.read_text()
-    assert "| agent | environment | seeds | return, same | return, twin |" in text and "| sac | WalkerSim-v0 | 2 | -" in text
+    assert (
+        "| agent | environment | settings | seeds | return, same | return, twin |" in text
+        and "| sac | WalkerSim-v0 | default | 2 | -" in text
+    )
     folder = tmp_path / "toy" / name_of(cells(True)[0]) / "seed-0"
     untouched = folder.with_name("seed-1") / "outcome.json"
     before = untouched.stat().st_mtime_ns
@@ -199,7 +202,7 @@ def test_study_page_has_a_table_for_each_measure_of_many_conditions() -> None:
     cells = [summary(Cell("sac", column, {}, tuple(map(Condition, names))), outcomes) for column in ("A-v0", "B-v0")]
     about = {"title": "T", "study": "t", "quick": False, "heads": ["agent", "environment"], "metrics": ["speed_m_s"]}
     text = page({**about, "machine": {"processor": "P", "cores": 2}, "versions": {}, "cells": cells})
-    assert "| agent | environment | seeds |" in text and "| sac | B-v0 | 5 |" in text
+    assert "| agent | environment | settings | seeds |" in text and "| sac | B-v0 | default | 5 |" in text
     assert "Return:\n\n| condition | A-v0 | B-v0 |" in text and "| carpet | 2 [2, 2] | 2 [2, 2] |" in text
     assert "| slope | 50 % [24, 76] |" in text and "| carpet | 100 %" not in text and "Success, which is 100 %" in text
     without_failures = {**cells[0], "conditions": {name: {**cells[0]["conditions"]["same"]} for name in names}}
@@ -213,8 +216,8 @@ def test_study_page_joins_cells_and_names_units() -> None:
     default["conditions"] = {"other": {**default["conditions"]["same"], "metrics": {"pitch_deg": 3.0}}}
     about = {"title": "T", "study": "t", "quick": False, "metrics": ["pitch_deg"], "machine": {"processor": "P", "cores": 2}}
     lines = page({**about, "versions": {}, "cells": [paper, default]}).splitlines()
-    assert lines[5].startswith("| row | column | seeds | return, same | return, other | pitch, degrees |")
-    assert lines[7].startswith("| bc | A-v0 | 5 | 1 [1, 1] | 2 [2, 2] | 3 |") and not lines[8]
+    assert lines[5].startswith("| row | column | settings | seeds | return, same | return, other | pitch, degrees |")
+    assert lines[7].startswith("| bc | A-v0 | default | 5 | 1 [1, 1] | 2 [2, 2] | 3 |") and not lines[8]
 
 
 def test_study_page_shows_cpu_time_where_all_seeds_have_it() -> None:

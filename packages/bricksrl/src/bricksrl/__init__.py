@@ -91,10 +91,19 @@ class _GymnasiumHook:
         return spec
 
 
-if os.environ.get("MUJOCO_GL", "disable") != "disable":  # TorchRL, which most modules import, loads the library that it names
-    from bricktwin.twin.make_body import check_mujoco
+class _GraphicsHook:
+    """Import hook that tries MuJoCo before TorchRL imports it: a graphics library that does not work costs pictures only."""
 
-    check_mujoco()
+    def find_spec(self, name: str, path: Sequence[str] | None, target: ModuleType | None = None) -> None:
+        if name == "torchrl":
+            from bricktwin.twin.make_body import check_mujoco
+
+            sys.meta_path.remove(self)
+            check_mujoco()
+
+
+if os.environ.get("MUJOCO_GL", "disable") != "disable" and "torchrl" not in sys.modules:
+    sys.meta_path.insert(0, _GraphicsHook())
 if "gymnasium" in sys.modules:
     import importlib
 

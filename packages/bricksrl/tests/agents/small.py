@@ -18,7 +18,7 @@ import bricksrl
 from bricksrl.agents import make_learner, preset
 from bricksrl.agents.bc import recorded_memory
 from bricksrl.agents.learner import Learner
-from bricksrl.envs.specs import ObservationLayout
+from bricksrl.envs.transforms import layout_of
 
 
 class Sight(EnvBase):
@@ -60,7 +60,7 @@ class Sight(EnvBase):
 ENV = bricksrl.make("RoboArmSim-v0", seed=0)
 SIGHT = Sight()
 TASK = ENV.task
-LAYOUT = ObservationLayout.of(ENV)
+LAYOUT = layout_of(ENV)
 REPLAYING = ("sac", "droq", "redq", "td3", "crossq", "tqc", "iql", "cql", "td3bc")
 IMITATING = ("bc", "act", "diffusion")
 LEARNING = (*REPLAYING, "ppo", *IMITATING)

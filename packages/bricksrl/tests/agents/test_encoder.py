@@ -15,7 +15,8 @@ from toys import Cart
 from brickhub.entry import Entry
 from bricksrl.agents.encoder import Encoder, ObservationEncoder, encoder_keys, make_encoder
 from bricksrl.envs.specs import ImageShape, NominalBounded, ObservationLayout
-from bricksrl.envs.vision.networks import Convolutions, Keypoints, shift_images
+from bricksrl.envs.transforms import layout_of
+from bricksrl.envs.vision.image_networks import Convolutions, Keypoints, shift_images
 from bricksrl.errors import DescriptionError
 
 MIXED = ObservationLayout((0.0, -90.0, 0.0, -math.inf), (360.0, 90.0, 2000.0, math.inf), (True, False, False, False))
@@ -77,21 +78,21 @@ def test_batch_dimensions_do_not_change_features(angles: str, goals: str) -> Non
 
 
 def test_layouts_come_from_the_entries_or_from_the_bounds_of_the_spec() -> None:
-    cart = ObservationLayout.of(Cart())
+    cart = layout_of(Cart())
     assert (cart.low, cart.high, cart.wraps, cart.vectors) == (
         (0.0, -1.0),
         (1000.0, 1.0),
         (False, False),
         (("observation", (2,)),),
     )
-    seen = ObservationLayout.of(SIGHT)
+    seen = layout_of(SIGHT)
     assert (seen.low, seen.keys) == ((-1.0,) * 2, ["observation", "image"])
     assert seen.images == (ImageShape("image", 32, 3, True, 0.0, 255.0),)
     assert LAYOUT.goals == ((4, 0), (5, 1), (6, 2), (7, 3))
     own = Cart()
     entries = (Entry("turn_angle", 0.0, 360.0, wraps=True), Entry("speed"))
     own.observation_spec = Composite(observation=NominalBounded.of(entries))
-    assert ObservationLayout.of(own).wraps == (True, False)  # an environment of one's own says what its numbers are
+    assert layout_of(own).wraps == (True, False)  # an environment of one's own says what its numbers are
 
 
 def test_images_and_observations_are_joined() -> None:

@@ -213,6 +213,7 @@ def test_dataset_equals_same_experience() -> None:
     memory = make_replay_buffer(ENV, settings("sac"), "cpu")
     memory.extend(steps(40))
     other.dataset = memory
+    other.see(steps(40))
     for each in (one, other):
         torch.manual_seed(1)
         each.make_updates(3)

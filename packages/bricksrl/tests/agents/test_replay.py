@@ -15,6 +15,7 @@ from tensordict import TensorDict
 from bricksrl.agents.bc import recorded_memory
 from bricksrl.agents.learner import load_memory_state, memory_state
 from bricksrl.agents.replay.buffer import TransitionReplayBuffer
+from bricksrl.envs.specs import ImageShape
 from bricksrl.errors import DescriptionError
 
 GAMMA = 0.9
@@ -240,7 +241,8 @@ def test_images_are_shifted_independently() -> None:
     images = torch.arange(16 * 16 * 3, dtype=torch.uint8).view(1, 16, 16, 3).repeat(8, 1, 1, 1)
     frames = numbered(0, 8)
     frames["image"], frames["next", "image"] = images, images.clone()
-    plain, shifted = (TransitionReplayBuffer(8, 32, ("observation", "image"), shift_px=px) for px in (0, 2))
+    shape = ImageShape("image", 16, 3, is_channels_last=True)
+    plain, shifted = (TransitionReplayBuffer(8, 32, ("observation", "image"), shift_px=px, images=(shape,)) for px in (0, 2))
     for buffer in (plain, shifted):
         buffer.extend(frames)
     assert (plain.sample()["image"] == images[0]).all()

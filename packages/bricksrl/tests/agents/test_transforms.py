@@ -32,7 +32,7 @@ import bricksrl
 from bricksrl.agents import make_learner, preset
 from bricksrl.agents.encoder import Encoder, encode, make_encoder
 from bricksrl.envs.specs import ObservationLayout
-from bricksrl.envs.transforms import changes_nothing, own_frames, prepare
+from bricksrl.envs.transforms import changes_nothing, layout_of, own_frames, prepare
 from bricksrl.errors import DescriptionError
 
 KEYS = ["observation"]
@@ -88,7 +88,7 @@ def features(env: EnvBase) -> tuple[Tensor, Tensor, ObservationLayout]:
         frame = env.step(state.update(env.full_action_spec.rand()))
         own = own_frames(env, frame)[-1]["next", "observation"]
         state = env.step_mdp(frame)
-    return encode(encoder, state), own, ObservationLayout.of(env)
+    return encode(encoder, state), own, layout_of(env)
 
 
 UNCHANGED: dict[str, Callable[[], list[Transform]]] = {
@@ -108,14 +108,14 @@ def test_angles_and_goals_survive_where_the_numbers_do(name: str) -> None:
     made, own, layout = features(env)
     plain = bricksrl.make("RoboArmSim-v0")
     torch.testing.assert_close(made, make_encoder(plain, preset("default", "sac"))(own), atol=1e-4, rtol=1e-4)
-    before = ObservationLayout.of(plain)
+    before = layout_of(plain)
     assert (layout.wraps, layout.goals, layout.names) == (before.wraps, before.goals, before.names)
 
 
 def test_stacked_frames_are_stacked_entries() -> None:
     env = arm(CatFrames(3, -1, in_keys=KEYS))
     made, own, layout = features(env)
-    assert layout.names == ObservationLayout.of(bricksrl.make("RoboArmSim-v0")).names * 3
+    assert layout.names == layout_of(bricksrl.make("RoboArmSim-v0")).names * 3
     assert layout.goals == tuple((8 * frame + goal, 8 * frame + goal - 4) for frame in range(3) for goal in range(4, 8))
     angles = [index for index, wraps in enumerate(layout.wraps) if wraps]
     assert angles == [0, 4, 8, 12, 16, 20]
@@ -143,10 +143,10 @@ def test_what_no_agent_reads_is_an_error() -> None:
     for name, spec in {"said": NonTensor(()), "volume": Unbounded((2, 3, 4, 5)), "inner": Composite(x=Unbounded(2))}.items():
         env.observation_spec = Composite(observation=env.observation_spec["observation"], **{name: spec})
         with pytest.raises(DescriptionError, match=f"'{name}'"):
-            ObservationLayout.of(env)
+            layout_of(env)
     env.observation_spec = Composite(image=Bounded(0, 1, (3, 20, 30)))
     with pytest.raises(DescriptionError, match="'image' of shape"):
-        ObservationLayout.of(env)
+        layout_of(env)
 
 
 def test_images_alone_and_several_are_read() -> None:

@@ -154,12 +154,11 @@ def make_learner(agent: str, env: EnvBase, settings: Any = None, device: str = "
     with a range in their units, see `bricksrl.envs.transforms.KeepUnits`. Raises UnknownNameError if there is no such algorithm,
     DescriptionError if the settings are of another algorithm or do not suit the environment, or a user's code raised."""
     from bricksrl.agents.learner import Learner
-    from bricksrl.envs.specs import ObservationLayout
-    from bricksrl.envs.transforms import prepare
+    from bricksrl.envs.transforms import layout_of, prepare
 
     chosen = algorithm(agent)
     prepare(env)
-    images = bool(ObservationLayout.of(env).images)
+    images = bool(layout_of(env).images)
     settings = preset("default", agent, images=images) if settings is None else settings
     if is_reference(agent) and type(settings).__name__ == chosen.settings.__name__:
         settings = chosen.settings(**vars(settings))  # the user's file was reloaded, and its class with it

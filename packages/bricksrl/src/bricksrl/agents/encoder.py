@@ -13,7 +13,8 @@ from torchrl.envs import EnvBase
 from bricksrl.agents.settings import Settings
 from bricksrl.envs.seen_inputs import SeenInputs
 from bricksrl.envs.specs import ObservationLayout
-from bricksrl.envs.vision.networks import Convolutions, Keypoints, pixels
+from bricksrl.envs.transforms import layout_of
+from bricksrl.envs.vision.image_networks import Convolutions, Keypoints, pixels
 
 
 class ObservationEncoder(nn.Module):
@@ -114,7 +115,7 @@ class Encoder(nn.Module):
 
 def make_encoder(env: EnvBase, settings: Settings) -> Encoder:
     """The encoder of all that an environment observes."""
-    return Encoder(ObservationLayout.of(env), settings)
+    return Encoder(layout_of(env), settings)
 
 
 def encoder_keys(encoder: nn.Module) -> list[str]:

@@ -12,7 +12,7 @@ from torchrl.envs import EnvBase
 
 from bricksrl.agents.learner import Learner
 from bricksrl.agents.networks import action_size
-from bricksrl.envs.specs import ObservationLayout
+from bricksrl.envs.transforms import layout_of
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ def uniform_actions(observation: Tensor, *, size: int, dims: int = 1) -> Tensor:
 def build(env: EnvBase, settings: RandomSettings, device: torch.device | str = "cpu") -> Learner:
     """Random actions for an environment."""
     del settings, device
-    layout = ObservationLayout.of(env)
+    layout = layout_of(env)
     act = functools.partial(uniform_actions, size=action_size(env), dims=len(layout.vectors[0][1]) if layout.vectors else 3)
     policy = TensorDictModule(act, in_keys=layout.keys[:1], out_keys=["action"])
     return Learner(policy=policy, updates_per_step=0.0)

@@ -69,13 +69,16 @@ class Evaluate:
         check_seed(self.seed)
         physics: dict[str, Any] = {"randomize": self.randomize}
         physics |= {} if self.physics is None else {"physics": read_physics(self.physics)}
+        if self.video is not None:
+            from bricksrl.evaluation.film import check_film
+
+            check_film(self.video)
         origin = RunFolder(self.run).origin()  # before torch is loaded, which takes long
         load_learning()
         from bricksrl.evaluation import evaluate
-        from bricksrl.evaluation.film import FilmOptions, check_film, check_filmable, film_run
+        from bricksrl.evaluation.film import FilmOptions, check_filmable, film_run
 
         if self.video is not None:
-            check_film(self.video)
             hub = self.hub if self.hub is not None else origin.options.hub
             if self.env is not None or hub != "virtual":
                 raise TwinError(

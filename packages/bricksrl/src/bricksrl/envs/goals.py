@@ -12,7 +12,7 @@ from torchrl.envs import EnvBase
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.specs import ObservationLayout
 from bricksrl.envs.task import Task
-from bricksrl.envs.transforms import changes_nothing
+from bricksrl.envs.transforms import changes_nothing, layout_of
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class GoalRelabelling:
 def relabelling(env: EnvBase, hindsight: float, new_goals: float) -> GoalRelabelling | None:
     """Relabelling of shares of a batch; ``None`` if there is none, if not all goals can be reached, and behind transforms
     of observation or reward, which the task's functions know nothing of."""
-    task, layout = interface_of(env).task, ObservationLayout.of(env)
+    task, layout = interface_of(env).task, layout_of(env)
     if task is None or not hindsight + new_goals or not layout.goals or not changes_nothing(env):
         return None
     is_whole = len(layout.goals) == sum(name.endswith("_goal") for name in layout.names)

@@ -27,8 +27,9 @@ from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.registry import is_simulation, make
 from bricksrl.envs.rollout import link_lost
-from bricksrl.envs.specs import ObservationLayout, clamped
+from bricksrl.envs.specs import clamped
 from bricksrl.envs.task import metrics_of, success_of
+from bricksrl.envs.transforms import layout_of
 from bricksrl.errors import BricksError, DescriptionError, RenderingUnavailableError, UnknownOptionError
 
 if TYPE_CHECKING:
@@ -272,7 +273,7 @@ class _Goals:
 
     def _find_goals(self, env: Any, vector: gymnasium.Space[Any]) -> None:
         ours = env.unwrapped
-        pairs = ObservationLayout.of(ours.env).goals if isinstance(ours, GymnasiumEnv | GymnasiumVectorEnv) else ()
+        pairs = layout_of(ours.env).goals if isinstance(ours, GymnasiumEnv | GymnasiumVectorEnv) else ()
         if not isinstance(vector, Box) or not pairs:
             raise DescriptionError(f"{env} has no goals in a vector of ours; take one that has, such as bricksrl/RoboArm-v0")
         self._size = vector.shape[-1]

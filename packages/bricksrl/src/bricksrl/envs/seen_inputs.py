@@ -53,7 +53,7 @@ class SeenInputs(nn.Module):
             return inputs
         is_held = (self.least <= self.greatest) & ~self.free & (~self.wraps | (self.least == self.greatest))
         least, greatest = torch.where(is_held, self.least, -LARGEST), torch.where(is_held, self.greatest, LARGEST)
-        if not torch.compiler.is_exporting():
+        if not (torch.compiler.is_exporting() or inputs.is_meta):
             self._say(inputs, least, greatest)
         return inputs.clamp(least, greatest)
 

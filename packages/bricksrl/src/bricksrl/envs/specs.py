@@ -238,18 +238,6 @@ class ObservationLayout:
         return [key for key, _ in self.vectors] + [image.key for image in self.images]
 
     @classmethod
-    def of(cls, env: EnvBase) -> ObservationLayout:
-        """The layout of an environment's observation, from its specs and through its transforms. Raises DescriptionError for an
-        entry that no agent can read."""
-        if isinstance(env, SpecsEnv) and env.layout is not None:
-            return env.layout
-        from bricksrl.envs.transforms import numbers_of
-
-        specs, vectors = observed_specs(env), numbers_of(env)
-        images = tuple(ImageShape.of(key, spec) for key, spec in specs.items() if key not in vectors)
-        return cls.of_numbers(vectors, [tuple(specs[key].shape) for key in vectors], images)
-
-    @classmethod
     def of_numbers(
         cls, vectors: Mapping[str, Sequence[Number]], shapes: Sequence[tuple[int, ...]], images: tuple[ImageShape, ...]
     ) -> ObservationLayout:

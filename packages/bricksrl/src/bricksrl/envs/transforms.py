@@ -24,7 +24,7 @@ from torchrl.envs import CatFrames, Compose, EnvBase, FrameSkipTransform, Transf
 from brickhub.entry import Entry
 from brickhub.user_files import load_object
 from bricksrl.envs.env_interface import interface_of
-from bricksrl.envs.specs import SPECS, ImageShape, Number, SpecsEnv, observed_specs, spec_entries
+from bricksrl.envs.specs import SPECS, ImageShape, Number, ObservationLayout, SpecsEnv, observed_specs, spec_entries
 from bricksrl.errors import DataError, DescriptionError, message_of
 
 if TYPE_CHECKING:
@@ -53,6 +53,16 @@ def transforms_of(env: EnvBase) -> list[Transform]:
         chain = [*(own.transforms if isinstance(own, Compose) else [own]), *chain]
         env = env.base_env
     return chain
+
+
+def layout_of(env: EnvBase) -> ObservationLayout:
+    """The layout of an environment's observation, from its specs and through its transforms. Raises DescriptionError for an entry
+    that no agent can read."""
+    if isinstance(env, SpecsEnv) and env.layout is not None:
+        return env.layout
+    specs, vectors = observed_specs(env), numbers_of(env)
+    images = tuple(ImageShape.of(key, spec) for key, spec in specs.items() if key not in vectors)
+    return ObservationLayout.of_numbers(vectors, [tuple(specs[key].shape) for key in vectors], images)
 
 
 class Tap(Transform):  # type: ignore[misc]

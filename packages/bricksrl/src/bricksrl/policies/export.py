@@ -22,6 +22,7 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from brickhub.files import check_writable, refuse_existing, write_durably
 from bricksrl.envs.specs import ObservationLayout
+from bricksrl.envs.transforms import layout_of
 from bricksrl.errors import RunError, message_of
 from bricksrl.policies import load_policy, make_env_of
 from bricksrl.training.restore import Which
@@ -71,7 +72,7 @@ def export_model(path: Path | str, out: Path, format_: Format = "torch-export", 
         names = " and ".join(missing)
         raise RunError(f"export as onnx needs {names}; run `pip install 'bricksrl[onnx]'`, or export as torch-export")
     with closing(make_env_of(Path(path))) as env:
-        policy, layout = load_policy(path, env, which=which), ObservationLayout.of(env)
+        policy, layout = load_policy(path, env, which=which), layout_of(env)
         named = _observations(env, layout)
         inputs = tuple(named[key] for key in policy.in_keys)
     acting = BestAction(policy).eval().requires_grad_(False)

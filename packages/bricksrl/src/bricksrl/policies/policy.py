@@ -16,8 +16,7 @@ from torch import Tensor
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from bricksrl.envs import rollout
-from bricksrl.envs.specs import ObservationLayout
-from bricksrl.envs.transforms import Playback, base_of, frames_per_step, over, still
+from bricksrl.envs.transforms import Playback, base_of, frames_per_step, layout_of, over, still
 from bricksrl.errors import DescriptionError
 
 if TYPE_CHECKING:
@@ -36,7 +35,7 @@ class Policy(TensorDictModuleBase):  # type: ignore[misc]
 
     def __init__(self, module: TensorDictModuleBase, env: EnvBase, through: EnvBase | None = None) -> None:
         super().__init__()
-        layout = ObservationLayout.of(env)
+        layout = layout_of(env)
         self.shapes = dict(layout.vectors)
         self.in_keys, self.out_keys = list(module.in_keys if through is None else layout.keys), ["action"]
         self.module = module.eval()

@@ -28,7 +28,8 @@ from bricksrl.child_process import END, ChildProcess, Message, Send, leave, pare
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.registry import get_task, make
 from bricksrl.envs.rollout import lost_links, with_outcome
-from bricksrl.envs.specs import SPECS, ObservationLayout, SpecsEnv
+from bricksrl.envs.specs import SPECS, SpecsEnv
+from bricksrl.envs.transforms import layout_of
 from bricksrl.errors import BricksError, LearnerError, message_of
 from bricksrl.training.checkpoint import save_checkpoint
 from bricksrl.training.config import TrainConfig
@@ -117,7 +118,7 @@ class AsyncLearner:
                 self._process = ChildProcess("bricksrl.training.learner_side", self._deliver)
         except OSError as error:
             raise LearnerError(f"cannot start the learner's process ({error.strerror}); train synchronously") from None
-        specs, layout = {name: getattr(env, name).cpu() for name in SPECS}, ObservationLayout.of(env)
+        specs, layout = {name: getattr(env, name).cpu() for name in SPECS}, layout_of(env)
         has_task = interface_of(env).task is not None
         if config.data is not None and isinstance(env, TransformedEnv) and not config.is_transformed:
             raise LearnerError("the learner's process does not know this environment's transforms; train synchronously")

@@ -91,9 +91,9 @@ def make_learner_for(config: TrainConfig, env: EnvBase, device: str | None = Non
 def identity_of(config: TrainConfig, env: EnvBase) -> dict[str, Any]:
     """Values that must be equal in a checkpoint and its run."""
     from bricksrl.agents.networks import action_size
-    from bricksrl.envs.specs import ObservationLayout
+    from bricksrl.envs.transforms import layout_of
 
-    data, layout = config.to_dict(), asdict(ObservationLayout.of(env))
+    data, layout = config.to_dict(), asdict(layout_of(env))
     run = {key: data[key] for key in ("env", "agent", "seed", "settings")}
     del layout["names"]  # for messages
     return {**run, "layout": layout, "action_size": action_size(env)}
@@ -189,8 +189,8 @@ def attach_dataset(config: TrainConfig, learner: Learner, env: EnvBase) -> None:
     RunError if the agent cannot use a dataset, or needs one."""
     from bricksrl.agents.bc import recorded_memory
     from bricksrl.agents.replay.buffer import TransitionReplayBuffer
-    from bricksrl.envs.specs import ObservationLayout, observed_specs
-    from bricksrl.envs.transforms import base_of, through
+    from bricksrl.envs.specs import observed_specs
+    from bricksrl.envs.transforms import base_of, layout_of, through
 
     if learner.imitates and config.data is None:
         raise RunError(f"{config.agent} needs a dataset; give its folder as data")
@@ -201,7 +201,7 @@ def attach_dataset(config: TrainConfig, learner: Learner, env: EnvBase) -> None:
     if not (learner.memory is None or isinstance(learner.memory, TransitionReplayBuffer) or config.updates):
         remedy = "give it a bricksrl.agents.replay.buffer.TransitionReplayBuffer, or omit the data"
         raise RunError(f"{config.agent} has a replay buffer that cannot be mixed with a dataset; {remedy}")
-    images = bool(ObservationLayout.of(env).images) or "image" in observed_specs(base_of(env))
+    images = bool(layout_of(env).images) or "image" in observed_specs(base_of(env))
     data = read_for(config.data, env, images=images)
     frames = data.to_tensordict()
     frames["next", "done"][:-1] |= (data.episode[1:] != data.episode[:-1])[:, None]

@@ -18,8 +18,9 @@ from torchrl.envs import EnvBase
 from bricksrl.agents.settings import OffPolicySettings
 from bricksrl.envs.goals import GoalRelabelling, relabelling
 from bricksrl.envs.rollout import lost_links, with_outcome
-from bricksrl.envs.specs import ImageShape, ObservationLayout
-from bricksrl.envs.vision.networks import shift_images
+from bricksrl.envs.specs import ImageShape
+from bricksrl.envs.transforms import layout_of
+from bricksrl.envs.vision.image_networks import shift_images
 from bricksrl.errors import DescriptionError
 
 HORIZON = 4
@@ -188,7 +189,7 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
 
 def make_replay_buffer(env: EnvBase, settings: OffPolicySettings, device: torch.device | str) -> TransitionReplayBuffer:
     """The replay buffer of the settings for an environment."""
-    layout, goals = ObservationLayout.of(env), relabelling(env, settings.hindsight, settings.new_goals)
+    layout, goals = layout_of(env), relabelling(env, settings.hindsight, settings.new_goals)
     args = (settings.buffer_size, settings.batch_size, layout.keys, settings.memory_mapped, device)
     kwargs: dict[str, Any] = {"gamma": settings.gamma, "n_step": settings.n_step, "goals": goals}
     return TransitionReplayBuffer(*args, **kwargs, shift_px=settings.shift_px, images=layout.images)

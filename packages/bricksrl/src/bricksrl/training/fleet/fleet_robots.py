@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from brickhub.seed import derive_seed
 from bricksrl.child_process import ChildProcess, Message
 from bricksrl.envs.options import EnvOptions
-from bricksrl.envs.specs import SPECS, ObservationLayout, SpecsEnv
+from bricksrl.envs.specs import SPECS, SpecsEnv
 from bricksrl.errors import LearnerError, RunError
 from bricksrl.training.callbacks import RobotState
 
@@ -92,7 +92,7 @@ class Fleet(SpecsEnv):
     def __init__(self, config: TrainConfig, place: Placement | None = None) -> None:
         from brickhub.hub.transports.address import parse_hub
         from bricksrl.envs.registry import is_simulation, make
-        from bricksrl.envs.transforms import has_running_statistics, prepare
+        from bricksrl.envs.transforms import has_running_statistics, layout_of, prepare
 
         if is_simulation(config.env):
             raise RunError(f"{config.env} is a simulation without a robot; train copies of it with num_envs")
@@ -102,7 +102,7 @@ class Fleet(SpecsEnv):
         prepare(env)
         if has_running_statistics(env):
             raise RunError("the robots of a fleet would have different statistics; give --normalize, or omit the transform")
-        super().__init__({name: getattr(env, name).clone() for name in SPECS}, env.task, ObservationLayout.of(env))
+        super().__init__({name: getattr(env, name).clone() for name in SPECS}, env.task, layout_of(env))
         env.close(raise_if_closed=False)
         self.config, self.members = config, members_of(config)
         self.robots = len(self.members)
