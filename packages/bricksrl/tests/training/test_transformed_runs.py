@@ -61,7 +61,8 @@ def test_runs_carry_their_transforms(tmp_path: Path, options: dict[str, Any]) ->
     env = bricksrl.make("WalkerSim-v0", seed=5)
     actions = env.rollout(10, policy)["action"]  # of the environment itself
     assert actions.shape == (10, 4)
-    assert torch.equal(actions[1], actions[2]) == ("frame_skip" in options)
+    assert torch.equal(actions[0], actions[1]) == torch.equal(actions[2], actions[3]) == ("frame_skip" in options)
+    assert not torch.equal(actions[1], actions[2])
     assert export_model(tmp_path / "whole", tmp_path / "policy.pt2") < 1e-4
 
 
