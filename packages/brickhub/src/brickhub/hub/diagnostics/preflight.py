@@ -15,7 +15,7 @@ from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.link.timing import percentile
 from brickhub.hub.transport import Transport
 from brickhub.hub.transports.connection import HubIdentity
-from brickhub.robot import HubKind, Motor, MotorKind, Robot, SensorKind
+from brickhub.robot import AnyHub, Motor, MotorKind, Robot, SensorKind
 from brickhub.robot.hardware import DC_MOTOR_ID
 
 SLOW_INTERVAL_MS = 20.0
@@ -193,7 +193,7 @@ def check_ports(robot: Robot, result: Survey) -> Iterator[Finding]:
             yield Finding(name, Outcome.ERROR, detail)
 
 
-def check_battery(hub: HubKind, battery_mv: int) -> Finding:
+def check_battery(hub: AnyHub, battery_mv: int) -> Finding:
     """Battery check: enough voltage for the motors."""
     # Below the first voltage the hub warns, below the second it soon switches off; limits of the firmware (battery.c).
     cells, lithium = (5400, 4800, "put fresh batteries in"), (6800, 6000, "charge it")
