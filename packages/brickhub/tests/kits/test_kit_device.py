@@ -7,6 +7,7 @@ import math
 import pytest
 
 from brickhub.hub.kit_protocol import NOTIFICATION, Done, MotorState, decode_notification, encode
+from brickhub.hub.kit_radio import parts
 from brickhub.robot import KitKind
 from brickhub.virtual.bench_body import FittedBench
 from brickhub.virtual.given_readings import parse_reading
@@ -26,7 +27,7 @@ class World:
         bench.plug_in("D", "ColorSensor")
         bench.put_on_wheels({"A": -0.25 / 1000, "B": -0.25 / 1000})
         self.machine = Machine(bench)
-        devices = devices_of(self.machine, "D")
+        devices = devices_of(self.machine, parts(KitKind.DOUBLE_MOTOR, "ABC", "D"))
         self.double, self.single, self.color, self.controller = devices
         for device in devices:
             device.connect()

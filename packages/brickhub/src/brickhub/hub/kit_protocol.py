@@ -28,6 +28,11 @@ class Product(enum.IntEnum):
     COLOR_SENSOR = 514
     CONTROLLER = 515
 
+    @property
+    def title(self) -> str:
+        """Name on its box, and in its advertisement."""
+        return self.name.replace("_", " ").title()
+
 
 class Done(enum.IntEnum):
     """Outcome of a command."""

@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from math import trunc
 
-from brickhub.errors import TwinError
 from brickhub.hub.kit_estimates import ACCELERATION_DEG_S2_PER_PCT, DEFAULT_SPEED_PCT, FULL_LEVER_DEG, FULL_SPEED_DEG_S
 from brickhub.hub.kit_protocol import (
     FACES,
@@ -25,7 +24,8 @@ from brickhub.hub.kit_protocol import (
     encode_info,
     encode_notification,
 )
-from brickhub.robot import Direction, KitKind
+from brickhub.hub.kit_radio import KitPart
+from brickhub.robot import Direction
 from brickhub.robot.spec import LOOKS
 from brickhub.virtual.firmware.control import OnCompletion
 from brickhub.virtual.firmware.servo import Servo
@@ -62,15 +62,16 @@ class KitDevice:
     """One device: it obeys the packets that reach it and leaves its own in ``outbox``.
 
     Attributes:
-        address: by which this computer tells it from others.
-        name: as it advertises itself.
+        part: what it is of the robot.
+        address, name: by which this computer tells it from others.
         is_connected: whether a computer is connected to it.
     """
 
     product: Product
 
-    def __init__(self, machine: Machine, address: str) -> None:
-        self.address, self.name = address, self.product.name.replace("_", " ").title()
+    def __init__(self, machine: Machine, part: KitPart) -> None:
+        self.part, self.address = part, f"virtual-{part.ports or 'controller'}"
+        self.name = self.product.title
         self.outbox: list[bytes] = []
         self.is_connected = False
         self._machine = machine
@@ -140,13 +141,13 @@ class _Move:
 
 
 class SingleMotor(KitDevice):
-    """Device with one motor on each of these ports, in the order of their bits."""
+    """Device with a motor on each of its ports, in the order of their bits."""
 
     product = Product.SINGLE_MOTOR
 
-    def __init__(self, machine: Machine, address: str, ports: str) -> None:
-        super().__init__(machine, address)
-        self._servos = {1 << index: machine.servos[port] for index, port in enumerate(ports)}
+    def __init__(self, machine: Machine, part: KitPart) -> None:
+        super().__init__(machine, part)
+        self._servos = {1 << index: machine.servos[port] for index, port in enumerate(part.ports)}
         self._drives = {bit: _Drive() for bit in self._servos}
         self._moves: list[_Move] = []
         self._endless: dict[int, float] = {}
@@ -308,8 +309,8 @@ class DoubleMotor(SingleMotor):
 
     product = Product.DOUBLE_MOTOR
 
-    def __init__(self, machine: Machine, address: str, ports: str) -> None:
-        super().__init__(machine, address, ports)
+    def __init__(self, machine: Machine, part: KitPart) -> None:
+        super().__init__(machine, part)
         self._pair = dict.fromkeys((_LEFT, _RIGHT), _Drive())
         self._steering_pct = 100
         self._yaw_face, self._yaw_offset = 0, 0.0
@@ -414,9 +415,9 @@ class ColorSensor(KitDevice):
 
     product = Product.COLOR_SENSOR
 
-    def __init__(self, machine: Machine, address: str, port: str) -> None:
-        super().__init__(machine, address)
-        self._plug, self._mode = Plug(machine, port), _DETECT
+    def __init__(self, machine: Machine, part: KitPart) -> None:
+        super().__init__(machine, part)
+        self._plug, self._mode = Plug(machine, part.ports), _DETECT
         self._commands["set_color_mode"] = self._set_mode
 
     def _set_mode(self, message: Message) -> None:
@@ -442,8 +443,8 @@ class Controller(KitDevice):
 
     product = Product.CONTROLLER
 
-    def __init__(self, machine: Machine, address: str) -> None:
-        super().__init__(machine, address)
+    def __init__(self, machine: Machine, part: KitPart) -> None:
+        super().__init__(machine, part)
         self.levers_pct = (0, 0)
 
     def _reports(self) -> list[Report]:
@@ -451,20 +452,12 @@ class Controller(KitDevice):
         return [*super()._reports(), ("controller", (*self.levers_pct, *degrees))]
 
 
-def devices_of(machine: Machine, sensor_ports: Iterable[str]) -> list[KitDevice]:
-    """The devices of a machine's robot, with color sensors on these ports, and a Controller. Raises TwinError if the device that
-    carries the robot lacks a motor."""
-    robot = machine.robot
-    own = robot.hub.model.own_motors
-    carrier = DoubleMotor if robot.hub is KitKind.DOUBLE_MOTOR else SingleMotor
-    if missing := [port for port in own if port not in machine.servos]:
-        raise TwinError(
-            f"robot '{robot.name}' has a {robot.hub.value}, but no motor on its port {missing[0]}; describe that motor"
-        )
-    devices: list[KitDevice] = [carrier(machine, f"virtual-{own}", own)]
-    devices += [SingleMotor(machine, f"virtual-{port}", port) for port in machine.servos if port not in own]
-    devices += [ColorSensor(machine, f"virtual-{port}", port) for port in sensor_ports]
-    return [*devices, Controller(machine, "virtual-controller")]
+def devices_of(machine: Machine, parts: Iterable[KitPart]) -> list[KitDevice]:
+    """The devices of a robot, and a Controller."""
+    return [*(_KINDS[part.product](machine, part) for part in parts), Controller(machine, KitPart(Product.CONTROLLER, ""))]
+
+
+_KINDS = {kind.product: kind for kind in (SingleMotor, DoubleMotor, ColorSensor)}
 
 
 def _along(vector: tuple[float, float, float], face: int) -> float:

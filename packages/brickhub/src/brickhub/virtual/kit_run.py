@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TextIO
 
 from brickhub.errors import HubTimeoutError, TwinError
-from brickhub.hub.lego_package import lego_package
 from brickhub.hub.program.run_program import check_time_limit, read_program
 from brickhub.robot import KitKind
 from brickhub.virtual.bench_body import FittedBench
@@ -55,11 +54,10 @@ def run_kit_file(
     operation, stderr = operation or Operation(), stderr or sys.stderr
     source = read_program(path)
     check_time_limit(time_limit_s)
-    lego_package()
-    from brickhub.virtual.lego_transport import VirtualTransport, use_virtual_devices
-
-    use_virtual_devices()
     kit = _kit(body, operation)
+    kit.attach()
+    from brickhub.virtual.lego_transport import VirtualTransport
+
     if operation.attend is not None:
         operation.attend(kit.machine)
     VirtualTransport.in_reach.append(kit)

@@ -6,20 +6,17 @@ Importing this module needs the package (extra ``legoeducation``; BUSL-1.1). Its
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 from legoeducation.ble_transport import BLETransport, register_transport
 
-if TYPE_CHECKING:
-    from brickhub.virtual.virtual_kit import Peer, VirtualKit
-
 
 class VirtualTransport(BLETransport):  # type: ignore[misc]  # the package has no types
-    """Transport to the devices of all virtual kits of this process. ``in_reach``: the kits that a scan finds."""
+    """Transport to the devices of all virtual kits of this process, each a ``Peer``. ``in_reach``: kits that a scan finds."""
 
-    in_reach: ClassVar[list[VirtualKit]] = []
+    in_reach: ClassVar[list[Any]] = []
 
-    async def scan_devices(self, timeout: float, filters: Mapping[str, Any] | None = None) -> list[Peer]:
+    async def scan_devices(self, timeout: float, filters: Mapping[str, Any] | None = None) -> list[Any]:
         """Devices of the wanted product that nobody is connected to, at once. Their card is the one that is asked for."""
         wanted = filters or {}
         name, address = (str(wanted.get(key) or "any") for key in ("device_name", "device_mac"))
@@ -34,13 +31,13 @@ class VirtualTransport(BLETransport):  # type: ignore[misc]  # the package has n
             and (address == "any" or address.lower() in peer.address.lower())
         ]
 
-    async def connect(self, device: Peer, notification_callback: Any, disconnect_callback: Any) -> bool:
+    async def connect(self, device: Any, notification_callback: Any, disconnect_callback: Any) -> bool:
         return device.connect(notification_callback, disconnect_callback)
 
-    async def send(self, device: Peer, message: bytes) -> None:
+    async def send(self, device: Any, message: bytes) -> None:
         device.send(bytes(message))
 
-    async def device_disconnect(self, device: Peer) -> None:
+    async def device_disconnect(self, device: Any) -> None:
         device.disconnect()
 
     def shutdown_all(self) -> None:

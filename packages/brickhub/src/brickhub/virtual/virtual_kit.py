@@ -14,12 +14,14 @@ from collections import deque
 from collections.abc import Callable, Iterable
 from typing import Any, TypeVar
 
-from brickhub.errors import HubTimeoutError
+from brickhub.errors import HubNotFoundError, HubTimeoutError
 from brickhub.hub.kit_estimates import SUPERVISION_S
+from brickhub.hub.kit_radio import KitPart, outcome_of, parts
+from brickhub.hub.lego_package import lego_package
 from brickhub.virtual.body import Body, Rng
 from brickhub.virtual.kit_device import KitDevice, devices_of
 from brickhub.virtual.machine import CONTROL_LOOP_MS, Machine, Pace
-from brickhub.virtual.virtual_transport import PLACEMENT_MS
+from brickhub.virtual.virtual_transport import PLACEMENT_MS, VirtualHub
 
 _T = TypeVar("_T")
 _IDLE_S = 0.2
@@ -127,7 +129,8 @@ class VirtualKit:
     def __init__(self, body: Body, *, realtime: bool = False, sensor_ports: Iterable[str] | None = None) -> None:
         self.robot, self.body, self.machine = body.robot, body, Machine(body)
         ports = [sensor.port for sensor in body.robot.sensors] if sensor_ports is None else sensor_ports
-        self.peers = [Peer(self, device) for device in devices_of(self.machine, ports)]
+        devices = devices_of(self.machine, parts(body.robot.hub, self.machine.servos, ports))
+        self.peers = [Peer(self, device) for device in devices]
         self.in_reach: Callable[[], bool] = lambda: True
         self.awake = threading.Condition()
         self.loop: asyncio.AbstractEventLoop | None = None
@@ -137,6 +140,19 @@ class VirtualKit:
         self._sleepers: list[float] = []
         self._events = 0
         self._is_stopped = False
+
+    def attach(self) -> None:
+        """Let LEGO's package find virtual devices. Raises MediumUnavailableError if it is not installed."""
+        lego_package()
+        from brickhub.virtual.lego_transport import use_virtual_devices
+
+        use_virtual_devices()
+
+    def search(self, part: KitPart) -> dict[str, Any]:
+        """Arguments of ``connect`` in LEGO's package: the device itself. Raises HubNotFoundError if it is out of reach."""
+        if not self.in_reach():
+            raise HubNotFoundError(f"no {part.product.title} is in reach; switch it on, and bring it near")
+        return {"device": next(peer for peer in self.peers if peer.device.part == part)}
 
     def now_s(self) -> float:
         """Simulated time."""
@@ -173,12 +189,7 @@ class VirtualKit:
         outcome: list[Callable[[], _T]] = []
 
         def work() -> None:
-            try:
-                value = function()
-                outcome.append(lambda: value)
-            except BaseException as error:  # noqa: BLE001  raised again in the thread that waits for it
-                failure = error
-                outcome.append(lambda: _raise(failure))
+            outcome.append(outcome_of(function))
             with self.awake:
                 self.wake()
 
@@ -264,5 +275,10 @@ class VirtualKit:
                 self.awake.wait(1.0)
 
 
-def _raise(error: BaseException) -> Any:
-    raise error
+VirtualRobot = VirtualHub | VirtualKit
+
+
+def virtual_robot(body: Body, *, realtime: bool = False) -> VirtualRobot:
+    """The virtual hub, or the virtual devices of LEGO's kits, of a robot's body."""
+    kind = VirtualHub if body.robot.hub.model.runs_programs else VirtualKit
+    return kind(body, realtime=realtime)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from tensordict import TensorDictBase
     from torchrl.envs import EnvBase
 
-    from brickhub.virtual.virtual_transport import VirtualHub
+    from brickhub.virtual.virtual_kit import VirtualRobot
     from bricksrl.training.config import TrainConfig
 
 _PHASES = {Phase.PREFILL: "random start", Phase.TRAIN: "learning", Phase.OFFLINE: "learning from data"}
@@ -154,7 +154,7 @@ def _episode(env: EnvBase, page: LivePage, player: Callable[[], Player], number:
     return None
 
 
-def _coast(twin: VirtualHub | None) -> None:
+def _coast(twin: VirtualRobot | None) -> None:
     """Advance simulated time after a stop, to show the motors coast."""
     if twin is not None:
         for _ in range(_COAST_MS // 10):
