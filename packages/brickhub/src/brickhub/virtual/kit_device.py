@@ -27,6 +27,7 @@ from brickhub.hub.kit_protocol import (
 from brickhub.hub.kit_radio import KitPart
 from brickhub.robot import Direction
 from brickhub.robot.spec import LOOKS
+from brickhub.virtual.firmware import RefusedError, UnavailableError
 from brickhub.virtual.firmware.control import OnCompletion
 from brickhub.virtual.firmware.servo import Servo
 from brickhub.virtual.machine import Machine
@@ -96,10 +97,12 @@ class KitDevice:
         """Obey a packet. Raises HubProtocolError if it holds a message that no device knows."""
         for message in decode(packet):
             command = self._commands.get(message.name)
-            if command is None:
-                self._answer(message, Done.REFUSED)
-            else:
+            try:
+                if command is None:
+                    raise RefusedError("no such command")
                 command(message)
+            except (RefusedError, UnavailableError):
+                self._answer(message, Done.REFUSED)
 
     def update(self) -> None:
         """What is due after a control step: ends of moves, and a notification."""

@@ -32,7 +32,7 @@ class VirtualTransport(BLETransport):  # type: ignore[misc]  # the package has n
         ]
 
     async def connect(self, device: Any, notification_callback: Any, disconnect_callback: Any) -> bool:
-        return device.connect(notification_callback, disconnect_callback)
+        return bool(device.connect(notification_callback, disconnect_callback))
 
     async def send(self, device: Any, message: bytes) -> None:
         device.send(bytes(message))

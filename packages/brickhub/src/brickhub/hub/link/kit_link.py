@@ -136,7 +136,7 @@ class KitLink:
         self.state, self.statistics = LinkState.DISCONNECTED, LinkStatistics(watchdog_s=HOLD_S)
         self._halted = threading.Event()
         self._due_s, self._opened_s = -math.inf, 0.0
-        self._yaw_deg, self._heading_deg = 0.0, 0.0
+        self._yaw_deg = self._heading_deg = 0.0
         self._zeros_deg: dict[str, float] = {}
 
     def open(self) -> None:
@@ -162,7 +162,8 @@ class KitLink:
                     device.connect()
             self._opened_s, self._due_s = self.now_s(), -math.inf
             self._zeros_deg = {motor.name: self.angle_deg(motor.name) for motor in self._robot.motors}
-            self._yaw_deg, self._heading_deg = self._imu.yaw if self._robot.needs_imu else 0.0, 0.0
+            self._yaw_deg = float(self._imu.yaw) if self._robot.needs_imu else 0.0
+            self._heading_deg = 0.0
             self.state = after(self.state, Cause.OPENED)
 
     @property
@@ -316,14 +317,15 @@ class KitLink:
                         self._start_motor(device.lego, motor, index, *moves[motor.name])
 
     def _start_motor(self, lego: Any, motor: Motor, index: int, speed_deg_s: float, angle_deg: float | None) -> None:
-        shaft_deg_s = speed_deg_s * motor.shaft_turns
-        speed_pct = max(-100, min(100, round(100 * shaft_deg_s / FULL_SPEED_DEG_S)))
+        # Version 1.2.0 of the package rounds a negative number to the next larger one, -20 to -19: only directions are exact.
+        clockwise = speed_deg_s * motor.shaft_turns * (1.0 if angle_deg is None else angle_deg)
+        how = {"motor": index, "direction": int(clockwise < 0), "blocking": False}
+        speed_pct = min(100, round(100 * abs(speed_deg_s * motor.shaft_turns) / FULL_SPEED_DEG_S))
         if angle_deg is not None:
-            degrees = round(angle_deg * motor.shaft_turns * math.copysign(1.0, shaft_deg_s))
-            lego.motor_run_for_degrees(degrees, motor=index, speed=speed_pct, blocking=False)
+            lego.motor_run_for_degrees(round(abs(angle_deg * motor.shaft_turns)), speed=speed_pct, **how)
         elif speed_pct:
             hold_ms = self._interface.settle.longest_ms + round(1000 * HOLD_S)
-            lego.motor_run_for_time(hold_ms, motor=index, speed=speed_pct, blocking=False)
+            lego.motor_run_for_time(hold_ms, speed=speed_pct, **how)
         else:
             lego.motor_stop(motor=index, blocking=False)
 
@@ -432,6 +434,11 @@ _METHODS = ("reflection", "hsv")
 _SEEN = {"hue": "hue", "saturation": "saturation", "value": "value", None: "reflection"}
 
 
+def _motor_angle_deg(link: KitLink, channel: MotorAngle) -> float:
+    angle_deg = link.angle_deg(channel.motor)
+    return angle_deg % 360.0 if channel.wraps else angle_deg
+
+
 def _drive_distance_mm(link: KitLink, channel: DriveDistance) -> float:
     base = link._robot.drive_base
     return 0.0 if base is None else math.pi * base.wheel_diameter_mm * sum(link.wheels_deg(channel)) / 2 / 360
@@ -449,7 +456,7 @@ def _sensed(link: KitLink, channel: SensorReading) -> float:
 
 
 _VALUES: Mapping[type[Channel], Callable[[KitLink, Any], float]] = {
-    MotorAngle: lambda link, channel: link.angle_deg(channel.motor) % (360.0 if channel.wraps else math.inf),
+    MotorAngle: _motor_angle_deg,
     Pitch: lambda link, channel: link._imu.pitch,
     Roll: lambda link, channel: link._imu.roll,
     YawRate: lambda link, channel: link._imu.gyroscopeZ,
