@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
+from legoeducation.basic_ble import BasicBLE
 from legoeducation.ble_transport import BLETransport, register_transport
 
 
@@ -15,9 +16,13 @@ class VirtualTransport(BLETransport):  # type: ignore[misc]  # the package has n
     """Transport to the devices of all virtual kits of this process, each a ``Peer``. ``in_reach``: kits that a scan finds."""
 
     in_reach: ClassVar[list[Any]] = []
+    _bluetooth: BLETransport | None = None
 
     async def scan_devices(self, timeout: float, filters: Mapping[str, Any] | None = None) -> list[Any]:
-        """Devices of the wanted product that nobody is connected to, at once. Their card is the one that is asked for."""
+        """Virtual devices of the wanted product that nobody is connected to, at once; their card is the one that is asked for.
+        Where no virtual kit is in reach, real devices."""
+        if not self.in_reach:
+            return await self._real().scan_devices(timeout, filters) or []
         wanted = filters or {}
         name, address = (str(wanted.get(key) or "any") for key in ("device_name", "device_mac"))
         return [
@@ -32,20 +37,40 @@ class VirtualTransport(BLETransport):  # type: ignore[misc]  # the package has n
         ]
 
     async def connect(self, device: Any, notification_callback: Any, disconnect_callback: Any) -> bool:
+        if not _is_virtual(device):
+            return bool(await self._real().connect(device, notification_callback, disconnect_callback))
         return bool(device.connect(notification_callback, disconnect_callback))
 
     async def send(self, device: Any, message: bytes) -> None:
-        device.send(bytes(message))
+        if _is_virtual(device):
+            device.send(bytes(message))
+        else:
+            await self._real().send(device, message)
 
     async def device_disconnect(self, device: Any) -> None:
-        device.disconnect()
+        if _is_virtual(device):
+            device.disconnect()
+        else:
+            await self._real().device_disconnect(device)
 
     def shutdown_all(self) -> None:
         for kit in self.in_reach:
             for peer in kit.peers:
                 peer.disconnect()
+        if self._bluetooth is not None:
+            self._bluetooth.shutdown_all()
         if self.shutdown_callback is not None:
             self.shutdown_callback()
+
+    def _real(self) -> BLETransport:
+        """Bluetooth of this computer, as LEGO's package uses it by itself."""
+        if self._bluetooth is None:
+            self._bluetooth = BasicBLE(shutdown_callback=None)
+        return self._bluetooth
+
+
+def _is_virtual(device: Any) -> bool:
+    return str(device.address).startswith("virtual-")
 
 
 def use_virtual_devices() -> None:

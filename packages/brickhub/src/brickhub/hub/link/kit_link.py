@@ -53,6 +53,8 @@ from brickhub.hub.link.timing import LinkStatistics
 from brickhub.robot import Motor, Robot
 
 _log = logging.getLogger(__name__)
+_SILENT = logging.NullHandler()
+"""Of what LEGO's package logs: this link says it by its errors."""
 
 PERIOD_MS = 15
 """Period of the reports: the shortest that a device takes."""
@@ -136,7 +138,8 @@ class KitLink:
         self.state, self.statistics = LinkState.DISCONNECTED, LinkStatistics(watchdog_s=HOLD_S)
         self._halted = threading.Event()
         self._due_s, self._opened_s = -math.inf, 0.0
-        self._yaw_deg = self._heading_deg = 0.0
+        self._yaw_deg: float = 0.0
+        self._heading_deg: float = 0.0
         self._zeros_deg: dict[str, float] = {}
 
     def open(self) -> None:
@@ -392,6 +395,7 @@ def _note(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
 
 def _lego_object(part: KitPart) -> Any:
     package = lego_package()
+    logging.getLogger(package.__name__).addHandler(_SILENT)
     return vars(package)[part.product.title.replace(" ", "")]()
 
 
