@@ -16,10 +16,13 @@ import time
 import legoeducation as le
 from legoeducation import *
 singlemotor, doublemotor, colorsensor, controller = le.SingleMotor(), le.DoubleMotor(), le.ColorSensor(), le.Controller()
+def notification_callback(notification):
+    global data
+    data = notification
 for device in (singlemotor, doublemotor, colorsensor, controller):
     device.connect()
-def notification_callback(data):
-    pass
+    device.set_notification_callback(notification_callback)
+time.sleep(0.2)
 """
 _NAMES = re.compile(r"(\w+( *#.*)?\n?)+")
 """A list of names, as of the fields of a report: no program."""

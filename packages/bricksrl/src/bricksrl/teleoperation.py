@@ -249,7 +249,7 @@ class ControllerPad:
     MediumUnavailableError without LEGO's package, DataError if no Controller is in reach."""
 
     def __init__(self) -> None:
-        self._lego = lego_package().Controller()
+        self._lego = lego_package(is_silent=True).Controller()
         self._lego.connect(device_notification_delay=15)
         if not self._lego.connected:
             raise DataError("no Controller of LEGO's kits is in reach; switch it on, and bring it near")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import logging
 from typing import Any
 
 from brickhub.errors import MediumUnavailableError, Reason
@@ -10,8 +11,14 @@ from brickhub.errors import MediumUnavailableError, Reason
 NAME = "legoeducation"
 
 
-def lego_package() -> Any:
-    """The package. Raises MediumUnavailableError if it is not installed."""
+_SILENT = logging.NullHandler()
+
+
+def lego_package(*, is_silent: bool = False) -> Any:
+    """The package. ``is_silent``: what it logs is not printed, as errors say it. Raises MediumUnavailableError if it is not
+    installed."""
+    if is_silent:
+        logging.getLogger(NAME).addHandler(_SILENT)
     try:
         return importlib.import_module(NAME)
     except ImportError:

@@ -53,8 +53,6 @@ from brickhub.hub.link.timing import LinkStatistics
 from brickhub.robot import Motor, Robot
 
 _log = logging.getLogger(__name__)
-_SILENT = logging.NullHandler()
-"""Of what LEGO's package logs: this link says it by its errors."""
 
 PERIOD_MS = 15
 """Period of the reports: the shortest that a device takes."""
@@ -394,9 +392,7 @@ def _note(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
 
 
 def _lego_object(part: KitPart) -> Any:
-    package = lego_package()
-    logging.getLogger(package.__name__).addHandler(_SILENT)
-    return vars(package)[part.product.title.replace(" ", "")]()
+    return vars(lego_package(is_silent=True))[part.product.title.replace(" ", "")]()
 
 
 def _motors(lego: Any) -> list[Any]:
