@@ -137,8 +137,8 @@ class Play:
 
 @dataclass(frozen=True)
 class DriveRobot:
-    """Drive a robot, by default a virtual one, with the sliders and the joystick of a page in the browser, or with levers or sticks
-    in your hands. Ctrl-C ends it.
+    """Drive a robot, by default a virtual one, with the sliders and the joystick of a page in the browser, or with
+    levers or sticks in your hands. Ctrl-C ends it.
 
     Examples:
       bricksrl drive Spinning-v0
