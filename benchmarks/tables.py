@@ -399,8 +399,35 @@ def link_rates(result: Result) -> str:
     return table(["connection interval", "one exchange: median", "p99", "rate"], rows)
 
 
+def kit_learning(result: Result) -> str:
+    """Tasks on the cart of LEGO's kits, next to a robot with a hub."""
+    rows = []
+    for env_id, entry in result["environments"].items():
+        cart, hub = entry["cart"], entry["hub"]
+        success = f"{percent(cart['success_rate'])} ({percent(hub['success_rate'])})"
+        share = f"{entry['share_of_return']:.2f}"
+        on_cart = within(cart["return_mean"], cart["return_interval"], len(entry["seeds"]))
+        rows.append([env_id, str(len(entry["seeds"])), on_cart, number(hub["return_mean"]), share, success])
+    return table(["task", "seeds", "return on the cart", "on the robot with a hub", "share", "success (with a hub)"], rows)
+
+
+def kit_programs(result: Result) -> str:
+    """Programs and faults on virtual devices of LEGO's kits."""
+    counts = result["programs"]
+    failed = {group: sum(name.startswith(group) for name in result["failed"]) for group in counts}
+    rows = [
+        [f"programs of our own that end as they should, of {counts['own']}", str(counts["own"] - failed["own"])],
+        [f"programs and pieces that LEGO publishes, of {counts['lego']}", str(counts["lego"] - failed["lego"])],
+        [f"faults of the link without a hang, of {result['faults']}", str(result["faults"])],
+        ["steps that ended as lost in them", str(result["steps_lost"])],
+        ["simulated seconds a second, of the cart on its line", f"{result['speed_of_learning']:g}"],
+    ]
+    return table(["what", "number"], rows)
+
+
 SECTIONS: dict[str, tuple[str, Callable[[Result], str]]] = {
     "robots": ("SAC on each robot, with the paper's number of episodes", robots),
+    "kit_learning": ("SAC on the cart of LEGO's kits, through LEGO's package", kit_learning),
     "baselines": ("Random actions and hand-written controllers (return, success)", baselines),
     "learning": ("Learning in the simulations, evaluated without exploration", learning),
     "copies": ("Learning from many copies of WalkerSim-v0 at once, start-up included", copies),
@@ -421,6 +448,7 @@ SECTIONS: dict[str, tuple[str, Callable[[Result], str]]] = {
     "realtime_factor": ("Speed of the virtual robots, hub program and environment included", realtime_factor),
     "simulation_speed": ("Speed of the batched simulations", simulation_speed),
     "link_rates": ("Rate of the link, over a simulated radio", link_rates),
+    "kit_programs": ("Virtual devices of LEGO's kits, behind LEGO's package", kit_programs),
 }
 
 COMMANDS = {"offline_default": "offline --preset default"}

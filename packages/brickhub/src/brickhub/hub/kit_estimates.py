@@ -1,4 +1,4 @@
-"""What LEGO publishes nowhere about its kits of 2026, and is estimated here: one table, for the code, its tests and the docs."""
+"""Estimates of what LEGO publishes nowhere about its kits of 2026: one table, for the code, its tests and the documentation."""
 
 from __future__ import annotations
 
