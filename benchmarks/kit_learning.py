@@ -3,21 +3,25 @@
     python -m benchmarks kit_learning
     python -m benchmarks kit_learning --envs Spinning-v0 --seeds 1
 
-The cart's devices are virtual, and so is the hub of the other robot, whose numbers are from `python -m benchmarks robots`: the
-same task, rate and number of episodes. Needs the extra `legoeducation`.
+The cart's devices are virtual, and so is the hub of the other robot. Both have the same rate: the hub streams, as the devices of
+the kits always do, so that a step takes the task's time and no more. Needs the extra `legoeducation`.
 """
 
 from __future__ import annotations
 
 import itertools
-from functools import partial
 from typing import Any
 
 from benchmarks.robots import EPISODES, run, summary
-from benchmarks.session import Session, read_result
+from benchmarks.session import Session
 
 ENVS = ("LineFollow-v0", "Park-v0", "Spinning-v0")
-on_cart = partial(run, robot="cart")
+ROBOTS: dict[str, dict[str, Any]] = {"cart": {"options": {"robot": "cart"}}, "hub": {"streaming": True}}
+
+
+def train_on(robot: str, env_id: str, episodes: int, seed: int) -> dict[str, Any]:
+    """Train and evaluate one agent on one of the two robots."""
+    return run(env_id, "sac", episodes, seed, **ROBOTS[robot])
 
 
 def main(session: Session) -> None:
@@ -28,16 +32,14 @@ def main(session: Session) -> None:
     parser.add_argument("--episodes", type=int, help="instead of those of the robots with a hub")
     args = session.parse()
     counts = {env_id: args.episodes or EPISODES[env_id] for env_id in args.envs}
-    jobs = {
-        f"{env_id}-{count}-{seed}": (env_id, "sac", count, seed) for env_id, count in counts.items() for seed in range(args.seeds)
-    }
-    found = session.outcomes(on_cart, jobs)
-    hubs = read_result(session.published("robots"))["environments"]
+    parts = list(itertools.product(counts.items(), ROBOTS, range(args.seeds)))
+    jobs = {f"{env_id}-{robot}-{count}-{seed}": (robot, env_id, count, seed) for (env_id, count), robot, seed in parts}
+    found = session.outcomes(train_on, jobs)
     known: dict[str, Any] = session.known().get("environments", {})
     for env_id, count in counts.items():
-        runs = list(itertools.islice(found, args.seeds))
-        cart, hub = summary(runs), hubs[env_id]["summary"]
-        share = cart["return_mean"] / hub["return_mean"]
-        known[env_id] = {"episodes": count, "cart": cart, "hub": hub, "share_of_return": round(share, 3), "seeds": runs}
-        print(env_id, known[env_id]["share_of_return"], cart, flush=True)
+        runs = {robot: list(itertools.islice(found, args.seeds)) for robot in ROBOTS}
+        cart, hub = (summary(runs[robot]) for robot in ROBOTS)
+        share = round(cart["return_mean"] / hub["return_mean"], 3)
+        known[env_id] = {"episodes": count, "cart": cart, "hub": hub, "share_of_return": share, "seeds": runs}
+        print(env_id, share, cart, hub, flush=True)
     session.write({"agent": "sac", "environments": {env_id: known[env_id] for env_id in ENVS if env_id in known}})

@@ -67,6 +67,12 @@ def test_command_is_answered_at_its_end(world: World) -> None:
     assert world.report(world.single, "motor")[0]["state"] == MotorState.READY
 
 
+def test_long_time_ends(world: World) -> None:
+    assert world.send(world.single, encode("run_for_time", 1, 60_000, 0), ms=59_900) == []
+    assert world.send(world.single, ms=200) == [bytes((RUN_TIME_DONE, 1, Done.COMPLETED))]
+    assert world.report(world.single, "motor")[0]["position"] == pytest.approx(30_000, abs=200)
+
+
 def test_next_command_interrupts(world: World) -> None:
     world.send(world.single, encode("run_for_degrees", 1, 3600, 0), ms=200)
     assert world.send(world.single, encode("run", 1, 1)) == [bytes((RUN_DEGREES_DONE, 1, 1)), bytes((RUN_DONE, 1, 0))]

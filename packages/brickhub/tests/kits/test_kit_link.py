@@ -150,11 +150,13 @@ def course(faults: int, seed: int) -> int:
         ends_s = begins_s + draw.choice((0.02, 0.3, 0.8, 1.5, 30.0)) * draw.uniform(0.5, 1.5)
         kit.in_reach = lambda begins_s=begins_s, ends_s=ends_s: not begins_s <= kit.now_s() < ends_s
         while link.now_s() < ends_s + 0.3:
+            is_step = False
             try:
                 link.open()
+                is_step = True
                 link.act((draw.uniform(-200, 200), draw.uniform(-90, 90)))
             except HubError:
-                lost += 1
+                lost += is_step
                 link.close()
                 kit.sleep(HOLD_S + 0.25)
                 assert abs(speed_deg_s(kit)) < 10

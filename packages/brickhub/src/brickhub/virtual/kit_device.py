@@ -51,6 +51,7 @@ _COUNTERCLOCKWISE, _SHORTEST = 1, 2
 _DETECT, _AMBIENT = 1, 2
 _NO_GESTURE = -1
 _REST_DEG_S, _WINDOW_MS = 10, 20
+_LONGEST_TIMED_MS = 20_000
 _FULL_MV, _EMPTY_MV = 8300, 6000
 _MG_PER_MM_S2 = 1000 / 9810
 _DETECTABLE: Mapping[int, Hsv] = {
@@ -222,6 +223,8 @@ class SingleMotor(KitDevice):
     ) -> None:
         """Move motors at shares of the speed of their settings: for a time, by angles, until something is so, or endlessly."""
         self._interrupt(drives)
+        if time_ms is not None and time_ms > _LONGEST_TIMED_MS:  # beyond what the firmware plans as one move
+            time_ms, until = None, self._stop_after(time_ms, drives)
         for bit, drive in drives.items():
             servo, speed = self._servos[bit], round(shares[bit] * drive.speed_pct * FULL_SPEED_DEG_S / 100)
             if time_ms is not None:
@@ -237,6 +240,21 @@ class SingleMotor(KitDevice):
             self._accept(message)
         else:
             self._moves.append(_Move(message, frozenset(drives), until))
+
+    def _stop_after(self, time_ms: int, drives: Mapping[int, _Drive]) -> Callable[[], bool]:
+        """Condition that holds after a time, and then stops motors."""
+        end_ms = self._machine.time_ms + time_ms
+
+        def is_done() -> bool:
+            if self._machine.time_ms >= end_ms:
+                self._halt(drives)
+            return self._machine.time_ms >= end_ms
+
+        return is_done
+
+    def _halt(self, drives: Mapping[int, _Drive]) -> None:
+        for bit, drive in drives.items():
+            self._servos[bit].stop(OnCompletion.COAST if drive.then is OnCompletion.CONTINUE else drive.then)
 
     def _interrupt(self, bits: Iterable[int]) -> None:
         """End what these motors do: their next command has come."""
@@ -281,8 +299,7 @@ class SingleMotor(KitDevice):
 
     def _stop(self, message: Message, drives: Mapping[int, _Drive]) -> None:
         self._interrupt(drives)
-        for bit, drive in drives.items():
-            self._servos[bit].stop(OnCompletion.COAST if drive.then is OnCompletion.CONTINUE else drive.then)
+        self._halt(drives)
         self._accept(message)
 
     def _set_speed(self, message: Message, drives: Mapping[int, _Drive]) -> None:
@@ -396,8 +413,7 @@ class DoubleMotor(SingleMotor):
             if slowing:
                 if any(abs(servo.speed_deg_s()) > _REST_DEG_S for servo in servos):
                     return False
-                for servo in servos:
-                    servo.stop(self._pair[_LEFT].then)
+                self._halt(self._pair)
                 return True
             settings = servos[0].settings
             slow_s = abs(servos[0].speed_deg_s(_WINDOW_MS)) * settings.steps_per_unit / (2 * settings.deceleration)

@@ -23,16 +23,14 @@ from brickhub.errors import (
     HubRefusedError,
     HubTimeoutError,
     StoppedError,
+    message_of,
 )
 from brickhub.hub.interface import (
     Channel,
     Command,
-    DriveAngle,
-    DriveDistance,
     DriveSpeed,
     DriveStraight,
     DriveTurnRate,
-    Heading,
     Interface,
     MotorAngle,
     Pitch,
@@ -50,6 +48,7 @@ from brickhub.hub.lego_package import lego_package
 from brickhub.hub.link.receiver import Reading
 from brickhub.hub.link.states import Cause, LinkState, after, cause_of
 from brickhub.hub.link.timing import LinkStatistics
+from brickhub.hub.protocol import EncodingError
 from brickhub.robot import Motor, Robot
 
 _log = logging.getLogger(__name__)
@@ -90,9 +89,7 @@ class _Device:
         except HubError:
             raise
         except Exception as error:
-            raise HubRefusedError(
-                f"the {self.part.product.title} refuses the connection: {' '.join(str(error).split())}"
-            ) from error
+            raise HubRefusedError(f"the {self.part.product.title} refuses the connection: {message_of(error)}") from error
         if not self.lego.connected:
             raise HubNotFoundError(f"no {self.part.product.title} is in reach; switch it on, and bring it near")
         self.arrived_s = self._radio.now_s()
@@ -136,9 +133,6 @@ class KitLink:
         self.state, self.statistics = LinkState.DISCONNECTED, LinkStatistics(watchdog_s=HOLD_S)
         self._halted = threading.Event()
         self._due_s, self._opened_s = -math.inf, 0.0
-        self._yaw_deg: float = 0.0
-        self._heading_deg: float = 0.0
-        self._zeros_deg: dict[str, float] = {}
 
     def open(self) -> None:
         """Connect to all devices that are not connected; without effect on an open link.
@@ -162,9 +156,6 @@ class KitLink:
                 if not device.lego.connected:
                     device.connect()
             self._opened_s, self._due_s = self.now_s(), -math.inf
-            self._zeros_deg = {motor.name: self.angle_deg(motor.name) for motor in self._robot.motors}
-            self._yaw_deg = float(self._imu.yaw) if self._robot.needs_imu else 0.0
-            self._heading_deg = 0.0
             self.state = after(self.state, Cause.OPENED)
 
     @property
@@ -186,13 +177,16 @@ class KitLink:
         start that time apart, if the caller takes less time than that between them.
 
         Raises:
-            EncodingError: never: every number is clamped to its range.
+            EncodingError: the wrong number of values, or one that is not a number; nothing was sent.
             HubError: the link is not open, or a device is lost.
             StoppedError: an emergency stop came before or meanwhile.
         """
         self._require_open()
-        started_s, settle = self.now_s(), self._interface.settle
-        amounts = [min(max(value, c.low), c.high) for value, c in zip(values, self._interface.commands, strict=True)]
+        self._radio.sleep(0.0)  # a world in real time catches up with what the caller took
+        started_s, settle, commands, given = self.now_s(), self._interface.settle, self._interface.commands, list(values)
+        if len(given) != len(commands) or not all(map(math.isfinite, given)):
+            raise EncodingError(f"{given} are no {len(commands)} numbers; give one for each command")
+        amounts = [min(max(value, command.low), command.high) for value, command in zip(given, commands, strict=True)]
         self.state = after(self.state, Cause.ACTED)
         with self._fault():
             self._start(amounts)
@@ -264,20 +258,9 @@ class KitLink:
         device, index = self._find(self._robot.motor(motor))
         return float(_motors(device.lego)[index].position) / self._robot.motor(motor).shaft_turns
 
-    def wheels_deg(self, channel: DriveDistance | DriveAngle) -> tuple[float, float]:
-        """Angles of the wheels since the link was opened, left and right."""
-        left, right = (self.angle_deg(name) - self._zeros_deg[name] for name in channel.devices(self._robot))
-        return left, right
-
     @property
     def _imu(self) -> Any:
         return self.devices[self._parts[0].ports].lego.imu_device
-
-    def _follow_yaw(self) -> None:
-        """Unwrap the yaw, which a device tells within half a turn."""
-        yaw_deg = float(self._imu.yaw)
-        self._heading_deg += (yaw_deg - self._yaw_deg + 180.0) % 360.0 - 180.0
-        self._yaw_deg = yaw_deg
 
     # ---- inside
 
@@ -375,8 +358,6 @@ class KitLink:
             self._await_reports(self.now_s())
 
     def _reading(self, started_s: float, move_s: float) -> Reading:
-        if any(isinstance(channel, Heading) for channel in self._interface.channels):
-            self._follow_yaw()
         values = tuple(float(_VALUES[type(channel)](self, channel)) for channel in self._interface.channels)
         now_s = self.now_s()
         age_s = max(self._age_s(device) for device in self.devices.values())
@@ -439,17 +420,6 @@ def _motor_angle_deg(link: KitLink, channel: MotorAngle) -> float:
     return angle_deg % 360.0 if channel.wraps else angle_deg
 
 
-def _drive_distance_mm(link: KitLink, channel: DriveDistance) -> float:
-    base = link._robot.drive_base
-    return 0.0 if base is None else math.pi * base.wheel_diameter_mm * sum(link.wheels_deg(channel)) / 2 / 360
-
-
-def _drive_angle_deg(link: KitLink, channel: DriveAngle) -> float:
-    base = link._robot.drive_base
-    left, right = link.wheels_deg(channel)
-    return 0.0 if base is None else (left - right) / 2 * base.wheel_diameter_mm / base.axle_track_mm
-
-
 def _sensed(link: KitLink, channel: SensorReading) -> float:
     sensor = link.devices[link._robot.sensor(channel.sensor).port].lego.sensor
     return float(vars(sensor)[_SEEN[channel.part]])
@@ -460,9 +430,6 @@ _VALUES: Mapping[type[Channel], Callable[[KitLink, Any], float]] = {
     Pitch: lambda link, channel: link._imu.pitch,
     Roll: lambda link, channel: link._imu.roll,
     YawRate: lambda link, channel: link._imu.gyroscopeZ,
-    Heading: lambda link, channel: link._heading_deg,
-    DriveDistance: _drive_distance_mm,
-    DriveAngle: _drive_angle_deg,
     SensorReading: _sensed,
 }
 """Values of the channels that a device reports."""
