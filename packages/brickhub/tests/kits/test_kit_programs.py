@@ -56,7 +56,9 @@ def test_move_that_never_ends_is_stopped_too(tmp_path: Path) -> None:
 
 def test_robot_with_a_hub_is_refused(tmp_path: Path) -> None:
     robot = tmp_path / "my_robot.py"
-    robot.write_text("from brickhub.robot import *\nROBOT = Robot('mine', HubKind.PRIME, (Motor('a', 'A'),))\n")
+    robot.write_text(
+        "from brickhub.robot import HubKind, Motor, Robot\nROBOT = Robot('mine', HubKind.PRIME, (Motor('a', 'A'),))\n"
+    )
     program = tmp_path / "program.py"
     program.write_text("import legoeducation as le\n")
     command = [sys.executable, "-m", "brickhub", "run", str(program), "--robot", str(robot)]
