@@ -224,7 +224,8 @@ class SingleMotor(KitDevice):
         """Move motors at shares of the speed of their settings: for a time, by angles, until something is so, or endlessly."""
         self._interrupt(drives)
         if time_ms is not None and time_ms > _LONGEST_TIMED_MS:  # beyond what the firmware plans as one move
-            time_ms, until = None, self._stop_after(time_ms, drives)
+            until = self._stop_after(time_ms, drives)
+            time_ms = None
         for bit, drive in drives.items():
             servo, speed = self._servos[bit], round(shares[bit] * drive.speed_pct * FULL_SPEED_DEG_S / 100)
             if time_ms is not None:
