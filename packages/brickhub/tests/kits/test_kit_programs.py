@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -54,11 +55,20 @@ def test_move_that_never_ends_is_stopped_too(tmp_path: Path) -> None:
     assert "stopped after 5 s" in run(tmp_path, source, "--time-limit-s", "5").stderr
 
 
+def test_ctrl_c_ends_a_program(tmp_path: Path) -> None:
+    program = tmp_path / "program.py"
+    source = "import legoeducation as le, time\nle.SingleMotor().connect()\nprint('on', flush=True)\nwhile True: time.sleep(1)\n"
+    program.write_text(source)
+    command = [sys.executable, "-m", "brickhub", "run", str(program), "--realtime"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
+        assert running.stdout is not None and running.stdout.readline() == "on\n"
+        running.send_signal(signal.SIGINT)
+        assert running.wait(timeout=30) == 130
+
+
 def test_robot_with_a_hub_is_refused(tmp_path: Path) -> None:
     robot = tmp_path / "my_robot.py"
-    robot.write_text(
-        "from brickhub.robot import HubKind, Motor, Robot\nROBOT = Robot('mine', HubKind.PRIME, (Motor('a', 'A'),))\n"
-    )
+    robot.write_text("from brickhub.robot import HubKind, Robot\nROBOT = Robot('mine', HubKind.PRIME)\n")
     program = tmp_path / "program.py"
     program.write_text("import legoeducation as le\n")
     command = [sys.executable, "-m", "brickhub", "run", str(program), "--robot", str(robot)]

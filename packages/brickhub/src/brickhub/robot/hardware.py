@@ -7,7 +7,7 @@ Sources: Pybricks 4, its documentation, the configurations of its firmware (``br
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 
@@ -186,20 +186,8 @@ class KitKind(_Kind):
         buttons=(),
     )
     """Its left motor is on port A, its right one on port B."""
-    SINGLE_MOTOR = HubModel(
-        "single-motor",
-        "SingleMotor",
-        product_id=512,
-        machine="",
-        ports="ABCDEF",
-        own_motors="A",
-        own_kind="spike-medium",
-        program_bytes=0,
-        stdin_bytes=0,
-        stack_bytes=0,
-        call_bytes=0,
-        is_rechargeable=True,
-        buttons=(),
+    SINGLE_MOTOR = replace(
+        DOUBLE_MOTOR, name="single-motor", class_name="SingleMotor", product_id=512, own_motors="A", has_imu=False
     )
 
 

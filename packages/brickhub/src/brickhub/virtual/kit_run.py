@@ -16,8 +16,7 @@ from brickhub.hub.program.run_program import check_time_limit, read_program
 from brickhub.robot import KitKind
 from brickhub.virtual.bench_body import FittedBench
 from brickhub.virtual.body import Body
-from brickhub.virtual.micropython.exceptions import HostStop
-from brickhub.virtual.run import Operation
+from brickhub.virtual.run import Operation, ProgramStopped
 from brickhub.virtual.virtual_kit import VirtualKit
 
 BENCH_PORTS = {"A": "Motor", "B": "Motor", "C": "Motor", "D": "ColorSensor"}
@@ -64,7 +63,7 @@ def run_kit_file(
     try:
         with _surroundings(path, kit):
             kit.run(lambda: _execute(source, path), time_limit_s)
-    except HostStop:
+    except ProgramStopped:
         stderr.write("The program was stopped (SystemExit).\n")
     except HubTimeoutError:
         stderr.write(f"The program was stopped after {time_limit_s:g} s.\n")
