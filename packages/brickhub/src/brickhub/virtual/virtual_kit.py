@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import asyncio
 import threading
-import time
 from collections import deque
 from collections.abc import Callable, Iterable
 from typing import Any, TypeVar
@@ -24,7 +23,8 @@ from brickhub.virtual.machine import CONTROL_LOOP_MS, Machine, Pace
 from brickhub.virtual.virtual_transport import PLACEMENT_MS, VirtualHub
 
 _T = TypeVar("_T")
-_IDLE_S = 0.2
+_IDLE_S = 1.0
+"""Time without a call after which a program is taken to poll: long, as another program may have the processor."""
 _TURNS = 6
 """Turns of the package's loop in which a call that has its answer ends."""
 
@@ -139,6 +139,7 @@ class VirtualKit:
         self._pace = Pace() if realtime else None
         self._sleepers: list[float] = []
         self._events = 0
+        self._idle = -1
         self._is_stopped = False
 
     def attach(self) -> None:
@@ -212,13 +213,11 @@ class VirtualKit:
         if self.is_realtime or self._sleepers or self._hand_over([]):
             self._tick()
             return
-        began_s = time.monotonic()
         with self.awake:
-            if self.awake.wait_for(lambda: self._events != seen, _IDLE_S):
+            if self.awake.wait_for(lambda: self._events != seen, _IDLE_S if self._idle != seen else CONTROL_LOOP_MS / 1000):
                 return
-        end_ms = self.machine.time_ms + (time.monotonic() - began_s) * 1000
-        while self.machine.time_ms < end_ms and self._events == seen:
-            self._tick()
+        self._idle = seen
+        self._tick()
 
     def wake(self) -> None:
         """Tell the world that the program has done something; ``awake`` is held."""
