@@ -39,7 +39,7 @@ def main(session: Session) -> None:
     for env_id, count in counts.items():
         runs = {robot: list(itertools.islice(found, args.seeds)) for robot in ROBOTS}
         cart, hub = (summary(runs[robot]) for robot in ROBOTS)
-        share = round(cart["return_mean"] / hub["return_mean"], 3)
+        share = round(cart["return_mean"] / hub["return_mean"], 3) if hub["return_mean"] > 0 else None
         known[env_id] = {"episodes": count, "cart": cart, "hub": hub, "share_of_return": share, "seeds": runs}
         print(env_id, share, cart, hub, flush=True)
     session.write({"agent": "sac", "environments": {env_id: known[env_id] for env_id in ENVS if env_id in known}})

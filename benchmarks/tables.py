@@ -405,7 +405,7 @@ def kit_learning(result: Result) -> str:
     for env_id, entry in result["environments"].items():
         cart, hub = entry["cart"], entry["hub"]
         success = f"{percent(cart['success_rate'])} ({percent(hub['success_rate'])})"
-        share = f"{entry['share_of_return']:.2f}"
+        share = number(entry["share_of_return"])
         on_cart = within(cart["return_mean"], cart["return_interval"], len(entry["seeds"]["cart"]))
         rows.append([env_id, str(len(entry["seeds"]["cart"])), on_cart, number(hub["return_mean"]), share, success])
     return table(["task", "seeds", "return on the cart", "on the robot with a hub", "share", "success (with a hub)"], rows)
