@@ -13,9 +13,7 @@ import itertools
 import statistics
 import tempfile
 import time
-from collections.abc import Mapping
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -39,11 +37,11 @@ EPISODES = {
 EVALUATED_EPISODES = 20
 
 
-def run(env_id: str, agent: str, episodes: int, seed: int, robot: Mapping[str, Any] = MappingProxyType({})) -> dict[str, Any]:
-    """Train and evaluate one agent. ``robot``: fields of `EnvOptions`."""
+def run(env_id: str, agent: str, episodes: int, seed: int, **config: Any) -> dict[str, Any]:
+    """Train and evaluate one agent. ``config``: further fields of its configuration."""
     with tempfile.TemporaryDirectory() as folder:
         started_cpu_s = time.process_time()
-        result = train(TrainConfig(env_id, agent, episodes=episodes, seed=seed, run_dir=Path(folder) / "run", **robot))
+        result = train(TrainConfig(env_id, agent, episodes=episodes, seed=seed, run_dir=Path(folder) / "run", **config))
         cpu_s = time.process_time() - started_cpu_s
         evaluation = evaluate(result.run_dir, episodes=EVALUATED_EPISODES)
     last = result.episodes[-1]

@@ -480,8 +480,35 @@ def measured_robots(result: Result) -> str:
     return table(head, rows)
 
 
+def kit_learning(result: Result) -> str:
+    """Tasks on the cart of LEGO's kits, next to a robot with a hub."""
+    rows = []
+    for env_id, entry in result["environments"].items():
+        cart, hub = entry["cart"], entry["hub"]
+        success = f"{percent(cart['success_rate'])} ({percent(hub['success_rate'])})"
+        share = number(entry["share_of_return"])
+        on_cart = within(cart["return_mean"], cart["return_interval"], len(entry["seeds"]["cart"]))
+        rows.append([env_id, str(len(entry["seeds"]["cart"])), on_cart, number(hub["return_mean"]), share, success])
+    return table(["task", "seeds", "return on the cart", "on the robot with a hub", "share", "success (with a hub)"], rows)
+
+
+def kit_programs(result: Result) -> str:
+    """Programs and faults on virtual devices of LEGO's kits."""
+    counts = result["programs"]
+    failed = {group: sum(name.startswith(group) for name in result["failed"]) for group in counts}
+    rows = [
+        [f"programs of our own that end as they should, of {counts['own']}", str(counts["own"] - failed["own"])],
+        [f"programs and pieces that LEGO publishes, of {counts['lego']}", str(counts["lego"] - failed["lego"])],
+        [f"faults of the link without a hang, of {result['faults']}", str(result["faults"])],
+        ["steps that ended as lost in them", str(result["steps_lost"])],
+        ["simulated seconds a second, of the cart on its line", f"{result['speed_of_learning']:g}"],
+    ]
+    return table(["what", "number"], rows)
+
+
 SECTIONS: dict[str, tuple[str, Callable[[Result], str]]] = {
     "robots": ("SAC on each robot, with the paper's number of episodes", robots),
+    "kit_learning": ("SAC on the cart of LEGO's kits, through LEGO's package", kit_learning),
     "baselines": ("Random actions and hand-written controllers (return, success)", baselines),
     "learning": ("Learning in the simulations, evaluated without exploration", learning),
     "copies": ("Learning from many copies of WalkerSim-v0 at once, start-up included", copies),
@@ -508,6 +535,7 @@ SECTIONS: dict[str, tuple[str, Callable[[Result], str]]] = {
     "link_profiles": ("SAC on each robot over each link of the virtual hub", link_profiles),
     "measure": ("Two minutes with a robot: errors of `twin measure`", measured_robots),
     "link_rates": ("Rate of the link, over a simulated radio", link_rates),
+    "kit_programs": ("Virtual devices of LEGO's kits, behind LEGO's package", kit_programs),
 }
 
 COMMANDS = {"offline_default": "offline --preset default"}

@@ -14,10 +14,12 @@ from brickhub.errors import counted
 
 ONBOARD = "brickhub.hub.program.onboard"
 """Of this package only the folder is ours: its files run on a hub, under MicroPython."""
+EXTRAS = ("brickhub.virtual.lego_transport",)
+"""Modules that need an extra."""
 MODULES = [
     module.name
     for module in pkgutil.walk_packages(brickhub.__path__, "brickhub.")
-    if not module.name.startswith(f"{ONBOARD}.") and module.name != "brickhub.__main__"
+    if not module.name.startswith(f"{ONBOARD}.") and module.name not in ("brickhub.__main__", *EXTRAS)
 ]
 OTHERS = ("bricktwin", "bricksrl", "mujoco", "numpy", "scipy", "torch")
 

@@ -1,4 +1,4 @@
-"""Driving by hand with a keyboard or a gamepad, and the mapping of keys and sticks to the action of any robot.
+"""Driving by hand with a keyboard, a gamepad or a Controller of LEGO's kits: keys, sticks and levers as actions of any robot.
 
 A released stick means that no motor moves, which is not the middle of every command's range: the Walker's legs turn by
 -100 to 0 degrees. Fully up is the upper end of a command, fully down the lower one. A gamepad is read from its device file on
@@ -15,14 +15,15 @@ import signal
 import struct
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol, Self
+from typing import TYPE_CHECKING, Any, Protocol, Self
 
 import torch
 from torch import Tensor
 
 from brickhub.entry import Entry
+from brickhub.hub.lego_package import lego_package
 from bricksrl.errors import DataError
 
 if TYPE_CHECKING:
@@ -241,3 +242,33 @@ class PygamePad:
     def close(self) -> None:
         self._pygame.joystick.quit()
         self._pygame.display.quit()
+
+
+class ControllerPad:
+    """The Controller of LEGO's kits: its two levers drive the first two commands, its button takes over or gives back. Raises
+    MediumUnavailableError without LEGO's package, DataError if no Controller is in reach."""
+
+    def __init__(self) -> None:
+        self._lego = lego_package(is_silent=True).Controller()
+        self._lego.connect(device_notification_delay=15)
+        if not self._lego.connected:
+            raise DataError("no Controller of LEGO's kits is in reach; switch it on, and bring it near")
+        self._was_pressed = 0
+
+    def read(self) -> tuple[list[float], int]:
+        if not self._lego.connected:
+            raise DataError("the Controller is gone; switch it on, bring it near, and start again")
+        levers, is_pressed = self._lego.sensor, self._lego.button.state
+        presses, self._was_pressed = int(is_pressed > self._was_pressed), is_pressed
+        return [levers.leftPercent / 100, levers.rightPercent / 100], presses
+
+    def close(self) -> None:
+        self._lego.disconnect()
+
+
+DRIVERS: Mapping[str, Callable[..., Any]] = {
+    "keyboard": KeyboardDriver,
+    "gamepad": GamepadDriver,
+    "controller": lambda commands, **options: GamepadDriver(commands, pad=ControllerPad(), **options),
+}
+"""Drivers by the name of their device."""

@@ -84,7 +84,7 @@ def test_robot_in_a_users_file_has_a_body(bricktwin, program: Path, tmp_path: Pa
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        (("--robot", "dog"), "there is no robot 'dog'; choose two-wheeler, scout, walker, robo-arm, bench, or name a file"),
+        (("--robot", "dog"), "there is no robot 'dog'; choose two-wheeler, scout, cart, walker, robo-arm, bench, or name a file"),
         (("--robot", "rover.ldr"), "rover.ldr: No such file or directory; name an LDraw file"),
         (("--robot", "nowhere.py"), "no file nowhere.py"),
         (("--robot", "walker", "--reading", "B=red"), "--robot bench"),

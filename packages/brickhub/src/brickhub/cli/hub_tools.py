@@ -16,6 +16,7 @@ from brickhub.errors import DescriptionError, counted, percent
 
 if TYPE_CHECKING:
     from brickhub.hub.diagnostics.calibration import Calibration
+    from brickhub.hub.kit_radio import Radio
     from brickhub.hub.transport import Transport
     from brickhub.robot import Robot
     from brickhub.target import Target
@@ -204,19 +205,26 @@ class Check:
 
     def execute(self) -> int:
         from brickhub.hub.diagnostics.calibration import calibration_of
+        from brickhub.hub.diagnostics.kit_check import check_kit
         from brickhub.hub.diagnostics.preflight import check_robot
 
         target = _find(self.target)
-        transport = _transport(self.hub, target, self.link)
         is_watched = not self.yes and is_terminal()
-        findings = check_robot(
-            transport,
-            target.robot,
-            target.interface,
-            may_move=lambda: self.yes or confirm(f"The {target.robot.name} needs room to move each motor a little. Move it now?"),
-            is_right=(lambda move: confirm(f"{move}: was it this motor, and in the right direction?")) if is_watched else None,
-            calibrate=calibration_of(transport, self.calibrations),
-        )
+
+        def may_move() -> bool:
+            return self.yes or confirm(f"The {target.robot.name} needs room to move each motor a little. Move it now?")
+
+        def was_right(move: str) -> bool:
+            return confirm(f"{move}: was it this motor, and in the right direction?")
+
+        is_right = was_right if is_watched else None
+        if target.robot.hub.model.runs_programs:
+            transport = _transport(self.hub, target, self.link)
+            calibrate = calibration_of(transport, self.calibrations)
+            robot = transport, target.robot, target.interface
+            findings = check_robot(*robot, may_move=may_move, is_right=is_right, calibrate=calibrate)
+        else:
+            findings = check_kit(_radio(self.hub, target), target.robot, target.interface, may_move=may_move, is_right=is_right)
         code = print_findings(findings, (9, 18), as_json=self.json, env=target.name, hub=self.hub)
         if not self.json:
             print_line("not ready: see the errors above" if code else f"ready for {target.name}")
@@ -316,12 +324,23 @@ def _find(name: str) -> Target:
     return find(name)
 
 
+def _radio(hub: str, target: Target) -> Radio:
+    """Radio to the devices of a robot of LEGO's kits."""
+    from brickhub.hub.transports.address import parse_hub
+    from brickhub.virtual.virtual_kit import VirtualKit
+
+    address = parse_hub(hub)
+    return VirtualKit(target.make_body()) if address.is_virtual else address.radio()
+
+
 def _transport(hub: str, target: Target, link: str | None = None) -> Transport:
-    """An unopened transport to the hub. ``link``: that of a virtual hub, by name. Raises DescriptionError if a real hub is given
-    one."""
+    """An unopened transport to the hub. ``link``: that of a virtual hub, by name. Raises DescriptionError for a robot of
+    LEGO's kits, and if a real hub is given a link."""
     from brickhub.hub.link.profiles import profile
     from brickhub.hub.transports.address import parse_hub
 
+    if not target.robot.hub.model.runs_programs:
+        raise DescriptionError(f"'{target.name}' has devices of LEGO's kits, which need none of this; `check` checks them")
     address, chosen = parse_hub(hub), None if link is None else profile(link)
     if not address.is_virtual:
         if link is not None:

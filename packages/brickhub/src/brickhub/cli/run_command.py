@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 class Run:
     """Run a Pybricks program on a hub, virtual or real, and print its output and traceback; exit code 1 if it raises.
 
-    Files that it imports from its folder are included. The program can read standard input. Ctrl-C stops it and its motors.
+    Files that it imports from its folder are included. The program can read standard input. Ctrl-C stops it and its motors. A
+    program that imports LEGO's package `legoeducation` runs on this computer, and drives virtual devices of LEGO's kits.
 
     Without --robot, the virtual hub adapts to the program: its kind is the one that the program imports, and each port has the
     device that the program expects there.
@@ -79,7 +80,8 @@ class Run:
             raise Interrupted(f"the program was stopped; {saved}") from None
 
     def _run(self) -> int:
-        from brickhub.hub.program.run_program import load_program, read_program
+        from brickhub.hub.lego_package import NAME as LEGO_PACKAGE
+        from brickhub.hub.program.run_program import imports, load_program
         from brickhub.hub.transports.address import parse_hub
 
         address = parse_hub(self.hub)
@@ -87,11 +89,15 @@ class Run:
         if isinstance(stdin, io.TextIOWrapper):
             stdin.reconfigure(errors="surrogateescape")  # a program may be given any bytes
         if address.is_virtual:
+            from brickhub.virtual.kit_run import run_kit_file
             from brickhub.virtual.run import run_file
 
             source = None if stdin is None or stdin.isatty() else stdin
-            read_program(self.file)  # raises before a film begins
+            program = load_program(self.file)  # raises before a film begins
             with ExitStack() as stack:
+                if imports(program, LEGO_PACKAGE):
+                    body, operation = self.body(stack), self._operation(stack)
+                    return run_kit_file(self.file, body, stderr=err, time_limit_s=self.time_limit_s, operation=operation)
                 return run_file(
                     self.file,
                     self.body(stack),
@@ -107,6 +113,8 @@ class Run:
         from brickhub.hub.program.run_program import run_program
 
         program = load_program(self.file)
+        if imports(program, LEGO_PACKAGE):
+            raise DescriptionError("LEGO's devices run no programs; run it on this computer: python " + str(self.file))
         with closing(address.transport()) as transport:
             return run_program(transport, program, stdout=out, stderr=err, stdin=stdin, time_limit_s=self.time_limit_s)
 

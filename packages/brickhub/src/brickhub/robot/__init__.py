@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from brickhub.robot.bench import BENCH
-from brickhub.robot.hardware import HubKind, HubModel, MotorKind, Sense, SensorKind
+from brickhub.robot.hardware import AnyHub, HubKind, HubModel, KitKind, MotorKind, Sense, SensorKind
 from brickhub.robot.spec import Chassis, Direction, DriveBase, Motor, Mount, PoweredUpSensor, Robot, Sensor, UltrasonicSensor
 
 __all__ = [
     "BENCH",
+    "AnyHub",
     "Chassis",
     "Direction",
     "DriveBase",
     "HubKind",
     "HubModel",
+    "KitKind",
     "Motor",
     "MotorKind",
     "Mount",

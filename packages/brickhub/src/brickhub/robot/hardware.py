@@ -7,7 +7,7 @@ Sources: Pybricks 4, its documentation, the configurations of its firmware (``br
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 
@@ -32,7 +32,7 @@ class HubModel:
         product_id: number by which it identifies itself to this computer.
         machine: name and processor, as ``usys.implementation`` tells them.
         ports: letters of the ports for motors and sensors.
-        own_motors: those at which it has motors of its own.
+        own_motors: those at which it has motors of its own, and ``own_kind``: the name of their kind.
         program_bytes: largest size of a user program, which is the memory for stored data and the heap too.
         stdin_bytes: usable size of the standard input ring buffer up to Pybricks 4.0; 0 means no stdin.
         packet_bytes: largest packet over Bluetooth (``PBDRV_BLUETOOTH_MAX_MTU_SIZE``, less 3), which the buffer takes since 4.1.
@@ -72,6 +72,12 @@ class HubModel:
     missing: tuple[str, ...] = ()
     alias: str = ""
     own_motors: str = ""
+    own_kind: str = ""
+
+    @property
+    def runs_programs(self) -> bool:
+        """Whether a program of ours can run on it; a device that runs none only obeys its commands over Bluetooth."""
+        return self.program_bytes > 0
 
 
 _RARE_DEVICES = ("DuploTrain", "MarioHub", "TechnicMoveHub")
@@ -154,6 +160,7 @@ class HubKind(_Kind):
         machine="BOOST Move Hub with STM32F070RB",
         ports="ABCD",
         own_motors="AB",
+        own_kind="move-hub",
         program_bytes=7 * 1024,
         stdin_bytes=0,
         stack_bytes=3_528,
@@ -162,6 +169,40 @@ class HubKind(_Kind):
         has_float=False,
         missing=("bytearray", "complex", "enumerate", "float", "input", "memoryview", "reversed", "set", *_RARE_DEVICES),
     )
+
+
+class KitKind(_Kind):
+    """Devices of LEGO's kits of 2026 that carry a robot's motors as a hub does; ``class_name`` is that in LEGO's package.
+
+    The robot's other devices are on the other ports, over the air: each motor a Single Motor, each color sensor a Color Sensor.
+    """
+
+    model: HubModel
+
+    DOUBLE_MOTOR = HubModel(
+        "double-motor",
+        "DoubleMotor",
+        product_id=513,
+        machine="",
+        ports="ABCDEF",
+        own_motors="AB",
+        own_kind="spike-medium",
+        program_bytes=0,
+        stdin_bytes=0,
+        stack_bytes=0,
+        call_bytes=0,
+        has_imu=True,
+        is_rechargeable=True,
+        buttons=(),
+    )
+    """Its left motor is on port A, its right one on port B."""
+    SINGLE_MOTOR = replace(
+        DOUBLE_MOTOR, name="single-motor", class_name="SingleMotor", product_id=512, own_motors="A", has_imu=False
+    )
+
+
+AnyHub = HubKind | KitKind
+"""What carries a robot's devices."""
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, TypeVar
 
 from brickhub.errors import DescriptionError
 from brickhub.fields import check_fields
-from brickhub.robot.hardware import HubKind, MotorKind, SensorKind
+from brickhub.robot.hardware import AnyHub, MotorKind, SensorKind
 
 
 class Direction(enum.Enum):
@@ -194,7 +194,8 @@ class Chassis:
 
 @dataclass(frozen=True)
 class Robot:
-    """Description of a robot: one hub with its devices. Raises DescriptionError if the description is invalid.
+    """Description of a robot: one hub, or a device of LEGO's kits in its place, with its devices. Raises DescriptionError if the
+    description is invalid.
 
     Attributes:
         hub_sides: where the hub's top and its front, with the USB port, look: names of :data:`LOOKS`. By default as in the plan,
@@ -208,7 +209,7 @@ class Robot:
     """
 
     name: str
-    hub: HubKind
+    hub: AnyHub
     motors: tuple[Motor, ...] = ()
     sensors: tuple[Sensor, ...] = ()
     drive_base: DriveBase | None = None

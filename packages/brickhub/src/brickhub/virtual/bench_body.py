@@ -14,7 +14,7 @@ from typing import Any
 
 from brickhub.errors import SceneError, TwinError
 from brickhub.hub.link.profiles import DEFAULT_LINK, PROFILES
-from brickhub.robot import HubKind, Motor, MotorKind, Robot, Sense, SensorKind, UltrasonicSensor
+from brickhub.robot import AnyHub, Motor, MotorKind, Robot, Sense, SensorKind, UltrasonicSensor
 from brickhub.virtual.body import Rng
 from brickhub.virtual.given_readings import GivenReading
 from brickhub.virtual.stimuli import DEFAULT_STIMULI, Reading, Sensed, number
@@ -202,7 +202,7 @@ class FittedBench(BenchBody):
 
     def __init__(
         self,
-        hub: HubKind,
+        hub: AnyHub,
         readings: Iterable[GivenReading] = (),
         end_stops: Mapping[str, tuple[float, float]] | None = None,
         devices: Mapping[str, MotorKind | SensorKind | None] = MappingProxyType({}),
@@ -239,8 +239,8 @@ class FittedBench(BenchBody):
             return self._devices.get(port) == device
         self._free_ports.remove(port)
         if is_motor:
-            is_own = port in self.robot.hub.model.own_motors
-            self._add_motor(port, MotorKind.MOVE_HUB if is_own else MotorKind.SPIKE_MEDIUM, device)
+            hub = self.robot.hub.model
+            self._add_motor(port, MotorKind(hub.own_kind) if port in hub.own_motors else MotorKind.SPIKE_MEDIUM, device)
         else:
             self._add_sensor(port, device)
         return True

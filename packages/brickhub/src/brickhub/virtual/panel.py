@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from brickhub.errors import TwinError
-from brickhub.robot import HubKind
+from brickhub.robot import AnyHub
 
 DEFAULT_PRESS_S = 0.2
 POLL_MS = 50
@@ -91,7 +91,7 @@ class Panel:
         TwinError: the hub has no such button.
     """
 
-    def __init__(self, hub: HubKind, presses: Iterable[Press] = (), near: Iterable[str] = ()) -> None:
+    def __init__(self, hub: AnyHub, presses: Iterable[Press] = (), near: Iterable[str] = ()) -> None:
         self.buttons, self.has_display = hub.model.buttons, hub.model.has_display
         self._hub = hub
         self._presses: list[tuple[int, int, str]] = []

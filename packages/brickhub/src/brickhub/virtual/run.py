@@ -36,7 +36,7 @@ _BUFFER_BYTES = 511
 _CHUNK_BYTES = 60
 
 
-class _ProgramStopped(HostStop):
+class ProgramStopped(HostStop):
     """The program is to end; on a hub the button raises SystemExit."""
 
 
@@ -206,7 +206,7 @@ def _run(source: str, path: Path, machine: Machine, console: StreamConsole, stdo
             with suppress(OverflowError):  # which a hub finds when it loads the module
                 compile_source(module.source, module.file)
         execute(source, path.name, importable, console)
-    except (SystemExit, _ProgramStopped) as end:
+    except (SystemExit, ProgramStopped) as end:
         name = class_name(type(end)) if isinstance(end, SystemExit) else SystemExit.__name__
         stderr.write(f"The program was stopped ({name}).\n")
     except SwitchedOff:
@@ -235,7 +235,7 @@ def _module_hint(error: BaseException, path: Path) -> str:
 
 def stop_program() -> None:
     """Stop the program of this thread, as the button does; only from within the machine's time."""
-    raise _ProgramStopped
+    raise ProgramStopped
 
 
 class _Interrupted(HostStop):

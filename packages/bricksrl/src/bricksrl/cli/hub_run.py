@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 class Run(run.Run):
     """Run a Pybricks program on a hub, virtual or real, and print its output and traceback; exit code 1 if it raises.
 
-    Files that it imports from its folder are included. The program can read standard input. Ctrl-C stops it and its motors.
+    Files that it imports from its folder are included. The program can read standard input. Ctrl-C stops it and its motors. A
+    program that imports LEGO's package `legoeducation` runs on this computer, and drives virtual devices of LEGO's kits.
 
     Without --robot, the virtual hub adapts to the program: its kind is the one that the program imports, and each port has the
     device that the program expects there. With --video or --page, the robot is the two-wheeler by default.
@@ -39,8 +40,8 @@ class Run(run.Run):
     """
 
     robot: Annotated[str | None, option(metavar="ROBOT")] = None
-    """Virtual robot: two-wheeler, walker, robo-arm or bench; RunAway-v0, with its scene, or another environment; a building plan,
-    my_robot.ldr; my_robot.py."""
+    """Virtual robot: two-wheeler, walker, robo-arm, cart or bench; RunAway-v0, with its scene, or another environment; a building
+    plan, my_robot.ldr; my_robot.py."""
     page: PageFlag = False
     live_page: LivePageGroup = PageOptions()
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import OmitArgPrefixes, Positional
 
@@ -121,29 +121,37 @@ class Play:
 
 @dataclass(frozen=True)
 class DriveRobot:
-    """Drive a robot, by default a virtual one, with the sliders and the joystick of a page in the browser. Ctrl-C ends it.
+    """Drive a robot, by default a virtual one, with the sliders and the joystick of a page in the browser, or with
+    levers or sticks in your hands. Ctrl-C ends it.
 
     Examples:
       bricksrl drive Spinning-v0
       bricksrl drive RoboArm-v0
       bricksrl drive Walker-v0 --hub ble
       bricksrl drive Spinning-v0 --page-host 0.0.0.0
+      bricksrl drive Spinning-v0 --with controller
     """
 
     env: Annotated[Positional[str], option(metavar="ENV")]
     """Environment; `bricksrl list` shows them. A task of your own: my_task.py, my_task.py:TASK or module:TASK."""
     seed: Annotated[int, option(metavar="N")] = 0
     """Seed of the episodes."""
+    device: Annotated[Literal["gamepad", "controller"] | None, option(metavar="DEVICE", name="with")] = None
+    """Drive with a gamepad, or with the Controller of LEGO's kits, instead of the page."""
     robot: RobotGroup = EnvOptions()
     live_page: LivePageGroup = PageOptions()
 
     def execute(self) -> None:
+        from bricksrl.cli.teleop import driving
         from bricksrl.page.play import resting_player
 
         load_learning()
-        with _environment(self, self.env, None) as (env, env_id):
-            players = {"by hand": lambda: resting_player(env)}
-            _on_page(self.live_page, env, env_id, players, subtitle="driven by hand", in_charge=True)
+        with (
+            _environment(self, self.env, None) as (env, env_id),
+            driving(self.device, env_id, env.task, in_charge=True) as driver,
+        ):
+            players = {"by hand": lambda: resting_player(env, driver)}
+            _on_page(self.live_page, env, env_id, players, subtitle="driven by hand", in_charge=driver is None)
 
 
 @contextmanager

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import Positional
 
@@ -16,7 +16,7 @@ from brickhub.cli.terminal import Interrupted, print_line, print_note
 from brickhub.files import quoted
 from brickhub.seed import check_seed
 from bricksrl.cli.page import LivePageGroup, PageFlag, RobotGroup, run_on_page, shown
-from bricksrl.cli.teleop import DEVICES, driving, quiet, with_human
+from bricksrl.cli.teleop import DEVICES, Device, driving, quiet, with_human
 from bricksrl.cli.terminal import load_learning
 from bricksrl.envs.options import EnvOptions
 from bricksrl.errors import DataError, DescriptionError, RunError, StoppedError, counted, hint
@@ -53,8 +53,8 @@ class Record:
     out: Annotated[Path, option(metavar="DIR")]
     """Folder of the dataset: a new one, or one to extend."""
     policy: Annotated[str, option(metavar="POLICY")] = "random"
-    """Policy: random, keyboard, gamepad, or the folder of a run or of a shared policy."""
-    take_over: Annotated[Literal["keyboard", "gamepad"] | None, option(metavar="DEVICE")] = None
+    """Policy: random, keyboard, gamepad, controller, or the folder of a run or of a shared policy."""
+    take_over: Annotated[Device | None, option(metavar="DEVICE")] = None
     """Let a human intervene with this device; these steps are marked in the data."""
     episodes: Annotated[int, option(metavar="N")] = 10
     """Episodes to record."""

@@ -1,11 +1,11 @@
-"""Teleoperation by keyboard or gamepad, for the commands that let a human drive."""
+"""Teleoperation by keyboard, gamepad or Controller of LEGO's kits, for the commands that let a human drive."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal, get_args
 
 from brickhub.cli.terminal import print_line
 
@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     from bricksrl.envs.rollout import Driver
     from bricksrl.envs.task import Task
 
-DEVICES = ("keyboard", "gamepad")
+Device = Literal["keyboard", "gamepad", "controller"]
+DEVICES = get_args(Device)
 
 
 def with_human(options: EnvOptions, env: str) -> EnvOptions:
@@ -27,17 +28,16 @@ def with_human(options: EnvOptions, env: str) -> EnvOptions:
 
 @contextmanager
 def driving(device: str | None, env: str, task: Task, *, in_charge: bool) -> Iterator[Driver | None]:
-    """The driver of a keyboard or a gamepad, after printing the keys' meanings; ``None`` for no device. Raises DataError if the
-    device is not available."""
+    """The driver of a keyboard, a gamepad or a Controller of LEGO's kits, after printing the keys' meanings; ``None`` for no
+    device. Raises DataError if the device is not available."""
     from bricksrl.envs.registry import is_simulation
-    from bricksrl.teleoperation import GamepadDriver, KeyboardDriver, Paced, legend
+    from bricksrl.teleoperation import DRIVERS, Paced, legend
 
     if device is None:
         yield None
         return
-    driver_type = KeyboardDriver if device == "keyboard" else GamepadDriver
     commands = [command.entry for command in task.interface.commands]
-    with driver_type(commands, in_charge=in_charge) as driver:
+    with DRIVERS[device](commands, in_charge=in_charge) as driver:
         if device == "keyboard":
             for line in legend(commands):
                 print_line(line)

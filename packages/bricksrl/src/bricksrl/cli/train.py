@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import OmitArgPrefixes, Positional, UseAppendAction
 
@@ -16,6 +16,7 @@ from brickhub.cli.options import Flag, option, refuse_ignored
 from brickhub.cli.terminal import Interrupted, print_line
 from brickhub.files import only_writer, quoted
 from bricksrl.cli.page import LivePageGroup, PageFlag, RobotGroup, run_on_page, shown
+from bricksrl.cli.teleop import Device
 from bricksrl.cli.terminal import load_learning
 from bricksrl.envs.options import EnvOptions, TransformOptions
 from bricksrl.errors import DescriptionError, RunError, StoppedError, counted
@@ -89,7 +90,7 @@ class Train:
     """Train N seeds, starting with --seed, in parallel, and summarise them."""
     on: Annotated[str | None, option(metavar="WHERE")] = None
     """Where to train the --seeds: ray, or ray:ADDRESS for a cluster (pip install 'bricksrl[distributed]')."""
-    take_over: Annotated[Literal["keyboard", "gamepad"] | None, option(metavar="DEVICE")] = None
+    take_over: Annotated[Device | None, option(metavar="DEVICE")] = None
     """Let a human intervene with this device; the agent learns from these steps too, and the data marks them."""
     asynchronous: Flag = False
     """Learn in parallel with the robot, which never waits; the default on a real robot and with --realtime."""

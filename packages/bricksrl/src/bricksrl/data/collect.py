@@ -124,6 +124,7 @@ def about(env: EnvBase, policy: str, *, seed: int | None = None, hub: str = "vir
     """
     ours = interface_of(env)
     task, on_hub = ours.task, ours.robots > 0
+    has_program = on_hub and task is not None and task.robot.hub.model.runs_programs
     twin = ours.twin if on_hub and hub == "virtual" else None
     physics = None if twin is None else getattr(twin.body, "physics", None)
     return About(
@@ -131,7 +132,7 @@ def about(env: EnvBase, policy: str, *, seed: int | None = None, hub: str = "vir
         seed=seed,
         started=datetime.now(UTC).astimezone().isoformat(timespec="milliseconds"),
         hub=hub if on_hub else "",
-        program_hash=generate(task.robot, task.interface).hash if on_hub and task is not None else None,
+        program_hash=generate(task.robot, task.interface).hash if task is not None and has_program else None,
         versions=_VERSIONS,
         physics={} if twin is None or physics is None else dataclasses.asdict(physics.with_link(twin.link)),
     )

@@ -13,8 +13,8 @@ from brickhub.errors import HubNotFoundError, MediumUnavailableError
 from bricksrl.errors import HubError
 
 if TYPE_CHECKING:
-    from brickhub.hub.link.lockstep import HubLink
-    from brickhub.virtual.virtual_transport import VirtualHub
+    from brickhub.hub.link.robot_link import RobotLink
+    from brickhub.virtual.virtual_kit import VirtualRobot
     from bricksrl.envs.vision.camera import Camera
     from bricktwin.twin.mujoco_body import Pose
 
@@ -31,16 +31,16 @@ class Connection:
     """A connected robot.
 
     Attributes:
-        link: link to the hub; the environment opens and closes it.
+        link: link to the robot; the environment opens and closes it.
         place: places the robot at the start of an episode; called at every reset, while the link is open.
-        twin: the virtual hub, for rendering; ``None`` for a real robot.
+        twin: the virtual hub, or devices of LEGO's kits, for rendering; ``None`` for a real robot.
         camera: source of images, for a task with a camera.
         true_pose: returns the pose of a virtual robot that has one.
     """
 
-    link: HubLink
+    link: RobotLink
     place: Placement
-    twin: VirtualHub | None = None
+    twin: VirtualRobot | None = None
     camera: Camera | None = None
     true_pose: Callable[[], Pose] | None = None
 

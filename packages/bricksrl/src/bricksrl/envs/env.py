@@ -25,7 +25,7 @@ from bricksrl.errors import BricksError, CameraError, DescriptionError, HubError
 
 if TYPE_CHECKING:
     from brickhub.hub.link.receiver import Reading
-    from brickhub.virtual.virtual_transport import VirtualHub
+    from brickhub.virtual.virtual_kit import VirtualRobot
 
 BLOCKED_TIMEOUT_S = 120.0
 """Time that a blocked robot waits for the obstacle to be removed."""
@@ -139,7 +139,7 @@ class HubEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         self.is_closed = False
 
     @property
-    def twin(self) -> VirtualHub | None:
+    def twin(self) -> VirtualRobot | None:
         return self._connected().twin
 
     def watch(self, watcher: Callable[[Connection], None]) -> Callable[[], None]:

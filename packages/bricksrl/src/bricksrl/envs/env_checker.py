@@ -107,6 +107,8 @@ def _program(task: Task) -> str:
     from brickhub.hub.program.compile import compile_program, program_blob
     from brickhub.hub.program.generate import generate
 
+    if not task.robot.hub.model.runs_programs:
+        raise Skip(f"a {task.robot.hub.value} runs no programs")
     program = generate(task.robot, task.interface)
     size = len(program_blob(compile_program(program), task.robot.hub))
     return f"{size} of the {task.robot.hub.value} hub's {task.robot.hub.model.program_bytes} bytes"

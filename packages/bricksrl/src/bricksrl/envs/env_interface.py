@@ -12,7 +12,7 @@ from bricksrl.errors import BricksError, HubError
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from brickhub.virtual.virtual_transport import VirtualHub
+    from brickhub.virtual.virtual_kit import VirtualRobot
     from bricksrl.envs.connection import Connection, Reconnect
     from bricksrl.envs.task import Task
 
@@ -62,7 +62,7 @@ class BricksEnv:
         return functools.partial(self.remake, seed=self._seed), ()
 
     @property
-    def twin(self) -> VirtualHub | None:
+    def twin(self) -> VirtualRobot | None:
         """The virtual hub of a single robot; ``None`` for a real robot or none. A new seed makes a new one."""
         return None
 

@@ -11,7 +11,6 @@ from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
 from brickhub.fields import check_value
-from brickhub.hub.transport import Transport
 from brickhub.hub.transports.address import parse_hub
 from brickhub.robot import Robot
 from brickhub.seed import check_seed
@@ -30,14 +29,15 @@ from bricksrl.envs.tasks.walker import walker
 from bricksrl.envs.tasks.walker_forward import walker_forward
 from bricksrl.envs.vision.camera import TwinCamera, VideoCamera
 from bricksrl.errors import DescriptionError, UnknownNameError, UnknownOptionError, hint
+from bricktwin.robots import CART
 from bricktwin.twin.make_body import check_mujoco, make_body
 
 if TYPE_CHECKING:
     import numpy as np
     from torchrl.envs import EnvBase
 
-    from brickhub.hub.link.lockstep import HubLink
-    from brickhub.hub.transports.pybricks_hub import ProfileTransport
+    from brickhub.hub.link.robot_link import RobotLink
+    from brickhub.hub.transports.address import HubAddress
     from bricksrl.envs.env import HubEnv
 
 _log = logging.getLogger(__name__)
@@ -62,12 +62,24 @@ class _Spec:
     note: str = ""
 
 
+def _on_robot(task: Task) -> Callable[..., Task]:
+    """Builder of a task that another driving robot can do too: the option ``robot`` names its own or the cart of LEGO's kits."""
+
+    def build(robot: str = task.robot.name) -> Task:
+        known = {each.name: each for each in (task.robot, CART)}
+        if robot not in known:
+            raise DescriptionError(f"{task.id} is not for robot '{robot}'{hint(robot, known)}; choose {' or '.join(known)}")
+        return task if robot == task.robot.name else replace(task, robot=known[robot])
+
+    return build
+
+
 _SIMULATED = " (simulated without a hub, thousands at once)"
 _BUILT_IN = {
-    "LineFollow-v0": _Spec(lambda: LINE_FOLLOW, episodes=30),
-    "Park-v0": _Spec(lambda: PARK, episodes=30),
+    "LineFollow-v0": _Spec(_on_robot(LINE_FOLLOW), episodes=30),
+    "Park-v0": _Spec(_on_robot(PARK), episodes=30),
     "RunAway-v0": _Spec(run_away),
-    "Spinning-v0": _Spec(lambda: SPINNING, episodes=15),
+    "Spinning-v0": _Spec(_on_robot(SPINNING), episodes=15),
     "Walker-v0": _Spec(functools.partial(walker, "Walker-v0"), episodes=75),
     "Walker-v1": _Spec(walker_forward, episodes=75),
     "WalkerSim-v0": _Spec(functools.partial(walker, "WalkerSim-v0"), Kinematics(noise=0.1), episodes=75, note=_SIMULATED),
@@ -140,7 +152,7 @@ def make(
         return _transformed(env, options)
     virtual = ("realtime", "randomize", "physics", "link")
     options.refuse(virtual, "a real robot has its own time, physics and link; omit realtime, physics and link")
-    return _transformed(_real_env(task, options, address.transport(), seed, place), options)
+    return _transformed(_real_env(task, options, address, seed, place), options)
 
 
 def _transformed(env: EnvBase, options: EnvOptions) -> EnvBase:
@@ -152,19 +164,19 @@ def _transformed(env: EnvBase, options: EnvOptions) -> EnvBase:
 
 
 def _virtual_env(task: Task, options: EnvOptions, seed: int | None) -> HubEnv:
-    from brickhub.virtual.virtual_transport import VirtualHub
+    from brickhub.virtual.virtual_kit import virtual_robot
     from bricksrl.envs.env import HubEnv
 
     def connect(twin_seed: int) -> Connection:
         body = make_body(task.robot, scene=task.scene, physics=options.physics_or_draw, seed=twin_seed)
-        twin = VirtualHub(body, realtime=options.realtime, link=options.link_profile, seed=twin_seed)
+        twin = virtual_robot(body, realtime=options.realtime, link=options.link_profile, seed=twin_seed)
         camera = None if task.camera is None else TwinCamera(body, task.camera)
         return Connection(_link(task, options, twin), twin.reset, twin, camera, getattr(body, "pose", None))
 
     return HubEnv(task, connect, seed=seed)
 
 
-def _real_env(task: Task, options: EnvOptions, transport: ProfileTransport, seed: int | None, place: Placement | None) -> HubEnv:
+def _real_env(task: Task, options: EnvOptions, address: HubAddress, seed: int | None, place: Placement | None) -> HubEnv:
     from brickhub.hub.diagnostics.calibration import calibration_of
     from bricksrl.envs.env import HubEnv
     from bricksrl.envs.vision.color_calibration import saved_red
@@ -177,16 +189,24 @@ def _real_env(task: Task, options: EnvOptions, transport: ProfileTransport, seed
         red = saved_red(task.camera.device)
         goal = task.camera.goal if red is None else replace(task.camera.goal, red=red)
         task = replace(task, camera=replace(task.camera, goal=goal))
-    calibrate = calibration_of(transport)
-    link = _link(task, options, transport, calibrate)
+    if task.robot.hub.model.runs_programs:
+        transport = address.transport()
+        link = _link(task, options, transport, calibration_of(transport))
+    else:
+        link = _link(task, options, address.radio())
     connection = Connection(link, place or ask_to_place, camera=camera)
     return HubEnv(task, lambda _seed: connection, seed=seed)
 
 
-def _link(task: Task, options: EnvOptions, transport: Transport, calibrate: Calibration | None = None) -> HubLink:
+def _link(task: Task, options: EnvOptions, transport: Any, calibrate: Calibration | None = None) -> RobotLink:
+    """Link over a transport to a hub, or over a radio to devices of LEGO's kits, as the robot has them."""
+    from brickhub.hub.link.kit_link import KitLink
     from brickhub.hub.link.lockstep import HubLink
     from brickhub.hub.link.streaming import StreamingLink
 
+    if not task.robot.hub.model.runs_programs:
+        options.refuse(("streaming", "app_data"), "devices of LEGO's kits always stream; omit streaming and app_data")
+        return KitLink(transport, task.robot, task.interface)
     link_type = StreamingLink if options.streaming or task.streams else HubLink
     return link_type(transport, task.robot, task.interface, pipe=options.pipe, calibrate=calibrate)
 

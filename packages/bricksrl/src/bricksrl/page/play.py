@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from tensordict import TensorDictBase
     from torchrl.envs import EnvBase
 
+    from bricksrl.envs.rollout import Driver
     from bricksrl.training.config import TrainConfig
 
 _PHASES = {Phase.PREFILL: "random start", Phase.TRAIN: "learning", Phase.OFFLINE: "learning from data"}
@@ -76,13 +77,18 @@ class PageCallback(Callback):
         self._page.finish(f"interrupted; `bricksrl resume {quoted(result.run_dir)}` goes on" if result.interrupted else "")
 
 
-def resting_player(env: EnvBase) -> Player:
-    """Player that moves no motor."""
+def resting_player(env: EnvBase, driver: Driver | None = None) -> Player:
+    """Player that moves no motor, except as its driver says."""
     from bricksrl.data.schema import describe_task
     from bricksrl.teleoperation import rest_action
 
     resting = rest_action(describe_task(env.task).action)
-    return Player(lambda state: state.set("action", resting))
+
+    def act(state: TensorDictBase) -> TensorDictBase:
+        action = None if driver is None else driver(state["observation"])
+        return state.set("action", resting if action is None else action)
+
+    return Player(act)
 
 
 def play_on_page(

@@ -10,6 +10,7 @@ from brickhub.robot import (
     Direction,
     DriveBase,
     HubKind,
+    KitKind,
     Motor,
     Mount,
     PoweredUpSensor,
@@ -18,7 +19,7 @@ from brickhub.robot import (
     UltrasonicSensor,
 )
 
-__all__ = ["BENCH", "ROBOTS", "ROBO_ARM", "SCOUT", "TWO_WHEELER", "WALKER", "get"]
+__all__ = ["BENCH", "CART", "ROBOTS", "ROBO_ARM", "SCOUT", "TWO_WHEELER", "WALKER", "get"]
 
 TWO_WHEELER = Robot(
     name="two-wheeler",
@@ -37,6 +38,17 @@ SCOUT = replace(
     sensors=(*TWO_WHEELER.sensors, PoweredUpSensor("light", "B", SensorKind.COLOR, Mount((56.0, 0.0, 18.0), "down"))),
 )
 """The scout: a 2Wheeler with a color sensor that faces the floor in front of its axle."""
+
+CART = Robot(
+    name="cart",
+    hub=KitKind.DOUBLE_MOTOR,
+    motors=(Motor("left", "A", direction=Direction.COUNTERCLOCKWISE), Motor("right", "B")),
+    sensors=(PoweredUpSensor("light", "C", SensorKind.COLOR, Mount((56.0, 0.0, 18.0), "down")),),
+    drive_base=DriveBase("left", "right", wheel_diameter_mm=56, axle_track_mm=112),
+    needs_imu=True,
+)
+"""The cart of LEGO's kits of 2026: wheels on a Double Motor, a ball caster, and a Color Sensor that faces the floor in front of
+its axle. It has no building plan, as the parts of the kits are not in LDraw's library yet: its sizes and masses are estimates."""
 
 WALKER = Robot(
     name="walker",
@@ -67,7 +79,7 @@ ROBO_ARM = Robot(
 )
 """The RoboArm: a turntable, two joints and a gripper on a fixed base."""
 
-ROBOTS = {robot.name: robot for robot in (TWO_WHEELER, SCOUT, WALKER, ROBO_ARM, BENCH)}
+ROBOTS = {robot.name: robot for robot in (TWO_WHEELER, SCOUT, CART, WALKER, ROBO_ARM, BENCH)}
 
 
 def get(name: str) -> Robot:

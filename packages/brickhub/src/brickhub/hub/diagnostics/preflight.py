@@ -12,11 +12,12 @@ from brickhub.finding import Finding, Outcome
 from brickhub.hub.diagnostics.survey import Survey, survey
 from brickhub.hub.interface import Command, Interface
 from brickhub.hub.link.lockstep import HubLink
+from brickhub.hub.link.robot_link import RobotLink
 from brickhub.hub.link.timing import percentile
 from brickhub.hub.transport import Transport
 from brickhub.hub.transports.connection import HubIdentity
 from brickhub.hub.transports.profile import NEWEST_PROFILE
-from brickhub.robot import HubKind, Motor, MotorKind, Robot, SensorKind
+from brickhub.robot import AnyHub, Motor, MotorKind, Robot, SensorKind
 from brickhub.robot.hardware import DC_MOTOR_ID
 
 SLOW_INTERVAL_MS = 20.0
@@ -76,7 +77,7 @@ class Latency:
         return self.interval_ms > SLOW_INTERVAL_MS
 
 
-def measure(link: HubLink, interface: Interface, exchanges: int = 100) -> Latency:
+def measure(link: RobotLink, interface: Interface, exchanges: int = 100) -> Latency:
     """Time ``exchanges`` sensor readings over an open link; nothing moves. Raises HubError if the link failed."""
     link.read()
     return latency([link.read().round_trip_s for _ in range(exchanges)], interface)
@@ -136,11 +137,7 @@ def check_robot(
                 yield Finding("program", Outcome.OK, f"runs (hash {link.program.hash:08x})")
                 yield from check_angles(robot, interface, link.read().values)
                 yield check_latency(measure(link, interface))
-                if may_move():
-                    for index in range(len(interface.commands)):
-                        yield _check_move(link, robot, interface, index, is_right)
-                else:
-                    yield Finding("directions", Outcome.SKIPPED, "nothing was moved, because nobody said yes")
+                yield from check_moves(link, robot, interface, may_move, is_right)
         except HubError as error:
             yield Finding("program", Outcome.ERROR, str(error))
     finally:
@@ -197,7 +194,7 @@ def check_ports(robot: Robot, result: Survey) -> Iterator[Finding]:
             yield Finding(name, Outcome.ERROR, detail)
 
 
-def check_battery(hub: HubKind, battery_mv: int) -> Finding:
+def check_battery(hub: AnyHub, battery_mv: int) -> Finding:
     """Battery check: enough voltage for the motors."""
     # Below the first voltage the hub warns, below the second it soon switches off; limits of the firmware (battery.c).
     cells, lithium = (5400, 4800, "put fresh batteries in"), (6800, 6000, "charge it")
@@ -257,7 +254,20 @@ def small_move(command: Command, range_deg: tuple[int, int] | None, angle_deg: f
     return values[0] if abs(values[0]) >= abs(values[1]) else values[1]
 
 
-def _check_move(link: HubLink, robot: Robot, interface: Interface, index: int, is_right: Callable[[str], bool] | None) -> Finding:
+def check_moves(
+    link: RobotLink, robot: Robot, interface: Interface, may_move: Callable[[], bool], is_right: Callable[[str], bool] | None
+) -> Iterator[Finding]:
+    """Check of each command by a small move, if a person allows it."""
+    if not may_move():
+        yield Finding("directions", Outcome.SKIPPED, "nothing was moved, because nobody said yes")
+        return
+    for index in range(len(interface.commands)):
+        yield _check_move(link, robot, interface, index, is_right)
+
+
+def _check_move(
+    link: RobotLink, robot: Robot, interface: Interface, index: int, is_right: Callable[[str], bool] | None
+) -> Finding:
     """Send a small value for one command and 0 for the others, and compare the motion of its motors."""
     command = interface.commands[index]
     before = link.read().values

@@ -10,7 +10,7 @@ from mpy_cross_v6 import mpy_cross_compile
 
 from brickhub.errors import ProgramError
 from brickhub.hub.transport import MAIN_FILE, HubProgram
-from brickhub.robot import HubKind
+from brickhub.robot import AnyHub
 
 _SMALL_INT_BITS = "-msmall-int-bits=31"
 MAIN_MODULE = "__main__"
@@ -39,7 +39,7 @@ def compile_program(program: HubProgram) -> dict[str, bytes]:
     return {MAIN_MODULE: compile_mpy(program.source, program.name), **modules}
 
 
-def program_blob(modules: Mapping[str, bytes], hub: HubKind) -> bytes:
+def program_blob(modules: Mapping[str, bytes], hub: AnyHub) -> bytes:
     """Content of a hub's program area: ``<I length> name "\\0" mpy`` for each module, the program itself first. Raises
     ProgramError if the content is larger than the program area.
     """

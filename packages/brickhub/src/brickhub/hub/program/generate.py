@@ -39,6 +39,8 @@ def validate(robot: Robot, interface: Interface) -> None:
     """Check that the robot has every device that the interface names and that all ranges fit the wire. Raises ProgramError if
     this kind of hub is not supported, DescriptionError if robot and interface do not match."""
     model = robot.hub.model
+    if not model.runs_programs:
+        raise ProgramError(f"robot '{robot.name}': a {robot.hub.value} runs no programs; programs for it run on this computer")
     if model.stdin_bytes == 0:
         raise ProgramError(
             f"robot '{robot.name}': a {robot.hub.value} hub has neither standard input nor floating point numbers nor ustruct, "

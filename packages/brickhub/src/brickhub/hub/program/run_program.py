@@ -69,6 +69,11 @@ def load_program(path: Path) -> HubProgram:
     return HubProgram(main, number, name=path.name, modules=tuple(modules.values()), says_hello=False)
 
 
+def imports(program: HubProgram, name: str) -> bool:
+    """Whether a program or a module beside it imports a module of that name."""
+    return any(name in _imported(source) for source in (program.source, *(module.source for module in program.modules)))
+
+
 def _imported(source: str) -> Iterator[str]:
     """Names of modules in all import statements; empty for invalid source, which the hub's compiler rejects later."""
     try:

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable
 from types import CellType, CoroutineType, FrameType, FunctionType, GeneratorType, MethodType
 from typing import Any
 
-from brickhub.robot import HubKind, HubModel
+from brickhub.robot import AnyHub, HubKind, HubModel
 from brickhub.virtual.micropython.exceptions import FIRMWARE, is_native, is_own, local_values
 
 MOST_BYTES = max(kind.model.program_bytes for kind in HubKind)
@@ -149,7 +149,7 @@ def _slots(items: list[Any]) -> int:
     return max(4, len(items)) if spare <= 0 else 1 << max(2, (len(items) - 1).bit_length())
 
 
-def most_nested_calls(hub: HubKind) -> int:
+def most_nested_calls(hub: AnyHub) -> int:
     """How many functions, and the program itself, can wait for each other on a kind of hub."""
     return (hub.model.stack_bytes - _KEPT_BYTES) // (hub.model.call_bytes + _VARIABLES_BYTES)
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import mujoco
 
 from brickhub.errors import TwinError
-from brickhub.robot import DriveBase, HubKind, Motor, MotorKind, Robot
+from brickhub.robot import AnyHub, DriveBase, Motor, MotorKind, Robot
 from bricktwin.plans.geometry import Triple
 from bricktwin.plans.part import DeviceKind
 from bricktwin.twin.models import lego, mjcf
@@ -139,7 +139,7 @@ def _motor_case(kind: MotorKind) -> tuple[Triple, float]:
     return case
 
 
-def _hub(kind: HubKind, size: Triple) -> Piece:
+def _hub(kind: AnyHub, size: Triple) -> Piece:
     if kind.value in _DRAWINGS:
         return _DRAWINGS[kind.value]()
     length, width, height = size

@@ -1,0 +1,200 @@
+"""Protocol of LEGO's kits of 2026: messages of Double Motor, Single Motor, Color Sensor and Controller as bytes, and back.
+
+A message is a byte with its number, and packed little-endian fields. A packet to a device holds several messages; a device sends
+one at a time, whose number is that of the command plus 1, or a notification, which holds several reports. Facts read in version
+1.2.0 of LEGO's package ``legoeducation`` (RPC 2.3.0), which is BUSL-1.1; the code is our own.
+"""
+
+from __future__ import annotations
+
+import enum
+import struct
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+
+from brickhub.errors import HubProtocolError
+
+RPC_VERSION = (2, 3, 0)
+"""Version of the protocol: major and minor must be those of LEGO's package."""
+NOTIFICATION = 60
+"""Number of a message with the reports of a device."""
+
+
+class Product(enum.IntEnum):
+    """Devices, by the number that they advertise."""
+
+    SINGLE_MOTOR = 512
+    DOUBLE_MOTOR = 513
+    COLOR_SENSOR = 514
+    CONTROLLER = 515
+
+    @property
+    def title(self) -> str:
+        """Name on its box, and in its advertisement."""
+        return self.name.replace("_", " ").title()
+
+
+class Done(enum.IntEnum):
+    """Outcome of a command."""
+
+    COMPLETED = 0
+    INTERRUPTED = 1
+    REFUSED = 2
+
+
+class EndState(enum.IntEnum):
+    """What a motor does after a move."""
+
+    DEFAULT = -1
+    COAST = 0
+    BRAKE = 1
+    HOLD = 2
+    CONTINUE = 3
+    SMART_COAST = 4
+    SMART_BRAKE = 5
+
+
+class MotorState(enum.IntEnum):
+    """What a motor does now, as far as a virtual one tells."""
+
+    READY = 0
+    RUNNING = 1
+    STALLED = 2
+    HOLDING = 6
+    DUTY = 7
+
+
+FACES = ("up", "ahead", "right", "down", "back", "left")
+"""Faces of a Double Motor in the order of their numbers, as the sides of a robot on which it lies flat."""
+NO_COLOR = -1
+"""Number of no color; those of the others are LEGO's usual ones, 0 (black) to 10 (white)."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Kind of a message or report: its number, the ``struct`` format of its fields, and their names."""
+
+    number: int
+    fields_format: str
+    fields: tuple[str, ...]
+
+    @property
+    def size(self) -> int:
+        """Bytes of its fields."""
+        return struct.calcsize("<" + self.fields_format)
+
+    def pack(self, values: Iterable[int]) -> bytes:
+        """Its number and its fields."""
+        return struct.pack("<B" + self.fields_format, self.number, *values)
+
+
+def _layouts(text: str) -> dict[str, Layout]:
+    rows = (line.split() for line in text.strip().splitlines())
+    return {name: Layout(int(number), "" if fmt == "-" else fmt, tuple(fields)) for name, number, fmt, *fields in rows}
+
+
+COMMANDS = _layouts("""
+    info                  0   -
+    uuid                  26  -
+    program_flow          32  B    action
+    notifications         40  H    delay_ms
+    light                 110 bBB  color pattern intensity
+    beep                  112 BHB  pattern frequency repetitions
+    stop_sound            114 -
+    reset_position        120 Bi   motors position
+    run                   122 BB   motors direction
+    run_for_degrees       124 BiB  motors degrees direction
+    run_for_time          126 BIB  motors time_ms direction
+    run_to_absolute       128 BHB  motors position direction
+    run_to_relative       130 Bi   motors position
+    set_duty              132 Bh   motors duty
+    stop                  138 B    motors
+    set_speed             140 Bb   motors speed
+    set_end_state         142 Bb   motors end_state
+    set_acceleration      144 BBB  motors acceleration deceleration
+    move                  150 B    direction
+    move_for_time         152 IB   time_ms direction
+    move_for_degrees      154 iB   degrees direction
+    tank                  156 bb   left right
+    tank_for_degrees      158 ibb  degrees left right
+    turn_for_degrees      160 iB   degrees direction
+    stop_moving           168 -
+    set_move_speed        170 b    speed
+    set_move_end_state    172 b    end_state
+    set_move_acceleration 174 BB   acceleration deceleration
+    set_steering          176 B    steering
+    set_yaw_face          190 B    face
+    reset_yaw             192 h    yaw
+    set_color_mode        200 b    mode
+""")
+"""Commands by our names for them. Those with ``motors`` are of single motors, a bit each, and so are their answers."""
+REPORTS = _layouts("""
+    info       0  BB         battery_pct usb
+    imu        1  BBhhhhhhhhh face yaw_face yaw pitch roll ax ay az gx gy gz
+    card       3  bH         color serial
+    button     4  B          is_pressed
+    motor      10 BBHhbib    motors state absolute power speed position gesture
+    color      12 bBHHHHBBb  color reflection red green blue hue saturation value mode
+    controller 15 bbhh       left_pct right_pct left_deg right_deg
+    gesture    16 b          gesture
+""")
+"""Reports in a notification."""
+_INFO = "BBHBBHBBHHH"
+_BY_NUMBER = {layout.number: (name, layout) for name, layout in COMMANDS.items()}
+_REPORT_BY_NUMBER = {layout.number: (name, layout) for name, layout in REPORTS.items()}
+
+
+@dataclass(frozen=True)
+class Message:
+    """One command to a device, or one report of it: its name in :data:`COMMANDS` or :data:`REPORTS`, and its fields by name."""
+
+    name: str
+    values: dict[str, int]
+
+    @property
+    def answer_number(self) -> int:
+        """Number of the answer to it."""
+        return COMMANDS[self.name].number + 1
+
+
+def encode(name: str, *values: int) -> bytes:
+    """Bytes of one command."""
+    return COMMANDS[name].pack(values)
+
+
+def decode(packet: bytes) -> Iterator[Message]:
+    """The commands in a packet, in order. Raises HubProtocolError if a message is unknown or cut off."""
+    yield from _split(packet, _BY_NUMBER)
+
+
+def encode_info(product: Product, packet_bytes: int = 244) -> bytes:
+    """Answer to ``info``: versions of protocol, firmware and bootloader, the largest packet, and the product."""
+    return struct.pack("<B" + _INFO, COMMANDS["info"].number + 1, *RPC_VERSION, 1, 0, 0, 1, 0, 0, packet_bytes, product)
+
+
+def encode_answer(number: int, status: int, motors: int | None = None) -> bytes:
+    """Answer of a command that ended, with its motors if it has any."""
+    return bytes((number, status) if motors is None else (number, motors, status))
+
+
+def encode_notification(reports: Iterable[tuple[str, tuple[int, ...]]]) -> bytes:
+    """Notification with some reports, each a name in :data:`REPORTS` and its fields in order."""
+    body = b"".join(REPORTS[name].pack(values) for name, values in reports)
+    return struct.pack("<BH", NOTIFICATION, len(body)) + body
+
+
+def decode_notification(packet: bytes) -> Iterator[Message]:
+    """The reports in a notification. Raises HubProtocolError if it is none, or a report is unknown or cut off."""
+    if len(packet) < 3 or packet[0] != NOTIFICATION:
+        raise HubProtocolError(f"{packet.hex()} is no notification of a LEGO Education device; update brickhub")
+    yield from _split(packet[3 : 3 + int.from_bytes(packet[1:3], "little")], _REPORT_BY_NUMBER)
+
+
+def _split(data: bytes, layouts: Mapping[int, tuple[str, Layout]]) -> Iterator[Message]:
+    while data:
+        name, layout = layouts.get(data[0], ("", Layout(0, "", ())))
+        if not name or len(data) < 1 + layout.size:
+            raise HubProtocolError(f"message {data.hex()} of LEGO's kits is unknown or cut off; update brickhub")
+        fields = struct.unpack_from("<" + layout.fields_format, data, 1)
+        yield Message(name, dict(zip(layout.fields, fields, strict=True)))
+        data = data[1 + layout.size :]

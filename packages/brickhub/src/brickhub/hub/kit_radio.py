@@ -1,0 +1,109 @@
+"""Bluetooth to the devices of LEGO's kits, through LEGO's own package; and which devices a robot has."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any, Protocol, TypeVar
+
+from brickhub.errors import DescriptionError, HubTimeoutError, UnknownNameError
+from brickhub.hub.kit_protocol import Product
+from brickhub.robot import AnyHub, KitKind, Robot
+
+_T = TypeVar("_T")
+_CARD_COLORS = ("RED", "YELLOW", "BLUE", "GREEN", "PURPLE", "MAGENTA", "AZURE", "ORANGE")
+
+
+@dataclass(frozen=True)
+class KitPart:
+    """Device of a robot, and the ports that it stands for in the robot's description."""
+
+    product: Product
+    ports: str
+
+
+def parts(hub: AnyHub, motor_ports: Iterable[str], sensor_ports: Iterable[str]) -> tuple[KitPart, ...]:
+    """The devices for motors and color sensors on these ports. Raises DescriptionError if a motor of the first one is missing."""
+    own, motors = hub.model.own_motors, list(motor_ports)
+    if missing := [port for port in own if port not in motors]:
+        raise DescriptionError(f"no motor is described on port {missing[0]}, where a {hub.value} has one; describe it")
+    carrier = Product.DOUBLE_MOTOR if hub is KitKind.DOUBLE_MOTOR else Product.SINGLE_MOTOR
+    singles = [KitPart(Product.SINGLE_MOTOR, port) for port in motors if port not in own]
+    return KitPart(carrier, own), *singles, *(KitPart(Product.COLOR_SENSOR, port) for port in sensor_ports)
+
+
+def parts_of(robot: Robot) -> tuple[KitPart, ...]:
+    """The devices of a robot. Raises DescriptionError if a motor of the one that carries it is missing."""
+    return parts(robot.hub, [motor.port for motor in robot.motors], [sensor.port for sensor in robot.sensors])
+
+
+class Radio(Protocol):
+    """Devices in reach, and their time."""
+
+    def attach(self) -> None:
+        """Let LEGO's package use this radio."""
+
+    def search(self, part: KitPart) -> dict[str, Any]:
+        """Arguments of ``connect`` in LEGO's package that find a device."""
+
+    def run(self, function: Callable[[], _T], limit_s: float | None = None) -> _T:
+        """What a function returns that waits for a device. Raises HubTimeoutError after a time."""
+
+    def now_s(self) -> float:
+        """Time of the devices, in seconds."""
+
+    def sleep(self, seconds: float) -> None:
+        """Let time pass."""
+
+
+@dataclass(frozen=True)
+class RealRadio:
+    """Bluetooth of this computer. ``card``: color and serial of the devices' connection card, such as ``"azure-3683"``; ``None``
+    for the first devices in reach."""
+
+    card: str | None = None
+
+    def attach(self) -> None:
+        """LEGO's package uses it by itself."""
+
+    def search(self, part: KitPart) -> dict[str, Any]:
+        """Raises UnknownNameError if the card has no such color or serial."""
+        if self.card is None:
+            return {}
+        color, _, serial = self.card.partition("-")
+        if color.upper() not in _CARD_COLORS or not serial.isdigit() or len(serial) > 4:
+            raise UnknownNameError(f"'{self.card}' is no connection card; give its color and serial, such as ble:azure-3683")
+        from brickhub.hub.lego_package import lego_package
+
+        return {"card_color": vars(lego_package())[f"LEGO_COLOR_{color.upper()}"], "card_serial": serial}
+
+    def run(self, function: Callable[[], _T], limit_s: float | None = None) -> _T:
+        outcome: list[Callable[[], _T]] = []
+        thread = threading.Thread(target=lambda: outcome.append(outcome_of(function)), daemon=True)
+        thread.start()
+        thread.join(limit_s)
+        if not outcome:
+            raise HubTimeoutError(f"a device did not answer within {limit_s:g} s; check that it is on and near")
+        return outcome[0]()
+
+    def now_s(self) -> float:
+        return time.monotonic()
+
+    def sleep(self, seconds: float) -> None:
+        time.sleep(seconds)
+
+
+def outcome_of(function: Callable[[], _T]) -> Callable[[], _T]:
+    """Call a function in this thread, and return one for another thread, which returns or raises the same."""
+    try:
+        value = function()
+    except BaseException as error:  # noqa: BLE001  raised again in the thread that waits for it
+        failure = error
+
+        def fail() -> _T:
+            raise failure
+
+        return fail
+    return lambda: value

@@ -1,0 +1,78 @@
+"""Virtual devices as a Bluetooth transport of LEGO's package ``legoeducation``, which is not changed by it.
+
+Importing this module needs the package (extra ``legoeducation``; BUSL-1.1). Its coroutines run in the package's own thread.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+from legoeducation.basic_ble import BasicBLE
+from legoeducation.ble_transport import BLETransport, register_transport
+
+
+class VirtualTransport(BLETransport):  # type: ignore[misc]  # the package has no types
+    """Transport to the devices of all virtual kits of this process, each a ``Peer``. ``in_reach``: kits that a scan finds."""
+
+    in_reach: ClassVar[list[Any]] = []
+    _bluetooth: BLETransport | None = None
+
+    async def scan_devices(self, timeout: float, filters: Mapping[str, Any] | None = None) -> list[Any]:
+        """Virtual devices of the wanted product that nobody is connected to, at once; their card is the one that is asked for.
+        Where no virtual kit is in reach, real devices."""
+        if not self.in_reach:
+            return await self._real().scan_devices(timeout, filters) or []
+        wanted = filters or {}
+        name, address = (str(wanted.get(key) or "any") for key in ("device_name", "device_mac"))
+        return [
+            peer
+            for kit in self.in_reach
+            for peer in kit.peers
+            if kit.in_reach()
+            and not peer.device.is_connected
+            and wanted.get("product_id") in (None, peer.device.product)
+            and (name == "any" or name.lower() in peer.name.lower())
+            and (address == "any" or address.lower() in peer.address.lower())
+        ]
+
+    async def connect(self, device: Any, notification_callback: Any, disconnect_callback: Any) -> bool:
+        if not _is_virtual(device):
+            return bool(await self._real().connect(device, notification_callback, disconnect_callback))
+        return bool(device.connect(notification_callback, disconnect_callback))
+
+    async def send(self, device: Any, message: bytes) -> None:
+        if _is_virtual(device):
+            device.send(bytes(message))
+        else:
+            await self._real().send(device, message)
+
+    async def device_disconnect(self, device: Any) -> None:
+        if _is_virtual(device):
+            device.disconnect()
+        else:
+            await self._real().device_disconnect(device)
+
+    def shutdown_all(self) -> None:
+        for kit in self.in_reach:
+            for peer in kit.peers:
+                peer.disconnect()
+        if self._bluetooth is not None:
+            self._bluetooth.shutdown_all()
+        if self.shutdown_callback is not None:
+            self.shutdown_callback()
+
+    def _real(self) -> BLETransport:
+        """Bluetooth of this computer, as LEGO's package uses it by itself."""
+        if self._bluetooth is None:
+            self._bluetooth = BasicBLE(shutdown_callback=None)
+        return self._bluetooth
+
+
+def _is_virtual(device: Any) -> bool:
+    return str(device.address).startswith("virtual-")
+
+
+def use_virtual_devices() -> None:
+    """Let LEGO's package find virtual devices in this process, from its first use on."""
+    register_transport(VirtualTransport)

@@ -1,0 +1,291 @@
+"""Virtual robot of LEGO's kits: its devices behind LEGO's own package, in simulated or real time.
+
+Three threads take turns. The package runs Bluetooth in a thread of its own, and so may the program that uses it; the world runs
+in the thread that calls :meth:`VirtualKit.run` or :meth:`VirtualKit.sleep`. Simulated time passes only while the program waits:
+for a command or in a sleep. So a run is reproducible; a program that does neither for a while sees time pass as in reality.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections import deque
+from collections.abc import Callable, Iterable
+from typing import Any, TypeVar
+
+from brickhub.errors import HubNotFoundError, HubTimeoutError
+from brickhub.hub.kit_estimates import SUPERVISION_S
+from brickhub.hub.kit_radio import KitPart, outcome_of, parts
+from brickhub.hub.lego_package import lego_package
+from brickhub.hub.link.profiles import LinkProfile
+from brickhub.virtual.body import Body, Rng
+from brickhub.virtual.kit_device import KitDevice, devices_of
+from brickhub.virtual.machine import CONTROL_LOOP_MS, Machine, Pace
+from brickhub.virtual.virtual_transport import PLACEMENT_MS, VirtualHub
+
+_T = TypeVar("_T")
+_IDLE_S = 1.0
+"""Time without a call after which a program is taken to poll: long, as another program may have the processor."""
+_TURNS = 6
+"""Turns of the package's loop in which a call that has its answer ends."""
+
+
+class StoppedByWorld(SystemExit):
+    """The program is to end: the time limit, or Ctrl-C."""
+
+
+class Peer:
+    """Device as LEGO's package sees it: its name and address, and the packets on their way to it and back.
+
+    They travel at connection events. ``lost_ms``: simulated time since which nothing gets through.
+    """
+
+    def __init__(self, kit: VirtualKit, device: KitDevice) -> None:
+        self.device, self.name, self.address = device, device.name, device.address
+        self._kit = kit
+        self._down: deque[tuple[float, bytes]] = deque()
+        self._up: deque[tuple[float, bytes]] = deque()
+        self._notify: Callable[[Any, bytes], Any] | None = None
+        self._gone: Callable[[], None] = lambda: None
+        self._lost_ms: int | None = None
+
+    def __repr__(self) -> str:
+        return f"{self.address}: {self.name}"
+
+    # ---- in the thread of LEGO's package
+
+    def connect(self, notify: Callable[[Any, bytes], Any], gone: Callable[[], None]) -> bool:
+        """Connect; returns whether the device is in reach."""
+        with self._kit.awake:
+            if not self._kit.in_reach():
+                return False
+            self._kit.loop, self._kit.package_thread = asyncio.get_running_loop(), threading.get_ident()
+            self._down.clear()
+            self._up.clear()
+            self.device.connect()
+            self._notify, self._gone, self._lost_ms = notify, gone, None
+            self._kit.wake()
+            return True
+
+    def send(self, packet: bytes) -> None:
+        """Send a packet, if the link is up."""
+        with self._kit.awake:
+            self._kit.check_stopped()
+            if self._kit.in_reach():
+                self._down.append((self._kit.next_event_ms(), packet))
+            self._kit.wake()
+
+    def disconnect(self) -> None:
+        """End the link from this side."""
+        with self._kit.awake:
+            notify, self._notify = self._notify, None
+            if self._kit.in_reach():
+                self.device.disconnect()
+        if notify is not None:
+            self._gone()
+
+    # ---- in the thread of the world
+
+    def exchange(self, now_ms: int) -> list[tuple[Callable[[Any, bytes], Any], bytes]]:
+        """Hand the device what has arrived, take what it sends, and return what has arrived at this computer."""
+        device = self.device
+        if not self._kit.in_reach():
+            self._lost_ms = now_ms if self._lost_ms is None else self._lost_ms
+        is_lost = self._lost_ms is not None
+        if self._lost_ms is not None and device.is_connected and now_ms - self._lost_ms >= SUPERVISION_S * 1000:
+            device.disconnect()
+        while self._down and self._down[0][0] <= now_ms:
+            packet = self._down.popleft()[1]
+            if device.is_connected and not is_lost:
+                device.receive(packet)
+        if device.is_connected:
+            device.update()
+        due_ms = self._kit.next_event_ms()
+        if not is_lost:
+            self._up.extend((due_ms, packet) for packet in device.outbox)
+        device.outbox.clear()
+        arrived = []
+        while self._up and self._up[0][0] <= now_ms:
+            packet = self._up.popleft()[1]
+            if self._notify is not None and not is_lost:
+                arrived.append((self._notify, packet))
+        return arrived
+
+
+class VirtualKit:
+    """A virtual robot of LEGO's kits and its time.
+
+    Args:
+        body: a bench, or a twin of ``bricktwin.twin``.
+        realtime: run in real time.
+        sensor_ports: ports of its color sensors, if its description does not say so.
+
+    Attributes:
+        peers: its devices.
+        in_reach: set to False to break the link to all of them.
+        awake: condition of what the threads share.
+        loop, package_thread: event loop of LEGO's package, and its thread, since the first connection.
+    """
+
+    def __init__(self, body: Body, *, realtime: bool = False, sensor_ports: Iterable[str] | None = None) -> None:
+        self.robot, self.body, self.machine = body.robot, body, Machine(body)
+        ports = [sensor.port for sensor in body.robot.sensors] if sensor_ports is None else sensor_ports
+        devices = devices_of(self.machine, parts(body.robot.hub, self.machine.servos, ports))
+        self.peers = [Peer(self, device) for device in devices]
+        self.in_reach: Callable[[], bool] = lambda: True
+        self.awake = threading.Condition()
+        self.loop: asyncio.AbstractEventLoop | None = None
+        self.package_thread: int | None = None
+        self.is_realtime = realtime
+        self._pace = Pace() if realtime else None
+        self._sleepers: list[float] = []
+        self._events = 0
+        self._idle = -1
+        self._is_stopped = False
+
+    def attach(self) -> None:
+        """Let LEGO's package find virtual devices. Raises MediumUnavailableError if it is not installed."""
+        lego_package()
+        from brickhub.virtual.lego_transport import use_virtual_devices
+
+        use_virtual_devices()
+
+    def search(self, part: KitPart) -> dict[str, Any]:
+        """Arguments of ``connect`` in LEGO's package: the device itself. Raises HubNotFoundError if it is out of reach."""
+        if not self.in_reach():
+            raise HubNotFoundError(f"no {part.product.title} is in reach; switch it on, and bring it near")
+        return {"device": next(peer for peer in self.peers if peer.device.part == part)}
+
+    def now_s(self) -> float:
+        """Simulated time."""
+        return self.machine.time_ms / 1000
+
+    def reset(self, rng: Rng) -> None:
+        """Place the robot at the start of an episode, which takes a second."""
+        self.sleep(PLACEMENT_MS / 1000)
+        self.body.reset(rng)
+
+    @property
+    def link(self) -> LinkProfile:
+        """The body's link, of which devices have the interval."""
+        return self.body.link
+
+    def next_event_ms(self) -> float:
+        """Time of the next connection event."""
+        interval_ms = round(self.link.interval_ms)
+        return (self.machine.time_ms // interval_ms + 1) * interval_ms if interval_ms else self.machine.time_ms
+
+    def check_stopped(self) -> None:
+        """Raise :class:`StoppedByWorld` in a program that is to end."""
+        if self._is_stopped:
+            raise StoppedByWorld
+
+    # ---- the world, in the thread that calls
+
+    def sleep(self, seconds: float) -> None:
+        """Let the world go on for some time."""
+        end_ms = self.machine.time_ms + seconds * 1000
+        if self._pace is not None:
+            end_ms = max(end_ms, self._pace.wall_ms())
+        while self.machine.time_ms < end_ms:
+            self._tick()
+
+    def run(self, function: Callable[[], _T], limit_s: float | None = None) -> _T:
+        """Run a function that uses LEGO's package, in a thread; the world goes on while it waits. Returns what it returns, and
+        raises what it raises, HubTimeoutError after ``limit_s``."""
+        outcome: list[Callable[[], _T]] = []
+
+        def work() -> None:
+            outcome.append(outcome_of(function))
+            with self.awake:
+                self.wake()
+
+        self._is_stopped = False
+        limit_ms = None if limit_s is None else self.machine.time_ms + limit_s * 1000
+        threading.Thread(target=work, name="program", daemon=True).start()
+        try:
+            while not outcome:
+                self._go_on()
+                if limit_ms is not None and self.machine.time_ms >= limit_ms and not outcome:
+                    raise HubTimeoutError(f"nothing answered within {limit_s:g} s; check that the devices are on and near")
+        except BaseException:
+            self._stop_program()
+            raise
+        return outcome[0]()
+
+    def _go_on(self) -> None:
+        """Let time pass if the program waits; else wait for what it does next, or if it does nothing, let real time pass."""
+        seen = self._events
+        if self.is_realtime or self._sleepers or self._hand_over([]):
+            self._tick()
+            return
+        with self.awake:
+            if self.awake.wait_for(lambda: self._events != seen, _IDLE_S if self._idle != seen else CONTROL_LOOP_MS / 1000):
+                return
+        self._idle = seen
+        self._tick()
+
+    def wake(self) -> None:
+        """Tell the world that the program has done something; ``awake`` is held."""
+        self._events += 1
+        self.awake.notify_all()
+
+    def _tick(self) -> None:
+        """One control step of the world, and what arrives in it."""
+        with self.awake:
+            machine = self.machine
+            machine.advance(CONTROL_LOOP_MS - machine.time_ms % CONTROL_LOOP_MS)
+            arrived = [packet for peer in self.peers for packet in peer.exchange(machine.time_ms)]
+            self._sleepers = [due for due in self._sleepers if due > machine.time_ms]
+            self.awake.notify_all()
+        if arrived:
+            self._hand_over(arrived)
+        if self._pace is not None:
+            self._pace.keep(self.machine.time_ms)
+
+    def _hand_over(self, arrived: list[tuple[Callable[[Any, bytes], Any], bytes]]) -> int:
+        """Give LEGO's package what has arrived; returns how many of its calls waited for something before and still do."""
+        if self.loop is None or self.loop.is_closed():
+            return 0
+
+        async def deliver() -> int:
+            before = asyncio.all_tasks()
+            for notify, packet in arrived:
+                await notify(None, packet)
+            for _ in range(_TURNS):
+                await asyncio.sleep(0)
+            return len(before & asyncio.all_tasks()) - 1
+
+        return asyncio.run_coroutine_threadsafe(deliver(), self.loop).result()
+
+    def _stop_program(self) -> None:
+        with self.awake:
+            self._is_stopped = True
+            self.awake.notify_all()
+        for peer in self.peers:
+            peer.disconnect()
+
+    # ---- the program, in its thread
+
+    def wait(self, seconds: float) -> None:
+        """``time.sleep`` of a program: the world goes on in its own thread."""
+        if threading.get_ident() == self.package_thread:
+            return  # within a notification: LEGO's package waits for it, and nothing else can happen
+        with self.awake:
+            due = self.machine.time_ms + seconds * 1000
+            self._sleepers.append(due)
+            self.wake()
+            while self.machine.time_ms < due:
+                self.check_stopped()
+                self.awake.wait(1.0)
+
+
+VirtualRobot = VirtualHub | VirtualKit
+
+
+def virtual_robot(body: Body, *, realtime: bool = False, link: LinkProfile | None = None, seed: int = 0) -> VirtualRobot:
+    """The virtual hub, or the virtual devices of LEGO's kits, of a robot's body. ``link``, ``seed``: of a hub's link; devices
+    send at fixed intervals."""
+    if body.robot.hub.model.runs_programs:
+        return VirtualHub(body, realtime=realtime, link=link, seed=seed)
+    return VirtualKit(body, realtime=realtime)

@@ -1,0 +1,32 @@
+"""A robot of LEGO's kits on a bench, and the link to it."""
+
+from __future__ import annotations
+
+from brickhub.hub.interface import DriveSpeed, DriveTurnRate, Interface, MotorAngle, RunAngle, SensorReading, UntilDone, Wait
+from brickhub.hub.link.kit_link import KitLink
+from brickhub.robot import Direction, DriveBase, KitKind, Motor, PoweredUpSensor, Robot, SensorKind
+from brickhub.virtual.bench_body import BenchBody
+from brickhub.virtual.virtual_kit import VirtualKit
+
+ROBOT = Robot(
+    "kit",
+    KitKind.DOUBLE_MOTOR,
+    (Motor("left", "A", direction=Direction.COUNTERCLOCKWISE), Motor("right", "B"), Motor("arm", "C")),
+    (PoweredUpSensor("light", "D", SensorKind.COLOR),),
+    DriveBase("left", "right", 56, 112),
+    needs_imu=True,
+)
+ANGLES = (
+    *(MotorAngle(name, -9999, 9999) for name in ("left", "right", "arm")),
+    SensorReading("light", "reflection", 0, 100, "%"),
+)
+DRIVE = Interface((DriveSpeed(-200, 200), DriveTurnRate(-90, 90)), ANGLES, Wait(100))
+TURN = Interface((RunAngle("left", -360, 360, 400), RunAngle("arm", -360, 360, 400)), ANGLES, UntilDone(3000))
+
+
+def connected(interface: Interface = DRIVE) -> tuple[VirtualKit, KitLink]:
+    """A robot and an open link to it."""
+    kit = VirtualKit(BenchBody(ROBOT, readings={"light": lambda angles: 50.0}))
+    link = KitLink(kit, ROBOT, interface)
+    link.open()
+    return kit, link

@@ -1,0 +1,83 @@
+"""Robots of LEGO's kits, as far as LEGO's package is not needed."""
+
+from __future__ import annotations
+
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from kit_world import DRIVE, ROBOT
+
+from brickhub.errors import DescriptionError, HubTimeoutError, MediumUnavailableError, ProgramError, UnknownNameError
+from brickhub.hub.interface import Interface, RunDuty, SensorReading, Wait
+from brickhub.hub.kit_estimates import markdown
+from brickhub.hub.kit_protocol import Product
+from brickhub.hub.kit_radio import KitPart, RealRadio, parts_of
+from brickhub.hub.lego_package import lego_package
+from brickhub.hub.link.kit_link import KitLink
+from brickhub.hub.program.generate import generate
+from brickhub.hub.transports.address import parse_hub
+from brickhub.robot import KitKind, Motor, Robot
+
+DOCS = Path(__file__).parents[4] / "docs"
+
+
+def test_devices_of_a_robot() -> None:
+    double, single, color = parts_of(ROBOT)
+    assert (double, single) == (KitPart(Product.DOUBLE_MOTOR, "AB"), KitPart(Product.SINGLE_MOTOR, "C"))
+    assert color == KitPart(Product.COLOR_SENSOR, "D")
+    assert parts_of(Robot("one", KitKind.SINGLE_MOTOR, (Motor("a", "A"),))) == (KitPart(Product.SINGLE_MOTOR, "A"),)
+
+
+def test_double_motor_has_two() -> None:
+    with pytest.raises(DescriptionError, match="port B"):
+        parts_of(Robot("half", KitKind.DOUBLE_MOTOR, (Motor("a", "A"),)))
+
+
+def test_no_program_runs_on_a_device() -> None:
+    with pytest.raises(ProgramError, match="runs no programs"):
+        generate(ROBOT, DRIVE)
+
+
+def test_command_without_an_end_is_refused() -> None:
+    duty = Interface((RunDuty("arm"),), DRIVE.channels, Wait(100))
+    with pytest.raises(DescriptionError, match="ends by itself"):
+        KitLink(RealRadio(), ROBOT, duty)
+
+
+def test_reading_that_no_device_reports_is_refused() -> None:
+    ambient = Interface(DRIVE.commands, (SensorReading("light", "ambient", 0, 100, "%"),), Wait(100))
+    with pytest.raises(DescriptionError, match="reports it"):
+        KitLink(RealRadio(), ROBOT, ambient)
+
+
+def test_motor_with_a_range_is_refused() -> None:
+    arm = replace(ROBOT, motors=(*ROBOT.motors[:2], Motor("arm", "C", range_deg=(0, 90))))
+    with pytest.raises(DescriptionError, match="range"):
+        KitLink(RealRadio(), arm, DRIVE)
+
+
+def test_radio_ends_what_never_answers() -> None:
+    with pytest.raises(HubTimeoutError):
+        RealRadio().run(lambda: time.sleep(5), limit_s=0.1)
+    assert RealRadio().run(lambda: 3, limit_s=1.0) == 3
+
+
+def test_address() -> None:
+    assert parse_hub("ble:azure-3683").radio() == RealRadio("azure-3683")
+    with pytest.raises(UnknownNameError):
+        parse_hub("usb").radio()
+    with pytest.raises(UnknownNameError, match="connection card"):
+        RealRadio("pink-1").search(KitPart(Product.COLOR_SENSOR, "D"))
+
+
+def test_missing_package_is_named_with_its_licence(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "legoeducation", None)
+    with pytest.raises(MediumUnavailableError, match="BUSL-1.1"):
+        lego_package()
+
+
+def test_estimates_are_documented() -> None:
+    assert markdown() in (DOCS / "kits.md").read_text(encoding="utf-8")
