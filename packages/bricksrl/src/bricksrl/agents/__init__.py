@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from bricksrl.agents.learner import Learner
 
-AGENTS = ("sac", "droq", "redq", "td3", "crossq", "tqc", "ppo", "bc", "act", "diffusion", "iql", "cql", "td3bc", "random")
+AGENTS = ("sac", "droq", "redq", "td3", "crossq", "tqc", "ppo", "bc", "act", "diffusion", "iql", "cql", "td3bc", "gait", "random")
 """Algorithms by name; DroQ and REDQ are settings of SAC."""
 _MODULES = {"droq": "sac", "redq": "sac"}
 """Modules of algorithms with other names."""
@@ -61,6 +61,7 @@ _PAPER: dict[str, Any] = {
     "goals": "plain",
     "hindsight": 0.0,
     "new_goals": 0.0,
+    "mirror": False,
     "encoder": "convolutions",
 }
 _PAPER_BY_AGENT: dict[str, dict[str, Any]] = {
@@ -153,6 +154,8 @@ def make_learner(agent: str, env: EnvBase, settings: Any = None, device: str = "
     torch's global generator. Raises UnknownNameError if there is no such algorithm, DescriptionError if the settings are of
     another algorithm or do not suit the environment, or a user's code raised."""
     from bricksrl.agents.learner import Learner
+    from bricksrl.agents.replay.transforms import augmentations
+    from bricksrl.agents.settings import OffPolicySettings
 
     chosen = algorithm(agent)
     images = "image" in env.full_observation_spec_unbatched.keys()  # noqa: SIM118  a Composite
@@ -172,6 +175,9 @@ def make_learner(agent: str, env: EnvBase, settings: Any = None, device: str = "
         raise DescriptionError(f"{agent} cannot be built ({message_of(error, typed=True)}); correct it") from error
     if not isinstance(learner, Learner):
         raise DescriptionError(f"{agent} builds a {type(learner).__name__}; let it return a bricksrl.agents.learner.Learner")
+    if isinstance(settings, OffPolicySettings) and learner.memory is not None:
+        for transform in augmentations(env, settings):
+            learner.memory.append_transform(transform)
     return learner
 
 

@@ -111,6 +111,11 @@ class Learner:
         groups: list[dict[str, Any]] = [] if self.optimizer is None else self.optimizer.param_groups
         return [parameter for group in groups for parameter in group["params"]]
 
+    @property
+    def metric_names(self) -> tuple[str, ...]:
+        """Names of the metrics of `learn`, as far as they are known beforehand."""
+        return tuple(name for name in getattr(self.loss, "out_keys", ()) if isinstance(name, str))
+
     def act_on(self, device: torch.device | str | None) -> None:
         """Act on an environment's device (``None`` is the CPU), with a copy of the policy if the networks are on another."""
         if torch.device(device or "cpu").type != self.device.type:

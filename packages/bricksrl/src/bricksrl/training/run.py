@@ -127,8 +127,8 @@ def _run_in(
     from bricksrl.training.loop import Loop
 
     learner = make_learner_for(config, env)
-    if len(config.hubs) > 1 and learner.frames_per_batch > 1:
-        raise RunError(f"{config.agent} collects from many simulated copies; choose another agent for several robots")
+    if len(config.hubs) > 1 and learner.on_policy:
+        raise RunError(f"{config.agent} learns from what it does now; choose another agent for several robots")
     attach_dataset(config, learner, env)
     if folder is None:
         warm_start(config, learner, env)
@@ -144,13 +144,12 @@ def _run_in(
         loop = Loop(config, env, side, callback, signals, state, driver)
         if folder is None and not config.updates:
             loop.source.start()
-        losses = tuple(name for name in getattr(learner.loss, "out_keys", ()) if isinstance(name, str))
         with signals.held_back():
             if folder is None:
-                folder = RunFolder.create(config, state, losses)
+                folder = RunFolder.create(config, state, learner.metric_names)
                 lock.enter_context(only_writer(folder.path, RunError))
             else:
-                folder.write_episodes(loop.episodes, losses)
+                folder.write_episodes(loop.episodes, learner.metric_names)
                 folder.write_config(config)
         del state  # may be large
         return loop.run(folder)

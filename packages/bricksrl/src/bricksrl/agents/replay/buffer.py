@@ -14,7 +14,7 @@ import torch
 from tensordict import TensorDictBase
 from torch import Tensor
 from torchrl.data import LazyMemmapStorage, LazyTensorStorage, TensorDictReplayBuffer
-from torchrl.envs import EnvBase
+from torchrl.envs import EnvBase, Transform
 
 from bricksrl.agents.settings import OffPolicySettings
 from bricksrl.envs.env_interface import interface_of
@@ -82,6 +82,7 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
         self._none = capacity  # index of the missing successor
         self._successor = torch.full((capacity + 1,) if self._has_links else (0,), self._none, device=self._device)
         self._last: dict[int, Tensor] = {}  # by robot, of each of its copies
+        self._augment = list[Transform]()
 
     @property
     def batch_size(self) -> int:
@@ -91,7 +92,14 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
     def empty_like(self, capacity: int) -> TransitionReplayBuffer:
         """An empty buffer of the same kind for ``capacity`` transitions, not in a file."""
         kind: dict[str, Any] = {"gamma": self._gamma, "n_step": self._n_step, "goals": self._goals, "shift_px": self._shift_px}
-        return type(self)(capacity, self._rows, self._observed, device=self._sampled_to, **kind)
+        empty = type(self)(capacity, self._rows, self._observed, device=self._sampled_to, **kind)
+        empty._augment += self._augment
+        return empty
+
+    def append_transform(self, transform: Transform, **_: Any) -> TransitionReplayBuffer:
+        """Transform the batches that are sampled; transitions are stored as they are."""
+        self._augment.append(transform)
+        return self
 
     def extend(self, frames: TensorDictBase, *, robot: int | None = 0, **_: Any) -> Tensor:
         """Store transitions ``[time]`` or ``[copies, time]`` that continue the last ones of each copy of this robot, unless the
@@ -137,7 +145,7 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
             self._last.pop(ended, None)
 
     def sample(self, batch_size: int | None = None, *, batches: int = 0, **_: Any) -> TensorDictBase:
-        """Uniformly drawn transitions, relabelled, summed over n steps, images shifted; ``batches`` equal ones, if given."""
+        """Uniformly drawn transitions, relabelled, summed over n steps, transformed; ``batches`` equal ones, if given."""
         batch = super().sample(batch_size or self._rows)
         index = batch.pop("index")
         if self._goals is not None or self._n_step > 1:
@@ -145,6 +153,8 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
         if self._shift_px:
             for part in (batch, batch["next"]):
                 part["image"] = shift_images(part["image"], self._shift_px)
+        for transform in self._augment:
+            batch = transform(batch)
         return batch if self._device == self._sampled_to else batch.to(self._sampled_to)
 
     def _augmented(self, batch: TensorDictBase, index: Tensor, size: int) -> TensorDictBase:

@@ -84,5 +84,6 @@ WALKER_FORWARD = Task(
     metrics=metrics,
     terminated=terminated,
     walks=True,
+    symmetric=True,
     measured_entries=(Entry("forward", -100.0, 100.0, "mm", limits=(-32767.0, 32767.0)),),
 )
