@@ -399,12 +399,34 @@ def link_rates(result: Result) -> str:
     return table(["connection interval", "one exchange: median", "p99", "rate"], rows)
 
 
+def gait(result: Result) -> str:
+    """Policy search, and policies on the hub."""
+    walker, six, trot = result["walker"], result["six_legs"], result["trot"]
+    rows = [["Walker-v1, hand-written trot", "", number(trot["return"]), f"{1000 * trot['speed_m_s']:.0f}", "", ""]]
+    for name, runs in (("Walker-v1, gait", walker), ("six legs, gait", six)):
+        returns, speeds, cpu_s = ([run[key] for run in runs] for key in ("return", "speed_m_s", "cpu_s"))
+        found = f"{min(returns):.1f} to {max(returns):.1f}", f"{1000 * min(speeds):.0f} to {1000 * max(speeds):.0f}"
+        rows.append([name, str(len(runs)), *found, str(sum(run["falls"] for run in runs)), f"{max(cpu_s):.1f}"])
+    searched = table(["", "seeds", "return", "mm/s", "falls", "CPU s, at most"], rows)
+    rows = [
+        [
+            *(f"`{one['env']}`", f"{one['agent']}: {one['kind']}", f"{one['policy_return']:.1f}", f"{one['hub_return']:.1f}"),
+            *(f"{one['program_bytes']:,}", f"{one['heap_bytes']:,}", f"{one['computing_ms']} ms"),
+        ]
+        for one in result["hub"]
+    ]
+    head = ["", "policy", "its return", "on the hub alone", "bytes of program", "of objects", "computes"]
+    alone = table(head, rows)
+    return f"After {result['steps']} robot steps:\n\n{searched}\nAs programs without a computer, on the virtual hub:\n\n{alone}"
+
+
 SECTIONS: dict[str, tuple[str, Callable[[Result], str]]] = {
     "robots": ("SAC on each robot, with the paper's number of episodes", robots),
     "baselines": ("Random actions and hand-written controllers (return, success)", baselines),
     "learning": ("Learning in the simulations, evaluated without exploration", learning),
     "copies": ("Learning from many copies of WalkerSim-v0 at once, start-up included", copies),
     "race": ("Race to a return of -20 on WalkerSim-v0, start-up included", race),
+    "gait": ("Gaits by policy search, and policies on the hub alone", gait),
     "camera_learning": ("The camera task", camera),
     "seeds": ("Five seeds at once: parallel processes or stacked networks", seeds),
     "ablation": ("Ablation: each default setting set back to the paper's value", ablation),

@@ -105,7 +105,8 @@ class Posterior:
     @property
     def noise(self) -> Tensor:
         """Standard deviation of a trial's score."""
-        return self.unit * self.scales[-1].detach().exp()
+        noise: Tensor = self.unit * self.scales[-1].detach().exp()
+        return noise
 
     @torch.no_grad()
     def at(self, points: Tensor) -> tuple[Tensor, Tensor]:

@@ -54,11 +54,8 @@ class Oscillators(nn.Module):
     ) -> None:
         super().__init__()
         self.numbers, self.size = numbers, size
-        angles, actions, signs = torch.tensor(legs).T
-        for name, value in {"angles": angles, "actions": actions, "signs": signs}.items():
-            self.register_buffer(name, value, persistent=False)
-        self.register_buffer("lags", lags.float(), persistent=False)
-        self.register_buffer("gains", actions_per_deg, persistent=False)
+        self.angles, self.actions, self.signs = (nn.Buffer(column, persistent=False) for column in torch.tensor(legs).T)
+        self.lags, self.gains = nn.Buffer(lags.float(), persistent=False), nn.Buffer(actions_per_deg, persistent=False)
 
     def forward(self, observation: Tensor, numbers: Tensor) -> Tensor:
         error_rad = (observation[..., self.angles] * self.signs - numbers[..., 1:] @ self.lags.T).deg2rad()
@@ -75,6 +72,7 @@ class Oscillators(nn.Module):
         return f"SPEED = {float(numbers[0]):.5g}\nSIZE = {self.size}\nLEGS = (  # {_LEG}\n{legs})\n{_HUB_SOURCE}"
 
 
+_NO_LEGS = "oscillators need motors that turn endlessly and whose angles are observed; choose linear"
 _LEG = "index of the angle, index of the action, sign of both, phase (deg), action for a degree"
 _HUB_SOURCE = '''
 import umath
@@ -98,12 +96,14 @@ def oscillators(env: EnvBase) -> Oscillators:
     task = interface_of(env).task
     angles = {entry.name: index for index, entry in enumerate(entries_of(env)) if entry.wraps}
     legs: dict[str, tuple[int, int, float]] = {}  # angle, action and degrees of an action, by motor
-    for action, command in enumerate(task.interface.commands if task is not None else ()):
+    if task is None:
+        raise DescriptionError(_NO_LEGS)
+    for action, command in enumerate(task.interface.commands):
         unit_s = {"deg": float(command.is_turn_by), "deg/s": 1.0 / task.rate_hz}.get(command.unit, 0.0)
         if f"{command.name}_angle" in angles and unit_s:
             legs[command.name] = angles[f"{command.name}_angle"], action, unit_s * (command.high - command.low) / 2
-    if task is None or len(legs) < 2:
-        raise DescriptionError("oscillators need motors that turn endlessly and whose angles are observed; choose linear")
+    if len(legs) < 2:
+        raise DescriptionError(_NO_LEGS)
     pairs = [pair for pair in task.robot.mirrored if set(pair) <= set(legs) and pair[0] != pair[1]]
     paired = set(itertools.chain(*pairs))
     groups = [*pairs, *((name,) for name in legs if name not in paired)]
@@ -132,7 +132,8 @@ class Linear(nn.Module):
 
     def forward(self, observation: Tensor, numbers: Tensor) -> Tensor:
         features = torch.nn.functional.pad(self.encoder(observation), (0, 1), value=1.0)
-        return (numbers.unflatten(-1, (self.size, -1)) @ features.unsqueeze(-1)).squeeze(-1)
+        action: Tensor = (numbers.unflatten(-1, (self.size, -1)) @ features.unsqueeze(-1)).squeeze(-1)
+        return action
 
 
 def linear(env: EnvBase) -> Linear:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import torch
 from tensordict import TensorDictBase
@@ -48,12 +48,8 @@ class HubNetwork(nn.Module):
         linear = [(index, *_scale(entry)) for index, entry in enumerate(seen) if not entry.wraps]
         self.observed, self.linear = list(observed), linear
         sizes = (len(linear) + 2 * len(self.pairs), *hidden, size)
-        self.layers = nn.ModuleList(nn.Linear(before, after) for before, after in itertools.pairwise(sizes))
-
-    @property
-    def products(self) -> int:
-        """Products of one action."""
-        return len(self.linear) + sum(layer.weight.numel() for layer in self.layers)
+        self.layers = [nn.Linear(before, after) for before, after in itertools.pairwise(sizes)]
+        self.network = nn.ModuleList(self.layers)
 
     def forward(self, observation: Tensor) -> Tensor:
         return self.outputs(observation).clamp(-1.0, 1.0)
@@ -152,7 +148,7 @@ def distil(env: EnvBase, policy: Policy, network: HubNetwork, seed: int) -> Tens
     return student
 
 
-def _detached(student: TensorDictModule):
+def _detached(student: TensorDictModule) -> Callable[[TensorDictBase], TensorDictBase]:
     def act(state: TensorDictBase) -> TensorDictBase:
         with torch.no_grad():
             acted: TensorDictBase = student(state)
