@@ -3,7 +3,7 @@
     python -m benchmarks gait
 
 Each seed searches for 300 robot steps; the gait that it keeps is compared with the hand-written trot, in the same episodes on the
-same twin. CPU seconds are those of the run without its start-up. A picture beside the JSON file shows what the searches of all
+same twin. CPU seconds are those of the run without its start-up. A picture in docs/images shows what the searches of all
 seeds together know of the landscape. On the hub: the gait of the first seed, and SAC's policies as networks, see
 `bricksrl.policies.hub_export`.
 """
@@ -30,6 +30,7 @@ from bricksrl.training import TrainConfig, train
 STEPS, EPISODES, SEED = 300, 5, 4711
 """Robot steps of a search; episodes of an evaluation, and its seed."""
 WALKER = "Walker-v1"
+PICTURES = Path(__file__).parent.parent / "docs" / "images"
 SIX_LEGS = f"{Path(__file__).parent.parent / 'examples' / '15_six_legs.py'}:WALK"
 ON_HUB = {"gait": (WALKER, "gait", 3), "network": (WALKER, "sac", 12), "network with the distance": ("RunAway-v0", "sac", 12)}
 """Environment, agent and training episodes of what is exported."""
@@ -112,7 +113,7 @@ def draw(path: Path, searches: list[dict[str, Any]]) -> None:
     axis = torch.linspace(0.0, 1.0, 61)
     across, along = (low[i] + axis * (high[i] - low[i]) for i in (1, 2))
     grid = torch.stack((low[0].expand(61, 61), *torch.meshgrid(across, along, indexing="xy")), -1).view(-1, 3)
-    means, _ = Posterior(embedded(numbers, entries), scores).at(embedded(grid, entries))
+    means, _ = Posterior(embedded(numbers, entries), scores, torch.zeros(len(scores))).at(embedded(grid, entries))
     figure = new_figure(6.4, 5.2)
     axes = figure.subplots()
     image = axes.pcolormesh(across, along, means.view(61, 61), cmap="viridis", shading="gouraud")
@@ -135,7 +136,7 @@ def main(session: Session) -> None:
     six = list(session.outcomes(search, {f"six-legs-{seed}": (SIX_LEGS, seed) for seed in range(args.six_legs_seeds)}))
     programs = list(session.outcomes(on_hub, {f"hub-{name.replace(' ', '-')}": ON_HUB[name] for name in args.on_hub}))
     if walker:
-        draw(session.path().with_suffix(".png"), walker)
+        draw(session.place_of(PICTURES) / "gait_landscape.png", walker)
     for one in (*walker, *six):
         del one["trials"]
     for one in walker:

@@ -106,7 +106,7 @@ def test_exploring_tries_and_exploiting_does_the_best() -> None:
 def test_a_process_knows_what_it_was_told_and_that_359_is_near_1_degree() -> None:
     numbers = torch.tensor([[1.0, 0.0], [90.0, 0.5], [180.0, -0.5], [270.0, 0.9]])
     scores = torch.tensor([3.0, 1.0, 0.0, 1.0])
-    posterior = Posterior(embedded(numbers, (ANGLE, SHARE)), scores)
+    posterior = Posterior(embedded(numbers, (ANGLE, SHARE)), scores, torch.zeros(4))
     means, doubts = posterior.at(embedded(torch.tensor([[1.0, 0.0], [359.0, 0.0], [45.0, -0.9]]), (ANGLE, SHARE)))
     assert float((means[0] - 3.0).abs()) < 3 * float(posterior.noise)
     assert float((means[0] - means[1]).abs()) < 0.02
@@ -120,19 +120,20 @@ def test_a_process_knows_what_it_was_told_and_that_359_is_near_1_degree() -> Non
 def test_the_posterior_is_that_of_the_formulas() -> None:
     """Mean and deviation by the inverse of the kernel's matrix, with the scales that were found."""
     numbers, scores = torch.rand(6, 2).mul(2).sub(1), torch.rand(6).double()
-    entries = (SHARE, SHARE)
+    entries, worlds = (SHARE, SHARE), torch.tensor([0, 0, 0, 0, 1, 1])
     points, new = embedded(numbers, entries), embedded(torch.rand(3, 2), entries)
-    posterior = Posterior(points, scores)
-    *lengths, amplitude, noise = posterior.scales.detach().exp().tolist()
+    posterior = Posterior(points, scores, worlds)
+    *lengths, peculiar, amplitude, noise = posterior.scales.detach().exp().tolist()
 
     def kernel(a: Tensor, b: Tensor) -> Tensor:
         apart = (a[:, None] - b[None]).square().sum(-1) / torch.tensor(lengths).double() ** 2
         return amplitude**2 * (-apart.sum(-1) / 2).exp()
 
-    inverse = torch.linalg.inv(kernel(points, points) + (noise**2 + 1e-8) * torch.eye(6))
-    cross = kernel(new, points)
+    same = 1 + peculiar**2 * (worlds[:, None] == worlds)
+    inverse = torch.linalg.inv(kernel(points, points) * same + (noise**2 + 1e-8) * torch.eye(6))
+    cross = kernel(new, points) * (1 + peculiar**2 * (worlds == 1))
     mean = scores.mean() + cross @ inverse @ (scores - scores.mean())
-    variance = (amplitude**2 - (cross @ inverse * cross).sum(-1)) * scores.var()
+    variance = (amplitude**2 * (1 + peculiar**2) - (cross @ inverse * cross).sum(-1)) * scores.var()
     found = posterior.at(new)
     assert torch.allclose(found[0], mean)
     assert torch.allclose(found[1] ** 2, variance, atol=1e-9)
@@ -183,6 +184,26 @@ def test_a_resumed_search_goes_on_with_the_same_numbers() -> None:
         proposals.append(learner.actor.trial.clone())
     assert torch.equal(*proposals)
     assert torch.equal(first.numbers, second.numbers)
+
+
+def test_a_search_goes_on_elsewhere_from_what_it_knows() -> None:
+    """The top moves by 20 degrees, and everything is worse."""
+    learner = searcher()
+    for _ in range(30):
+        tried(learner, hill(learner.actor.trial))
+    learner.begin_elsewhere()
+    assert torch.equal(learner.actor.trial, learner.actor.best)
+    before, lowest = hill(learner.actor.best + torch.tensor([0.0, 20.0, 0.0])), 1.0
+    for _ in range(12):
+        moved = hill(learner.actor.trial + torch.tensor([0.0, 20.0, 0.0]))
+        lowest = min(lowest, moved)
+        tried(learner, moved - 0.2)
+    assert hill(learner.actor.best + torch.tensor([0.0, 20.0, 0.0])) > before
+    assert lowest > -0.5  # it does not search everywhere again: the lowest point is at -5
+    again = searcher()
+    again.load_state_dict(learner.state_dict())
+    assert (again.world, len(again.start)) == (1, 1)
+    assert again.worlds.tolist() == [0] * 30 + [1] * 12
 
 
 def test_runs_resume_bit_for_bit_and_show_their_trials(tmp_path: Path) -> None:

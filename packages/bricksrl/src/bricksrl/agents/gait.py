@@ -60,23 +60,24 @@ class GaitSettings:
 class Posterior:
     """A Gaussian process given scores ``[k]`` of points ``[k, p, 2]``, see `embedded`; its scales are the most probable ones.
 
-    The kernel is the squared exponential of the distance, which for angles is the periodic kernel (MacKay, 1998). Lengths,
-    amplitude and noise are log-normal beforehand, for scores of variance 1.
+    The kernel is the squared exponential of the distance, for angles the periodic kernel (MacKay, 1998). What is peculiar
+    to the present one of several ``worlds`` ``[k]``, that of the last score, is a process of its own on top of what they share.
+    The scales are log-normal beforehand, for scores of variance 1.
     """
 
-    MEDIAN = (1.0, 1.0, 0.3)
-    """Beforehand: length (of half a range, or in radians), amplitude, and standard deviation of the noise."""
-    SPREAD = (0.5, 0.5, 0.5)
-    """Standard deviations of their logarithms."""
+    MEDIAN = (1.0, 0.2, 1.0, 0.3)
+    """Beforehand: length (of half a range, or in radians), what is peculiar to a world as a share of the amplitude, amplitude,
+    and standard deviation of the noise."""
+    SPREAD = 0.5
+    """Standard deviation of their logarithms."""
 
-    def __init__(self, points: Tensor, scores: Tensor) -> None:
+    def __init__(self, points: Tensor, scores: Tensor, worlds: Tensor) -> None:
         scores = scores.double()
-        self.points, self.mean = points, scores.mean()
+        self.points, self.worlds, self.mean = points, worlds, scores.mean()
         self.unit = scores.std().clamp_min(1e-6) if len(scores) > 1 else torch.ones_like(self.mean)
         self._values = (scores - self.mean) / self.unit
-        sizes = (points.shape[1], 1, 1)
-        median = torch.cat([torch.full((n,), math.log(m)) for n, m in zip(sizes, self.MEDIAN, strict=True)]).double()
-        spread = torch.cat([torch.full((n,), s) for n, s in zip(sizes, self.SPREAD, strict=True)]).double()
+        length, *others = self.MEDIAN
+        median = torch.tensor([length] * points.shape[1] + others).double().log()
         self.scales = median.clone().requires_grad_()
         optimizer = torch.optim.LBFGS([self.scales], max_iter=30, line_search_fn="strong_wolfe")
 
@@ -84,7 +85,7 @@ class Posterior:
             optimizer.zero_grad()
             self._factorise()
             surprise = (self._values @ self._weights) / 2 + self._root.diagonal().log().sum()
-            loss = surprise + (((self.scales - median) / spread) ** 2).sum() / 2
+            loss = surprise + (((self.scales - median) / self.SPREAD) ** 2).sum() / 2
             loss.backward()
             return loss
 
@@ -92,14 +93,18 @@ class Posterior:
         with torch.no_grad():
             self._factorise()
 
-    def _kernel(self, a: Tensor, b: Tensor) -> Tensor:
-        lengths = self.scales[:-2].exp()[:, None]
+    def _kernel(self, a: Tensor, b: Tensor, a_world: Tensor, b_world: Tensor) -> Tensor:
+        """Covariance of points in their worlds."""
+        *_, peculiar, amplitude, _ = self.scales.exp()
+        lengths = self.scales[:-3].exp()[:, None]
         a, b = ((points / lengths).flatten(1) for points in (a, b))
-        return (2 * self.scales[-2]).exp() * (-torch.cdist(a, b, compute_mode="donot_use_mm_for_euclid_dist").square() / 2).exp()
+        near = (-torch.cdist(a, b, compute_mode="donot_use_mm_for_euclid_dist").square() / 2).exp()
+        return amplitude**2 * near * (1.0 + peculiar**2 * (a_world[:, None] == b_world))
 
     def _factorise(self) -> None:
         noise = (2 * self.scales[-1]).exp() + 1e-8
-        self._root = torch.linalg.cholesky(self._kernel(self.points, self.points) + noise * torch.eye(len(self.points)))
+        kernel = self._kernel(self.points, self.points, self.worlds, self.worlds)
+        self._root = torch.linalg.cholesky(kernel + noise * torch.eye(len(kernel)))
         self._weights = torch.cholesky_solve(self._values[:, None], self._root)[:, 0]
 
     @property
@@ -110,22 +115,22 @@ class Posterior:
 
     @torch.no_grad()
     def at(self, points: Tensor) -> tuple[Tensor, Tensor]:
-        """Mean and standard deviation ``[c]`` of the score at points ``[c, p, 2]``, without the noise of a trial."""
-        kernel = self._kernel(points, self.points)
+        """Mean and standard deviation ``[c]`` of the score in the present world at points ``[c, p, 2]``, without noise."""
+        here = self.worlds[-1:]
+        kernel = self._kernel(points, self.points, here, self.worlds)
         known = torch.linalg.solve_triangular(self._root, kernel.T, upper=False).square().sum(0)
-        deviation = ((2 * self.scales[-2]).exp() - known).clamp_min(1e-12).sqrt()
+        deviation = (self._kernel(points[:1], points[:1], here, here) - known).clamp_min(1e-12).sqrt()[0]
         return self.mean + self.unit * (kernel @ self._weights), self.unit * deviation
 
     @torch.no_grad()
     def gain(self, point: Tensor, other: Tensor) -> tuple[float, float]:
         """Mean and standard deviation of the score of ``point`` ``[p, 2]`` less that of the ``other``."""
-        both = torch.stack((point, other))
-        kernel = self._kernel(both, self.points)
+        both, here = torch.stack((point, other)), self.worlds[-1:]
+        kernel = self._kernel(both, self.points, here, self.worlds)
         half = torch.linalg.solve_triangular(self._root, kernel.T, upper=False)
-        covariance, sign = self._kernel(both, both) - half.T @ half, torch.tensor([1.0, -1.0]).double()
-        return float(self.unit * (sign @ kernel @ self._weights)), float(
-            self.unit * (sign @ covariance @ sign).clamp_min(0).sqrt()
-        )
+        covariance, sign = self._kernel(both, both, here, here) - half.T @ half, torch.tensor([1.0, -1.0]).double()
+        deviation = (sign @ covariance @ sign).clamp_min(0).sqrt()
+        return float(self.unit * (sign @ kernel @ self._weights)), float(self.unit * deviation)
 
 
 @dataclass(kw_only=True)
@@ -135,7 +140,7 @@ class PolicySearch(Learner):
     Attributes:
         start: numbers ``[s, p]`` of the first trials.
         tilts: indices of pitch and roll in the observation.
-        numbers, scores: of the trials so far, ``[k, p]`` and ``[k]``.
+        numbers, scores, worlds: of the trials so far, ``[k, p]``, ``[k]`` and ``[k]``.
     """
 
     actor: StructuredActor
@@ -144,11 +149,13 @@ class PolicySearch(Learner):
     tilts: list[int]
     numbers: Tensor = field(init=False)
     scores: Tensor = field(init=False)
+    worlds: Tensor = field(init=False)
+    world: int = field(default=0, init=False)
     rewards: list[float] = field(default_factory=list, init=False)  # of the present trial
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self.numbers, self.scores = self.start[:0], self.start[:0, 0]
+        self.numbers, self.scores, self.worlds = self.start[:0], self.start[:0, 0], self.start[:0, 0].long()
         self.actor.trial.copy_(self.start[0])
 
     @property
@@ -173,11 +180,18 @@ class PolicySearch(Learner):
         counted = self.rewards[self.settings.settle_steps :] or self.rewards
         score = torch.tensor([min(highest, sum(counted) / len(counted))]).to(self.scores)
         self.numbers, self.scores = torch.cat((self.numbers, self.actor.trial[None])), torch.cat((self.scores, score))
+        self.worlds = torch.cat((self.worlds, torch.tensor([self.world])))
         self.end_episodes()
 
     def end_episodes(self, robot: int | None = None) -> None:
         """Drop the present trial, if any: what follows does not follow from it."""
         self.rewards = []
+
+    def begin_elsewhere(self) -> None:
+        """Go on in another world: the trials so far tell what may be good there, and the best known is tried first."""
+        super().begin_elsewhere()
+        self.world, self.start = self.world + 1, self.actor.best[None].clone()
+        self.actor.trial.copy_(self.actor.best)
 
     def learn(self, steps: int = 1) -> dict[str, Tensor]:
         """Propose the numbers of the next trial if one has ended. Returns metrics."""
@@ -185,14 +199,16 @@ class PolicySearch(Learner):
             return {}
         self.updates = len(self.scores)
         entries = self.actor.structure.numbers
-        posterior = Posterior(embedded(self.numbers, entries), self.scores)
-        means, _ = posterior.at(embedded(self.numbers, entries))
+        points = embedded(self.numbers, entries)
+        posterior = Posterior(points, self.scores, self.worlds)
+        means, _ = posterior.at(points)
         likeliest = self.numbers[means.argmax()]
         gain, deviation = posterior.gain(*embedded(torch.stack((likeliest, self.actor.best)), entries))
         if self.updates == 1 or gain > self.settings.caution * deviation:
             self.actor.best.copy_(likeliest)
-        if self.updates < len(self.start):
-            self.actor.trial.copy_(self.start[self.updates])
+        tried = int((self.worlds == self.world).sum())
+        if tried < len(self.start):
+            self.actor.trial.copy_(self.start[tried])
         else:
             candidates = self._candidates(entries, likeliest)
             means, deviations = posterior.at(embedded(candidates, entries))
@@ -211,13 +227,15 @@ class PolicySearch(Learner):
 
     def state_dict(self) -> dict[str, Any]:
         """Everything that learning changes."""
-        return {**super().state_dict(), "search": {"start": self.start, "numbers": self.numbers, "scores": self.scores}}
+        search = {"start": self.start, "numbers": self.numbers, "scores": self.scores, "worlds": self.worlds}
+        return {**super().state_dict(), "search": search, "world": self.world}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Restore `state_dict`. Raises CheckpointError if the state is of another algorithm or structure."""
         super().load_state_dict(state)
         try:
-            self.start, self.numbers, self.scores = (state["search"][name] for name in ("start", "numbers", "scores"))
+            search, self.world = state["search"], int(state["world"])
+            self.start, self.numbers, self.scores, self.worlds = (search[n] for n in ("start", "numbers", "scores", "worlds"))
         except (LookupError, TypeError):
             raise CheckpointError("the checkpoint has no trials; resume with the agent that it had") from None
 

@@ -213,7 +213,7 @@ def warm_start(config: TrainConfig, learner: Learner, env: EnvBase) -> None:
         if old_config.to_dict()["settings"] != config.to_dict()["settings"]:  # a user's class differs each time it is loaded
             raise CheckpointError(f"the agent of {config.start} has other settings; go on with its own")
         restore(learner, load_state(folder, one_robot(old_config), env)["agent"])
-        learner.end_episodes()  # those that ran in a fleet do not go on
+        learner.begin_elsewhere()  # episodes that ran in a fleet do not go on
         return
     try:
         transfer_policy(learner, load_learner(folder.path, env).learner)
