@@ -21,6 +21,7 @@ from bricksrl.agents.structures import oscillators
 from bricksrl.envs import make
 from bricksrl.errors import DescriptionError, RunError
 from bricksrl.training import TrainConfig, resume, train
+from bricksrl.training.restore import load_learner
 
 ANGLE, SHARE = Entry("phase", 0.0, 360.0, "deg", wraps=True), Entry("speed", -1.0, 1.0)
 
@@ -217,6 +218,18 @@ def test_runs_resume_bit_for_bit_and_show_their_trials(tmp_path: Path) -> None:
         row.pop("seconds")
     assert rows[0] == rows[1]
     assert all(math.isfinite(float(rows[0][1][name])) for name in ("trial_reward", "best_reward", "noise"))
+
+
+def test_a_run_goes_on_from_another(tmp_path: Path) -> None:
+    options = {"agent": "gait", "episodes": 1, "record": False}
+    train(TrainConfig("WalkerSim-v0", run_dir=tmp_path / "here", **options))
+    train(TrainConfig("WalkerSim-v0", run_dir=tmp_path / "there", seed=1, start=tmp_path / "here", **options))
+    first, second = (load_learner(tmp_path / name, make("WalkerSim-v0", seed=0)).learner for name in ("here", "there"))
+    assert isinstance(first, PolicySearch)
+    assert isinstance(second, PolicySearch)
+    assert second.worlds.tolist() == [0] * 10 + [1] * 10
+    assert torch.equal(second.numbers[10], first.actor.best)
+    assert torch.equal(second.scores[:10], first.scores)
 
 
 def test_copies_try_the_same_numbers_together(tmp_path: Path) -> None:

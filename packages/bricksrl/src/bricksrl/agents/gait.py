@@ -46,7 +46,7 @@ class GaitSettings:
     """Trials spread over all numbers before the first proposal."""
     optimism: Annotated[float, NotNegative] = 2.0
     """Standard deviations by which an unknown score is taken to be better than expected."""
-    caution: Annotated[float, NotNegative] = 1.0
+    caution: Annotated[float, NotNegative] = 0.3
     """Standard deviations by which other numbers must be better than the best known to replace them."""
     tilt_deg: Annotated[float, Positive] = 35.0
     """Pitch or roll that ends a trial at once; it then scores no more than the worst trial."""
