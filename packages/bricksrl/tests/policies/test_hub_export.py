@@ -45,7 +45,7 @@ def test_a_gait_acts_on_the_hub_as_here() -> None:
 def test_a_network_acts_on_the_hub_as_here() -> None:
     torch.manual_seed(0)
     task = get_task("Walker-v1")
-    network = HubNetwork(task.entries, range(7), 4)
+    network = HubNetwork(task.entries[:7], 4)
     network.round()
     with torch.no_grad():
         here = network(torch.tensor([[*row, 0.0] for row in OBSERVED]))
@@ -58,8 +58,8 @@ def test_products_of_floats_take_time_on_the_virtual_hub() -> None:
         "for _ in range({}):\n    total += {} * 3\nprint(watch.time())"
     )
     city = Robot("city", HubKind.CITY)
-    assert output(program.format(10_000, "1.5")) == "120"
-    assert output(program.format(10_000, "1.5"), robot=city) == "303"  # 34 products before each ms that passes
+    assert output(program.format(10_000, "1.5")) == "119"  # 84 products before each ms that passes
+    assert output(program.format(10_000, "1.5"), robot=city) == "294"
     assert output(program.format(10_000, "2")) == "0"
     assert output(program.format(80, "1.5")) == "0"
 
@@ -145,7 +145,7 @@ def test_a_distilled_network_acts_like_its_policy() -> None:
     teacher = TensorDictModule(
         lambda seen: structure(seen, numbers.expand(*seen.shape[:-1], 3)).clamp(-1.0, 1.0), ["observation"], ["action"]
     )
-    network = HubNetwork(get_task("Walker-v0").entries, range(7), 4)
+    network = HubNetwork(get_task("Walker-v0").entries, 4)
     policy = Policy(teacher, 7)
     student = hub_network.distil(env, policy, network, seed=0)
     frames = env.rollout(50, student)

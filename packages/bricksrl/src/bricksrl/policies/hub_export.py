@@ -72,13 +72,13 @@ def export_program(path: Path | str, out: Path, *, which: Which = "last", hidden
         if task is None or task.camera is not None or task.sampled_entries or task.target is not None or env.batch_size:
             raise RunError("a hub by itself sees no images, and is told no goal; export the policy of another task")
         policy = load_policy(path, env, which=which)
-        observed, channels = list(range(len(task.observed_channels))), task.observed_channels
+        channels = task.observed_channels
         actor = next((module for module in policy.modules() if isinstance(module, StructuredActor)), None)
         kind = "gait" if actor is not None and isinstance(actor.structure, Oscillators) else "network"
         if actor is not None and isinstance(actor.structure, Oscillators):
             source = actor.structure.hub_source(actor.best)
         else:
-            network = HubNetwork(task.entries, observed, len(task.interface.commands), hidden)
+            network = HubNetwork(task.entries[: len(channels)], len(task.interface.commands), hidden)
             distil(env, policy, network, _SEED)
             source = network.hub_source()
         program = generate_alone(task.robot, task.interface, channels, source, f"a {kind} that learned {task.id}")

@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import torch
-from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
 from torchrl.envs import EnvBase
@@ -35,19 +34,17 @@ class HubNetwork(nn.Module):
     """A network ``[*batch, n]`` to actions ``[*batch, m]``: features, rectified layers, a linear one that is clamped.
 
     Args:
-        entries: those of the observation.
-        observed: indices of those that the hub observes.
+        entries: those of the observation that the hub observes, its first ones.
         size: m.
     """
 
-    def __init__(self, entries: Sequence[Entry], observed: Sequence[int], size: int, hidden: Sequence[int] = HIDDEN) -> None:
+    def __init__(self, entries: Sequence[Entry], size: int, hidden: Sequence[int] = HIDDEN) -> None:
         super().__init__()
-        seen = [entries[index] for index in observed]
-        angles = [index for index, entry in enumerate(seen) if entry.wraps]
-        self.pairs = [(index, -1) for index in angles] + list(itertools.combinations(angles, 2))
-        linear = [(index, *_scale(entry)) for index, entry in enumerate(seen) if not entry.wraps]
-        self.observed, self.linear = list(observed), linear
-        sizes = (len(linear) + 2 * len(self.pairs), *hidden, size)
+        self.count = len(entries)
+        angles = [index for index, entry in enumerate(entries) if entry.wraps]
+        self.angles = [*((index, self.count) for index in angles), *itertools.combinations(angles, 2)]  # a 0 follows the last
+        self.linear = [(index, *_scale(entry)) for index, entry in enumerate(entries) if not entry.wraps]
+        sizes = (len(self.linear) + 2 * len(self.angles), *hidden, size)
         self.layers = [nn.Linear(before, after) for before, after in itertools.pairwise(sizes)]
         self.network = nn.ModuleList(self.layers)
 
@@ -56,12 +53,10 @@ class HubNetwork(nn.Module):
 
     def outputs(self, observation: Tensor) -> Tensor:
         """The outputs before they are clamped."""
-        values = observation[..., self.observed]
-        parts = [values[..., index : index + 1] * scale + offset for index, scale, offset in self.linear]
-        for plus, minus in self.pairs:
-            angle = (values[..., plus : plus + 1] - (values[..., minus : minus + 1] if minus >= 0 else 0.0)).deg2rad()
-            parts += [angle.sin(), angle.cos()]
-        x = torch.cat(parts, -1)
+        values = nn.functional.pad(observation[..., : self.count], (0, 1)).unbind(-1)
+        angles = [(values[plus] - values[minus]).deg2rad() for plus, minus in self.angles]
+        parts = [values[index] * scale + offset for index, scale, offset in self.linear]
+        x = torch.stack([*parts, *(angle.sin() for angle in angles), *(angle.cos() for angle in angles)], -1)
         for layer in self.layers[:-1]:
             x = layer(x).relu()
         out: Tensor = self.layers[-1](x)
@@ -82,7 +77,7 @@ class HubNetwork(nn.Module):
         linear = "".join(f"    ({index}, {_text(scale)}, {_text(offset)}),\n" for index, scale, offset in self.linear)
         return (
             f"LINEAR = (  # index, factor and offset of what is no angle\n{linear})\n"
-            f"ANGLES = {tuple(self.pairs)}  # indices of two angles, or of one and -1\n"
+            f"ANGLES = {tuple(self.angles)}  # indices of two angles, or of one and of a 0 that follows the last\n"
             f"LAYERS = (  # a row for each unit: its weights, then its offset\n{layers})\n{_HUB_SOURCE}"
         )
 
@@ -92,12 +87,10 @@ import umath
 
 
 def features(observed):
-    values = [observed[index] * scale + offset for index, scale, offset in LINEAR]
-    for plus, minus in ANGLES:
-        angle = umath.radians(observed[plus] - (observed[minus] if minus >= 0 else 0))
-        values.append(umath.sin(angle))
-        values.append(umath.cos(angle))
-    return values
+    values = observed + [0]
+    angles = [umath.radians(values[plus] - values[minus]) for plus, minus in ANGLES]
+    scaled = [values[index] * scale + offset for index, scale, offset in LINEAR]
+    return scaled + [umath.sin(angle) for angle in angles] + [umath.cos(angle) for angle in angles]
 
 
 def outputs(layer, values):
@@ -122,6 +115,7 @@ def act(observed):
 def distil(env: EnvBase, policy: Policy, network: HubNetwork, seed: int) -> TensorDictModule:
     """Teach the network the policy's actions where the policy, and then the network, goes. Returns it as a policy."""
     student = TensorDictModule(network, in_keys=["observation"], out_keys=["action"])
+    acting = torch.no_grad()(student.forward)
     optimizer = torch.optim.Adam(network.parameters(), lr=LEARNING_RATE)
     seen, said, episode = list[Tensor](), list[Tensor](), 0
     for number in range(ROUNDS):
@@ -129,14 +123,13 @@ def distil(env: EnvBase, policy: Policy, network: HubNetwork, seed: int) -> Tens
         while steps < STEPS:
             episode += 1
             seed_episode(env, derive_seed(seed, "distil", episode))
-            for frame in play(env, policy if number == 0 else _detached(student), reset_policy=policy.reset):
+            for frame in play(env, policy if number == 0 else acting, reset_policy=policy.reset):
                 seen.append(frame["observation"])
                 said.append(frame["action"] if number == 0 else policy.act(frame["observation"]))
                 steps += 1
         observations, actions = torch.stack(seen), torch.stack(said)
         for update in range(UPDATES):
-            for group in optimizer.param_groups:
-                group["lr"] = LEARNING_RATE * (1.0 - update / UPDATES)
+            optimizer.param_groups[0]["lr"] = LEARNING_RATE * (1.0 - update / UPDATES)
             rows = torch.randint(len(seen), (BATCH,))
             out = network.outputs(observations[rows])
             clamped = out.clamp(-1.0, 1.0)
@@ -146,15 +139,6 @@ def distil(env: EnvBase, policy: Policy, network: HubNetwork, seed: int) -> Tens
             optimizer.step()
     network.round()
     return student
-
-
-def _detached(student: TensorDictModule) -> Callable[[TensorDictBase], TensorDictBase]:
-    def act(state: TensorDictBase) -> TensorDictBase:
-        with torch.no_grad():
-            acted: TensorDictBase = student(state)
-        return acted
-
-    return act
 
 
 def _scale(entry: Entry) -> tuple[float, float]:
