@@ -5,7 +5,7 @@ button ends the program, as it does by default, and then the motors stop. Each s
 computed (ms), the observation, and the commands times their scales.
 """
 # mypy: ignore-errors
-# ruff: noqa: F821
+# ruff: noqa: F821, B905
 # --- the hub's part ---
 
 from pybricks.tools import StopWatch, wait
@@ -31,7 +31,7 @@ def live():
         while True:
             observed = observe()
             seen_ms = CLOCK.time()
-            commands = [round(middle + half * action) for (middle, half), action in zip(SPANS, act(observed), strict=False)]
+            commands = [round(middle + half * action) for (middle, half), action in zip(SPANS, act(observed))]
             started_ms = CLOCK.time()
             start_moves(commands)
             print(started_ms - seen_ms, *observed, *commands)
