@@ -65,7 +65,7 @@ class Posterior:
     The scales are log-normal beforehand, for scores of variance 1.
     """
 
-    MEDIAN = (1.0, 0.2, 1.0, 0.3)
+    MEDIAN = (1.7, 0.2, 1.0, 0.3)
     """Beforehand: length (of half a range, or in radians), what is peculiar to a world as a share of the amplitude, amplitude,
     and standard deviation of the noise."""
     SPREAD = 0.5
@@ -85,9 +85,9 @@ class Posterior:
             optimizer.zero_grad()
             self._factorise()
             surprise = (self._values @ self._weights) / 2 + self._root.diagonal().log().sum()
-            loss = surprise + (((self.scales - median) / self.SPREAD) ** 2).sum() / 2
-            loss.backward()
-            return loss
+            total: Tensor = surprise + (((self.scales - median) / self.SPREAD) ** 2).sum() / 2
+            total.backward()
+            return total
 
         optimizer.step(loss)
         with torch.no_grad():
@@ -99,7 +99,8 @@ class Posterior:
         lengths = self.scales[:-3].exp()[:, None]
         a, b = ((points / lengths).flatten(1) for points in (a, b))
         near = (-torch.cdist(a, b, compute_mode="donot_use_mm_for_euclid_dist").square() / 2).exp()
-        return amplitude**2 * near * (1.0 + peculiar**2 * (a_world[:, None] == b_world))
+        covariance: Tensor = amplitude**2 * near * (1.0 + peculiar**2 * (a_world[:, None] == b_world))
+        return covariance
 
     def _factorise(self) -> None:
         noise = (2 * self.scales[-1]).exp() + 1e-8
@@ -110,8 +111,8 @@ class Posterior:
     @property
     def noise(self) -> Tensor:
         """Standard deviation of a trial's score."""
-        noise: Tensor = self.unit * self.scales[-1].detach().exp()
-        return noise
+        deviation: Tensor = self.unit * self.scales[-1].detach().exp()
+        return deviation
 
     @torch.no_grad()
     def at(self, points: Tensor) -> tuple[Tensor, Tensor]:
