@@ -24,7 +24,7 @@ from benchmarks.learning import has_made
 from benchmarks.scripted import CONTROLLERS
 from benchmarks.session import Session
 from benchmarks.stopping import StopWhen
-from bricksrl.agents.gait import PolicySearch, Posterior, bounds, embedded
+from bricksrl.agents.search.gait import PolicySearch, Posterior, bounds, embedded
 from bricksrl.training import TrainConfig, train
 
 STEPS, EPISODES, SEED = 300, 5, 4711
@@ -100,7 +100,7 @@ def on_hub(env_id: str, agent: str, episodes: int) -> dict[str, Any]:
 
 def draw(path: Path, searches: list[dict[str, Any]]) -> None:
     """Draw what the Gaussian process of all trials knows of two phases, at full speed; a dot for each trial."""
-    from bricksrl.agents.structures import oscillators
+    from bricksrl.agents.search.structures import oscillators
     from bricksrl.envs import make
     from bricksrl.plotting import new_figure, save
 

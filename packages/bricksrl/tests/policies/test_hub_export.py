@@ -13,7 +13,7 @@ from tensordict.nn import TensorDictModule
 from brickhub.robot import HubKind, Robot
 from brickhub.virtual.panel import parse_press
 from brickhub.virtual.run import Operation, run_file
-from bricksrl.agents.structures import oscillators
+from bricksrl.agents.search.structures import oscillators
 from bricksrl.cli import main
 from bricksrl.envs import make
 from bricksrl.envs.registry import get_task

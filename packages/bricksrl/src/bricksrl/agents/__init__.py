@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 AGENTS = ("sac", "droq", "redq", "td3", "crossq", "tqc", "ppo", "bc", "act", "diffusion", "iql", "cql", "td3bc", "gait", "random")
 """Algorithms by name; DroQ and REDQ are settings of SAC."""
-_MODULES = {"droq": "sac", "redq": "sac"}
-"""Modules of algorithms with other names."""
+_MODULES = {"droq": "sac", "redq": "sac", "gait": "search.gait"}
+"""Modules of algorithms, where they have other names."""
 PRESETS = ("default", "paper")
 """Presets by name: "default" is tuned for few robot steps; "paper" has the values of the BricksRL paper, and those of an
 algorithm's authors (with the paper's networks) for what the paper does not state. Other settings keep their defaults."""
@@ -154,7 +154,7 @@ def make_learner(agent: str, env: EnvBase, settings: Any = None, device: str = "
     torch's global generator. Raises UnknownNameError if there is no such algorithm, DescriptionError if the settings are of
     another algorithm or do not suit the environment, or a user's code raised."""
     from bricksrl.agents.learner import Learner
-    from bricksrl.agents.replay.transforms import augmentations
+    from bricksrl.agents.replay.augmentation import augmentations
     from bricksrl.agents.settings import OffPolicySettings
 
     chosen = algorithm(agent)

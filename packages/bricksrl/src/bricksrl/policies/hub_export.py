@@ -18,7 +18,7 @@ from brickhub.virtual.interpreter import execute
 from brickhub.virtual.machine import Machine
 from brickhub.virtual.micropython.exceptions import HostStop
 from brickhub.virtual.pybricks import modules
-from bricksrl.agents.structures import Oscillators, StructuredActor
+from bricksrl.agents.search.structures import Oscillators, StructuredActor
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.odometry import TrueOdometer
 from bricksrl.envs.rollout import play_episodes
