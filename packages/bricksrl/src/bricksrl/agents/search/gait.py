@@ -20,8 +20,8 @@ from torchrl.envs import EnvBase
 from brickhub.entry import Entry
 from brickhub.fields import check_fields
 from bricksrl.agents.learner import Learner
-from bricksrl.agents.settings import NotNegative, Positive, Range
 from bricksrl.agents.search.structures import StructuredActor, make_structure
+from bricksrl.agents.settings import NotNegative, Positive, Range
 from bricksrl.envs.rollout import lost_links
 from bricksrl.envs.specs import entries_of
 from bricksrl.errors import CheckpointError, DescriptionError
