@@ -159,6 +159,11 @@ def test_what_has_no_legs_gets_linear_feedback_unless_legs_are_asked_for() -> No
         searcher("RoboArmSim-v0", structure="oscillators")
 
 
+def test_images_are_refused() -> None:
+    with pytest.raises(DescriptionError, match="linear feedback reads one vector and no images"):
+        searcher("RoboArm_mixed-v0")
+
+
 def test_a_users_structure_is_searched(tmp_path: Path) -> None:
     file = tmp_path / "mine.py"
     file.write_text(

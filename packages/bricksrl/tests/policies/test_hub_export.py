@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 import torch
 from hub_programs import output
-from tensordict.nn import TensorDictModule
 
 from brickhub.robot import HubKind, Robot
 from brickhub.virtual.panel import parse_press
@@ -18,10 +17,9 @@ from bricksrl.cli import main
 from bricksrl.envs import make
 from bricksrl.envs.registry import get_task
 from bricksrl.errors import RunError
-from bricksrl.policies import hub_export, hub_network
+from bricksrl.policies import hub_export, hub_network, load_policy
 from bricksrl.policies.hub_export import export_program
 from bricksrl.policies.hub_network import HubNetwork
-from bricksrl.policies.policy import Policy
 from bricksrl.training import TrainConfig, train
 from bricktwin.robots import WALKER
 from bricktwin.twin.make_body import make_body
@@ -136,17 +134,12 @@ def test_what_a_hub_cannot_know_is_refused(tmp_path: Path) -> None:
         export_program(tmp_path / "run", tmp_path / "spin.py")
 
 
-def test_a_distilled_network_acts_like_its_policy() -> None:
-    """A policy of the legs alone, learned in a simulation."""
+def test_a_distilled_network_acts_like_its_policy(tmp_path: Path) -> None:
+    """A gait that was found in a simulation."""
+    train(TrainConfig("WalkerSim-v0", "gait", episodes=1, record=False, run_dir=tmp_path / "run"))
     env = make("WalkerSim-v0", seed=0)
+    policy = load_policy(tmp_path / "run", env)
     torch.manual_seed(0)
-    structure = oscillators(env)
-    numbers = torch.tensor([-0.6, 170.0, 140.0])
-    teacher = TensorDictModule(
-        lambda seen: structure(seen, numbers.expand(*seen.shape[:-1], 3)).clamp(-1.0, 1.0), ["observation"], ["action"]
-    )
-    network = HubNetwork(get_task("Walker-v0").entries, 4)
-    policy = Policy(teacher, 7)
-    student = hub_network.distil(env, policy, network, seed=0)
+    student = hub_network.distil(env, policy, HubNetwork(get_task("Walker-v0").entries, 4), seed=0)
     frames = env.rollout(50, student)
     assert (frames["action"] - policy.act(frames["observation"])).abs().mean() < 0.15

@@ -22,8 +22,8 @@ from brickhub.fields import check_fields
 from bricksrl.agents.learner import Learner
 from bricksrl.agents.search.structures import StructuredActor, make_structure
 from bricksrl.agents.settings import NotNegative, Positive, Range
+from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.rollout import lost_links
-from bricksrl.envs.specs import entries_of
 from bricksrl.errors import CheckpointError, DescriptionError
 
 CANDIDATES = 2000
@@ -263,7 +263,8 @@ def build(env: EnvBase, settings: GaitSettings, device: torch.device | str = "cp
     spread = torch.quasirandom.SobolEngine(len(low), scramble=True, seed=seed).draw(settings.random_trials)
     actor = StructuredActor(structure, (low + high) / 2).to(device)
     policy = TensorDictModule(actor, in_keys=["observation"], out_keys=["action"])
-    tilts = [index for index, entry in enumerate(entries_of(env)) if entry.name in ("pitch", "roll")]
+    task = interface_of(env).task
+    tilts = [] if task is None else [i for i, entry in enumerate(task.entries) if entry.name in ("pitch", "roll")]
     start = low + spread * (high - low)
     return PolicySearch(
         policy=policy, on_policy=True, updates_per_step=0.0, actor=actor, settings=settings, start=start, tilts=tilts

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from typing import Protocol
+from typing import Any, Protocol
 
 import torch
 from torch import Tensor, nn
@@ -17,10 +17,10 @@ from torchrl.envs.utils import ExplorationType, exploration_type
 
 from brickhub.entry import Entry
 from brickhub.user_files import load_object
-from bricksrl.agents.encoder import ObservationEncoder
+from bricksrl.agents.encoder import encoder_keys, make_encoder
 from bricksrl.agents.networks import action_size
+from bricksrl.agents.settings import Settings
 from bricksrl.envs.env_interface import interface_of
-from bricksrl.envs.specs import ObservationLayout, entries_of
 from bricksrl.errors import DescriptionError
 
 TURN_DEG = 360.0
@@ -94,10 +94,10 @@ def oscillators(env: EnvBase) -> Oscillators:
     """Oscillators for the legs of an environment's robot. Raises DescriptionError if it has fewer than two motors that turn
     endlessly and whose angles are observed."""
     task = interface_of(env).task
-    angles = {entry.name: index for index, entry in enumerate(entries_of(env)) if entry.wraps}
     legs: dict[str, tuple[int, int, float]] = {}  # angle, action and degrees of an action, by motor
     if task is None:
         raise DescriptionError(_NO_LEGS)
+    angles = {entry.name: index for index, entry in enumerate(task.entries) if entry.wraps}
     for action, command in enumerate(task.interface.commands):
         unit_s = {"deg": float(command.is_turn_by), "deg/s": 1.0 / task.rate_hz}.get(command.unit, 0.0)
         if f"{command.name}_angle" in angles and unit_s:
@@ -123,7 +123,7 @@ def oscillators(env: EnvBase) -> Oscillators:
 class Linear(nn.Module):
     """Linear feedback: actions are a matrix, row by row, and an offset times the scaled observation."""
 
-    def __init__(self, encoder: ObservationEncoder, size: int) -> None:
+    def __init__(self, encoder: Any, size: int) -> None:
         super().__init__()
         self.encoder, self.size = encoder, size
         self.numbers = tuple(
@@ -137,8 +137,11 @@ class Linear(nn.Module):
 
 
 def linear(env: EnvBase) -> Linear:
-    """Linear feedback for any environment without images."""
-    return Linear(ObservationEncoder(ObservationLayout.of(env), "sincos"), action_size(env))
+    """Linear feedback. Raises DescriptionError for an environment with images."""
+    encoder = make_encoder(env, Settings(angles="sincos"))
+    if encoder_keys(encoder) != ["observation"]:
+        raise DescriptionError("linear feedback reads one vector and no images; choose another agent, such as sac")
+    return Linear(encoder, action_size(env))
 
 
 STRUCTURES: dict[str, Callable[[EnvBase], Structure]] = {"oscillators": oscillators, "linear": linear}
