@@ -27,7 +27,7 @@ from benchmarks.stopping import StopWhen
 from bricksrl.agents.search.gait import PolicySearch, Posterior, bounds, embedded
 from bricksrl.training import TrainConfig, train
 
-STEPS, EPISODES, SEED = 300, 5, 4711
+STEPS, EPISODES, SEED = 300, 2, 4711
 """Robot steps of a search; episodes of an evaluation, and its seed."""
 WALKER = "Walker-v1"
 PICTURES = Path(__file__).parent.parent / "docs" / "images"

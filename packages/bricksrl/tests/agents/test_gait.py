@@ -52,8 +52,8 @@ def tried(learner: PolicySearch, reward: float, **kinds: object) -> dict[str, Te
 
 
 def hill(numbers: Tensor) -> float:
-    """Highest, 1, at a speed of -0.5 and phases of 350 and 100 degrees, of which the first is near 10 too."""
-    near = ((numbers[1:] - torch.tensor([350.0, 100.0])).deg2rad().cos() - 1.0).sum()
+    """Highest, 1, at a speed of -0.5 and phases of 190 and 350 degrees, of which the second is near 10 too."""
+    near = ((numbers[1:] - torch.tensor([190.0, 350.0])).deg2rad().cos() - 1.0).sum()
     return float(1.0 + near - (numbers[0] + 0.5) ** 2)
 
 
@@ -199,12 +199,12 @@ def test_a_search_goes_on_elsewhere_from_what_it_knows() -> None:
         tried(learner, hill(learner.actor.trial))
     learner.begin_elsewhere()
     assert torch.equal(learner.actor.trial, learner.actor.best)
-    before, lowest = hill(learner.actor.best + torch.tensor([0.0, 20.0, 0.0])), 1.0
+    before, lowest = hill(learner.actor.best + torch.tensor([0.0, 0.0, 20.0])), 1.0
     for _ in range(12):
-        moved = hill(learner.actor.trial + torch.tensor([0.0, 20.0, 0.0]))
+        moved = hill(learner.actor.trial + torch.tensor([0.0, 0.0, 20.0]))
         lowest = min(lowest, moved)
         tried(learner, moved - 0.2)
-    assert hill(learner.actor.best + torch.tensor([0.0, 20.0, 0.0])) > before
+    assert hill(learner.actor.best + torch.tensor([0.0, 0.0, 20.0])) > before
     assert lowest > -0.5  # it does not search everywhere again: the lowest point is at -5
     again = searcher()
     again.load_state_dict(learner.state_dict())

@@ -23,7 +23,8 @@ from bricksrl.agents.settings import Settings
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.errors import DescriptionError
 
-TURN_DEG = 360.0
+TURN_DEG, STEERING_DEG = 360.0, 20.0
+"""A turn; largest difference of the sides from half a turn."""
 
 
 class Structure(Protocol):
@@ -40,7 +41,7 @@ class Oscillators(nn.Module):
 
     All legs turn at one speed, a share of the largest; one that is ahead of its phase is commanded to fall back to it within the
     step. The legs of one side lag behind their mirror images by the same phase, so that a robot of ``k`` mirrored pairs has
-    ``k + 1`` numbers.
+    ``k + 1`` numbers. The sides alternate (a symmetrical gait, Hildebrand, 1965), up to `STEERING_DEG`, which steers.
 
     Args:
         legs: of each leg the index of its angle, that of its action, and the factor of both.
@@ -115,7 +116,9 @@ def oscillators(env: EnvBase) -> Oscillators:
         rows.append((*legs[name][:2], sign))
         own = next(group[0] for group in groups if name in group)
         lags[index] = torch.tensor([(phase == "side" and place == 1) or phase == own for phase in phases])
-    numbers = Entry("speed", -1.0, 1.0), *(Entry(f"{phase}_phase", 0.0, TURN_DEG, "deg", wraps=True) for phase in phases)
+    side = [Entry("side_phase", TURN_DEG / 2 - STEERING_DEG, TURN_DEG / 2 + STEERING_DEG, "deg")] if pairs else []
+    others = [Entry(f"{phase}_phase", 0.0, TURN_DEG, "deg", wraps=True) for phase in phases[len(side) :]]
+    numbers = Entry("speed", -1.0, 1.0), *side, *others
     gains = torch.tensor([1.0 / legs[name][2] for name in order])
     return Oscillators(rows, numbers, lags, gains, action_size(env))
 
