@@ -10,6 +10,7 @@ import torch
 from hub_programs import output
 
 from brickhub.robot import HubKind, Robot
+from brickhub.virtual.machine import Machine
 from brickhub.virtual.panel import parse_press
 from brickhub.virtual.run import Operation, run_file
 from bricksrl.agents.search.structures import oscillators
@@ -114,10 +115,11 @@ def test_any_agent_becomes_a_network_with_the_distance(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("quick")
-def test_a_program_that_computes_too_long_is_refused(tmp_path: Path) -> None:
+def test_a_program_that_computes_too_long_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Machine, "charge_product", lambda machine: machine.advance(1))
     train(TrainConfig("Walker-v1", "random", episodes=1, record=False, run_dir=tmp_path / "run"))
     with pytest.raises(RunError, match=r"computes for \d+ ms, and a step of Walker-v1 takes 250 ms; give fewer hidden units"):
-        export_program(tmp_path / "run", tmp_path / "walk.py", hidden=(160, 160))
+        export_program(tmp_path / "run", tmp_path / "walk.py")
     assert not (tmp_path / "walk.py").exists()
 
 
