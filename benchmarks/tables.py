@@ -403,7 +403,7 @@ def gait(result: Result) -> str:
     """Policy search, and policies on the hub."""
     walker, six, trot = result["walker"], result["six_legs"], result["trot"]
     rows = [["Walker-v1, hand-written trot", "", number(trot["return"]), f"{1000 * trot['speed_m_s']:.0f}", "", ""]]
-    for name, runs in (("Walker-v1, gait", walker), ("six legs, gait", six)):
+    for name, runs in filter(lambda row: row[1], (("Walker-v1, gait", walker), ("six legs, gait", six))):
         returns, speeds, cpu_s = ([run[key] for run in runs] for key in ("return", "speed_m_s", "cpu_s"))
         found = f"{min(returns):.1f} to {max(returns):.1f}", f"{1000 * min(speeds):.0f} to {1000 * max(speeds):.0f}"
         rows.append([name, str(len(runs)), *found, str(sum(run["falls"] for run in runs)), f"{max(cpu_s):.1f}"])
