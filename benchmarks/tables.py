@@ -405,8 +405,8 @@ def gait(result: Result) -> str:
     rows = [["Walker-v1, hand-written trot", "", number(trot["return"]), f"{1000 * trot['speed_m_s']:.0f}", "", ""]]
     for name, runs in filter(lambda row: row[1], (("Walker-v1, gait", walker), ("six legs, gait", six))):
         returns, speeds, cpu_s = ([run[key] for run in runs] for key in ("return", "speed_m_s", "cpu_s"))
-        found = f"{min(returns):.1f} to {max(returns):.1f}", f"{1000 * min(speeds):.0f} to {1000 * max(speeds):.0f}"
-        rows.append([name, str(len(runs)), *found, str(sum(run["falls"] for run in runs)), f"{max(cpu_s):.1f}"])
+        ranges = f"{min(returns):.1f} to {max(returns):.1f}", f"{1000 * min(speeds):.0f} to {1000 * max(speeds):.0f}"
+        rows.append([name, str(len(runs)), *ranges, str(sum(run["falls"] for run in runs)), f"{max(cpu_s):.1f}"])
     searched = table(["", "seeds", "return", "mm/s", "falls", "CPU s, at most"], rows)
     rows = [
         [
@@ -417,7 +417,8 @@ def gait(result: Result) -> str:
     ]
     head = ["", "policy", "its return", "on the hub alone", "bytes of program", "of objects", "computes"]
     alone = table(head, rows)
-    return f"After {result['steps']} robot steps:\n\n{searched}\nAs programs without a computer, on the virtual hub:\n\n{alone}"
+    found = f"After {result['steps']} robot steps:\n\n{searched}"
+    return f"{found}\nAs programs without a computer, on the virtual hub:\n\n{alone}" if rows else found
 
 
 SECTIONS: dict[str, tuple[str, Callable[[Result], str]]] = {
