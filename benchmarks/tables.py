@@ -506,6 +506,28 @@ def kit_programs(result: Result) -> str:
     return table(["what", "number"], rows)
 
 
+def gait(result: Result) -> str:
+    """Policy search, and policies on the hub."""
+    walker, six, trot = result["walker"], result["six_legs"], result["trot"]
+    rows = [["Walker-v1, hand-written trot", "", number(trot["return"]), f"{1000 * trot['speed_m_s']:.0f}", "", ""]]
+    for name, runs in filter(lambda row: row[1], (("Walker-v1, gait", walker), ("six legs, gait", six))):
+        returns, speeds, cpu_s = ([run[key] for run in runs] for key in ("return", "speed_m_s", "cpu_s"))
+        ranges = f"{min(returns):.1f} to {max(returns):.1f}", f"{1000 * min(speeds):.0f} to {1000 * max(speeds):.0f}"
+        rows.append([name, str(len(runs)), *ranges, str(sum(run["falls"] for run in runs)), f"{max(cpu_s):.1f}"])
+    searched = table(["", "seeds", "return", "mm/s", "falls", "CPU s, at most"], rows)
+    rows = [
+        [
+            *(f"`{one['env']}`", f"{one['agent']}: {one['kind']}", f"{one['policy_return']:.1f}", f"{one['hub_return']:.1f}"),
+            *(f"{one['program_bytes']:,}", f"{one['heap_bytes']:,}", f"{one['computing_ms']} ms"),
+        ]
+        for one in result["hub"]
+    ]
+    head = ["", "policy", "its return", "on the hub alone", "bytes of program", "of objects", "computes"]
+    alone = table(head, rows)
+    found = f"After {result['steps']} robot steps:\n\n{searched}"
+    return f"{found}\nAs programs without a computer, on the virtual hub:\n\n{alone}" if rows else found
+
+
 SECTIONS: dict[str, tuple[str, Callable[[Result], str]]] = {
     "robots": ("SAC on each robot, with the paper's number of episodes", robots),
     "kit_learning": ("SAC on the cart of LEGO's kits, through LEGO's package", kit_learning),
@@ -513,6 +535,7 @@ SECTIONS: dict[str, tuple[str, Callable[[Result], str]]] = {
     "learning": ("Learning in the simulations, evaluated without exploration", learning),
     "copies": ("Learning from many copies of WalkerSim-v0 at once, start-up included", copies),
     "race": ("Race to a return of -20 on WalkerSim-v0, start-up included", race),
+    "gait": ("Gaits by policy search, and policies on the hub alone", gait),
     "camera_learning": ("The camera task", camera),
     "seeds": ("Five seeds at once: parallel processes or stacked networks", seeds),
     "ablation": ("Ablation: each default setting set back to the paper's value", ablation),

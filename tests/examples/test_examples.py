@@ -53,7 +53,7 @@ def test_train(main, capsys) -> None:
     assert "on other robots" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("name", ["03_own_task", "04_own_robot", "13_front_steered", "14_driving_robot"])
+@pytest.mark.parametrize("name", ["03_own_task", "04_own_robot", "13_front_steered", "14_driving_robot", "15_six_legs"])
 def test_own_robot_and_task(name: str, tmp_path: Path) -> None:
     path = EXAMPLES / f"{name}.py"
     assert lines_of_code(path) <= OWN_LINES
@@ -74,7 +74,7 @@ def test_own_driving_robot_video(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["03_own_task", "04_own_robot", "13_front_steered", "14_driving_robot"])
+@pytest.mark.parametrize("name", ["03_own_task", "04_own_robot", "13_front_steered", "14_driving_robot", "15_six_legs"])
 def test_own_tasks_are_learned(name: str, tmp_path: Path) -> None:
     episodes = train(TrainConfig(str(EXAMPLES / f"{name}.py"), episodes=30, run_dir=tmp_path / "run")).episodes
     returns = [episode.return_ for episode in episodes]

@@ -275,6 +275,7 @@ ELSEWHERE = (
     "network",
     "encoder",
     "shift_px",
+    "mirror",
     "memory_mapped",
     "executed",
     "ensemble",

@@ -35,11 +35,13 @@ class WireNumber:
         low, high: range in its unit; the hub clamps commands to it.
         scale: factor from the number to its fixed-point value on the wire.
         imports: names that the hub program imports for it, besides hub, ports and devices.
+        mirror_sign: its factor in a mirror from left to right; 0 if its mirror image is none of its values.
     """
 
     role: ClassVar[str]
     scale: ClassVar[int] = 10
     imports: ClassVar[Imports] = ()
+    mirror_sign: ClassVar[int] = 1
 
     if TYPE_CHECKING:  # fields, properties or constants of each kind
 
@@ -59,6 +61,10 @@ class WireNumber:
     def entry(self) -> Entry:
         """Name, range and unit."""
         return Entry(self.name, self.low, self.high, self.unit)
+
+    def in_mirror(self, robot: Robot) -> tuple[str, int]:
+        """Name of the number in whose place it is in a mirror from left to right, and its factor there."""
+        return self.name, self.mirror_sign
 
     def error(self, problem: str) -> DescriptionError:
         """Error about this number; ``problem`` goes on after its name."""
@@ -137,6 +143,9 @@ class _MotorCommand(Command):
 
     def motors(self, robot: Robot) -> tuple[str, ...]:
         return (robot.motor(self.motor).name,)
+
+    def in_mirror(self, robot: Robot) -> tuple[str, int]:
+        return robot.in_mirror(self.motor)
 
 
 @dataclass(frozen=True)
@@ -283,6 +292,7 @@ class Curve(_DriveBaseCommand):
     radius_mm: int
     unit: ClassVar[str] = "deg"
     name: ClassVar[str] = "curve"
+    mirror_sign: ClassVar[int] = 0
     description: ClassVar[str] = "drive along a circle of {0.radius_mm} mm by {0.low:g} to {0.high:g} deg"
     code: ClassVar[str] = "{0.mover}.curve({0.radius_mm}, {1}, wait=False)"
 
@@ -328,6 +338,7 @@ class DriveTurnRate(_Drive):
     unit: ClassVar[str] = "deg/s"
     name: ClassVar[str] = "turn_rate"
     is_turn: ClassVar[bool] = True
+    mirror_sign: ClassVar[int] = -1
     description: ClassVar[str] = "turn at {0.low:g} to {0.high:g} deg/s"
 
 

@@ -7,7 +7,7 @@ the units of their names; the wire carries int16 fixed-point numbers.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from brickhub.entry import Entry
@@ -102,6 +102,10 @@ class MotorAngle(Channel):
     def wraps(self) -> bool:
         return (self.low, self.high) == (0.0, 360.0)
 
+    def in_mirror(self, robot: Robot) -> tuple[str, int]:
+        motor, sign = robot.in_mirror(self.motor)
+        return replace(self, motor=motor).name, sign
+
     @property
     def is_nominal(self) -> bool:  # type: ignore[override]  # a constant of most kinds
         return not self.wraps
@@ -150,6 +154,7 @@ class Roll(_Tilt):
     """Second value of ``hub.imu.tilt()``."""
 
     name: ClassVar[str] = "roll"
+    mirror_sign: ClassVar[int] = -1
 
 
 @dataclass(frozen=True)
@@ -160,6 +165,7 @@ class YawRate(_ImuChannel):
     high: float = 100.0
     unit: ClassVar[str] = "deg/s"
     name: ClassVar[str] = "yaw_rate"
+    mirror_sign: ClassVar[int] = -1
     is_nominal: ClassVar[bool] = True
     imports: ClassVar[Imports] = (("pybricks.parameters", "Axis"),)
     expression: ClassVar[str] = "hub.imu.angular_velocity(Axis.Z)"
@@ -175,6 +181,7 @@ class Heading(_ImuChannel):
     high: float = 180.0
     unit: ClassVar[str] = "deg"
     name: ClassVar[str] = "heading"
+    mirror_sign: ClassVar[int] = -1
     expression: ClassVar[str] = "hub.imu.heading()"
     is_nominal: ClassVar[bool] = True
 
@@ -216,6 +223,7 @@ class DriveAngle(_DriveBaseChannel):
 
     unit: ClassVar[str] = "deg"
     name: ClassVar[str] = "drive_angle"
+    mirror_sign: ClassVar[int] = -1
     roughness: ClassVar[float] = 2.0
     expression: ClassVar[str] = "drive_base.angle()"
 
@@ -275,6 +283,9 @@ class SensorReading(Channel):
     @property
     def device(self) -> str:
         return self.sensor
+
+    def in_mirror(self, robot: Robot) -> tuple[str, int]:
+        return replace(self, sensor=robot.in_mirror(self.sensor)[0]).name, self.mirror_sign
 
     @property
     def wraps(self) -> bool:

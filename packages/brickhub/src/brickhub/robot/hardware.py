@@ -40,6 +40,9 @@ class HubModel:
         stack_bytes, call_bytes: size of the call stack, which is what static data leaves of the memory, and of a call's frame.
         stored_bytes: user data, settings and slots.
         storage_bytes: user data that ``hub.system.storage`` keeps.
+        product_us: time of a product of floats that is added to a sum. Nobody has measured it on a hub: inferred from five to
+            seven steps of byte code and two objects on the heap at 96 MHz, 8 to 15 us (a Prime hub runs about half the pystones
+            of a pyboard, pybricks/support#718 and micropython#4858); for others in proportion to their clocks.
         has_imu: whether a gyroscope and an accelerometer report tilt and angular velocity.
         has_accelerometer: whether there is an accelerometer only.
         has_float: whether the hub's MicroPython has floating-point numbers; one without is small, and has no streams either.
@@ -62,6 +65,7 @@ class HubModel:
     storage_bytes: int = 128
     packet_bytes: int = 0
     has_hub_network: bool = False
+    product_us: int = 12
     has_imu: bool = False
     has_accelerometer: bool = False
     has_float: bool = True
@@ -137,6 +141,7 @@ class HubKind(_Kind):
         packet_bytes=155,
         stack_bytes=22_968,
         call_bytes=208,
+        product_us=15,
         has_imu=True,
         missing=("memoryview", *_RARE_DEVICES),
     )
@@ -151,6 +156,7 @@ class HubKind(_Kind):
         packet_bytes=155,
         stack_bytes=6_688,
         call_bytes=224,
+        product_us=30,
         missing=("memoryview", "XboxController", *_RARE_DEVICES),
     )
     MOVE = HubModel(

@@ -206,6 +206,8 @@ class Robot:
         plan: path of the building plan, an LDraw file. It completes this description: missing motors and sensors, ports that are
             "", gears, wheel diameter and axle track; and it is the model if there is none.
         chassis: chassis of the generated body of a drive base without model and plan.
+        mirrored: of a body whose left and right sides are alike, the pairs of motors, or of sensors, that change places in a
+            mirror. A motor that is paired with itself turns the other way there; one in no pair turns as it does.
     """
 
     name: str
@@ -218,6 +220,7 @@ class Robot:
     model: str | None = None
     plan: str | None = None
     chassis: Chassis = Chassis()
+    mirrored: tuple[tuple[str, str], ...] = ()
 
     def __post_init__(self) -> None:
         _check_name(str(self.name).replace("-", "_"))
@@ -245,6 +248,7 @@ class Robot:
             left, right = self.motor(self.drive_base.left), self.motor(self.drive_base.right)
             if left.gears != right.gears:
                 raise self._error("both motors of a drive base need the same gears")
+        self._check_mirror()
 
     def _error(self, problem: str) -> DescriptionError:
         return DescriptionError(f"robot '{self.name}': {problem}")
@@ -261,6 +265,26 @@ class Robot:
             if len(device.port) != 1 or device.port not in self.hub.model.ports:
                 ports = f"a {self.hub.value} hub has ports {', '.join(self.hub.model.ports)}"
                 raise self._error(f"'{device.name}' is on port {device.port}, but {ports}; move it or choose another hub")
+
+    def _check_mirror(self) -> None:
+        known = [device.name for device in (*self.motors, *self.sensors)]
+        named = Counter(name for pair in self.mirrored for name in dict.fromkeys(pair))
+        for name, count in named.items():
+            if name not in known or count > 1:
+                raise self._error(f"mirrored names '{name}' {count} times; it may name each motor and sensor of the robot once")
+        for pair in self.mirrored:
+            sorts = {("motor", motor.kind, motor.gears) for motor in self.motors if motor.name in pair}
+            if len(sorts | {("sensor", sensor.kind, ()) for sensor in self.sensors if sensor.name in pair}) > 1:
+                raise self._error(f"{pair[0]} and {pair[1]} are no mirror images; pair two of the same kind, with the same gears")
+
+    def in_mirror(self, name: str) -> tuple[str, int]:
+        """The motor or sensor in whose place a device is in a mirror from left to right, and the factor of its angle there. A
+        mirror image turns the other way, seen from its shaft."""
+        pairs = dict(self.mirrored) | {second: first for first, second in self.mirrored}
+        other = pairs.get(name, name)
+        directions = [motor.direction for motor in self.motors if motor.name in (name, other)]
+        turns = name in pairs and bool(directions) and len(set(directions)) == 1
+        return other, -1 if turns else 1
 
     def motor(self, name: str) -> Motor:
         """The motor of that name. Raises DescriptionError if the robot has no such motor."""

@@ -22,6 +22,7 @@ class Modules(dict[str, ModuleType]):
         turn: called with a value at each iteration of a ``for`` loop, and returns it.
         branch: called with the value on which a program branches, and returns it.
         callee: called with a function that may be calling itself, and returns it. Raises RuntimeError if the stack is full.
+        product: called after each product of floats, so that simulated time passes in a program that computes much.
         missing_builtins: builtin names that the hub does not have.
         find_module: returns a module of the program by its name, or ``None``.
         namespaces: globals of the program and of its modules, added while it runs.
@@ -39,6 +40,7 @@ class Modules(dict[str, ModuleType]):
     ) -> None:
         super().__init__(modules)
         self.tick, self.turn, self.branch, self.callee = tick, turn, branch, callee
+        self.product: Callable[[], None] = lambda: None
         self.missing_builtins = missing_builtins
         self.find_module: Callable[[str], HubModule | None] = lambda name: None
         self.namespaces = [] if namespaces is None else namespaces
@@ -77,7 +79,16 @@ def execute(source: str, filename: str, modules: dict[str, ModuleType], console:
 
     hooks: dict[str, Callable[..., Any]] = {"@tick": importable.tick, "@callee": importable.callee}
     hooks |= {"@branch": importable.branch, "@element": importable.branch, "@turn": importable.turn}
-    namespace["__builtins__"] = builtin_names(importable.namespaces, find_module, console, hooks, importable.missing_builtins)
+    names = builtin_names(importable.namespaces, find_module, console, hooks, importable.missing_builtins)
+    multiply = names["@mul"]
+
+    def product(a: Any, b: Any) -> Any:
+        result = multiply(a, b)
+        if type(result) is float:
+            importable.product()
+        return result
+
+    namespace["__builtins__"] = {**names, "@mul": product}
     try:
         exec(code, namespace)
     except Exception as error:

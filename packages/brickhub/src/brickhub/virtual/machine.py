@@ -102,7 +102,7 @@ class Machine:
         self.drive_bases: list[DriveBaseControl] = []
         self.modes: dict[str, PortMode] = {}
         self.check_memory: Callable[[], int] = lambda: 1 << 30
-        self._branches_to_check = self._calls = 0
+        self._branches_to_check = self._calls = self._products = 0
         self._is_ahead = self._is_stopping = False
 
     @property
@@ -129,14 +129,14 @@ class Machine:
 
     def advance(self, duration_ms: int) -> None:
         """Let time pass: physics, control loop, alarm."""
-        self._calls = 0
+        self._calls = self._products = 0
         end_ms = self.time_ms + duration_ms
         while self.time_ms < end_ms:
             self._advance_towards(end_ms)
 
     def advance_to_alarm(self, duration_ms: int) -> int:
         """Let time pass, but not beyond the next alarm, which may bring input; returns the ms that passed."""
-        self._calls = 0
+        self._calls = self._products = 0
         start_ms = self.time_ms
         end_ms = start_ms + duration_ms
         while self.time_ms < end_ms and not self._advance_towards(end_ms):
@@ -230,6 +230,12 @@ class Machine:
         if calls > _FREE_CALLS and calls % _CALLS_PER_MS == 0:
             self.advance(1)
             self._calls = calls
+
+    def charge_product(self) -> None:
+        """Count a product of floats; time passes by whole ms, so that what takes less between two waits is free."""
+        self._products += 1
+        if self._products * self.robot.hub.model.product_us >= 1000:
+            self.advance(1)
 
     def stop_motors(self) -> None:
         """End a program as the firmware does: motors coast and are closed, drive bases are released, the display is cleared."""

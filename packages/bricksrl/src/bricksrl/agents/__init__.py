@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 
     from bricksrl.agents.learner import Learner
 
-AGENTS = ("sac", "droq", "redq", "td3", "crossq", "tqc", "ppo", "bc", "act", "diffusion", "iql", "cql", "td3bc", "random")
+AGENTS = ("sac", "droq", "redq", "td3", "crossq", "tqc", "ppo", "bc", "act", "diffusion", "iql", "cql", "td3bc", "gait", "random")
 """Algorithms by name; DroQ and REDQ are settings of SAC."""
-_MODULES = {"droq": "sac", "redq": "sac"}
-"""Modules of algorithms with other names."""
+_MODULES = {"droq": "sac", "redq": "sac", "gait": "search.gait"}
+"""Modules of algorithms, where they have other names."""
 PRESETS = ("default", "paper")
 """Presets by name: "default" is tuned for few robot steps; "paper" has the values of the BricksRL paper, and those of an
 algorithm's authors (with the paper's networks) for what the paper does not state. Other settings keep their defaults."""
@@ -61,6 +61,7 @@ _PAPER: dict[str, Any] = {
     "goals": "plain",
     "hindsight": 0.0,
     "new_goals": 0.0,
+    "mirror": False,
     "encoder": "convolutions",
 }
 _PAPER_BY_AGENT: dict[str, dict[str, Any]] = {
@@ -154,6 +155,8 @@ def make_learner(agent: str, env: EnvBase, settings: Any = None, device: str = "
     with a range in their units, see `bricksrl.envs.transforms.KeepUnits`. Raises UnknownNameError if there is no such algorithm,
     DescriptionError if the settings are of another algorithm or do not suit the environment, or a user's code raised."""
     from bricksrl.agents.learner import Learner
+    from bricksrl.agents.replay.augmentation import augmentations
+    from bricksrl.agents.settings import OffPolicySettings
     from bricksrl.envs.transforms import layout_of, prepare
 
     chosen = algorithm(agent)
@@ -175,6 +178,9 @@ def make_learner(agent: str, env: EnvBase, settings: Any = None, device: str = "
         raise DescriptionError(f"{agent} cannot be built ({message_of(error, typed=True)}); correct it") from error
     if not isinstance(learner, Learner):
         raise DescriptionError(f"{agent} builds a {type(learner).__name__}; let it return a bricksrl.agents.learner.Learner")
+    if isinstance(settings, OffPolicySettings) and learner.memory is not None:
+        for transform in augmentations(env, settings):
+            learner.memory.append_transform(transform)
     return learner
 
 

@@ -164,6 +164,10 @@ class Learner:
         if isinstance(self.memory, TransitionReplayBuffer):
             self.memory.end_episodes(robot)
 
+    def begin_elsewhere(self) -> None:
+        """Go on with another robot, or in another world."""
+        self.end_episodes()
+
     def learn(self, steps: int = 1) -> dict[str, Tensor]:
         """Make the updates due for ``steps`` environment steps. Returns mean metrics."""
         if self.on_policy and self.memory is not None:

@@ -76,6 +76,8 @@ class OffPolicySettings(Settings):
     """In a task with goals: share of each batch whose goal is replaced by what was reached a few steps later."""
     new_goals: Annotated[float, Share] = 0.3
     """In a task with goals: share of each batch with goals redrawn from their range."""
+    mirror: bool = True
+    """Where task and robot are symmetric: mirror half of the rows of each batch from left to right."""
     shift_px: Annotated[int, Range(0, 64)] = 0
     """Random shift of each image in a batch, in px, as augmentation; 4 is usual for convolutions."""
 

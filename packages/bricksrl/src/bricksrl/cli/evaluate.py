@@ -231,11 +231,15 @@ def _interval(group: Group) -> str:
 class Export:
     """Export a trained policy to a file that can be used without BricksRL.
 
-    The file is read back and compared with the policy. Its model maps observations [batch, n] in the units of the environment,
-    and images [batch, side, side, 3] where the policy uses them, to actions [batch, m] in -1..1.
+    With --format hub the file is a Pybricks program with which the robot acts by itself, without a computer: a gait as it is,
+    or a small network that is distilled from the policy. It is tried on the virtual hub, and its return compared.
+
+    Other files are models. One is read back and compared with the policy. It maps observations [batch, n] in the units of the
+    environment, and images [batch, side, side, 3] where the policy uses them, to actions [batch, m] in -1..1.
 
     Examples:
       bricksrl export runs/spin --out spin.pt2
+      bricksrl export runs/walk --format hub --out walk.py
       bricksrl export runs/spin --format onnx --out spin.onnx
     """
 
@@ -243,16 +247,25 @@ class Export:
     """Folder of a run, or of a shared policy."""
     out: Annotated[Path, option(metavar="FILE")]
     """File to write, which must not exist."""
-    format: Annotated[Literal["torch-export", "onnx"], option(metavar="NAME")] = "torch-export"
-    """torch-export, for torch.export.load; or onnx, which needs the packages onnx and onnxscript."""
+    format: Annotated[Literal["torch-export", "onnx", "hub"], option(metavar="NAME")] = "torch-export"
+    """torch-export, for torch.export.load; onnx, which needs the packages onnx and onnxscript; or hub, a Pybricks program."""
     best: Flag = False
     """Use the checkpoint of the best evaluation during training instead of the last one."""
 
     def execute(self) -> None:
         load_learning()
+        which: Literal["last", "best"] = "best" if self.best else "last"
+        if self.format == "hub":
+            from bricksrl.policies.hub_export import export_program
+
+            made = export_program(self.run, self.out, which=which)
+            print_line(f"written  {self.out}  (a {made.kind}: {made.program_bytes} bytes, and {made.heap_bytes} of objects)")
+            print_line(f"computes for {made.computing_ms} ms a step at most, if a product takes what we infer")
+            print_line(f"return   {made.hub_return:.2f} on the virtual hub, {made.policy_return:.2f} of the policy")
+            return
         from bricksrl.policies.export import export_model
 
-        difference = export_model(self.run, self.out, self.format, which="best" if self.best else "last")
+        difference = export_model(self.run, self.out, self.format, which=which)
         print_line(f"written  {self.out}  (its actions differ by {difference:.2g} at most from the policy's)")
 
 

@@ -15,6 +15,7 @@ from brickhub.entry import Entry
 from brickhub.fields import check_arguments, check_fields, check_value
 from brickhub.hub.interface import Interface
 from brickhub.robot import Robot
+from bricksrl.envs.mirror import mirrors
 from bricksrl.envs.odometry import Target, wheels
 from bricksrl.envs.vision.camera import CameraView
 from bricksrl.errors import DescriptionError
@@ -76,6 +77,7 @@ class Task:
         walks: whether a virtual robot reports distance, speed and straightness.
         camera: a camera on the robot, which adds an image to the observation.
         streams: whether the hub always streams its observations, for steps shorter than an exchange over the link.
+        symmetric: whether a run in the mirror, left for right, is a run of the task too; the robot has to be ``mirrored``.
     """
 
     id: str
@@ -96,6 +98,7 @@ class Task:
     walks: bool = False
     camera: CameraView | None = None
     streams: bool = False
+    symmetric: bool = False
 
     def __post_init__(self) -> None:
         check_fields(Task, vars(self))
@@ -115,6 +118,8 @@ class Task:
         names = [entry.name for entry in self.entries]
         if len(set(names)) < len(names):
             raise DescriptionError(f"task {self.id}: the observation {', '.join(names)} names an entry twice; rename one")
+        if self.symmetric:
+            mirrors(self)  # raises where something has no mirror image
 
     @property
     def summary(self) -> str:

@@ -232,7 +232,7 @@ def warm_start(config: TrainConfig, learner: Learner, env: EnvBase) -> None:
         state = load_state(folder, one_robot(old_config), env)
         restore(learner, state["agent"])
         load_transform_state(env, state["transforms"])
-        learner.end_episodes()  # those that ran in a fleet do not go on
+        learner.begin_elsewhere()  # episodes that ran in a fleet do not go on
         return
     try:
         transfer_policy(learner, load_learner(folder.path, env).learner)

@@ -128,8 +128,8 @@ def _run_in(
     from bricksrl.training.loop import Loop
 
     learner = make_learner_for(config, env)
-    if len(config.hubs) > 1 and learner.frames_per_batch > 1:
-        raise RunError(f"{config.agent} collects from many simulated copies; choose another agent for several robots")
+    if len(config.hubs) > 1 and learner.on_policy:
+        raise RunError(f"{config.agent} learns from what it does now; choose another agent for several robots")
     attach_dataset(config, learner, env)
     if folder is None:
         warm_start(config, learner, env)

@@ -62,6 +62,7 @@ WALKER = Robot(
     sensors=(UltrasonicSensor("eyes", "E"),),
     needs_imu=True,
     model="bricktwin.robots.plans:walker.ldr",
+    mirrored=(("left_front", "right_front"), ("left_back", "right_back")),
 )
 """The Walker: four legs on cranks, a motor for each, and an ultrasonic sensor facing forward."""
 

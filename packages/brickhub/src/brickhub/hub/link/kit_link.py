@@ -170,7 +170,7 @@ class KitLink:
         with self._fault():
             started_s = self.now_s()
             self._await_reports(started_s)
-            return self._reading(started_s, 0.0)
+            return self._reading(started_s)
 
     def act(self, values: Iterable[float]) -> Reading:
         """Give the commands ``[n_commands]``, in their units, and read the channels at the end of the step. Steps of a fixed time
@@ -198,7 +198,7 @@ class KitLink:
                 self._await_moves(started_s + settle.longest_ms / 1000)
             self._await_reports(started_s)
             self._check_halted()
-            return self._reading(started_s, self.now_s() - started_s)
+            return self._reading(started_s)
 
     def rest(self) -> None:
         """Stop the motors. Raises HubError if the link is not open, or failed."""
@@ -357,7 +357,7 @@ class KitLink:
                 return
             self._await_reports(self.now_s())
 
-    def _reading(self, started_s: float, move_s: float) -> Reading:
+    def _reading(self, started_s: float) -> Reading:
         values = tuple(float(_VALUES[type(channel)](self, channel)) for channel in self._interface.channels)
         now_s = self.now_s()
         age_s = max(self._age_s(device) for device in self.devices.values())

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import hashlib
 from collections import Counter
+from collections.abc import Sequence
 from importlib import resources
 
 from brickhub.errors import DescriptionError, ProgramError
 from brickhub.fields import check_fields
 from brickhub.hub.commands import WIRE_MAX, Command
-from brickhub.hub.interface import Interface
+from brickhub.hub.interface import Channel, Interface
 from brickhub.hub.protocol import (
     APP_DATA_BYTES,
     CONTROL_OVERHEAD,
@@ -97,6 +98,7 @@ def generate(robot: Robot, interface: Interface, pipe: Pipe = Pipe.STDIN) -> Hub
         _devices(robot, interface),
         _start_moves(robot, interface),
         _read_channels(interface),
+        _onboard("moves")[1],
         loop,
     ]
     if _joints(robot, interface):
@@ -109,9 +111,49 @@ def generate(robot: Robot, interface: Interface, pipe: Pipe = Pipe.STDIN) -> Hub
     return HubProgram(source, int.from_bytes(program_hash, "little"), pipe)
 
 
+def generate_alone(robot: Robot, interface: Interface, observed: Sequence[int], policy: str, origin: str) -> HubProgram:
+    """Generate a program with which ``robot`` acts by itself, without a host, until the center button is pressed.
+
+    Args:
+        observed: indices of the channels that the policy observes, in its order.
+        policy: MicroPython that defines ``act(observed)``: actions in -1..1 for the observed numbers, in their units.
+        origin: what the policy is, for the header.
+
+    Raises:
+        DescriptionError: robot and interface do not match.
+        ProgramError: the robot's hub cannot run such a program.
+    """
+    validate(robot, interface)
+    settle = interface.settle
+    spans = [((c.low + c.high) / 2 * c.scale, (c.high - c.low) / 2 * c.scale) for c in interface.commands]
+    policy_imports, policy = _parted(policy)
+    alone_imports, alone = _onboard("alone")
+    constants = [
+        f"UNTIL_DONE = {settle.fixed_ms is None}  # a step ends when all moves have ended",
+        f"SETTLE_MS = {settle.longest_ms}  # and after this time in any case",
+        f"SPANS = {tuple(spans)}  # middle and half of each command's range, times its scale",
+    ]
+    imports = sorted_imports([*_robot_imports(robot, interface), *policy_imports, *alone_imports])
+    head = "\n".join(
+        [_header(robot, interface, f"It acts by itself, by {origin}, until the center button is pressed."), *imports, ""]
+    )
+    parts = [
+        "\n".join(constants) + "\n",
+        *([_onboard("joint")[1]] if _joints(robot, interface) else []),
+        _devices(robot, interface),
+    ]
+    parts += [_start_moves(robot, interface), _observe(interface, observed), policy, _onboard("moves")[1], alone]
+    return HubProgram("\n\n".join([head, *parts]), 0, says_hello=False)
+
+
 def _onboard(name: str) -> tuple[list[str], str]:
     """Import lines and body of the hub's part of a file in ``onboard``."""
-    lines = onboard_text(name).splitlines()
+    return _parted(onboard_text(name))
+
+
+def _parted(text: str) -> tuple[list[str], str]:
+    """Import lines and the rest of a program."""
+    lines = text.splitlines()
     imports = [line for line in lines if line.startswith(("import ", "from "))]
     return imports, "\n".join(line for line in lines if line not in imports).strip() + "\n"
 
@@ -131,8 +173,13 @@ def _hash_line(program_hash: bytes) -> str:
     return f"PROGRAM_HASH = {program_hash!r}"
 
 
-def _header(robot: Robot, interface: Interface) -> str:
+def _header(robot: Robot, interface: Interface, end: str = "") -> str:
     settle = interface.settle
+    answer = (
+        f"It answers when all moves have ended, or after {settle.longest_ms} ms, when it stops those that have not."
+        if settle.fixed_ms is None
+        else f"It answers {settle.fixed_ms} ms after the commands started."
+    )
     lines = [
         f'Program of the robot "{robot.name}" for the {robot.hub.value} hub, written by BricksRL from the robot\'s description.',
         "Do not edit: it is written anew whenever the description changes.",
@@ -140,9 +187,7 @@ def _header(robot: Robot, interface: Interface) -> str:
         *(f"  {command.name}: {command.description.format(command)}" for command in interface.commands),
         "Channels, in the order of the observation:",
         *(f"  {channel.name}, {channel.low:g} to {channel.high:g} {channel.unit}" for channel in interface.channels),
-        f"It answers when all moves have ended, or after {settle.longest_ms} ms, when it stops those that have not."
-        if settle.fixed_ms is None
-        else f"It answers {settle.fixed_ms} ms after the commands started.",
+        end or answer,
     ]
     return "".join(f"# {line}\n" for line in lines)
 
@@ -274,12 +319,29 @@ def _start_moves(robot: Robot, interface: Interface) -> str:
     return "\n".join(lines) + "\n"
 
 
+def _statements(channels: Sequence[Channel]) -> list[str]:
+    """What has to be read before the channels, each once."""
+    return [f"    {line}" for line in dict.fromkeys(channel.statement for channel in channels) if line is not None]
+
+
+def _observe(interface: Interface, observed: Sequence[int]) -> str:
+    channels = [interface.channels[index] for index in observed]
+    lines = [
+        "def observe():",
+        '    """What the policy observes, each number in its unit."""',
+        *_statements(channels),
+        "    return [",
+        *(f"        {channel.expression}," for channel in channels),
+        "    ]",
+    ]
+    return "\n".join(lines) + "\n"
+
+
 def _read_channels(interface: Interface) -> str:
-    statements = dict.fromkeys(channel.statement for channel in interface.channels if channel.statement is not None)
     lines = [
         "def read_channels(time_ms):",
         '    """The answer\'s numbers: the clock, and each channel in its unit times its scale."""',
-        *(f"    {statement}" for statement in statements),
+        *_statements(interface.channels),
         "    return ustruct.pack(",
         "        ANSWER_FORMAT,",
         "        time_ms,",

@@ -48,7 +48,9 @@ def modules(machine: Machine, console: Console) -> Modules:
     result.update({f"u{name}": language[name] for name in _U_PREFIXED if name in language})
     machine.branch(None)
     hooks = machine.turn_loop, machine.turn, machine.branch, check_of_calls(most_nested_calls(hub))
-    return Modules(result, *hooks, heap.namespaces, missing_builtins=hub.model.missing)
+    importable = Modules(result, *hooks, heap.namespaces, missing_builtins=hub.model.missing)
+    importable.product = machine.charge_product
+    return importable
 
 
 def _language_modules(machine: Machine, console: Console, heap: Heap) -> Iterator[ModuleType]:

@@ -13,7 +13,7 @@ import torch
 from tensordict import TensorDictBase
 from torch import Tensor
 from torchrl.data import LazyMemmapStorage, LazyTensorStorage, TensorDictReplayBuffer
-from torchrl.envs import EnvBase
+from torchrl.envs import EnvBase, Transform
 
 from bricksrl.agents.settings import OffPolicySettings
 from bricksrl.envs.goals import GoalRelabelling, relabelling
@@ -58,6 +58,7 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
         self._none = capacity  # index of the missing successor
         self._successor = torch.full((capacity + 1,) if self._has_links else (0,), self._none, device=self._device)
         self._last: dict[int, Tensor] = {}  # by robot, of each of its copies
+        self._augment = list[Transform]()
 
     @property
     def batch_size(self) -> int:
@@ -68,7 +69,14 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
         """An empty buffer of the same kind for ``capacity`` transitions, not in a file."""
         kind: dict[str, Any] = {"gamma": self._gamma, "n_step": self._n_step, "goals": self._goals}
         kind |= {"shift_px": self._shift[0], "images": self._shift[1]}
-        return type(self)(capacity, self._rows, self._observed, device=self._sampled_to, **kind)
+        empty = type(self)(capacity, self._rows, self._observed, device=self._sampled_to, **kind)
+        empty._augment += self._augment
+        return empty
+
+    def append_transform(self, transform: Transform, **_: Any) -> TransitionReplayBuffer:
+        """Transform the batches that are sampled; transitions are stored as they are."""
+        self._augment.append(transform)
+        return self
 
     def extend(self, frames: TensorDictBase, *, robot: int | None = 0, **_: Any) -> Tensor:
         """Store transitions ``[time]`` or ``[copies, time]`` that continue the last ones of each copy of this robot, unless the
@@ -114,7 +122,7 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
             self._last.pop(ended, None)
 
     def sample(self, batch_size: int | None = None, *, batches: int = 0, **_: Any) -> TensorDictBase:
-        """Uniformly drawn transitions, relabelled, summed over n steps, images shifted; ``batches`` equal ones, if given."""
+        """Uniformly drawn transitions, relabelled, summed over n steps, transformed; ``batches`` equal ones, if given."""
         batch = super().sample(batch_size or self._rows)
         index = batch.pop("index")
         if self._goals is not None or self._n_step > 1:
@@ -123,6 +131,8 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
         for image in images if shift_px else ():
             for part in (batch, batch["next"]):
                 part[image.key] = shift_images(part[image.key], shift_px, image.is_channels_last)
+        for transform in self._augment:
+            batch = transform(batch)
         return batch if self._device == self._sampled_to else batch.to(self._sampled_to)
 
     def _augmented(self, batch: TensorDictBase, index: Tensor, size: int) -> TensorDictBase:

@@ -96,5 +96,6 @@ def walker_forward(*, step_ms: int = STEP_MS) -> Task:
         metrics=metrics,
         terminated=terminated,
         walks=True,
+        symmetric=True,
         measured_entries=(Entry("forward", -100.0, 100.0, "mm", limits=(-32767.0, 32767.0)),),
     )

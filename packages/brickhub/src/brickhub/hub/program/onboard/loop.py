@@ -1,10 +1,10 @@
 """MicroPython: the loop on the hub, the same for every robot. ``generate.py`` appends it to the robot-specific part.
 
-The names in capitals, ``start_moves`` and ``read_channels`` are defined in the robot-specific part; ``listen``,
-``receive`` and ``put`` in ``stdio.py`` or ``app_data.py``. A command is carried out once: when its sequence number is
-repeated, the answer is resent and nothing moves. A new command replaces one in progress. After STREAM the channels are
-sent continuously, with the sequence number of the latest command. Only frames from the host feed the watchdog, even
-during a step. Changing the hub's part of this file changes every program's hash.
+The names in capitals, ``start_moves`` and ``read_channels`` are defined in the robot-specific part; ``stop_motors`` in
+``moves.py``; ``listen``, ``receive`` and ``put`` in ``stdio.py`` or ``app_data.py``. A command is carried out once: when its
+sequence number is repeated, the answer is resent and nothing moves. A new command replaces one in progress. After STREAM the
+channels are sent continuously, with the sequence number of the latest command. Only frames from the host feed the watchdog,
+even during a step. Changing the hub's part of this file changes every program's hash.
 """
 # mypy: ignore-errors
 # ruff: noqa: F821
@@ -24,7 +24,6 @@ def crc_table():
 
 
 CRC_TABLE = crc_table()
-LOOK_MS = 5  # between two looks at motors, whose moves end in a control loop of 5 ms
 
 
 def crc8(data):
@@ -42,22 +41,9 @@ def send(head):
         put(frame[start : start + PIECE_BYTES])
 
 
-def whole(value, low, high, scale):
-    """Clamp a wire value to its range; in whole degrees or millimetres, as the motors take them."""
-    return (max(low, min(high, value)) + scale // 2) // scale
-
-
 def wire(value):
     """Round and saturate a channel to the 16 bits that it has."""
     return max(-32768, min(32767, round(value)))
-
-
-def stop_motors():
-    for mover in MOVERS:
-        try:
-            mover.stop()
-        except OSError:
-            pass  # unplugged; go on with the others
 
 
 class Reader:

@@ -1,0 +1,267 @@
+"""Policy search: the few numbers of a structured policy, tried on the robot, proposed by Bayesian optimisation.
+
+A trial acts by one set of numbers for some steps, without a reset; its score is the mean reward once the robot has settled. A
+Gaussian process (Rasmussen and Williams, 2006) learns the score from the trials, and the next numbers are those where the score
+may be highest (upper confidence bound, Srinivas et al., 2010).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Annotated, Any
+
+import torch
+from tensordict import TensorDictBase
+from tensordict.nn import TensorDictModule
+from torch import Tensor
+from torchrl.envs import EnvBase
+
+from brickhub.entry import Entry
+from brickhub.fields import check_fields
+from bricksrl.agents.learner import Learner
+from bricksrl.agents.search.structures import StructuredActor, make_structure
+from bricksrl.agents.settings import NotNegative, Positive, Range
+from bricksrl.envs.env_interface import interface_of
+from bricksrl.envs.rollout import lost_links
+from bricksrl.errors import CheckpointError, DescriptionError
+
+CANDIDATES = 2000
+"""Numbers among which the next ones are chosen: as many drawn anywhere, and as many near the best known."""
+NEAR = 0.2
+"""Standard deviation of the latter, as a share of half the range; of an angle that wraps, in radians."""
+
+
+@dataclass(frozen=True)
+class GaitSettings:
+    """Settings of policy search."""
+
+    structure: str = ""
+    """oscillators (legs held at phases), linear (feedback), or FILE.py:NAME; by default oscillators where there are legs."""
+    trial_steps: Annotated[int, Range(1)] = 10
+    """Steps of a trial."""
+    settle_steps: Annotated[int, NotNegative] = 3
+    """First steps of a trial, which do not count."""
+    random_trials: Annotated[int, Range(1)] = 6
+    """Trials spread over all numbers before the first proposal."""
+    optimism: Annotated[float, NotNegative] = 2.0
+    """Standard deviations by which an unknown score is taken to be better than expected."""
+    caution: Annotated[float, NotNegative] = 0.3
+    """Standard deviations by which other numbers must be better than the best known to replace them."""
+    tilt_deg: Annotated[float, Positive] = 35.0
+    """Pitch or roll that ends a trial at once; it then scores no more than the worst trial."""
+
+    def __post_init__(self) -> None:
+        check_fields(type(self), vars(self))
+        if self.settle_steps >= self.trial_steps:
+            raise DescriptionError(f"settle_steps is {self.settle_steps}; give fewer than the {self.trial_steps} of a trial")
+
+
+class Posterior:
+    """A Gaussian process given scores ``[k]`` of points ``[k, p, 2]``, see `embedded`; its scales are the most probable ones.
+
+    The kernel is the squared exponential of the distance, for angles the periodic kernel (MacKay, 1998). What is peculiar
+    to the present one of several ``worlds`` ``[k]``, that of the last score, is a process of its own on top of what they share.
+    The scales are log-normal beforehand, for scores of variance 1.
+    """
+
+    MEDIAN = (1.7, 0.2, 1.0, 0.3)
+    """Beforehand: length (of half a range, or in radians), what is peculiar to a world as a share of the amplitude, amplitude,
+    and standard deviation of the noise."""
+    SPREAD = 0.5
+    """Standard deviation of their logarithms."""
+
+    def __init__(self, points: Tensor, scores: Tensor, worlds: Tensor) -> None:
+        scores = scores.double()
+        self.points, self.worlds, self.mean = points, worlds, scores.mean()
+        self.unit = scores.std().clamp_min(1e-6) if len(scores) > 1 else torch.ones_like(self.mean)
+        self._values = (scores - self.mean) / self.unit
+        length, *others = self.MEDIAN
+        median = torch.tensor([length] * points.shape[1] + others).double().log()
+        self.scales = median.clone().requires_grad_()
+        optimizer = torch.optim.LBFGS([self.scales], max_iter=30, line_search_fn="strong_wolfe")
+
+        def loss() -> Tensor:
+            optimizer.zero_grad()
+            self._factorise()
+            surprise = (self._values @ self._weights) / 2 + self._root.diagonal().log().sum()
+            total: Tensor = surprise + (((self.scales - median) / self.SPREAD) ** 2).sum() / 2
+            total.backward()
+            return total
+
+        optimizer.step(loss)
+        with torch.no_grad():
+            self._factorise()
+
+    def _kernel(self, a: Tensor, b: Tensor, a_world: Tensor, b_world: Tensor) -> Tensor:
+        """Covariance of points in their worlds."""
+        *_, peculiar, amplitude, _ = self.scales.exp()
+        lengths = self.scales[:-3].exp()[:, None]
+        a, b = ((points / lengths).flatten(1) for points in (a, b))
+        near = (-torch.cdist(a, b, compute_mode="donot_use_mm_for_euclid_dist").square() / 2).exp()
+        covariance: Tensor = amplitude**2 * near * (1.0 + peculiar**2 * (a_world[:, None] == b_world))
+        return covariance
+
+    def _factorise(self) -> None:
+        noise = (2 * self.scales[-1]).exp() + 1e-8
+        kernel = self._kernel(self.points, self.points, self.worlds, self.worlds)
+        self._root = torch.linalg.cholesky(kernel + noise * torch.eye(len(kernel)))
+        self._weights = torch.cholesky_solve(self._values[:, None], self._root)[:, 0]
+
+    @property
+    def noise(self) -> Tensor:
+        """Standard deviation of a trial's score."""
+        deviation: Tensor = self.unit * self.scales[-1].detach().exp()
+        return deviation
+
+    @torch.no_grad()
+    def at(self, points: Tensor) -> tuple[Tensor, Tensor]:
+        """Mean and standard deviation ``[c]`` of the score in the present world at points ``[c, p, 2]``, without noise."""
+        here = self.worlds[-1:]
+        kernel = self._kernel(points, self.points, here, self.worlds)
+        known = torch.linalg.solve_triangular(self._root, kernel.T, upper=False).square().sum(0)
+        deviation = (self._kernel(points[:1], points[:1], here, here) - known).clamp_min(1e-12).sqrt()[0]
+        return self.mean + self.unit * (kernel @ self._weights), self.unit * deviation
+
+    @torch.no_grad()
+    def gain(self, point: Tensor, other: Tensor) -> tuple[float, float]:
+        """Mean and standard deviation of the score of ``point`` ``[p, 2]`` less that of the ``other``."""
+        both, here = torch.stack((point, other)), self.worlds[-1:]
+        kernel = self._kernel(both, self.points, here, self.worlds)
+        half = torch.linalg.solve_triangular(self._root, kernel.T, upper=False)
+        covariance, sign = self._kernel(both, both, here, here) - half.T @ half, torch.tensor([1.0, -1.0]).double()
+        deviation = (sign @ covariance @ sign).clamp_min(0).sqrt()
+        return float(self.unit * (sign @ kernel @ self._weights)), float(self.unit * deviation)
+
+
+@dataclass(kw_only=True)
+class PolicySearch(Learner):
+    """A learner that searches the numbers of ``actor``'s structure, on one robot or on copies that try the same.
+
+    Attributes:
+        start: numbers ``[s, p]`` of the first trials.
+        tilts: indices of pitch and roll in the observation.
+        numbers, scores, worlds: of the trials so far, ``[k, p]``, ``[k]`` and ``[k]``.
+    """
+
+    actor: StructuredActor
+    settings: GaitSettings
+    start: Tensor
+    tilts: list[int]
+    numbers: Tensor = field(init=False)
+    scores: Tensor = field(init=False)
+    worlds: Tensor = field(init=False)
+    world: int = field(default=0, init=False)
+    rewards: list[float] = field(default_factory=list, init=False)  # of the present trial
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.numbers, self.scores, self.worlds = self.start[:0], self.start[:0, 0], self.start[:0, 0].long()
+        self.actor.trial.copy_(self.start[0])
+
+    def remember(self, frames: TensorDictBase, robot: int = 0) -> None:
+        """Add frames ``[time]`` or ``[copies, time]`` to the trial; the reward is the mean over the copies."""
+        if (lost := lost_links(frames)) is not None and bool(lost.any()):
+            self.end_episodes()
+            return
+        for frame in frames.unbind(-1):
+            self.rewards.append(float(frame["next", "reward"].mean()))
+            tilts = frame["next", "observation"][..., self.tilts].abs() > self.settings.tilt_deg
+            if bool(tilts.any() or frame["next", "terminated"].any()):
+                self._score(math.inf if not len(self.scores) else float(self.scores.min()))
+            elif len(self.rewards) == self.settings.trial_steps:
+                self._score(math.inf)
+
+    def _score(self, highest: float) -> None:
+        """End the trial, with a score of at most the ``highest``."""
+        counted = self.rewards[self.settings.settle_steps :] or self.rewards
+        score = torch.tensor([min(highest, sum(counted) / len(counted))]).to(self.scores)
+        self.numbers, self.scores = torch.cat((self.numbers, self.actor.trial[None])), torch.cat((self.scores, score))
+        self.worlds = torch.cat((self.worlds, torch.tensor([self.world])))
+        self.end_episodes()
+
+    def end_episodes(self, robot: int | None = None) -> None:
+        """Drop the present trial, if any: what follows does not follow from it."""
+        self.rewards = []
+
+    def begin_elsewhere(self) -> None:
+        """Go on in another world: the trials so far tell what may be good there, and the best known is tried first."""
+        super().begin_elsewhere()
+        self.world, self.start = self.world + 1, self.actor.best[None].clone()
+        self.actor.trial.copy_(self.actor.best)
+
+    def learn(self, steps: int = 1) -> dict[str, Tensor]:
+        """Propose the numbers of the next trial if one has ended. Returns metrics."""
+        if self.updates == len(self.scores):
+            return {}
+        self.updates = len(self.scores)
+        entries = self.actor.structure.numbers
+        points = embedded(self.numbers, entries)
+        posterior = Posterior(points, self.scores, self.worlds)
+        means, _ = posterior.at(points)
+        likeliest = self.numbers[means.argmax()]
+        gain, deviation = posterior.gain(*embedded(torch.stack((likeliest, self.actor.best)), entries))
+        if self.updates == 1 or gain > self.settings.caution * deviation:
+            self.actor.best.copy_(likeliest)
+        tried = int((self.worlds == self.world).sum())
+        if tried < len(self.start):
+            self.actor.trial.copy_(self.start[tried])
+        else:
+            candidates = self._candidates(entries, likeliest)
+            means, deviations = posterior.at(embedded(candidates, entries))
+            self.actor.trial.copy_(candidates[(means + self.settings.optimism * deviations).argmax()])
+        best, _ = posterior.at(embedded(self.actor.best[None], entries))
+        return {"trial_reward": self.scores[-1], "best_reward": best[0], "noise": posterior.noise}
+
+    def _candidates(self, entries: tuple[Entry, ...], near: Tensor) -> Tensor:
+        """Numbers ``[2 CANDIDATES, p]``, anywhere and near some."""
+        low, high = bounds(entries)
+        anywhere = low + torch.rand(CANDIDATES, len(entries)) * (high - low)
+        nearby = near + torch.randn(CANDIDATES, len(entries)) * NEAR * (high - low)
+        wraps = torch.tensor([entry.wraps for entry in entries])
+        nearby = torch.where(wraps, low + torch.remainder(nearby - low, high - low), nearby.clamp(low, high))
+        return torch.cat((anywhere, nearby))
+
+    def state_dict(self) -> dict[str, Any]:
+        """Everything that learning changes."""
+        search = {"start": self.start, "numbers": self.numbers, "scores": self.scores, "worlds": self.worlds}
+        return {**super().state_dict(), "search": search, "world": self.world}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Restore `state_dict`. Raises CheckpointError if the state is of another algorithm or structure."""
+        super().load_state_dict(state)
+        try:
+            search, self.world = state["search"], int(state["world"])
+            self.start, self.numbers, self.scores, self.worlds = (search[n] for n in ("start", "numbers", "scores", "worlds"))
+        except (LookupError, TypeError):
+            raise CheckpointError("the checkpoint has no trials; resume with the agent that it had") from None
+
+
+def bounds(entries: tuple[Entry, ...]) -> tuple[Tensor, Tensor]:
+    """Lowest and highest numbers ``[p]``."""
+    return torch.tensor([entry.low for entry in entries]), torch.tensor([entry.high for entry in entries])
+
+
+def embedded(numbers: Tensor, entries: tuple[Entry, ...]) -> Tensor:
+    """Numbers ``[c, p]`` as points ``[c, p, 2]``, float64: an angle that wraps on the unit circle, others in -1..1."""
+    low, high = bounds(entries)
+    share = (2 * (numbers - low) / (high - low) - 1).double()
+    wraps = torch.tensor([entry.wraps for entry in entries])
+    circle = torch.stack(((math.pi * share).cos(), (math.pi * share).sin()), -1)
+    return torch.where(wraps[:, None], circle, torch.stack((share, torch.zeros_like(share)), -1))
+
+
+def build(env: EnvBase, settings: GaitSettings, device: torch.device | str = "cpu") -> PolicySearch:
+    """Policy search for an environment. The first trials are drawn from torch's global generator."""
+    structure = make_structure(env, settings.structure)
+    low, high = bounds(structure.numbers)
+    seed = int(torch.randint(2**31, ()))
+    spread = torch.quasirandom.SobolEngine(len(low), scramble=True, seed=seed).draw(settings.random_trials)
+    actor = StructuredActor(structure, (low + high) / 2).to(device)
+    policy = TensorDictModule(actor, in_keys=["observation"], out_keys=["action"])
+    task = interface_of(env).task
+    tilts = [] if task is None else [i for i, entry in enumerate(task.entries) if entry.name in ("pitch", "roll")]
+    start = low + spread * (high - low)
+    return PolicySearch(
+        policy=policy, on_policy=True, updates_per_step=0.0, actor=actor, settings=settings, start=start, tilts=tilts
+    )

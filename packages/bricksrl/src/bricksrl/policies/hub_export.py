@@ -1,0 +1,168 @@
+"""Export of a policy as a program with which the hub acts by itself, tried on the virtual hub."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import torch
+
+from brickhub.files import check_writable, refuse_existing, write_durably
+from brickhub.hub.program.compile import compile_program, program_blob
+from brickhub.hub.program.generate import generate_alone
+from brickhub.seed import derive_seed
+from brickhub.virtual.interpreter import execute
+from brickhub.virtual.machine import Machine
+from brickhub.virtual.micropython.exceptions import HostStop
+from brickhub.virtual.pybricks import modules
+from bricksrl.agents.search.structures import Oscillators, StructuredActor
+from bricksrl.envs.env_interface import interface_of
+from bricksrl.envs.odometry import TrueOdometer
+from bricksrl.envs.rollout import play_episodes
+from bricksrl.errors import RunError
+from bricksrl.policies import load_policy, make_env_of
+from bricksrl.policies.hub_network import HIDDEN, HubNetwork, distil
+from bricksrl.training.restore import Which, reproducible
+from bricktwin.twin.make_body import make_body
+
+if TYPE_CHECKING:
+    from brickhub.hub.transport import HubProgram
+    from bricksrl.envs.task import Task
+
+EPISODES = 5
+"""Of the comparison, on seeds that the policy never saw."""
+_SEED = 20261126
+
+
+@dataclass(frozen=True)
+class HubExport:
+    """A written program, and what it does on the virtual hub.
+
+    Attributes:
+        kind: "gait" for the policy itself, "network" for a distilled one.
+        program_bytes, heap_bytes: of the compiled program, and of its objects.
+        computing_ms: longest time between what it observes and its commands, by what a product costs (`HubModel.product_us`).
+        policy_return, hub_return: means over `EPISODES` episodes.
+    """
+
+    kind: str
+    program_bytes: int
+    heap_bytes: int
+    computing_ms: int
+    policy_return: float
+    hub_return: float
+
+
+def export_program(path: Path | str, out: Path, *, which: Which = "last", hidden: tuple[int, ...] = HIDDEN) -> HubExport:
+    """Export the policy of a run, or a shared one, as a program for the robot's hub, and try it on the virtual hub.
+
+    Raises:
+        RunError: ``out`` exists, the task has what a hub cannot know, or the program computes longer than a step takes.
+        ProgramError: the program is too large for the hub.
+        WriteError: ``out`` cannot be written.
+        CheckpointError: the policy is damaged.
+    """
+    refuse_existing(out, RunError)
+    check_writable(out)
+    with closing(make_env_of(Path(path))) as env, reproducible(_SEED):
+        task = interface_of(env).task
+        if task is None or task.camera is not None or task.sampled_entries or task.target is not None or env.batch_size:
+            raise RunError("a hub by itself sees no images, and is told no goal; export the policy of another task")
+        policy = load_policy(path, env, which=which)
+        channels = task.observed_channels
+        actor = next((module for module in policy.modules() if isinstance(module, StructuredActor)), None)
+        kind = "gait" if actor is not None and isinstance(actor.structure, Oscillators) else "network"
+        if actor is not None and isinstance(actor.structure, Oscillators):
+            source = actor.structure.hub_source(actor.best)
+        else:
+            network = HubNetwork(task.entries[: len(channels)], len(task.interface.commands), hidden)
+            distil(env, policy, network, _SEED)
+            source = network.hub_source()
+        program = generate_alone(task.robot, task.interface, channels, source, f"a {kind} that learned {task.id}")
+        blob = program_blob(compile_program(program), task.robot.hub)
+        before = [episode.return_ for episode in play_episodes(env, policy, EPISODES, _SEED, reset_policy=policy.reset)]
+    played = [play_alone(program, task, derive_seed(_SEED, "hub", number)) for number in range(EPISODES)]
+    computing_ms, heap_bytes = (max(getattr(episode, name) for episode in played) for name in ("computing_ms", "heap_bytes"))
+    if computing_ms > task.interface.settle.longest_ms:
+        limit = f"a step of {task.id} takes {task.interface.settle.longest_ms} ms"
+        raise RunError(f"the program computes for {computing_ms} ms, and {limit}; give fewer hidden units")
+    if len(blob) + heap_bytes > task.robot.hub.model.program_bytes:
+        raise RunError(f"the program and its objects need {len(blob) + heap_bytes} bytes; give fewer hidden units")
+    write_durably(out, program.source.encode())
+    means = (sum(values) / EPISODES for values in (before, [episode.return_ for episode in played]))
+    return HubExport(kind, len(blob), heap_bytes, computing_ms, *means)
+
+
+class _Over(HostStop):
+    """The episode has ended."""
+
+
+@dataclass
+class Alone:
+    """An episode of a program that acts by itself, read from what it prints; a console of the virtual hub."""
+
+    task: Task
+    machine: Machine
+    odometer: TrueOdometer | None
+    heap: Callable[[], int] = lambda: 0
+    inbox: bytearray = field(default_factory=bytearray)
+    return_: float = 0.0
+    length: int = 0
+    computing_ms: int = 0
+    heap_bytes: int = 0
+    _line: bytes = b""
+    _before: tuple[torch.Tensor, torch.Tensor] | None = field(default=None, init=False)
+
+    def available(self) -> int:
+        return 0
+
+    def read(self, n: int) -> bytes:
+        raise EOFError("nobody types")
+
+    def write_app_data(self, data: bytes) -> None:
+        """Discard it."""
+
+    def write(self, data: bytes) -> None:
+        self._line += data
+        *lines, self._line = self._line.split(b"\r\n")
+        for line in lines:
+            self._step([float(text) for text in line.split()])
+
+    def _step(self, numbers: list[float]) -> None:
+        """Take the reward of the step that ended with these numbers, if they are not the first. Raises _Over at the end."""
+        task, count = self.task, len(self.task.observed_channels)
+        commands = task.interface.commands
+        self.computing_ms, self.heap_bytes = max(self.computing_ms, round(numbers[0])), max(self.heap_bytes, self.heap())
+        moved = [] if self.odometer is None else [self.odometer.forward_mm(self.machine.body_ms / 1000, ())]
+        observation = torch.tensor([*numbers[1 : count + 1], *moved[: len(task.measured_entries)]])
+        actions = [
+            (2 * value / command.scale - command.low - command.high) / (command.high - command.low)
+            for command, value in zip(commands, numbers[count + 1 :], strict=True)
+        ]
+        before, self._before = self._before, (observation, torch.tensor(actions))
+        if before is None:
+            return
+        self.return_ += float(task.reward(*before, observation))
+        self.length += 1
+        if bool(task.terminated(observation)) or self.length >= task.max_steps:
+            raise _Over
+
+
+def play_alone(program: HubProgram, task: Task, seed: int) -> Alone:
+    """Let a program of `generate_alone` play an episode of the task on a virtual hub. Raises the program's exception."""
+    body: Any = make_body(task.robot, scene=task.scene, seed=seed)
+    machine = Machine(body)
+    odometer = TrueOdometer(body.pose, 0.0) if task.walks or task.measured_entries else None
+    episode = Alone(task, machine, odometer)
+    importable = modules(machine, episode)
+    episode.heap = importable["gc"].mem_alloc
+    try:
+        execute(program.source, program.name, importable, episode)
+    except _Over:
+        pass
+    finally:
+        machine.stop_motors()
+    return episode

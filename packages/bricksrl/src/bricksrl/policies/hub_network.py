@@ -1,0 +1,152 @@
+"""Small networks for a hub: distilled from any policy, and written as MicroPython.
+
+Their features need no more than sines: what is observed, scaled to -1..1; of angles that wrap sine and cosine, and those of their
+differences. The student acts, the policy says what it would have done (DAgger, Ross et al., 2011).
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+
+import torch
+from tensordict.nn import TensorDictModule
+from torch import Tensor, nn
+from torchrl.envs import EnvBase
+
+from brickhub.entry import Entry
+from brickhub.seed import derive_seed
+from bricksrl.envs.rollout import play, seed_episode
+from bricksrl.policies.policy import Policy
+
+HIDDEN = (16, 16)
+"""Units of the hidden layers."""
+ROUNDS, STEPS = 4, 600
+"""Rounds of collection, and steps of each: first the policy's, then the student's."""
+UPDATES, BATCH, LEARNING_RATE = 1500, 256, 5e-3
+"""Of each round; the rate falls to 0 within it."""
+LEAK = 0.01
+"""Share of what is beyond -1..1 that the loss sees."""
+
+
+class HubNetwork(nn.Module):
+    """A network ``[*batch, n]`` to actions ``[*batch, m]``: features, rectified layers, a linear one that is clamped.
+
+    Args:
+        entries: those of the observation that the hub observes, its first ones.
+        size: m.
+    """
+
+    def __init__(self, entries: Sequence[Entry], size: int, hidden: Sequence[int] = HIDDEN) -> None:
+        super().__init__()
+        self.count = len(entries)
+        angles = [index for index, entry in enumerate(entries) if entry.wraps]
+        self.angles = [*((index, self.count) for index in angles), *itertools.combinations(angles, 2)]  # a 0 follows the last
+        self.linear = [(index, *_scale(entry)) for index, entry in enumerate(entries) if not entry.wraps]
+        sizes = (len(self.linear) + 2 * len(self.angles), *hidden, size)
+        self.layers = [nn.Linear(before, after) for before, after in itertools.pairwise(sizes)]
+        self.network = nn.ModuleList(self.layers)
+
+    def forward(self, observation: Tensor) -> Tensor:
+        return self.outputs(observation).clamp(-1.0, 1.0)
+
+    def outputs(self, observation: Tensor) -> Tensor:
+        """The outputs before they are clamped."""
+        values = nn.functional.pad(observation[..., : self.count], (0, 1)).unbind(-1)
+        angles = [(values[plus] - values[minus]).deg2rad() for plus, minus in self.angles]
+        parts = [values[index] * scale + offset for index, scale, offset in self.linear]
+        x = torch.stack([*parts, *(angle.sin() for angle in angles), *(angle.cos() for angle in angles)], -1)
+        for layer in self.layers[:-1]:
+            x = layer(x).relu()
+        out: Tensor = self.layers[-1](x)
+        return out
+
+    @torch.no_grad()
+    def round(self) -> None:
+        """Round all weights to the digits that `hub_source` writes."""
+        for parameter in self.parameters():
+            parameter.copy_(torch.tensor([float(_text(value)) for value in parameter.flatten().tolist()]).view_as(parameter))
+
+    def hub_source(self) -> str:
+        """MicroPython that acts as the network: ``act(observed)``."""
+        rows = [torch.cat((layer.weight, layer.bias[:, None]), 1).tolist() for layer in self.layers]
+        layers = "".join(
+            "    (\n" + "".join(f"        ({', '.join(map(_text, row))}),\n" for row in layer) + "    ),\n" for layer in rows
+        )
+        linear = "".join(f"    ({index}, {_text(scale)}, {_text(offset)}),\n" for index, scale, offset in self.linear)
+        return (
+            f"LINEAR = (  # index, factor and offset of what is no angle\n{linear})\n"
+            f"ANGLES = {tuple(self.angles)}  # indices of two angles, or of one and of a 0 that follows the last\n"
+            f"LAYERS = (  # a row for each unit: its weights, then its offset\n{layers})\n{_HUB_SOURCE}"
+        )
+
+
+_HUB_SOURCE = '''
+import umath
+
+
+def features(observed):
+    values = observed + [0]
+    angles = [umath.radians(values[plus] - values[minus]) for plus, minus in ANGLES]
+    scaled = [values[index] * scale + offset for index, scale, offset in LINEAR]
+    return scaled + [umath.sin(angle) for angle in angles] + [umath.cos(angle) for angle in angles]
+
+
+def outputs(layer, values):
+    result = []
+    for row in layer:
+        total = row[-1]
+        for index in range(len(values)):
+            total += row[index] * values[index]
+        result.append(total)
+    return result
+
+
+def act(observed):
+    """The network: layers of rectified units, and a linear one."""
+    values = features(observed)
+    for layer in LAYERS[:-1]:
+        values = [max(0.0, value) for value in outputs(layer, values)]
+    return [max(-1.0, min(1.0, value)) for value in outputs(LAYERS[-1], values)]
+'''
+
+
+def distil(env: EnvBase, policy: Policy, network: HubNetwork, seed: int) -> TensorDictModule:
+    """Teach the network the policy's actions where the policy, and then the network, goes. Returns it as a policy."""
+    student = TensorDictModule(network, in_keys=["observation"], out_keys=["action"])
+    acting = torch.no_grad()(student.forward)
+    optimizer = torch.optim.Adam(network.parameters(), lr=LEARNING_RATE)
+    seen, said, episode = list[Tensor](), list[Tensor](), 0
+    for number in range(ROUNDS):
+        steps = 0
+        while steps < STEPS:
+            episode += 1
+            seed_episode(env, derive_seed(seed, "distil", episode))
+            for frame in play(env, policy if number == 0 else acting, reset_policy=policy.reset):
+                seen.append(frame["observation"])
+                said.append(frame["action"] if number == 0 else policy.act(frame["observation"]))
+                steps += 1
+        observations, actions = torch.stack(seen), torch.stack(said)
+        for update in range(UPDATES):
+            optimizer.param_groups[0]["lr"] = LEARNING_RATE * (1.0 - update / UPDATES)
+            rows = torch.randint(len(seen), (BATCH,))
+            out = network.outputs(observations[rows])
+            clamped = out.clamp(-1.0, 1.0)
+            loss = (clamped + LEAK * (out - clamped) - actions[rows]).square().mean()
+            optimizer.zero_grad()
+            loss.backward()
+            optimizer.step()
+    network.round()
+    return student
+
+
+def _scale(entry: Entry) -> tuple[float, float]:
+    """Factor and offset that bring an entry with a range to -1..1."""
+    if not (math.isfinite(entry.low) and math.isfinite(entry.high)):
+        return 1.0, 0.0
+    return 2.0 / (entry.high - entry.low), -(entry.high + entry.low) / (entry.high - entry.low)
+
+
+def _text(value: float) -> str:
+    return f"{value:.4g}"

@@ -1,0 +1,258 @@
+"""Policy search: structures, the Gaussian process, trials, and what a run keeps."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import math
+from pathlib import Path
+
+import pytest
+import torch
+from tensordict import TensorDict
+from torch import Tensor
+from torchrl.envs.utils import ExplorationType, set_exploration_type
+
+import bricksrl
+from brickhub.entry import Entry
+from bricksrl.agents import make_learner, preset
+from bricksrl.agents.search.gait import GaitSettings, PolicySearch, Posterior, embedded
+from bricksrl.agents.search.structures import oscillators
+from bricksrl.envs import make
+from bricksrl.errors import DescriptionError, RunError
+from bricksrl.training import TrainConfig, resume, train
+from bricksrl.training.restore import load_learner
+
+ANGLE, SHARE = Entry("phase", 0.0, 360.0, "deg", wraps=True), Entry("speed", -1.0, 1.0)
+
+
+def searcher(env: str = "WalkerSim-v0", **changes: object) -> PolicySearch:
+    torch.manual_seed(0)
+    learner = make_learner("gait", make(env, seed=0), dataclasses.replace(preset("default", "gait"), **changes))
+    assert isinstance(learner, PolicySearch)
+    return learner
+
+
+def frame(reward: float, pitch: float = 0.0, *, terminated: bool = False) -> TensorDict:
+    observation = torch.zeros(1, 7)
+    observation[:, 4] = pitch
+    after = {"observation": observation, "reward": torch.tensor([[reward]]), "terminated": torch.tensor([[terminated]])}
+    return TensorDict({"observation": torch.zeros(1, 7), "action": torch.zeros(1, 4), "next": after}, [1])
+
+
+def tried(learner: PolicySearch, reward: float, **kinds: object) -> dict[str, Tensor]:
+    """A whole trial, or what a tilt leaves of one."""
+    before = len(learner.scores)
+    for _ in range(learner.settings.trial_steps):
+        learner.remember(frame(reward, **kinds))
+        metrics = learner.learn()
+        if len(learner.scores) > before:
+            return metrics
+    raise AssertionError
+
+
+def hill(numbers: Tensor) -> float:
+    """Highest, 1, at a speed of -0.5 and phases of 190 and 350 degrees, of which the second is near 10 too."""
+    near = ((numbers[1:] - torch.tensor([190.0, 350.0])).deg2rad().cos() - 1.0).sum()
+    return float(1.0 + near - (numbers[0] + 0.5) ** 2)
+
+
+def test_a_search_finds_the_top_of_a_landscape_in_thirty_trials_with_noise() -> None:
+    learner = searcher()
+    noise = torch.Generator().manual_seed(1)
+    for _ in range(30):
+        tried(learner, hill(learner.actor.trial) + 0.1 * float(torch.randn((), generator=noise)))
+    assert hill(learner.actor.best) > 0.85
+    assert len(learner.scores) == 30
+
+
+def test_scores_count_once_the_robot_has_settled() -> None:
+    learner = searcher(trial_steps=4, settle_steps=2)
+    for reward in (-9.0, -9.0, 1.0, 2.0):
+        learner.remember(frame(reward))
+        assert not learner.actor.trial.isnan().any()
+    metrics = learner.learn()
+    assert float(learner.scores[0]) == 1.5 == float(metrics["trial_reward"])
+    assert tuple(metrics) == ("trial_reward", "best_reward", "noise")
+
+
+@pytest.mark.parametrize("kind", [{"pitch": 36.0}, {"terminated": True}])
+def test_a_trial_that_tilts_ends_at_once_and_is_never_good(kind: dict[str, object]) -> None:
+    learner = searcher()
+    tried(learner, 0.5)
+    learner.remember(frame(2.0, **kind))
+    assert learner.scores.tolist() == [0.5, 0.5]
+    assert not learner.rewards
+
+
+def test_the_best_known_stays_unless_another_is_better_by_more_than_the_doubt() -> None:
+    bold, cautious = searcher(caution=0.0), searcher(caution=20.0)
+    for learner in (bold, cautious):
+        for reward in (0.5, 0.4, 0.6, 0.7, 0.9):
+            tried(learner, reward)
+    assert torch.equal(cautious.actor.best, cautious.numbers[0])
+    assert not torch.equal(bold.actor.best, bold.numbers[0])
+
+
+def test_exploring_tries_and_exploiting_does_the_best() -> None:
+    actor = searcher().actor
+    actor.trial.copy_(torch.tensor([1.0, 0.0, 0.0]))
+    actor.best.copy_(torch.tensor([-1.0, 0.0, 0.0]))
+    with set_exploration_type(ExplorationType.RANDOM):
+        assert actor(torch.zeros(7)).tolist() == [1.0] * 4
+    with set_exploration_type(ExplorationType.DETERMINISTIC):
+        assert actor(torch.zeros(7)).tolist() == [-1.0] * 4
+
+
+def test_a_process_knows_what_it_was_told_and_that_359_is_near_1_degree() -> None:
+    numbers = torch.tensor([[1.0, 0.0], [90.0, 0.5], [180.0, -0.5], [270.0, 0.9]])
+    scores = torch.tensor([3.0, 1.0, 0.0, 1.0])
+    posterior = Posterior(embedded(numbers, (ANGLE, SHARE)), scores, torch.zeros(4))
+    means, doubts = posterior.at(embedded(torch.tensor([[1.0, 0.0], [359.0, 0.0], [45.0, -0.9]]), (ANGLE, SHARE)))
+    assert float((means[0] - 3.0).abs()) < 3 * float(posterior.noise)
+    assert float((means[0] - means[1]).abs()) < 0.02
+    assert doubts[2] > doubts[1]
+    gain, doubt = posterior.gain(*embedded(numbers[:2], (ANGLE, SHARE)))
+    both, _ = posterior.at(embedded(numbers[:2], (ANGLE, SHARE)))
+    assert gain == pytest.approx(float(both[0] - both[1]), abs=1e-9)
+    assert doubt > 0
+
+
+def test_the_posterior_is_that_of_the_formulas() -> None:
+    """Mean and deviation by the inverse of the kernel's matrix, with the scales that were found."""
+    numbers, scores = torch.rand(6, 2).mul(2).sub(1), torch.rand(6).double()
+    entries, worlds = (SHARE, SHARE), torch.tensor([0, 0, 0, 0, 1, 1])
+    points, new = embedded(numbers, entries), embedded(torch.rand(3, 2), entries)
+    posterior = Posterior(points, scores, worlds)
+    *lengths, peculiar, amplitude, noise = posterior.scales.detach().exp().tolist()
+
+    def kernel(a: Tensor, b: Tensor) -> Tensor:
+        apart = (a[:, None] - b[None]).square().sum(-1) / torch.tensor(lengths).double() ** 2
+        return amplitude**2 * (-apart.sum(-1) / 2).exp()
+
+    same = 1 + peculiar**2 * (worlds[:, None] == worlds)
+    inverse = torch.linalg.inv(kernel(points, points) * same + (noise**2 + 1e-8) * torch.eye(6))
+    cross = kernel(new, points) * (1 + peculiar**2 * (worlds == 1))
+    mean = scores.mean() + cross @ inverse @ (scores - scores.mean())
+    variance = (amplitude**2 * (1 + peculiar**2) - (cross @ inverse * cross).sum(-1)) * scores.var()
+    found = posterior.at(new)
+    assert torch.allclose(found[0], mean)
+    assert torch.allclose(found[1] ** 2, variance, atol=1e-9)
+
+
+def test_legs_come_to_their_phases_whatever_their_start() -> None:
+    structure = oscillators(make("WalkerSim-v0", seed=0))
+    assert [entry.name for entry in structure.numbers] == ["speed", "side_phase", "left_back_phase"]
+    angles, numbers = torch.tensor([10.0, 200.0, 90.0, 300.0]), torch.tensor([-0.2, 170.0, 140.0])
+    for _ in range(30):
+        action = structure(torch.cat((angles, torch.zeros(3))), numbers)
+        angles = torch.remainder(angles + 50.0 * (action - 1.0), 360.0)  # each leg turns by -100 to 0 degrees
+    apart = torch.remainder(angles - angles[0] + 1e-3, 360.0)
+    assert apart.tolist() == pytest.approx([0.0, 170.0, 140.0, 310.0], abs=0.1)
+
+
+def test_what_has_no_legs_gets_linear_feedback_unless_legs_are_asked_for() -> None:
+    learner = searcher("RoboArmSim-v0")
+    assert learner.actor.structure.numbers[0].name == "weight_0_0"
+    assert learner.exploit(make("RoboArmSim-v0", seed=0).reset())["action"].shape == (4,)
+    with pytest.raises(DescriptionError, match="oscillators need motors that turn endlessly"):
+        searcher("RoboArmSim-v0", structure="oscillators")
+
+
+def test_images_are_refused() -> None:
+    with pytest.raises(DescriptionError, match="linear feedback reads one vector and no images"):
+        searcher("RoboArm_mixed-v0")
+
+
+def test_a_users_structure_is_searched(tmp_path: Path) -> None:
+    file = tmp_path / "mine.py"
+    file.write_text(
+        "import torch\nfrom brickhub.entry import Entry\n\n\n"
+        "class Same(torch.nn.Module):\n    numbers = (Entry('all', -1.0, 1.0),)\n\n"
+        "    def forward(self, observation, numbers):\n        return numbers.expand(*numbers.shape[:-1], 4)\n\n\n"
+        "def same(env):\n    return Same()\n"
+    )
+    learner = searcher(structure=f"{file}:same")
+    action = learner.explore(make("WalkerSim-v0", seed=0).reset())["action"]
+    assert action.unique().numel() == 1
+
+
+def test_a_resumed_search_goes_on_with_the_same_numbers() -> None:
+    first = searcher()
+    for reward in range(8):
+        tried(first, float(reward % 3))
+    second = searcher()
+    second.load_state_dict(first.state_dict())
+    proposals = []
+    for learner in (first, second):
+        torch.manual_seed(5)
+        tried(learner, 1.5)
+        proposals.append(learner.actor.trial.clone())
+    assert torch.equal(*proposals)
+    assert torch.equal(first.numbers, second.numbers)
+
+
+def test_a_search_goes_on_elsewhere_from_what_it_knows() -> None:
+    """The top moves by 20 degrees, and everything is worse."""
+    learner = searcher()
+    for _ in range(30):
+        tried(learner, hill(learner.actor.trial))
+    learner.begin_elsewhere()
+    assert torch.equal(learner.actor.trial, learner.actor.best)
+    before, lowest = hill(learner.actor.best + torch.tensor([0.0, 0.0, 20.0])), 1.0
+    for _ in range(12):
+        moved = hill(learner.actor.trial + torch.tensor([0.0, 0.0, 20.0]))
+        lowest = min(lowest, moved)
+        tried(learner, moved - 0.2)
+    assert hill(learner.actor.best + torch.tensor([0.0, 0.0, 20.0])) > before
+    assert lowest > -0.5  # it does not search everywhere again: the lowest point is at -5
+    again = searcher()
+    again.load_state_dict(learner.state_dict())
+    assert (again.world, len(again.start)) == (1, 1)
+    assert again.worlds.tolist() == [0] * 30 + [1] * 12
+
+
+def test_runs_resume_bit_for_bit_and_show_their_trials(tmp_path: Path) -> None:
+    whole, parts = tmp_path / "whole", tmp_path / "parts"
+    options = {"agent": "gait", "record": False}
+    train(TrainConfig("WalkerSim-v0", episodes=2, run_dir=whole, **options))
+    train(TrainConfig("WalkerSim-v0", episodes=1, run_dir=parts, **options))
+    resume(parts, episodes=2)
+    rows = [list(csv.DictReader((folder / "metrics.csv").read_text().splitlines())) for folder in (whole, parts)]
+    for row in (*rows[0], *rows[1]):
+        row.pop("seconds")
+    assert rows[0] == rows[1]
+    assert all(math.isfinite(float(rows[0][1][name])) for name in ("trial_reward", "best_reward", "noise"))
+
+
+def test_a_run_goes_on_from_another(tmp_path: Path) -> None:
+    options = {"agent": "gait", "episodes": 1, "record": False}
+    train(TrainConfig("WalkerSim-v0", run_dir=tmp_path / "here", **options))
+    train(TrainConfig("WalkerSim-v0", run_dir=tmp_path / "there", seed=1, start=tmp_path / "here", **options))
+    first, second = (load_learner(tmp_path / name, make("WalkerSim-v0", seed=0)).learner for name in ("here", "there"))
+    assert isinstance(first, PolicySearch)
+    assert isinstance(second, PolicySearch)
+    assert second.worlds.tolist() == [0] * 10 + [1] * 10
+    assert torch.equal(second.numbers[10], first.actor.best)
+    assert torch.equal(second.scores[:10], first.scores)
+
+
+def test_copies_try_the_same_numbers_together(tmp_path: Path) -> None:
+    result = train(TrainConfig("WalkerSim-v0", "gait", episodes=1, num_envs=3, record=False, run_dir=tmp_path / "run"))
+    assert "trial_reward" in result.episodes[0].losses
+
+
+def test_a_fleet_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(RunError, match="learns from what it does now"):
+        train(TrainConfig("Walker-v1", "gait", episodes=1, robots=2, run_dir=tmp_path / "run"))
+
+
+def test_settings_say_what_is_wrong() -> None:
+    with pytest.raises(DescriptionError, match="settle_steps is 10; give fewer than the 10 of a trial"):
+        GaitSettings(settle_steps=10)
+
+
+def test_the_policy_of_a_run_loads(tmp_path: Path) -> None:
+    train(TrainConfig("WalkerSim-v0", "gait", episodes=1, record=False, run_dir=tmp_path / "run"))
+    policy = bricksrl.load_policy(tmp_path / "run")
+    assert policy.act([0.0] * 7).shape == (4,)

@@ -1,0 +1,147 @@
+"""Policies as programs: they act as they did, compute in time, and stop with the center button."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import pytest
+import torch
+from hub_programs import output
+
+from brickhub.robot import HubKind, Robot
+from brickhub.virtual.machine import Machine
+from brickhub.virtual.panel import parse_press
+from brickhub.virtual.run import Operation, run_file
+from bricksrl.agents.search.structures import oscillators
+from bricksrl.cli import main
+from bricksrl.envs import make
+from bricksrl.envs.registry import get_task
+from bricksrl.errors import RunError
+from bricksrl.policies import hub_export, hub_network, load_policy
+from bricksrl.policies.hub_export import export_program
+from bricksrl.policies.hub_network import HubNetwork
+from bricksrl.training import TrainConfig, train
+from bricktwin.robots import WALKER
+from bricktwin.twin.make_body import make_body
+
+OBSERVED = [[10.0, 200.0, 359.5, 90.0, 3.0, -4.0, 812.0], [0.0, 0.0, 180.0, 270.25, -30.0, 2.5, 2000.0]]
+
+
+def acted(source: str, observed: list[list[float]]) -> torch.Tensor:
+    """Actions of a program's ``act`` on a virtual hub."""
+    printed = output(source + "".join(f"\nprint(*act({numbers}))" for numbers in observed))
+    return torch.tensor([[float(word) for word in line.split()] for line in printed.splitlines()])
+
+
+def test_a_gait_acts_on_the_hub_as_here() -> None:
+    structure = oscillators(make("WalkerSim-v0", seed=0))
+    numbers = torch.tensor([-0.6, 170.0, 140.0])
+    here = structure(torch.tensor(OBSERVED), numbers.expand(2, 3)).clamp(-1.0, 1.0)
+    assert torch.allclose(acted(structure.hub_source(numbers), OBSERVED), here, atol=2e-4)
+
+
+def test_a_network_acts_on_the_hub_as_here() -> None:
+    torch.manual_seed(0)
+    task = get_task("Walker-v1")
+    network = HubNetwork(task.entries[:7], 4)
+    network.round()
+    with torch.no_grad():
+        here = network(torch.tensor([[*row, 0.0] for row in OBSERVED]))
+    assert torch.allclose(acted(network.hub_source(), OBSERVED), here, atol=2e-4)
+
+
+def test_products_of_floats_take_time_on_the_virtual_hub() -> None:
+    program = (
+        "from pybricks.tools import StopWatch\nwatch = StopWatch()\ntotal = 0.0\n"
+        "for _ in range({}):\n    total += {} * 3\nprint(watch.time())"
+    )
+    city = Robot("city", HubKind.CITY)
+    assert output(program.format(10_000, "1.5")) == "119"  # 84 products before each ms that passes
+    assert output(program.format(10_000, "1.5"), robot=city) == "294"
+    assert output(program.format(10_000, "2")) == "0"
+    assert output(program.format(80, "1.5")) == "0"
+
+
+@pytest.fixture(scope="module")
+def gait(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run of one episode of policy search."""
+    folder = tmp_path_factory.mktemp("gait") / "run"
+    train(TrainConfig("Walker-v1", "gait", episodes=1, record=False, run_dir=folder))
+    return folder
+
+
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(hub_export, "EPISODES", 1)
+    for name in ("ROUNDS", "STEPS", "UPDATES"):
+        monkeypatch.setattr(hub_network, name, 1)
+
+
+@pytest.mark.usefixtures("quick")
+def test_a_gait_is_exported_walks_alone_and_stops_with_the_button(
+    gait: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "walk.py"
+    assert main(["export", str(gait), "--format", "hub", "--out", str(path)]) == 0
+    said = capsys.readouterr().out
+    assert f"written  {path}  (a gait: " in said
+    assert "on the virtual hub" in said
+    body, out, err = make_body(WALKER, seed=0), io.BytesIO(), io.StringIO()
+    operation = Operation(presses=[parse_press("center@2.1s")])
+    assert run_file(path, body, stdout=out, stderr=err, time_limit_s=5.0, operation=operation) == 0
+    assert "SystemExit" in err.getvalue()
+    lines = out.getvalue().decode().splitlines()
+    assert len(lines) == 9
+    assert all(len(line.split()) == 1 + 7 + 4 for line in lines)
+    assert all(-1000 <= int(word) <= 0 for line in lines for word in line.split()[8:])
+
+
+@pytest.mark.usefixtures("quick")
+def test_what_the_hub_walks_alone_is_worth_what_the_policy_is(gait: Path, tmp_path: Path) -> None:
+    made = export_program(gait, tmp_path / "walk.py")
+    assert made.kind == "gait"
+    assert made.hub_return == pytest.approx(made.policy_return, abs=0.15 * abs(made.policy_return) + 3.0)
+    assert made.program_bytes + made.heap_bytes < 8192
+
+
+@pytest.mark.usefixtures("quick")
+def test_any_agent_becomes_a_network_with_the_distance(tmp_path: Path) -> None:
+    train(TrainConfig("RunAway-v0", "random", episodes=1, record=False, run_dir=tmp_path / "run"))
+    made = export_program(tmp_path / "run", tmp_path / "away.py")
+    assert made.kind == "network"
+    assert 1 <= made.computing_ms <= 8
+    assert "sensor_eyes.distance()" in (tmp_path / "away.py").read_text()
+
+
+@pytest.mark.usefixtures("quick")
+def test_a_program_that_computes_too_long_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Machine, "charge_product", lambda machine: machine.advance(1))
+    train(TrainConfig("Walker-v1", "random", episodes=1, record=False, run_dir=tmp_path / "run"))
+    with pytest.raises(RunError, match=r"computes for \d+ ms, and a step of Walker-v1 takes 250 ms; give fewer hidden units"):
+        export_program(tmp_path / "run", tmp_path / "walk.py")
+    assert not (tmp_path / "walk.py").exists()
+
+
+@pytest.mark.usefixtures("quick")
+def test_a_program_that_does_not_fit_is_refused(gait: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(hub_export, "program_blob", lambda *_: bytes(300_000))
+    with pytest.raises(RunError, match="the program and its objects need"):
+        export_program(gait, tmp_path / "walk.py")
+
+
+def test_what_a_hub_cannot_know_is_refused(tmp_path: Path) -> None:
+    train(TrainConfig("Spinning-v0", "random", episodes=1, record=False, run_dir=tmp_path / "run"))
+    with pytest.raises(RunError, match="a hub by itself sees no images, and is told no goal"):
+        export_program(tmp_path / "run", tmp_path / "spin.py")
+
+
+def test_a_distilled_network_acts_like_its_policy(tmp_path: Path) -> None:
+    """A gait that was found in a simulation."""
+    train(TrainConfig("WalkerSim-v0", "gait", episodes=1, record=False, run_dir=tmp_path / "run"))
+    env = make("WalkerSim-v0", seed=0)
+    policy = load_policy(tmp_path / "run", env)
+    torch.manual_seed(0)
+    student = hub_network.distil(env, policy, HubNetwork(get_task("Walker-v0").entries, 4), seed=0)
+    frames = env.rollout(50, student)
+    assert (frames["action"] - policy.act(frames["observation"])).abs().mean() < 0.15
