@@ -239,7 +239,7 @@ def test_a_run_goes_on_from_another(tmp_path: Path) -> None:
 
 def test_copies_try_the_same_numbers_together(tmp_path: Path) -> None:
     result = train(TrainConfig("WalkerSim-v0", "gait", episodes=1, num_envs=3, record=False, run_dir=tmp_path / "run"))
-    assert "trial_reward" in result.episodes[0].losses
+    assert "trial_reward" in result.episodes[0].measures
 
 
 def test_a_fleet_is_refused(tmp_path: Path) -> None:

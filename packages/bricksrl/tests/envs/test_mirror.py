@@ -12,8 +12,8 @@ import bricksrl
 from brickhub.hub.interface import Curve, Distance, DriveSpeed, DriveTurnRate, Heading, Interface, MotorAngle, RunAngle, Wait
 from brickhub.robot import Direction
 from bricksrl.agents import make_learner, preset
-from bricksrl.envs.mirror import mirrors
 from bricksrl.envs.registry import get_task
+from bricksrl.envs.task import mirrors
 from bricksrl.errors import DescriptionError
 from bricktwin.robots import TWO_WHEELER, WALKER
 from bricktwin.twin.physics import Physics

@@ -44,7 +44,7 @@ def test_all_copies_are_used_for_learning(tmp_path: Path, agent: str) -> None:
     assert [episode.steps for episode in result.episodes] == [k * COPIES * ROUND for k in (1, 2, 3)]
     assert [episode.phase for episode in result.episodes][1:] == [Phase.TRAIN] * 2
     last = result.episodes[-1]
-    assert last.measures and all(torch.isfinite(torch.tensor(list(last.losses.values()))))
+    assert last.measures and all(torch.isfinite(torch.tensor(list(last.measures.values()))))
     assert 1 <= last.length <= ROUND and last.return_ < 0
     state = load_checkpoint(tmp_path / "run" / "checkpoint.bin")["agent"]
     if agent == "ppo":

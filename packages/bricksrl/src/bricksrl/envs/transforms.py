@@ -356,6 +356,8 @@ def through(env: EnvBase, frames: TensorDictBase) -> TensorDictBase:
     if base_of(env) is env:
         return frames
     base, start = base_of(env), 0
+    if base.batch_size:  # copies: the frames are of one
+        base = SpecsEnv({name: getattr(base, f"{name}_unbatched").clone() for name in SPECS}, interface_of(base).task)
     given = frames.select(*base.full_observation_spec.keys(), "action", "next", strict=False)
     playback = Playback(base, lambda _: still(base))
     view = over(env, playback)

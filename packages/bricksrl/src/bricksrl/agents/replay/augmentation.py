@@ -10,7 +10,7 @@ from torchrl.envs import EnvBase, Transform
 
 from bricksrl.agents.settings import OffPolicySettings
 from bricksrl.envs.env_interface import interface_of
-from bricksrl.envs.mirror import Mirror, mirrors
+from bricksrl.envs.task import Mirror, mirrors
 from bricksrl.envs.transforms import layout_of
 
 
