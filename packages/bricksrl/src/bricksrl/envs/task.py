@@ -215,8 +215,8 @@ def _number(task: Task, name: str, value: Any) -> float:
 
 @dataclass(frozen=True)
 class Mirror:
-    """Mirror image of vectors, left for right: of each entry the one whose place it takes, its factor, and whether it wraps from 360
-    to 0."""
+    """Mirror image of vectors, left for right: of each entry the one whose place it takes, its factor, and whether it wraps from
+    360 to 0."""
 
     places: tuple[int, ...]
     signs: tuple[int, ...]
