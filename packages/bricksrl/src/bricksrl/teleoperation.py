@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import importlib
-import math
 import os
 import signal
 import struct
@@ -23,6 +22,7 @@ import torch
 from torch import Tensor
 
 from brickhub.entry import Entry
+from bricksrl.envs.pushes import at_rest, pushed
 from bricksrl.errors import DataError
 
 if TYPE_CHECKING:
@@ -39,20 +39,12 @@ _AXIS_MAX = 32767
 
 def rest_action(commands: Sequence[Entry]) -> Tensor:
     """Action ``[m]`` that moves nothing, or as little as possible; 0 for a command of unknown range."""
-    values = []
-    for command in commands:
-        low, high = command.low, command.high
-        if not math.isfinite(high - low) or low == high:
-            values.append(0.0)
-        else:
-            values.append(min(max(-(high + low) / (high - low), -1.0), 1.0))
-    return torch.tensor(values)
+    return torch.tensor(at_rest(commands))
 
 
-def push_action(pushes: Tensor, at_rest: Tensor) -> Tensor:
+def push_action(pushes: Tensor, rest: Tensor) -> Tensor:
     """Action for pushes ``[m]`` from -1 (fully down) over 0 (released) to 1 (fully up)."""
-    pushes = pushes.clamp(-1.0, 1.0)
-    return at_rest + pushes.clamp(min=0.0) * (1.0 - at_rest) + pushes.clamp(max=0.0) * (1.0 + at_rest)
+    return torch.tensor(pushed(pushes.tolist(), rest.tolist()))
 
 
 def legend(commands: Sequence[Entry]) -> list[str]:

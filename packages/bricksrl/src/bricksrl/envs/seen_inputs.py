@@ -51,11 +51,15 @@ class SeenInputs(nn.Module):
         """Inputs ``[*batch, n]``, of an agent that acts at its best within what it has learned on."""
         if self.training or exploration_type() is not ExplorationType.DETERMINISTIC:
             return inputs
-        is_held = (self.least <= self.greatest) & ~self.free & (~self.wraps | (self.least == self.greatest))
-        least, greatest = torch.where(is_held, self.least, -LARGEST), torch.where(is_held, self.greatest, LARGEST)
+        least, greatest = self.bounds()
         if not torch.compiler.is_exporting():
             self._say(inputs, least, greatest)
         return inputs.clamp(least, greatest)
+
+    def bounds(self) -> tuple[Tensor, Tensor]:
+        """Least and greatest value ``[n]`` within which each input is held."""
+        is_held = (self.least <= self.greatest) & ~self.free & (~self.wraps | (self.least == self.greatest))
+        return torch.where(is_held, self.least, -LARGEST), torch.where(is_held, self.greatest, LARGEST)
 
     def _say(self, inputs: Tensor, least: Tensor, greatest: Tensor) -> None:
         """Say once of each input that it is farther outside of what was seen than that is wide."""
