@@ -14,7 +14,7 @@ from tyro.conf import OmitArgPrefixes, Positional, UseAppendAction
 
 from brickhub.cli.options import Flag, option, refuse_ignored
 from brickhub.cli.terminal import Interrupted, print_line
-from brickhub.files import only_writer, quoted
+from brickhub.files import only_writer, quoted, remove_unfinished
 from bricksrl.cli.page import LivePageGroup, PageFlag, RobotGroup, run_on_page, shown
 from bricksrl.cli.terminal import load_learning
 from bricksrl.envs.options import EnvOptions, TransformOptions
@@ -115,6 +115,7 @@ class Train:
             )
         if self.learning.eval_episodes != RunOptions.eval_episodes and not self.learning.eval_every:
             raise DescriptionError("--eval-episodes has no effect without --eval-every; omit it, or give both")
+        self._check(self.env)
         load_learning()  # algorithms are registered when their modules are imported
         config = self.config(self.env)
         if self.seeds is not None:
@@ -135,6 +136,25 @@ class Train:
         keys = False if self.take_over == "keyboard" else None  # all keys of a keyboard are for driving
         with driving(self.take_over, self.env, get_task(self.env, **config.options), in_charge=False) as driver:
             run_training(partial(train, config), config, address, driver=driver, keys=keys)
+
+    def _check(self, env: str) -> None:
+        """Refuse what is wrong before torch is loaded, which takes seconds."""
+        from brickhub.fields import LARGEST
+        from brickhub.hub.transports.address import parse_hub
+        from brickhub.seed import check_seed
+        from bricksrl.agents import check_agent
+        from bricksrl.envs.registry import get_task
+
+        check_seed(self.seed)
+        get_task(env, **self.robot.options)
+        if self.agent is not None:
+            check_agent(self.agent)
+        for hub in self.robot.hub.split(","):
+            parse_hub(hub.strip())
+        if self.episodes is not None and self.episodes < 1:
+            raise RunError(f"episodes is {self.episodes}; give 1 or more, and up to {LARGEST:,}")
+        if self.run is not None and self.run.exists():
+            raise RunError(f"{self.run} exists already; resume that run or choose another folder")
 
     def config(self, env: str) -> TrainConfig:
         """Configuration of the run from the flags."""
@@ -333,6 +353,7 @@ def _report(result: RunResult, emergency_stop: EmergencyStop, page: LivePage | N
             page.board.update_status(state="evaluating")
             page.attach(env)
 
+    remove_unfinished(result.run_dir)  # such as a film that was killed
     print_line("evaluating")
     evaluation = evaluate(result.run_dir, episodes=_EVALUATED_EPISODES, save=False, on_env=on_env, place=emergency_stop.place)
     for line in describe(evaluation):

@@ -68,13 +68,13 @@ class Group:
 
 @dataclass(frozen=True)
 class Improvement:
-    """Probability that a run of ``agent`` scores higher than one of ``other``, with its 95 % interval from five runs each."""
+    """Probability that a run of ``agent`` scores higher than one of ``other``, with its 95 % interval; of five runs or more."""
 
     env: str
     agent: str
     other: str
     probability: float
-    interval: Interval | None
+    interval: Interval
 
 
 @dataclass(frozen=True)
@@ -117,8 +117,9 @@ def compare(paths: Sequence[Path | str] | Path | str) -> Comparison:
     for pair in itertools.combinations(groups, 2):
         if pair[0].env == pair[1].env:
             first, second = sorted(pair, key=lambda group: group.score, reverse=True)
-            found = probability_of_improvement(first.scores, second.scores)
-            improvements.append(Improvement(first.env, first.agent, second.agent, *found))
+            found, interval = probability_of_improvement(first.scores, second.scores)
+            if interval is not None:
+                improvements.append(Improvement(first.env, first.agent, second.agent, found, interval))
     scored_by = "evaluation" if evaluated else f"mean of the last {WINDOW} episodes of training"
     return Comparison(tuple(groups), tuple(improvements), scored_by)
 
