@@ -17,10 +17,12 @@ import numpy as np
 from brickhub.entry import Entry
 from bricksrl.envs.env_interface import BricksEnv, interface_of
 from bricksrl.envs.pushes import at_rest, pushed
+from bricksrl.envs.reference_returns import REFERENCES
 from bricksrl.errors import BricksError, StoppedError
 from bricksrl.page.board import MAX_EPISODES, Board
 from bricksrl.page.robot_view import NUMBERS_S, SPEEDS, RobotView
 from bricksrl.page.server import PageOptions, PageServer, chosen, is_finite
+from bricksrl.policies.boxed import TRAINED
 
 if TYPE_CHECKING:
     from tensordict import TensorDictBase
@@ -108,6 +110,13 @@ def stick_map(commands: Sequence[Entry]) -> list[list[float]]:
     return [[float(index == sideways), float(index == forward)] for index in range(len(commands))]
 
 
+def scores_to_beat(env_id: str) -> dict[str, float]:
+    """Mean returns in an environment of ours: of random actions, a controller by hand, the paper, and the policy that comes with
+    it."""
+    trained = {"ours": float(TRAINED[env_id]["return"])} if env_id in TRAINED else {}
+    return {**REFERENCES.get(env_id, {}), **trained}
+
+
 class LivePage(PageServer):
     """Page of a robot that learns, plays or is driven, served while entered.
 
@@ -165,6 +174,8 @@ class LivePage(PageServer):
         self._last_rate: tuple[float, int] = (time.monotonic(), 0)
         self.board.update_status(title=title, subtitle=subtitle, state="waiting")
         self.board.update_status(speeds=list(SPEEDS), policies=list(self._policies))
+        if task is not None:
+            self.board.update_status(goal=task.summary, scores=scores_to_beat(task.id))
         self._publish()
 
     def close(self) -> None:
@@ -376,6 +387,6 @@ class LivePage(PageServer):
             self.board.update_status(drive={**drive, "in_charge": driver.in_charge, "can_give_back": self._can_give_back})
 
     def finish(self, message: str = "") -> None:
-        """Show that the run is over."""
+        """Show that the run is over; the message is good news."""
         self._is_ended = True
-        self.board.update_status(state="finished", message=message)
+        self.board.update_status(state="finished", message="", note=message)
