@@ -10,12 +10,12 @@ import pytest
 import torch
 
 import bricksrl
+from benchmarks.policies import plain_of, save
 from bricksrl.agents import make_learner, preset
 from bricksrl.envs import get_task
 from bricksrl.errors import DescriptionError
-from bricksrl.policies.boxed import FOLDER, TRAINED, boxed_policy
-from bricksrl.policies.by_name import array_policies
-from bricksrl.policies.plain import PlainPolicy, plain_of
+from bricksrl.policies.by_name import FOLDER, TRAINED, array_policies, path_of
+from bricksrl.policies.plain import PlainPolicy
 from bricksrl.policies.policy import Policy
 
 
@@ -28,12 +28,12 @@ def test_numbers_of_an_agent_act_as_it(env_id, agent, tmp_path):
         observation = env.reset()["observation"]
         policy = Policy(learner.policy, env)
         plain = plain_of(policy)
-        plain.save(tmp_path / "a.npz")
+        save(plain, tmp_path / "a.npz")
         read = PlainPolicy.load(tmp_path / "a.npz")
         wanted = policy.act(observation.numpy())
         assert np.abs(wanted).max() > 0.02
         np.testing.assert_allclose(read.act(observation.numpy()), wanted, atol=1e-5)
-        plain.save(tmp_path / "b.npz")
+        save(plain, tmp_path / "b.npz")
         assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
         with pytest.raises(DescriptionError, match="takes observations of"):
             read.act(np.zeros(3))
@@ -53,8 +53,7 @@ def test_trained_policy_is_better_than_chance(env_id):
 
     random, scripted = REFERENCES[env_id]["random"], REFERENCES[env_id]["by hand"]
     assert float(TRAINED[env_id]["return"]) > (random + scripted) / 2
-    task, policy = get_task(env_id), boxed_policy(env_id)
-    assert policy is not None
+    task, policy = get_task(env_id), PlainPolicy.load(path_of(env_id))
     action = policy.act(np.zeros(len(task.entries)))
     assert action.shape == (len(task.interface.commands),) and np.abs(action).max() <= 1.0
 

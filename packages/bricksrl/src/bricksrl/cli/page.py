@@ -27,7 +27,6 @@ from bricktwin.cli.plan_commands import PlanArgument, read_named_plan
 if TYPE_CHECKING:
     from torchrl.envs import EnvBase
 
-    from bricksrl.envs.robot_env import RobotEnv
     from bricksrl.envs.task import Task
     from bricksrl.page.live import LivePage
     from bricksrl.policies.policy import Player
@@ -95,14 +94,15 @@ class Demo:
     live_page: LivePageGroup = PageOptions()
 
     def execute(self) -> None:
-        from bricksrl.envs.registry import get_task, make_robot
+        from bricksrl.envs.registry import make_robot
+        from bricksrl.page.robot_play import play_robot
 
         _check_episodes(self.episodes)
         env = make_robot(self.env, seed=self.seed)
         if env is None:
             raise DescriptionError(f"{self.env} has no robot to show; `bricksrl demo` shows a Walker")
-        policies = _array_policies(self.env, get_task(self.env), self.policy, self.seed)
-        _robot_on_page(self.live_page, env, self.env, policies, subtitle="trained before", episodes=self.episodes)
+        policies = _array_policies(self.env, env.task, self.policy, self.seed)
+        _on_page(self.live_page, env, self.env, play_robot, policies, subtitle="trained before", episodes=self.episodes)
 
 
 @dataclass(frozen=True)
@@ -133,7 +133,9 @@ class Play:
     live_page: LivePageGroup = PageOptions()
 
     def execute(self) -> None:
+        from brickhub.hub.transports.address import parse_hub
         from brickhub.user_files import is_reference
+        from bricksrl.envs.registry import make_robot
 
         address = shown(self.live_page, self.page)
         _check_episodes(self.episodes)
@@ -142,17 +144,22 @@ class Play:
         if not is_run and len(folder.parts) > 1 and not is_reference(self.target):
             remedy = f"name {folder_with(folder, 'config.json', 'policy.json')}, or an environment"
             raise RunError(f"there is no run in {self.target}; {remedy}")
-        robot = None if is_run or address is None else _virtual_robot(self.target, self.robot, self.seed)
+        is_virtual = parse_hub(self.robot.hub).is_virtual
+        robot = make_robot(self.target, self.robot, seed=self.seed) if is_virtual and address is not None and not is_run else None
         if robot is not None and address is not None:
+            from bricksrl.page.robot_play import play_robot
+
             arrays = _array_policies(self.target, robot.task, self.policy, self.seed)
-            _robot_on_page(address, robot, self.target, arrays, episodes=self.episodes)
+            _on_page(address, robot, self.target, play_robot, arrays, episodes=self.episodes)
             return
         load_learning()
         with _environment(self, self.target, folder if is_run else None) as (env, env_id):
             players = _players(folder if is_run else None, env, env_id, self.policy, self.seed)
             if address is not None:
+                from bricksrl.page.play import play_on_page
+
                 subtitle = self.target if is_run else ""
-                _on_page(address, env, env_id, players, subtitle=subtitle, episodes=self.episodes)
+                _on_page(address, env, env_id, play_on_page, players, subtitle=subtitle, episodes=self.episodes)
             else:
                 _in_terminal(env, list(players.values())[-1](), self.episodes, self.seed)
 
@@ -160,14 +167,6 @@ class Play:
 def _check_episodes(episodes: int | None) -> None:
     if episodes is not None and episodes < 1:
         raise DescriptionError(f"episodes is {episodes}; give 1 or more")
-
-
-def _virtual_robot(env_id: str, options: EnvOptions, seed: int) -> RobotEnv | None:
-    """The robot, if it is a virtual one that can be had without TorchRL."""
-    from brickhub.hub.transports.address import parse_hub
-    from bricksrl.envs.registry import make_robot
-
-    return make_robot(env_id, options, seed=seed) if parse_hub(options.hub).is_virtual else None
 
 
 def _array_policies(env_id: str, task: Task, policy: str | None, seed: int) -> dict[str, Callable[[], ArrayPolicy]]:
@@ -215,16 +214,18 @@ class DriveRobot:
 
     def execute(self) -> None:
         from bricksrl.envs.registry import make_robot
-        from bricksrl.page.play import resting_player
+        from bricksrl.page.robot_play import play_robot
 
         robot = make_robot(self.env, self.robot, seed=self.seed, place=place_robot)
         if robot is not None:
-            _robot_on_page(self.live_page, robot, self.env, {}, subtitle="driven by hand", in_charge=True)
+            _on_page(self.live_page, robot, self.env, play_robot, {}, subtitle="driven by hand", in_charge=True)
             return
+        from bricksrl.page.play import play_on_page, resting_player
+
         load_learning()
         with _environment(self, self.env, None) as (env, env_id):
             players = {"by hand": lambda: resting_player(env)}
-            _on_page(self.live_page, env, env_id, players, subtitle="driven by hand", in_charge=True)
+            _on_page(self.live_page, env, env_id, play_on_page, players, subtitle="driven by hand", in_charge=True)
 
 
 @contextmanager
@@ -244,52 +245,22 @@ def _environment(flags: Play | DriveRobot, target: str, run: Path | None) -> Ite
 
 def _on_page(
     address: PageOptions,
-    env: EnvBase,
-    env_id: str,
-    players: Mapping[str, Callable[[], Player]],
-    *,
-    subtitle: str,
-    in_charge: bool = False,
-    episodes: int | None = None,
-) -> None:
-    from bricksrl.page.play import play_on_page
-
-    _serve(address, env, env_id, play_on_page, players, subtitle=subtitle, in_charge=in_charge, episodes=episodes)
-
-
-def _robot_on_page(
-    address: PageOptions,
-    env: RobotEnv,
-    env_id: str,
-    policies: Mapping[str, Callable[[], ArrayPolicy]],
-    *,
-    subtitle: str = "",
-    in_charge: bool = False,
-    episodes: int | None = None,
-) -> None:
-    from bricksrl.page.robot_play import play_robot
-
-    with closing(env):
-        _serve(address, env, env_id, play_robot, policies, subtitle=subtitle, in_charge=in_charge, episodes=episodes)
-
-
-def _serve(
-    address: PageOptions,
     env: Any,
     env_id: str,
     play: Callable[..., list[float]],
     policies: Mapping[str, Any],
     *,
-    subtitle: str,
-    in_charge: bool,
-    episodes: int | None,
+    subtitle: str = "",
+    in_charge: bool = False,
+    episodes: int | None = None,
 ) -> None:
+    """Show an environment, or a robot without TorchRL, played by `play_on_page` or `play_robot`; it is closed at the end."""
     from bricksrl.cli.terminal import EmergencyStop
     from bricksrl.page.live import LivePage
 
     page = LivePage(env_id, subtitle, task=env.task, in_charge=in_charge, policies=tuple(policies), speed="1x", options=address)
     try:
-        with page, EmergencyStop(stop := threading.Event(), print_note) as emergency_stop:
+        with closing(env), page, EmergencyStop(stop := threading.Event(), print_note) as emergency_stop:
             announce(page.url)
             emergency_stop.attach(env)
             returns = play(env, page, policies, episodes=episodes, stop=stop)

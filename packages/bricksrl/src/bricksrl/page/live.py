@@ -22,7 +22,7 @@ from bricksrl.errors import BricksError, StoppedError
 from bricksrl.page.board import MAX_EPISODES, Board
 from bricksrl.page.robot_view import NUMBERS_S, SPEEDS, RobotView
 from bricksrl.page.server import PageOptions, PageServer, chosen, is_finite
-from bricksrl.policies.boxed import TRAINED
+from bricksrl.policies.by_name import TRAINED
 
 if TYPE_CHECKING:
     from tensordict import TensorDictBase

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bricksrl.errors import DescriptionError
-
-if TYPE_CHECKING:
-    from bricksrl.policies.policy import Policy
 
 Floats = NDArray[np.float32]
 FULL_TURN_DEG = 360.0
@@ -62,15 +59,9 @@ class PlainPolicy:
         linear = observation[..., self.linear] * self.scale + self.offset
         return np.concatenate((linear, np.sin(angle_rad), np.cos(angle_rad), difference), -1)
 
-    def save(self, path: Path) -> None:
-        """Write it to a file ``.npz``; equal policies give equal files."""
-        arrays = {field.name: getattr(self, field.name) for field in fields(self) if field.name not in _LAYERS}
-        layers = {f"{name}_{i}": array for name in _LAYERS for i, array in enumerate(getattr(self, name))}
-        np.savez_compressed(path, **arrays, **layers)
-
     @classmethod
     def load(cls, path: Path) -> PlainPolicy:
-        """Inverse of `save`."""
+        """Read it from a file ``.npz``, whose arrays are ``NAME``, and ``weights_0``, ``biases_0`` and so on."""
         with np.load(path) as file:
             values: dict[str, Any] = {field.name: file[field.name] for field in fields(cls) if field.name not in _LAYERS}
             count = sum(name.startswith("biases_") for name in file)
@@ -79,30 +70,3 @@ class PlainPolicy:
 
 
 _LAYERS = ("weights", "biases")
-
-
-def plain_of(policy: Policy) -> PlainPolicy:
-    """The numbers of an agent's policy. Raises DescriptionError for one with images, transforms, or other layers than an `mlp` of
-    linear layers with ReLU."""
-    from tensordict.nn import NormalParamExtractor
-    from torch import nn
-
-    from bricksrl.agents.encoder import Encoder
-    from bricksrl.agents.networks import Actor
-
-    actors = [module for module in policy.modules() if isinstance(module, Actor)]
-    encoder, body = (actors[0].encoder, actors[0].body) if len(actors) == 1 else (None, None)
-    layers = list(body) if isinstance(body, nn.Sequential) else []
-    are_plain = bool(layers) and all(isinstance(layer, nn.Linear | nn.ReLU) for layer in layers)
-    if not are_plain or not isinstance(encoder, Encoder) or encoder.images or encoder.numbers.normalize:
-        raise DescriptionError("only linear layers with ReLU on plain observations can be written as plain numbers")
-    numbers, linear = encoder.numbers, [layer for layer in layers if isinstance(layer, nn.Linear)]
-    ends = (*numbers.seen.bounds(), numbers.linear, numbers.scale, numbers.offset, numbers.angle_matrix)
-    tensors = (*ends, numbers.goal, numbers.reached, numbers.period, numbers.goal_scale)
-    weights = [layer.weight.detach().cpu().numpy() for layer in linear]
-    biases = [layer.bias.detach().cpu().numpy() for layer in linear]
-    if isinstance(actors[0].head, NormalParamExtractor):  # the best action is that of the location
-        m = len(biases[-1]) // 2
-        weights[-1], biases[-1] = weights[-1][:m], biases[-1][:m]
-    arrays: list[Any] = [tensor.cpu().numpy() for tensor in tensors]
-    return PlainPolicy(*arrays, tuple(weights), tuple(biases))
