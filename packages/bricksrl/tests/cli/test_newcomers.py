@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -151,3 +152,23 @@ def test_opengl_that_was_asked_for_is_named():
     command = [sys.executable, "-c", f"{code}print(check_opengl())"]
     done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
     assert "MUJOCO_GL=bogus" in done.stdout and "disable" not in done.stdout, done.stdout
+
+
+@pytest.mark.realtime
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="counts processes in /proc")
+def test_sigterm_ends_a_training_whose_processes_start(start, tmp_path):
+    process = start("train", "Walker-v1", "--num-envs", "4", "--no-film", "--run", str(tmp_path / "run"))
+
+    def children() -> list[str]:
+        return Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+
+    while len(children()) < 2:
+        assert process.poll() is None
+        time.sleep(0.05)
+    started = children()
+    process.send_signal(signal.SIGTERM)
+    assert process.wait(60) == 130
+    end_s = time.monotonic() + 20
+    while any(Path(f"/proc/{child}").exists() for child in started) and time.monotonic() < end_s:
+        time.sleep(0.1)
+    assert not [child for child in started if Path(f"/proc/{child}").exists()]

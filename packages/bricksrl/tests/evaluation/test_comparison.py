@@ -53,7 +53,7 @@ def test_intervals_need_five_seeds(runs: list[Path]) -> None:
         ("Walker-v0", "sac", 5),
         ("Walker-v0", "td3", 2),
     ]
-    assert found.scored_by == "evaluation"
+    assert found.scored_by == "evaluation" and arm.is_evaluated
     assert (arm.interval, td3.interval) == (None, None)
     assert sac.score == pytest.approx(-11.0) and sac.interval is not None and sac.interval.low < -11.0 < sac.interval.high
     assert found.improvements == (), "two seeds tell no probability"
@@ -62,7 +62,7 @@ def test_intervals_need_five_seeds(runs: list[Path]) -> None:
 def test_missing_evaluation_scores_all_by_training(runs: list[Path]) -> None:
     (runs[0] / "evaluation.json").unlink()
     found = compare(runs)
-    assert "last 5 episodes" in found.scored_by
+    assert "last 5 episodes" in found.scored_by and not found.groups[0].is_evaluated
     assert found.groups[2].scores == (-105.0, -105.0)
 
 
