@@ -100,37 +100,3 @@ def test_the_port_and_the_reading_there_must_suit_the_hub(tmp_path: Path) -> Non
         run(tmp_path, "from pybricks.hubs import CityHub", "D=interactive")
     with pytest.raises(TwinError, match="senses force"):
         run(tmp_path, "", "A=ForceSensor", readings=("A.ambient=20%",))
-
-
-STALLS = """
-from pybricks.pupdevices import Motor
-from pybricks.parameters import Port
-motor = Motor(Port.C)
-print(motor.run_until_stalled(500))
-{rest}
-print("done")
-"""
-
-
-def test_bench_says_where_it_blocks_a_motor(tmp_path):
-    program, err, out = tmp_path / "main.py", io.StringIO(), io.BytesIO()
-    program.write_text(STALLS.format(rest="motor.run_until_stalled(500)"))
-    assert run_file(program, stdout=out, stderr=err) == 0
-    assert err.getvalue().count("The bench blocks the motor on port C after 90 degrees") == 1
-    assert "--end-stop C=-90..120" in err.getvalue() and out.getvalue().startswith(b"90\n")
-
-
-@pytest.mark.parametrize("move", ["motor.run_target(500, 180)", "motor.run_angle(500, 90)"])
-def test_program_that_waits_for_a_blocked_motor_ends(move, tmp_path):
-    program, err, out = tmp_path / "main.py", io.StringIO(), io.BytesIO()
-    program.write_text(STALLS.format(rest=move))
-    assert run_file(program, stdout=out, stderr=err) == 1
-    assert "waits for the motor on port C, which has been blocked at" in err.getvalue() and b"done" not in out.getvalue()
-
-
-@pytest.mark.parametrize("move", ["motor.run_time(500, 90_000)", "motor.run_target(500, 180, wait=False)"])
-def test_program_whose_wait_ends_is_not_ended(move, tmp_path):
-    program, err, out = tmp_path / "main.py", io.StringIO(), io.BytesIO()
-    program.write_text(STALLS.format(rest=f"{move}\nfrom pybricks.tools import wait\nwait(90_000)"))
-    assert run_file(program, stdout=out, stderr=err) == 0, err.getvalue()
-    assert out.getvalue().endswith(b"done\n")
