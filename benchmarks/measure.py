@@ -2,7 +2,7 @@
 
     python -m benchmarks measure
 
-Each robot has random physics, a link with a tail, and is handled by a person who errs by a degree and a second. The measurement
+Each robot has random physics, with one of the links of the virtual hub, and is handled by a person who errs by a degree and a second. The measurement
 sees what a real hub sends. Takes two minutes.
 """
 
@@ -16,6 +16,7 @@ import numpy as np
 from benchmarks.session import Session
 from brickhub.hub.interface import Interface, Wait, YawRate
 from brickhub.hub.link.lockstep import HubLink
+from brickhub.hub.link.profiles import PROFILES
 from brickhub.robot import Robot
 from brickhub.virtual.virtual_transport import VirtualHub
 from bricktwin.measure.hands import SimulatedPerson
@@ -28,7 +29,6 @@ from bricktwin.twin.physics import Physics, RandomPhysics
 ROBOTS = (TWO_WHEELER, WALKER, TWO_WHEELER, WALKER, TWO_WHEELER)
 EXCHANGES = 10_000
 SPIN_MS = 1500
-TAIL_MS = 100.0
 GRAVITY_MM_S2 = 9810.0
 LIMITS = {
     "link p50, ms": 3.0,
@@ -41,21 +41,6 @@ LIMITS = {
     "distance, mm": 5.0,
 }
 """Largest errors that are allowed."""
-
-
-class TailedHub(VirtualHub):
-    """A virtual hub of which some answers are late."""
-
-    def __init__(self, body: Any, rng: np.random.Generator) -> None:
-        super().__init__(body)
-        self._rng, self._late = rng, float(rng.uniform(0.01, 0.08))
-
-    def read(self, timeout_s: float) -> bytes:
-        """The program's next output, now and then late."""
-        data = super().read(timeout_s)
-        if data and self._rng.random() < self._late:
-            self.run_on_until(self.machine.time_ms + round(self._rng.exponential(TAIL_MS)))
-        return data
 
 
 def link_delays_ms(hub: VirtualHub, robot: Robot) -> Any:
@@ -88,8 +73,9 @@ def errors(robot: Robot, seed: int) -> dict[str, Any]:
     """Errors of the measurement of one drawn robot."""
     rng = np.random.default_rng(seed)
     physics = RandomPhysics().sample(rng)
-    drawn = virtual(robot, physics, seed)
-    hub = TailedHub(drawn.body, rng)
+    if seed % 3 == 0:
+        physics = physics.with_link(PROFILES["bad-room"])
+    hub = virtual(robot, physics, seed)
     log = measure(hub, robot, SimulatedPerson(hub, rng), {})
     robot_s = hub.now_s()
     found = compare(log, robot)

@@ -22,7 +22,8 @@ from bricktwin.twin.physics import Physics
 
 HIDDEN = Physics(
     battery_v=7.7,
-    motor_friction_scale=1.4,
+    motor_1_scale=1.1,
+    motor_2_scale=0.9,
     gyro_scale_error_pct=-0.9,
     gyro_drift_deg_min=0.35,
     gyro_noise_deg_s=0.15,
@@ -65,7 +66,7 @@ def test_a_robot_is_found_that_differs_in_all(comparison: Comparison) -> None:
         assert getattr(found, name) == pytest.approx(getattr(HIDDEN, name), abs=34)
     assert found.distance_bias_mm == pytest.approx(HIDDEN.distance_bias_mm, abs=5)
     assert found.battery_v == pytest.approx(HIDDEN.battery_v, abs=0.01)
-    assert found.motor_friction_scale == pytest.approx(HIDDEN.motor_friction_scale, rel=0.1)
+    assert (found.motor_1_scale, found.motor_2_scale) == pytest.approx((HIDDEN.motor_1_scale, HIDDEN.motor_2_scale), rel=0.02)
     assert found.color_noise_pct == Physics().color_noise_pct, "nothing is known of it"
 
 

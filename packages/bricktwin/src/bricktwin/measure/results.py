@@ -18,7 +18,6 @@ from brickhub.virtual.virtual_transport import VirtualHub
 from bricktwin.measure.hands import SimulatedPerson
 from bricktwin.measure.session import TURNED_DEG, WALL_MM, Row, SessionLog, measure
 from bricktwin.twin.make_body import lies_on_bench, make_body
-from bricktwin.twin.models.motors import motor_constants
 from bricktwin.twin.physics import PARAMETERS, Physics
 from bricktwin.twin.scene import OPEN_FLOOR, Scene
 
@@ -35,24 +34,22 @@ class Quantity:
 
     Attributes:
         parameter: parameter of the twin on which it depends; "" for none.
-        factor: change of the number for one unit of the parameter.
+        factor: change of the number for one unit of the parameter; ``None`` where it is in proportion to it.
     """
 
     name: str
     unit: str
     parameter: str = ""
-    factor: float = 1.0
+    factor: float | None = 1.0
 
 
 def quantities(robot: Robot) -> tuple[Quantity, ...]:
     """All that can be measured of a robot."""
     tilt_deg = math.degrees(1.0 / _GRAVITY_MM_S2)
     motors = []
-    for motor in robot.motors:
-        constants = motor_constants(motor.kind)
-        slower = math.degrees(constants.friction_nm / constants.drag_nm_s)
+    for number, motor in enumerate(robot.motors, 1):
         motors += [
-            Quantity(f"speed of {motor.name}, free", "deg/s", "motor_friction_scale", -slower),
+            Quantity(f"speed of {motor.name}, free", "deg/s", f"motor_{number}_scale", None),
             Quantity(f"battery with {motor.name} held", "V"),
         ]
     return (
@@ -164,14 +161,19 @@ class Comparison:
     def at(self, quantity: Quantity, value: float) -> float:
         """The number of a twin whose parameter has this value."""
         base: float = getattr(self.base, quantity.parameter)
-        return self.twin[quantity.name] + quantity.factor * (value - base)
+        return self.twin[quantity.name] + self._factor(quantity) * (value - base)
+
+    def _factor(self, quantity: Quantity) -> float:
+        if quantity.factor is None:
+            return self.twin[quantity.name] / float(getattr(self.base, quantity.parameter))
+        return quantity.factor
 
     def fitted(self) -> Physics:
         """Physics of the robot; what several numbers say of a parameter is averaged, what none says of it is the default."""
         values: dict[str, list[float]] = {}
         for one in self.quantities:
             if one.parameter and one.name in self.robot and one.name in self.twin:
-                off = (self.robot[one.name] - self.twin[one.name]) / one.factor
+                off = (self.robot[one.name] - self.twin[one.name]) / self._factor(one)
                 values.setdefault(one.parameter, []).append(getattr(self.base, one.parameter) + off)
         fitted = {name: float(np.clip(np.mean(found), *PARAMETERS[name].allowed_range)) for name, found in values.items()}
         return replace(Physics(), **fitted)

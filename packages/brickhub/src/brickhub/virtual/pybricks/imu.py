@@ -111,7 +111,7 @@ class IMU(Native):
 
     def tilt(self, calibrated: Any = True) -> tuple[float, float]:
         pitch, roll = self._machine.body.tilt_deg()
-        if not (calibrated and self._is_aligned and self._is_nominal):
+        if not (calibrated and self._is_aligned):
             x, y, z = self._in_robot_frame(self._gravity_in_hub() if calibrated else self._machine.body.acceleration_mm_s2())
             pitch = math.atan2(-x, math.hypot(y, z)) * _DEG_PER_RAD
             roll = math.atan2(y + 0.0, z) * _DEG_PER_RAD  # -0.0 would change it by 360
@@ -198,12 +198,6 @@ class IMU(Native):
             self._heading.calibrate(self._settings["angular_velocity_scale"])
         return None
 
-    @property
-    def _is_nominal(self) -> bool:
-        """Whether a program has not corrected the accelerometer."""
-        name = "acceleration_correction"
-        return bool(self._settings[name] == _SETTINGS[name][0])
-
     def _corrected(self, force: _Vector) -> _Vector:
         """An acceleration, corrected by the readings for gravity along each axis that a program has set."""
         limits = self._settings["acceleration_correction"]
@@ -212,13 +206,9 @@ class IMU(Native):
         return x, y, z
 
     def _gravity_in_hub(self) -> _Vector:
-        """Vector upwards in the hub's frame, of unit length if a program has set no correction."""
+        """Unit vector upwards in the hub's frame."""
         pitch, roll = (math.radians(a) for a in self._machine.body.tilt_deg())
-        up = -math.sin(pitch), math.cos(pitch) * math.sin(roll), math.cos(pitch) * math.cos(roll)
-        if self._is_nominal:
-            return up
-        x, y, z = self._corrected((up[0] * _GRAVITY_MM_S2, up[1] * _GRAVITY_MM_S2, up[2] * _GRAVITY_MM_S2))
-        return x / _GRAVITY_MM_S2, y / _GRAVITY_MM_S2, z / _GRAVITY_MM_S2
+        return -math.sin(pitch), math.cos(pitch) * math.sin(roll), math.cos(pitch) * math.cos(roll)
 
     def _in_robot_frame(self, v: _Vector) -> _Vector:
         if self._is_aligned:
