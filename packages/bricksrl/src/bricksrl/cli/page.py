@@ -102,7 +102,8 @@ class Demo:
         if env is None:
             raise DescriptionError(f"{self.env} has no robot to show; `bricksrl demo` shows a Walker")
         policies = _array_policies(self.env, env.task, self.policy, self.seed)
-        _on_page(self.live_page, env, self.env, play_robot, policies, subtitle="trained before", episodes=self.episodes)
+        with closing(env):
+            _on_page(self.live_page, env, self.env, play_robot, policies, subtitle="trained before", episodes=self.episodes)
 
 
 @dataclass(frozen=True)
@@ -150,7 +151,8 @@ class Play:
             from bricksrl.page.robot_play import play_robot
 
             arrays = _array_policies(self.target, robot.task, self.policy, self.seed)
-            _on_page(address, robot, self.target, play_robot, arrays, episodes=self.episodes)
+            with closing(robot):
+                _on_page(address, robot, self.target, play_robot, arrays, episodes=self.episodes)
             return
         load_learning()
         with _environment(self, self.target, folder if is_run else None) as (env, env_id):
@@ -177,13 +179,12 @@ def _array_policies(env_id: str, task: Task, policy: str | None, seed: int) -> d
 
 def _players(run: Path | None, env: EnvBase, env_id: str, policy: str | None, seed: int) -> dict[str, Callable[[], Player]]:
     """Players of a run, or of an environment of ours."""
-    from bricksrl.policies.policy import array_player, named_policies, random_player
+    from bricksrl.policies.policy import array_player, named_policies
 
     if run is not None:
         return _beginning_with(policy, named_policies(run, env, seed), str(run))
     arrays = _array_policies(env_id, env.task, policy, seed)
-    players = {name: functools.partial(array_player, make) for name, make in arrays.items()}
-    return {name: (lambda: random_player(env, seed)) if name == "random" else player for name, player in players.items()}
+    return {name: functools.partial(array_player, make) for name, make in arrays.items()}
 
 
 def _beginning_with(policy: str | None, policies: Mapping[str, _T], target: str) -> dict[str, _T]:
@@ -218,7 +219,8 @@ class DriveRobot:
 
         robot = make_robot(self.env, self.robot, seed=self.seed, place=place_robot)
         if robot is not None:
-            _on_page(self.live_page, robot, self.env, play_robot, {}, subtitle="driven by hand", in_charge=True)
+            with closing(robot):
+                _on_page(self.live_page, robot, self.env, play_robot, {}, subtitle="driven by hand", in_charge=True)
             return
         from bricksrl.page.play import play_on_page, resting_player
 
@@ -254,13 +256,13 @@ def _on_page(
     in_charge: bool = False,
     episodes: int | None = None,
 ) -> None:
-    """Show an environment, or a robot without TorchRL, played by `play_on_page` or `play_robot`; it is closed at the end."""
+    """Show an environment, or a robot without TorchRL, played by `play_on_page` or `play_robot`."""
     from bricksrl.cli.terminal import EmergencyStop
     from bricksrl.page.live import LivePage
 
     page = LivePage(env_id, subtitle, task=env.task, in_charge=in_charge, policies=tuple(policies), speed="1x", options=address)
     try:
-        with closing(env), page, EmergencyStop(stop := threading.Event(), print_note) as emergency_stop:
+        with page, EmergencyStop(stop := threading.Event(), print_note) as emergency_stop:
             announce(page.url)
             emergency_stop.attach(env)
             returns = play(env, page, policies, episodes=episodes, stop=stop)
