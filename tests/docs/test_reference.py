@@ -41,6 +41,8 @@ def importable(module_name: str) -> set[str]:
         if name.startswith("_") or not (inspect.isclass(value) or inspect.isfunction(value)):
             continue
         place = value.__module__
+        if place.endswith((".errors", ".fields")):
+            continue
         passes_on = module_name.startswith(("bricksrl.robots", "bricksrl.hub.", "bricksrl.twin."))
         is_of = place == module_name or (place.startswith(("brickhub.", "bricktwin.")) and passes_on)
         if is_of or (home is not None and name in home and place.startswith("brick")):

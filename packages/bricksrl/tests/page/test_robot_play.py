@@ -104,18 +104,17 @@ def test_paused_page_ends_when_it_is_stopped(is_plain):
 @contextmanager
 def command(*words: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
     """A command with a page, and its address."""
-    process = subprocess.Popen([sys.executable, "-m", "bricksrl", *words], stderr=subprocess.PIPE, text=True)
-    try:
+    with subprocess.Popen([sys.executable, "-m", "bricksrl", *words], stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr is not None
         found = None
-        while found is None:
-            line = process.stderr.readline()
-            assert line, "it ended"
-            found = re.search(r"http://\S+", line)
-        yield process, found[0]
-    finally:
-        process.kill()
-        process.wait()
+        try:
+            while found is None:
+                line = process.stderr.readline()
+                assert line, "it ended"
+                found = re.search(r"http://\S+", line)
+            yield process, found[0]
+        finally:
+            process.kill()
 
 
 def pressing(url: str, name: str) -> None:
@@ -145,6 +144,6 @@ def test_paused_page_ends_at_sigterm(words):
 def test_demo_walks_in_the_browser():
     """From the command to a robot that has moved; the time is measured by `python -m benchmarks startup`."""
     with chromium() as browser, command("demo") as (_, url), tab(browser, url) as page:
-        page.wait_for_function("parseFloat(document.querySelector('[data-fact=distance]')?.textContent) > 0.03")
+        page.locator("[data-fact=distance]").filter(has_text=re.compile(r"0\.(0[3-9]|[1-9])")).wait_for()
         page.locator("#policy").select_option("random")
-        page.wait_for_function("parseFloat(document.querySelector('[data-fact=return]')?.textContent) > 0")
+        page.locator("[data-fact=return]").wait_for()
