@@ -69,8 +69,8 @@ def plain_of(policy: Policy) -> PlainPolicy:
     if isinstance(actors[0].head, NormalParamExtractor):  # the best action is that of the location
         m = len(biases[-1]) // 2
         weights[-1], biases[-1] = weights[-1][:m], biases[-1][:m]
-    arrays: list[Any] = [tensor.cpu().numpy() for tensor in tensors]
-    return PlainPolicy(*arrays, tuple(weights), tuple(biases))
+    arrays = [*(tensor.cpu().numpy() for tensor in tensors), tuple(weights), tuple(biases)]
+    return PlainPolicy(**dict(zip((field.name for field in fields(PlainPolicy)), arrays, strict=True)))
 
 
 def save(policy: PlainPolicy, path: Path) -> None:

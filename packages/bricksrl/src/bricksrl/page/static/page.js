@@ -257,6 +257,7 @@ function showPushes() {
 // slept, or had no connection, stays at rest, unless somebody holds the stick.
 function push(values) {
   pushes.values = values.map((value) => Math.max(-1, Math.min(1, value)));
+  pushes.active ||= pushes.values.some((value) => value !== 0); // or the server's last pushes replace them before they are sent
   showPushes();
   clearTimeout(pushes.timer);
   if (Date.now() - pushes.sent_ms < MIN_INTERVAL_MS) pushes.timer = setTimeout(send, MIN_INTERVAL_MS);
