@@ -16,13 +16,13 @@ import numpy as np
 
 from brickhub.entry import Entry
 from bricksrl.envs.env_interface import BricksEnv, interface_of
-from bricksrl.envs.pushes import at_rest, pushed
 from bricksrl.envs.reference_returns import REFERENCES
 from bricksrl.errors import BricksError, StoppedError
 from bricksrl.page.board import MAX_EPISODES, Board
 from bricksrl.page.robot_view import NUMBERS_S, SPEEDS, RobotView
 from bricksrl.page.server import PageOptions, PageServer, chosen, is_finite
 from bricksrl.policies.by_name import TRAINED
+from bricksrl.teleoperation import at_rest, pushed
 
 if TYPE_CHECKING:
     from tensordict import TensorDictBase
