@@ -70,7 +70,8 @@ def plain_of(policy: Policy) -> PlainPolicy:
         m = len(biases[-1]) // 2
         weights[-1], biases[-1] = weights[-1][:m], biases[-1][:m]
     arrays = [*(tensor.cpu().numpy() for tensor in tensors), tuple(weights), tuple(biases)]
-    return PlainPolicy(**dict(zip((field.name for field in fields(PlainPolicy)), arrays, strict=True)))
+    values: dict[str, Any] = dict(zip((field.name for field in fields(PlainPolicy)), arrays, strict=True))
+    return PlainPolicy(**values)
 
 
 def save(policy: PlainPolicy, path: Path) -> None:
