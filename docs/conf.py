@@ -23,6 +23,7 @@ exclude_patterns = ["_build"]
 suppress_warnings = ["ref.python"]  # some names, such as `make`, are in two modules
 html_theme = "furo"
 html_title = "BricksRL"
+html_extra_path = ["llms.txt"]
 myst_enable_extensions = ["colon_fence", "deflist"]
 myst_heading_anchors = 3
 nb_execution_mode = "off"  # the tests execute the notebooks

@@ -37,11 +37,15 @@ def new_figure(width_in: float = 8.0, height_in: float = 4.5) -> Figure:
     return figure
 
 
+PICTURES = (".png", ".svg", ".pdf")
+"""Suffixes of pictures; of the last two a paper can use any size."""
+
+
 def check_picture(path: Path | str) -> Path:
-    """The path, if it names a PNG file, as `save` writes. Raises DescriptionError if it has another suffix."""
+    """The path, if it names a picture that `save` writes. Raises DescriptionError if it has another suffix."""
     path = Path(path)
-    if path.suffix.lower() != ".png":
-        raise DescriptionError(f"'{path}' is not a name of a picture; end it in .png")
+    if path.suffix.lower() not in PICTURES:
+        raise DescriptionError(f"'{path}' is not a name of a picture; end it in {', '.join(PICTURES)}")
     return path
 
 
@@ -57,10 +61,10 @@ def style(axes: Axes, title: str = "", x: str = "", y: str = "") -> None:
 
 
 def save(figure: Figure, path: Path, dots_per_inch: int = 150) -> None:
-    """Write a figure to a PNG file, completely or not at all."""
-    png = io.BytesIO()
-    figure.savefig(png, format="png", dpi=dots_per_inch)
-    write_durably(path, png.getvalue())
+    """Write a figure to a file of one of `PICTURES`, completely or not at all."""
+    data = io.BytesIO()
+    figure.savefig(data, format=path.suffix[1:].lower(), dpi=dots_per_inch)
+    write_durably(path, data.getvalue())
 
 
 def save_image(path: Path | str, image: NDArray[np.uint8]) -> None:

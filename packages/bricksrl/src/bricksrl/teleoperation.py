@@ -19,15 +19,13 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, Self
 
-import torch
-from torch import Tensor
-
 from brickhub.entry import Entry
 from brickhub.hub.lego_package import lego_package
 from bricksrl.errors import DataError
 
 if TYPE_CHECKING:
     from prompt_toolkit.input import Input
+    from torch import Tensor
 
 KEY_PAIRS = (("q", "a"), ("w", "s"), ("e", "d"), ("r", "f"), ("t", "g"), ("y", "h"))
 """Keys of each command in order: the key that raises it, and the key below that lowers it."""
@@ -38,22 +36,29 @@ _BUTTON, _AXIS, _INITIAL = 0x01, 0x02, 0x80
 _AXIS_MAX = 32767
 
 
-def rest_action(commands: Sequence[Entry]) -> Tensor:
+def at_rest(commands: Sequence[Entry]) -> list[float]:
     """Action ``[m]`` that moves nothing, or as little as possible; 0 for a command of unknown range."""
-    values = []
-    for command in commands:
-        low, high = command.low, command.high
-        if not math.isfinite(high - low) or low == high:
-            values.append(0.0)
-        else:
-            values.append(min(max(-(high + low) / (high - low), -1.0), 1.0))
-    return torch.tensor(values)
+    spans = [(command.high + command.low, command.high - command.low) for command in commands]
+    return [min(max(-double / span, -1.0), 1.0) if math.isfinite(span) and span else 0.0 for double, span in spans]
 
 
-def push_action(pushes: Tensor, at_rest: Tensor) -> Tensor:
-    """Action for pushes ``[m]`` from -1 (fully down) over 0 (released) to 1 (fully up)."""
-    pushes = pushes.clamp(-1.0, 1.0)
-    return at_rest + pushes.clamp(min=0.0) * (1.0 - at_rest) + pushes.clamp(max=0.0) * (1.0 + at_rest)
+def pushed(pushes: Sequence[float], rest: Sequence[float]) -> list[float]:
+    """Action ``[m]`` for pushes from -1 (fully down) over 0 (released, the action ``rest``) to 1 (fully up)."""
+    ways = zip((min(max(push, -1.0), 1.0) for push in pushes), rest, strict=True)
+    return [still + (push * (1.0 - still) if push > 0.0 else push * (1.0 + still)) for push, still in ways]
+
+
+def rest_action(commands: Sequence[Entry]) -> Tensor:
+    """`at_rest` as a tensor."""
+    import torch
+
+    return torch.tensor(at_rest(commands))
+
+
+def _action(pushes: Sequence[float], rest: Sequence[float]) -> Tensor:
+    import torch
+
+    return torch.tensor(pushed(pushes, rest))
 
 
 def legend(commands: Sequence[Entry]) -> list[str]:
@@ -94,7 +99,7 @@ class KeyboardDriver:
         if len(commands) > len(KEY_PAIRS):
             raise DataError(f"{len(commands)} commands are too many for the keyboard, which drives {len(KEY_PAIRS)}; use the API")
         self.in_charge = in_charge
-        self._rest = rest_action(commands)
+        self._rest = at_rest(commands)
         self._keys: dict[str, tuple[int, float]] = {}
         for index, (up, down) in enumerate(KEY_PAIRS[: len(commands)]):
             self._keys |= {up: (index, 1.0), down: (index, -1.0)}
@@ -107,7 +112,7 @@ class KeyboardDriver:
 
     def __call__(self, observation: Tensor) -> Tensor | None:
         """Action ``[m]`` of the keys since the last call; ``None`` while the policy is in charge."""
-        pushes = torch.zeros_like(self._rest)
+        pushes = [0.0] * len(self._rest)
         for press in self._source.read_keys():
             key = str(getattr(press.key, "value", press.key))
             if key == "c-c":
@@ -117,7 +122,7 @@ class KeyboardDriver:
             if key.lower() in self._keys:
                 index, push = self._keys[key.lower()]
                 pushes[index] = push
-        return push_action(pushes, self._rest) if self.in_charge else None
+        return _action(pushes, self._rest) if self.in_charge else None
 
     def quiet(self) -> contextlib.AbstractContextManager[None]:
         """A context in which the terminal is restored, for a question and its answer."""
@@ -155,7 +160,7 @@ class GamepadDriver:
 
     def __init__(self, commands: Sequence[Entry], *, in_charge: bool = True, pad: Pad | None = None) -> None:
         self.in_charge = in_charge
-        self._rest = rest_action(commands)
+        self._rest = at_rest(commands)
         self._pad = find_pad() if pad is None else pad
         self._sticks = [axis for axis, position in enumerate(self._pad.read()[0]) if abs(position) < TRIGGER_ZONE]
 
@@ -166,10 +171,9 @@ class GamepadDriver:
             self.in_charge = not self.in_charge
         if not self.in_charge:
             return None
-        pushes = torch.zeros_like(self._rest)
-        axes = torch.tensor([positions[axis] for axis in self._sticks[: len(pushes)]])
-        pushes[: len(axes)] = torch.where(axes.abs() < DEAD_ZONE, 0.0, axes)
-        return push_action(pushes, self._rest)
+        axes = [positions[axis] for axis in self._sticks[: len(self._rest)]]
+        pushes = [0.0 if abs(axis) < DEAD_ZONE else axis for axis in axes]
+        return _action(pushes + [0.0] * (len(self._rest) - len(axes)), self._rest)
 
     def __enter__(self) -> Self:
         return self

@@ -318,7 +318,7 @@ def test_invalid_arguments_raise_before_any_output(fails, arguments: list[str], 
 
 
 def test_pictures_are_png_files(dataset: Path, tmp_path: Path, fails) -> None:
-    fails("data", "plot", str(dataset), "--out", str(tmp_path / "x.xyz"), says="end it in .png")
+    fails("data", "plot", str(dataset), "--out", str(tmp_path / "x.xyz"), says="end it in .png, .svg, .pdf")
 
 
 def test_hub_program_is_written_to_file(tmp_path: Path, capfd) -> None:

@@ -87,7 +87,7 @@ def test_program_on_page(tmp_path, capfd):
             "in runs/nothing; choose a folder with a meta/bricksrl.json",
         ),
         (("camera", "calibrate", "--camera", "99"), "camera 99 shows nothing; plug it in"),
-        (("play", "RunAway-v0", "--policy", "best"), "choose random"),
+        (("play", "RunAway-v0", "--policy", "last"), "choose random, scripted, best"),
         (("play", "RunAway-v0", "--page", "--page-port", "70000"), "is not a port"),
         (("drive", "RunAway-v0", "--page-host", "256.0.0.1"), "name another host"),
         (("hub", "run", __file__, "--page", "--hub", "ble"), "leave out --hub, or --page"),

@@ -19,7 +19,7 @@ from torchrl.envs import GymEnv, GymWrapper
 from torchrl.envs.utils import check_env_specs
 
 import bricksrl
-from bricksrl.errors import BricksError, RenderingUnavailableError
+from bricksrl.errors import BricksError, DescriptionError, RenderingUnavailableError
 
 IDS = pytest.mark.parametrize("env_id", ["RunAway-v0", "Spinning-v0"])
 
@@ -269,3 +269,45 @@ def test_missing_graphics_library_disables_pictures_only() -> None:
     command = [sys.executable, "-c", script]
     done = subprocess.run(command, env={**os.environ, "MUJOCO_GL": "bogus"}, capture_output=True, text=True, check=False)
     assert done.returncode == 0 and done.stderr.count("MUJOCO_GL=bogus does not work") == 1, done.stderr
+
+
+@pytest.mark.parametrize("env_id", ["Walker-v1", "RoboArmSim-v0"])
+def test_features_are_those_of_our_agents(env_id):
+    from bricksrl.agents import preset
+    from bricksrl.agents.encoder import make_encoder
+    from bricksrl.envs.gymnasium import FeatureObservation
+
+    env = FeatureObservation(gymnasium.make(f"bricksrl/{env_id}"))
+    observation, _ = env.reset(seed=0)
+    raw = env.unwrapped.env
+    encoder = make_encoder(raw, preset("default", "sac")).eval()
+    plain, _ = gymnasium.make(f"bricksrl/{env_id}").reset(seed=0)
+    assert observation.tolist() == pytest.approx(encoder(torch.from_numpy(plain)).detach().tolist(), abs=1e-6)
+    assert env.observation_space.shape == observation.shape == (encoder.size,)
+    after, *_ = env.step(env.action_space.sample())
+    assert after.shape == observation.shape and abs(after).max() < 20.0
+    env.close()
+
+
+def test_features_need_an_environment_of_ours():
+    from bricksrl.envs.gymnasium import FeatureObservation
+
+    with pytest.raises(DescriptionError, match="no vector of ours"):
+        FeatureObservation(gymnasium.make("CartPole-v1"))
+
+
+@pytest.mark.slow
+def test_another_library_learns_with_the_features():
+    """The documentation's example; return 93 is a trot."""
+    sb3 = pytest.importorskip("stable_baselines3")
+    from bricksrl.envs.gymnasium import FeatureObservation
+
+    env = FeatureObservation(gymnasium.make("bricksrl/Walker-v1"))
+    options = {"learning_rate": 1e-3, "gamma": 0.95, "gradient_steps": 2, "learning_starts": 100, "ent_coef": "auto_0.1"}
+    agent = sb3.SAC("MlpPolicy", env, seed=0, **options)
+    agent.learn(2000)
+    observation, total, ended = env.reset(seed=1)[0], 0.0, False
+    while not ended:
+        observation, reward, terminated, truncated, _ = env.step(agent.predict(observation, deterministic=True)[0])
+        total, ended = total + reward, terminated or truncated
+    assert total > 0.8 * 93.0

@@ -53,7 +53,7 @@ def test_options_of_another_type_raise(option: Any) -> None:
 
 
 def test_unknown_device_raises() -> None:
-    with pytest.raises(RunError, match="there is no device 'gpu' here; choose cpu, cuda, mps or auto"):
+    with pytest.raises(RunError, match="there is no device 'gpu' here; choose cpu.* or auto"):
         bricksrl.make("WalkerSim-v0", device="gpu")
 
 

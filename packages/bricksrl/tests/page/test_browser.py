@@ -322,3 +322,43 @@ def test_memory_does_not_grow(browser: object, played: Played) -> None:
         series = played.page.board.series
         assert len(series["reward"].rows) == 400 == len(series["channels"].rows)
         assert page.evaluate("document.querySelectorAll('*').length") < 250
+
+
+def test_goal_scores_and_curve_are_beside_the_robot(browser: object, played: Played) -> None:
+    with tab(browser, played.page.url, 1280, 800) as page:
+        page.wait_for_selector("#scene[data-frames]")
+        assert page.locator("#goal p").inner_text() == played.env.task.summary
+        for name in ("random", "by hand", "paper's SAC"):
+            page.locator(f'#goal dt:text-is("{name}")').wait_for()
+        curve, view = (page.locator(name).bounding_box() for name in ("figure[data-series='return/0']", "#view"))
+        assert curve["y"] + curve["height"] <= 800 and curve["y"] >= view["y"] + view["height"]
+
+
+def test_robot_is_on_the_screen_of_a_phone_held_across(browser: object, played: Played) -> None:
+    with tab(browser, played.page.url, 740, 360) as page:
+        page.wait_for_selector("#scene[data-frames]")
+        view, stop = (page.locator(name).bounding_box() for name in ("#view", "#stop"))
+        assert view["height"] > 200 and view["y"] + view["height"] <= 360 and stop["y"] < 60
+        page.evaluate("scrollTo(0, 3000)")
+        assert page.locator("#view").bounding_box()["y"] >= 0, "it stays while one scrolls to the sliders"
+        assert page.evaluate("document.documentElement.scrollWidth") <= 740
+
+
+def test_arrow_keys_drive(browser: object) -> None:
+    with playing("Spinning-v0", by_hand=True) as played, tab(browser, played.page.url) as page:
+        page.wait_for_selector("#scene[data-frames]")
+        page.keyboard.down("ArrowUp")
+        until(lambda: min(played.page.driver.pushes) > 0.8, "forward")
+        page.keyboard.up("ArrowUp")
+        until(lambda: played.page.driver.pushes == [0.0, 0.0], "let go")
+        page.keyboard.down("ArrowLeft")
+        until(lambda: played.page.driver.pushes[0] < -0.8 < 0.8 < played.page.driver.pushes[1], "left")
+        page.keyboard.up("ArrowLeft")
+        until(lambda: played.page.driver.pushes == [0.0, 0.0], "let go")
+
+
+def test_good_news_is_not_red(browser: object, played: Played) -> None:
+    with tab(browser, played.page.url) as page:
+        until(lambda: played.steps > 0, "it plays")
+        played.page.finish("Done. It has learned.")
+        page.locator("#message.note:has-text('Done.')").wait_for()

@@ -102,5 +102,5 @@ def test_stopped_run_can_be_resumed(tmp_path: Path) -> None:
                 super().on_step(episode, step, phase)
 
         result = train(config, Stops(page, stop), driver=page.driver, stop=stop)
-        assert page.board.status[1]["state"] == "finished" and "bricksrl resume" in page.board.status[1]["message"]
+        assert page.board.status[1]["state"] == "finished" and "bricksrl resume" in page.board.status[1]["note"]
     assert result.interrupted and 1 <= len(result.episodes) < 50

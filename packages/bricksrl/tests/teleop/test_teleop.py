@@ -14,7 +14,7 @@ from prompt_toolkit.input.vt100 import Vt100Input
 
 from brickhub.entry import Entry
 from bricksrl.errors import DataError
-from bricksrl.teleoperation import GamepadDriver, KeyboardDriver, LinuxPad, Paced, PygamePad, push_action, rest_action
+from bricksrl.teleoperation import GamepadDriver, KeyboardDriver, LinuxPad, Paced, PygamePad, at_rest, pushed
 
 pytestmark = pytest.mark.realtime
 
@@ -23,12 +23,12 @@ NOTHING = torch.zeros(3)
 
 
 def test_released_controls_do_not_move() -> None:
-    at_rest = rest_action([LEG, ARM, Entry("unknown"), Entry("far", 10.0, 20.0, "deg")])
-    assert at_rest.tolist() == [1.0, 0.0, 0.0, -1.0]  # 0 degrees, and the nearest to it
-    assert push_action(torch.zeros(4), at_rest).tolist() == at_rest.tolist()
-    assert push_action(torch.ones(4), at_rest).tolist() == [1.0] * 4
-    assert push_action(-torch.ones(4), at_rest).tolist() == [-1.0] * 4
-    assert push_action(torch.tensor([-0.5, 0.5, 9.0, 0.0]), at_rest).tolist() == [0.0, 0.5, 1.0, -1.0]
+    rest = at_rest([LEG, ARM, Entry("unknown"), Entry("far", 10.0, 20.0, "deg")])
+    assert rest == [1.0, 0.0, 0.0, -1.0]  # 0 degrees, and the nearest to it
+    assert pushed([0.0] * 4, rest) == rest
+    assert pushed([1.0] * 4, rest) == [1.0] * 4
+    assert pushed([-1.0] * 4, rest) == [-1.0] * 4
+    assert pushed([-0.5, 0.5, 9.0, 0.0], rest) == [0.0, 0.5, 1.0, -1.0]
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are of POSIX")

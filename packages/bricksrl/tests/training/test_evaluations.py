@@ -166,7 +166,7 @@ def test_lost_link_skips_evaluation(config: TrainConfig) -> None:
 def test_unavailable_device_raises(config: TrainConfig, tmp_path: Path) -> None:
     absent = "mps" if torch.cuda.is_available() else "cuda"
     for name in (absent, "abacus"):
-        with pytest.raises(RunError, match=f"there is no device '{name}' here; choose cpu, cuda, mps or auto"):
+        with pytest.raises(RunError, match=f"there is no device '{name}' here; choose cpu.* or auto"):
             train(replace(config, device=name), env=Cart())
     assert list(tmp_path.iterdir()) == []
 

@@ -10,8 +10,20 @@ import enum
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
+from brickhub.errors import hint
 
-class _Kind(enum.Enum):
+
+class KindType(enum.EnumType):
+    """Type of an enumeration that names its members where a name is wrong."""
+
+    def __getattr__(cls, name: str) -> Any:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        names = list(cls.__members__)
+        raise AttributeError(f"there is no {cls.__name__}.{name}{hint(name, names)}; choose {', '.join(names)}")
+
+
+class _Kind(enum.Enum, metaclass=KindType):
     """Kind of a device: ``model`` is its row, ``value`` the name in it."""
 
     _value_: str

@@ -13,10 +13,10 @@ from typing import Any, ClassVar, TypeVar
 
 from brickhub.errors import DescriptionError
 from brickhub.fields import check_fields
-from brickhub.robot.hardware import AnyHub, MotorKind, SensorKind
+from brickhub.robot.hardware import AnyHub, KindType, MotorKind, SensorKind
 
 
-class Direction(enum.Enum):
+class Direction(enum.Enum, metaclass=KindType):
     """Direction in which a motor counts up, seen from its shaft."""
 
     CLOCKWISE = 1

@@ -218,6 +218,7 @@ class FittedBench(BenchBody):
         self._turns: dict[str, float] = {}
         self._heading_offset_deg = 0.0
         self._report: Callable[[str], object] | None = report
+        self._tell = report
         self._up = (0.0, 0.0, 1.0)
         for port in (*self._given_readings, *self._stops, *devices):
             if port not in hub.model.ports:
@@ -258,6 +259,11 @@ class FittedBench(BenchBody):
     def block(self, port: str, direction: int) -> None:
         motor = self._motors[port]
         low, high = motor.stops or (-math.inf, math.inf)
+        if math.inf == (high if direction > 0 else -low):
+            self._tell(
+                f"The bench blocks the motor on port {port} after 90 degrees, as the program runs it until it stalls; "
+                f"--end-stop {port}=-90..120 gives it other ends."
+            )
         if direction > 0 and high == math.inf:
             motor.stops = low, motor.angle + _STALL_TRAVEL_MDEG
         elif direction < 0 and low == -math.inf:

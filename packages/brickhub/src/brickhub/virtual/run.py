@@ -216,7 +216,7 @@ def _run(source: str, path: Path, machine: Machine, console: StreamConsole, stdo
     except BaseException as error:
         if not (is_program_error(error) or isinstance(error, KeyboardInterrupt)):
             raise
-        stderr.write(format_traceback(error, path.name) + _module_hint(error, path))
+        stderr.write(format_traceback(error, path.name) + _module_hint(error, path) + _typing_hint(error, source))
         return 1
     finally:
         machine.stop_motors()
@@ -231,6 +231,19 @@ def _module_hint(error: BaseException, path: Path) -> str:
     if missing is None or folder is None:
         return ""
     return f"A program imports what lies beside it; move it to {folder}, where {missing[1]} is.\n"
+
+
+_OF_WORD_PROCESSORS = str.maketrans("\u201c\u201d\u201e\u2018\u2019\u2013\u2014\u2212", '"""\'\'---')
+"""Curly quotes and long dashes, and what a program needs in their place."""
+
+
+def _typing_hint(error: BaseException, source: str) -> str:
+    """A line that names a character of a word processor in a program whose syntax is wrong."""
+    for number, line in enumerate(source.splitlines() if isinstance(error, SyntaxError) else (), 1):
+        for typed, wanted in zip(line, line.translate(_OF_WORD_PROCESSORS), strict=True):
+            if typed != wanted:
+                return f"Line {number} has {typed}, as word processors write it; type {wanted}\n"
+    return ""
 
 
 def stop_program() -> None:

@@ -101,21 +101,26 @@ class Algorithm:
     build: Callable[..., Learner]
 
 
+def check_agent(agent: str) -> None:
+    """Raise UnknownNameError if there is no algorithm of that name; a user's file is looked at when it is loaded."""
+    if not is_reference(agent) and agent not in AGENTS:
+        remedy = f"{hint(agent, AGENTS)}; choose one of {', '.join(AGENTS)}, or give a file: my_agent.py"
+        raise UnknownNameError(f"there is no agent '{agent}'{remedy}")
+
+
 def algorithm(agent: str) -> Algorithm:
     """The algorithm with a name, or in a user's file: a function ``build(env, settings: Settings, device)``. Raises
     UnknownNameError if there is none, DescriptionError if the user's code cannot be loaded or ``settings`` has no type."""
     from bricktwin.twin.make_body import check_mujoco
 
     check_mujoco()  # TorchRL imports it, whatever the agent
+    check_agent(agent)
     if is_reference(agent):
         build = load_object(agent, "build")
         module = inspect.getmodule(build)
-    elif agent in AGENTS:
+    else:
         module = importlib.import_module(f"bricksrl.agents.{_MODULES.get(agent, agent)}")
         build = module.build
-    else:
-        remedy = f"{hint(agent, AGENTS)}; choose one of {', '.join(AGENTS)}, or give a file: my_agent.py"
-        raise UnknownNameError(f"there is no agent '{agent}'{remedy}")
     remedy = "write build(env, settings: Settings, device) with a frozen dataclass Settings"
     try:
         settings = inspect.signature(build).parameters["settings"].annotation

@@ -20,6 +20,7 @@ LINE = CommandLine(
 Without a robot, everything runs on a virtual hub, which executes the same hub program in simulated time.
 
 Examples:
+  bricksrl demo
   bricksrl list
   bricksrl train RunAway-v0
   bricksrl evaluate runs/<folder>
@@ -35,6 +36,7 @@ Examples:
         "tune": "bricksrl.cli.tune:Tune",
         "study": "bricksrl.cli.tune:StudyCommand",
         "evaluate": "bricksrl.cli.evaluate:Evaluate",
+        "demo": "bricksrl.cli.page:Demo",
         "play": "bricksrl.cli.page:Play",
         "drive": "bricksrl.cli.page:DriveRobot",
         "compare": "bricksrl.cli.evaluate:Compare",

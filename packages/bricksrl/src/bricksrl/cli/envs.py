@@ -59,14 +59,20 @@ def _environment(task: Task, summary: str) -> dict[str, Any]:
     }
 
 
+_WIDE = 60
+"""Width of a console from which on there is room for all columns."""
+
+
 def _print_table(names: dict[str, Any]) -> None:
     from rich.console import Console
     from rich.table import Column, Table
 
-    table = Table(Column("environment", no_wrap=True), "robot", "steps", "what to learn", box=None, pad_edge=False)
-    for env in names["environments"]:
-        table.add_row(env["id"], env["robot"], str(env["max_steps"]), env["summary"])
     console = Console()
+    is_wide = console.width >= _WIDE
+    columns = [Column("environment", no_wrap=True), *(("robot", "steps") if is_wide else ()), "what to learn"]
+    table = Table(*columns, box=None, pad_edge=False)
+    for env in names["environments"]:
+        table.add_row(env["id"], *((env["robot"], str(env["max_steps"])) if is_wide else ()), env["summary"])
     console.print(table)
     console.print()
     for kind in ("arenas", "agents", "presets", "robots"):

@@ -215,9 +215,11 @@ def _print(comparison: Comparison) -> None:
     console.print(f"\nscore: return, interquartile mean over the seeds; of each run its {comparison.scored_by}", highlight=False)
     for pair in comparison.improvements:
         ends = pair.interval
-        bounds = "" if ends is None else f" (95 % interval: {percent(ends.low)} to {percent(ends.high)})"
+        bounds = f" (95 % interval: {percent(ends.low)} to {percent(ends.high)})"
         line = f"{without_folder(pair.env)}: {pair.agent} beats {pair.other} with probability {percent(pair.probability)}{bounds}"
         console.print(line, highlight=False)
+    if not comparison.improvements and len(comparison.groups) > len({group.env for group in comparison.groups}):
+        console.print("whether one beats the other is chance with so few: train 5 seeds of each (`--seeds 5`)", highlight=False)
 
 
 def _interval(group: Group) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import sys
 import threading
@@ -10,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 from tyro.conf import OmitArgPrefixes, Positional
 
@@ -26,9 +27,12 @@ from bricktwin.cli.plan_commands import PlanArgument, read_named_plan
 if TYPE_CHECKING:
     from torchrl.envs import EnvBase
 
+    from bricksrl.envs.task import Task
     from bricksrl.page.live import LivePage
     from bricksrl.policies.policy import Player
+    from bricksrl.policies.scripted import ArrayPolicy
 
+_T = TypeVar("_T")
 
 PageFlag = Annotated[bool, option(help="Show it live in the browser: the robot in 3D, curves, buttons, and sliders to drive it.")]
 """``--page``."""
@@ -68,11 +72,47 @@ def has_screen() -> bool:
 
 
 @dataclass(frozen=True)
+class Demo:
+    """Show a trained robot in the browser, at once and without training: a Walker, or the robot of another environment.
+
+    The page can switch to random actions and to a hand-written controller, and lets you drive. Ctrl-C ends it.
+
+    Examples:
+      bricksrl demo
+      bricksrl demo LineFollow-v0
+      bricksrl demo Walker-v1 --policy random
+    """
+
+    env: Annotated[Positional[str], option(metavar="ENV")] = "Walker-v1"
+    """Environment; `bricksrl list` shows them."""
+    policy: Annotated[str | None, option(metavar="NAME")] = None
+    """Policy to begin with: random, scripted (a hand-written controller) or best, the trained one that comes with BricksRL."""
+    episodes: Annotated[int | None, option(metavar="N")] = None
+    """Episodes to show; by default until Ctrl-C."""
+    seed: Annotated[int, option(metavar="N")] = 1000
+    """Seed of the episodes and of random actions."""
+    live_page: LivePageGroup = PageOptions()
+
+    def execute(self) -> None:
+        from bricksrl.envs.registry import make_robot
+        from bricksrl.page.robot_play import play_robot
+
+        _check_episodes(self.episodes)
+        env = make_robot(self.env, seed=self.seed)
+        if env is None:
+            raise DescriptionError(f"{self.env} has no robot to show; `bricksrl demo` shows a Walker")
+        policies = _array_policies(self.env, env.task, self.policy, self.seed)
+        with closing(env):
+            _on_page(self.live_page, env, self.env, play_robot, policies, subtitle="trained before", episodes=self.episodes)
+
+
+@dataclass(frozen=True)
 class Play:
     """Play episodes with a trained agent; with --page in the browser, at the speed of a real robot.
 
     Without a page, a virtual robot is as fast as this computer unless --realtime is given. The page can switch between policies:
-    random, first (untrained), best and last. Ctrl-C ends it.
+    of a run random, first (untrained), best and last; of an environment random, scripted, and best, which comes with BricksRL.
+    Ctrl-C ends it.
 
     Examples:
       bricksrl play runs/spin --page
@@ -82,9 +122,9 @@ class Play:
     """
 
     target: Annotated[Positional[str], option(metavar="RUN|ENV")]
-    """Folder of a run or of a shared policy; or an environment, for random actions."""
+    """Folder of a run or of a shared policy; or an environment."""
     policy: Annotated[str | None, option(metavar="NAME")] = None
-    """Policy to begin with: random, first, best or last; by default the last."""
+    """Policy to begin with: random, first, best or last; of an environment random, scripted or best; by default the last."""
     episodes: Annotated[int | None, option(metavar="N")] = None
     """Episodes to play; by default until Ctrl-C."""
     seed: Annotated[int, option(metavar="N")] = 1000
@@ -94,29 +134,65 @@ class Play:
     live_page: LivePageGroup = PageOptions()
 
     def execute(self) -> None:
+        from brickhub.hub.transports.address import parse_hub
         from brickhub.user_files import is_reference
-        from bricksrl.policies.policy import named_policies, random_player
+        from bricksrl.envs.registry import make_robot
 
         address = shown(self.live_page, self.page)
-        if self.episodes is not None and self.episodes < 1:
-            raise DescriptionError(f"episodes is {self.episodes}; give 1 or more")
-        load_learning()
+        _check_episodes(self.episodes)
         folder = Path(self.target)
         is_run = folder.is_dir()
         if not is_run and len(folder.parts) > 1 and not is_reference(self.target):
             remedy = f"name {folder_with(folder, 'config.json', 'policy.json')}, or an environment"
             raise RunError(f"there is no run in {self.target}; {remedy}")
+        is_virtual = parse_hub(self.robot.hub).is_virtual
+        robot = make_robot(self.target, self.robot, seed=self.seed) if is_virtual and address is not None and not is_run else None
+        if robot is not None and address is not None:
+            from bricksrl.page.robot_play import play_robot
+
+            arrays = _array_policies(self.target, robot.task, self.policy, self.seed)
+            with closing(robot):
+                _on_page(address, robot, self.target, play_robot, arrays, episodes=self.episodes)
+            return
+        load_learning()
         with _environment(self, self.target, folder if is_run else None) as (env, env_id):
-            players = named_policies(folder, env, self.seed) if is_run else {"random": lambda: random_player(env, self.seed)}
-            policy = self.policy or list(players)[-1]
-            if policy not in players:
-                raise DescriptionError(f"{self.target} has no policy '{policy}'; choose {', '.join(players)}")
-            players[policy] = players.pop(policy)  # the page begins with the last one
+            players = _players(folder if is_run else None, env, env_id, self.policy, self.seed)
             if address is not None:
+                from bricksrl.page.play import play_on_page
+
                 subtitle = self.target if is_run else ""
-                _on_page(address, env, env_id, players, subtitle=subtitle, episodes=self.episodes)
+                _on_page(address, env, env_id, play_on_page, players, subtitle=subtitle, episodes=self.episodes)
             else:
-                _in_terminal(env, players[policy](), self.episodes, self.seed)
+                _in_terminal(env, list(players.values())[-1](), self.episodes, self.seed)
+
+
+def _check_episodes(episodes: int | None) -> None:
+    if episodes is not None and episodes < 1:
+        raise DescriptionError(f"episodes is {episodes}; give 1 or more")
+
+
+def _array_policies(env_id: str, task: Task, policy: str | None, seed: int) -> dict[str, Callable[[], ArrayPolicy]]:
+    from bricksrl.policies.by_name import array_policies
+
+    return _beginning_with(policy, array_policies(env_id, task, seed), env_id)
+
+
+def _players(run: Path | None, env: EnvBase, env_id: str, policy: str | None, seed: int) -> dict[str, Callable[[], Player]]:
+    """Players of a run, or of an environment of ours."""
+    from bricksrl.policies.policy import array_player, named_policies
+
+    if run is not None:
+        return _beginning_with(policy, named_policies(run, env, seed), str(run))
+    arrays = _array_policies(env_id, env.task, policy, seed)
+    return {name: functools.partial(array_player, make) for name, make in arrays.items()}
+
+
+def _beginning_with(policy: str | None, policies: Mapping[str, _T], target: str) -> dict[str, _T]:
+    """The policies, with the named one last, with which a page begins. Raises DescriptionError if there is none of that name."""
+    name = policy or list(policies)[-1]
+    if name not in policies:
+        raise DescriptionError(f"{target} has no policy '{policy}'; choose {', '.join(policies)}")
+    return {other: made for other, made in policies.items() if other != name} | {name: policies[name]}
 
 
 @dataclass(frozen=True)
@@ -142,8 +218,16 @@ class DriveRobot:
     live_page: LivePageGroup = PageOptions()
 
     def execute(self) -> None:
+        from bricksrl.envs.registry import make_robot
+        from bricksrl.page.robot_play import play_robot
+
+        robot = None if self.device else make_robot(self.env, self.robot, seed=self.seed, place=place_robot)
+        if robot is not None:
+            with closing(robot):
+                _on_page(self.live_page, robot, self.env, play_robot, {}, subtitle="driven by hand", in_charge=True)
+            return
         from bricksrl.cli.teleop import driving
-        from bricksrl.page.play import resting_player
+        from bricksrl.page.play import play_on_page, resting_player
 
         load_learning()
         with (
@@ -151,7 +235,7 @@ class DriveRobot:
             driving(self.device, env_id, env.task, in_charge=True) as driver,
         ):
             players = {"by hand": lambda: resting_player(env, driver)}
-            _on_page(self.live_page, env, env_id, players, subtitle="driven by hand", in_charge=driver is None)
+            _on_page(self.live_page, env, env_id, play_on_page, players, subtitle="driven by hand", in_charge=driver is None)
 
 
 @contextmanager
@@ -171,24 +255,25 @@ def _environment(flags: Play | DriveRobot, target: str, run: Path | None) -> Ite
 
 def _on_page(
     address: PageOptions,
-    env: EnvBase,
+    env: Any,
     env_id: str,
-    players: Mapping[str, Callable[[], Player]],
+    play: Callable[..., list[float]],
+    policies: Mapping[str, Any],
     *,
-    subtitle: str,
+    subtitle: str = "",
     in_charge: bool = False,
     episodes: int | None = None,
 ) -> None:
+    """Show an environment, or a robot without TorchRL, played by `play_on_page` or `play_robot`."""
     from bricksrl.cli.terminal import EmergencyStop
     from bricksrl.page.live import LivePage
-    from bricksrl.page.play import play_on_page
 
-    page = LivePage(env_id, subtitle, task=env.task, in_charge=in_charge, policies=tuple(players), speed="1x", options=address)
+    page = LivePage(env_id, subtitle, task=env.task, in_charge=in_charge, policies=tuple(policies), speed="1x", options=address)
     try:
         with page, EmergencyStop(stop := threading.Event(), print_note) as emergency_stop:
             announce(page.url)
             emergency_stop.attach(env)
-            returns = play_on_page(env, page, players, episodes=episodes, stop=stop)
+            returns = play(env, page, policies, episodes=episodes, stop=stop)
     except (KeyboardInterrupt, StoppedError):
         raise Interrupted from None
     print_line(f"{counted(len(returns), 'episode')}, mean return {sum(returns) / len(returns):.4g}")

@@ -79,7 +79,7 @@ class LineProgress(Callback):
 
     def on_link_lost(self, episode: int, length: int, error: BricksError) -> None:
         event = f"the link broke in episode {episode} after {counted(length, 'step')}" if length else "the robot is out of reach"
-        line = f"{event} ({error}); trying to reach it again"
+        line = f"{event} ({error}); trying to reach it again, Ctrl-C ends it"
         if line != self._trouble:  # each try may fail for the same reason
             print_line(line)
         self._trouble = line

@@ -78,6 +78,7 @@ class Record:
             raise DataError(f"episodes is {self.episodes}; record at least 1")
         check_seed(self.seed)
         self._check_policy()
+        task = get_task(self.env, **self.robot.options)
         address = shown(self.live_page, self.page)
         load_learning()
         from bricksrl.evaluation.film import filmed_env
@@ -94,7 +95,6 @@ class Record:
 
         device = self.policy if self.policy in DEVICES else self.take_over
         options = self.robot
-        task = get_task(self.env, **options.options)
         options = options if device is None else with_human(options, self.env)
         try:
             with (
@@ -106,6 +106,7 @@ class Record:
                 run_on_page(address, self.env, options.options, can_drive=human is None) as page,
             ):
                 emergency_stop.attach(env)
+                self._check_dataset(recorder)
                 self._collect(env, recorder, human, report, page)
         except (KeyboardInterrupt, StoppedError):
             raise Interrupted(f"saved {counted(count, 'whole episode')} in {self.out}") from None
@@ -123,6 +124,17 @@ class Record:
             raise DescriptionError("a human drives from the start; omit --take-over, or name another --policy")
         if self.explore and self.policy in known:
             raise DescriptionError(f"--explore has no effect with the policy '{self.policy}'; omit it, or name a run")
+
+    def _check_dataset(self, recorder: Recorder) -> None:
+        """Say that a dataset is extended. Raises DataError if it is damaged."""
+        from bricksrl.data.integrity import check
+
+        if not recorder.rows:
+            return
+        if faults := check(self.out):
+            remedy = f"`bricksrl data repair {quoted(self.out)} --out NEW` saves what is whole"
+            raise DataError(f"{self.out} is damaged ({faults[0].detail.partition(';')[0]}); {remedy}")
+        print_note(f"{self.out} has {counted(len(recorder.rows), 'episode')} already, which are kept; this adds to them")
 
     def _environment(self, options: EnvOptions, human: Driver | None, emergency_stop: EmergencyStop) -> EnvBase:
         from bricksrl.envs import make

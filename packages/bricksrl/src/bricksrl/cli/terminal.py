@@ -8,12 +8,13 @@ import queue
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from types import FrameType
 from typing import TYPE_CHECKING, Self
 
 from brickhub.cli.key_listener import can_listen, interrupt_main, keys_heard
-from brickhub.cli.terminal import print_error
+from brickhub.cli.terminal import print_error, print_line
 from bricksrl.envs.env_interface import BricksEnv, interface_of
 from bricksrl.errors import BricksError, RunError
 
@@ -56,6 +57,28 @@ def load_learning() -> None:
         signal.signal(signal.SIGINT, previous_handler)
     if interrupted:
         raise KeyboardInterrupt
+
+
+_TELL_S = 8.0
+
+
+@contextlib.contextmanager
+def telling(what: str) -> Iterator[None]:
+    """Print what is done at the start of this context, and from time to time while it lasts."""
+    ended, start_s = threading.Event(), time.monotonic()
+    print_line(what)
+
+    def tell() -> None:
+        while not ended.wait(_TELL_S):
+            print_line(f"{what}, for {time.monotonic() - start_s:.0f} s now")
+
+    thread = threading.Thread(target=tell, name="bricksrl-telling", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
 
 
 STOP_KEYS = (" ", "q", "escape")

@@ -14,10 +14,10 @@ from tyro.conf import OmitArgPrefixes, Positional, UseAppendAction
 
 from brickhub.cli.options import Flag, option, refuse_ignored
 from brickhub.cli.terminal import Interrupted, print_line
-from brickhub.files import only_writer, quoted
+from brickhub.files import only_writer, quoted, remove_unfinished
 from bricksrl.cli.page import LivePageGroup, PageFlag, RobotGroup, run_on_page, shown
 from bricksrl.cli.teleop import Device
-from bricksrl.cli.terminal import load_learning
+from bricksrl.cli.terminal import load_learning, telling
 from bricksrl.envs.options import EnvOptions, TransformOptions
 from bricksrl.errors import DescriptionError, RunError, StoppedError, counted
 from bricksrl.page.server import PageOptions
@@ -34,6 +34,10 @@ if TYPE_CHECKING:
     from bricksrl.training.callbacks import Callback
 
 _EVALUATED_EPISODES = 5
+
+
+FilmFlag = Annotated[bool, option(help="Film a virtual robot before and after the training, unless --no-film is given.")]
+"""``--no-film``."""
 
 
 @dataclass(frozen=True)
@@ -96,6 +100,7 @@ class Train:
     """Learn in parallel with the robot, which never waits; the default on a real robot and with --realtime."""
     synchronous: Flag = False
     """Learn while the robot waits, even on a real robot; runs of a virtual robot are then reproducible."""
+    film: FilmFlag = True
     learning: Annotated[RunOptions, OmitArgPrefixes] = RunOptions()
     robot: RobotGroup = EnvOptions()
     live_page: LivePageGroup = PageOptions()
@@ -104,8 +109,8 @@ class Train:
         if self.resume is not None:
             if self.env is not None:
                 raise DescriptionError("a run that is resumed has an environment; omit ENV or --resume")
-            refuse_ignored(self, ("--resume", "--episodes", "--page", "--page-host", "--page-port"), "with --resume")
-            Resume(self.resume, self.episodes, self.page, self.live_page).execute()
+            refuse_ignored(self, ("--resume", "--episodes", "--page", "--no-film", "--page-host", "--page-port"), "with --resume")
+            Resume(self.resume, self.episodes, self.page, self.film, self.live_page).execute()
             return
         if self.env is None:
             raise DescriptionError("name an environment to train in, or a run to --resume; `bricksrl list` shows environments")
@@ -116,6 +121,7 @@ class Train:
             )
         if self.learning.eval_episodes != RunOptions.eval_episodes and not self.learning.eval_every:
             raise DescriptionError("--eval-episodes has no effect without --eval-every; omit it, or give both")
+        self._check(self.env)
         load_learning()  # algorithms are registered when their modules are imported
         config = self.config(self.env)
         if self.seeds is not None:
@@ -128,14 +134,33 @@ class Train:
         from bricksrl.training import train
 
         if self.take_over is None:
-            run_training(partial(train, config), config, address)
+            run_training(partial(train, config), config, address, film=self.film)
             return
         from bricksrl.cli.teleop import driving
         from bricksrl.envs import get_task
 
         keys = False if self.take_over == "keyboard" else None  # all keys of a keyboard are for driving
         with driving(self.take_over, self.env, get_task(self.env, **config.options), in_charge=False) as driver:
-            run_training(partial(train, config), config, address, driver=driver, keys=keys)
+            run_training(partial(train, config), config, address, driver=driver, keys=keys, film=self.film)
+
+    def _check(self, env: str) -> None:
+        """Refuse what is wrong before torch is loaded, which takes seconds."""
+        from brickhub.fields import LARGEST
+        from brickhub.hub.transports.address import parse_hub
+        from brickhub.seed import check_seed
+        from bricksrl.agents import check_agent
+        from bricksrl.envs.registry import get_task
+
+        check_seed(self.seed)
+        get_task(env, **self.robot.options)
+        if self.agent is not None:
+            check_agent(self.agent)
+        for hub in self.robot.hub.split(","):
+            parse_hub(hub.strip())
+        if self.episodes is not None and self.episodes < 1:
+            raise RunError(f"episodes is {self.episodes}; give 1 or more, and up to {LARGEST:,}")
+        if self.run is not None and self.run.exists():
+            raise RunError(f"{self.run} exists already; resume that run or choose another folder")
 
     def config(self, env: str) -> TrainConfig:
         """Configuration of the run from the flags."""
@@ -186,13 +211,14 @@ class Resume:
     episodes: Annotated[int | None, option(metavar="N")] = None
     """Total number of episodes, including those already trained; by default as when the run was started."""
     page: PageFlag = False
+    film: FilmFlag = True
     live_page: LivePageGroup = PageOptions()
 
     def execute(self) -> None:
         from bricksrl.training import RunFolder, resume
 
         address, config = shown(self.live_page, self.page), RunFolder(self.run).read_config()
-        run_training(partial(resume, self.run, episodes=self.episodes), config, address)
+        run_training(partial(resume, self.run, episodes=self.episodes), config, address, film=self.film)
 
 
 @dataclass(frozen=True)
@@ -226,6 +252,7 @@ class TrainOffline:
     run: Annotated[Path | None, option(metavar="DIR")] = None
     """Folder to write to, which must not exist; by default runs/<env>-<agent>-<seed>-<time>."""
     page: PageFlag = False
+    film: FilmFlag = True
     transforms: Annotated[TransformOptions, OmitArgPrefixes] = TransformOptions()
     live_page: LivePageGroup = PageOptions()
 
@@ -248,7 +275,7 @@ class TrainOffline:
             updates=self.updates,
             run_dir=run_folder(self.run, self.env, self.agent, self.seed),
         )
-        run_training(partial(train, config), config, address, can_drive=False)
+        run_training(partial(train, config), config, address, can_drive=False, film=self.film)
 
 
 def run_folder(named: Path | None, env: str, agent: str, seed: int) -> Path:
@@ -267,6 +294,7 @@ def run_training(
     driver: Driver | None = None,
     keys: bool | None = None,
     can_drive: bool = True,
+    film: bool = True,
 ) -> None:
     """Run, evaluate and report a training with its displays, in the terminal and on an optional page.
 
@@ -275,6 +303,7 @@ def run_training(
         driver: a human who may take over; by default one at the page.
         keys: as in :class:`EmergencyStop`.
         can_drive: whether a human at the page may drive.
+        film: whether to film the robot, before and after.
     """
     from bricksrl.cli.progress import make_progress
     from bricksrl.cli.teleop import quiet
@@ -304,7 +333,7 @@ def run_training(
             progress.close()
             if not result.interrupted:
                 with only_writer(result.run_dir, RunError):
-                    _report(result, emergency_stop, page)
+                    _report(result, emergency_stop, page, film=film)
                 return
     except (KeyboardInterrupt, StoppedError):  # before or after the training, or a second time during it
         pass
@@ -313,7 +342,7 @@ def run_training(
     raise Interrupted(progress.saved())
 
 
-def _report(result: RunResult, emergency_stop: EmergencyStop, page: LivePage | None) -> None:
+def _report(result: RunResult, emergency_stop: EmergencyStop, page: LivePage | None, *, film: bool) -> None:
     """Evaluate, film, and print the paths of the results."""
     from bricksrl.cli.evaluate import describe
     from bricksrl.cli.page import show_file
@@ -334,14 +363,16 @@ def _report(result: RunResult, emergency_stop: EmergencyStop, page: LivePage | N
             page.board.update_status(state="evaluating")
             page.attach(env)
 
-    print_line("evaluating")
-    evaluation = evaluate(result.run_dir, episodes=_EVALUATED_EPISODES, save=False, on_env=on_env, place=emergency_stop.place)
+    remove_unfinished(result.run_dir)  # such as a film that was killed
+    with telling("evaluating"):
+        evaluation = evaluate(result.run_dir, episodes=_EVALUATED_EPISODES, save=False, on_env=on_env, place=emergency_stop.place)
     for line in describe(evaluation):
         print_line(line)
     evaluation.save()
     if page is not None:
         page.finish(f"Done. `bricksrl play {quoted(result.run_dir)} --page` shows what it has learned.")
-    summary, video = write_report(result.run_dir, result.episodes, evaluation)
+    with telling("filming before and after, and writing the report" if film else "writing the report"):
+        summary, video = write_report(result.run_dir, result.episodes, evaluation, film=film)
     print_line(f"learning curve  {RunFolder(result.run_dir).curve_path}")
     print_line(f"video           {video}")
     print_line(f"report          {summary}")

@@ -179,9 +179,10 @@ class Dataset:
                 raise DataError(f"the rows in {root / 'meta/episodes'} are not in order at episode {number}; restore them")
             start += row.length
         if len(self.rows) != episodes:
+            out = " --out NEW" if len(self.rows) < episodes else ""  # more are of a writer that was killed
             raise DataError(
                 f"{self.path('info')} counts {counted(episodes, 'episode')} and meta/episodes holds {len(self.rows)}; "
-                f"restore it from a copy, or run `bricksrl data repair {quoted(root)}`"
+                f"restore it from a copy, or run `bricksrl data repair {quoted(root)}{out}`"
             )
 
     def has_task(self) -> bool:

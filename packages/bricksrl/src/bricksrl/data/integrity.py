@@ -122,7 +122,9 @@ def recover(root: Path, *, rebuild: bool = False) -> tuple[Dataset, int, int]:
     dataset = read_all_rows(root, description)
     episodes = len(dataset.rows)
     if episodes < committed:
-        raise DataError(f"{root} has lost rows: {episodes} of {committed} episodes are left; restore it from a copy")
+        left = f"{episodes} of {committed} episodes are left"
+        save = f"save them with `bricksrl data repair {quoted(root)} --out NEW`"
+        raise DataError(f"{root} has lost rows: {left}; restore it from a copy, or {save}")
     dataset.check_order(episodes)
     unfinished = dataset.unfinished_files()
     for path in unfinished:

@@ -112,6 +112,8 @@ class BricksEnv:
 
 def interface_of(env: Any) -> BricksEnv:
     """The interface of any environment: of the one under the transforms if that is ours, else the defaults."""
+    if isinstance(env, BricksEnv):  # without TorchRL
+        return env
     from torchrl.envs import TransformedEnv
 
     while isinstance(env, TransformedEnv) and not isinstance(env, BricksEnv):

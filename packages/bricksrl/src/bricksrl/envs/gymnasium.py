@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from tensordict import TensorDict, TensorDictBase
 
 from bricksrl.envs.env_interface import interface_of
+from bricksrl.envs.features import ObservationEncoder
 from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.registry import is_simulation, make
 from bricksrl.envs.rollout import link_lost
@@ -334,6 +335,35 @@ class GoalObservation(_Goals, gymnasium.ObservationWrapper[dict[str, Array], Arr
         gymnasium.ObservationWrapper.__init__(self, env)
         self._find_goals(env, env.observation_space)
         self.observation_space = self._split_space(env.observation_space)
+
+
+class FeatureObservation(gymnasium.ObservationWrapper[Array, Array, Any], RecordConstructorArgs):
+    """The features of our agents in place of raw numbers: angles as sine and cosine, goals as differences, all of order one.
+
+    Other libraries learn little from angles that wrap and from ranges of thousands.
+    ``FeatureObservation(gymnasium.make("bricksrl/Walker-v1"))``
+
+    Args:
+        env: one of ours, from ``gymnasium.make``, without a camera.
+
+    Raises:
+        DescriptionError: the environment is not ours, or observes images.
+    """
+
+    def __init__(self, env: gymnasium.Env[Array, Array]) -> None:
+        RecordConstructorArgs.__init__(self)
+        gymnasium.ObservationWrapper.__init__(self, env)
+        ours = env.unwrapped
+        if not isinstance(ours, GymnasiumEnv) or not isinstance(env.observation_space, Box):
+            raise DescriptionError(f"{env} has no vector of ours; take one that has, such as bricksrl/Walker-v1")
+        self._encoder = ObservationEncoder(layout_of(ours.env)).eval()
+        self.observation_space = Box(-np.inf, np.inf, (self._encoder.size,))
+
+    @torch.no_grad()
+    def observation(self, observation: Array) -> Array:
+        """Features ``[f]`` of an observation ``[n]``."""
+        features: Array = self._encoder(torch.from_numpy(observation)).numpy()
+        return features
 
 
 class VectorGoalObservation(_Goals, VectorWrapper):

@@ -11,7 +11,7 @@ from brickhub.tables import read_table
 _LABELS = {"random": "random", "scripted": "by hand", "paper": "paper's SAC"}
 REFERENCES = {
     row["env"]: {label: float(row[column]) for column, label in _LABELS.items() if row[column]}
-    for row in read_table(__package__, "reference_returns")
+    for row in read_table(__package__, "tasks/reference_returns")
 }
 """Mean returns to compare a learning curve with, by environment and the label of their line."""
 

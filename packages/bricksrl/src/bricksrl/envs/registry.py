@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
     from brickhub.hub.link.robot_link import RobotLink
     from brickhub.hub.transports.address import HubAddress
-    from bricksrl.envs.env import HubEnv
+    from bricksrl.envs.robot_env import RobotEnv
 
 _log = logging.getLogger(__name__)
 
@@ -146,13 +146,19 @@ def make(
         return _transformed(simulation, options)
     if batch_size or device != "cpu" or kinematics is not None:
         raise DescriptionError(f"{env_id} is one robot; omit batch_size, device and kinematics")
+    from bricksrl.envs.env import HubEnv
+
     if address.is_virtual:
-        env = _virtual_env(task, options, seed)
+        env = HubEnv(task, _virtual(task, options), seed=seed)
         env.remake = functools.partial(make, env_id, options.as_it_is())
         return _transformed(env, options)
+    _refuse_virtual(options)
+    return _transformed(HubEnv(*_real(task, options, address, place), seed=seed), options)
+
+
+def _refuse_virtual(options: EnvOptions) -> None:
     virtual = ("realtime", "randomize", "physics", "link")
     options.refuse(virtual, "a real robot has its own time, physics and link; omit realtime, physics and link")
-    return _transformed(_real_env(task, options, address, seed, place), options)
 
 
 def _transformed(env: EnvBase, options: EnvOptions) -> EnvBase:
@@ -163,9 +169,9 @@ def _transformed(env: EnvBase, options: EnvOptions) -> EnvBase:
     return transformed(env, options)
 
 
-def _virtual_env(task: Task, options: EnvOptions, seed: int | None) -> HubEnv:
+def _virtual(task: Task, options: EnvOptions) -> Callable[[int], Connection]:
+    """Connections to virtual robots, by their seed."""
     from brickhub.virtual.virtual_kit import virtual_robot
-    from bricksrl.envs.env import HubEnv
 
     def connect(twin_seed: int) -> Connection:
         body = make_body(task.robot, scene=task.scene, physics=options.physics_or_draw, seed=twin_seed)
@@ -173,12 +179,33 @@ def _virtual_env(task: Task, options: EnvOptions, seed: int | None) -> HubEnv:
         camera = None if task.camera is None else TwinCamera(body, task.camera)
         return Connection(_link(task, options, twin), twin.reset, twin, camera, getattr(body, "pose", None))
 
-    return HubEnv(task, connect, seed=seed)
+    return connect
 
 
-def _real_env(task: Task, options: EnvOptions, address: HubAddress, seed: int | None, place: Placement | None) -> HubEnv:
+def make_robot(
+    env_id: str, options: EnvOptions | None = None, *, seed: int | None = None, place: Placement | None = None
+) -> RobotEnv | None:
+    """The robot of an environment without TorchRL, which takes seconds to load; ``None`` where there is no robot, or transforms
+    need that. Raises the errors of `make`."""
+    from bricksrl.envs.robot_env import RobotEnv
+
+    check_seed(seed)
+    options = options or EnvOptions()
+    address, spec = parse_hub(options.hub), _spec(env_id)
+    task = _build(env_id, spec, options.options)
+    if spec.kinematics is not None or options.is_transformed:
+        return None
+    if address.is_virtual:
+        return RobotEnv(task, _virtual(task, options), seed=seed)
+    _refuse_virtual(options)
+    return RobotEnv(*_real(task, options, address, place), seed=seed)
+
+
+def _real(
+    task: Task, options: EnvOptions, address: HubAddress, place: Placement | None
+) -> tuple[Task, Callable[[int], Connection]]:
+    """The task with this computer's colours, and its connection to a real robot."""
     from brickhub.hub.diagnostics.calibration import calibration_of
-    from bricksrl.envs.env import HubEnv
     from bricksrl.envs.vision.color_calibration import saved_red
 
     def ask_to_place(_rng: np.random.Generator) -> None:
@@ -195,7 +222,7 @@ def _real_env(task: Task, options: EnvOptions, address: HubAddress, seed: int | 
     else:
         link = _link(task, options, address.radio())
     connection = Connection(link, place or ask_to_place, camera=camera)
-    return HubEnv(task, lambda _seed: connection, seed=seed)
+    return task, lambda _seed: connection
 
 
 def _link(task: Task, options: EnvOptions, transport: Any, calibrate: Calibration | None = None) -> RobotLink:

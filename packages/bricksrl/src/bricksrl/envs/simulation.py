@@ -198,7 +198,9 @@ def resolve_device(name: str | torch.device) -> torch.device:
     try:
         return torch.empty(0, device=torch.device(name)).device
     except (RuntimeError, AssertionError, NotImplementedError, TypeError):
-        raise RunError(f"there is no device '{name}' here; choose cpu, cuda, mps or auto") from None
+        found = {"cuda": torch.cuda.is_available(), "mps": torch.backends.mps.is_available()}
+        here = ", ".join(["cpu", *(device for device, is_here in found.items() if is_here)])
+        raise RunError(f"there is no device '{name}' here; choose {here} or auto") from None
 
 
 def batch_shape(batch_size: int | Sequence[int]) -> torch.Size:

@@ -1,7 +1,8 @@
 """Trust in runs and policies whose config names code: code from elsewhere is executed only after the user allowed it.
 
 A config may name files: a task, an algorithm, a network. Using the run executes them. The digests of configs that were written
-on this computer, or declared trusted, are therefore kept in the user's settings folder.
+on this computer, or declared trusted, are therefore kept in the user's settings folder, or, where that cannot be written, as at
+many schools, in a folder of the user's among the temporary files.
 """
 
 from __future__ import annotations
@@ -9,6 +10,9 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
+import os
+import sys
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +48,7 @@ def require_trusted(path: Path, data: bytes, config: Any) -> None:
         path: file of the config; ``data`` are its bytes, and ``config`` is its content.
     """
     code = code_in(config)
-    if code and not _digest_path(data).exists():
+    if code and not any((folder / _digest(data)).exists() for folder in _folders()):
         raise RunError(
             f"{path} would run code ({', '.join(code)}) and was made elsewhere or changed; "
             f"read that code, then allow it with `bricksrl trust {quoted(path.parent)}`"
@@ -65,15 +69,36 @@ def trust(folder: Path) -> tuple[str, ...]:
     try:
         _keep(data)
     except OSError as error:
-        raise RunError(f"cannot write to {_digest_path(data).parent} ({error.strerror}); make it writable") from None
+        raise RunError(f"cannot write to {_folders()[0]} ({error.strerror}); make it writable") from None
     return code_in(config.get("config")) if isinstance(config, dict) else ()
 
 
 def _keep(data: bytes) -> None:
-    path = _digest_path(data)
+    *others, last = _folders()
+    for folder in others:
+        with contextlib.suppress(OSError):
+            return _write(folder / _digest(data))
+    return _write(last / _digest(data))
+
+
+def _write(path: Path) -> None:
     if not path.exists():
         write_durably(path, b"")
 
 
-def _digest_path(data: bytes) -> Path:
-    return calibration_folder().parent / "trusted" / hashlib.sha256(data).hexdigest()
+def _digest(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
+
+
+def _folders() -> list[Path]:
+    """Folders of digests that only this user can write to."""
+    folders = [calibration_folder().parent / "trusted"]
+    temporary = Path(tempfile.gettempdir()) / "bricksrl-trusted"
+    if sys.platform != "win32":  # where temporary files are the user's own
+        temporary = temporary.with_name(f"bricksrl-trusted-{os.getuid()}")
+        with contextlib.suppress(OSError):
+            temporary.mkdir(mode=0o700, exist_ok=True)
+        state = temporary.lstat() if temporary.is_dir() and not temporary.is_symlink() else None
+        if state is None or state.st_uid != os.getuid() or state.st_mode & 0o022:
+            return folders
+    return [*folders, temporary]

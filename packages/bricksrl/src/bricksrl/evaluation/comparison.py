@@ -45,6 +45,7 @@ class Group:
         agent: name of the agent, with the settings in which its groups differ.
         seeds, scores, curves: seed, score, and moving mean of the episode returns of each run.
         steps: robot steps of the longest run.
+        is_evaluated: whether the scores are evaluations, without exploration, rather than ends of the curves.
         score: interquartile mean of the scores.
         interval: its 95 % bootstrap interval; ``None`` for fewer than five runs.
     """
@@ -56,6 +57,7 @@ class Group:
     curves: tuple[tuple[float, ...], ...]
     steps: int
     lines: Mapping[str, float]
+    is_evaluated: bool = False
 
     @property
     def score(self) -> float:
@@ -68,13 +70,13 @@ class Group:
 
 @dataclass(frozen=True)
 class Improvement:
-    """Probability that a run of ``agent`` scores higher than one of ``other``, with its 95 % interval from five runs each."""
+    """Probability that a run of ``agent`` scores higher than one of ``other``, with its 95 % interval; of five runs or more."""
 
     env: str
     agent: str
     other: str
     probability: float
-    interval: Interval | None
+    interval: Interval
 
 
 @dataclass(frozen=True)
@@ -112,13 +114,14 @@ def compare(paths: Sequence[Path | str] | Path | str) -> Comparison:
             raise RunError(f"two runs of {members[0].config.agent} in {env} have the same seed; they would count twice, omit one")
         label = _label(members[0], [group[0] for (group_env, _), group in by_config.items() if group_env == env])
         curves, steps = tuple(run.curve for run in members), max(run.steps for run in members)
-        groups.append(Group(env, label, seeds, scores, curves, steps, reference_lines(env, members[0].config.options)))
+        groups.append(Group(env, label, seeds, scores, curves, steps, reference_lines(env, members[0].config.options), evaluated))
     improvements = []
     for pair in itertools.combinations(groups, 2):
         if pair[0].env == pair[1].env:
             first, second = sorted(pair, key=lambda group: group.score, reverse=True)
-            found = probability_of_improvement(first.scores, second.scores)
-            improvements.append(Improvement(first.env, first.agent, second.agent, *found))
+            found, interval = probability_of_improvement(first.scores, second.scores)
+            if interval is not None:
+                improvements.append(Improvement(first.env, first.agent, second.agent, found, interval))
     scored_by = "evaluation" if evaluated else f"mean of the last {WINDOW} episodes of training"
     return Comparison(tuple(groups), tuple(improvements), scored_by)
 
@@ -202,7 +205,7 @@ def draw(path: Path | str, groups: Sequence[Group]) -> None:
             label = f"{group.agent} ({' or '.join(map(str, counts))} seed{'' if counts == [1] else 's'})"
             _draw_group(axes, group, colours[group.agent], None if group.agent in drawn else label)
             drawn.add(group.agent)
-        style(axes, without_folder(env), "episode", f"return (mean of {WINDOW} episodes)")
+        style(axes, without_folder(env), "episode", f"return (mean of {WINDOW} episodes; \N{BLACK DIAMOND} evaluation)")
         finish(axes, next(group.lines for group in groups if group.env == env), legend=False)
     for unused in panels[len(envs) :]:
         unused.set_visible(False)
@@ -221,3 +224,5 @@ def _draw_group(axes: Any, group: Group, colour: str, label: str | None) -> None
         for curve in group.curves:
             axes.plot(range(1, len(curve) + 1), curve, color=colour, linewidth=0.8, alpha=0.5)
     axes.plot(episodes, means, color=colour, linewidth=2.2, label=label, zorder=3)
+    if group.is_evaluated:
+        axes.plot(len(points), group.score, "D", color=colour, markersize=8, markeredgecolor="white", zorder=4)

@@ -22,7 +22,7 @@ from bricksrl.training.run_folder import Origin, RunFolder
 if TYPE_CHECKING:
     from bricksrl.evaluation.evaluator import EvaluationResult
 
-FILM_BUDGET_S = 20.0
+FILM_BUDGET_S = 10.0
 """Approximate drawing time of each film of a run."""
 MOST_EMBEDDED_BYTES = 12_000_000
 """Size above which a film is linked rather than embedded."""
@@ -51,8 +51,8 @@ def film_before_and_after(run_dir: Path, env: str) -> Films:
     return Films(before, after, side_by_side(before.path, after.path, run_dir / "before_after.mp4"))
 
 
-def write_report(run_dir: Path, episodes: Sequence[Episode], result: EvaluationResult) -> tuple[Path, str]:
-    """Film a run, and write ``report.html`` into its folder.
+def write_report(run_dir: Path, episodes: Sequence[Episode], result: EvaluationResult, *, film: bool = True) -> tuple[Path, str]:
+    """Film a run, unless ``film`` is False, and write ``report.html`` into its folder.
 
     Args:
         episodes: episodes of the training.
@@ -61,9 +61,9 @@ def write_report(run_dir: Path, episodes: Sequence[Episode], result: EvaluationR
     Returns:
         Path of the report, and of the film, or the reason why there is none.
     """
-    films, reason = None, ""
+    films, reason = None, "it was left out (--no-film)"
     try:
-        films = film_before_and_after(run_dir, result.env)
+        films = film_before_and_after(run_dir, result.env) if film else None
     except (RenderingUnavailableError, TwinError) as error:
         reason = str(error)
     curve = run_dir / "report_curve.png"

@@ -13,19 +13,20 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from brickhub.entry import Entry
 from bricksrl.envs.env_interface import BricksEnv, interface_of
+from bricksrl.envs.reference_returns import REFERENCES
 from bricksrl.errors import BricksError, StoppedError
 from bricksrl.page.board import MAX_EPISODES, Board
 from bricksrl.page.robot_view import NUMBERS_S, SPEEDS, RobotView
 from bricksrl.page.server import PageOptions, PageServer, chosen, is_finite
-from bricksrl.teleoperation import push_action, rest_action
+from bricksrl.policies.by_name import TRAINED
+from bricksrl.teleoperation import at_rest, pushed
 
 if TYPE_CHECKING:
     from tensordict import TensorDictBase
+    from torch import Tensor
     from torchrl.envs import EnvBase
 
     from bricksrl.envs.connection import Connection
@@ -49,8 +50,8 @@ class PageDriver:
     def __init__(self, commands: Sequence[Entry], *, in_charge: bool = False) -> None:
         self.commands = tuple(commands)
         self.in_charge = in_charge
-        self._rest = rest_action(self.commands)
-        self._pushes = torch.zeros(len(self.commands))
+        self._rest = at_rest(self.commands)
+        self._pushes = [0.0] * len(self.commands)
         self._pushed_s = 0.0
 
     def push(self, values: Any) -> bool:
@@ -59,27 +60,33 @@ class PageDriver:
             return False
         if not all(map(is_finite, values)):
             return False
-        self._pushes, self._pushed_s = torch.tensor(values, dtype=torch.float32).clamp(-1.0, 1.0), time.monotonic()
+        self._pushes, self._pushed_s = [min(max(float(value), -1.0), 1.0) for value in values], time.monotonic()
         return True
 
     def release(self) -> None:
         """Reset all pushes to 0."""
-        self._pushes = torch.zeros(len(self.commands))
+        self._pushes = [0.0] * len(self.commands)
 
     @property
     def pushes(self) -> list[float]:
         """Present pushes; 0 if the page sent none for :data:`PUSH_TIMEOUT_S`."""
         if time.monotonic() - self._pushed_s > PUSH_TIMEOUT_S:
             self.release()
-        return [round(value, 3) for value in self._pushes.tolist()]
+        return [round(value, 3) for value in self._pushes]
 
     def __call__(self, observation: Tensor) -> Tensor | None:
         """Action ``[m]``; ``None`` while the policy is in charge."""
-        return push_action(torch.tensor(self.pushes), self._rest) if self.in_charge else None
+        import torch
+
+        return torch.tensor(self.shares()) if self.in_charge else None
+
+    def shares(self) -> list[float]:
+        """Action ``[m]`` of the pushes."""
+        return pushed(self.pushes, self._rest)
 
     def actions(self) -> list[float]:
         """Command values of the pushes, in the units of the commands."""
-        values = push_action(torch.tensor(self.pushes), self._rest).tolist()
+        values = self.shares()
         return [
             (c.high + c.low) / 2 + (c.high - c.low) / 2 * value if math.isfinite(c.high - c.low) else value
             for c, value in zip(self.commands, values, strict=True)
@@ -101,6 +108,13 @@ def stick_map(commands: Sequence[Entry]) -> list[list[float]]:
     sideways = next((index for index, command in enumerate(commands) if command.name.startswith("turn")), 0)
     forward = int(sideways == 0)
     return [[float(index == sideways), float(index == forward)] for index in range(len(commands))]
+
+
+def scores_to_beat(env_id: str) -> dict[str, float]:
+    """Mean returns in an environment of ours: of random actions, a controller by hand, the paper, and the policy that comes with
+    it."""
+    trained = {"ours": float(TRAINED[env_id]["return"])} if env_id in TRAINED else {}
+    return {**REFERENCES.get(env_id, {}), **trained}
 
 
 class LivePage(PageServer):
@@ -156,10 +170,12 @@ class LivePage(PageServer):
         channels = [f"{entry.name} ({entry.unit})" if entry.unit else entry.name for entry in entries]
         self._channels = self.board.new_series("channels", channels)
         self._facts: dict[str, Any] = {}
-        self._sum, self._steps, self._due_s, self._last_step_s = 0.0, 0, 0.0, 0.0
+        self._sum, self._steps, self._count, self._due_s, self._last_step_s = 0.0, 0, 0, 0.0, 0.0
         self._last_rate: tuple[float, int] = (time.monotonic(), 0)
         self.board.update_status(title=title, subtitle=subtitle, state="waiting")
         self.board.update_status(speeds=list(SPEEDS), policies=list(self._policies))
+        if task is not None:
+            self.board.update_status(goal=task.summary, scores=scores_to_beat(task.id))
         self._publish()
 
     def close(self) -> None:
@@ -252,10 +268,14 @@ class LivePage(PageServer):
     def show_step(self, frame: TensorDictBase) -> None:
         """Show a step, as returned by TorchRL's ``EnvBase.step``."""
         after = frame["next"]
-        reward = float(after["reward"])
-        self._sum, self._steps = self._sum + reward, self._steps + 1
-        self._rewards.add((reward,))
-        values = after["observation"].tolist()
+        reward, image = float(after["reward"]), {"image": after["image"].numpy()} if "image" in after else {}
+        self.show_outcome(after["observation"].tolist(), reward, self._sum + reward, **image)
+
+    def show_outcome(self, values: list[float], reward: float | None, total: float, image: Any = None) -> None:
+        """Show the observation ``[n]`` after a step, its reward, if it is known, the return so far, and the camera's image."""
+        self._sum, self._steps, self._count = total, self._steps + 1, self._count + 1
+        if reward is not None:
+            self._rewards.add((reward,))
         self._channels.add(values)
         now_s = time.monotonic()
         if self._task is not None and self.view.connection is not None and self.view.connection.twin is None:
@@ -266,12 +286,12 @@ class LivePage(PageServer):
         if now_s < self._due_s:
             return
         self._due_s = now_s + NUMBERS_S
-        if "image" in after:
-            self.board.show_image(after["image"].numpy().astype(np.uint8, copy=True))
+        if image is not None:
+            self.board.show_image(image.astype(np.uint8, copy=True))
         last_s, last_count = self._last_rate
-        self._last_rate = (now_s, self._rewards.count)
-        self._facts |= {"step": self._steps, "return": self._sum, "reward": reward}
-        self._facts["steps/s"] = (self._rewards.count - last_count) / max(now_s - last_s, 1e-3)
+        self._last_rate = (now_s, self._count)
+        self._facts |= {"step": self._steps} | ({} if reward is None else {"return": total, "reward": reward})
+        self._facts["steps/s"] = (self._count - last_count) / max(now_s - last_s, 1e-3)
         metrics = self._env.walk_metrics()
         if "forward_m" in metrics:
             self._facts["distance"] = f"{metrics['forward_m']:.2f} m"
@@ -367,6 +387,6 @@ class LivePage(PageServer):
             self.board.update_status(drive={**drive, "in_charge": driver.in_charge, "can_give_back": self._can_give_back})
 
     def finish(self, message: str = "") -> None:
-        """Show that the run is over."""
+        """Show that the run is over; the message is good news."""
         self._is_ended = True
-        self.board.update_status(state="finished", message=message)
+        self.board.update_status(state="finished", message="", note=message)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import threading
-import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,6 +13,7 @@ from brickhub.user_files import without_folder
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.rollout import link_lost, play
 from bricksrl.errors import BricksError, StoppedError
+from bricksrl.page.endless import play_endlessly
 from bricksrl.page.live import LivePage
 from bricksrl.policies.policy import Player
 from bricksrl.training.callbacks import Callback, Episode, Phase, Progress, RunResult
@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from bricksrl.training.config import TrainConfig
 
 _PHASES = {Phase.PREFILL: "random start", Phase.TRAIN: "learning", Phase.OFFLINE: "learning from data"}
-_COAST_MS = 500
-"""Simulated time for which the coasting motors are shown after a stop."""
 
 
 class PageCallback(Callback):
@@ -109,54 +107,27 @@ def play_on_page(
         stop: set if a stop is to end the playing, as by a key in the terminal.
     """
     stop = stop or threading.Event()
-    returns: list[float] = []
-
     player = functools.cache(lambda name: players[name]())
-    page.attach(env)
-    while episodes is None or len(returns) < episodes:
-        try:
-            page.begin()
-            return_ = _episode(env, page, lambda: player(page.policy), f"{len(returns) + 1}")
-            if return_ is not None:
-                returns.append(return_)
-                page.end(return_, f"{len(returns) + 1}")
-        except BricksError as error:
-            message = f"{error}. Reset tries again."
-            if isinstance(error, StoppedError):
-                if stop.is_set():
-                    raise
-                message = "The robot was stopped by hand. Reset lets it start again."
-                page.mark_stopped()
-                env.close(raise_if_closed=False)  # a virtual hub ends its program in this thread only
-                if (twin := interface_of(env).twin) is not None:
-                    for _ in range(_COAST_MS // 10):
-                        twin.machine.advance(10)
-                        time.sleep(0.01)
-            page.board.update_status(message=message)
-            page.wait_for_reset(stop.is_set)
-            if stop.is_set():
-                raise StoppedError("the robot was stopped by hand") from error
-            page.release()
-            page.board.update_status(message="")
-    return returns
+    episode = functools.partial(_episode, env, page, lambda: player(page.policy), stop)
+    return play_endlessly(env, page, episode, episodes=episodes, stop=stop)
 
 
-def _episode(env: EnvBase, page: LivePage, player: Callable[[], Player], number: str) -> float | None:
+def _episode(env: EnvBase, page: LivePage, player: Callable[[], Player], stop: threading.Event, number: str) -> float | None:
     """Play an episode with the player selected at each step; returns its return, or ``None`` if it was cut short."""
     total = 0.0
     start = env.reset()
     page.note(episode=number)
-    page.hold()
+    page.hold(stop.is_set)
     for frame in play(env, lambda s: player().act(s), start, driver=page.driver, reset_policy=lambda: player().reset()):
         if link_lost(frame):
             raise interface_of(env).link_error
         page.show_step(frame)
         total += float(frame["next", "reward"])
-        page.hold()
-        if page.is_reset_requested or page.is_stopped:
+        page.hold(stop.is_set)
+        if page.is_reset_requested or page.is_stopped or stop.is_set():
             break
     else:
         return None if interface_of(env).is_cut else total
-    if page.is_stopped:
+    if page.is_stopped or stop.is_set():
         raise StoppedError("the robot was stopped by hand")
     return None

@@ -22,6 +22,8 @@ from bricksrl.errors import DescriptionError
 if TYPE_CHECKING:
     from torchrl.envs import EnvBase
 
+    from bricksrl.policies.scripted import ArrayPolicy
+
 
 class Policy(TensorDictModuleBase):  # type: ignore[misc]
     """Deterministic policy of a trained agent: ``env.rollout(100, policy)``, or `act` on an observation.
@@ -134,6 +136,17 @@ def named_policies(run_dir: Path, env: EnvBase, seed: int) -> dict[str, Callable
         if RunFolder(run_dir).best_path.exists():
             named["best"] = lambda: player(load_policy(run_dir, env, which="best"))
     return {**named, "last": lambda: player(load_policy(run_dir, env))}
+
+
+def array_player(make: Callable[[], ArrayPolicy]) -> Player:
+    """Player of a policy of arrays."""
+    policy = make()
+
+    def act(state: TensorDictBase) -> TensorDictBase:
+        inputs = {key: state[key].numpy().copy() for key in ("observation", "image") if key in state}
+        return state.set("action", torch.as_tensor(policy(inputs), dtype=torch.float32))
+
+    return Player(act)
 
 
 def random_player(env: EnvBase, seed: int) -> Player:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import functools
 import math
+import os
 import time
 import warnings
 from abc import ABC, abstractmethod
@@ -26,7 +27,7 @@ from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.registry import get_task, is_simulation, make
 from bricksrl.envs.rollout import Driver, Rollout, play, seed_episode
 from bricksrl.envs.transforms import transformed
-from bricksrl.errors import DescriptionError, RunError
+from bricksrl.errors import DescriptionError, RunError, counted
 from bricksrl.training.callbacks import Callback, Episode, Phase
 
 if TYPE_CHECKING:
@@ -208,6 +209,10 @@ class Copies(Source):
         )
 
 
+COPIES_PER_CORE = 8
+"""Most processes of virtual robots; more than one a core only share it."""
+
+
 class _Processes(BricksEnv, ParallelEnv):  # type: ignore[misc]
     """Virtual robots, each in a process; nothing of a single one is reached from here."""
 
@@ -231,6 +236,9 @@ def make_env(
         if is_simulation(env_id):
             env = make(env_id, plain, batch_size=copies, seed=seed, device=device)
         else:
+            if copies > (most := COPIES_PER_CORE * (os.cpu_count() or 1)):
+                reason = f"each is a process, and this computer has {counted(os.cpu_count() or 1, 'core')}"
+                raise RunError(f"{copies} copies of {env_id} are too many: {reason}; give num_envs {most} or fewer")
             env = _Processes(copies, functools.partial(make, env_id, plain, seed=seed), mp_start_method="spawn")
             env.start()
             env.task = get_task(env_id, **options.options)  # attributes do not cross process boundaries

@@ -90,6 +90,10 @@ def lies_on_bench(robot: Robot, scene: Scene) -> bool:
     return robot.drive_base is None or bool(scene.readings or scene.end_stops)
 
 
+ASKED_GL = "BRICKTWIN_MUJOCO_GL"
+"""Variable that keeps the value of ``MUJOCO_GL`` that does not work, for this process and its children."""
+
+
 def check_mujoco() -> None:
     """Import MuJoCo, which loads the library of ``MUJOCO_GL`` at once; if that fails, import it without rendering."""
     try:
@@ -99,7 +103,7 @@ def check_mujoco() -> None:
         if not backend or backend == "disable":
             raise
         _log.warning("MUJOCO_GL=%s does not work (%s); everything but pictures and videos does", backend, error)
-        os.environ["MUJOCO_GL"] = "disable"
+        os.environ["MUJOCO_GL"], os.environ[ASKED_GL] = "disable", backend
         for name in [name for name in sys.modules if name == "mujoco" or (name.startswith("mujoco.") and "._" not in name)]:
             del sys.modules[name]  # compiled modules stay: they can be loaded only once
         importlib.import_module("mujoco")

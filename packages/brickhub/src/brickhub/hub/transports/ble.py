@@ -278,6 +278,8 @@ class BleTransport(ProfileTransport):
 class BlePort:
     """Pybricks Profile over a GATT connection, with bleak."""
 
+    silence = "switch it off and on, and bring it near"
+
     def __init__(self, device: BLEDevice, client_backend: type[BaseBleakClient] | None, timeout_s: float) -> None:
         from bleak import BleakClient
 

@@ -92,10 +92,12 @@ class Port(Protocol):
 
     Attributes:
         name, address: name and address of the hub.
+        silence: likely cause, and what to do, when it is silent while connecting.
     """
 
     name: str
     address: str
+    silence: str
 
     async def open(self, on_event: Callable[[bytes], None], on_loss: Callable[[str], None]) -> None:
         """Connect. After ``subscribe``, each event goes to ``on_event``; the reason of a lost link goes to ``on_loss``."""
@@ -182,7 +184,7 @@ class HubConnection:
             await self.disconnect()
             if isinstance(error, HubError):
                 raise
-            raise HubTimeoutError("the hub did not answer while connecting; switch it off and on, and bring it near") from None
+            raise HubTimeoutError(f"the hub did not answer while connecting; {self._port.silence}") from None
         except BaseException:
             await self.disconnect()
             raise

@@ -216,6 +216,11 @@ class UsbPort:
     """Pybricks Profile over a serial port. Reads run in a separate thread; writes, which have a timeout, do not: at the end of
     this program, when the hub is stopped, Python starts no more work in other threads."""
 
+    silence = (
+        "it has LEGO's own firmware, or Pybricks before 4.1, which do not answer over USB: install Pybricks with "
+        "https://code.pybricks.com, or else plug it in again"
+    )
+
     def __init__(self, hub: UsbHub, open_serial: OpenSerial) -> None:
         self.name, self.address = hub.device, hub.address
         self._hub, self._open_serial = hub, open_serial

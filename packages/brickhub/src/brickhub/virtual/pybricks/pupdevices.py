@@ -11,6 +11,7 @@ from math import trunc
 from types import ModuleType
 from typing import Any
 
+from brickhub.errors import TwinError
 from brickhub.robot import Direction as MotorDirection
 from brickhub.virtual.firmware.control import Controller, Logger, OnCompletion
 from brickhub.virtual.firmware.motor_model import Observer, ObserverSettings
@@ -285,7 +286,7 @@ class Motor(_BaseMotor):
 
     def run_time(self, speed: Any, time: Any, then: Any = Stop.HOLD, wait: Any = True) -> Any:
         self._servo.run_time(get_int(speed), max(0, get_int(time)), completion(then))
-        return self._finish() if wait else None
+        return self._finish(ends_by_time=True) if wait else None
 
     def run_angle(self, speed: Any, rotation_angle: Any, then: Any = Stop.HOLD, wait: Any = True) -> Any:
         self._servo.run_angle(get_int(speed), get_int(rotation_angle), completion(then))
@@ -300,13 +301,31 @@ class Motor(_BaseMotor):
         self._servo.run_until_stalled(get_int(speed), completion(then), limit)
         return self._finish(returns_angle=True)
 
-    def _finish(self, returns_angle: bool = False) -> Any:
+    def _finish(self, returns_angle: bool = False, ends_by_time: bool = False) -> Any:
+        """Wait for the end of the move. Raises TwinError if the bench blocks it, so that it never ends."""
+        machine, angle_deg = self._machine, self._servo.angle_deg()
+        since_ms = machine.time_ms
+
         def is_done() -> bool:
+            nonlocal angle_deg, since_ms
             if not self._servo.is_open:
                 raise os_error(errno.ENODEV)
-            return self._servo.is_done()
+            if self._servo.is_done():
+                return True
+            if self._servo.angle_deg() != angle_deg:
+                angle_deg, since_ms = self._servo.angle_deg(), machine.time_ms
+            elif machine.time_ms - since_ms > _STUCK_MS and not (ends_by_time or self._loop.is_active or machine.pace):
+                raise TwinError(
+                    f"the program waits for the motor on port {self._letter}, which has been blocked at {angle_deg} degrees for "
+                    f"{_STUCK_MS // 1000} s; give it other ends, such as --end-stop {self._letter}=-90..120"
+                )
+            return False
 
         return self._awaited.finish(is_done, self._servo.angle_deg if returns_angle else None, self._servo.coast)
+
+
+_STUCK_MS = 60_000
+"""Simulated time after which a blocked motor, for which a program waits without an end, is taken for one that never arrives."""
 
 
 def pupdevices_module(context: Context) -> ModuleType:

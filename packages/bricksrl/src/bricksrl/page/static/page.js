@@ -92,6 +92,7 @@ function show() {
   $("message").textContent = message ?? "";
   $("message").classList.toggle("note", !status.message);
   $("stop").hidden = !can.has("stop");
+  showGoal();
   $("pause").hidden = !can.has("pause") || state === "paused";
   $("resume").hidden = !can.has("pause") || state !== "paused";
   $("step").hidden = !can.has("step");
@@ -105,6 +106,17 @@ function show() {
   showOwnSliders();
   $("no-scene").hidden = !status.no_scene && scene !== null;
   $("no-scene").textContent = scene === null ? "This browser has no WebGL 2, so the robot cannot be drawn." : status.no_scene ?? "";
+}
+
+// What the task asks for, and the returns to beat.
+function showGoal() {
+  const { goal, scores } = status, box = $("goal");
+  box.hidden = !goal;
+  box.firstChild.textContent = goal ?? "";
+  fill(box.lastChild, Object.entries(scores ?? {}).map(([name, value]) => `${name} ${short(value)}`), "div", (row, text) => {
+    const [, name, value] = text.match(/^(.*) (\S+)$/);
+    row.append(Object.assign(document.createElement("dt"), { textContent: name }), Object.assign(document.createElement("dd"), { textContent: value }));
+  });
 }
 
 function showChoices(can) {
@@ -245,6 +257,7 @@ function showPushes() {
 // slept, or had no connection, stays at rest, unless somebody holds the stick.
 function push(values) {
   pushes.values = values.map((value) => Math.max(-1, Math.min(1, value)));
+  pushes.active ||= pushes.values.some((value) => value !== 0); // or the server's last pushes replace them before they are sent
   showPushes();
   clearTimeout(pushes.timer);
   if (Date.now() - pushes.sent_ms < MIN_INTERVAL_MS) pushes.timer = setTimeout(send, MIN_INTERVAL_MS);
@@ -284,6 +297,24 @@ function makeStick() {
     pushes.held = false;
     move(0, 0);
   };
+  return move;
+}
+
+// The arrow keys push the stick while a human drives, unless they move the slider that has the focus.
+function makeArrows(move) {
+  const keys = { ArrowUp: [0, 1], ArrowDown: [0, -1], ArrowLeft: [-1, 0], ArrowRight: [1, 0] }, down = new Set();
+  const follow = () => {
+    pushes.held = down.size > 0;
+    move(...[0, 1].map((axis) => [...down].reduce((sum, key) => sum + keys[key][axis], 0)));
+  };
+  addEventListener("keydown", (event) => {
+    if (!(event.key in keys) || !status.drive?.in_charge || event.target.matches("input, select")) return;
+    event.preventDefault(); // or the page would scroll
+    down.add(event.key);
+    if (!event.repeat) follow();
+  });
+  addEventListener("keyup", (event) => down.delete(event.key) && follow());
+  addEventListener("blur", () => down.size && (down.clear(), follow()));
 }
 
 // Sliders of the program that shows the scene, such as the steps of a building plan.
@@ -328,5 +359,5 @@ try {
 } catch (error) {
   console.warn(error);
 }
-makeStick();
+makeArrows(makeStick());
 connect();

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from brickhub.errors import RenderingUnavailableError, TwinError, message_of
 from brickhub.files import TEMPORARY_PREFIX, check_writable, writing
+from bricktwin.twin.make_body import ASKED_GL
 from bricktwin.twin.mujoco_body import MujocoBody
 
 _NEAR_M = 1e-3
@@ -341,7 +342,8 @@ def _open_context(model: mujoco.MjModel, width: int, height: int) -> tuple[Any, 
         # MuJoCo's library reads this when it loads OpenGL's functions.
         os.environ["MUJOCO_GL"] = backend
     if backend in _DISABLED:
-        raise RenderingUnavailableError(f"nothing is drawn with MUJOCO_GL={backend}; unset it, or {_REMEDY}")
+        asked = os.environ.get(ASKED_GL, backend)
+        raise RenderingUnavailableError(f"nothing is drawn with MUJOCO_GL={asked}; unset it, or {_REMEDY}")
     try:
         module = importlib.import_module(f"mujoco.{backend}") if backend in ("egl", "osmesa", "glfw", "cgl") else mujoco
         if not hasattr(module.GLContext, "_context"):

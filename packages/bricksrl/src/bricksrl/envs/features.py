@@ -1,0 +1,154 @@
+"""Features: what observations in physical units become before they enter a network, of our agents or of other libraries.
+
+An agent that acts holds what it observes within the range that it has learned on, so that an input that never varied where it
+learned decides nothing where it acts."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+from torchrl.envs.utils import ExplorationType, exploration_type
+
+from bricksrl.envs.specs import ObservationLayout
+
+_log = logging.getLogger(__name__)
+LARGEST = torch.finfo(torch.float32).max
+
+
+class SeenInputs(nn.Module):
+    """Least, greatest, mean and deviation of each input ``[n]`` that was learned on, in the module's state; where it lacks them,
+    nothing was seen. Angles (``wraps``) are held only if they never varied, ``free`` inputs never."""
+
+    least: Tensor
+    greatest: Tensor
+    moments: Tensor
+
+    def __init__(self, names: Sequence[str], wraps: Sequence[bool], free: Sequence[int]) -> None:
+        super().__init__()
+        n = len(wraps)
+        self.names, self.warned = names, set[str]()
+        self.register_buffer("least", torch.full((n,), LARGEST))
+        self.register_buffer("greatest", torch.full((n,), -LARGEST))
+        self.register_buffer("moments", torch.zeros(3, n, dtype=torch.float64))  # count, mean, sum of squared deviations
+        is_free = torch.zeros(n, dtype=torch.bool)
+        is_free[list(free)] = True
+        self.wraps, self.free = nn.Buffer(torch.tensor(wraps), persistent=False), nn.Buffer(is_free, persistent=False)
+
+    @torch.no_grad()
+    def see(self, inputs: Tensor) -> None:
+        """Add inputs ``[*batch, n]`` that are learned on."""
+        rows = inputs.reshape(-1, inputs.shape[-1])
+        torch.minimum(self.least, rows.amin(0), out=self.least)
+        torch.maximum(self.greatest, rows.amax(0), out=self.greatest)
+        count, mean, squares = self.moments
+        added, values = len(rows), rows.double()
+        difference, total = values.mean(0) - mean, count + added
+        squares += (values - values.mean(0)).square().sum(0) + difference.square() * count * added / total
+        mean += difference * added / total
+        count += added
+
+    def forward(self, inputs: Tensor) -> Tensor:
+        """Inputs ``[*batch, n]``, of an agent that acts at its best within what it has learned on."""
+        if self.training or exploration_type() is not ExplorationType.DETERMINISTIC:
+            return inputs
+        least, greatest = self.bounds()
+        if not (torch.compiler.is_exporting() or inputs.is_meta):
+            self._say(inputs, least, greatest)
+        return inputs.clamp(least, greatest)
+
+    def bounds(self) -> tuple[Tensor, Tensor]:
+        """Least and greatest value ``[n]`` within which each input is held."""
+        is_held = (self.least <= self.greatest) & ~self.free & (~self.wraps | (self.least == self.greatest))
+        return torch.where(is_held, self.least, -LARGEST), torch.where(is_held, self.greatest, LARGEST)
+
+    def _say(self, inputs: Tensor, least: Tensor, greatest: Tensor) -> None:
+        """Say once of each input that it is farther outside of what was seen than that is wide."""
+        span = greatest - least
+        rows = inputs.reshape(-1, len(least))
+        for row, index in ((rows < least - span) | (rows > greatest + span)).nonzero().tolist():
+            name = self.names[index] if self.names else f"input {index}"
+            if name not in self.warned:
+                self.warned.add(name)
+                low, high, value = float(least[index]), float(greatest[index]), float(rows[row, index])
+                learned = f"{low:g}" if low == high else f"{low:g} to {high:g}"
+                _log.warning("%s reads %g, but the agent learned with %s: it acts as if it read that", name, value, learned)
+
+    def normalised(self, inputs: Tensor) -> Tensor:
+        """Inputs less their mean, divided by their deviation; 0 where they never varied."""
+        count, mean, squares = self.moments
+        deviation = (squares / count.clamp_min(1.0)).sqrt()
+        scale = torch.where(deviation > 1e-6, 1.0 / deviation.clamp_min(1e-6), 0.0)
+        normalised: Tensor = (inputs - mean) * scale
+        return normalised.to(inputs.dtype)
+
+    def _load_from_state_dict(self, state_dict: dict[str, Any], prefix: str, *args: Any) -> None:
+        for name, buffer in self.named_buffers():
+            if name in ("least", "greatest", "moments"):
+                state_dict.setdefault(prefix + name, buffer)
+        super()._load_from_state_dict(state_dict, prefix, *args)
+
+
+class ObservationEncoder(nn.Module):
+    """Observations ``[*batch, n]`` in physical units to features ``[*batch, size]`` of order one.
+
+    Bounded entries are scaled to -1..1, unbounded ones unchanged. With ``angles="sincos"`` wrapping angles become sine and
+    cosine; ``angles="phases"`` adds sine and cosine of the differences between angles, goals excluded (the phases of a gait).
+    With ``goals="difference"`` each goal adds its difference to the current value, for wrapping angles the shorter way. What a
+    transform has scaled comes back to its unit first. ``normalize``: linear entries by the mean and deviation of what was seen.
+    """
+
+    def __init__(
+        self, layout: ObservationLayout, angles: str = "phases", goals: str = "difference", *, normalize: bool = False
+    ) -> None:
+        super().__init__()
+        self.normalize, self.is_scaled = normalize, bool(layout.scale)
+        self.unit_scale, self.unit_offset = _constant(layout.scale), _constant(layout.offset)
+        self.seen = SeenInputs(layout.names, layout.wraps, [goal for goal, _ in layout.goals])
+        wraps = [w and angles != "raw" for w in layout.wraps]
+        angle_index = [i for i, w in enumerate(wraps) if w]
+        linear_index = [i for i, w in enumerate(wraps) if not w]
+        low, high = torch.tensor(layout.low), torch.tensor(layout.high)
+        bounded = torch.isfinite(low) & torch.isfinite(high) & (high > low)
+        scale = torch.where(bounded, 2.0 / (high - low), 1.0)
+        offset = torch.where(bounded, -(high + low) / (high - low), 0.0)
+        pairs = layout.goals if goals == "difference" else ()
+        goal_index = {goal for goal, _ in layout.goals}
+        own = [i for i in angle_index if i not in goal_index and angles == "phases"]
+        first, second = torch.combinations(torch.tensor(own, dtype=torch.int64)).T
+        one_rad = torch.eye(len(layout.low)) * (math.pi / 180.0)
+        angle_matrix = torch.cat((one_rad[angle_index], one_rad[first] - one_rad[second])).T.contiguous()  # one column per angle
+        self.angle_matrix, self.linear = _constant(angle_matrix), _constant(linear_index, torch.int64)
+        self.scale, self.offset = _constant(scale[self.linear]), _constant(offset[self.linear])
+        self.goal = _constant([goal for goal, _ in pairs], torch.int64)
+        self.reached = _constant([reached for _, reached in pairs], torch.int64)
+        self.period = _constant([360.0 if layout.wraps[goal] else math.inf for goal, _ in pairs])
+        self.goal_scale = _constant([1 / 180.0 if layout.wraps[goal] else float(scale[goal]) for goal, _ in pairs])
+        self.size = len(linear_index) + 2 * angle_matrix.shape[1] + len(pairs)
+
+    def forward(self, observation: Tensor) -> Tensor:
+        """Features: scaled entries, then all sines, all cosines, all goal differences."""
+        observation = self.seen(self.in_units(observation))
+        linear = self.seen.normalised(observation) if self.normalize else observation
+        linear = linear.index_select(-1, self.linear)
+        parts = [linear if self.normalize else torch.addcmul(self.offset, linear, self.scale)]
+        if self.angle_matrix.shape[1]:
+            angle_rad = observation @ self.angle_matrix
+            parts += [angle_rad.sin(), angle_rad.cos()]
+        if len(self.goal):
+            difference = observation.index_select(-1, self.goal) - observation.index_select(-1, self.reached)
+            parts.append((difference - (difference / self.period).round() * 360.0) * self.goal_scale)
+        return torch.cat(parts, -1)
+
+    def in_units(self, observation: Tensor) -> Tensor:
+        """Observations ``[*batch, n]`` in physical units."""
+        return (observation - self.unit_offset) / self.unit_scale if self.is_scaled else observation
+
+
+def _constant(values: Any, dtype: torch.dtype | None = None) -> nn.Buffer:
+    """A tensor that moves with its module and is not in its state."""
+    return nn.Buffer(torch.as_tensor(values, dtype=dtype), persistent=False)

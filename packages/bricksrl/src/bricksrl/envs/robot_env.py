@@ -1,0 +1,263 @@
+"""An environment's robot, without TorchRL: connection, emergency stop and pause, sensors and commands as arrays."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bricksrl.envs.connection import Connection, Reconnect
+from bricksrl.envs.env_interface import BricksEnv, Timing
+from bricksrl.envs.odometry import Odometer, SonarOdometer, TargetTracker, TrueOdometer, start_pose
+from bricksrl.envs.task import Task
+from bricksrl.envs.vision.camera import Camera, Watch
+from bricksrl.errors import BricksError, CameraError, HubError, StoppedError
+
+if TYPE_CHECKING:
+    from brickhub.hub.link.receiver import Reading
+    from brickhub.virtual.virtual_kit import VirtualRobot
+
+Floats = NDArray[np.float32]
+PAUSE_PERIOD_S = 0.2
+"""Period of the reads during a pause, which keep the hub program's watchdog from ending it."""
+
+_T = TypeVar("_T")
+
+
+@dataclass(slots=True)
+class EpisodeState:
+    """State that changes every step; not in the environment, where each attribute assignment costs ten microseconds.
+
+    Attributes:
+        drawn: sampled entries, constant for the episode.
+        commands: the last ones, where they are observed.
+        odometer: measures the distance travelled.
+        tracker: position of the target; ``None`` for a task without a target.
+        watch: the camera's view; ``None`` for a task without a camera.
+        observation: the last one, as the task's functions get it.
+        task_observations: what success and metrics get after each step; only with a camera or a target.
+        is_cut: whether a pause truncated the episode.
+        measured_s: the link's clock when the last observation was measured; ``hub_time_s`` is the hub's.
+        age_s: age of the observation that the last action was chosen for.
+    """
+
+    drawn: list[float]
+    commands: list[float]
+    measured_s: float
+    odometer: Odometer
+    tracker: TargetTracker | None
+    watch: Watch | None = None
+    observation: Any = ()
+    step_count: int = 0
+    task_observations: list[Any] = field(default_factory=list)
+    is_cut: bool = False
+    hub_time_s: float = 0.0
+    age_s: float = 0.0
+
+    def observe(self, channels: Sequence[float], forward_mm: Sequence[float]) -> Floats:
+        """The observation ``[n]`` as the task's functions get it: channels, sampled entries, distance forward, last commands, the
+        target's entries and the camera's distances."""
+        target = () if self.tracker is None else self.tracker.entries()
+        distances_px = () if self.watch is None else self.watch.numbers()
+        values = (*channels, *self.drawn, *forward_mm, *self.commands, *target, *distances_px)
+        return np.array(values, dtype=np.float32)
+
+
+class RobotEnv(BricksEnv):
+    """A task on a robot, whose observations and actions are arrays. `HubEnv` makes a TorchRL environment of it.
+
+    Args:
+        task: the task to run.
+        connect: returns the connection, given a seed for a virtual robot. Called when the robot is first needed, and for a
+            virtual robot again after each new seed, so that it starts from the same state.
+        seed: seed of all random numbers; ``None`` for a fresh one.
+    """
+
+    task: Task
+    robots = 1
+    batch_size: Sequence[int] = ()
+    reconnect: Reconnect
+
+    def __init__(self, task: Task, connect: Callable[[int], Connection], *, seed: int | None = None, **of_base: Any) -> None:
+        super().__init__(**of_base)
+        self.task = task
+        self._connect = connect
+        self._connection: Connection | None = None
+        self._watchers: list[Callable[[Connection], None]] = []
+        self._episode: EpisodeState | None = None
+        self._spans = [((c.high + c.low) / 2, (c.high - c.low) / 2) for c in task.interface.commands]
+        self._observed = task.observed_channels
+        self.reconnect = Reconnect()
+        self._changed = threading.Condition()
+        self._is_stopped = self._is_paused = False
+        self._set_seed(seed)
+
+    def close(self, **_: Any) -> None:
+        """Stop the robot and close the link; `begin` opens it again."""
+        self._close_link()
+
+    @property
+    def twin(self) -> VirtualRobot | None:
+        return self._connected().twin
+
+    def watch(self, watcher: Callable[[Connection], None]) -> Callable[[], None]:
+        self._watchers.append(watcher)
+        if self._connection is not None:
+            watcher(self._connection)
+        return lambda: self._watchers.remove(watcher)
+
+    def stop(self) -> None:
+        with self._changed:
+            self._is_stopped = True
+            self._changed.notify_all()
+        if self._connection is not None:
+            self._connection.link.emergency_stop()
+
+    def pause(self) -> None:
+        with self._changed:
+            self._is_paused = True
+
+    def resume(self) -> None:
+        if self._connection is not None:
+            self._connection.link.release()
+        with self._changed:
+            self._is_stopped = self._is_paused = False
+            self._changed.notify_all()
+
+    @property
+    def is_paused(self) -> bool:
+        return self._is_paused
+
+    @property
+    def is_cut(self) -> bool:
+        return self._episode is not None and self._episode.is_cut
+
+    def _set_seed(self, seed: int | None) -> None:
+        self._seed = seed
+        host, place, twin = np.random.SeedSequence(seed).spawn(3)
+        self._host_rng, self._place_rng = np.random.default_rng(host), np.random.default_rng(place)
+        self._twin_seed = int(twin.generate_state(1)[0])
+        if self._connection is not None and self._connection.twin is not None:
+            self._close_link()
+            self._connection = None
+
+    def begin(self) -> EpisodeState:
+        """Begin an episode: place the robot and read its sensors. Raises HubError if it cannot be reached."""
+        reading = self._guarded(self._start)
+        link, true_pose, task = self._connected().link, self._connected().true_pose, self.task
+        measured_s = link.now_s() - reading.age_s
+        drawn, tracker = [entry.draw(self._host_rng) for entry in task.sampled_entries], None
+        if task.target is not None:
+            start = start_pose(task.scene, task.id, true_pose, self._host_rng)
+            tracker = TargetTracker(task.target, task.robot, task.interface, true_pose, start, reading.values)
+        odometer = SonarOdometer(task.interface) if true_pose is None else TrueOdometer(true_pose, link.now_s())
+        odometer.forward_mm(link.now_s(), reading.values)
+        episode = EpisodeState(drawn, [0.0] * len(task.command_entries), measured_s, odometer, tracker)
+        if task.camera is not None:
+            episode.watch = Watch(task.camera, self._host_rng, self._guarded(self._camera.frame))
+        self._episode = episode
+        episode.observation = episode.observe(self._channels(reading), [0.0] * len(task.measured_entries))
+        return episode
+
+    def move(self, shares: Sequence[float]) -> Floats:
+        """The observation ``[n]`` after a step with the action ``[m]``, in -1..1. Raises BricksError without an episode, HubError
+        if the link broke."""
+        episode, link = self._episode, self._connected().link
+        if episode is None:
+            raise BricksError(f"{self.task.id} has no episode to step; reset the environment first")
+        commands = [middle + half * share for (middle, half), share in zip(self._spans, shares, strict=True)]
+        episode.age_s = link.now_s() - episode.measured_s
+        if self.task.observes_commands:
+            episode.commands = commands
+        return self._measure(self._guarded(lambda: link.act(commands)), episode)
+
+    def image(self) -> dict[str, NDArray[np.uint8]]:
+        """The camera's last image ``[side, side, 3]`` as ``image``; empty for a task without a camera."""
+        watch = None if self._episode is None else self._episode.watch
+        return {} if watch is None else {"image": watch.image}
+
+    def _measure(self, reading: Reading, episode: EpisodeState) -> Floats:
+        """The observation for the task's functions after a step; reads odometer and camera only where the task uses them."""
+        episode.measured_s = self._connected().link.now_s() - reading.age_s
+        episode.hub_time_s = reading.hub_time_ms / 1000
+        forward_mm: list[float] = []
+        if self.task.walks or self.task.measured_entries:
+            forward_mm = [episode.odometer.forward_mm(self._connected().link.now_s(), reading.values)]
+        if episode.tracker is not None:
+            episode.tracker.follow(reading.values)
+        if episode.watch is not None:
+            episode.watch.see(self._guarded(self._camera.frame))
+        return episode.observe(self._channels(reading), forward_mm[: len(self.task.measured_entries)])
+
+    def _channels(self, reading: Reading) -> list[float]:
+        """The channels that are in the observation."""
+        return [reading.values[index] for index in self._observed]
+
+    @property
+    def timing(self) -> Timing:
+        if self._episode is None or not self._episode.step_count:
+            raise BricksError(f"{self.task.id} has made no step yet; make one first")
+        return Timing(self._episode.age_s, self._episode.hub_time_s)
+
+    def walk_metrics(self) -> dict[str, float]:
+        if self._episode is None:
+            return {}
+        walked = self._episode.odometer.metrics() if self.task.walks else {}
+        return walked if self._episode.tracker is None else {**walked, **self._episode.tracker.metrics()}
+
+    @property
+    def _camera(self) -> Camera:
+        camera = self._connected().camera
+        if camera is None:
+            raise CameraError(f"{self.task.id} needs a camera, and the connection to the robot has none; give it one")
+        return camera
+
+    def _connected(self) -> Connection:
+        if self._connection is None:
+            self._connection = self._connect(self._twin_seed)
+            for watcher in self._watchers:
+                watcher(self._connection)
+            if self._connection.twin is not None:
+                self._connection.twin.in_reach = self.in_reach
+            self._check_stop()  # a stop requested before this had no link to act on
+        return self._connection
+
+    def _start(self) -> Reading:
+        """Place the robot and read its sensors, after the end of a pause, in which reading feeds the hub program's watchdog."""
+        connection = self._connected()
+        while not self._waited(PAUSE_PERIOD_S):
+            if connection.link.is_open:
+                connection.link.read()
+        self._check_stop()
+        connection.link.open()  # without effect when it is open
+        connection.place(self._place_rng)
+        return connection.link.read()
+
+    def _waited(self, timeout_s: float) -> bool:
+        """Wait for the end of a pause, or a stop; True if there is no pause or there is a stop."""
+        with self._changed:
+            return self._changed.wait_for(lambda: self._is_stopped or not self._is_paused, timeout_s)
+
+    def _check_stop(self) -> None:
+        """Raise StoppedError if a stop is requested."""
+        if self._is_stopped:
+            raise StoppedError("the robot was stopped by hand; call resume() when it may move again")
+
+    def _guarded(self, exchange: Callable[[], _T]) -> _T:
+        """Run an exchange with hub or camera; on failure close the link: the motors stop, and the next reset reopens it."""
+        try:
+            return exchange()
+        except (HubError, CameraError, StoppedError):
+            self._close_link()
+            raise
+
+    def _close_link(self) -> None:
+        self._episode = None
+        if self._connection is not None:
+            self._connection.link.close()
+            if self._connection.camera is not None:
+                self._connection.camera.close()

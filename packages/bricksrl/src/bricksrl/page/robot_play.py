@@ -1,0 +1,110 @@
+"""Robots on the page at once: a policy of arrays, or a human, moves one without TorchRL, which takes seconds to load."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from bricksrl.envs.robot_env import RobotEnv
+from bricksrl.envs.task import Task
+from bricksrl.errors import StoppedError
+from bricksrl.page.endless import play_endlessly
+from bricksrl.page.live import LivePage
+from bricksrl.policies.scripted import ArrayPolicy
+
+
+class Judge:
+    """Rewards and ends of an episode, by the task's functions of tensors. They need torch, which is loaded beside the motion;
+    what was seen meanwhile is judged then.
+
+    Attributes:
+        total: return of the episode, as far as it is judged.
+    """
+
+    def __init__(self, task: Task) -> None:
+        self._task = task
+        self._torch: Any = None
+        self._loading = threading.Thread(target=self._load, name="bricksrl-torch", daemon=True)
+        self.begin()
+
+    def begin(self) -> None:
+        """Begin an episode."""
+        self._seen: list[tuple[Any, Any, Any]] = []
+        self.total, self.rewards, self.is_over = 0.0, list[float](), False
+
+    def see(self, previous: Any, action: Any, observation: Any) -> None:
+        """Judge a step, now or later: observation ``[n]`` before it, action ``[m]``, observation after it."""
+        self._seen.append((previous, action, observation))
+        if self._loading.ident is None:
+            self._loading.start()
+        if self._torch is not None:
+            self._judge()
+
+    def end(self) -> float:
+        """The return of the episode."""
+        self._loading.join()
+        self._judge()
+        return self.total
+
+    def close(self) -> None:
+        """Wait for the thread, which must not end in the midst of an import."""
+        if self._loading.ident is not None:
+            self._loading.join()
+
+    def _judge(self) -> None:
+        while self._seen:
+            before, moved, after = (self._torch.tensor(values, dtype=self._torch.float32) for values in self._seen.pop(0))
+            self.rewards.append(float(self._task.reward(before, moved, after)))
+            self.total += self.rewards[-1]
+            self.is_over = self.is_over or bool(self._task.terminated(after))
+
+    def _load(self) -> None:
+        import torch
+
+        self._torch = torch
+
+
+def play_robot(
+    env: RobotEnv,
+    page: LivePage,
+    policies: Mapping[str, Callable[[], ArrayPolicy]],
+    *,
+    episodes: int | None = None,
+    stop: threading.Event | None = None,
+) -> list[float]:
+    """Play as `bricksrl.page.play.play_on_page`, with policies of arrays. While a human drives, only a reset ends an episode."""
+    stop, judge, made = stop or threading.Event(), Judge(env.task), dict[str, ArrayPolicy]()
+
+    def action_of(inputs: Mapping[str, Any]) -> Any:
+        if page.driver is not None and page.driver.in_charge:
+            return page.driver.shares()
+        if page.policy not in made:
+            made[page.policy] = policies[page.policy]()
+        return made[page.policy](inputs)
+
+    def episode(number: str) -> float | None:
+        observation, steps = env.begin().observation, 0
+        judge.begin()
+        page.note(episode=number)
+        page.hold(stop.is_set)
+        while not page.is_stopped and not stop.is_set():
+            action = np.clip(action_of({"observation": observation.copy()} | env.image()), -1.0, 1.0)
+            previous, observation = observation, env.move(action.tolist())
+            judge.see(previous, action, observation)
+            steps += 1
+            page.show_outcome(observation.tolist(), judge.rewards[-1] if judge.rewards else None, judge.total, **env.image())
+            page.hold(stop.is_set)
+            if page.is_reset_requested:
+                return None
+            is_driven = page.driver is not None and page.driver.in_charge
+            if not is_driven and (judge.is_over or steps >= env.task.max_steps):
+                return judge.end()
+        raise StoppedError("the robot was stopped by hand")
+
+    try:
+        return play_endlessly(env, page, episode, episodes=episodes, stop=stop)
+    finally:
+        judge.close()
