@@ -162,7 +162,7 @@ def test_wrong_arguments_print_one_line(fails, arguments, says):
         ("train WalkerSim-v0 --set target_entropy=nan --run a", "target_entropy is nan"),
         ("train TD --set entropy=nan --run a", "no environment 'TD'"),
         ("train RoboArm-v0 --option threshold=5 --run a", "no option threshold; it has sparse, threshold_deg"),
-        ("train RunAway-v0 --option colour=red --run a", "no option colour; it has no options at all"),
+        ("train RunAway-v0 --option colour=red --run a", "no option colour; it has ends_at_wall"),
         ('train RoboArm-v0 --option threshold_deg="x" --run a', "cannot be made with"),
         ("train RoboArm-v0 --option threshold_deg=NaN --run a", "never reached"),
         ("study sim-to-robot --quick --on slurm", "no 'slurm' to run on"),
