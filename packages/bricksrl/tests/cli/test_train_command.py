@@ -187,7 +187,7 @@ def test_interrupted_recording_keeps_its_film(tmp_path):
 
 
 def test_train_with_streaming(tmp_path, pipes, monkeypatch):
-    monkeypatch.setattr("bricksrl.cli.train._report", lambda result, hand, page: None)
+    monkeypatch.setattr("bricksrl.cli.train._report", lambda *_, **__: None)
     run_dir = tmp_path / "run"
     options = ("--agent", "random", "--episodes", "1", "--streaming", "--app-data", "--link", "mac", "--run", str(run_dir))
     assert main(["train", "Spinning-v0", *options]) == 0
