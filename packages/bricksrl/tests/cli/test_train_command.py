@@ -272,7 +272,7 @@ def test_human_takes_over_in_a_simulation(command, tmp_path, monkeypatch, capfd)
     naps = []
     monkeypatch.setattr("bricksrl.teleoperation.find_pad", Pad)
     monkeypatch.setattr("bricksrl.teleoperation.time", SimpleNamespace(monotonic=lambda: 0.0, sleep=naps.append))
-    monkeypatch.setattr("bricksrl.cli.train._report", lambda *_: None)
+    monkeypatch.setattr("bricksrl.cli.train._report", lambda *_, **__: None)
     out = ("--run", str(tmp_path / "run")) if command == "train" else ("--out", str(tmp_path / "run/data"))
     assert main([command, "WalkerSim-v0", "--take-over", "gamepad", "--episodes", "1", *out]) == 0
     recorded = load(tmp_path / "run")
