@@ -187,7 +187,7 @@ def test_interrupted_recording_keeps_its_film(tmp_path):
 
 
 def test_train_with_streaming(tmp_path, pipes, monkeypatch):
-    monkeypatch.setattr("bricksrl.cli.train._report", lambda result, hand, page: None)
+    monkeypatch.setattr("bricksrl.cli.train._report", lambda *_, **__: None)
     run_dir = tmp_path / "run"
     options = ("--agent", "random", "--episodes", "1", "--streaming", "--app-data", "--link", "mac", "--run", str(run_dir))
     assert main(["train", "Spinning-v0", *options]) == 0
@@ -272,7 +272,7 @@ def test_human_takes_over_in_a_simulation(command, tmp_path, monkeypatch, capfd)
     naps = []
     monkeypatch.setattr("bricksrl.teleoperation.find_pad", Pad)
     monkeypatch.setattr("bricksrl.teleoperation.time", SimpleNamespace(monotonic=lambda: 0.0, sleep=naps.append))
-    monkeypatch.setattr("bricksrl.cli.train._report", lambda *_: None)
+    monkeypatch.setattr("bricksrl.cli.train._report", lambda *_, **__: None)
     out = ("--run", str(tmp_path / "run")) if command == "train" else ("--out", str(tmp_path / "run/data"))
     assert main([command, "WalkerSim-v0", "--take-over", "gamepad", "--episodes", "1", *out]) == 0
     recorded = load(tmp_path / "run")

@@ -96,8 +96,8 @@ def run(line: CommandLine, arguments: Sequence[str]) -> int:
 def parse(line: CommandLine, arguments: Sequence[str]) -> ParsedCommand:
     """Parse the arguments into a command; exits like argparse for help and for invalid arguments."""
     words = command_words(line, arguments)
-    if (typed := next((word for word in arguments if word[:1] in _DASHES), None)) is not None:
-        print_error(f"{typed} begins with the dash of a word processor; type --{typed.lstrip(_DASHES + '-')}")
+    if typed := next((word for word in arguments if word.startswith(_DASHES)), None):
+        print_error(f"{typed} begins with the dash of a word processor; type --{typed.lstrip(''.join(_DASHES) + '-')}")
         raise SystemExit(2)
     messages = io.StringIO()
     try:
@@ -110,7 +110,7 @@ def parse(line: CommandLine, arguments: Sequence[str]) -> ParsedCommand:
     return cast(ParsedCommand, parsed)
 
 
-_DASHES = "\N{EN DASH}\N{EM DASH}\N{MINUS SIGN}"
+_DASHES = ("\N{EN DASH}", "\N{EM DASH}", "\N{MINUS SIGN}")
 
 
 def _parse(line: CommandLine, words: Sequence[str], arguments: Sequence[str]) -> object:
