@@ -16,6 +16,7 @@ from brickhub.fields import check_fields, check_value
 from brickhub.hub.commands import *
 from brickhub.hub.commands import WIRE_MAX, Command, Imports, WireNumber, drive_base, drive_base_setup
 from brickhub.robot import Robot, UltrasonicSensor
+from brickhub.robot.hardware import REMOTE_BUTTONS
 
 
 @dataclass(frozen=True)
@@ -26,10 +27,14 @@ class Channel(WireNumber, ABC):
         is_nominal: whether values beyond ``low`` and ``high`` are possible, up to the limits of the wire.
         noise, noise_share: names of the twin's physics parameters for its noise: the standard deviation, and an additional one as
             a share of the value.
+        wireless: kind of the device beside the hub that it reads, such as ``"remote"``; ``None`` without one.
+        setup_s: longest time that its setup takes at the start of the program.
         roughness: insignificant difference between a robot and its twin, in the unit, due to rounding and clock ticks.
     """
 
     role: ClassVar[str] = "channel"
+    wireless: ClassVar[str | None] = None
+    setup_s: ClassVar[float] = 0.0
     is_nominal: ClassVar[bool] = False
     noise: ClassVar[str | None] = None
     noise_share: ClassVar[str | None] = None
@@ -246,6 +251,63 @@ class Distance(Channel):
     @property
     def expression(self) -> str:
         return f"sensor_{self.sensor}.distance()"
+
+
+@dataclass(frozen=True)
+class _ButtonChannel(Channel):
+    """Whether a button is down when the hub reads it: 1, else 0."""
+
+    button: str
+    low: ClassVar[float] = 0.0
+    high: ClassVar[float] = 1.0
+    scale: ClassVar[int] = 1
+    unit: ClassVar[str] = ""
+    imports: ClassVar[Imports] = (("pybricks.parameters", "Button"),)
+    owner: ClassVar[str] = "hub"
+
+    @property
+    def name(self) -> str:
+        return f"{self.owner}_{self.button}"
+
+    def check(self, robot: Robot) -> None:
+        # the center button ends a program
+        known = [name for name in self.known(robot) if self.owner != "hub" or name != "center"]
+        if self.button not in known:
+            remedy = f"choose {', '.join(known)}" if known else "take a prime hub, or a remote"
+            raise self.error(f": the {self.owner} has no such button that a program may read; {remedy}")
+
+    @abstractmethod
+    def known(self, robot: Robot) -> tuple[str, ...]:
+        """Names of the buttons."""
+
+    @property
+    def expression(self) -> str:
+        return f"int(Button.{self.button.upper()} in {self.owner}.buttons.pressed())"
+
+
+@dataclass(frozen=True)
+class HubButton(_ButtonChannel):
+    """Button of the hub, such as ``"left"``: 1 while it is down."""
+
+    def known(self, robot: Robot) -> tuple[str, ...]:
+        return robot.hub.model.buttons
+
+
+@dataclass(frozen=True)
+class RemoteButton(_ButtonChannel):
+    """Button of the Powered Up remote, such as ``"left_plus"``: 1 while it is down. The program connects to the remote at its
+    start: switch it on within 10 s, its light blinks then."""
+
+    owner: ClassVar[str] = "remote"
+    wireless: ClassVar[str] = "remote"
+    setup_s: ClassVar[float] = 10.0
+    imports: ClassVar[Imports] = (*_ButtonChannel.imports, ("pybricks.pupdevices", "Remote"))
+
+    def known(self, robot: Robot) -> tuple[str, ...]:
+        return REMOTE_BUTTONS
+
+    def setup(self, robot: Robot) -> tuple[str, ...]:
+        return ("remote = Remote()",)
 
 
 PARTS = {"hsv": ("hue", "saturation", "value"), "tilt": ("pitch", "roll")}

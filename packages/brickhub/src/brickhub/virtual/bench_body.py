@@ -227,7 +227,7 @@ class FittedBench(BenchBody):
             if port in hub.model.own_motors:
                 raise TwinError(f"port {port} of the {hub.value} hub has the hub's own motor; say what is on another port")
             if isinstance(kind, MotorKind):
-                self._add_motor(port, kind)
+                self._add_motor(port, kind, kind.model.class_name)
             elif kind is not None:
                 self._add_sensor(port, kind.value)
 

@@ -107,9 +107,12 @@ def _program(task: Task) -> str:
     from brickhub.hub.program.compile import compile_program, program_blob
     from brickhub.hub.program.generate import generate
 
-    program = generate(task.robot, task.interface)
-    size = len(program_blob(compile_program(program), task.robot.hub))
-    return f"{size} of the {task.robot.hub.value} hub's {task.robot.hub.model.program_bytes} bytes"
+    sentences: list[str] = []
+    if task.client is not None:
+        _, size, sentences = task.client.load(task.robot.hub)
+    else:
+        size = len(program_blob(compile_program(generate(task.robot, task.interface)), task.robot.hub))
+    return "; ".join([f"{size} of the {task.robot.hub.value} hub's {task.robot.hub.model.program_bytes} bytes", *sentences])
 
 
 def _specs(env_id: str) -> str:

@@ -158,6 +158,7 @@ def _virtual_env(task: Task, options: EnvOptions, seed: int | None) -> HubEnv:
     def connect(twin_seed: int) -> Connection:
         body = make_body(task.robot, scene=task.scene, physics=options.physics_or_draw, seed=twin_seed)
         twin = VirtualHub(body, realtime=options.realtime, link=options.link_profile, seed=twin_seed)
+        twin.machine.panel.near |= {channel.wireless for channel in task.interface.channels if channel.wireless}
         camera = None if task.camera is None else TwinCamera(body, task.camera)
         return Connection(_link(task, options, twin), twin.reset, twin, camera, getattr(body, "pose", None))
 
@@ -177,7 +178,7 @@ def _real_env(task: Task, options: EnvOptions, transport: ProfileTransport, seed
         red = saved_red(task.camera.device)
         goal = task.camera.goal if red is None else replace(task.camera.goal, red=red)
         task = replace(task, camera=replace(task.camera, goal=goal))
-    calibrate = calibration_of(transport)
+    calibrate = calibration_of(transport)  # a client of one's own knows its robot's zeros
     link = _link(task, options, transport, calibrate)
     connection = Connection(link, place or ask_to_place, camera=camera)
     return HubEnv(task, lambda _seed: connection, seed=seed)
@@ -185,8 +186,13 @@ def _real_env(task: Task, options: EnvOptions, transport: ProfileTransport, seed
 
 def _link(task: Task, options: EnvOptions, transport: Transport, calibrate: Calibration | None = None) -> HubLink:
     from brickhub.hub.link.lockstep import HubLink
+    from brickhub.hub.link.own_client import ClientLink
     from brickhub.hub.link.streaming import StreamingLink
 
+    if task.client is not None:
+        if options.streaming or task.streams or options.app_data:
+            raise DescriptionError(f"{task.program} is a client of your own, which neither streams nor reads AppData; omit both")
+        return ClientLink(transport, task.robot, task.interface, task.client)
     link_type = StreamingLink if options.streaming or task.streams else HubLink
     return link_type(transport, task.robot, task.interface, pipe=options.pipe, calibrate=calibrate)
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from brickhub.entry import Entry
 from brickhub.fields import check_arguments, check_fields, check_value
 from brickhub.hub.interface import Interface
+from brickhub.hub.link.own_client import OwnClient
 from brickhub.robot import Robot
 from bricksrl.envs.odometry import Target, wheels
 from bricksrl.envs.vision.camera import CameraView
@@ -76,6 +77,8 @@ class Task:
         walks: whether a virtual robot reports distance, speed and straightness.
         camera: a camera on the robot, which adds an image to the observation.
         streams: whether the hub always streams its observations, for steps shorter than an exchange over the link.
+        program, commands, answer: a client program of your own instead of the generated one, and the ``struct`` formats of what it
+            gets and answers at a step; see :class:`~brickhub.hub.link.own_client.OwnClient`.
     """
 
     id: str
@@ -96,9 +99,15 @@ class Task:
     walks: bool = False
     camera: CameraView | None = None
     streams: bool = False
+    program: str | None = None
+    commands: str = ""
+    answer: str = ""
 
     def __post_init__(self) -> None:
         check_fields(Task, vars(self))
+        if self.client is not None:
+            object.__setattr__(self, "program", self.client.program)  # which can be used in any folder
+            self.client.check(self.interface)
         check_arguments(f"reward of {self.id}", self.reward, ("previous", "action", "observation"))
         for name in ("success", "metrics"):
             check_arguments(f"{name} of {self.id}", getattr(self, name), ("observations",))
@@ -115,6 +124,11 @@ class Task:
         names = [entry.name for entry in self.entries]
         if len(set(names)) < len(names):
             raise DescriptionError(f"task {self.id}: the observation {', '.join(names)} names an entry twice; rename one")
+
+    @property
+    def client(self) -> OwnClient | None:
+        """The client program of one's own, if any."""
+        return None if self.program is None else OwnClient(self.program, self.commands, self.answer)
 
     @property
     def summary(self) -> str:

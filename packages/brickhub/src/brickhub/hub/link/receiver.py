@@ -4,24 +4,22 @@ from __future__ import annotations
 
 import contextlib
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 from brickhub.errors import HubError, HubProgramError, HubProtocolError, HubTimeoutError, SilentHubError
 from brickhub.hub.link.timing import LinkStatistics
 from brickhub.hub.program.run_program import describe_traceback
 from brickhub.hub.protocol import (
     PROTOCOL_VERSION,
-    UP_PAYLOAD_BYTES,
     ByeReason,
     ControlFrame,
     Frame,
-    FrameDecoder,
     Up,
-    WireFormat,
     parse_hello,
 )
-from brickhub.hub.transport import Transport
+from brickhub.hub.transport import HubProgram, Transport
 
 
 @dataclass(frozen=True)
@@ -72,17 +70,31 @@ _TRACEBACK_READS = 50
 _TRACEBACK_PAUSE_S = 0.2
 
 
+class Decoder(Protocol):
+    """Finds frames in a program's output."""
+
+    crc_errors: int
+    skipped_bytes: int
+
+    @property
+    def text(self) -> str:
+        """Text between the frames."""
+
+    def feed(self, data: bytes) -> Sequence[Frame]:
+        """Take bytes and return the frames that they complete."""
+
+
 class Listener:
     """Receiver of frames from a transport, which counts invalid bytes in the statistics."""
 
-    def __init__(self, transport: Transport, wire: WireFormat, statistics: LinkStatistics) -> None:
-        self._transport, self._wire, self._statistics = transport, wire, statistics
-        self.begin("")
+    def __init__(self, transport: Transport, new_decoder: Callable[[], Decoder], statistics: LinkStatistics) -> None:
+        self._transport, self._new_decoder, self._statistics = transport, new_decoder, statistics
+        self.begin(HubProgram("", 0))
 
-    def begin(self, source: str) -> None:
+    def begin(self, program: HubProgram) -> None:
         """Start with a new program: discard all earlier input."""
-        self._source = source
-        self._decoder = FrameDecoder(self._wire.answer_bytes, UP_PAYLOAD_BYTES)
+        self._program = program
+        self._decoder = self._new_decoder()
         self._frames: deque[Frame] = deque()
 
     @property
@@ -118,7 +130,7 @@ class Listener:
                     if not rest:
                         break
                     self._decoder.feed(rest)
-            raise HubProgramError(describe_traceback(self._decoder.text, self._source))
+            raise HubProgramError(describe_traceback(self._decoder.text, self._program.source, self._program.name))
 
     def raise_program_error(self) -> None:
         """After a failure, raise the error of a traceback or a BYE frame, which says more than the transport's."""

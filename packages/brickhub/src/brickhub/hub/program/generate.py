@@ -13,7 +13,7 @@ from importlib import resources
 from brickhub.errors import DescriptionError, ProgramError
 from brickhub.fields import check_fields
 from brickhub.hub.commands import WIRE_MAX, Command
-from brickhub.hub.interface import Interface
+from brickhub.hub.interface import Channel, Interface
 from brickhub.hub.protocol import (
     APP_DATA_BYTES,
     CONTROL_OVERHEAD,
@@ -57,6 +57,11 @@ def validate(robot: Robot, interface: Interface) -> None:
             if not -largest <= low < high <= largest:
                 raise number.error(f" ranges from {low} to {high}; give low < high within +-{largest:g}")
             number.check(robot)
+    for part in (*interface.commands, *interface.channels):
+        for motor in robot.motors:
+            needs_encoder = isinstance(part, Channel) or part.needs_encoder
+            if needs_encoder and not motor.kind.model.has_encoder and motor.name in part.devices(robot):
+                raise part.error(f" needs an encoder, and '{motor.name}' is a {motor.kind.value} motor; use RunDuty")
     movers = dict[str, Command]()
     for command in interface.commands:
         for motor in command.motors(robot):
@@ -148,7 +153,7 @@ def _header(robot: Robot, interface: Interface) -> str:
 def _robot_imports(robot: Robot, interface: Interface) -> list[str]:
     motors, sensors = _motors(robot, interface), _sensors(robot, interface)
     names = {("pybricks.hubs", robot.hub.model.class_name)}
-    names |= {("pybricks.pupdevices", "Motor") for _ in motors}
+    names |= {("pybricks.pupdevices", motor.kind.model.class_name) for motor in motors}
     names |= {("pybricks.pupdevices", sensor.kind.value) for sensor in sensors}
     names |= {pair for number in (*interface.commands, *interface.channels) for pair in number.imports}
     if motors or sensors:
@@ -191,14 +196,13 @@ def _constants(interface: Interface, pipe: Pipe) -> str:
 
 def _motors(robot: Robot, interface: Interface) -> list[Motor]:
     """Motors that the interface commands or reads, in the robot's order."""
-    names = {name for channel in interface.channels for name in channel.devices(robot)}
-    names |= {name for command in interface.commands for name in command.motors(robot)}
+    names = {name for part in (*interface.channels, *interface.commands) for name in part.devices(robot)}
     return [motor for motor in robot.motors if motor.name in names]
 
 
 def _sensors(robot: Robot, interface: Interface) -> list[Sensor]:
-    """Sensors that the interface reads, without duplicates, in the order of its channels."""
-    names = [name for channel in interface.channels for name in channel.devices(robot)]
+    """Sensors and lights of the interface, without duplicates, in the order of its channels and commands."""
+    names = [name for part in (*interface.channels, *interface.commands) for name in part.devices(robot)]
     sensors = {sensor.name: sensor for sensor in robot.sensors}
     return [sensors[name] for name in dict.fromkeys(names) if name in sensors]
 
@@ -233,9 +237,9 @@ def _motor_lines(motor: Motor, is_joint: bool) -> list[str]:
     arguments = [f"Port.{motor.port}"]
     if motor.direction is Direction.COUNTERCLOCKWISE:
         arguments.append("Direction.COUNTERCLOCKWISE")
-    if motor.gears:
+    if motor.gears and motor.kind.model.has_encoder:
         arguments.append(f"gears={list(motor.gears)}")
-    lines = [f"{variable} = Motor({', '.join(arguments)})"]
+    lines = [f"{variable} = {motor.kind.model.class_name}({', '.join(arguments)})"]
     if motor.zero_deg:
         lines.append(f"{variable}.reset_angle({_from_zero(motor, f'{variable}.angle()')})")
     limits = {"speed": motor.speed_limit_deg_s, "acceleration": motor.acceleration_deg_s2, "torque": motor.torque_limit_mnm}

@@ -59,7 +59,7 @@ def load_program(path: Path) -> HubProgram:
     modules: dict[str, HubModule] = {}
     sources = [main]
     while sources:
-        for name in _imported(sources.pop()):
+        for name in imported_modules(sources.pop()):
             module = None if name in modules else module_beside(path, name)
             if module is not None:
                 modules[name] = module
@@ -69,7 +69,7 @@ def load_program(path: Path) -> HubProgram:
     return HubProgram(main, number, name=path.name, modules=tuple(modules.values()), says_hello=False)
 
 
-def _imported(source: str) -> Iterator[str]:
+def imported_modules(source: str) -> Iterator[str]:
     """Names of modules in all import statements; empty for invalid source, which the hub's compiler rejects later."""
     try:
         tree = parse(source)
@@ -84,6 +84,7 @@ def _imported(source: str) -> Iterator[str]:
 
 _HINTS = {
     "ENODEV": "plug the device into the port that the robot's description names",
+    "ETIMEDOUT": "switch the remote on at the start of the program, its light blinks then",
     "MemoryError": "use fewer commands and channels, or a larger hub",
 }
 
