@@ -219,6 +219,8 @@ def describe(env: EnvBase, options: dict[str, Any] | None = None, *, name: str |
 def describe_task(task: Task, options: dict[str, Any] | None = None) -> Description:
     """Description of data recorded in a task."""
     camera = task.camera
+    if unrecorded := sorted(set(task.images) - {"image"}):
+        _log.warning("a dataset holds the images of one camera, the task's; those of %s are not recorded", ", ".join(unrecorded))
     return Description(
         env=task.id,
         rate_hz=task.rate_hz,

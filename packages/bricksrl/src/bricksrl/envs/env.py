@@ -130,8 +130,9 @@ class HubEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         self._entries, self._observed = len(task.entries), task.observed_channels
         set_vector_specs(self, task)
         self.observation_spec["link_lost"] = Binary(1, dtype=torch.bool)
-        if task.camera is not None:
-            self.observation_spec["image"] = Bounded(0, 255, (task.camera.image_px, task.camera.image_px, 3), dtype=torch.uint8)
+        for key, side_px in task.images.items():
+            self.observation_spec[key] = Bounded(0, 255, (side_px, side_px, 3), dtype=torch.uint8)
+        self._images: dict[str, torch.Tensor] = {}  # the last ones of sensors
         self.reconnect = Reconnect()
         self._changed = threading.Condition()
         self._is_stopped = self._is_paused = False
@@ -210,8 +211,12 @@ class HubEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         if task.camera is not None:
             episode.watch = Watch(task.camera, self._host_rng, self._guarded(self._camera.frame))
         self._episode = episode
-        episode.observation = episode.observe(self._channels(reading), [0.0] * len(task.measured_entries))
+        episode.observation = self._observation_at_start(episode, reading)
         return self._out(episode)
+
+    def _observation_at_start(self, episode: EpisodeState, reading: Reading) -> torch.Tensor:
+        """Hook: the first observation of an episode."""
+        return episode.observe(self._channels(reading), [0.0] * len(self.task.measured_entries))
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         episode = self._episode
@@ -241,14 +246,12 @@ class HubEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         episode.age_s = link.now_s() - episode.measured_s
         if task.observes_commands:
             episode.commands = commands
-        observation = self._measure(self._guarded(lambda: link.act(commands)), episode)
-        reward = _single(task, "reward", task.reward(episode.observation, action, observation))
+        observation, reward, terminated = self._outcome(episode, action, commands)
         if not all(map(math.isfinite, reward.flatten().tolist())):
             raise DescriptionError(
                 f"the reward of {task.id} is {reward.tolist()} in step {episode.step_count + 1}, where the observation is "
                 f"{observation.tolist()}; correct the task's reward"
             )
-        terminated = _single(task, "terminated", task.terminated(observation))
         if terminated.dtype is not torch.bool:
             raise DescriptionError(f"terminated of {task.id} is {terminated.tolist()}, not true or false; compare")
         episode.observation = observation
@@ -261,9 +264,19 @@ class HubEnv(BricksEnv, EnvBase):  # type: ignore[misc]
             episode.task_observations.append(episode.with_truth(observation, self._entries))
         return self._out(episode, reward=reward, terminated=terminated, truncated=truncated, done=terminated | truncated)
 
+    def _outcome(
+        self, episode: EpisodeState, action: torch.Tensor, commands: list[float]
+    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Hook: carry out the commands; the observation after it, the reward and whether the episode is over."""
+        task = self.task
+        observation = self._measure(self._guarded(lambda: self._connected().link.act(commands)), episode)
+        reward = _single(task, "reward", task.reward(episode.observation, action, observation))
+        return observation, reward, _single(task, "terminated", task.terminated(observation))
+
     def _out(self, episode: EpisodeState, **outcome: torch.Tensor) -> TensorDictBase:
         """Output of a reset or, with its outcome, of a step; copied, as a caller's change must not alter ``episode``."""
         out = {"observation": episode.observation[: self._entries].clone(), "link_lost": torch.zeros(1, dtype=torch.bool)}
+        out |= self._images
         if episode.watch is not None:
             out["image"] = torch.from_numpy(episode.watch.image)
         return TensorDict({**out, **outcome}, batch_size=(), device=self.device)
@@ -304,8 +317,14 @@ class HubEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         return episode.observe(self._channels(reading), forward_mm[: len(self.task.measured_entries)])
 
     def _channels(self, reading: Reading) -> list[float]:
-        """The channels that are in the observation."""
-        return [reading.values[index] for index in self._observed]
+        """The channels that are in the observation, and the readings of sensors on the computer; notes their images."""
+        values = [reading.values[index] for index in self._observed]
+        for reader in self._connected().sensors:
+            sensor, (sensed, age_s) = reader.sensor, self._guarded(reader.latest)
+            if sensor.image_px:
+                self._images[sensor.name] = torch.tensor(sensed)
+            values += [*(() if sensor.image_px else sensed), *((age_s,) if sensor.observes_age else ())]
+        return values
 
     def task_observations(self, observations: torch.Tensor) -> torch.Tensor:
         """Input of the task's success and metrics for the observations ``[steps, n]`` of the whole current episode. Raises
@@ -358,6 +377,8 @@ class HubEnv(BricksEnv, EnvBase):  # type: ignore[misc]
                 connection.link.read()
         self._check_stop()
         connection.link.open()  # without effect when it is open
+        for reader in connection.sensors:
+            reader.open()
         connection.place(self._place_rng)
         return connection.link.read()
 
@@ -383,6 +404,8 @@ class HubEnv(BricksEnv, EnvBase):  # type: ignore[misc]
         self._episode = None
         if self._connection is not None:
             self._connection.link.close()
+            for reader in self._connection.sensors:
+                reader.close()
             if self._connection.camera is not None:
                 self._connection.camera.close()
 

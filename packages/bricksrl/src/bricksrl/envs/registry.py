@@ -18,7 +18,10 @@ from brickhub.seed import check_seed
 from brickhub.user_files import is_reference, load_object
 from bricksrl.envs.arenas import ARENAS
 from bricksrl.envs.connection import Connection, Placement
+from bricksrl.envs.host_sensors.host_sensor import World
 from bricksrl.envs.options import TRANSFORMS, EnvOptions
+from bricksrl.envs.own.base_env import BaseEnv
+from bricksrl.envs.own.base_task import task_of
 from bricksrl.envs.task import Kinematics, Task
 from bricksrl.envs.tasks.line_follow import LINE_FOLLOW
 from bricksrl.envs.tasks.park import PARK
@@ -152,22 +155,24 @@ def _transformed(env: EnvBase, options: EnvOptions) -> EnvBase:
 
 
 def _virtual_env(task: Task, options: EnvOptions, seed: int | None) -> HubEnv:
+    import numpy as np
+
     from brickhub.virtual.virtual_transport import VirtualHub
-    from bricksrl.envs.env import HubEnv
 
     def connect(twin_seed: int) -> Connection:
         body = make_body(task.robot, scene=task.scene, physics=options.physics_or_draw, seed=twin_seed)
         twin = VirtualHub(body, realtime=options.realtime, link=options.link_profile, seed=twin_seed)
         twin.machine.panel.near |= {channel.wireless for channel in task.interface.channels if channel.wireless}
         camera = None if task.camera is None else TwinCamera(body, task.camera)
-        return Connection(_link(task, options, twin), twin.reset, twin, camera, getattr(body, "pose", None))
+        world = World(body, task.scene, np.random.default_rng(twin_seed), twin.now_s)
+        readers = tuple(sensor.reader(world) for sensor in task.sensors)
+        return Connection(_link(task, options, twin), twin.reset, twin, camera, getattr(body, "pose", None), readers)
 
-    return HubEnv(task, connect, seed=seed)
+    return _hub_env(task)(task, connect, seed=seed)
 
 
 def _real_env(task: Task, options: EnvOptions, transport: ProfileTransport, seed: int | None, place: Placement | None) -> HubEnv:
     from brickhub.hub.diagnostics.calibration import calibration_of
-    from bricksrl.envs.env import HubEnv
     from bricksrl.envs.vision.color_calibration import saved_red
 
     def ask_to_place(_rng: np.random.Generator) -> None:
@@ -178,10 +183,19 @@ def _real_env(task: Task, options: EnvOptions, transport: ProfileTransport, seed
         red = saved_red(task.camera.device)
         goal = task.camera.goal if red is None else replace(task.camera.goal, red=red)
         task = replace(task, camera=replace(task.camera, goal=goal))
-    calibrate = calibration_of(transport)  # a client of one's own knows its robot's zeros
+    calibrate = calibration_of(transport)
     link = _link(task, options, transport, calibrate)
-    connection = Connection(link, place or ask_to_place, camera=camera)
-    return HubEnv(task, lambda _seed: connection, seed=seed)
+    readers = tuple(sensor.reader(None) for sensor in task.sensors)
+    connection = Connection(link, place or ask_to_place, camera=camera, sensors=readers)
+    return _hub_env(task)(task, lambda _seed: connection, seed=seed)
+
+
+def _hub_env(task: Task) -> type[HubEnv]:
+    """The class that runs a task on a robot."""
+    from bricksrl.envs.env import HubEnv
+    from bricksrl.envs.own.own_env import OwnEnv
+
+    return HubEnv if task.base_env is None else OwnEnv
 
 
 def _link(task: Task, options: EnvOptions, transport: Transport, calibrate: Calibration | None = None) -> HubLink:
@@ -277,6 +291,8 @@ def _user_builder(reference: str) -> Callable[..., Task]:
     @functools.wraps(builder)
     def build(**options: Any) -> Task:
         task = builder(**options)
+        if isinstance(task, BaseEnv):
+            task = task_of(task)
         if not isinstance(task, Task):
             raise DescriptionError(f"{reference} returns a {type(task).__name__} and no task; let it return a bricksrl.envs.Task")
         built_in = _BUILT_IN[task.id].build() if task.id in _BUILT_IN else task

@@ -15,8 +15,12 @@ from brickhub.entry import Entry
 from brickhub.fields import check_arguments, check_fields, check_value
 from brickhub.hub.interface import Interface
 from brickhub.hub.link.own_client import OwnClient
+from brickhub.hub.program.generate import generate
+from brickhub.hub.transport import HubProgram
 from brickhub.robot import Robot
+from bricksrl.envs.host_sensors.host_sensor import HostSensor
 from bricksrl.envs.odometry import Target, wheels
+from bricksrl.envs.own.base_env import BaseEnv
 from bricksrl.envs.vision.camera import CameraView
 from bricksrl.errors import DescriptionError
 from bricktwin.twin.scene import OPEN_FLOOR, Scene
@@ -53,7 +57,7 @@ def never(observation: Tensor) -> Tensor:
 class Task:
     """A reinforcement learning task on a robot. Raises DescriptionError if the parts are inconsistent.
 
-    The observation consists of the interface's channels in order, the sampled entries, the measured entries, the last commands
+    The observation consists of the interface's channels in order, the readings of sensors on the computer, the sampled entries, the measured entries, the last commands
     and the target's entries. With a target, the wheel angles are left out. Where a camera has a goal, the task's functions get
     two further entries that the agent does not: see ``task_entries``.
 
@@ -76,9 +80,11 @@ class Task:
         target: a pose that a driving robot is to reach; success and metrics get the true pose of a virtual robot.
         walks: whether a virtual robot reports distance, speed and straightness.
         camera: a camera on the robot, which adds an image to the observation.
+        sensors: sensors on the computer; their entries follow the channels.
         streams: whether the hub always streams its observations, for steps shorter than an exchange over the link.
         program, commands, answer: a client program of your own instead of the generated one, and the ``struct`` formats of what it
             gets and answers at a step; see :class:`~brickhub.hub.link.own_client.OwnClient`.
+        base_env: resets, steps and rewards of your own, in place of the task's functions.
     """
 
     id: str
@@ -98,10 +104,12 @@ class Task:
     target: Target | None = None
     walks: bool = False
     camera: CameraView | None = None
+    sensors: tuple[HostSensor, ...] = ()
     streams: bool = False
     program: str | None = None
     commands: str = ""
     answer: str = ""
+    base_env: BaseEnv | None = None
 
     def __post_init__(self) -> None:
         check_fields(Task, vars(self))
@@ -121,7 +129,7 @@ class Task:
             wheels(self.robot, self.interface)  # raises where dead reckoning is impossible
         if not self.interface.commands or not self.entries:
             raise DescriptionError(f"task {self.id}: nothing to command or nothing to observe; name commands and channels")
-        names = [entry.name for entry in self.entries]
+        names = [entry.name for entry in self.entries] + [sensor.name for sensor in self.sensors if sensor.image_px]
         if len(set(names)) < len(names):
             raise DescriptionError(f"task {self.id}: the observation {', '.join(names)} names an entry twice; rename one")
 
@@ -129,6 +137,11 @@ class Task:
     def client(self) -> OwnClient | None:
         """The client program of one's own, if any."""
         return None if self.program is None else OwnClient(self.program, self.commands, self.answer)
+
+    @property
+    def hub_program(self) -> HubProgram:
+        """The program on the hub. Raises ProgramError if the hub cannot run it."""
+        return generate(self.robot, self.interface) if self.client is None else self.client.load(self.robot.hub)[0]
 
     @property
     def summary(self) -> str:
@@ -152,7 +165,14 @@ class Task:
         """Entries of the observation vector."""
         channels = (self.interface.channels[index].entry for index in self.observed_channels)
         target = () if self.target is None else self.target.entries
-        return (*channels, *self.sampled_entries, *self.measured_entries, *self.command_entries, *target)
+        sensed = (entry for sensor in self.sensors for entry in sensor.observed_entries)
+        return (*channels, *sensed, *self.sampled_entries, *self.measured_entries, *self.command_entries, *target)
+
+    @property
+    def images(self) -> dict[str, int]:
+        """Side in px of each image of the observation, by its key: the camera's is ``"image"``."""
+        own = {} if self.camera is None else {"image": self.camera.image_px}
+        return own | {sensor.name: sensor.image_px for sensor in self.sensors if sensor.image_px}
 
     @property
     def command_entries(self) -> tuple[Entry, ...]:
