@@ -386,6 +386,19 @@ class HubLight(_HubCommand):
 
 
 @dataclass(frozen=True)
+class ClientCommand(_HubCommand):
+    """Number that a client program of one's own gets, such as an action in -1..1."""
+
+    name: str  # type: ignore[misc]
+    low: float = -1.0
+    high: float = 1.0
+    unit: str = ""
+
+    def check(self, robot: Robot) -> None:
+        raise self.error(" is for a client of your own; name its program, or take another command")
+
+
+@dataclass(frozen=True)
 class LightBrightness(_HubCommand):
     """Brightness of a light on a port, or of the lights around a distance sensor: ``Light.on(brightness)``."""
 

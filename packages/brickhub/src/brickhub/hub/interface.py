@@ -254,8 +254,8 @@ class Distance(Channel):
 
 
 @dataclass(frozen=True)
-class _ButtonChannel(Channel):
-    """Whether a button is down when the hub reads it: 1, else 0."""
+class HubButton(Channel):
+    """Button of the hub, such as ``"left"``: 1 while it is down as the hub reads it, else 0. The center button ends programs."""
 
     button: str
     low: ClassVar[float] = 0.0
@@ -269,16 +269,14 @@ class _ButtonChannel(Channel):
     def name(self) -> str:
         return f"{self.owner}_{self.button}"
 
-    def check(self, robot: Robot) -> None:
-        # the center button ends a program
-        known = [name for name in self.known(robot) if self.owner != "hub" or name != "center"]
-        if self.button not in known:
-            remedy = f"choose {', '.join(known)}" if known else "take a prime hub, or a remote"
-            raise self.error(f": the {self.owner} has no such button that a program may read; {remedy}")
+    def buttons(self, robot: Robot) -> tuple[str, ...]:
+        """Names of the buttons that a program may read."""
+        return tuple(name for name in robot.hub.model.buttons if name != "center")
 
-    @abstractmethod
-    def known(self, robot: Robot) -> tuple[str, ...]:
-        """Names of the buttons."""
+    def check(self, robot: Robot) -> None:
+        if self.button not in self.buttons(robot):
+            remedy = f"choose {', '.join(self.buttons(robot))}" if self.buttons(robot) else "take a prime hub, or a RemoteButton"
+            raise self.error(f": the {self.owner} has no such button that a program may read; {remedy}")
 
     @property
     def expression(self) -> str:
@@ -286,28 +284,34 @@ class _ButtonChannel(Channel):
 
 
 @dataclass(frozen=True)
-class HubButton(_ButtonChannel):
-    """Button of the hub, such as ``"left"``: 1 while it is down."""
-
-    def known(self, robot: Robot) -> tuple[str, ...]:
-        return robot.hub.model.buttons
-
-
-@dataclass(frozen=True)
-class RemoteButton(_ButtonChannel):
-    """Button of the Powered Up remote, such as ``"left_plus"``: 1 while it is down. The program connects to the remote at its
-    start: switch it on within 10 s, its light blinks then."""
+class RemoteButton(HubButton):
+    """Button of the Powered Up remote, such as ``"left_plus"``; switch the remote on within 10 s of the program's start."""
 
     owner: ClassVar[str] = "remote"
     wireless: ClassVar[str] = "remote"
     setup_s: ClassVar[float] = 10.0
-    imports: ClassVar[Imports] = (*_ButtonChannel.imports, ("pybricks.pupdevices", "Remote"))
+    imports: ClassVar[Imports] = (*HubButton.imports, ("pybricks.pupdevices", "Remote"))
 
-    def known(self, robot: Robot) -> tuple[str, ...]:
+    def buttons(self, robot: Robot) -> tuple[str, ...]:
         return REMOTE_BUTTONS
 
     def setup(self, robot: Robot) -> tuple[str, ...]:
         return ("remote = Remote()",)
+
+
+@dataclass(frozen=True)
+class ClientChannel(Channel):
+    """Number that a client program of one's own answers; values beyond its range are possible."""
+
+    name: str  # type: ignore[misc]
+    low: float
+    high: float
+    unit: str = ""
+    is_nominal: ClassVar[bool] = True
+    expression: ClassVar[str] = ""
+
+    def check(self, robot: Robot) -> None:
+        raise self.error(" is of a client of your own; name its program, or take another channel")
 
 
 PARTS = {"hsv": ("hue", "saturation", "value"), "tilt": ("pitch", "roll")}

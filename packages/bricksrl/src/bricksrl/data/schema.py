@@ -8,6 +8,7 @@ import dataclasses
 import enum
 import functools
 import json
+import logging
 import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -15,6 +16,8 @@ from typing import TYPE_CHECKING, Any
 from brickhub.entry import Entry
 from brickhub.fields import check_fields
 from bricksrl.errors import DataError
+
+_log = logging.getLogger(__name__)
 
 if TYPE_CHECKING:
     from torchrl.envs import EnvBase

@@ -105,11 +105,10 @@ def _number(cell: str) -> float | str:
 
 
 def _program(task: Task) -> str:
-    from brickhub.hub.program.compile import compile_program, program_blob
+    from brickhub.hub.program.compile import check_program
 
-    sentences = [] if task.client is None else task.client.load(task.robot.hub)[2]
-    size = len(program_blob(compile_program(task.hub_program), task.robot.hub))
-    return "; ".join([f"{size} of the {task.robot.hub.value} hub's {task.robot.hub.model.program_bytes} bytes", *sentences])
+    size = check_program(task.hub_program, task.robot.hub)
+    return f"{size} of the {task.robot.hub.value} hub's {task.robot.hub.model.program_bytes} bytes"
 
 
 def _specs(env_id: str) -> str:
@@ -137,7 +136,7 @@ def _sensors(env_id: str) -> str:
         raise Skip("it has none on the computer")
     values = dict(zip((entry.name for entry in task.entries), state["observation"].tolist(), strict=True))
     readings = [f"{entry.name} {values[entry.name]:.4g}" for sensor in task.sensors for entry in sensor.observed_entries]
-    return ", ".join([*readings, *(f"{sensor.name} {list(state[sensor.name].shape)}" for sensor in task.sensors if sensor.image_px)])
+    return ", ".join([*readings, *(f"an image {sensor.name}" for sensor in task.sensors if sensor.image_px)])
 
 
 def _determinism(env_id: str, task: Task) -> str:

@@ -18,10 +18,9 @@ from brickhub.seed import check_seed
 from brickhub.user_files import is_reference, load_object
 from bricksrl.envs.arenas import ARENAS
 from bricksrl.envs.connection import Connection, Placement
-from bricksrl.envs.host_sensors.host_sensor import World
+from bricksrl.envs.host_sensors.host_sensor import World, reader_of
 from bricksrl.envs.options import TRANSFORMS, EnvOptions
 from bricksrl.envs.own.base_env import BaseEnv
-from bricksrl.envs.own.base_task import task_of
 from bricksrl.envs.task import Kinematics, Task
 from bricksrl.envs.tasks.line_follow import LINE_FOLLOW
 from bricksrl.envs.tasks.park import PARK
@@ -164,9 +163,10 @@ def _virtual_env(task: Task, options: EnvOptions, seed: int | None) -> HubEnv:
         twin = VirtualHub(body, realtime=options.realtime, link=options.link_profile, seed=twin_seed)
         twin.machine.panel.near |= {channel.wireless for channel in task.interface.channels if channel.wireless}
         camera = None if task.camera is None else TwinCamera(body, task.camera)
-        world = World(body, task.scene, np.random.default_rng(twin_seed), twin.now_s)
-        readers = tuple(sensor.reader(world) for sensor in task.sensors)
-        return Connection(_link(task, options, twin), twin.reset, twin, camera, getattr(body, "pose", None), readers)
+        pose = getattr(body, "pose", None)
+        world = World(pose, body, task.scene, np.random.default_rng(twin_seed), twin.now_s)
+        readers = tuple(reader_of(sensor, world) for sensor in task.sensors)
+        return Connection(_link(task, options, twin), twin.reset, twin, camera, pose, readers)
 
     return _hub_env(task)(task, connect, seed=seed)
 
@@ -185,7 +185,7 @@ def _real_env(task: Task, options: EnvOptions, transport: ProfileTransport, seed
         task = replace(task, camera=replace(task.camera, goal=goal))
     calibrate = calibration_of(transport)
     link = _link(task, options, transport, calibrate)
-    readers = tuple(sensor.reader(None) for sensor in task.sensors)
+    readers = tuple(reader_of(sensor, None) for sensor in task.sensors)
     connection = Connection(link, place or ask_to_place, camera=camera, sensors=readers)
     return _hub_env(task)(task, lambda _seed: connection, seed=seed)
 
@@ -292,7 +292,7 @@ def _user_builder(reference: str) -> Callable[..., Task]:
     def build(**options: Any) -> Task:
         task = builder(**options)
         if isinstance(task, BaseEnv):
-            task = task_of(task)
+            task = task.task()
         if not isinstance(task, Task):
             raise DescriptionError(f"{reference} returns a {type(task).__name__} and no task; let it return a bricksrl.envs.Task")
         built_in = _BUILT_IN[task.id].build() if task.id in _BUILT_IN else task

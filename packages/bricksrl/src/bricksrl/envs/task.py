@@ -57,9 +57,9 @@ def never(observation: Tensor) -> Tensor:
 class Task:
     """A reinforcement learning task on a robot. Raises DescriptionError if the parts are inconsistent.
 
-    The observation consists of the interface's channels in order, the readings of sensors on the computer, the sampled entries, the measured entries, the last commands
-    and the target's entries. With a target, the wheel angles are left out. Where a camera has a goal, the task's functions get
-    two further entries that the agent does not: see ``task_entries``.
+    The observation consists of the channels in order, the readings of sensors, the sampled entries, the measured entries, the last
+    commands and the target's entries. With a target, the wheel angles are left out. Where a camera has a goal, the task's functions
+    get two further entries that the agent does not: see ``task_entries``.
 
     Attributes:
         id: name and version, such as ``"RunAway-v0"``.
@@ -82,8 +82,8 @@ class Task:
         camera: a camera on the robot, which adds an image to the observation.
         sensors: sensors on the computer; their entries follow the channels.
         streams: whether the hub always streams its observations, for steps shorter than an exchange over the link.
-        program, commands, answer: a client program of your own instead of the generated one, and the ``struct`` formats of what it
-            gets and answers at a step; see :class:`~brickhub.hub.link.own_client.OwnClient`.
+        program, commands, answer: a client program of your own, and the ``struct`` formats of what it gets and answers at a step;
+            see :class:`~brickhub.hub.link.own_client.OwnClient`.
         base_env: resets, steps and rewards of your own, in place of the task's functions.
     """
 
@@ -141,7 +141,7 @@ class Task:
     @property
     def hub_program(self) -> HubProgram:
         """The program on the hub. Raises ProgramError if the hub cannot run it."""
-        return generate(self.robot, self.interface) if self.client is None else self.client.load(self.robot.hub)[0]
+        return generate(self.robot, self.interface) if self.client is None else self.client.load()
 
     @property
     def summary(self) -> str:

@@ -13,7 +13,7 @@ from importlib import resources
 from brickhub.errors import DescriptionError, ProgramError
 from brickhub.fields import check_fields
 from brickhub.hub.commands import WIRE_MAX, Command
-from brickhub.hub.interface import Channel, Interface
+from brickhub.hub.interface import Interface
 from brickhub.hub.protocol import (
     APP_DATA_BYTES,
     CONTROL_OVERHEAD,
@@ -57,11 +57,7 @@ def validate(robot: Robot, interface: Interface) -> None:
             if not -largest <= low < high <= largest:
                 raise number.error(f" ranges from {low} to {high}; give low < high within +-{largest:g}")
             number.check(robot)
-    for part in (*interface.commands, *interface.channels):
-        for motor in robot.motors:
-            needs_encoder = isinstance(part, Channel) or part.needs_encoder
-            if needs_encoder and not motor.kind.model.has_encoder and motor.name in part.devices(robot):
-                raise part.error(f" needs an encoder, and '{motor.name}' is a {motor.kind.value} motor; use RunDuty")
+    _check_encoders(robot, interface)
     movers = dict[str, Command]()
     for command in interface.commands:
         for motor in command.motors(robot):
@@ -74,6 +70,13 @@ def validate(robot: Robot, interface: Interface) -> None:
     time_ms = interface.settle.longest_ms
     if not 0 < time_ms <= _MAX_SETTLE_MS:
         raise DescriptionError(f"the step settles after {time_ms} ms; give 1 to {_MAX_SETTLE_MS} ms")
+
+
+def _check_encoders(robot: Robot, interface: Interface) -> None:
+    for part in (*interface.channels, *(command for command in interface.commands if command.needs_encoder)):
+        for motor in robot.motors:
+            if motor.name in part.devices(robot) and not motor.kind.model.has_encoder:
+                raise part.error(f" needs an encoder, and '{motor.name}' is a {motor.kind.value} motor; use RunDuty")
 
 
 WATCHDOG_MS = 400

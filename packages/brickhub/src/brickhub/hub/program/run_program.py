@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import contextlib
 import hashlib
 import math
@@ -14,6 +13,7 @@ from pathlib import Path
 from typing import BinaryIO, TextIO
 
 from brickhub.errors import HubBusyError, ProgramError, ProgramStoppedError
+from brickhub.hub.program.compile import imported_modules
 from brickhub.hub.program.syntax import parse
 from brickhub.hub.protocol import WRITE_BYTES
 from brickhub.hub.transport import MAIN_FILE, HubModule, HubProgram, Transport, as_typed
@@ -59,7 +59,7 @@ def load_program(path: Path) -> HubProgram:
     modules: dict[str, HubModule] = {}
     sources = [main]
     while sources:
-        for name in imported_modules(sources.pop()):
+        for name in _imported(sources.pop()):
             module = None if name in modules else module_beside(path, name)
             if module is not None:
                 modules[name] = module
@@ -69,17 +69,10 @@ def load_program(path: Path) -> HubProgram:
     return HubProgram(main, number, name=path.name, modules=tuple(modules.values()), says_hello=False)
 
 
-def imported_modules(source: str) -> Iterator[str]:
+def _imported(source: str) -> Iterator[str]:
     """Names of modules in all import statements; empty for invalid source, which the hub's compiler rejects later."""
-    try:
-        tree = parse(source)
-    except (SyntaxError, ValueError):
-        return
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom) and node.module is not None and not node.level:
-            yield node.module
+    with contextlib.suppress(SyntaxError, ValueError):
+        yield from imported_modules(parse(source))
 
 
 _HINTS = {

@@ -292,8 +292,9 @@ SENSOR_MODES: Mapping[SensorKind, DeviceModes] = {
         stale_ms=50,
     ),
 }
+_WITH_ENCODER = [kind for kind in MotorKind if kind.model.has_encoder]
 MODES: Mapping[int, DeviceModes] = {
-    **{kind.model.device_id: _ABSOLUTE_MOTOR if kind.model.is_absolute else _RELATIVE_MOTOR for kind in MotorKind if kind.model.has_encoder},
+    **{kind.model.device_id: _ABSOLUTE_MOTOR if kind.model.is_absolute else _RELATIVE_MOTOR for kind in _WITH_ENCODER},
     **{kind.model.device_id: modes for kind, modes in SENSOR_MODES.items()},
 }
 """Modes by the number of the device."""

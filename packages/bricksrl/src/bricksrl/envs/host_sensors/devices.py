@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from collections.abc import Callable
 from typing import Any
 
 from bricksrl.envs.host_sensors.host_sensor import Device, HostSensor, World
@@ -11,47 +11,35 @@ from bricksrl.envs.vision.camera import Camera, CameraView, TwinCamera, VideoCam
 from bricksrl.envs.vision.frames import shrink
 from bricksrl.errors import SensorError
 
-_SILENCE_S = 1.0
+_SILENCE_S = 1.5
 _FRAMES_HZ = 30.0
+_MOST_LINES = 1000
 
 
-@dataclass(frozen=True)
-class SerialNumbers:
-    """Opens a serial port on which a device, such as an Arduino or a micro:bit, writes lines of numbers: ``21.5, 48``; other
-    lines are skipped.
+def serial_numbers(port: str, baud: int = 115_200) -> Callable[[], Device]:
+    """Opener of a serial port on which a device, such as an Arduino or a micro:bit, writes lines of numbers: ``21.5, 48``. Other
+    lines are skipped; 1.5 s without a line is a failure. ``port``: ``"/dev/ttyACM0"``, ``"COM3"``, or another address of
+    pyserial's, such as ``"socket://192.168.1.20:5000"``."""
+    return lambda: _SerialNumbers(port, baud)
 
-    Attributes:
-        port: ``"/dev/ttyACM0"``, ``"COM3"``, or an address of pyserial's such as ``"socket://phone:5000"``.
-        baud: bits per second.
-    """
 
-    port: str
-    baud: int = 115_200
-
-    def __call__(self) -> Device:
+class _SerialNumbers:
+    def __init__(self, port: str, baud: int) -> None:
         import serial
 
-        return _SerialDevice(serial.serial_for_url(self.port, self.baud, timeout=_SILENCE_S))
-
-
-class _SerialDevice:
-    def __init__(self, port: Any) -> None:
-        self._port = port
+        self._port = serial.serial_for_url(port, baud, timeout=_SILENCE_S)
         self._port.readline()  # it may begin in the middle
 
     def read(self) -> tuple[float, ...]:
-        line = ""
-        for _ in range(1000):
-            line = self._port.readline().decode("ascii", "replace").strip()
+        for _ in range(_MOST_LINES):
+            line = self._port.readline().decode("ascii", "replace")
+            if not line:
+                raise SensorError(f"{self._port.port} says nothing for {_SILENCE_S:g} s")
             try:
-                numbers = tuple(map(float, filter(None, re.split(r"[,;\s]+", line))))
+                return tuple(map(float, re.split(r"[,;\s]+", line.strip())))
             except ValueError:
                 continue
-            if numbers:
-                return numbers
-            if not line:
-                raise SensorError(f"{self._port.port} says nothing for {_SILENCE_S:g} s; look whether its program runs")
-        raise SensorError(f"{self._port.port} writes '{line:.40}' and no lines of numbers; correct its program or the baud rate")
+        raise SensorError(f"{self._port.port} writes no lines of numbers but '{line.strip():.40}'")
 
     def close(self) -> None:
         self._port.close()
@@ -60,18 +48,17 @@ class _SerialDevice:
 def second_camera(view: CameraView) -> HostSensor:
     """A further camera: its image is in the observation under ``view.name``, which is the camera in a virtual robot's model."""
 
-    def image(world: World) -> Any:
-        if view.name not in world.kept:
-            world.kept[view.name] = _CameraDevice(TwinCamera(world.body, view), view.image_px)
-        return world.kept[view.name].read()
-
     def opened() -> Device:
-        return _CameraDevice(VideoCamera(view), view.image_px)
+        return _Images(VideoCamera(view), view.image_px)
 
-    return HostSensor(view.name, (), opened, image, rate_hz=_FRAMES_HZ, image_px=view.image_px)
+    def in_twin(world: World) -> Any:
+        device = world.kept.setdefault(view.name, _Images(TwinCamera(world.body, view), view.image_px))
+        return device.read()
+
+    return HostSensor(view.name, (), opened, in_twin, rate_hz=_FRAMES_HZ, image_px=view.image_px)
 
 
-class _CameraDevice:
+class _Images:
     def __init__(self, camera: Camera, image_px: int) -> None:
         self._camera, self._px = camera, image_px
 

@@ -1,7 +1,7 @@
 """Sensor on the computer: its description in a task, and what reads it beside the exchange with the hub.
 
-A real one is read in a thread, as fast as its rate says; a step takes the newest reading and never waits. In the twin, a function
-of the virtual robot's world takes its place, at the end of a step and at most as often as its rate.
+A real one is read in a thread; a step takes the newest reading and never waits. In the twin, a function of the virtual robot's
+world takes its place, at the end of a step and at most as often as the sensor's rate.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ if TYPE_CHECKING:
 
 
 class Device(Protocol):
-    """An open sensor."""
+    """An open sensor; its methods may raise anything."""
 
     def read(self) -> Any:
-        """The next reading: numbers ``[n]``, or an image uint8 ``[side, side, 3]``. May wait, and raise anything."""
+        """The next reading, for which it may wait: numbers ``[n]``, or an image uint8 ``[side, side, 3]``."""
 
     def close(self) -> None:
         """Release the device."""
@@ -39,25 +39,19 @@ class World:
     """What a virtual sensor may sense.
 
     Attributes:
-        body: body of the virtual robot; ``scene``: its surroundings.
+        pose: returns the true pose; ``None`` for a robot on the bench.
+        body, scene: body of the virtual robot, and its surroundings.
         rng: source of noise, seeded with the environment.
         now_s: simulated time.
-        kept: devices that a sensor makes once, and closes with the robot.
+        kept: devices that a sensor makes once; closed with the robot.
     """
 
+    pose: Callable[[], Pose] | None
     body: Any
     scene: Scene
     rng: np.random.Generator
     now_s: Callable[[], float]
     kept: dict[str, Device] = field(default_factory=dict)
-
-    @property
-    def pose(self) -> Pose:
-        """The true pose. Raises SensorError for a robot on the bench, which has none."""
-        if not hasattr(self.body, "pose"):
-            raise SensorError("the virtual robot lies on the bench and has no pose; describe a drive base, a plan or a model")
-        pose: Pose = self.body.pose()
-        return pose
 
 
 @dataclass(frozen=True)
@@ -67,10 +61,10 @@ class HostSensor:
     Attributes:
         name: its name; that of an image in the observation.
         entries: its numbers, with nominal ranges; empty for an image.
-        open: opens the real device; may raise anything.
-        twin: its numbers beside a virtual robot, with their noise; ``None`` to read the real one there too.
+        open: opens the real device.
+        twin: its reading beside a virtual robot, with its noise; ``None`` to read the real device there too.
         rate_hz: readings per second at most.
-        observes_age: whether the age of the reading is observed too, in seconds, up to ``patience_s``.
+        observes_age: whether the age of the reading is observed too, in seconds.
         patience_s: age of a reading at which the sensor counts as lost: the step then ends like one with a lost link.
         image_px: side of its square image; 0 for numbers.
     """
@@ -85,10 +79,10 @@ class HostSensor:
     image_px: int = 0
 
     def __post_init__(self) -> None:
-        check_fields(HostSensor, vars(self), **{"World": World, "Device": Device})
-        if not self.name.isidentifier() or bool(self.entries) == bool(self.image_px):
+        check_fields(HostSensor, vars(self))
+        if not self.name.isidentifier() or bool(self.entries) == (self.image_px > 0):
             raise DescriptionError(f"sensor '{self.name}': give a name of letters and digits, and either entries or image_px")
-        if not (0 < self.rate_hz < math.inf and 0 < self.patience_s < math.inf and self.image_px >= 0):
+        if not (self.rate_hz > 0 and self.patience_s > 0):
             raise DescriptionError(f"sensor '{self.name}': give a rate and a patience above 0")
 
     @property
@@ -109,110 +103,86 @@ class HostSensor:
             raise SensorError(f"sensor '{self.name}' gives {list(values)}; let it give a number each for {expected}")
         return values
 
-    def reader(self, world: World | None) -> Reader:
-        """What reads it, beside a virtual robot if there is a world."""
-        if self.twin is None or world is None:
-            return ThreadReader(self)
-        return TwinReader(self, world)
-
-
-class Reader(Protocol):
-    """Reads a sensor; may be opened again after it was closed."""
-
-    sensor: HostSensor
-
-    def open(self) -> None:
-        """Open the sensor, and wait for its first reading. Raises SensorError if none comes; without effect while it is open."""
-
-    def latest(self) -> tuple[Any, float]:
-        """The newest reading and its age in seconds, at once. Raises SensorError if the sensor failed or is silent."""
-
-    def close(self) -> None:
-        """Release the sensor, without waiting for it."""
-
 
 class TwinReader:
     """Reads a sensor of a virtual robot."""
 
-    def __init__(self, sensor: HostSensor, world: World) -> None:
-        self.sensor, self._world = sensor, world
-        self._newest: tuple[Any, float] | None = None
+    def __init__(self, sensor: HostSensor, twin: Callable[[World], Any], world: World) -> None:
+        self.sensor, self._twin, self._world = sensor, twin, world
+        self.open()
 
     def open(self) -> None:
-        self._newest = None
+        self._newest, self._read_s = None, -math.inf
 
     def latest(self) -> tuple[Any, float]:
         now_s = self._world.now_s()
-        if self._newest is None or now_s - self._newest[1] >= 1.0 / self.sensor.rate_hz:
-            assert self.sensor.twin is not None  # noqa: S101 - chosen by HostSensor.reader
-            self._newest = self.sensor.checked(self.sensor.twin(self._world)), now_s
-        return self._newest[0], now_s - self._newest[1]
+        if now_s - self._read_s >= 1.0 / self.sensor.rate_hz:
+            self._newest, self._read_s = self.sensor.checked(self._twin(self._world)), now_s
+        return self._newest, now_s - self._read_s
 
     def close(self) -> None:
         for device in self._world.kept.values():
             device.close()
 
 
-class _Session:
-    """One thread from the opening of a device to its end, and what it has read."""
-
-    def __init__(self, sensor: HostSensor, before: _Session | None) -> None:
-        self.newest: tuple[Any, float] | None = None
-        self.error: SensorError | None = None
-        self.has_read, self.is_ended = threading.Event(), threading.Event()
-        self._sensor = sensor
-        self._thread = threading.Thread(target=self._run, args=(before,), name=f"sensor {sensor.name}", daemon=True)
-        self._thread.start()
-
-    def _run(self, before: _Session | None) -> None:
-        if before is not None:
-            before._thread.join()  # it holds the device
-        try:
-            device = self._sensor.open()
-            try:
-                while not self.is_ended.is_set():
-                    started_s = time.monotonic()
-                    self.newest = self._sensor.checked(device.read()), time.monotonic()
-                    self.has_read.set()
-                    self.is_ended.wait(max(0.0, started_s + 1.0 / self._sensor.rate_hz - time.monotonic()))
-            finally:
-                device.close()
-        except SensorError as error:
-            self.error = error
-        except Exception as error:  # noqa: BLE001 - a device of the user's may raise anything
-            self.error = SensorError(f"sensor '{self._sensor.name}' failed ({type(error).__name__}: {message_of(error)}); plug it in")
-        self.has_read.set()
-
-
 class ThreadReader:
-    """Reads a real sensor in a thread."""
+    """Reads a real sensor in a thread; may be opened again after it was closed."""
 
     def __init__(self, sensor: HostSensor) -> None:
         self.sensor = sensor
-        self._session: _Session | None = None
-        self._is_open = False
+        self._thread: threading.Thread | None = None
+        self._is_over = threading.Event()
+        self._is_over.set()
 
     def open(self) -> None:
-        if self._is_open:
+        """Open the sensor, and wait for its first reading. Raises SensorError if none comes; without effect while it is open."""
+        if not self._is_over.is_set():
             return
-        self._session, self._is_open = _Session(self.sensor, self._session), True
-        if not self._session.has_read.wait(self.sensor.patience_s):
-            self.close()
-            raise self._silent()
+        self._is_over, self._has_come, self._error = threading.Event(), threading.Event(), SensorError("no reading yet")
+        self._newest, self._read_s = None, -math.inf
+        arguments = (self._is_over, self._has_come, self._thread)
+        self._thread = threading.Thread(target=self._run, args=arguments, name=f"sensor {self.sensor.name}", daemon=True)
+        self._thread.start()
+        self._has_come.wait(self.sensor.patience_s)
         self.latest()
 
     def latest(self) -> tuple[Any, float]:
-        session = self._session
-        if session is None or session.error is not None:
-            raise SensorError(f"sensor '{self.sensor.name}' is closed") if session is None else session.error
-        if session.newest is None or time.monotonic() - session.newest[1] > self.sensor.patience_s:
-            raise self._silent()
-        return session.newest[0], time.monotonic() - session.newest[1]
-
-    def _silent(self) -> SensorError:
-        return SensorError(f"sensor '{self.sensor.name}' gave no reading for {self.sensor.patience_s:g} s; look at its cable")
+        """The newest reading and its age in seconds, at once. Raises SensorError if the sensor failed or is silent."""
+        age_s = time.monotonic() - self._read_s
+        if self._is_over.is_set():
+            raise self._error
+        if age_s > self.sensor.patience_s:
+            self.close()
+            raise SensorError(f"sensor '{self.sensor.name}' gave no reading for {self.sensor.patience_s:g} s; look at its cable")
+        return self._newest, age_s
 
     def close(self) -> None:
-        self._is_open = False
-        if self._session is not None:
-            self._session.is_ended.set()
+        """End the thread after its present reading, without waiting for it."""
+        self._is_over.set()
+
+    def _run(self, is_over: threading.Event, has_come: threading.Event, before: threading.Thread | None) -> None:
+        if before is not None:
+            before.join()  # it holds the device
+        try:
+            device = self.sensor.open()
+            try:
+                while not is_over.is_set():
+                    started_s = time.monotonic()
+                    self._newest, self._read_s = self.sensor.checked(device.read()), time.monotonic()
+                    has_come.set()
+                    is_over.wait(max(0.0, started_s + 1.0 / self.sensor.rate_hz - time.monotonic()))
+            finally:
+                device.close()
+        except Exception as error:  # noqa: BLE001 - a device of the user's may raise anything
+            what = message_of(error, typed=not isinstance(error, SensorError))
+            self._error = SensorError(f"sensor '{self.sensor.name}' failed ({what}); is it plugged in?")
+        is_over.set()
+        has_come.set()
+
+
+Reader = TwinReader | ThreadReader
+
+
+def reader_of(sensor: HostSensor, world: World | None) -> Reader:
+    """What reads a sensor, beside a virtual robot if there is a world."""
+    return ThreadReader(sensor) if sensor.twin is None or world is None else TwinReader(sensor, sensor.twin, world)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import torch
 from tensordict import TensorDict, TensorDictBase
@@ -16,36 +16,31 @@ if TYPE_CHECKING:
 
 
 class OwnEnv(HubEnv):
-    """A :class:`~bricksrl.envs.env.HubEnv` whose observations, rewards and ends are those of a user's ``_reset`` and ``_step``."""
+    """A ``HubEnv`` whose observations, rewards and ends are those of a user's ``_reset`` and ``_step``."""
 
-    def __init__(self, *args: Any, **kwargs: Any) -> None:
-        super().__init__(*args, **kwargs)
+    @property
+    def _own(self) -> BaseEnv:
         assert self.task.base_env is not None  # noqa: S101 - this class is chosen for it
-        self._inner: BaseEnv = self.task.base_env
-        self._inner.link = lambda: self._connected().link
-        self._state = TensorDict({}, [1])
+        return self.task.base_env
 
     def _observation_at_start(self, episode: EpisodeState, reading: Reading) -> torch.Tensor:
-        self._inner.begin(reading.values)
-        return self._observed_in(self._guarded(lambda: self._inner._reset(None)))
+        self._own.link, self._own.state = lambda: self._connected().link, reading.values
+        return self._observation_in(self._guarded(lambda: self._own._reset(None)))
 
     def _outcome(
         self, episode: EpisodeState, action: torch.Tensor, commands: list[float]
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        before = self._state.clone().set("action", torch.tensor([commands]))
-        after = self._guarded(lambda: self._inner._step(before))
-        link = self._connected().link
-        episode.measured_s, episode.hub_time_s = link.now_s(), link.now_s()
+        before = TensorDict({self._own.observation_key: episode.observation[None], "action": torch.tensor([commands])}, [1])
+        after = self._guarded(lambda: self._own._step(before))
+        episode.measured_s = episode.hub_time_s = self._connected().link.now_s()
         ends = after.get("terminated", after.get("done", None))
         if ends is None or after.get("reward", None) is None:
             raise DescriptionError(f"_step of {self.task.id} returns no 'reward' or no 'done'; set both")
-        return self._observed_in(after), after["reward"].reshape(1).float(), ends.reshape(1)
+        return self._observation_in(after), after["reward"].reshape(1).float(), ends.reshape(1)
 
-    def _observed_in(self, state: TensorDictBase) -> torch.Tensor:
-        key, count = self._inner.observation_key, len(self.task.entries)
+    def _observation_in(self, state: TensorDictBase) -> torch.Tensor:
+        key, count = self._own.observation_key, len(self.task.entries)
         observation = state.get(key, None)
         if observation is None or observation.numel() != count:
-            given = "nothing" if observation is None else f"shape {list(observation.shape)}"
-            raise DescriptionError(f"{self.task.id} returns {given} as '{key}'; return [1, {count}], as its spec says")
-        self._state = state.select(key)
+            raise DescriptionError(f"{self.task.id} returns no '{key}' of {count} numbers; return [1, {count}], as its spec says")
         return observation.detach().reshape(count).float()
