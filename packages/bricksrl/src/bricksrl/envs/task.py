@@ -57,9 +57,9 @@ def never(observation: Tensor) -> Tensor:
 class Task:
     """A reinforcement learning task on a robot. Raises DescriptionError if the parts are inconsistent.
 
-    The observation consists of the channels in order, the readings of sensors, the sampled entries, the measured entries, the last
-    commands and the target's entries. With a target, the wheel angles are left out. Where a camera has a goal, the task's functions
-    get two further entries that the agent does not: see ``task_entries``.
+    The observation consists of the channels in order, the readings of sensors, the sampled entries, the measured entries, the
+    last commands and the target's entries. With a target, the wheel angles are left out. Where a camera has a goal, the task's
+    functions get two further entries that the agent does not: see ``task_entries``.
 
     Attributes:
         id: name and version, such as ``"RunAway-v0"``.

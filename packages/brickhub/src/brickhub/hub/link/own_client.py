@@ -109,8 +109,8 @@ class _AnswerDecoder:
 
 class ClientLink(HubLink):
     """A :class:`HubLink` to a client of one's own; further arguments as there. ``read`` sends zeros, or the values nearest to
-    zero, as such a client answers only a command. Raises ProgramError if the program cannot run on this hub, DescriptionError if its
-    formats do not fit the interface."""
+    zero, as such a client answers only a command. Raises ProgramError if the program cannot run on this hub, DescriptionError if
+    its formats do not fit the interface."""
 
     def __init__(self, transport: Transport, robot: Robot, interface: Interface, client: OwnClient, **options: Any) -> None:
         client.check(interface)
