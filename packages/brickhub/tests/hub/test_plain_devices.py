@@ -8,8 +8,8 @@ from brickhub.errors import DescriptionError, HubProgramError
 from brickhub.hub.diagnostics.preflight import check_ports
 from brickhub.hub.diagnostics.survey import survey
 from brickhub.hub.interface import (
-    Command,
     Channel,
+    Command,
     DriveStraight,
     HubButton,
     Interface,

@@ -109,7 +109,8 @@ def test_checked_before_it_starts(tmp_path: Path, change: str, problem: str) -> 
 def test_sound_names_are_no_findings() -> None:
     source = (
         "from pybricks.tools import *\nimport ustruct as s\ncount = 0\n"
-        "def add(n, *rest, by=1, **named):\n    global total\n    total = [n + m for m in rest]\n    return lambda q: q + by + count\n"
+        "def add(n, *rest, by=1, **named):\n    global total\n    total = [n + m for m in rest]\n"
+        "    return lambda q: q + by + count\n"
         "class A:\n    size = 3\n    def get(self):\n        return self.size\n"
         "try:\n    add(1)\nexcept OSError as error:\n    print(error, total, A().get(), s)\n"
     )
@@ -164,16 +165,16 @@ def test_released_clients_run_as_they_are(name: str, tmp_path: Path) -> None:
     address = f"https://raw.githubusercontent.com/BricksRL/bricksrl/main/bricksrl/environments/{name}_v0/client.py"
     (tmp_path / "client.py").write_bytes(urllib.request.urlopen(address, timeout=30).read())
     commands, answer, ports, sensors = RELEASED[name]
-    robot = Robot(
-        "released", HubKind.PRIME, tuple(Motor(f"m{port}", port) for port in ports), sensors, needs_imu=True
-    )
+    robot = Robot("released", HubKind.PRIME, tuple(Motor(f"m{port}", port) for port in ports), sensors, needs_imu=True)
     interface = Interface(
         tuple(ClientCommand(f"action_{i}") for i in range(len(commands) - 1)),
         tuple(ClientChannel(f"state_{i}", -2000, 2000) for i in range(len(answer) - 1)),
         UntilDone(),
     )
     readings = {"color": lambda _: 0.0} if "color" in [sensor.name for sensor in sensors] else {}
-    link = ClientLink(VirtualHub(BenchBody(robot, readings)), robot, interface, OwnClient(str(tmp_path / "client.py"), commands, answer))
+    link = ClientLink(
+        VirtualHub(BenchBody(robot, readings)), robot, interface, OwnClient(str(tmp_path / "client.py"), commands, answer)
+    )
     with link:
         if name == "roboarm":
             with pytest.raises(HubProgramError, match="NameError: name 'low_angle' isn't defined"):
