@@ -24,7 +24,7 @@ from typing import Self
 from brickhub.errors import HubError, HubProgramError, SilentHubError, StoppedError
 from brickhub.hub.interface import Interface
 from brickhub.hub.link.profiles import PAUSE_MS
-from brickhub.hub.link.receiver import Decoder, Listener, Reading, bye_error, check_hello, is_hello
+from brickhub.hub.link.receiver import Listener, Reading, bye_error, check_hello, is_hello
 from brickhub.hub.link.states import Cause, LinkState, after, cause_of
 from brickhub.hub.link.timing import REPEATS_PER_WATCHDOG, HubClock, LinkStatistics, percentile, repeat_times_s
 from brickhub.hub.program.generate import WATCHDOG_MS, generate
@@ -104,7 +104,7 @@ class HubLink:
         """Hook: the hub's program."""
         return generate(robot, self._interface, self._pipe)
 
-    def _decoder(self) -> Decoder:
+    def _decoder(self) -> FrameDecoder:
         """Hook: what finds the answers in the program's output."""
         return FrameDecoder(self.wire.answer_bytes, UP_PAYLOAD_BYTES)
 

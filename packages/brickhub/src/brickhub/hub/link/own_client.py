@@ -20,13 +20,13 @@ from brickhub.hub.link.receiver import Reading
 from brickhub.hub.link.states import Cause, after
 from brickhub.hub.program.compile import check_program
 from brickhub.hub.program.run_program import load_program
-from brickhub.hub.protocol import WRITE_BYTES, DataFrame, EncodingError
+from brickhub.hub.protocol import WRITE_BYTES, DataFrame, EncodingError, Frame, FrameDecoder
 from brickhub.hub.transport import HubProgram, Transport
 from brickhub.robot import Robot
 
 _log = logging.getLogger(__name__)
 
-_TEXT_BYTES = 4096
+_TRACEBACK = b"Traceback"
 
 
 @dataclass(frozen=True)
@@ -84,27 +84,21 @@ def _zeros(form: str) -> tuple[Any, ...]:
     return struct.unpack(form, bytes(struct.calcsize(form)))
 
 
-class _AnswerDecoder:
-    """Cuts a client's output into answers; shows a traceback in it."""
-
-    crc_errors = skipped_bytes = 0
+class _AnswerDecoder(FrameDecoder):
+    """Cuts a client's output into answers; ``text`` is a traceback in it."""
 
     def __init__(self, size: int) -> None:
-        self._size, self._recent, self.rest = size, b"", b""
+        super().__init__(size, {})
+        self._size, self.rest = size, b""
 
-    @property
-    def text(self) -> str:
-        _, head, tail = self._recent.partition(b"Traceback")
-        return (head + tail).decode("utf-8", "replace")
-
-    def feed(self, data: bytes) -> list[DataFrame]:
-        self._recent = (self._recent + data)[-_TEXT_BYTES:]
+    def feed(self, data: bytes) -> list[Frame]:
         self.rest += data
-        answers = []
-        while len(self.rest) >= self._size:
-            answers.append(DataFrame(1, self.rest[: self._size]))
-            self.rest = self.rest[self._size :]
-        return answers
+        if _TRACEBACK in self.rest:
+            self._text = bytearray(self.rest[self.rest.index(_TRACEBACK) :])
+            return []
+        whole = len(self.rest) // self._size * self._size
+        answers, self.rest = self.rest[:whole], self.rest[whole:]
+        return [DataFrame(1, answers[at : at + self._size]) for at in range(0, whole, self._size)]
 
 
 class ClientLink(HubLink):

@@ -4,21 +4,13 @@ from __future__ import annotations
 
 import contextlib
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 from brickhub.errors import HubError, HubProgramError, HubProtocolError, HubTimeoutError, SilentHubError
 from brickhub.hub.link.timing import LinkStatistics
 from brickhub.hub.program.run_program import describe_traceback
-from brickhub.hub.protocol import (
-    PROTOCOL_VERSION,
-    ByeReason,
-    ControlFrame,
-    Frame,
-    Up,
-    parse_hello,
-)
+from brickhub.hub.protocol import PROTOCOL_VERSION, ByeReason, ControlFrame, Frame, FrameDecoder, Up, parse_hello
 from brickhub.hub.transport import HubProgram, Transport
 
 
@@ -70,24 +62,10 @@ _TRACEBACK_READS = 50
 _TRACEBACK_PAUSE_S = 0.2
 
 
-class Decoder(Protocol):
-    """Finds frames in a program's output."""
-
-    crc_errors: int
-    skipped_bytes: int
-
-    @property
-    def text(self) -> str:
-        """Text between the frames."""
-
-    def feed(self, data: bytes) -> Sequence[Frame]:
-        """Take bytes and return the frames that they complete."""
-
-
 class Listener:
     """Receiver of frames from a transport, which counts invalid bytes in the statistics."""
 
-    def __init__(self, transport: Transport, new_decoder: Callable[[], Decoder], statistics: LinkStatistics) -> None:
+    def __init__(self, transport: Transport, new_decoder: Callable[[], FrameDecoder], statistics: LinkStatistics) -> None:
         self._transport, self._new_decoder, self._statistics = transport, new_decoder, statistics
         self.begin(HubProgram("", 0))
 
