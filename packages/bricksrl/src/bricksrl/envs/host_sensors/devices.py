@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 from collections.abc import Callable
 from typing import Any
@@ -31,15 +32,17 @@ class _SerialNumbers:
         self._port.readline()  # it may begin in the middle
 
     def read(self) -> tuple[float, ...]:
+        """The newest line of numbers: older ones that wait are skipped."""
+        numbers: tuple[float, ...] | None = None
         for _ in range(_MOST_LINES):
             line = self._port.readline().decode("ascii", "replace")
             if not line:
-                raise SensorError(f"{self._port.port} says nothing for {_SILENCE_S:g} s")
-            try:
-                return tuple(map(float, re.split(r"[,;\s]+", line.strip())))
-            except ValueError:
-                continue
-        raise SensorError(f"{self._port.port} writes no lines of numbers but '{line.strip():.40}'")
+                raise SensorError(f"{self._port.port} says nothing for {_SILENCE_S:g} s; look whether its program runs")
+            with contextlib.suppress(ValueError):
+                numbers = tuple(map(float, re.split(r"[,;\s]+", line.strip())))
+            if numbers is not None and not self._port.in_waiting:
+                return numbers
+        raise SensorError(f"{self._port.port} writes no lines of numbers but '{line.strip():.40}'; correct program or baud rate")
 
     def close(self) -> None:
         self._port.close()

@@ -173,9 +173,10 @@ class ThreadReader:
                     is_over.wait(max(0.0, started_s + 1.0 / self.sensor.rate_hz - time.monotonic()))
             finally:
                 device.close()
+        except SensorError as error:
+            self._error = error
         except Exception as error:  # noqa: BLE001 - a device of the user's may raise anything
-            what = message_of(error, typed=not isinstance(error, SensorError))
-            self._error = SensorError(f"sensor '{self.sensor.name}' failed ({what}); is it plugged in?")
+            self._error = SensorError(f"sensor '{self.sensor.name}' failed ({message_of(error, typed=True)}); plug it in")
         is_over.set()
         has_come.set()
 
