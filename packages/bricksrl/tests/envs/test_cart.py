@@ -74,5 +74,5 @@ def test_cart_learns(tmp_path: Path) -> None:
     train(TrainConfig("Cart0-v0", "sac", episodes=25, run_dir=tmp_path / "run"))
     learned = evaluate(tmp_path / "run", episodes=3)
     with closing(bricksrl.make("Cart0-v0", seed=1)) as env:
-        resting = float(env.rollout(30, lambda state: state.set("action", torch.zeros(1)))["next", "reward"].sum())
+        resting = float(env.rollout(30, lambda tensordict: tensordict.set("action", torch.zeros(1)))["next", "reward"].sum())
     assert learned.return_mean > resting / 2 and learned.success_rate == 1.0

@@ -131,7 +131,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_existing_task_with_a_client_beside_its_file(folder: Path, caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level(logging.WARNING), closing(bricksrl.make("../my_task.py", seed=0)) as env:
-        episode = env.rollout(4, lambda state: state.set("action", torch.ones(1)))
+        episode = env.rollout(4, lambda tensordict: tensordict.set("action", torch.ones(1)))
         assert env.task.program == str(folder / "mm.py")
     moved = episode["next", "observation"][:, 4] - episode["observation"][:, 4]
     assert moved.tolist() == pytest.approx([100.0] * 4, abs=15), "the command is in millimetres, as the task says"

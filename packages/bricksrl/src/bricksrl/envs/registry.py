@@ -15,7 +15,7 @@ from brickhub.hub.transport import Transport
 from brickhub.hub.transports.address import parse_hub
 from brickhub.robot import Robot
 from brickhub.seed import check_seed
-from brickhub.user_files import is_reference, load_object
+from brickhub.user_files import beside, is_reference, load_object
 from bricksrl.envs.arenas import ARENAS
 from bricksrl.envs.connection import Connection, Placement
 from bricksrl.envs.host_sensors.host_sensor import World, reader_of
@@ -290,9 +290,9 @@ def _user_builder(reference: str) -> Callable[..., Task]:
 
     @functools.wraps(builder)
     def build(**options: Any) -> Task:
-        task = builder(**options)
-        if isinstance(task, BaseEnv):
-            task = task.task()
+        with beside(reference):
+            task = builder(**options)
+            task = task.task() if isinstance(task, BaseEnv) else task
         if not isinstance(task, Task):
             raise DescriptionError(f"{reference} returns a {type(task).__name__} and no task; let it return a bricksrl.envs.Task")
         built_in = _BUILT_IN[task.id].build() if task.id in _BUILT_IN else task
