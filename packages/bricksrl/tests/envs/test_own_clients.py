@@ -135,7 +135,7 @@ def test_existing_task_with_a_client_beside_its_file(folder: Path, caplog: pytes
         assert env.task.program == str(folder / "mm.py")
     moved = episode["next", "observation"][:, 4] - episode["observation"][:, 4]
     assert moved.tolist() == pytest.approx([100.0] * 4, abs=15), "the command is in millimetres, as the task says"
-    assert sum("without a watchdog" in record.message for record in caplog.records) == 1
+    assert sum("has no watchdog" in record.message for record in caplog.records) == 1
 
 
 @pytest.mark.slow

@@ -61,7 +61,7 @@ def test_exchange_in_its_own_format_and_one_word_about_the_watchdog(tmp_path: Pa
         link.stop()
         link.open()
         assert link.act([1, 5]).values[1] == 5.0
-    assert [record.message.count("without a watchdog") for record in caplog.records] == [1]
+    assert [record.message.count("has no watchdog") for record in caplog.records] == [1]
     assert link.state is LinkState.DISCONNECTED and hub.machine.servos["A"].voltage_mv is None
 
 
@@ -141,6 +141,8 @@ def test_formats_fit_the_interface(tmp_path: Path) -> None:
         client.encoded([1.0, 300.0])
     with pytest.raises(EncodingError, match="cannot hold"):
         client.encoded([1.0])
+    with pytest.raises(EncodingError, match="not a number"):
+        client.encoded([float("nan"), 1.0])
     assert client.encoded([0.5, 2.6]) == b"\x3f\x00\x00\x00\x03"
 
 

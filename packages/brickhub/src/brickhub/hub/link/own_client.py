@@ -6,6 +6,7 @@ The program waits for a command, acts, and answers; nothing is numbered, so that
 from __future__ import annotations
 
 import logging
+import math
 import struct
 import sys
 from collections.abc import Iterable
@@ -73,6 +74,8 @@ class OwnClient:
         """The bytes of a command; whole numbers are rounded. Raises EncodingError if the format cannot hold the values."""
         numbers = [float(value) for value in values]
         try:
+            if any(map(math.isnan, numbers)):
+                raise ValueError("not a number")
             zeros = zip(numbers, _zeros(self.commands), strict=True)
             return struct.pack(self.commands, *(round(number) if isinstance(zero, int) else number for number, zero in zeros))
         except (struct.error, ValueError, OverflowError) as error:
@@ -108,7 +111,7 @@ class ClientLink(HubLink):
 
     def __init__(self, transport: Transport, robot: Robot, interface: Interface, client: OwnClient, **options: Any) -> None:
         client.check(interface)
-        self._client = client
+        self._client, self._is_told = client, False
         self._at_rest = [min(max(0.0, command.low), command.high) for command in interface.commands]
         super().__init__(transport, robot, interface, **options)
 
@@ -126,11 +129,9 @@ class ClientLink(HubLink):
         self.act(self._at_rest)
 
     def _start_program(self) -> None:
-        if not self._has_started:
-            sentence = (
-                "%s is a program of your own, without a watchdog: if the link breaks, motors may run on; switch the hub off"
-            )
-            _log.warning(sentence, self.program.name)
+        if not self._is_told:
+            self._is_told = True
+            _log.warning("%s has no watchdog: if the link breaks, motors may run on; switch the hub off then", self.program.name)
         self._run_program()
         self._started_s = self.now_s()
         self.state = after(self.state, Cause.OPENED)
