@@ -123,6 +123,10 @@ class Clock:
         self.closed += 1
 
 
+CLOCK = len(SPINNING.interface.channels)
+"""Its place in the observation."""
+
+
 def with_sensor(device: Any, name: str = "Clock-v0", **fields: Any) -> HubEnv:
     sensor = HostSensor("clock", (Entry("tick", 0, 100),), device, **fields)
     register(replace(SPINNING, id=name, max_steps=6, sensors=(sensor,)))
@@ -170,7 +174,7 @@ def test_slow_sensor_makes_no_step_longer() -> None:
                     state = env.step(state.set("action", action(env)))["next"]
                     seconds.append(time.perf_counter() - started_s)
             medians.append(statistics.median(seconds))
-            assert state["observation"][-1] < 2.0, "the age"
+            assert state["observation"][CLOCK + 1] < 2.0, "the age"
     assert medians[1] - medians[0] < 1e-3
 
 
@@ -178,7 +182,7 @@ def test_sensor_that_dies_ends_the_step_as_lost_and_may_come_back() -> None:
     device = Clock()
     with closing(with_sensor(device)) as env:
         state = env.reset()
-        assert state["observation"][-1] == 42.0
+        assert state["observation"][CLOCK] == 42.0
         device.is_broken = True
         time.sleep(0.1)
         lost = env.step(state.set("action", action(env)))["next"]
@@ -242,10 +246,11 @@ def test_task_with_a_serial_sensor_is_trained(
     data = load(run)
     names = [entry.name for entry in data.description.observation]
     assert names == ["heading", "temperature", "humidity", "thermometer_age"]
-    readings = np.concatenate([episode["observation"].numpy() for episode in data]) if is_real else None
-    assert readings is None or (np.unique(readings[:, 1]).tolist() == [21.5] and readings[:, 3].max() < 1.0)
+    readings = data.observation.numpy()
+    assert readings[:, 3].max() < 1.0 and (len(np.unique(readings[:, 1])) == 1) is is_real
     policy = load_policy(run)
-    assert policy.description.observation[1].unit == "C"
+    cold, warm = (policy.act(np.array([0.0, celsius, 48.0, 0.0], np.float32)) for celsius in (20.0, 25.0))
+    assert policy.shapes == {"observation": (4,)} and not np.array_equal(cold, warm), "it reads the sensor"
     with LivePage("warm", task=get_task(str(file))) as page:
         assert page.board.series["channels"].names[1] == "temperature (C)"
     if not is_real:
@@ -260,7 +265,7 @@ def test_reading_of_a_twin_is_repeatable_and_has_its_rate() -> None:
     episodes = []
     for rate_hz in (50.0, 50.0, 2.0):
         with closing(with_sensor(Clock(), twin=noise, rate_hz=rate_hz)) as env:
-            episodes.append(env.rollout(6)["next", "observation"][:, -1].tolist())
+            episodes.append(env.rollout(6)["next", "observation"][:, CLOCK].tolist())
     assert episodes[0] == episodes[1] and len(set(episodes[0])) == 6
     assert len(set(episodes[2])) < 5, "a reading stays until the next one is due"
 
