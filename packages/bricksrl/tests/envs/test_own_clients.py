@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from tensordict import TensorDictBase
 
 import bricksrl
 from bricksrl.cli import main
@@ -117,6 +118,11 @@ TASK = replace(get_task("RunAway-v0"), id="Mine-v0", program="mm.py", commands="
 """
 
 
+def back(tensordict: TensorDictBase) -> TensorDictBase:
+    """Away from the wall, as fast as possible."""
+    return tensordict.set("action", -torch.ones(1))
+
+
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "client.py").write_text(CLIENT)
@@ -131,7 +137,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_existing_task_with_a_client_beside_its_file(folder: Path, caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level(logging.WARNING), closing(bricksrl.make("../my_task.py", seed=0)) as env:
-        episode = env.rollout(4, lambda tensordict: tensordict.set("action", torch.ones(1)))
+        episode = env.rollout(4, back)
         assert env.task.program == str(folder / "mm.py")
     moved = episode["next", "observation"][:, 4] - episode["observation"][:, 4]
     assert moved.tolist() == pytest.approx([100.0] * 4, abs=15), "the command is in millimetres, as the task says"
@@ -153,7 +159,7 @@ def test_environment_of_the_paper_is_trained(folder: Path, capsys: pytest.Captur
 
 def test_environment_has_a_time_limit(folder: Path) -> None:
     with closing(bricksrl.make("../my_env.py:TaskEnvironment", seed=0)) as env:
-        episode = env.rollout(20)
+        episode = env.rollout(20, back)
         assert episode.shape == (8,) and bool(episode["next", "truncated"][-1]) and not bool(episode["next", "terminated"][-1])
 
 
