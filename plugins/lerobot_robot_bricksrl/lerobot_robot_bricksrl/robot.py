@@ -19,7 +19,6 @@ from lerobot_robot_bricksrl.config import (
     BricksWalkerConfig,
 )
 
-IMAGE = "image"
 _log = logging.getLogger(__name__)
 
 

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from contextlib import closing
+from dataclasses import replace
+from importlib import resources
 from pathlib import Path
 
 import pytest
@@ -11,6 +14,7 @@ import torch
 from torch import Tensor
 
 import bricksrl
+from brickhub.hub.program.generate import validate
 from bricksrl.envs import Task, register
 from bricksrl.evaluation import evaluate
 from bricksrl.hub.interface import Distance, Interface, LightBrightness, RemoteButton, RunDuty, Wait
@@ -66,6 +70,14 @@ def test_button_ends_the_episode_and_the_lamp_shows() -> None:
         assert bool(step["next", "terminated"]) and panel.lamps == {"C": 0}
         panel.release("remote.right_minus")
         assert not bool(env.step(env.reset().set("action", torch.zeros(2)))["next", "done"])
+
+
+def test_template_offers_hubs_that_our_program_runs_on() -> None:
+    text = (resources.files("bricksrl.cli.templates") / "robot.py").read_text(encoding="utf-8")
+    offered = re.findall(r"[A-Z]+", text.partition("HubKind.")[2].partition("\n")[0])
+    assert len(offered) == 4
+    for name in offered:
+        validate(replace(CART, hub=HubKind[name]), task(CART).interface)
 
 
 @pytest.mark.slow
