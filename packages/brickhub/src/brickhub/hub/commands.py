@@ -389,7 +389,7 @@ class HubLight(_HubCommand):
 class ClientCommand(_HubCommand):
     """Number that a client program of one's own gets, such as an action in -1..1."""
 
-    name: str  # type: ignore[misc]
+    name: str
     low: float = -1.0
     high: float = 1.0
     unit: str = ""

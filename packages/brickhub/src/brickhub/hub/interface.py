@@ -303,7 +303,7 @@ class RemoteButton(HubButton):
 class ClientChannel(Channel):
     """Number that a client program of one's own answers; values beyond its range are possible."""
 
-    name: str  # type: ignore[misc]
+    name: str
     low: float
     high: float
     unit: str = ""

@@ -109,10 +109,11 @@ class TwinReader:
 
     def __init__(self, sensor: HostSensor, twin: Callable[[World], Any], world: World) -> None:
         self.sensor, self._twin, self._world = sensor, twin, world
-        self.open()
+        self._newest: Any = None
+        self._read_s = -math.inf
 
     def open(self) -> None:
-        self._newest, self._read_s = None, -math.inf
+        self._read_s = -math.inf
 
     def latest(self) -> tuple[Any, float]:
         now_s = self._world.now_s()
@@ -131,6 +132,8 @@ class ThreadReader:
     def __init__(self, sensor: HostSensor) -> None:
         self.sensor = sensor
         self._thread: threading.Thread | None = None
+        self._newest: Any = None
+        self._read_s, self._error = -math.inf, SensorError(f"sensor '{sensor.name}' is closed; open it first")
         self._is_over = threading.Event()
         self._is_over.set()
 
@@ -138,12 +141,11 @@ class ThreadReader:
         """Open the sensor, and wait for its first reading. Raises SensorError if none comes; without effect while it is open."""
         if not self._is_over.is_set():
             return
-        self._is_over, self._has_come, self._error = threading.Event(), threading.Event(), SensorError("no reading yet")
-        self._newest, self._read_s = None, -math.inf
-        arguments = (self._is_over, self._has_come, self._thread)
+        self._is_over, has_come, self._read_s = threading.Event(), threading.Event(), -math.inf
+        arguments = (self._is_over, has_come, self._thread)
         self._thread = threading.Thread(target=self._run, args=arguments, name=f"sensor {self.sensor.name}", daemon=True)
         self._thread.start()
-        self._has_come.wait(self.sensor.patience_s)
+        has_come.wait(self.sensor.patience_s)
         self.latest()
 
     def latest(self) -> tuple[Any, float]:

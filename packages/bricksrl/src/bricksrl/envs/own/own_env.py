@@ -43,4 +43,5 @@ class OwnEnv(HubEnv):
         observation = state.get(key, None)
         if observation is None or observation.numel() != count:
             raise DescriptionError(f"{self.task.id} returns no '{key}' of {count} numbers; return [1, {count}], as its spec says")
-        return observation.detach().reshape(count).float()
+        numbers: torch.Tensor = observation.detach().reshape(count).float()
+        return numbers
