@@ -240,7 +240,8 @@ class FittedBench(BenchBody):
         self._free_ports.remove(port)
         if is_motor:
             is_own = port in self.robot.hub.model.own_motors
-            self._add_motor(port, MotorKind.MOVE_HUB if is_own else MotorKind.SPIKE_MEDIUM, device)
+            usual = MotorKind.SPIKE_MEDIUM if device == MotorKind.SPIKE_MEDIUM.model.class_name else MotorKind.MEDIUM_LINEAR
+            self._add_motor(port, MotorKind.MOVE_HUB if is_own else usual, device)
         else:
             self._add_sensor(port, device)
         return True

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from types import ModuleType
 from typing import Any
 
-from brickhub.robot import MotorKind, SensorKind
+from brickhub.robot import SensorKind
 from brickhub.virtual.body import FittingBody
 from brickhub.virtual.machine import Machine
 from brickhub.virtual.micropython.containers import HubDict
@@ -87,8 +87,6 @@ def _device_id(machine: Machine, port: str) -> int | None:
     if described_id is not None or not isinstance(machine.body, FittingBody):
         return described_id
     plugged_in = machine.body.device(port)
-    if plugged_in == MotorKind.MEDIUM_LINEAR.model.class_name:
-        return MotorKind.MEDIUM_LINEAR.model.device_id
     if port in machine.body.motors:
         return machine.body.motors[port].model.device_id
     return None if plugged_in is None else SensorKind(plugged_in).model.device_id
