@@ -55,6 +55,8 @@ class WireNumber:
         @property
         def unit(self) -> str: ...
 
+        def devices(self, robot: Robot) -> tuple[str, ...]: ...
+
     @property
     def entry(self) -> Entry:
         """Name, range and unit."""

@@ -75,7 +75,7 @@ def check_program(program: HubProgram, hub: HubKind) -> int:
         top = symtable.symtable(ast.unparse(tree), file, "exec")  # as CPython reads it
         known = {symbol.get_name() for symbol in top.get_symbols() if symbol.is_assigned() or symbol.is_imported()}
         known |= {name for node in ast.walk(tree) if isinstance(node, ast.Global) for name in node.names} | set(dir(builtins))
-        if name := next(iter(sorted(set(_global_names(top)) - known)), None):
+        for name in sorted(set(_global_names(top)) - known):
             line = next(node.lineno for node in ast.walk(tree) if isinstance(node, ast.Name) and node.id == name)
             raise ProgramError(f"{file}, line {line}: nothing sets '{name}'; define it, or correct the name")
     return size
