@@ -163,8 +163,8 @@ def test_lines_of_numbers_from_a_serial_port(board: Board) -> None:
 
 
 def test_slow_sensor_makes_no_step_longer() -> None:
-    medians = []
-    for reading_s in (0.0, 1.0):
+    medians: dict[float, list[float]] = {0.0: [], 1.0: []}
+    for reading_s in (0.0, 1.0) * 3:
         with closing(with_sensor(Clock(reading_s), observes_age=True)) as env:
             seconds = []
             for _ in range(5):
@@ -173,9 +173,9 @@ def test_slow_sensor_makes_no_step_longer() -> None:
                     started_s = time.perf_counter()
                     state = env.step(state.set("action", action(env)))["next"]
                     seconds.append(time.perf_counter() - started_s)
-            medians.append(statistics.median(seconds))
+            medians[reading_s].append(statistics.median(seconds))
             assert state["observation"][CLOCK + 1] < 2.0, "the age"
-    assert medians[1] - medians[0] < 1e-3
+    assert min(medians[1.0]) - min(medians[0.0]) < 1e-3
 
 
 def test_sensor_that_dies_ends_the_step_as_lost_and_may_come_back() -> None:
