@@ -21,6 +21,7 @@ from bricksrl.envs.connection import Connection, Placement
 from bricksrl.envs.host_sensors.host_sensor import World, reader_of
 from bricksrl.envs.options import TRANSFORMS, EnvOptions
 from bricksrl.envs.own.base_env import BaseEnv
+from bricksrl.envs.own.base_task import task_of
 from bricksrl.envs.task import Kinematics, Task
 from bricksrl.envs.tasks.line_follow import LINE_FOLLOW
 from bricksrl.envs.tasks.park import PARK
@@ -292,7 +293,7 @@ def _user_builder(reference: str) -> Callable[..., Task]:
     def build(**options: Any) -> Task:
         with beside(reference):
             task = builder(**options)
-            task = task.task() if isinstance(task, BaseEnv) else task
+            task = task_of(task) if isinstance(task, BaseEnv) else task
         if not isinstance(task, Task):
             raise DescriptionError(f"{reference} returns a {type(task).__name__} and no task; let it return a bricksrl.envs.Task")
         built_in = _BUILT_IN[task.id].build() if task.id in _BUILT_IN else task

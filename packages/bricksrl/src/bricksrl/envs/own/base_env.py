@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
-from brickhub.hub.interface import ClientChannel, ClientCommand, Interface, UntilDone
 from brickhub.robot import Robot
-from bricksrl.errors import DescriptionError
 from bricktwin.twin.scene import OPEN_FLOOR, Scene
 
 if TYPE_CHECKING:
@@ -16,7 +14,6 @@ if TYPE_CHECKING:
     from torch import Tensor
 
     from brickhub.hub.link.lockstep import HubLink
-    from bricksrl.envs.task import Task
 
 
 class BaseEnv:
@@ -69,33 +66,3 @@ class BaseEnv:
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         raise NotImplementedError
-
-    def task(self) -> Task:
-        """What everybody asks of an environment. Raises DescriptionError if a part of it is missing."""
-        from bricksrl.envs.task import Task
-
-        try:
-            action, state = self.action_spec.space, self.observation_spec[self.observation_key].space
-            commands = zip(action.low.flatten().tolist(), action.high.flatten().tolist(), strict=True)
-            channels = zip(state.low.flatten().tolist(), state.high.flatten().tolist(), strict=True)
-            return Task(
-                id=f"{type(self).__name__}-v0",
-                doc=type(self).__doc__ or "An environment with resets and steps of its own.",
-                robot=self.robot,
-                interface=Interface(
-                    tuple(ClientCommand(f"action_{i}", *ends) for i, ends in enumerate(commands)),
-                    tuple(ClientChannel(f"state_{i}", *ends) for i, ends in enumerate(channels)),
-                    UntilDone(),
-                ),
-                max_steps=self.max_episode_steps,
-                reward=lambda previous, action, observation: observation.new_zeros((*observation.shape[:-1], 1)),
-                success=lambda observations: observations.new_zeros(observations.shape[:-2]).bool(),
-                metrics=lambda observations: {},
-                scene=self.scene,
-                program=self.program,
-                commands="!" + "f" * self.action_dim,
-                answer="!" + "f" * self.state_dim,
-                base_env=self,
-            )
-        except (AttributeError, KeyError) as error:
-            raise DescriptionError(f"{type(self).__name__}: {error}; set robot, program and specs, and call __init__") from None
