@@ -19,7 +19,6 @@ from lerobot_robot_bricksrl.config import (
     BricksWalkerConfig,
 )
 
-IMAGE = "image"
 _log = logging.getLogger(__name__)
 
 
@@ -37,15 +36,14 @@ class BricksRobot(Robot):
         super().__init__(config)
         self.config = config
         self.task = get_task(config.env)
-        self.cameras = {} if self.task.camera is None else {IMAGE: self.task.camera}  # LeRobot counts them
+        self.cameras = self.task.images  # LeRobot counts them
         self._env: Any = None
         self._seen: Any = None
 
     @property
     def observation_features(self) -> dict[str, Any]:
-        features: dict[str, Any] = {entry.name: float for entry in self.task.entries}
-        camera = self.task.camera
-        return features if camera is None else {**features, IMAGE: (camera.image_px, camera.image_px, 3)}
+        images = {key: (px, px, 3) for key, px in self.task.images.items()}
+        return {**{entry.name: float for entry in self.task.entries}, **images}
 
     @property
     def action_features(self) -> dict[str, type]:
@@ -98,9 +96,7 @@ class BricksRobot(Robot):
         self._check()
         values = self._seen["observation"].tolist()
         found: dict[str, Any] = {entry.name: value for entry, value in zip(self.task.entries, values, strict=True)}
-        if self.task.camera is not None:
-            found[IMAGE] = self._seen[IMAGE].numpy().copy()
-        return found
+        return found | {key: self._seen[key].numpy().copy() for key in self.task.images}
 
     def send_action(self, action: dict[str, Any]) -> dict[str, Any]:
         """Carry out commands by their names, in their units; returns those that were sent, within their ranges.

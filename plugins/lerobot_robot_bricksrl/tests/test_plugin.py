@@ -49,6 +49,22 @@ def test_the_camera_of_an_environment_is_one_of_the_robot(tmp_path: Path) -> Non
     robot.disconnect()
 
 
+def test_sensors_on_the_computer_are_observed(tmp_path: Path) -> None:
+    (tmp_path / "timed.py").write_text(
+        "from dataclasses import replace\n"
+        "from brickhub.entry import Entry\n"
+        "from bricksrl.envs.host_sensors.host_sensor import HostSensor\n"
+        "from bricksrl.envs.tasks.spinning import SPINNING\n"
+        "CLOCK = HostSensor('clock', (Entry('second', 0, 60, 's'),), open=dict, twin=lambda world: (world.now_s(),))\n"
+        "TASK = replace(SPINNING, id='Timed-v0', sensors=(CLOCK,))\n"
+    )
+    env = f"{tmp_path / 'timed.py'}:TASK"
+    robot = make_robot_from_config(plugin.BricksRobotConfig(env=env, id="r", seed=1, calibration_dir=tmp_path))
+    robot.connect()
+    assert robot.observation_features["second"] is float and robot.get_observation()["second"] > 0
+    robot.disconnect()
+
+
 def test_what_is_not_connected_says_so(walker: plugin.BricksRobot) -> None:
     with pytest.raises(DeviceNotConnectedError):
         walker.get_observation()

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import importlib.util
 import os
 import sys
 import sysconfig
 import traceback
+from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -81,10 +83,9 @@ def _load(location: str, reference: str) -> ModuleType:
             raise UnknownNameError(f"there is no file {location}; put it there, or give the path of another Python file")
         remedy = "give the path of a Python file, or go to the right folder"
         raise UnknownNameError(f"there is no file {location} in {Path.cwd()}; {remedy}")
-    folder = str(path.resolve().parent if is_file else Path.cwd())
-    sys.path.insert(0, folder)  # as if Python ran that file
     try:
-        return _run_file(path) if is_file else importlib.import_module(location)
+        with beside(reference):
+            return _run_file(path) if is_file else importlib.import_module(location)
     except (Exception, SystemExit) as error:  # a script may end the program
         is_import = isinstance(error, ImportError | ValueError)
         if is_import and not is_file and getattr(error, "name", location) == location:
@@ -92,6 +93,16 @@ def _load(location: str, reference: str) -> ModuleType:
             raise UnknownNameError(f"there is no module '{location}'; {remedy}") from None
         what = f"{'' if is_import else f'{type(error).__name__}: '}{error}{line_of_user(error)}"
         raise DescriptionError(f"{reference} cannot be loaded ({what}); correct it") from error
+
+
+@contextlib.contextmanager
+def beside(reference: str) -> Iterator[None]:
+    """Context in which Python finds what is beside a user's file, or in the present folder, as if it ran that file."""
+    location, _ = _parts(reference)
+    folder = str(Path(location).resolve().parent if location.endswith(".py") else Path.cwd())
+    sys.path.insert(0, folder)
+    try:
+        yield
     finally:
         sys.path.remove(folder)
 

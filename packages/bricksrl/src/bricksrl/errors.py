@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from brickhub.errors import *
-from brickhub.errors import BricksError
+from brickhub.errors import BricksError, HubError
 
 
 class CameraError(BricksError):
     """A real camera that shows nothing, or cannot be read on this computer."""
+
+
+class SensorError(HubError):
+    """A sensor on the computer that failed or is silent; a step then ends as one with a lost link."""
 
 
 class EncoderError(BricksError):

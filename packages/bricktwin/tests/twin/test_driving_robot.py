@@ -91,6 +91,8 @@ def test_no_load_speed_follows_motor_curve(kind: MotorKind) -> None:
         MotorKind.TECHNIC_M_ANGULAR: (172, 1061),
         MotorKind.SPIKE_LARGE: (263, 1104),
         MotorKind.TECHNIC_L_ANGULAR: (263, 1104),
+        MotorKind.MEDIUM_LINEAR: (184, 1470),
+        MotorKind.TRAIN: (184, 1470),
     }[kind]
     assert (stall_mnm, free_deg_s) == pytest.approx(expected, rel=0.01)
     robot = replace(ROVER, motors=(*ROVER.motors, Motor("arm", "D", kind)))

@@ -57,6 +57,8 @@ class WireNumber:
         @property
         def unit(self) -> str: ...
 
+        def devices(self, robot: Robot) -> tuple[str, ...]: ...
+
     @property
     def entry(self) -> Entry:
         """Name, range and unit."""
@@ -78,6 +80,7 @@ class Command(WireNumber, ABC):
     Attributes:
         mover: moving object in the hub program, with the methods ``done()`` and ``stop()``; ``None`` for a light or a sound.
         ends: whether the move ends by itself, so that a step may wait for it.
+        needs_encoder: whether its motors need a rotation sensor.
         is_turn_by: whether its amount is an angle by which one motor turns, which a motor with a range counts from its target.
         call: commands with the same ``call`` are the arguments of one call on the hub; ``None`` for a separate call.
         description: for the header of the hub program; a format of the command.
@@ -88,6 +91,7 @@ class Command(WireNumber, ABC):
     description: ClassVar[str] = "{0.low:g} to {0.high:g} {0.unit}"
     code: ClassVar[str]
     ends: ClassVar[bool] = True
+    needs_encoder: ClassVar[bool] = True
     is_turn_by: ClassVar[bool] = False
     call: ClassVar[str | None] = None
 
@@ -103,6 +107,10 @@ class Command(WireNumber, ABC):
     @abstractmethod
     def motors(self, robot: Robot) -> tuple[str, ...]:
         """Names of the motors that the command turns."""
+
+    def devices(self, robot: Robot) -> tuple[str, ...]:
+        """Names of the motors and sensors that the hub program needs for the command."""
+        return self.motors(robot)
 
     @abstractmethod
     def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
@@ -195,8 +203,9 @@ class RunSpeed(_Endless):
 
 @dataclass(frozen=True)
 class RunDuty(_Endless):
-    """Drive one motor with a duty cycle, in percent of the battery's voltage: ``Motor.dc(duty)``."""
+    """Drive one motor, also one without encoder, with a duty cycle in percent of the battery's voltage: ``Motor.dc(duty)``."""
 
+    needs_encoder: ClassVar[bool] = False
     low: float = -100.0
     high: float = 100.0
     unit: ClassVar[str] = "%"
@@ -387,6 +396,47 @@ class HubLight(_HubCommand):
     def check(self, robot: Robot) -> None:
         if self.low < 0 or self.high > 360:
             raise self.error(f" ranges from {self.low:g} to {self.high:g}; hues are 0 to 360 degrees")
+
+
+@dataclass(frozen=True)
+class ClientCommand(_HubCommand):
+    """Number that a client program of one's own gets, such as an action in -1..1."""
+
+    name: str
+    low: float = -1.0
+    high: float = 1.0
+    unit: str = ""
+
+    def check(self, robot: Robot) -> None:
+        raise self.error(" is for a client of your own; name its program, or take another command")
+
+
+@dataclass(frozen=True)
+class LightBrightness(_HubCommand):
+    """Brightness of a light on a port, or of the lights around a distance sensor: ``Light.on(brightness)``."""
+
+    sensor: str
+    low: float = 0.0
+    high: float = 100.0
+    unit: ClassVar[str] = "%"
+    description: ClassVar[str] = "light with {0.low:g} to {0.high:g} %"
+
+    @property
+    def name(self) -> str:
+        return f"{self.sensor}_brightness"
+
+    def check(self, robot: Robot) -> None:
+        kind = robot.sensor(self.sensor).kind
+        if not kind.model.light:
+            raise self.error(f": a {kind.value} has no light to set; use a Light or an UltrasonicSensor")
+        if self.low < 0 or self.high > 100:
+            raise self.error(f" ranges from {self.low:g} to {self.high:g} %; stay within 0 to 100")
+
+    def devices(self, robot: Robot) -> tuple[str, ...]:
+        return (self.sensor,)
+
+    def start(self, robot: Robot, amounts: Mapping[str, str]) -> str:
+        return f"sensor_{self.sensor}.{robot.sensor(self.sensor).kind.model.light}({amounts[self.name]})"
 
 
 @dataclass(frozen=True)

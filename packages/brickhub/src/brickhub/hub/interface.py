@@ -16,6 +16,7 @@ from brickhub.fields import check_fields, check_value
 from brickhub.hub.commands import *
 from brickhub.hub.commands import WIRE_MAX, Command, Imports, WireNumber, drive_base, drive_base_setup
 from brickhub.robot import Robot, UltrasonicSensor
+from brickhub.robot.hardware import REMOTE_BUTTONS
 
 
 @dataclass(frozen=True)
@@ -26,10 +27,14 @@ class Channel(WireNumber, ABC):
         is_nominal: whether values beyond ``low`` and ``high`` are possible, up to the limits of the wire.
         noise, noise_share: names of the twin's physics parameters for its noise: the standard deviation, and an additional one as
             a share of the value.
+        wireless: kind of the device beside the hub that it reads, such as ``"remote"``; ``None`` without one.
+        setup_s: longest time that its setup takes at the start of the program.
         roughness: insignificant difference between a robot and its twin, in the unit, due to rounding and clock ticks.
     """
 
     role: ClassVar[str] = "channel"
+    wireless: ClassVar[str | None] = None
+    setup_s: ClassVar[float] = 0.0
     is_nominal: ClassVar[bool] = False
     noise: ClassVar[str | None] = None
     noise_share: ClassVar[str | None] = None
@@ -254,6 +259,67 @@ class Distance(Channel):
     @property
     def expression(self) -> str:
         return f"sensor_{self.sensor}.distance()"
+
+
+@dataclass(frozen=True)
+class HubButton(Channel):
+    """Button of the hub, such as ``"left"``: 1 while it is down as the hub reads it, else 0. The center button ends programs."""
+
+    button: str
+    low: ClassVar[float] = 0.0
+    high: ClassVar[float] = 1.0
+    scale: ClassVar[int] = 1
+    unit: ClassVar[str] = ""
+    imports: ClassVar[Imports] = (("pybricks.parameters", "Button"),)
+    owner: ClassVar[str] = "hub"
+
+    @property
+    def name(self) -> str:
+        return f"{self.owner}_{self.button}"
+
+    def buttons(self, robot: Robot) -> tuple[str, ...]:
+        """Names of the buttons that a program may read."""
+        return tuple(name for name in robot.hub.model.buttons if name != "center")
+
+    def check(self, robot: Robot) -> None:
+        if self.button not in self.buttons(robot):
+            remedy = f"choose {', '.join(self.buttons(robot))}" if self.buttons(robot) else "take a prime hub, or a RemoteButton"
+            raise self.error(f": the {self.owner} has no such button that a program may read; {remedy}")
+
+    @property
+    def expression(self) -> str:
+        return f"int(Button.{self.button.upper()} in {self.owner}.buttons.pressed())"
+
+
+@dataclass(frozen=True)
+class RemoteButton(HubButton):
+    """Button of the Powered Up remote, such as ``"left_plus"``; switch the remote on within 10 s of the program's start."""
+
+    owner: ClassVar[str] = "remote"
+    wireless: ClassVar[str] = "remote"
+    setup_s: ClassVar[float] = 10.0
+    imports: ClassVar[Imports] = (*HubButton.imports, ("pybricks.pupdevices", "Remote"))
+
+    def buttons(self, robot: Robot) -> tuple[str, ...]:
+        return REMOTE_BUTTONS
+
+    def setup(self, robot: Robot) -> tuple[str, ...]:
+        return ("remote = Remote()",)
+
+
+@dataclass(frozen=True)
+class ClientChannel(Channel):
+    """Number that a client program of one's own answers; values beyond its range are possible."""
+
+    name: str
+    low: float
+    high: float
+    unit: str = ""
+    is_nominal: ClassVar[bool] = True
+    expression: ClassVar[str] = ""
+
+    def check(self, robot: Robot) -> None:
+        raise self.error(" is of a client of your own; name its program, or take another channel")
 
 
 PARTS = {"hsv": ("hue", "saturation", "value"), "tilt": ("pitch", "roll")}

@@ -229,9 +229,11 @@ class MotorModel:
 
     Attributes:
         device_id: number by which it identifies itself to a hub.
-        like: name of the kind that it is in another colour, if so.
+        like: name of the kind that it is in another colour, if so; for one without encoder, the kind that a twin takes for it, as
+            the firmware has no model of it.
         case: name of the kind whose case a twin gives it, if it has none of its own, as one inside of a hub.
         is_absolute: whether its rotation sensor knows the shaft's angle after plugging in.
+        has_encoder: whether it has a rotation sensor; without one, it takes only a duty cycle.
     """
 
     name: str
@@ -239,14 +241,16 @@ class MotorModel:
     like: str = ""
     case: str = ""
     is_absolute: bool = True
+    has_encoder: bool = True
 
-
-DC_MOTOR_ID = 1
-"""Device id of the motor without a rotation sensor; 0 is that of nothing."""
+    @property
+    def class_name(self) -> str:
+        """Class in ``pybricks.pupdevices``."""
+        return "Motor" if self.has_encoder else "DCMotor"
 
 
 class MotorKind(_Kind):
-    """Motors with a rotation sensor, of the class ``pybricks.pupdevices.Motor``."""
+    """Motors, with or without a rotation sensor."""
 
     model: MotorModel
 
@@ -259,6 +263,8 @@ class MotorKind(_Kind):
     TECHNIC_XL = MotorModel("technic-xl", 47)
     INTERACTIVE = MotorModel("interactive", 38, is_absolute=False)
     MOVE_HUB = MotorModel("move-hub", 39, case="interactive", is_absolute=False)
+    MEDIUM_LINEAR = MotorModel("medium-linear", 1, like="technic-l", has_encoder=False)
+    TRAIN = MotorModel("train", 2, like="technic-l", has_encoder=False)
 
 
 class Sense(enum.StrEnum):
@@ -280,6 +286,10 @@ class Sense(enum.StrEnum):
     COUNT = "count"
 
 
+REMOTE_BUTTONS = ("left_plus", "left", "left_minus", "right_plus", "right", "right_minus", "center")
+"""Names of the buttons of the Powered Up remote."""
+
+
 @dataclass(frozen=True)
 class SensorModel:
     """Properties of a kind of sensor or light; its modes are in ``virtual/pybricks/device_modes.py``.
@@ -289,6 +299,7 @@ class SensorModel:
         senses: what it senses; a scene names the first one by the sensor alone. Empty for a light.
         readings: methods that return measurements, as numbers or booleans, for a ``SensorReading``.
         range_mm: least and largest distance in mm, for a ``Distance``; ``None`` for a sensor that does not measure millimetres.
+        light: call that sets the brightness of its light in %, for a ``LightBrightness``; empty without one.
     """
 
     name: str
@@ -296,6 +307,7 @@ class SensorModel:
     senses: tuple[Sense, ...] = ()
     readings: tuple[str, ...] = ()
     range_mm: tuple[int, int] | None = None
+    light: str = ""
 
 
 class SensorKind(_Kind):
@@ -303,7 +315,7 @@ class SensorKind(_Kind):
 
     model: SensorModel
 
-    ULTRASONIC = SensorModel("UltrasonicSensor", 62, (Sense.DISTANCE,), range_mm=(40, 2000))
+    ULTRASONIC = SensorModel("UltrasonicSensor", 62, (Sense.DISTANCE,), range_mm=(40, 2000), light="lights.on")
     COLOR = SensorModel("ColorSensor", 61, (Sense.SURFACE, Sense.AMBIENT), ("reflection", "ambient", "hsv"))
     COLOR_DISTANCE = SensorModel(
         "ColorDistanceSensor", 37, (Sense.SURFACE, Sense.DISTANCE, Sense.AMBIENT), ("reflection", "ambient", "hsv", "distance")
@@ -311,5 +323,5 @@ class SensorKind(_Kind):
     FORCE = SensorModel("ForceSensor", 63, (Sense.FORCE,), ("force", "distance", "pressed", "touched"))
     INFRARED = SensorModel("InfraredSensor", 35, (Sense.DISTANCE, Sense.COUNT), ("reflection", "distance", "count"))
     TILT = SensorModel("TiltSensor", 34, (Sense.TILT,), ("tilt",))
-    LIGHT = SensorModel("Light", 8)
+    LIGHT = SensorModel("Light", 8, light="on")
     COLOR_LIGHT_MATRIX = SensorModel("ColorLightMatrix", 64)

@@ -68,9 +68,11 @@ class Motor:
             )
         if self.range_deg is not None and self.range_deg[0] >= self.range_deg[1]:
             raise DescriptionError(f"motor '{self.name}': range {self.range_deg} is empty; give (lowest, highest) in degrees")
-        for field in ("speed_limit_deg_s", "acceleration_deg_s2", "torque_limit_mnm"):
+        for field in ("speed_limit_deg_s", "acceleration_deg_s2", "torque_limit_mnm", "range_deg"):
             value = getattr(self, field)
-            if value is not None and value < 1:
+            if value is not None and not self.kind.model.has_encoder:
+                raise DescriptionError(f"motor '{self.name}': a {self.kind.value} motor has no encoder; omit {field}")
+            if isinstance(value, int) and value < 1:
                 raise DescriptionError(f"motor '{self.name}': {field} is {value}; give a positive number or None")
 
 

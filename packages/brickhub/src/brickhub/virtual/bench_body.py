@@ -228,7 +228,7 @@ class FittedBench(BenchBody):
             if port in hub.model.own_motors:
                 raise TwinError(f"port {port} of the {hub.value} hub has the hub's own motor; say what is on another port")
             if isinstance(kind, MotorKind):
-                self._add_motor(port, kind)
+                self._add_motor(port, kind, kind.model.class_name)
             elif kind is not None:
                 self._add_sensor(port, kind.value)
 
@@ -241,7 +241,8 @@ class FittedBench(BenchBody):
         self._free_ports.remove(port)
         if is_motor:
             hub = self.robot.hub.model
-            self._add_motor(port, MotorKind(hub.own_kind) if port in hub.own_motors else MotorKind.SPIKE_MEDIUM, device)
+            usual = MotorKind.SPIKE_MEDIUM if device == MotorKind.SPIKE_MEDIUM.model.class_name else MotorKind.MEDIUM_LINEAR
+            self._add_motor(port, MotorKind(hub.own_kind) if port in hub.own_motors else usual, device)
         else:
             self._add_sensor(port, device)
         return True

@@ -13,6 +13,7 @@ from typing import Any
 
 from brickhub.errors import TwinError
 from brickhub.robot import AnyHub
+from brickhub.robot.hardware import REMOTE_BUTTONS
 
 DEFAULT_PRESS_S = 0.2
 POLL_MS = 50
@@ -22,7 +23,7 @@ _SWITCH_OFF_MS = 2000
 _SHADES = ".-+#"
 _DIRECTIONS = ("up", "down", "left", "right")
 _WIRELESS_BUTTONS = {
-    "remote": ("left_plus", "left", "left_minus", "right_plus", "right", "right_minus", "center"),
+    "remote": REMOTE_BUTTONS,
     "xbox": (
         *("a", "b", "x", "y", "lb", "rb", "view", "menu", "guide", "lj", "rj", "upload", "p1", "p2", "p3", "p4", *_DIRECTIONS),
         *("left_trigger", "right_trigger", *(f"joystick_{side}_{end}" for side in ("left", "right") for end in _DIRECTIONS)),
@@ -81,6 +82,7 @@ class Panel:
         text: the character or number that the display shows instead.
         quarter_turns: clockwise turns of what a program shows, on the way to the display; of a text they are not seen.
         sound_hz: frequency of the loudspeaker; 0 if silent.
+        lamps: brightness in % of the lights on the ports, by port, as far as a program has set them.
         clock_ms: simulated time, set by the panel's machine.
         is_watched: whether a person may press a button at any time.
         on_change: called with the panel after a change of light, display or sound.
@@ -101,6 +103,7 @@ class Panel:
         self.remote_name: str | None = None
         self.on_change: Callable[[Panel], None] | None = None
         self.light: tuple[int, int, int] | None = None
+        self.lamps: dict[str, int] = {}
         self.sound_hz, self.display, self.text, self.quarter_turns = 0, [0] * 25, "", 0
         self.is_watched = self.is_off = False
         self.clock_ms: Callable[[], int] = lambda: self._now_ms
@@ -122,7 +125,8 @@ class Panel:
         light = "off" if self.light is None else f"hue {self.light[0]}, {self.light[1]} %, {self.light[2]} %"
         rows = (self.display[i : i + 5] for i in range(0, 25, 5))
         display = self.text or "/".join("".join(_SHADES[min(3, value * 3 // 100 + (value > 0))] for value in row) for row in rows)
-        return f"light {light}; display {display if any(self.display) or self.text else 'off'}; sound {self.sound_hz or 'off'}"
+        shown = f"light {light}; display {display if any(self.display) or self.text else 'off'}; sound {self.sound_hz or 'off'}"
+        return "; ".join([shown, *(f"lamp {port} {value} %" for port, value in sorted(self.lamps.items()))])
 
     def tap(self, button: str) -> None:
         """Press a button now, for :data:`DEFAULT_PRESS_S`."""
@@ -202,7 +206,7 @@ class Panel:
         self.stop_buttons, self.quarter_turns = frozenset({STOP_BUTTON}), 0
         self._animations.clear()
         self.change(light=None)
-        self.change(sound_hz=0)
+        self.change(sound_hz=0, lamps={})
         self.show([0] * 25)
 
     def show(self, pixels: list[int], text: str = "") -> None:

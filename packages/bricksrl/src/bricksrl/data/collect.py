@@ -12,7 +12,6 @@ import numpy as np
 import torch
 
 from brickhub import HOUSES
-from brickhub.hub.program.generate import generate
 from brickhub.seed import check_seed
 from bricksrl.data.dataset import About, EpisodeRow
 from bricksrl.data.recorder import Recorder, Step
@@ -132,7 +131,7 @@ def about(env: EnvBase, policy: str, *, seed: int | None = None, hub: str = "vir
         seed=seed,
         started=datetime.now(UTC).astimezone().isoformat(timespec="milliseconds"),
         hub=hub if on_hub else "",
-        program_hash=generate(task.robot, task.interface).hash if task is not None and has_program else None,
+        program_hash=task.hub_program.hash if task is not None and has_program else None,
         versions=_VERSIONS,
         physics={} if twin is None or physics is None else dataclasses.asdict(physics.with_link(twin.link)),
     )

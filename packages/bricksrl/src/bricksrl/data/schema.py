@@ -8,6 +8,7 @@ import dataclasses
 import enum
 import functools
 import json
+import logging
 import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -15,6 +16,8 @@ from typing import TYPE_CHECKING, Any
 from brickhub.entry import Entry
 from brickhub.fields import check_fields
 from bricksrl.errors import DataError
+
+_log = logging.getLogger(__name__)
 
 if TYPE_CHECKING:
     from torchrl.envs import EnvBase
@@ -219,6 +222,8 @@ def describe(env: EnvBase, options: dict[str, Any] | None = None, *, name: str |
 def describe_task(task: Task, options: dict[str, Any] | None = None) -> Description:
     """Description of data recorded in a task."""
     camera = task.camera
+    if unrecorded := sorted(set(task.images) - {"image"}):
+        _log.warning("a dataset holds the images of one camera, the task's; those of %s are not recorded", ", ".join(unrecorded))
     return Description(
         env=task.id,
         rate_hz=task.rate_hz,

@@ -15,6 +15,7 @@ from bricksrl.errors import HubError
 if TYPE_CHECKING:
     from brickhub.hub.link.robot_link import RobotLink
     from brickhub.virtual.virtual_kit import VirtualRobot
+    from bricksrl.envs.host_sensors.host_sensor import Reader
     from bricksrl.envs.vision.camera import Camera
     from bricktwin.twin.mujoco_body import Pose
 
@@ -35,6 +36,7 @@ class Connection:
         place: places the robot at the start of an episode; called at every reset, while the link is open.
         twin: the virtual hub, or devices of LEGO's kits, for rendering; ``None`` for a real robot.
         camera: source of images, for a task with a camera.
+        sensors: readers of the task's sensors on the computer.
         true_pose: returns the pose of a virtual robot that has one.
     """
 
@@ -43,6 +45,7 @@ class Connection:
     twin: VirtualRobot | None = None
     camera: Camera | None = None
     true_pose: Callable[[], Pose] | None = None
+    sensors: tuple[Reader, ...] = ()
 
 
 @dataclass

@@ -60,8 +60,8 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
         self._entries = len(task.entries)
         set_vector_specs(self, task)
         self.observation_spec["link_lost"] = Binary(1, dtype=torch.bool)
-        if task.camera is not None:
-            self.observation_spec["image"] = Bounded(0, 255, (task.camera.image_px, task.camera.image_px, 3), dtype=torch.uint8)
+        for key, side_px in task.images.items():
+            self.observation_spec[key] = Bounded(0, 255, (side_px, side_px, 3), dtype=torch.uint8)
         self.is_closed = False
 
     def close(self, *, raise_if_closed: bool = True, **_: Any) -> None:
@@ -105,14 +105,12 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
         if episode is None:
             raise BricksError(f"{task.id} has no episode to step; reset the environment first")
         self._wait_while_blocked(episode)
-        observation = torch.from_numpy(self.move(action.tolist()))
-        reward = _single(task, "reward", task.reward(episode.observation, action, observation))
+        observation, reward, terminated = self._outcome(episode, action)
         if not all(map(math.isfinite, reward.flatten().tolist())):
             raise DescriptionError(
                 f"the reward of {task.id} is {reward.tolist()} in step {episode.step_count + 1}, where the observation is "
                 f"{observation.tolist()}; correct the task's reward"
             )
-        terminated = _single(task, "terminated", task.terminated(observation))
         if terminated.dtype is not torch.bool:
             raise DescriptionError(f"terminated of {task.id} is {terminated.tolist()}, not true or false; compare")
         episode.observation = observation
@@ -125,11 +123,17 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
             episode.task_observations.append(_with_truth(episode, observation, self._entries))
         return self._out(episode, reward=reward, terminated=terminated, truncated=truncated, done=terminated | truncated)
 
+    def _outcome(self, episode: EpisodeState, action: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Hook: carry out the action; the observation after it, the reward and whether the episode is over."""
+        task = self.task
+        observation = torch.from_numpy(self.move(action.tolist()))
+        reward = _single(task, "reward", task.reward(episode.observation, action, observation))
+        return observation, reward, _single(task, "terminated", task.terminated(observation))
+
     def _out(self, episode: EpisodeState, **outcome: torch.Tensor) -> TensorDictBase:
         """Output of a reset or, with its outcome, of a step; copied, as a caller's change must not alter ``episode``."""
         out = {"observation": episode.observation[: self._entries].clone(), "link_lost": torch.zeros(1, dtype=torch.bool)}
-        if episode.watch is not None:
-            out["image"] = torch.from_numpy(episode.watch.image)
+        out |= {name: torch.from_numpy(image) for name, image in self.image().items()}
         return TensorDict({**out, **outcome}, batch_size=(), device=self.device)
 
     def _step_proc_data(self, next_tensordict_out: TensorDictBase) -> TensorDictBase:

@@ -42,7 +42,8 @@ def check_env(env_id: str) -> Iterator[Finding]:
             "hub program": lambda: _program(task),
             "specs": lambda: _specs(env_id),
             "reset": lambda: _reset(env_id),
-            "determinism": lambda: _determinism(env_id),
+            **({"sensors": lambda: _sensors(env_id, task)} if task.sensors else {}),
+            "determinism": lambda: _determinism(env_id, task),
             "twin": lambda: _twin(env_id),
         }
     )
@@ -104,13 +105,11 @@ def _number(cell: str) -> float | str:
 
 
 def _program(task: Task) -> str:
-    from brickhub.hub.program.compile import compile_program, program_blob
-    from brickhub.hub.program.generate import generate
+    from brickhub.hub.program.compile import check_program
 
     if not task.robot.hub.model.runs_programs:
         raise Skip(f"a {task.robot.hub.value} runs no programs")
-    program = generate(task.robot, task.interface)
-    size = len(program_blob(compile_program(program), task.robot.hub))
+    size = check_program(task.hub_program, task.robot.hub)
     return f"{size} of the {task.robot.hub.value} hub's {task.robot.hub.model.program_bytes} bytes"
 
 
@@ -132,7 +131,17 @@ def _reset(env_id: str) -> str:
     return f"twice, the observation starts with {[round(value, 1) for value in observations[0].tolist()[:4]]}"
 
 
-def _determinism(env_id: str) -> str:
+def _sensors(env_id: str, task: Task) -> str:
+    with closing(make(env_id, seed=_SEED)) as env:
+        state = env.reset()
+    values = dict(zip((entry.name for entry in task.entries), state["observation"].tolist(), strict=True))
+    readings = [f"{entry.name} {values[entry.name]:.4g}" for sensor in task.sensors for entry in sensor.observed_entries]
+    return ", ".join([*readings, *(f"an image {sensor.name}" for sensor in task.sensors if sensor.image_px)])
+
+
+def _determinism(env_id: str, task: Task) -> str:
+    if real := [sensor.name for sensor in task.sensors if sensor.twin is None]:
+        raise Skip(f"{', '.join(real)} is a real sensor beside the virtual robot")
     rollouts = []
     for _ in range(2):
         with closing(make(env_id, seed=_SEED)) as env, torch.random.fork_rng(devices=[]):
@@ -164,6 +173,8 @@ def _twin(env_id: str) -> str:
 
 def _functions(task: Task) -> str:
     """Check that reward, ends, success and metrics return the documented shapes and types on a batch."""
+    if task.base_env is not None:
+        raise Skip("its resets and steps are its own")
     generator, steps = torch.Generator().manual_seed(_SEED), _STEPS
     low, high = (torch.tensor([getattr(entry, end) for entry in task.task_entries]) for end in ("low", "high"))
     before, after = low + (high - low) * torch.rand((2, steps, len(low)), generator=generator)

@@ -47,8 +47,8 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
     """A BricksRL environment with Gymnasium's interface.
 
     Observation and action are float32 arrays with the bounds of the task's tables; where a range is only nominal, the bounds
-    are those that a hub can report. With a camera, the observation is a dict of this array, "observation", and the uint8
-    "image". ``info`` holds the task's metrics of the episode so far and, at its end, ``success``.
+    are those that a hub can report. With cameras, the observation is a dict of this array, "observation", and the uint8
+    images, such as "image". ``info`` holds the task's metrics of the episode so far and, at its end, ``success``.
 
     Args:
         env_id: id of the environment, such as ``"RunAway-v0"``.
@@ -73,11 +73,10 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
         self._ended = False
         self._renderer: Renderer | None = None
         vector = _box(self.env.task)
-        camera = self.env.task.camera
         self.observation_space: gymnasium.Space[Any] = vector
-        if camera is not None:
-            image = Box(0, 255, (camera.image_px, camera.image_px, 3), np.uint8)
-            self.observation_space = Dict({"observation": vector, "image": image})
+        if images := self.env.task.images:
+            boxes = {key: Box(0, 255, (px, px, 3), np.uint8) for key, px in images.items()}
+            self.observation_space = Dict({"observation": vector, **boxes})
         self.action_space = Box(-1.0, 1.0, self.env.action_spec.shape)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, dict[str, Any]]:
@@ -138,7 +137,8 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
 
     def _observation(self, state: TensorDictBase) -> Observation:
         vector: Array = state["observation"].numpy()
-        return vector if self.env.task.camera is None else {"observation": vector, "image": state["image"].numpy()}
+        images = {key: state[key].numpy() for key in self.env.task.images}
+        return {"observation": vector, **images} if images else vector
 
 
 class GymnasiumVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):

@@ -14,10 +14,13 @@ from brickhub.fields import check_value
 from brickhub.hub.transports.address import parse_hub
 from brickhub.robot import Robot
 from brickhub.seed import check_seed
-from brickhub.user_files import is_reference, load_object
+from brickhub.user_files import beside, is_reference, load_object
 from bricksrl.envs.arenas import ARENAS
 from bricksrl.envs.connection import Connection, Placement
+from bricksrl.envs.host_sensors.host_sensor import World, reader_of
 from bricksrl.envs.options import TRANSFORMS, EnvOptions
+from bricksrl.envs.own.base_env import BaseEnv
+from bricksrl.envs.own.base_task import task_of
 from bricksrl.envs.task import Kinematics, Task
 from bricksrl.envs.tasks.line_follow import LINE_FOLLOW
 from bricksrl.envs.tasks.park import PARK
@@ -38,6 +41,7 @@ if TYPE_CHECKING:
 
     from brickhub.hub.link.robot_link import RobotLink
     from brickhub.hub.transports.address import HubAddress
+    from bricksrl.envs.env import HubEnv
     from bricksrl.envs.robot_env import RobotEnv
 
 _log = logging.getLogger(__name__)
@@ -146,14 +150,13 @@ def make(
         return _transformed(simulation, options)
     if batch_size or device != "cpu" or kinematics is not None:
         raise DescriptionError(f"{env_id} is one robot; omit batch_size, device and kinematics")
-    from bricksrl.envs.env import HubEnv
 
     if address.is_virtual:
-        env = HubEnv(task, _virtual(task, options), seed=seed)
+        env = _hub_env(task)(task, _virtual(task, options), seed=seed)
         env.remake = functools.partial(make, env_id, options.as_it_is())
         return _transformed(env, options)
     _refuse_virtual(options)
-    return _transformed(HubEnv(*_real(task, options, address, place), seed=seed), options)
+    return _transformed(_hub_env(task)(*_real(task, options, address, place), seed=seed), options)
 
 
 def _refuse_virtual(options: EnvOptions) -> None:
@@ -171,13 +174,21 @@ def _transformed(env: EnvBase, options: EnvOptions) -> EnvBase:
 
 def _virtual(task: Task, options: EnvOptions) -> Callable[[int], Connection]:
     """Connections to virtual robots, by their seed."""
+    import numpy as np
+
     from brickhub.virtual.virtual_kit import virtual_robot
+    from brickhub.virtual.virtual_transport import VirtualHub
 
     def connect(twin_seed: int) -> Connection:
         body = make_body(task.robot, scene=task.scene, physics=options.physics_or_draw, seed=twin_seed)
         twin = virtual_robot(body, realtime=options.realtime, link=options.link_profile, seed=twin_seed)
+        if isinstance(twin, VirtualHub):
+            twin.machine.panel.near |= {channel.wireless for channel in task.interface.channels if channel.wireless}
         camera = None if task.camera is None else TwinCamera(body, task.camera)
-        return Connection(_link(task, options, twin), twin.reset, twin, camera, getattr(body, "pose", None))
+        pose = getattr(body, "pose", None)
+        world = World(pose, body, task.scene, np.random.default_rng(twin_seed), twin.now_s)
+        readers = tuple(reader_of(sensor, world) for sensor in task.sensors)
+        return Connection(_link(task, options, twin), twin.reset, twin, camera, pose, readers)
 
     return connect
 
@@ -193,7 +204,7 @@ def make_robot(
     options = options or EnvOptions()
     address, spec = parse_hub(options.hub), _spec(env_id)
     task = _build(env_id, spec, options.options)
-    if spec.kinematics is not None or options.is_transformed:
+    if spec.kinematics is not None or options.is_transformed or task.base_env is not None:
         return None
     if address.is_virtual:
         return RobotEnv(task, _virtual(task, options), seed=seed)
@@ -221,19 +232,33 @@ def _real(
         link = _link(task, options, transport, calibration_of(transport))
     else:
         link = _link(task, options, address.radio())
-    connection = Connection(link, place or ask_to_place, camera=camera)
+    readers = tuple(reader_of(sensor, None) for sensor in task.sensors)
+    connection = Connection(link, place or ask_to_place, camera=camera, sensors=readers)
     return task, lambda _seed: connection
+
+
+def _hub_env(task: Task) -> type[HubEnv]:
+    """The class that runs a task on a robot."""
+    from bricksrl.envs.env import HubEnv
+    from bricksrl.envs.own.own_env import OwnEnv
+
+    return HubEnv if task.base_env is None else OwnEnv
 
 
 def _link(task: Task, options: EnvOptions, transport: Any, calibrate: Calibration | None = None) -> RobotLink:
     """Link over a transport to a hub, or over a radio to devices of LEGO's kits, as the robot has them."""
     from brickhub.hub.link.kit_link import KitLink
     from brickhub.hub.link.lockstep import HubLink
+    from brickhub.hub.link.own_client import ClientLink
     from brickhub.hub.link.streaming import StreamingLink
 
     if not task.robot.hub.model.runs_programs:
         options.refuse(("streaming", "app_data"), "devices of LEGO's kits always stream; omit streaming and app_data")
         return KitLink(transport, task.robot, task.interface)
+    if task.client is not None:
+        if options.streaming or task.streams or options.app_data:
+            raise DescriptionError(f"{task.program} is a client of your own, which neither streams nor reads AppData; omit both")
+        return ClientLink(transport, task.robot, task.interface, task.client)
     link_type = StreamingLink if options.streaming or task.streams else HubLink
     return link_type(transport, task.robot, task.interface, pipe=options.pipe, calibrate=calibrate)
 
@@ -317,7 +342,9 @@ def _user_builder(reference: str) -> Callable[..., Task]:
 
     @functools.wraps(builder)
     def build(**options: Any) -> Task:
-        task = builder(**options)
+        with beside(reference):
+            task = builder(**options)
+            task = task_of(task) if isinstance(task, BaseEnv) else task
         if not isinstance(task, Task):
             raise DescriptionError(f"{reference} returns a {type(task).__name__} and no task; let it return a bricksrl.envs.Task")
         built_in = _BUILT_IN[task.id].build() if task.id in _BUILT_IN else task

@@ -91,6 +91,7 @@ class RobotEnv(BricksEnv):
         self._episode: EpisodeState | None = None
         self._spans = [((c.high + c.low) / 2, (c.high - c.low) / 2) for c in task.interface.commands]
         self._observed = task.observed_channels
+        self._images: dict[str, NDArray[np.uint8]] = {}  # the last ones of sensors
         self.reconnect = Reconnect()
         self._changed = threading.Condition()
         self._is_stopped = self._is_paused = False
@@ -160,8 +161,12 @@ class RobotEnv(BricksEnv):
         if task.camera is not None:
             episode.watch = Watch(task.camera, self._host_rng, self._guarded(self._camera.frame))
         self._episode = episode
-        episode.observation = episode.observe(self._channels(reading), [0.0] * len(task.measured_entries))
+        episode.observation = self._observation_at_start(episode, reading)
         return episode
+
+    def _observation_at_start(self, episode: EpisodeState, reading: Reading) -> Floats:
+        """Hook: the first observation of an episode."""
+        return episode.observe(self._channels(reading), [0.0] * len(self.task.measured_entries))
 
     def move(self, shares: Sequence[float]) -> Floats:
         """The observation ``[n]`` after a step with the action ``[m]``, in -1..1. Raises BricksError without an episode, HubError
@@ -169,16 +174,21 @@ class RobotEnv(BricksEnv):
         episode, link = self._episode, self._connected().link
         if episode is None:
             raise BricksError(f"{self.task.id} has no episode to step; reset the environment first")
-        commands = [middle + half * share for (middle, half), share in zip(self._spans, shares, strict=True)]
-        episode.age_s = link.now_s() - episode.measured_s
-        if self.task.observes_commands:
-            episode.commands = commands
+        commands = self._commanded(episode, shares)
         return self._measure(self._guarded(lambda: link.act(commands)), episode)
 
+    def _commanded(self, episode: EpisodeState, shares: Sequence[float]) -> list[float]:
+        """The commands of an action, in their units; notes when they are given."""
+        commands = [middle + half * share for (middle, half), share in zip(self._spans, shares, strict=True)]
+        episode.age_s = self._connected().link.now_s() - episode.measured_s
+        if self.task.observes_commands:
+            episode.commands = commands
+        return commands
+
     def image(self) -> dict[str, NDArray[np.uint8]]:
-        """The camera's last image ``[side, side, 3]`` as ``image``; empty for a task without a camera."""
+        """The last images ``[side, side, 3]``: the camera's as ``image``, and those of sensors by their names."""
         watch = None if self._episode is None else self._episode.watch
-        return {} if watch is None else {"image": watch.image}
+        return {**self._images, **({} if watch is None else {"image": watch.image})}
 
     def _measure(self, reading: Reading, episode: EpisodeState) -> Floats:
         """The observation for the task's functions after a step; reads odometer and camera only where the task uses them."""
@@ -194,8 +204,14 @@ class RobotEnv(BricksEnv):
         return episode.observe(self._channels(reading), forward_mm[: len(self.task.measured_entries)])
 
     def _channels(self, reading: Reading) -> list[float]:
-        """The channels that are in the observation."""
-        return [reading.values[index] for index in self._observed]
+        """The channels that are in the observation, and the readings of sensors on the computer; notes their images."""
+        values = [reading.values[index] for index in self._observed]
+        for reader in self._connected().sensors:
+            sensor, (sensed, age_s) = reader.sensor, self._guarded(reader.latest)
+            if sensor.image_px:
+                self._images[sensor.name] = np.array(sensed, dtype=np.uint8)
+            values += [*(() if sensor.image_px else sensed), *((age_s,) if sensor.observes_age else ())]
+        return values
 
     @property
     def timing(self) -> Timing:
@@ -234,6 +250,8 @@ class RobotEnv(BricksEnv):
                 connection.link.read()
         self._check_stop()
         connection.link.open()  # without effect when it is open
+        for reader in connection.sensors:
+            reader.open()
         connection.place(self._place_rng)
         return connection.link.read()
 
@@ -259,5 +277,7 @@ class RobotEnv(BricksEnv):
         self._episode = None
         if self._connection is not None:
             self._connection.link.close()
+            for reader in self._connection.sensors:
+                reader.close()
             if self._connection.camera is not None:
                 self._connection.camera.close()

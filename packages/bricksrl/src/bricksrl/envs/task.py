@@ -14,8 +14,13 @@ from typing import TYPE_CHECKING, Any, Literal
 from brickhub.entry import Entry
 from brickhub.fields import check_arguments, check_fields, check_value
 from brickhub.hub.interface import Interface
+from brickhub.hub.link.own_client import OwnClient
+from brickhub.hub.program.generate import generate
+from brickhub.hub.transport import HubProgram
 from brickhub.robot import Robot
+from bricksrl.envs.host_sensors.host_sensor import HostSensor
 from bricksrl.envs.odometry import Target, wheels
+from bricksrl.envs.own.base_env import BaseEnv
 from bricksrl.envs.vision.camera import CameraView
 from bricksrl.errors import DescriptionError
 from bricktwin.twin.scene import OPEN_FLOOR, Scene
@@ -52,9 +57,9 @@ def never(observation: Tensor) -> Tensor:
 class Task:
     """A reinforcement learning task on a robot. Raises DescriptionError if the parts are inconsistent.
 
-    The observation consists of the interface's channels in order, the sampled entries, the measured entries, the last commands
-    and the target's entries. With a target, the wheel angles are left out. Where a camera has a goal, the task's functions get
-    two further entries that the agent does not: see ``task_entries``.
+    The observation consists of the channels in order, the readings of sensors, the sampled entries, the measured entries, the
+    last commands and the target's entries. With a target, the wheel angles are left out. Where a camera has a goal, the task's
+    functions get two further entries that the agent does not: see ``task_entries``.
 
     Attributes:
         id: name and version, such as ``"RunAway-v0"``.
@@ -75,8 +80,12 @@ class Task:
         target: a pose that a driving robot is to reach; success and metrics get the true pose of a virtual robot.
         walks: whether a virtual robot reports distance, speed and straightness.
         camera: a camera on the robot, which adds an image to the observation.
+        sensors: sensors on the computer; their entries follow the channels.
         streams: whether the hub always streams its observations, for steps shorter than an exchange over the link.
         symmetric: whether a run in the mirror, left for right, is a run of the task too; the robot has to be ``mirrored``.
+        program, commands, answer: a client program of your own, and the ``struct`` formats of what it gets and answers at a step;
+            see :class:`~brickhub.hub.link.own_client.OwnClient`.
+        base_env: resets, steps and rewards of your own, in place of the task's functions.
     """
 
     id: str
@@ -96,11 +105,19 @@ class Task:
     target: Target | None = None
     walks: bool = False
     camera: CameraView | None = None
+    sensors: tuple[HostSensor, ...] = ()
     streams: bool = False
     symmetric: bool = False
+    program: str | None = None
+    commands: str = ""
+    answer: str = ""
+    base_env: BaseEnv | None = None
 
     def __post_init__(self) -> None:
         check_fields(Task, vars(self))
+        if self.client is not None:
+            object.__setattr__(self, "program", self.client.program)  # which can be used in any folder
+            self.client.check(self.interface)
         check_arguments(f"reward of {self.id}", self.reward, ("previous", "action", "observation"))
         for name in ("success", "metrics"):
             check_arguments(f"{name} of {self.id}", getattr(self, name), ("observations",))
@@ -114,11 +131,21 @@ class Task:
             wheels(self.robot, self.interface)  # raises where dead reckoning is impossible
         if not self.interface.commands or not self.entries:
             raise DescriptionError(f"task {self.id}: nothing to command or nothing to observe; name commands and channels")
-        names = [entry.name for entry in self.entries]
+        names = [entry.name for entry in self.entries] + [sensor.name for sensor in self.sensors if sensor.image_px]
         if len(set(names)) < len(names):
             raise DescriptionError(f"task {self.id}: the observation {', '.join(names)} names an entry twice; rename one")
         if self.symmetric:
             mirrors(self)  # raises where something has no mirror image
+
+    @property
+    def client(self) -> OwnClient | None:
+        """The client program of one's own, if any."""
+        return None if self.program is None else OwnClient(self.program, self.commands, self.answer)
+
+    @property
+    def hub_program(self) -> HubProgram:
+        """The program on the hub. Raises ProgramError if the hub cannot run it."""
+        return generate(self.robot, self.interface) if self.client is None else self.client.load()
 
     @property
     def summary(self) -> str:
@@ -142,7 +169,14 @@ class Task:
         """Entries of the observation vector."""
         channels = (self.interface.channels[index].entry for index in self.observed_channels)
         target = () if self.target is None else self.target.entries
-        return (*channels, *self.sampled_entries, *self.measured_entries, *self.command_entries, *target)
+        sensed = (entry for sensor in self.sensors for entry in sensor.observed_entries)
+        return (*channels, *sensed, *self.sampled_entries, *self.measured_entries, *self.command_entries, *target)
+
+    @property
+    def images(self) -> dict[str, int]:
+        """Side in px of each image of the observation, by its key: the camera's is ``"image"``."""
+        own = {} if self.camera is None else {"image": self.camera.image_px}
+        return own | {sensor.name: sensor.image_px for sensor in self.sensors if sensor.image_px}
 
     @property
     def command_entries(self) -> tuple[Entry, ...]:

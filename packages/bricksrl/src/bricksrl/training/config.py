@@ -208,7 +208,7 @@ def settings_for(env: str, name: str, agent: str) -> Any:
     from bricksrl.envs.registry import get_task
 
     try:
-        images = get_task(env).camera is not None
+        images = bool(get_task(env).images)
     except BricksError:
         images = False  # not a registered environment
     return preset(name, agent, images=images)

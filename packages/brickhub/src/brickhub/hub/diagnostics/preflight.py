@@ -18,7 +18,6 @@ from brickhub.hub.transport import Transport
 from brickhub.hub.transports.connection import HubIdentity
 from brickhub.hub.transports.profile import NEWEST_PROFILE
 from brickhub.robot import AnyHub, Motor, MotorKind, Robot, SensorKind
-from brickhub.robot.hardware import DC_MOTOR_ID
 
 SLOW_INTERVAL_MS = 20.0
 """Connection interval above which a shorter one is possible."""
@@ -45,12 +44,12 @@ _RANGE_MARGIN_DEG = 8.0
 """Tolerance for a joint that yields beyond its range."""
 _TEST_MOVE_S = 1.2
 
-_ENCODERS = {kind.model.device_id for kind in MotorKind}
+_ENCODERS = {kind.model.device_id for kind in MotorKind if kind.model.has_encoder}
 """Device ids of motors with an encoder: a program for one also drives the others."""
 _NAMES = (
     {kind.model.device_id: f"motor {kind.value}" for kind in MotorKind}
     | {kind.model.device_id: re.sub("(?<!^)([A-Z])", r" \1", kind.value).lower() for kind in SensorKind}
-    | {0: "nothing", DC_MOTOR_ID: "medium linear motor without angle", 2: "train motor"}
+    | {0: "nothing"}
 )
 
 

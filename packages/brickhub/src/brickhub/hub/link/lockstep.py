@@ -28,8 +28,20 @@ from brickhub.hub.link.receiver import Listener, Reading, bye_error, check_hello
 from brickhub.hub.link.states import Cause, LinkState, after, cause_of
 from brickhub.hub.link.timing import REPEATS_PER_WATCHDOG, HubClock, LinkStatistics, percentile, repeat_times_s
 from brickhub.hub.program.generate import WATCHDOG_MS, generate
-from brickhub.hub.protocol import ControlFrame, DataFrame, Down, Frame, Up, WireFormat, control_frame, data_frame, next_seq
-from brickhub.hub.transport import Pipe, Transport
+from brickhub.hub.protocol import (
+    UP_PAYLOAD_BYTES,
+    ControlFrame,
+    DataFrame,
+    Down,
+    Frame,
+    FrameDecoder,
+    Up,
+    WireFormat,
+    control_frame,
+    data_frame,
+    next_seq,
+)
+from brickhub.hub.transport import HubProgram, Pipe, Transport
 from brickhub.robot import Robot
 
 _log = logging.getLogger(__name__)
@@ -68,7 +80,7 @@ class HubLink:
         calibrate: Callable[[Robot], Robot] | None = None,
     ) -> None:
         self._robot, self._interface, self._pipe, self._calibrate = robot, interface, pipe, calibrate
-        self.program = generate(robot, interface, pipe)
+        self.program = self._program_of(robot)
         self.wire = WireFormat(interface)
         self.state = LinkState.DISCONNECTED
         self._transport = transport
@@ -76,6 +88,7 @@ class HubLink:
         self._has_started = False
         self._halted = threading.Event()
         self._timeout_s = timeout_s
+        self._start_s = timeout_s + max(channel.setup_s for channel in interface.channels)
         settle = interface.settle
         self._longest_move_s = settle.longest_ms / 1000
         self._known_move_s = None if settle.fixed_ms is None else self._longest_move_s
@@ -85,7 +98,15 @@ class HubLink:
         self._frame, self._sent_s, self._written_s = b"", 0.0, -math.inf
         self._clock = HubClock()
         self.statistics = LinkStatistics(watchdog_s=WATCHDOG_MS / 1000)
-        self._listener = Listener(transport, self.wire, self.statistics)
+        self._listener = Listener(transport, self._decoder, self.statistics)
+
+    def _program_of(self, robot: Robot) -> HubProgram:
+        """Hook: the hub's program."""
+        return generate(robot, self._interface, self._pipe)
+
+    def _decoder(self) -> FrameDecoder:
+        """Hook: what finds the answers in the program's output."""
+        return FrameDecoder(self.wire.answer_bytes, UP_PAYLOAD_BYTES)
 
     def open(self) -> None:
         """Connect, start the program and wait for its HELLO. Also leaves FAULT; without effect on an open link.
@@ -104,7 +125,7 @@ class HubLink:
             if not self._transport_is_open:
                 self._transport.open()
                 if self._calibrate is not None:
-                    self.program = generate(self._calibrate(self._robot), self._interface, self._pipe)
+                    self.program = self._program_of(self._calibrate(self._robot))
                 self._transport_is_open = True
             self._start_program()
 
@@ -245,11 +266,9 @@ class HubLink:
         if self.state is LinkState.DISCONNECTED:
             raise HubError("the link is not open; call open() first")
 
-    def _start_program(self) -> None:
-        self._listener.begin(self.program.source)
-        self._clock = HubClock()
-        self._seq = 0
-        self._watchdog_ms, self.statistics.watchdog_s = WATCHDOG_MS, WATCHDOG_MS / 1000
+    def _run_program(self) -> None:
+        """Start the program, after the end of one that runs. Raises StoppedError if an emergency stop came meanwhile."""
+        self._listener.begin(self.program)
         if self._has_started:
             with contextlib.suppress(HubError):  # if the hub is out of reach, the start will raise
                 self._transport.stop()
@@ -258,6 +277,12 @@ class HubLink:
         if self._halted.is_set():  # an emergency stop during the start may have stopped only the previous program
             self._transport.stop()
             raise _stopped()
+
+    def _start_program(self) -> None:
+        self._run_program()
+        self._clock = HubClock()
+        self._seq = 0
+        self._watchdog_ms, self.statistics.watchdog_s = WATCHDOG_MS, WATCHDOG_MS / 1000
         # The program sends a HELLO at its start; it is requested if that one does not come.
         check_hello(self._receive_hello() or self._request_hello(), self.program.hash)
         watchdog_ms = self._needed_watchdog_ms()
@@ -270,7 +295,7 @@ class HubLink:
         """Hook: set up a program that has just sent its HELLO."""
 
     def _receive_hello(self) -> ControlFrame | None:
-        frame = self._listener.wait_for(is_hello, self._timeout_s / _HELLOS_PER_TIMEOUT)
+        frame = self._listener.wait_for(is_hello, self._start_s / _HELLOS_PER_TIMEOUT)
         return frame if isinstance(frame, ControlFrame) else None
 
     def _request_hello(self) -> ControlFrame:
@@ -280,7 +305,7 @@ class HubLink:
             hello = self._receive_hello()
             if hello is not None:
                 return hello
-        raise self._listener.timeout_error("the program did not say hello", self._timeout_s)
+        raise self._listener.timeout_error("the program did not say hello", self._start_s)
 
     def _read(self) -> Reading:
         self._require_open()

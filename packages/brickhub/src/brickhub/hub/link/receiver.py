@@ -10,18 +10,8 @@ from dataclasses import dataclass
 from brickhub.errors import HubError, HubProgramError, HubProtocolError, HubTimeoutError, SilentHubError
 from brickhub.hub.link.timing import LinkStatistics
 from brickhub.hub.program.run_program import describe_traceback
-from brickhub.hub.protocol import (
-    PROTOCOL_VERSION,
-    UP_PAYLOAD_BYTES,
-    ByeReason,
-    ControlFrame,
-    Frame,
-    FrameDecoder,
-    Up,
-    WireFormat,
-    parse_hello,
-)
-from brickhub.hub.transport import Transport
+from brickhub.hub.protocol import PROTOCOL_VERSION, ByeReason, ControlFrame, Frame, FrameDecoder, Up, parse_hello
+from brickhub.hub.transport import HubProgram, Transport
 
 
 @dataclass(frozen=True)
@@ -75,14 +65,14 @@ _TRACEBACK_PAUSE_S = 0.2
 class Listener:
     """Receiver of frames from a transport, which counts invalid bytes in the statistics."""
 
-    def __init__(self, transport: Transport, wire: WireFormat, statistics: LinkStatistics) -> None:
-        self._transport, self._wire, self._statistics = transport, wire, statistics
-        self.begin("")
+    def __init__(self, transport: Transport, new_decoder: Callable[[], FrameDecoder], statistics: LinkStatistics) -> None:
+        self._transport, self._new_decoder, self._statistics = transport, new_decoder, statistics
+        self.begin(HubProgram("", 0))
 
-    def begin(self, source: str) -> None:
+    def begin(self, program: HubProgram) -> None:
         """Start with a new program: discard all earlier input."""
-        self._source = source
-        self._decoder = FrameDecoder(self._wire.answer_bytes, UP_PAYLOAD_BYTES)
+        self._program = program
+        self._decoder = self._new_decoder()
         self._frames: deque[Frame] = deque()
 
     @property
@@ -118,7 +108,7 @@ class Listener:
                     if not rest:
                         break
                     self._decoder.feed(rest)
-            raise HubProgramError(describe_traceback(self._decoder.text, self._source))
+            raise HubProgramError(describe_traceback(self._decoder.text, self._program.source, self._program.name))
 
     def raise_program_error(self) -> None:
         """After a failure, raise the error of a traceback or a BYE frame, which says more than the transport's."""

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import ast
+import builtins
 import re
 import struct
-from collections.abc import Mapping
+import symtable
+from collections.abc import Iterator, Mapping
 
 from mpy_cross_v6 import mpy_cross_compile
 
-from brickhub.errors import ProgramError
+from brickhub.errors import ProgramError, hint
+from brickhub.hub.program.syntax import parse
 from brickhub.hub.transport import MAIN_FILE, HubProgram
 from brickhub.robot import AnyHub
 
@@ -48,3 +52,48 @@ def program_blob(modules: Mapping[str, bytes], hub: AnyHub) -> bytes:
     if len(blob) > max_bytes:
         raise ProgramError(f"the program has {len(blob)} bytes, the {hub.value} hub takes {max_bytes}; make it shorter")
     return blob
+
+
+_U_PREFIXED = ("sys", "select", "struct", "math", "random", "json", "io", "errno")
+_PYBRICKS = ("hubs", "parameters", "pupdevices", "robotics", "tools", "messaging", "iodevices", "geometry")
+HUB_MODULES = frozenset(
+    (*_U_PREFIXED, *(f"u{name}" for name in _U_PREFIXED), "gc", "micropython", "pybricks", *(f"pybricks.{m}" for m in _PYBRICKS))
+)
+"""Modules of the firmware of a hub with floating-point numbers."""
+
+
+def check_program(program: HubProgram, hub: AnyHub) -> int:
+    """Size in bytes of a program on a hub. Raises ProgramError if the compiler refuses it, it is too large, imports a module that
+    is neither on the hub nor beside it, or reads a name that nothing sets."""
+    size = len(program_blob(compile_program(program), hub))
+    modules = HUB_MODULES | {module.name for module in program.modules}
+    for file, source in ((program.name, program.source), *((module.file, module.source) for module in program.modules)):
+        tree = parse(source, file)
+        for name in imported_modules(tree):
+            if name not in modules:
+                raise ProgramError(f"{file}: the hub has no module '{name}'{hint(name, modules)}; put it beside the program")
+        top = symtable.symtable(ast.unparse(tree), file, "exec")  # as CPython reads it
+        known = {symbol.get_name() for symbol in top.get_symbols() if symbol.is_assigned() or symbol.is_imported()}
+        known |= {name for node in ast.walk(tree) if isinstance(node, ast.Global) for name in node.names} | set(dir(builtins))
+        for name in sorted(set(_global_names(top)) - known):
+            line = next(node.lineno for node in ast.walk(tree) if isinstance(node, ast.Name) and node.id == name)
+            raise ProgramError(f"{file}, line {line}: nothing sets '{name}'; define it, or correct the name")
+    return size
+
+
+def _global_names(table: symtable.SymbolTable) -> Iterator[str]:
+    """Names that a scope, and those within, read from the top level of the program."""
+    yield from (
+        s.get_name() for s in table.get_symbols() if s.is_referenced() and (s.is_global() or table.get_type() == "module")
+    )
+    for scope in table.get_children():
+        yield from _global_names(scope)
+
+
+def imported_modules(tree: ast.AST) -> Iterator[str]:
+    """Names of the modules in all import statements."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module is not None and not node.level:
+            yield node.module

@@ -60,6 +60,7 @@ def validate(robot: Robot, interface: Interface) -> None:
             if not -largest <= low < high <= largest:
                 raise number.error(f" ranges from {low} to {high}; give low < high within +-{largest:g}")
             number.check(robot)
+    _check_encoders(robot, interface)
     movers = dict[str, Command]()
     for command in interface.commands:
         for motor in command.motors(robot):
@@ -72,6 +73,13 @@ def validate(robot: Robot, interface: Interface) -> None:
     time_ms = interface.settle.longest_ms
     if not 0 < time_ms <= _MAX_SETTLE_MS:
         raise DescriptionError(f"the step settles after {time_ms} ms; give 1 to {_MAX_SETTLE_MS} ms")
+
+
+def _check_encoders(robot: Robot, interface: Interface) -> None:
+    for part in (*interface.channels, *(command for command in interface.commands if command.needs_encoder)):
+        for motor in robot.motors:
+            if motor.name in part.devices(robot) and not motor.kind.model.has_encoder:
+                raise part.error(f" needs an encoder, and '{motor.name}' is a {motor.kind.value} motor; use RunDuty")
 
 
 WATCHDOG_MS = 400
@@ -195,7 +203,7 @@ def _header(robot: Robot, interface: Interface, end: str = "") -> str:
 def _robot_imports(robot: Robot, interface: Interface) -> list[str]:
     motors, sensors = _motors(robot, interface), _sensors(robot, interface)
     names = {("pybricks.hubs", robot.hub.model.class_name)}
-    names |= {("pybricks.pupdevices", "Motor") for _ in motors}
+    names |= {("pybricks.pupdevices", motor.kind.model.class_name) for motor in motors}
     names |= {("pybricks.pupdevices", sensor.kind.value) for sensor in sensors}
     names |= {pair for number in (*interface.commands, *interface.channels) for pair in number.imports}
     if motors or sensors:
@@ -238,14 +246,13 @@ def _constants(interface: Interface, pipe: Pipe) -> str:
 
 def _motors(robot: Robot, interface: Interface) -> list[Motor]:
     """Motors that the interface commands or reads, in the robot's order."""
-    names = {name for channel in interface.channels for name in channel.devices(robot)}
-    names |= {name for command in interface.commands for name in command.motors(robot)}
+    names = {name for part in (*interface.channels, *interface.commands) for name in part.devices(robot)}
     return [motor for motor in robot.motors if motor.name in names]
 
 
 def _sensors(robot: Robot, interface: Interface) -> list[Sensor]:
-    """Sensors that the interface reads, without duplicates, in the order of its channels."""
-    names = [name for channel in interface.channels for name in channel.devices(robot)]
+    """Sensors and lights of the interface, without duplicates, in the order of its channels and commands."""
+    names = [name for part in (*interface.channels, *interface.commands) for name in part.devices(robot)]
     sensors = {sensor.name: sensor for sensor in robot.sensors}
     return [sensors[name] for name in dict.fromkeys(names) if name in sensors]
 
@@ -280,9 +287,9 @@ def _motor_lines(motor: Motor, is_joint: bool) -> list[str]:
     arguments = [f"Port.{motor.port}"]
     if motor.direction is Direction.COUNTERCLOCKWISE:
         arguments.append("Direction.COUNTERCLOCKWISE")
-    if motor.gears:
+    if motor.gears and motor.kind.model.has_encoder:
         arguments.append(f"gears={list(motor.gears)}")
-    lines = [f"{variable} = Motor({', '.join(arguments)})"]
+    lines = [f"{variable} = {motor.kind.model.class_name}({', '.join(arguments)})"]
     if motor.zero_deg:
         lines.append(f"{variable}.reset_angle({_from_zero(motor, f'{variable}.angle()')})")
     limits = {"speed": motor.speed_limit_deg_s, "acceleration": motor.acceleration_deg_s2, "torque": motor.torque_limit_mnm}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import contextlib
 import hashlib
 import math
@@ -14,6 +13,7 @@ from pathlib import Path
 from typing import BinaryIO, TextIO
 
 from brickhub.errors import HubBusyError, ProgramError, ProgramStoppedError
+from brickhub.hub.program.compile import imported_modules
 from brickhub.hub.program.syntax import parse
 from brickhub.hub.protocol import WRITE_BYTES
 from brickhub.hub.transport import MAIN_FILE, HubModule, HubProgram, Transport, as_typed
@@ -76,19 +76,13 @@ def imports(program: HubProgram, name: str) -> bool:
 
 def _imported(source: str) -> Iterator[str]:
     """Names of modules in all import statements; empty for invalid source, which the hub's compiler rejects later."""
-    try:
-        tree = parse(source)
-    except (SyntaxError, ValueError):
-        return
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom) and node.module is not None and not node.level:
-            yield node.module
+    with contextlib.suppress(SyntaxError, ValueError):
+        yield from imported_modules(parse(source))
 
 
 _HINTS = {
     "ENODEV": "plug the device into the port that the robot's description names",
+    "ETIMEDOUT": "switch the remote on at the start of the program, its light blinks then",
     "MemoryError": "use fewer commands and channels, or a larger hub",
 }
 

@@ -292,8 +292,9 @@ SENSOR_MODES: Mapping[SensorKind, DeviceModes] = {
         stale_ms=50,
     ),
 }
+_WITH_ENCODER = [kind for kind in MotorKind if kind.model.has_encoder]
 MODES: Mapping[int, DeviceModes] = {
-    **{kind.model.device_id: _ABSOLUTE_MOTOR if kind.model.is_absolute else _RELATIVE_MOTOR for kind in MotorKind},
+    **{kind.model.device_id: _ABSOLUTE_MOTOR if kind.model.is_absolute else _RELATIVE_MOTOR for kind in _WITH_ENCODER},
     **{kind.model.device_id: modes for kind, modes in SENSOR_MODES.items()},
 }
 """Modes by the number of the device."""
@@ -301,4 +302,4 @@ MODES: Mapping[int, DeviceModes] = {
 
 def reports_angle(kind: MotorKind, mode: str | None) -> bool:
     """Whether the firmware gets a motor's angle in its mode; ``None``: the mode after plugging in."""
-    return mode in (None, MODES[kind.model.device_id].first_mode)
+    return kind.model.has_encoder and mode in (None, MODES[kind.model.device_id].first_mode)

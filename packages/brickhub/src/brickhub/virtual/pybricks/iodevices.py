@@ -9,7 +9,6 @@ from types import ModuleType
 from typing import Any
 
 from brickhub.robot import SensorKind
-from brickhub.robot.hardware import DC_MOTOR_ID
 from brickhub.virtual.body import FittingBody
 from brickhub.virtual.machine import Machine
 from brickhub.virtual.micropython.containers import HubDict
@@ -88,8 +87,6 @@ def _device_id(machine: Machine, port: str) -> int | None:
     if described_id is not None or not isinstance(machine.body, FittingBody):
         return described_id
     plugged_in = machine.body.device(port)
-    if plugged_in == "DCMotor":
-        return DC_MOTOR_ID
     if port in machine.body.motors:
         return machine.body.motors[port].model.device_id
     return None if plugged_in is None else SensorKind(plugged_in).model.device_id

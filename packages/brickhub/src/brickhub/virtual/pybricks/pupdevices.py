@@ -211,13 +211,15 @@ class _BaseMotor(Native):
 
 
 class DCMotor(_BaseMotor):
-    """Motor without rotation sensor; only a ``FittingBody`` has some."""
+    """Motor without rotation sensor."""
 
     def __init__(self, port: Any, positive_direction: Any = Direction.CLOCKWISE) -> None:
         super().__init__(port, positive_direction)
-        if not self._machine.plug_in(self._letter, "DCMotor"):
+        is_fitted = self._machine.plug_in(self._letter, "DCMotor")
+        servo = self._machine.servos.get(self._letter)
+        if servo is None or (servo.kind.model.has_encoder and not is_fitted):
             raise os_error(errno.ENODEV)
-        self._servo = self._machine.servos[self._letter]
+        self._servo = servo
         with firmware_errors():
             self._servo.setup_plain(self._direction)
 

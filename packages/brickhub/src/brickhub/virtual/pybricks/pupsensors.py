@@ -67,6 +67,11 @@ class Device(Native):
         self._set_mode(mode)
         return self._finish(measured)
 
+    def _show(self, brightness_pct: int) -> None:
+        """Show the brightness of its light on the panel."""
+        panel = self._machine.panel
+        panel.change(lamps={**panel.lamps, self._letter: max(0, min(100, brightness_pct))})
+
     def _write(self, mode: str) -> Any:
         """Command without a visible effect; waits until it is done."""
         self._set_mode(mode)
@@ -107,7 +112,7 @@ def _reading(mode: str, get: Callable[[Any], Any], *quantities: str) -> Callable
 
 
 class LightArray(Native):
-    """Lights around the eye of a sensor, without effect; values are checked."""
+    """Lights around the eye of a sensor; the panel shows the brightest."""
 
     def __init__(self, device: Device, count: int) -> None:
         self._device, self._machine, self._count = device, device._machine, count
@@ -116,11 +121,11 @@ class LightArray(Native):
         values = brightness if isinstance(brightness, list | tuple) else (brightness,) * self._count
         if len(values) != self._count:
             raise ValueError(f"expected 1 number or tuple of {self._count} values")
-        for value in values:
-            get_int(value)
+        self._device._show(max(map(get_int, values)))
         return self._device._write("LIGHT")
 
     def off(self) -> Any:
+        self._device._show(0)
         return self._device._write("LIGHT")
 
 
@@ -269,15 +274,15 @@ class TiltSensor(Device):
 
 
 class Light(Device):
-    """Lamp, without effect."""
+    """Lamp; the panel shows its brightness."""
 
     _kind = SensorKind.LIGHT
 
     def on(self, brightness: Any = 100) -> None:
-        get_int(brightness)
+        self._show(get_int(brightness))
 
     def off(self) -> None:
-        """Without effect."""
+        self._show(0)
 
 
 class ColorLightMatrix(Device):

@@ -19,7 +19,7 @@ from bricksrl.twin.scene import Scene
 # The robot: its hub, and what is plugged into which port. Motors turn on the bench, without load, when they are virtual.
 ROBOT = Robot(
     "my-robot",
-    HubKind.TECHNIC,  # or PRIME, ESSENTIAL, CITY, MOVE
+    HubKind.TECHNIC,  # or PRIME, ESSENTIAL, CITY
     motors=(Motor("disc", port="A", kind=MotorKind.TECHNIC_L, gears=(12, 36)),),
     sensors=(PoweredUpSensor("light", port="B", kind=SensorKind.COLOR),),
 )

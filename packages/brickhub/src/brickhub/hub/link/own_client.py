@@ -1,0 +1,166 @@
+"""Link to a client program of a user's own: commands and answers are ``struct``s of the user's, without frames.
+
+The program waits for a command, acts, and answers; nothing is numbered, so that nothing can be repeated. It has no watchdog.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import struct
+import sys
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from brickhub.errors import DescriptionError, HubProtocolError
+from brickhub.hub.interface import Interface
+from brickhub.hub.link.lockstep import HubLink
+from brickhub.hub.link.receiver import Reading
+from brickhub.hub.link.states import Cause, after
+from brickhub.hub.program.compile import check_program
+from brickhub.hub.program.run_program import load_program
+from brickhub.hub.protocol import WRITE_BYTES, DataFrame, EncodingError, Frame, FrameDecoder
+from brickhub.hub.transport import HubProgram, Transport
+from brickhub.robot import Robot
+
+_log = logging.getLogger(__name__)
+
+_TRACEBACK = b"Traceback"
+
+
+@dataclass(frozen=True)
+class OwnClient:
+    """A client program and its formats. Raises DescriptionError if there is no such file, or a format is none.
+
+    Attributes:
+        program: path of the program, which becomes absolute; a relative one is found as Python finds modules, beside the file
+            that names it or in the present folder.
+        commands, answer: ``struct`` formats of what it reads at a step, and of what it writes then, such as ``"!ff"``.
+    """
+
+    program: str
+    commands: str
+    answer: str
+
+    def __post_init__(self) -> None:
+        found = next((path for folder in ("", *sys.path) if (path := Path(folder, self.program)).is_file()), None)
+        if found is None:
+            raise DescriptionError(f"there is no client program '{self.program}'; put it beside your task, or give its path")
+        object.__setattr__(self, "program", str(found.resolve()))
+        for form in (self.commands, self.answer):
+            try:
+                zeros = _zeros(form)
+            except (struct.error, TypeError) as error:
+                raise DescriptionError(f"'{form}' is no struct format ({error}); give one such as '!f'") from None
+            if not zeros or any(isinstance(zero, bytes) for zero in zeros):
+                raise DescriptionError(f"the client's format '{form}' has no numbers or a text; give numbers only, such as '!f'")
+
+    def check(self, interface: Interface) -> None:
+        """Raise DescriptionError unless the formats have a number for each command and channel."""
+        for form, numbers in ((self.commands, interface.commands), (self.answer, interface.channels)):
+            if len(_zeros(form)) != len(numbers):
+                expected = ", ".join(number.name for number in numbers)
+                raise DescriptionError(
+                    f"the client's '{form}' is not a format for {len(numbers)} numbers ({expected}); correct it"
+                )
+
+    def load(self) -> HubProgram:
+        """The program. Raises ProgramError if it cannot be read."""
+        return load_program(Path(self.program))
+
+    def encoded(self, values: Iterable[float]) -> bytes:
+        """The bytes of a command; whole numbers are rounded. Raises EncodingError if the format cannot hold the values."""
+        numbers = [float(value) for value in values]
+        try:
+            if any(map(math.isnan, numbers)):
+                raise ValueError("not a number")
+            zeros = zip(numbers, _zeros(self.commands), strict=True)
+            return struct.pack(self.commands, *(round(number) if isinstance(zero, int) else number for number, zero in zeros))
+        except (struct.error, ValueError, OverflowError) as error:
+            raise EncodingError(f"the client's commands '{self.commands}' cannot hold {numbers} ({error}); correct one") from None
+
+
+def _zeros(form: str) -> tuple[Any, ...]:
+    """Zeros in a ``struct`` format."""
+    return struct.unpack(form, bytes(struct.calcsize(form)))
+
+
+class _AnswerDecoder(FrameDecoder):
+    """Cuts a client's output into answers; ``text`` is a traceback in it."""
+
+    def __init__(self, size: int) -> None:
+        super().__init__(size, {})
+        self._size, self.rest = size, b""
+
+    def feed(self, data: bytes) -> list[Frame]:
+        self.rest += data
+        if _TRACEBACK in self.rest:
+            self._text = bytearray(self.rest[self.rest.index(_TRACEBACK) :])
+            return []
+        whole = len(self.rest) // self._size * self._size
+        answers, self.rest = self.rest[:whole], self.rest[whole:]
+        return [DataFrame(1, answers[at : at + self._size]) for at in range(0, whole, self._size)]
+
+
+class ClientLink(HubLink):
+    """A :class:`HubLink` to a client of one's own; further arguments as there. ``read`` sends zeros, or the values nearest to
+    zero, as such a client answers only a command. Raises ProgramError if the program cannot run on this hub, DescriptionError if
+    its formats do not fit the interface."""
+
+    def __init__(self, transport: Transport, robot: Robot, interface: Interface, client: OwnClient, **options: Any) -> None:
+        client.check(interface)
+        self._client, self._is_told = client, False
+        self._at_rest = [min(max(0.0, command.low), command.high) for command in interface.commands]
+        super().__init__(transport, robot, interface, **options)
+
+    def _program_of(self, robot: Robot) -> HubProgram:
+        program = self._client.load()
+        check_program(program, robot.hub)
+        return program
+
+    def _decoder(self) -> _AnswerDecoder:
+        self._answers = _AnswerDecoder(struct.calcsize(self._client.answer))
+        return self._answers
+
+    def rest(self) -> None:
+        """Send zeros; the client has no other way to stop its motors. Raises as `act`."""
+        self.act(self._at_rest)
+
+    def _start_program(self) -> None:
+        if not self._is_told:
+            self._is_told = True
+            _log.warning("%s has no watchdog: if the link breaks, motors may run on; switch the hub off then", self.program.name)
+        self._run_program()
+        self._started_s = self.now_s()
+        self.state = after(self.state, Cause.OPENED)
+
+    def _read(self) -> Reading:
+        return self.act(self._at_rest)
+
+    def _next_frame(self, values: Iterable[float]) -> bytes:
+        frame = self._client.encoded(values)
+        self._require_open()
+        self.state = after(self.state, Cause.ACTED)
+        return frame
+
+    def _send(self, frame: bytes) -> None:
+        if self._listener.has_frames or self._answers.rest:
+            raise HubProtocolError(f"{self.program.name} sent more than an answer '{self._client.answer}'; correct one of them")
+        self._sent_s = self.now_s()
+        for start in range(0, len(frame), WRITE_BYTES):
+            self._transport.write(frame[start : start + WRITE_BYTES])
+
+    def _receive(self, frame: bytes, longest_move_s: float, known_move_s: float | None) -> Reading:
+        """The answer to a command, which is sent once only. Raises HubTimeoutError if none comes."""
+        limit_s = longest_move_s + self._timeout_s
+        answer = self._listener.wait_for(lambda _: True, self._sent_s + limit_s - self.now_s())
+        if not isinstance(answer, DataFrame):
+            problem = f"{self.program.name} sent {len(self._answers.rest)} bytes and no answer '{self._client.answer}'"
+            raise self._listener.timeout_error(problem, limit_s)
+        round_trip_s, running_s = self.now_s() - self._sent_s, self.now_s() - self._started_s
+        self.statistics.record(round_trip_s, 0.0)
+        return Reading(
+            tuple(map(float, struct.unpack(self._client.answer, answer.payload))), round(1000 * running_s), round_trip_s
+        )

@@ -1,0 +1,1 @@
+"""Environments with resets, steps and a client program of a user's own."""

@@ -1,0 +1,302 @@
+"""Sensors on the computer: a serial port (a pseudo-terminal), failures, ages, cameras, and all who know them."""
+
+from __future__ import annotations
+
+import os
+import statistics
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+import bricksrl
+from brickhub.entry import Entry
+from bricksrl.cli import main
+from bricksrl.data import load
+from bricksrl.envs.env import HubEnv
+from bricksrl.envs.env_checker import check_env
+from bricksrl.envs.gymnasium import GymnasiumEnv
+from bricksrl.envs.host_sensors.devices import second_camera, serial_numbers
+from bricksrl.envs.host_sensors.host_sensor import HostSensor, ThreadReader, World
+from bricksrl.envs.registry import get_task, register
+from bricksrl.envs.tasks.spinning import SPINNING
+from bricksrl.envs.vision.camera import CameraView
+from bricksrl.errors import DescriptionError, SensorError
+from bricksrl.page.live import LivePage
+from bricksrl.policies import load_policy
+from bricksrl.training import RunFolder, TrainConfig, train
+
+TASK = '''
+"""The scout looks for the warm end of the room: a thermometer on a serial port."""
+import os
+from torch import Tensor
+from brickhub.entry import Entry
+from bricksrl.envs import Task
+from bricksrl.envs.host_sensors.devices import serial_numbers
+from bricksrl.envs.host_sensors.host_sensor import HostSensor, World
+from bricksrl.hub.interface import DriveStraight, Heading, Interface, UntilDone
+from bricksrl.robots import TWO_WHEELER
+
+def in_twin(world: World) -> tuple[float, float]:
+    pose = world.pose()
+    return 20 + 10 * pose.x_m + world.rng.normal(0, 0.05), 48.0
+
+def reward(previous: Tensor, action: Tensor, observation: Tensor) -> Tensor:
+    return observation[..., 1:2] - previous[..., 1:2]
+
+THERMOMETER = HostSensor(
+    "thermometer",
+    entries=(Entry("temperature", 0, 50, "C"), Entry("humidity", 0, 100, "%")),
+    open=serial_numbers(os.environ.get("THERMOMETER", "/dev/ttyACM0")),
+    twin=None if "THERMOMETER" in os.environ else in_twin,
+    observes_age=True,
+)
+TASK = Task(
+    id="Warm-v0",
+    doc=__doc__,
+    robot=TWO_WHEELER,
+    interface=Interface((DriveStraight(-100, 100),), (Heading(),), UntilDone()),
+    sensors=(THERMOMETER,),
+    max_steps=10,
+    reward=reward,
+    success=lambda observations: observations[..., -1, 1] > 25,
+    metrics=lambda observations: {"final_temperature_c": observations[..., -1, 1]},
+)
+'''
+
+
+class Board:
+    """A microcontroller at the other end of a pseudo-terminal, which writes a line every 20 ms."""
+
+    def __init__(self) -> None:
+        self.hand, self.port = os.openpty()
+        self.address = os.ttyname(self.port)
+        self.line = "21.5, 48"
+        self._is_over = threading.Event()
+        threading.Thread(target=self._write, daemon=True).start()
+
+    def _write(self) -> None:
+        while not self._is_over.wait(0.02):
+            if self.line:
+                os.write(self.hand, f"{self.line}\r\n".encode())
+
+    def close(self) -> None:
+        self._is_over.set()
+        time.sleep(0.05)
+        os.close(self.hand)
+        os.close(self.port)
+
+
+@pytest.fixture
+def board() -> Iterator[Board]:
+    made = Board()
+    yield made
+    made.close()
+
+
+class Clock:
+    """A device that takes a time for each reading."""
+
+    def __init__(self, reading_s: float = 0.0) -> None:
+        self.reading_s, self.is_broken, self.opened, self.closed = reading_s, False, 0, 0
+
+    def __call__(self) -> Clock:
+        if self.is_broken:
+            raise OSError("no such device")
+        self.opened += 1
+        return self
+
+    def read(self) -> tuple[float, ...]:
+        time.sleep(self.reading_s)
+        if self.is_broken:
+            raise OSError("it was unplugged")
+        return (42.0,)
+
+    def close(self) -> None:
+        self.closed += 1
+
+
+CLOCK = len(SPINNING.interface.channels)
+"""Its place in the observation."""
+
+
+def with_sensor(device: Any, name: str = "Clock-v0", **fields: Any) -> HubEnv:
+    sensor = HostSensor("clock", (Entry("tick", 0, 100),), device, **fields)
+    register(replace(SPINNING, id=name, max_steps=6, sensors=(sensor,)))
+    env = bricksrl.make(name, seed=0)
+    assert isinstance(env, HubEnv)
+    return env
+
+
+def action(env: HubEnv) -> torch.Tensor:
+    return torch.zeros(env.action_spec.shape)
+
+
+def test_lines_of_numbers_from_a_serial_port(board: Board) -> None:
+    sensor = HostSensor("board", (Entry("a", 0, 50), Entry("b", 0, 100)), serial_numbers(board.address), patience_s=2.0)
+    reader = ThreadReader(sensor)
+    reader.open()
+    assert reader.latest()[0] == (21.5, 48.0) and reader.latest()[1] < 0.5
+    board.line = "22;49"
+    time.sleep(0.3)
+    assert reader.latest()[0] == (22.0, 49.0)
+    board.line = "hello"
+    time.sleep(0.2)
+    board.line = "23 50"
+    time.sleep(0.3)
+    assert reader.latest()[0] == (23.0, 50.0), "lines without numbers are skipped"
+    board.line = "1, 2, 3"
+    time.sleep(0.3)
+    with pytest.raises(SensorError, match=r"gives \[1.0, 2.0, 3.0\]; let it give a number each for a, b"):
+        reader.latest()
+    board.line = ""
+    with pytest.raises(SensorError, match="says nothing for 1.5 s|gave no reading"):
+        reader.open()
+    reader.close()
+
+
+def test_slow_sensor_makes_no_step_longer() -> None:
+    medians: dict[float, list[float]] = {0.0: [], 1.0: []}
+    for reading_s in (0.0, 1.0) * 3:
+        with closing(with_sensor(Clock(reading_s), observes_age=True)) as env:
+            seconds = []
+            for _ in range(5):
+                state = env.reset()
+                for _ in range(6):
+                    started_s = time.perf_counter()
+                    state = env.step(state.set("action", action(env)))["next"]
+                    seconds.append(time.perf_counter() - started_s)
+            medians[reading_s].append(statistics.median(seconds))
+            assert state["observation"][CLOCK + 1] < 2.0, "the age"
+    assert min(medians[1.0]) - min(medians[0.0]) < 1e-3
+
+
+def test_sensor_that_dies_ends_the_step_as_lost_and_may_come_back() -> None:
+    device = Clock()
+    with closing(with_sensor(device)) as env:
+        state = env.reset()
+        assert state["observation"][CLOCK] == 42.0
+        device.is_broken = True
+        time.sleep(0.1)
+        lost = env.step(state.set("action", action(env)))["next"]
+        assert bool(lost["link_lost"]) and lost["observation"].equal(state["observation"])
+        assert str(env.link_error) == "sensor 'clock' failed (OSError: it was unplugged); plug it in"
+        with pytest.raises(SensorError, match="OSError: no such device"):
+            env.reset()
+        device.is_broken = False
+        assert not bool(env.step(env.reset().set("action", action(env)))["next", "link_lost"])
+    time.sleep(0.1)
+    assert device.opened == device.closed == 2
+
+
+def test_silent_sensor_is_lost_after_its_patience() -> None:
+    device = Clock()
+    with closing(with_sensor(device, patience_s=0.3)) as env:
+        state = env.reset()
+        device.reading_s = 2.0
+        time.sleep(0.5)
+        lost = env.step(state.set("action", action(env)))["next"]
+        assert bool(lost["link_lost"]) and "gave no reading for 0.3 s; look at its cable" in str(env.link_error)
+
+
+def test_run_goes_on_when_the_sensor_is_back(tmp_path: Path) -> None:
+    device = Clock()
+    env = with_sensor(device)
+
+    class Unplug(bricksrl.training.Callback):
+        lost = 0
+
+        def on_step(self, episode: int, step: int, phase: Any) -> None:
+            if (episode, step) == (2, 3) and not self.lost:
+                device.is_broken = True
+                time.sleep(0.1)
+
+        def on_link_lost(self, episode: int, length: int, error: Any) -> None:
+            self.lost += 1
+            device.is_broken = self.lost < 3
+
+    callback, run = Unplug(), tmp_path / "run"
+    train(TrainConfig("Clock-v0", "random", episodes=4, run_dir=run, patience_s=60), callback, env=env)
+    env.close()
+    episodes = RunFolder(run).read_episodes()
+    assert callback.lost == 3 and [(e.length, e.link_lost) for e in episodes] == [(6, False), (3, True), (6, False), (6, False)]
+    assert len(load(run)) == 21, "the steps before the loss are in the data"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("is_real", [False, True])
+def test_task_with_a_serial_sensor_is_trained(
+    is_real: bool, board: Board, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert len(TASK.strip().splitlines()) <= 40
+    file, run = tmp_path / "warm.py", tmp_path / "run"
+    file.write_text(TASK)
+    if is_real:
+        monkeypatch.setenv("THERMOMETER", board.address)
+    assert main(["check", str(file)]) == 0
+    assert "sensors" in (text := capsys.readouterr().out) and f"temperature {'21.5' if is_real else '2'}" in text
+    assert main(["train", str(file), "--episodes", "3" if is_real else "12", "--run", str(run)]) == 0
+    data = load(run)
+    names = [entry.name for entry in data.description.observation]
+    assert names == ["heading", "temperature", "humidity", "thermometer_age"]
+    readings = data.observation.numpy()
+    assert readings[:, 3].max() < 1.0 and (len(np.unique(readings[:, 1])) == 1) is is_real
+    policy = load_policy(run)
+    cold, warm = (policy.act(np.array([0.0, celsius, 48.0, 0.0], np.float32)) for celsius in (20.0, 25.0))
+    assert policy.shapes == {"observation": (4,)} and np.array_equal(cold, warm) is is_real, "it reads what varied"
+    with LivePage("warm", task=get_task(str(file))) as page:
+        assert page.board.series["channels"].names[1] == "temperature (C)"
+    if not is_real:
+        last = RunFolder(run).read_episodes()[-3:]
+        assert sum(episode.return_ for episode in last) / 3 > 3, "it drives to where it is warm"
+
+
+def test_reading_of_a_twin_is_repeatable_and_has_its_rate() -> None:
+    def noise(world: World) -> tuple[float]:
+        return (world.rng.normal(),)
+
+    episodes = []
+    for rate_hz in (50.0, 50.0, 2.0):
+        with closing(with_sensor(Clock(), twin=noise, rate_hz=rate_hz)) as env:
+            episodes.append(env.rollout(6)["next", "observation"][:, CLOCK].tolist())
+    assert episodes[0] == episodes[1] and len(set(episodes[0])) == 6
+    assert len(set(episodes[2])) < 5, "a reading stays until the next one is due"
+
+
+def test_second_camera_is_an_image_of_its_own() -> None:
+    view = CameraView("chase", width_px=160, height_px=120, image_px=32)
+    register(replace(SPINNING, id="Filmed-v0", max_steps=2, sensors=(second_camera(view),)))
+    with closing(bricksrl.make("Filmed-v0", seed=0)) as env:
+        episode = env.rollout(2)
+        assert episode["chase"].shape == (2, 32, 32, 3) and episode["chase"].dtype == torch.uint8
+        assert episode["chase"].float().std() > 5, "it shows something"
+    gym = GymnasiumEnv("Filmed-v0")
+    assert set(gym.observation_space.spaces) == {"observation", "chase"}
+    gym.close()
+
+
+def test_check_reads_the_sensors() -> None:
+    with_sensor(Clock()).close()
+    found = {finding.name: finding.detail for finding in check_env("Clock-v0")}
+    assert found["sensors"] == "tick 42" and found["determinism"] == "clock is a real sensor beside the virtual robot"
+
+
+@pytest.mark.parametrize(
+    ("fields", "problem"),
+    [
+        ({"entries": ()}, "give a name of letters and digits, and either entries or image_px"),
+        ({"name": "my sensor"}, "give a name of letters"),
+        ({"rate_hz": 0.0}, "give a rate and a patience above 0"),
+        ({"image_px": 8}, "either entries or image_px"),
+    ],
+)
+def test_inconsistent_description_is_refused(fields: dict[str, Any], problem: str) -> None:
+    with pytest.raises(DescriptionError, match=problem):
+        HostSensor(**{"name": "clock", "entries": (Entry("tick", 0, 1),), "open": Clock(), **fields})
