@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from tensordict import TensorDictBase
     from torch import Tensor
 
-    from brickhub.hub.link.robot_link import RobotLink
+    from brickhub.hub.link.own_client import ClientLink
 
 
 class BaseEnv:
@@ -36,7 +36,7 @@ class BaseEnv:
     observation_key: str = "vec_observation"
     action_spec: Any
     observation_spec: Any
-    link: Callable[[], RobotLink]
+    link: Callable[[], ClientLink]
     state: Sequence[float] = ()
 
     def __init__(self, action_dim: int, state_dim: int) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import torch
 from tensordict import TensorDict, TensorDictBase
@@ -12,6 +12,7 @@ from bricksrl.envs.robot_env import EpisodeState, Floats
 from bricksrl.errors import DescriptionError
 
 if TYPE_CHECKING:
+    from brickhub.hub.link.own_client import ClientLink
     from brickhub.hub.link.receiver import Reading
     from bricksrl.envs.own.base_env import BaseEnv
 
@@ -25,7 +26,7 @@ class OwnEnv(HubEnv):
         return self.task.base_env
 
     def _observation_at_start(self, episode: EpisodeState, reading: Reading) -> Floats:
-        self._own.link, self._own.state = lambda: self._connected().link, reading.values
+        self._own.link, self._own.state = lambda: cast("ClientLink", self._connected().link), reading.values
         first: Floats = self._observation_in(self._guarded(lambda: self._own._reset(None))).numpy()
         return first
 
