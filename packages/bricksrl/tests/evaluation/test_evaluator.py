@@ -47,6 +47,7 @@ class Task:
     id: str = "Judged-v0"
     entries: tuple[Entry, ...] = (Entry("x", 0.0, 1000.0, "mm", (0.0, 1000.0)), Entry("noise", -1.0, 1.0, "", (-1.0, 1.0)))
     interface: Interface = NOTHING
+    symmetric: bool = False
 
     def success(self, observations: torch.Tensor) -> torch.Tensor:
         return observations[-1, 0] > 600.0

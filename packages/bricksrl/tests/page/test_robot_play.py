@@ -65,7 +65,7 @@ def test_whole_episode_has_its_return():
     with closing(env):
         (total,) = play_robot(env, page, {"scripted": lambda: CONTROLLERS["RunAway-v0"]}, episodes=1)
     assert total > 15.0
-    assert page.board.status[1]["facts"]["return"] == pytest.approx(total, abs=3.0)
+    assert page.board.status[1]["facts"]["return"] == pytest.approx(total)
 
 
 def test_nothing_resets_while_one_drives():
