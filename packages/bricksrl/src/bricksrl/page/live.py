@@ -313,7 +313,7 @@ class LivePage(PageServer):
     def end(self, return_: float, episode: str) -> None:
         """End an episode; ``episode`` is the text shown as its number, or the next one's."""
         self._returns.add((return_,))
-        self._facts["episode"] = episode
+        self._facts |= {"episode": episode, "return": return_}
         self._publish()
 
     def hold(self, is_over: Callable[[], bool] = lambda: False) -> None:

@@ -101,9 +101,7 @@ def play_robot(
                 return None
             is_driven = page.driver is not None and page.driver.in_charge
             if not is_driven and (judge.is_over or steps >= env.task.max_steps):
-                return_ = judge.end()
-                page.show_outcome(observation.tolist(), judge.rewards[-1], return_, **env.image())
-                return return_
+                return judge.end()
         raise StoppedError("the robot was stopped by hand")
 
     try:
