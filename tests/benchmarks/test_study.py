@@ -69,7 +69,7 @@ def test_study_writes_tables_and_reuses_runs(tmp_path: Path) -> None:
 def test_seed_with_a_damaged_outcome_is_evaluated_again(tmp_path: Path, damaged: str) -> None:
     for _ in range(2):
         text = run_study(TOY, tmp_path, quick=True, seeds=1, jobs=1, only=("random-*",)).read_text()
-        assert "Command: `bricksrl study toy --quick`." in text and "| random | WalkerSim-v0 | 1 | -" in text
+        assert "Command: `bricksrl study toy --quick`." in text and "| random | WalkerSim-v0 | default | 1 | -" in text
         (tmp_path / "random-WalkerSim-v0" / "seed-0" / "outcome.json").write_text(damaged)
 
 

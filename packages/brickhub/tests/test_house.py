@@ -36,7 +36,7 @@ def test_every_module_is_imported_without_other_houses() -> None:
 
 def test_files_that_run_on_a_hub_are_there() -> None:
     names = {module.name for module in pkgutil.iter_modules(importlib.import_module(ONBOARD).__path__)}
-    assert names == {"app_data", "find_stops", "inventory", "joint", "loop", "stdio"}
+    assert names == {"alone", "app_data", "find_stops", "inventory", "joint", "loop", "moves", "stdio"}
 
 
 def test_declared_requirements_are_light() -> None:

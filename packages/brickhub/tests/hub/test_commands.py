@@ -48,12 +48,12 @@ TECHNIC = replace(TWO_WHEELER, name="technic", hub=HubKind.TECHNIC, motors=tuple
 ))  # fmt: skip
 ANGLES = (MotorAngle("left", -3000, 3000), MotorAngle("right", -3000, 3000))
 HASHES = {
-    "RoboArm-v0": "7c6c912e 8589c8e8",
-    "RoboArm_mixed-v0": "bc4646b1 cdf4e55a",
-    "RunAway-v0": "61ceb58e a5d10101",
-    "Spinning-v0": "2610b962 8735c7f1",
-    "Walker-v0": "0697608c 0b84c165",
-    "Walker-v1": "0697608c 0b84c165",
+    "RoboArm-v0": "517be417 eaddccb4",
+    "RoboArm_mixed-v0": "c5e8eff8 832465cc",
+    "RunAway-v0": "24c9877c f35202b1",
+    "Spinning-v0": "ae38427b 0d840120",
+    "Walker-v0": "92fd116f fa5cf946",
+    "Walker-v1": "92fd116f fa5cf946",
 }
 
 

@@ -310,7 +310,11 @@ for speed in (200, -200, 200):
 car = Car(Motor(Port.C), Motor(Port.D))
 car.steer(100)
 """
-    assert fitted(tmp_path, source) == (0, "9\n0\n9\n", "")
+    code, printed, told = fitted(tmp_path, source)
+    assert (code, printed) == (0, "9\n0\n9\n")
+    assert [line.partition(" after")[0] for line in told.splitlines()] == [
+        f"The bench blocks the motor on port {port}" for port in "AC"
+    ]
 
 
 def test_xbox_controller_is_near(tmp_path: Path) -> None:

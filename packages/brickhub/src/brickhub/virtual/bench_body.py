@@ -260,7 +260,7 @@ class FittedBench(BenchBody):
     def block(self, port: str, direction: int) -> None:
         motor = self._motors[port]
         low, high = motor.stops or (-math.inf, math.inf)
-        if math.inf == (high if direction > 0 else -low):
+        if motor.stops is None:  # said once
             self._tell(
                 f"The bench blocks the motor on port {port} after 90 degrees, as the program runs it until it stalls; "
                 f"--end-stop {port}=-90..120 gives it other ends."
