@@ -242,7 +242,7 @@ def test_next_episode_starts_before_saving_last(tmp_path: Path) -> None:
     fleet._handle((stub.members[0], "ready", None))
     fleet.playing[0].length = 1
     stub.log.clear()
-    ended = fleet._handle((stub.members[0], "ended", (True, False, False)))
+    ended = fleet._handle((stub.members[0], "ended", (True, {}, False, False)))
     assert isinstance(ended, Ended) and ended.episode is not None and ended.episode.length == 1
     assert stub.log == [("order", 0)]
 
@@ -343,7 +343,7 @@ def test_deaths_count_from_the_last_complete_episode(tmp_path: Path) -> None:
     member.process = process
     fleet._handle((member, "ready", None))
     fleet.playing[0].length = 1
-    fleet._handle((member, "ended", (True, False, False)))
+    fleet._handle((member, "ended", (True, {}, False, False)))
     assert member.deaths == 0
 
 
