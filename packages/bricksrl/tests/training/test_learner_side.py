@@ -146,7 +146,7 @@ def test_slow_on_policy_learner_uses_each_batch() -> None:
 
     state = {"agent": acting.state_dict(), "pace": {"asked": 0, "done": 0}, "collected": []}
     specs = {name: getattr(env, name).clone() for name in ("observation_spec", "action_spec", "reward_spec", "done_spec")}
-    serve({"config": config.to_dict(), "specs": specs, "has_task": False, "state": state}, inbox, send)
+    serve({"config": config.to_dict(), "specs": specs, "layout": None, "has_task": False, "state": state}, inbox, send)
     assert [bool(metrics) for _, metrics, _ in learned] == [False, False, False, True] * 2
 
 
