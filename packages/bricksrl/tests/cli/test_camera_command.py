@@ -13,12 +13,12 @@ import torch
 
 from bricksrl import training
 from bricksrl.cli import main
+from bricksrl.envs.registry import make_env
 from bricksrl.envs.vision.camera import VideoCamera
 from bricksrl.envs.vision.color_calibration import read_red
 from bricksrl.envs.vision.frames import Frame, RedWindow
 from bricksrl.errors import CameraError, RunError
 from bricksrl.training import TrainConfig
-from bricksrl.training.sources import make_env
 
 ID = "RoboArm_mixed-v0"
 

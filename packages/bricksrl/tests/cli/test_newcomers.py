@@ -15,8 +15,8 @@ from bricksrl.cli import main
 from bricksrl.cli.app import parse
 from bricksrl.cli.terminal import telling
 from bricksrl.data.edit import salvage
+from bricksrl.envs.registry import COPIES_PER_CORE
 from bricksrl.errors import RunError
-from bricksrl.training.sources import COPIES_PER_CORE
 
 RECORD = ("record", "RunAway-v0", "--episodes", "3", "--out")
 

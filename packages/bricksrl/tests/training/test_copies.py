@@ -19,12 +19,12 @@ from test_training_loop import Recorder, assert_same_run, ctrl_c, rows
 import bricksrl
 from bricksrl.agents import preset
 from bricksrl.agents.networks import Dropout
+from bricksrl.envs.registry import make_env
 from bricksrl.envs.rollout import play_episodes
 from bricksrl.errors import RunError
 from bricksrl.evaluation import evaluate
 from bricksrl.training import Phase, TrainConfig, resume, train
 from bricksrl.training.checkpoint import load_checkpoint
-from bricksrl.training.sources import make_env
 
 ENV, COPIES, ROUND = "RoboArmSim-v0", 4, 100
 SMALL: dict[str, Any] = {"hidden": (16,), "batch_size": 32, "updates_per_step": 0.125}

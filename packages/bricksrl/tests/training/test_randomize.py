@@ -12,11 +12,11 @@ from brickhub.seed import derive_seed
 from bricksrl.agents.sac import SACSettings
 from bricksrl.envs.env import HubEnv
 from bricksrl.envs.options import EnvOptions
+from bricksrl.envs.registry import make_env
 from bricksrl.envs.rollout import seed_episode
 from bricksrl.errors import DescriptionError, RunError, TwinError
 from bricksrl.evaluation import evaluate, evaluator
 from bricksrl.training import RunFolder, TrainConfig, train
-from bricksrl.training.sources import make_env
 from bricktwin.twin.physics import PARAMETERS, Physics, write_physics
 
 WEAK = Physics(battery_v=7.2, friction_scale=0.8)

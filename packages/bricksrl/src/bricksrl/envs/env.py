@@ -10,9 +10,10 @@ from typing import Any
 import torch
 from tensordict import TensorDict, TensorDictBase
 from torchrl.data import Binary, Bounded
-from torchrl.envs import EnvBase
+from torchrl.envs import EnvBase, ParallelEnv
 
 from bricksrl.envs.connection import Connection
+from bricksrl.envs.env_interface import BricksEnv
 from bricksrl.envs.robot_env import EpisodeState, RobotEnv
 from bricksrl.envs.specs import set_vector_specs
 from bricksrl.envs.task import Task, never
@@ -187,3 +188,7 @@ def _single(task: Task, name: str, value: Any) -> torch.Tensor:
         given = f"of shape {list(value.shape)}" if isinstance(value, torch.Tensor) else repr(value)
         raise DescriptionError(f"{name} of {task.id} is {given}; compute a tensor of shape [1] from the observation")
     return value
+
+
+class Processes(BricksEnv, ParallelEnv):  # type: ignore[misc]
+    """Virtual robots, each in a process; nothing of a single one is reached from here."""

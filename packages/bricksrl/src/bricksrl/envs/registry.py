@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import inspect
 import logging
+import os
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
@@ -31,7 +32,7 @@ from bricksrl.envs.tasks.spinning import SPINNING
 from bricksrl.envs.tasks.walker import walker
 from bricksrl.envs.tasks.walker_forward import walker_forward
 from bricksrl.envs.vision.camera import TwinCamera, VideoCamera
-from bricksrl.errors import DescriptionError, UnknownNameError, UnknownOptionError, hint
+from bricksrl.errors import DescriptionError, RunError, UnknownNameError, UnknownOptionError, counted, hint
 from bricktwin.robots import CART
 from bricktwin.twin.make_body import check_mujoco, make_body
 
@@ -261,6 +262,46 @@ def _link(task: Task, options: EnvOptions, transport: Any, calibrate: Calibratio
         return ClientLink(transport, task.robot, task.interface, task.client)
     link_type = StreamingLink if options.streaming or task.streams else HubLink
     return link_type(transport, task.robot, task.interface, pipe=options.pipe, calibrate=calibrate)
+
+
+COPIES_PER_CORE = 8
+"""Most processes of virtual robots; more than one a core only share it."""
+
+
+def make_env(
+    env_id: str,
+    options: EnvOptions,
+    copies: int = 1,
+    *,
+    seed: int | None,
+    device: str = "cpu",
+    place: Placement | None = None,
+) -> EnvBase:
+    """Environment of one robot, or with batch ``[copies]``: a batched simulation, or one process per virtual robot, which tracks
+    return and length of episodes. ``place`` places a real robot at the start position. Raises UnknownNameError if there is no
+    such environment or hub, RunError if it does not support copies, or their processes cannot be started."""
+    options, plain = options.env_options, options.env_options.as_it_is()
+    if copies == 1:
+        return make(env_id, options, seed=seed, place=place)
+    from torchrl.envs import Compose, RewardSum, StepCounter, TransformedEnv
+
+    from bricksrl.envs.env import Processes
+
+    try:
+        if is_simulation(env_id):
+            env = make(env_id, plain, batch_size=copies, seed=seed, device=device)
+        else:
+            if copies > (most := COPIES_PER_CORE * (os.cpu_count() or 1)):
+                reason = f"each is a process, and this computer has {counted(os.cpu_count() or 1, 'core')}"
+                raise RunError(f"{copies} copies of {env_id} are too many: {reason}; give num_envs {most} or fewer")
+            env = Processes(copies, functools.partial(make, env_id, plain, seed=seed), mp_start_method="spawn")
+            env.start()
+            env.task = get_task(env_id, **options.options)  # attributes do not cross process boundaries
+    except DescriptionError as error:
+        raise RunError(f"cannot make {copies} copies of {env_id}: {error}") from None
+    except EOFError:  # a process ended at once, as it imports the script that starts it
+        raise RunError(f"the {copies} processes cannot start; put your script under `if __name__ == '__main__':`") from None
+    return _transformed(TransformedEnv(env, Compose(RewardSum(), StepCounter())), options)
 
 
 def is_simulation(env_id: str) -> bool:

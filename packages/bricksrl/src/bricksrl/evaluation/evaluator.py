@@ -17,12 +17,11 @@ from brickhub.seed import check_seed
 from brickhub.user_files import is_reference, with_absolute_file
 from bricksrl.agents import algorithm
 from bricksrl.envs.env_interface import interface_of
-from bricksrl.envs.registry import is_simulation, options_of
+from bricksrl.envs.registry import is_simulation, make_env, options_of
 from bricksrl.errors import RunError
 from bricksrl.evaluation.statistics import Interval, interquartile_mean, mean, seeds_interval, wilson_interval
 from bricksrl.training.restore import Which, load_learner
 from bricksrl.training.run_folder import Origin, RunFolder
-from bricksrl.training.sources import make_env
 
 if TYPE_CHECKING:
     from torchrl.envs import EnvBase

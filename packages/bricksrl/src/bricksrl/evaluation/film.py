@@ -260,10 +260,10 @@ def film_run(run_dir: Path, which: str, path: Path, options: FilmOptions, **chan
     """Film the policy of a run: ``first`` (untrained), ``best``, ``last``, or ``random`` actions. ``changes``: fields of
     `EnvOptions` that differ from the training. Raises RunError or CheckpointError if there is no such run or policy,
     RenderingUnavailableError or TwinError as :func:`film`."""
+    from bricksrl.envs.registry import make_env
     from bricksrl.evaluation.evaluator import evaluation_options
     from bricksrl.policies.policy import named_policies
     from bricksrl.training.run_folder import RunFolder
-    from bricksrl.training.sources import make_env
 
     origin = RunFolder(run_dir).origin()
     filmed = evaluation_options(origin, origin.env, hub="virtual", **changes)

@@ -58,7 +58,7 @@ def config_of(path: Path) -> TrainConfig:
 
 def make_env_of(path: Path) -> EnvBase:
     """The environment that a run or a shared policy was trained in, of a single robot. Raises the errors of `config_of`."""
-    from bricksrl.training.sources import make_env
+    from bricksrl.envs.registry import make_env
 
     config = config_of(path)
     return make_env(config.env, config.robot, seed=config.seed)

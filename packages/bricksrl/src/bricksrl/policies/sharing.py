@@ -35,9 +35,9 @@ def export_policy(run_dir: Path, out: Path, *, licence: str = "mit") -> Path:
     exists or cannot be written, or there is no run, CheckpointError if the run's checkpoint is damaged."""
     from safetensors.torch import save
 
+    from bricksrl.envs.registry import make_env
     from bricksrl.envs.transforms import has_running_statistics, prepare
     from bricksrl.training.restore import load_learner, one_robot
-    from bricksrl.training.sources import make_env
 
     refuse_existing(out, RunError)
     folder = RunFolder(run_dir)

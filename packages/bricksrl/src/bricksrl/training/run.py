@@ -175,8 +175,8 @@ def _learning(
 
 
 def _make_env(config: TrainConfig, place: Placement | None) -> EnvBase:
+    from bricksrl.envs.registry import make_env
     from bricksrl.training.fleet.fleet_robots import Fleet
-    from bricksrl.training.sources import make_env
 
     if len(config.hubs) > 1:
         return Fleet(config, place if config.hub != "virtual" else None)

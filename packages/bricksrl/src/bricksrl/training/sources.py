@@ -5,9 +5,7 @@ A source yields each step that was made, and each episode that has ended; while 
 
 from __future__ import annotations
 
-import functools
 import math
-import os
 import time
 import warnings
 from abc import ABC, abstractmethod
@@ -17,17 +15,14 @@ from typing import TYPE_CHECKING, Any
 
 import torch
 from tensordict import TensorDictBase
-from torchrl.envs import Compose, EnvBase, ParallelEnv, RewardSum, StepCounter, TransformedEnv
+from torchrl.envs import EnvBase
 from torchrl.envs.utils import ExplorationType
 from torchrl.modules import RandomPolicy
 
 from bricksrl.data.collect import about, step_of
-from bricksrl.envs.env_interface import BricksEnv, interface_of
-from bricksrl.envs.options import EnvOptions
-from bricksrl.envs.registry import get_task, is_simulation, make
+from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.rollout import Driver, Rollout, play, seed_episode
-from bricksrl.envs.transforms import transformed
-from bricksrl.errors import DescriptionError, RunError, counted
+from bricksrl.errors import RunError
 from bricksrl.training.callbacks import Callback, Episode, Phase
 
 if TYPE_CHECKING:
@@ -35,7 +30,7 @@ if TYPE_CHECKING:
 
     from bricksrl.agents.learner import Learner
     from bricksrl.data import About, Step
-    from bricksrl.envs.connection import Placement, Reconnect
+    from bricksrl.envs.connection import Reconnect
     from bricksrl.training.learner_side import LearnerSide
     from bricksrl.training.signals import StopSignals
 
@@ -207,47 +202,6 @@ class Copies(Source):
         yield Ended(
             playing, Episode(playing.number, playing.phase, playing.length * self.env.batch_size.numel(), length, return_, None)
         )
-
-
-COPIES_PER_CORE = 8
-"""Most processes of virtual robots; more than one a core only share it."""
-
-
-class _Processes(BricksEnv, ParallelEnv):  # type: ignore[misc]
-    """Virtual robots, each in a process; nothing of a single one is reached from here."""
-
-
-def make_env(
-    env_id: str,
-    options: EnvOptions,
-    copies: int = 1,
-    *,
-    seed: int | None,
-    device: str = "cpu",
-    place: Placement | None = None,
-) -> EnvBase:
-    """Environment of one robot, or with batch ``[copies]``: a batched simulation, or one process per virtual robot, which tracks
-    return and length of episodes. ``place`` places a real robot at the start position. Raises UnknownNameError if there is no
-    such environment or hub, RunError if it does not support copies, or their processes cannot be started."""
-    options, plain = options.env_options, options.env_options.as_it_is()
-    if copies == 1:
-        return make(env_id, options, seed=seed, place=place)
-    try:
-        if is_simulation(env_id):
-            env = make(env_id, plain, batch_size=copies, seed=seed, device=device)
-        else:
-            if copies > (most := COPIES_PER_CORE * (os.cpu_count() or 1)):
-                reason = f"each is a process, and this computer has {counted(os.cpu_count() or 1, 'core')}"
-                raise RunError(f"{copies} copies of {env_id} are too many: {reason}; give num_envs {most} or fewer")
-            env = _Processes(copies, functools.partial(make, env_id, plain, seed=seed), mp_start_method="spawn")
-            env.start()
-            env.task = get_task(env_id, **options.options)  # attributes do not cross process boundaries
-    except DescriptionError as error:
-        raise RunError(f"cannot make {copies} copies of {env_id}: {error}") from None
-    except EOFError:  # a process ended at once, as it imports the script that starts it
-        raise RunError(f"the {copies} processes cannot start; put your script under `if __name__ == '__main__':`") from None
-    env = TransformedEnv(env, Compose(RewardSum(), StepCounter()))
-    return transformed(env, options) if options.is_transformed else env
 
 
 def collect_round(env: EnvBase, policy: Any, steps: int, steps_per_batch: int) -> Iterator[TensorDictBase]:
