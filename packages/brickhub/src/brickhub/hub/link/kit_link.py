@@ -10,10 +10,8 @@ import asyncio
 import contextlib
 import logging
 import math
-import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 from brickhub.errors import (
     DescriptionError,
@@ -22,7 +20,6 @@ from brickhub.errors import (
     HubNotFoundError,
     HubRefusedError,
     HubTimeoutError,
-    StoppedError,
     message_of,
 )
 from brickhub.hub.interface import (
@@ -46,8 +43,8 @@ from brickhub.hub.kit_protocol import Product
 from brickhub.hub.kit_radio import KitPart, Radio, parts_of
 from brickhub.hub.lego_package import lego_package
 from brickhub.hub.link.receiver import Reading
-from brickhub.hub.link.states import Cause, LinkState, after, cause_of
-from brickhub.hub.link.timing import LinkStatistics
+from brickhub.hub.link.robot_link import RobotLink
+from brickhub.hub.link.states import Cause, LinkState, after
 from brickhub.hub.protocol import EncodingError
 from brickhub.robot import Motor, Robot
 
@@ -101,8 +98,8 @@ class _Device:
         self.lego.connected = False
 
 
-class KitLink:
-    """Link to one robot of LEGO's kits, with the methods of a :class:`~brickhub.hub.link.robot_link.RobotLink`.
+class KitLink(RobotLink):
+    """Link to one robot of LEGO's kits.
 
     Args:
         radio: how to reach the devices, real or virtual.
@@ -116,6 +113,7 @@ class KitLink:
     """
 
     def __init__(self, radio: Radio, robot: Robot, interface: Interface) -> None:
+        super().__init__(HOLD_S)
         self._radio, self._robot, self._interface = radio, robot, interface
         for command in interface.commands:
             command.check(robot)
@@ -130,8 +128,6 @@ class KitLink:
                 raise DescriptionError(f"motor '{motor.name}' has a range, which no device of LEGO's kits keeps; leave it out")
         self._parts = parts_of(robot)
         self.devices: dict[str, _Device] = {}
-        self.state, self.statistics = LinkState.DISCONNECTED, LinkStatistics(watchdog_s=HOLD_S)
-        self._halted = threading.Event()
         self._due_s, self._opened_s = -math.inf, 0.0
 
     def open(self) -> None:
@@ -157,11 +153,6 @@ class KitLink:
                     device.connect()
             self._opened_s, self._due_s = self.now_s(), -math.inf
             self.state = after(self.state, Cause.OPENED)
-
-    @property
-    def is_open(self) -> bool:
-        """True if commands can be sent, as far as is known."""
-        return self.state in (LinkState.READY, LinkState.ARMED)
 
     def read(self) -> Reading:
         """Read the next reports. Raises HubError if the link is not open, HubDisconnectedError or HubTimeoutError if a device is
@@ -213,12 +204,6 @@ class KitLink:
         if self.is_open:
             self._stop_motors()
 
-    def release(self) -> None:
-        """End an emergency stop: ``open`` goes on."""
-        if self._halted.is_set() and self.is_open:
-            self.state = after(self.state, Cause.HALTED)
-        self._halted.clear()
-
     def now_s(self) -> float:
         """Time of the devices' clock: the computer's, or the simulated one."""
         return self._radio.now_s()
@@ -240,17 +225,6 @@ class KitLink:
                 device.disconnect()
         self.state = LinkState.DISCONNECTED
 
-    def __enter__(self) -> Self:
-        try:
-            self.open()
-        except BaseException:
-            self.close()
-            raise
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        self.close()
-
     # ---- what the channels read
 
     def angle_deg(self, motor: str) -> float:
@@ -263,24 +237,6 @@ class KitLink:
         return self.devices[self._parts[0].ports].lego.imu_device
 
     # ---- inside
-
-    def _check_halted(self) -> None:
-        if self._halted.is_set():
-            raise StoppedError("the robot was stopped by hand; release it when it may move again")
-
-    def _require_open(self) -> None:
-        self._check_halted()
-        if not self.is_open:
-            raise HubError("the link is not open; call open() first")
-
-    @contextlib.contextmanager
-    def _fault(self) -> Iterator[None]:
-        """Set the state that the table has for an error raised inside."""
-        try:
-            yield
-        except (HubError, StoppedError) as error:
-            self.state = after(self.state, Cause.HALTED if self._halted.is_set() else cause_of(error))
-            raise
 
     def _find(self, motor: Motor) -> tuple[_Device, int]:
         """The device of a motor, and its number there."""

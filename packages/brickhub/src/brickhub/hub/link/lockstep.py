@@ -16,17 +16,15 @@ import contextlib
 import logging
 import math
 import struct
-import threading
 from collections.abc import Callable, Iterable, Iterator
-from types import TracebackType
-from typing import Self
 
-from brickhub.errors import HubError, HubProgramError, SilentHubError, StoppedError
+from brickhub.errors import HubError, HubProgramError, SilentHubError
 from brickhub.hub.interface import Interface
 from brickhub.hub.link.profiles import PAUSE_MS
 from brickhub.hub.link.receiver import Listener, Reading, bye_error, check_hello, is_hello
-from brickhub.hub.link.states import Cause, LinkState, after, cause_of
-from brickhub.hub.link.timing import REPEATS_PER_WATCHDOG, HubClock, LinkStatistics, percentile, repeat_times_s
+from brickhub.hub.link.robot_link import RobotLink, stopped_error
+from brickhub.hub.link.states import Cause, LinkState, after
+from brickhub.hub.link.timing import REPEATS_PER_WATCHDOG, HubClock, percentile, repeat_times_s
 from brickhub.hub.program.generate import WATCHDOG_MS, generate
 from brickhub.hub.protocol import (
     UP_PAYLOAD_BYTES,
@@ -52,7 +50,7 @@ _WATCHDOG_ROUND_TRIPS = 4
 _WATCHDOG_MAX_MS = 0xFFFF
 
 
-class HubLink:
+class HubLink(RobotLink):
     """Link to one robot, over any transport. Use it as a context manager: leaving stops the robot.
 
     Args:
@@ -79,14 +77,13 @@ class HubLink:
         pipe: Pipe = Pipe.STDIN,
         calibrate: Callable[[Robot], Robot] | None = None,
     ) -> None:
+        super().__init__(WATCHDOG_MS / 1000)
         self._robot, self._interface, self._pipe, self._calibrate = robot, interface, pipe, calibrate
         self.program = self._program_of(robot)
         self.wire = WireFormat(interface)
-        self.state = LinkState.DISCONNECTED
         self._transport = transport
         self._transport_is_open = False
         self._has_started = False
-        self._halted = threading.Event()
         self._timeout_s = timeout_s
         self._start_s = timeout_s + max(channel.setup_s for channel in interface.channels)
         settle = interface.settle
@@ -97,7 +94,6 @@ class HubLink:
         self._seq = 0
         self._frame, self._sent_s, self._written_s = b"", 0.0, -math.inf
         self._clock = HubClock()
-        self.statistics = LinkStatistics(watchdog_s=WATCHDOG_MS / 1000)
         self._listener = Listener(transport, self._decoder, self.statistics)
 
     def _program_of(self, robot: Robot) -> HubProgram:
@@ -128,11 +124,6 @@ class HubLink:
                     self.program = self._program_of(self._calibrate(self._robot))
                 self._transport_is_open = True
             self._start_program()
-
-    @property
-    def is_open(self) -> bool:
-        """True if the program is running, as far as is known."""
-        return self.state in (LinkState.READY, LinkState.ARMED)
 
     def read(self) -> Reading:
         """Read the sensors without moving. Restarts the program if it ended by itself.
@@ -204,12 +195,6 @@ class HubLink:
         self._halted.set()
         self._transport.stop()
 
-    def release(self) -> None:
-        """End an emergency stop: ``open`` may start the program again."""
-        if self._halted.is_set() and self.is_open:
-            self.state = after(self.state, Cause.HALTED)
-        self._halted.clear()
-
     def now_s(self) -> float:
         """Time of the transport's clock: the computer's, or the simulated one."""
         return self._transport.now_s()
@@ -233,39 +218,6 @@ class HubLink:
         self._transport_is_open = self._has_started = False
         self.state = after(self.state, Cause.STOPPED)
 
-    def __enter__(self) -> Self:
-        try:
-            self.open()
-        except BaseException:
-            self.close()
-            raise
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        self.close()
-
-    def _check_halted(self) -> None:
-        if self._halted.is_set():
-            raise _stopped()
-
-    @contextlib.contextmanager
-    def _fault(self) -> Iterator[None]:
-        """Set the state that the table has for an error raised inside; during an emergency stop raise StoppedError instead."""
-        try:
-            yield
-        except (HubError, StoppedError) as error:
-            self.state = after(self.state, Cause.HALTED if self._halted.is_set() else cause_of(error))
-            if self._halted.is_set() and not isinstance(error, StoppedError):
-                raise _stopped() from error
-            raise
-
-    def _require_open(self) -> None:
-        self._check_halted()
-        if self.state is LinkState.FAULT:
-            raise HubError("the link failed before; call open() to start it again")
-        if self.state is LinkState.DISCONNECTED:
-            raise HubError("the link is not open; call open() first")
-
     def _run_program(self) -> None:
         """Start the program, after the end of one that runs. Raises StoppedError if an emergency stop came meanwhile."""
         self._listener.begin(self.program)
@@ -276,7 +228,7 @@ class HubLink:
         self._has_started = True
         if self._halted.is_set():  # an emergency stop during the start may have stopped only the previous program
             self._transport.stop()
-            raise _stopped()
+            raise stopped_error()
 
     def _start_program(self) -> None:
         self._run_program()
@@ -395,10 +347,6 @@ class HubLink:
     def _set_watchdog(self, watchdog_ms: int) -> None:
         self._write(_watchdog_frame(watchdog_ms))
         self._watchdog_ms, self.statistics.watchdog_s = watchdog_ms, watchdog_ms / 1000
-
-
-def _stopped() -> StoppedError:
-    return StoppedError("the robot was stopped by hand; release it when it may move again")
 
 
 def _watchdog_frame(watchdog_ms: int) -> bytes:
