@@ -17,9 +17,12 @@ from brickhub.hub.kit_protocol import Product
 from brickhub.hub.kit_radio import KitPart, RealRadio, parts_of
 from brickhub.hub.lego_package import lego_package
 from brickhub.hub.link.kit_link import KitLink
+from brickhub.hub.link.profiles import DEFAULT_LINK, PROFILES
 from brickhub.hub.program.generate import generate
 from brickhub.hub.transports.address import parse_hub
 from brickhub.robot import KitKind, Motor, Robot
+from brickhub.virtual.bench_body import BenchBody
+from brickhub.virtual.virtual_kit import VirtualKit, virtual_robot
 
 DOCS = Path(__file__).parents[4] / "docs"
 
@@ -81,3 +84,12 @@ def test_missing_package_is_named_with_its_licence(monkeypatch: pytest.MonkeyPat
 
 def test_estimates_are_documented() -> None:
     assert markdown() in (DOCS / "kits.md").read_text(encoding="utf-8")
+
+
+def test_devices_have_the_interval_of_the_link_that_is_asked_for() -> None:
+    times_ms = []
+    for link in (None, PROFILES["mac"]):
+        kit = virtual_robot(BenchBody(ROBOT, readings={"light": lambda angles: 50.0}), link=link)
+        assert isinstance(kit, VirtualKit)
+        times_ms.append(kit.next_event_ms())
+    assert times_ms == [PROFILES[DEFAULT_LINK].interval_ms, PROFILES["mac"].interval_ms] == [45.0, 15.0]

@@ -17,6 +17,7 @@ from brickhub.errors import DescriptionError, counted, percent
 if TYPE_CHECKING:
     from brickhub.hub.diagnostics.calibration import Calibration
     from brickhub.hub.kit_radio import Radio
+    from brickhub.hub.link.profiles import LinkProfile
     from brickhub.hub.transport import Transport
     from brickhub.robot import Robot
     from brickhub.target import Target
@@ -224,7 +225,8 @@ class Check:
             robot = transport, target.robot, target.interface
             findings = check_robot(*robot, may_move=may_move, is_right=is_right, calibrate=calibrate)
         else:
-            findings = check_kit(_radio(self.hub, target), target.robot, target.interface, may_move=may_move, is_right=is_right)
+            radio = _radio(self.hub, target, self.link)
+            findings = check_kit(radio, target.robot, target.interface, may_move=may_move, is_right=is_right)
         code = print_findings(findings, (9, 18), as_json=self.json, env=target.name, hub=self.hub)
         if not self.json:
             print_line("not ready: see the errors above" if code else f"ready for {target.name}")
@@ -324,27 +326,34 @@ def _find(name: str) -> Target:
     return find(name)
 
 
-def _radio(hub: str, target: Target) -> Radio:
-    """Radio to the devices of a robot of LEGO's kits."""
+def _radio(hub: str, target: Target, link: str | None) -> Radio:
+    """Radio to the devices of a robot of LEGO's kits. ``link``: as in `_transport`."""
     from brickhub.hub.transports.address import parse_hub
     from brickhub.virtual.virtual_kit import VirtualKit
 
-    address = parse_hub(hub)
-    return VirtualKit(target.make_body()) if address.is_virtual else address.radio()
+    address, chosen = parse_hub(hub), _profile(hub, link)
+    return VirtualKit(target.make_body(), link=chosen) if address.is_virtual else address.radio()
+
+
+def _profile(hub: str, link: str | None) -> LinkProfile | None:
+    """The link of a name. Raises DescriptionError if a real hub is given one."""
+    from brickhub.hub.link.profiles import profile
+    from brickhub.hub.transports.address import parse_hub
+
+    if link is not None and not parse_hub(hub).is_virtual:
+        raise DescriptionError("a real hub has a link of its own; leave out --link, or take --hub virtual")
+    return None if link is None else profile(link)
 
 
 def _transport(hub: str, target: Target, link: str | None = None) -> Transport:
     """An unopened transport to the hub. ``link``: that of a virtual hub, by name. Raises DescriptionError for a robot of
     LEGO's kits, and if a real hub is given a link."""
-    from brickhub.hub.link.profiles import profile
     from brickhub.hub.transports.address import parse_hub
 
     if not target.robot.hub.model.runs_programs:
         raise DescriptionError(f"'{target.name}' has devices of LEGO's kits, which need none of this; `check` checks them")
-    address, chosen = parse_hub(hub), None if link is None else profile(link)
+    address, chosen = parse_hub(hub), _profile(hub, link)
     if not address.is_virtual:
-        if link is not None:
-            raise DescriptionError("a real hub has a link of its own; leave out --link, or take --hub virtual")
         return address.transport()
     from brickhub.virtual.virtual_transport import VirtualHub
 

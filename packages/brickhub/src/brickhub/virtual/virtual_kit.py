@@ -127,12 +127,15 @@ class VirtualKit:
         loop, package_thread: event loop of LEGO's package, and its thread, since the first connection.
     """
 
-    def __init__(self, body: Body, *, realtime: bool = False, sensor_ports: Iterable[str] | None = None) -> None:
+    def __init__(
+        self, body: Body, *, realtime: bool = False, sensor_ports: Iterable[str] | None = None, link: LinkProfile | None = None
+    ) -> None:
         self.robot, self.body, self.machine = body.robot, body, Machine(body)
         ports = [sensor.port for sensor in body.robot.sensors] if sensor_ports is None else sensor_ports
         devices = devices_of(self.machine, parts(body.robot.hub, self.machine.servos, ports))
         self.peers = [Peer(self, device) for device in devices]
         self.in_reach: Callable[[], bool] = lambda: True
+        self._link = link
         self.awake = threading.Condition()
         self.loop: asyncio.AbstractEventLoop | None = None
         self.package_thread: int | None = None
@@ -167,8 +170,8 @@ class VirtualKit:
 
     @property
     def link(self) -> LinkProfile:
-        """The body's link, of which devices have the interval."""
-        return self.body.link
+        """The link that was given, or the body's. Devices have its interval; they lose and delay nothing."""
+        return self._link or self.body.link
 
     def next_event_ms(self) -> float:
         """Time of the next connection event."""
@@ -284,8 +287,8 @@ VirtualRobot = VirtualHub | VirtualKit
 
 
 def virtual_robot(body: Body, *, realtime: bool = False, link: LinkProfile | None = None, seed: int = 0) -> VirtualRobot:
-    """The virtual hub, or the virtual devices of LEGO's kits, of a robot's body. ``link``, ``seed``: of a hub's link; devices
-    send at fixed intervals."""
+    """The virtual hub, or the virtual devices of LEGO's kits, of a robot's body. ``link``: in place of the body's, with its
+    random ``seed`` for a hub."""
     if body.robot.hub.model.runs_programs:
         return VirtualHub(body, realtime=realtime, link=link, seed=seed)
-    return VirtualKit(body, realtime=realtime)
+    return VirtualKit(body, realtime=realtime, link=link)
