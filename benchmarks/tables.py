@@ -46,7 +46,8 @@ HEAD = """# Results
 
 This page is written by `python -m benchmarks tables` from `benchmarks/results/`, where each result lies with the processor and
 the versions it was measured with. Square brackets are 95 % bootstrap intervals over seeds (for rates: Wilson intervals). All
-robots are virtual; nobody here has run this on LEGO's yet.
+robots are virtual; nobody here has run this on LEGO's yet. All trainings on robots are of
+the virtual ones before they had today's motors, links and sensors, and are to be measured anew.
 
 Learning from the expert datasets, TD3 and SAC fail on Walker-v0 and RoboArm-v0, as in the paper: nothing holds their critics back
 where the dataset has no actions, and ours has fewer of them. Its Walker makes hardly a mistake, and its arm arrives after 2 steps
@@ -66,7 +67,7 @@ STUDIES_HEAD = """# Studies
 A study is a table of trainings with several seeds. In a clone of the repository `bricksrl study` lists the studies and the other
 [benchmarks](benchmarks.md), and `bricksrl study NAME` runs one. With `--quick` it takes a few minutes, to check that everything
 works. This page is written by `python -m benchmarks tables` from the studies that were run at full length
-(`benchmarks/results/study_*.json`). The studies `offline`, `datasets` and `ablation` show
+(`benchmarks/results/study_*.json`), before the virtual robots had today's motors, links and sensors. The studies `offline`, `datasets` and `ablation` show
 results of benchmarks, which are in [results.md](results.md). Wall minutes are those of a computer that had other work, too.
 
 In `agents`, one cell is below the paper's: TD3 on Spinning-v0. One of the five seeds came to spin one way only, whatever the
