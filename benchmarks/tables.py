@@ -68,7 +68,8 @@ A study is a table of trainings with several seeds. In a clone of the repository
 [benchmarks](benchmarks.md), and `bricksrl study NAME` runs one. With `--quick` it takes a few minutes, to check that everything
 works. This page is written by `python -m benchmarks tables` from the studies that were run at full length
 (`benchmarks/results/study_*.json`), before the virtual robots had today's motors, links and sensors. The studies
-`offline`, `datasets` and `ablation` show results of benchmarks, which are in [results.md](results.md). Wall minutes are those of a computer that had other work, too.
+`offline`, `datasets` and `ablation` show results of benchmarks, which are in [results.md](results.md). Wall minutes are those of
+a computer that had other work, too.
 
 In `agents`, one cell is below the paper's: TD3 on Spinning-v0. One of the five seeds came to spin one way only, whatever the
 goal, and another to stand still at one of the two goals; its actor explores by small noise, and 750 steps are few for that.
