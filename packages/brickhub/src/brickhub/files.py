@@ -154,7 +154,7 @@ def is_unused(root: Path) -> bool:
 
 def remove_unfinished(root: Path) -> int:
     """Remove the unfinished files of killed writers below ``root``, and return their number; only for the folder's writer."""
-    unfinished = list(root.rglob(f"{TEMPORARY_PREFIX}*"))
+    unfinished = [path for path in root.rglob(f"{TEMPORARY_PREFIX}*") if path.is_file()]
     for path in unfinished:
         path.unlink(missing_ok=True)
     return len(unfinished)

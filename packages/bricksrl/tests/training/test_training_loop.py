@@ -16,6 +16,7 @@ import torch
 from tensordict import TensorDictBase
 from toys import Cart, assert_equal
 
+from brickhub.files import TEMPORARY_PREFIX
 from bricksrl.agents.learner import Learner
 from bricksrl.agents.sac import SACSettings
 from bricksrl.errors import CheckpointError, DivergedError, HubTimeoutError, RunError, UnknownNameError, WriteError
@@ -37,6 +38,17 @@ def rows(path: Path) -> list[dict[str, str]]:
 
 def names(path: Path) -> list[str]:
     return sorted(entry.name for entry in path.iterdir())
+
+
+def test_metrics_with_a_new_measure_leave_files_that_are_being_written(config: TrainConfig) -> None:
+    """A learner in another process writes its checkpoint meanwhile."""
+    folder = RunFolder(train(config, env=Cart()).run_dir)
+    being_written = folder.path / f"{TEMPORARY_PREFIX}best.bin"
+    being_written.touch()
+    before = folder.read_episodes()
+    folder.append(replace(before[-1], episode=7, measures={"final_error_mm": 3.0}))
+    assert being_written.exists()
+    assert folder.read_episodes()[:-1] == before and folder.read_episodes()[-1].measures == {"final_error_mm": 3.0}
 
 
 def assert_same_run(one: Path, other: Path) -> None:

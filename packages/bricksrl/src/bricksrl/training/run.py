@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from brickhub.files import only_writer
+from brickhub.files import only_writer, remove_unfinished
 from bricksrl.errors import DescriptionError, RunError, counted
 from bricksrl.training.callbacks import Callback, CallbackList, RunResult
 from bricksrl.training.config import TrainConfig
@@ -151,6 +151,7 @@ def _run_in(
                 folder = RunFolder.create(config, state)
                 lock.enter_context(only_writer(folder.path, RunError))
             else:
+                remove_unfinished(folder.path)
                 folder.write_episodes(loop.episodes)
                 folder.write_config(config)
         del state  # may be large

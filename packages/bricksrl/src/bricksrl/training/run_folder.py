@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 from brickhub import HOUSES
 from brickhub.fields import check_value
-from brickhub.files import TEMPORARY_PREFIX, atomic_folder, folder_with, write_durably
+from brickhub.files import atomic_folder, folder_with, write_durably
 from brickhub.user_files import without_folder
 from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.reference_returns import reference_lines
@@ -147,9 +147,7 @@ class RunFolder:
             raise RunError(f"{self.metrics_path} has an invalid row; restore the file or start a new run") from None
 
     def write_episodes(self, episodes: Sequence[Episode]) -> None:
-        """Replace the metrics, which after a crash may be ahead of the checkpoint, and remove incomplete files."""
-        for remnant in self.path.glob(f"{TEMPORARY_PREFIX}*"):
-            remnant.unlink(missing_ok=True)
+        """Replace the metrics, which after a crash may be ahead of the checkpoint."""
         columns = [*_HEAD, *dict.fromkeys(name for episode in episodes for name in episode.measures), *_TAIL]
         write_durably(self.metrics_path, f"{','.join(columns)}\n".encode() + _csv(columns, episodes))
 
