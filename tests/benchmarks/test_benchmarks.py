@@ -17,7 +17,9 @@ from benchmarks import ablation, session
 from benchmarks.__main__ import run
 from benchmarks.parts import Failure, outcomes
 from benchmarks.registry import BENCHMARKS
+from benchmarks.session import RESULTS
 from brickhub.cli.terminal import Interrupted
+from bricksrl.envs.reference_returns import REFERENCES
 from bricksrl.errors import BricksError, DescriptionError, RunError, UnknownNameError
 from bricksrl.evaluation.cluster import connected
 
@@ -153,3 +155,10 @@ def test_mistakes_are_one_line(tmp_path: Path) -> None:
         run(["robot"])
     with pytest.raises(DescriptionError, match="--secnds 1; `python -m benchmarks link_fuzz --help` lists the options"):
         run(["link_fuzz", "--secnds", "1"])
+
+
+def test_reference_returns_are_those_of_the_results() -> None:
+    found = json.loads((RESULTS / "baselines.json").read_text())["environments"]
+    for env, lines in REFERENCES.items():
+        for label, policy in (("random", "random"), ("by hand", "scripted")):
+            assert lines[label] == found[env][policy]["return_mean"], (env, label)
