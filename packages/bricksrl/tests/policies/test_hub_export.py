@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
@@ -13,6 +14,7 @@ from brickhub.robot import HubKind, Robot
 from brickhub.virtual.machine import Machine
 from brickhub.virtual.panel import parse_press
 from brickhub.virtual.run import Operation, run_file
+from bricksrl.agents.sac import SACSettings
 from bricksrl.agents.search.structures import oscillators
 from bricksrl.cli import main
 from bricksrl.envs import make
@@ -49,6 +51,39 @@ def test_a_network_acts_on_the_hub_as_here() -> None:
     with torch.no_grad():
         here = network(torch.tensor([[*row, 0.0] for row in OBSERVED]))
     assert torch.allclose(acted(network.hub_source(), OBSERVED), here, atol=2e-4)
+
+
+def test_a_network_on_the_hub_is_held_within_what_it_was_taught_on() -> None:
+    """As a simulation's distance is always 0, and a hub's on an open floor 2000."""
+    torch.manual_seed(0)
+    network = HubNetwork(get_task("Walker-v1").entries[:7], 4)
+    network.round()
+    taught = torch.zeros(1, 7)
+    network.hold(taught)
+    seen = torch.tensor([0.0, 0.0, 0.0, 0.0, 12.0, -9.0, 2000.0])
+    with torch.no_grad():
+        wanted = network(taught)
+        assert torch.equal(network(seen[None]), wanted)
+    assert torch.allclose(acted(network.hub_source(), [seen.tolist()]), wanted, atol=2e-4)
+
+
+def test_a_policy_with_transforms_is_taught_by_what_the_robot_observes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "halved.py").write_text(
+        "from torchrl.envs import ObservationNorm\nHALVED = ObservationNorm(loc=0.0, scale=0.5, in_keys=['observation'])\n"
+    )
+    options = {"transform": f"{tmp_path / 'halved.py'}:HALVED", "settings": SACSettings(hidden=(8,), prefill_episodes=1)}
+    train(TrainConfig("WalkerSim-v0", episodes=1, record=False, run_dir=tmp_path / "run", **options))
+    seen: list[float] = []
+
+    def distil(env: Any, policy: Any, network: HubNetwork, _seed: int) -> None:
+        frames = env.rollout(30, policy)
+        seen.append(float(frames["observation"][:, :4].max()))
+        network.hold(frames["observation"])
+
+    monkeypatch.setattr(hub_export, "distil", distil)
+    monkeypatch.setattr(hub_export, "EPISODES", 1)
+    export_program(tmp_path / "run", tmp_path / "walk.py")
+    assert 180.0 < seen[0] < 360.0, "angles as the hub counts them, not halved"
 
 
 def test_products_of_floats_take_time_on_the_virtual_hub() -> None:

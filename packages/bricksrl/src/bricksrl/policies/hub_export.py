@@ -22,6 +22,7 @@ from bricksrl.agents.search.structures import Oscillators, StructuredActor
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.odometry import TrueOdometer
 from bricksrl.envs.rollout import play_episodes
+from bricksrl.envs.transforms import base_of
 from bricksrl.errors import RunError
 from bricksrl.policies import load_policy, make_env_of
 from bricksrl.policies.hub_network import HIDDEN, HubNetwork, distil
@@ -67,7 +68,8 @@ def export_program(path: Path | str, out: Path, *, which: Which = "last", hidden
     """
     refuse_existing(out, RunError)
     check_writable(out)
-    with closing(make_env_of(Path(path))) as env, reproducible(_SEED):
+    with closing(make_env_of(Path(path))) as trained, reproducible(_SEED):
+        env = base_of(trained)  # the hub observes what the robot does, and the policy brings its transforms
         task = interface_of(env).task
         if task is None or task.camera is not None or task.sampled_entries or task.target is not None or env.batch_size:
             raise RunError("a hub by itself sees no images, and is told no goal; export the policy of another task")

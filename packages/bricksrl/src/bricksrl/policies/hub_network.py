@@ -26,12 +26,14 @@ ROUNDS, STEPS = 4, 600
 """Rounds of collection, and steps of each: first the policy's, then the student's."""
 UPDATES, BATCH, LEARNING_RATE = 1500, 256, 5e-3
 """Of each round; the rate falls to 0 within it."""
+_ANYTHING = 1e30
 LEAK = 0.01
 """Share of what is beyond -1..1 that the loss sees."""
 
 
 class HubNetwork(nn.Module):
-    """A network ``[*batch, n]`` to actions ``[*batch, m]``: features, rectified layers, a linear one that is clamped.
+    """A network ``[*batch, n]`` to actions ``[*batch, m]``: features, rectified layers, a linear one that is clamped. What is no
+    angle is held within what it was taught on.
 
     Args:
         entries: those of the observation that the hub observes, its first ones.
@@ -44,6 +46,7 @@ class HubNetwork(nn.Module):
         angles = [index for index, entry in enumerate(entries) if entry.wraps]
         self.angles = [*((index, self.count) for index in angles), *itertools.combinations(angles, 2)]  # a 0 follows the last
         self.linear = [(index, *_scale(entry)) for index, entry in enumerate(entries) if not entry.wraps]
+        self.held = [(-_ANYTHING, _ANYTHING)] * len(self.linear)
         sizes = (len(self.linear) + 2 * len(self.angles), *hidden, size)
         self.layers = [nn.Linear(before, after) for before, after in itertools.pairwise(sizes)]
         self.network = nn.ModuleList(self.layers)
@@ -55,12 +58,18 @@ class HubNetwork(nn.Module):
         """The outputs before they are clamped."""
         values = nn.functional.pad(observation[..., : self.count], (0, 1)).unbind(-1)
         angles = [(values[plus] - values[minus]).deg2rad() for plus, minus in self.angles]
-        parts = [values[index] * scale + offset for index, scale, offset in self.linear]
+        known = zip(self.linear, self.held, strict=True)
+        parts = [values[index].clamp(*held) * scale + offset for (index, scale, offset), held in known]
         x = torch.stack([*parts, *(angle.sin() for angle in angles), *(angle.cos() for angle in angles)], -1)
         for layer in self.layers[:-1]:
             x = layer(x).relu()
         out: Tensor = self.layers[-1](x)
         return out
+
+    def hold(self, observations: Tensor) -> None:
+        """Hold what is no angle within these observations ``[rows, n]``."""
+        columns = [observations[:, index] for index, _, _ in self.linear]
+        self.held = [(float(_text(float(column.min()))), float(_text(float(column.max())))) for column in columns]
 
     @torch.no_grad()
     def round(self) -> None:
@@ -74,9 +83,12 @@ class HubNetwork(nn.Module):
         layers = "".join(
             "    (\n" + "".join(f"        ({', '.join(map(_text, row))}),\n" for row in layer) + "    ),\n" for layer in rows
         )
-        linear = "".join(f"    ({index}, {_text(scale)}, {_text(offset)}),\n" for index, scale, offset in self.linear)
+        rows_of_linear = [(*map(_text, one[1:]), *map(_text, held)) for one, held in zip(self.linear, self.held, strict=True)]
+        linear = "".join(
+            f"    ({index}, {', '.join(row)}),\n" for (index, _, _), row in zip(self.linear, rows_of_linear, strict=True)
+        )
         return (
-            f"LINEAR = (  # index, factor and offset of what is no angle\n{linear})\n"
+            f"LINEAR = (  # index, factor and offset of what is no angle; its least and its greatest value\n{linear})\n"
             f"ANGLES = {tuple(self.angles)}  # indices of two angles, or of one and of a 0 that follows the last\n"
             f"LAYERS = (  # a row for each unit: its weights, then its offset\n{layers})\n{_HUB_SOURCE}"
         )
@@ -89,7 +101,7 @@ import umath
 def features(observed):
     values = observed + [0]
     angles = [umath.radians(values[plus] - values[minus]) for plus, minus in ANGLES]
-    scaled = [values[index] * scale + offset for index, scale, offset in LINEAR]
+    scaled = [max(least, min(most, values[index])) * scale + offset for index, scale, offset, least, most in LINEAR]
     return scaled + [umath.sin(angle) for angle in angles] + [umath.cos(angle) for angle in angles]
 
 
@@ -137,6 +149,7 @@ def distil(env: EnvBase, policy: Policy, network: HubNetwork, seed: int) -> Tens
             optimizer.zero_grad()
             loss.backward()
             optimizer.step()
+    network.hold(torch.stack(seen))
     network.round()
     return student
 
