@@ -278,11 +278,12 @@ def test_buffer_state_continues(made: int, memory_mapped: bool) -> None:
     assert (batches[0] == batches[1]).all()
 
 
-@pytest.mark.parametrize("n_step", [1, 3])
-def test_samples_of_a_file_are_on_the_device(n_step: int) -> None:
-    buffer = memory(n_step=n_step, memory_mapped=True, device="meta")
+@pytest.mark.parametrize(("n_step", "in_file"), [(1, True), (3, True), (1, False)])
+def test_only_samples_are_on_the_device(n_step: int, in_file: bool) -> None:  # a graphics card has no room for a million images
+    buffer = memory(n_step=n_step, memory_mapped=in_file, device="meta")
     for first in (0, 4):
         buffer.extend(numbered(first, 4, done=(3,)))
+    assert buffer[:]["next", "reward"].device.type == "cpu"
     assert buffer.sample()["next", "reward"].device.type == "meta"
 
 

@@ -30,7 +30,8 @@ HORIZON = 4
 class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
     """Uniform replay of ``capacity`` transitions with observations of ``keys``; the oldest are overwritten first.
 
-    ``memory_mapped``: store in a temporary file; ``device``: of the samples, and of the transitions that are not in a file.
+    Transitions are in the computer's memory, or with ``memory_mapped`` in a temporary file, as a graphics card seldom has room for
+    all; samples are moved to ``device``.
     ``n_step``: steps whose rewards are summed with discount ``gamma``; "steps_to_next_obs" is their actual number. ``goals``:
     relabelling of each batch; ``shift_px``: random shift of images. Where a batch needs what followed, successors are linked.
     """
@@ -49,14 +50,13 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
         shift_px: int = 0,
         images: Sequence[ImageShape] = (),
     ) -> None:
-        super().__init__(storage=LazyMemmapStorage(capacity) if memory_mapped else LazyTensorStorage(capacity, device=device))
+        super().__init__(storage=LazyMemmapStorage(capacity) if memory_mapped else LazyTensorStorage(capacity, device="cpu"))
         self._rows, self._observed, self._sampled_to = batch_size, keys, torch.device(device)
-        self._device = torch.device("cpu") if memory_mapped else self._sampled_to
         self._gamma, self._n_step, self._goals, self._shift = gamma, n_step, goals, (shift_px, images)
         self._keys = [*keys, "action", *(("next", key) for key in (*keys, "reward", "terminated"))]
         self._has_links = n_step > 1 or (goals is not None and goals.hindsight > 0)
         self._none = capacity  # index of the missing successor
-        self._successor = torch.full((capacity + 1,) if self._has_links else (0,), self._none, device=self._device)
+        self._successor = torch.full((capacity + 1,) if self._has_links else (0,), self._none)
         self._last: dict[int, Tensor] = {}  # by robot, of each of its copies
         self._augment = list[Transform]()
 
@@ -89,12 +89,12 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
         if len(rows) > self._none:
             message = f"{len(rows)} transitions at once do not fit into a replay buffer of {self._none}"
             raise DescriptionError(f"{message}; give buffer_size {len(rows)} or more")
-        index: Tensor = super().extend(rows.to(self._device)).to(self._device)
+        index: Tensor = super().extend(rows.to("cpu"))
         if self._has_links and robot is not None:
             places, time = index, frames.shape[-1]
             if lost is not None:
-                places = torch.full(lost.shape, self._none, device=self._device).masked_scatter(~lost.to(self._device), index)
-            self._link(places.view(-1, time), frames["next", "done"].to(self._device).view(-1, time), robot)
+                places = torch.full(lost.shape, self._none).masked_scatter(~lost.cpu(), index)
+            self._link(places.view(-1, time), frames["next", "done"].cpu().view(-1, time), robot)
         return index
 
     def _link(self, indices: Tensor, done: Tensor, robot: int) -> None:
@@ -133,7 +133,7 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
                 part[image.key] = shift_images(part[image.key], shift_px, image.is_channels_last)
         for transform in self._augment:
             batch = transform(batch)
-        return batch if self._device == self._sampled_to else batch.to(self._sampled_to)
+        return batch.to(self._sampled_to)
 
     def _augmented(self, batch: TensorDictBase, index: Tensor, size: int) -> TensorDictBase:
         """Rows ``[batch]``, which may be several batches of ``size``, relabelled and summed over n steps."""
@@ -193,8 +193,8 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
         for indices in (state["successor"], torch.empty(0) if last is None else last):
             if bool(((indices < 0) | (indices > self._none)).any()):
                 raise ValueError("a successor is missing")
-        self._successor[: len(self)] = state["successor"].to(self._device)
-        self._last = {} if last is None else {0: last.to(self._device)}
+        self._successor[: len(self)] = state["successor"].cpu()
+        self._last = {} if last is None else {0: last.cpu()}
 
 
 def make_replay_buffer(env: EnvBase, settings: OffPolicySettings, device: torch.device | str) -> TransitionReplayBuffer:
