@@ -220,7 +220,7 @@ def test_every_preset_builds_every_agent_for_images(name: str, agent: str) -> No
 def test_image_preset_is_small() -> None:
     plain, images = preset("default", "sac"), preset("default", "sac", images=True)
     assert (images.hidden, images.batch_size, images.buffer_size, images.encoder) == ((128, 128), 64, 15_000, "keypoints")
-    assert (plain.hidden, plain.batch_size, plain.buffer_size) == ((256, 256), 256, 1_000_000)
+    assert (plain.hidden, plain.batch_size, plain.buffer_size) == ((256, 256), 128, 1_000_000)
     assert "image" in make_learner("sac", SIGHT).policy.in_keys
     assert preset("paper", "sac", images=True).encoder == "convolutions"
 
@@ -240,7 +240,7 @@ def test_paper_preset_equals_paper() -> None:
         assert (paper.angles, paper.goals, paper.critic_layer_norm) == ("raw", "plain", False)
         assert (paper.hindsight, paper.new_goals, paper.n_step) == (0.0, 0.0, 1)
         assert paper.buffer_size == 1_000_000
-    assert preset("paper", "sac").alpha_init == 1.0
+    assert (preset("paper", "sac").alpha_init, preset("paper", "sac").actor_delay) == (1.0, 1)
 
 
 def test_paper_td3_and_droq_equal_their_authors() -> None:
