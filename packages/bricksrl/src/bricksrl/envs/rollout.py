@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from torch import Tensor
     from torchrl.envs import EnvBase
 
+TRIES = 5
+"""Tries of an evaluated episode in which the link may break."""
+
 Policy = Callable[["TensorDictBase"], "TensorDictBase"]
 """A TorchRL policy: writes "action" ``[m]``, in -1..1, into the environment's tensordict."""
 
@@ -171,18 +174,21 @@ def play_episodes(
     env: EnvBase, policy: Policy, episodes: int, seed: int, *, reset_policy: Callable[[], None] = lambda: None
 ) -> Iterator[EpisodeScore]:
     """Play whole episodes; episode ``k`` depends only on ``seed``, ``k`` and the policy, and on the number of copies if the
-    environment has some, which run in parallel. Raises HubError if the link to the robot broke."""
+    environment has some, which run in parallel. An episode in which the link to the robot broke is played again. Raises HubError
+    if it does so in ``TRIES`` of its tries."""
     if env.batch_size:
         yield from _play_copies(env, policy, episodes, seed, reset_policy)
         return
     for number in range(1, episodes + 1):
-        episode: Rollout | None = None
-        while episode is None or interface_of(env).is_cut:  # an episode that a pause truncated does not count
+        episode, lost = None, 0
+        while episode is None or episode.is_lost or interface_of(env).is_cut:  # what a pause truncated does not count either
             episode = Rollout()
-            seed_episode(env, derive_seed(seed, "evaluation", number))
+            start = derive_seed(seed, "evaluation", number)
+            seed_episode(env, derive_seed(start, "again", lost) if lost else start)  # a virtual link would break again
             for frame in play(env, policy, reset_policy=reset_policy):
                 episode.add(frame, env)
-            if episode.is_lost:
+            lost += episode.is_lost
+            if lost == TRIES:
                 raise interface_of(env).link_error
         yield EpisodeScore(episode.return_, len(episode.rewards), episode.action_size, episode.success(env), episode.metrics(env))
 
