@@ -356,3 +356,35 @@ def test_policy_of_an_environment_without_a_device_acts_on_the_cpu() -> None:
     assert learner.device.type == "meta"
     learner.act_on(bricksrl.make("RunAway-v0").device)
     assert learner.acting is not policy and learner.acting.module.weight.device.type == "cpu"
+
+
+@pytest.mark.parametrize("agent", ["sac", "td3"])
+def test_networks_start_anew_with_the_replay_kept(agent: str) -> None:
+    learner, plain = (make(agent, reset_every=count) for count in (3, 0))
+    for one in (learner, plain):
+        one.remember(steps(40))
+        torch.manual_seed(0)
+        one.make_updates(3)
+    before = dict(plain.policy.named_parameters())
+    assert all((value != before[name]).any() for name, value in learner.policy.named_parameters() if value.ndim == 2)
+    assert len(learner.memory) == 40 and not learner.optimizer.state  # type: ignore[arg-type, union-attr]
+    critics, targets = learner.loss.critics.parameters(), learner.loss.target_critics.parameters()  # type: ignore[union-attr]
+    assert all((one == other).all() for one, other in zip(critics, targets, strict=True))
+    assert learner.make_updates(1) and learner.optimizer.state  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize("agent", ["sac", "td3", "cql"])
+def test_smooth_errors_are_linear_beyond_one(agent: str) -> None:
+    smooth = make(agent, critic_loss="smooth-l1").loss.errors  # type: ignore[union-attr]
+    squared = make(agent).loss.errors  # type: ignore[union-attr]
+    values, target = torch.tensor([[0.5, 3.0], [0.0, 0.0]]), torch.zeros(2)
+    assert (float(smooth(values, target)), float(squared(values, target))) == ((0.125 + 2.5) / 2, (0.25 + 9.0) / 2)
+
+
+def test_dropout_of_the_actor_trains_it_and_does_not_act() -> None:
+    learner = make("sac", actor_dropout=0.5)
+    features = torch.zeros(4, learner.loss.encoder.size)  # type: ignore[union-attr]
+    actor = learner.loss.actor  # type: ignore[union-attr]
+    assert (actor(features)[0] != actor(features)[1]).any()
+    acted = [learner.exploit(ENV.reset().clone())["action"] for _ in range(2)]
+    assert len(acted) == 2 and not learner.policy.training

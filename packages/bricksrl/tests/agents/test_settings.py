@@ -243,12 +243,13 @@ def test_paper_preset_equals_paper() -> None:
     assert (preset("paper", "sac").alpha_init, preset("paper", "sac").actor_delay) == (1.0, 1)
 
 
-def test_paper_td3_and_droq_equal_their_authors() -> None:
+def test_paper_td3_equals_its_authors_and_droq_what_was_released() -> None:
     td3, droq = preset("paper", "td3"), preset("paper", "droq")
     assert isinstance(td3, TD3Settings)
     assert (td3.actor_delay, td3.exploration_noise, td3.target_noise, td3.target_noise_clip) == (2, 0.1, 0.2, 0.5)
     assert isinstance(droq, SACSettings)
-    assert (droq.updates_per_step, droq.actor_delay, droq.dropout, droq.critic_layer_norm) == (20.0, 20, 0.01, True)
+    assert (droq.updates_per_step, droq.actor_delay, droq.dropout, droq.critic_layer_norm) == (20.0, 1, 0.01, True)
+    assert (droq.actor_dropout, droq.actor_layer_norm) == (0.01, True)
     assert (droq.num_qs, droq.num_min_qs, droq.actor_q) == (2, 2, "mean")
 
 

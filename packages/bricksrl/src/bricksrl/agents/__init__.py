@@ -67,7 +67,8 @@ _PAPER: dict[str, Any] = {
     "encoder": "convolutions",
 }
 _PAPER_BY_AGENT: dict[str, dict[str, Any]] = {
-    "droq": {**_DROQ, "critic_layer_norm": True},
+    # as released with the paper: its actor is like its critics, and learns with them
+    "droq": {**_DROQ, "critic_layer_norm": True, "actor_layer_norm": True, "actor_dropout": 0.01, "actor_delay": 1},
     "redq": _REDQ,
     "crossq": {"learning_rate": 1e-3, "momentum": 0.01},
     "iql": {"expectile": 0.5, "temperature": 1.0},

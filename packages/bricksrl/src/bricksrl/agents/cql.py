@@ -22,7 +22,7 @@ from torchrl.envs import EnvBase
 from bricksrl.agents import sac
 from bricksrl.agents.learner import Learner
 from bricksrl.agents.policy_transfer import CountedUpdates
-from bricksrl.agents.sac import Batch, Critics, SACLoss, SACSettings, location_and_scale, squared_errors
+from bricksrl.agents.sac import Batch, Critics, SACLoss, SACSettings, location_and_scale
 from bricksrl.agents.settings import NotNegative, Positive, Range
 
 MAX_FACTOR = 1e6
@@ -101,7 +101,7 @@ class CQLLoss(CountedUpdates, SACLoss):
         gap = self.settings.min_q_weight * (scores.logsumexp(1).mean() - value.detach().mean())
         penalty = self.settings.min_q_weight * (torch.stack(sampled_values) - value.mean(-1)).sum()
         factor = self.log_factor.exp().clamp_max(MAX_FACTOR)
-        losses = {"loss_qvalue": squared_errors(value, target), "loss_cql": factor.detach() * penalty, "gap": gap}
+        losses = {"loss_qvalue": self.errors(value, target), "loss_cql": factor.detach() * penalty, "gap": gap}
         if self.settings.lagrange_threshold is not None:
             losses["loss_lagrange"] = factor * (self.settings.lagrange_threshold - gap)
         return losses

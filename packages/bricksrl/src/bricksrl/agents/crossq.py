@@ -12,7 +12,7 @@ from torchrl.envs import EnvBase
 from bricksrl.agents.encoder import make_encoder
 from bricksrl.agents.learner import Learner, off_policy_learner
 from bricksrl.agents.networks import action_size, action_spec, gaussian_policy, make_body
-from bricksrl.agents.sac import Batch, Critics, EntropySettings, SACLoss, squared_errors
+from bricksrl.agents.sac import Batch, Critics, EntropySettings, SACLoss
 from bricksrl.agents.settings import Positive, Range, ShareBelowOne
 
 
@@ -49,7 +49,7 @@ class CrossQLoss(SACLoss):
         self.critics.eval()
         rows = len(batch.reward)
         next_value = values[:, rows:].detach().amin(0) - self.alpha * next_log_prob
-        return {"loss_qvalue": squared_errors(values[:, :rows], batch.reward + batch.discount * next_value)}
+        return {"loss_qvalue": self.errors(values[:, :rows], batch.reward + batch.discount * next_value)}
 
     def actor_loss(self, batch: Batch) -> dict[str, Tensor]:
         """Losses of actor and temperature; the critics use running statistics."""

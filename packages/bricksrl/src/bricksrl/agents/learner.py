@@ -62,6 +62,7 @@ class Learner:
         prefill_episodes: initial episodes of uniform actions.
         actor_delay: every n-th update includes the actor's losses.
         target_delay: every n-th update moves the targets.
+        reset_every: updates after which networks, targets and optimiser start anew; 0 for never.
         descend: losses to minimise; ``None`` for all names that begin with "loss".
         clip_norm: limit of the gradient's norm.
         imitates: learns from a dataset only.
@@ -84,6 +85,7 @@ class Learner:
     prefill_episodes: int = 0
     actor_delay: int = 1
     target_delay: int = 1
+    reset_every: int = 0
     descend: tuple[str, ...] | None = None
     clip_norm: float | None = None
     imitates: bool = False
@@ -225,7 +227,19 @@ class Learner:
         self.optimizer.zero_grad()
         if self.target is not None and self.updates % self.target_delay == 0:
             self.target.step()
+        if self.reset_every and self.updates % self.reset_every == 0:
+            self._restart()
         return {name: value.detach() for name, value in losses.items() if isinstance(name, str) and value.numel() == 1}
+
+    def _restart(self) -> None:
+        """Draw the weights of all layers anew; what was measured, such as ranges and the temperature, stays."""
+        for module in self.loss.modules() if self.loss is not None else ():
+            if hasattr(module, "reset_parameters"):
+                module.reset_parameters()
+        if self.target is not None:
+            self.target.init_()
+        if self.optimizer is not None:
+            self.optimizer.state.clear()
 
     def policy_state(self) -> dict[str, Tensor]:
         """Copy of the policy's tensors on the CPU."""
@@ -300,5 +314,5 @@ def off_policy_learner(
     """A learner with the optimiser and replay buffer of the settings."""
     learned = list(loss.parameters())
     memory = make_replay_buffer(env, settings, learned[0].device)
-    options |= {name: getattr(settings, name) for name in ("updates_per_step", "prefill_episodes", "actor_delay")}
+    options |= {name: getattr(settings, name) for name in ("updates_per_step", "prefill_episodes", "actor_delay", "reset_every")}
     return Learner(policy, loss, adam(learned, settings), memory, target, **options)

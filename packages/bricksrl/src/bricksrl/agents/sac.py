@@ -24,7 +24,7 @@ from torchrl.objectives.utils import hold_out_net
 from bricksrl.agents.encoder import encode, encoder_keys, make_encoder
 from bricksrl.agents.learner import Learner, off_policy_learner
 from bricksrl.agents.networks import action_size, action_spec, gaussian_policy, make_body
-from bricksrl.agents.settings import OffPolicySettings, Positive, Range, ShareBelowOne, TargetSettings
+from bricksrl.agents.settings import CriticSettings, OffPolicySettings, Positive, Range, ShareBelowOne
 from bricksrl.errors import DescriptionError
 
 LEAST_SCALE = 0.01
@@ -45,12 +45,14 @@ class EntropySettings(OffPolicySettings):
 
 
 @dataclass(frozen=True)
-class SACSettings(EntropySettings, TargetSettings):
+class SACSettings(EntropySettings, CriticSettings):
     """Settings of SAC, DroQ and REDQ."""
 
     alpha_init: Annotated[float, Positive] = 0.1
     actor_layer_norm: bool = False
     """Layer normalisation in the actor."""
+    actor_dropout: Annotated[float, ShareBelowOne] = 0.0
+    """Dropout rate in the actor."""
     dropout: Annotated[float, ShareBelowOne] = 0.0
     """Dropout rate in the critics."""
     num_qs: Annotated[int, Range(1, 64)] = 2
@@ -97,6 +99,7 @@ class ActorCriticLoss(LossModule):  # type: ignore[misc]
         super().__init__()
         self.encoder, self.actor, self.critics, self.gamma = encoder, actor, critics, settings.gamma
         self.anchor: nn.Module | None = None  # of a transferred policy
+        self.errors = smooth_errors if settings.critic_loss == "smooth-l1" else squared_errors
         keys = encoder_keys(encoder)
         self.in_keys = [*keys, "action", *(("next", key) for key in (*keys, "reward", "terminated"))]
 
@@ -109,9 +112,9 @@ class ActorCriticLoss(LossModule):  # type: ignore[misc]
         """Losses ("loss_actor" and others) and metrics; without gradient for the critics."""
 
     def qvalue_loss(self, batch: Batch) -> dict[str, Tensor]:
-        """Squared errors summed over the critics, other losses and metrics."""
+        """Errors summed over the critics, other losses and metrics."""
         target = self.target_qvalue(batch)
-        return {"loss_qvalue": squared_errors(self.critics(batch.features, batch.action), target)}
+        return {"loss_qvalue": self.errors(self.critics(batch.features, batch.action), target)}
 
     def encode(self, tensordict: TensorDictBase) -> Batch:
         """Encode a batch from a replay buffer."""
@@ -145,6 +148,11 @@ class ActorCriticLoss(LossModule):  # type: ignore[misc]
 def squared_errors(values: Tensor, target: Tensor) -> Tensor:
     """Mean squared error of values ``[k, batch]``, summed over the ``k`` critics."""
     return (values - target).square().mean(-1).sum()
+
+
+def smooth_errors(values: Tensor, target: Tensor) -> Tensor:
+    """Mean of half the squared error up to 1, linear beyond, summed over the critics."""
+    return functional.smooth_l1_loss(values, target.expand_as(values), reduction="none").mean(-1).sum()
 
 
 class SACLoss(ActorCriticLoss):
@@ -220,11 +228,17 @@ class PolyakUpdate:
         """Move the targets."""
         self._average(self._targets, self._sources, 0)
 
+    @torch.no_grad()
+    def init_(self) -> None:
+        """Let the targets equal their networks."""
+        for target, source in zip(self._targets, self._sources, strict=True):
+            target.copy_(source)
+
 
 def build(env: EnvBase, settings: SACSettings, device: torch.device | str = "cpu", make_loss: type[SACLoss] = SACLoss) -> Learner:
     """SAC, or an algorithm with another loss, for an environment. Initialized from torch's global generator."""
     m, encoder = action_size(env), make_encoder(env, settings)
-    actor = make_body(settings, encoder.size, 2 * m, layer_norm=settings.actor_layer_norm)
+    actor = make_body(settings, encoder.size, 2 * m, layer_norm=settings.actor_layer_norm, dropout=settings.actor_dropout)
     kwargs = {"layer_norm": settings.critic_layer_norm, "dropout": settings.dropout}
     critics = Critics([make_body(settings, encoder.size + m, 1, **kwargs) for _ in range(settings.num_qs)])
     policy = gaussian_policy(encoder, actor, action_spec(env), min_scale=settings.min_scale)

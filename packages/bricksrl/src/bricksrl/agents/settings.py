@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from brickhub.fields import Range as Range  # noqa: PLC0414  users find it beside its shorthands
 from brickhub.fields import check_fields
@@ -78,6 +78,10 @@ class OffPolicySettings(Settings):
     """In a task with goals: share of each batch with goals redrawn from their range."""
     mirror: bool = True
     """Where task and robot are symmetric: mirror half of the rows of each batch from left to right."""
+    reset_every: ClassVar[int] = 0
+    """See `CriticSettings`."""
+    critic_loss: ClassVar[str] = "squared"
+    """See `CriticSettings`."""
     shift_px: Annotated[int, Range(0, 64)] = 0
     """Random shift of each image in a batch, in px, as augmentation; 4 is usual for convolutions."""
 
@@ -95,3 +99,13 @@ class TargetSettings(OffPolicySettings):
     """Step of target networks towards the others at each update (soft update); TD3: at each update of the actor."""
     critic_layer_norm: bool = True
     """Layer normalisation in the critics."""
+
+
+@dataclass(frozen=True)
+class CriticSettings(TargetSettings):
+    """Settings of algorithms with target networks and plain critics."""
+
+    reset_every: Annotated[int, NotNegative] = 0
+    """Updates after which the networks start anew and learn from the replay again (Nikishin et al., 2022); 0 for never."""
+    critic_loss: Literal["squared", "smooth-l1"] = "squared"
+    """Loss of the critics' errors: squared, or of their size beyond 1."""

@@ -15,7 +15,7 @@ from bricksrl.agents.encoder import make_encoder
 from bricksrl.agents.learner import Learner, off_policy_learner
 from bricksrl.agents.networks import action_size, action_spec, deterministic_policy, make_body
 from bricksrl.agents.sac import ActorCriticLoss, Batch, Critics, PolyakUpdate
-from bricksrl.agents.settings import NotNegative, Positive, Range, TargetSettings
+from bricksrl.agents.settings import CriticSettings, NotNegative, Positive, Range, TargetSettings
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class DeterministicSettings(TargetSettings):
 
 
 @dataclass(frozen=True)
-class TD3Settings(DeterministicSettings):
+class TD3Settings(DeterministicSettings, CriticSettings):
     """Settings of TD3."""
 
     tau: Annotated[float, Range(0.0, 1.0, above=True)] = 0.01

@@ -30,8 +30,8 @@ HORIZON = 4
 class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
     """Uniform replay of ``capacity`` transitions with observations of ``keys``; the oldest are overwritten first.
 
-    Transitions are in the computer's memory, or with ``memory_mapped`` in a temporary file, as a graphics card seldom has room for
-    all; samples are moved to ``device``.
+    Transitions are in the computer's memory, or with ``memory_mapped`` in a temporary file: a graphics card seldom has room for
+    all. Samples are moved to ``device``.
     ``n_step``: steps whose rewards are summed with discount ``gamma``; "steps_to_next_obs" is their actual number. ``goals``:
     relabelling of each batch; ``shift_px``: random shift of images. Where a batch needs what followed, successors are linked.
     """
