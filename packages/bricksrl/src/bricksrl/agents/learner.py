@@ -20,7 +20,7 @@ from torchrl.objectives import LossModule
 
 from bricksrl.agents.encoder import Encoder
 from bricksrl.agents.replay.buffer import TransitionReplayBuffer, make_replay_buffer
-from bricksrl.agents.settings import OffPolicySettings, Settings
+from bricksrl.agents.settings import CriticSettings, OffPolicySettings, Settings
 from bricksrl.envs.rollout import cut_at_lost_links, lost_links, with_outcome
 from bricksrl.errors import CheckpointError, message_of
 
@@ -314,5 +314,6 @@ def off_policy_learner(
     """A learner with the optimiser and replay buffer of the settings."""
     learned = list(loss.parameters())
     memory = make_replay_buffer(env, settings, learned[0].device)
-    options |= {name: getattr(settings, name) for name in ("updates_per_step", "prefill_episodes", "actor_delay", "reset_every")}
+    options |= {name: getattr(settings, name) for name in ("updates_per_step", "prefill_episodes", "actor_delay")}
+    options["reset_every"] = settings.reset_every if isinstance(settings, CriticSettings) else 0
     return Learner(policy, loss, adam(learned, settings), memory, target, **options)

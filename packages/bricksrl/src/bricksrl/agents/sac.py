@@ -99,7 +99,8 @@ class ActorCriticLoss(LossModule):  # type: ignore[misc]
         super().__init__()
         self.encoder, self.actor, self.critics, self.gamma = encoder, actor, critics, settings.gamma
         self.anchor: nn.Module | None = None  # of a transferred policy
-        self.errors = smooth_errors if settings.critic_loss == "smooth-l1" else squared_errors
+        is_smooth = isinstance(settings, CriticSettings) and settings.critic_loss == "smooth-l1"
+        self.errors = smooth_errors if is_smooth else squared_errors
         keys = encoder_keys(encoder)
         self.in_keys = [*keys, "action", *(("next", key) for key in (*keys, "reward", "terminated"))]
 

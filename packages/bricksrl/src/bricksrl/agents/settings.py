@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
 from brickhub.fields import Range as Range  # noqa: PLC0414  users find it beside its shorthands
 from brickhub.fields import check_fields
@@ -78,10 +78,6 @@ class OffPolicySettings(Settings):
     """In a task with goals: share of each batch with goals redrawn from their range."""
     mirror: bool = True
     """Where task and robot are symmetric: mirror half of the rows of each batch from left to right."""
-    reset_every: ClassVar[int] = 0
-    """See `CriticSettings`."""
-    critic_loss: ClassVar[str] = "squared"
-    """See `CriticSettings`."""
     shift_px: Annotated[int, Range(0, 64)] = 0
     """Random shift of each image in a batch, in px, as augmentation; 4 is usual for convolutions."""
 
