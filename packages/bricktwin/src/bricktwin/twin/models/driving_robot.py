@@ -13,8 +13,9 @@ from brickhub.errors import TwinError
 from brickhub.robot import AnyHub, DriveBase, Motor, MotorKind, Robot
 from bricktwin.plans.geometry import Triple
 from bricktwin.plans.part import DeviceKind
+from bricktwin.plans.shapes import X_AXIS, Y_AXIS, Z_AXIS, box, cylinder, merge
 from bricktwin.twin.models import lego, mjcf
-from bricktwin.twin.models.lego import X_AXIS, Y_AXIS, Z_AXIS, Piece, box, cylinder, draw
+from bricktwin.twin.models.lego import Piece, draw, piece
 from bricktwin.twin.models.mounts import add_hub_site, case_of, hub_axes, mount_of, mount_sensor
 from bricktwin.twin.scene import Scene
 
@@ -120,7 +121,7 @@ class _Frame:
         height = _CASTER_RADIUS_MM - self.axle
         post = max(self.top - height - 16.0, 8.0)
         parts.append(lego.ball_caster(_CASTER_RADIUS_MM).at(x, y, height))
-        parts.append(Piece((("dark_grey", box(14, 14, post, radius=1.0).at(x, y, self.top - post / 2)),)))
+        parts.append(piece(dark_grey=box(14, 14, post, radius=1.0).at(x, y, self.top - post / 2)))
         return parts + [self._holder(mount_of(sensor).at_mm) for sensor in self.robot.sensors]
 
     def _holder(self, at_mm: Triple) -> Piece:
@@ -130,7 +131,7 @@ class _Frame:
         sign = 1.0 if ahead >= 0 else -1.0
         bar = box(length, 7.6, 7.6, radius=1.0).at(sign * (20.0 + length / 2), left, self.top)
         post = box(7.6, 7.6, height, radius=1.0).at(ahead, left, (self.top + up) / 2)
-        return Piece((("dark_grey", bar), ("dark_grey", post)))
+        return piece(dark_grey=merge([bar, post]))
 
 
 def _motor_case(kind: MotorKind) -> tuple[Triple, float]:
@@ -146,7 +147,7 @@ def _hub(kind: AnyHub, size: Triple) -> Piece:
     lower = box(length, width, height * 0.6, radius=2.0).at(0, 0, -height * 0.2)
     upper = box(length - 2, width - 2, height * 0.4, radius=2.0).at(0, 0, height * 0.3)
     button = cylinder(6.0, 2.0, bevel=0.6).at(length / 4, 0, height / 2)
-    return Piece((("dark_grey", lower), ("white", upper), ("azure", button)))
+    return piece(dark_grey=lower, white=upper, azure=button)
 
 
 def _motor(kind: MotorKind, size: Triple, side: float) -> Piece:
@@ -158,4 +159,4 @@ def _motor(kind: MotorKind, size: Triple, side: float) -> Piece:
     case = box(length - 16, width, height, radius=2.2).at(12 - (length - 16) / 2, 0, 0)
     cap = box(16, width - 1, height - 1, radius=2.2).at(12 - length + 8, 0, 0)
     collar = cylinder(10.8, width + 2, bevel=0.6).along(Y_AXIS)
-    return Piece((("white", case), ("dark_grey", cap), ("turquoise", collar)))
+    return piece(white=case, dark_grey=cap, turquoise=collar)

@@ -13,8 +13,9 @@ from brickhub.robot.spec import LOOKS
 from bricktwin.plans import catalogue
 from bricktwin.plans.geometry import MM_PER_LDU, Floats, Triple
 from bricktwin.plans.part import DeviceKind
+from bricktwin.plans.shapes import X_AXIS, Z_AXIS, box, cylinder, ring
 from bricktwin.twin.models import lego
-from bricktwin.twin.models.lego import X_AXIS, Z_AXIS, Piece, box, cylinder, ring
+from bricktwin.twin.models.lego import Piece, piece
 from bricktwin.twin.models.mjcf import SHAPE_GROUP, add_box
 
 _BUTTON_MM = 8.0
@@ -140,23 +141,18 @@ def _aimed(part: Piece, gaze: Floats) -> Piece:
 def _small_sensor(size: Triple) -> Piece:
     """Sensor with one round eye, facing x; its eye is the origin."""
     depth, width, height = min(size), size[0], size[1]
-    rim = ring(8.6, 6.2, 2.0).along(X_AXIS).at(-0.8, 0, 0)
-    return Piece(
-        (
-            ("white", box(depth - 2, width, height, radius=2.0).at(-depth / 2 - 1, 0, 0)),
-            ("black", cylinder(8.8, 1.6, bevel=0.4).along(X_AXIS).at(-1.4, 0, 0)),
-            ("azure", rim),
-        )
+    return piece(
+        white=box(depth - 2, width, height, radius=2.0).at(-depth / 2 - 1, 0, 0),
+        black=cylinder(8.8, 1.6, bevel=0.4).along(X_AXIS).at(-1.4, 0, 0),
+        azure=ring(8.6, 6.2, 2.0).along(X_AXIS).at(-0.8, 0, 0),
     )
 
 
 def _force_sensor(size: Triple) -> Piece:
     """Force sensor facing x, with its button at the end; the button's front is the origin."""
     length, width, height = size
-    return Piece(
-        (
-            ("white", box(length, width, height, radius=2.0).at(-_BUTTON_MM - length / 2, 0, 0)),
-            ("black", cylinder(8.0, _BUTTON_MM, bevel=1.0).along(X_AXIS).at(-_BUTTON_MM / 2, 0, 0)),
-            ("light_grey", box(length * 0.4, width + 0.4, 6, radius=0.8).at(-_BUTTON_MM - length / 2, 0, 3)),
-        )
+    return piece(
+        white=box(length, width, height, radius=2.0).at(-_BUTTON_MM - length / 2, 0, 0),
+        black=cylinder(8.0, _BUTTON_MM, bevel=1.0).along(X_AXIS).at(-_BUTTON_MM / 2, 0, 0),
+        light_grey=box(length * 0.4, width + 0.4, 6, radius=0.8).at(-_BUTTON_MM - length / 2, 0, 3),
     )

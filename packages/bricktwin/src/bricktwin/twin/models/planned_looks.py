@@ -4,21 +4,20 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Iterable
-from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 
-from brickhub.errors import TwinError
 from bricktwin.plans.catalogue import colour_of
 from bricktwin.plans.geometry import MM_PER_LDU, Floats
 from bricktwin.plans.mechanism.kinematics import TO_TWIN
 from bricktwin.plans.part import DeviceKind, Part
 from bricktwin.plans.picture import COARSE, TINTS, Tint, offset_points, surface_of
 from bricktwin.plans.plan import Placed, Plan
+from bricktwin.plans.shapes import Shape, shape_of
 from bricktwin.twin import ldraw
 from bricktwin.twin.models import lego
-from bricktwin.twin.models.lego import Shape, colour_name, library_shapes, shape_of, signed_axes
+from bricktwin.twin.models.lego import colour_name
 
 _CLEARANCE = 0.5
 """LDU: 0.1 mm on each side of a part."""
@@ -27,11 +26,12 @@ _BEND = 80.0
 _SPOKED_MM = 40.0
 """Diameter from which a wheel is drawn with spokes."""
 _DETAILED: dict[str, tuple[Callable[[], lego.Piece], tuple[int, int, int]]] = {
-    "prime": (lego.hub, lego.HUB_AXES),
-    "spike-medium": (lego.medium_motor_case, lego.MOTOR_AXES),
-    "UltrasonicSensor": (lego.ultrasonic_sensor, lego.SONAR_AXES),
+    "prime": (lego.hub, (3, -1, -2)),
+    "spike-medium": (lego.medium_motor_case, (-3, -2, -1)),
+    "UltrasonicSensor": (lego.ultrasonic_sensor, (-3, 1, -2)),
 }
-"""Our drawings of electric parts, and the signed axes of the catalogue's parts, which are those of LDraw's files."""
+"""Our drawings of electric parts, and the signed axes of the catalogue's parts that are x, y and z there (1 is a part's x)."""
+_WHEEL_AXES = (-1, -3, -2)
 
 
 def looks_of(
@@ -109,10 +109,12 @@ def _detailed(part: Part) -> list[tuple[str, Shape]]:
         make, axes = _DETAILED[device]
         drawing = make()
     elif part.wheel_mm > _SPOKED_MM:
-        drawing, axes = lego.wheel(part.wheel_mm), lego.WHEEL_AXES
+        drawing, axes = lego.wheel(part.wheel_mm), _WHEEL_AXES
     else:
         return []
-    turn = signed_axes(axes)  # from the part's axes to ours
+    turn = np.zeros((3, 3))  # from the part's axes to ours
+    for row, axis in enumerate(axes):
+        turn[row, abs(axis) - 1] = np.sign(axis)
     points = np.concatenate([shape.points for _, shape in drawing.shapes]) @ turn / MM_PER_LDU
     low, high = part.bounds
     case = part.solids[0].corners()
@@ -127,10 +129,11 @@ def _detailed(part: Part) -> list[tuple[str, Shape]]:
 @functools.lru_cache(maxsize=256)
 def _of_library(part: Part, root: Path) -> tuple[tuple[str, Shape], ...]:
     """Shapes of a part in an LDraw library by colour, "" for its main colour; empty if it has none."""
-    for number in (part.number, *part.aliases):
-        with suppress(TwinError):
-            return library_shapes(root, f"{number}.dat", np.eye(3))
-    return ()
+    found = (ldraw.triangles_of(root, f"{number}.dat") for number in (part.number, *part.aliases))
+    by_colour = next(filter(None, found), {})
+    shapes = {code: shape_of(triangles) for code, triangles in by_colour.items()}
+    names = {code: "" if code == ldraw.MAIN_COLOUR else colour_name(ldraw.rgba(root, code)) for code in shapes}
+    return tuple((names[code], shape) for code, shape in shapes.items() if shape is not None)
 
 
 def cables_of(plan: Plan, parts: Iterable[int], origin_m: Floats) -> list[lego.Piece]:

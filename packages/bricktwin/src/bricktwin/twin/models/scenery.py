@@ -9,7 +9,8 @@ import mujoco
 import numpy as np
 
 from bricktwin.plans.geometry import Floats, Triple
-from bricktwin.twin.models.lego import Piece, Shape, colour_name, discs, draw, merge
+from bricktwin.plans.shapes import Shape, discs, merge
+from bricktwin.twin.models.lego import Piece, colour_name, draw
 from bricktwin.twin.models.mjcf import OBSTACLE_GROUP, yaw_quaternion
 from bricktwin.twin.objects import COLORS, Field, Line, Mark, Point, Ramp, Solid, Wall
 from bricktwin.twin.scene import Scene
