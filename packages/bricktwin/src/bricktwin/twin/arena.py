@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import copy
 import functools
-import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -52,11 +51,6 @@ class Place:
         x_m, y_m, heading_deg = (rng.uniform(*bounds) for bounds in (self.x_m, self.y_m, self.heading_deg))
         return Pose(x_m, y_m, heading_deg)
 
-    def farthest_m(self, other: Place) -> float:
-        """Largest distance between a position drawn here and one drawn at another place."""
-        ranges = ((self.x_m, other.x_m), (self.y_m, other.y_m))
-        return math.hypot(*(max(abs(high - low2), abs(high2 - low)) for (low, high), (low2, high2) in ranges))
-
 
 @dataclass(frozen=True)
 class Contestant:
@@ -81,8 +75,7 @@ class Load:
 
 @dataclass(frozen=True)
 class Arena:
-    """Robots, start places and scene. Raises TwinError if names are not unique, there are too many motors, or two robots cannot
-    keep the gap at the start.
+    """Robots, start places and scene. Raises TwinError if names are not unique, or there are too many motors.
 
     Attributes:
         half_size_m: half size of the floor within the walls, along x and y; ``None`` for an open floor.
@@ -100,10 +93,6 @@ class Arena:
             raise TwinError(f"an arena of {', '.join(names) or 'nothing'}; give each robot and each load a name of its own")
         if sum(len(contestant.robot.motors) for contestant in self.robots) > _MAX_MOTORS:
             raise TwinError(f"the robots of an arena have more than {_MAX_MOTORS} motors; take fewer robots")
-        for one, other in itertools.combinations(self.robots, 2):
-            if one.place.farthest_m(other.place) < self.gap_m:
-                text = f"'{one.name}' and '{other.name}' can never start {self.gap_m:g} m apart"
-                raise TwinError(f"{text}; give them other places, or the arena a smaller gap_m")
 
     def too_narrow(self) -> TwinError:
         """The error for starts that are not found."""
@@ -192,7 +181,6 @@ class ArenaWorld:
         self.model = copy.copy(self._nominal)
         self.data = mujoco.MjData(self.model)
         self.time_ms, self.steps = 0, 0
-        self.open_circuits = 0
         self.runners: list[Callable[[int], None]] = []
         self.on_time: Callable[[int], None] = lambda _: None
         self._target_ms: dict[int, int] = {}
@@ -273,6 +261,7 @@ class ArenaWorld:
             remaining -= steps
             self.steps += steps
             for body in self.bodies:
+                body.steps = self.steps
                 body.update_turns()
                 if self.steps % STEPS_PER_LOAD == 0:
                     body.load_battery()
@@ -287,26 +276,16 @@ class ArenaBody(MujocoBody):
         self.robot, self.scene, self._arena = contestant.robot, OPEN_FLOOR, world
         self._use(physics)
         self.model, self.data = world.model, world.data
-        self._number = world.arena.robots.index(contestant)
+        self._number, self.steps = world.arena.robots.index(contestant), 0
         self._noise, self._heading_noise = np.random.default_rng(seed), SummedNoise(np.random.default_rng(seed.spawn(1)[0]))
         self._bind(f"{contestant.name}/")
         self._turns, self._heading_at_start_deg = Turns(), 0.0
-        for port in self._terminals:
-            self.set_voltage(port, None)
+        self.coast()
 
     def reset(self, rng: Rng) -> None:
         """Place all robots for the start of an episode."""
         self._arena.place(rng)
 
-    def _step_count(self) -> int:
-        return self._arena.steps
-
     def advance_to(self, time_ms: int) -> None:
         """Advance the world to this time, and all other robots with it."""
         self._arena.advance_for(self._number, time_ms)
-
-    def set_voltage(self, port: str, voltage_mv: int | None) -> None:
-        """Apply a voltage; the set of open circuits is shared by the world."""
-        self._open_circuits = self._arena.open_circuits
-        super().set_voltage(port, voltage_mv)
-        self._arena.open_circuits = self._open_circuits

@@ -8,9 +8,9 @@ from collections.abc import Mapping, Sequence
 import mujoco
 import numpy as np
 
-from bricktwin.plans.geometry import Floats
+from bricktwin.plans.geometry import Floats, triple
 from bricktwin.plans.mechanism.articulation import Articulation
-from bricktwin.twin.models.turning import SPINNER, TurningParts, add_rod
+from bricktwin.twin.models.turning import TurningParts, add_coupling, add_loop, add_rod, add_spinner
 
 _TURN_RAD = 0.25
 """Largest turn between two solutions, so that a linkage does not flip."""
@@ -80,22 +80,17 @@ class Linkage:
             bodies.append(body)
             origins.append(joint.point_m)
         for geared in made.geared:
-            equal = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT)
-            equal.name1, equal.name2 = f"joint_{geared.joint.child}_0", f"motor_{geared.port}"
-            equal.data[:5] = [0.0, geared.ratio, 0.0, 0.0, 0.0]
+            add_coupling(spec, geared, "", f"joint_{geared.joint.child}_0")
         for loop in made.loops:
-            equal = spec.add_equality(type=mujoco.mjtEq.mjEQ_CONNECT, objtype=mujoco.mjtObj.mjOBJ_BODY)
-            equal.name1, equal.name2 = bodies[loop.parent].name, bodies[loop.child].name
-            equal.data[:3] = loop.point_m - origins[loop.parent]
+            add_loop(spec, "", bodies[loop.parent], bodies[loop.child], triple(loop.point_m - origins[loop.parent]))
         body_of = {part: body for number, body in enumerate(bodies) for part in made.bodies[number].parts}
         for number, rod in enumerate(made.rods):
             pins = (rod.near, rod.near_m), (rod.far, rod.far_m)
             near, far = ((bodies[end], tuple(at_m - origins[end])) for end, at_m in pins)
             body_of |= dict.fromkeys(rod.parts, add_rod(spec, str(number), near, far))
         for number, follower in enumerate(made.followers):
-            at_m, about = follower.point_m - origins[follower.body], [follower.ratio, *-follower.axis]
-            body = bodies[follower.body].add_body(name=f"{SPINNER}{follower.port}_{number}", pos=at_m, userdata=about)
-            body_of |= dict.fromkeys(follower.parts, body)
+            at_m = triple(follower.point_m - origins[follower.body])
+            body_of |= dict.fromkeys(follower.parts, add_spinner(bodies[follower.body], number, follower, at_m))
         self._model = model = spec.compile()
         self._data = mujoco.MjData(model)
         self._body_of = {part: int(body.id) for part, body in body_of.items()}

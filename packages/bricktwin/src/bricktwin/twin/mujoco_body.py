@@ -87,6 +87,7 @@ class MujocoBody:
         tyres: geometries of the drive base's tyres, left and right, if it has such.
         chassis: index of the first body; ``moves``: whether it moves freely.
         physics: the present parameters; ``link``: those of the link.
+        steps: of the physics since the body was made.
     """
 
     def __init__(self, robot: Robot, scene: Scene, physics: Physics | RandomPhysics, seed: int) -> None:
@@ -100,7 +101,7 @@ class MujocoBody:
         self._apply(Physics() if isinstance(physics, RandomPhysics) else physics)
         noise_seed, start_seed, heading_seed = np.random.SeedSequence(seed).spawn(3)
         self._noise, self._heading_noise = np.random.default_rng(noise_seed), SummedNoise(np.random.default_rng(heading_seed))
-        self._steps = self._steps_since_update = 0
+        self.steps = self._steps_since_update = 0
         self._turns, self._heading_at_start_deg = Turns(), 0.0
         self._settle()
         self._check_starts()
@@ -118,7 +119,6 @@ class MujocoBody:
         root = int(model.body(f"{prefix}chassis").jntadr[0]) if prefix else 0
         self.chassis, self.moves = int(model.jnt_bodyid[root]), bool(model.jnt_type[root] == mujoco.mjtJoint.mjJNT_FREE)
         self._bind_motors(prefix)
-        self._open_circuits = 0
         self._backlash = _backlash_joints(model)
         feet = [geom for geom in range(model.ngeom) if model.geom(geom).name.startswith("foot_")]
         # Nothing stands on one foot; in an arena a robot keeps the stance in which it has settled.
@@ -134,7 +134,7 @@ class MujocoBody:
         # Other robots are obstacles too, but not this one.
         self._detected_groups[[OBSTACLE_GROUP, SHAPE_GROUP] if prefix else OBSTACLE_GROUP] = 1
         self._undetected_body = self.chassis if prefix else -1
-        self._qpos, self._qvel = data.qpos, data.qvel
+        self._qpos, self._qvel, self._options = data.qpos, data.qvel, model.opt
         # NumPy is slow for single values.
         self._joint_positions = cast("memoryview[float]", memoryview(data.qpos))
         self._voltages_v = cast("memoryview[float]", memoryview(data.ctrl))
@@ -210,10 +210,14 @@ class MujocoBody:
             play, address = model.jnt_range[joint, 1], model.jnt_qposadr[joint]
             self._qpos[address] = min(max(self._qpos[address], -play), play)
 
-    def _settle(self) -> None:
-        """Open all circuits; let a robot on wheels settle on the floor and record its stance."""
+    def coast(self) -> None:
+        """Let all motors coast."""
         for port in self._terminals:
             self.set_voltage(port, None)
+
+    def _settle(self) -> None:
+        """Open all circuits; let a robot on wheels settle on the floor and record its stance."""
+        self.coast()
         if self._feet is not None or not self.moves:
             return
         if self.scene.objects:
@@ -310,23 +314,19 @@ class MujocoBody:
 
     # ---------------------------------------------------------------- time
 
-    def _step_count(self) -> int:
-        """Steps of the physics since the body was made."""
-        return self._steps
-
     def advance_to(self, time_ms: int) -> None:
         """Integrate whole steps up to this simulated time."""
-        remaining = time_ms * 2 // 5 - self._steps
+        remaining = time_ms * 2 // 5 - self.steps
         while remaining > 0:
-            steps = STEPS_PER_LOAD - self._steps % STEPS_PER_LOAD
+            steps = STEPS_PER_LOAD - self.steps % STEPS_PER_LOAD
             steps = steps if steps < remaining else remaining
             mujoco.mj_step(self.model, self.data, steps)
             remaining -= steps
-            self._steps += steps
+            self.steps += steps
             self._steps_since_update += steps
             if self._steps_since_update >= _STEPS_PER_UPDATE:
                 self.update_turns()
-            if self._steps % STEPS_PER_LOAD == 0:
+            if self.steps % STEPS_PER_LOAD == 0:
                 self.load_battery()
 
     def update_turns(self) -> None:
@@ -362,9 +362,8 @@ class MujocoBody:
     def set_voltage(self, port: str, voltage_mv: int | None) -> None:
         """Apply a voltage, at most the battery's; 0 shorts the motor (brake), ``None`` opens the circuit (coast)."""
         actuator, circuit = self._terminals[port]
-        if (voltage_mv is None) is not bool(self._open_circuits & circuit):
-            self._open_circuits ^= circuit
-            self.model.opt.disableactuator = self._open_circuits
+        if (voltage_mv is None) is not bool(self._options.disableactuator & circuit):
+            self._options.disableactuator ^= circuit
         if voltage_mv is not None:
             share = voltage_mv / self.battery_mv
             share = 1.0 if share > 1.0 else -1.0 if share < -1.0 else share
@@ -443,7 +442,7 @@ class MujocoBody:
     def heading_deg(self) -> float:
         """Rotation about the vertical since the start, as summed up from the gyroscope, clockwise positive, not wrapped."""
         self.update_turns()
-        noise_deg = self._heading_noise.deg(self._step_count() * TIMESTEP_S, self.physics.gyro_noise_deg_s) + self._drift_deg()
+        noise_deg = self._heading_noise.deg(self.steps * TIMESTEP_S, self.physics.gyro_noise_deg_s) + self._drift_deg()
         return (self._turns.heading_deg - self._heading_at_start_deg) * self._gyro_scale + noise_deg
 
     def rotation_deg(self) -> tuple[float, float, float]:
@@ -455,7 +454,7 @@ class MujocoBody:
 
     def _drift_deg(self) -> float:
         """What the gyroscope has drifted since the start, clockwise."""
-        return self.physics.gyro_drift_deg_min / 60.0 * self._step_count() * TIMESTEP_S
+        return self.physics.gyro_drift_deg_min / 60.0 * self.steps * TIMESTEP_S
 
 
 SIDE_LOAD_OFFSET_M = (0.0, 0.048, 0.0)

@@ -19,15 +19,15 @@ import numpy as np
 from brickhub.errors import TwinError
 from brickhub.robot import Motor, Robot
 from bricktwin.plans.geometry import M_PER_LDU, MM_PER_LDU, Floats, Form
-from bricktwin.plans.mechanism.articulation import Articulation, Drive, Joint
-from bricktwin.plans.mechanism.kinematics import TO_TWIN, Wheel
+from bricktwin.plans.mechanism.articulation import Articulation, Drive
+from bricktwin.plans.mechanism.kinematics import TO_TWIN, Hinge, Wheel
 from bricktwin.plans.plan import Placed
 from bricktwin.plans.planned_robot import PlannedRobot, free_deg, planned_robot
 from bricktwin.robots.planned import check_description
 from bricktwin.twin.models import lego, mjcf
 from bricktwin.twin.models.mounts import add_hub_site, add_sensor_site, mount_sensor
 from bricktwin.twin.models.planned_looks import cables_of, looks_of
-from bricktwin.twin.models.turning import SPINNER, add_rod
+from bricktwin.twin.models.turning import add_coupling, add_loop, add_rod, add_spinner
 from bricktwin.twin.scene import Scene
 
 _HINGE, _BALL = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_BALL
@@ -110,7 +110,9 @@ class _Builder:
             body = add_rod(self.spec, name, near, far)
             axes = _axes_along(rod.far_m - rod.near_m)
             lego.draw(self.spec, body, [looks_of(self.planned.plan, rod.parts, rod.near_m, axes=axes)])
-        self._close_loops()
+        for number, loop in enumerate(self.articulation.loops):
+            at_m = self._local(loop.parent, loop.point_m)
+            add_loop(self.spec, f"loop_{number}", self.bodies[loop.parent], self.bodies[loop.child], at_m)
         if not self.articulation.is_fixed:  # nothing collides within the ranges of a fixed robot's joints
             self._add_shapes()
         lego.add_colours(self.spec)
@@ -203,14 +205,14 @@ class _Builder:
         body = mjcf.add_driven(rotor, f"driven_{port}", port, (x, y, z), is_heavy=is_heavy)
         self._register(joint, body)
 
-    def _add_passive(self, joint: Joint) -> None:
+    def _add_passive(self, joint: Hinge) -> None:
         """Add a body that turns freely on a pin, an axle or a ball, or that is driven by a motor missing in the description."""
         body = self.bodies[joint.parent].add_body(name=f"part_{joint.child}", pos=self._local(joint.parent, joint.point_m))
         kind = _BALL if joint.is_ball else _HINGE
         body.add_joint(name=f"turn_{joint.child}", type=kind, axis=joint.axis.tolist(), damping=2e-4, armature=1e-6)
         self._register(joint, body)
 
-    def _register(self, joint: Joint, body: mujoco.MjsBody) -> None:
+    def _register(self, joint: Hinge, body: mujoco.MjsBody) -> None:
         self.bodies[joint.child], self.origins[joint.child] = body, joint.point_m
         self._set_inertia(body, joint.child)
 
@@ -236,21 +238,11 @@ class _Builder:
             if geared.port not in self.motors:
                 continue
             joint, port = geared.joint, geared.port
-            equal = self.spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT)
-            equal.name, equal.name1, equal.name2 = f"geared_{joint.child}", f"turn_{joint.child}", f"motor_{port}"
-            equal.data[:5] = [0.0, geared.ratio, 0.0, 0.0, 0.0]
+            add_coupling(self.spec, geared, f"geared_{joint.child}", f"turn_{joint.child}")
             # Its start angle relative to the plan follows from the motor's.
             drive = next(drive for drive in self.articulation.drives if drive.port == port)
             start = self._start_deg(self.motors[port]) - self.planned.device(port).angle_deg
             self.bodies[joint.child].quat = _quaternion(joint.axis, geared.ratio * math.radians(start) / drive.gear)
-
-    def _close_loops(self) -> None:
-        """Close kinematic loops: connect bodies at pins that are not tree joints."""
-        for number, loop in enumerate(self.articulation.loops):
-            equal = self.spec.add_equality(type=mujoco.mjtEq.mjEQ_CONNECT, objtype=mujoco.mjtObj.mjOBJ_BODY)
-            equal.name, equal.name1, equal.name2 = f"loop_{number}", self.bodies[loop.parent].name, self.bodies[loop.child].name
-            equal.data[:3] = self._local(loop.parent, loop.point_m)
-            equal.solref = [2 * self.spec.option.timestep, 1.0]
 
     def _add_shapes(self) -> None:
         """Add all collision shapes; tyres and feet are named after the port of their motor."""
@@ -260,10 +252,8 @@ class _Builder:
             radius, half_width = wheel.diameter_mm / 2000, float(high[2] - low[2]) / 2 * M_PER_LDU
             quaternion = np.empty(4)
             mujoco.mju_quatZ2Vec(quaternion, TO_TWIN @ placed.rotation[:, 2])
-            name, at_m = (
-                self._free_name(f"tyre_{self.ports.get(wheel.link, wheel.part)}"),
-                self._local(wheel.link, wheel.centre_m),
-            )
+            name = self._free_name(f"tyre_{self.ports.get(wheel.link, wheel.part)}")
+            at_m = self._local(wheel.link, wheel.centre_m)
             mjcf.add_tyre(self.bodies[wheel.link], name, (radius, radius, half_width), at_m=at_m, turn=quaternion)
         for number, (wheel, centre_m, radius_m) in enumerate(self.casters):
             name = "caster" if number == 0 else f"caster_{number}"
@@ -339,9 +329,8 @@ class _Builder:
             mounted = self.mounted_parts if number == 0 else []
             lego.draw(self.spec, body, [looks_of(plan, parts, self.origins[number], shafts=shafts), *cables, *mounted])
         for number, follower in enumerate(self.articulation.followers):
-            name, ratio_and_axis = f"{SPINNER}{follower.port}_{number}", [follower.ratio, *(-follower.axis).tolist()]
             at_m = self._local(follower.body, follower.point_m)
-            body = self.bodies[follower.body].add_body(name=name, pos=at_m, userdata=ratio_and_axis)
+            body = add_spinner(self.bodies[follower.body], number, follower, at_m)
             lego.draw(self.spec, body, [looks_of(plan, follower.parts, follower.point_m)])
         corners = np.concatenate([placed.to_plan(np.stack(placed.part.bounds)) for placed in plan.parts])
         size_m = float(np.linalg.norm(np.ptp(corners, axis=0))) * MM_PER_LDU / 1000
