@@ -23,7 +23,7 @@ from bricktwin.twin import ldraw
 from bricktwin.twin.models.kept_models import robot_model
 from bricktwin.twin.models.mjcf import OBSTACLE_GROUP, SHAPE_GROUP, TIMESTEP_S, yaw_quaternion
 from bricktwin.twin.models.motors import motor_constants
-from bricktwin.twin.models.mounts import body_of, site_name
+from bricktwin.twin.models.mounts import INFRARED_MM, site_name
 from bricktwin.twin.models.turning import TurningParts
 from bricktwin.twin.objects import Block, Solid
 from bricktwin.twin.physics import Physics, RandomPhysics
@@ -409,7 +409,7 @@ class MujocoBody:
         position, frame = self._sensor_frames[port]
         eye, gaze = self._base.in_world(position) + self._base.position(), self._base.in_world(frame[:, 0].copy())
         if sense is Sense.DISTANCE:
-            return 100.0 * min(self._world.distance_mm(eye, gaze) / body_of(self._sensor_kinds[port]).infrared_mm, 1.0)
+            return 100.0 * min(self._world.distance_mm(eye, gaze) / INFRARED_MM[self._sensor_kinds[port]], 1.0)
         if sense is Sense.AMBIENT:
             return self._world.ambient(eye, gaze)
         hue, saturation, value = self._world.surface(eye, gaze)

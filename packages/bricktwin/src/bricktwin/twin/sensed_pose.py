@@ -8,8 +8,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from bricktwin.plans.shapes import X_AXIS, Y_AXIS
 from bricktwin.twin.linkage import turn_joints
-from bricktwin.twin.models.mjcf import SHAPE_GROUP
+from bricktwin.twin.models.mjcf import SHAPE_GROUP, quaternion
 from bricktwin.twin.mujoco_body import MujocoBody
 
 
@@ -43,11 +44,11 @@ def sensed_qpos(body: MujocoBody, angles_deg: dict[str, float], tilt_deg: tuple[
 
 def _stand(model: mujoco.MjModel, data: mujoco.MjData, tilt_deg: tuple[float, float]) -> None:
     """Tilt the chassis, and put the robot's lowest drawn point on the floor."""
-    pitch, roll = (math.radians(angle) / 2 for angle in tilt_deg)
-    quaternion = np.empty(4)
-    pitch_quaternion = np.array([math.cos(pitch), 0.0, math.sin(pitch), 0.0])
-    mujoco.mju_mulQuat(quaternion, pitch_quaternion, np.array([math.cos(roll), math.sin(roll), 0.0, 0.0]))
-    data.qpos[0:7] = (0.0, 0.0, 1.0, *quaternion)
+    pitch, roll = (
+        np.array(quaternion(axis, math.radians(angle))) for axis, angle in zip((Y_AXIS, X_AXIS), tilt_deg, strict=True)
+    )
+    data.qpos[0:3] = 0.0, 0.0, 1.0
+    mujoco.mju_mulQuat(data.qpos[3:7], pitch, roll)
     mujoco.mj_kinematics(model, data)
     drawn = np.flatnonzero((model.body_weldid[model.geom_bodyid] != 0) & (model.geom_group != SHAPE_GROUP))
     middle, half = model.geom_aabb[drawn, :3], model.geom_aabb[drawn, 3:]

@@ -246,12 +246,12 @@ def add_camera(body: mujoco.MjsBody, name: str, target: Triple, direction: Tripl
     backward = np.array(direction) / np.linalg.norm(direction)
     right = np.cross((0.0, 0.0, 1.0), backward)
     right /= np.linalg.norm(right)
-    quaternion = np.empty(4)
-    mujoco.mju_mat2Quat(quaternion, np.column_stack([right, np.cross(backward, right), backward]).ravel())
+    frame = np.empty(4)
+    mujoco.mju_mat2Quat(frame, np.column_stack([right, np.cross(backward, right), backward]).ravel())
     is_moving = body.name != "world"
     mode = mujoco.mjtCamLight.mjCAMLIGHT_TRACK if is_moving else mujoco.mjtCamLight.mjCAMLIGHT_FIXED
     position = np.array(target) + distance_m * backward
-    body.add_camera(name=name, pos=position.tolist(), quat=quaternion.tolist(), fovy=40, mode=mode)
+    body.add_camera(name=name, pos=position.tolist(), quat=frame.tolist(), fovy=40, mode=mode)
 
 
 def add_webcam(world: mujoco.MjsBody) -> None:
@@ -264,6 +264,11 @@ def add_ball(body: mujoco.MjsBody, at_m: Triple) -> None:
     """Add the red ball that a gripper holds."""
     shape, size = mujoco.mjtGeom.mjGEOM_SPHERE, [BALL_RADIUS_M, 0, 0]
     body.add_geom(name="ball", type=shape, pos=list(at_m), size=size, mass=_BALL_KG, material="red", **LOOKS)
+
+
+def quaternion(axis: Triple | Floats, angle: float) -> list[float]:
+    """Quaternion of a rotation about an axis, in radians."""
+    return [math.cos(angle / 2), *(math.sin(angle / 2) * np.array(axis)).tolist()]
 
 
 def yaw_quaternion(angle: float) -> list[float]:

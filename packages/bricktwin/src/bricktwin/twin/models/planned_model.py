@@ -196,7 +196,7 @@ class _Builder:
         x, y, z = joint.axis.tolist()
         at_m = self._local(joint.parent, joint.point_m)
         rotor = mjcf.add_rotor(self.spec, self.bodies[joint.parent], motor, at_m, (x, y, z), drive.gear, friction)
-        rotor.quat, rotor.mass, rotor.inertia = _quaternion(joint.axis, angle), _ROTOR_KG, [_ROTOR_KG_M2] * 3
+        rotor.quat, rotor.mass, rotor.inertia = mjcf.quaternion(joint.axis, angle), _ROTOR_KG, [_ROTOR_KG_M2] * 3
         is_heavy = self.subtree_kg[joint.child] > _HEAVY_KG
         shaft = rotor.joints[0]
         shaft.damping[0], shaft.ref = 1e-3 if is_heavy else 0.0, math.radians(start) / drive.gear
@@ -242,7 +242,7 @@ class _Builder:
             # Its start angle relative to the plan follows from the motor's.
             drive = next(drive for drive in self.articulation.drives if drive.port == port)
             start = self._start_deg(self.motors[port]) - self.planned.device(port).angle_deg
-            self.bodies[joint.child].quat = _quaternion(joint.axis, geared.ratio * math.radians(start) / drive.gear)
+            self.bodies[joint.child].quat = mjcf.quaternion(joint.axis, geared.ratio * math.radians(start) / drive.gear)
 
     def _add_shapes(self) -> None:
         """Add all collision shapes; tyres and feet are named after the port of their motor."""
@@ -353,17 +353,12 @@ def _range_of_shaft(motor: Motor) -> tuple[float, float] | None:
     return first, second
 
 
-def _quaternion(axis: Floats, angle: float) -> list[float]:
-    """Quaternion of a rotation about an axis."""
-    return [math.cos(angle / 2), *(math.sin(angle / 2) * axis).tolist()]
-
-
 def _facing(looks: Floats) -> list[float]:
     """Quaternion of the shortest rotation of x to a direction."""
-    quaternion = np.array([1.0 + looks[0], 0.0, -looks[2], looks[1]])
-    if quaternion[0] < 1e-6:
+    if 1.0 + looks[0] < 1e-6:
         return [0.0, 0.0, 0.0, 1.0]
-    return [float(value) for value in quaternion / np.linalg.norm(quaternion)]
+    turn = np.array([1.0 + looks[0], 0.0, -looks[2], looks[1]])
+    return [float(value) for value in turn / np.linalg.norm(turn)]
 
 
 def _axes_along(direction: Floats) -> Floats:

@@ -46,9 +46,10 @@ def add_objects(spec: mujoco.MjSpec, scene: Scene) -> None:
             half = [math.hypot(solid.length_mm, solid.height_mm) / 2000, solid.width_mm / 2000, _RAMP_MM / 2000]
             ahead = half[0] * math.cos(rise) + half[2] * math.sin(rise)
             position = [x + ahead * math.cos(yaw), y + ahead * math.sin(yaw), half[0] * math.sin(rise) - half[2] * math.cos(rise)]
-            tilt, quaternion = np.array([math.cos(rise / 2), 0.0, -math.sin(rise / 2), 0.0]), np.empty(4)
-            mujoco.mju_mulQuat(quaternion, np.array(yaw_quaternion(yaw)), tilt)
-            add_geom(world, name, position, half, rgb, quaternion.tolist())
+            turn = np.empty(4)
+            tilt = np.array([math.cos(rise / 2), 0.0, -math.sin(rise / 2), 0.0])
+            mujoco.mju_mulQuat(turn, np.array(yaw_quaternion(yaw)), tilt)
+            add_geom(world, name, position, half, rgb, turn.tolist())
             continue
         half = [side / 2000 for side in solid.size_mm]
         position = [x, y, half[2]]
@@ -66,7 +67,7 @@ def add_geom(
     position: list[float],
     half: list[float],
     rgb: Triple,
-    quaternion: Sequence[float] = (1.0, 0.0, 0.0, 0.0),
+    turn: Sequence[float] = (1.0, 0.0, 0.0, 0.0),
     *,
     is_round: bool = False,
     mass_kg: float = 0.0,
@@ -80,7 +81,7 @@ def add_geom(
         type=shape,
         pos=position,
         size=[half[0], half[2], 0.0] if is_round else half,
-        quat=list(quaternion),
+        quat=list(turn),
         rgba=[*rgb, 1.0],
         mass=mass_kg,
         friction=[friction if mass_kg else 1.0, 0.005, 0.0001],
