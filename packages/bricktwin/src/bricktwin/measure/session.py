@@ -115,23 +115,17 @@ class _Session:
     def ask(self, deed: Deed) -> None:
         self._person.begin(deed)
         while not self._person.is_done():
-            self._read("hands")
+            self._add("hands")
 
-    def watch(self, phase: str, duration_s: float) -> None:
+    def watch(self, phase: str, duration_s: float, motor: str = "", duty_pct: float = 0.0) -> None:
         end_s = self._link.now_s() + duration_s
         while self._link.now_s() < end_s:
-            self._read(phase)
+            self._add(phase, [duty_pct * (name == motor) for name in self._motors] if motor else None)
+        if motor:
+            self._link.act([0.0] * len(self._motors))
 
-    def run(self, phase: str, motor: str, duty_pct: float, duration_s: float) -> None:
-        end_s = self._link.now_s() + duration_s
-        while self._link.now_s() < end_s:
-            self._add(phase, self._link.act([duty_pct * (name == motor) for name in self._motors]), _STEP.time_ms)
-        self._link.act([0.0] * len(self._motors))
-
-    def _read(self, phase: str) -> None:
-        self._add(phase, self._link.read(), 0)
-
-    def _add(self, phase: str, answer: Any, command_ms: int) -> None:
+    def _add(self, phase: str, command: Sequence[float] | None = None) -> None:
+        answer, command_ms = (self._link.read(), 0) if command is None else (self._link.act(command), _STEP.time_ms)
         values = dict(zip(self._channels, answer.values, strict=True))
         self.rows.append(Row(phase, answer.hub_time_ms, round(answer.round_trip_s * 1000 - command_ms, 3), values))
 
@@ -164,10 +158,10 @@ def measure(transport: Transport, robot: Robot, person: Person, about: dict[str,
             session.ask(LIFT)
             session.watch("lifted", _LIFTED_S)
             for name in motors:
-                session.run(f"free {name}", name, 100.0, _FREE_S)
-                session.run(f"back {name}", name, -100.0, _FREE_S)
+                session.watch(f"free {name}", _FREE_S, name, 100.0)
+                session.watch(f"back {name}", _FREE_S, name, -100.0)
                 session.ask(held(name))
-                session.run(f"held {name}", name, 100.0, _HELD_S)
+                session.watch(f"held {name}", _HELD_S, name, 100.0)
                 session.ask(LET_GO)
     if not session.rows:
         raise TwinError(

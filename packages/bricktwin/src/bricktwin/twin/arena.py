@@ -22,13 +22,11 @@ from brickhub.virtual.body import Rng
 from bricktwin.twin.models.kept_models import kept_model
 from bricktwin.twin.models.mjcf import LOOKS, add_camera, add_light, new_spec, yaw_quaternion
 from bricktwin.twin.models.scenery import add_geom
-from bricktwin.twin.mujoco_body import STEPS_PER_LOAD, MujocoBody, Pose, set_physics, settle
+from bricktwin.twin.mujoco_body import STEPS_PER_LOAD, MujocoBody, Pose, come_to_rest, set_physics, settle
 from bricktwin.twin.physics import Physics
 from bricktwin.twin.scene import OPEN_FLOOR
 from bricktwin.twin.senses import SummedNoise, Turns
-from bricktwin.twin.stance import refuse_overlap
 
-_STEPS_PER_UPDATE = 20
 _WALL_HALF_HEIGHT_M, _WALL_HALF_WIDTH_M = 0.04, 0.012
 _WALL_RGB, _LOAD_RGB = (0.55, 0.58, 0.62), (0.85, 0.55, 0.15)
 _MAX_DRAWS, _DRAWS_AT_ONCE = 20_000, 200
@@ -213,12 +211,7 @@ class ArenaWorld:
             start = load.place.draw(rng)
             quaternion = yaw_quaternion(-math.radians(start.heading_deg))
             self.data.qpos[address : address + 7] = (start.x_m, start.y_m, load.half_size_m[2], *quaternion)
-        self.data.qacc_warmstart[:] = 0.0
-        mujoco.mj_forward(self.model, self.data)
-        refuse_overlap(self.model, self.data)
-        settle(self.model, self.data, self.bodies)
-        for body in self.bodies:
-            body.update_turns()
+        come_to_rest(self.model, self.data, self.bodies)
 
     def _starts(self, rng: Rng) -> list[Pose]:
         starts: list[Pose] = []

@@ -7,7 +7,7 @@ import dataclasses
 import functools
 import itertools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import cast
 
@@ -25,7 +25,6 @@ from bricktwin.twin.models.mjcf import OBSTACLE_GROUP, SHAPE_GROUP, TIMESTEP_S, 
 from bricktwin.twin.models.motors import motor_constants
 from bricktwin.twin.models.mounts import INFRARED_MM, site_name
 from bricktwin.twin.models.turning import TurningParts
-from bricktwin.twin.objects import Block, Solid
 from bricktwin.twin.physics import Physics, RandomPhysics
 from bricktwin.twin.scene import Scene
 from bricktwin.twin.senses import FixedBase, FloatingBase, SummedNoise, Turns, Vector, WorldSenses
@@ -57,11 +56,6 @@ class Pose:
     x_m: float
     y_m: float
     heading_deg: float
-
-
-def _end(is_high: Iterator[bool], low: float, high: float) -> float:
-    """One end of a range."""
-    return high if next(is_high) else low
 
 
 @functools.lru_cache(maxsize=8)
@@ -129,7 +123,7 @@ class MujocoBody:
         self._turning = TurningParts(model)
         self._bind_sensors(prefix)
         # A pushable block has a free joint, after the robot's joints.
-        self._block_addresses = [int(model.joint(f"object_{number}").qposadr[0]) for number in self._pushable()]
+        self._block_addresses = [int(model.joint(f"object_{number}").qposadr[0]) for number in self.scene.pushable]
         self._detected_groups = np.zeros(6, np.uint8)
         # Other robots are obstacles too, but not this one.
         self._detected_groups[[OBSTACLE_GROUP, SHAPE_GROUP] if prefix else OBSTACLE_GROUP] = 1
@@ -163,8 +157,8 @@ class MujocoBody:
         sonars = [port for port, kind in self._sensor_kinds.items() if kind.model.range_mm is not None]
         places = {port: self._sensor_frames[port] for port in sonars}
         self._sonars = {port: (position, rays @ frame.T) for port, (position, frame) in places.items()}
-        solids = [item for item in self.scene.objects if isinstance(item, Solid)]
-        self._soft_geoms = {int(self.model.geom(f"object_{number}").id) for number, item in enumerate(solids) if item.soft}
+        soft = [number for number, item in enumerate(self.scene.solids) if item.soft]
+        self._soft_geoms = {int(self.model.geom(f"object_{number}").id) for number in soft}
         forces = [port for port, kind in self._sensor_kinds.items() if Sense.FORCE in kind.model.senses]
         self._forces = {port: self.data.sensor(f"{prefix}force_{port}").data for port in forces}
         self._world = WorldSenses(self.model, self.data, self.scene)
@@ -181,11 +175,6 @@ class MujocoBody:
         frame = np.empty(9)
         mujoco.mju_quat2Mat(frame, self.model.site_quat[index])
         return self.model.site_pos[index].copy(), frame.reshape(3, 3)
-
-    def _pushable(self) -> dict[int, Block]:
-        """Pushable blocks of the scene, by their number among its solids."""
-        solids = [item for item in self.scene.objects if isinstance(item, Solid)]
-        return {number: item for number, item in enumerate(solids) if isinstance(item, Block) and item.mass_g is not None}
 
     # ---------------------------------------------------------------- physics and start
 
@@ -238,23 +227,19 @@ class MujocoBody:
         self._reset_blocks(rng)
         if self.moves:
             self._place(rng.uniform)
-        self.data.qacc_warmstart[:] = 0.0
-        mujoco.mj_forward(self.model, self.data)
-        refuse_overlap(self.model, self.data, self.scene)
-        settle(self.model, self.data, [self])
-        self.update_turns()
+        come_to_rest(self.model, self.data, [self], self.scene)
 
     def _check_starts(self) -> None:
         """Raise TwinError if the robot would be inside of an obstacle at an end of the ranges of its start."""
         if self.moves and (self.scene.objects or self.scene.wall_distance_mm is not None):
-            for ends in itertools.product((False, True), repeat=4):
-                self._place(functools.partial(_end, iter(ends)))
+            for ends in map(iter, itertools.product((min, max), repeat=4)):
+                self._place(lambda low, high, ends=ends: next(ends)(low, high))
                 mujoco.mj_forward(self.model, self.data)
                 refuse_overlap(self.model, self.data, self.scene)
 
     def _reset_blocks(self, rng: Rng) -> None:
         """Put pushable blocks back to their start positions."""
-        for address, block in zip(self._block_addresses, self._pushable().values(), strict=True):
+        for address, block in zip(self._block_addresses, self.scene.pushable.values(), strict=True):
             self._qpos[address : address + 7] = self.model.qpos0[address : address + 7]
             if any(block.spread_mm):
                 self._qpos[address : address + 2] += [rng.uniform(-spread / 1000, spread / 1000) for spread in block.spread_mm]
@@ -478,6 +463,17 @@ def settle(model: mujoco.MjModel, data: mujoco.MjData, robots: Sequence[MujocoBo
     data.qvel[:] = 0.0
     data.qacc_warmstart[:] = 0.0
     mujoco.mj_forward(model, data)
+
+
+def come_to_rest(model: mujoco.MjModel, data: mujoco.MjData, robots: Sequence[MujocoBody], scene: Scene | None = None) -> None:
+    """Let robots that were put somewhere come to rest. Raises TwinError if one is inside of an obstacle of the ``scene``, or of
+    an arena."""
+    data.qacc_warmstart[:] = 0.0
+    mujoco.mj_forward(model, data)
+    refuse_overlap(model, data, scene)
+    settle(model, data, robots)
+    for robot in robots:
+        robot.update_turns()
 
 
 def _backlash_joints(model: mujoco.MjModel) -> list[int]:

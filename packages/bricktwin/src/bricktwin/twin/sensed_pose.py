@@ -44,11 +44,9 @@ def sensed_qpos(body: MujocoBody, angles_deg: dict[str, float], tilt_deg: tuple[
 
 def _stand(model: mujoco.MjModel, data: mujoco.MjData, tilt_deg: tuple[float, float]) -> None:
     """Tilt the chassis, and put the robot's lowest drawn point on the floor."""
-    pitch, roll = (
-        np.array(quaternion(axis, math.radians(angle))) for axis, angle in zip((Y_AXIS, X_AXIS), tilt_deg, strict=True)
-    )
+    pitch, roll = map(math.radians, tilt_deg)
     data.qpos[0:3] = 0.0, 0.0, 1.0
-    mujoco.mju_mulQuat(data.qpos[3:7], pitch, roll)
+    mujoco.mju_mulQuat(data.qpos[3:7], np.array(quaternion(Y_AXIS, pitch)), np.array(quaternion(X_AXIS, roll)))
     mujoco.mj_kinematics(model, data)
     drawn = np.flatnonzero((model.body_weldid[model.geom_bodyid] != 0) & (model.geom_group != SHAPE_GROUP))
     middle, half = model.geom_aabb[drawn, :3], model.geom_aabb[drawn, 3:]

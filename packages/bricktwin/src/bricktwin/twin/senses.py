@@ -14,7 +14,7 @@ import numpy as np
 
 from bricktwin.plans.geometry import Floats
 from bricktwin.twin.models.mjcf import OBSTACLE_GROUP
-from bricktwin.twin.objects import COLORS, Lamp, Mark, Solid
+from bricktwin.twin.objects import COLORS, Lamp
 from bricktwin.twin.scene import FLOOR, Scene
 
 Vector = np.ndarray[tuple[int], np.dtype[np.float64]]
@@ -192,10 +192,9 @@ class WorldSenses:
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, scene: Scene) -> None:
         self._model, self._data, self._scene = model, data, scene
-        self._marks = [item for item in reversed(scene.objects) if isinstance(item, Mark)]
+        self._marks = scene.marks[::-1]
         self._lamps = [item for item in scene.objects if isinstance(item, Lamp)]
-        solids = [item for item in scene.objects if isinstance(item, Solid)]
-        self._colors = {int(model.geom(f"object_{number}").id): COLORS[solid.color] for number, solid in enumerate(solids)}
+        self._colors = {int(model.geom(f"object_{number}").id): COLORS[item.color] for number, item in enumerate(scene.solids)}
         self._obstacles = np.zeros(6, np.uint8)
         self._obstacles[OBSTACLE_GROUP] = 1
         # Sunflower pattern: points that fill a disc evenly (Vogel 1979).

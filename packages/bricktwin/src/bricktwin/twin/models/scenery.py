@@ -12,7 +12,7 @@ from bricktwin.plans.geometry import Floats, Triple
 from bricktwin.plans.shapes import Shape, discs, merge
 from bricktwin.twin.models.lego import Piece, colour_name, draw
 from bricktwin.twin.models.mjcf import OBSTACLE_GROUP, yaw_quaternion
-from bricktwin.twin.objects import COLORS, Field, Line, Mark, Point, Ramp, Solid, Wall
+from bricktwin.twin.objects import COLORS, Field, Line, Point, Ramp, Wall
 from bricktwin.twin.scene import Scene
 
 _LAYER_MM = 0.2
@@ -24,15 +24,13 @@ _FRICTION = 0.4
 
 def add_objects(spec: mujoco.MjSpec, scene: Scene) -> None:
     """Add the scene's objects to a model, after the robot."""
-    solids = [item for item in scene.objects if isinstance(item, Solid)]
-    world = spec.worldbody
-    marks = [item for item in scene.objects if isinstance(item, Mark)]
+    world, marks = spec.worldbody, scene.marks
     if marks:
         shapes = [_field(mark) if isinstance(mark, Field) else _line(mark) for mark in marks]
         layers = [shape.at(0.0, 0.0, number * _LAYER_MM) for number, shape in enumerate(shapes, 1)]
         colours = [colour_name(COLORS[mark.color]) for mark in marks]
         draw(spec, world, [Piece(tuple(zip(colours, layers, strict=True)))])
-    for number, solid in enumerate(solids):
+    for number, solid in enumerate(scene.solids):
         name, rgb = f"object_{number}", COLORS[solid.color]
         if isinstance(solid, Wall):
             start, end = np.array(solid.from_mm) / 1000, np.array(solid.to_mm) / 1000

@@ -166,7 +166,7 @@ class Renderer:
         model = body.model
         if width < 1 or height < 1:
             raise TwinError(f"an image of {width} x {height} cannot be drawn; give positive sizes in pixels")
-        self._camera = _named_camera(model, camera) if isinstance(camera, str) else camera
+        self._camera = named_camera(model, camera) if isinstance(camera, str) else camera
         self._decorate = decorate
         self._body = body
         self._option = mujoco.MjvOption()
@@ -318,7 +318,8 @@ class VideoWriter:
         self.close(complete=kind is None)
 
 
-def _named_camera(model: mujoco.MjModel, name: str) -> mujoco.MjvCamera:
+def named_camera(model: mujoco.MjModel, name: str) -> mujoco.MjvCamera:
+    """Camera of a model. Raises TwinError if there is none of this name."""
     camera = mujoco.MjvCamera()
     camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
     camera.fixedcamid = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, name)
