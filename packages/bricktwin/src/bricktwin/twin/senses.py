@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import colorsys
 import math
+from abc import ABC, abstractmethod
 
 import mujoco
 import numpy as np
@@ -66,7 +67,7 @@ class SummedNoise:
         return self._sum * noise_deg_s * math.sqrt(_SUMMED_S * _GYRO_SAMPLE_S)
 
 
-class _Base:
+class _Base(ABC):
     """What carries a hub; ``_hub`` and ``_to_hub`` are the hub's position [3] there and the quaternion [4] to its axes,
     ``_position`` and ``_frame`` the origin [3] and the quaternion [4] of the robot's first body, which carries its sensors."""
 
@@ -76,6 +77,10 @@ class _Base:
     def __init__(self, model: mujoco.MjModel, imu: str) -> None:
         self._hub, self._to_hub = model.site(imu).pos.copy(), np.empty(4)
         mujoco.mju_negQuat(self._to_hub, model.site(imu).quat)
+
+    @abstractmethod
+    def orientation(self) -> Vector:
+        """Quaternion [4] from the axes of the part that carries the hub to the world's."""
 
     def position(self) -> Vector:
         """Origin of the robot's first body [3] in the world, m."""
@@ -92,6 +97,13 @@ class _Base:
         rotated = np.empty(3)
         mujoco.mju_rotVecQuat(rotated, vector, self._to_hub)
         return rotated
+
+    def up(self, vertical: Vector) -> Vector:
+        """A direction [3] of the world in the hub's axes."""
+        from_world, rotated = np.empty(4), np.empty(3)
+        mujoco.mju_negQuat(from_world, self.orientation())
+        mujoco.mju_rotVecQuat(rotated, vertical, from_world)
+        return self.in_hub(rotated)
 
 
 class FloatingBase(_Base):
@@ -111,15 +123,7 @@ class FloatingBase(_Base):
         self._qacc: Vector = data.qacc[dof : dof + 6]
 
     def orientation(self) -> Vector:
-        """Quaternion [4] from the chassis' axes to the world's."""
         return self._frame
-
-    def up(self, vertical: Vector) -> Vector:
-        """A direction [3] of the world in the hub's axes."""
-        from_world, rotated = np.empty(4), np.empty(3)
-        mujoco.mju_negQuat(from_world, self._frame)
-        mujoco.mju_rotVecQuat(rotated, vertical, from_world)
-        return self.in_hub(rotated)
 
     def angular_velocity(self) -> Vector:
         """Angular velocity in the hub's axes [3], rad/s."""
@@ -150,14 +154,8 @@ class FixedBase(_Base):
         self._position, self._frame = data.xpos[first], data.xquat[first]
 
     def orientation(self) -> Vector:
-        """Quaternion [4] from the axes of the part that carries the hub to the world's."""
         orientation: Vector = self._data.xquat[self._body].copy()
         return orientation
-
-    def up(self, vertical: Vector) -> Vector:
-        """A direction [3] of the world in the hub's axes."""
-        up: Vector = self._data.site_xmat[self._site].reshape(3, 3).T @ vertical
-        return up
 
     def angular_velocity(self) -> Vector:
         """Angular velocity in the hub's axes [3], rad/s."""

@@ -22,25 +22,29 @@ _SPARSE_FROM_DOFS = 60
 def robot_model(robot: Robot, scene: Scene) -> mujoco.MjModel:
     """Compiled model of a robot in its scene. Raises TwinError if there is none, see ``load_model``, or it does not compile."""
 
-    def compiled() -> mujoco.MjModel:
+    def build() -> mujoco.MjSpec:
         from bricktwin.twin.models.load import load_model  # takes longer to import than a kept model to load
 
-        spec = load_model(robot, scene)
+        return load_model(robot, scene)
+
+    return kept_model(build, [robot], scene)
+
+
+def kept_model(build: Callable[[], mujoco.MjSpec], robots: Sequence[Robot], surroundings: object) -> mujoco.MjModel:
+    """Compiled model, or the equal one of an earlier process. It is not kept if a function of the user makes a robot's model.
+    Raises TwinError if it does not compile.
+
+    Args:
+        build: makes the model, from these robots and surroundings only.
+        surroundings: a scene or an arena.
+    """
+
+    def compiled() -> mujoco.MjModel:
+        spec = build()
         try:
             return spec.compile()
         except ValueError as error:
-            raise TwinError(f"the model of robot '{robot.name}' does not compile ({message_of(error)}); correct it") from error
-
-    return kept_model(compiled, [robot], scene)
-
-
-def kept_model(compiled: Callable[[], mujoco.MjModel], robots: Sequence[Robot], surroundings: object) -> mujoco.MjModel:
-    """``compiled()``, or the equal model of an earlier process. It is not kept if a function of the user makes a robot's model.
-
-    Args:
-        compiled: makes the model, from these robots and surroundings only.
-        surroundings: a scene or an arena.
-    """
+            raise TwinError(f"the model of '{spec.modelname}' does not compile ({message_of(error)}); correct it") from error
 
     def sources() -> Iterator[bytes]:
         yield described((robots, surroundings, mujoco.mj_versionString()))
