@@ -13,7 +13,7 @@ import numpy as np
 
 from bricktwin.plans.connections import graph_of, reached
 from bricktwin.plans.geometry import Floats
-from bricktwin.plans.mechanism.kinematics import Hinge, Link, Mechanism, Mounted, Train, Wheel, is_balanced, merged, share_axis
+from bricktwin.plans.mechanism.kinematics import Hinge, Link, Mechanism, Train, Wheel, is_balanced, merged, share_axis
 
 _BALANCED_KG_M = 1.2e-5
 """12 g, 1 mm off the axis: 0.1 Nmm, 1/200 of a motor's friction."""
@@ -80,7 +80,7 @@ class Articulation:
         is_fixed: whether the base is fixed.
         swings: joints without a motor.
         loops: joints between bodies that are already connected.
-        wheels, mounted: as in the mechanism; their ``link`` is the index of a body, as those of the hinges are.
+        wheels: as in the mechanism; their ``link`` is the index of a body, as those of the hinges are.
     """
 
     bodies: tuple[Link, ...]
@@ -92,7 +92,10 @@ class Articulation:
     followers: tuple[Follower, ...]
     rods: tuple[Rod, ...]
     wheels: tuple[Wheel, ...]
-    mounted: tuple[Mounted, ...]
+
+    def body_of(self, part: int) -> int | None:
+        """Index of the body with a part; ``None`` for a rod, or a part that is not connected."""
+        return next((number for number, body in enumerate(self.bodies) if part in body.parts), None)
 
     @property
     def joints(self) -> list[Hinge]:
@@ -122,7 +125,7 @@ class _Simplifier:
         self.rods: list[tuple[int, Hinge, Hinge]] = []
         self.armature: dict[str, float] = {}
         self.coupled = {number for train in trains for number in train.hinges}
-        self.preserved = {wheel.link for wheel in mechanism.wheels} | {device.link for device in mechanism.mounted}
+        self.preserved = {wheel.link for wheel in mechanism.wheels} | set(mechanism.devices)
         self.preserved.add(mechanism.fixed or 0)
 
     def _merge(self, link: int, other: int) -> None:
@@ -248,7 +251,6 @@ class _Simplifier:
             ),
             rods,
             tuple(replace(wheel, link=body_of[wheel.link]) for wheel in mechanism.wheels),
-            tuple(replace(device, link=body_of[device.link]) for device in mechanism.mounted),
         )
 
 

@@ -20,7 +20,8 @@ from brickhub.errors import TwinError
 from brickhub.robot import Motor, Robot
 from bricktwin.plans.geometry import M_PER_LDU, MM_PER_LDU, Floats, Form
 from bricktwin.plans.mechanism.articulation import Articulation, Drive
-from bricktwin.plans.mechanism.kinematics import TO_TWIN, Hinge, Wheel
+from bricktwin.plans.mechanism.kinematics import TO_TWIN, Hinge, Wheel, point_m_of
+from bricktwin.plans.part import DeviceKind
 from bricktwin.plans.plan import Placed
 from bricktwin.plans.planned_robot import PlannedRobot, free_deg, planned_robot
 from bricktwin.robots.planned import check_description
@@ -44,6 +45,7 @@ _PLASTIC_FRICTION = 0.8
 _FOOT_REACH_M = 0.015
 """Height above the robot's lowest point up to which a leg's lower end is a foot, in a robot without wheels."""
 _SAME_AXIS_M = 0.0012
+_CARRIED = DeviceKind.HUB, DeviceKind.SENSOR
 
 
 def from_plan(path: Path, robot: Robot, scene: Scene) -> mujoco.MjSpec:
@@ -75,11 +77,13 @@ class _Builder:
         self.spec, self.robot, self.planned, self.holds_ball = spec, robot, planned, holds_ball
         self.articulation: Articulation = planned.articulation
         self.motors = {motor.port: motor for motor in robot.motors}
-        self.mounted = {device.port: device for device in reversed(self.articulation.mounted)}
-        """The hub, whose port is ``None``, and the sensors."""
+        carried = [(placed, self.articulation.body_of(placed.index)) for placed in planned.plan.devices(*_CARRIED)]
+        self.mounted = {placed.port: (placed, body) for placed, body in reversed(carried) if body is not None}
+        """Each sensor and its body, by port, and the hub, whose port is ``None``."""
         if None not in self.mounted:
             raise TwinError(f"{planned.plan.path} has no hub that is connected to the robot; add one")
-        self.hub = self.mounted[None]
+        self.hub, self.hub_body = self.mounted[None]
+        self.hub_m = point_m_of(self.hub.point(self.hub.electric.plug))
         for port in sorted(self.motors.keys() - {drive.port for drive in self.articulation.drives}):
             placed = planned.device(port)
             fault = f"{placed.name} is not connected to the main body; add a pin or an axle, or remove it"
@@ -125,9 +129,9 @@ class _Builder:
         """Origin of the first body, in the plan's frame."""
         if self.articulation.is_fixed:
             return np.zeros(3)
-        axle_m = [wheel.centre_m for _, wheel in self.planned.rolling] or [self.hub.point_m * (1.0, 1.0, 0.0)]
+        axle_m = [wheel.centre_m for _, wheel in self.planned.rolling] or [self.hub_m * (1.0, 1.0, 0.0)]
         x, _, z = np.mean(axle_m, axis=0)
-        return np.round([x, self.hub.point_m[1], z], 6)
+        return np.round([x, self.hub_m[1], z], 6)
 
     def _tyres(self) -> list[Wheel]:
         """Wheels that roll on the floor: the largest of those at one position, without casters."""
@@ -289,33 +293,33 @@ class _Builder:
 
     def _add_sensors(self) -> None:
         """Add the sites of hub and sensors; sensors that are not in the plan are mounted on the first body."""
-        hub = self.hub
-        if self.robot.needs_imu and hub.link != 0 and not self.articulation.is_fixed:
+        if self.robot.needs_imu and self.hub_body != 0 and not self.articulation.is_fixed:
             raise TwinError(f"{self.planned.plan.path}: the hub moves against the chassis; fix it there, or say needs_imu=False")
-        axes = TO_TWIN @ self.planned.plan.parts[hub.part].rotation @ TO_TWIN.T
-        add_hub_site(self.bodies[hub.link], axes, self._local(hub.link, hub.point_m))
+        axes = TO_TWIN @ self.hub.rotation @ TO_TWIN.T
+        add_hub_site(self.bodies[self.hub_body], axes, self._local(self.hub_body, self.hub_m))
         base = self.bodies[0]
         for sensor in self.robot.sensors:
-            device = self.mounted.get(sensor.port)
-            if device is None and sensor.mount is None and self.robot.drive_base is None:
+            placed, number = self.mounted.get(sensor.port, (None, 0))
+            if placed is None and sensor.mount is None and self.robot.drive_base is None:
                 raise TwinError(
                     f"there is no place for '{sensor.name}' in {self.planned.plan.path}; add it there or give a mount"
                 )
-            if device is None:
+            if placed is None:
                 self.mounted_parts.append(mount_sensor(self.spec, base, sensor, float(base.pos[2])))
                 continue
-            if device.link != 0:
-                raise TwinError(f"{self.planned.plan.path}: '{device.name}' moves against the chassis; put it on the chassis")
-            add_sensor_site(self.spec, base, sensor, np.array(self._local(0, device.point_m)), _facing(device.looks))
+            if number != 0:
+                raise TwinError(f"{self.planned.plan.path}: '{sensor.name}' moves against the chassis; put it on the chassis")
+            looks, (low, high) = np.array(placed.electric.direction), placed.part.bounds
+            eye_m = point_m_of(placed.point(np.where(looks > 0.5, high, np.where(looks < -0.5, low, 0.0))))
+            add_sensor_site(self.spec, base, sensor, np.array(self._local(0, eye_m)), _facing(TO_TWIN @ placed.rotation @ looks))
 
     def _add_ball(self) -> None:
         """Add the ball at the place that the plan names."""
         holder = next((placed for placed in self.planned.plan.parts if placed.ball is not None), None)
         if holder is None or holder.ball is None:
             return
-        number = next(number for number, body in enumerate(self.articulation.bodies) if holder.index in body.parts)
-        centre_m = TO_TWIN @ holder.to_plan(np.array([holder.ball]))[0] * MM_PER_LDU / 1000
-        mjcf.add_ball(self.bodies[number], self._local(number, centre_m))
+        number = self.articulation.body_of(holder.index) or 0
+        mjcf.add_ball(self.bodies[number], self._local(number, point_m_of(holder.point(holder.ball))))
 
     def _draw(self) -> None:
         plan = self.planned.plan
