@@ -19,7 +19,7 @@ from brickhub.errors import TwinError
 from brickhub.robot import Robot, Sense, UltrasonicSensor
 from brickhub.virtual.body import Rng
 from brickhub.virtual.stimuli import Sensed
-from bricktwin.twin import ldraw
+from bricktwin.plans import ldraw_library
 from bricktwin.twin.models.kept_models import robot_model
 from bricktwin.twin.models.mjcf import OBSTACLE_GROUP, SHAPE_GROUP, TIMESTEP_S, yaw_quaternion
 from bricktwin.twin.models.motors import motor_constants
@@ -87,7 +87,7 @@ class MujocoBody:
     def __init__(self, robot: Robot, scene: Scene, physics: Physics | RandomPhysics, seed: int) -> None:
         self.robot = robot
         self.scene = scene
-        self._nominal = _compiled(robot, scene, ldraw.folder())
+        self._nominal = _compiled(robot, scene, ldraw_library.folder())
         self.model = copy.copy(self._nominal)
         self.data = mujoco.MjData(self.model)
         self._random_physics = physics if isinstance(physics, RandomPhysics) else None

@@ -11,8 +11,8 @@ from ldraw_library import write_robot_parts
 
 from brickhub.errors import RenderingUnavailableError
 from brickhub.robot import Robot
+from bricktwin.plans import ldraw_library
 from bricktwin.robots import ROBO_ARM, TWO_WHEELER, WALKER
-from bricktwin.twin import ldraw
 from bricktwin.twin.models.mjcf import LOOKS_GROUP
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.physics import Physics
@@ -23,7 +23,7 @@ from bricktwin.twin.scene import OPEN_FLOOR
 @pytest.fixture
 def no_library(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("LDRAWDIR", raising=False)
-    monkeypatch.setattr(ldraw, "_SYSTEM_FOLDERS", ())
+    monkeypatch.setattr(ldraw_library, "_SYSTEM_FOLDERS", ())
 
 
 def body(robot: Robot) -> MujocoBody:

@@ -11,8 +11,8 @@ import numpy as np
 from brickhub.errors import TwinError, message_of
 from brickhub.robot import Robot
 from bricktwin.kept import UnkeptError, described, kept
+from bricktwin.plans import ldraw_library
 from bricktwin.robots.planned import plan_file
-from bricktwin.twin import ldraw
 from bricktwin.twin.scene import Scene
 
 _SPARSE_FROM_DOFS = 60
@@ -76,7 +76,7 @@ def _model_files(robot: Robot) -> list[Path]:
 
 def _library() -> Iterator[bytes]:
     """The installed LDraw library, which parts are drawn from: its folders, with the times of their last changes."""
-    root = ldraw.folder()
+    root = ldraw_library.folder()
     paths = [] if root is None else [root / name for name in ("LDConfig.ldr", "parts", "parts/s", "p", "p/48", "p/8")]
     for path in paths:
         if path.exists():

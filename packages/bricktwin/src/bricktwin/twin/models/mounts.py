@@ -10,12 +10,11 @@ import numpy as np
 
 from brickhub.robot import Mount, Sense, Sensor, SensorKind
 from brickhub.robot.spec import LOOKS
-from bricktwin.plans import catalogue
+from bricktwin.plans import catalogue, drawings
+from bricktwin.plans.drawings import Piece, piece
 from bricktwin.plans.geometry import MM_PER_LDU, Floats, Triple, triple
 from bricktwin.plans.part import DeviceKind
 from bricktwin.plans.shapes import X_AXIS, Z_AXIS, box, cylinder, ring
-from bricktwin.twin.models import lego
-from bricktwin.twin.models.lego import Piece, piece
 from bricktwin.twin.models.mjcf import SHAPE_GROUP, add_box, quaternion
 
 _BUTTON_MM = 8.0
@@ -82,7 +81,7 @@ def mount_sensor(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, sensor: Sensor, a
         return _force_sensor(size).turned(axis, angle_deg).at(*eye.tolist())
     is_sonar = sensor.kind.model.range_mm is not None
     add_box(chassis, middle, (depth, size[0], size[1]), mass_g / 1000, turn=turn, collides=is_sonar)
-    drawing = lego.ultrasonic_sensor().at(-13.0, 0, 0) if is_sonar else _small_sensor(size)
+    drawing = drawings.ultrasonic_sensor().at(-13.0, 0, 0) if is_sonar else _small_sensor(size)
     return drawing.turned(axis, angle_deg).at(*eye.tolist())
 
 

@@ -1,7 +1,6 @@
 """Drawings of LEGO parts in more detail than the catalogue has, from our own dimensions in millimetres. Looks only, without mass.
 
-A :class:`Piece` is a set of coloured shapes; :func:`draw` merges the parts of a body into one mesh per colour, which keeps
-rendering fast.
+A :class:`Piece` is a set of coloured shapes.
 """
 
 from __future__ import annotations
@@ -9,8 +8,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-
-import mujoco
 
 from bricktwin.plans.geometry import Triple
 from bricktwin.plans.shapes import (
@@ -29,7 +26,6 @@ from bricktwin.plans.shapes import (
     tube,
     turned,
 )
-from bricktwin.twin.models.mjcf import LOOKS
 
 
 @dataclass(frozen=True)
@@ -57,31 +53,6 @@ def colour_name(rgba: Iterable[float]) -> str:
     return f"#{''.join(f'{round(255 * value):02x}' for value in rgba):f<8}"
 
 
-def draw(spec: mujoco.MjSpec, body: mujoco.MjsBody, parts: Sequence[Piece]) -> None:
-    """Draw parts, given in millimetres in the body's frame: one mesh per colour, without mass or contact.
-
-    The model's materials have the names of the colours; the material of a colour ``"#rrggbbaa"`` is created here.
-    """
-    by_colour: dict[str, list[Shape]] = {}
-    for part in parts:
-        for colour, shape in part.shapes:
-            by_colour.setdefault(colour, []).append(shape)
-    for colour, shapes in by_colour.items():
-        if colour.startswith("#") and spec.material(colour) is None:
-            rgba = [value / 255 for value in bytes.fromhex(colour[1:])]
-            spec.add_material(name=colour, rgba=rgba, specular=0.35, shininess=0.5)
-        shape, name = merge(shapes), f"{body.name}_{colour}"
-        spec.add_mesh(
-            name=name,
-            uservert=(shape.points / 1000).ravel().tolist(),
-            usernormal=shape.normals.ravel().tolist(),
-            userface=shape.faces.ravel().tolist(),
-            userfacenormal=shape.faces.ravel().tolist(),
-            inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
-        )
-        body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, material=colour, mass=0, **LOOKS)
-
-
 MODULE = 8.0
 COLOURS: dict[str, tuple[float, float, float]] = {
     "white": (0.93, 0.93, 0.92),
@@ -96,15 +67,8 @@ COLOURS: dict[str, tuple[float, float, float]] = {
     "azure": (0.35, 0.80, 0.95),
     "red": (0.85, 0.03, 0.03),
 }
-_GLOWING = {"glow", "azure"}
+GLOWING = {"glow", "azure"}
 _HEART = (".#.#.", "#####", "#####", ".###.", "..#..")
-
-
-def add_colours(spec: mujoco.MjSpec) -> None:
-    """Add materials for all colours."""
-    for name, rgb in COLOURS.items():
-        emission = 0.6 if name in _GLOWING else 0.0
-        spec.add_material(name=name, rgba=[*rgb, 1.0], specular=0.35, shininess=0.5, emission=emission)
 
 
 def beam(holes: int, colour: str) -> Piece:
