@@ -25,7 +25,7 @@ from bricktwin.twin.models.scenery import add_geom
 from bricktwin.twin.mujoco_body import STEPS_PER_LOAD, MujocoBody, Pose, come_to_rest, set_physics, settle
 from bricktwin.twin.physics import Physics
 from bricktwin.twin.scene import OPEN_FLOOR
-from bricktwin.twin.senses import SummedNoise, Turns
+from bricktwin.twin.senses import SummedNoise, Turns, clockwise_deg
 
 _WALL_HALF_HEIGHT_M, _WALL_HALF_WIDTH_M = 0.04, 0.012
 _WALL_RGB, _LOAD_RGB = (0.55, 0.58, 0.62), (0.85, 0.55, 0.15)
@@ -226,9 +226,8 @@ class ArenaWorld:
         """True poses of the robots, then of the loads."""
         poses = [body.pose() for body in self.bodies]
         for address in self._loads:
-            x_m, y_m, _, w, x, y, z = self.data.qpos[address : address + 7].tolist()
-            heading = math.atan2(-2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-            poses.append(Pose(x_m, y_m, math.degrees(heading)))
+            x_m, y_m = self.data.qpos[address : address + 2].tolist()
+            poses.append(Pose(x_m, y_m, clockwise_deg(self.data.qpos[address + 3 : address + 7])))
         return poses
 
     def advance_for(self, number: int, time_ms: int) -> None:

@@ -25,6 +25,12 @@ _GYRO_SAMPLE_S = 1 / 833
 _SUMMED_S = 0.005  # samples of the gyroscope that are drawn as one
 
 
+def clockwise_deg(orientation: Vector) -> float:
+    """Rotation about the vertical of a quaternion [4], clockwise seen from above."""
+    w, x, y, z = orientation.tolist()
+    return math.degrees(math.atan2(-2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
+
+
 class Turns:
     """Turns of a hub, summed up from its orientations; updates must be less than half a turn apart.
 
@@ -40,9 +46,7 @@ class Turns:
 
     def update(self, orientation: Vector) -> None:
         """Add the turn to an orientation, a quaternion [4]."""
-        w, x, y, z = orientation.tolist()
-        clockwise_deg = math.degrees(math.atan2(-2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
-        self.heading_deg += (clockwise_deg - self.heading_deg + 180.0) % 360.0 - 180.0
+        self.heading_deg += (clockwise_deg(orientation) - self.heading_deg + 180.0) % 360.0 - 180.0
         turn_rad: Vector = np.empty(3)
         mujoco.mju_subQuat(turn_rad, orientation, self._last)
         self.rotation_rad += turn_rad

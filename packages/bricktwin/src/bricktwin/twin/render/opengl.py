@@ -15,7 +15,7 @@ import weakref
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn, Self
+from typing import Any, NoReturn
 
 import mujoco
 import numpy as np
@@ -129,7 +129,7 @@ Decorate = Callable[[mujoco.MjvScene], None]
 """Adds decorations to a scene before each rendering."""
 
 
-class Renderer:
+class Renderer(contextlib.AbstractContextManager["Renderer"]):
     """Renderer of a body, as seen by a camera.
 
     With a fixed camera, the static background is drawn once; after that, only the part of the image with moving geometry is
@@ -230,14 +230,11 @@ class Renderer:
         """Free the OpenGL context; closing twice does nothing."""
         self._free()
 
-    def __enter__(self) -> Self:
-        return self
-
     def __exit__(self, *_: object) -> None:
         self.close()
 
 
-class VideoWriter:
+class VideoWriter(contextlib.AbstractContextManager["VideoWriter"]):
     """Writer of an mp4 file (H.264, playable in browsers), image by image; the file is renamed to ``path`` when complete. Raises
     WriteError if it cannot be written.
 
@@ -310,9 +307,6 @@ class VideoWriter:
             is_full = shutil.disk_usage(self.path.parent).free < 2**20
             code = errno.ENOSPC if is_full else errno.EIO
             raise OSError(code, os.strerror(code) if is_full else "the encoder ended")
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         self.close(complete=kind is None)
