@@ -24,12 +24,12 @@ from bricksrl.errors import BricksError
 from bricksrl.page.board import Board
 from bricksrl.page.scene import Floats, Mesh, Scene, SceneBody, Shape, View, box, mesh_of, poses
 from bricktwin.plans import shapes as solids
+from bricktwin.twin.linkage import sensed_qpos
 from bricktwin.twin.make_body import lies_on_bench
 from bricktwin.twin.models.mjcf import SHAPE_GROUP
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.physics import Physics
 from bricktwin.twin.scene import Scene as Surroundings
-from bricktwin.twin.sensed_pose import sensed_qpos
 
 if TYPE_CHECKING:
     from bricksrl.envs.connection import Connection

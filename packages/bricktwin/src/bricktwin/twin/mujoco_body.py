@@ -7,7 +7,7 @@ import dataclasses
 import functools
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import cast
 
@@ -56,6 +56,11 @@ class Pose:
     x_m: float
     y_m: float
     heading_deg: float
+
+
+def _end(ends: Iterator[int], *bounds: float) -> float:
+    """An end of a range: 0 for the lower one."""
+    return bounds[next(ends)]
 
 
 @functools.lru_cache(maxsize=8)
@@ -232,8 +237,8 @@ class MujocoBody:
     def _check_starts(self) -> None:
         """Raise TwinError if the robot would be inside of an obstacle at an end of the ranges of its start."""
         if self.moves and (self.scene.objects or self.scene.wall_distance_mm is not None):
-            for ends in map(iter, itertools.product((min, max), repeat=4)):
-                self._place(lambda low, high, ends=ends: next(ends)(low, high))
+            for ends in itertools.product((0, 1), repeat=4):
+                self._place(functools.partial(_end, iter(ends)))
                 mujoco.mj_forward(self.model, self.data)
                 refuse_overlap(self.model, self.data, self.scene)
 

@@ -17,7 +17,6 @@ from bricktwin.plans.geometry import Triple
 from bricktwin.plans.part import DeviceKind
 from bricktwin.plans.shapes import X_AXIS, Y_AXIS, Z_AXIS, box, cylinder, merge
 from bricktwin.twin.models import mjcf
-from bricktwin.twin.models.drawn import add_colours, draw
 from bricktwin.twin.models.mounts import add_hub_site, case_of, hub_axes, mount_of, mount_sensor
 from bricktwin.twin.scene import Scene
 
@@ -50,9 +49,9 @@ def driving_robot(robot: Robot, scene: Scene) -> mujoco.MjSpec:
     for motor in robot.motors:
         if motor not in frame.driving:
             mjcf.add_rotor(spec, chassis, motor, (0.0, 0.0, 0.08), gear=motor.shaft_turns)  # without load
-    add_colours(spec)
+    mjcf.add_colours(spec)
     sensors = [mount_sensor(spec, chassis, sensor, axle_m) for sensor in robot.sensors]
-    draw(spec, chassis, [*frame.parts(), *sensors])
+    mjcf.draw(spec, chassis, [*frame.parts(), *sensors])
     mjcf.add_light(chassis)
     reach_m = max(0.42, 4.0 * frame.half_track / 1000)
     mjcf.add_camera(chassis, "chase", (-0.005, 0.0, 0.01), (-0.62, -0.62, 0.55), reach_m)
@@ -109,8 +108,8 @@ class _Frame:
         wheel = mjcf.add_driven(rotor, f"wheel_{motor.port}", motor.port, (0.0, 1.0, 0.0))
         mjcf.add_tyre(wheel, f"tyre_{motor.port}", (self.axle / 1000, _TYRE_WIDTH_MM / 2000, self.axle / 1000), mass_kg)
         length = self.half_track - self.motor_y
-        draw(spec, rotor, [drawings.axle(max(length, 16.0)).at(0, -side * length / 2, 0)])
-        draw(spec, wheel, [drawings.wheel(2 * self.axle)])
+        mjcf.draw(spec, rotor, [drawings.axle(max(length, 16.0)).at(0, -side * length / 2, 0)])
+        mjcf.draw(spec, wheel, [drawings.wheel(2 * self.axle)])
 
     def parts(self) -> list[Piece]:
         """Drawn parts of the chassis."""

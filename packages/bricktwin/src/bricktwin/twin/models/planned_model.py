@@ -28,7 +28,6 @@ from bricktwin.plans.plan import Placed
 from bricktwin.plans.planned_robot import PlannedRobot, free_deg, planned_robot
 from bricktwin.robots.planned import check_description
 from bricktwin.twin.models import mjcf
-from bricktwin.twin.models.drawn import add_colours, draw
 from bricktwin.twin.models.mounts import add_hub_site, add_sensor_site, mount_sensor
 from bricktwin.twin.models.turning import add_coupling, add_loop, add_rod, add_spinner
 from bricktwin.twin.scene import Scene
@@ -115,13 +114,13 @@ class _Builder:
             name = self.ports.get(rod.far) or self.ports.get(rod.near) or str(number)
             body = add_rod(self.spec, name, near, far)
             axes = _axes_along(rod.far_m - rod.near_m)
-            draw(self.spec, body, [looks_of(self.planned.plan, rod.parts, rod.near_m, axes=axes)])
+            mjcf.draw(self.spec, body, [looks_of(self.planned.plan, rod.parts, rod.near_m, axes=axes)])
         for number, loop in enumerate(self.articulation.loops):
             at_m = self._local(loop.parent, loop.point_m)
             add_loop(self.spec, f"loop_{number}", self.bodies[loop.parent], self.bodies[loop.child], at_m)
         if not self.articulation.is_fixed:  # nothing collides within the ranges of a fixed robot's joints
             self._add_shapes()
-        add_colours(self.spec)
+        mjcf.add_colours(self.spec)
         self._add_sensors()
         if self.holds_ball:
             self._add_ball()
@@ -333,11 +332,11 @@ class _Builder:
             shafts = tuple(self.planned.device(port).index for port in ports)
             cables = cables_of(plan, parts, self.origins[number])
             mounted = self.mounted_parts if number == 0 else []
-            draw(self.spec, body, [looks_of(plan, parts, self.origins[number], shafts=shafts), *cables, *mounted])
+            mjcf.draw(self.spec, body, [looks_of(plan, parts, self.origins[number], shafts=shafts), *cables, *mounted])
         for number, follower in enumerate(self.articulation.followers):
             at_m = self._local(follower.body, follower.point_m)
             body = add_spinner(self.bodies[follower.body], number, follower, at_m)
-            draw(self.spec, body, [looks_of(plan, follower.parts, follower.point_m)])
+            mjcf.draw(self.spec, body, [looks_of(plan, follower.parts, follower.point_m)])
         corners = np.concatenate([placed.to_plan(np.stack(placed.part.bounds)) for placed in plan.parts])
         size_m = float(np.linalg.norm(np.ptp(corners, axis=0))) * MM_PER_LDU / 1000
         base = self.bodies[0]

@@ -11,8 +11,7 @@ import numpy as np
 from bricktwin.plans.drawings import Piece, colour_name
 from bricktwin.plans.geometry import Floats, Triple
 from bricktwin.plans.shapes import Shape, discs, merge
-from bricktwin.twin.models.drawn import draw
-from bricktwin.twin.models.mjcf import OBSTACLE_GROUP, yaw_quaternion
+from bricktwin.twin.models.mjcf import OBSTACLE_GROUP, draw, yaw_quaternion
 from bricktwin.twin.objects import COLORS, Field, Line, Point, Ramp, Wall
 from bricktwin.twin.scene import Scene
 
