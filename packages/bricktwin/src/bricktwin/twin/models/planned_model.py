@@ -320,7 +320,8 @@ class _Builder:
         if holder is None or holder.ball is None:
             return
         number = self.articulation.body_of(holder.index) or 0
-        mjcf.add_ball(self.bodies[number], self._local(number, point_m_of(holder.point(holder.ball))))
+        centre_m = TO_TWIN @ holder.point(holder.ball) * MM_PER_LDU / 1000
+        mjcf.add_ball(self.bodies[number], self._local(number, centre_m))
 
     def _draw(self) -> None:
         plan = self.planned.plan
