@@ -246,12 +246,12 @@ class WorldSenses:
         """Mean colour of the spot on the floor at ``point_m`` that is seen from a distance."""
         radius_mm = _SPOT_MM + _SPOT_RATIO * distance_m * 1000.0
         points_mm = point_m[:2] * 1000.0 + radius_mm * self._disc
-        rgb, open_points = np.tile(np.array(FLOOR), (_POINTS, 1)), np.ones(_POINTS, bool)
+        rgb, open_points = np.full((_POINTS, 3), FLOOR), np.ones(_POINTS, bool)
         for mark in self._marks:  # the uppermost first
             covered = open_points & mark.covers(points_mm)
             rgb[covered] = COLORS[mark.color]
             open_points &= ~covered
             if not open_points.any():
                 break
-        mean: Floats = rgb.mean(0)
+        mean: Floats = np.add.reduce(rgb) / _POINTS
         return mean
