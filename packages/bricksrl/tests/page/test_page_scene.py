@@ -17,10 +17,10 @@ from bricksrl.page.board import Board
 from bricksrl.page.robot_view import PRIMITIVES, Mirror, RobotView, twin_scene
 from bricksrl.page.scene import HIDDEN, Mesh, Scene, SceneBody, Shape, box, poses
 from bricktwin.robots import ROBO_ARM, TWO_WHEELER, WALKER, plans
+from bricktwin.twin.linkage import sensed_qpos
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.scene import OPEN_FLOOR
 from bricktwin.twin.scene import Scene as Surroundings
-from bricktwin.twin.sensed_pose import sensed_qpos
 
 
 def volume(mesh: Mesh) -> float:

@@ -12,6 +12,7 @@ import enum
 import functools
 import hashlib
 import itertools
+import json
 import logging
 import os
 import sys
@@ -68,26 +69,18 @@ def kept(
 
 def described(value: object) -> bytes:
     """Text of a value of plain types, enums and dataclasses of ours, equal in each process. Raises UnkeptError for others."""
-    return _text(value).encode()
+    return json.dumps(value, default=_plain).encode()
 
 
-def _text(value: object) -> str:
+def _plain(value: object) -> list[object]:
+    """An enum or a dataclass of ours, in JSON."""
     kind = type(value)
     name = f"{kind.__module__}.{kind.__qualname__}"
-    if isinstance(value, dict):
-        value = tuple(value.items())
-    if isinstance(value, tuple | list):
-        return f"({','.join(map(_text, value))})"
-    if kind in (bool, int, str) or value is None:
-        return repr(value)
-    if isinstance(value, float):  # also one of NumPy
-        return float.__repr__(value)
     if kind.__module__.partition(".")[0] in {house.__name__ for house in _HOUSES}:
         if isinstance(value, enum.Enum):
-            return f"{name}.{value.name}"
+            return [name, value.name]
         if dataclasses.is_dataclass(value):
-            values = (_text(getattr(value, field.name)) for field in dataclasses.fields(value))
-            return f"{name}({','.join(values)})"
+            return [name, *(getattr(value, field.name) for field in dataclasses.fields(value))]
     raise UnkeptError(f"{value!r:.80} has no digest")
 
 

@@ -12,12 +12,11 @@ import numpy as np
 import pytest
 from plan_lines import findings_of, plan_of
 
-from bricktwin.plans import catalogue
+from bricktwin.plans import catalogue, ldraw_library
 from bricktwin.plans.building import Occupancy
 from bricktwin.plans.geometry import Floats, rotation
 from bricktwin.plans.part import Fit, Part, Site
 from bricktwin.plans.plan import Placed
-from bricktwin.twin import ldraw
 
 SHIFT = 5.0
 """2 mm in LDU."""
@@ -149,7 +148,7 @@ def test_forty_overlaps_drawn_by_a_seed_are_found():
     assert missed == []
 
 
-LIBRARY = ldraw.folder()
+LIBRARY = ldraw_library.folder()
 
 
 @functools.cache

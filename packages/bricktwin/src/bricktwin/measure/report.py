@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING
 
 from brickhub.files import write_durably
 from bricktwin.drawing import import_matplotlib
-from bricktwin.measure.results import Comparison, Quantity
+from bricktwin.measure.results import Comparison
 from bricktwin.measure.session import SessionLog
-from bricktwin.twin.physics import PARAMETERS, Physics
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -34,15 +33,9 @@ def lines(comparison: Comparison) -> Iterator[tuple[str, str, str, str, str]]:
         elif not one.parameter:
             yield name, f"{value:.4g}", f"{comparison.twin[one.name]:.4g}", "", ""
         else:
-            low, high = _range(comparison, one)
-            nominal = comparison.at(one, getattr(Physics(), one.parameter))
+            low, nominal, high = comparison.scale(one)
             remark = "" if low <= value <= high else f"outside of what --randomize draws ({one.parameter})"
             yield name, f"{value:.4g}", f"{nominal:.4g}", f"{low:.4g} to {high:.4g}", remark
-
-
-def _range(comparison: Comparison, quantity: Quantity) -> tuple[float, float]:
-    ends = [comparison.at(quantity, end) for end in PARAMETERS[quantity.parameter].random_range]
-    return min(ends), max(ends)
 
 
 def write_report(path: Path, log: SessionLog, comparison: Comparison) -> None:
@@ -82,8 +75,7 @@ def _draw_ranges(axes: Axes, comparison: Comparison) -> None:
         one for one in comparison.quantities if one.parameter and {one.name} <= comparison.robot.keys() & comparison.twin.keys()
     ]
     for place, one in enumerate(shown):
-        low, high = _range(comparison, one)
-        nominal = comparison.at(one, getattr(Physics(), one.parameter))
+        low, nominal, high = comparison.scale(one)
         axes.plot([0, 1], [place, place], color=_TWIN, linewidth=6, alpha=0.3, solid_capstyle="butt")
         axes.plot([(nominal - low) / (high - low)], [place], "|", color=_TWIN, markersize=14)
         share = (comparison.robot[one.name] - low) / (high - low)

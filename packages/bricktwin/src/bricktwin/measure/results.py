@@ -168,6 +168,11 @@ class Comparison:
         base: float = getattr(self.base, quantity.parameter)
         return self.twin[quantity.name] + self._factor(quantity) * (value - base)
 
+    def scale(self, quantity: Quantity) -> tuple[float, float, float]:
+        """Lowest, nominal and highest number of the twins that are drawn."""
+        low, high = sorted(self.at(quantity, end) for end in PARAMETERS[quantity.parameter].random_range)
+        return low, self.at(quantity, getattr(Physics(), quantity.parameter)), high
+
     def _factor(self, quantity: Quantity) -> float:
         if quantity.factor is None:
             return self.twin[quantity.name] / float(getattr(self.base, quantity.parameter))

@@ -5,19 +5,18 @@ A log has one JSON object per line: a header with the robot, then the hub's answ
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from brickhub.errors import TwinError
-from brickhub.files import write_durably
+from brickhub.errors import DescriptionError, TwinError
 from brickhub.hub.interface import Channel, Distance, Heading, Interface, MotorAngle, Pitch, Roll, RunDuty, Wait, YawRate
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.transport import Transport
 from brickhub.robot import Robot
 from bricktwin.measure.hands import Deed, Person
+from bricktwin.twin.log_file import read_lines, write_lines
 
 TURNED_DEG = 1260.0
 WALL_MM = 300.0
@@ -116,23 +115,17 @@ class _Session:
     def ask(self, deed: Deed) -> None:
         self._person.begin(deed)
         while not self._person.is_done():
-            self._read("hands")
+            self._add("hands")
 
-    def watch(self, phase: str, duration_s: float) -> None:
+    def watch(self, phase: str, duration_s: float, motor: str = "", duty_pct: float = 0.0) -> None:
         end_s = self._link.now_s() + duration_s
         while self._link.now_s() < end_s:
-            self._read(phase)
+            self._add(phase, [duty_pct * (name == motor) for name in self._motors] if motor else None)
+        if motor:
+            self._link.act([0.0] * len(self._motors))
 
-    def run(self, phase: str, motor: str, duty_pct: float, duration_s: float) -> None:
-        end_s = self._link.now_s() + duration_s
-        while self._link.now_s() < end_s:
-            self._add(phase, self._link.act([duty_pct * (name == motor) for name in self._motors]), _STEP.time_ms)
-        self._link.act([0.0] * len(self._motors))
-
-    def _read(self, phase: str) -> None:
-        self._add(phase, self._link.read(), 0)
-
-    def _add(self, phase: str, answer: Any, command_ms: int) -> None:
+    def _add(self, phase: str, command: Sequence[float] | None = None) -> None:
+        answer, command_ms = (self._link.read(), 0) if command is None else (self._link.act(command), _STEP.time_ms)
         values = dict(zip(self._channels, answer.values, strict=True))
         self.rows.append(Row(phase, answer.hub_time_ms, round(answer.round_trip_s * 1000 - command_ms, 3), values))
 
@@ -165,10 +158,10 @@ def measure(transport: Transport, robot: Robot, person: Person, about: dict[str,
             session.ask(LIFT)
             session.watch("lifted", _LIFTED_S)
             for name in motors:
-                session.run(f"free {name}", name, 100.0, _FREE_S)
-                session.run(f"back {name}", name, -100.0, _FREE_S)
+                session.watch(f"free {name}", _FREE_S, name, 100.0)
+                session.watch(f"back {name}", _FREE_S, name, -100.0)
                 session.ask(held(name))
-                session.run(f"held {name}", name, 100.0, _HELD_S)
+                session.watch(f"held {name}", _HELD_S, name, 100.0)
                 session.ask(LET_GO)
     if not session.rows:
         raise TwinError(
@@ -179,23 +172,20 @@ def measure(transport: Transport, robot: Robot, person: Person, about: dict[str,
 
 def write_log(path: Path, log: SessionLog) -> None:
     """Write a log to a file, replacing an existing one; its folder is created. Raises WriteError if that is impossible."""
-    lines = [{"bricktwin_measure": _FORMAT, "robot": log.robot, "about": log.about}, *map(asdict, log.rows)]
-    write_durably(path, "".join(json.dumps(line) + "\n" for line in lines).encode())
+    header = {"bricktwin_measure": _FORMAT, "robot": log.robot, "about": log.about}
+    write_lines(path, [header, *map(asdict, log.rows)])
 
 
 def read_log(path: Path) -> SessionLog:
     """Read a log. Raises TwinError if the file cannot be read, or is none."""
-    try:
-        header, *lines = map(json.loads, path.read_bytes().splitlines())
-        if header["bricktwin_measure"] != _FORMAT:
-            raise ValueError
-        rows = tuple(
-            Row(str(row["phase"]), int(row["time_ms"]), float(row["delay_ms"]), {k: float(v) for k, v in row["values"].items()})
-            for row in lines
-        )
-        return SessionLog(str(header["robot"]), {str(k): str(v) for k, v in header["about"].items()}, rows)
-    except OSError as error:
-        reason = error.strerror
-    except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
-        reason = "it is another file"
-    raise TwinError(f"cannot read the log {path} ({reason}); give a log that `bricktwin twin measure` wrote")
+    return read_lines(path, _log, "bricktwin twin measure")
+
+
+def _log(header: dict[str, Any], lines: list[dict[str, Any]]) -> SessionLog:
+    if header["bricktwin_measure"] != _FORMAT:
+        raise DescriptionError(f"format {header['bricktwin_measure']!s:.40} is unknown")
+    rows = tuple(
+        Row(str(row["phase"]), int(row["time_ms"]), float(row["delay_ms"]), {k: float(v) for k, v in row["values"].items()})
+        for row in lines
+    )
+    return SessionLog(str(header["robot"]), {str(k): str(v) for k, v in header["about"].items()}, rows)

@@ -117,14 +117,19 @@ class Mesh:
         return abs(self.error) <= _MESH_TOLERANCE and self.engaged >= _MIN_SEATED_SHARE
 
 
+def graph_of(pairs: Iterable[tuple[int, int]]) -> dict[int, list[int]]:
+    """The neighbours of each node of a graph with these edges."""
+    graph: dict[int, list[int]] = defaultdict(list)
+    for node, other in pairs:
+        graph[node].append(other)
+        graph[other].append(node)
+    return graph
+
+
 def neighbours(connections: Iterable[Connection], groups: Sequence[frozenset[int]] = ()) -> dict[int, list[int]]:
     """The connected parts of each part. Groups may be held together by something unknown: a node -1, -2, ... each."""
-    graph: dict[int, list[int]] = defaultdict(list)
     pairs = [(link.male, link.female) for link in connections]
-    for part, other in [*pairs, *((-1 - number, part) for number, group in enumerate(groups) for part in group)]:
-        graph[part].append(other)
-        graph[other].append(part)
-    return graph
+    return graph_of([*pairs, *((-1 - number, part) for number, group in enumerate(groups) for part in group)])
 
 
 def reached(start: int, graph: Mapping[int, Iterable[int]]) -> set[int]:

@@ -102,29 +102,6 @@ class LineFault(NamedTuple):
     text: str
 
 
-@dataclass(frozen=True)
-class Document:
-    """A whole file.
-
-    Attributes:
-        models: by name in lower case; the first, which is not empty, is the main model.
-        robot: name of the robot, from our comment.
-        count: declared number of parts.
-        faults: lines that are left out.
-    """
-
-    path: str
-    models: dict[str, Model]
-    robot: str | None
-    count: int | None
-    faults: tuple[LineFault, ...]
-
-    @property
-    def main(self) -> Model:
-        """The first model."""
-        return next(iter(self.models.values()))
-
-
 def read_text(path: Path) -> str:
     """Text of an LDraw file, also from inside Studio's zip. Raises PlanError if the file is missing, too large or encrypted."""
     try:
@@ -163,20 +140,27 @@ def parse(text: str, path: str) -> Document:
     lines = text.splitlines()
     if len(lines) > MAX_LINES:
         raise PlanError(f"{path} has {len(lines)} lines, more than {MAX_LINES}; split the plan")
-    parser = _Parser(path)
+    document = Document(path)
     for number, line in enumerate(lines, 1):
-        parser.parse_line(number, line.split())
-    parser.begin(Model("", len(lines)))
-    models = dict(dropwhile(lambda item: not item[1].references, parser.models.items()))
-    if not models:
-        number, text = parser.faults[0] if parser.faults else (0, "")
+        document.parse_line(number, line.split())
+    document.begin(Model("", len(lines)))
+    document.models = dict(dropwhile(lambda item: not item[1].references, document.models.items()))
+    if not document.models:
+        number, text = document.faults[0] if document.faults else (0, "")
         fault = f", line {number}: {text}" if text else " places no part; give an LDraw file with lines that begin with 1"
         raise PlanError(f"{path}{fault}")
-    return Document(path, models, parser.robot, parser.count, tuple(parser.faults))
+    return document
 
 
-class _Parser:
-    """Line-by-line parser."""
+class Document:
+    """A whole file, parsed line by line.
+
+    Attributes:
+        models: by name in lower case; the first, which is not empty, is the main model.
+        robot: name of the robot, from our comment.
+        count: declared number of parts.
+        faults: lines that are left out.
+    """
 
     def __init__(self, path: str) -> None:
         self.path = path
@@ -188,6 +172,11 @@ class _Parser:
         self._model: Model | None = None
         self._marks: dict[str, Any] = {}
         self._marks_line = 0
+
+    @property
+    def main(self) -> Model:
+        """The first model."""
+        return next(iter(self.models.values()))
 
     def parse_line(self, number: int, words: list[str]) -> None:
         """Parse one line, split into words."""

@@ -27,14 +27,6 @@ _Mistake = tuple[int, str, str]
 """Line in the plan's file, 0 for the whole plan; name; what is wrong and what to do."""
 
 
-class WheelFacts(NamedTuple):
-    """A wheel that a motor turns: diameter, position to the left, and whether clockwise rolls forwards."""
-
-    diameter_mm: float
-    left_m: float
-    is_clockwise_forward: bool
-
-
 class DeviceFacts(NamedTuple):
     """A hub, motor or sensor.
 
@@ -45,7 +37,8 @@ class DeviceFacts(NamedTuple):
         port, label: of the plan; "" and ``None`` for a hub, and ``None`` for a device without a name.
         sides: of a hub, the directions of its top and its front; fewer if it is at an angle.
         gears, ratio: of a motor, as in ``kinematics.Train``; none and 0 if it drives nothing.
-        wheel: of a motor, ``None`` if it turns none.
+        wheel_mm, wheel_left_m, is_forward: of a motor that turns a wheel: the wheel's diameter, 0 for none, its position to the
+            left, and whether clockwise rolls forwards.
     """
 
     name: str
@@ -56,7 +49,9 @@ class DeviceFacts(NamedTuple):
     sides: tuple[str, ...]
     gears: tuple[int, ...]
     ratio: float
-    wheel: WheelFacts | None
+    wheel_mm: float = 0.0
+    wheel_left_m: float = 0.0
+    is_forward: bool = True
 
 
 class PlanFacts(NamedTuple):
@@ -91,7 +86,7 @@ def facts_of(design: PlannedRobot) -> PlanFacts:
     trains = {train.port: train for train in design.trains}
     wheels = {
         # Turning about +y, to the left, rolls forwards.
-        drive.port: WheelFacts(wheel.diameter_mm, float(wheel.centre_m[1]), float(drive.joint.axis[1]) * drive.gear > 0)
+        drive.port: (wheel.diameter_mm, float(wheel.centre_m[1]), float(drive.joint.axis[1]) * drive.gear > 0)
         for drive, wheel in design.rolling
     }
 
@@ -101,7 +96,7 @@ def facts_of(design: PlannedRobot) -> PlanFacts:
         port, train = placed.port or "", trains.get(placed.port or "")
         gears, ratio = (train.gears, train.ratio) if train is not None else ((), 0.0)
         name, part = placed.electric.name, placed.name
-        return DeviceFacts(name, part, placed.line, port, placed.device, tuple(sides), gears, ratio, wheels.get(port))
+        return DeviceFacts(name, part, placed.line, port, placed.device, tuple(sides), gears, ratio, *wheels.get(port, ()))
 
     return PlanFacts(*([facts(placed) for placed in design.plan.devices(kind)] for kind in DeviceKind))
 
@@ -112,8 +107,7 @@ def _decoded(data: bytes) -> PlanFacts:
 
 def _device(row: Sequence[Any]) -> DeviceFacts:
     facts = DeviceFacts(*row)
-    wheel = None if facts.wheel is None else WheelFacts(*facts.wheel)
-    return facts._replace(sides=tuple(facts.sides), gears=tuple(facts.gears), wheel=wheel)
+    return facts._replace(sides=tuple(facts.sides), gears=tuple(facts.gears))
 
 
 def is_plan(file: str) -> bool:
@@ -148,15 +142,15 @@ def completed(robot: Robot) -> tuple[tuple[Motor, ...], tuple[Sensor, ...], Driv
     sensors = _sensors(robot, design)
     base = robot.drive_base
     if base is not None and not (base.wheel_diameter_mm and base.axle_track_mm):
-        wheels = {motor.name: part.wheel for motor in motors for part in design.motors if part.port == motor.port}
-        left, right = wheels.get(base.left), wheels.get(base.right)
-        if left is None or right is None:
-            missing = base.left if left is None else base.right
-            raise DescriptionError(f"robot '{robot.name}': '{missing}' turns no wheel in {robot.plan}; correct the drive base")
+        driven = {motor.name: part for motor in motors for part in design.motors if part.port == motor.port and part.wheel_mm}
+        for name in (base.left, base.right):
+            if name not in driven:
+                raise DescriptionError(f"robot '{robot.name}': '{name}' turns no wheel in {robot.plan}; correct the drive base")
+        left, right = driven[base.left], driven[base.right]
         base = replace(
             base,
-            wheel_diameter_mm=base.wheel_diameter_mm or left.diameter_mm,
-            axle_track_mm=base.axle_track_mm or round(abs(left.left_m - right.left_m) * 1000, 3),
+            wheel_diameter_mm=base.wheel_diameter_mm or left.wheel_mm,
+            axle_track_mm=base.axle_track_mm or round(abs(left.wheel_left_m - right.wheel_left_m) * 1000, 3),
         )
     sides = (robot.hub_sides or design.hub_sides) if robot.needs_imu else robot.hub_sides
     _raise_first(disagreements(robot, (*motors, *sensors), base, sides, design), robot.plan)
@@ -170,8 +164,7 @@ def _motors(robot: Robot, design: PlanFacts) -> tuple[Motor, ...]:
     for part in design.motors:
         if part.port not in described:
             # Motors that only the plan has count up when the robot rolls forward.
-            is_forward = part.wheel is None or part.wheel.is_clockwise_forward
-            direction = Direction.CLOCKWISE if is_forward else Direction.COUNTERCLOCKWISE
+            direction = Direction.CLOCKWISE if part.is_forward else Direction.COUNTERCLOCKWISE
             name = part.label or f"motor_{part.port.lower()}"
             motors.append(Motor(name, part.port, MotorKind(part.name), direction))
     gears = {part.port: part.gears for part in design.motors}
@@ -251,12 +244,12 @@ def _check_wheels(name: str, base: DriveBase, left: DeviceFacts | None, right: D
     for side, part in ((base.left, left), (base.right, right)):
         if part is None:
             return
-        if part.wheel is None or abs(part.wheel.diameter_mm - base.wheel_diameter_mm) > _WHEEL_TOLERANCE_MM:
-            turns = "none" if part.wheel is None else f"one of {part.wheel.diameter_mm:g} mm"
+        if not part.wheel_mm or abs(part.wheel_mm - base.wheel_diameter_mm) > _WHEEL_TOLERANCE_MM:
+            turns = f"one of {part.wheel_mm:g} mm" if part.wheel_mm else "none"
             text = f"motor '{side}' should turn a wheel of {base.wheel_diameter_mm:g} mm, as {name} says, but turns {turns}"
             yield part.line, "wheels", f"{text}; use the wheel that is meant"
             return
-        positions_m.append(part.wheel.left_m)
+        positions_m.append(part.wheel_left_m)
     track_mm = abs(positions_m[0] - positions_m[1]) * 1000
     if left is not None and abs(track_mm - base.axle_track_mm) > _TRACK_TOLERANCE_MM:
         text = f"the wheels are {track_mm:.1f} mm apart, but {name} says {base.axle_track_mm:g}; make both agree"

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import copy
 import functools
-import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,19 +16,17 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from brickhub.errors import TwinError, message_of
+from brickhub.errors import TwinError
 from brickhub.robot import Robot
 from brickhub.virtual.body import Rng
 from bricktwin.twin.models.kept_models import kept_model
 from bricktwin.twin.models.mjcf import LOOKS, add_camera, add_light, new_spec, yaw_quaternion
 from bricktwin.twin.models.scenery import add_geom
-from bricktwin.twin.mujoco_body import STEPS_PER_LOAD, MujocoBody, Pose, set_physics, settle
+from bricktwin.twin.mujoco_body import STEPS_PER_LOAD, MujocoBody, Pose, come_to_rest, set_physics, settle
 from bricktwin.twin.physics import Physics
 from bricktwin.twin.scene import OPEN_FLOOR
-from bricktwin.twin.senses import SummedNoise, Turns
-from bricktwin.twin.stance import refuse_overlap
+from bricktwin.twin.senses import SummedNoise, Turns, clockwise_deg
 
-_STEPS_PER_UPDATE = 20
 _WALL_HALF_HEIGHT_M, _WALL_HALF_WIDTH_M = 0.04, 0.012
 _WALL_RGB, _LOAD_RGB = (0.55, 0.58, 0.62), (0.85, 0.55, 0.15)
 _MAX_DRAWS, _DRAWS_AT_ONCE = 20_000, 200
@@ -51,11 +48,6 @@ class Place:
         """Draw a start pose."""
         x_m, y_m, heading_deg = (rng.uniform(*bounds) for bounds in (self.x_m, self.y_m, self.heading_deg))
         return Pose(x_m, y_m, heading_deg)
-
-    def farthest_m(self, other: Place) -> float:
-        """Largest distance between a position drawn here and one drawn at another place."""
-        ranges = ((self.x_m, other.x_m), (self.y_m, other.y_m))
-        return math.hypot(*(max(abs(high - low2), abs(high2 - low)) for (low, high), (low2, high2) in ranges))
 
 
 @dataclass(frozen=True)
@@ -81,8 +73,7 @@ class Load:
 
 @dataclass(frozen=True)
 class Arena:
-    """Robots, start places and scene. Raises TwinError if names are not unique, there are too many motors, or two robots cannot
-    keep the gap at the start.
+    """Robots, start places and scene. Raises TwinError if names are not unique, or there are too many motors.
 
     Attributes:
         half_size_m: half size of the floor within the walls, along x and y; ``None`` for an open floor.
@@ -100,10 +91,6 @@ class Arena:
             raise TwinError(f"an arena of {', '.join(names) or 'nothing'}; give each robot and each load a name of its own")
         if sum(len(contestant.robot.motors) for contestant in self.robots) > _MAX_MOTORS:
             raise TwinError(f"the robots of an arena have more than {_MAX_MOTORS} motors; take fewer robots")
-        for one, other in itertools.combinations(self.robots, 2):
-            if one.place.farthest_m(other.place) < self.gap_m:
-                text = f"'{one.name}' and '{other.name}' can never start {self.gap_m:g} m apart"
-                raise TwinError(f"{text}; give them other places, or the arena a smaller gap_m")
 
     def too_narrow(self) -> TwinError:
         """The error for starts that are not found."""
@@ -117,7 +104,7 @@ def _compiled(arena: Arena) -> mujoco.MjModel:
     return kept_model(lambda: _built(arena), [contestant.robot for contestant in arena.robots], arena)
 
 
-def _built(arena: Arena) -> mujoco.MjModel:
+def _built(arena: Arena) -> mujoco.MjSpec:
     from bricktwin.twin.models.load import load_model  # takes longer to import than a kept model to load
 
     spec = new_spec("arena", OPEN_FLOOR)
@@ -151,10 +138,7 @@ def _built(arena: Arena) -> mujoco.MjModel:
         actuator.group = group
     for load in arena.loads:
         _add_load(world, load)
-    try:
-        return spec.compile()
-    except ValueError as error:
-        raise TwinError(f"the arena does not compile ({message_of(error)}); correct its parts") from error
+    return spec
 
 
 def _add_walls(world: mujoco.MjsBody, half_x_m: float, half_y_m: float) -> None:
@@ -192,7 +176,6 @@ class ArenaWorld:
         self.model = copy.copy(self._nominal)
         self.data = mujoco.MjData(self.model)
         self.time_ms, self.steps = 0, 0
-        self.open_circuits = 0
         self.runners: list[Callable[[int], None]] = []
         self.on_time: Callable[[int], None] = lambda _: None
         self._target_ms: dict[int, int] = {}
@@ -225,12 +208,7 @@ class ArenaWorld:
             start = load.place.draw(rng)
             quaternion = yaw_quaternion(-math.radians(start.heading_deg))
             self.data.qpos[address : address + 7] = (start.x_m, start.y_m, load.half_size_m[2], *quaternion)
-        self.data.qacc_warmstart[:] = 0.0
-        mujoco.mj_forward(self.model, self.data)
-        refuse_overlap(self.model, self.data)
-        settle(self.model, self.data, self.bodies)
-        for body in self.bodies:
-            body.update_turns()
+        come_to_rest(self.model, self.data, self.bodies)
 
     def _starts(self, rng: Rng) -> list[Pose]:
         starts: list[Pose] = []
@@ -248,9 +226,8 @@ class ArenaWorld:
         """True poses of the robots, then of the loads."""
         poses = [body.pose() for body in self.bodies]
         for address in self._loads:
-            x_m, y_m, _, w, x, y, z = self.data.qpos[address : address + 7].tolist()
-            heading = math.atan2(-2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-            poses.append(Pose(x_m, y_m, math.degrees(heading)))
+            x_m, y_m = self.data.qpos[address : address + 2].tolist()
+            poses.append(Pose(x_m, y_m, clockwise_deg(self.data.qpos[address + 3 : address + 7])))
         return poses
 
     def advance_for(self, number: int, time_ms: int) -> None:
@@ -273,6 +250,7 @@ class ArenaWorld:
             remaining -= steps
             self.steps += steps
             for body in self.bodies:
+                body.steps = self.steps
                 body.update_turns()
                 if self.steps % STEPS_PER_LOAD == 0:
                     body.load_battery()
@@ -287,26 +265,16 @@ class ArenaBody(MujocoBody):
         self.robot, self.scene, self._arena = contestant.robot, OPEN_FLOOR, world
         self._use(physics)
         self.model, self.data = world.model, world.data
-        self._number = world.arena.robots.index(contestant)
+        self._number, self.steps = world.arena.robots.index(contestant), 0
         self._noise, self._heading_noise = np.random.default_rng(seed), SummedNoise(np.random.default_rng(seed.spawn(1)[0]))
         self._bind(f"{contestant.name}/")
         self._turns, self._heading_at_start_deg = Turns(), 0.0
-        for port in self._terminals:
-            self.set_voltage(port, None)
+        self.coast()
 
     def reset(self, rng: Rng) -> None:
         """Place all robots for the start of an episode."""
         self._arena.place(rng)
 
-    def _step_count(self) -> int:
-        return self._arena.steps
-
     def advance_to(self, time_ms: int) -> None:
         """Advance the world to this time, and all other robots with it."""
         self._arena.advance_for(self._number, time_ms)
-
-    def set_voltage(self, port: str, voltage_mv: int | None) -> None:
-        """Apply a voltage; the set of open circuits is shared by the world."""
-        self._open_circuits = self._arena.open_circuits
-        super().set_voltage(port, voltage_mv)
-        self._arena.open_circuits = self._open_circuits

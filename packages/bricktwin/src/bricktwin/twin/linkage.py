@@ -1,4 +1,6 @@
-"""Linkages: joints of a model that are turned without forces, while rods, gears and loops hold."""
+"""Linkages: joints of a model that are turned without forces, while rods, gears and loops hold, as those of a real robot from its
+sensors: joints from motor angles, chassis from the tilt, feet or wheels on the floor.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +10,12 @@ from collections.abc import Mapping, Sequence
 import mujoco
 import numpy as np
 
-from bricktwin.plans.geometry import Floats
+from bricktwin.plans.geometry import Floats, triple
 from bricktwin.plans.mechanism.articulation import Articulation
-from bricktwin.twin.models.turning import SPINNER, TurningParts, add_rod
+from bricktwin.plans.shapes import X_AXIS, Y_AXIS
+from bricktwin.twin.models.mjcf import SHAPE_GROUP, quaternion
+from bricktwin.twin.models.turning import TurningParts, add_coupling, add_loop, add_rod, add_spinner
+from bricktwin.twin.mujoco_body import MujocoBody
 
 _TURN_RAD = 0.25
 """Largest turn between two solutions, so that a linkage does not flip."""
@@ -80,22 +85,17 @@ class Linkage:
             bodies.append(body)
             origins.append(joint.point_m)
         for geared in made.geared:
-            equal = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT)
-            equal.name1, equal.name2 = f"joint_{geared.joint.child}_0", f"motor_{geared.port}"
-            equal.data[:5] = [0.0, geared.ratio, 0.0, 0.0, 0.0]
+            add_coupling(spec, geared, "", f"joint_{geared.joint.child}_0")
         for loop in made.loops:
-            equal = spec.add_equality(type=mujoco.mjtEq.mjEQ_CONNECT, objtype=mujoco.mjtObj.mjOBJ_BODY)
-            equal.name1, equal.name2 = bodies[loop.parent].name, bodies[loop.child].name
-            equal.data[:3] = loop.point_m - origins[loop.parent]
+            add_loop(spec, "", bodies[loop.parent], bodies[loop.child], triple(loop.point_m - origins[loop.parent]))
         body_of = {part: body for number, body in enumerate(bodies) for part in made.bodies[number].parts}
         for number, rod in enumerate(made.rods):
             pins = (rod.near, rod.near_m), (rod.far, rod.far_m)
             near, far = ((bodies[end], tuple(at_m - origins[end])) for end, at_m in pins)
             body_of |= dict.fromkeys(rod.parts, add_rod(spec, str(number), near, far))
         for number, follower in enumerate(made.followers):
-            at_m, about = follower.point_m - origins[follower.body], [follower.ratio, *-follower.axis]
-            body = bodies[follower.body].add_body(name=f"{SPINNER}{follower.port}_{number}", pos=at_m, userdata=about)
-            body_of |= dict.fromkeys(follower.parts, body)
+            at_m = triple(follower.point_m - origins[follower.body])
+            body_of |= dict.fromkeys(follower.parts, add_spinner(bodies[follower.body], number, follower, at_m))
         self._model = model = spec.compile()
         self._data = mujoco.MjData(model)
         self._body_of = {part: int(body.id) for part, body in body_of.items()}
@@ -120,3 +120,44 @@ class Linkage:
         body = self._body_of.get(part, 0)
         turn = self._data.xmat[body].reshape(3, 3) @ self._start_axes[body].T
         return turn, self._data.xpos[body] - turn @ self._start_m[body]
+
+
+def sensed_qpos(body: MujocoBody, angles_deg: dict[str, float], tilt_deg: tuple[float, float]) -> Floats:
+    """Positions of all joints of the model, solved from ``body``'s present ones, which are changed.
+
+    Args:
+        angles_deg: motor angles by name, at the output, as in Pybricks; whole turns are ignored.
+        tilt_deg: pitch (nose down positive) and roll (right side down positive), as reported by the hub.
+    """
+    model, data = body.model, body.data
+    motors = [motor for motor in body.robot.motors if motor.name in angles_deg]
+    joints = [model.joint(f"motor_{motor.port}") for motor in motors]
+    addresses = [int(joint.qposadr[0]) for joint in joints]
+    # Degrees of a motor's joint per degree at its output; the model counts the shaft, clockwise positive.
+    gears = [float(model.actuator_gear[model.actuator(f"motor_{motor.port}").id, 0]) for motor in motors]
+    factors = np.array([motor.direction.value * 360.0 / motor.turn_deg / gear for motor, gear in zip(motors, gears, strict=True)])
+    turns_deg = np.array([angles_deg[motor.name] for motor in motors]) - np.degrees(data.qpos[addresses]) / factors
+    turns_deg = (turns_deg + 180.0) % 360.0 - 180.0
+    driven = {int(joint.id) for joint in joints}
+    hinges = [
+        joint for joint in range(model.njnt) if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE and joint not in driven
+    ]
+    passive = [joint for joint in hinges if not model.joint(joint).name.startswith("backlash_")]
+    turn_joints(model, data, addresses, np.radians(turns_deg * factors), passive)
+    if model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE:
+        _stand(model, data, tilt_deg)
+    qpos: Floats = data.qpos.copy()
+    return qpos
+
+
+def _stand(model: mujoco.MjModel, data: mujoco.MjData, tilt_deg: tuple[float, float]) -> None:
+    """Tilt the chassis, and put the robot's lowest drawn point on the floor."""
+    pitch, roll = map(math.radians, tilt_deg)
+    data.qpos[0:3] = 0.0, 0.0, 1.0
+    mujoco.mju_mulQuat(data.qpos[3:7], np.array(quaternion(Y_AXIS, pitch)), np.array(quaternion(X_AXIS, roll)))
+    mujoco.mj_kinematics(model, data)
+    drawn = np.flatnonzero((model.body_weldid[model.geom_bodyid] != 0) & (model.geom_group != SHAPE_GROUP))
+    middle, half = model.geom_aabb[drawn, :3], model.geom_aabb[drawn, 3:]
+    frames = data.geom_xmat[drawn].reshape(-1, 3, 3)
+    lowest = data.geom_xpos[drawn, 2] + (frames[:, 2] * middle).sum(1) - (np.abs(frames[:, 2]) * half).sum(1)
+    data.qpos[2] -= float(lowest.min())

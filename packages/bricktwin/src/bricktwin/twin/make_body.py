@@ -73,7 +73,6 @@ def make_body(robot: Robot, *, scene: Scene | None = None, physics: Physics | Ra
         from bricktwin.twin.mujoco_body import MujocoBody
 
         return MujocoBody(robot, scene, physics or Physics(), seed)
-    from bricktwin.twin.make_body import BenchTwin
 
     if scene.wall_distance_mm is not None or scene.ball or scene.objects:
         raise TwinError(

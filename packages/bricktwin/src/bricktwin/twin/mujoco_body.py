@@ -19,13 +19,12 @@ from brickhub.errors import TwinError
 from brickhub.robot import Robot, Sense, UltrasonicSensor
 from brickhub.virtual.body import Rng
 from brickhub.virtual.stimuli import Sensed
-from bricktwin.twin import ldraw
+from bricktwin.plans import ldraw_library
 from bricktwin.twin.models.kept_models import robot_model
 from bricktwin.twin.models.mjcf import OBSTACLE_GROUP, SHAPE_GROUP, TIMESTEP_S, yaw_quaternion
 from bricktwin.twin.models.motors import motor_constants
-from bricktwin.twin.models.mounts import body_of, site_name
+from bricktwin.twin.models.mounts import INFRARED_MM, site_name
 from bricktwin.twin.models.turning import TurningParts
-from bricktwin.twin.objects import Block, Solid
 from bricktwin.twin.physics import Physics, RandomPhysics
 from bricktwin.twin.scene import Scene
 from bricktwin.twin.senses import FixedBase, FloatingBase, SummedNoise, Turns, Vector, WorldSenses
@@ -59,9 +58,9 @@ class Pose:
     heading_deg: float
 
 
-def _end(is_high: Iterator[bool], low: float, high: float) -> float:
-    """One end of a range."""
-    return high if next(is_high) else low
+def _end(ends: Iterator[int], *bounds: float) -> float:
+    """An end of a range: 0 for the lower one."""
+    return bounds[next(ends)]
 
 
 @functools.lru_cache(maxsize=8)
@@ -87,12 +86,13 @@ class MujocoBody:
         tyres: geometries of the drive base's tyres, left and right, if it has such.
         chassis: index of the first body; ``moves``: whether it moves freely.
         physics: the present parameters; ``link``: those of the link.
+        steps: of the physics since the body was made.
     """
 
     def __init__(self, robot: Robot, scene: Scene, physics: Physics | RandomPhysics, seed: int) -> None:
         self.robot = robot
         self.scene = scene
-        self._nominal = _compiled(robot, scene, ldraw.folder())
+        self._nominal = _compiled(robot, scene, ldraw_library.folder())
         self.model = copy.copy(self._nominal)
         self.data = mujoco.MjData(self.model)
         self._random_physics = physics if isinstance(physics, RandomPhysics) else None
@@ -100,7 +100,7 @@ class MujocoBody:
         self._apply(Physics() if isinstance(physics, RandomPhysics) else physics)
         noise_seed, start_seed, heading_seed = np.random.SeedSequence(seed).spawn(3)
         self._noise, self._heading_noise = np.random.default_rng(noise_seed), SummedNoise(np.random.default_rng(heading_seed))
-        self._steps = self._steps_since_update = 0
+        self.steps = self._steps_since_update = 0
         self._turns, self._heading_at_start_deg = Turns(), 0.0
         self._settle()
         self._check_starts()
@@ -118,7 +118,6 @@ class MujocoBody:
         root = int(model.body(f"{prefix}chassis").jntadr[0]) if prefix else 0
         self.chassis, self.moves = int(model.jnt_bodyid[root]), bool(model.jnt_type[root] == mujoco.mjtJoint.mjJNT_FREE)
         self._bind_motors(prefix)
-        self._open_circuits = 0
         self._backlash = _backlash_joints(model)
         feet = [geom for geom in range(model.ngeom) if model.geom(geom).name.startswith("foot_")]
         # Nothing stands on one foot; in an arena a robot keeps the stance in which it has settled.
@@ -129,12 +128,12 @@ class MujocoBody:
         self._turning = TurningParts(model)
         self._bind_sensors(prefix)
         # A pushable block has a free joint, after the robot's joints.
-        self._block_addresses = [int(model.joint(f"object_{number}").qposadr[0]) for number in self._pushable()]
+        self._block_addresses = [int(model.joint(f"object_{number}").qposadr[0]) for number in self.scene.pushable]
         self._detected_groups = np.zeros(6, np.uint8)
         # Other robots are obstacles too, but not this one.
         self._detected_groups[[OBSTACLE_GROUP, SHAPE_GROUP] if prefix else OBSTACLE_GROUP] = 1
         self._undetected_body = self.chassis if prefix else -1
-        self._qpos, self._qvel = data.qpos, data.qvel
+        self._qpos, self._qvel, self._options = data.qpos, data.qvel, model.opt
         # NumPy is slow for single values.
         self._joint_positions = cast("memoryview[float]", memoryview(data.qpos))
         self._voltages_v = cast("memoryview[float]", memoryview(data.ctrl))
@@ -163,8 +162,8 @@ class MujocoBody:
         sonars = [port for port, kind in self._sensor_kinds.items() if kind.model.range_mm is not None]
         places = {port: self._sensor_frames[port] for port in sonars}
         self._sonars = {port: (position, rays @ frame.T) for port, (position, frame) in places.items()}
-        solids = [item for item in self.scene.objects if isinstance(item, Solid)]
-        self._soft_geoms = {int(self.model.geom(f"object_{number}").id) for number, item in enumerate(solids) if item.soft}
+        soft = [number for number, item in enumerate(self.scene.solids) if item.soft]
+        self._soft_geoms = {int(self.model.geom(f"object_{number}").id) for number in soft}
         forces = [port for port, kind in self._sensor_kinds.items() if Sense.FORCE in kind.model.senses]
         self._forces = {port: self.data.sensor(f"{prefix}force_{port}").data for port in forces}
         self._world = WorldSenses(self.model, self.data, self.scene)
@@ -181,11 +180,6 @@ class MujocoBody:
         frame = np.empty(9)
         mujoco.mju_quat2Mat(frame, self.model.site_quat[index])
         return self.model.site_pos[index].copy(), frame.reshape(3, 3)
-
-    def _pushable(self) -> dict[int, Block]:
-        """Pushable blocks of the scene, by their number among its solids."""
-        solids = [item for item in self.scene.objects if isinstance(item, Solid)]
-        return {number: item for number, item in enumerate(solids) if isinstance(item, Block) and item.mass_g is not None}
 
     # ---------------------------------------------------------------- physics and start
 
@@ -210,10 +204,14 @@ class MujocoBody:
             play, address = model.jnt_range[joint, 1], model.jnt_qposadr[joint]
             self._qpos[address] = min(max(self._qpos[address], -play), play)
 
-    def _settle(self) -> None:
-        """Open all circuits; let a robot on wheels settle on the floor and record its stance."""
+    def coast(self) -> None:
+        """Let all motors coast."""
         for port in self._terminals:
             self.set_voltage(port, None)
+
+    def _settle(self) -> None:
+        """Open all circuits; let a robot on wheels settle on the floor and record its stance."""
+        self.coast()
         if self._feet is not None or not self.moves:
             return
         if self.scene.objects:
@@ -234,23 +232,19 @@ class MujocoBody:
         self._reset_blocks(rng)
         if self.moves:
             self._place(rng.uniform)
-        self.data.qacc_warmstart[:] = 0.0
-        mujoco.mj_forward(self.model, self.data)
-        refuse_overlap(self.model, self.data, self.scene)
-        settle(self.model, self.data, [self])
-        self.update_turns()
+        come_to_rest(self.model, self.data, [self], self.scene)
 
     def _check_starts(self) -> None:
         """Raise TwinError if the robot would be inside of an obstacle at an end of the ranges of its start."""
         if self.moves and (self.scene.objects or self.scene.wall_distance_mm is not None):
-            for ends in itertools.product((False, True), repeat=4):
+            for ends in itertools.product((0, 1), repeat=4):
                 self._place(functools.partial(_end, iter(ends)))
                 mujoco.mj_forward(self.model, self.data)
                 refuse_overlap(self.model, self.data, self.scene)
 
     def _reset_blocks(self, rng: Rng) -> None:
         """Put pushable blocks back to their start positions."""
-        for address, block in zip(self._block_addresses, self._pushable().values(), strict=True):
+        for address, block in zip(self._block_addresses, self.scene.pushable.values(), strict=True):
             self._qpos[address : address + 7] = self.model.qpos0[address : address + 7]
             if any(block.spread_mm):
                 self._qpos[address : address + 2] += [rng.uniform(-spread / 1000, spread / 1000) for spread in block.spread_mm]
@@ -310,23 +304,19 @@ class MujocoBody:
 
     # ---------------------------------------------------------------- time
 
-    def _step_count(self) -> int:
-        """Steps of the physics since the body was made."""
-        return self._steps
-
     def advance_to(self, time_ms: int) -> None:
         """Integrate whole steps up to this simulated time."""
-        remaining = time_ms * 2 // 5 - self._steps
+        remaining = time_ms * 2 // 5 - self.steps
         while remaining > 0:
-            steps = STEPS_PER_LOAD - self._steps % STEPS_PER_LOAD
+            steps = STEPS_PER_LOAD - self.steps % STEPS_PER_LOAD
             steps = steps if steps < remaining else remaining
             mujoco.mj_step(self.model, self.data, steps)
             remaining -= steps
-            self._steps += steps
+            self.steps += steps
             self._steps_since_update += steps
             if self._steps_since_update >= _STEPS_PER_UPDATE:
                 self.update_turns()
-            if self._steps % STEPS_PER_LOAD == 0:
+            if self.steps % STEPS_PER_LOAD == 0:
                 self.load_battery()
 
     def update_turns(self) -> None:
@@ -362,9 +352,8 @@ class MujocoBody:
     def set_voltage(self, port: str, voltage_mv: int | None) -> None:
         """Apply a voltage, at most the battery's; 0 shorts the motor (brake), ``None`` opens the circuit (coast)."""
         actuator, circuit = self._terminals[port]
-        if (voltage_mv is None) is not bool(self._open_circuits & circuit):
-            self._open_circuits ^= circuit
-            self.model.opt.disableactuator = self._open_circuits
+        if (voltage_mv is None) is not bool(self._options.disableactuator & circuit):
+            self._options.disableactuator ^= circuit
         if voltage_mv is not None:
             share = voltage_mv / self.battery_mv
             share = 1.0 if share > 1.0 else -1.0 if share < -1.0 else share
@@ -410,7 +399,7 @@ class MujocoBody:
         position, frame = self._sensor_frames[port]
         eye, gaze = self._base.in_world(position) + self._base.position(), self._base.in_world(frame[:, 0].copy())
         if sense is Sense.DISTANCE:
-            return 100.0 * min(self._world.distance_mm(eye, gaze) / body_of(self._sensor_kinds[port]).infrared_mm, 1.0)
+            return 100.0 * min(self._world.distance_mm(eye, gaze) / INFRARED_MM[self._sensor_kinds[port]], 1.0)
         if sense is Sense.AMBIENT:
             return self._world.ambient(eye, gaze)
         hue, saturation, value = self._world.surface(eye, gaze)
@@ -443,7 +432,7 @@ class MujocoBody:
     def heading_deg(self) -> float:
         """Rotation about the vertical since the start, as summed up from the gyroscope, clockwise positive, not wrapped."""
         self.update_turns()
-        noise_deg = self._heading_noise.deg(self._step_count() * TIMESTEP_S, self.physics.gyro_noise_deg_s) + self._drift_deg()
+        noise_deg = self._heading_noise.deg(self.steps * TIMESTEP_S, self.physics.gyro_noise_deg_s) + self._drift_deg()
         return (self._turns.heading_deg - self._heading_at_start_deg) * self._gyro_scale + noise_deg
 
     def rotation_deg(self) -> tuple[float, float, float]:
@@ -455,7 +444,7 @@ class MujocoBody:
 
     def _drift_deg(self) -> float:
         """What the gyroscope has drifted since the start, clockwise."""
-        return self.physics.gyro_drift_deg_min / 60.0 * self._step_count() * TIMESTEP_S
+        return self.physics.gyro_drift_deg_min / 60.0 * self.steps * TIMESTEP_S
 
 
 SIDE_LOAD_OFFSET_M = (0.0, 0.048, 0.0)
@@ -479,6 +468,17 @@ def settle(model: mujoco.MjModel, data: mujoco.MjData, robots: Sequence[MujocoBo
     data.qvel[:] = 0.0
     data.qacc_warmstart[:] = 0.0
     mujoco.mj_forward(model, data)
+
+
+def come_to_rest(model: mujoco.MjModel, data: mujoco.MjData, robots: Sequence[MujocoBody], scene: Scene | None = None) -> None:
+    """Let robots that were put somewhere come to rest. Raises TwinError if one is inside of an obstacle of the ``scene``, or of
+    an arena."""
+    data.qacc_warmstart[:] = 0.0
+    mujoco.mj_forward(model, data)
+    refuse_overlap(model, data, scene)
+    settle(model, data, robots)
+    for robot in robots:
+        robot.update_turns()
 
 
 def _backlash_joints(model: mujoco.MjModel) -> list[int]:

@@ -66,16 +66,17 @@ class Line:
         return points[:-1], points[1:]
 
     @cached_property
-    def _segments(self) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-        """Start and direction of each segment as complex numbers, ``[n]`` each."""
+    def _segments(self) -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.complex128], Floats]:
+        """Start, direction, its conjugate and its squared length of each segment as complex numbers, ``[n]`` each."""
         starts, ends = (points @ _COMPLEX for points in self.ends_mm)
-        return starts, ends - starts
+        directions = ends - starts
+        return starts, directions, directions.conj(), np.maximum(np.abs(directions) ** 2, 1e-9)
 
     def covers(self, points_mm: Floats) -> NDArray[np.bool_]:
         """Whether points ``[n, 2]`` are on it; ``[n]``."""
-        starts, directions = self._segments
+        starts, directions, conjugates, squares = self._segments
         offsets = (points_mm @ _COMPLEX)[:, None] - starts
-        fraction = np.clip((offsets * directions.conj()).real / np.maximum(np.abs(directions) ** 2, 1e-9), 0.0, 1.0)
+        fraction = np.clip((offsets * conjugates).real / squares, 0.0, 1.0)
         distance = np.abs(offsets - fraction * directions)
         covered: NDArray[np.bool_] = distance.min(1) <= self.width_mm / 2
         return covered

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from brickhub.errors import TwinError
 from brickhub.virtual.stimuli import Reading
-from bricktwin.twin.objects import Object
+from bricktwin.twin.objects import Block, Mark, Object, Solid
 
 FLOOR = (0.82, 0.82, 0.84)
 """Reflectance of red, green and blue light of the bare floor."""
@@ -67,6 +67,21 @@ class Scene:
         if self.wall_distance_mm is not None:
             _check_range("wall_distance_mm", self.wall_distance_mm, 20.0, 5000.0)
             _check_range("heading_deg before a wall", self.heading_deg, -_MAX_HEADING_AT_WALL_DEG, _MAX_HEADING_AT_WALL_DEG)
+
+    @property
+    def marks(self) -> list[Mark]:
+        """What lies on the floor, the lowest first."""
+        return [item for item in self.objects if isinstance(item, Mark)]
+
+    @property
+    def solids(self) -> list[Solid]:
+        """What robots and ultrasound hit; in a model, the geometry ``object_N`` is the N-th."""
+        return [item for item in self.objects if isinstance(item, Solid)]
+
+    @property
+    def pushable(self) -> dict[int, Block]:
+        """Blocks that can be pushed, by their number among the solids."""
+        return {number: item for number, item in enumerate(self.solids) if isinstance(item, Block) and item.mass_g is not None}
 
 
 def _check_range(name: str, bounds: tuple[float, float], lowest: float, highest: float) -> None:

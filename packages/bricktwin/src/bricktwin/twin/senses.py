@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import colorsys
 import math
+from abc import ABC, abstractmethod
 
 import mujoco
 import numpy as np
 
 from bricktwin.plans.geometry import Floats
 from bricktwin.twin.models.mjcf import OBSTACLE_GROUP
-from bricktwin.twin.objects import COLORS, Lamp, Mark, Solid
+from bricktwin.twin.objects import COLORS, Lamp
 from bricktwin.twin.scene import FLOOR, Scene
 
 Vector = np.ndarray[tuple[int], np.dtype[np.float64]]
@@ -22,6 +23,12 @@ Vector = np.ndarray[tuple[int], np.dtype[np.float64]]
 
 _GYRO_SAMPLE_S = 1 / 833
 _SUMMED_S = 0.005  # samples of the gyroscope that are drawn as one
+
+
+def clockwise_deg(orientation: Vector) -> float:
+    """Rotation about the vertical of a quaternion [4], clockwise seen from above."""
+    w, x, y, z = orientation.tolist()
+    return math.degrees(math.atan2(-2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
 
 
 class Turns:
@@ -39,9 +46,7 @@ class Turns:
 
     def update(self, orientation: Vector) -> None:
         """Add the turn to an orientation, a quaternion [4]."""
-        w, x, y, z = orientation.tolist()
-        clockwise_deg = math.degrees(math.atan2(-2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
-        self.heading_deg += (clockwise_deg - self.heading_deg + 180.0) % 360.0 - 180.0
+        self.heading_deg += (clockwise_deg(orientation) - self.heading_deg + 180.0) % 360.0 - 180.0
         turn_rad: Vector = np.empty(3)
         mujoco.mju_subQuat(turn_rad, orientation, self._last)
         self.rotation_rad += turn_rad
@@ -66,7 +71,7 @@ class SummedNoise:
         return self._sum * noise_deg_s * math.sqrt(_SUMMED_S * _GYRO_SAMPLE_S)
 
 
-class _Base:
+class _Base(ABC):
     """What carries a hub; ``_hub`` and ``_to_hub`` are the hub's position [3] there and the quaternion [4] to its axes,
     ``_position`` and ``_frame`` the origin [3] and the quaternion [4] of the robot's first body, which carries its sensors."""
 
@@ -76,6 +81,10 @@ class _Base:
     def __init__(self, model: mujoco.MjModel, imu: str) -> None:
         self._hub, self._to_hub = model.site(imu).pos.copy(), np.empty(4)
         mujoco.mju_negQuat(self._to_hub, model.site(imu).quat)
+
+    @abstractmethod
+    def orientation(self) -> Vector:
+        """Quaternion [4] from the axes of the part that carries the hub to the world's."""
 
     def position(self) -> Vector:
         """Origin of the robot's first body [3] in the world, m."""
@@ -92,6 +101,13 @@ class _Base:
         rotated = np.empty(3)
         mujoco.mju_rotVecQuat(rotated, vector, self._to_hub)
         return rotated
+
+    def up(self, vertical: Vector) -> Vector:
+        """A direction [3] of the world in the hub's axes."""
+        from_world, rotated = np.empty(4), np.empty(3)
+        mujoco.mju_negQuat(from_world, self.orientation())
+        mujoco.mju_rotVecQuat(rotated, vertical, from_world)
+        return self.in_hub(rotated)
 
 
 class FloatingBase(_Base):
@@ -111,15 +127,7 @@ class FloatingBase(_Base):
         self._qacc: Vector = data.qacc[dof : dof + 6]
 
     def orientation(self) -> Vector:
-        """Quaternion [4] from the chassis' axes to the world's."""
         return self._frame
-
-    def up(self, vertical: Vector) -> Vector:
-        """A direction [3] of the world in the hub's axes."""
-        from_world, rotated = np.empty(4), np.empty(3)
-        mujoco.mju_negQuat(from_world, self._frame)
-        mujoco.mju_rotVecQuat(rotated, vertical, from_world)
-        return self.in_hub(rotated)
 
     def angular_velocity(self) -> Vector:
         """Angular velocity in the hub's axes [3], rad/s."""
@@ -150,14 +158,8 @@ class FixedBase(_Base):
         self._position, self._frame = data.xpos[first], data.xquat[first]
 
     def orientation(self) -> Vector:
-        """Quaternion [4] from the axes of the part that carries the hub to the world's."""
         orientation: Vector = self._data.xquat[self._body].copy()
         return orientation
-
-    def up(self, vertical: Vector) -> Vector:
-        """A direction [3] of the world in the hub's axes."""
-        up: Vector = self._data.site_xmat[self._site].reshape(3, 3).T @ vertical
-        return up
 
     def angular_velocity(self) -> Vector:
         """Angular velocity in the hub's axes [3], rad/s."""
@@ -192,10 +194,9 @@ class WorldSenses:
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, scene: Scene) -> None:
         self._model, self._data, self._scene = model, data, scene
-        self._marks = [item for item in reversed(scene.objects) if isinstance(item, Mark)]
+        self._marks = scene.marks[::-1]
         self._lamps = [item for item in scene.objects if isinstance(item, Lamp)]
-        solids = [item for item in scene.objects if isinstance(item, Solid)]
-        self._colors = {int(model.geom(f"object_{number}").id): COLORS[solid.color] for number, solid in enumerate(solids)}
+        self._colors = {int(model.geom(f"object_{number}").id): COLORS[item.color] for number, item in enumerate(scene.solids)}
         self._obstacles = np.zeros(6, np.uint8)
         self._obstacles[OBSTACLE_GROUP] = 1
         # Sunflower pattern: points that fill a disc evenly (Vogel 1979).
@@ -245,12 +246,12 @@ class WorldSenses:
         """Mean colour of the spot on the floor at ``point_m`` that is seen from a distance."""
         radius_mm = _SPOT_MM + _SPOT_RATIO * distance_m * 1000.0
         points_mm = point_m[:2] * 1000.0 + radius_mm * self._disc
-        rgb, open_points = np.tile(np.array(FLOOR), (_POINTS, 1)), np.ones(_POINTS, bool)
+        rgb, open_points = np.full((_POINTS, 3), FLOOR), np.ones(_POINTS, bool)
         for mark in self._marks:  # the uppermost first
             covered = open_points & mark.covers(points_mm)
             rgb[covered] = COLORS[mark.color]
             open_points &= ~covered
             if not open_points.any():
                 break
-        mean: Floats = rgb.mean(0)
+        mean: Floats = np.add.reduce(rgb) / _POINTS
         return mean

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from brickhub.errors import TwinError
 from bricktwin.plans.geometry import Floats
 from bricktwin.twin.models.mjcf import FLOOR_GROUP, OBSTACLE_GROUP
-from bricktwin.twin.objects import Solid
 from bricktwin.twin.scene import Scene
 
 _MIN_INSIDE = -1e-9
@@ -107,6 +106,5 @@ def refuse_overlap(model: mujoco.MjModel, data: mujoco.MjData, scene: Scene | No
             start = "start_mm" if scene.wall_distance_mm is None else "wall_distance_mm"
             remedy = f"move that, or change {start} or heading_deg of the scene"
         if scene is not None and name.startswith("object_"):
-            solids = [item for item in scene.objects if isinstance(item, Solid)]
-            name = f"{solids[int(name.removeprefix('object_'))]}"
+            name = f"{scene.solids[int(name.removeprefix('object_'))]}"
         raise TwinError(f"a robot would start inside of {name or 'an obstacle'}; {remedy}")

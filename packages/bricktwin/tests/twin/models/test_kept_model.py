@@ -481,10 +481,10 @@ def test_descriptions_of_values() -> None:
 def test_large_models_use_dense_matrices(joints: int, is_sparse: bool) -> None:
     """MuJoCo 4.0.0 takes sparse ones from 60 degrees of freedom on, and their factor is wrong."""
 
-    def compiled() -> mujoco.MjModel:
+    def built() -> mujoco.MjSpec:
         links = "".join(f'<body pos="0 {i} 0"><joint type="hinge"/><geom size="0.1"/></body>' for i in range(joints))
-        return mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{links}</worldbody></mujoco>")
+        return mujoco.MjSpec.from_string(f"<mujoco><worldbody>{links}</worldbody></mujoco>")
 
-    model = kept_model(compiled, [], f"{joints} links")
+    model = kept_model(built, [], f"{joints} links")
     assert model.nv == joints and bool(mujoco.mj_isSparse(model)) is is_sparse
-    assert bool(mujoco.mj_isSparse(compiled())) is (joints >= 60), "without us"
+    assert bool(mujoco.mj_isSparse(built().compile())) is (joints >= 60), "without us"

@@ -7,13 +7,12 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from ldraw_library import placed, write_library, write_robot_parts
+from ldraw_library import write_robot_parts
 
 from brickhub.errors import RenderingUnavailableError
 from brickhub.robot import Robot
+from bricktwin.plans import ldraw_library
 from bricktwin.robots import ROBO_ARM, TWO_WHEELER, WALKER
-from bricktwin.twin import ldraw
-from bricktwin.twin.models import lego
 from bricktwin.twin.models.mjcf import LOOKS_GROUP
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.physics import Physics
@@ -24,7 +23,7 @@ from bricktwin.twin.scene import OPEN_FLOOR
 @pytest.fixture
 def no_library(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("LDRAWDIR", raising=False)
-    monkeypatch.setattr(ldraw, "_SYSTEM_FOLDERS", ())
+    monkeypatch.setattr(ldraw_library, "_SYSTEM_FOLDERS", ())
 
 
 def body(robot: Robot) -> MujocoBody:
@@ -78,31 +77,3 @@ def test_looks_change_picture(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
 def _green(image: Image) -> int:
     red, green, blue = (image[..., channel].astype(int) for channel in range(3))
     return int(((green > red + 40) & (green > blue + 40)).sum())
-
-
-@pytest.mark.usefixtures("no_library")
-def test_ldraw_part_matches_position(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for part in (lego.hub, lego.ultrasonic_sensor, lego.medium_motor):
-        monkeypatch.delenv("LDRAWDIR", raising=False)
-        ours = np.concatenate([shape.points for _, shape in part().shapes])
-        monkeypatch.setenv("LDRAWDIR", str(tmp_path if (tmp_path / "p").exists() else write_robot_parts(tmp_path)))
-        dressed = part()
-        assert len(dressed.shapes) < 3, "a box, and perhaps a window"
-        theirs = np.concatenate([shape.points for _, shape in dressed.shapes])
-        assert (theirs.min(axis=0) + theirs.max(axis=0)) / 2 == pytest.approx((ours.min(axis=0) + ours.max(axis=0)) / 2, abs=1e-6)
-        for _, shape in dressed.shapes:
-            corners = shape.points[shape.faces]
-            across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-            assert np.einsum("ij,ij->i", across, shape.normals[shape.faces[:, 0]]).min() > 0, "normals point outwards"
-
-
-@pytest.mark.usefixtures("no_library")
-def test_ldraw_part_of_other_size_is_rejected(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    ours = lego.hub()
-    root = write_library(tmp_path, **{"67718p01": "0 BFC CERTIFY CCW\n" + placed("box8.dat", size=(40, 40, 40))})
-    monkeypatch.setenv("LDRAWDIR", str(root))
-    assert [colour for colour, _ in lego.hub().shapes] == [colour for colour, _ in ours.shapes]
-    assert "unknown size" in caplog.text
-    assert lego.from_library("no such part", "white", ours) is ours

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from bricktwin.plans import catalogue
 from bricktwin.plans.geometry import circle_sides
 from bricktwin.plans.picture import COARSE, surface_of
-from bricktwin.twin.models.lego import Shape, block, cylinder, ring, turned
+from bricktwin.plans.shapes import Shape, block, cylinder, ring, turned
 
 SHAPES = {
     "block": (block(2.0, 3.0, 4.0), 24.0),

@@ -50,9 +50,10 @@ def _part(row: Mapping[str, str], electric: Mapping[str, str] | None) -> Part:
     """The part of a row of ``parts.csv`` and, of a hub, motor or sensor, its row of ``devices.csv``."""
     if row["sites"].startswith("chain"):
         sites, solids = part_notation.beam(row["sites"])
+        notches = part_notation.solids(row["solids"])[1]
     else:
         sites = part_notation.sites(row["sites"])
-        solids = part_notation.solids(row["solids"] or "tubes", sites)
+        solids, notches = part_notation.solids(row["solids"] or "tubes", sites)
     return Part(
         row["number"],
         row["name"],
@@ -62,8 +63,8 @@ def _part(row: Mapping[str, str], electric: Mapping[str, str] | None) -> Part:
         float(row["mass_g"]),
         MassSource[row["mass_source"].upper()],
         tuple(row["aliases"].split()),
-        () if electric is None else part_notation.solids(electric["rotor_solids"]),
-        part_notation.notches(row["solids"], sites),
+        () if electric is None else part_notation.solids(electric["rotor_solids"])[0],
+        notches,
         part_notation.gears(row["gears"]),
         None if electric is None else _device(electric),
         int(row["length"] or 0),

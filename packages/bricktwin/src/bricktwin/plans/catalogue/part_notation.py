@@ -109,37 +109,33 @@ def beam(text: str) -> tuple[tuple[Site, ...], tuple[Solid, ...]]:
     return holes, (*bars, *_tubes(holes))
 
 
-def solids(text: str, part_sites: Iterable[Site] = ()) -> tuple[Solid, ...]:
-    """Solids of a part with these sites."""
-    return _solids([group for group in _groups(text) if not group.startswith(_NOTCH)], part_sites)
-
-
-def notches(text: str, part_sites: Iterable[Site]) -> tuple[tuple[int, Solid], ...]:
-    """Notches in these solids, each with the number of solids before it."""
-    groups = _groups(text)
-    return tuple(
-        (len(solids("|".join(groups[:place]), part_sites)), notch)
-        for place, group in enumerate(groups)
-        if group.startswith(_NOTCH)
-        for notch in _solids([group.removeprefix(_NOTCH)])
-    )
-
-
-def _solids(groups: Iterable[str], part_sites: Iterable[Site] = ()) -> tuple[Solid, ...]:
+def solids(text: str, part_sites: Iterable[Site] = ()) -> tuple[tuple[Solid, ...], tuple[tuple[int, Solid], ...]]:
+    """Solids of a part with these sites; and notches in them, each with the number of solids before it."""
     found: list[Solid] = []
-    for group in groups:
-        match group.split():
-            case ["tubes"]:
-                found += _tubes(part_sites)
-            case ["box", centres, size]:
-                found += [box(centre, point(size)) for centre in points(centres)]
-            case ["ball", centre, radius]:
-                found.append(ball(point(centre), float(radius)))
-            case ["cylinder", along, centres, radius]:
-                found += [cylinder(centre, *_axis(along), float(radius)) for centre in points(centres)]
-            case ["ring", along, centres, outer, inner]:
-                found += [ring(centre, *_axis(along), float(outer), float(inner)) for centre in points(centres)]
-    return tuple(found)
+    notches: list[tuple[int, Solid]] = []
+    for group in _groups(text):
+        shape = group.removeprefix(_NOTCH)
+        made = list(_solids(shape.split(), part_sites))
+        if shape == group:
+            found += made
+        else:
+            notches += [(len(found), solid) for solid in made]
+    return tuple(found), tuple(notches)
+
+
+def _solids(words: list[str], part_sites: Iterable[Site]) -> Iterable[Solid]:
+    match words:
+        case ["tubes"]:
+            return _tubes(part_sites)
+        case ["box", centres, size]:
+            return [box(centre, point(size)) for centre in points(centres)]
+        case ["ball", centre, radius]:
+            return [ball(point(centre), float(radius))]
+        case ["cylinder", along, centres, radius]:
+            return [cylinder(centre, *_axis(along), float(radius)) for centre in points(centres)]
+        case ["ring", along, centres, outer, inner]:
+            return [ring(centre, *_axis(along), float(outer), float(inner)) for centre in points(centres)]
+    return ()
 
 
 def _tubes(part_sites: Iterable[Site]) -> list[Solid]:

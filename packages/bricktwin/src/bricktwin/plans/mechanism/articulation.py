@@ -6,31 +6,19 @@ radians; x forward, y left, z up, in the plan's position.
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bricktwin.plans.connections import reached
+from bricktwin.plans.connections import graph_of, reached
 from bricktwin.plans.geometry import Floats
-from bricktwin.plans.mechanism.kinematics import Hinge, Link, Mechanism, Mounted, Train, Wheel, is_balanced, merged, share_axis
+from bricktwin.plans.mechanism.kinematics import Hinge, Link, Mechanism, Train, Wheel, is_balanced, merged, share_axis
 
 _BALANCED_KG_M = 1.2e-5
 """12 g, 1 mm off the axis: 0.1 Nmm, 1/200 of a motor's friction."""
 _ROD_KG = 0.010
 """Heavier links are separate bodies."""
-
-
-@dataclass(frozen=True, eq=False)
-class Joint:
-    """A hinge: bodies ``parent`` and ``child`` (indices), a point [3], an axis [3]; or a ball joint."""
-
-    parent: int
-    child: int
-    point_m: Floats
-    axis: Floats
-    is_ball: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +31,7 @@ class Drive:
     """
 
     port: str
-    joint: Joint
+    joint: Hinge
     gear: float
     armature: float
     teeth: tuple[int, ...]
@@ -54,7 +42,7 @@ class Geared:
     """A joint geared to a motor; ``ratio`` is turns per turn of the drive."""
 
     port: str
-    joint: Joint
+    joint: Hinge
     ratio: float
 
 
@@ -92,22 +80,25 @@ class Articulation:
         is_fixed: whether the base is fixed.
         swings: joints without a motor.
         loops: joints between bodies that are already connected.
-        wheels, mounted: as in the mechanism; their ``link`` is the index of a body.
+        wheels: as in the mechanism; their ``link`` is the index of a body, as those of the hinges are.
     """
 
     bodies: tuple[Link, ...]
     is_fixed: bool
     drives: tuple[Drive, ...]
     geared: tuple[Geared, ...]
-    swings: tuple[Joint, ...]
-    loops: tuple[Joint, ...]
+    swings: tuple[Hinge, ...]
+    loops: tuple[Hinge, ...]
     followers: tuple[Follower, ...]
     rods: tuple[Rod, ...]
     wheels: tuple[Wheel, ...]
-    mounted: tuple[Mounted, ...]
+
+    def body_of(self, part: int) -> int | None:
+        """Index of the body with a part; ``None`` for a rod, or a part that is not connected."""
+        return next((number for number, body in enumerate(self.bodies) if part in body.parts), None)
 
     @property
-    def joints(self) -> list[Joint]:
+    def joints(self) -> list[Hinge]:
         """All joints of the tree, parents first."""
         joints = [*(drive.joint for drive in self.drives), *(geared.joint for geared in self.geared), *self.swings]
         return sorted(joints, key=lambda joint: joint.child)
@@ -134,7 +125,7 @@ class _Simplifier:
         self.rods: list[tuple[int, Hinge, Hinge]] = []
         self.armature: dict[str, float] = {}
         self.coupled = {number for train in trains for number in train.hinges}
-        self.preserved = {wheel.link for wheel in mechanism.wheels} | {device.link for device in mechanism.mounted}
+        self.preserved = {wheel.link for wheel in mechanism.wheels} | set(mechanism.devices)
         self.preserved.add(mechanism.fixed or 0)
 
     def _merge(self, link: int, other: int) -> None:
@@ -205,11 +196,7 @@ class _Simplifier:
 
     def _is_in_loop(self, link: int, numbers: list[int]) -> bool:
         """Whether the link's neighbours are connected without it."""
-        neighbours: dict[int, list[int]] = defaultdict(list)
-        for number in self.hinges.keys() - set(numbers):
-            first, second = self._ends(self.hinges[number])
-            neighbours[first].append(second)
-            neighbours[second].append(first)
+        neighbours = graph_of(self._ends(self.hinges[number]) for number in self.hinges.keys() - set(numbers))
         start, end = (next(other for other in self._ends(self.hinges[number]) if other != link) for number in numbers)
         return end in reached(start, neighbours)
 
@@ -264,15 +251,14 @@ class _Simplifier:
             ),
             rods,
             tuple(replace(wheel, link=body_of[wheel.link]) for wheel in mechanism.wheels),
-            tuple(replace(device, link=body_of[device.link]) for device in mechanism.mounted),
         )
 
 
-def _joint(hinge: Hinge, body_of: dict[int, int]) -> Joint:
-    """A hinge as a joint; the child is the later body, and the axis is reversed if that was the parent."""
+def _joint(hinge: Hinge, body_of: dict[int, int]) -> Hinge:
+    """A hinge between bodies; the child is the later body, and the axis is reversed if that was the parent."""
     parent, child = body_of[hinge.parent], body_of[hinge.child]
     sign = 1 if parent < child else -1
-    return Joint(min(parent, child), max(parent, child), hinge.point_m, sign * hinge.axis, hinge.is_ball)
+    return replace(hinge, parent=min(parent, child), child=max(parent, child), axis=sign * hinge.axis)
 
 
 def _rod(link: Link, first: Hinge, second: Hinge, number: int, body_of: dict[int, int]) -> Rod:

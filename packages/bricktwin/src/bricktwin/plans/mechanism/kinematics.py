@@ -79,21 +79,6 @@ class Wheel:
 
 
 @dataclass(frozen=True, eq=False)
-class Mounted:
-    """The hub or a sensor: link, position [3] in metres, viewing direction [3], index of the part.
-
-    A hub's direction is that of its USB port.
-    """
-
-    link: int
-    port: str | None
-    name: str
-    point_m: Floats
-    looks: Floats
-    part: int
-
-
-@dataclass(frozen=True, eq=False)
 class Mechanism:
     """The mechanism of a robot.
 
@@ -101,6 +86,7 @@ class Mechanism:
         ratios: [hinges, motors], turns of a hinge's child about its axis per turn of a motor's shaft about its outward direction,
             in the plan's position; motors in the order of ``ports``.
         ports: of the motors.
+        devices: links that carry the hub and the sensors.
         meshes: pairs of links with their gears that mesh.
         fixed: index of the fixed link, or ``None``.
     """
@@ -110,7 +96,7 @@ class Mechanism:
     ports: tuple[str, ...]
     ratios: Floats
     wheels: tuple[Wheel, ...]
-    mounted: tuple[Mounted, ...]
+    devices: tuple[int, ...]
     meshes: tuple[tuple[int, int, Mesh], ...]
     fixed: int | None
 
@@ -135,13 +121,15 @@ def mechanism(plan: Plan, bodies: Bodies) -> Mechanism:
         shaft_rates = np.stack([joint.rates(motions) for joint in motors])
         ratios += np.round(rates @ np.linalg.pinv(shaft_rates), 6)
     wheels = tuple(
-        Wheel(link_of[placed.index], _point_m(placed.position), placed.part.wheel_mm, placed.index)
+        Wheel(link_of[placed.index], point_m_of(placed.position), placed.part.wheel_mm, placed.index)
         for placed in plan.parts
         if placed.part.wheel_mm and placed.index in link_of
     )
     hinges = tuple(hinge for _, hinge in ordered)
+    carried = plan.devices(DeviceKind.HUB, DeviceKind.SENSOR)
+    devices = tuple(link_of[placed.index] for placed in carried if placed.index in link_of)
     fixed = next((link_of[placed.index] for placed in plan.parts if placed.is_fixed and placed.index in link_of), None)
-    return Mechanism(links, hinges, ports, ratios, wheels, _mounted(plan, link_of), bodies.meshes, fixed)
+    return Mechanism(links, hinges, ports, ratios, wheels, devices, bodies.meshes, fixed)
 
 
 def _hinges(plan: Plan, bodies: Bodies) -> list[tuple[BodyJoint, Hinge]]:
@@ -165,36 +153,23 @@ def _hinges(plan: Plan, bodies: Bodies) -> list[tuple[BodyJoint, Hinge]]:
         port = plan.parts[joint.motor].port if joint.motor is not None else None
         # If a motor is held by its shaft, its case turns; reversing the axis keeps the direction.
         sign = -1.0 if port is not None and parent != first else 1.0
-        point_m, axis = _point_m(joint.point), sign * TO_TWIN @ joint.axis
+        point_m, axis = point_m_of(joint.point), sign * TO_TWIN @ joint.axis
         hinge = Hinge(parent, child, point_m, axis, port, not open_ends, parent == first, joint.is_ball)
         hinges.append((joint, hinge))
         reached |= {first, second}
     return hinges
 
 
-def _point_m(point: Floats) -> Floats:
+def point_m_of(point: Floats) -> Floats:
+    """A point [3] of a plan in the twin's axes, m."""
     return np.asarray(TO_TWIN @ point * M_PER_LDU)
-
-
-def _mounted(plan: Plan, link_of: dict[int, int]) -> tuple[Mounted, ...]:
-    mounted = []
-    for placed in plan.devices(DeviceKind.HUB, DeviceKind.SENSOR):
-        if placed.index not in link_of:
-            continue
-        device = placed.electric
-        looks = np.array(device.direction or (0.0, 0.0, 1.0))
-        low, high = placed.part.bounds
-        local = np.where(looks > 0.5, high, np.where(looks < -0.5, low, 0.0)) if device.direction else np.array(device.plug)
-        point_m, facing = _point_m(placed.point(local)), TO_TWIN @ placed.rotation @ looks
-        mounted.append(Mounted(link_of[placed.index], placed.port, placed.device or device.name, point_m, facing, placed.index))
-    return tuple(mounted)
 
 
 def _bare_shaft(plan: Plan, motor: int) -> Link:
     """A motor's rotor with nothing on it."""
     placed = plan.parts[motor]
     site = next(site for site in placed.part.sites if site.turns)
-    return Link((), _SHAFT_KG, _point_m(placed.point(site.centre)), np.eye(3) * _SHAFT_KG * _SHAFT_RADIUS_M**2)
+    return Link((), _SHAFT_KG, point_m_of(placed.point(site.centre)), np.eye(3) * _SHAFT_KG * _SHAFT_RADIUS_M**2)
 
 
 def merged(links: list[Link]) -> Link:
@@ -213,7 +188,7 @@ def _part_link(placed: Placed) -> Link:
     mass = placed.part.mass_g / 1000
     centre, inertia = _unit_inertia(placed.part)
     turn = TO_TWIN @ placed.rotation
-    return Link((placed.index,), mass, _point_m(placed.point(centre)), mass * turn @ inertia @ turn.T)
+    return Link((placed.index,), mass, point_m_of(placed.point(centre)), mass * turn @ inertia @ turn.T)
 
 
 @functools.lru_cache(maxsize=512)

@@ -11,10 +11,12 @@ import mujoco
 
 from brickhub.errors import TwinError
 from brickhub.robot import AnyHub, DriveBase, Motor, MotorKind, Robot
+from bricktwin.plans import drawings
+from bricktwin.plans.drawings import Piece, piece
 from bricktwin.plans.geometry import Triple
 from bricktwin.plans.part import DeviceKind
-from bricktwin.twin.models import lego, mjcf
-from bricktwin.twin.models.lego import X_AXIS, Y_AXIS, Z_AXIS, Piece, box, cylinder, draw
+from bricktwin.plans.shapes import X_AXIS, Y_AXIS, Z_AXIS, box, cylinder, merge
+from bricktwin.twin.models import mjcf
 from bricktwin.twin.models.mounts import add_hub_site, case_of, hub_axes, mount_of, mount_sensor
 from bricktwin.twin.scene import Scene
 
@@ -26,7 +28,7 @@ _WHEEL_KG, _WHEEL_MM = 0.018, 56.0
 _HUB_X_MM = -16.0
 _CLEARANCE_MM = 3.0
 _UNKNOWN_HUB: tuple[Triple, float] = ((64.0, 40.0, 32.0), 100.0)
-_DRAWINGS = {"prime": lego.hub, "spike-medium": lego.medium_motor}
+_DRAWINGS = {"prime": drawings.hub, "spike-medium": drawings.medium_motor}
 """Our drawings of hubs and motors; all others are drawn as their cases."""
 
 
@@ -47,9 +49,9 @@ def driving_robot(robot: Robot, scene: Scene) -> mujoco.MjSpec:
     for motor in robot.motors:
         if motor not in frame.driving:
             mjcf.add_rotor(spec, chassis, motor, (0.0, 0.0, 0.08), gear=motor.shaft_turns)  # without load
-    lego.add_colours(spec)
+    mjcf.add_colours(spec)
     sensors = [mount_sensor(spec, chassis, sensor, axle_m) for sensor in robot.sensors]
-    draw(spec, chassis, [*frame.parts(), *sensors])
+    mjcf.draw(spec, chassis, [*frame.parts(), *sensors])
     mjcf.add_light(chassis)
     reach_m = max(0.42, 4.0 * frame.half_track / 1000)
     mjcf.add_camera(chassis, "chase", (-0.005, 0.0, 0.01), (-0.62, -0.62, 0.55), reach_m)
@@ -106,8 +108,8 @@ class _Frame:
         wheel = mjcf.add_driven(rotor, f"wheel_{motor.port}", motor.port, (0.0, 1.0, 0.0))
         mjcf.add_tyre(wheel, f"tyre_{motor.port}", (self.axle / 1000, _TYRE_WIDTH_MM / 2000, self.axle / 1000), mass_kg)
         length = self.half_track - self.motor_y
-        draw(spec, rotor, [lego.axle(max(length, 16.0)).at(0, -side * length / 2, 0)])
-        draw(spec, wheel, [lego.wheel(2 * self.axle)])
+        mjcf.draw(spec, rotor, [drawings.axle(max(length, 16.0)).at(0, -side * length / 2, 0)])
+        mjcf.draw(spec, wheel, [drawings.wheel(2 * self.axle)])
 
     def parts(self) -> list[Piece]:
         """Drawn parts of the chassis."""
@@ -115,12 +117,12 @@ class _Frame:
         parts = [_hub(self.robot.hub, self.hub_size).at(*self.hub)]
         for motor, side in self.driving.items():
             parts.append(_motor(motor.kind, self.motor_size, side).at(0, side * self.motor_y, self.motor_z))
-        parts += [lego.beam(13, "turquoise").turned(X_AXIS, 90).at(-12, side * 20, self.top) for side in (1, -1)]
-        parts += [lego.beam(9, "dark_grey").turned(Z_AXIS, 90).at(ahead, 0, self.top) for ahead in (20, -52)]
+        parts += [drawings.beam(13, "turquoise").turned(X_AXIS, 90).at(-12, side * 20, self.top) for side in (1, -1)]
+        parts += [drawings.beam(9, "dark_grey").turned(Z_AXIS, 90).at(ahead, 0, self.top) for ahead in (20, -52)]
         height = _CASTER_RADIUS_MM - self.axle
         post = max(self.top - height - 16.0, 8.0)
-        parts.append(lego.ball_caster(_CASTER_RADIUS_MM).at(x, y, height))
-        parts.append(Piece((("dark_grey", box(14, 14, post, radius=1.0).at(x, y, self.top - post / 2)),)))
+        parts.append(drawings.ball_caster(_CASTER_RADIUS_MM).at(x, y, height))
+        parts.append(piece(dark_grey=box(14, 14, post, radius=1.0).at(x, y, self.top - post / 2)))
         return parts + [self._holder(mount_of(sensor).at_mm) for sensor in self.robot.sensors]
 
     def _holder(self, at_mm: Triple) -> Piece:
@@ -130,7 +132,7 @@ class _Frame:
         sign = 1.0 if ahead >= 0 else -1.0
         bar = box(length, 7.6, 7.6, radius=1.0).at(sign * (20.0 + length / 2), left, self.top)
         post = box(7.6, 7.6, height, radius=1.0).at(ahead, left, (self.top + up) / 2)
-        return Piece((("dark_grey", bar), ("dark_grey", post)))
+        return piece(dark_grey=merge([bar, post]))
 
 
 def _motor_case(kind: MotorKind) -> tuple[Triple, float]:
@@ -146,7 +148,7 @@ def _hub(kind: AnyHub, size: Triple) -> Piece:
     lower = box(length, width, height * 0.6, radius=2.0).at(0, 0, -height * 0.2)
     upper = box(length - 2, width - 2, height * 0.4, radius=2.0).at(0, 0, height * 0.3)
     button = cylinder(6.0, 2.0, bevel=0.6).at(length / 4, 0, height / 2)
-    return Piece((("dark_grey", lower), ("white", upper), ("azure", button)))
+    return piece(dark_grey=lower, white=upper, azure=button)
 
 
 def _motor(kind: MotorKind, size: Triple, side: float) -> Piece:
@@ -158,4 +160,4 @@ def _motor(kind: MotorKind, size: Triple, side: float) -> Piece:
     case = box(length - 16, width, height, radius=2.2).at(12 - (length - 16) / 2, 0, 0)
     cap = box(16, width - 1, height - 1, radius=2.2).at(12 - length + 8, 0, 0)
     collar = cylinder(10.8, width + 2, bevel=0.6).along(Y_AXIS)
-    return Piece((("white", case), ("dark_grey", cap), ("turquoise", collar)))
+    return piece(white=case, dark_grey=cap, turquoise=collar)

@@ -11,8 +11,8 @@ import numpy as np
 from brickhub.errors import TwinError, message_of
 from brickhub.robot import Robot
 from bricktwin.kept import UnkeptError, described, kept
+from bricktwin.plans import ldraw_library
 from bricktwin.robots.planned import plan_file
-from bricktwin.twin import ldraw
 from bricktwin.twin.scene import Scene
 
 _SPARSE_FROM_DOFS = 60
@@ -22,25 +22,29 @@ _SPARSE_FROM_DOFS = 60
 def robot_model(robot: Robot, scene: Scene) -> mujoco.MjModel:
     """Compiled model of a robot in its scene. Raises TwinError if there is none, see ``load_model``, or it does not compile."""
 
-    def compiled() -> mujoco.MjModel:
+    def build() -> mujoco.MjSpec:
         from bricktwin.twin.models.load import load_model  # takes longer to import than a kept model to load
 
-        spec = load_model(robot, scene)
+        return load_model(robot, scene)
+
+    return kept_model(build, [robot], scene)
+
+
+def kept_model(build: Callable[[], mujoco.MjSpec], robots: Sequence[Robot], surroundings: object) -> mujoco.MjModel:
+    """Compiled model, or the equal one of an earlier process. It is not kept if a function of the user makes a robot's model.
+    Raises TwinError if it does not compile.
+
+    Args:
+        build: makes the model, from these robots and surroundings only.
+        surroundings: a scene or an arena.
+    """
+
+    def compiled() -> mujoco.MjModel:
+        spec = build()
         try:
             return spec.compile()
         except ValueError as error:
-            raise TwinError(f"the model of robot '{robot.name}' does not compile ({message_of(error)}); correct it") from error
-
-    return kept_model(compiled, [robot], scene)
-
-
-def kept_model(compiled: Callable[[], mujoco.MjModel], robots: Sequence[Robot], surroundings: object) -> mujoco.MjModel:
-    """``compiled()``, or the equal model of an earlier process. It is not kept if a function of the user makes a robot's model.
-
-    Args:
-        compiled: makes the model, from these robots and surroundings only.
-        surroundings: a scene or an arena.
-    """
+            raise TwinError(f"the model of '{spec.modelname}' does not compile ({message_of(error)}); correct it") from error
 
     def sources() -> Iterator[bytes]:
         yield described((robots, surroundings, mujoco.mj_versionString()))
@@ -72,7 +76,7 @@ def _model_files(robot: Robot) -> list[Path]:
 
 def _library() -> Iterator[bytes]:
     """The installed LDraw library, which parts are drawn from: its folders, with the times of their last changes."""
-    root = ldraw.folder()
+    root = ldraw_library.folder()
     paths = [] if root is None else [root / name for name in ("LDConfig.ldr", "parts", "parts/s", "p", "p/48", "p/8")]
     for path in paths:
         if path.exists():

@@ -27,7 +27,6 @@ from bricktwin.twin.models.driving_robot import driving_robot
 from bricktwin.twin.models.mounts import add_hub_site, add_touch, hub_axes, site_name
 from bricktwin.twin.models.planned_model import from_plan
 from bricktwin.twin.models.scenery import add_objects
-from bricktwin.twin.objects import Block
 from bricktwin.twin.scene import Scene
 
 
@@ -110,7 +109,7 @@ def load_model(robot: Robot, scene: Scene, *, alone: bool = True) -> mujoco.MjSp
             "(0 !BRICKSRL BALL X Y Z)"
         )
     add_objects(spec, scene)
-    if is_generated and alone and not any(isinstance(item, Block) and item.mass_g is not None for item in scene.objects):
+    if is_generated and alone and not scene.pushable:
         mjcf.pair_contacts(spec)
     return spec
 

@@ -15,7 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from brickhub.robot import Motor, MotorKind
+from bricktwin.plans.drawings import COLOURS, GLOWING, Piece
 from bricktwin.plans.geometry import Floats, Triple
+from bricktwin.plans.shapes import Shape, merge
 from bricktwin.twin.models.motors import LIMIT_A, motor_constants
 from bricktwin.twin.objects import Block, Field, Lamp, Line, Ramp, Wall
 from bricktwin.twin.scene import Scene
@@ -246,12 +248,12 @@ def add_camera(body: mujoco.MjsBody, name: str, target: Triple, direction: Tripl
     backward = np.array(direction) / np.linalg.norm(direction)
     right = np.cross((0.0, 0.0, 1.0), backward)
     right /= np.linalg.norm(right)
-    quaternion = np.empty(4)
-    mujoco.mju_mat2Quat(quaternion, np.column_stack([right, np.cross(backward, right), backward]).ravel())
+    frame = np.empty(4)
+    mujoco.mju_mat2Quat(frame, np.column_stack([right, np.cross(backward, right), backward]).ravel())
     is_moving = body.name != "world"
     mode = mujoco.mjtCamLight.mjCAMLIGHT_TRACK if is_moving else mujoco.mjtCamLight.mjCAMLIGHT_FIXED
     position = np.array(target) + distance_m * backward
-    body.add_camera(name=name, pos=position.tolist(), quat=quaternion.tolist(), fovy=40, mode=mode)
+    body.add_camera(name=name, pos=position.tolist(), quat=frame.tolist(), fovy=40, mode=mode)
 
 
 def add_webcam(world: mujoco.MjsBody) -> None:
@@ -264,6 +266,11 @@ def add_ball(body: mujoco.MjsBody, at_m: Triple) -> None:
     """Add the red ball that a gripper holds."""
     shape, size = mujoco.mjtGeom.mjGEOM_SPHERE, [BALL_RADIUS_M, 0, 0]
     body.add_geom(name="ball", type=shape, pos=list(at_m), size=size, mass=_BALL_KG, material="red", **LOOKS)
+
+
+def quaternion(axis: Triple | Floats, angle: float) -> list[float]:
+    """Quaternion of a rotation about an axis, in radians."""
+    return [math.cos(angle / 2), *(math.sin(angle / 2) * np.array(axis)).tolist()]
 
 
 def yaw_quaternion(angle: float) -> list[float]:
@@ -336,3 +343,35 @@ def _brick_tile() -> NDArray[np.uint8]:
     tile[joint] *= 0.62
     tile[light] = np.minimum(tile[light] * 1.18, 255)
     return tile.astype(np.uint8)
+
+
+def add_colours(spec: mujoco.MjSpec) -> None:
+    """Add materials for all colours."""
+    for name, rgb in COLOURS.items():
+        emission = 0.6 if name in GLOWING else 0.0
+        spec.add_material(name=name, rgba=[*rgb, 1.0], specular=0.35, shininess=0.5, emission=emission)
+
+
+def draw(spec: mujoco.MjSpec, body: mujoco.MjsBody, parts: Sequence[Piece]) -> None:
+    """Draw parts, given in millimetres in the body's frame: one mesh per colour, without mass or contact.
+
+    The model's materials have the names of the colours; the material of a colour ``"#rrggbbaa"`` is created here.
+    """
+    by_colour: dict[str, list[Shape]] = {}
+    for part in parts:
+        for colour, shape in part.shapes:
+            by_colour.setdefault(colour, []).append(shape)
+    for colour, shapes in by_colour.items():
+        if colour.startswith("#") and spec.material(colour) is None:
+            rgba = [value / 255 for value in bytes.fromhex(colour[1:])]
+            spec.add_material(name=colour, rgba=rgba, specular=0.35, shininess=0.5)
+        shape, name = merge(shapes), f"{body.name}_{colour}"
+        spec.add_mesh(
+            name=name,
+            uservert=(shape.points / 1000).ravel().tolist(),
+            usernormal=shape.normals.ravel().tolist(),
+            userface=shape.faces.ravel().tolist(),
+            userfacenormal=shape.faces.ravel().tolist(),
+            inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
+        )
+        body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, material=colour, mass=0, **LOOKS)

@@ -3,48 +3,30 @@
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
+import math
 
 import mujoco
 import numpy as np
 
 from brickhub.robot import Mount, Sense, Sensor, SensorKind
 from brickhub.robot.spec import LOOKS
-from bricktwin.plans import catalogue
-from bricktwin.plans.geometry import MM_PER_LDU, Floats, Triple
+from bricktwin.plans import catalogue, drawings
+from bricktwin.plans.drawings import Piece, piece
+from bricktwin.plans.geometry import MM_PER_LDU, Floats, Triple, triple
 from bricktwin.plans.part import DeviceKind
-from bricktwin.twin.models import lego
-from bricktwin.twin.models.lego import X_AXIS, Z_AXIS, Piece, box, cylinder, ring
-from bricktwin.twin.models.mjcf import SHAPE_GROUP, add_box
+from bricktwin.plans.shapes import X_AXIS, Z_AXIS, box, cylinder, ring
+from bricktwin.twin.models.mjcf import SHAPE_GROUP, add_box, quaternion
 
 _BUTTON_MM = 8.0
 _AHEAD, _FACING_FLOOR = Mount((60.0, 0.0, 40.0)), Mount((60.0, 0.0, 12.0), "down")
-
-
-@dataclass(frozen=True)
-class SensorBody:
-    """Body of a kind of sensor. Its case is in the parts catalogue.
-
-    Attributes:
-        mount: where it sits unless its description says so.
-        infrared_mm: distance that it reports as 100 %, if it measures with infrared light; an estimate.
-    """
-
-    mount: Mount = _AHEAD
-    infrared_mm: float = 0.0
-
-
-_BODIES = {
-    SensorKind.COLOR: SensorBody(_FACING_FLOOR),
-    SensorKind.COLOR_DISTANCE: SensorBody(_FACING_FLOOR, infrared_mm=100.0),
-    SensorKind.INFRARED: SensorBody(infrared_mm=150.0),
-    SensorKind.FORCE: SensorBody(Mount((80.0, 0.0, 30.0))),
+_MOUNTS = {
+    SensorKind.COLOR: _FACING_FLOOR,
+    SensorKind.COLOR_DISTANCE: _FACING_FLOOR,
+    SensorKind.FORCE: Mount((80.0, 0.0, 30.0)),
 }
-
-
-def body_of(kind: SensorKind) -> SensorBody:
-    """Body of a kind of sensor; by default in front and looking ahead."""
-    return _BODIES.get(kind, SensorBody())
+"""Where a sensor of a kind sits unless its description says so; others are in front and look ahead."""
+INFRARED_MM = {SensorKind.COLOR_DISTANCE: 100.0, SensorKind.INFRARED: 150.0}
+"""Distances that sensors with infrared light report as 100 %; estimates."""
 
 
 @functools.cache
@@ -65,14 +47,14 @@ def hub_axes(sides: tuple[str, ...]) -> Floats:
 
 def add_hub_site(body: mujoco.MjsBody, axes: Floats, at_m: Triple = (0.0, 0.0, 0.0)) -> None:
     """Add the site of a hub. ``axes``: rotation matrix [3, 3] from the hub's axes to the body's."""
-    quaternion = np.empty(4)
-    mujoco.mju_mat2Quat(quaternion, axes.ravel())
-    body.add_site(name="imu", pos=list(at_m), quat=quaternion.tolist(), group=SHAPE_GROUP)
+    turn = np.empty(4)
+    mujoco.mju_mat2Quat(turn, axes.ravel())
+    body.add_site(name="imu", pos=list(at_m), quat=turn.tolist(), group=SHAPE_GROUP)
 
 
 def mount_of(sensor: Sensor) -> Mount:
     """Mount of a sensor; by default that of its kind."""
-    return sensor.mount or body_of(sensor.kind).mount
+    return sensor.mount or _MOUNTS.get(sensor.kind, _AHEAD)
 
 
 def site_name(sensor: Sensor) -> str:
@@ -89,17 +71,18 @@ def mount_sensor(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, sensor: Sensor, a
     size, mass_g = case_of(DeviceKind.SENSOR, sensor.kind.value) or ((24.0, 24.0, 24.0), 12.0)
     depth = min(size)
     middle = eye - gaze * depth / 2
-    turn = _quaternion(gaze)
+    axis, angle_deg = _turn_to(gaze)
+    turn = quaternion(axis, math.radians(angle_deg))
     add_sensor_site(spec, chassis, sensor, eye / 1000, turn)
     if Sense.FORCE in sensor.kind.model.senses:
         middle = eye - gaze * (max(size) / 2 + _BUTTON_MM)
         add_box(chassis, eye - gaze * _BUTTON_MM / 2, (_BUTTON_MM, 16.0, 16.0), 0.002, turn=turn)
         add_box(chassis, middle, size, mass_g / 1000 - 0.002, turn=turn, collides=False)
-        return _aimed(_force_sensor(size), gaze).at(*eye.tolist())
+        return _force_sensor(size).turned(axis, angle_deg).at(*eye.tolist())
     is_sonar = sensor.kind.model.range_mm is not None
     add_box(chassis, middle, (depth, size[0], size[1]), mass_g / 1000, turn=turn, collides=is_sonar)
-    drawing = lego.ultrasonic_sensor().at(-13.0, 0, 0) if is_sonar else _small_sensor(size)
-    return _aimed(drawing, gaze).at(*eye.tolist())
+    drawing = drawings.ultrasonic_sensor().at(-13.0, 0, 0) if is_sonar else _small_sensor(size)
+    return drawing.turned(axis, angle_deg).at(*eye.tolist())
 
 
 def add_sensor_site(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, sensor: Sensor, at_m: Floats, turn: list[float]) -> None:
@@ -118,45 +101,27 @@ def add_touch(spec: mujoco.MjSpec, sensor: Sensor) -> None:
     spec.add_sensor(name=f"force_{sensor.port}", type=touch, objtype=site, objname=site_name(sensor))
 
 
-def _quaternion(gaze: Floats) -> list[float]:
-    """Quaternion that rotates x to a direction along an axis."""
-    quaternion, cross = np.array([1.0, 0.0, 0.0, 0.0]), np.cross(X_AXIS, gaze)
-    if gaze[0] < -0.5:
-        quaternion = np.array([0.0, 0.0, 0.0, 1.0])
-    elif np.linalg.norm(cross) > 0.5:
-        mujoco.mju_axisAngle2Quat(quaternion, cross, np.pi / 2)
-    turn: list[float] = quaternion.tolist()
-    return turn
-
-
-def _aimed(part: Piece, gaze: Floats) -> Piece:
-    """A part facing x, rotated to face another axis."""
-    if gaze[0] < -0.5:
-        return part.turned(Z_AXIS, 180.0)
-    cross = np.cross(X_AXIS, gaze)
-    return part if not cross.any() else part.turned((float(cross[0]), float(cross[1]), float(cross[2])), 90.0)
+def _turn_to(gaze: Floats) -> tuple[Triple, float]:
+    """Axis and angle in degrees of a rotation of x to a direction along an axis."""
+    axis = np.cross(X_AXIS, gaze)
+    return (triple(axis), 90.0) if axis.any() else (Z_AXIS, 90.0 - 90.0 * gaze[0])
 
 
 def _small_sensor(size: Triple) -> Piece:
     """Sensor with one round eye, facing x; its eye is the origin."""
     depth, width, height = min(size), size[0], size[1]
-    rim = ring(8.6, 6.2, 2.0).along(X_AXIS).at(-0.8, 0, 0)
-    return Piece(
-        (
-            ("white", box(depth - 2, width, height, radius=2.0).at(-depth / 2 - 1, 0, 0)),
-            ("black", cylinder(8.8, 1.6, bevel=0.4).along(X_AXIS).at(-1.4, 0, 0)),
-            ("azure", rim),
-        )
+    return piece(
+        white=box(depth - 2, width, height, radius=2.0).at(-depth / 2 - 1, 0, 0),
+        black=cylinder(8.8, 1.6, bevel=0.4).along(X_AXIS).at(-1.4, 0, 0),
+        azure=ring(8.6, 6.2, 2.0).along(X_AXIS).at(-0.8, 0, 0),
     )
 
 
 def _force_sensor(size: Triple) -> Piece:
     """Force sensor facing x, with its button at the end; the button's front is the origin."""
     length, width, height = size
-    return Piece(
-        (
-            ("white", box(length, width, height, radius=2.0).at(-_BUTTON_MM - length / 2, 0, 0)),
-            ("black", cylinder(8.0, _BUTTON_MM, bevel=1.0).along(X_AXIS).at(-_BUTTON_MM / 2, 0, 0)),
-            ("light_grey", box(length * 0.4, width + 0.4, 6, radius=0.8).at(-_BUTTON_MM - length / 2, 0, 3)),
-        )
+    return piece(
+        white=box(length, width, height, radius=2.0).at(-_BUTTON_MM - length / 2, 0, 0),
+        black=cylinder(8.0, _BUTTON_MM, bevel=1.0).along(X_AXIS).at(-_BUTTON_MM / 2, 0, 0),
+        light_grey=box(length * 0.4, width + 0.4, 6, radius=0.8).at(-_BUTTON_MM - length / 2, 0, 3),
     )

@@ -18,16 +18,18 @@ import numpy as np
 
 from brickhub.errors import TwinError
 from brickhub.robot import Motor, Robot
+from bricktwin.plans.drawings import Piece
 from bricktwin.plans.geometry import M_PER_LDU, MM_PER_LDU, Floats, Form
-from bricktwin.plans.mechanism.articulation import Articulation, Drive, Joint
-from bricktwin.plans.mechanism.kinematics import TO_TWIN, Wheel
+from bricktwin.plans.looks import cables_of, looks_of
+from bricktwin.plans.mechanism.articulation import Articulation, Drive
+from bricktwin.plans.mechanism.kinematics import TO_TWIN, Hinge, Wheel, point_m_of
+from bricktwin.plans.part import DeviceKind
 from bricktwin.plans.plan import Placed
 from bricktwin.plans.planned_robot import PlannedRobot, free_deg, planned_robot
 from bricktwin.robots.planned import check_description
-from bricktwin.twin.models import lego, mjcf
+from bricktwin.twin.models import mjcf
 from bricktwin.twin.models.mounts import add_hub_site, add_sensor_site, mount_sensor
-from bricktwin.twin.models.planned_looks import cables_of, looks_of
-from bricktwin.twin.models.turning import SPINNER, add_rod
+from bricktwin.twin.models.turning import add_coupling, add_loop, add_rod, add_spinner
 from bricktwin.twin.scene import Scene
 
 _HINGE, _BALL = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_BALL
@@ -44,6 +46,7 @@ _PLASTIC_FRICTION = 0.8
 _FOOT_REACH_M = 0.015
 """Height above the robot's lowest point up to which a leg's lower end is a foot, in a robot without wheels."""
 _SAME_AXIS_M = 0.0012
+_CARRIED = DeviceKind.HUB, DeviceKind.SENSOR
 
 
 def from_plan(path: Path, robot: Robot, scene: Scene) -> mujoco.MjSpec:
@@ -75,11 +78,13 @@ class _Builder:
         self.spec, self.robot, self.planned, self.holds_ball = spec, robot, planned, holds_ball
         self.articulation: Articulation = planned.articulation
         self.motors = {motor.port: motor for motor in robot.motors}
-        self.mounted = {device.port: device for device in reversed(self.articulation.mounted)}
-        """The hub, whose port is ``None``, and the sensors."""
+        carried = [(placed, self.articulation.body_of(placed.index)) for placed in planned.plan.devices(*_CARRIED)]
+        self.mounted = {placed.port: (placed, body) for placed, body in reversed(carried) if body is not None}
+        """Each sensor and its body, by port, and the hub, whose port is ``None``."""
         if None not in self.mounted:
             raise TwinError(f"{planned.plan.path} has no hub that is connected to the robot; add one")
-        self.hub = self.mounted[None]
+        self.hub, self.hub_body = self.mounted[None]
+        self.hub_m = point_m_of(self.hub.point(self.hub.electric.plug))
         for port in sorted(self.motors.keys() - {drive.port for drive in self.articulation.drives}):
             placed = planned.device(port)
             fault = f"{placed.name} is not connected to the main body; add a pin or an axle, or remove it"
@@ -90,7 +95,7 @@ class _Builder:
         self.tyres = self._tyres()
         self.subtree_kg = self._subtree_kg()
         self.ports = self._ports()
-        self.mounted_parts: list[lego.Piece] = []
+        self.mounted_parts: list[Piece] = []
         """Drawn parts of the first body that are not in the plan."""
 
     def build(self) -> None:
@@ -109,11 +114,13 @@ class _Builder:
             name = self.ports.get(rod.far) or self.ports.get(rod.near) or str(number)
             body = add_rod(self.spec, name, near, far)
             axes = _axes_along(rod.far_m - rod.near_m)
-            lego.draw(self.spec, body, [looks_of(self.planned.plan, rod.parts, rod.near_m, axes=axes)])
-        self._close_loops()
+            mjcf.draw(self.spec, body, [looks_of(self.planned.plan, rod.parts, rod.near_m, axes=axes)])
+        for number, loop in enumerate(self.articulation.loops):
+            at_m = self._local(loop.parent, loop.point_m)
+            add_loop(self.spec, f"loop_{number}", self.bodies[loop.parent], self.bodies[loop.child], at_m)
         if not self.articulation.is_fixed:  # nothing collides within the ranges of a fixed robot's joints
             self._add_shapes()
-        lego.add_colours(self.spec)
+        mjcf.add_colours(self.spec)
         self._add_sensors()
         if self.holds_ball:
             self._add_ball()
@@ -123,9 +130,9 @@ class _Builder:
         """Origin of the first body, in the plan's frame."""
         if self.articulation.is_fixed:
             return np.zeros(3)
-        axle_m = [wheel.centre_m for _, wheel in self.planned.rolling] or [self.hub.point_m * (1.0, 1.0, 0.0)]
+        axle_m = [wheel.centre_m for _, wheel in self.planned.rolling] or [self.hub_m * (1.0, 1.0, 0.0)]
         x, _, z = np.mean(axle_m, axis=0)
-        return np.round([x, self.hub.point_m[1], z], 6)
+        return np.round([x, self.hub_m[1], z], 6)
 
     def _tyres(self) -> list[Wheel]:
         """Wheels that roll on the floor: the largest of those at one position, without casters."""
@@ -194,7 +201,7 @@ class _Builder:
         x, y, z = joint.axis.tolist()
         at_m = self._local(joint.parent, joint.point_m)
         rotor = mjcf.add_rotor(self.spec, self.bodies[joint.parent], motor, at_m, (x, y, z), drive.gear, friction)
-        rotor.quat, rotor.mass, rotor.inertia = _quaternion(joint.axis, angle), _ROTOR_KG, [_ROTOR_KG_M2] * 3
+        rotor.quat, rotor.mass, rotor.inertia = mjcf.quaternion(joint.axis, angle), _ROTOR_KG, [_ROTOR_KG_M2] * 3
         is_heavy = self.subtree_kg[joint.child] > _HEAVY_KG
         shaft = rotor.joints[0]
         shaft.damping[0], shaft.ref = 1e-3 if is_heavy else 0.0, math.radians(start) / drive.gear
@@ -203,14 +210,14 @@ class _Builder:
         body = mjcf.add_driven(rotor, f"driven_{port}", port, (x, y, z), is_heavy=is_heavy)
         self._register(joint, body)
 
-    def _add_passive(self, joint: Joint) -> None:
+    def _add_passive(self, joint: Hinge) -> None:
         """Add a body that turns freely on a pin, an axle or a ball, or that is driven by a motor missing in the description."""
         body = self.bodies[joint.parent].add_body(name=f"part_{joint.child}", pos=self._local(joint.parent, joint.point_m))
         kind = _BALL if joint.is_ball else _HINGE
         body.add_joint(name=f"turn_{joint.child}", type=kind, axis=joint.axis.tolist(), damping=2e-4, armature=1e-6)
         self._register(joint, body)
 
-    def _register(self, joint: Joint, body: mujoco.MjsBody) -> None:
+    def _register(self, joint: Hinge, body: mujoco.MjsBody) -> None:
         self.bodies[joint.child], self.origins[joint.child] = body, joint.point_m
         self._set_inertia(body, joint.child)
 
@@ -236,21 +243,11 @@ class _Builder:
             if geared.port not in self.motors:
                 continue
             joint, port = geared.joint, geared.port
-            equal = self.spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT)
-            equal.name, equal.name1, equal.name2 = f"geared_{joint.child}", f"turn_{joint.child}", f"motor_{port}"
-            equal.data[:5] = [0.0, geared.ratio, 0.0, 0.0, 0.0]
+            add_coupling(self.spec, geared, f"geared_{joint.child}", f"turn_{joint.child}")
             # Its start angle relative to the plan follows from the motor's.
             drive = next(drive for drive in self.articulation.drives if drive.port == port)
             start = self._start_deg(self.motors[port]) - self.planned.device(port).angle_deg
-            self.bodies[joint.child].quat = _quaternion(joint.axis, geared.ratio * math.radians(start) / drive.gear)
-
-    def _close_loops(self) -> None:
-        """Close kinematic loops: connect bodies at pins that are not tree joints."""
-        for number, loop in enumerate(self.articulation.loops):
-            equal = self.spec.add_equality(type=mujoco.mjtEq.mjEQ_CONNECT, objtype=mujoco.mjtObj.mjOBJ_BODY)
-            equal.name, equal.name1, equal.name2 = f"loop_{number}", self.bodies[loop.parent].name, self.bodies[loop.child].name
-            equal.data[:3] = self._local(loop.parent, loop.point_m)
-            equal.solref = [2 * self.spec.option.timestep, 1.0]
+            self.bodies[joint.child].quat = mjcf.quaternion(joint.axis, geared.ratio * math.radians(start) / drive.gear)
 
     def _add_shapes(self) -> None:
         """Add all collision shapes; tyres and feet are named after the port of their motor."""
@@ -260,10 +257,8 @@ class _Builder:
             radius, half_width = wheel.diameter_mm / 2000, float(high[2] - low[2]) / 2 * M_PER_LDU
             quaternion = np.empty(4)
             mujoco.mju_quatZ2Vec(quaternion, TO_TWIN @ placed.rotation[:, 2])
-            name, at_m = (
-                self._free_name(f"tyre_{self.ports.get(wheel.link, wheel.part)}"),
-                self._local(wheel.link, wheel.centre_m),
-            )
+            name = self._free_name(f"tyre_{self.ports.get(wheel.link, wheel.part)}")
+            at_m = self._local(wheel.link, wheel.centre_m)
             mjcf.add_tyre(self.bodies[wheel.link], name, (radius, radius, half_width), at_m=at_m, turn=quaternion)
         for number, (wheel, centre_m, radius_m) in enumerate(self.casters):
             name = "caster" if number == 0 else f"caster_{number}"
@@ -299,32 +294,33 @@ class _Builder:
 
     def _add_sensors(self) -> None:
         """Add the sites of hub and sensors; sensors that are not in the plan are mounted on the first body."""
-        hub = self.hub
-        if self.robot.needs_imu and hub.link != 0 and not self.articulation.is_fixed:
+        if self.robot.needs_imu and self.hub_body != 0 and not self.articulation.is_fixed:
             raise TwinError(f"{self.planned.plan.path}: the hub moves against the chassis; fix it there, or say needs_imu=False")
-        axes = TO_TWIN @ self.planned.plan.parts[hub.part].rotation @ TO_TWIN.T
-        add_hub_site(self.bodies[hub.link], axes, self._local(hub.link, hub.point_m))
+        axes = TO_TWIN @ self.hub.rotation @ TO_TWIN.T
+        add_hub_site(self.bodies[self.hub_body], axes, self._local(self.hub_body, self.hub_m))
         base = self.bodies[0]
         for sensor in self.robot.sensors:
-            device = self.mounted.get(sensor.port)
-            if device is None and sensor.mount is None and self.robot.drive_base is None:
+            placed, number = self.mounted.get(sensor.port, (None, 0))
+            if placed is None and sensor.mount is None and self.robot.drive_base is None:
                 raise TwinError(
                     f"there is no place for '{sensor.name}' in {self.planned.plan.path}; add it there or give a mount"
                 )
-            if device is None:
+            if placed is None:
                 self.mounted_parts.append(mount_sensor(self.spec, base, sensor, float(base.pos[2])))
                 continue
-            if device.link != 0:
-                raise TwinError(f"{self.planned.plan.path}: '{device.name}' moves against the chassis; put it on the chassis")
-            add_sensor_site(self.spec, base, sensor, np.array(self._local(0, device.point_m)), _facing(device.looks))
+            if number != 0:
+                raise TwinError(f"{self.planned.plan.path}: '{sensor.name}' moves against the chassis; put it on the chassis")
+            looks, (low, high) = np.array(placed.electric.direction), placed.part.bounds
+            eye_m = point_m_of(placed.point(np.where(looks > 0.5, high, np.where(looks < -0.5, low, 0.0))))
+            add_sensor_site(self.spec, base, sensor, np.array(self._local(0, eye_m)), _facing(TO_TWIN @ placed.rotation @ looks))
 
     def _add_ball(self) -> None:
         """Add the ball at the place that the plan names."""
         holder = next((placed for placed in self.planned.plan.parts if placed.ball is not None), None)
         if holder is None or holder.ball is None:
             return
-        number = next(number for number, body in enumerate(self.articulation.bodies) if holder.index in body.parts)
-        centre_m = TO_TWIN @ holder.to_plan(np.array([holder.ball]))[0] * MM_PER_LDU / 1000
+        number = self.articulation.body_of(holder.index) or 0
+        centre_m = TO_TWIN @ holder.point(holder.ball) * MM_PER_LDU / 1000
         mjcf.add_ball(self.bodies[number], self._local(number, centre_m))
 
     def _draw(self) -> None:
@@ -337,12 +333,11 @@ class _Builder:
             shafts = tuple(self.planned.device(port).index for port in ports)
             cables = cables_of(plan, parts, self.origins[number])
             mounted = self.mounted_parts if number == 0 else []
-            lego.draw(self.spec, body, [looks_of(plan, parts, self.origins[number], shafts=shafts), *cables, *mounted])
+            mjcf.draw(self.spec, body, [looks_of(plan, parts, self.origins[number], shafts=shafts), *cables, *mounted])
         for number, follower in enumerate(self.articulation.followers):
-            name, ratio_and_axis = f"{SPINNER}{follower.port}_{number}", [follower.ratio, *(-follower.axis).tolist()]
             at_m = self._local(follower.body, follower.point_m)
-            body = self.bodies[follower.body].add_body(name=name, pos=at_m, userdata=ratio_and_axis)
-            lego.draw(self.spec, body, [looks_of(plan, follower.parts, follower.point_m)])
+            body = add_spinner(self.bodies[follower.body], number, follower, at_m)
+            mjcf.draw(self.spec, body, [looks_of(plan, follower.parts, follower.point_m)])
         corners = np.concatenate([placed.to_plan(np.stack(placed.part.bounds)) for placed in plan.parts])
         size_m = float(np.linalg.norm(np.ptp(corners, axis=0))) * MM_PER_LDU / 1000
         base = self.bodies[0]
@@ -364,17 +359,12 @@ def _range_of_shaft(motor: Motor) -> tuple[float, float] | None:
     return first, second
 
 
-def _quaternion(axis: Floats, angle: float) -> list[float]:
-    """Quaternion of a rotation about an axis."""
-    return [math.cos(angle / 2), *(math.sin(angle / 2) * axis).tolist()]
-
-
 def _facing(looks: Floats) -> list[float]:
     """Quaternion of the shortest rotation of x to a direction."""
-    quaternion = np.array([1.0 + looks[0], 0.0, -looks[2], looks[1]])
-    if quaternion[0] < 1e-6:
+    if 1.0 + looks[0] < 1e-6:
         return [0.0, 0.0, 0.0, 1.0]
-    return [float(value) for value in quaternion / np.linalg.norm(quaternion)]
+    turn = np.array([1.0 + looks[0], 0.0, -looks[2], looks[1]])
+    return [float(value) for value in turn / np.linalg.norm(turn)]
 
 
 def _axes_along(direction: Floats) -> Floats:

@@ -8,10 +8,11 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
+from bricktwin.plans.drawings import Piece, colour_name
 from bricktwin.plans.geometry import Floats, Triple
-from bricktwin.twin.models.lego import Piece, Shape, colour_name, discs, draw, merge
-from bricktwin.twin.models.mjcf import OBSTACLE_GROUP, yaw_quaternion
-from bricktwin.twin.objects import COLORS, Field, Line, Mark, Point, Ramp, Solid, Wall
+from bricktwin.plans.shapes import Shape, discs, merge
+from bricktwin.twin.models.mjcf import OBSTACLE_GROUP, draw, yaw_quaternion
+from bricktwin.twin.objects import COLORS, Field, Line, Point, Ramp, Wall
 from bricktwin.twin.scene import Scene
 
 _LAYER_MM = 0.2
@@ -23,15 +24,13 @@ _FRICTION = 0.4
 
 def add_objects(spec: mujoco.MjSpec, scene: Scene) -> None:
     """Add the scene's objects to a model, after the robot."""
-    solids = [item for item in scene.objects if isinstance(item, Solid)]
-    world = spec.worldbody
-    marks = [item for item in scene.objects if isinstance(item, Mark)]
+    world, marks = spec.worldbody, scene.marks
     if marks:
         shapes = [_field(mark) if isinstance(mark, Field) else _line(mark) for mark in marks]
         layers = [shape.at(0.0, 0.0, number * _LAYER_MM) for number, shape in enumerate(shapes, 1)]
         colours = [colour_name(COLORS[mark.color]) for mark in marks]
         draw(spec, world, [Piece(tuple(zip(colours, layers, strict=True)))])
-    for number, solid in enumerate(solids):
+    for number, solid in enumerate(scene.solids):
         name, rgb = f"object_{number}", COLORS[solid.color]
         if isinstance(solid, Wall):
             start, end = np.array(solid.from_mm) / 1000, np.array(solid.to_mm) / 1000
@@ -45,9 +44,10 @@ def add_objects(spec: mujoco.MjSpec, scene: Scene) -> None:
             half = [math.hypot(solid.length_mm, solid.height_mm) / 2000, solid.width_mm / 2000, _RAMP_MM / 2000]
             ahead = half[0] * math.cos(rise) + half[2] * math.sin(rise)
             position = [x + ahead * math.cos(yaw), y + ahead * math.sin(yaw), half[0] * math.sin(rise) - half[2] * math.cos(rise)]
-            tilt, quaternion = np.array([math.cos(rise / 2), 0.0, -math.sin(rise / 2), 0.0]), np.empty(4)
-            mujoco.mju_mulQuat(quaternion, np.array(yaw_quaternion(yaw)), tilt)
-            add_geom(world, name, position, half, rgb, quaternion.tolist())
+            turn = np.empty(4)
+            tilt = np.array([math.cos(rise / 2), 0.0, -math.sin(rise / 2), 0.0])
+            mujoco.mju_mulQuat(turn, np.array(yaw_quaternion(yaw)), tilt)
+            add_geom(world, name, position, half, rgb, turn.tolist())
             continue
         half = [side / 2000 for side in solid.size_mm]
         position = [x, y, half[2]]
@@ -65,7 +65,7 @@ def add_geom(
     position: list[float],
     half: list[float],
     rgb: Triple,
-    quaternion: Sequence[float] = (1.0, 0.0, 0.0, 0.0),
+    turn: Sequence[float] = (1.0, 0.0, 0.0, 0.0),
     *,
     is_round: bool = False,
     mass_kg: float = 0.0,
@@ -79,7 +79,7 @@ def add_geom(
         type=shape,
         pos=position,
         size=[half[0], half[2], 0.0] if is_round else half,
-        quat=list(quaternion),
+        quat=list(turn),
         rgba=[*rgb, 1.0],
         mass=mass_kg,
         friction=[friction if mass_kg else 1.0, 0.005, 0.0001],

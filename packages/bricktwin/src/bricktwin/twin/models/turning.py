@@ -1,4 +1,4 @@
-"""Parts that turn visually only: rods between two pins, and shafts and gears; all are found by the names of their bodies.
+"""Parts of linkages: couplings, loops, and what turns visually only, rods between two pins, shafts and gears.
 
 A rod is modelled as a constant distance between its pins. This takes a fraction of the time of a body with two joints, one of
 which closes a loop. It is drawn as a massless body, fixed to one pin and turned towards the other before rendering.
@@ -10,9 +10,10 @@ import mujoco
 import numpy as np
 
 from bricktwin.plans.geometry import Floats, Triple
+from bricktwin.plans.mechanism.articulation import Follower, Geared
 from bricktwin.twin.models.mjcf import SHAPE_GROUP
 
-SPINNER, _ROD = "spin_", "rod_"
+_SPINNER, _ROD = "spin_", "rod_"
 """First letters of the names of the bodies."""
 
 
@@ -38,6 +39,26 @@ def add_rod(
     return body
 
 
+def add_spinner(body: mujoco.MjsBody, number: int, follower: Follower, at_m: Triple) -> mujoco.MjsBody:
+    """Add a body that turns with a motor, to draw on."""
+    about = [follower.ratio, *(-follower.axis).tolist()]
+    return body.add_body(name=f"{_SPINNER}{follower.port}_{number}", pos=at_m, userdata=about)
+
+
+def add_coupling(spec: mujoco.MjSpec, geared: Geared, name: str, joint: str) -> None:
+    """Couple a joint to that of the motor that it is geared to."""
+    equal = spec.add_equality(name=name, type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT)
+    equal.name1, equal.name2 = joint, f"motor_{geared.port}"
+    equal.data[:5] = [0.0, geared.ratio, 0.0, 0.0, 0.0]
+
+
+def add_loop(spec: mujoco.MjSpec, name: str, body: mujoco.MjsBody, other: mujoco.MjsBody, at_m: Triple) -> None:
+    """Connect two bodies at a pin, given in the first one's frame, that is no joint of the tree."""
+    equal = spec.add_equality(name=name, type=mujoco.mjtEq.mjEQ_CONNECT, objtype=mujoco.mjtObj.mjOBJ_BODY)
+    equal.name1, equal.name2, equal.data[:3] = body.name, other.name, at_m
+    equal.solref = [2 * spec.option.timestep, 1.0]
+
+
 class TurningParts:
     """Parts of a model that turn visually only."""
 
@@ -49,7 +70,7 @@ class TurningParts:
         for body in range(model.nbody):
             full_name = model.body(body).name
             robot, slash, name = full_name.rpartition("/")  # "ROBOT/" in an arena
-            if name.startswith(SPINNER) and model.nuser_body:
+            if name.startswith(_SPINNER) and model.nuser_body:
                 ratio, *axis = model.body_user[body, :4].tolist()
                 address = int(model.joint(f"{robot}{slash}motor_{name.split('_')[1]}").qposadr[0])
                 self._spinners.append((body, address, ratio, np.array(axis)))

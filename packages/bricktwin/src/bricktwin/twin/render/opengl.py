@@ -15,7 +15,7 @@ import weakref
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn, Self
+from typing import Any, NoReturn
 
 import mujoco
 import numpy as np
@@ -129,7 +129,7 @@ Decorate = Callable[[mujoco.MjvScene], None]
 """Adds decorations to a scene before each rendering."""
 
 
-class Renderer:
+class Renderer(contextlib.AbstractContextManager["Renderer"]):
     """Renderer of a body, as seen by a camera.
 
     With a fixed camera, the static background is drawn once; after that, only the part of the image with moving geometry is
@@ -166,7 +166,7 @@ class Renderer:
         model = body.model
         if width < 1 or height < 1:
             raise TwinError(f"an image of {width} x {height} cannot be drawn; give positive sizes in pixels")
-        self._camera = _named_camera(model, camera) if isinstance(camera, str) else camera
+        self._camera = named_camera(model, camera) if isinstance(camera, str) else camera
         self._decorate = decorate
         self._body = body
         self._option = mujoco.MjvOption()
@@ -230,14 +230,11 @@ class Renderer:
         """Free the OpenGL context; closing twice does nothing."""
         self._free()
 
-    def __enter__(self) -> Self:
-        return self
-
     def __exit__(self, *_: object) -> None:
         self.close()
 
 
-class VideoWriter:
+class VideoWriter(contextlib.AbstractContextManager["VideoWriter"]):
     """Writer of an mp4 file (H.264, playable in browsers), image by image; the file is renamed to ``path`` when complete. Raises
     WriteError if it cannot be written.
 
@@ -311,14 +308,12 @@ class VideoWriter:
             code = errno.ENOSPC if is_full else errno.EIO
             raise OSError(code, os.strerror(code) if is_full else "the encoder ended")
 
-    def __enter__(self) -> Self:
-        return self
-
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         self.close(complete=kind is None)
 
 
-def _named_camera(model: mujoco.MjModel, name: str) -> mujoco.MjvCamera:
+def named_camera(model: mujoco.MjModel, name: str) -> mujoco.MjvCamera:
+    """Camera of a model. Raises TwinError if there is none of this name."""
     camera = mujoco.MjvCamera()
     camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
     camera.fixedcamid = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, name)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from brickhub.errors import TwinError
 from bricktwin.twin.mujoco_body import MujocoBody
-from bricktwin.twin.render.opengl import MovingParts, is_fixed_camera
+from bricktwin.twin.render.opengl import MovingParts, is_fixed_camera, named_camera
 
 _DRAWN_GROUPS = np.array([1, 1, 1, 0, 0, 0], np.uint8)  # the groups that MuJoCo draws by default
 _SKY = (0.50, 0.59, 0.69)
@@ -38,9 +38,7 @@ class RayCaster:
             raise TwinError(f"an image of {width} x {height} with spots of {spot_px} cannot be drawn; give positive sizes in px")
         model = body.model
         self._body, self._spot_px = body, spot_px
-        self._camera = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, camera)
-        if self._camera < 0:
-            raise TwinError(f"there is no camera '{camera}'; choose another")
+        self._camera = named_camera(model, camera).fixedcamid
         self._width, self._height = width, height
         focal_px = height / 2 / math.tan(math.radians(float(model.cam_fovy[self._camera])) / 2)
         rows, columns = np.mgrid[:height:spot_px, :width:spot_px] + spot_px / 2

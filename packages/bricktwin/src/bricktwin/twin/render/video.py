@@ -21,10 +21,10 @@ from PIL import Image, ImageDraw, ImageFont
 from brickhub.errors import TwinError
 from brickhub.virtual.body import Body
 from bricktwin.drawing import import_matplotlib
+from bricktwin.twin.linkage import sensed_qpos
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.physics import Physics
 from bricktwin.twin.render.opengl import Renderer, VideoWriter
-from bricktwin.twin.sensed_pose import sensed_qpos
 
 Pixels = NDArray[np.uint8]
 _INK, _MUTED, _BACKGROUND, _OPACITY = (31, 36, 48), (73, 81, 94), (255, 255, 255), 205

@@ -4,21 +4,19 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Iterable
-from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 
-from brickhub.errors import TwinError
+from bricktwin.plans import drawings, ldraw_library
 from bricktwin.plans.catalogue import colour_of
+from bricktwin.plans.drawings import colour_name
 from bricktwin.plans.geometry import MM_PER_LDU, Floats
 from bricktwin.plans.mechanism.kinematics import TO_TWIN
 from bricktwin.plans.part import DeviceKind, Part
 from bricktwin.plans.picture import COARSE, TINTS, Tint, offset_points, surface_of
 from bricktwin.plans.plan import Placed, Plan
-from bricktwin.twin import ldraw
-from bricktwin.twin.models import lego
-from bricktwin.twin.models.lego import Shape, colour_name, library_shapes, shape_of, signed_axes
+from bricktwin.plans.shapes import Shape, shape_of
 
 _CLEARANCE = 0.5
 """LDU: 0.1 mm on each side of a part."""
@@ -26,17 +24,18 @@ _BEND = 80.0
 """LDU: how far a cable's curve is pulled away from its ends."""
 _SPOKED_MM = 40.0
 """Diameter from which a wheel is drawn with spokes."""
-_DETAILED: dict[str, tuple[Callable[[], lego.Piece], tuple[int, int, int]]] = {
-    "prime": (lego.hub, lego.HUB_AXES),
-    "spike-medium": (lego.medium_motor_case, lego.MOTOR_AXES),
-    "UltrasonicSensor": (lego.ultrasonic_sensor, lego.SONAR_AXES),
+_DETAILED: dict[str, tuple[Callable[[], drawings.Piece], tuple[int, int, int]]] = {
+    "prime": (drawings.hub, (3, -1, -2)),
+    "spike-medium": (drawings.medium_motor_case, (-3, -2, -1)),
+    "UltrasonicSensor": (drawings.ultrasonic_sensor, (-3, 1, -2)),
 }
-"""Our drawings of electric parts, and the signed axes of the catalogue's parts, which are those of LDraw's files."""
+"""Our drawings of electric parts, and the signed axes of the catalogue's parts that are x, y and z there (1 is a part's x)."""
+_WHEEL_AXES = (-1, -3, -2)
 
 
 def looks_of(
     plan: Plan, parts: Iterable[int], origin_m: Floats, *, axes: Floats | None = None, shafts: Iterable[int] = ()
-) -> lego.Piece:
+) -> drawings.Piece:
     """Looks of parts of a plan in the frame of their body, mm.
 
     Args:
@@ -52,7 +51,7 @@ def looks_of(
     motors = [plan.parts[motor] for motor in shafts]
     for placed, is_shaft in [*((part, False) for part in placed_parts), *((motor, True) for motor in motors)]:
         turn = frame @ placed.rotation
-        can_hide = not is_shaft and ldraw.folder() is None  # the shapes of a library are not those of our solids
+        can_hide = not is_shaft and ldraw_library.folder() is None  # the shapes of a library are not those of our solids
         low, high = placed.bounds
         near = [part for part in placed_parts if can_hide and (part.bounds[0] <= high).all() and (low <= part.bounds[1]).all()]
         for colour, shape in _shapes(placed, only_turning=is_shaft):
@@ -60,7 +59,7 @@ def looks_of(
             points = (visible.points @ turn.T + frame @ placed.position) * MM_PER_LDU - shift
             if len(visible.faces):
                 shapes.append((colour, Shape(points, visible.normals @ turn.T, visible.faces)))
-    return lego.Piece(tuple(shapes))
+    return drawings.Piece(tuple(shapes))
 
 
 def _uncovered(placed: Placed, shape: Shape, others: list[Placed]) -> Shape:
@@ -79,7 +78,7 @@ def _uncovered(placed: Placed, shape: Shape, others: list[Placed]) -> Shape:
 def _shapes(placed: Placed, *, only_turning: bool) -> list[tuple[str, Shape]]:
     """Coloured shapes of a part in its frame, in LDraw units."""
     main = colour_of(placed.colour).rgb
-    if not only_turning and (root := ldraw.folder()) is not None and (shapes := _of_library(placed.part, root)):
+    if not only_turning and (root := ldraw_library.folder()) is not None and (shapes := _of_library(placed.part, root)):
         return [(colour or colour_name(main), shape) for colour, shape in shapes]
     device = placed.part.device
     is_motor = device is not None and device.kind is DeviceKind.MOTOR
@@ -109,10 +108,12 @@ def _detailed(part: Part) -> list[tuple[str, Shape]]:
         make, axes = _DETAILED[device]
         drawing = make()
     elif part.wheel_mm > _SPOKED_MM:
-        drawing, axes = lego.wheel(part.wheel_mm), lego.WHEEL_AXES
+        drawing, axes = drawings.wheel(part.wheel_mm), _WHEEL_AXES
     else:
         return []
-    turn = signed_axes(axes)  # from the part's axes to ours
+    turn = np.zeros((3, 3))  # from the part's axes to ours
+    for row, axis in enumerate(axes):
+        turn[row, abs(axis) - 1] = np.sign(axis)
     points = np.concatenate([shape.points for _, shape in drawing.shapes]) @ turn / MM_PER_LDU
     low, high = part.bounds
     case = part.solids[0].corners()
@@ -127,13 +128,14 @@ def _detailed(part: Part) -> list[tuple[str, Shape]]:
 @functools.lru_cache(maxsize=256)
 def _of_library(part: Part, root: Path) -> tuple[tuple[str, Shape], ...]:
     """Shapes of a part in an LDraw library by colour, "" for its main colour; empty if it has none."""
-    for number in (part.number, *part.aliases):
-        with suppress(TwinError):
-            return library_shapes(root, f"{number}.dat", np.eye(3))
-    return ()
+    found = (ldraw_library.triangles_of(root, f"{number}.dat") for number in (part.number, *part.aliases))
+    by_colour = next(filter(None, found), {})
+    shapes = {code: shape_of(triangles) for code, triangles in by_colour.items()}
+    names = {code: "" if code == ldraw_library.MAIN_COLOUR else colour_name(ldraw_library.rgba(root, code)) for code in shapes}
+    return tuple((names[code], shape) for code, shape in shapes.items() if shape is not None)
 
 
-def cables_of(plan: Plan, parts: Iterable[int], origin_m: Floats) -> list[lego.Piece]:
+def cables_of(plan: Plan, parts: Iterable[int], origin_m: Floats) -> list[drawings.Piece]:
     """Cables between the hub and the motors and sensors on the same body, in that body's frame, mm."""
     devices = [(plan.parts[part], plan.parts[part].part.device) for part in parts]
     hub = next((placed for placed, device in devices if device is not None and device.kind is DeviceKind.HUB), None)
@@ -145,5 +147,5 @@ def cables_of(plan: Plan, parts: Iterable[int], origin_m: Floats) -> list[lego.P
         socket, plug = np.array(sockets[placed.port]), np.array(device.plug)
         outward, back = np.sign(socket) * [_BEND, 0.0, 0.0], np.sign(plug) * [0.0, 0.0, _BEND]
         line = np.concatenate([hub.to_plan(np.stack([socket, socket + outward])), placed.to_plan(np.stack([plug + back, plug]))])
-        cables.append(lego.cable([(x, y, z) for x, y, z in (line @ TO_TWIN.T * MM_PER_LDU - origin_m * 1000).tolist()]))
+        cables.append(drawings.cable([(x, y, z) for x, y, z in (line @ TO_TWIN.T * MM_PER_LDU - origin_m * 1000).tolist()]))
     return cables

@@ -1,0 +1,165 @@
+"""Drawings of LEGO parts in more detail than the catalogue has, from our own dimensions in millimetres. Looks only, without mass.
+
+A :class:`Piece` is a set of coloured shapes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from bricktwin.plans.geometry import Triple
+from bricktwin.plans.shapes import (
+    X_AXIS,
+    Y_AXIS,
+    Z_AXIS,
+    Shape,
+    block,
+    box,
+    cylinder,
+    discs,
+    extruded,
+    merge,
+    ring,
+    rounded_rectangle,
+    tube,
+    turned,
+)
+
+
+@dataclass(frozen=True)
+class Piece:
+    """LEGO part: shapes, each with the name of its colour."""
+
+    shapes: tuple[tuple[str, Shape], ...]
+
+    def at(self, x: float, y: float, z: float) -> Piece:
+        """The part, translated."""
+        return Piece(tuple((colour, shape.at(x, y, z)) for colour, shape in self.shapes))
+
+    def turned(self, axis: Triple, angle_deg: float) -> Piece:
+        """The part, rotated about an axis through the origin."""
+        return Piece(tuple((colour, shape.turned(axis, angle_deg)) for colour, shape in self.shapes))
+
+
+def piece(**shapes: Shape) -> Piece:
+    """The part of these shapes, by the names of their colours."""
+    return Piece(tuple(shapes.items()))
+
+
+def colour_name(rgba: Iterable[float]) -> str:
+    """Name ``"#rrggbbaa"`` of a colour, from red, green, blue and opacity in 0..1; opaque by default."""
+    return f"#{''.join(f'{round(255 * value):02x}' for value in rgba):f<8}"
+
+
+MODULE = 8.0
+COLOURS: dict[str, tuple[float, float, float]] = {
+    "white": (0.93, 0.93, 0.92),
+    "light_grey": (0.66, 0.68, 0.70),
+    "dark_grey": (0.33, 0.35, 0.37),
+    "black": (0.09, 0.09, 0.10),
+    "turquoise": (0.02, 0.60, 0.62),
+    "yellow": (1.00, 0.78, 0.10),
+    "blue": (0.10, 0.36, 0.75),
+    "dim": (0.24, 0.25, 0.27),
+    "glow": (1.00, 0.95, 0.70),
+    "azure": (0.35, 0.80, 0.95),
+    "red": (0.85, 0.03, 0.03),
+}
+GLOWING = {"glow", "azure"}
+_HEART = (".#.#.", "#####", "#####", ".###.", "..#..")
+
+
+def beam(holes: int, colour: str) -> Piece:
+    """Technic beam along x with its holes along z, centred."""
+    length = holes * MODULE
+    bar = extruded(rounded_rectangle(length - 0.2, 7.6, 3.2), 7.4, bevel=0.5)
+    centres = [(index - (holes - 1) / 2) * MODULE for index in range(holes)]
+    return Piece(((colour, bar), ("dim", merge([discs(2.5, 7.5).at(x, 0, 0) for x in centres]))))
+
+
+def hub() -> Piece:
+    """Prime hub lying flat, 88 x 56 x 32, USB port towards +x, centred."""
+    upper = box(88, 56, 22, radius=2.5).at(0, 0, 5)
+    lower = box(86, 54.5, 11, radius=1.5).at(0, 0, -10.5)
+    window = extruded(rounded_rectangle(33, 33, 3), 0.8).at(17, 0, 16)
+    lit: list[Shape] = []
+    unlit: list[Shape] = []
+    for row, line in enumerate(_HEART):
+        for column, mark in enumerate(line):
+            pixel = block(4.8, 4.8, 1.0).at(17 + (2 - row) * 6, (2 - column) * 6, 16.2)
+            (lit if mark == "#" else unlit).append(pixel)
+    button = cylinder(6.6, 2.0, bevel=0.6).at(-20, 0, 16.4)
+    light = ring(9.4, 6.6, 1.2).at(-20, 0, 16.1)
+    steering = [box(9, 7, 1.4, radius=0.5).at(-20, side * 17, 16.1) for side in (1, -1)]
+    bluetooth = cylinder(3.4, 1.2, bevel=0.4).at(36, -20, 16.2)
+    ports = [box(15, 1.2, 8.5, radius=0.5, arc=1).at(x, side * 27.8, 5) for x in (26, 0, -26) for side in (1, -1)]
+    usb = box(1.2, 9, 3.6, radius=0.5, arc=1).at(43.8, 0, 5)
+    holes = [discs(2.5, 55.2).along(Y_AXIS).at(x, 0, -10.5) for x in (-32, -24, -16, 16, 24, 32)]
+    speaker = [discs(1.0, 88.4, 6).along(X_AXIS).at(-0.1, y, z) for y in (-8, -4, 0, 4, 8) for z in (3, 7)]
+    return piece(
+        white=merge([upper, button, *steering]),
+        turquoise=lower,
+        black=merge([window, *ports, usb]),
+        dim=merge([*unlit, *holes, *speaker]),
+        glow=merge(lit),
+        azure=merge([light, bluetooth]),
+    )
+
+
+def medium_motor() -> Piece:
+    """Medium motor along x, 72 long, its outputs towards +y and -y, 24 from the front; origin on the outputs' axis."""
+    return Piece((*medium_motor_case(31.0).shapes, ("dark_grey", cylinder(10.8, 33.0, bevel=0.6).along(Y_AXIS))))
+
+
+def medium_motor_case(width: float = 23.8) -> Piece:
+    """Medium motor without its outputs."""
+    front = extruded(rounded_rectangle(24, 24, 11.0), width, bevel=1.0).along(Y_AXIS)
+    housing = box(52, width, 23.6, radius=2.2).at(-26, 0, 0)
+    cap = box(16, width + 1, 24.4, radius=2.2).at(-53, 0, 0)
+    stripe = box(26, width + 1, 6, radius=0.8).at(-28, 0, 3)
+    holes = [discs(2.5, width + 1.2).along(Y_AXIS).at(x, 0, -7) for x in (-16, -40)]
+    return piece(white=merge([front, housing]), dark_grey=cap, light_grey=stripe, dim=merge(holes))
+
+
+def axle(length: float) -> Piece:
+    """A cross axle along y, centred."""
+    blades = [box(4.6, length, 1.8, radius=0.4, arc=1), box(1.8, length, 4.6, radius=0.4, arc=1)]
+    return piece(dark_grey=merge(blades))
+
+
+def wheel(diameter: float) -> Piece:
+    """A wheel with a black tyre on a light six-spoked rim, axis along y, centred."""
+    outer, inner = diameter / 2, diameter / 2 - 7.5
+    half = [(inner, 6.2), (outer - 3.4, 7.0), (outer - 1.0, 5.6), (outer - 0.3, 3.0)]
+    tyre = turned([*half, *((radius, -y) for radius, y in reversed(half)), half[0]])
+    treads = [block(1.9, 2.2, 11.6).at(outer - 0.95, 0, 0).turned(Z_AXIS, 15 * step) for step in range(24)]
+    rim = [ring(inner, inner - 3.2, 12.6), cylinder(6.4, 13, bevel=0.8)]
+    spokes = [box(inner - 5, 4.2, 9.4, radius=0.8).at((inner + 3) / 2, 0, 0).turned(Z_AXIS, 60 * step) for step in range(6)]
+    by_colour = {"black": merge([tyre, *treads]), "light_grey": merge([*rim, *spokes]), "dim": cylinder(inner - 1, 3)}
+    return piece(**{colour: shape.along(Y_AXIS) for colour, shape in by_colour.items()})
+
+
+def ultrasonic_sensor() -> Piece:
+    """Ultrasonic sensor facing +x, 24 x 56 x 24, centred."""
+    case = box(20, 56, 23.6, radius=2.0).at(-2, 0, 0)
+    face = extruded(rounded_rectangle(22.5, 55, 10.5), 4, bevel=0.8).along(X_AXIS).at(9.6, 0, 0)
+    rims = [ring(10.2, 7.8, 3.4).along(X_AXIS).at(11.2, side * 15.5, 0) for side in (1, -1)]
+    membrane = turned([(0, 1.6), (3.5, 1.2), (7.8, 0), (7.8, -1), (0, -1)]).along(X_AXIS)
+    membranes = [membrane.at(11.2, side * 15.5, 0) for side in (1, -1)]
+    pupils = [cylinder(2.6, 1.0, bevel=0.3).along(X_AXIS).at(12.6, side * 15.5, 0) for side in (1, -1)]
+    return piece(white=merge([case, *rims]), black=merge([face, *pupils]), dim=merge(membranes))
+
+
+def ball_caster(radius: float) -> Piece:
+    """Steel ball in its socket; origin at the centre of the ball."""
+    angles = [math.radians(step) for step in range(0, 181, 20)]
+    ball = turned([(radius * math.sin(angle), radius * math.cos(angle)) for angle in angles])
+    socket = turned([(0, 16), (10, 16), (radius + 3.4, 11), (radius + 3.4, 1), (radius + 2, -1.5), (radius, -1.5), (0, 4)])
+    return piece(light_grey=ball, dark_grey=socket)
+
+
+def cable(points: Sequence[Triple]) -> Piece:
+    """Black cable of round section along a Bezier curve."""
+    return piece(black=tube(points, 1.7))

@@ -1,0 +1,100 @@
+"""Reader of parts, as triangles, from an LDraw library (https://www.ldraw.org) on this computer.
+
+It implements the LDraw.org file format with its colour definition (``LDConfig.ldr``) and back face culling extensions. A part is
+a tree of files; what is missing or malformed is left out.
+"""
+
+from __future__ import annotations
+
+import functools
+import logging
+import os
+import re
+from collections import defaultdict
+from pathlib import Path
+
+import numpy as np
+
+from bricktwin.plans.catalogue import DIRECT_COLOUR, colour_of
+from bricktwin.plans.geometry import Floats
+from bricktwin.plans.ldraw_file import colour_and_numbers, key_of
+
+Triangles = dict[int, Floats]
+"""Triangles [n, 3, 3] by colour code, counter-clockwise seen from outside."""
+
+MAIN_COLOUR = 16
+"""Code of the colour that is chosen where the part is used."""
+
+_SYSTEM_FOLDERS = ("/usr/share/ldraw", "/usr/local/share/ldraw", "/Library/LDraw", "C:/LDraw")
+_NUMBERS = {"1": 12, "3": 9, "4": 12}
+"""Count of the numbers of a line that refers to a file, or is a triangle or a quadrilateral."""
+_COLOUR = re.compile(r"0 !COLOUR\s+\S+\s+CODE\s+(\d{1,9})\s+VALUE\s+#([0-9A-Fa-f]{6})\b(?:.*\bALPHA\s+(\d{1,3})\b)?")
+_log = logging.getLogger(__name__)
+
+
+def folder() -> Path | None:
+    """Folder of an installed LDraw library: ``LDRAWDIR``, else a system folder; ``None`` if there is none."""
+    path = os.environ.get("LDRAWDIR")
+    if path and not _is_library(Path(path)):
+        _log.warning("LDRAWDIR=%s is not an LDraw library (a folder with LDConfig.ldr, parts and p); using our own parts", path)
+        return None
+    candidates = (path,) if path else _SYSTEM_FOLDERS
+    return next((Path(candidate) for candidate in candidates if _is_library(Path(candidate))), None)
+
+
+def _is_library(path: Path) -> bool:
+    return (path / "LDConfig.ldr").is_file() and (path / "parts").is_dir()
+
+
+@functools.lru_cache(maxsize=4096)
+def triangles_of(root: Path, name: str) -> Triangles:
+    """Triangles of a file of the library in a folder, such as ``"37316.dat"``, in LDraw units: 0.4 mm, y downwards. Empty if
+    there is no such file."""
+    pieces: dict[int, list[Floats]] = defaultdict(list)
+    certified, clockwise, inverted = False, False, False
+    for line in _text(root, name).splitlines():
+        words = line.split()
+        if words[:2] == ["0", "BFC"]:
+            certified = "NOCERTIFY" not in words and (certified or bool({"CERTIFY", "CW", "CCW"} & set(words)))
+            clockwise = "CW" in words or (clockwise and "CCW" not in words)
+            inverted = "INVERTNEXT" in words
+            continue
+        drawn = colour_and_numbers(words, _NUMBERS[words[0]]) if words and words[0] in _NUMBERS else None
+        if drawn is not None:
+            colour, numbers = drawn
+            if words[0] == "1":
+                matrix, offset = np.array(numbers[3:]).reshape(3, 3), np.array(numbers[:3])
+                is_flipped = inverted != bool(np.linalg.det(matrix) < 0)
+                for code, local in triangles_of(root, key_of(" ".join(words[14:]))).items():
+                    triangles = local @ matrix.T + offset
+                    pieces[colour if code == MAIN_COLOUR else code].append(triangles[:, ::-1] if is_flipped else triangles)
+            else:
+                corners = np.array(numbers).reshape(-1, 3)
+                faces = corners[None, :] if len(corners) == 3 else corners[[[0, 1, 2], [0, 2, 3]]]
+                faces = faces[:, ::-1] if clockwise else faces
+                # Of undefined winding, both sides are drawn.
+                pieces[colour].append(faces if certified else np.concatenate([faces, faces[:, ::-1]]))
+        inverted = inverted and not words  # only the next line
+    return {colour: np.concatenate(own) for colour, own in pieces.items()}
+
+
+def _text(root: Path, name: str) -> str:
+    path = next((path for path in (root / "parts" / name, root / "p" / name) if path.is_file()), None)
+    return "" if path is None else path.read_text(encoding="utf-8", errors="replace")
+
+
+def rgba(root: Path, code: int) -> tuple[float, float, float, float]:
+    """Colour of a code in the library, as RGBA in 0..1; medium grey if undefined."""
+    if code >= DIRECT_COLOUR:
+        return (*colour_of(code).rgb, 1.0)
+    return _colours(root).get(code, (0.5, 0.5, 0.5, 1.0))
+
+
+@functools.lru_cache(maxsize=2)
+def _colours(root: Path) -> dict[int, tuple[float, float, float, float]]:
+    colours = {}
+    for line in (root / "LDConfig.ldr").read_text(encoding="utf-8", errors="replace").splitlines():
+        if match := _COLOUR.match(line):
+            red, green, blue, alpha = (*bytes.fromhex(match[2]), min(int(match[3] or 255), 255))
+            colours[int(match[1])] = (red / 255, green / 255, blue / 255, alpha / 255)
+    return colours
