@@ -86,3 +86,7 @@ def test_invalid_ldraw_variable_warns(tmp_path: Path, monkeypatch: pytest.Monkey
     monkeypatch.setenv("LDRAWDIR", str(tmp_path))
     assert ldraw_library.folder() is None
     assert "is not an LDraw library" in caplog.text
+
+
+def test_file_that_is_part_of_itself_is_left_out(tmp_path: Path) -> None:
+    assert read(tmp_path, a=placed("b.dat") * 4, b=placed("box8.dat") + placed("a.dat") * 4) == {}

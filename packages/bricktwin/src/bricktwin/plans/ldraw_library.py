@@ -46,10 +46,18 @@ def _is_library(path: Path) -> bool:
     return (path / "LDConfig.ldr").is_file() and (path / "parts").is_dir()
 
 
-@functools.lru_cache(maxsize=4096)
 def triangles_of(root: Path, name: str) -> Triangles:
     """Triangles of a file of the library in a folder, such as ``"37316.dat"``, in LDraw units: 0.4 mm, y downwards. Empty if
-    there is no such file."""
+    there is no such file, or it is part of itself."""
+    try:
+        return _triangles_of(root, name)
+    except RecursionError:
+        _log.warning("%s in the LDraw library %s is part of itself; it is left out", name, root)
+        return {}
+
+
+@functools.lru_cache(maxsize=4096)
+def _triangles_of(root: Path, name: str) -> Triangles:
     pieces: dict[int, list[Floats]] = defaultdict(list)
     certified, clockwise, inverted = False, False, False
     for line in _text(root, name).splitlines():
@@ -65,7 +73,7 @@ def triangles_of(root: Path, name: str) -> Triangles:
             if words[0] == "1":
                 matrix, offset = np.array(numbers[3:]).reshape(3, 3), np.array(numbers[:3])
                 is_flipped = inverted != bool(np.linalg.det(matrix) < 0)
-                for code, local in triangles_of(root, key_of(" ".join(words[14:]))).items():
+                for code, local in _triangles_of(root, key_of(" ".join(words[14:]))).items():
                     triangles = local @ matrix.T + offset
                     pieces[colour if code == MAIN_COLOUR else code].append(triangles[:, ::-1] if is_flipped else triangles)
             else:
