@@ -80,7 +80,7 @@ class Run:
             raise Interrupted(f"the program was stopped; {saved}") from None
 
     def _run(self) -> int:
-        from brickhub.hub.lego_package import NAME as LEGO_PACKAGE
+        from brickhub.hub.kit_radio import LEGO_PACKAGE
         from brickhub.hub.program.run_program import imports, load_program
         from brickhub.hub.transports.address import parse_hub
 

@@ -12,7 +12,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from brickhub.virtual.body import Body, FittingBody
+from brickhub.virtual.bench_body import FittedBench
+from brickhub.virtual.body import Body
 from brickhub.virtual.firmware.drive_base import DriveBaseControl, GyroHeading
 from brickhub.virtual.firmware.servo import Servo
 from brickhub.virtual.firmware_version import FIRMWARE_VERSIONS, NEWEST
@@ -96,7 +97,7 @@ class Machine:
         self.alarm_ms: int | None = None
         self.on_alarm: Callable[[], None] = lambda: None
         self.heading = GyroHeading(body)
-        fitted = body.motors if isinstance(body, FittingBody) else {}
+        fitted = body.motors if isinstance(body, FittedBench) else {}
         kinds = {motor.port: motor.kind for motor in body.robot.motors} | fitted
         self.servos = {port: Servo(kind, port, body, self) for port, kind in kinds.items()}
         self.drive_bases: list[DriveBaseControl] = []
@@ -111,8 +112,8 @@ class Machine:
         return self.time_ms + self._is_ahead
 
     def plug_in(self, port: str, device: str) -> bool:
-        """Plug a device into a :class:`FittingBody`; returns whether it is on the port now."""
-        if not (isinstance(self.body, FittingBody) and self.body.plug_in(port, device)):
+        """Plug a device into a :class:`FittedBench`; returns whether it is on the port now."""
+        if not (isinstance(self.body, FittedBench) and self.body.plug_in(port, device)):
             return False
         if port in self.body.motors and port not in self.servos:
             self.servos[port] = Servo(self.body.motors[port], port, self.body, self)
@@ -122,7 +123,7 @@ class Machine:
         """A drive base in the control loop. Raises ValueError and OSError as :class:`DriveBaseControl`."""
         base = DriveBaseControl(left, right, wheel_diameter_um, axle_track_um, self.heading)
         self.drive_bases.append(base)
-        if isinstance(self.body, FittingBody):
+        if isinstance(self.body, FittedBench):
             turn = wheel_diameter_um / (2 * axle_track_um * left.settings.steps_per_unit)
             self.body.put_on_wheels({left.port: turn * left.direction, right.port: -turn * right.direction})
         return base
@@ -219,10 +220,6 @@ class Machine:
         """One iteration of a loop that may not wait."""
         self.turn(None)
         self.charge_call()
-
-    def advance_to_control(self) -> None:
-        """Let time pass until the next control loop, at which moves end."""
-        self.advance(CONTROL_LOOP_MS - self.time_ms % CONTROL_LOOP_MS)
 
     def charge_call(self) -> None:
         """Count a call that takes no simulated time; time passes after many of them."""

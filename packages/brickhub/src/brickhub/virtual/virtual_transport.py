@@ -15,7 +15,7 @@ from collections.abc import Callable
 
 from greenlet import getcurrent, greenlet
 
-from brickhub.errors import HubError, HubProgramError, TwinError
+from brickhub.errors import HubError, HubProgramError, ProgramStoppedError, TwinError
 from brickhub.hub.link.profiles import LinkProfile
 from brickhub.hub.program.run_program import describe_traceback
 from brickhub.hub.transport import HubProgram, Pipe, app_data_slot
@@ -60,7 +60,7 @@ class _Wire:
 
     def write(self, data: bytes) -> None:
         self._hub.machine.charge_call()
-        if self._hub.loses_notification():
+        if self._hub.radio.loses_notification(self._hub.link):
             return
         due_ms = self._hub.arrival_ms()
         self.outbox.append((due_ms, data))
@@ -93,13 +93,14 @@ class VirtualHub:
         seed: their seed.
 
     Attributes:
+        radio: when its messages arrive.
         in_reach: set to False to break the link.
         waits_for_acknowledgement: whether `write` waits for the hub's; set to False where a host writes to several hubs at once.
     """
 
     def __init__(self, body: Body, *, realtime: bool = False, link: LinkProfile | None = None, seed: int = 0) -> None:
         self.robot, self.body = body.robot, body
-        self._given_link, self._radio = link, Radio(seed)
+        self._given_link, self.radio = link, Radio(seed)
         self.machine = Machine(body)
         self.machine.on_alarm = self._switch_to_host
         self._wire = _Wire(self)
@@ -149,7 +150,7 @@ class VirtualHub:
             raise HubError(f"{len(data)} bytes in one write; split them into {MAX_WRITE_BYTES} bytes or less")
         self._check_reach()
         self._keep_pace()
-        arrival_ms = math.ceil(self._radio.to_hub_ms(self.machine.body_ms, self.link))
+        arrival_ms = math.ceil(self.radio.to_hub_ms(self.machine.body_ms, self.link))
         self._run_until(self._next_stop_ms(arrival_ms))
         self.run_on_until(arrival_ms)
         self._check()
@@ -216,11 +217,7 @@ class VirtualHub:
 
     def arrival_ms(self) -> float:
         """Time at which what the hub sends now is with the host."""
-        return self._radio.to_computer_ms(self.machine.body_ms, self.link)
-
-    def loses_notification(self) -> bool:
-        """Whether the next notification gets lost."""
-        return self._radio.loses_notification(self.link)
+        return self.radio.to_computer_ms(self.machine.body_ms, self.link)
 
     def _run_until(self, time_ms: int, new_program: HubProgram | None = None) -> None:
         """Run the program until a simulated time, its next output, or its end."""
@@ -295,7 +292,7 @@ class VirtualHub:
         if self._error is not None:
             raise HubProgramError(self._error)
         if self._program is None or self._program.dead:
-            raise HubError("no program runs on the hub; start one")
+            raise ProgramStoppedError("no program runs on the hub; start one")
 
     def _keep_pace(self) -> None:
         """In real time: advance by the time that the host needed, or wait for it."""

@@ -10,7 +10,7 @@ from types import FunctionType
 from typing import Any
 
 from brickhub.virtual.firmware import FIRMWARE_ERRORS, RefusedError, UnavailableError
-from brickhub.virtual.machine import Machine
+from brickhub.virtual.machine import CONTROL_LOOP_MS, Machine
 from brickhub.virtual.micropython.exceptions import is_native
 from brickhub.virtual.micropython.streams import Console
 from brickhub.virtual.pybricks.arguments import expect_type, os_error
@@ -104,10 +104,7 @@ class RunLoop:
         if self.is_active:
             return Async(self, is_done, result, on_close)
         while not is_done():
-            if poll_ms:
-                self.machine.advance(poll_ms)
-            else:
-                self.machine.advance_to_control()
+            self.machine.advance(poll_ms or CONTROL_LOOP_MS - self.machine.time_ms % CONTROL_LOOP_MS)
         return result() if result is not None else None
 
     def wait_until(self, end_ms: int) -> Any:

@@ -77,10 +77,10 @@ class Control(Native):
 
     def _get_or_set(self, name: str, *values: Any) -> tuple[int, ...] | None:
         settings = self._controller().settings
-        current: tuple[int, ...] = getattr(settings, name)()
+        current = settings.group(name)
         if all(value is None for value in values):
             return current
-        getattr(settings, f"set_{name}")(*map(magnitude, values, current))
+        settings.set_group(name, map(magnitude, values, current))
         return None
 
     # ---- of older versions, and still there

@@ -9,17 +9,18 @@ from __future__ import annotations
 import errno
 from collections.abc import Callable
 from types import ModuleType
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
+from brickhub.robot.hardware import REMOTE_BUTTONS
 from brickhub.virtual.micropython.numbers import module
 from brickhub.virtual.micropython.streams import as_bytes
 from brickhub.virtual.pybricks.arguments import expect, expect_type, get_array, get_exact_int, get_int, get_text, os_error
 from brickhub.virtual.pybricks.context import Context, Native, bind
 from brickhub.virtual.pybricks.parameters import Color, buttons
+from brickhub.virtual.pybricks.pupsensors import ColorLight
 
 _MAX_NAME_BYTES = 14
 _SEARCH_MS = 500  # until a switched-on device is found
-_REMOTE_BUTTONS = ("left_plus", "left", "left_minus", "right_plus", "right", "right_minus", "center")
 _XBOX_BUTTONS = ("a", "b", "", "x", "y", "", "lb", "rb", "", "", "view", "menu", "guide", "lj", "rj")
 """By their bit."""
 _XBOX_EXTRAS = ("upload", "p1", "p2", "p3", "p4")
@@ -132,25 +133,13 @@ class LWP3Device(Wireless):
     read = _unavailable("read")
 
 
-class _RemoteLight(Native):
-    def __init__(self, device: Remote) -> None:
-        self._device, self._machine = device, device._machine
-
-    def on(self, color: Any) -> Any:
-        expect_type(color, Color)
-        return self._device._done()
-
-    def off(self) -> Any:
-        return self._device._done()
-
-
 class Remote(Wireless):
     """The remote control, near if the panel has one."""
 
     _kind = "remote"
 
     def __init__(self, name: Any = None, timeout: Any = 10000, connect: Any = True) -> None:
-        self.buttons, self.light = _Buttons(self, _REMOTE_BUTTONS), _RemoteLight(self)
+        self.buttons, self.light = _Buttons(self, REMOTE_BUTTONS), ColorLight(self, self._done)
         self._wanted = None if name is None else get_text(name)
         super().__init__(name, timeout, connect)
 
@@ -312,16 +301,6 @@ class HubNetwork:
         raise NotImplementedError("the virtual hub does not play HubNetwork; use BLERadio, or a real hub")
 
 
-@runtime_checkable
-class AppDataConsole(Protocol):
-    """A console with AppData. ``inbox``: buffer that the host writes to; the program sets its size."""
-
-    inbox: bytearray
-
-    def write_app_data(self, data: bytes) -> None:
-        """Send bytes; raises OSError without a listener."""
-
-
 def _payload(data: Any) -> bytes:
     """Bytes of text or bytes; unlike elsewhere, a bytearray is neither."""
     if not isinstance(data, str | bytes):
@@ -336,8 +315,6 @@ def messaging_module(context: Context) -> ModuleType:
         """A byte buffer besides the standard streams; the host overwrites it."""
 
         def __init__(self, modes: Any) -> None:
-            if not isinstance(console, AppDataConsole):
-                raise os_error(errno.EOPNOTSUPP)
             context.loop.assert_blocking()
             if console.inbox:
                 raise RuntimeError("host rx_buffer already allocated")
@@ -353,7 +330,6 @@ def messaging_module(context: Context) -> ModuleType:
                 self._slices[mode] = (start, size)
                 start += size
             console.inbox = bytearray(start)
-            self._console = console
             self.write_bytes(bytes((_SET_UP, *self._slices)))
 
         def get_bytes(self, mode: int, index: int | None = None) -> bytes | int:
@@ -362,15 +338,15 @@ def messaging_module(context: Context) -> ModuleType:
                 raise ValueError("invalid mode")
             start, size = self._slices[mode]
             if index is None:
-                return bytes(self._console.inbox[start : start + size])
+                return bytes(console.inbox[start : start + size])
             if not 0 <= get_exact_int(index) < size:
                 raise ValueError("index out of range")
-            return self._console.inbox[start + index]
+            return console.inbox[start + index]
 
         def write_bytes(self, data: Any, /) -> Any:
             payload = _payload(data)
             expect(len(payload) <= _MAX_EVENT_BYTES)
-            self._console.write_app_data(payload)
+            console.write_app_data(payload)
             return context.loop.done()
 
         def configure(self, mode: Any, parameter: Any, value: Any) -> Any:
@@ -378,7 +354,7 @@ def messaging_module(context: Context) -> ModuleType:
             return self.write_bytes(bytes(numbers) + _payload(value))
 
         def close(self) -> None:
-            self._console.inbox = bytearray()
+            console.inbox = bytearray()
 
     names: dict[str, Any] = {"AppData": AppData, "BLERadio": bind(context, BLERadio)}
     if machine.firmware.has_hub_network and machine.robot.hub.model.has_hub_network:
