@@ -12,11 +12,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
+from brickhub.errors import UnknownNameError, hint
 from brickhub.virtual.bench_body import FittedBench
 from brickhub.virtual.body import Body
 from brickhub.virtual.firmware.drive_base import DriveBaseControl, GyroHeading
 from brickhub.virtual.firmware.servo import Servo
-from brickhub.virtual.firmware_version import FIRMWARE_VERSIONS, NEWEST
 from brickhub.virtual.micropython.exceptions import SwitchedOff
 from brickhub.virtual.panel import Panel
 from brickhub.virtual.run_log import RunLog
@@ -29,6 +29,38 @@ CONTROL_LOOP_MS = 5
 _FREE_CALLS = 200
 _CALLS_PER_MS = 100
 _AFTER_LOOP_TICKS = 10
+
+
+@dataclass(frozen=True)
+class FirmwareVersion:
+    """What distinguishes a version to a program.
+
+    Attributes:
+        version, build: what ``pybricks.version`` tells.
+        takes_packets: whether the input buffer takes at least a whole packet (since 4.1: pybricks/support#2788).
+        has_hub_network: whether ``pybricks.messaging`` has ``HubNetwork``.
+    """
+
+    version: str
+    build: str
+    takes_packets: bool = False
+    has_hub_network: bool = False
+
+
+FIRMWARE_VERSIONS = {
+    "4.1": FirmwareVersion("4.1.0", "v4.1.0 on 2026-10-12", takes_packets=True, has_hub_network=True),
+    "4.0": FirmwareVersion("4.0.1", "v4.0.1 on 2026-06-23"),
+}
+"""Stable versions, the newest first."""
+NEWEST = "4.1"
+
+
+def firmware_version(name: str) -> FirmwareVersion:
+    """The version of that name. Raises UnknownNameError if it is not played."""
+    if name not in FIRMWARE_VERSIONS:
+        known = ", ".join(FIRMWARE_VERSIONS)
+        raise UnknownNameError(f"the virtual hub plays no firmware '{name}'{hint(name, FIRMWARE_VERSIONS)}; choose {known}")
+    return FIRMWARE_VERSIONS[name]
 
 
 class Pace:

@@ -22,10 +22,9 @@ from brickhub.hub.transport import HubProgram, as_typed
 from brickhub.robot import HubKind, MotorKind, SensorKind
 from brickhub.virtual.bench_body import FittedBench
 from brickhub.virtual.body import Body
-from brickhub.virtual.firmware_version import NEWEST, firmware_version
 from brickhub.virtual.given_readings import GivenReading
 from brickhub.virtual.interpreter import execute
-from brickhub.virtual.machine import Machine, Pace
+from brickhub.virtual.machine import NEWEST, Machine, Pace, firmware_version
 from brickhub.virtual.micropython.compiler import compile_source
 from brickhub.virtual.micropython.exceptions import HostStop, SwitchedOff, class_name, is_program_error
 from brickhub.virtual.micropython.text import format_traceback

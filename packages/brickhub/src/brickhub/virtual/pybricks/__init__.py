@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from brickhub.hub.program.compile import U_PREFIXED
 from brickhub.virtual.interpreter import Modules
 from brickhub.virtual.machine import Machine
@@ -50,8 +52,8 @@ def modules(machine: Machine, console: Console) -> Modules:
     result |= {part.__name__: part for part in language}
     result |= {f"u{part.__name__}": part for part in language if part.__name__ in U_PREFIXED}
     machine.branch(None)
-    hooks = {"@tick": machine.turn_loop, "@turn": machine.turn, **dict.fromkeys(("@branch", "@element"), machine.branch)}
-    hooks["@callee"] = check_of_calls(most_nested_calls(hub))
+    hooks: dict[str, Any] = {"@tick": machine.turn_loop, "@turn": machine.turn}
+    hooks |= {"@branch": machine.branch, "@element": machine.branch, "@callee": check_of_calls(most_nested_calls(hub))}
     importable = Modules(result, hooks, heap.namespaces, hub.model.missing)
     importable.product = machine.charge_product
     return importable

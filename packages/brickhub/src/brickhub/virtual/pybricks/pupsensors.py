@@ -34,7 +34,7 @@ class Device(Native):
     _device_modes: DeviceModes
 
     def __init__(self, port: Any) -> None:
-        self._loop.assert_blocking()
+        self._context.assert_blocking()
         self._letter = self._context.port_letter(port)
         if not self._is_plugged_in():
             raise os_error(errno.ENODEV)
@@ -89,14 +89,14 @@ class Device(Native):
         """Time at which the device answers to what it is told now: in the next millisecond if the hub has done what is due in
         this one, as before a program begins."""
         machine = self._machine
-        return machine.time_ms + 1 if machine.time_ms == self._loop.start_ms else machine.body_ms
+        return machine.time_ms + 1 if machine.time_ms == self._context.start_ms else machine.body_ms
 
     def _is_ready(self) -> bool:
         return self._machine.time_ms >= self._mode.ready_ms
 
     def _finish(self, result: Callable[[], Any] | None) -> Any:
         """Wait until the device is ready, or return an awaitable."""
-        return self._loop.finish(self._is_ready, result, poll_ms=max(1, self._mode.ready_ms - self._machine.time_ms))
+        return self._context.finish(self._is_ready, result, poll_ms=max(1, self._mode.ready_ms - self._machine.time_ms))
 
 
 def _reading(mode: str, get: Callable[[Any], Any], *quantities: str) -> Callable[..., Any]:

@@ -53,7 +53,7 @@ class Wireless(Native):
     """Pause before the second search; ``None`` if there is none."""
 
     def __init__(self, name: Any = None, timeout: Any = 10000, connect: Any = True) -> None:
-        self._loop.assert_blocking()
+        self._context.assert_blocking()
         if name is not None and len(get_text(name).encode()) > _MAX_NAME_BYTES:
             raise ValueError("Name too long")
         self._timeout_ms = None if timeout is None else max(0, get_int(timeout)) + 1
@@ -74,7 +74,7 @@ class Wireless(Native):
                 raise os_error(errno.ETIMEDOUT)
             return self._is_connected
 
-        return self._loop.finish(is_done, poll_ms=1)
+        return self._context.finish(is_done, poll_ms=1)
 
     def _is_near(self) -> bool:
         return self._kind in self._machine.panel.near
@@ -82,11 +82,11 @@ class Wireless(Native):
     def _done(self) -> Any:
         """A command that completes immediately. Raises OSError, ENODEV, while it is not connected."""
         self._down()
-        return self._loop.done()
+        return self._context.done()
 
     def disconnect(self) -> Any:
         self._is_connected = False
-        return self._loop.done()
+        return self._context.done()
 
     name = _unavailable("name")
 
@@ -156,7 +156,7 @@ class Remote(Wireless):
         if not name:
             return text
         panel.remote_name = text
-        return self._loop.done()
+        return self._context.done()
 
 
 class TechnicMoveHub(Wireless):
@@ -259,7 +259,7 @@ class Radio(Native):
             values = data if isinstance(data, list | tuple) else [data]
             if sum(map(_encoded_bytes, values)) + (values is not data) > _MAX_PAYLOAD_BYTES:
                 raise ValueError(f"payload limited to {_MAX_PAYLOAD_BYTES} bytes")
-        return self._loop.done()
+        return self._context.done()
 
     def observe(self, channel: Any) -> None:
         self._check(channel)
@@ -315,7 +315,7 @@ def messaging_module(context: Context) -> ModuleType:
         """A byte buffer besides the standard streams; the host overwrites it."""
 
         def __init__(self, modes: Any) -> None:
-            context.loop.assert_blocking()
+            context.assert_blocking()
             if console.inbox:
                 raise RuntimeError("host rx_buffer already allocated")
             expect_type(get_array(modes), list)
@@ -347,7 +347,7 @@ def messaging_module(context: Context) -> ModuleType:
             payload = _payload(data)
             expect(len(payload) <= _MAX_EVENT_BYTES)
             console.write_app_data(payload)
-            return context.loop.done()
+            return context.done()
 
         def configure(self, mode: Any, parameter: Any, value: Any) -> Any:
             numbers = (_CONFIGURE, get_exact_int(mode) & 0xFF, get_exact_int(parameter) & 0xFF)
