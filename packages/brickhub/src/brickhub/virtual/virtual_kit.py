@@ -145,7 +145,9 @@ class VirtualKit:
     def attach(self) -> None:
         """Let LEGO's package find virtual devices. Raises MediumUnavailableError if it is not installed."""
         lego_package()
-        from brickhub.virtual.lego_transport import VirtualTransport, register_transport
+        from legoeducation.ble_transport import register_transport
+
+        from brickhub.virtual.lego_transport import VirtualTransport
 
         register_transport(VirtualTransport)
 
