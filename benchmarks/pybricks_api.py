@@ -85,6 +85,8 @@ class Stubs:
 
 
 class _Silence:
+    inbox = bytearray()
+
     def available(self) -> int:
         return 0
 
@@ -93,6 +95,8 @@ class _Silence:
 
     def write(self, data: bytes) -> None:
         pass
+
+    write_app_data = write
 
 
 def missing_names(path: str, documented: Documented, actual: Any) -> Iterator[str]:

@@ -18,7 +18,7 @@ from brickhub import target
 from brickhub.cli import main
 from brickhub.hub.program.generate import generate
 from brickhub.target import Target, whole_interface
-from brickhub.virtual import virtual_transport as transport
+from brickhub.virtual import virtual_kit
 
 CAR, LEGS, ARM = (f"{described.__file__}:{name}" for name in ("TWO_WHEELER", "WALKER", "ROBO_ARM"))
 
@@ -86,7 +86,7 @@ def test_user_is_asked_after_each_move(capfd, monkeypatch, answer: str, code: in
     assert ("calibrate --reverse left" in written.out) == (code == 1)
 
 
-class Unplugged(transport.VirtualHub):
+class Unplugged(virtual_kit.VirtualHub):
     """A robot whose right motor is in the wrong port."""
 
     def __init__(self, *args, **options) -> None:
@@ -97,7 +97,7 @@ class Unplugged(transport.VirtualHub):
 
 
 def test_failed_check_gives_remedy(told, monkeypatch) -> None:
-    monkeypatch.setattr(transport, "VirtualHub", Unplugged)
+    monkeypatch.setattr(virtual_kit, "VirtualHub", Unplugged)
     code, out = told("check", CAR, "--hub", "virtual", "--yes", "--json")
     found = json.loads(out)
     assert code == 1 and (found["ok"], found["env"], found["hub"]) == (False, "two-wheeler", "virtual")

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import struct
+from collections.abc import Iterator
+
 from brickhub.hub.interface import DriveSpeed, DriveTurnRate, Interface, MotorAngle, RunAngle, SensorReading, UntilDone, Wait
+from brickhub.hub.kit_protocol import COMMANDS, REPORTS
 from brickhub.hub.link.kit_link import KitLink
 from brickhub.hub.link.profiles import PROFILES
 from brickhub.robot import Direction, DriveBase, KitKind, Motor, PoweredUpSensor, Robot, SensorKind
@@ -23,6 +27,23 @@ ANGLES = (
 )
 DRIVE = Interface((DriveSpeed(-200, 200), DriveTurnRate(-90, 90)), ANGLES, Wait(100))
 TURN = Interface((RunAngle("left", -360, 360, 400), RunAngle("arm", -360, 360, 400)), ANGLES, UntilDone(3000))
+
+
+def encode(name: str, *values: int) -> bytes:
+    """Bytes of one command."""
+    return COMMANDS[name].struct.pack(COMMANDS[name].number, *values)
+
+
+def reports_in(notification: bytes) -> Iterator[tuple[str, dict[str, int]]]:
+    """Names and fields of the reports in a notification."""
+    layouts = {layout.number: (name, layout) for name, layout in REPORTS.items()}
+    _, size = struct.unpack_from("<BH", notification)
+    position = 3
+    while position < 3 + size:
+        name, layout = layouts[notification[position]]
+        _, *fields = layout.struct.unpack_from(notification, position)
+        yield name, dict(zip(layout.fields, fields, strict=True))
+        position += layout.struct.size
 
 
 def connected(interface: Interface = DRIVE) -> tuple[VirtualKit, KitLink]:

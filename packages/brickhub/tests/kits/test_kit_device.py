@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 
 import pytest
+from kit_world import encode, reports_in
 
-from brickhub.hub.kit_protocol import NOTIFICATION, Done, MotorState, decode_notification, encode
+from brickhub.hub.kit_protocol import NOTIFICATION, Done, MotorState
 from brickhub.hub.kit_radio import parts
 from brickhub.robot import KitKind
 from brickhub.virtual.bench_body import FittedBench
@@ -48,7 +49,7 @@ class World:
         found = [packet for packet in device.outbox if packet[0] == NOTIFICATION]
         device.outbox.clear()
         device.receive(encode("notifications", 0))
-        return [report.values for report in decode_notification(found[0]) if report.name == name]
+        return [values for kind, values in reports_in(found[0]) if kind == name]
 
 
 @pytest.fixture

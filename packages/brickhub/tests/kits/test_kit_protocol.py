@@ -7,6 +7,7 @@ import struct
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from kit_world import encode, reports_in
 
 from brickhub.errors import HubProtocolError
 from brickhub.hub.kit_protocol import (
@@ -17,8 +18,6 @@ from brickhub.hub.kit_protocol import (
     Message,
     Product,
     decode,
-    decode_notification,
-    encode,
     encode_info,
     encode_notification,
 )
@@ -72,7 +71,7 @@ _LEGO_REPORTS = {
 def _fields(layout: Layout) -> st.SearchStrategy[tuple[int, ...]]:
     """Values of all fields."""
     ranges = []
-    for letter in layout.fields_format:
+    for letter in layout.struct.format[2:]:
         bits = 8 * struct.calcsize("<" + letter)
         low, high = (0, 2**bits - 1) if letter.isupper() else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
         ranges.append(st.integers(low, high))
@@ -86,25 +85,20 @@ _report = st.sampled_from(list(REPORTS)).flatmap(lambda name: st.tuples(st.just(
 @given(st.lists(_message, max_size=6))
 def test_several_commands_travel_in_a_packet(messages: list[tuple[str, tuple[int, ...]]]) -> None:
     packet = b"".join(encode(name, *values) for name, values in messages)
-    expected = [Message(name, dict(zip(COMMANDS[name].fields, values, strict=True))) for name, values in messages]
-    assert list(decode(packet)) == expected
+    named = [(name, dict(zip(COMMANDS[name].fields, values, strict=True))) for name, values in messages]
+    assert list(decode(packet)) == [Message(name, values, COMMANDS[name].number + 1) for name, values in named]
 
 
 @given(st.lists(_report, max_size=6))
 def test_several_reports_travel_in_a_notification(reports: list[tuple[str, tuple[int, ...]]]) -> None:
-    found = list(decode_notification(encode_notification(reports)))
-    assert [(message.name, tuple(message.values.values())) for message in found] == reports
+    found = reports_in(encode_notification(reports))
+    assert [(name, tuple(values.values())) for name, values in found] == reports
 
 
 @pytest.mark.parametrize("packet", [b"\xff", encode("run", 1, 0)[:-1], encode("info") + b"\x05"])
 def test_unknown_or_cut_off_message_is_an_error(packet: bytes) -> None:
     with pytest.raises(HubProtocolError):
         list(decode(packet))
-
-
-def test_only_a_notification_holds_reports() -> None:
-    with pytest.raises(HubProtocolError):
-        list(decode_notification(encode("info")))
 
 
 @given(_message)

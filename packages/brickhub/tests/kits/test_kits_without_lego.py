@@ -5,17 +5,14 @@ from __future__ import annotations
 import sys
 import time
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 from kit_world import DRIVE, ROBOT
 
 from brickhub.errors import DescriptionError, HubTimeoutError, MediumUnavailableError, ProgramError, UnknownNameError
 from brickhub.hub.interface import Interface, RunDuty, SensorReading, Wait
-from brickhub.hub.kit_estimates import markdown
 from brickhub.hub.kit_protocol import Product
-from brickhub.hub.kit_radio import KitPart, RealRadio, parts_of
-from brickhub.hub.lego_package import lego_package
+from brickhub.hub.kit_radio import KitPart, RealRadio, lego_package, parts_of
 from brickhub.hub.link.kit_link import KitLink
 from brickhub.hub.link.profiles import DEFAULT_LINK, PROFILES
 from brickhub.hub.program.generate import generate
@@ -23,8 +20,6 @@ from brickhub.hub.transports.address import parse_hub
 from brickhub.robot import KitKind, Motor, Robot
 from brickhub.virtual.bench_body import BenchBody
 from brickhub.virtual.virtual_kit import VirtualKit, virtual_robot
-
-DOCS = Path(__file__).parents[4] / "docs"
 
 
 def test_devices_of_a_robot() -> None:
@@ -80,10 +75,6 @@ def test_missing_package_is_named_with_its_licence(monkeypatch: pytest.MonkeyPat
     monkeypatch.setitem(sys.modules, "legoeducation", None)
     with pytest.raises(MediumUnavailableError, match="BUSL-1.1"):
         lego_package()
-
-
-def test_estimates_are_documented() -> None:
-    assert markdown() in (DOCS / "kits.md").read_text(encoding="utf-8")
 
 
 def test_devices_have_the_interval_of_the_link_that_is_asked_for() -> None:

@@ -11,7 +11,7 @@ from described import TWO_WHEELER
 from brickhub.errors import HubError, UnknownNameError
 from brickhub.hub.transport import HubProgram
 from brickhub.virtual.bench_body import BenchBody
-from brickhub.virtual.firmware_version import FIRMWARE_VERSIONS
+from brickhub.virtual.machine import FIRMWARE_VERSIONS
 from brickhub.virtual.run import Operation, run_file
 from brickhub.virtual.virtual_transport import VirtualHub
 

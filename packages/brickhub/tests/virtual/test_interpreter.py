@@ -279,8 +279,8 @@ def test_missing_builtins(name: str) -> None:
 
 def test_memoryview_depends_on_hub() -> None:
     with pytest.raises(NameError, match="memoryview"):
-        execute("memoryview(b'')", "main.py", Modules({}, lambda: None, bool, missing_builtins=("memoryview",)), Recorder())
-    execute("memoryview(b'')", "main.py", Modules({}, lambda: None, bool), Recorder())
+        execute("memoryview(b'')", "main.py", Modules({}, missing_builtins=("memoryview",)), Recorder())
+    execute("memoryview(b'')", "main.py", Modules({}), Recorder())
 
 
 def test_handlers_see_hub_messages() -> None:

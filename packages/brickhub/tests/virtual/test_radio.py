@@ -9,7 +9,7 @@ import pytest
 from brickhub.errors import UnknownNameError
 from brickhub.hub.link.profiles import IDEAL, PROFILES, LinkProfile, profile
 from brickhub.hub.link.timing import percentile
-from brickhub.virtual.radio import Radio
+from brickhub.virtual.virtual_transport import Radio
 
 EXCHANGES = 40_000
 EXPECTED_MS = {"mac": (30, 45, 100), "linux": (90, 105, 300), "bad-room": (95, 190, 500)}

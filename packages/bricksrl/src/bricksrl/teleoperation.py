@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, Self
 
 from brickhub.entry import Entry
-from brickhub.hub.lego_package import lego_package
+from brickhub.hub.kit_radio import lego_package
 from bricksrl.errors import DataError
 
 if TYPE_CHECKING:

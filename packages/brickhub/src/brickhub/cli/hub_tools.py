@@ -6,7 +6,7 @@ import dataclasses
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import Positional
 
@@ -16,8 +16,6 @@ from brickhub.errors import DescriptionError, counted, percent
 
 if TYPE_CHECKING:
     from brickhub.hub.diagnostics.calibration import Calibration
-    from brickhub.hub.kit_radio import Radio
-    from brickhub.hub.link.profiles import LinkProfile
     from brickhub.hub.transport import Transport
     from brickhub.robot import Robot
     from brickhub.target import Target
@@ -206,8 +204,7 @@ class Check:
 
     def execute(self) -> int:
         from brickhub.hub.diagnostics.calibration import calibration_of
-        from brickhub.hub.diagnostics.kit_check import check_kit
-        from brickhub.hub.diagnostics.preflight import check_robot
+        from brickhub.hub.diagnostics.preflight import check_kit, check_robot
 
         target = _find(self.target)
         is_watched = not self.yes and is_terminal()
@@ -225,7 +222,7 @@ class Check:
             robot = transport, target.robot, target.interface
             findings = check_robot(*robot, may_move=may_move, is_right=is_right, calibrate=calibrate)
         else:
-            radio = _radio(self.hub, target, self.link)
+            radio = _reach(self.hub, target, self.link)
             findings = check_kit(radio, target.robot, target.interface, may_move=may_move, is_right=is_right)
         code = print_findings(findings, (9, 18), as_json=self.json, env=target.name, hub=self.hub)
         if not self.json:
@@ -260,13 +257,7 @@ class Calibrate:
     """Folder to write to; by default that in your settings folder."""
 
     def execute(self) -> None:
-        from brickhub.hub.diagnostics.calibration import (
-            Calibration,
-            forget_calibration,
-            hub_id,
-            load_calibration,
-            save_calibration,
-        )
+        from brickhub.hub.diagnostics import calibration as kept
 
         for flag, alone in (("--forget", self.forget), ("--reverse", self.reverse)):
             if alone:
@@ -277,20 +268,20 @@ class Calibrate:
         transport = _transport(self.hub, target)
         try:
             transport.open()
-            hub = hub_id(transport)
+            hub = kept.hub_id(transport)
             if self.forget:
-                forget_calibration(hub, target.robot, self.calibrations)
+                kept.forget_calibration(hub, target.robot, self.calibrations)
                 print_line(f"{target.robot.name} on {hub}: as described")
                 return
-            saved = load_calibration(hub, target.robot, self.calibrations)
+            saved = kept.load_calibration(hub, target.robot, self.calibrations)
             if self.reverse:
-                calibration = Calibration(saved.zeros_deg, saved.reversed ^ set(self.reverse))
+                calibration = kept.Calibration(saved.zeros_deg, saved.reversed ^ set(self.reverse))
             else:
                 zeros_deg = self._zeros_deg(transport, target.robot, saved)
-                calibration = Calibration(saved.zeros_deg | zeros_deg, saved.reversed)
+                calibration = kept.Calibration(saved.zeros_deg | zeros_deg, saved.reversed)
         finally:
             transport.close()
-        path = save_calibration(hub, target.robot, calibration, self.calibrations)
+        path = kept.save_calibration(hub, target.robot, calibration, self.calibrations)
         for name, zero_deg in sorted(calibration.zeros_deg.items()):
             print_line(f"zero     {name:12}{zero_deg} deg")
         for name in sorted(calibration.reversed):
@@ -326,35 +317,24 @@ def _find(name: str) -> Target:
     return find(name)
 
 
-def _radio(hub: str, target: Target, link: str | None) -> Radio:
-    """Radio to the devices of a robot of LEGO's kits. ``link``: as in `_transport`."""
-    from brickhub.hub.transports.address import parse_hub
-    from brickhub.virtual.virtual_kit import VirtualKit
-
-    address, chosen = parse_hub(hub), _profile(hub, link)
-    return VirtualKit(target.make_body(), link=chosen) if address.is_virtual else address.radio()
-
-
-def _profile(hub: str, link: str | None) -> LinkProfile | None:
-    """The link of a name. Raises DescriptionError if a real hub is given one."""
+def _reach(hub: str, target: Target, link: str | None) -> Any:
+    """An unopened transport to a hub, or a radio to devices of LEGO's kits. ``link``: that of a virtual one, by name. Raises
+    DescriptionError if a real one is given a link."""
     from brickhub.hub.link.profiles import profile
     from brickhub.hub.transports.address import parse_hub
+    from brickhub.virtual.virtual_kit import virtual_robot
 
-    if link is not None and not parse_hub(hub).is_virtual:
+    address, chosen = parse_hub(hub), None if link is None else profile(link)
+    if address.is_virtual:
+        return virtual_robot(target.make_body(), link=chosen)
+    if link is not None:
         raise DescriptionError("a real hub has a link of its own; leave out --link, or take --hub virtual")
-    return None if link is None else profile(link)
+    return address.transport() if target.robot.hub.model.runs_programs else address.radio()
 
 
 def _transport(hub: str, target: Target, link: str | None = None) -> Transport:
-    """An unopened transport to the hub. ``link``: that of a virtual hub, by name. Raises DescriptionError for a robot of
-    LEGO's kits, and if a real hub is given a link."""
-    from brickhub.hub.transports.address import parse_hub
-
+    """An unopened transport to a hub, as `_reach`. Raises DescriptionError for a robot of LEGO's kits."""
     if not target.robot.hub.model.runs_programs:
         raise DescriptionError(f"'{target.name}' has devices of LEGO's kits, which need none of this; `check` checks them")
-    address, chosen = parse_hub(hub), _profile(hub, link)
-    if not address.is_virtual:
-        return address.transport()
-    from brickhub.virtual.virtual_transport import VirtualHub
-
-    return VirtualHub(target.make_body(), link=chosen)
+    transport: Transport = _reach(hub, target, link)
+    return transport

@@ -80,11 +80,12 @@ class Run:
             raise Interrupted(f"the program was stopped; {saved}") from None
 
     def _run(self) -> int:
-        from brickhub.hub.lego_package import NAME as LEGO_PACKAGE
+        from brickhub.hub.kit_radio import LEGO_PACKAGE
         from brickhub.hub.program.run_program import imports, load_program
         from brickhub.hub.transports.address import parse_hub
 
-        address = parse_hub(self.hub)
+        address, program = parse_hub(self.hub), load_program(self.file)  # which raises before a film begins
+        is_for_kit = imports(program, LEGO_PACKAGE)
         out, err, stdin = sys.stdout.buffer, sys.stderr, sys.stdin
         if isinstance(stdin, io.TextIOWrapper):
             stdin.reconfigure(errors="surrogateescape")  # a program may be given any bytes
@@ -93,9 +94,8 @@ class Run:
             from brickhub.virtual.run import run_file
 
             source = None if stdin is None or stdin.isatty() else stdin
-            program = load_program(self.file)  # raises before a film begins
             with ExitStack() as stack:
-                if imports(program, LEGO_PACKAGE):
+                if is_for_kit:
                     body, operation = self.body(stack), self._operation(stack)
                     return run_kit_file(self.file, body, stderr=err, time_limit_s=self.time_limit_s, operation=operation)
                 return run_file(
@@ -112,8 +112,7 @@ class Run:
             raise DescriptionError(f"a real hub has its own robot, buttons and time; leave out --hub, or {virtual}")
         from brickhub.hub.program.run_program import run_program
 
-        program = load_program(self.file)
-        if imports(program, LEGO_PACKAGE):
+        if is_for_kit:
             raise DescriptionError("LEGO's devices run no programs; run it on this computer: python " + str(self.file))
         with closing(address.transport()) as transport:
             return run_program(transport, program, stdout=out, stderr=err, stdin=stdin, time_limit_s=self.time_limit_s)

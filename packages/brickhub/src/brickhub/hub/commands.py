@@ -95,26 +95,25 @@ class Command(WireNumber, ABC):
     is_turn_by: ClassVar[bool] = False
     call: ClassVar[str | None] = None
 
-    if TYPE_CHECKING:
-
-        @property
-        def mover(self) -> str | None: ...
+    @property
+    def mover(self) -> str | None:
+        return None
 
     @abstractmethod
     def check(self, robot: Robot) -> None:
         """Raise DescriptionError unless the robot supports the command."""
 
-    @abstractmethod
     def motors(self, robot: Robot) -> tuple[str, ...]:
         """Names of the motors that the command turns."""
+        return ()
 
     def devices(self, robot: Robot) -> tuple[str, ...]:
         """Names of the motors and sensors that the hub program needs for the command."""
         return self.motors(robot)
 
-    @abstractmethod
     def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
         """Angle that each of its motors turns by; for an endless move, at least in one second."""
+        return ()
 
     def setup(self, robot: Robot) -> tuple[str, ...]:
         """Statements of the hub program that make the mover, after the motors; equal ones of several commands occur once."""
@@ -261,12 +260,16 @@ class _DriveBaseCommand(Command):
         base = drive_base(robot, self.name)
         return base.left, base.right
 
-    def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
+    def wheel_turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
+        """Angle that each wheel turns by; for an endless move, in one second."""
         base = drive_base(robot, self.name)
         if self.is_turn:
             turn_deg = amount * base.axle_track_mm / base.wheel_diameter_mm
             return turn_deg, -turn_deg
         return (base.turn_deg(amount),) * 2
+
+    def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
+        return self.wheel_turns_deg(robot, amount)
 
     def setup(self, robot: Robot) -> tuple[str, ...]:
         return drive_base_setup(robot, self.name)
@@ -324,7 +327,7 @@ class _Drive(_DriveBaseCommand):
     call: ClassVar[str] = "drive"
 
     def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
-        return tuple(map(_test_turn_deg, super().turns_deg(robot, amount)))
+        return tuple(map(_test_turn_deg, self.wheel_turns_deg(robot, amount)))
 
     def start(self, robot: Robot, amounts: Mapping[str, str]) -> str:
         speed, turn_rate = (amounts.get(command.name, "0") for command in (DriveSpeed, DriveTurnRate))
@@ -369,20 +372,7 @@ def drive_base_setup(robot: Robot, needed_by: str) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True)
-class _HubCommand(Command):
-    """Command of the hub itself, without a motor."""
-
-    mover: ClassVar[None] = None
-
-    def motors(self, robot: Robot) -> tuple[str, ...]:
-        return ()
-
-    def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
-        return ()
-
-
-@dataclass(frozen=True)
-class HubLight(_HubCommand):
+class HubLight(Command):
     """Hue of the hub's light: ``hub.light.on(Color(hue, 100, 100))``; 0 is red, 120 green, 240 blue."""
 
     low: float = 0.0
@@ -399,7 +389,7 @@ class HubLight(_HubCommand):
 
 
 @dataclass(frozen=True)
-class ClientCommand(_HubCommand):
+class ClientCommand(Command):
     """Number that a client program of one's own gets, such as an action in -1..1."""
 
     name: str
@@ -412,7 +402,7 @@ class ClientCommand(_HubCommand):
 
 
 @dataclass(frozen=True)
-class LightBrightness(_HubCommand):
+class LightBrightness(Command):
     """Brightness of a light on a port, or of the lights around a distance sensor: ``Light.on(brightness)``."""
 
     sensor: str
@@ -440,7 +430,7 @@ class LightBrightness(_HubCommand):
 
 
 @dataclass(frozen=True)
-class HubSound(_HubCommand):
+class HubSound(Command):
     """Short tone of the hub's loudspeaker: ``hub.speaker.beep(frequency, duration)``; silent below 64 Hz. ``duration_ms``:
     duration of the tone, for which the hub waits."""
 

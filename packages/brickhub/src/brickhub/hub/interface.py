@@ -410,10 +410,7 @@ class UntilDone:
     """Steps that end when all moves have ended; a move that takes longer than the timeout is stopped."""
 
     timeout_ms: int = 3000
-
-    @property
-    def fixed_ms(self) -> int | None:
-        return None
+    fixed_ms: ClassVar[None] = None
 
     @property
     def longest_ms(self) -> int:

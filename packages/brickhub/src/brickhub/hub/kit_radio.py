@@ -1,19 +1,39 @@
-"""Bluetooth to the devices of LEGO's kits, through LEGO's own package; and which devices a robot has."""
+"""Bluetooth to the devices of LEGO's kits, through LEGO's own package; and which devices a robot has.
+
+The package ``legoeducation`` is optional: its licence, BUSL-1.1, permits non-commercial use.
+"""
 
 from __future__ import annotations
 
+import concurrent.futures
+import importlib
+import logging
 import threading
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
 
-from brickhub.errors import DescriptionError, HubTimeoutError, UnknownNameError
+from brickhub.errors import DescriptionError, HubTimeoutError, MediumUnavailableError, Reason, UnknownNameError
 from brickhub.hub.kit_protocol import Product
 from brickhub.robot import AnyHub, KitKind, Robot
 
+LEGO_PACKAGE = "legoeducation"
 _T = TypeVar("_T")
+_SILENT = logging.NullHandler()
 _CARD_COLORS = ("RED", "YELLOW", "BLUE", "GREEN", "PURPLE", "MAGENTA", "AZURE", "ORANGE")
+
+
+def lego_package(*, is_silent: bool = False) -> Any:
+    """LEGO's package. ``is_silent``: what it logs is not printed, as errors say it. Raises MediumUnavailableError if it is not
+    installed."""
+    if is_silent:
+        logging.getLogger(LEGO_PACKAGE).addHandler(_SILENT)
+    try:
+        return importlib.import_module(LEGO_PACKAGE)
+    except ImportError:
+        remedy = f"run `pip install 'brickhub[{LEGO_PACKAGE}]'` (its licence, BUSL-1.1, permits non-commercial use)"
+        raise MediumUnavailableError(f"LEGO's package {LEGO_PACKAGE} is not installed; {remedy}", Reason.NO_SERVICE) from None
 
 
 @dataclass(frozen=True)
@@ -75,18 +95,14 @@ class RealRadio:
         color, _, serial = self.card.partition("-")
         if color.upper() not in _CARD_COLORS or not serial.isdigit() or len(serial) > 4:
             raise UnknownNameError(f"'{self.card}' is no connection card; give its color and serial, such as ble:azure-3683")
-        from brickhub.hub.lego_package import lego_package
-
         return {"card_color": vars(lego_package())[f"LEGO_COLOR_{color.upper()}"], "card_serial": serial}
 
     def run(self, function: Callable[[], _T], limit_s: float | None = None) -> _T:
-        outcome: list[Callable[[], _T]] = []
-        thread = threading.Thread(target=lambda: outcome.append(outcome_of(function)), daemon=True)
-        thread.start()
-        thread.join(limit_s)
-        if not outcome:
+        future: concurrent.futures.Future[_T] = concurrent.futures.Future()
+        threading.Thread(target=settle, args=(future, function), daemon=True).start()
+        if not concurrent.futures.wait([future], limit_s).done:
             raise HubTimeoutError(f"a device did not answer within {limit_s:g} s; check that it is on and near")
-        return outcome[0]()
+        return future.result()
 
     def now_s(self) -> float:
         return time.monotonic()
@@ -95,15 +111,9 @@ class RealRadio:
         time.sleep(seconds)
 
 
-def outcome_of(function: Callable[[], _T]) -> Callable[[], _T]:
-    """Call a function in this thread, and return one for another thread, which returns or raises the same."""
+def settle(future: concurrent.futures.Future[_T], function: Callable[[], _T]) -> None:
+    """Call a function in this thread, for another one that waits for what it returns or raises."""
     try:
-        value = function()
+        future.set_result(function())
     except BaseException as error:  # noqa: BLE001  raised again in the thread that waits for it
-        failure = error
-
-        def fail() -> _T:
-            raise failure
-
-        return fail
-    return lambda: value
+        future.set_exception(error)

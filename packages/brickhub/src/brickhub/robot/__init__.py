@@ -2,9 +2,19 @@
 
 from __future__ import annotations
 
-from brickhub.robot.bench import BENCH
 from brickhub.robot.hardware import AnyHub, HubKind, HubModel, KitKind, MotorKind, Sense, SensorKind
-from brickhub.robot.spec import Chassis, Direction, DriveBase, Motor, Mount, PoweredUpSensor, Robot, Sensor, UltrasonicSensor
+from brickhub.robot.spec import (
+    BENCH,
+    Chassis,
+    Direction,
+    DriveBase,
+    Motor,
+    Mount,
+    PoweredUpSensor,
+    Robot,
+    Sensor,
+    UltrasonicSensor,
+)
 
 __all__ = [
     "BENCH",

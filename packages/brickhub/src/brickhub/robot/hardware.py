@@ -67,12 +67,12 @@ class HubModel:
     name: str
     class_name: str
     product_id: int
-    machine: str
     ports: str
-    program_bytes: int
-    stdin_bytes: int
-    stack_bytes: int
-    call_bytes: int
+    machine: str = ""
+    program_bytes: int = 0
+    stdin_bytes: int = 0
+    stack_bytes: int = 0
+    call_bytes: int = 0
     stored_bytes: int = 200
     storage_bytes: int = 128
     packet_bytes: int = 0
@@ -180,7 +180,6 @@ class HubKind(_Kind):
         own_motors="AB",
         own_kind="move-hub",
         program_bytes=7 * 1024,
-        stdin_bytes=0,
         stack_bytes=3_528,
         call_bytes=232,
         has_accelerometer=True,
@@ -201,14 +200,9 @@ class KitKind(_Kind):
         "double-motor",
         "DoubleMotor",
         product_id=513,
-        machine="",
         ports="ABCDEF",
         own_motors="AB",
         own_kind="spike-medium",
-        program_bytes=0,
-        stdin_bytes=0,
-        stack_bytes=0,
-        call_bytes=0,
         has_imu=True,
         is_rechargeable=True,
         buttons=(),

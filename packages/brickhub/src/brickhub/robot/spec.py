@@ -13,7 +13,7 @@ from typing import Any, ClassVar, TypeVar
 
 from brickhub.errors import DescriptionError
 from brickhub.fields import check_fields
-from brickhub.robot.hardware import AnyHub, KindType, MotorKind, SensorKind
+from brickhub.robot.hardware import AnyHub, HubKind, KindType, MotorKind, SensorKind
 
 
 class Direction(enum.Enum, metaclass=KindType):
@@ -324,3 +324,7 @@ def _find_device(robot: Robot, kind: str, devices: tuple[_Device, ...], name: st
             return device
     known = ", ".join(d.name for d in devices) or "none"
     raise DescriptionError(f"robot '{robot.name}' has no {kind} '{name}' (it has: {known})")
+
+
+BENCH = Robot("bench", HubKind.PRIME, tuple(Motor(f"motor_{port.lower()}", port) for port in "ABCDEF"), needs_imu=True)
+"""A bare Prime hub with an unloaded medium motor on every port."""

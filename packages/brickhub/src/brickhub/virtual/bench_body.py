@@ -10,11 +10,10 @@ import math
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping
 from types import MappingProxyType
-from typing import Any
 
 from brickhub.errors import SceneError, TwinError
 from brickhub.hub.link.profiles import DEFAULT_LINK, PROFILES
-from brickhub.robot import AnyHub, Motor, MotorKind, Robot, Sense, SensorKind, UltrasonicSensor
+from brickhub.robot import AnyHub, MotorKind, Robot, Sense, SensorKind, UltrasonicSensor
 from brickhub.virtual.body import Rng
 from brickhub.virtual.given_readings import GivenReading
 from brickhub.virtual.stimuli import DEFAULT_STIMULI, Reading, Sensed, number
@@ -89,7 +88,8 @@ class BenchBody:
         self.motor_friction_scale = 1.0
         self.link = PROFILES[DEFAULT_LINK]
         self._readings = _readings_by_sense(robot, readings)
-        self._outputs = [(motor.name, motor.port, _mdeg_per_deg(motor)) for motor in robot.motors]
+        self._ultrasonic_ports = {sensor.port for sensor in robot.sensors if sensor.kind.model.range_mm is not None}
+        self._outputs = [(motor.name, motor.port, 1000.0 * motor.shaft_turns) for motor in robot.motors]
         stops = _end_stops_mdeg(robot, end_stops)
         self._motors = {motor.port: BenchMotor(stops.get(motor.port)) for motor in robot.motors}
         self._time_ms = 0
@@ -116,7 +116,7 @@ class BenchBody:
         """Stimulus of a sensor at the present angles. Raises SceneError if its reading raises."""
         reading = self._readings.get((port, sense))
         if reading is None:
-            return DEFAULT_STIMULI[sense]
+            return _FARTHEST_MM if port in self._ultrasonic_ports else DEFAULT_STIMULI[sense]
         try:
             return reading({name: self.angle_mdeg(p) / scale for name, p, scale in self._outputs})
         except Exception as error:
@@ -128,8 +128,6 @@ class BenchBody:
             ) from error
 
     def distance_mm(self, port: str) -> int:
-        if (port, Sense.DISTANCE) not in self._readings:
-            return _FARTHEST_MM
         return min(max(round(number(self.sensed(port, Sense.DISTANCE))), _NEAREST_MM), _FARTHEST_MM)
 
     def tilt_deg(self) -> tuple[float, float]:
@@ -148,12 +146,6 @@ class BenchBody:
         return 0.0, 0.0, -self.heading_deg()
 
 
-def _mdeg_per_deg(motor: Motor) -> float:
-    """Millidegrees of the shaft, clockwise, for one degree of the output in the program's direction."""
-    ratio = motor.gears[-1] / motor.gears[0] if motor.gears else 1.0
-    return 1000.0 * ratio * motor.direction.value
-
-
 def _end_stops_mdeg(robot: Robot, end_stops: Mapping[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
     """End stops by port, as clockwise angles of the shaft in mdeg."""
     motors = {motor.name: motor for motor in robot.motors}
@@ -162,7 +154,7 @@ def _end_stops_mdeg(robot: Robot, end_stops: Mapping[str, tuple[float, float]]) 
         raise TwinError(f"robot '{robot.name}' has no motor '{unknown[0]}' for an end stop; it has {', '.join(motors) or 'none'}")
     stops = {}
     for name, angles_deg in end_stops.items():
-        scale = _mdeg_per_deg(motors[name])
+        scale = 1000.0 * motors[name].shaft_turns
         low, high = sorted(angle * scale for angle in angles_deg)
         stops[motors[name].port] = low, high
     return stops
@@ -186,7 +178,7 @@ def _readings_by_sense(robot: Robot, readings: Mapping[str, Reading]) -> dict[tu
 
 
 class FittedBench(BenchBody):
-    """A hub without devices until a program uses them; motors turn freely, sensors have given readings.
+    """A hub without devices until a program uses some, as the hub tells it; motors turn freely, sensors have given readings.
 
     With motors, the hub is mounted as the program says; alone, it lies flat. With a drive base, it turns as the wheels do.
     Without one, the first two motors are wheels if they are of one kind and their positive directions are opposite. A motor that
@@ -198,6 +190,9 @@ class FittedBench(BenchBody):
         end_stops: lowest and highest angle of the motor on a port, deg of the shaft.
         devices: what is on a port, ``None`` for nothing; on others there is what the program asks for, medium motors of SPIKE.
         report: called with a line about what the bench assumes.
+
+    Attributes:
+        motors: kind of motor by port.
     """
 
     def __init__(
@@ -258,6 +253,7 @@ class FittedBench(BenchBody):
             reading.check(self._sense_of(reading, device), device)
 
     def block(self, port: str, direction: int) -> None:
+        """Something is in the way of a motor that runs until it stalls, clockwise (1) or counterclockwise (-1)."""
         motor = self._motors[port]
         low, high = motor.stops or (-math.inf, math.inf)
         if motor.stops is None:  # said once
@@ -275,10 +271,13 @@ class FittedBench(BenchBody):
         return bool(self._turns)
 
     def put_on_wheels(self, turns: Mapping[str, float]) -> None:
+        """The hub rides on wheels that do not slip: degrees that it turns clockwise for one millidegree of each motor."""
         heading_deg, self._turns = self.heading_deg(), dict(turns)
         self._heading_offset_deg += heading_deg - self.heading_deg()
 
     def find_wheels(self, directions: Mapping[str, int]) -> None:
+        """The program reads the gyroscope without a drive base: positive directions of its motors, clockwise 1 or
+        counterclockwise -1, by port in order of creation."""
         pair = list(directions)[:2]
         if self._report is None or self._turns or len(pair) < 2 or not any(self._motors[port].angle for port in pair):
             return
@@ -298,6 +297,7 @@ class FittedBench(BenchBody):
         self._report = None
 
     def mount(self, up: tuple[float, float, float]) -> None:
+        """In a robot with motors, up is this direction in the hub's frame."""
         x, y, z = up
         self._up = x + 0.0, y + 0.0, z + 0.0  # -0.0 would change the roll of a hub on end by 180 degrees
 
@@ -335,10 +335,6 @@ class FittedBench(BenchBody):
                 return reading.at(self._time_ms / 1000)
         range_mm = SensorKind(device).model.range_mm
         return _DEFAULTS[sense] if range_mm is None else range_mm[1]
-
-    def distance_mm(self, port: str) -> int:
-        sensed: Any = self.sensed(port, Sense.DISTANCE)
-        return min(max(round(float(sensed)), 40), 2000)
 
     def _about_vertical(self, clockwise: float) -> tuple[float, float, float]:
         x, y, z = self._up

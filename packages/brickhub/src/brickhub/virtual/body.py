@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Protocol, runtime_checkable
+from typing import Protocol
 
 from brickhub.hub.link.profiles import LinkProfile
-from brickhub.robot import MotorKind, Robot, Sense
+from brickhub.robot import Robot, Sense
 from brickhub.virtual.stimuli import Sensed
 
 
@@ -41,6 +40,9 @@ class Body(Protocol):
     def set_voltage(self, port: str, voltage_mv: int | None) -> None:
         """Apply a voltage to a motor; ``None`` opens the circuit (coast)."""
 
+    def sensed(self, port: str, sense: Sense) -> Sensed:
+        """Present stimulus of the sensor on a port."""
+
     def distance_mm(self, port: str) -> int:
         """Reading of an ultrasonic sensor, 40..2000."""
 
@@ -58,38 +60,3 @@ class Body(Protocol):
 
     def rotation_deg(self) -> tuple[float, float, float]:
         """Angular velocity in the hub's frame, integrated since the start."""
-
-
-@runtime_checkable
-class SensingBody(Protocol):
-    """A body with other sensors."""
-
-    def sensed(self, port: str, sense: Sense) -> Sensed:
-        """Current stimulus of the sensor on a port."""
-
-
-@runtime_checkable
-class FittingBody(Protocol):
-    """A body that provides the devices that a program uses."""
-
-    motors: dict[str, MotorKind]
-    """Kind of motor by port letter."""
-
-    def plug_in(self, port: str, device: str) -> bool:
-        """Plug in a device of a class of ``pybricks.pupdevices``. Returns whether it is there now."""
-
-    def device(self, port: str) -> str | None:
-        """Class name of the device on a port."""
-
-    def block(self, port: str, direction: int) -> None:
-        """Something is in the way of a motor that runs until it stalls, clockwise (1) or counterclockwise (-1)."""
-
-    def put_on_wheels(self, turns: Mapping[str, float]) -> None:
-        """The hub rides on wheels that do not slip: degrees that it turns clockwise for one millidegree of each motor."""
-
-    def find_wheels(self, directions: Mapping[str, int]) -> None:
-        """The program reads the gyroscope without a drive base: positive directions of its motors, clockwise 1 or
-        counterclockwise -1, by port in order of creation."""
-
-    def mount(self, up: tuple[float, float, float]) -> None:
-        """In a robot with motors, up is this direction in the hub's frame."""

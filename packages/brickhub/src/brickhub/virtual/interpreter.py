@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
-from types import ModuleType
+from collections.abc import Callable, Collection, Mapping
+from types import MappingProxyType, ModuleType
 from typing import Any
 
 from brickhub.hub.transport import HubModule
@@ -13,15 +13,18 @@ from brickhub.virtual.micropython.exceptions import reword
 from brickhub.virtual.micropython.numbers import module
 from brickhub.virtual.micropython.streams import Console
 
+_NO_HOOKS: dict[str, Callable[..., Any]] = dict.fromkeys(("@turn", "@branch", "@element", "@callee"), lambda value: value)
+_NO_HOOKS["@tick"] = lambda: None
+
 
 class Modules(dict[str, ModuleType]):
     """Modules that a program can import, by name.
 
     Attributes:
-        tick: called at each iteration of a ``while`` loop, so that simulated time passes in one that does not wait.
-        turn: called with a value at each iteration of a ``for`` loop, and returns it.
-        branch: called with the value on which a program branches, and returns it.
-        callee: called with a function that may be calling itself, and returns it. Raises RuntimeError if the stack is full.
+        hooks: functions that the transformed program calls: ``@tick`` at each iteration of a ``while`` loop, so that simulated
+            time passes in one that does not wait; and some that return their argument: ``@turn`` at each iteration of a ``for``
+            loop, ``@branch`` and ``@element`` with the value on which a program branches, ``@callee`` with a function that may be
+            calling itself. That one raises RuntimeError if the stack is full.
         product: called after each product of floats, so that simulated time passes in a program that computes much.
         missing_builtins: builtin names that the hub does not have.
         find_module: returns a module of the program by its name, or ``None``.
@@ -31,15 +34,12 @@ class Modules(dict[str, ModuleType]):
     def __init__(
         self,
         modules: dict[str, ModuleType],
-        tick: Callable[[], None] = lambda: None,
-        turn: Callable[[Any], Any] = lambda value: value,
-        branch: Callable[[Any], Any] = lambda value: value,
-        callee: Callable[[Any], Any] = lambda function: function,
+        hooks: Mapping[str, Callable[..., Any]] = MappingProxyType({}),
         namespaces: list[dict[str, Any]] | None = None,
         missing_builtins: Collection[str] = (),
     ) -> None:
         super().__init__(modules)
-        self.tick, self.turn, self.branch, self.callee = tick, turn, branch, callee
+        self.hooks = {**_NO_HOOKS, **hooks}
         self.product: Callable[[], None] = lambda: None
         self.missing_builtins = missing_builtins
         self.find_module: Callable[[str], HubModule | None] = lambda name: None
@@ -77,9 +77,7 @@ def execute(source: str, filename: str, modules: dict[str, ModuleType], console:
             exec(compile_source(own_module.source, own_module.file), importable[name].__dict__)
         return importable[name]
 
-    hooks: dict[str, Callable[..., Any]] = {"@tick": importable.tick, "@callee": importable.callee}
-    hooks |= {"@branch": importable.branch, "@element": importable.branch, "@turn": importable.turn}
-    names = builtin_names(importable.namespaces, find_module, console, hooks, importable.missing_builtins)
+    names = builtin_names(importable.namespaces, find_module, console, importable.hooks, importable.missing_builtins)
     multiply = names["@mul"]
 
     def product(a: Any, b: Any) -> Any:

@@ -1,6 +1,6 @@
 """Behaviour of the devices of LEGO's kits of 2026 on a virtual robot: what they do on each command, and what they report.
 
-Motors are controlled as the firmware of a hub does. What LEGO does not publish is in ``hub/kit_estimates.py``.
+Motors are controlled as the firmware of a hub does. What LEGO does not publish is estimated, as docs/kits.md tells.
 """
 
 from __future__ import annotations
@@ -10,20 +10,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from math import trunc
 
-from brickhub.hub.kit_estimates import ACCELERATION_DEG_S2_PER_PCT, DEFAULT_SPEED_PCT, FULL_LEVER_DEG, FULL_SPEED_DEG_S
-from brickhub.hub.kit_protocol import (
-    FACES,
-    NO_COLOR,
-    Done,
-    EndState,
-    Message,
-    MotorState,
-    Product,
-    decode,
-    encode_answer,
-    encode_info,
-    encode_notification,
-)
+from brickhub.hub import kit_protocol as protocol
 from brickhub.hub.kit_radio import KitPart
 from brickhub.robot import Direction
 from brickhub.robot.spec import LOOKS
@@ -36,15 +23,10 @@ from brickhub.virtual.pybricks.parameters import nearest
 from brickhub.virtual.stimuli import Hsv
 
 Report = tuple[str, tuple[int, ...]]
-_THEN = {
-    EndState.DEFAULT: OnCompletion.BRAKE_SMART,
-    EndState.COAST: OnCompletion.COAST,
-    EndState.BRAKE: OnCompletion.BRAKE,
-    EndState.HOLD: OnCompletion.HOLD,
-    EndState.CONTINUE: OnCompletion.CONTINUE,
-    EndState.SMART_COAST: OnCompletion.COAST_SMART,
-    EndState.SMART_BRAKE: OnCompletion.BRAKE_SMART,
-}
+_Command = Callable[[protocol.Message], None]
+_END_STATES = ("COAST", "BRAKE", "HOLD", "CONTINUE", "COAST_SMART", "BRAKE_SMART", "BRAKE_SMART")
+"""What a motor does after a move, by the number of the end state; the last one is that of -1."""
+_DEFAULT_SPEED_PCT, _ACCELERATION_DEG_S2_PER_PCT, _FULL_LEVER_DEG = 50, 100, 45
 _LEFT, _RIGHT = 1, 2
 _FORWARD, _BACKWARD, _TO_LEFT = 0, 1, 2
 _COUNTERCLOCKWISE, _SHORTEST = 1, 2
@@ -55,8 +37,8 @@ _LONGEST_TIMED_MS = 20_000
 _FULL_MV, _EMPTY_MV = 8300, 6000
 _MG_PER_MM_S2 = 1000 / 9810
 _DETECTABLE: Mapping[int, Hsv] = {
-    NO_COLOR: (0, 0, 0), 1: (300, 100, 100), 2: (270, 100, 100), 3: (240, 100, 100), 4: (200, 100, 100), 5: (170, 100, 100),
-    6: (120, 100, 100), 7: (60, 100, 100), 8: (30, 100, 100), 9: (0, 100, 100), 10: (0, 0, 100),
+    protocol.NO_COLOR: (0, 0, 0), 1: (300, 100, 100), 2: (270, 100, 100), 3: (240, 100, 100), 4: (200, 100, 100),
+    5: (170, 100, 100), 6: (120, 100, 100), 7: (60, 100, 100), 8: (30, 100, 100), 9: (0, 100, 100), 10: (0, 0, 100),
 }  # fmt: skip
 
 
@@ -69,7 +51,7 @@ class KitDevice:
         is_connected: whether a computer is connected to it.
     """
 
-    product: Product
+    product: protocol.Product
 
     def __init__(self, machine: Machine, part: KitPart) -> None:
         self.part, self.address = part, f"virtual-{part.ports or 'controller'}"
@@ -78,12 +60,13 @@ class KitDevice:
         self.is_connected = False
         self._machine = machine
         self._period_ms = self._due_ms = 0
-        self._commands: dict[str, Callable[[Message], None]] = {
-            "info": lambda _: self.outbox.append(encode_info(self.product)),
+        self._later: dict[str, _Command] = {
+            "info": lambda _: self.outbox.append(protocol.encode_info(self.product)),
             "uuid": lambda message: self.outbox.append(bytes((message.answer_number, *self.address.encode()[-8:].rjust(8)))),
             "notifications": self._notify,
-            **dict.fromkeys(("program_flow", "light", "beep", "stop_sound"), self._accept),
         }
+        """Commands that have an answer of their own, or at their end; the others are accepted at once."""
+        self._commands: dict[str, _Command] = dict.fromkeys(("program_flow", "light", "beep", "stop_sound"), lambda _: None)
 
     def connect(self) -> None:
         """A computer connects: it takes commands from now on, and knows nothing of earlier ones."""
@@ -96,50 +79,50 @@ class KitDevice:
 
     def receive(self, packet: bytes) -> None:
         """Obey a packet. Raises HubProtocolError if it holds a message that no device knows."""
-        for message in decode(packet):
-            command = self._commands.get(message.name)
+        for message in protocol.decode(packet):
+            command = self._later.get(message.name) or self._commands.get(message.name)
             try:
                 if command is None:
                     raise RefusedError("no such command")
                 command(message)
             except (RefusedError, UnavailableError):
-                self._answer(message, Done.REFUSED)
+                self._answer(message, protocol.Done.REFUSED)
+            else:
+                if message.name in self._commands:
+                    self._answer(message)
 
     def update(self) -> None:
         """What is due after a control step: ends of moves, and a notification."""
         if self._period_ms and self._machine.time_ms >= self._due_ms:
             self._due_ms = self._machine.time_ms + self._period_ms
-            self.outbox.append(encode_notification(self._reports()))
+            self.outbox.append(protocol.encode_notification(self._reports()))
 
     def _reports(self) -> list[Report]:
         battery_pct = 100 * (self._machine.body.battery_mv - _EMPTY_MV) // (_FULL_MV - _EMPTY_MV)
-        return [("info", (_clamp(battery_pct, 0, 100), 0)), ("card", (NO_COLOR, 0)), ("button", (0,))]
+        return [("info", (_clamp(battery_pct, 0, 100), 0)), ("card", (protocol.NO_COLOR, 0)), ("button", (0,))]
 
-    def _notify(self, message: Message) -> None:
-        self._accept(message)
+    def _notify(self, message: protocol.Message) -> None:
+        self._answer(message)
         self._period_ms, self._due_ms = message.values["delay_ms"], self._machine.time_ms
         KitDevice.update(self)
 
-    def _accept(self, message: Message) -> None:
-        self._answer(message, Done.COMPLETED)
-
-    def _answer(self, message: Message, status: int) -> None:
-        self.outbox.append(encode_answer(message.answer_number, status, message.values.get("motors")))
+    def _answer(self, message: protocol.Message, status: int = protocol.Done.COMPLETED) -> None:
+        self.outbox.append(protocol.encode_answer(message.answer_number, status, message.values.get("motors")))
 
 
 @dataclass
 class _Drive:
     """Settings of a motor, or of both as a pair."""
 
-    speed_pct: int = DEFAULT_SPEED_PCT
-    then: OnCompletion = _THEN[EndState.DEFAULT]
+    speed_pct: int = _DEFAULT_SPEED_PCT
+    then: OnCompletion = OnCompletion.BRAKE_SMART
 
 
 @dataclass(frozen=True)
 class _Move:
     """Command whose motors, by their bits, still move."""
 
-    message: Message
+    message: protocol.Message
     bits: frozenset[int]
     is_done: Callable[[], bool]
 
@@ -147,7 +130,7 @@ class _Move:
 class SingleMotor(KitDevice):
     """Device with a motor on each of its ports, in the order of their bits."""
 
-    product = Product.SINGLE_MOTOR
+    product = protocol.Product.SINGLE_MOTOR
 
     def __init__(self, machine: Machine, part: KitPart) -> None:
         super().__init__(machine, part)
@@ -155,15 +138,17 @@ class SingleMotor(KitDevice):
         self._drives = {bit: _Drive() for bit in self._servos}
         self._moves: list[_Move] = []
         self._endless: dict[int, float] = {}
-        self._commands |= {
-            "reset_position": self._reset_position,
+        self._later |= {
             "run": self._run,
             "run_for_time": lambda m: self._run(m, time_ms=m.values["time_ms"]),
             "run_for_degrees": lambda m: self._run(m, lambda _: m.values["degrees"]),
             "run_to_absolute": self._run_to_absolute,
             "run_to_relative": lambda m: self._run_by(m, lambda servo: m.values["position"] - servo.angle_deg()),
-            "set_duty": self._set_duty,
-            "stop": lambda m: self._stop(m, self._named(m)),
+        }
+        self._commands |= {
+            "reset_position": lambda m: self._set(m, lambda servo: servo.reset_angle(m.values["position"])),
+            "set_duty": lambda m: self._set(m, lambda servo: servo.dc(trunc(m.values["duty"] / 100))),
+            "stop": lambda m: self._stop(self._named(m)),
             "set_speed": lambda m: self._set_speed(m, self._named(m)),
             "set_end_state": lambda m: self._set_end_state(m, self._named(m)),
             "set_acceleration": lambda m: self._set_acceleration(m, self._named(m)),
@@ -187,7 +172,7 @@ class SingleMotor(KitDevice):
             is_stalled = any(self._servos[bit].is_stalled() for bit in move.bits)
             if is_stalled or move.is_done():
                 self._moves.remove(move)
-                self._answer(move.message, Done.INTERRUPTED if is_stalled else Done.COMPLETED)
+                self._answer(move.message, protocol.Done.INTERRUPTED if is_stalled else protocol.Done.COMPLETED)
         super().update()
 
     def _reports(self) -> list[Report]:
@@ -196,24 +181,24 @@ class SingleMotor(KitDevice):
     def _motor_report(self, bit: int) -> tuple[int, ...]:
         servo = self._servos[bit]
         voltage_mv, battery_mv = servo.voltage_mv, self._machine.body.battery_mv
-        state = MotorState.READY
+        state = protocol.MotorState.READY
         if voltage_mv is not None and servo.is_stalled():
-            state = MotorState.STALLED
+            state = protocol.MotorState.STALLED
         elif servo.control.is_active:
-            state = MotorState.HOLDING if servo.is_done() else MotorState.RUNNING
+            state = protocol.MotorState.HOLDING if servo.is_done() else protocol.MotorState.RUNNING
         elif voltage_mv:
-            state = MotorState.DUTY
+            state = protocol.MotorState.DUTY
         absolute = self._machine.body.angle_mdeg(servo.port) % 360_000 // 1000
-        speed_pct = _clamp(100 * servo.speed_deg_s() / FULL_SPEED_DEG_S, -128, 127)
+        speed_pct = _clamp(100 * servo.speed_deg_s() / protocol.FULL_SPEED_DEG_S, -128, 127)
         return bit, state, absolute, trunc((voltage_mv or 0) * 10_000 / battery_mv), speed_pct, servo.angle_deg(), _NO_GESTURE
 
-    def _named(self, message: Message) -> dict[int, _Drive]:
+    def _named(self, message: protocol.Message) -> dict[int, _Drive]:
         """The motors that a message names, and their settings."""
         return {bit: drive for bit, drive in self._drives.items() if bit & message.values["motors"]}
 
     def _start(
         self,
-        message: Message,
+        message: protocol.Message,
         drives: Mapping[int, _Drive],
         shares: Mapping[int, float],
         *,
@@ -227,7 +212,7 @@ class SingleMotor(KitDevice):
             until = self._stop_after(time_ms, drives)
             time_ms = None
         for bit, drive in drives.items():
-            servo, speed = self._servos[bit], round(shares[bit] * drive.speed_pct * FULL_SPEED_DEG_S / 100)
+            servo, speed = self._servos[bit], round(shares[bit] * drive.speed_pct * protocol.FULL_SPEED_DEG_S / 100)
             if time_ms is not None:
                 servo.run_time(speed, time_ms, drive.then)
             elif angle_deg is not None:
@@ -238,7 +223,7 @@ class SingleMotor(KitDevice):
             until = lambda: all(self._servos[bit].is_done() for bit in drives)  # noqa: E731
         if until is None:
             self._endless.update((bit, shares[bit]) for bit in drives)
-            self._accept(message)
+            self._answer(message)
         else:
             self._moves.append(_Move(message, frozenset(drives), until))
 
@@ -262,22 +247,24 @@ class SingleMotor(KitDevice):
         chosen = set(bits)
         for move in [move for move in self._moves if move.bits & chosen]:
             self._moves.remove(move)
-            self._answer(move.message, Done.INTERRUPTED)
+            self._answer(move.message, protocol.Done.INTERRUPTED)
         for bit in chosen:
             self._endless.pop(bit, None)
 
-    def _run(self, message: Message, angle_deg: Callable[[int], float] | None = None, time_ms: int | None = None) -> None:
+    def _run(
+        self, message: protocol.Message, angle_deg: Callable[[int], float] | None = None, time_ms: int | None = None
+    ) -> None:
         drives = self._named(message)
         share = -1.0 if message.values["direction"] == _COUNTERCLOCKWISE else 1.0
         self._start(message, drives, dict.fromkeys(drives, share), time_ms=time_ms, angle_deg=angle_deg)
 
-    def _run_by(self, message: Message, angle_deg: Callable[[Servo], float]) -> None:
+    def _run_by(self, message: protocol.Message, angle_deg: Callable[[Servo], float]) -> None:
         """Turn each motor by an angle at the magnitude of its speed."""
         drives = self._named(message)
         shares = {bit: math.copysign(1.0, drive.speed_pct) for bit, drive in drives.items()}
         self._start(message, drives, shares, angle_deg=lambda bit: angle_deg(self._servos[bit]))
 
-    def _run_to_absolute(self, message: Message) -> None:
+    def _run_to_absolute(self, message: protocol.Message) -> None:
         def angle_deg(servo: Servo) -> float:
             clockwise = (message.values["position"] - self._machine.body.angle_mdeg(servo.port) / 1000) % 360.0
             ways = (clockwise, clockwise - 360.0)
@@ -286,69 +273,61 @@ class SingleMotor(KitDevice):
 
         self._run_by(message, angle_deg)
 
-    def _reset_position(self, message: Message) -> None:
+    def _set(self, message: protocol.Message, change: Callable[[Servo], None]) -> None:
+        """Change each motor, which ends what it does."""
         self._interrupt(self._named(message))
         for bit in self._named(message):
-            self._servos[bit].reset_angle(message.values["position"])
-        self._accept(message)
+            change(self._servos[bit])
 
-    def _set_duty(self, message: Message) -> None:
-        self._interrupt(self._named(message))
-        for bit in self._named(message):
-            self._servos[bit].dc(trunc(message.values["duty"] / 100))
-        self._accept(message)
-
-    def _stop(self, message: Message, drives: Mapping[int, _Drive]) -> None:
+    def _stop(self, drives: Mapping[int, _Drive]) -> None:
         self._interrupt(drives)
         self._halt(drives)
-        self._accept(message)
 
-    def _set_speed(self, message: Message, drives: Mapping[int, _Drive]) -> None:
+    def _set_speed(self, message: protocol.Message, drives: Mapping[int, _Drive]) -> None:
         for bit, drive in drives.items():
             drive.speed_pct = message.values["speed"]
             if bit in self._endless:
-                self._servos[bit].run(round(self._endless[bit] * drive.speed_pct * FULL_SPEED_DEG_S / 100))
-        self._accept(message)
+                self._servos[bit].run(round(self._endless[bit] * drive.speed_pct * protocol.FULL_SPEED_DEG_S / 100))
 
-    def _set_end_state(self, message: Message, drives: Mapping[int, _Drive]) -> None:
+    def _set_end_state(self, message: protocol.Message, drives: Mapping[int, _Drive]) -> None:
         for drive in drives.values():
-            drive.then = _THEN[EndState(message.values["end_state"])]
-        self._accept(message)
+            drive.then = OnCompletion[_END_STATES[message.values["end_state"]]]
 
-    def _set_acceleration(self, message: Message, drives: Mapping[int, _Drive]) -> None:
-        rates = (max(message.values[name], 1) * ACCELERATION_DEG_S2_PER_PCT for name in ("acceleration", "deceleration"))
+    def _set_acceleration(self, message: protocol.Message, drives: Mapping[int, _Drive]) -> None:
+        rates = (max(message.values[name], 1) * _ACCELERATION_DEG_S2_PER_PCT for name in ("acceleration", "deceleration"))
         acceleration, deceleration = rates
         for bit in drives:
             settings = self._servos[bit].settings
             speed, _, _, torque = settings.limits()
             settings.set_limits(speed, acceleration, deceleration, torque)
-        self._accept(message)
 
 
 class DoubleMotor(SingleMotor):
     """Device with two motors, left and right, that also moves both as a pair, and with an IMU."""
 
-    product = Product.DOUBLE_MOTOR
+    product = protocol.Product.DOUBLE_MOTOR
 
     def __init__(self, machine: Machine, part: KitPart) -> None:
         super().__init__(machine, part)
         self._pair = dict.fromkeys((_LEFT, _RIGHT), _Drive())
         self._steering_pct = 100
         self._yaw_face, self._yaw_offset = 0, 0.0
-        self._commands |= {
+        self._later |= {
             "move": lambda m: self._start(m, self._pair, self._shares(m)),
             "move_for_time": lambda m: self._start(m, self._pair, self._shares(m), time_ms=m.values["time_ms"]),
             "move_for_degrees": lambda m: self._start(m, self._pair, self._shares(m), angle_deg=lambda _: m.values["degrees"]),
             "tank": lambda m: self._tank(m, None),
             "tank_for_degrees": lambda m: self._tank(m, m.values["degrees"]),
             "turn_for_degrees": self._turn,
-            "stop_moving": lambda m: self._stop(m, self._pair),
+        }
+        self._commands |= {
+            "stop_moving": lambda _: self._stop(self._pair),
             "set_move_speed": lambda m: self._set_speed(m, self._pair),
             "set_move_end_state": lambda m: self._set_end_state(m, self._pair),
             "set_move_acceleration": lambda m: self._set_acceleration(m, self._pair),
             "set_steering": self._set_steering,
             "set_yaw_face": self._set_yaw_face,
-            "reset_yaw": self._reset_yaw,
+            "reset_yaw": lambda m: self._set_yaw(m.values["yaw"]),
         }
 
     def connect(self) -> None:
@@ -361,7 +340,7 @@ class DoubleMotor(SingleMotor):
     def _imu_report(self) -> tuple[int, ...]:
         body = self._machine.body
         force, spin = body.acceleration_mm_s2(), body.angular_velocity_deg_s()
-        face = max(range(len(FACES)), key=lambda index: _along(force, index))
+        face = max(range(len(protocol.FACES)), key=lambda index: _along(force, index))
         yaw = (self._turned() + self._yaw_offset + 180) % 360 - 180
         angles = (yaw, *body.tilt_deg(), *(_MG_PER_MM_S2 * value for value in force), *spin)
         return face, self._yaw_face, *(_clamp(angle, -32768, 32767) for angle in angles)
@@ -373,20 +352,14 @@ class DoubleMotor(SingleMotor):
     def _set_yaw(self, yaw_deg: int) -> None:
         self._yaw_offset = yaw_deg - self._turned()
 
-    def _reset_yaw(self, message: Message) -> None:
-        self._set_yaw(message.values["yaw"])
-        self._accept(message)
-
-    def _set_yaw_face(self, message: Message) -> None:
-        self._yaw_face = message.values["face"] % len(FACES)
+    def _set_yaw_face(self, message: protocol.Message) -> None:
+        self._yaw_face = message.values["face"] % len(protocol.FACES)
         self._set_yaw(0)
-        self._accept(message)
 
-    def _set_steering(self, message: Message) -> None:
+    def _set_steering(self, message: protocol.Message) -> None:
         self._steering_pct = message.values["steering"]
-        self._accept(message)
 
-    def _shares(self, message: Message) -> dict[int, float]:
+    def _shares(self, message: protocol.Message) -> dict[int, float]:
         """Shares of the speed for a direction; the left motor is mounted the other way round."""
         direction = message.values["direction"]
         ahead = {_FORWARD: (1.0, 1.0), _BACKWARD: (-1.0, -1.0)}
@@ -394,7 +367,7 @@ class DoubleMotor(SingleMotor):
         left, right = ahead.get(direction, (inner, 1.0) if direction == _TO_LEFT else (1.0, inner))
         return {_LEFT: -left, _RIGHT: right}
 
-    def _tank(self, message: Message, degrees: int | None) -> None:
+    def _tank(self, message: protocol.Message, degrees: int | None) -> None:
         """Move at two speeds, by ``degrees`` of the faster motor."""
         shares = {_LEFT: -message.values["left"] / 100, _RIGHT: message.values["right"] / 100}
         fastest = max(map(abs, shares.values())) or 1.0
@@ -402,7 +375,7 @@ class DoubleMotor(SingleMotor):
         by = None if degrees is None else lambda bit: degrees * abs(shares[bit]) / fastest
         self._start(message, drives, shares, angle_deg=by)
 
-    def _turn(self, message: Message) -> None:
+    def _turn(self, message: protocol.Message) -> None:
         """Turn by the IMU: slow down where the rest of the turn is as long as that takes, and stop."""
         start_deg, wanted_deg = self._turned(), abs(message.values["degrees"])
         if message.values["degrees"] < 0:
@@ -433,16 +406,15 @@ class DoubleMotor(SingleMotor):
 class ColorSensor(KitDevice):
     """Color sensor on a port."""
 
-    product = Product.COLOR_SENSOR
+    product = protocol.Product.COLOR_SENSOR
 
     def __init__(self, machine: Machine, part: KitPart) -> None:
         super().__init__(machine, part)
         self._plug, self._mode = Plug(machine, part.ports), _DETECT
         self._commands["set_color_mode"] = self._set_mode
 
-    def _set_mode(self, message: Message) -> None:
+    def _set_mode(self, message: protocol.Message) -> None:
         self._mode = message.values["mode"]
-        self._accept(message)
 
     def _reports(self) -> list[Report]:
         return [*super()._reports(), ("color", (*self._seen(), self._mode))]
@@ -451,30 +423,33 @@ class ColorSensor(KitDevice):
         """Color, reflection, raw red, green and blue, hue, saturation, value."""
         if self._mode != _DETECT:
             ambient_pct = round(self._plug.ambient_pct()) if self._mode == _AMBIENT else 0
-            return NO_COLOR, 0, 0, 0, 0, 0, 0, ambient_pct
+            return protocol.NO_COLOR, 0, 0, 0, 0, 0, 0, ambient_pct
         raw, hsv = self._plug.raw_rgb(False), self._plug.reflected_hsv(False)
         index = nearest(hsv, list(_DETECTABLE.values()))
-        color = NO_COLOR if index is None else list(_DETECTABLE)[index]
+        color = protocol.NO_COLOR if index is None else list(_DETECTABLE)[index]
         return color, sum(raw) * 100 // 3072, *(min(value // 4, 255) for value in raw), *hsv
 
 
 class Controller(KitDevice):
     """Two levers in a person's hands. ``levers_pct``: their positions, left and right, -100 to 100."""
 
-    product = Product.CONTROLLER
+    product = protocol.Product.CONTROLLER
 
     def __init__(self, machine: Machine, part: KitPart) -> None:
         super().__init__(machine, part)
         self.levers_pct = (0, 0)
 
     def _reports(self) -> list[Report]:
-        degrees = (round(lever * FULL_LEVER_DEG / 100) for lever in self.levers_pct)
+        degrees = (round(lever * _FULL_LEVER_DEG / 100) for lever in self.levers_pct)
         return [*super()._reports(), ("controller", (*self.levers_pct, *degrees))]
 
 
 def devices_of(machine: Machine, parts: Iterable[KitPart]) -> list[KitDevice]:
     """The devices of a robot, and a Controller."""
-    return [*(_KINDS[part.product](machine, part) for part in parts), Controller(machine, KitPart(Product.CONTROLLER, ""))]
+    return [
+        *(_KINDS[part.product](machine, part) for part in parts),
+        Controller(machine, KitPart(protocol.Product.CONTROLLER, "")),
+    ]
 
 
 _KINDS = {kind.product: kind for kind in (SingleMotor, DoubleMotor, ColorSensor)}
@@ -482,7 +457,7 @@ _KINDS = {kind.product: kind for kind in (SingleMotor, DoubleMotor, ColorSensor)
 
 def _along(vector: tuple[float, float, float], face: int) -> float:
     """Component of a vector in the axes of a device out of one of its faces."""
-    return sum(a * b for a, b in zip(vector, LOOKS[FACES[face]], strict=True))
+    return sum(a * b for a, b in zip(vector, LOOKS[protocol.FACES[face]], strict=True))
 
 
 def _clamp(value: float, low: int, high: int) -> int:

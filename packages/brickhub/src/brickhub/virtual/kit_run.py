@@ -62,7 +62,9 @@ def run_kit_file(
     VirtualTransport.in_reach.append(kit)
     try:
         with _surroundings(path, kit):
-            kit.run(lambda: _execute(source, path), time_limit_s)
+            code = compile(source, str(path), "exec")
+            namespace = {"__name__": "__main__", "__file__": str(path), "exit": sys.exit, "quit": sys.exit}
+            kit.run(lambda: exec(code, namespace), time_limit_s)  # noqa: S102  the user's program
     except ProgramStopped:
         stderr.write("The program was stopped (SystemExit).\n")
     except HubTimeoutError:
@@ -102,11 +104,6 @@ def _kit(body: Body | None, operation: Operation) -> VirtualKit:
         bench.plug_in(port, device)
     bench.put_on_wheels(dict.fromkeys("AB", _TURN_PER_MDEG))
     return VirtualKit(bench, realtime=operation.realtime, sensor_ports=[p for p, name in BENCH_PORTS.items() if name != "Motor"])
-
-
-def _execute(source: str, path: Path) -> None:
-    namespace = {"__name__": "__main__", "__file__": str(path), "exit": sys.exit, "quit": sys.exit}
-    exec(compile(source, str(path), "exec"), namespace)  # noqa: S102  the user's program
 
 
 @contextmanager

@@ -1,6 +1,7 @@
 """Virtual devices as a Bluetooth transport of LEGO's package ``legoeducation``, which is not changed by it.
 
-Importing this module needs the package (extra ``legoeducation``; BUSL-1.1). Its coroutines run in the package's own thread.
+Importing this module needs the package (extra ``legoeducation``; BUSL-1.1), which finds virtual devices from its first use on,
+once this transport is registered. Its coroutines run in the package's own thread.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from legoeducation.basic_ble import BasicBLE
-from legoeducation.ble_transport import BLETransport, register_transport
+from legoeducation.ble_transport import BLETransport
 
 
 class VirtualTransport(BLETransport):  # type: ignore[misc]  # the package has no types
@@ -71,8 +72,3 @@ class VirtualTransport(BLETransport):  # type: ignore[misc]  # the package has n
 
 def _is_virtual(device: Any) -> bool:
     return str(device.address).startswith("virtual-")
-
-
-def use_virtual_devices() -> None:
-    """Let LEGO's package find virtual devices in this process, from its first use on."""
-    register_transport(VirtualTransport)

@@ -12,10 +12,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from brickhub.virtual.body import Body, FittingBody
+from brickhub.errors import UnknownNameError, hint
+from brickhub.virtual.bench_body import FittedBench
+from brickhub.virtual.body import Body
 from brickhub.virtual.firmware.drive_base import DriveBaseControl, GyroHeading
 from brickhub.virtual.firmware.servo import Servo
-from brickhub.virtual.firmware_version import FIRMWARE_VERSIONS, NEWEST
 from brickhub.virtual.micropython.exceptions import SwitchedOff
 from brickhub.virtual.panel import Panel
 from brickhub.virtual.run_log import RunLog
@@ -28,6 +29,38 @@ CONTROL_LOOP_MS = 5
 _FREE_CALLS = 200
 _CALLS_PER_MS = 100
 _AFTER_LOOP_TICKS = 10
+
+
+@dataclass(frozen=True)
+class FirmwareVersion:
+    """What distinguishes a version to a program.
+
+    Attributes:
+        version, build: what ``pybricks.version`` tells.
+        takes_packets: whether the input buffer takes at least a whole packet (since 4.1: pybricks/support#2788).
+        has_hub_network: whether ``pybricks.messaging`` has ``HubNetwork``.
+    """
+
+    version: str
+    build: str
+    takes_packets: bool = False
+    has_hub_network: bool = False
+
+
+FIRMWARE_VERSIONS = {
+    "4.1": FirmwareVersion("4.1.0", "v4.1.0 on 2026-10-12", takes_packets=True, has_hub_network=True),
+    "4.0": FirmwareVersion("4.0.1", "v4.0.1 on 2026-06-23"),
+}
+"""Stable versions, the newest first."""
+NEWEST = "4.1"
+
+
+def firmware_version(name: str) -> FirmwareVersion:
+    """The version of that name. Raises UnknownNameError if it is not played."""
+    if name not in FIRMWARE_VERSIONS:
+        known = ", ".join(FIRMWARE_VERSIONS)
+        raise UnknownNameError(f"the virtual hub plays no firmware '{name}'{hint(name, FIRMWARE_VERSIONS)}; choose {known}")
+    return FIRMWARE_VERSIONS[name]
 
 
 class Pace:
@@ -96,7 +129,7 @@ class Machine:
         self.alarm_ms: int | None = None
         self.on_alarm: Callable[[], None] = lambda: None
         self.heading = GyroHeading(body)
-        fitted = body.motors if isinstance(body, FittingBody) else {}
+        fitted = body.motors if isinstance(body, FittedBench) else {}
         kinds = {motor.port: motor.kind for motor in body.robot.motors} | fitted
         self.servos = {port: Servo(kind, port, body, self) for port, kind in kinds.items()}
         self.drive_bases: list[DriveBaseControl] = []
@@ -111,8 +144,8 @@ class Machine:
         return self.time_ms + self._is_ahead
 
     def plug_in(self, port: str, device: str) -> bool:
-        """Plug a device into a :class:`FittingBody`; returns whether it is on the port now."""
-        if not (isinstance(self.body, FittingBody) and self.body.plug_in(port, device)):
+        """Plug a device into a :class:`FittedBench`; returns whether it is on the port now."""
+        if not (isinstance(self.body, FittedBench) and self.body.plug_in(port, device)):
             return False
         if port in self.body.motors and port not in self.servos:
             self.servos[port] = Servo(self.body.motors[port], port, self.body, self)
@@ -122,7 +155,7 @@ class Machine:
         """A drive base in the control loop. Raises ValueError and OSError as :class:`DriveBaseControl`."""
         base = DriveBaseControl(left, right, wheel_diameter_um, axle_track_um, self.heading)
         self.drive_bases.append(base)
-        if isinstance(self.body, FittingBody):
+        if isinstance(self.body, FittedBench):
             turn = wheel_diameter_um / (2 * axle_track_um * left.settings.steps_per_unit)
             self.body.put_on_wheels({left.port: turn * left.direction, right.port: -turn * right.direction})
         return base
@@ -219,10 +252,6 @@ class Machine:
         """One iteration of a loop that may not wait."""
         self.turn(None)
         self.charge_call()
-
-    def advance_to_control(self) -> None:
-        """Let time pass until the next control loop, at which moves end."""
-        self.advance(CONTROL_LOOP_MS - self.time_ms % CONTROL_LOOP_MS)
 
     def charge_call(self) -> None:
         """Count a call that takes no simulated time; time passes after many of them."""

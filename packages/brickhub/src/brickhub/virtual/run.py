@@ -16,16 +16,15 @@ from types import FrameType
 from typing import BinaryIO, TextIO
 
 from brickhub.errors import TwinError
-from brickhub.hub.program.run_program import check_time_limit, folder_with_module, load_program, read_program
+from brickhub.hub.program.run_program import check_time_limit, folder_with_module, load_program
 from brickhub.hub.program.syntax import parse
 from brickhub.hub.transport import HubProgram, as_typed
 from brickhub.robot import HubKind, MotorKind, SensorKind
 from brickhub.virtual.bench_body import FittedBench
 from brickhub.virtual.body import Body
-from brickhub.virtual.firmware_version import NEWEST, firmware_version
 from brickhub.virtual.given_readings import GivenReading
 from brickhub.virtual.interpreter import execute
-from brickhub.virtual.machine import Machine, Pace
+from brickhub.virtual.machine import NEWEST, Machine, Pace, firmware_version
 from brickhub.virtual.micropython.compiler import compile_source
 from brickhub.virtual.micropython.exceptions import HostStop, SwitchedOff, class_name, is_program_error
 from brickhub.virtual.micropython.text import format_traceback
@@ -155,11 +154,11 @@ def run_file(
     operation = operation or Operation()
     path = Path(path)
     stdout, stderr = stdout or sys.stdout.buffer, stderr or sys.stderr
-    source = read_program(path)
+    program = load_program(path)
     check_time_limit(time_limit_s)
     firmware = firmware_version(operation.firmware)
     if body is None:
-        hub = _imported_hub(load_program(path))
+        hub = _imported_hub(program)
         given = (operation.readings, operation.end_stops, operation.devices)
         body = FittedBench(hub, *given, report=lambda line: stderr.write(f"{line}\n"))
         machine = Machine(body, Panel(hub, operation.presses, near=WIRELESS))
@@ -178,7 +177,7 @@ def run_file(
     if operation.attend is not None:
         operation.attend(machine)
     console = StreamConsole(machine, stdin, stdout)
-    return _run(source, path, machine, console, stdout, stderr)
+    return _run(program, path, machine, console, stdout, stderr)
 
 
 def _imported_hub(program: HubProgram) -> HubKind:
@@ -197,15 +196,14 @@ def _imported_hub(program: HubProgram) -> HubKind:
     return HubKind.PRIME
 
 
-def _run(source: str, path: Path, machine: Machine, console: StreamConsole, stdout: BinaryIO, stderr: TextIO) -> int:
+def _run(program: HubProgram, path: Path, machine: Machine, console: StreamConsole, stdout: BinaryIO, stderr: TextIO) -> int:
     try:
         importable = modules(machine, console)
-        own = {module.name: module for module in load_program(path).modules}
-        importable.find_module = own.get
-        for module in own.values():  # packed with the program, before it runs
+        importable.find_module = {module.name: module for module in program.modules}.get
+        for module in program.modules:  # packed with the program, before it runs
             with suppress(OverflowError):  # which a hub finds when it loads the module
                 compile_source(module.source, module.file)
-        execute(source, path.name, importable, console)
+        execute(program.source, path.name, importable, console)
     except (SystemExit, ProgramStopped) as end:
         name = class_name(type(end)) if isinstance(end, SystemExit) else SystemExit.__name__
         stderr.write(f"The program was stopped ({name}).\n")
@@ -216,7 +214,7 @@ def _run(source: str, path: Path, machine: Machine, console: StreamConsole, stdo
     except BaseException as error:
         if not (is_program_error(error) or isinstance(error, KeyboardInterrupt)):
             raise
-        stderr.write(format_traceback(error, path.name) + _module_hint(error, path) + _typing_hint(error, source))
+        stderr.write(format_traceback(error, path.name) + _module_hint(error, path) + _typing_hint(error, program.source))
         return 1
     finally:
         machine.stop_motors()

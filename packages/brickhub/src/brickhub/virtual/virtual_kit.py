@@ -8,15 +8,15 @@ for a command or in a sleep. So a run is reproducible; a program that does neith
 from __future__ import annotations
 
 import asyncio
+import concurrent.futures
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable
 from typing import Any, TypeVar
 
 from brickhub.errors import HubNotFoundError, HubTimeoutError
-from brickhub.hub.kit_estimates import SUPERVISION_S
-from brickhub.hub.kit_radio import KitPart, outcome_of, parts
-from brickhub.hub.lego_package import lego_package
+from brickhub.hub.kit_protocol import SUPERVISION_S
+from brickhub.hub.kit_radio import KitPart, lego_package, parts, settle
 from brickhub.hub.link.profiles import LinkProfile
 from brickhub.virtual.body import Body, Rng
 from brickhub.virtual.kit_device import KitDevice, devices_of
@@ -28,10 +28,6 @@ _IDLE_S = 1.0
 """Time without a call after which a program is taken to poll: long, as another program may have the processor."""
 _TURNS = 6
 """Turns of the package's loop in which a call that has its answer ends."""
-
-
-class StoppedByWorld(SystemExit):
-    """The program is to end: the time limit, or Ctrl-C."""
 
 
 class Peer:
@@ -149,9 +145,11 @@ class VirtualKit:
     def attach(self) -> None:
         """Let LEGO's package find virtual devices. Raises MediumUnavailableError if it is not installed."""
         lego_package()
-        from brickhub.virtual.lego_transport import use_virtual_devices
+        from legoeducation.ble_transport import register_transport
 
-        use_virtual_devices()
+        from brickhub.virtual.lego_transport import VirtualTransport
+
+        register_transport(VirtualTransport)
 
     def search(self, part: KitPart) -> dict[str, Any]:
         """Arguments of ``connect`` in LEGO's package: the device itself. Raises HubNotFoundError if it is out of reach."""
@@ -179,9 +177,9 @@ class VirtualKit:
         return (self.machine.time_ms // interval_ms + 1) * interval_ms if interval_ms else self.machine.time_ms
 
     def check_stopped(self) -> None:
-        """Raise :class:`StoppedByWorld` in a program that is to end."""
+        """Raise SystemExit in a program that is to end, at the time limit or by Ctrl-C."""
         if self._is_stopped:
-            raise StoppedByWorld
+            raise SystemExit
 
     # ---- the world, in the thread that calls
 
@@ -196,10 +194,10 @@ class VirtualKit:
     def run(self, function: Callable[[], _T], limit_s: float | None = None) -> _T:
         """Run a function that uses LEGO's package, in a thread; the world goes on while it waits. Returns what it returns, and
         raises what it raises, HubTimeoutError after ``limit_s``."""
-        outcome: list[Callable[[], _T]] = []
+        future: concurrent.futures.Future[_T] = concurrent.futures.Future()
 
         def work() -> None:
-            outcome.append(outcome_of(function))
+            settle(future, function)
             with self.awake:
                 self.wake()
 
@@ -207,14 +205,14 @@ class VirtualKit:
         limit_ms = None if limit_s is None else self.machine.time_ms + limit_s * 1000
         threading.Thread(target=work, name="program", daemon=True).start()
         try:
-            while not outcome:
+            while not future.done():
                 self._go_on()
-                if limit_ms is not None and self.machine.time_ms >= limit_ms and not outcome:
+                if limit_ms is not None and self.machine.time_ms >= limit_ms and not future.done():
                     raise HubTimeoutError(f"nothing answered within {limit_s:g} s; check that the devices are on and near")
         except BaseException:
             self._stop_program()
             raise
-        return outcome[0]()
+        return future.result()
 
     def _go_on(self) -> None:
         """Let time pass if the program waits; else wait for what it does next, or if it does nothing, let real time pass."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import random
 import sys
 import threading
 from collections import deque
@@ -15,8 +16,8 @@ from collections.abc import Callable
 
 from greenlet import getcurrent, greenlet
 
-from brickhub.errors import HubError, HubProgramError, TwinError
-from brickhub.hub.link.profiles import LinkProfile
+from brickhub.errors import HubError, HubProgramError, ProgramStoppedError, TwinError
+from brickhub.hub.link.profiles import BURST_LOSS, PAUSE_MS, LinkProfile
 from brickhub.hub.program.run_program import describe_traceback
 from brickhub.hub.transport import HubProgram, Pipe, app_data_slot
 from brickhub.virtual import interpreter
@@ -25,7 +26,6 @@ from brickhub.virtual.machine import MAX_STEP_MS, Machine, Pace
 from brickhub.virtual.micropython.exceptions import HostStop, SwitchedOff, is_program_error
 from brickhub.virtual.micropython.text import format_traceback
 from brickhub.virtual.pybricks import modules
-from brickhub.virtual.radio import Radio
 
 MAX_WRITE_BYTES = 20
 _LONGEST_RUN_DOWN_MS = 1000
@@ -36,6 +36,55 @@ PLACEMENT_MS = 1000
 
 class _Stopped(HostStop):
     """Thrown into a program to stop it."""
+
+
+class Radio:
+    """Connection events of one link. The same seed and calls give the same times.
+
+    All that the hub has to send travels in the next event, so that nothing overtakes anything else.
+    """
+
+    def __init__(self, seed: int) -> None:
+        self._rng = random.Random(seed)
+        self._heard_ms = self._event_ms = self._arrival_ms = self._burst_start_ms = self._burst_end_ms = 0.0
+
+    def to_hub_ms(self, now_ms: float, link: LinkProfile) -> float:
+        """Arrival of a command that the computer sends now."""
+        if now_ms - self._heard_ms >= PAUSE_MS:
+            now_ms += self._rng.uniform(0.0, link.wake_ms)
+        self._heard_ms = self._next_event_ms(now_ms + self._drawn_ms(link.jitter_ms), link)
+        return self._heard_ms
+
+    def to_computer_ms(self, now_ms: float, link: LinkProfile) -> float:
+        """Arrival of what the hub sends now: output of the program, or the acknowledgement of a command."""
+        if self._event_ms <= now_ms:
+            self._event_ms = self._next_event_ms(now_ms, link)
+            self._arrival_ms = max(self._arrival_ms, self._event_ms + self._drawn_ms(link.jitter_ms))
+        return self._arrival_ms
+
+    def loses_notification(self, link: LinkProfile) -> bool:
+        """Whether the hub's next notification never arrives."""
+        return link.lost_notifications > 0.0 and self._rng.random() < link.lost_notifications
+
+    def _next_event_ms(self, now_ms: float, link: LinkProfile) -> float:
+        """Time of the next event in which no packet is lost."""
+        if not link.interval_ms:
+            return now_ms
+        event_ms = (now_ms // link.interval_ms + 1) * link.interval_ms
+        while link.loss and self._is_lost(event_ms, link):
+            event_ms += link.interval_ms
+        return event_ms
+
+    def _is_lost(self, event_ms: float, link: LinkProfile) -> bool:
+        while self._burst_end_ms <= event_ms:
+            quiet_ms = link.burst_ms * (BURST_LOSS / link.loss - 1.0)
+            self._burst_start_ms = self._burst_end_ms + self._drawn_ms(quiet_ms)
+            self._burst_end_ms = self._burst_start_ms + self._drawn_ms(link.burst_ms)
+        return event_ms >= self._burst_start_ms and self._rng.random() < BURST_LOSS
+
+    def _drawn_ms(self, mean_ms: float) -> float:
+        """An exponentially distributed duration."""
+        return self._rng.expovariate(1.0 / mean_ms) if mean_ms else 0.0
 
 
 class _Wire:
@@ -60,7 +109,7 @@ class _Wire:
 
     def write(self, data: bytes) -> None:
         self._hub.machine.charge_call()
-        if self._hub.loses_notification():
+        if self._hub.radio.loses_notification(self._hub.link):
             return
         due_ms = self._hub.arrival_ms()
         self.outbox.append((due_ms, data))
@@ -93,13 +142,14 @@ class VirtualHub:
         seed: their seed.
 
     Attributes:
+        radio: when its messages arrive.
         in_reach: set to False to break the link.
         waits_for_acknowledgement: whether `write` waits for the hub's; set to False where a host writes to several hubs at once.
     """
 
     def __init__(self, body: Body, *, realtime: bool = False, link: LinkProfile | None = None, seed: int = 0) -> None:
         self.robot, self.body = body.robot, body
-        self._given_link, self._radio = link, Radio(seed)
+        self._given_link, self.radio = link, Radio(seed)
         self.machine = Machine(body)
         self.machine.on_alarm = self._switch_to_host
         self._wire = _Wire(self)
@@ -149,7 +199,7 @@ class VirtualHub:
             raise HubError(f"{len(data)} bytes in one write; split them into {MAX_WRITE_BYTES} bytes or less")
         self._check_reach()
         self._keep_pace()
-        arrival_ms = math.ceil(self._radio.to_hub_ms(self.machine.body_ms, self.link))
+        arrival_ms = math.ceil(self.radio.to_hub_ms(self.machine.body_ms, self.link))
         self._run_until(self._next_stop_ms(arrival_ms))
         self.run_on_until(arrival_ms)
         self._check()
@@ -216,11 +266,7 @@ class VirtualHub:
 
     def arrival_ms(self) -> float:
         """Time at which what the hub sends now is with the host."""
-        return self._radio.to_computer_ms(self.machine.body_ms, self.link)
-
-    def loses_notification(self) -> bool:
-        """Whether the next notification gets lost."""
-        return self._radio.loses_notification(self.link)
+        return self.radio.to_computer_ms(self.machine.body_ms, self.link)
 
     def _run_until(self, time_ms: int, new_program: HubProgram | None = None) -> None:
         """Run the program until a simulated time, its next output, or its end."""
@@ -295,7 +341,7 @@ class VirtualHub:
         if self._error is not None:
             raise HubProgramError(self._error)
         if self._program is None or self._program.dead:
-            raise HubError("no program runs on the hub; start one")
+            raise ProgramStoppedError("no program runs on the hub; start one")
 
     def _keep_pace(self) -> None:
         """In real time: advance by the time that the host needed, or wait for it."""

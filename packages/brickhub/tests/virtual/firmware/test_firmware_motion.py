@@ -39,7 +39,7 @@ def drive_base() -> tuple[Machine, DriveBaseControl]:
 def wait_ms(machine: Machine, mover: Servo | DriveBaseControl) -> int:
     start_ms = machine.time_ms
     while not mover.is_done():
-        machine.advance_to_control()
+        machine.advance(5 - machine.time_ms % 5)
         assert machine.time_ms < start_ms + 5000, "the move does not end"
     return machine.time_ms - start_ms
 

@@ -18,7 +18,7 @@ from bricksrl.envs.vision.camera import Camera, Watch
 from bricksrl.errors import BricksError, CameraError, HubError, StoppedError
 
 if TYPE_CHECKING:
-    from brickhub.hub.link.receiver import Reading
+    from brickhub.hub.link.robot_link import Reading
     from brickhub.virtual.virtual_kit import VirtualRobot
 
 Floats = NDArray[np.float32]

@@ -1,4 +1,4 @@
-"""Preflight check of a robot: hub, ports, battery, latency, sensors and motors against the description."""
+"""Preflight check of a robot, with a hub or of LEGO's kits: ports, battery, latency, sensors, motors against the description."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from brickhub.errors import HubError, percent
 from brickhub.finding import Finding, Outcome
 from brickhub.hub.diagnostics.survey import Survey, survey
 from brickhub.hub.interface import Command, Interface
+from brickhub.hub.kit_radio import Radio
+from brickhub.hub.link.kit_link import PERIOD_MS, KitLink
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.link.robot_link import RobotLink
 from brickhub.hub.link.timing import percentile
@@ -143,6 +145,47 @@ def check_robot(
         transport.close()
 
 
+def judged(name: str, detail: str, *problems: tuple[bool, Outcome, str]) -> Finding:
+    """Finding of a check: the first problem that there is, with its outcome and what it adds to the detail; else OK."""
+    found = (Finding(name, outcome, detail + remedy) for is_there, outcome, remedy in problems if is_there)
+    return next(found, Finding(name, Outcome.OK, detail))
+
+
+_WATCHED_S = 1.0
+_LEAST_REPORTS = 0.5
+"""Share of the reports of a device of LEGO's kits below which its link is slow."""
+_LOW_BATTERY_PCT = 20
+
+
+def check_kit(
+    radio: Radio,
+    robot: Robot,
+    interface: Interface,
+    *,
+    may_move: Callable[[], bool],
+    is_right: Callable[[str], bool] | None = None,
+) -> Iterator[Finding]:
+    """Check everything that a task needs of a robot of LEGO's kits. Raises HubError if a device cannot be reached.
+
+    Args:
+        radio: how to reach the devices.
+        robot, interface, may_move, is_right: as for ``check_robot``.
+    """
+    with KitLink(radio, robot, interface) as link:
+        before = {ports: device.reports for ports, device in link.devices.items()}
+        radio.sleep(_WATCHED_S)
+        for ports, device in link.devices.items():
+            lego, name = device.lego, f"{device.part.product.title} {ports}"
+            version, battery_pct = ".".join(map(str, lego.version_firmware)), lego.info_device.batteryLevel
+            is_low = battery_pct < _LOW_BATTERY_PCT, Outcome.WARNING, ", charge it"
+            yield judged(name, f"firmware {version}, battery {battery_pct} %", is_low)
+            rate_hz = (device.reports - before[ports]) / _WATCHED_S
+            remedy = ", of 67; disconnect other Bluetooth devices, and bring it near"
+            is_slow = rate_hz < _LEAST_REPORTS * 1000 / PERIOD_MS, Outcome.WARNING, remedy
+            yield judged(f"reports {ports}", f"{rate_hz:.0f} a second", is_slow)
+        yield from check_moves(link, robot, interface, may_move, is_right)
+
+
 def check_hub(identity: HubIdentity | None, robot: Robot) -> Iterator[Finding]:
     """Kind and versions of a connected hub; empty for one without an identity, such as the virtual hub."""
     if identity is None:
@@ -153,14 +196,13 @@ def check_hub(identity: HubIdentity | None, robot: Robot) -> Iterator[Finding]:
         yield Finding("hub", Outcome.ERROR, detail)
     else:
         yield Finding("hub", Outcome.OK, f"'{identity.name}', {kind.value}, {identity.address}")
-    if firmware.partition(".")[0] in ("2", "3"):
-        detail = f"Pybricks {firmware}, profile {version}; BricksRL was written for version 4, update it on code.pybricks.com"
-        yield Finding("firmware", Outcome.WARNING, detail)
-    elif identity.profile_version > NEWEST_PROFILE:
-        detail = f"Pybricks {firmware}, profile {version}, which is newer than this brickhub; update it if something fails"
-        yield Finding("firmware", Outcome.WARNING, detail)
-    else:
-        yield Finding("firmware", Outcome.OK, f"Pybricks {firmware}, profile {version}")
+    is_old, is_newer = firmware.partition(".")[0] in ("2", "3"), identity.profile_version > NEWEST_PROFILE
+    yield judged(
+        "firmware",
+        f"Pybricks {firmware}, profile {version}",
+        (is_old, Outcome.WARNING, "; BricksRL was written for version 4, update it on code.pybricks.com"),
+        (is_newer, Outcome.WARNING, ", which is newer than this brickhub; update it if something fails"),
+    )
 
 
 def device_name(number: int) -> str:
@@ -198,12 +240,12 @@ def check_battery(hub: AnyHub, battery_mv: int) -> Finding:
     # Below the first voltage the hub warns, below the second it soon switches off; limits of the firmware (battery.c).
     cells, lithium = (5400, 4800, "put fresh batteries in"), (6800, 6000, "charge it")
     low_mv, critical_mv, remedy = lithium if hub.model.is_rechargeable else cells
-    volts = f"{battery_mv / 1000:.2f} V"
-    if battery_mv < critical_mv:
-        return Finding("battery", Outcome.ERROR, f"{volts}, it is empty; {remedy}")
-    if battery_mv < low_mv:
-        return Finding("battery", Outcome.WARNING, f"{volts}, it is low and the motors are weak; {remedy}")
-    return Finding("battery", Outcome.OK, volts)
+    return judged(
+        "battery",
+        f"{battery_mv / 1000:.2f} V",
+        (battery_mv < critical_mv, Outcome.ERROR, f", it is empty; {remedy}"),
+        (battery_mv < low_mv, Outcome.WARNING, f", it is low and the motors are weak; {remedy}"),
+    )
 
 
 def check_imu(robot: Robot, result: Survey) -> Iterator[Finding]:
@@ -227,21 +269,17 @@ def check_angles(robot: Robot, interface: Interface, values: Sequence[float]) ->
         if range_deg is None:
             continue
         low, high = range_deg
-        angle = f"{values[index]:.0f} deg, range {low} to {high}"
-        if low - _RANGE_MARGIN_DEG <= values[index] <= high + _RANGE_MARGIN_DEG:
-            yield Finding(f"angle {name}", Outcome.OK, angle)
-        else:
-            detail = f"{angle}; put the joint within its range, or find its zero with `brickhub calibrate`"
-            yield Finding(f"angle {name}", Outcome.ERROR, detail)
+        is_beyond = not low - _RANGE_MARGIN_DEG <= values[index] <= high + _RANGE_MARGIN_DEG
+        remedy = "; put the joint within its range, or find its zero with `brickhub calibrate`"
+        detail = f"{values[index]:.0f} deg, range {low} to {high}"
+        yield judged(f"angle {name}", detail, (is_beyond, Outcome.ERROR, remedy))
 
 
 def check_latency(latency: Latency) -> Finding:
     """Latency check: the connection interval is short."""
     share = "" if latency.link_share is None else f", {percent(latency.link_share)} of a step"
     detail = f"{latency.p50_ms:.0f} ms, p99 {latency.p99_ms:.0f} ms, connection interval {latency.interval_ms:g} ms{share}"
-    if latency.is_slow:
-        return Finding("round trip", Outcome.WARNING, f"{detail}; {advice()}")
-    return Finding("round trip", Outcome.OK, detail)
+    return judged("round trip", detail, (latency.is_slow, Outcome.WARNING, f"; {advice()}"))
 
 
 def small_move(command: Command, range_deg: tuple[int, int] | None, angle_deg: float | None) -> float:

@@ -1,16 +1,18 @@
 """Survey of a hub: programs generated from the robot's description that report the connected devices, for any transport.
 
-Each runs once and prints lines of words; it begins with a HELLO frame with its hash, by which a transport identifies it.
+Each runs once and prints what it found; it begins with a HELLO frame with its hash, by which a transport identifies it.
 """
 
 from __future__ import annotations
 
+import ast
 import hashlib
+import io
 from dataclasses import dataclass
 
 from brickhub.errors import HubError, HubProgramError, HubTimeoutError
 from brickhub.hub.program.generate import onboard_text, sorted_imports
-from brickhub.hub.program.run_program import describe_traceback
+from brickhub.hub.program.run_program import describe_traceback, run_program
 from brickhub.hub.protocol import Up, control_frame, hello_payload
 from brickhub.hub.transport import HubProgram, Transport
 from brickhub.robot import Motor, Robot
@@ -21,9 +23,6 @@ STALL_TORQUE_MNM = 250
 STALL_LIMIT_MS = 10_000
 STALL_LIMIT_DEG = 400
 _SURVEY_S = 20.0
-_READS = 10_000
-
-_END = b"\r\nend\r\n"
 
 
 @dataclass(frozen=True)
@@ -70,24 +69,9 @@ def survey(transport: Transport, robot: Robot) -> Survey:
 
 def parse_survey(lines: list[str]) -> Survey:
     """Survey from the lines that the program printed. Raises HubError if the lines are incomplete."""
-    records: dict[str, list[list[str]]] = {}
-    for line in lines:
-        key, *values = line.split(" ")
-        records.setdefault(key, []).append(values)
     try:
-        imu = [int(number) for number in records["imu"][0]] if "imu" in records else []
-        return Survey(
-            ports={port: int(number) for port, number in records["port"]},
-            angles_deg={motor: int(angle) for motor, angle in records.get("angle", [])},
-            battery_mv=int(records["battery"][0][0]),
-            firmware=records["firmware"][0][0],
-            name=" ".join(records["name"][0]),
-            imu_ready=bool(imu[0]) if imu else None,
-            imu_still=bool(imu[1]) if imu else None,
-            pitch_deg=imu[2] if imu else 0,
-            roll_deg=imu[3] if imu else 0,
-        )
-    except (KeyError, ValueError, IndexError):
+        return Survey(**ast.literal_eval(lines[-1]))
+    except (IndexError, SyntaxError, TypeError, ValueError):
         raise HubError("the hub's answer is incomplete; bring it near and try again") from None
 
 
@@ -129,32 +113,21 @@ def find_stops(transport: Transport, robot: Robot) -> dict[str, tuple[int, int] 
 
 
 def run(transport: Transport, program: HubProgram, timeout_s: float) -> list[str]:
-    """Run a program and return the lines that it prints before the last one, ``end``; it is stopped after the timeout.
+    """Run a program and return the lines that it prints before the last one, ``end``; the first are those of its HELLO. It is
+    stopped after the timeout.
 
     Raises:
-        HubError: the hub cannot be reached, or the program ended without that line.
-        HubTimeoutError: the program took too long.
+        HubError: the hub cannot be reached.
+        HubTimeoutError: the program took too long, or ended without that line.
         HubProgramError: the program raised.
     """
-    transport.start(program)
-    data = b""
-    deadline_s = transport.now_s() + timeout_s
-    try:
-        for _ in range(_READS):
-            left_s = deadline_s - transport.now_s()
-            if left_s <= 0 or _END in data:
-                break
-            data += transport.read(left_s)
-    except HubError:
-        if b"Traceback (" not in data and _END not in data:
-            raise
-    text = data.decode("utf-8", "replace")
-    if "Traceback (" in text:
-        raise HubProgramError(describe_traceback(text, program.source))
-    if _END not in data:
-        transport.stop()
+    output, errors = io.BytesIO(), io.StringIO()
+    if run_program(transport, program, stdout=output, stderr=errors, time_limit_s=timeout_s):
+        raise HubProgramError(describe_traceback(errors.getvalue(), program.source))
+    *lines, end, _ = f"\n\n{output.getvalue().decode('utf-8', 'replace')}".split("\n")
+    if end != "end":
         raise HubTimeoutError(f"the program that looks at the hub did not end within {timeout_s:g} s; switch the hub off and on")
-    return text.partition(_END.decode())[0].split("\r\n")[1:]  # the first line is the HELLO
+    return lines
 
 
 _IMPORTS = ["from pybricks.parameters import Direction, Port", "from pybricks.pupdevices import Motor", "from usys import stdout"]

@@ -13,37 +13,11 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
-from brickhub.errors import (
-    DescriptionError,
-    HubDisconnectedError,
-    HubError,
-    HubNotFoundError,
-    HubRefusedError,
-    HubTimeoutError,
-    message_of,
-)
-from brickhub.hub.interface import (
-    Channel,
-    Command,
-    DriveSpeed,
-    DriveStraight,
-    DriveTurnRate,
-    Interface,
-    MotorAngle,
-    Pitch,
-    Roll,
-    RunAngle,
-    RunSpeed,
-    SensorReading,
-    Turn,
-    YawRate,
-)
-from brickhub.hub.kit_estimates import FULL_SPEED_DEG_S, NOTIFICATION_GAP_S
-from brickhub.hub.kit_protocol import Product
-from brickhub.hub.kit_radio import KitPart, Radio, parts_of
-from brickhub.hub.lego_package import lego_package
-from brickhub.hub.link.receiver import Reading
-from brickhub.hub.link.robot_link import RobotLink
+from brickhub import errors
+from brickhub.hub import interface as kinds
+from brickhub.hub.kit_protocol import FULL_SPEED_DEG_S, Product
+from brickhub.hub.kit_radio import KitPart, Radio, lego_package, parts_of
+from brickhub.hub.link.robot_link import Reading, RobotLink
 from brickhub.hub.link.states import Cause, LinkState, after
 from brickhub.hub.protocol import EncodingError
 from brickhub.robot import Motor, Robot
@@ -54,6 +28,8 @@ PERIOD_MS = 15
 """Period of the reports: the shortest that a device takes."""
 HOLD_S = 0.4
 """Time beyond the step after which an endless move ends, if no other command comes; as the watchdog of a hub."""
+_SILENCE_S = 1.0
+"""Silence after which a device is taken for lost, whose reports come at least that often."""
 _CONNECT_S, _DISCONNECT_S = 20.0, 3.0
 _WAIT_S = 0.005
 _DRIVE_DEG_S = 400.0
@@ -66,11 +42,12 @@ Move = tuple[float, float | None]
 class _Device:
     """One device, connected or not: LEGO's object, and when its last report came."""
 
-    def __init__(self, part: KitPart, lego: Any, radio: Radio) -> None:
-        self.part, self.lego, self._radio = part, lego, radio
+    def __init__(self, part: KitPart, radio: Radio) -> None:
+        self.part, self._radio = part, radio
+        self.lego: Any = vars(lego_package(is_silent=True))[part.product.title.replace(" ", "")]()
         self.arrived_s = -math.inf
         self.reports = 0
-        lego.set_notification_callback(self._report)
+        self.lego.set_notification_callback(self._report)
 
     def _report(self, _notification: object) -> None:
         if not self.reports:
@@ -83,12 +60,14 @@ class _Device:
         found = self._radio.search(self.part)
         try:
             self._radio.run(lambda: self.lego.connect(device_notification_delay=PERIOD_MS, **found), _CONNECT_S)
-        except HubError:
+        except errors.HubError:
             raise
         except Exception as error:
-            raise HubRefusedError(f"the {self.part.product.title} refuses the connection: {message_of(error)}") from error
+            raise errors.HubRefusedError(
+                f"the {self.part.product.title} refuses the connection: {errors.message_of(error)}"
+            ) from error
         if not self.lego.connected:
-            raise HubNotFoundError(f"no {self.part.product.title} is in reach; switch it on, and bring it near")
+            raise errors.HubNotFoundError(f"no {self.part.product.title} is in reach; switch it on, and bring it near")
         self.arrived_s = self._radio.now_s()
 
     def disconnect(self) -> None:
@@ -112,7 +91,7 @@ class KitLink(RobotLink):
         DescriptionError: a command does not end by itself, or no device reports a channel.
     """
 
-    def __init__(self, radio: Radio, robot: Robot, interface: Interface) -> None:
+    def __init__(self, radio: Radio, robot: Robot, interface: kinds.Interface) -> None:
         super().__init__(HOLD_S)
         self._radio, self._robot, self._interface = radio, robot, interface
         for command in interface.commands:
@@ -121,11 +100,13 @@ class KitLink(RobotLink):
                 raise command.error(": devices of LEGO's kits have no such move that ends by itself; use another command")
         for channel in interface.channels:
             channel.check(robot)
-            if type(channel) not in _VALUES or (isinstance(channel, SensorReading) and channel.method not in _METHODS):
+            if type(channel) not in _VALUES or (isinstance(channel, kinds.SensorReading) and channel.method not in _METHODS):
                 raise channel.error(": no device of LEGO's kits reports it; use another channel")
         for motor in robot.motors:
             if motor.range_deg is not None:
-                raise DescriptionError(f"motor '{motor.name}' has a range, which no device of LEGO's kits keeps; leave it out")
+                raise errors.DescriptionError(
+                    f"motor '{motor.name}' has a range, which no device of LEGO's kits keeps; leave it out"
+                )
         self._parts = parts_of(robot)
         self.devices: dict[str, _Device] = {}
         self._due_s, self._opened_s = -math.inf, 0.0
@@ -145,9 +126,9 @@ class KitLink(RobotLink):
         with self._fault():
             if not self.devices:
                 self._radio.attach()
-                self.devices = {part.ports: _Device(part, _lego_object(part), self._radio) for part in self._parts}
+                self.devices = {part.ports: _Device(part, self._radio) for part in self._parts}
             for device in self.devices.values():
-                if device.lego.connected and self._age_s(device) > NOTIFICATION_GAP_S:
+                if device.lego.connected and self._age_s(device) > _SILENCE_S:
                     device.disconnect()
                 if not device.lego.connected:
                     device.connect()
@@ -218,23 +199,12 @@ class KitLink(RobotLink):
         """Stop and disconnect. May be called in any state and repeatedly, and never raises."""
         try:
             self.stop()
-        except HubError as error:
+        except errors.HubError as error:
             _log.warning("closing the link to LEGO's devices: could not stop (%s)", error)
         for device in self.devices.values():
             if device.lego.connected:
                 device.disconnect()
         self.state = LinkState.DISCONNECTED
-
-    # ---- what the channels read
-
-    def angle_deg(self, motor: str) -> float:
-        """Angle of a motor's output, as its device counts it."""
-        device, index = self._find(self._robot.motor(motor))
-        return float(_motors(device.lego)[index].position) / self._robot.motor(motor).shaft_turns
-
-    @property
-    def _imu(self) -> Any:
-        return self.devices[self._parts[0].ports].lego.imu_device
 
     # ---- inside
 
@@ -271,24 +241,24 @@ class KitLink(RobotLink):
 
     def _stop_motors(self) -> None:
         for device in self.devices.values():
-            if device.part.product is Product.DOUBLE_MOTOR:
+            if device.part.product is not Product.COLOR_SENSOR:
+                is_pair = device.part.product is Product.DOUBLE_MOTOR
                 with self._sending(device):
-                    device.lego.movement_stop(blocking=False)
-            elif device.part.product is Product.SINGLE_MOTOR:
-                with self._sending(device):
-                    device.lego.motor_stop(blocking=False)
+                    (device.lego.movement_stop if is_pair else device.lego.motor_stop)(blocking=False)
 
     @contextlib.contextmanager
     def _sending(self, device: _Device) -> Iterator[None]:
         """Context of calls of LEGO's package, whose errors are those of a lost device."""
         if not device.lego.connected:
-            raise HubDisconnectedError(f"the {device.part.product.title} is gone; bring it near, and call open()")
+            raise errors.HubDisconnectedError(f"the {device.part.product.title} is gone; bring it near, and call open()")
         try:
             yield
         except (TypeError, ValueError):
             raise
         except Exception as error:
-            raise HubDisconnectedError(f"the {device.part.product.title} takes no command ({error}); call open()") from error
+            raise errors.HubDisconnectedError(
+                f"the {device.part.product.title} takes no command ({error}); call open()"
+            ) from error
 
     def _age_s(self, device: _Device) -> float:
         return self.now_s() - device.arrived_s
@@ -298,10 +268,10 @@ class KitLink(RobotLink):
         for device in self.devices.values():
             while device.arrived_s <= since_s:
                 if not device.lego.connected:
-                    raise HubDisconnectedError(f"the {device.part.product.title} is gone; bring it near, and call open()")
-                if self._age_s(device) > NOTIFICATION_GAP_S:
-                    silence = f"the {device.part.product.title} has been silent for {NOTIFICATION_GAP_S:g} s"
-                    raise HubTimeoutError(f"{silence}; check that it is on and near, then call open()")
+                    raise errors.HubDisconnectedError(f"the {device.part.product.title} is gone; bring it near, and call open()")
+                if self._age_s(device) > _SILENCE_S:
+                    silence = f"the {device.part.product.title} has been silent for {_SILENCE_S:g} s"
+                    raise errors.HubTimeoutError(f"{silence}; check that it is on and near, then call open()")
                 self._radio.sleep(_WAIT_S)
 
     def _await_moves(self, end_s: float) -> None:
@@ -327,64 +297,51 @@ def _note(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
         loop.default_exception_handler(context)
 
 
-def _lego_object(part: KitPart) -> Any:
-    return vars(lego_package(is_silent=True))[part.product.title.replace(" ", "")]()
-
-
-def _motors(lego: Any) -> list[Any]:
-    """Reports of a device's motors; of a Single Motor it is one, of a Double Motor a list."""
-    return lego.motor if isinstance(lego.motor, list) else [lego.motor]
-
-
-def _driven(robot: Robot, command: Command, left_deg_s: float, right_deg_s: float) -> dict[str, Move]:
-    left, right = command.motors(robot)
-    return {left: (left_deg_s, None), right: (right_deg_s, None)}
-
-
-def _rolled(robot: Robot, command: Command, amount: float) -> dict[str, Move]:
-    turns_deg = command.turns_deg(robot, amount)
+def _rolled(robot: Robot, command: kinds.DriveStraight | kinds.Turn, amount: float) -> dict[str, Move]:
+    turns_deg = command.wheel_turns_deg(robot, amount)
     return {name: (_DRIVE_DEG_S, turn_deg) for name, turn_deg in zip(command.motors(robot), turns_deg, strict=True)}
 
 
-def _turned(robot: Robot, command: Command, rate_deg_s: float) -> dict[str, Move]:
-    base = robot.drive_base
-    wheel_deg_s = 0.0 if base is None else rate_deg_s * base.axle_track_mm / base.wheel_diameter_mm
-    return _driven(robot, command, wheel_deg_s, -wheel_deg_s)
+def _driven(robot: Robot, command: kinds.DriveSpeed | kinds.DriveTurnRate, rate: float) -> dict[str, Move]:
+    speeds_deg_s = command.wheel_turns_deg(robot, rate)
+    return {name: (speed_deg_s, None) for name, speed_deg_s in zip(command.motors(robot), speeds_deg_s, strict=True)}
 
 
-def _moved(robot: Robot, command: Command, speed_mm_s: float) -> dict[str, Move]:
-    wheel_deg_s = 0.0 if robot.drive_base is None else robot.drive_base.turn_deg(speed_mm_s)
-    return _driven(robot, command, wheel_deg_s, wheel_deg_s)
-
-
-_MOVES: Mapping[type[Command], Callable[[Robot, Any, float], dict[str, Move]]] = {
-    RunAngle: lambda robot, command, amount: {command.motor: (command.speed_deg_s, amount)},
-    RunSpeed: lambda robot, command, amount: {command.motor: (amount, None)},
-    DriveSpeed: _moved,
-    DriveTurnRate: _turned,
-    DriveStraight: _rolled,
-    Turn: _rolled,
+_MOVES: Mapping[type[kinds.Command], Callable[[Robot, Any, float], dict[str, Move]]] = {
+    kinds.RunAngle: lambda robot, command, amount: {command.motor: (command.speed_deg_s, amount)},
+    kinds.RunSpeed: lambda robot, command, amount: {command.motor: (amount, None)},
+    kinds.DriveSpeed: _driven,
+    kinds.DriveTurnRate: _driven,
+    kinds.DriveStraight: _rolled,
+    kinds.Turn: _rolled,
 }
 """Moves of the motors by a command, which add up where several commands move one; others do not end by themselves."""
 _METHODS = ("reflection", "hsv")
 _SEEN = {"hue": "hue", "saturation": "saturation", "value": "value", None: "reflection"}
 
 
-def _motor_angle_deg(link: KitLink, channel: MotorAngle) -> float:
-    angle_deg = link.angle_deg(channel.motor)
+def _motor_angle_deg(link: KitLink, channel: kinds.MotorAngle) -> float:
+    motor = link._robot.motor(channel.motor)
+    device, index = link._find(motor)
+    reports = device.lego.motor if isinstance(device.lego.motor, list) else [device.lego.motor]  # a Single Motor has one
+    angle_deg = float(reports[index].position) / motor.shaft_turns
     return angle_deg % 360.0 if channel.wraps else angle_deg
 
 
-def _sensed(link: KitLink, channel: SensorReading) -> float:
+def _imu(quantity: str) -> Callable[[KitLink, kinds.Channel], float]:
+    return lambda link, channel: vars(link.devices[link._parts[0].ports].lego.imu_device)[quantity]
+
+
+def _sensed(link: KitLink, channel: kinds.SensorReading) -> float:
     sensor = link.devices[link._robot.sensor(channel.sensor).port].lego.sensor
     return float(vars(sensor)[_SEEN[channel.part]])
 
 
-_VALUES: Mapping[type[Channel], Callable[[KitLink, Any], float]] = {
-    MotorAngle: _motor_angle_deg,
-    Pitch: lambda link, channel: link._imu.pitch,
-    Roll: lambda link, channel: link._imu.roll,
-    YawRate: lambda link, channel: link._imu.gyroscopeZ,
-    SensorReading: _sensed,
+_VALUES: Mapping[type[kinds.Channel], Callable[[KitLink, Any], float]] = {
+    kinds.MotorAngle: _motor_angle_deg,
+    kinds.Pitch: _imu("pitch"),
+    kinds.Roll: _imu("roll"),
+    kinds.YawRate: _imu("gyroscopeZ"),
+    kinds.SensorReading: _sensed,
 }
 """Values of the channels that a device reports."""

@@ -16,29 +16,18 @@ import contextlib
 import logging
 import math
 import struct
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 
-from brickhub.errors import HubError, HubProgramError, SilentHubError
+from brickhub.errors import HubError, HubProgramError, HubProtocolError, HubTimeoutError, SilentHubError
+from brickhub.hub import protocol
 from brickhub.hub.interface import Interface
 from brickhub.hub.link.profiles import PAUSE_MS
-from brickhub.hub.link.receiver import Listener, Reading, bye_error, check_hello, is_hello
-from brickhub.hub.link.robot_link import RobotLink, stopped_error
+from brickhub.hub.link.robot_link import Reading, RobotLink, stopped_error
 from brickhub.hub.link.states import Cause, LinkState, after
 from brickhub.hub.link.timing import REPEATS_PER_WATCHDOG, HubClock, percentile, repeat_times_s
 from brickhub.hub.program.generate import WATCHDOG_MS, generate
-from brickhub.hub.protocol import (
-    UP_PAYLOAD_BYTES,
-    ControlFrame,
-    DataFrame,
-    Down,
-    Frame,
-    FrameDecoder,
-    Up,
-    WireFormat,
-    control_frame,
-    data_frame,
-    next_seq,
-)
+from brickhub.hub.program.run_program import describe_traceback
 from brickhub.hub.transport import HubProgram, Pipe, Transport
 from brickhub.robot import Robot
 
@@ -48,6 +37,10 @@ _HELLOS_PER_TIMEOUT = 4
 _EXCHANGES_PER_WATCHDOG_CHECK = 50
 _WATCHDOG_ROUND_TRIPS = 4
 _WATCHDOG_MAX_MS = 0xFFFF
+_READS_PER_WAIT = 1000
+_CLOCK_TICK_S = 0.001  # tick of a virtual hub: a wait of less than half of it would not advance its clock
+_TRACEBACK_READS = 50
+_TRACEBACK_PAUSE_S = 0.2
 
 
 class HubLink(RobotLink):
@@ -80,7 +73,7 @@ class HubLink(RobotLink):
         super().__init__(WATCHDOG_MS / 1000)
         self._robot, self._interface, self._pipe, self._calibrate = robot, interface, pipe, calibrate
         self.program = self._program_of(robot)
-        self.wire = WireFormat(interface)
+        self.wire = protocol.WireFormat(interface)
         self._transport = transport
         self._transport_is_open = False
         self._has_started = False
@@ -94,15 +87,20 @@ class HubLink(RobotLink):
         self._seq = 0
         self._frame, self._sent_s, self._written_s = b"", 0.0, -math.inf
         self._clock = HubClock()
-        self._listener = Listener(transport, self._decoder, self.statistics)
+        self._begin_to_listen()
 
     def _program_of(self, robot: Robot) -> HubProgram:
         """Hook: the hub's program."""
         return generate(robot, self._interface, self._pipe)
 
-    def _decoder(self) -> FrameDecoder:
+    def _begin_to_listen(self) -> None:
+        """Start with a new program: discard all earlier input."""
+        self._decoder = self._new_decoder()
+        self._frames: deque[protocol.Frame] = deque()
+
+    def _new_decoder(self) -> protocol.FrameDecoder:
         """Hook: what finds the answers in the program's output."""
-        return FrameDecoder(self.wire.answer_bytes, UP_PAYLOAD_BYTES)
+        return protocol.FrameDecoder(self.wire.answer_bytes, protocol.UP_PAYLOAD_BYTES)
 
     def open(self) -> None:
         """Connect, start the program and wait for its HELLO. Also leaves FAULT; without effect on an open link.
@@ -150,7 +148,8 @@ class HubLink(RobotLink):
             HubProgramError: the program raised.
             StoppedError: an emergency stop came before or meanwhile.
         """
-        return self._exchange(self._next_frame(values), self._longest_move_s, self._known_move_s)
+        self.send(values)
+        return self.receive()
 
     def send(self, values: Iterable[float]) -> None:
         """Send the commands ``[n_commands]``, in their units; `receive` then waits for the answer. So several robots move at the
@@ -168,9 +167,9 @@ class HubLink(RobotLink):
         """Frame of the next commands. Raises the errors of `act` that come before anything is sent."""
         payload = self.wire.encode_actions(values)
         self._require_open()
-        self._seq = next_seq(self._seq)
+        self._seq = protocol.next_seq(self._seq)
         self.state = after(self.state, Cause.ACTED)
-        return data_frame(self._seq, payload)
+        return protocol.data_frame(self._seq, payload)
 
     def rest(self) -> None:
         """Stop the motors; the program keeps running, in READY. For a pause, in which ``read`` keeps the program alive.
@@ -220,7 +219,7 @@ class HubLink(RobotLink):
 
     def _run_program(self) -> None:
         """Start the program, after the end of one that runs. Raises StoppedError if an emergency stop came meanwhile."""
-        self._listener.begin(self.program)
+        self._begin_to_listen()
         if self._has_started:
             with contextlib.suppress(HubError):  # if the hub is out of reach, the start will raise
                 self._transport.stop()
@@ -246,29 +245,29 @@ class HubLink(RobotLink):
     def _begin(self) -> None:
         """Hook: set up a program that has just sent its HELLO."""
 
-    def _receive_hello(self) -> ControlFrame | None:
-        frame = self._listener.wait_for(is_hello, self._start_s / _HELLOS_PER_TIMEOUT)
-        return frame if isinstance(frame, ControlFrame) else None
+    def _receive_hello(self) -> protocol.ControlFrame | None:
+        frame = self._wait_for(
+            lambda frame: isinstance(frame, protocol.ControlFrame) and frame.kind == protocol.Up.HELLO,
+            self._start_s / _HELLOS_PER_TIMEOUT,
+        )
+        return frame if isinstance(frame, protocol.ControlFrame) else None
 
-    def _request_hello(self) -> ControlFrame:
+    def _request_hello(self) -> protocol.ControlFrame:
         """Request a HELLO, on which the hub stops its motors, until it comes."""
         for _ in range(_HELLOS_PER_TIMEOUT - 1):
-            self._write(control_frame(Down.HELLO))
+            self._write(protocol.control_frame(protocol.Down.HELLO))
             hello = self._receive_hello()
             if hello is not None:
                 return hello
-        raise self._listener.timeout_error("the program did not say hello", self._start_s)
+        raise self._timeout_error("the program did not say hello", self._start_s)
 
     def _read(self) -> Reading:
         self._require_open()
-        self._seq = next_seq(self._seq)
-        return self._exchange(control_frame(Down.READ, bytes((self._seq,))), 0.0, 0.0)
-
-    def _exchange(self, frame: bytes, longest_move_s: float, known_move_s: float | None) -> Reading:
-        """Send until the answer comes; the same frame may go out several times."""
+        self._seq = protocol.next_seq(self._seq)
+        frame = protocol.control_frame(protocol.Down.READ, bytes((self._seq,)))
         with self._fault_with_cause():
             self._send(frame)
-            return self._receive(frame, longest_move_s, known_move_s)
+            return self._receive(frame, 0.0, 0.0)
 
     def _send(self, frame: bytes) -> None:
         """Send a frame; `_receive` then waits for its answer."""
@@ -292,8 +291,8 @@ class HubLink(RobotLink):
         """
         limit_s, watchdog_s = longest_move_s + self._timeout_s, self._watchdog_ms / 1000
         for number, time_s in enumerate(repeat_times_s(known_move_s, watchdog_s)):
-            answer = self._listener.wait_for(self._is_answer, self._sent_s + min(time_s, limit_s) - self.now_s())
-            if isinstance(answer, DataFrame):
+            answer = self._wait_for(self._is_answer, self._sent_s + min(time_s, limit_s) - self.now_s())
+            if isinstance(answer, protocol.DataFrame):
                 reading = self._reading(answer, self._sent_s, known_move_s or 0.0)
                 self.statistics.record(reading.round_trip_s, reading.age_s)
                 return reading
@@ -302,9 +301,9 @@ class HubLink(RobotLink):
             is_overdue = time_s > (longest_move_s if known_move_s is None else known_move_s)
             self.statistics.resends += is_overdue
             self._write(frame if is_overdue or number % REPEATS_PER_WATCHDOG == 0 else _watchdog_frame(self._watchdog_ms))
-        raise self._listener.timeout_error("the hub did not answer", limit_s)
+        raise self._timeout_error("the hub did not answer", limit_s)
 
-    def _reading(self, answer: DataFrame, started_s: float, move_s: float) -> Reading:
+    def _reading(self, answer: protocol.DataFrame, started_s: float, move_s: float) -> Reading:
         """Reading from an answer that has just arrived, to a command sent at ``started_s`` that takes at least ``move_s``."""
         arrived_s = self.now_s()
         wrapped_ms, values = self.wire.decode_answer(answer.payload)
@@ -321,12 +320,12 @@ class HubLink(RobotLink):
             except (SilentHubError, HubProgramError):
                 raise
             except HubError:
-                self._listener.raise_program_error()
+                self._raise_program_error()
                 raise
 
-    def _is_answer(self, frame: Frame) -> bool:
-        if isinstance(frame, ControlFrame):
-            if frame.kind == Up.BYE:
+    def _is_answer(self, frame: protocol.Frame) -> bool:
+        if isinstance(frame, protocol.ControlFrame):
+            if frame.kind == protocol.Up.BYE:
                 raise bye_error(frame)
             return False
         self.statistics.stale_answers += frame.seq != self._seq
@@ -348,9 +347,80 @@ class HubLink(RobotLink):
         self._write(_watchdog_frame(watchdog_ms))
         self._watchdog_ms, self.statistics.watchdog_s = watchdog_ms, watchdog_ms / 1000
 
+    # ---- what the hub's program sends
+
+    def _wait_for(self, is_wanted: Callable[[protocol.Frame], bool], window_s: float) -> protocol.Frame | None:
+        """The first wanted frame that comes in time, or has come. The number of reads is bounded too, in case the clock stands
+        still."""
+        deadline_s = self._transport.now_s() + window_s
+        for number in range(_READS_PER_WAIT):
+            while self._frames:
+                frame = self._frames.popleft()
+                if is_wanted(frame):
+                    return frame
+            remaining_s = deadline_s - self._transport.now_s()
+            if remaining_s <= _CLOCK_TICK_S / 2 and number:
+                return None
+            self._feed(self._transport.read(max(0.0, remaining_s)))
+        return None
+
+    def _feed(self, data: bytes) -> None:
+        """Take bytes, and count the invalid ones. Raises HubProgramError for a traceback among them."""
+        decoder = self._decoder
+        crc_errors, skipped_bytes = decoder.crc_errors, decoder.skipped_bytes
+        self._frames.extend(decoder.feed(data))
+        self.statistics.crc_errors += decoder.crc_errors - crc_errors
+        self.statistics.skipped_bytes += decoder.skipped_bytes - skipped_bytes
+        if "Traceback" in self._decoder.text:
+            with contextlib.suppress(HubError):  # a partial traceback says more than a lost link
+                for _ in range(_TRACEBACK_READS):
+                    rest = self._transport.read(_TRACEBACK_PAUSE_S)
+                    if not rest:
+                        break
+                    self._decoder.feed(rest)
+            raise HubProgramError(describe_traceback(self._decoder.text, self.program.source, self.program.name))
+
+    def _raise_program_error(self) -> None:
+        """After a failure, raise the error of a traceback or a BYE frame, which says more than the transport's."""
+        try:
+            self._feed(self._transport.read(0.0))
+        except HubProgramError:
+            raise
+        except HubError:
+            return
+        for frame in self._frames:
+            if isinstance(frame, protocol.ControlFrame) and frame.kind == protocol.Up.BYE:
+                raise bye_error(frame)
+
+    def _timeout_error(self, problem: str, waited_s: float) -> HubTimeoutError:
+        """Error for a timeout, with the last line that the program printed."""
+        printed = self._decoder.text.strip().splitlines()
+        last_line = f" (it printed: {printed[-1]})" if printed else ""
+        return HubTimeoutError(f"{problem} within {waited_s:g} s{last_line}; check that it is on and near, then call open()")
+
+
+def bye_error(bye: protocol.ControlFrame) -> SilentHubError:
+    """Error for a BYE frame."""
+    is_silence = bye.payload[0] == protocol.ByeReason.SILENCE
+    why = "it had not heard from this computer for too long" if is_silence else "it was told to"
+    return SilentHubError(f"the program on the hub ended because {why}; call open() to start it again")
+
+
+def check_hello(hello: protocol.ControlFrame, expected_hash: int) -> None:
+    """Raise HubProtocolError unless the HELLO has the expected program hash and our protocol version."""
+    version, program_hash = protocol.parse_hello(hello.payload)
+    if version != protocol.PROTOCOL_VERSION:
+        raise HubProtocolError(
+            f"the hub speaks protocol {version}, this computer {protocol.PROTOCOL_VERSION}; install one version of brickhub"
+        )
+    if program_hash != expected_hash:
+        raise HubProtocolError(
+            f"another program runs on the hub (hash {program_hash:08x}, not {expected_hash:08x}); stop it and open again"
+        )
+
 
 def _watchdog_frame(watchdog_ms: int) -> bytes:
-    return control_frame(Down.WATCHDOG, struct.pack("<H", watchdog_ms))
+    return protocol.control_frame(protocol.Down.WATCHDOG, struct.pack("<H", watchdog_ms))
 
 
 def _watchdog_ms(seconds: float) -> int:

@@ -17,7 +17,7 @@ from typing import Any
 from brickhub.errors import DescriptionError, HubProtocolError
 from brickhub.hub.interface import Interface
 from brickhub.hub.link.lockstep import HubLink
-from brickhub.hub.link.receiver import Reading
+from brickhub.hub.link.robot_link import Reading
 from brickhub.hub.link.states import Cause, after
 from brickhub.hub.program.compile import check_program
 from brickhub.hub.program.run_program import load_program
@@ -120,7 +120,7 @@ class ClientLink(HubLink):
         check_program(program, robot.hub)
         return program
 
-    def _decoder(self) -> _AnswerDecoder:
+    def _new_decoder(self) -> _AnswerDecoder:
         self._answers = _AnswerDecoder(struct.calcsize(self._client.answer))
         return self._answers
 
@@ -146,7 +146,7 @@ class ClientLink(HubLink):
         return frame
 
     def _send(self, frame: bytes) -> None:
-        if self._listener.has_frames or self._answers.rest:
+        if self._frames or self._answers.rest:
             raise HubProtocolError(f"{self.program.name} sent more than an answer '{self._client.answer}'; correct one of them")
         self._sent_s = self.now_s()
         for start in range(0, len(frame), WRITE_BYTES):
@@ -155,10 +155,10 @@ class ClientLink(HubLink):
     def _receive(self, frame: bytes, longest_move_s: float, known_move_s: float | None) -> Reading:
         """The answer to a command, which is sent once only. Raises HubTimeoutError if none comes."""
         limit_s = longest_move_s + self._timeout_s
-        answer = self._listener.wait_for(lambda _: True, self._sent_s + limit_s - self.now_s())
+        answer = self._wait_for(lambda _: True, self._sent_s + limit_s - self.now_s())
         if not isinstance(answer, DataFrame):
             problem = f"{self.program.name} sent {len(self._answers.rest)} bytes and no answer '{self._client.answer}'"
-            raise self._listener.timeout_error(problem, limit_s)
+            raise self._timeout_error(problem, limit_s)
         round_trip_s, running_s = self.now_s() - self._sent_s, self.now_s() - self._started_s
         self.statistics.record(round_trip_s, 0.0)
         return Reading(

@@ -6,13 +6,30 @@ import contextlib
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from types import TracebackType
 from typing import Self
 
 from brickhub.errors import HubError, StoppedError
-from brickhub.hub.link.receiver import Reading
 from brickhub.hub.link.states import Cause, LinkState, after, cause_of
 from brickhub.hub.link.timing import LinkStatistics
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One answer of the hub.
+
+    Attributes:
+        values: ``[n_channels]``, in channel order and units, rounded to float32.
+        hub_time_ms: the hub's clock when it read its sensors, since its program started; it does not wrap.
+        round_trip_s: time from the first sending of the command to the first answer.
+        age_s: age of the sensor values when the reading was returned; see ``timing.py``.
+    """
+
+    values: tuple[float, ...]
+    hub_time_ms: int
+    round_trip_s: float
+    age_s: float = 0.0
 
 
 class RobotLink(ABC):

@@ -19,7 +19,7 @@ from typing import Any
 from brickhub.errors import DescriptionError
 from brickhub.hub.interface import Interface
 from brickhub.hub.link.lockstep import HubLink
-from brickhub.hub.link.receiver import Reading
+from brickhub.hub.link.robot_link import Reading
 from brickhub.hub.protocol import ControlFrame, DataFrame, Down, Frame, control_frame
 from brickhub.hub.transport import Transport
 from brickhub.robot import Robot
@@ -84,7 +84,7 @@ class StreamingLink(HubLink):
         next_send_s = started_s
         for _ in range(_WAITS_PER_STEP):  # bounded, in case the transport's clock stands still
             now_s = self.now_s() + _TICK_S
-            if newest is not None and now_s >= self._due_s and not self._listener.has_frames:
+            if newest is not None and now_s >= self._due_s and not self._frames:
                 return replace(newest, age_s=self._clock.age_s(newest.hub_time_ms, self.now_s()))
             if now_s >= give_up_s:
                 break
@@ -95,8 +95,8 @@ class StreamingLink(HubLink):
                 self._write(frame)
                 next_send_s = self.now_s() + alive_s
             wake_s = min(next_send_s, give_up_s if newest is None else self._due_s)
-            answer = self._listener.wait_for(self._is_answer, wake_s - self.now_s())
+            answer = self._wait_for(self._is_answer, wake_s - self.now_s())
             if isinstance(answer, DataFrame):
                 reading = self._reading(answer, started_s, 0.0)
                 newest = reading if newest is None else replace(reading, round_trip_s=newest.round_trip_s)
-        raise self._listener.timeout_error("the hub sent no observation", give_up_s - started_s)
+        raise self._timeout_error("the hub sent no observation", give_up_s - started_s)

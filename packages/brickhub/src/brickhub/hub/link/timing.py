@@ -14,6 +14,7 @@ is due. An answer is overdue after half of the watchdog's time, at least twice t
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 from collections import deque
@@ -77,8 +78,7 @@ def percentile(values: Iterable[float], percent: float) -> float:
     return low + (high - low) * share if share < 0.5 else high - (high - low) * (1 - share)
 
 
-def _recent() -> deque[float]:
-    return deque(maxlen=_RECENT_EXCHANGES)
+_recent = functools.partial(deque[float], maxlen=_RECENT_EXCHANGES)
 
 
 @dataclass

@@ -20,19 +20,23 @@ _SMALL_INT_BITS = "-msmall-int-bits=31"
 MAIN_MODULE = "__main__"
 
 
-def compile_mpy(source: str, name: str = MAIN_FILE) -> bytes:
-    """Compile a program to ``.mpy`` version 6. ``name`` is the file name that tracebacks show. Raises ProgramError if the source
-    is not MicroPython, or the compiler could not be run."""
+def cross_compile(source: str, name: str) -> tuple[bytes | None, str]:
+    """The program as ``.mpy`` version 6, and what the compiler reports. ``name`` is the file name that tracebacks show. Raises
+    ProgramError if the compiler could not be run."""
     try:
         process, mpy = mpy_cross_compile(name, source, extra_args=[_SMALL_INT_BITS])
     except OSError as error:
         raise ProgramError(f"the compiler mpy-cross could not be run ({error}); reinstall mpy-cross-v6") from error
+    return mpy, process.stderr.decode("utf-8", "replace").strip() or f"mpy-cross ended with status {process.returncode}"
+
+
+def compile_mpy(source: str, name: str = MAIN_FILE) -> bytes:
+    """Compile a program as `cross_compile`. Raises ProgramError if it is not MicroPython, or the compiler could not be run."""
+    mpy, report = cross_compile(source, name)
     if mpy is None:
-        lines = [line.strip() for line in process.stderr.decode("utf-8", "replace").splitlines() if line.strip()]
-        numbers = re.findall(r'File ".*", line (\d+)', "\n".join(lines))
+        numbers = re.findall(r'File ".*", line (\d+)', report)
         where = f"{name}, line {numbers[-1]}" if numbers else name
-        problem = lines[-1] if lines else f"mpy-cross ended with status {process.returncode}"
-        raise ProgramError(f"{where}: {problem}; correct the program")
+        raise ProgramError(f"{where}: {report.splitlines()[-1].strip()}; correct the program")
     return mpy
 
 
@@ -54,10 +58,10 @@ def program_blob(modules: Mapping[str, bytes], hub: AnyHub) -> bytes:
     return blob
 
 
-_U_PREFIXED = ("sys", "select", "struct", "math", "random", "json", "io", "errno")
+U_PREFIXED = ("sys", "select", "struct", "math", "random", "json", "io", "errno")
 _PYBRICKS = ("hubs", "parameters", "pupdevices", "robotics", "tools", "messaging", "iodevices", "geometry")
 HUB_MODULES = frozenset(
-    (*_U_PREFIXED, *(f"u{name}" for name in _U_PREFIXED), "gc", "micropython", "pybricks", *(f"pybricks.{m}" for m in _PYBRICKS))
+    (*U_PREFIXED, *(f"u{name}" for name in U_PREFIXED), "gc", "micropython", "pybricks", *(f"pybricks.{m}" for m in _PYBRICKS))
 )
 """Modules of the firmware of a hub with floating-point numbers."""
 

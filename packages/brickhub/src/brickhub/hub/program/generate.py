@@ -13,22 +13,9 @@ from importlib import resources
 
 from brickhub.errors import DescriptionError, ProgramError
 from brickhub.fields import check_fields
+from brickhub.hub import protocol
 from brickhub.hub.commands import WIRE_MAX, Command
 from brickhub.hub.interface import Channel, Interface
-from brickhub.hub.protocol import (
-    APP_DATA_BYTES,
-    CONTROL_OVERHEAD,
-    CRC_POLYNOMIAL,
-    DOWN_PAYLOAD_BYTES,
-    MAGIC,
-    MAX_ACTIONS,
-    NOTIFICATION_BYTES,
-    PROTOCOL_VERSION,
-    ByeReason,
-    Down,
-    Up,
-    WireFormat,
-)
 from brickhub.hub.transport import HubProgram, Pipe
 from brickhub.robot import Direction, Motor, Robot, Sensor
 from brickhub.robot.spec import HUB_FLAT
@@ -47,8 +34,10 @@ def validate(robot: Robot, interface: Interface) -> None:
             f"robot '{robot.name}': a {robot.hub.value} hub has neither standard input nor floating point numbers nor ustruct, "
             "and is not supported; choose a prime, essential, technic or city hub"
         )
-    if len(interface.commands) > MAX_ACTIONS:
-        raise DescriptionError(f"{len(interface.commands)} commands do not fit one write of 20 bytes; use at most {MAX_ACTIONS}")
+    if len(interface.commands) > protocol.MAX_ACTIONS:
+        raise DescriptionError(
+            f"{len(interface.commands)} commands do not fit one write of 20 bytes; use at most {protocol.MAX_ACTIONS}"
+        )
     if not interface.channels:
         raise DescriptionError("the interface has no channels; name at least one, so that the hub has something to answer")
     for numbers in (interface.commands, interface.channels):
@@ -102,6 +91,7 @@ def generate(robot: Robot, interface: Interface, pipe: Pipe = Pipe.STDIN) -> Hub
     input_imports, input_part = _onboard({Pipe.STDIN: "stdio", Pipe.APP_DATA: "app_data"}[pipe])
     parts = [
         _constants(interface, pipe),
+        *_joint_part(robot, interface),
         input_part,  # first, since the host may write as soon as the program runs
         _devices(robot, interface),
         _start_moves(robot, interface),
@@ -109,11 +99,7 @@ def generate(robot: Robot, interface: Interface, pipe: Pipe = Pipe.STDIN) -> Hub
         _onboard("moves")[1],
         loop,
     ]
-    if _joints(robot, interface):
-        parts.insert(1, _onboard("joint")[1])
-    imports = _robot_imports(robot, interface) + input_imports + loop_imports
-    head = "\n".join([_header(robot, interface), *sorted_imports(imports), ""])
-    text = "\n\n".join([head, *parts])
+    text = _joined(_header(robot, interface), _robot_imports(robot, interface) + input_imports + loop_imports, parts)
     program_hash = hashlib.sha256(text.encode()).digest()[:4]
     source = text.replace(_hash_line(bytes(4)), _hash_line(program_hash), 1)
     return HubProgram(source, int.from_bytes(program_hash, "little"), pipe)
@@ -141,17 +127,20 @@ def generate_alone(robot: Robot, interface: Interface, observed: Sequence[int], 
         f"SETTLE_MS = {settle.longest_ms}  # and after this time in any case",
         f"SPANS = {tuple(spans)}  # middle and half of each command's range, times its scale",
     ]
-    imports = sorted_imports([*_robot_imports(robot, interface), *policy_imports, *alone_imports])
-    head = "\n".join(
-        [_header(robot, interface, f"It acts by itself, by {origin}, until the center button is pressed."), *imports, ""]
-    )
-    parts = [
-        "\n".join(constants) + "\n",
-        *([_onboard("joint")[1]] if _joints(robot, interface) else []),
-        _devices(robot, interface),
-    ]
+    parts = ["\n".join(constants) + "\n", *_joint_part(robot, interface), _devices(robot, interface)]
     parts += [_start_moves(robot, interface), _observe(interface, observed), policy, _onboard("moves")[1], alone]
-    return HubProgram("\n\n".join([head, *parts]), 0, says_hello=False)
+    header = _header(robot, interface, f"It acts by itself, by {origin}, until the center button is pressed.")
+    imports = _robot_imports(robot, interface) + policy_imports + alone_imports
+    return HubProgram(_joined(header, imports, parts), 0, says_hello=False)
+
+
+def _joined(header: str, imports: list[str], parts: list[str]) -> str:
+    """Text of a program."""
+    return "\n\n".join(["\n".join([header, *sorted_imports(imports), ""]), *parts])
+
+
+def _joint_part(robot: Robot, interface: Interface) -> list[str]:
+    return [_onboard("joint")[1]] if _joints(robot, interface) else []
 
 
 def _onboard(name: str) -> tuple[list[str], str]:
@@ -217,23 +206,23 @@ def _robot_imports(robot: Robot, interface: Interface) -> list[str]:
 
 
 def _constants(interface: Interface, pipe: Pipe) -> str:
-    wire = WireFormat(interface)
+    wire = protocol.WireFormat(interface)
     until_done = interface.settle.fixed_ms is None
-    sizes = ", ".join(f"{kind.name}: {CONTROL_OVERHEAD + DOWN_PAYLOAD_BYTES[kind]}" for kind in Down)
+    sizes = ", ".join(f"{kind.name}: {protocol.CONTROL_OVERHEAD + protocol.DOWN_PAYLOAD_BYTES[kind]}" for kind in protocol.Down)
     lines = [
         "# The wire, from the same definitions as on the host's side. Kinds of frames are ASCII letters.",
-        f"MAGIC = 0x{MAGIC:02X}",
-        f"CRC_POLYNOMIAL = 0x{CRC_POLYNOMIAL:X}",
-        *(f"{kind.name} = {kind.value}  # '{chr(kind.value)}'" for kind in Down),
-        *(f"{reason.name} = {reason.value}" for reason in ByeReason),
+        f"MAGIC = 0x{protocol.MAGIC:02X}",
+        f"CRC_POLYNOMIAL = 0x{protocol.CRC_POLYNOMIAL:X}",
+        *(f"{kind.name} = {kind.value}  # '{chr(kind.value)}'" for kind in protocol.Down),
+        *(f"{reason.name} = {reason.value}" for reason in protocol.ByeReason),
         f'ACTION_FORMAT = "{wire.action_format}"',
         f'ANSWER_FORMAT = "{wire.answer_format}"',
         f"COMMAND_BYTES = {wire.down_frame_bytes}  # length of a frame with actions",
         f"CONTROL_BYTES = {{{sizes}}}",
-        f"PIECE_BYTES = {NOTIFICATION_BYTES}  # what fits one notification",
-        f"HELLO_HEAD = bytes([MAGIC, 0, {Up.HELLO.value}, {PROTOCOL_VERSION}])",
-        f"BYE_HEAD = bytes([MAGIC, 0, {Up.BYE.value}])",
-        *([f"SLOT_BYTES = {APP_DATA_BYTES}  # of AppData"] if pipe is Pipe.APP_DATA else []),
+        f"PIECE_BYTES = {protocol.NOTIFICATION_BYTES}  # what fits one notification",
+        f"HELLO_HEAD = bytes([MAGIC, 0, {protocol.Up.HELLO.value}, {protocol.PROTOCOL_VERSION}])",
+        f"BYE_HEAD = bytes([MAGIC, 0, {protocol.Up.BYE.value}])",
+        *([f"SLOT_BYTES = {protocol.APP_DATA_BYTES}  # of AppData"] if pipe is Pipe.APP_DATA else []),
         _hash_line(bytes(4)),
         "",
         f"UNTIL_DONE = {until_done}  # answer when all moves have ended",

@@ -11,20 +11,9 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
-from brickhub.errors import (
-    AmbiguousHubError,
-    BluetoothUnavailableError,
-    HubDisconnectedError,
-    HubError,
-    HubNotFoundError,
-    HubProtocolError,
-    HubTakenError,
-    HubTimeoutError,
-    Reason,
-    message_of,
-)
+from brickhub import errors
 from brickhub.hub.transports import profile, pybricks_service
 from brickhub.hub.transports.connection import Port
 from brickhub.hub.transports.profile import PNP_ID_UUID, SERVICE_UUID, parse_hub_kind, refusal
@@ -46,12 +35,12 @@ _SERVICES = "`sudo systemctl start dbus bluetooth`"
 
 # Names in bleak's BleakBluetoothNotAvailableReason.
 _REASONS = {
-    "NO_BLUETOOTH": Reason.NO_ADAPTER,
-    "NO_BLE_CENTRAL_ROLE": Reason.NO_ADAPTER,
-    "POWERED_OFF": Reason.SWITCHED_OFF,
-    "DENIED_BY_USER": Reason.DENIED,
-    "DENIED_BY_SYSTEM": Reason.DENIED,
-    "DENIED_BY_UNKNOWN": Reason.DENIED,
+    "NO_BLUETOOTH": errors.Reason.NO_ADAPTER,
+    "NO_BLE_CENTRAL_ROLE": errors.Reason.NO_ADAPTER,
+    "POWERED_OFF": errors.Reason.SWITCHED_OFF,
+    "DENIED_BY_USER": errors.Reason.DENIED,
+    "DENIED_BY_SYSTEM": errors.Reason.DENIED,
+    "DENIED_BY_UNKNOWN": errors.Reason.DENIED,
 }
 _REMEDIES = {
     "linux": f"see that Bluetooth's service runs ({_SERVICES}) and that you may use it (`brickhub doctor` tells)",
@@ -60,18 +49,18 @@ _REMEDIES = {
 }
 
 
-def bluetooth_problem() -> tuple[Reason, str] | None:
+def bluetooth_problem() -> tuple[errors.Reason, str] | None:
     """Reason why Bluetooth is unavailable on Linux: adapter, switch or service. ``None`` if none is found."""
     if sys.platform != "linux":
         return None
     if not (_BLUETOOTH_FOLDER.is_dir() and any(_BLUETOOTH_FOLDER.glob("hci*"))):
-        return Reason.NO_ADAPTER, "this computer has no Bluetooth adapter; plug one in"
+        return errors.Reason.NO_ADAPTER, "this computer has no Bluetooth adapter; plug one in"
     for switch in _RFKILL_FOLDER.glob("rfkill*"):
         if _text(switch / "type") == "bluetooth" and "1" in (_text(switch / "soft"), _text(switch / "hard")):
             remedy = "run `rfkill unblock bluetooth`, or use the switch of this computer"
-            return Reason.SWITCHED_OFF, f"Bluetooth is switched off; {remedy}"
+            return errors.Reason.SWITCHED_OFF, f"Bluetooth is switched off; {remedy}"
     if not _SYSTEM_BUS.exists() and "DBUS_SYSTEM_BUS_ADDRESS" not in os.environ:
-        return Reason.NO_SERVICE, f"the system bus (D-Bus) does not run, which Bluetooth needs; start both: {_SERVICES}"
+        return errors.Reason.NO_SERVICE, f"the system bus (D-Bus) does not run, which Bluetooth needs; start both: {_SERVICES}"
     return None
 
 
@@ -81,7 +70,7 @@ def remedy(platform: str = sys.platform) -> str:
 
 
 @contextmanager
-def bleak_errors(operation: str, default_error: type[HubError]) -> Iterator[None]:
+def bleak_errors(operation: str, default_error: type[errors.HubError]) -> Iterator[None]:
     """Translate bleak's errors during ``operation`` (e.g. ``"connect to the hub"``) into our errors.
 
     ``default_error`` is the type for errors that bleak does not specify further.
@@ -90,27 +79,27 @@ def bleak_errors(operation: str, default_error: type[HubError]) -> Iterator[None
 
     try:
         yield
-    except HubError:
+    except errors.HubError:
         raise
     except BleakGATTProtocolError as error:
         raise refusal(operation, int(error.code)) from error
     except BleakBluetoothNotAvailableError as error:
         raise no_bluetooth(operation, error) from error
     except BleakDeviceNotFoundError as error:
-        raise HubNotFoundError(f"could not {operation}: it is not in reach any more; {_HUB_REMEDY}") from error
+        raise errors.HubNotFoundError(f"could not {operation}: it is not in reach any more; {_HUB_REMEDY}") from error
     except TimeoutError as error:
-        raise HubTimeoutError(f"could not {operation} in time; {_HUB_REMEDY}") from error
+        raise errors.HubTimeoutError(f"could not {operation} in time; {_HUB_REMEDY}") from error
     except (BleakError, OSError, EOFError) as error:
-        if default_error is BluetoothUnavailableError:
+        if default_error is errors.BluetoothUnavailableError:
             raise no_bluetooth(operation, error) from error
-        raise default_error(f"could not {operation} ({message_of(error)}); {_HUB_REMEDY}") from error
+        raise default_error(f"could not {operation} ({errors.message_of(error)}); {_HUB_REMEDY}") from error
 
 
-def no_bluetooth(operation: str, error: BaseException) -> BluetoothUnavailableError:
+def no_bluetooth(operation: str, error: BaseException) -> errors.BluetoothUnavailableError:
     """Error with the reason found on this computer, or else with bleak's."""
     name = getattr(getattr(error, "reason", None), "name", "")
-    reason, why = bluetooth_problem() or (_REASONS.get(name, Reason.UNKNOWN), f"{message_of(error)}; {remedy()}")
-    return BluetoothUnavailableError(f"could not {operation}: {why}", reason)
+    reason, why = bluetooth_problem() or (_REASONS.get(name, errors.Reason.UNKNOWN), f"{errors.message_of(error)}; {remedy()}")
+    return errors.BluetoothUnavailableError(f"could not {operation}: {why}", reason)
 
 
 def _text(path: Path) -> str:
@@ -181,20 +170,20 @@ async def find(name: str | None, address: str | None, timeout_s: float, backend:
         seen[device.address] = (device, FoundHub(device.name or "", device.address, 0))
     if (matches := _matches(seen, name, address)) and pybricks_service.is_running():
         what = f"{_listed(matches)} is connected to Pybricks' own background service"
-        raise HubTakenError(f"the hub {what}; {pybricks_service.RELEASE}")
+        raise errors.HubTakenError(f"the hub {what}; {pybricks_service.RELEASE}")
     if not _matches(seen, name, address):
         await _listen(seen, lambda: bool(_matches(seen, name, address)), timeout_s, backend)
     if address is None and len(_matches(seen, name, None)) == 1:  # check that there are no others
         await _listen(seen, lambda: len(_matches(seen, name, None)) > 1, _OTHERS_S, backend)
     matches = _matches(seen, name, address)
     if len(matches) > 1:
-        raise AmbiguousHubError(f"several hubs are in reach: {_listed(matches)}; say which one by its name or address")
+        raise errors.AmbiguousHubError(f"several hubs are in reach: {_listed(matches)}; say which one by its name or address")
     if not matches:
         what = "no hub" if name is None and address is None else f"no hub '{name or address}'"
         others = f"; others are: {_listed(seen.values())}" if seen else ""
         is_served = pybricks_service.is_running()
         remedy = f"Pybricks' own background service runs, and may have it: {pybricks_service.RELEASE}" if is_served else _REMEDY
-        raise HubNotFoundError(f"{what} with Pybricks was found within {timeout_s:g} s{others}; {remedy}")
+        raise errors.HubNotFoundError(f"{what} with Pybricks was found within {timeout_s:g} s{others}; {remedy}")
     device, hub = matches[0]
     _log.info("found the hub '%s' (%s)", hub.name, hub.address)
     return device
@@ -205,7 +194,7 @@ async def _listen(seen: _Seen, is_enough: Callable[[], bool], timeout_s: float, 
     from bleak import BleakScanner
 
     scanner = BleakScanner(service_uuids=[SERVICE_UUID], backend=backend.scanner if backend else None)
-    with bleak_errors("look for hubs", BluetoothUnavailableError):
+    with bleak_errors("look for hubs", errors.BluetoothUnavailableError):
         async with scanner:
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(timeout_s):
@@ -237,7 +226,7 @@ def _matches(seen: _Seen, name: str | None, address: str | None) -> list[tuple[B
 
 def _found_hub(device: BLEDevice, advertisement: AdvertisementData) -> FoundHub:
     name, kind = advertisement.local_name or device.name or "", None
-    with contextlib.suppress(HubProtocolError):  # it does not say, or is another device with Pybricks' service
+    with contextlib.suppress(errors.HubProtocolError):  # it does not say, or is another device with Pybricks' service
         kind = parse_hub_kind((advertisement.service_data or {}).get(PNP_ID_UUID, b""), name)
     return FoundHub(name, device.address, advertisement.rssi, kind)
 
@@ -252,20 +241,13 @@ class BleTransport(ProfileTransport):
     Args:
         name, address: name or address of the hub; with neither it must be the only one in reach.
         backend: bleak backend; ``None`` for bleak's default.
-        timeout_s, answer_timeout_s, record: see :class:`ProfileTransport`.
+        options: see :class:`ProfileTransport`.
     """
 
     def __init__(
-        self,
-        name: str | None = None,
-        address: str | None = None,
-        *,
-        backend: BleBackend | None = None,
-        timeout_s: float = 20.0,
-        answer_timeout_s: float = 2.0,
-        record: Path | None = None,
+        self, name: str | None = None, address: str | None = None, *, backend: BleBackend | None = None, **options: Any
     ) -> None:
-        super().__init__(timeout_s=timeout_s, answer_timeout_s=answer_timeout_s, record=record)
+        super().__init__(**options)
         self._name, self._address = name, address
         self._backend = backend
 
@@ -303,11 +285,11 @@ class BlePort:
             await self._client.start_notify(profile.COMMAND_EVENT_UUID, lambda _, data: self._on_event(bytes(data)))
 
     async def write(self, command: bytes, operation: str) -> None:
-        with bleak_errors(operation, HubDisconnectedError):
+        with bleak_errors(operation, errors.HubDisconnectedError):
             await self._client.write_gatt_char(profile.COMMAND_EVENT_UUID, command, response=True)
 
     async def close(self) -> None:
         await self._client.disconnect()
 
     def _errors(self) -> AbstractContextManager[None]:
-        return bleak_errors(f"connect to the hub '{self.name}'", HubDisconnectedError)
+        return bleak_errors(f"connect to the hub '{self.name}'", errors.HubDisconnectedError)

@@ -19,18 +19,13 @@ from brickhub.robot import HubKind
 
 
 class Output:
-    """Standard output of a program, and its end.
-
-    After the end the rest can be read, then one read returns ``b""`` (so that a collected traceback is known to be
-    complete), and later ones raise the reason of the end.
-    """
+    """Standard output of a program, and its end: after that the rest can be read, and then reading raises its reason."""
 
     def __init__(self) -> None:
         self._changed = threading.Condition()
         self._data = bytearray()
         self._end: type[HubError] | None = HubError
         self._reason = "no program runs on the hub; start one"
-        self._is_end_reported = True
 
     def begin(self) -> None:
         """Start with a new program: discard earlier output."""
@@ -47,7 +42,6 @@ class Output:
     def end(self, kind: type[HubError], reason: str) -> None:
         """End the output. The last reason counts: the link may be lost after the program's end."""
         with self._changed:
-            self._is_end_reported = self._is_end_reported and self._end is not None
             self._end, self._reason = kind, reason
             self._changed.notify_all()
 
@@ -63,17 +57,14 @@ class Output:
 
     def read(self, timeout_s: float) -> bytes:
         """All unread output, as soon as there is some; ``b""`` if none came in time. Raises HubError if the program or the link
-        has ended; see above."""
+        has ended, and all was read."""
         with self._changed:
             self._changed.wait_for(lambda: self._data or self._end is not None, timeout_s)
-            if self._data or self._end is None:
-                data = bytes(self._data)
-                self._data.clear()
-                return data
-            if self._is_end_reported:
-                raise self._end(self._reason)
-            self._is_end_reported = True
-            return b""
+            if not self._data:
+                self.check()
+            data = bytes(self._data)
+            self._data.clear()
+            return data
 
 
 _log = logging.getLogger(__name__)

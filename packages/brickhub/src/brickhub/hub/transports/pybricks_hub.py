@@ -20,15 +20,7 @@ from collections.abc import Coroutine
 from pathlib import Path
 from typing import Any, TypeVar
 
-from brickhub.errors import (
-    AmbiguousHubError,
-    HubDisconnectedError,
-    HubError,
-    HubProtocolError,
-    HubTakenError,
-    HubTimeoutError,
-    MediumUnavailableError,
-)
+from brickhub import errors
 from brickhub.files import user_cache, write_durably
 from brickhub.hub.program.compile import compile_program, program_blob
 from brickhub.hub.protocol import WRITE_BYTES, Up, control_frame, hello_payload
@@ -59,15 +51,15 @@ class EventLoopThread:
             future = asyncio.run_coroutine_threadsafe(coroutine, self._loop)
         except RuntimeError:
             coroutine.close()
-            raise HubError(f"could not {operation}: the link is closed; open it again") from None
+            raise errors.HubError(f"could not {operation}: the link is closed; open it again") from None
         try:
             return future.result(timeout_s)
         except concurrent.futures.CancelledError:
-            raise HubError(f"could not {operation}: the link was closed meanwhile; open it again") from None
+            raise errors.HubError(f"could not {operation}: the link was closed meanwhile; open it again") from None
         except concurrent.futures.TimeoutError:
             if future.done():
                 raise
-            raise HubTimeoutError(f"could not {operation} within {timeout_s:g} s; switch the hub off and on") from None
+            raise errors.HubTimeoutError(f"could not {operation} within {timeout_s:g} s; switch the hub off and on") from None
         finally:
             future.cancel()
 
@@ -111,7 +103,7 @@ class ProfileTransport(ABC):
         record: file that records which program is on which hub; ``None`` for the file in the user's cache.
     """
 
-    def __init__(self, *, timeout_s: float, answer_timeout_s: float, record: Path | None) -> None:
+    def __init__(self, *, timeout_s: float = 20.0, answer_timeout_s: float = 2.0, record: Path | None = None) -> None:
         self._timeout_s = timeout_s
         self._answer_timeout_s = answer_timeout_s
         self._record = record or user_cache() / "programs.json"
@@ -173,7 +165,7 @@ class ProfileTransport(ABC):
             HubError: no program runs, or the data has more than 20 bytes.
         """
         if len(data) > WRITE_BYTES:
-            raise HubError(f"{len(data)} bytes in one write; a hub takes {WRITE_BYTES} at most, split them")
+            raise errors.HubError(f"{len(data)} bytes in one write; a hub takes {WRITE_BYTES} at most, split them")
         connection = self._require_connection()
         connection.output.check()
         if self._pipe is Pipe.APP_DATA:
@@ -184,7 +176,7 @@ class ProfileTransport(ABC):
         self._run(connection.command(packet, "write to the program"), 2 * self._answer_timeout_s, "write to the program")
 
     def read(self, timeout_s: float) -> bytes:
-        """Next output of the program; ``b""`` if none came in time, and once when the program has ended.
+        """Next output of the program; ``b""`` if none came in time.
 
         Raises:
             HubDisconnectedError: the link is lost, and everything has been read.
@@ -210,7 +202,7 @@ class ProfileTransport(ABC):
         try:
             if connection is not None:
                 loop.run(self._close(connection), 4 * self._answer_timeout_s + _GRACE_S, "disconnect from the hub")
-        except HubError as error:
+        except errors.HubError as error:
             _log.warning("%s", error)
         finally:
             loop.close()
@@ -233,9 +225,9 @@ class ProfileTransport(ABC):
         while True:
             try:
                 self._connection = await self._connect(deadline_s - loop.time())
-            except (AmbiguousHubError, HubTakenError, MediumUnavailableError, HubProtocolError):
+            except (errors.AmbiguousHubError, errors.HubTakenError, errors.MediumUnavailableError, errors.HubProtocolError):
                 raise
-            except HubError as error:
+            except errors.HubError as error:
                 if loop.time() + pause_s >= deadline_s:
                     raise
                 _log.info("%s; trying again", error)
@@ -257,7 +249,7 @@ class ProfileTransport(ABC):
         connection = await self._connected()
         kind, location = connection.identity.kind, f"{connection.identity.address} slot {connection.status.slot}"
         if kind.model.stdin_bytes == 0 and program.says_hello:
-            raise HubProtocolError("a Move Hub cannot run our programs; use another hub")
+            raise errors.HubProtocolError("a Move Hub cannot run our programs; use another hub")
         blob = program_blob(modules, kind)
         if connection.is_running:
             await connection.stop_program()
@@ -295,12 +287,12 @@ class ProfileTransport(ABC):
     def _run(self, coroutine: Coroutine[Any, Any, _T], limit_s: float, operation: str) -> _T:
         if self._loop is None:
             coroutine.close()
-            raise HubError("the link to the hub is not open; open it first")
+            raise errors.HubError("the link to the hub is not open; open it first")
         return self._loop.run(coroutine, limit_s + _GRACE_S, operation)
 
     def _require_connection(self) -> HubConnection:
         if self._connection is None:
-            raise HubDisconnectedError("the hub is not connected; open the link first")
+            raise errors.HubDisconnectedError("the hub is not connected; open the link first")
         return self._connection
 
 
@@ -311,7 +303,7 @@ async def _start_stored_program(connection: HubConnection, program: HubProgram) 
         await connection.start_program()
         if await connection.wait_for_output(hello, _HELLO_S):
             return True
-    except HubError as error:
+    except errors.HubError as error:
         if not connection.is_connected:
             raise
         _log.info("the program on the hub cannot be started: %s", error)

@@ -20,18 +20,9 @@ import struct
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
-from brickhub.errors import (
-    AmbiguousHubError,
-    HubDisconnectedError,
-    HubNotFoundError,
-    HubProtocolError,
-    Reason,
-    UsbUnavailableError,
-    message_of,
-)
+from brickhub import errors
 from brickhub.hub.transports import profile
 from brickhub.hub.transports.connection import Port
 from brickhub.hub.transports.profile import refusal
@@ -72,7 +63,7 @@ def decode_cobs(frame: bytes) -> bytes:
         delimiter, size = _parse_code(data[position])
         block = data[position + 1 : position + size]
         if len(block) != size - 1:
-            raise HubProtocolError("a frame over USB is cut short; plug the hub in again")
+            raise errors.HubProtocolError("a frame over USB is cut short; plug the hub in again")
         out += block
         position += size
         if delimiter is not None and position < len(data):
@@ -85,7 +76,7 @@ def _parse_code(code: int) -> tuple[int | None, int]:
     if code == _FULL:
         return None, _BLOCK_BYTES + 1
     if code <= _CODE_OFFSET:
-        raise HubProtocolError("a frame over USB has a code that cannot be; plug the hub in again")
+        raise errors.HubProtocolError("a frame over USB has a code that cannot be; plug the hub in again")
     delimiter, size = divmod(code - _CODE_OFFSET - 1, _BLOCK_BYTES)
     return delimiter, size + 1
 
@@ -105,10 +96,10 @@ class Framer:
         for frame in ended:
             try:
                 if len(frame) > self._longest_bytes:
-                    raise HubProtocolError("a frame over USB is too long; plug the hub in again")
+                    raise errors.HubProtocolError("a frame over USB is too long; plug the hub in again")
                 if message := decode_cobs(frame):
                     messages.append(message)
-            except HubProtocolError:
+            except errors.HubProtocolError:
                 self.damaged += 1
         self._buffer = rest[: self._longest_bytes + 1]  # one byte tells that it is too long
         return messages
@@ -178,7 +169,7 @@ class UsbTransport(ProfileTransport):
         port: serial port, such as ``/dev/ttyACM0`` or ``COM3``; without one there must be a single hub.
         open_serial: opens a serial port; by default with pyserial.
         find_hubs: lists the connected hubs.
-        timeout_s, answer_timeout_s, record: see :class:`ProfileTransport`.
+        options: see :class:`ProfileTransport`.
     """
 
     def __init__(
@@ -187,11 +178,9 @@ class UsbTransport(ProfileTransport):
         *,
         open_serial: OpenSerial | None = None,
         find_hubs: Callable[[], list[UsbHub]] = list_usb_hubs,
-        timeout_s: float = 20.0,
-        answer_timeout_s: float = 2.0,
-        record: Path | None = None,
+        **options: Any,
     ) -> None:
-        super().__init__(timeout_s=timeout_s, answer_timeout_s=answer_timeout_s, record=record)
+        super().__init__(**options)
         self._serial_port = port
         self._open_serial = open_serial or _open_serial
         self._find_hubs = find_hubs
@@ -205,10 +194,12 @@ class UsbTransport(ProfileTransport):
         if not hubs and port is not None and (first is None or first.address == port):
             hubs = [UsbHub(port, port)]
         if not hubs:
-            raise HubNotFoundError("no hub with Pybricks 4.1 is on USB; plug it in and switch it on, or name its serial port")
+            raise errors.HubNotFoundError(
+                "no hub with Pybricks 4.1 is on USB; plug it in and switch it on, or name its serial port"
+            )
         if len(hubs) > 1:
             ports = ", ".join(hub.device for hub in hubs)
-            raise AmbiguousHubError(f"several hubs are on USB: {ports}; say which one by its port")
+            raise errors.AmbiguousHubError(f"several hubs are on USB: {ports}; say which one by its port")
         return UsbPort(hubs[0], self._open_serial)
 
 
@@ -277,7 +268,7 @@ class UsbPort:
     async def _send(self, message: bytes) -> None:
         serial = self._serial
         if serial is None:
-            raise HubDisconnectedError("the serial port is closed; open the link again")
+            raise errors.HubDisconnectedError("the serial port is closed; open the link again")
         frame = encode_cobs(message) if message else bytes((FRAME_END,))
         with _serial_errors("write to the hub"):
             serial.write(frame)
@@ -327,9 +318,9 @@ def _serial_errors(operation: str) -> Iterator[None]:
     try:
         yield
     except OSError as error:  # serial.SerialException is one
-        why = message_of(error)
+        why = errors.message_of(error)
         if error.errno in (errno.EACCES, errno.EPERM):
             remedy = "allow it: on Linux, join the group dialout and log in again"
-            raise UsbUnavailableError(f"could not {operation} ({why}); {remedy}", Reason.DENIED) from error
+            raise errors.UsbUnavailableError(f"could not {operation} ({why}); {remedy}", errors.Reason.DENIED) from error
         remedy = "plug the hub in, switch it on, and close other programs that use it"
-        raise HubDisconnectedError(f"could not {operation} ({why}); {remedy}") from error
+        raise errors.HubDisconnectedError(f"could not {operation} ({why}); {remedy}") from error

@@ -7,7 +7,8 @@ from math import trunc
 from typing import Protocol
 
 from brickhub.robot import Direction, MotorKind
-from brickhub.virtual.body import Body, FittingBody
+from brickhub.virtual.bench_body import FittedBench
+from brickhub.virtual.body import Body
 from brickhub.virtual.firmware import RefusedError, UnavailableError
 from brickhub.virtual.firmware.angle import Angle, difference, from_unit, split, to_mdeg, to_unit
 from brickhub.virtual.firmware.control import Controller, ControlType, Logger, OnCompletion, State
@@ -223,7 +224,7 @@ class Servo:
             limit = self.type.model.torque_unm(trunc(duty_limit_pct * self.body.battery_mv / 100))
         self._take_over()
         speed = self.settings.from_unit(speed)
-        if isinstance(self.body, FittingBody):
+        if isinstance(self.body, FittedBench):
             self.body.block(self.port, self.direction if speed > 0 else -self.direction)
         self.control.start_until_stalled(self.clock.time_ticks, self.state(), speed, limit, then)
 

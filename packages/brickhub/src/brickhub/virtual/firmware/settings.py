@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from math import trunc
 
@@ -76,42 +76,33 @@ class ControlSettings:
         self.max_torque = torque_mnm * 1000
         self.__post_init__()
 
-    def pid(self) -> tuple[int, int, int, int, int]:
-        """kp, ki, kd in control units; integral deadzone and integral rate in the program's units."""
-        return self.kp, self.ki, self.kd, self.to_unit(self.integral_deadzone), self.to_unit(self.integral_rate)
+    def group(self, name: str) -> tuple[int, ...]:
+        """Settings of one of ``_GROUPS``, as a program sees them: gains in control units, times in ms."""
+        return tuple(trunc(getattr(self, setting) / self._steps(kind)) for setting, kind in _GROUPS[name].items())
 
-    def set_pid(self, kp: int, ki: int, kd: int, integral_deadzone: int, integral_rate: int) -> None:
-        """Set what :meth:`pid` returns. Raises ValueError for a value out of range."""
-        if min(kp, ki, kd) < 0:
-            raise RefusedError("a gain is negative")
-        validate_speed(self.steps_per_unit, integral_rate)
-        self._validate_position(integral_deadzone)
-        self.kp, self.ki, self.kd = kp, ki, kd
-        self.integral_deadzone, self.integral_rate = self.from_unit(integral_deadzone), self.from_unit(integral_rate)
+    def set_group(self, name: str, values: Iterable[int]) -> None:
+        """Set what :meth:`group` returns. Raises ValueError for a value out of range."""
+        rows = [(*row, value) for row, value in zip(_GROUPS[name].items(), values, strict=True)]
+        for _, kind, value in rows:
+            if kind == "speed":
+                validate_speed(self.steps_per_unit, value)
+            elif kind in ("gain", "position") and not 0 <= value <= INT32_MAX // self._steps(kind):
+                raise RefusedError(f"the {kind} is out of range")
+        for setting, kind, value in rows:
+            setattr(self, setting, self.from_unit(value) if kind in ("speed", "position") else value * self._steps(kind))
         self.__post_init__()
 
-    def target_tolerances(self) -> tuple[int, int]:
-        """Speed and position within which a move is complete."""
-        return self.to_unit(self.speed_tolerance), self.to_unit(self.position_tolerance)
+    def _steps(self, kind: str) -> int:
+        """Control units of one unit of a program."""
+        return {"gain": 1, "time": 10}.get(kind, self.steps_per_unit)
 
-    def set_target_tolerances(self, speed: int, position: int) -> None:
-        """Set what :meth:`target_tolerances` returns. Raises ValueError for a value out of range."""
-        validate_speed(self.steps_per_unit, speed)
-        self._validate_position(position)
-        self.speed_tolerance, self.position_tolerance = self.from_unit(speed), self.from_unit(position)
 
-    def stall_tolerances(self) -> tuple[int, int]:
-        """Maximum speed and minimum time (ms) of a stall."""
-        return self.to_unit(self.stall_speed), self.stall_time // 10
-
-    def set_stall_tolerances(self, speed: int, time_ms: int) -> None:
-        """Set what :meth:`stall_tolerances` returns. Raises ValueError for a speed out of range."""
-        validate_speed(self.steps_per_unit, speed)
-        self.stall_speed, self.stall_time = self.from_unit(speed), time_ms * 10
-
-    def _validate_position(self, value: int) -> None:
-        if not 0 <= value <= self.to_unit(INT32_MAX):
-            raise RefusedError("the angle is out of range")
+_GROUPS = {
+    "pid": {"kp": "gain", "ki": "gain", "kd": "gain", "integral_deadzone": "position", "integral_rate": "speed"},
+    "target_tolerances": {"speed_tolerance": "speed", "position_tolerance": "position"},
+    "stall_tolerances": {"stall_speed": "speed", "stall_time": "time"},
+}
+"""Settings that a program gets and sets together, and their kinds."""
 
 
 def divide_by_gain(torque: int, gain: int) -> int:

@@ -10,13 +10,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from types import FrameType, MethodType, ModuleType
 from typing import Any
 
-from brickhub.virtual.micropython.attributes import (
-    ATTRIBUTE_FUNCTIONS,
-    directory,
-    may_be_hidden,
-    store_attribute,
-    visible_attribute,
-)
+from brickhub.virtual.micropython import attributes
 from brickhub.virtual.micropython.compiler import compile_string
 from brickhub.virtual.micropython.containers import HubDict, HubSet, hash_of
 from brickhub.virtual.micropython.exceptions import EXCEPTIONS, HubOSError, ProgramInterrupt
@@ -51,7 +45,9 @@ def builtin_names(
     """Builtin names for a program without ``missing_builtins``. ``namespaces``: globals of its modules. ``find_module`` raises
     ImportError."""
     result: dict[str, Any] = {name: getattr(builtins, name) for name in (*_UNCHANGED, *EXCEPTIONS)}
-    result.update({**operators(namespaces), **hooks, **ATTRIBUTE_FUNCTIONS, **_FUNCTIONS, **_stream_functions(console)})
+    result.update(
+        {**operators(namespaces), **hooks, **attributes.ATTRIBUTE_FUNCTIONS, **_FUNCTIONS, **_stream_functions(console)}
+    )
     result.update({"Ellipsis": ..., "__debug__": True, "OSError": HubOSError, "dict": HubDict, "set": HubSet})
     result.update({"bytearray": HubBytearray, "sorted": sorted_list, "repr": representation, "@del": _delete_global})
     result.update(_number_functions(result["@n"], result["@pow"]))
@@ -186,7 +182,7 @@ def _delete_global(name: str) -> None:
 def getattr_(value: Any, name: str, *default: Any) -> Any:
     _expect_text(name)
     try:
-        return visible_attribute(value, name) if may_be_hidden(name) else getattr(value, name)
+        return attributes.visible_attribute(value, name) if attributes.may_be_hidden(name) else getattr(value, name)
     except AttributeError:
         if default:
             return default[0]
@@ -196,7 +192,7 @@ def getattr_(value: Any, name: str, *default: Any) -> Any:
 def dir_(*values: Any) -> list[str]:
     if not values:
         return sorted(name for name in _namespace(sys._getframe(1)) if "@" not in name and name != "__builtins__")
-    return directory(values[0])
+    return attributes.directory(values[0])
 
 
 def hasattr_(value: Any, name: str) -> bool:
@@ -213,7 +209,7 @@ def issubclass_(kind: Any, kinds: Any) -> bool:
 
 def setattr_(value: Any, name: str, new: Any, /) -> None:
     _expect_text(name)
-    store_attribute(new, value, name)
+    attributes.store_attribute(new, value, name)
 
 
 def _without_int(kinds: Any) -> Any:

@@ -11,8 +11,7 @@ from dataclasses import dataclass, field
 from types import CodeType
 from typing import Any
 
-import mpy_cross_v6
-
+from brickhub.hub.program.compile import cross_compile
 from brickhub.hub.program.syntax import TEXT, deep_recursion, parse
 from brickhub.virtual.micropython.floats import SMALL_MAX
 from brickhub.virtual.micropython.transform import called_name, transform
@@ -217,11 +216,10 @@ def _with_names_of_hub(code: CodeType, mangled: re.Pattern[str] | None, words: f
 
 def _compile_for_hub(source: str, filename: str) -> bytes:
     """The program as ``.mpy``. Raises SyntaxError."""
-    process, mpy = mpy_cross_v6.mpy_cross_compile(filename, source, extra_args=["-msmall-int-bits=31"])
+    mpy, report = cross_compile(source, filename)
     if mpy is not None:
-        return bytes(mpy)
-    report = process.stderr.decode()
-    kind, _, message = report.strip().splitlines()[-1].partition(": ")
+        return mpy
+    kind, _, message = report.splitlines()[-1].partition(": ")
     error = (IndentationError if kind == "IndentationError" else SyntaxError)(message or kind)
     if location := re.search(r'File ".*", line (\d+)(?:, in (\S+))?', report):
         error.filename, error.lineno, error.text = filename, int(location[1]), location[2]

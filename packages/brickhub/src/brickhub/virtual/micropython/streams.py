@@ -73,7 +73,10 @@ HubBytearray.__name__ = HubBytearray.__qualname__ = "bytearray"
 
 
 class Console(Protocol):
-    """Byte streams between a program and its host. ``print`` writes ``\\r\\n`` for ``\\n``."""
+    """Byte streams between a program and its host. ``print`` writes ``\\r\\n`` for ``\\n``. ``inbox``: AppData of the host, of a
+    size that the program sets."""
+
+    inbox: bytearray
 
     def available(self) -> int:
         """Number of bytes that can be read without waiting."""
@@ -83,6 +86,9 @@ class Console(Protocol):
 
     def write(self, data: bytes) -> None:
         """Send bytes unchanged."""
+
+    def write_app_data(self, data: bytes) -> None:
+        """Send bytes of AppData."""
 
 
 def as_bytes(value: Any) -> bytes:

@@ -19,7 +19,7 @@ from brickhub.virtual.micropython.floats import to_single
 from brickhub.virtual.micropython.memory import BLOCK_BYTES
 from brickhub.virtual.micropython.numbers import module
 from brickhub.virtual.micropython.operators import to_float, to_int
-from brickhub.virtual.micropython.streams import BytesIO, Console, IOBase, Stream, StringIO, as_bytes, part_of, write_text
+from brickhub.virtual.micropython.streams import Console, Stream, as_bytes, part_of, write_text
 from brickhub.virtual.micropython.text import format_traceback, representation, text
 
 _TOKEN = re.compile(
@@ -343,10 +343,6 @@ def gc_module(memory: Callable[[], tuple[int, int]]) -> ModuleType:
 
 def errno_module() -> ModuleType:
     return module("errno", {**{name: code for code, name in ERROR_NAMES.items()}, "errorcode": HubDict.in_order(ERROR_NAMES)})
-
-
-def io_module() -> ModuleType:
-    return module("io", {}, BytesIO, IOBase, StringIO)
 
 
 def json_module() -> ModuleType:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from types import ModuleType
+from typing import Any
 
+from brickhub.hub.program.compile import U_PREFIXED
 from brickhub.virtual.interpreter import Modules
 from brickhub.virtual.machine import Machine
 from brickhub.virtual.micropython import system
 from brickhub.virtual.micropython.memory import Heap, check_of_calls, most_nested_calls
 from brickhub.virtual.micropython.numbers import math_module, module, random_module, struct_module
-from brickhub.virtual.micropython.streams import Console
+from brickhub.virtual.micropython.streams import BytesIO, Console, IOBase, StringIO
 from brickhub.virtual.pybricks.context import Context
 from brickhub.virtual.pybricks.hubs import hubs_module
 from brickhub.virtual.pybricks.iodevices import iodevices_module
@@ -19,8 +19,6 @@ from brickhub.virtual.pybricks.pupdevices import pupdevices_module
 from brickhub.virtual.pybricks.robotics import robotics_module
 from brickhub.virtual.pybricks.tools import tools_module
 from brickhub.virtual.pybricks.wireless import messaging_module
-
-_U_PREFIXED = ("sys", "select", "struct", "math", "random", "json", "io", "errno")
 
 
 def modules(machine: Machine, console: Console) -> Modules:
@@ -43,23 +41,19 @@ def modules(machine: Machine, console: Console) -> Modules:
         result["pybricks.geometry"] = tools
     heap = Heap(hub.model)
     machine.check_memory = heap.check
-    language = {part.__name__: part for part in _language_modules(machine, console, heap)}
-    result.update(language)
-    result.update({f"u{name}": language[name] for name in _U_PREFIXED if name in language})
+    language = [system.errno_module()]
+    if hub.model.has_float:
+        terminal = system.Terminal(console, machine.charge_call)
+        language += [math_module(), random_module(machine.time_ms * 1000), struct_module(), system.json_module()]
+        language += [module("io", {}, BytesIO, IOBase, StringIO), system.gc_module(heap.statistics)]
+        language += [system.micropython_module(terminal, heap.statistics)]
+        language += [system.select_module(machine.advance_to_alarm, machine.charge_call)]
+        language += [system.sys_module(terminal, firmware.version, hub.model.machine)]
+    result |= {part.__name__: part for part in language}
+    result |= {f"u{part.__name__}": part for part in language if part.__name__ in U_PREFIXED}
     machine.branch(None)
-    hooks = machine.turn_loop, machine.turn, machine.branch, check_of_calls(most_nested_calls(hub))
-    importable = Modules(result, *hooks, heap.namespaces, missing_builtins=hub.model.missing)
+    hooks: dict[str, Any] = {"@tick": machine.turn_loop, "@turn": machine.turn}
+    hooks |= {"@branch": machine.branch, "@element": machine.branch, "@callee": check_of_calls(most_nested_calls(hub))}
+    importable = Modules(result, hooks, heap.namespaces, hub.model.missing)
     importable.product = machine.charge_product
     return importable
-
-
-def _language_modules(machine: Machine, console: Console, heap: Heap) -> Iterator[ModuleType]:
-    hub = machine.robot.hub.model
-    yield system.errno_module()
-    if hub.has_float:
-        terminal = system.Terminal(console, machine.charge_call)
-        yield from (math_module(), random_module(machine.time_ms * 1000), struct_module())
-        yield from (system.json_module(), system.io_module(), system.gc_module(heap.statistics))
-        yield system.micropython_module(terminal, heap.statistics)
-        yield system.select_module(machine.advance_to_alarm, machine.charge_call)
-        yield system.sys_module(terminal, machine.firmware.version, hub.machine)

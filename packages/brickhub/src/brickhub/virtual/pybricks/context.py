@@ -1,4 +1,4 @@
-"""Context of a program's Pybricks modules: machine, run loop, argument checks."""
+"""Context of a program's Pybricks modules: its machine, console and run loop, and the classes that are bound to it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from types import FunctionType
 from typing import Any
 
 from brickhub.virtual.firmware import FIRMWARE_ERRORS, RefusedError, UnavailableError
-from brickhub.virtual.machine import Machine
+from brickhub.virtual.machine import CONTROL_LOOP_MS, Machine
 from brickhub.virtual.micropython.exceptions import is_native
 from brickhub.virtual.micropython.streams import Console
 from brickhub.virtual.pybricks.arguments import expect_type, os_error
@@ -37,14 +37,14 @@ def _of_hub(error: Exception) -> Exception:
 class Async:
     """Awaitable of a method in the run loop; completes with a value when ``is_done``, or when another command replaces it."""
 
-    __slots__ = ("_is_done", "_loop", "_on_close", "_result", "_state")
+    __slots__ = ("_context", "_is_done", "_on_close", "_result", "_state")
 
     _NEW, _RUNNING, _CANCELLED, _DONE = range(4)
 
     def __init__(
-        self, loop: RunLoop, is_done: Callable[[], bool], result: _Call | None = None, on_close: _Call | None = None
+        self, context: Context, is_done: Callable[[], bool], result: _Call | None = None, on_close: _Call | None = None
     ) -> None:
-        self._loop, self._is_done, self._result, self._on_close = loop, is_done, result, on_close
+        self._context, self._is_done, self._result, self._on_close = context, is_done, result, on_close
         self._state = self._NEW
 
     def __iter__(self) -> Async:
@@ -53,10 +53,10 @@ class Async:
     def __next__(self) -> None:
         if self._state > self._RUNNING:
             raise StopIteration
-        self._loop.is_waiting = self._state == self._RUNNING
+        self._context.is_waiting = self._state == self._RUNNING
         self._state = self._RUNNING
         if self._is_done():
-            self._loop.is_waiting = False
+            self._context.is_waiting = False
             self._state = self._DONE
             raise StopIteration(self._result() if self._result is not None else None)
 
@@ -68,19 +68,26 @@ class Async:
                 self._on_close()
 
 
-class RunLoop:
-    """State of ``run_task``, and waiting inside and outside of it.
+class Context:
+    """One program on one machine: the state of ``run_task``, and waiting inside and outside of it.
 
     Attributes:
+        ports: the program's class ``Port``, with the ports of the hub.
         start_ms: simulated time at which the program began.
         is_active: whether tasks run.
         is_waiting: whether the task that has just yielded has been waiting since its last turn. Otherwise it only lets others
             run, or has done something for which others may wait.
     """
 
-    def __init__(self, machine: Machine) -> None:
-        self.machine, self.start_ms = machine, machine.time_ms
+    def __init__(self, machine: Machine, console: Console, ports: type[Any]) -> None:
+        self.machine, self.console, self.ports = machine, console, ports
+        self.start_ms = machine.time_ms
         self.is_active = self.is_waiting = False
+
+    def port_letter(self, port: Any) -> str:
+        """Letter of a ``Port``. Raises TypeError for another value."""
+        expect_type(port, self.ports)
+        return str(port._name)
 
     def yield_once(self) -> Async:
         """An awaitable that only yields to other tasks."""
@@ -104,10 +111,7 @@ class RunLoop:
         if self.is_active:
             return Async(self, is_done, result, on_close)
         while not is_done():
-            if poll_ms:
-                self.machine.advance(poll_ms)
-            else:
-                self.machine.advance_to_control()
+            self.machine.advance(poll_ms or CONTROL_LOOP_MS - self.machine.time_ms % CONTROL_LOOP_MS)
         return result() if result is not None else None
 
     def wait_until(self, end_ms: int) -> Any:
@@ -130,8 +134,8 @@ class RunLoop:
 class Awaited:
     """The current awaited command of a device; a new one replaces it and lets its awaiter continue."""
 
-    def __init__(self, loop: RunLoop) -> None:
-        self._loop = loop
+    def __init__(self, context: Context) -> None:
+        self._context = context
         self._current: Async | None = None
 
     def cancel(self) -> None:
@@ -140,25 +144,12 @@ class Awaited:
             self._current = None
 
     def finish(self, is_done: Callable[[], bool], *callbacks: _Call | None, poll_ms: int = 0) -> Any:
-        """Cancel the previous command, then `RunLoop.finish`."""
+        """Cancel the previous command, then `Context.finish`."""
         self.cancel()
-        outcome = self._loop.finish(is_done, *callbacks, poll_ms=poll_ms)
+        outcome = self._context.finish(is_done, *callbacks, poll_ms=poll_ms)
         if isinstance(outcome, Async):
             self._current = outcome
         return outcome
-
-
-class Context:
-    """One program on one machine. ``ports``: its class ``Port``, with the ports of the hub."""
-
-    def __init__(self, machine: Machine, console: Console, ports: type[Any]) -> None:
-        self.machine, self.console, self.ports = machine, console, ports
-        self.loop = RunLoop(machine)
-
-    def port_letter(self, port: Any) -> str:
-        """Letter of a ``Port``. Raises TypeError for another value."""
-        expect_type(port, self.ports)
-        return str(port._name)
 
 
 class Native:
@@ -170,7 +161,6 @@ class Native:
 
     _context: Context
     _machine: Machine
-    _loop: RunLoop
 
     def __init_subclass__(cls) -> None:
         for name, method in list(vars(cls).items()) if is_native(cls) else ():
@@ -192,7 +182,7 @@ def _counted(method: Callable[..., Any]) -> Callable[..., Any]:
 
 def bind(context: Context, kind: type, *hidden: str) -> Any:
     """A subclass for one program, whose objects know the machine, without the ``hidden`` attributes."""
-    names = {"_context": context, "_loop": context.loop, "_machine": context.machine, **{name: _Absent() for name in hidden}}
+    names = {"_context": context, "_machine": context.machine, **{name: _Absent() for name in hidden}}
     return type(kind.__name__, (kind,), {**names, "__qualname__": kind.__qualname__, "__module__": kind.__module__})
 
 

@@ -13,12 +13,11 @@ import enum
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from brickhub.robot import MotorKind, Sense, SensorKind, UltrasonicSensor
 from brickhub.virtual.machine import Machine
 from brickhub.virtual.pybricks.parameters import nearest
-from brickhub.virtual.stimuli import Hsv, brightness_pct, color, number, pitch_and_roll, reflection_pct
+from brickhub.virtual.stimuli import Hsv, Sensed, brightness_pct, color, number, pitch_and_roll, reflection_pct
 
 MAX_FORCE_MN = 10_000
 _MAX_TILT_DEG = 45
@@ -63,10 +62,6 @@ class Plug:
     def proximity(self) -> int:
         """Distance in tenths of the largest."""
         return min(max(round(number(self._sensed(Sense.DISTANCE)) / 10), 0), 10)
-
-    def ambient_raw(self) -> int:
-        """Incoming light as the SPIKE color sensor sends it, in tenths of a percent."""
-        return round(self.ambient_pct() * 10)
 
     def raw_rgb(self, is_boost: bool) -> tuple[int, int, int]:
         """Reflected light as a color sensor sends it: the BOOST sensor up to 440, that of SPIKE up to 1024."""
@@ -120,9 +115,8 @@ class Plug:
         speed_pct = 100 * (self._last_sample[1] - mdeg) / (elapsed_ms * max_deg_s) if time_ms and elapsed_ms else 0
         return max(-100, min(100, round(speed_pct)))
 
-    def _sensed(self, sense: Sense) -> Any:
-        body: Any = self.machine.body  # a SensingBody, or nothing would be there
-        return body.sensed(self.port, sense)
+    def _sensed(self, sense: Sense) -> Sensed:
+        return self.machine.body.sensed(self.port, sense)
 
 
 Read = Callable[[Plug], Iterable[int]]

@@ -81,7 +81,7 @@ class _Timed(Native):
     """A part that plays something, which can be awaited."""
 
     def __init__(self) -> None:
-        self._awaited = Awaited(self._loop)
+        self._awaited = Awaited(self._context)
 
     def _play(self, steps: Iterator[bool], on_close: Callable[[], None] | None = None) -> Any:
         """Play ``steps``, which yield False until all is played."""

@@ -9,7 +9,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from brickhub.virtual.body import FittingBody
+from brickhub.virtual.bench_body import FittedBench
 from brickhub.virtual.firmware.drive_base import GyroHeading
 from brickhub.virtual.micropython.exceptions import HubOSError
 from brickhub.virtual.micropython.floats import to_single
@@ -83,7 +83,7 @@ class IMU(Native):
 
     def __init__(self) -> None:
         body = self._machine.body
-        self._bench = body if isinstance(body, FittingBody) else None
+        self._bench = body if isinstance(body, FittedBench) else None
         self._settings = {name: default for name, (default, _) in _SETTINGS.items()}
         self._turned_ms: int | None = None
         self._orient(Axis.Z, Axis.X)
@@ -233,7 +233,7 @@ class Accelerometer(Native):
         (left,) = {1, 2, 3} - axes
         follows = (abs(front) - abs(top)) % 3 == 1
         self._axes = front, left if follows is (top * front > 0) else -left, top
-        if isinstance(self._machine.body, FittingBody):
+        if isinstance(self._machine.body, FittedBench):
             x, y, z = (float((axis == 3) - (axis == -3)) for axis in self._axes)
             self._machine.body.mount((x, y, z))
 

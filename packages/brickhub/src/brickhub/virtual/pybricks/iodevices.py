@@ -9,7 +9,7 @@ from types import ModuleType
 from typing import Any
 
 from brickhub.robot import SensorKind
-from brickhub.virtual.body import FittingBody
+from brickhub.virtual.bench_body import FittedBench
 from brickhub.virtual.machine import Machine
 from brickhub.virtual.micropython.containers import HubDict
 from brickhub.virtual.micropython.numbers import module
@@ -84,7 +84,7 @@ class PUPDevice(Device):
 def _device_id(machine: Machine, port: str) -> int | None:
     devices = (*machine.robot.motors, *machine.robot.sensors)
     described_id = next((device.kind.model.device_id for device in devices if device.port == port), None)
-    if described_id is not None or not isinstance(machine.body, FittingBody):
+    if described_id is not None or not isinstance(machine.body, FittedBench):
         return described_id
     plugged_in = machine.body.device(port)
     if port in machine.body.motors:
@@ -107,7 +107,7 @@ class UARTDevice(Native):
             self._ask_for_power(pin)
         self._busy: set[str] = set()
         self._awaits_pattern = False
-        self._reads, self._writes = Awaited(self._loop), Awaited(self._loop)
+        self._reads, self._writes = Awaited(self._context), Awaited(self._context)
 
     def _ask_for_power(self, pin: int) -> None:
         """Ask a person for permission to put the battery's voltage on a pin."""

@@ -77,10 +77,10 @@ class Control(Native):
 
     def _get_or_set(self, name: str, *values: Any) -> tuple[int, ...] | None:
         settings = self._controller().settings
-        current: tuple[int, ...] = getattr(settings, name)()
+        current = settings.group(name)
         if all(value is None for value in values):
             return current
-        getattr(settings, f"set_{name}")(*map(magnitude, values, current))
+        settings.set_group(name, map(magnitude, values, current))
         return None
 
     # ---- of older versions, and still there
@@ -181,7 +181,7 @@ class _BaseMotor(Native):
     _servo: Servo
 
     def __init__(self, port: Any, positive_direction: Any) -> None:
-        self._loop.assert_blocking()
+        self._context.assert_blocking()
         self._letter = self._context.port_letter(port)
         expect_type(positive_direction, Direction)
         is_clockwise = positive_direction is Direction.CLOCKWISE
@@ -244,7 +244,7 @@ class Motor(_BaseMotor):
         with firmware_errors():
             servo.setup(self._direction, ratio, bool(reset_angle), 0 if profile is None else abs(get_int(profile)))
         self._servo = servo
-        self._awaited = Awaited(self._loop)
+        self._awaited = Awaited(self._context)
         self.control = Control(lambda: servo.control, self._context)
         self.log = Log(lambda: servo.log, self._context)
         self.model = MotorModel(lambda: servo.observer, self._machine)
@@ -316,7 +316,7 @@ class Motor(_BaseMotor):
                 return True
             if self._servo.angle_deg() != angle_deg:
                 angle_deg, since_ms = self._servo.angle_deg(), machine.time_ms
-            elif machine.time_ms - since_ms > _STUCK_MS and not (ends_by_time or self._loop.is_active or machine.pace):
+            elif machine.time_ms - since_ms > _STUCK_MS and not (ends_by_time or self._context.is_active or machine.pace):
                 raise TwinError(
                     f"the program waits for the motor on port {self._letter}, which has been blocked at {angle_deg} degrees for "
                     f"{_STUCK_MS // 1000} s; give it other ends, such as --end-stop {self._letter}=-90..120"

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from typing import Any
 
 from brickhub.robot import Sense, SensorKind
-from brickhub.virtual.body import SensingBody
 from brickhub.virtual.machine import PortMode
 from brickhub.virtual.micropython.floats import to_single
 from brickhub.virtual.pybricks.arguments import expect, expect_type, get_array, get_int, get_number, os_error, truncated
@@ -35,7 +34,7 @@ class Device(Native):
     _device_modes: DeviceModes
 
     def __init__(self, port: Any) -> None:
-        self._loop.assert_blocking()
+        self._context.assert_blocking()
         self._letter = self._context.port_letter(port)
         if not self._is_plugged_in():
             raise os_error(errno.ENODEV)
@@ -48,9 +47,7 @@ class Device(Native):
         self._device_modes = SENSOR_MODES[self._kind]
         if self._machine.plug_in(self._letter, self._kind.value):
             return True
-        is_sensed = self._kind.model.range_mm is not None or isinstance(self._machine.body, SensingBody)
-        described = (sensor.kind for sensor in self._machine.robot.sensors if sensor.port == self._letter)
-        return is_sensed and self._kind in described
+        return self._kind in (sensor.kind for sensor in self._machine.robot.sensors if sensor.port == self._letter)
 
     def _measure(self, mode: str, get: Callable[[], Any], *quantities: str) -> Any:
         """Value of ``get`` in a mode of the device; ``quantities`` are its parts' names in the log of the run."""
@@ -92,14 +89,14 @@ class Device(Native):
         """Time at which the device answers to what it is told now: in the next millisecond if the hub has done what is due in
         this one, as before a program begins."""
         machine = self._machine
-        return machine.time_ms + 1 if machine.time_ms == self._loop.start_ms else machine.body_ms
+        return machine.time_ms + 1 if machine.time_ms == self._context.start_ms else machine.body_ms
 
     def _is_ready(self) -> bool:
         return self._machine.time_ms >= self._mode.ready_ms
 
     def _finish(self, result: Callable[[], Any] | None) -> Any:
         """Wait until the device is ready, or return an awaitable."""
-        return self._loop.finish(self._is_ready, result, poll_ms=max(1, self._mode.ready_ms - self._machine.time_ms))
+        return self._context.finish(self._is_ready, result, poll_ms=max(1, self._mode.ready_ms - self._machine.time_ms))
 
 
 def _reading(mode: str, get: Callable[[Any], Any], *quantities: str) -> Callable[..., Any]:
@@ -133,17 +130,17 @@ LightArray.__name__ = ""  # as in the firmware
 
 
 class ColorLight(Native):
-    """The light of the color and distance sensor."""
+    """Light of a device; ``command`` tells the device its color, without a visible effect."""
 
-    def __init__(self, device: Device) -> None:
-        self._device, self._machine = device, device._machine
+    def __init__(self, device: Any, command: Callable[[], Any]) -> None:
+        self._machine, self._command = device._machine, command
 
     def on(self, color: Any) -> Any:
         expect_type(color, Color)
-        return self._device._write("COL O")
+        return self._command()
 
     def off(self) -> Any:
-        return self._device._write("COL O")
+        return self._command()
 
 
 class UltrasonicSensor(Device):
@@ -211,7 +208,8 @@ class ColorSensor(_ColorDevice):
     def color(self, surface: Any = True) -> Any:
         return self._color(surface)
 
-    ambient = _reading("SHSV", lambda self: to_single(self._plug.ambient_raw() / 100), "ambient_pct")
+    ambient = _reading("SHSV", lambda self: to_single(round(self._plug.ambient_pct() * 10) / 100), "ambient_pct")
+    """Of what the sensor sends, tenths of a percent, the firmware makes a tenth."""
 
 
 class ColorDistanceSensor(_ColorDevice):
@@ -222,7 +220,7 @@ class ColorDistanceSensor(_ColorDevice):
 
     def __init__(self, port: Any) -> None:
         super().__init__(port)
-        self.light = ColorLight(self)
+        self.light = ColorLight(self, lambda: self._write("COL O"))
 
     def hsv(self) -> Any:
         return self._hsv()

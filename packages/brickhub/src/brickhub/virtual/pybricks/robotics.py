@@ -38,7 +38,7 @@ class DriveBase(Native):
         with firmware_errors():
             base = self._machine.new_drive_base(left_motor._servo, right_motor._servo, *sizes_um)
         self._base = base
-        self._awaited = Awaited(self._loop)
+        self._awaited = Awaited(self._context)
         self.distance_control = Control(lambda: base.distance, self._context)
         self.heading_control = Control(lambda: base.heading, self._context)
 
@@ -199,7 +199,7 @@ class Car(Native):
             servo.run(value)
 
     def _end_stop(self, speed: int, torque_unm: int) -> int:
-        self._loop.assert_blocking()
+        self._context.assert_blocking()
         servo, start_ms = self._steer, self._machine.time_ms
         servo.run_until_stalled(speed, OnCompletion.COAST, None, torque_unm)
         while not servo.is_done():

@@ -12,7 +12,7 @@ from brickhub.errors import TwinError
 from brickhub.virtual.micropython.iterables import close
 from brickhub.virtual.micropython.numbers import module
 from brickhub.virtual.pybricks.arguments import get_int
-from brickhub.virtual.pybricks.context import Context, Native, RunLoop, bind
+from brickhub.virtual.pybricks.context import Context, Native, bind
 from brickhub.virtual.pybricks.hubs import LightMatrix
 from brickhub.virtual.pybricks.matrix import Matrix, cross, vector
 from brickhub.virtual.pybricks.parameters import Axis
@@ -48,7 +48,7 @@ class StopWatch(Native):
 class Task:
     """``multitask(...)``: tasks in turns until all, or with ``race`` one, are done."""
 
-    _loop: RunLoop
+    _context: Context
 
     def __init__(self, *tasks: Any, **race: Any) -> None:
         self._tasks = tasks
@@ -62,10 +62,10 @@ class Task:
         return self
 
     def __next__(self) -> None:
-        loop, all_wait = self._loop, True
+        context, all_wait = self._context, True
         try:
             for index in tuple(self._open):
-                loop.is_waiting = False
+                context.is_waiting = False
                 try:
                     next(self._iterators[index])
                 except StopIteration as stop:
@@ -75,15 +75,15 @@ class Task:
                     if len(self._tasks) - len(self._open) >= self._required:
                         break
                 else:
-                    all_wait = all_wait and loop.is_waiting
+                    all_wait = all_wait and context.is_waiting
         except BaseException:
             self.close()
             raise
         if len(self._tasks) - len(self._open) >= self._required:
             self.close()
-            loop.is_waiting = False
+            context.is_waiting = False
             raise StopIteration(tuple(self._results))
-        loop.is_waiting = all_wait
+        context.is_waiting = all_wait
 
     def close(self) -> None:
         for index in self._open:
@@ -101,35 +101,35 @@ def _iterator(task: Any) -> Iterator[Any]:
 
 def tools_module(context: Context, app_data: type[Any]) -> ModuleType:
     """``pybricks.tools``, which also has the old ``AppData``."""
-    machine, loop = context.machine, context.loop
+    machine = context.machine
     hub = machine.robot.hub.model
 
     def wait(time: Any) -> Any:
         # Infinity ends at once, as in the firmware's build for a computer; a hub waits for 24 days.
         duration = time if type(time) is int else get_int(0 if time in (math.inf, -math.inf) else time)
-        if loop.is_active and duration == 0:
-            return loop.yield_once()
-        if not loop.is_active and duration <= 0:
+        if context.is_active and duration == 0:
+            return context.yield_once()
+        if not context.is_active and duration <= 0:
             return machine.charge_call()
-        return loop.wait_until(machine.time_ms + duration)
+        return context.wait_until(machine.time_ms + duration)
 
     def run_task(task: Any = None) -> bool | None:
         if task is None:
-            return loop.is_active
-        if loop.is_active:
+            return context.is_active
+        if context.is_active:
             raise RuntimeError("Run loop already active.")
-        loop.is_active, loop.is_waiting = True, False
+        context.is_active, context.is_waiting = True, False
         try:
             iterator = _iterator(task)
             while next(iterator, _DONE) is not _DONE:
-                if loop.is_waiting:
+                if context.is_waiting:
                     machine.advance(1)
                 else:  # a task only yielded
                     machine.charge_call()
-                loop.is_waiting = False
+                context.is_waiting = False
                 machine.branch(None)
         finally:
-            loop.is_active = False
+            context.is_active = False
         return None
 
     def read_input_byte(last: Any = False, chr: Any = False) -> int | str | None:
@@ -155,7 +155,7 @@ def _menu(context: Context, entries: tuple[Any, ...]) -> Any:
     machine, display, panel = context.machine, bind(context, LightMatrix)(), context.machine.panel
     for entry in reversed(entries):
         display._show_symbol(entry)
-    context.loop.assert_blocking()
+    context.assert_blocking()
 
     def wait_for_buttons(pressed: bool) -> frozenset[str]:
         while bool(down := panel.pressed(machine.time_ms)) is not pressed:

@@ -9,17 +9,18 @@ from __future__ import annotations
 import errno
 from collections.abc import Callable
 from types import ModuleType
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
+from brickhub.robot.hardware import REMOTE_BUTTONS
 from brickhub.virtual.micropython.numbers import module
 from brickhub.virtual.micropython.streams import as_bytes
 from brickhub.virtual.pybricks.arguments import expect, expect_type, get_array, get_exact_int, get_int, get_text, os_error
 from brickhub.virtual.pybricks.context import Context, Native, bind
 from brickhub.virtual.pybricks.parameters import Color, buttons
+from brickhub.virtual.pybricks.pupsensors import ColorLight
 
 _MAX_NAME_BYTES = 14
 _SEARCH_MS = 500  # until a switched-on device is found
-_REMOTE_BUTTONS = ("left_plus", "left", "left_minus", "right_plus", "right", "right_minus", "center")
 _XBOX_BUTTONS = ("a", "b", "", "x", "y", "", "lb", "rb", "", "", "view", "menu", "guide", "lj", "rj")
 """By their bit."""
 _XBOX_EXTRAS = ("upload", "p1", "p2", "p3", "p4")
@@ -52,7 +53,7 @@ class Wireless(Native):
     """Pause before the second search; ``None`` if there is none."""
 
     def __init__(self, name: Any = None, timeout: Any = 10000, connect: Any = True) -> None:
-        self._loop.assert_blocking()
+        self._context.assert_blocking()
         if name is not None and len(get_text(name).encode()) > _MAX_NAME_BYTES:
             raise ValueError("Name too long")
         self._timeout_ms = None if timeout is None else max(0, get_int(timeout)) + 1
@@ -73,7 +74,7 @@ class Wireless(Native):
                 raise os_error(errno.ETIMEDOUT)
             return self._is_connected
 
-        return self._loop.finish(is_done, poll_ms=1)
+        return self._context.finish(is_done, poll_ms=1)
 
     def _is_near(self) -> bool:
         return self._kind in self._machine.panel.near
@@ -81,11 +82,11 @@ class Wireless(Native):
     def _done(self) -> Any:
         """A command that completes immediately. Raises OSError, ENODEV, while it is not connected."""
         self._down()
-        return self._loop.done()
+        return self._context.done()
 
     def disconnect(self) -> Any:
         self._is_connected = False
-        return self._loop.done()
+        return self._context.done()
 
     name = _unavailable("name")
 
@@ -132,25 +133,13 @@ class LWP3Device(Wireless):
     read = _unavailable("read")
 
 
-class _RemoteLight(Native):
-    def __init__(self, device: Remote) -> None:
-        self._device, self._machine = device, device._machine
-
-    def on(self, color: Any) -> Any:
-        expect_type(color, Color)
-        return self._device._done()
-
-    def off(self) -> Any:
-        return self._device._done()
-
-
 class Remote(Wireless):
     """The remote control, near if the panel has one."""
 
     _kind = "remote"
 
     def __init__(self, name: Any = None, timeout: Any = 10000, connect: Any = True) -> None:
-        self.buttons, self.light = _Buttons(self, _REMOTE_BUTTONS), _RemoteLight(self)
+        self.buttons, self.light = _Buttons(self, REMOTE_BUTTONS), ColorLight(self, self._done)
         self._wanted = None if name is None else get_text(name)
         super().__init__(name, timeout, connect)
 
@@ -167,7 +156,7 @@ class Remote(Wireless):
         if not name:
             return text
         panel.remote_name = text
-        return self._loop.done()
+        return self._context.done()
 
 
 class TechnicMoveHub(Wireless):
@@ -270,7 +259,7 @@ class Radio(Native):
             values = data if isinstance(data, list | tuple) else [data]
             if sum(map(_encoded_bytes, values)) + (values is not data) > _MAX_PAYLOAD_BYTES:
                 raise ValueError(f"payload limited to {_MAX_PAYLOAD_BYTES} bytes")
-        return self._loop.done()
+        return self._context.done()
 
     def observe(self, channel: Any) -> None:
         self._check(channel)
@@ -312,16 +301,6 @@ class HubNetwork:
         raise NotImplementedError("the virtual hub does not play HubNetwork; use BLERadio, or a real hub")
 
 
-@runtime_checkable
-class AppDataConsole(Protocol):
-    """A console with AppData. ``inbox``: buffer that the host writes to; the program sets its size."""
-
-    inbox: bytearray
-
-    def write_app_data(self, data: bytes) -> None:
-        """Send bytes; raises OSError without a listener."""
-
-
 def _payload(data: Any) -> bytes:
     """Bytes of text or bytes; unlike elsewhere, a bytearray is neither."""
     if not isinstance(data, str | bytes):
@@ -336,9 +315,7 @@ def messaging_module(context: Context) -> ModuleType:
         """A byte buffer besides the standard streams; the host overwrites it."""
 
         def __init__(self, modes: Any) -> None:
-            if not isinstance(console, AppDataConsole):
-                raise os_error(errno.EOPNOTSUPP)
-            context.loop.assert_blocking()
+            context.assert_blocking()
             if console.inbox:
                 raise RuntimeError("host rx_buffer already allocated")
             expect_type(get_array(modes), list)
@@ -353,7 +330,6 @@ def messaging_module(context: Context) -> ModuleType:
                 self._slices[mode] = (start, size)
                 start += size
             console.inbox = bytearray(start)
-            self._console = console
             self.write_bytes(bytes((_SET_UP, *self._slices)))
 
         def get_bytes(self, mode: int, index: int | None = None) -> bytes | int:
@@ -362,23 +338,23 @@ def messaging_module(context: Context) -> ModuleType:
                 raise ValueError("invalid mode")
             start, size = self._slices[mode]
             if index is None:
-                return bytes(self._console.inbox[start : start + size])
+                return bytes(console.inbox[start : start + size])
             if not 0 <= get_exact_int(index) < size:
                 raise ValueError("index out of range")
-            return self._console.inbox[start + index]
+            return console.inbox[start + index]
 
         def write_bytes(self, data: Any, /) -> Any:
             payload = _payload(data)
             expect(len(payload) <= _MAX_EVENT_BYTES)
-            self._console.write_app_data(payload)
-            return context.loop.done()
+            console.write_app_data(payload)
+            return context.done()
 
         def configure(self, mode: Any, parameter: Any, value: Any) -> Any:
             numbers = (_CONFIGURE, get_exact_int(mode) & 0xFF, get_exact_int(parameter) & 0xFF)
             return self.write_bytes(bytes(numbers) + _payload(value))
 
         def close(self) -> None:
-            self._console.inbox = bytearray()
+            console.inbox = bytearray()
 
     names: dict[str, Any] = {"AppData": AppData, "BLERadio": bind(context, BLERadio)}
     if machine.firmware.has_hub_network and machine.robot.hub.model.has_hub_network:

@@ -17,7 +17,7 @@ from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 
 from brickhub.hub.link.lockstep import HubLink
-from brickhub.hub.link.receiver import Reading
+from brickhub.hub.link.robot_link import Reading
 from brickhub.seed import derive_seed
 from brickhub.virtual.virtual_transport import PLACEMENT_MS, VirtualHub
 from bricksrl.envs.arenas.arena_task import ArenaState, ArenaTask

@@ -13,7 +13,7 @@ from bricksrl.errors import DescriptionError
 
 if TYPE_CHECKING:
     from brickhub.hub.link.own_client import ClientLink
-    from brickhub.hub.link.receiver import Reading
+    from brickhub.hub.link.robot_link import Reading
     from bricksrl.envs.own.base_env import BaseEnv
 
 

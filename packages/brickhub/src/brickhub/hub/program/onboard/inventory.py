@@ -11,17 +11,15 @@ def device_id(port):
         return 0
 
 
-for name, port in PORTS:
-    print("port", name, device_id(port))
+found = {"ports": {name: device_id(port) for name, port in PORTS}, "angles_deg": {}}
 for name, port, direction, gears in MOTORS:
     try:
-        print("angle", name, Motor(port, direction, gears).angle())
+        found["angles_deg"][name] = Motor(port, direction, gears).angle()
     except OSError:
         pass  # its port says that it is not there
-print("battery", hub.battery.voltage())
-print("firmware", version[1])
+found.update(battery_mv=hub.battery.voltage(), firmware=version[1], name=hub.system.name())
 if HAS_IMU:
     pitch, roll = hub.imu.tilt()
-    print("imu", int(hub.imu.ready()), int(hub.imu.stationary()), round(pitch), round(roll))
-print("name", hub.system.name())
+    found.update(imu_ready=hub.imu.ready(), imu_still=hub.imu.stationary(), pitch_deg=round(pitch), roll_deg=round(roll))
+print(found)
 print("end")
