@@ -22,7 +22,7 @@ from bricksrl.envs.task import Entry
 from bricksrl.errors import CheckpointError, RenderingUnavailableError, RunError
 from bricksrl.evaluation import evaluate
 from bricksrl.evaluation.comparison import compare
-from bricksrl.evaluation.film import FilmOptions, film_run, side_by_side
+from bricksrl.evaluation.film import film_run, side_by_side
 from bricksrl.evaluation.statistics import wilson_interval
 from bricksrl.policies.sharing import export_policy
 from bricksrl.training import TrainConfig, train
@@ -188,12 +188,11 @@ def test_only_an_evaluation_under_the_conditions_of_the_training_counts(spinning
 
 def test_film_shows_the_evaluated_episodes(tmp_path: Path) -> None:
     walker = train(TrainConfig("Walker-v1", episodes=1, seed=0, record=False, run_dir=tmp_path / "run")).run_dir
-    options = FilmOptions(episodes=1, size=(64, 48), seed=1000, budget_s=0.2)
     seen = set()
     for changes in ({}, {"physics": Physics(friction_scale=0.1, slope_deg=10.0)}, {"randomize": True}):
         result = evaluate(walker, episodes=1, save=False, **changes)
         try:
-            filmed = film_run(walker, "last", tmp_path / "film.mp4", options, **changes)
+            filmed = film_run(walker, "last", tmp_path / "film.mp4", size=(64, 48), budget_s=0.2, **changes)
         except RenderingUnavailableError as error:
             pytest.skip(str(error))
         assert filmed.returns == pytest.approx(result.returns)

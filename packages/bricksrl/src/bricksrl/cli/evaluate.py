@@ -76,7 +76,7 @@ class Evaluate:
         origin = RunFolder(self.run).origin()  # before torch is loaded, which takes long
         load_learning()
         from bricksrl.evaluation import evaluate
-        from bricksrl.evaluation.film import FilmOptions, check_filmable, film_run
+        from bricksrl.evaluation.film import check_filmable, film_run
 
         if self.video is not None:
             hub = self.hub if self.hub is not None else origin.options.hub
@@ -84,7 +84,6 @@ class Evaluate:
                 raise TwinError(
                     "only the virtual robot of the run itself can be filmed; give --hub virtual, without --env, or no --video"
                 )
-        film_options = FilmOptions(episodes=min(self.episodes, _FILMED_EPISODES), seed=self.seed)
         physics |= {} if self.link is None else {"link": self.link}
         options = {"realtime": self.realtime, **physics} | ({} if self.hub is None else {"hub": self.hub})
 
@@ -117,25 +116,19 @@ class Evaluate:
             print_line(line)
         result.save()
         if self.video is not None:
-            film = film_run(self.run, "best" if self.best else "last", self.video, film_options, **physics)
+            filmed = {"episodes": min(self.episodes, _FILMED_EPISODES), "seed": self.seed, **physics}
+            film = film_run(self.run, "best" if self.best else "last", self.video, **filmed)
             print_note(f"video    {film.path}")
 
 
 def describe(result: EvaluationResult) -> Iterator[str]:
-    """Text lines of an evaluation, with its 95 % intervals."""
-    from bricksrl.evaluation.report import labelled
+    """Text lines of an evaluation."""
+    from bricksrl.evaluation.report import rows
 
-    played, trained = counted(result.episodes, "episode"), counted(result.trained_episodes, "episode")
-    yield f"{result.env}, {played} of {result.agent} after {trained} of training:"
-    interval = result.return_interval
-    bounds = f"  (95 % interval of the mean: {interval.low:.4g} to {interval.high:.4g})" if interval is not None else ""
-    yield f"return   {result.return_mean:.4g} ± {result.return_std:.4g}{bounds}"
-    if result.success_rate is not None and result.success_interval is not None:
-        low, high = result.success_interval.low, result.success_interval.high
-        count = round(result.success_rate * result.episodes)
-        yield f"success  {count} of {played}  (95 % interval of the rate: {percent(low)} to {percent(high)})"
-    for name, value in result.metrics.items():
-        yield "  ".join(labelled(name, value))
+    trained = counted(result.trained_episodes, "episode")
+    yield f"{result.env}, {counted(result.episodes, 'episode')} of {result.agent} after {trained} of training:"
+    for label, text in rows(result):
+        yield f"{label:7}  {text}"
 
 
 @dataclass(frozen=True)
