@@ -80,7 +80,7 @@ def collect(
                     steps.append(step_of(step, env))
                     on_frame(step)
             is_cut = ours.is_cut
-            success = None if is_cut else episode.success(env)
+            success = None if is_cut else episode.judged(env)[0]
         except BaseException:
             recorder.write(steps, dataclasses.replace(provenance, whole=False))
             raise
