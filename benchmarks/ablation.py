@@ -40,7 +40,7 @@ def variants(env: str, agent: str) -> dict[str, Settings]:
     return {**settings, "paper": paper}
 
 
-def run(env: str, agent: str, variant: str, seed: int, steps: int) -> tuple[float, float | None]:
+def run(env: str, agent: str, variant: str, steps: int, seed: int) -> tuple[float, float | None]:
     """Return and success of one agent after its training."""
     from bricksrl.evaluation import evaluate
 
@@ -77,27 +77,18 @@ def main(session: Session) -> None:
     parser.add_argument("--only", nargs="+", help="variants to train")
     parser.add_argument("--steps", type=int, help="robot steps, in place of those of each environment")
     args = session.parse()
-    wanted = {
-        env: {name: settings for name, settings in variants(env, args.agent).items() if args.only is None or name in args.only}
+    cells = {
+        f"{env}-{args.agent}-{name}-{steps}": (env, args.agent, name, steps)
         for env in args.envs
+        for steps in (args.steps or STEPS[env],)
+        for name in variants(env, args.agent)
+        if args.only is None or name in args.only
     }
-    jobs = {
-        f"{env}-{args.agent}-{name}-{seed}-{args.steps or STEPS[env]}": (env, args.agent, name, seed, args.steps or STEPS[env])
-        for env, names in wanted.items()
-        for name in names
-        for seed in range(args.seeds)
-    }
-    found: dict[tuple[str, str], list[Any]] = {}
-    for (env, _, name, *_), outcome in zip(jobs.values(), session.outcomes(run, jobs), strict=True):
-        found.setdefault((env, name), []).append(outcome)
     known: dict[str, Any] = session.known().get("environments", {})
-    for env, names in wanted.items():
-        found_of = {
-            name: {
-                "setting": asdict(settings) if name in ("default", "paper") else {name: getattr(settings, name)},
-                **summary(found[env, name]),
-            }
-            for name, settings in names.items()
-        }
-        known.setdefault(env, {})[args.agent] = {"steps": args.steps or STEPS[env], "variants": found_of}
+    for env in args.envs:
+        known.setdefault(env, {})[args.agent] = {"steps": args.steps or STEPS[env], "variants": {}}
+    for (env, agent, name, _), runs in zip(cells.values(), session.by_seed(run, cells, args.seeds).values(), strict=True):
+        values = asdict(variants(env, agent)[name])
+        setting = values if name in ("default", "paper") else {name: values[name]}
+        known[env][agent]["variants"][name] = {"setting": setting, **summary(runs)}
     session.write({"evaluated_episodes": EVALUATED_EPISODES, "environments": known})

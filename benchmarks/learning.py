@@ -39,7 +39,7 @@ def has_made(steps: int, episode: Episode) -> bool:
 
 
 def run(
-    env: str, agent: str, preset_name: str, seed: int, marks: Sequence[int], changes: Mapping[str, Any]
+    env: str, agent: str, preset_name: str, marks: Sequence[int], changes: Mapping[str, Any], seed: int
 ) -> list[dict[str, Any]]:
     """Train one agent, whose settings are the preset's with these changes, from mark to mark; returns its evaluation and the
     training time at each."""
@@ -132,24 +132,14 @@ def main(session: Session) -> None:
     parser.add_argument("--episodes", type=int, default=25, help=f"as many times {LENGTH} steps, those of the start included")
     args = session.parse()
     end = args.episodes * LENGTH
-    jobs: dict[str, tuple[Any, ...]] = {
-        f"{env}-{agent}-{args.preset}-{seed}-{end}": (
-            *(env, agent, args.preset, seed),
-            [*(mark for mark in MARKS[env] if mark < end), end],
-            {},
-        )
+    cells: dict[str, tuple[Any, ...]] = {
+        f"{env}-{agent}-{args.preset}-{end}": (env, agent, args.preset, [*(mark for mark in MARKS[env] if mark < end), end], {})
         for env in args.envs
         for agent in args.agents
-        for seed in range(args.seeds)
     }
     variant = "" if args.preset == "default" else f"_{args.preset}"
     known: dict[str, Any] = session.known(variant).get("environments", {})
-    environments: dict[str, Any] = {env: {agent: {"seeds": []} for agent in args.agents} for env in args.envs}
-    for (env, agent, *_), result in zip(jobs.values(), session.outcomes(run, jobs), strict=True):
-        environments[env][agent]["seeds"].append(result)
-    for env, agents in environments.items():
-        for entry in agents.values():
-            entry["summary"] = summary(entry["seeds"])
-        known.setdefault(env, {}).update(agents)
+    for (env, agent, *_), runs in zip(cells.values(), session.by_seed(run, cells, args.seeds).values(), strict=True):
+        known.setdefault(env, {})[agent] = {"seeds": runs, "summary": summary(runs)}
     session.write({"setup": {"preset": args.preset, "evaluated_episodes": EVALUATED_EPISODES}, "environments": known}, variant)
     draw(session.path(variant).with_suffix(".png"), known)

@@ -30,11 +30,11 @@ VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
 NETWORKS = Path(__file__).with_name("networks.py")
 
 
-def run(env: str, variant: str, seed: int, marks: tuple[int, ...]) -> list[dict[str, Any]]:
+def run(env: str, variant: str, marks: tuple[int, ...], seed: int) -> list[dict[str, Any]]:
     """The training of a variant."""
     agent, changes = VARIANTS[variant]
     changes = {name: f"{NETWORKS}:{value}" if name == "network" else value for name, value in changes.items()}
-    return train_to_marks(env, agent, "default", seed, marks, changes)
+    return train_to_marks(env, agent, "default", marks, changes, seed)
 
 
 def main(session: Session) -> None:
@@ -44,16 +44,12 @@ def main(session: Session) -> None:
     parser.add_argument("--variants", nargs="+", default=list(VARIANTS), choices=list(VARIANTS))
     parser.add_argument("--steps", type=int, help="robot steps, in place of those of each environment")
     args = session.parse()
-    jobs = {
-        f"{env}-{name}-{seed}-{args.steps or marks[-1]}": (env, name, seed, (args.steps,) if args.steps else marks)
+    cells = {
+        f"{env}-{name}-{args.steps or marks[-1]}": (env, name, (args.steps,) if args.steps else marks)
         for env, marks in MARKS.items()
-        for seed in range(args.seeds)
         for name in args.variants
     }
-    results: dict[str, Any] = {env: {name: {"seeds": []} for name in args.variants} for env in MARKS}
-    for (env, name, *_), outcome in zip(jobs.values(), session.outcomes(run, jobs), strict=True):
-        results[env][name]["seeds"].append(outcome)
-    for variants in results.values():
-        for entry in variants.values():
-            entry["summary"] = summary(entry["seeds"])
+    results: dict[str, Any] = {env: {} for env in MARKS}
+    for (env, name, _), runs in zip(cells.values(), session.by_seed(run, cells, args.seeds).values(), strict=True):
+        results[env][name] = {"seeds": runs, "summary": summary(runs)}
     session.write({"setup": {"evaluated_episodes": EVALUATED_EPISODES}, "environments": results})

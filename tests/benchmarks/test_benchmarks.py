@@ -60,7 +60,7 @@ def test_finished_parts_are_not_made_again(
     real = ablation.run
 
     def interrupted(*job: object) -> object:
-        made.append(job[3])
+        made.append(job[-1])
         if len(made) == 2:
             raise KeyboardInterrupt
         return real(*job)  # type: ignore[arg-type]
@@ -75,7 +75,7 @@ def test_finished_parts_are_not_made_again(
     assert made == [0, 1, 1] and "1 of 2 parts are in" in capsys.readouterr().out
     assert len(_returns(folder)) == 2
     assert "| `RoboArmSim-v0` | sac | 2 | 100 | `default` |" in (folder / "study.md").read_text()
-    monkeypatch.setattr(ablation, "run", lambda *job: (job[3], 0.5))
+    monkeypatch.setattr(ablation, "run", lambda *job: (job[-1], 0.5))
     assert run(words) == 0 and _returns(folder) != [0, 1]
     assert run([*words, "--again"]) == 0 and _returns(folder) == [0, 1]
 
@@ -132,7 +132,7 @@ def test_parts_are_made_on_a_cluster(tmp_path: Path) -> None:
 
 def test_failed_part_is_one_line(tmp_path: Path) -> None:
     words = ["warm_start", "--folder", str(tmp_path), "--data", str(tmp_path / "none"), "--ways", "data", "--seeds", "1"]
-    with pytest.raises(RunError, match=r"^data-0-40-5000: .*none"):
+    with pytest.raises(RunError, match=r"^data-40-5000-0: .*none"):
         run(words)
 
 
