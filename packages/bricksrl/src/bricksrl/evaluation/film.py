@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from brickhub.files import check_writable
 from bricksrl.envs.env_interface import interface_of
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from bricktwin.twin.render.opengl import Image, Renderer
     from bricktwin.twin.render.video import Room
 
-SIZE, BUDGET_S = (1280, 720), 40.0
+SIZE, BUDGET_S = (1280, 720), 15.0
 """Width and height in px, and the approximate time for drawing an episode; a small one reduces the frame rate."""
 QUICK_S = 0.03
 """Longest time to draw an image without shadows for shadows to be tried."""
@@ -33,15 +33,17 @@ _HOLDS = (1, 2, 3, 4)
 _NORMAL_SPEED_S, _SPEED = 12.0, 2.0
 """Longer episodes are shown twice as fast."""
 _ARENA_FRAME_MS = 50
+_SEED = 1000
+"""Seed of the episode of a run, the first of its evaluation."""
 
 
 @dataclass(frozen=True)
 class Film:
-    """A film, and the return and the distance forward (m; 0 unless the robot walks) of each of its episodes."""
+    """A film of an episode, its return and its distance forward (m; 0 unless the robot walks)."""
 
     path: Path
-    returns: tuple[float, ...]
-    forward_m: tuple[float, ...]
+    return_: float
+    forward_m: float
 
 
 def check_film(path: Path) -> None:
@@ -154,25 +156,10 @@ def _renderer(body: MujocoBody, room: Room, size: tuple[int, int]) -> tuple[Rend
 
 
 def film_run(
-    run_dir: Path,
-    which: str,
-    path: Path,
-    title: str = "",
-    *,
-    episodes: int = 1,
-    seed: int = 1000,
-    size: tuple[int, int] = SIZE,
-    budget_s: float = BUDGET_S,
-    **changes: Any,
+    run_dir: Path, which: str, path: Path, title: str, *, size: tuple[int, int] = SIZE, budget_s: float = BUDGET_S
 ) -> Film:
-    """Film the policy of a run: ``first`` (untrained), ``best``, ``last``, or ``random`` actions. Raises RunError or
-    CheckpointError if there is no such run or policy, RenderingUnavailableError or TwinError as `filmed_env`.
-
-    Args:
-        title: caption of each image; by default the task's id.
-        budget_s: approximate time for drawing all episodes.
-        changes: fields of `EnvOptions` that differ from the training.
-    """
+    """Film an episode of a policy of a run: ``first`` (untrained), ``best``, ``last``, or ``random`` actions. Raises RunError or
+    CheckpointError if there is no such run or policy, RenderingUnavailableError or TwinError as `filmed_env`."""
     from bricksrl.envs.registry import make_env
     from bricksrl.envs.rollout import play_episodes
     from bricksrl.evaluation.evaluator import evaluation_options
@@ -180,14 +167,12 @@ def film_run(
     from bricksrl.training.run_folder import RunFolder
 
     origin = RunFolder(run_dir).origin()
-    filmed = evaluation_options(origin, origin.env, hub="virtual", **changes)
-    with closing(make_env(origin.env, filmed, seed=origin.seed)) as env:
+    with closing(make_env(origin.env, evaluation_options(origin, origin.env, hub="virtual"), seed=origin.seed)) as env:
         check_filmable(env)
-        policy = named_policies(run_dir, env, seed)[which]()
-        with filmed_env(env, path, title or env.task.id, size=size, budget_s=budget_s / episodes):
-            scores = list(play_episodes(env, policy.act, episodes, seed, reset_policy=policy.reset))
-    forward_m = tuple(score.metrics.get("forward_m", 0.0) for score in scores)
-    return Film(path, tuple(score.return_ for score in scores), forward_m)
+        policy = named_policies(run_dir, env, _SEED)[which]()
+        with filmed_env(env, path, title, size=size, budget_s=budget_s):
+            (score,) = play_episodes(env, policy.act, 1, _SEED, reset_policy=policy.reset)
+    return Film(path, score.return_, score.metrics.get("forward_m", 0.0))
 
 
 def side_by_side(left: Path, right: Path, path: Path, height: int = 540) -> Path:

@@ -102,8 +102,7 @@ def _lead(episodes: Sequence[Episode], result: EvaluationResult, films: Films | 
     walked = result.metrics.get("forward_m")
     if walked is not None:
         text += f". It walked <b>{walked:.2f} m</b> in an episode"
-        before = films.before.forward_m if films is not None else ()
-        text += f"; before it had learned, {sum(before) / len(before):.2f} m" if before else ""
+        text += "" if films is None else f"; before it had learned, {films.before.forward_m:.2f} m"
     return text + "."
 
 
@@ -116,8 +115,8 @@ def _film_part(films: Films | None, no_films: str) -> Iterable[str]:
     source = _data_url(films.both, "video/mp4") if small else html.escape(films.both.name)
     yield f'<video src="{source}" controls autoplay loop muted playsinline></video>'
     links = ", ".join(f'<a href="{path.name}">{path.name}</a>' for path in (films.before.path, films.after.path, films.both))
-    before, after = (f"{sum(film.returns) / len(film.returns):.4g}" for film in (films.before, films.after))
-    yield f"<p>Left before learning (return {before}), right after it (return {after}). The files: {links}.</p>"
+    before, after = films.before.return_, films.after.return_
+    yield f"<p>Left before learning (return {before:.4g}), right after it (return {after:.4g}). The files: {links}.</p>"
 
 
 _UNITS = {"_m_s": "m/s", "_deg_s": "deg/s", "_mm": "mm", "_m": "m", "_deg": "deg", "_pct": "%", "_px": "px"}
