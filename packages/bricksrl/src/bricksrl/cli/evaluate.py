@@ -155,7 +155,7 @@ class Compare:
         if self.json:
             print_line(comparison.to_json())
         else:
-            _print(comparison)
+            print_comparison(comparison)
         if self.out is not None:
             draw(self.out, comparison.groups)
             if not self.json:
@@ -185,7 +185,8 @@ class Plot:
         print_line(f"picture  {self.out}")
 
 
-def _print(comparison: Comparison) -> None:
+def print_comparison(comparison: Comparison) -> None:
+    """Print the table of a comparison, and the probabilities of improvement."""
     from rich.console import Console
     from rich.table import Table
 

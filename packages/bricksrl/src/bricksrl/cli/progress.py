@@ -186,23 +186,20 @@ class SeedsProgress(Bars):
 def train_seeds(config: TrainConfig, count: int, on: str | None = None) -> None:
     """Train ``count`` seeds and print their summary."""
     from bricksrl.evaluation import multi_seed
+    from bricksrl.evaluation.comparison import compare
 
     multi_seed.check_count(count)
     try:
         with SeedsProgress(range(config.seed, config.seed + count), config.episodes) as progress:
-            group = multi_seed.train_seeds(config, count, on=on, on_line=progress.tell)
+            multi_seed.train_seeds(config, count, on=on, on_line=progress.tell)
     except KeyboardInterrupt:
         folder = config.run_dir
         if folder is None or not folder.exists():
             raise Interrupted("no seed had started, so nothing was saved") from None
         resumes = f"`bricksrl resume {quoted(folder)}/seed-...` resumes a seed"
         raise Interrupted(f"what was trained is in {folder}; {resumes}") from None
-    interval = group.interval
-    spread = (
-        f"from {min(group.scores):.4g} to {max(group.scores):.4g}; 5 seeds or more give an interval"
-        if interval is None
-        else f"95 % interval: {interval.low:.4g} to {interval.high:.4g}"
-    )
-    print_line(f"return   {group.score:.4g}  (interquartile mean of {counted(count, 'seed')}; {spread})")
+    from bricksrl.cli.evaluate import print_comparison
+
+    print_comparison(compare(config.run_dir or ""))
     print_line(f"summary          {config.run_dir}/summary.json")
     print_line(f"learning curves  {config.run_dir}/learning_curves.png")
