@@ -149,7 +149,8 @@ class _Run:
     def compared(self) -> dict[str, Any]:
         """Values of the config and of its settings that are equal for all runs of a group."""
         data = self.config.to_dict()
-        return {name: value for name, value in {**data, **data.pop("settings")}.items() if name not in _NOT_COMPARED}
+        settings = data.pop("settings")
+        return {name: value for name, value in {**data, **settings}.items() if name not in _NOT_COMPARED}
 
 
 def _run_folders(paths: Sequence[Path | str]) -> Iterator[Path]:
