@@ -71,7 +71,7 @@ def evaluated(env_id: str, policy: Any) -> dict[str, float]:
 
 def trot() -> dict[str, float]:
     """The hand-written trot."""
-    return evaluated(WALKER, lambda state: state.set("action", CONTROLLERS[WALKER](state)))
+    return evaluated(WALKER, CONTROLLERS[WALKER])
 
 
 def search(env_id: str, seed: int) -> dict[str, Any]:

@@ -20,8 +20,9 @@ from typing import Any
 
 from benchmarks.session import Session
 from benchmarks.stopping import StopWhen
-from bricksrl.agents import AGENTS, preset
+from bricksrl.agents import AGENTS
 from bricksrl.training import Episode, TrainConfig, resume, train
+from bricksrl.training.config import settings_for
 
 LENGTH = 100
 """Maximum number of steps of an episode, in all of these environments."""
@@ -33,16 +34,16 @@ MARKS = {
 EVALUATED_EPISODES = 40
 
 
-def has_made(steps: int, episode: Episode) -> bool:
-    """Whether a run has made this number of robot steps."""
-    return episode.steps >= steps
+def has_made(count: int, unit: str, episode: Episode) -> bool:
+    """Whether a run has made this number of robot steps or episodes."""
+    return int(getattr(episode, unit)) >= count
 
 
 def run(
-    env: str, agent: str, preset_name: str, marks: Sequence[int], changes: Mapping[str, Any], seed: int
+    env: str, agent: str, preset_name: str, marks: Sequence[int], unit: str, changes: Mapping[str, Any], seed: int
 ) -> list[dict[str, Any]]:
-    """Train one agent, whose settings are the preset's with these changes, from mark to mark; returns its evaluation and the
-    training time at each."""
+    """Train one agent, whose settings are the preset's with these changes, from mark to mark, numbers of "steps" or of the
+    "episode"; returns its evaluation and the training time at each."""
     from bricksrl.evaluation import evaluate
 
     results: list[dict[str, Any]] = []
@@ -50,12 +51,12 @@ def run(
     with tempfile.TemporaryDirectory() as parent:
         folder = Path(parent) / "run"
         for mark in marks:
-            callback = StopWhen(partial(has_made, mark))
+            callback = StopWhen(partial(has_made, mark, unit))
             started = time.process_time(), time.perf_counter()
             if results:
                 result = resume(folder, callback, stop=callback.stop)
             else:
-                settings = replace(preset(preset_name, agent), **changes)
+                settings = replace(settings_for(env, preset_name, agent), **changes)
                 config = TrainConfig(env, agent, marks[-1], seed, settings=settings, record=False, run_dir=folder)
                 result = train(config, callback, stop=callback.stop)
             cpu_s, wall_s = cpu_s + time.process_time() - started[0], wall_s + time.perf_counter() - started[1]
@@ -133,8 +134,9 @@ def main(session: Session) -> None:
     args = session.parse()
     end = args.episodes * LENGTH
     cells: dict[str, tuple[Any, ...]] = {
-        f"{env}-{agent}-{args.preset}-{end}": (env, agent, args.preset, [*(mark for mark in MARKS[env] if mark < end), end], {})
+        f"{env}-{agent}-{args.preset}-{end}": (env, agent, args.preset, marks, "steps", {})
         for env in args.envs
+        for marks in ([*(mark for mark in MARKS[env] if mark < end), end],)
         for agent in args.agents
     }
     variant = "" if args.preset == "default" else f"_{args.preset}"
