@@ -40,7 +40,7 @@ class Watch(StopWhen):
     """Callback that ends a run after enough steps, counts falls, and measures CPU time."""
 
     def __init__(self, steps: int) -> None:
-        super().__init__(partial(has_made, steps))
+        super().__init__(partial(has_made, steps, "steps"))
         self.falls, self.cpu_s, self._started_s = 0, 0.0, 0.0
         self.learner: Any = None
 
