@@ -9,63 +9,26 @@ bootstrap intervals over the seeds; all variants use the same seeds. Earlier res
 
 from __future__ import annotations
 
-import statistics
-import tempfile
-from dataclasses import asdict, replace
-from pathlib import Path
+from dataclasses import asdict
 from typing import Any
 
+from benchmarks.learning import EVALUATED_EPISODES, run, summary
 from benchmarks.session import Session
-from benchmarks.stopping import StopWhen
 from bricksrl.agents import AGENTS, preset
-from bricksrl.agents.settings import Settings
-from bricksrl.training import TrainConfig, train
 
 STEPS = {"WalkerSim-v0": 1000, "RoboArmSim-v0": 400}
-EVALUATED_EPISODES = 40
 FOR_GOALS = ("goals", "hindsight", "new_goals")
 """Settings without effect in a task without goals."""
 FOR_IMAGES = ("encoder",)
 """Settings without effect in a task without images, as all of these are."""
 
 
-def variants(env: str, agent: str) -> dict[str, Settings]:
-    """Settings by variant: default, default with one value of the paper, paper."""
-    default, paper = preset("default", agent), preset("paper", agent)
-    settings: dict[str, Settings] = {"default": default}
-    for name, value in asdict(paper).items():
-        without_effect = FOR_IMAGES + FOR_GOALS * (env == "WalkerSim-v0")
-        if value != getattr(default, name) and name not in without_effect:
-            settings[name] = replace(default, **{name: value})
-    return {**settings, "paper": paper}
-
-
-def run(env: str, agent: str, variant: str, seed: int, steps: int) -> tuple[float, float | None]:
-    """Return and success of one agent after its training."""
-    from bricksrl.evaluation import evaluate
-
-    observer = StopWhen(lambda episode: episode.steps >= steps)
-    with tempfile.TemporaryDirectory() as parent:
-        folder = Path(parent) / "run"
-        settings = variants(env, agent)[variant]
-        config = TrainConfig(env, agent, steps, seed, settings=settings, record=False, run_dir=folder)
-        train(config, observer, stop=observer.stop)
-        result = evaluate(folder, episodes=EVALUATED_EPISODES, save=False)
-    return result.return_mean, result.success_rate
-
-
-def summary(outcomes: list[tuple[float, float | None]]) -> dict[str, Any]:
-    """Summary over the seeds."""
-    from bricksrl.evaluation.statistics import mean, stratified_bootstrap_interval
-
-    returns, successes = [value for value, _ in outcomes], [success for _, success in outcomes if success is not None]
-    interval = stratified_bootstrap_interval([returns], mean)
-    return {
-        "return_mean": round(statistics.fmean(returns), 2),
-        "return_interval": [round(interval.low, 2), round(interval.high, 2)],
-        "success_mean": round(statistics.fmean(successes), 3) if successes else None,
-        "returns": [round(value, 2) for value in returns],
-    }
+def variants(env: str, agent: str) -> dict[str, tuple[str, dict[str, Any]]]:
+    """Preset and changes by variant: default, default with one value of the paper, paper."""
+    default, paper = (asdict(preset(name, agent)) for name in ("default", "paper"))
+    without_effect = FOR_IMAGES + FOR_GOALS * (env == "WalkerSim-v0")
+    differ = [name for name in paper if paper[name] != default[name] and name not in without_effect]
+    return {"default": ("default", {}), **{name: ("default", {name: paper[name]}) for name in differ}, "paper": ("paper", {})}
 
 
 def main(session: Session) -> None:
@@ -77,27 +40,17 @@ def main(session: Session) -> None:
     parser.add_argument("--only", nargs="+", help="variants to train")
     parser.add_argument("--steps", type=int, help="robot steps, in place of those of each environment")
     args = session.parse()
-    wanted = {
-        env: {name: settings for name, settings in variants(env, args.agent).items() if args.only is None or name in args.only}
-        for env in args.envs
-    }
-    jobs = {
-        f"{env}-{args.agent}-{name}-{seed}-{args.steps or STEPS[env]}": (env, args.agent, name, seed, args.steps or STEPS[env])
-        for env, names in wanted.items()
-        for name in names
-        for seed in range(args.seeds)
-    }
-    found: dict[tuple[str, str], list[Any]] = {}
-    for (env, _, name, *_), outcome in zip(jobs.values(), session.outcomes(run, jobs), strict=True):
-        found.setdefault((env, name), []).append(outcome)
-    known: dict[str, Any] = session.known().get("environments", {})
-    for env, names in wanted.items():
-        found_of = {
-            name: {
-                "setting": asdict(settings) if name in ("default", "paper") else {name: getattr(settings, name)},
-                **summary(found[env, name]),
-            }
-            for name, settings in names.items()
-        }
-        known.setdefault(env, {})[args.agent] = {"steps": args.steps or STEPS[env], "variants": found_of}
+    agent, known = args.agent, session.known().get("environments", {})
+    cells: dict[str, tuple[Any, ...]] = {}
+    settings: list[tuple[dict[str, Any], str, Any]] = []
+    for env in args.envs:
+        steps, found = args.steps or STEPS[env], dict[str, Any]()
+        known.setdefault(env, {})[agent] = {"steps": steps, "variants": found}
+        for name, (preset_name, changes) in variants(env, agent).items():
+            if args.only is None or name in args.only:
+                cells[f"{env}-{agent}-{name}-{steps}"] = (env, agent, preset_name, (steps,), "steps", changes)
+                settings.append((found, name, changes or asdict(preset(preset_name, agent))))
+    for (found, name, setting), runs in zip(settings, session.by_seed(run, cells, args.seeds).values(), strict=True):
+        (outcome,) = summary(runs)
+        found[name] = {"setting": setting, "returns": [marks[-1]["return"] for marks in runs], **outcome}
     session.write({"evaluated_episodes": EVALUATED_EPISODES, "environments": known})

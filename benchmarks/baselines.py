@@ -8,20 +8,17 @@ and 3); those of its simulations are from the same robots.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import torch
-from tensordict import TensorDictBase
-from torch import Tensor
 
 import bricksrl
 from benchmarks.paper import RETURNS, SUCCESS
 from benchmarks.scripted import CONTROLLERS
 from benchmarks.session import Session
 from brickhub.seed import derive_seed
-from bricksrl.envs.rollout import seed_episode
+from bricksrl.envs.rollout import Policy, Rollout, play, seed_episode
 from bricksrl.evaluation.statistics import mean, stratified_bootstrap_interval, wilson_interval
 
 REASONS = {
@@ -32,23 +29,15 @@ REASONS = {
 SEED = 2000
 
 
-def episode(env: Any, policy: Callable[[TensorDictBase], Tensor]) -> tuple[float, bool, dict[str, float]]:
+def episode(env: Any, policy: Policy) -> tuple[float, bool, dict[str, float]]:
     """Return, success and walk metrics of an episode."""
-    state, total, observations = env.reset(), 0.0, []
-    done = False
-    while not done:
-        state["action"] = policy(state)
-        stepped = env.step(state)["next"]
-        total += stepped["reward"].item()
-        observations.append(stepped["observation"])
-        done = bool(stepped["done"])
-        state = stepped.exclude("reward")
-    seen = torch.stack(observations)
-    observed, walk = env.task_observations(seen), env.walk_metrics()
-    return total, bool(env.task.success(observed)), walk
+    rollout = Rollout()
+    for frame in play(env, policy):
+        rollout.add(frame, env)
+    return rollout.return_, bool(rollout.judged(env)[0]), env.walk_metrics()
 
 
-def measure(env_id: str, policy: Callable[[TensorDictBase], Tensor], episodes: int) -> dict[str, Any]:
+def measure(env_id: str, policy: Policy, episodes: int) -> dict[str, Any]:
     """Results over episodes, each with its own seed."""
     env = bricksrl.make(env_id, seed=SEED)
     torch.manual_seed(SEED)
@@ -92,8 +81,8 @@ def main(session: Session) -> None:
     table: dict[str, Any] = {}
     for env_id in args.envs:
         size = len(bricksrl.envs.get_task(env_id).interface.commands)
-        policies: dict[str, Callable[[TensorDictBase], Tensor]] = {
-            "random": lambda _state, size=size: 2.0 * torch.rand(size) - 1.0,  # type: ignore[misc]
+        policies: dict[str, Policy] = {
+            "random": lambda state, size=size: state.set("action", 2.0 * torch.rand(size) - 1.0),  # type: ignore[misc]
             "scripted": CONTROLLERS[env_id],
         }
         table[env_id] = {name: measure(env_id, policy, args.episodes) for name, policy in policies.items()}

@@ -90,15 +90,53 @@ def torchrl(agent: str, *, tuned: bool = False) -> Update:
             the actor.
     """
     import torch
+    from tensordict.nn import TensorDictModule
+    from torch import nn
+    from torchrl import objectives
+    from torchrl.modules import MLP
 
     torch.set_num_threads(1)
     torch.manual_seed(0)
+    values = {"loss_function": "l2", "action_spec": spec(), "deactivate_vmap": tuned}
+    adam: dict[str, Any] = {"lr": 3e-4, "fused": tuned}
+    delay = {"sac": 1, "td3": 2, "crossq": 3}.get(agent, UPDATES)  # the actor learns in each update of this number
     if agent == "td3":
-        return _torchrl_td3(tuned=tuned)
-    if agent == "crossq":
-        return _torchrl_crossq(tuned=tuned)
-    norm = {"layer_norm": True, "dropout": 0.01} if agent == "droq" else {}
-    return _torchrl_sac(norm, count=10 if agent == "redq" else 2, delay=1 if agent == "sac" else UPDATES, tuned=tuned)
+        mlp = MLP(OBSERVATION, ACTION, num_cells=list(HIDDEN), activation_class=nn.ReLU)
+        actor = TensorDictModule(nn.Sequential(mlp, nn.Tanh()), ["observation"], ["action"])
+        loss = objectives.TD3Loss(actor, critic(), **values)
+    elif agent == "crossq":
+        adam |= {"lr": 1e-3, "betas": (0.5, 0.999)}
+        loss = objectives.CrossQLoss(_torchrl_actor(batch_norm=True), critic(batch_norm=True), num_qvalue_nets=2, **values)
+    else:
+        norm: dict[str, Any] = {"layer_norm": True, "dropout": 0.01} if agent == "droq" else {}
+        loss = objectives.SACLoss(_torchrl_actor(), critic(**norm), num_qvalue_nets=10 if agent == "redq" else 2, **values)
+    loss.make_value_estimator(gamma=0.99)
+    targets = None if agent == "crossq" else objectives.SoftUpdate(loss, tau=0.005)
+    optimizer, buffer = torch.optim.Adam(loss.parameters(), **adam), stored()
+
+    def losses(batch: Any, *, with_actor: bool) -> Any:
+        if agent in ("td3", "crossq"):
+            total, _ = loss.value_loss(batch) if agent == "td3" else loss.qvalue_loss(batch)
+            if with_actor:
+                of_actor, metadata = loss.actor_loss(batch)
+                total = total + of_actor
+                if agent == "crossq":
+                    total = total + loss.alpha_loss(metadata["log_prob"])
+            return total
+        if tuned and not with_actor:
+            return loss.qvalue_v2_loss(batch)[0]
+        parts = loss(batch)
+        return sum(parts[f"loss_{name}"] for name in ("qvalue", *(("actor", "alpha") if with_actor else ())))
+
+    def update() -> None:
+        for i in range(1, UPDATES + 1):
+            losses(buffer.sample(), with_actor=i % delay == 0).backward()
+            optimizer.step()
+            optimizer.zero_grad()
+            if targets is not None and (agent != "td3" or i % delay == 0):
+                targets.step()
+
+    return update
 
 
 def torchrl_tuned(agent: str) -> Update:
@@ -175,87 +213,6 @@ def spec() -> Any:
     from torchrl.data import Bounded
 
     return Bounded(-1.0, 1.0, (ACTION,))
-
-
-def _torchrl_sac(norm: dict[str, Any], *, count: int, delay: int, tuned: bool) -> Update:
-    """SAC, or DroQ and REDQ with an actor that learns in every ``delay``-th update."""
-    import torch
-    from torchrl.objectives import SACLoss, SoftUpdate
-
-    values = {"loss_function": "l2", "action_spec": spec(), "deactivate_vmap": tuned}
-    loss = SACLoss(_torchrl_actor(), critic(**norm), num_qvalue_nets=count, **values)
-    loss.make_value_estimator(gamma=0.99)
-    targets, optimizer, buffer = SoftUpdate(loss, tau=0.005), torch.optim.Adam(loss.parameters(), lr=3e-4, fused=tuned), stored()
-
-    def update() -> None:
-        for i in range(1, UPDATES + 1):
-            batch = buffer.sample()
-            if tuned and i % delay:
-                total, _ = loss.qvalue_v2_loss(batch)
-            else:
-                losses = loss(batch)
-                total = losses["loss_qvalue"]
-                if i % delay == 0:
-                    total = total + losses["loss_actor"] + losses["loss_alpha"]
-            total.backward()
-            optimizer.step()
-            optimizer.zero_grad()
-            targets.step()
-
-    return update
-
-
-def _torchrl_td3(*, tuned: bool) -> Update:
-    """TD3 with an actor that learns in every second update."""
-    import torch
-    from tensordict.nn import TensorDictModule
-    from torch import nn
-    from torchrl.modules import MLP
-    from torchrl.objectives import SoftUpdate, TD3Loss
-
-    mlp = MLP(OBSERVATION, ACTION, num_cells=list(HIDDEN), activation_class=nn.ReLU)
-    actor = TensorDictModule(nn.Sequential(mlp, nn.Tanh()), ["observation"], ["action"])
-    loss = TD3Loss(actor, critic(), action_spec=spec(), loss_function="l2", deactivate_vmap=tuned)
-    loss.make_value_estimator(gamma=0.99)
-    targets, optimizer, buffer = SoftUpdate(loss, tau=0.005), torch.optim.Adam(loss.parameters(), lr=3e-4, fused=tuned), stored()
-
-    def update() -> None:
-        for i in range(1, UPDATES + 1):
-            batch = buffer.sample()
-            total, _ = loss.value_loss(batch)
-            if i % 2 == 0:
-                total = total + loss.actor_loss(batch)[0]
-            total.backward()
-            optimizer.step()
-            optimizer.zero_grad()
-            if i % 2 == 0:
-                targets.step()
-
-    return update
-
-
-def _torchrl_crossq(*, tuned: bool) -> Update:
-    """CrossQ with an actor that learns in every third update."""
-    import torch
-    from torchrl.objectives import CrossQLoss
-
-    values = {"loss_function": "l2", "action_spec": spec(), "deactivate_vmap": tuned}
-    loss = CrossQLoss(_torchrl_actor(batch_norm=True), critic(batch_norm=True), num_qvalue_nets=2, **values)
-    loss.make_value_estimator(gamma=0.99)
-    optimizer, buffer = torch.optim.Adam(loss.parameters(), lr=1e-3, betas=(0.5, 0.999), fused=tuned), stored()
-
-    def update() -> None:
-        for i in range(1, UPDATES + 1):
-            batch = buffer.sample()
-            total, _ = loss.qvalue_loss(batch)
-            if i % 3 == 0:
-                actor_loss, metadata = loss.actor_loss(batch)
-                total = total + actor_loss + loss.alpha_loss(metadata["log_prob"])
-            total.backward()
-            optimizer.step()
-            optimizer.zero_grad()
-
-    return update
 
 
 def sb3(agent: str) -> Update:

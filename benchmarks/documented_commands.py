@@ -214,14 +214,6 @@ def look_up(line: str) -> None:
     raise ParsedOnlyError("mentioned in a text")
 
 
-def find_script(line: str) -> None:
-    """Look whether a script of the clone is where a command says."""
-    path = Path(os.environ["STARTED_IN"]) / line.split()[1]
-    if not path.exists():
-        raise AssertionError(f"there is no {path}")
-    raise ParsedOnlyError("a benchmark")
-
-
 def run_import(source: str) -> None:
     """Execute one import."""
     try:
@@ -299,9 +291,8 @@ def _page(path: Path, quick: bool) -> Iterator[Item]:
         yield Item("command", line, functools.partial(run_command, line, quick=quick, is_followed=is_followed))
     for line in mentions(text, "bricksrl"):
         yield Item("mention", line, functools.partial(look_up, line))
-    benchmarks = dict.fromkeys(re.findall(r"python benchmarks/\w+\.py", text))
-    for line in benchmarks:
-        yield Item("script", line, functools.partial(find_script, line))
+    for line in dict.fromkeys(re.findall(r"python benchmarks/\w+\.py", text)):
+        yield Item("script", line, lambda: None)  # all have a new name
     for block in blocks(text, "python"):
         yield from _imports(imports(block))
         if is_followed:
@@ -389,7 +380,7 @@ def try_page(source: Path, page: str, quick: bool) -> list[Outcome]:
         out.touch()
         line = [sys.executable, "-m", "benchmarks.documented_commands", page, str(source), str(out), *(["--quick"] * quick)]
         settings = {"XDG_CONFIG_HOME": str(source / ".config"), "XDG_CACHE_HOME": str(source / ".cache")}
-        env = {**os.environ, **QUIET, **settings, "STARTED_IN": str(Path.cwd())}
+        env = {**os.environ, **QUIET, **settings}
         root = str(Path(__file__).resolve().parents[1])
         env["PYTHONPATH"] = os.pathsep.join([root, *filter(None, [os.environ.get("PYTHONPATH")])])
         reason = ""
@@ -409,52 +400,28 @@ def try_page(source: Path, page: str, quick: bool) -> list[Outcome]:
     return outcomes
 
 
-def row(title: str, outcomes: list[Outcome]) -> str:
-    """One line of the table."""
-    count = collections.Counter(outcome.state for outcome in outcomes)
-    seconds = sum(outcome.seconds for outcome in outcomes)
-    return f"{title:48}{count['ran']:6}{count['parsed']:8}{count['failed']:8}{seconds:9.1f}"
-
-
-def summary(outcomes: list[Outcome]) -> dict[str, Any]:
-    """Counts by kind and by reason, and all failures."""
-    kinds = dict.fromkeys(outcome.kind for outcome in outcomes)
-    states = {kind: collections.Counter(o.state for o in outcomes if o.kind == kind) for kind in kinds}
-    reasons = collections.Counter(outcome.reason for outcome in outcomes if outcome.state == "parsed")
-    failed = [dataclasses.asdict(outcome) for outcome in outcomes if outcome.state == "failed"]
-    return {
-        "kinds": {kind: {state: count[state] for state in ("ran", "parsed", "failed")} for kind, count in states.items()},
-        "parsed_only": dict(reasons.most_common()),
-        "failed": failed,
-    }
-
-
 def main(session: Session) -> int:
     """Try all pages and print the table; returns 1 if anything failed."""
     parser = session.parser
     parser.add_argument("--only", default="", metavar="TEXT", help="pages whose names contain this text")
     args = session.parse()
-    start_s, outcomes = time.perf_counter(), []
-    print(f"{'page at ' + COMMIT:48}{'ran':>6}{'parsed':>8}{'failed':>8}{'s':>9}")
+    start_s, outcomes = time.perf_counter(), list[Outcome]()
     with tempfile.TemporaryDirectory() as folder:
         source = checked_out(Path(folder).resolve())
         for page in pages(source):
             if args.only in page:
                 found = try_page(source, page, session.is_quick)
                 outcomes += found
-                print(row(page, found), flush=True)
-    print(row("all", outcomes))
-    result = summary(outcomes)
-    for reason, count in result["parsed_only"].items():
-        print(f"parsed only: {count:4}  {reason}")
-    for failure in result["failed"]:
-        print(f"FAILED  {failure['page']}  {failure['kind']}  {failure['text']!r:.100}\n        {failure['reason']:.300}")
-    used, wall_s = os.times(), time.perf_counter() - start_s
-    cpu_s = used.children_user + used.children_system
-    print(f"{wall_s:.0f} s, {cpu_s:.0f} CPU s")
+                print(page, dict(collections.Counter(outcome.state for outcome in found)), flush=True)
+    kinds = collections.Counter(f"{outcome.kind} {outcome.state}" for outcome in outcomes)
+    parsed_only = collections.Counter(outcome.reason for outcome in outcomes if outcome.state == "parsed")
+    failed = [dataclasses.asdict(outcome) for outcome in outcomes if outcome.state == "failed"]
+    for line in (*sorted(kinds.items()), *parsed_only.most_common(), *failed):
+        print(line)
     if not args.only:
-        session.write({"commit": COMMIT, "wall_s": round(wall_s), "cpu_s": round(cpu_s), **result})
-    return 1 if result["failed"] else 0
+        result = {"kinds": kinds, "parsed_only": dict(parsed_only.most_common()), "failed": failed}
+        session.write({"commit": COMMIT, "wall_s": round(time.perf_counter() - start_s), **result})
+    return 1 if failed else 0
 
 
 if __name__ == "__main__":  # of one page

@@ -98,7 +98,7 @@ class Cut(Callback):
     def on_episode(self, episode: Episode, progress: Progress) -> None:
         if episode.episode == CUT_AFTER:
             self.cut_s = time.monotonic()
-            self.fleet.cut("virtual-1", CUT_S)
+            self.fleet.tell(self.fleet.members[0], "cut", CUT_S)
         if self.left and not self.back and episode.robot != "virtual-1":
             self.elsewhere += 1
         if self.back and episode.robot == "virtual-1":

@@ -40,7 +40,7 @@ class Watch(StopWhen):
     """Callback that ends a run after enough steps, counts falls, and measures CPU time."""
 
     def __init__(self, steps: int) -> None:
-        super().__init__(partial(has_made, steps))
+        super().__init__(partial(has_made, steps, "steps"))
         self.falls, self.cpu_s, self._started_s = 0, 0.0, 0.0
         self.learner: Any = None
 
@@ -71,7 +71,7 @@ def evaluated(env_id: str, policy: Any) -> dict[str, float]:
 
 def trot() -> dict[str, float]:
     """The hand-written trot."""
-    return evaluated(WALKER, lambda state: state.set("action", CONTROLLERS[WALKER](state)))
+    return evaluated(WALKER, CONTROLLERS[WALKER])
 
 
 def search(env_id: str, seed: int) -> dict[str, Any]:

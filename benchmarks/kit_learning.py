@@ -19,11 +19,6 @@ ENVS = ("LineFollow-v0", "Park-v0", "Spinning-v0")
 ROBOTS: dict[str, dict[str, Any]] = {"cart": {"options": {"robot": "cart"}}, "hub": {"streaming": True}}
 
 
-def train_on(robot: str, env_id: str, episodes: int, seed: int) -> dict[str, Any]:
-    """Train and evaluate one agent on one of the two robots."""
-    return run(env_id, "sac", episodes, seed, **ROBOTS[robot])
-
-
 def main(session: Session) -> None:
     """Train all and write the results."""
     parser = session.parser
@@ -32,12 +27,12 @@ def main(session: Session) -> None:
     parser.add_argument("--episodes", type=int, help="instead of those of the robots with a hub")
     args = session.parse()
     counts = {env_id: args.episodes or EPISODES[env_id] for env_id in args.envs}
-    parts = list(itertools.product(counts.items(), ROBOTS, range(args.seeds)))
-    jobs = {f"{env_id}-{robot}-{count}-{seed}": (robot, env_id, count, seed) for (env_id, count), robot, seed in parts}
-    found = session.outcomes(train_on, jobs)
+    cells = itertools.product(counts.items(), ROBOTS.items())
+    parts = {f"{env_id}-{robot}-{count}": (env_id, "sac", count, config) for (env_id, count), (robot, config) in cells}
+    found = session.by_seed(run, parts, args.seeds)
     known: dict[str, Any] = session.known().get("environments", {})
     for env_id, count in counts.items():
-        runs = {robot: list(itertools.islice(found, args.seeds)) for robot in ROBOTS}
+        runs = {robot: found[f"{env_id}-{robot}-{count}"] for robot in ROBOTS}
         cart, hub = (summary(runs[robot]) for robot in ROBOTS)
         share = round(cart["return_mean"] / hub["return_mean"], 3) if hub["return_mean"] > 0 else None
         known[env_id] = {"episodes": count, "cart": cart, "hub": hub, "share_of_return": share, "seeds": runs}

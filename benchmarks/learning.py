@@ -20,8 +20,9 @@ from typing import Any
 
 from benchmarks.session import Session
 from benchmarks.stopping import StopWhen
-from bricksrl.agents import AGENTS, preset
+from bricksrl.agents import AGENTS
 from bricksrl.training import Episode, TrainConfig, resume, train
+from bricksrl.training.config import settings_for
 
 LENGTH = 100
 """Maximum number of steps of an episode, in all of these environments."""
@@ -33,16 +34,16 @@ MARKS = {
 EVALUATED_EPISODES = 40
 
 
-def has_made(steps: int, episode: Episode) -> bool:
-    """Whether a run has made this number of robot steps."""
-    return episode.steps >= steps
+def has_made(count: int, unit: str, episode: Episode) -> bool:
+    """Whether a run has made this number of robot steps or episodes."""
+    return int(getattr(episode, unit)) >= count
 
 
 def run(
-    env: str, agent: str, preset_name: str, seed: int, marks: Sequence[int], changes: Mapping[str, Any]
+    env: str, agent: str, preset_name: str, marks: Sequence[int], unit: str, changes: Mapping[str, Any], seed: int
 ) -> list[dict[str, Any]]:
-    """Train one agent, whose settings are the preset's with these changes, from mark to mark; returns its evaluation and the
-    training time at each."""
+    """Train one agent, whose settings are the preset's with these changes, from mark to mark, numbers of "steps" or of the
+    "episode"; returns its evaluation and the training time at each."""
     from bricksrl.evaluation import evaluate
 
     results: list[dict[str, Any]] = []
@@ -50,12 +51,12 @@ def run(
     with tempfile.TemporaryDirectory() as parent:
         folder = Path(parent) / "run"
         for mark in marks:
-            callback = StopWhen(partial(has_made, mark))
+            callback = StopWhen(partial(has_made, mark, unit))
             started = time.process_time(), time.perf_counter()
             if results:
                 result = resume(folder, callback, stop=callback.stop)
             else:
-                settings = replace(preset(preset_name, agent), **changes)
+                settings = replace(settings_for(env, preset_name, agent), **changes)
                 config = TrainConfig(env, agent, marks[-1], seed, settings=settings, record=False, run_dir=folder)
                 result = train(config, callback, stop=callback.stop)
             cpu_s, wall_s = cpu_s + time.process_time() - started[0], wall_s + time.perf_counter() - started[1]
@@ -132,24 +133,15 @@ def main(session: Session) -> None:
     parser.add_argument("--episodes", type=int, default=25, help=f"as many times {LENGTH} steps, those of the start included")
     args = session.parse()
     end = args.episodes * LENGTH
-    jobs: dict[str, tuple[Any, ...]] = {
-        f"{env}-{agent}-{args.preset}-{seed}-{end}": (
-            *(env, agent, args.preset, seed),
-            [*(mark for mark in MARKS[env] if mark < end), end],
-            {},
-        )
+    cells: dict[str, tuple[Any, ...]] = {
+        f"{env}-{agent}-{args.preset}-{end}": (env, agent, args.preset, marks, "steps", {})
         for env in args.envs
+        for marks in ([*(mark for mark in MARKS[env] if mark < end), end],)
         for agent in args.agents
-        for seed in range(args.seeds)
     }
     variant = "" if args.preset == "default" else f"_{args.preset}"
     known: dict[str, Any] = session.known(variant).get("environments", {})
-    environments: dict[str, Any] = {env: {agent: {"seeds": []} for agent in args.agents} for env in args.envs}
-    for (env, agent, *_), result in zip(jobs.values(), session.outcomes(run, jobs), strict=True):
-        environments[env][agent]["seeds"].append(result)
-    for env, agents in environments.items():
-        for entry in agents.values():
-            entry["summary"] = summary(entry["seeds"])
-        known.setdefault(env, {}).update(agents)
+    for (env, agent, *_), runs in zip(cells.values(), session.by_seed(run, cells, args.seeds).values(), strict=True):
+        known.setdefault(env, {})[agent] = {"seeds": runs, "summary": summary(runs)}
     session.write({"setup": {"preset": args.preset, "evaluated_episodes": EVALUATED_EPISODES}, "environments": known}, variant)
     draw(session.path(variant).with_suffix(".png"), known)

@@ -31,17 +31,14 @@ def main(session: Session) -> None:
     parser.add_argument("--episodes", type=int, help="instead of those of the benchmark robots")
     args = session.parse()
     cells = list(itertools.product(args.envs, args.links))
-    jobs = {}
+    parts = {}
     for row, link in cells:
         env_id, options = TASKS[row]
         episodes = args.episodes or EPISODES[env_id]
-        for seed in range(args.seeds):
-            name = f"{row.replace(', ', '-').replace(' ', '')}-{link}-{episodes}-{seed}"
-            jobs[name] = (env_id, "sac", episodes, seed, {"link": link, "options": options})
-    found = session.outcomes(run, jobs)
+        name = f"{row.replace(', ', '-').replace(' ', '')}-{link}-{episodes}"
+        parts[name] = (env_id, "sac", episodes, {"link": link, "options": options})
     known: dict[str, Any] = session.known().get("environments", {})
-    for row, link in cells:
-        runs = list(itertools.islice(found, args.seeds))
+    for (row, link), runs in zip(cells, session.by_seed(run, parts, args.seeds).values(), strict=True):
         known.setdefault(row, {})[link] = {"episodes": args.episodes or EPISODES[TASKS[row][0]], **summary(runs), "seeds": runs}
         print(row, link, {name: known[row][link][name] for name in ("return_mean", "return_interval")}, flush=True)
     ordered = {row: {link: known[row][link] for link in PROFILES if link in known[row]} for row in TASKS if row in known}

@@ -11,30 +11,22 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from benchmarks.learning import EVALUATED_EPISODES, summary
-from benchmarks.learning import run as train_to_marks
+from benchmarks.learning import EVALUATED_EPISODES, run, summary
 from benchmarks.session import Session
 
 MARKS = {"WalkerSim-v0": (500, 1000), "RoboArmSim-v0": (175, 400)}
+NETWORKS = Path(__file__).with_name("networks.py")
 VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
     "SAC with its default settings": ("sac", {}),
     "without layer normalisation": ("sac", {"critic_layer_norm": False}),
-    "layer normalisation in the critics' first layer only": ("sac", {"network": "first_normalized"}),
-    "layer normalisation in the critics' last layer only": ("sac", {"network": "last_normalized"}),
-    "weight and layer normalisation": ("sac", {"network": "weight_normalized"}),
-    "SimBa networks": ("sac", {"network": "simba"}),
+    "layer normalisation in the critics' first layer only": ("sac", {"network": f"{NETWORKS}:first_normalized"}),
+    "layer normalisation in the critics' last layer only": ("sac", {"network": f"{NETWORKS}:last_normalized"}),
+    "weight and layer normalisation": ("sac", {"network": f"{NETWORKS}:weight_normalized"}),
+    "SimBa networks": ("sac", {"network": f"{NETWORKS}:simba"}),
     "n-step returns, n = 3": ("sac", {"n_step": 3}),
     "twice the learning rate": ("sac", {"learning_rate": 2e-3}),
     "TQC": ("tqc", {}),
 }
-NETWORKS = Path(__file__).with_name("networks.py")
-
-
-def run(env: str, variant: str, seed: int, marks: tuple[int, ...]) -> list[dict[str, Any]]:
-    """The training of a variant."""
-    agent, changes = VARIANTS[variant]
-    changes = {name: f"{NETWORKS}:{value}" if name == "network" else value for name, value in changes.items()}
-    return train_to_marks(env, agent, "default", seed, marks, changes)
 
 
 def main(session: Session) -> None:
@@ -44,16 +36,13 @@ def main(session: Session) -> None:
     parser.add_argument("--variants", nargs="+", default=list(VARIANTS), choices=list(VARIANTS))
     parser.add_argument("--steps", type=int, help="robot steps, in place of those of each environment")
     args = session.parse()
-    jobs = {
-        f"{env}-{name}-{seed}-{args.steps or marks[-1]}": (env, name, seed, (args.steps,) if args.steps else marks)
-        for env, marks in MARKS.items()
-        for seed in range(args.seeds)
-        for name in args.variants
-    }
-    results: dict[str, Any] = {env: {name: {"seeds": []} for name in args.variants} for env in MARKS}
-    for (env, name, *_), outcome in zip(jobs.values(), session.outcomes(run, jobs), strict=True):
-        results[env][name]["seeds"].append(outcome)
-    for variants in results.values():
-        for entry in variants.values():
-            entry["summary"] = summary(entry["seeds"])
+    marks = {env: (args.steps,) if args.steps else ends for env, ends in MARKS.items()}
+    names = [(env, name) for env in MARKS for name in args.variants]
+    cells: dict[str, tuple[Any, ...]] = {}
+    for env, name in names:
+        agent, changes = VARIANTS[name]
+        cells[f"{env}-{name}-{marks[env][-1]}"] = (env, agent, "default", marks[env], "steps", changes)
+    results: dict[str, Any] = {env: {} for env in MARKS}
+    for (env, name), runs in zip(names, session.by_seed(run, cells, args.seeds).values(), strict=True):
+        results[env][name] = {"seeds": runs, "summary": summary(runs)}
     session.write({"setup": {"evaluated_episodes": EVALUATED_EPISODES}, "environments": results})

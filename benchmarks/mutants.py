@@ -1,63 +1,42 @@
 """Mutants: small faults in the source, and the tests that find them.
 
-    python -m benchmarks mutants --tree old|new [--jobs 1] [--only 3 7] [--folder-only]
+    python -m benchmarks mutants [--count 60] [--seed 36] [--only 3 7]
     python -m benchmarks mutants --table
 
-60 faults are drawn by a seed from the source of the commit `OLD`, two thirds of them in the two lower houses: a file by its
-number of statements, then an operator, then a place. A fault is known by its function, the text before and after it, and its
-number among equal ones there, so that it is found again where files have moved; one that is not found is `gone`. `--tree old`
-runs the tests of `OLD`, `--tree new` those of the last commit, in a copy of that tree, up to the first that fails: those of the
-module's name and the file that found the fault in the other tree, then the folder. Those that nothing found are (not with
-`--folder-only`) put into the tree all at once: of all tests but the slow ones, those that fail then are run with each of them. A
-failure counts if the test, run alone, fails again with the fault and passes without it. What never ends has failed. Verdicts in
-the result are not repeated, unless `--only` names them: an interrupted script resumes.
+Faults of the last commit are drawn by a seed, two thirds of them in the two lower houses: a file by its number of statements,
+then an operator, then a place. Each is put into a copy of the tree, where the tests of the module's name run, then those of its
+folder, up to the first that fails. It counts if the test, run alone, fails again with the fault and passes without it. What
+never ends has failed. Verdicts in the result are not repeated, unless `--only` names them: an interrupted script resumes.
 """
 
 from __future__ import annotations
 
 import ast
-import asyncio
 import contextlib
 import copy
-import io
-import json
 import os
 import random
 import re
-import shutil
 import signal
 import subprocess
 import sys
-import tarfile
 import tempfile
 import time
 from collections import Counter, defaultdict
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
 from benchmarks.formatting import table
-from benchmarks.machine import describe
-from benchmarks.session import RESULTS, Session
+from benchmarks.session import Session, read_result
 
 ROOT = Path(__file__).parent.parent
-RESULT = RESULTS / "mutants.json"
-OLD = "81c92bc"
-REVISIONS = {"old": OLD, "new": "HEAD"}
-SEED = 36
-COUNTS = {"brickhub": 24, "bricktwin": 16, "bricksrl": 20}
-SHARED = ("entry.py", "errors.py", "fields.py", "files.py", "finding.py", "seed.py", "tables.py")
-FOLDERS = {"brickhub": ("hub", "virtual_hub", "robots/spec.py", *SHARED), "bricktwin": ("plans", "twin", "robots")}
-"""Files and folders of `OLD` that belong to the lower houses; the first that fits. All others belong to bricksrl."""
+SHARES = {"brickhub": 0.4, "bricktwin": 0.27, "bricksrl": 0.33}
 TEMPLATES = "cli/templates"
-TEST_S, QUIET_S, RUN_S = 180.0, 400.0, 5400.0
-"""Longest time of a test without a limit of its own, of a run of pytest that reports nothing, and of a run."""
-SURVIVED = "survived folder"
-QUICK = ("-m", "not slow and not realtime")
-WORKERS = ("--numprocesses=3", "--dist=loadfile")
-REALTIME = ("-m", "not slow and realtime")
+TEST_S, QUIET_S = 180.0, 400.0
+"""Longest time of a test without a limit of its own, and of a run of pytest that reports nothing."""
 
 _BOUNDARY = {ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt}
 _NEGATION = {ast.Lt: ast.GtE, ast.GtE: ast.Lt, ast.Gt: ast.LtE, ast.LtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq}
@@ -210,56 +189,28 @@ def mutated(text: str, fault: Fault, place: Place) -> str:
     return (data[: place[0]] + fault.after.encode() + data[place[1] :]).decode()
 
 
-def sources(revision: str) -> dict[str, str]:
-    """Texts of all modules of the packages and of the benchmarks in a commit, by their paths."""
-    archive = subprocess.run(["git", "archive", revision], cwd=ROOT, stdout=subprocess.PIPE, check=True).stdout  # noqa: S603, S607
-    with tarfile.open(fileobj=io.BytesIO(archive)) as files:
-        wanted = [one for one in files if re.search(r"(^|/)(src|benchmarks)/.*\.py$", one.name) and TEMPLATES not in one.name]
-        return {one.name: data.read().decode() for one in wanted if (data := files.extractfile(one))}
-
-
-def house(file: str) -> str:
-    """The house of a file of `OLD`."""
-    inner = Path(file).relative_to("src/bricksrl")
-    return next((name for name, folders in FOLDERS.items() if any(inner.is_relative_to(one) for one in folders)), "bricksrl")
-
-
-def draw() -> list[dict[str, Any]]:
-    """The mutants, in random order."""
-    rng, drawn = random.Random(SEED), list[dict[str, Any]]()
-    texts = {file: text for file, text in sources(OLD).items() if file.startswith("src/")}
-    for name, count in COUNTS.items():
-        files = sorted(file for file in texts if house(file) == name and faults(texts[file]))
-        weights = [sum(isinstance(node, ast.stmt) for node in ast.walk(ast.parse(texts[file]))) for file in files]
+def draw(tree: Path, seed: int, count: int) -> list[dict[str, Any]]:
+    """Mutants of a tree, in random order."""
+    rng, drawn = random.Random(seed), list[dict[str, Any]]()
+    for house, share in SHARES.items():
+        found = sorted(path for path in (tree / "packages" / house / "src").rglob("*.py") if TEMPLATES not in str(path))
+        texts = {str(path.relative_to(tree)): text for path in found if faults(text := path.read_text(encoding="utf-8"))}
+        weights = [sum(isinstance(node, ast.stmt) for node in ast.walk(ast.parse(text))) for text in texts.values()]
         chosen: dict[tuple[str, Fault], None] = {}
-        while len(chosen) < count:
-            file = rng.choices(files, weights)[0]
+        while len(chosen) < max(1, round(share * count)):
+            file = rng.choices(list(texts), weights)[0]
             by_operator = defaultdict(list)
             for fault in faults(texts[file]):
                 by_operator[fault.operator].append(fault)
             chosen[file, rng.choice(by_operator[rng.choice(sorted(by_operator))])] = None
-        drawn += [{"house": name, "file": file, **asdict(fault)} for file, fault in chosen]
+        drawn += [{"house": house, "file": file, **asdict(fault)} for file, fault in chosen]
     rng.shuffle(drawn)
     return drawn
 
 
-def fault_of(mutant: dict[str, Any]) -> Fault:
-    """The fault of a drawn mutant."""
-    return Fault(*(mutant[name] for name in Fault.__dataclass_fields__))
-
-
-def locate(mutant: dict[str, Any], texts: dict[str, str]) -> tuple[str, Place] | None:
-    """The file and the place of a mutant in another tree: the same file, one of the same name, one with the same function."""
-    was, fault = Path(mutant["file"]), fault_of(mutant)
-    last = fault.function.split(".")[-1]
-    fitting = [file for file in texts if Path(file).name == was.name or (last and last in texts[file])]
-    fitting.sort(key=lambda file: (Path(file).name != was.name, -len(set(Path(file).parts) & set(was.parts)), file))
-    return next(((file, faults(texts[file])[fault]) for file in fitting if fault in faults(texts[file])), None)
-
-
 @dataclass(frozen=True)
 class Tree:
-    """A copy of a commit, in which one file at a time has a fault."""
+    """A copy of the last commit, in which one file at a time has a fault."""
 
     folder: Path
     scratch: Path
@@ -267,94 +218,66 @@ class Tree:
     """Tests that fail here without a fault; they are left out."""
 
     @classmethod
-    def make(cls, revision: str, scratch: Path, broken: list[str]) -> Tree:
+    def make(cls, scratch: Path, broken: list[str]) -> Tree:
         """Check the commit out. Byte code is found by the digest of its source, so that no fault is missed."""
         folder = scratch / "tree"
-        subprocess.run(["git", "clone", "--quiet", "--shared", "--no-checkout", ROOT, folder], check=True)  # noqa: S603, S607
-        subprocess.run(["git", "checkout", "--quiet", revision], cwd=folder, check=True)  # noqa: S603, S607
+        subprocess.run(["git", "clone", "--quiet", "--shared", ROOT, folder], check=True)  # noqa: S603, S607
         tree = cls(folder, scratch, broken)
         arguments = ("-m", "compileall", "-q", "--invalidation-mode", "checked-hash")
-        subprocess.run([sys.executable, *arguments, *tree.paths()], check=True)  # noqa: S603
-        where = [sys.executable, "-c", "import bricksrl; print(bricksrl.__file__)"]
-        said = subprocess.run(where, cwd=scratch, env=tree.environment(), capture_output=True, text=True, check=True)  # noqa: S603
-        assert said.stdout.startswith(f"{folder}/"), f"the tests would import {said.stdout}"
+        subprocess.run([sys.executable, *arguments, *folder.glob("packages/*/src")], check=True)  # noqa: S603
         return tree
 
-    def paths(self) -> list[Path]:
-        """Folders to import from."""
-        return [one for one in (self.folder / "src", *self.folder.glob("packages/*/src")) if one.is_dir()]
-
-    def environment(self) -> dict[str, str]:
-        """Environment variables of tests and of all that they start."""
-        path = os.pathsep.join(map(str, self.paths()))
-        return {**os.environ, "PYTHONPATH": path, "PYTHONDONTWRITEBYTECODE": "1", "OMP_NUM_THREADS": "1"}
-
-    def near(self, file: str, hint: str) -> list[list[str]]:
-        """Arguments of pytest for the tests near a file; ``hint`` is a test that found the fault elsewhere."""
-        above, _, inner = file.rpartition("src/")
-        places = (self.folder / above, *sorted(self.folder.glob("packages/*")), self.folder)
-        roots = list(dict.fromkeys(tests for one in places if (tests := one / "tests").is_dir()))
-        earlier, own = (
-            [path for root in roots for path in sorted(root.rglob("test_*.py")) if path.name == name]
-            for name in (Path(hint.partition("::")[0]).name, f"test_{Path(inner).stem}.py")
-        )
-        folder = roots[0].joinpath(*Path(inner).parent.parts[1:])
+    def near(self, file: str) -> list[list[str]]:
+        """Arguments of pytest for the tests near a file: those of its name, then those of its folder."""
+        above, _, inner = file.partition("/src/")
+        own = [str(path) for path in sorted(self.folder.rglob(f"test_{Path(inner).stem}.py"))]
+        folder = (self.folder / above / "tests").joinpath(*Path(inner).parent.parts[1:])
         while not folder.is_dir():
             folder = folder.parent
-        beside = [folder] if folder != roots[0] else sorted({*folder.glob("test_*.py")} - {*own})
-        stages = [[str(path)] for path in dict.fromkeys([*earlier, *own])]
-        stages += [[*map(str, beside), *(f"--ignore={path}" for path in own)]] if beside else []
-        return [[*stage, *QUICK] for stage in stages]
+        return [*([path] for path in own), [str(folder), *(f"--ignore={path}" for path in own)]]
 
-    async def failures(self, *arguments: str) -> list[str]:
-        """Run pytest; the names of the tests that failed."""
+    def failure(self, *arguments: str) -> str | None:
+        """Run pytest up to the first failure; the name of the test that failed."""
         limit = (f"--timeout={TEST_S}", "--timeout-method=thread")  # the other method lets Hypothesis begin the test again
-        options = ("-v", "--color=no", "-p", "no:cacheprovider", f"--rootdir={self.folder}", *limit)
+        options = ("-x", "-v", "--color=no", "-p", "no:cacheprovider", f"--rootdir={self.folder}", *limit)
         words = [*options, f"--basetemp={self.scratch / 'tmp'}", *(f"--deselect={name}" for name in self.broken), *arguments]
+        path = os.pathsep.join(map(str, self.folder.glob("packages/*/src")))
+        env = {**os.environ, "PYTHONPATH": path, "PYTHONDONTWRITEBYTECODE": "1", "OMP_NUM_THREADS": "1"}
+        command = [sys.executable, "-m", "pytest", "-m", "not slow and not realtime", *words]
         log = self.scratch / "log.txt"
         with log.open("w") as out:
-            process = await asyncio.create_subprocess_exec(
-                *(sys.executable, "-m", "pytest", *words),
-                cwd=self.folder,
-                env=self.environment(),
-                stdout=out,
-                stderr=subprocess.STDOUT,
-                start_new_session=True,
+            process = subprocess.Popen(  # noqa: S603
+                command, cwd=self.folder, env=env, stdout=out, stderr=subprocess.STDOUT, start_new_session=True
             )
             try:
-                with contextlib.suppress(TimeoutError):
-                    async with asyncio.timeout(RUN_S):
-                        while process.returncode is None and time.time() - log.stat().st_mtime < QUIET_S:
-                            with contextlib.suppress(TimeoutError):
-                                await asyncio.wait_for(process.wait(), 10)
+                while process.poll() is None and time.time() - log.stat().st_mtime < QUIET_S:
+                    with contextlib.suppress(subprocess.TimeoutExpired):
+                        process.wait(10)
             finally:
                 with contextlib.suppress(ProcessLookupError):
                     os.killpg(process.pid, signal.SIGKILL)  # also what tests have left behind
-        return [] if process.returncode in (0, 5) else failed_tests(log.read_text(errors="replace"))
+                process.wait()
+        return None if process.returncode in (0, 5) else failed_tests(log.read_text(errors="replace"))[0]
 
-    async def failure(self, *arguments: str) -> str | None:
-        """Run pytest up to the first failure; the name of the test that failed."""
-        return next(iter(await self.failures("-x", *arguments)), None)
-
-    async def killer(self, file: str, wrong: str, stage: list[str]) -> str | None:
-        """The test that finds a fault, of one run of pytest."""
+    def killer(self, file: str, wrong: str) -> str | None:
+        """The test near a file that finds a fault in it."""
         path, doubtful = self.folder / file, list[str]()
         right = path.read_text(encoding="utf-8")
-        try:
-            path.write_text(wrong, encoding="utf-8")
-            while name := await self.failure(*stage, *(f"--deselect={one}" for one in doubtful)):
-                if name in doubtful:
-                    return f"{name} (not confirmed)"
-                alone = [*stage, "--collect-only"] if name.startswith("pytest itself") else [name]
-                again = await self.failure(*alone)
-                path.write_text(right, encoding="utf-8")
-                if again and not await self.failure(*alone):
-                    return name
-                self.broken.extend([name] if again and await self.failure(*alone) else [])
-                doubtful.append(name)
+        for stage in self.near(file):
+            try:
                 path.write_text(wrong, encoding="utf-8")
-        finally:
-            path.write_text(right, encoding="utf-8")
+                while name := self.failure(*stage, *(f"--deselect={one}" for one in doubtful)):
+                    alone = [*stage, "--collect-only"] if name.startswith("pytest itself") else [name]
+                    again = self.failure(*alone)
+                    path.write_text(right, encoding="utf-8")
+                    fails_anyway = self.failure(*alone) is not None
+                    if (again and not fails_anyway) or name in doubtful:
+                        return name.replace(f"{self.folder}/", "")
+                    self.broken.extend([name] if fails_anyway else [])
+                    doubtful.append(name)
+                    path.write_text(wrong, encoding="utf-8")
+            finally:
+                path.write_text(right, encoding="utf-8")
         return None
 
 
@@ -370,103 +293,15 @@ def failed_tests(output: str) -> list[str]:
     return [f"pytest itself: {(match[0] if match else output.strip()[-200:])!r}"]
 
 
-async def verdict(tree: Tree, mutant: dict[str, Any], texts: dict[str, str], hint: str) -> dict[str, Any]:
-    """Whether a mutant dies by a test near it, and by which."""
-    if (found := locate(mutant, texts)) is None:
+def verdict(tree: Tree, mutant: dict[str, Any]) -> dict[str, Any]:
+    """Whether a mutant dies by a test near it, and by which; it is ``gone`` if the tree has no such place."""
+    path, fault = tree.folder / mutant["file"], Fault(*(mutant[name] for name in Fault.__dataclass_fields__))
+    text = path.read_text(encoding="utf-8") if path.exists() else ""
+    if fault not in faults(text):
         return {"state": "gone"}
-    file, place = found
-    wrong, start = mutated(texts[file], fault_of(mutant), place), time.monotonic()
-    test = None
-    for stage in tree.near(file, hint):
-        if test := await tree.killer(file, wrong, stage):
-            break
-    return _judged(tree, file, test, SURVIVED, time.monotonic() - start)
-
-
-def _judged(tree: Tree, file: str, test: str | None, otherwise: str, seconds: float) -> dict[str, Any]:
-    test = test and test.replace(f"{tree.folder}/", "")
-    return {"state": "died" if test else otherwise, "test": test, "file": file, "seconds": round(seconds)}
-
-
-async def far_verdicts(
-    tree: Tree, mutants: dict[str, dict[str, Any]], texts: dict[str, str]
-) -> AsyncIterator[tuple[str, dict[str, Any]]]:
-    """Whether mutants that nothing near them finds die by another test: a number and a verdict at a time."""
-    places = {i: found for i, mutant in mutants.items() if (found := locate(mutant, texts))}
-    for file in {file for file, _ in places.values()}:
-        wrong = texts[file]
-        for i, (_, place) in sorted(places.items(), key=lambda item: item[1][1], reverse=True):
-            wrong = mutated(wrong, fault_of(mutants[i]), place) if places[i][0] == file else wrong
-        (tree.folder / file).write_text(wrong, encoding="utf-8")
-    tests = [str(path) for path in sorted(tree.folder.rglob("tests")) if "plugins" not in path.parts]
-    failed = [name for stage in (QUICK, REALTIME) for name in await tree.failures(*tests, *WORKERS, *stage)]
-    for file in {file for file, _ in places.values()}:
-        (tree.folder / file).write_text(texts[file], encoding="utf-8")
-    print(f"{len(failed)} tests fail with {len(places)} mutants at once:", *failed, sep="\n  ", flush=True)
-    for i in mutants.keys() - places.keys():
-        yield i, {"state": "gone"}
-    for i, (file, place) in places.items():
-        start = time.monotonic()
-        wrong = mutated(texts[file], fault_of(mutants[i]), place)
-        test = await tree.killer(file, wrong, failed) if failed else None
-        yield i, _judged(tree, file, test, "lives", time.monotonic() - start)
-
-
-def load() -> dict[str, Any]:
-    """The result so far."""
-    known: dict[str, Any] = json.loads(RESULT.read_text()) if RESULT.exists() else {"mutants": draw(), "trees": {}}
-    return known
-
-
-def save(which: str, kept: dict[str, Any]) -> None:
-    """Write the result of a tree, completely or not at all; another process may be at the other tree."""
-    known = load()
-    result = {"setup": {"seed": SEED, "old": OLD}, "mutants": known["mutants"], "trees": known["trees"] | {which: kept}}
-    RESULTS.mkdir(exist_ok=True)
-    part = RESULT.with_suffix(f".{which}.part")
-    part.write_text(json.dumps({**result, **describe()}, indent=2) + "\n")
-    part.replace(RESULT)
-
-
-async def run(which: str, only: list[int], jobs: int, *, is_short: bool) -> None:
-    """Judge the mutants of a tree that have no verdict yet."""
-    asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, asyncio.current_task().cancel)  # type: ignore[union-attr]
-    asked = ["git", "rev-parse", REVISIONS[which]]
-    commit = subprocess.run(asked, cwd=ROOT, capture_output=True, text=True, check=True).stdout.strip()  # noqa: S603
-    texts, result = sources(commit), load()
-    kept: dict[str, Any] = result["trees"].setdefault(which, {"broken": [], "verdicts": {}})
-    verdicts, others = (
-        (result["trees"].get(name) or {"verdicts": {}})["verdicts"] for name in sorted(REVISIONS, key=which.__ne__)
-    )
-    numbers = map(str, only or range(len(result["mutants"])))
-    left = iter([i for i in numbers if only or i not in verdicts])
-
-    def keep(i: str, judged: dict[str, Any]) -> None:
-        verdicts[i] = judged | {"commit": commit}
-        save(which, kept)
-        print(which, i, *(judged.get(key) for key in ("state", "test", "seconds")), flush=True)
-
-    @contextlib.contextmanager
-    def copy_of_tree() -> Iterator[Tree]:
-        scratch = Path(tempfile.mkdtemp(prefix="mutants-"))
-        try:
-            yield Tree.make(commit, scratch, kept["broken"])
-        finally:
-            shutil.rmtree(scratch, ignore_errors=True)
-
-    async def work() -> None:
-        with copy_of_tree() as tree:
-            for i in left:
-                keep(i, await verdict(tree, result["mutants"][int(i)], texts, others.get(i, {}).get("test") or ""))
-
-    async with asyncio.TaskGroup() as group:
-        for _ in range(jobs):
-            group.create_task(work())
-    lasting = {i: result["mutants"][int(i)] for i, one in verdicts.items() if one["state"] == SURVIVED}
-    if lasting and not is_short:
-        with copy_of_tree() as tree:
-            async for i, judged in far_verdicts(tree, lasting, texts):
-                keep(i, judged)
+    start_s = time.monotonic()
+    test = tree.killer(mutant["file"], mutated(text, fault, faults(text)[fault]))
+    return {"state": "died" if test else "survived", "test": test, "seconds": round(time.monotonic() - start_s)}
 
 
 def shown(mutant: dict[str, Any]) -> str:
@@ -483,33 +318,37 @@ def _common(one: str, other: str) -> int:
 
 
 def report(result: dict[str, Any]) -> str:
-    """A table of all mutants, the sums of both trees, and those that died before and do not now."""
-    mutants, nothing = result["mutants"], {"broken": list[str](), "verdicts": dict[str, Any]()}
-    trees = [result["trees"].get(which, nothing) for which in REVISIONS]
-    verdicts = [[tree["verdicts"].get(str(i), {"state": "not run"}) for tree in trees] for i in range(len(mutants))]
-    where = [f"`{mutant['file'].removeprefix('src/bricksrl/')}` {mutant['function']}" for mutant in mutants]
-    rows = [
-        (str(i), mutants[i]["house"], where[i], shown(mutants[i]), *(one.get("test") or one["state"] for one in verdicts[i]))
-        for i in range(len(mutants))
-    ]
-    lines = [table(("no.", "house", "where", "fault", f"found at {OLD} by", "found now by"), rows)]
-    for which, tree, judged in zip(REVISIONS, trees, zip(*verdicts, strict=True), strict=True):
-        sums = ", ".join(f"{n} {state}" for state, n in Counter(one["state"] for one in judged).items())
-        lines.append(f"{which}: {sums}; tests left out: {', '.join(tree['broken']) or 'none'}")
-    lost = [i for i, (old, new) in enumerate(verdicts) if old["state"] == "died" and new["state"] not in ("died", "not run")]
-    return "\n".join([*lines, f"died before and not now: {lost or 'none'}"])
+    """A table of all mutants, and their sums."""
+    verdicts = [result["verdicts"].get(str(i), {"state": "not run"}) for i in range(len(result["mutants"]))]
+    rows = []
+    for i, (one, found) in enumerate(zip(result["mutants"], verdicts, strict=True)):
+        where = f"`{one['file'].partition('/src/')[2]}` {one['function']}"
+        rows.append((str(i), one["house"], where, shown(one), found.get("test") or found["state"]))
+    sums = ", ".join(f"{n} {state}" for state, n in Counter(one["state"] for one in verdicts).items())
+    left_out = ", ".join(result["broken"]) or "none"
+    return f"{table(('no.', 'house', 'where', 'fault', 'found by'), rows)}\n{sums}; tests left out: {left_out}"
 
 
 def main(session: Session) -> None:
-    """Judge the mutants of a tree, or print the table."""
+    """Judge the mutants that have no verdict yet, or print the table."""
     parser = session.parser
-    parser.add_argument("--tree", choices=REVISIONS)
+    parser.add_argument("--count", type=int, default=60)
+    parser.add_argument("--seed", type=int, default=36)
     parser.add_argument("--only", type=int, nargs="+", default=[])
-    parser.add_argument("--folder-only", action="store_true")
     parser.add_argument("--table", action="store_true")
     args = session.parse()
-    if args.tree:
-        with contextlib.suppress(asyncio.CancelledError):  # ended by SIGTERM
-            asyncio.run(run(args.tree, args.only, session.jobs or 1, is_short=args.folder_only))
+    setup, result = {"seed": args.seed, "count": args.count}, session.known()
     if args.table:
-        print(report(load()))
+        print(report(session.known() or read_result(session.published())))
+        return
+    with tempfile.TemporaryDirectory(prefix="mutants-") as scratch:
+        tree = Tree.make(Path(scratch), result.get("broken", []))
+        if result.get("setup") != setup:
+            mutants = draw(tree.folder, args.seed, args.count)
+            result = {"setup": setup, "mutants": mutants, "verdicts": {}, "broken": tree.broken}
+        for i, mutant in enumerate(result["mutants"]):
+            if i in args.only if args.only else str(i) not in result["verdicts"]:
+                result["verdicts"][str(i)] = judged = verdict(tree, mutant)
+                session.write(result)
+                print(i, *(judged.get(key) for key in ("state", "test", "seconds")), flush=True)
+    print(report(result))

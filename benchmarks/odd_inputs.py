@@ -22,6 +22,7 @@ import traceback
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -87,13 +88,10 @@ class Outcome:
     fault: str = ""
 
 
-@dataclass(frozen=True)
-class Case:
-    """One input: its kind, its description, and the trial, which returns a fault or an empty text."""
-
-    kind: str
-    about: str
-    trial: Callable[[], str]
+Trial = Callable[[Path], str]
+"""A trial in a new folder, which returns a fault or an empty text."""
+Cases = Iterator[tuple[str, Trial]]
+"""Descriptions of inputs, and their trials."""
 
 
 class TookTooLong(BaseException):
@@ -179,37 +177,22 @@ class Workshop:
         return [re.sub(r"^(RUN|DATA|NEW2|NEW|ODD)", lambda match: names[match[1]], word) for word in command.split()]
 
 
-def in_folder(trial: Callable[[Path], str]) -> Callable[[], str]:
-    """A trial in a new folder, which is removed afterwards."""
-
-    def tried() -> str:
-        before = Path.cwd()
-        with tempfile.TemporaryDirectory() as folder:
-            os.chdir(folder)
-            try:
-                return trial(Path(folder))
-            finally:
-                os.chdir(before)
-
-    return tried
+def try_option(shop: Workshop, command: str, value: str, folder: Path) -> str:
+    """A command with an odd value or path."""
+    before = digest(shop.root)
+    words = shop.words(command, folder, value)
+    words = words if "ODD" in command else [*words, value]
+    if words[0] == "train" and "--run" not in words:
+        words += ["--run", str(folder / "made")]
+    return run(words).fault or ("a run or a dataset was changed" if digest(shop.root) != before else "")
 
 
-def option_cases(shop: Workshop, rng: random.Random, count: int) -> Iterator[Case]:
+def options(shop: Workshop, rng: random.Random, count: int) -> Cases:
     """Odd values of options, and odd paths."""
     pairs = [(f"{base} {flag}", value) for base, flags in FLAGS.items() for flag in flags for value in VALUES]
     pairs += [(place, value) for place in PLACES for value in VALUES]
     for command, value in rng.sample(pairs, count):
-
-        def trial(folder: Path, command: str = command, value: str = value) -> str:
-            before = digest(shop.root)
-            words = shop.words(command, folder, value)
-            words = words if "ODD" in command else [*words, value]
-            if words[0] == "train" and "--run" not in words:
-                words += ["--run", str(folder / "made")]
-            outcome = run(words)
-            return outcome.fault or ("a run or a dataset was changed" if digest(shop.root) != before else "")
-
-        yield Case("options", f"{command} {value[:40]!r}", in_folder(trial))
+        yield f"{command} {value[:40]!r}", partial(try_option, shop, command, value)
 
 
 def damaged(data: bytes, how: str, rng: random.Random) -> bytes:
@@ -227,34 +210,32 @@ def damaged(data: bytes, how: str, rng: random.Random) -> bytes:
     }[how]
 
 
-def file_cases(shop: Workshop, rng: random.Random, count: int) -> Iterator[Case]:
+def try_file(shop: Workshop, command: str, place: Path, how: str, seed: int, folder: Path) -> str:
+    """A command with a damaged file of a copy of the run or of the dataset."""
+    copy = folder / "copy"
+    shutil.copytree(shop.root, copy)
+    path = copy / place
+    before = path.read_bytes()
+    path.write_bytes(damaged(before, how, random.Random(seed)))
+    outcome = run(shop.words(command, folder, str(copy / place.parts[0])))
+    after = path.read_bytes()
+    is_same = after == before or _same_json(before, after) or _same_table(before, after)
+    if not outcome.fault and command.startswith("data check") and outcome.code == 0 and not is_same:
+        return f"check says all is well with a damaged {place.name}"
+    return outcome.fault
+
+
+def files(shop: Workshop, rng: random.Random, count: int) -> Cases:
     """Damaged files of runs and datasets."""
     in_run = [path.relative_to(shop.root) for path in shop.run.glob("*") if path.suffix in (".json", ".csv", ".bin")]
     in_data = [path.relative_to(shop.root) for path in shop.data.rglob("*") if path.is_file() and not path.name.startswith(".")]
     for _ in range(count):
         place = rng.choice(in_run) if rng.random() < 0.5 else rng.choice(in_data)
         how = rng.choice(["cut", "empty", "zeros", "flip", "brackets", "null", "twice", "noise"])
-        seed = rng.randrange(2**31)
-        is_run = place.parts[0] == "run"
+        seed, is_run = rng.randrange(2**31), place.parts[0] == "run"
         choices = ("evaluate ODD --episodes 1", "resume ODD", "compare ODD") if is_run else ("data check ODD", "data info ODD")
         command = rng.choice(choices)
-
-        def trial(folder: Path, place: Path = place, how: str = how, seed: int = seed, command: str = command) -> str:
-            copy = folder / "copy"
-            shutil.copytree(shop.root, copy)
-            path = copy / place
-            before = path.read_bytes()
-            path.write_bytes(damaged(before, how, random.Random(seed)))
-            outcome = run(shop.words(command, folder, str(copy / place.parts[0])))
-            if outcome.fault:
-                return outcome.fault
-            after = path.read_bytes()
-            is_same = after == before or _same_json(before, after) or _same_table(before, after)
-            if command.startswith("data check") and outcome.code == 0 and not is_same:
-                return f"check says all is well with a damaged {place.name}"
-            return ""
-
-        yield Case("files", f"{command} with {place} {how}", in_folder(trial))
+        yield f"{command} with {place} {how}", partial(try_file, shop, command, place, how, seed)
 
 
 def _same_json(before: bytes, after: bytes) -> bool:
@@ -278,32 +259,31 @@ def _same_table(before: bytes, after: bytes) -> bool:
     return bool(first.equals(second))
 
 
-def mutant_cases(rng: random.Random, count: int) -> Iterator[Case]:
-    """Mutants of the templates of user files: a line removed, a value replaced."""
+def try_mutant(kind: str, seed: int, folder: Path) -> str:
+    """The check of a template with a line removed or a value replaced."""
     from bricksrl.cli import templates
 
-    folder = Path(templates.__file__).parent
+    generator = random.Random(seed)
+    lines = (Path(templates.__file__).parent / f"{kind}.py").read_text(encoding="utf-8").splitlines()
+    index = generator.choice([index for index, line in enumerate(lines) if line.strip() and index > 8])
+    line, number = lines[index], generator.choice(["-1", "0", "1e9", "nan", "None"])
+    lines[index : index + 1] = generator.choice(
+        (
+            [],
+            [re.sub(r"\d+(\.\d+)?", number, line)],
+            [re.sub(r'"\w+"', '"nonsense"', line)],
+            [line.replace("(", "((", 1)],
+        )
+    )
+    (folder / "own.py").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return run(["check", "own.py"]).fault
+
+
+def mutants(_shop: Workshop, rng: random.Random, count: int) -> Cases:
+    """Mutants of the templates of user files."""
     for _ in range(count):
         kind, seed = rng.choice(["task", "robot", "agent"]), rng.randrange(2**31)
-
-        def trial(at: Path, kind: str = kind, seed: int = seed) -> str:
-            generator = random.Random(seed)
-            lines = (folder / f"{kind}.py").read_text(encoding="utf-8").splitlines()
-            body = [index for index, line in enumerate(lines) if line.strip() and index > 8]
-            index = generator.choice(body)
-            how = generator.randrange(4)
-            if how == 0:
-                del lines[index]
-            elif how == 1:
-                lines[index] = re.sub(r"\d+(\.\d+)?", generator.choice(["-1", "0", "1e9", "nan", "None"]), lines[index])
-            elif how == 2:
-                lines[index] = re.sub(r'"\w+"', '"nonsense"', lines[index])
-            else:
-                lines[index] = lines[index].replace("(", "((", 1)
-            (at / "own.py").write_text("\n".join(lines) + "\n", encoding="utf-8")
-            return run(["check", "own.py"]).fault
-
-        yield Case("mutants", f"check of a mutant of the {kind} template, seed {seed}", in_folder(trial))
+        yield f"check of a mutant of the {kind} template, seed {seed}", partial(try_mutant, kind, seed)
 
 
 def process(arguments: list[str], variables: dict[str, str], folder: Path) -> subprocess.Popen[str]:
@@ -315,58 +295,55 @@ def process(arguments: list[str], variables: dict[str, str], folder: Path) -> su
     )
 
 
-def environment_cases(shop: Workshop, rng: random.Random, count: int) -> Iterator[Case]:
+def try_environment(shop: Workshop, command: str, variables: dict[str, str], folder: Path) -> str:
+    """A command with odd environment variables."""
+    child = process(shop.words(command, folder), variables, folder)
+    out, err = child.communicate(timeout=180)
+    return verdict(child.returncode, err) or ("" if out or err else "it said nothing")
+
+
+def environments(shop: Workshop, rng: random.Random, count: int) -> Cases:
     """Odd environments."""
     commands = ("list", "settings sac", "hub program RunAway-v0", "evaluate RUN --episodes 1", "data info DATA", "train --help")
     pairs = [(variables, command) for variables in ENVIRONMENTS for command in commands]
     for variables, command in rng.sample(pairs, count):
-
-        def trial(folder: Path, variables: dict[str, str] = variables, command: str = command) -> str:
-            child = process(shop.words(command, folder), variables, folder)
-            out, err = child.communicate(timeout=180)
-            return verdict(child.returncode, err) or ("" if out or err else "it said nothing")
-
-        yield Case("environments", f"{command} with {variables}", in_folder(trial))
+        yield f"{command} with {variables}", partial(try_environment, shop, command, variables)
 
 
-def signal_cases(rng: random.Random, count: int) -> Iterator[Case]:
-    """Signals at random moments; the run or dataset is then absent or intact."""
+def try_signal(command: str, which: int, delay_s: float, folder: Path) -> str:
+    """A command that gets a signal; the run or dataset is then absent or intact."""
+    child = process(command.split(), {}, folder)
+    time.sleep(delay_s)
+    child.send_signal(which)
+    _, err = child.communicate(timeout=180)
+    if "Traceback" in err and "bricksrl/" in err.rpartition("Traceback")[2]:
+        return f"traceback: {err.strip().splitlines()[-1]}"[:400]
+    if not (folder / "made").exists():
+        return ""
+    data = folder / "made/data" if command.startswith("train") else folder / "made"
+    if which == signal.SIGKILL and data.exists():
+        outcome = run(["data", "repair", str(data)])
+        if outcome.fault or (outcome.code and "there is no dataset" not in outcome.err):
+            return outcome.fault or f"repair: {outcome.err or outcome.out}"
+    if command.startswith("train"):
+        outcome = run(["evaluate", "made", "--episodes", "1"])
+        return outcome.fault or ("" if outcome.code == 0 else f"the run is lost: {outcome.err}")
+    outcome = run(["data", "check", "made"])
+    is_sound = outcome.code == 0 or "there is no dataset" in outcome.err
+    return outcome.fault or ("" if is_sound else f"the dataset is damaged: {outcome.out}{outcome.err}"[:300])
+
+
+def signals(_shop: Workshop, rng: random.Random, count: int) -> Cases:
+    """Signals at random moments."""
     for _ in range(count):
         which, delay_s = rng.choice([signal.SIGINT, signal.SIGTERM, signal.SIGKILL]), rng.uniform(0.3, 12.0)
         command = rng.choice(["train RoboArmSim-v0 --episodes 500 --run made", "record RunAway-v0 --episodes 500 --out made"])
-
-        def trial(folder: Path, which: int = which, delay_s: float = delay_s, command: str = command) -> str:
-            child = process(command.split(), {}, folder)
-            time.sleep(delay_s)
-            child.send_signal(which)
-            _, err = child.communicate(timeout=180)
-            if "Traceback" in err and "bricksrl/" in err.rpartition("Traceback")[2]:
-                return f"traceback: {err.strip().splitlines()[-1]}"[:400]
-            if not (folder / "made").exists():
-                return ""
-            data = folder / "made/data" if command.startswith("train") else folder / "made"
-            if which == signal.SIGKILL and data.exists():
-                outcome = run(["data", "repair", str(data)])
-                if outcome.fault or (outcome.code and "there is no dataset" not in outcome.err):
-                    return outcome.fault or f"repair: {outcome.err or outcome.out}"
-            if command.startswith("train"):
-                outcome = run(["evaluate", "made", "--episodes", "1"])
-                return outcome.fault or ("" if outcome.code == 0 else f"the run is lost: {outcome.err}")
-            outcome = run(["data", "check", "made"])
-            is_sound = outcome.code == 0 or "there is no dataset" in outcome.err
-            return outcome.fault or ("" if is_sound else f"the dataset is damaged: {outcome.out}{outcome.err}"[:300])
-
-        yield Case("signals", f"{signal.Signals(which).name} after {delay_s:.1f} s in {command}", in_folder(trial))
+        about = f"{signal.Signals(which).name} after {delay_s:.1f} s in {command}"
+        yield about, partial(try_signal, command, which, delay_s)
 
 
-def cases(shop: Workshop, seed: int, scale: float) -> Iterator[Case]:
-    """All inputs."""
-    rng = random.Random(seed)
-    yield from option_cases(shop, rng, round(250 * scale))
-    yield from file_cases(shop, rng, round(140 * scale))
-    yield from mutant_cases(rng, round(60 * scale))
-    yield from environment_cases(shop, rng, round(30 * scale))
-    yield from signal_cases(rng, round(20 * scale))
+KINDS = {options: 250, files: 140, mutants: 60, environments: 30, signals: 20}
+"""Numbers of inputs."""
 
 
 def main(session: Session) -> int:
@@ -379,16 +356,18 @@ def main(session: Session) -> int:
     tried: Counter[str] = Counter()
     faults: list[dict[str, str]] = []
     start_s = time.monotonic()
-    with tempfile.TemporaryDirectory() as folder:
-        os.environ["XDG_CONFIG_HOME"] = str(Path(folder) / "settings")
-        shop = Workshop(Path(folder) / "shop")
+    with tempfile.TemporaryDirectory() as root:
+        os.environ["XDG_CONFIG_HOME"] = str(Path(root) / "settings")
+        shop, rng = Workshop(Path(root) / "shop"), random.Random(args.seed)
         shop.prepare()
-        for case in cases(shop, args.seed, args.scale):
-            tried[case.kind] += 1
-            fault = case.trial()
-            if fault:
-                faults.append({"kind": case.kind, "input": case.about, "fault": fault})
-                print(f"{case.kind}: {case.about}: {fault}", flush=True)
+        for kind, count in KINDS.items():
+            for about, trial in kind(shop, rng, round(count * args.scale)):
+                tried[kind.__name__] += 1
+                with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
+                    fault = trial(Path(folder))
+                if fault:
+                    faults.append({"kind": kind.__name__, "input": about, "fault": fault})
+                    print(f"{kind.__name__}: {about}: {fault}", flush=True)
     result: dict[str, Any] = {
         "seed": args.seed,
         "inputs": dict(tried),

@@ -37,7 +37,7 @@ OFFLINE_UPDATES = {
 """Updates that the paper made from each of its datasets, by task and kind of dataset."""
 
 
-def run(env: str, agent: str, updates: int, seed: int, preset_name: str, data: str) -> dict[str, Any]:
+def run(env: str, agent: str, updates: int, preset_name: str, data: str, seed: int) -> dict[str, Any]:
     """Train one agent on one dataset, and evaluate it."""
     with tempfile.TemporaryDirectory() as folder:
         run_dir = Path(folder) / "run"
@@ -85,16 +85,12 @@ def main(session: Session) -> None:
     missing = [env for env in args.envs if not all((data / f"{env}-{kind}").exists() for kind in args.kinds)]
     datasets.made(data, missing, quick=session.is_quick, processes=session.jobs)
     cells = list(itertools.product(args.agents, args.envs, args.kinds))
-    jobs = {}
+    parts = {}
     for agent, env, kind in cells:
         updates = updates_of(env, kind, args.share)
-        for seed in range(args.seeds):
-            name = f"{args.preset}-{env}-{kind}-{agent}-{updates}-{seed}"
-            jobs[name] = (env, agent, updates, seed, args.preset, str(data / f"{env}-{kind}"))
-    runs = session.outcomes(run, jobs)
+        parts[f"{args.preset}-{env}-{kind}-{agent}-{updates}"] = env, agent, updates, args.preset, str(data / f"{env}-{kind}")
     found: dict[tuple[str, str, str], dict[str, Any]] = {}
-    for agent, env, kind in cells:
-        of_cell = list(itertools.islice(runs, args.seeds))
+    for (agent, env, kind), of_cell in zip(cells, session.by_seed(run, parts, args.seeds).values(), strict=True):
         found[env, kind, agent] = summary(env, kind, agent, updates_of(env, kind, args.share), of_cell)
     variant = "" if args.preset == "paper" else f"_{args.preset}"
     known: dict[str, dict[str, dict[str, Any]]] = session.known(variant).get("datasets", {})

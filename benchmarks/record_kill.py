@@ -67,10 +67,7 @@ def record(root: Path, description: Description) -> None:
     with Recorder(root, description) as recorder:
         while True:
             print(len(recorder.rows), flush=True)
-            recorder.begin(About(policy="known"))
-            for step in steps(len(recorder.rows), description.image_px):
-                recorder.add(step)
-            recorder.commit()
+            recorder.write(steps(len(recorder.rows), description.image_px), About(policy="known"))
 
 
 def killed_after(root: Path, kind: str, commits: int, delay_s: float) -> int:

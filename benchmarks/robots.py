@@ -9,7 +9,6 @@ evaluated on other episodes than those of the training. Other environments stay 
 
 from __future__ import annotations
 
-import itertools
 import statistics
 import tempfile
 import time
@@ -37,7 +36,7 @@ EPISODES = {
 EVALUATED_EPISODES = 20
 
 
-def run(env_id: str, agent: str, episodes: int, seed: int, **config: Any) -> dict[str, Any]:
+def run(env_id: str, agent: str, episodes: int, config: dict[str, Any], seed: int) -> dict[str, Any]:
     """Train and evaluate one agent. ``config``: further fields of its configuration."""
     with tempfile.TemporaryDirectory() as folder:
         started_cpu_s = time.process_time()
@@ -97,15 +96,11 @@ def main(session: Session) -> None:
     args = session.parse()
     variant = "" if args.agent == "sac" else f"_{args.agent}"
     episodes = {env_id: args.episodes or EPISODES[env_id] for env_id in args.envs}
-    jobs = {
-        f"{env_id}-{args.agent}-{count}-{seed}": (env_id, args.agent, count, seed)
-        for env_id, count in episodes.items()
-        for seed in range(args.seeds)
+    cells: dict[str, tuple[Any, ...]] = {
+        f"{env_id}-{args.agent}-{count}": (env_id, args.agent, count, {}) for env_id, count in episodes.items()
     }
-    found = session.outcomes(run, jobs)
     known: dict[str, Any] = session.known(variant).get("environments", {})
-    for env_id, count in episodes.items():
-        runs = list(itertools.islice(found, args.seeds))
+    for (env_id, count), runs in zip(episodes.items(), session.by_seed(run, cells, args.seeds).values(), strict=True):
         known[env_id] = {"episodes": count, "summary": summary(runs), "paper": paper_of(env_id), "seeds": runs}
         print(env_id, known[env_id]["summary"], flush=True)
     ordered = {env_id: known[env_id] for env_id in EPISODES if env_id in known}

@@ -1,27 +1,24 @@
-"""The hand-written controllers of `bricksrl.policies.scripted`, for TensorDicts without batch dimensions."""
+"""The hand-written controllers of `bricksrl.policies.scripted`, as policies of TorchRL."""
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
 
 import torch
 from tensordict import TensorDictBase
-from torch import Tensor
 
+from bricksrl.envs.rollout import Policy
 from bricksrl.policies import scripted
 from bricksrl.policies.scripted import ArrayPolicy
 
-Controller = Callable[[TensorDictBase], Tensor]
 
-
-def controller(policy: ArrayPolicy) -> Controller:
+def controller(policy: ArrayPolicy) -> Policy:
     """The controller of a policy of arrays."""
 
     @functools.wraps(policy)
-    def act(state: TensorDictBase) -> Tensor:
+    def act(state: TensorDictBase) -> TensorDictBase:
         inputs = {key: state[key].numpy().copy() for key in ("observation", "image") if key in state}
-        return torch.as_tensor(policy(inputs), dtype=torch.float32)
+        return state.set("action", torch.as_tensor(policy(inputs), dtype=torch.float32))
 
     return act
 

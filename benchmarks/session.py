@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import shlex
 from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
@@ -125,6 +126,12 @@ class Session:
                 raise RunError(f"{path.stem}: {outcome}")
             print(f"{path.stem} done", flush=True)
             yield outcome
+
+    def by_seed(self, function: Callable[..., Any], cells: Mapping[str, tuple[Any, ...]], seeds: int) -> dict[str, list[Any]]:
+        """Outcomes of the seeds 0, 1, ... of each cell, by its name: of the function of the cell's arguments and a seed."""
+        parts = {f"{name}-{seed}": (*arguments, seed) for name, arguments in cells.items() for seed in range(seeds)}
+        found = self.outcomes(function, parts)
+        return {name: list(itertools.islice(found, seeds)) for name in cells}
 
     def path(self, variant: str = "") -> Path:
         """File of the result, or of a variant, such as ``_default``."""

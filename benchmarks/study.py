@@ -266,7 +266,9 @@ def _condition_summary(name: str, outcomes: Sequence[dict[str, Any]]) -> dict[st
     """Summary of one condition: a mean return per seed, and the successes of all episodes."""
     by_seed = [[item for item in outcome["judged"] if item["condition"] == name] for outcome in outcomes]
     returns = [float(np.mean([value for item in results for value in item["returns"]])) for results in by_seed]
-    result = {**over_seeds(returns), "episodes": sum(len(item["returns"]) for results in by_seed for item in results)}
+    result: dict[str, Any] = {"returns": returns, "return_iqm": float(interquartile_mean(np.array(returns)))}
+    result["return_95"] = ends(seeds_interval(returns))
+    result["episodes"] = sum(len(item["returns"]) for results in by_seed for item in results)
     successes = [item["successes"] for results in by_seed for item in results]
     if all(value is not None for value in successes):
         result |= {"successes": sum(successes), "success_rate": sum(successes) / result["episodes"]}
@@ -278,12 +280,6 @@ def _condition_summary(name: str, outcomes: Sequence[dict[str, Any]]) -> dict[st
         for metric in sorted(metrics)
     }
     return result
-
-
-def over_seeds(returns: Sequence[float]) -> dict[str, Any]:
-    """Mean return of each seed, their interquartile mean and its interval."""
-    iqm = float(interquartile_mean(np.array(returns)))
-    return {"returns": list(returns), "return_iqm": iqm, "return_95": ends(seeds_interval(returns))}
 
 
 def improvements(cells: Sequence[Cell], outcomes_of: dict[str, list[dict[str, Any]]]) -> list[dict[str, Any]]:

@@ -41,10 +41,8 @@ def page(result: Numbers) -> str:
             (pair["column"], pair["row"], pair["over"], f"{pair['probability']:.2f}{_within(pair['probability_95'])}")
             for pair in result["improvements"]
         ]
-        head = (_heads(result)[1], _heads(result)[0], "over", "probability of improvement")
+        head = (*reversed(result["heads"]), "over", "probability of improvement")
         lines += ["", *markdown_table(head, pairs)]
-    for table in result.get("tables", ()):
-        lines += ["", f"## {table['title']}", "", *markdown_table(table["head"], table["rows"])]
     for note in result.get("notes", ()):
         lines += ["", note]
     machine, versions = result["machine"], result["versions"]
@@ -62,14 +60,8 @@ def _joined(cells: Iterable[Numbers]) -> list[Numbers]:
     return list(joined.values())
 
 
-def _heads(result: Numbers) -> Sequence[str]:
-    """What the rows and the columns of the study's table are."""
-    heads: Sequence[str] = result.get("heads", ("row", "column"))
-    return heads
-
-
 def _labels(result: Numbers) -> dict[str, Column]:
-    row, column = _heads(result)
+    row, column = result["heads"]
     return {
         row: lambda cell: cell["row"],
         column: lambda cell: cell["column"],

@@ -74,12 +74,6 @@ def camera(result: Result) -> str:
     return f"{percent(marks[50])} and {percent(marks[100])}"
 
 
-def warm_start(result: Result) -> str:
-    """Median number of episodes."""
-    alone, data = (result["ways"][way]["episodes_median"] for way in ("alone", "data"))
-    return f"SAC alone {alone:g}, SAC with a dataset {data:g}"
-
-
 def realtime_learning(result: Result) -> str:
     """Share of the updates asked for that SAC made."""
     sac = result["agents"]["sac"]
@@ -99,17 +93,6 @@ def realtime_factor(result: Result) -> str:
 def simulation_speed(result: Result) -> str:
     """Steps per second of the best batch."""
     return f"{min(result['best_steps_per_s'].values()) / 1e6:.0f} million steps per second"
-
-
-def link_rates(result: Result) -> str:
-    """Median duration of an exchange at an interval of 15 ms."""
-    return f"{result['lock_step']['15 ms']['p50_ms']:.0f} ms, which is two connection intervals of 15 ms"
-
-
-def link_faults(result: Result) -> str:
-    """Longest time that motors ran without a link."""
-    drive_ms, watchdog_ms = result["longest_silent_drive_ms"], result["watchdog_ms"]
-    return f"the motors ran for {drive_ms} ms at most (watchdog: {watchdog_ms} ms); training continued after each"
 
 
 def fleet(result: Result) -> str:
@@ -135,7 +118,12 @@ def sim_to_robot(result: Result) -> str:
     return "; ".join(parts)
 
 
-ROWS: tuple[tuple[str, str, Callable[[Result], str], str], ...] = (
+WARM_START = "SAC alone {ways[alone][episodes_median]:g}, SAC with a dataset {ways[data][episodes_median]:g}"
+LINK_RATES = "{lock_step[15 ms][p50_ms]:.0f} ms, which is two connection intervals of 15 ms"
+LINK_FAULTS = (
+    "the motors ran for {longest_silent_drive_ms} ms at most (watchdog: {watchdog_ms} ms); training continued after each"
+)
+ROWS: tuple[tuple[str, str, str | Callable[[Result], str], str], ...] = (
     ("learning", "robot steps until 40 of 40 episodes reach the goal in `RoboArmSim-v0`, ten seeds", robot_arm, ""),
     ("learning", "return in `WalkerSim-v0` after so many episodes, ten seeds", walker, ""),
     ("race", "CPU time until a return of -20 in `WalkerSim-v0`, start-up included, median", race, ""),
@@ -152,7 +140,7 @@ ROWS: tuple[tuple[str, str, Callable[[Result], str], str], ...] = (
         "bricksrl study sim-to-robot",
     ),
     ("camera_learning", "success rate of the camera task after 50 and 100 episodes, median of five seeds", camera, ""),
-    ("warm_start", "episodes until the Walker reaches a return of -25", warm_start, ""),
+    ("warm_start", "episodes until the Walker reaches a return of -25", WARM_START, ""),
     ("realtime_learning", "updates done while the robot moves (`Walker-v0 --realtime`)", realtime_learning, ""),
     ("fleet", "four robots with one learner instead of one robot, until perfect episodes of RunAway", fleet, ""),
     ("arena", "Tag: episodes that the catcher wins after training (MAPPO, CPU time)", arena, ""),
@@ -163,17 +151,17 @@ ROWS: tuple[tuple[str, str, Callable[[Result], str], str], ...] = (
         "",
     ),
     ("simulation_speed", "speed of the batched simulations", simulation_speed, ""),
-    ("link_rates", "one exchange over a simulated radio link", link_rates, ""),
-    ("link_faults", "1,000 faults injected into that link, including killed processes", link_faults, ""),
+    ("link_rates", "one exchange over a simulated radio link", LINK_RATES, ""),
+    ("link_faults", "1,000 faults injected into that link, including killed processes", LINK_FAULTS, ""),
 )
-"""Name of the result, what it is, its text, and its command if that is not the script of the same name."""
+"""Name of the result, what it is, its text or a function that makes it, and its command if not the script of that name."""
 
 
 def summary() -> str:
     """The table of all rows whose results exist."""
     rows = [
-        [what, render(json.loads(path.read_text())), f"`{command or f'python -m benchmarks {name}'}`"]
-        for name, what, render, command in ROWS
-        if (path := RESULTS / f"{name}.json").exists()
+        [what, text.format(**found) if isinstance(text, str) else text(found), f"`{command or f'python -m benchmarks {name}'}`"]
+        for name, what, text, command in ROWS
+        if (path := RESULTS / f"{name}.json").exists() and (found := json.loads(path.read_text()))
     ]
     return table(["what", "result", "command"], rows)

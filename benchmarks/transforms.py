@@ -9,7 +9,6 @@ transform is compared with the plain run by the 95 % interval (Welch) of the dif
 
 from __future__ import annotations
 
-import itertools
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -62,7 +61,7 @@ def environment(name: str, seed: int) -> EnvBase:
     return env if make is None else TransformedEnv(env, make())
 
 
-def run(name: str, seed: int, steps: int, episodes: int) -> float:
+def run(name: str, steps: int, episodes: int, seed: int) -> float:
     """Mean return after so many steps of the robot."""
     with tempfile.TemporaryDirectory() as folder:
         run_dir, rounds = Path(folder) / "run", max(1, round(steps / 100))
@@ -86,13 +85,9 @@ def main(session: Session) -> None:
     session.parser.add_argument("--steps", type=int, default=1000)
     session.parser.add_argument("--episodes", type=int, default=20)
     args = session.parse()
-    jobs = {
-        f"{name.replace(' ', '-')}-{seed}-{args.steps}-{args.episodes}": (name, seed, args.steps, args.episodes)
-        for name in args.transforms
-        for seed in range(args.seeds)
-    }
-    found = session.outcomes(run, jobs)
-    returns = {name: list(itertools.islice(found, args.seeds)) for name in args.transforms}
+    size = args.steps, args.episodes
+    cells = {f"{name.replace(' ', '-')}-{args.steps}-{args.episodes}": (name, *size) for name in args.transforms}
+    returns = dict(zip(args.transforms, session.by_seed(run, cells, args.seeds).values(), strict=True))
     results: dict[str, Any] = {}
     for name, values in returns.items():
         results[name] = {"returns": values}

@@ -10,7 +10,6 @@ counts with ``--episodes`` and one more. A missing dataset is recorded first.
 
 from __future__ import annotations
 
-import itertools
 import statistics
 import tempfile
 from pathlib import Path
@@ -28,7 +27,7 @@ WAYS = {"alone": ("sac", None), "data": ("sac", None), "start": ("iql", "iql"), 
 """Agent that learns on the robot, and agent that it continues from."""
 
 
-def run(way: str, data: str, seed: int, episodes: int, updates: int) -> dict[str, Any]:
+def run(way: str, data: str, episodes: int, updates: int, seed: int) -> dict[str, Any]:
     """Train until the goal."""
     callback = StopWhen(lambda episode: episode.return_ >= GOAL)
     with tempfile.TemporaryDirectory() as folder:
@@ -67,15 +66,10 @@ def main(session: Session) -> None:
     data = args.data or session.place_of(datasets.FOLDER) / f"{ENV}-expert"
     if args.data is None and not data.exists():
         datasets.made(data.parent, (ENV,), quick=session.is_quick, processes=session.jobs)
-    jobs = {
-        f"{way}-{seed}-{args.episodes}-{args.updates}": (way, str(data.absolute()), seed, args.episodes, args.updates)
-        for way in args.ways
-        for seed in range(args.seeds)
-    }
-    found = session.outcomes(run, jobs)
+    size = args.episodes, args.updates
+    cells = {f"{way}-{args.episodes}-{args.updates}": (way, str(data.absolute()), *size) for way in args.ways}
     results: dict[str, Any] = {}
-    for way in args.ways:
-        runs = list(itertools.islice(found, args.seeds))
+    for way, runs in zip(args.ways, session.by_seed(run, cells, args.seeds).values(), strict=True):
         results[way] = {"episodes_median": statistics.median(run_result["episodes"] for run_result in runs), "seeds": runs}
     print({way: run_result["episodes_median"] for way, run_result in results.items()})
     session.write({"env": ENV, "goal": GOAL, "updates": args.updates, "ways": results})

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import ablation, session
+from benchmarks import ablation, learning, session
 from benchmarks.__main__ import run
 from benchmarks.parts import Failure, outcomes
 from benchmarks.registry import BENCHMARKS
@@ -24,6 +24,7 @@ from bricksrl.errors import BricksError, DescriptionError, RunError, UnknownName
 from bricksrl.evaluation.cluster import connected
 
 ROOT = Path(__file__).parents[2]
+MARK = {"mark": 100, "return": 2.5, "success_rate": 0.5, "steps": 100, "episodes": 1, "cpu_s": 1.0, "wall_s": 1.0}
 
 
 @pytest.mark.parametrize("name", BENCHMARKS)
@@ -60,12 +61,12 @@ def test_finished_parts_are_not_made_again(
     real = ablation.run
 
     def interrupted(*job: object) -> object:
-        made.append(job[3])
+        made.append(job[-1])
         if len(made) == 2:
             raise KeyboardInterrupt
         return real(*job)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(ablation, "EVALUATED_EPISODES", 2)
+    monkeypatch.setattr(learning, "EVALUATED_EPISODES", 2)
     folder, words = tmp_path / "here", ["ablation", "--quick", "--folder", str(tmp_path / "here"), "--jobs", "1"]
     monkeypatch.setattr(ablation, "run", interrupted)
     with pytest.raises(Interrupted, match=r"what is finished is in .*here; the same command goes on"):
@@ -75,7 +76,7 @@ def test_finished_parts_are_not_made_again(
     assert made == [0, 1, 1] and "1 of 2 parts are in" in capsys.readouterr().out
     assert len(_returns(folder)) == 2
     assert "| `RoboArmSim-v0` | sac | 2 | 100 | `default` |" in (folder / "study.md").read_text()
-    monkeypatch.setattr(ablation, "run", lambda *job: (job[3], 0.5))
+    monkeypatch.setattr(ablation, "run", lambda *job: [{**MARK, "return": job[-1]}])
     assert run(words) == 0 and _returns(folder) != [0, 1]
     assert run([*words, "--again"]) == 0 and _returns(folder) == [0, 1]
 
@@ -105,13 +106,13 @@ def _returns(folder: Path) -> list[float]:
 
 @pytest.mark.parametrize("damaged", ['{"outcome": ', "[1]", "{}"])
 def test_damaged_part_is_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, damaged: str) -> None:
-    monkeypatch.setattr(ablation, "run", lambda *job: (2.5, 0.5))
+    monkeypatch.setattr(ablation, "run", lambda *job: [MARK])
     words = ["ablation", "--quick", "--folder", str(tmp_path), "--jobs", "1"]
     assert run(words) == 0
     part, _ = tmp_path.glob("*-default-*.json")
     part.write_text(damaged)
     assert run(words) == 0
-    assert json.loads(part.read_text()) == {"outcome": [2.5, 0.5]} and _returns(tmp_path) == [2.5, 2.5]
+    assert json.loads(part.read_text()) == {"outcome": [MARK]} and _returns(tmp_path) == [2.5, 2.5]
 
 
 def _root(value: float) -> float:
@@ -132,7 +133,7 @@ def test_parts_are_made_on_a_cluster(tmp_path: Path) -> None:
 
 def test_failed_part_is_one_line(tmp_path: Path) -> None:
     words = ["warm_start", "--folder", str(tmp_path), "--data", str(tmp_path / "none"), "--ways", "data", "--seeds", "1"]
-    with pytest.raises(RunError, match=r"^data-0-40-5000: .*none"):
+    with pytest.raises(RunError, match=r"^data-40-5000-0: .*none"):
         run(words)
 
 

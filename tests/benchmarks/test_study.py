@@ -24,6 +24,7 @@ from bricksrl.evaluation.statistics import (
 from bricksrl.training import Episode, RunFolder, TrainConfig, train
 from bricktwin.twin.physics import Physics
 
+HEADS, MACHINE = ["row", "column"], {"processor": "P", "cores": 2}
 SMALL = SACSettings(hidden=(8,), batch_size=8, updates_per_step=0.1)
 AFTER = (Condition("same", episodes=2), Condition("twin", "Walker-v0", {"physics": Physics(friction_scale=0.8)}, 1))
 
@@ -179,7 +180,7 @@ def test_no_study_interval_below_five_seeds() -> None:
 
 def test_study_page_compares_with_paper() -> None:
     cell = Cell("sac", "Robot-v0", {}, (Condition("same"),), {"return": (1.0, 0.5), "success": 0.7, "minutes": 15})
-    result = {"title": "T", "study": "t", "quick": False, "metrics": ["x_m"], "machine": {"processor": "P", "cores": 2}}
+    result = {"title": "T", "study": "t", "quick": False, "heads": HEADS, "metrics": ["x_m"], "machine": MACHINE}
     found = {**result, "versions": {}, "cells": [summary(cell, [outcome(seed, [2.0], 1) for seed in range(5)])]}
     lines = page(found).splitlines()
     names = [name.strip() for name in lines[5].strip("|").split("|")]
@@ -201,12 +202,12 @@ def test_study_page_has_a_table_for_each_measure_of_many_conditions() -> None:
     ]
     cells = [summary(Cell("sac", column, {}, tuple(map(Condition, names))), outcomes) for column in ("A-v0", "B-v0")]
     about = {"title": "T", "study": "t", "quick": False, "heads": ["agent", "environment"], "metrics": ["speed_m_s"]}
-    text = page({**about, "machine": {"processor": "P", "cores": 2}, "versions": {}, "cells": cells})
+    text = page({**about, "machine": MACHINE, "versions": {}, "cells": cells})
     assert "| agent | environment | settings | seeds |" in text and "| sac | B-v0 | default | 5 |" in text
     assert "Return:\n\n| condition | A-v0 | B-v0 |" in text and "| carpet | 2 [2, 2] | 2 [2, 2] |" in text
     assert "| slope | 50 % [24, 76] |" in text and "| carpet | 100 %" not in text and "Success, which is 100 %" in text
     without_failures = {**cells[0], "conditions": {name: {**cells[0]["conditions"]["same"]} for name in names}}
-    text = page({**about, "machine": {"processor": "P", "cores": 2}, "versions": {}, "cells": [without_failures]})
+    text = page({**about, "machine": MACHINE, "versions": {}, "cells": [without_failures]})
     assert "Success: 100 % under all conditions." in text
 
 
@@ -214,7 +215,7 @@ def test_study_page_joins_cells_and_names_units() -> None:
     cell = Cell("bc", "A-v0", {}, (Condition("same"),))
     paper, default = (summary(cell, [outcome(seed, [value], None) for seed in range(5)]) for value in (1.0, 2.0))
     default["conditions"] = {"other": {**default["conditions"]["same"], "metrics": {"pitch_deg": 3.0}}}
-    about = {"title": "T", "study": "t", "quick": False, "metrics": ["pitch_deg"], "machine": {"processor": "P", "cores": 2}}
+    about = {"title": "T", "study": "t", "quick": False, "heads": HEADS, "metrics": ["pitch_deg"], "machine": MACHINE}
     lines = page({**about, "versions": {}, "cells": [paper, default]}).splitlines()
     assert lines[5].startswith("| row | column | settings | seeds | return, same | return, other | pitch, degrees |")
     assert lines[7].startswith("| bc | A-v0 | default | 5 | 1 [1, 1] | 2 [2, 2] | 3 |") and not lines[8]
@@ -224,7 +225,7 @@ def test_study_page_shows_cpu_time_where_all_seeds_have_it() -> None:
     cell = Cell("sac", "Robot-v0", {}, (Condition("same"),))
     earlier = [outcome(seed, [2.0], 1) for seed in range(5)]  # of a study before CPU times were measured
     later = [{**one, "cpu_s": 90.0} for one in earlier]
-    result = {"title": "T", "study": "t", "quick": False, "machine": {"processor": "P", "cores": 2}, "versions": {}}
+    result = {"title": "T", "study": "t", "quick": False, "heads": HEADS, "machine": MACHINE, "versions": {}}
     heads = []
     for outcomes in (earlier, later, [*earlier[:4], later[4]]):
         text = page({**result, "cells": [summary(cell, outcomes)]})

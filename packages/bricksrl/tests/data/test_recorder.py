@@ -180,9 +180,7 @@ def test_recording_joins_a_dataset_that_another_one_began_meanwhile(tmp_path: Pa
 def test_aborted_episode_is_marked(tmp_path: Path) -> None:
     with Recorder(tmp_path / "set", TOY) as recorder:
         record_episode(recorder, 0, 4)
-        recorder.begin(About())
-        for step in steps(1, 9)[:2]:
-            recorder.add(step)
+        recorder.write(steps(1, 9)[:2], About())
     episodes = load(tmp_path / "set")
     assert [(row.length, row.about.whole) for row in episodes.rows] == [(4, True), (2, False)]
     assert episodes.truncated.tolist() == [False, False, False, True, False, True]
@@ -206,13 +204,11 @@ def test_unwritable_index_loses_no_episode(tmp_path: Path, monkeypatch: pytest.M
 
 def test_empty_recording_leaves_no_files(tmp_path: Path) -> None:
     with Recorder(tmp_path / "set", TOY) as recorder:
-        recorder.begin(About())
+        recorder.write([], About())
     assert not (tmp_path / "set").exists()
 
 
 def test_missing_image_raises(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "set", SEEING)
-    recorder.begin(About())
-    recorder.add(steps(0, 1)[0])
     with pytest.raises(DataError, match="a step has none"):
-        recorder.commit()
+        recorder.write(steps(0, 1), About())

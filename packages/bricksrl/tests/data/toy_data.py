@@ -46,10 +46,8 @@ def steps(seed: int, length: int, description: Description = TOY) -> list[Step]:
 
 
 def record_episode(recorder: Recorder, seed: int, length: int) -> None:
-    recorder.begin(About(policy="random", seed=seed, hub="virtual", versions={"bricksrl": "0"}))
-    for step in steps(seed, length, recorder.description):
-        recorder.add(step)
-    recorder.commit(success=seed % 2 == 0)
+    about = About(policy="random", seed=seed, success=seed % 2 == 0, hub="virtual", versions={"bricksrl": "0"})
+    recorder.write(steps(seed, length, recorder.description), about)
 
 
 def record(root: Path, lengths: tuple[int, ...] = (3, 5, 4), description: Description = TOY, first_seed: int = 0) -> Path:

@@ -158,7 +158,7 @@ def test_two_wheeler_parks_by_dead_reckoning() -> None:
         state, observations = env.reset(), []
         assert 300 <= state["observation"][2:4].norm() <= 600
         while not observations or not bool(state["done"]):
-            state = env.step(state.set("action", CONTROLLERS["Park-v0"](state)))["next"]
+            state = env.step(CONTROLLERS["Park-v0"](state))["next"]
             observations.append(state["observation"])
         reckoned, truth = torch.stack(observations), env.task_observations(torch.stack(observations))
         assert bool(state["terminated"]) and PARK.success(reckoned) and PARK.success(truth)
@@ -207,7 +207,7 @@ def test_scripted_scout_follows_line() -> None:
     env = bricksrl.make("LineFollow-v0", seed=1)
     state, observations = env.reset(), []
     while not observations or not bool(state["done"]):
-        state = env.step(state.set("action", CONTROLLERS["LineFollow-v0"](state)))["next"]
+        state = env.step(CONTROLLERS["LineFollow-v0"](state))["next"]
         observations.append(state["observation"])
     assert LINE_FOLLOW.success(torch.stack(observations))
     assert not LINE_FOLLOW.success(torch.tensor([[71.0, 0.0]]).expand(60, 2)), "the bare floor"

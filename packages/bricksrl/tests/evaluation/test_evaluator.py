@@ -2,8 +2,9 @@ from __future__ import annotations
 
 import json
 import math
-from contextlib import closing
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
@@ -22,7 +23,7 @@ from bricksrl.envs.task import Entry
 from bricksrl.errors import CheckpointError, RenderingUnavailableError, RunError
 from bricksrl.evaluation import evaluate
 from bricksrl.evaluation.comparison import compare
-from bricksrl.evaluation.film import FilmOptions, film_run, side_by_side
+from bricksrl.evaluation.film import film_run, filmed_env, side_by_side
 from bricksrl.evaluation.statistics import wilson_interval
 from bricksrl.policies.sharing import export_policy
 from bricksrl.training import TrainConfig, train
@@ -188,17 +189,19 @@ def test_only_an_evaluation_under_the_conditions_of_the_training_counts(spinning
 
 def test_film_shows_the_evaluated_episodes(tmp_path: Path) -> None:
     walker = train(TrainConfig("Walker-v1", episodes=1, seed=0, record=False, run_dir=tmp_path / "run")).run_dir
-    options = FilmOptions(episodes=1, size=(64, 48), seed=1000, budget_s=0.2)
-    seen = set()
+    path, small, seen = tmp_path / "film.mp4", {"size": (64, 48), "budget_s": 0.2}, []
     for changes in ({}, {"physics": Physics(friction_scale=0.1, slope_deg=10.0)}, {"randomize": True}):
-        result = evaluate(walker, episodes=1, save=False, **changes)
-        try:
-            filmed = film_run(walker, "last", tmp_path / "film.mp4", options, **changes)
-        except RenderingUnavailableError as error:
-            pytest.skip(str(error))
-        assert filmed.returns == pytest.approx(result.returns)
-        seen.add(result.returns)
-    assert len(seen) == 3
+        with ExitStack() as films:
+            on_env = partial(lambda films, env: films.enter_context(filmed_env(env, path, "walks", **small)), films)
+            try:
+                seen.append(evaluate(walker, episodes=1, save=False, on_env=on_env, **changes).returns)
+            except RenderingUnavailableError as error:
+                pytest.skip(str(error))
+        assert path.stat().st_size > 0
+        path.unlink()
+    assert len(set(seen)) == 3
+    assert evaluate(walker, episodes=1, save=False).returns == seen[0], "to film changes nothing"
+    assert film_run(walker, "last", path, "walks", **small).return_ == pytest.approx(seen[0][0])
 
 
 def test_films_in_a_folder_of_any_name_are_joined(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from bricksrl.evaluation.evaluator import EvaluationResult, evaluate
-from bricksrl.evaluation.report import _commands, _rows, labelled, write_report
+from bricksrl.evaluation.report import _commands, labelled, rows, write_report
 from bricksrl.evaluation.statistics import Interval
 from bricksrl.training import TrainConfig, train
 from bricksrl.training.run_folder import Origin
@@ -51,9 +51,9 @@ def test_success_and_return_have_their_intervals() -> None:
         success_interval=Interval(0.57, 1.0),
         metrics={},
     )
-    assert list(_rows(result)) == [
+    assert list(rows(result)) == [
         ("return", "19.6 ± 0.5 (95 % interval of the mean: 19.25 to 20)"),
-        ("success", "100 % of 5 episodes (95 % interval of the rate: 57 % to 100 %)"),
+        ("success", "5 of 5 episodes (95 % interval of the rate: 57 % to 100 %)"),
     ]
 
 

@@ -42,9 +42,9 @@ def test_every_setting_can_be_given(agent: str, tmp_path: Path) -> None:
         ("learning_rate", "NAME=VALUE"),
         ("learning_rate=fast", "give a number"),
         ("batch_size=1.5", "whole number"),
-        ("hidden=a,b", "numbers"),
-        ("critic_layer_norm=perhaps", "true or false"),
-        ("angles=round", "choose one of"),
+        ("hidden=a,b", "whole number"),
+        ("critic_layer_norm=perhaps", "True or False"),
+        ("angles=round", "choose "),
         ("gamma=7", "gamma"),
     ],
 )

@@ -18,9 +18,10 @@ from bricksrl.agents.act import ChunkPolicy
 from bricksrl.cli import main
 from bricksrl.data import Recorder, describe, load
 from bricksrl.data.collect import collect, random_policy
+from bricksrl.envs.rollout import play_episodes
 from bricksrl.errors import RenderingUnavailableError, RunError
 from bricksrl.evaluation import evaluate
-from bricksrl.evaluation.film import FilmOptions, film
+from bricksrl.evaluation.film import filmed_env
 from bricksrl.policies import load_policy
 from bricksrl.policies.sharing import export_policy
 from bricksrl.training import RunFolder, TrainConfig, train
@@ -154,9 +155,9 @@ def test_video_resets_chunks_each_episode(tmp_path: Path) -> None:
         return state.set("action", torch.zeros(1))
 
     env = bricksrl.make("RunAway-v0", seed=0)
-    options = FilmOptions(episodes=2, size=(64, 48), budget_s=2.0)
     try:
-        film(env, act, tmp_path / "film.mp4", options, reset=lambda: calls.append("reset"))
+        with filmed_env(env, tmp_path / "film.mp4", "run away", size=(64, 48), budget_s=1.0):
+            list(play_episodes(env, act, 2, 1000, reset_policy=lambda: calls.append("reset")))
     except RenderingUnavailableError as error:
         pytest.skip(str(error))
     finally:

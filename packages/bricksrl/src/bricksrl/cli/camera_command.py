@@ -5,18 +5,13 @@ from __future__ import annotations
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from tyro.conf import Positional
 
 from brickhub.cli.options import Flag, option, refuse_ignored
 from brickhub.cli.terminal import print_line
 from bricksrl.errors import CameraError
-
-if TYPE_CHECKING:
-    from bricksrl.envs.task import Task
-    from bricksrl.envs.vision.camera import Camera, CameraView
-    from bricksrl.envs.vision.color_calibration import FoundRed
 
 
 @dataclass(frozen=True)
@@ -48,9 +43,11 @@ class CalibrateCamera:
 
     def execute(self) -> None:
         from bricksrl.envs.registry import get_task
+        from bricksrl.envs.vision.camera import TwinCamera, VideoCamera
         from bricksrl.envs.vision.color_calibration import FoundRed, calibrate_red, picture, saved_path, spanning, write_red
         from bricksrl.envs.vision.frames import find_red
         from bricksrl.plotting import save_image
+        from bricktwin.twin.make_body import make_body
 
         if self.frames < 1:
             raise CameraError(f"frames is {self.frames}; look at 1 or more")
@@ -65,31 +62,19 @@ class CalibrateCamera:
             raise CameraError(f"{self.env} has no camera; choose an environment that has one")
         device = int(self.camera) if self.camera.isdecimal() else self.camera
         view = replace(task.camera, device=device)
-        with closing(self._open(task, view)) as camera:
+        opened = TwinCamera(make_body(task.robot, scene=task.scene), view) if self.twin else VideoCamera(view)
+        with closing(opened) as camera:
             frames = [camera.frame() for _ in range(self.frames)]
         calibrations = [calibrate_red(frame, self.at) for frame in frames[len(frames) // 2 :]]
         ball = FoundRed(spanning([calibration.window for calibration in calibrations]), calibrations[-1].mask)
         path = self.out or saved_path(device)
         write_red(path, ball.window)
         save_image(path.with_suffix(".png"), picture(frames[-1], ball))
-        self._print(ball, len(find_red(frames[-1], ball.window)))
-        print_line(f"saved    {path}")
-        print_line(f"picture  {path.with_suffix('.png')}")
-
-    def _open(self, task: Task, view: CameraView) -> Camera:
-        from bricksrl.envs.vision.camera import TwinCamera, VideoCamera
-
-        if not self.twin:
-            return VideoCamera(view)
-        from bricktwin.twin.make_body import make_body
-
-        return TwinCamera(make_body(task.robot, scene=task.scene), view)
-
-    @staticmethod
-    def _print(ball: FoundRed, red_objects: int) -> None:
-        window, (x, y) = ball.window, ball.middle
+        window, (x, y), red_objects = ball.window, ball.middle, len(find_red(frames[-1], ball.window))
         print_line(f"ball     at {x}, {y} (an area of {int(ball.mask.sum())} px)")
         print_line(f"hue      {window.hue_deg[0]:g} to {window.hue_deg[1]:g} degrees")
         print_line(f"from     saturation {window.saturation:.2f}, value {window.value:.2f}")
         if red_objects > 1:
             print_line(f"beware   {red_objects} red objects are in the picture; remove the others, or name a point with --at")
+        print_line(f"saved    {path}")
+        print_line(f"picture  {path.with_suffix('.png')}")

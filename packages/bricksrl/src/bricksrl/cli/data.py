@@ -12,7 +12,7 @@ from brickhub.cli.options import Flag, option
 from brickhub.cli.terminal import print_line
 from brickhub.files import folder_with, quoted
 from bricksrl.cli.terminal import load_learning
-from bricksrl.errors import DataError, counted, percent
+from bricksrl.errors import DataError, counted
 
 if TYPE_CHECKING:
     from bricksrl.data.dataset import Dataset
@@ -44,19 +44,11 @@ class Info:
             if self.json:
                 print_line(summary.to_json())
                 continue
-            success = "" if summary.success_rate is None else f"  success {percent(summary.success_rate)}"
-            rate = f"{summary.rate_hz:g} {'step' if summary.rate_hz == 1 else 'steps'}/s"
-            print_line(f"{path}: {summary.env} on {summary.robot or 'no robot'}, {rate}")
-            print_line(f"  episodes      {summary.episodes}{success}  broken off {summary.broken_off}")
-            print_line(f"  transitions   {summary.transitions}  ({summary.length_mean:.1f} an episode)")
-            spread = f"from {summary.return_min:.4g} to {summary.return_max:.4g}"
-            print_line(f"  return        {summary.return_mean:.4g} ± {summary.return_std:.4g}  ({spread})")
-            print_line(f"  policy        {', '.join(f'{name} ({count})' for name, count in summary.policies.items())}")
-            print_line(f"  by hand       {counted(summary.interventions, 'step')}")
-            print_line(
-                f"  observation   {', '.join(summary.observation)}{f', images of {summary.camera}' if summary.camera else ''}"
-            )
-            print_line(f"  action        {', '.join(summary.action)}")
+            images = f", images of {summary.camera}" if summary.camera else ""
+            named = (("observation", f"{', '.join(summary.observation)}{images}"), ("action", ", ".join(summary.action)))
+            print_line(f"{path}:")
+            for label, value in (*summary.rows(), *named):
+                print_line(f"  {label:17} {value}")
 
 
 @dataclass(frozen=True)

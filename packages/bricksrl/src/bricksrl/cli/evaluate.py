@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -58,7 +59,7 @@ class Evaluate:
     best: Flag = False
     """Use the checkpoint of the best evaluation during training instead of the last one."""
     video: Annotated[Path | None, option(metavar="FILE")] = None
-    """Film up to three of the episodes into this mp4 file."""
+    """Film the first three of the episodes into this mp4 file."""
     json: JsonFlag = False
 
     def execute(self) -> None:
@@ -67,38 +68,32 @@ class Evaluate:
         from bricktwin.twin.physics import read_physics
 
         check_seed(self.seed)
-        physics: dict[str, Any] = {"randomize": self.randomize}
-        physics |= {} if self.physics is None else {"physics": read_physics(self.physics)}
+        given = {name: getattr(self, name) for name in ("hub", "link") if getattr(self, name) is not None}
+        options: dict[str, Any] = {"realtime": self.realtime, "randomize": self.randomize, **given}
+        options |= {} if self.physics is None else {"physics": read_physics(self.physics)}
         if self.video is not None:
             from bricksrl.evaluation.film import check_film
 
             check_film(self.video)
         origin = RunFolder(self.run).origin()  # before torch is loaded, which takes long
+        if self.video is not None and options.get("hub", origin.options.hub) != "virtual":
+            raise TwinError("only a virtual robot can be filmed; give --hub virtual, or no --video")
         load_learning()
         from bricksrl.evaluation import evaluate
-        from bricksrl.evaluation.film import FilmOptions, check_filmable, film_run
-
-        if self.video is not None:
-            hub = self.hub if self.hub is not None else origin.options.hub
-            if self.env is not None or hub != "virtual":
-                raise TwinError(
-                    "only the virtual robot of the run itself can be filmed; give --hub virtual, without --env, or no --video"
-                )
-        film_options = FilmOptions(episodes=min(self.episodes, _FILMED_EPISODES), seed=self.seed)
-        physics |= {} if self.link is None else {"link": self.link}
-        options = {"realtime": self.realtime, **physics} | ({} if self.hub is None else {"hub": self.hub})
+        from bricksrl.evaluation.film import filmed_env
 
         def report(episode: int, return_: float) -> None:
             if not self.json:
                 print_line(f"episode {episode}/{self.episodes}  return {return_:.4g}")
+            if episode == _FILMED_EPISODES:
+                films.close()
 
         def begin(env: EnvBase) -> None:
-            if self.video is not None:
-                check_filmable(env)
+            films.enter_context(filmed_env(env, self.video, env.task.id))
             emergency_stop.attach(env)
 
         try:
-            with EmergencyStop(threading.Event(), print_note) as emergency_stop:
+            with EmergencyStop(threading.Event(), print_note) as emergency_stop, ExitStack() as films:
                 result = evaluate(
                     self.run,
                     self.env,
@@ -117,25 +112,17 @@ class Evaluate:
             print_line(line)
         result.save()
         if self.video is not None:
-            film = film_run(self.run, "best" if self.best else "last", self.video, film_options, **physics)
-            print_note(f"video    {film.path}")
+            print_note(f"video    {self.video}")
 
 
 def describe(result: EvaluationResult) -> Iterator[str]:
-    """Text lines of an evaluation, with its 95 % intervals."""
-    from bricksrl.evaluation.report import labelled
+    """Text lines of an evaluation."""
+    from bricksrl.evaluation.report import rows
 
-    played, trained = counted(result.episodes, "episode"), counted(result.trained_episodes, "episode")
-    yield f"{result.env}, {played} of {result.agent} after {trained} of training:"
-    interval = result.return_interval
-    bounds = f"  (95 % interval of the mean: {interval.low:.4g} to {interval.high:.4g})" if interval is not None else ""
-    yield f"return   {result.return_mean:.4g} ± {result.return_std:.4g}{bounds}"
-    if result.success_rate is not None and result.success_interval is not None:
-        low, high = result.success_interval.low, result.success_interval.high
-        count = round(result.success_rate * result.episodes)
-        yield f"success  {count} of {played}  (95 % interval of the rate: {percent(low)} to {percent(high)})"
-    for name, value in result.metrics.items():
-        yield "  ".join(labelled(name, value))
+    trained = counted(result.trained_episodes, "episode")
+    yield f"{result.env}, {counted(result.episodes, 'episode')} of {result.agent} after {trained} of training:"
+    for label, text in rows(result):
+        yield f"{label:7}  {text}"
 
 
 @dataclass(frozen=True)
@@ -168,7 +155,7 @@ class Compare:
         if self.json:
             print_line(comparison.to_json())
         else:
-            _print(comparison)
+            print_comparison(comparison)
         if self.out is not None:
             draw(self.out, comparison.groups)
             if not self.json:
@@ -198,7 +185,8 @@ class Plot:
         print_line(f"picture  {self.out}")
 
 
-def _print(comparison: Comparison) -> None:
+def print_comparison(comparison: Comparison) -> None:
+    """Print the table of a comparison, and the probabilities of improvement."""
     from rich.console import Console
     from rich.table import Table
 

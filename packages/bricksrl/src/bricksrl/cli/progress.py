@@ -30,8 +30,8 @@ _BARS = "▁▂▃▄▅▆▇█"
 _SPARKLINE_EPISODES = 30
 
 
-class LineProgress(Callback):
-    """Progress as a line per episode.
+class RunProgress(Callback):
+    """Progress of a run: on a terminal a bar with a sparkline of the last returns, elsewhere a line per episode.
 
     Attributes:
         run_dir: folder of the run; ``None`` before it started.
@@ -50,6 +50,11 @@ class LineProgress(Callback):
         self.quiet: Callable[[], AbstractContextManager[None]] = nullcontext
         self._asynchronous = False
         self._trouble = ""
+        self._returns: list[float] = []
+        self._is_live = sys.stdout.isatty()
+        text = TextColumn("return {task.fields[value]}  {task.fields[spark]}  {task.fields[rate]}", markup=False)
+        self._bar = Bars(TextColumn("episode"), MofNCompleteColumn(), BarColumn(20), text)
+        self._task = self._bar.add_task("", total=None, value="-", spark="", rate="")
 
     def on_env(self, env: EnvBase) -> None:
         self.on_ready(env)
@@ -60,22 +65,25 @@ class LineProgress(Callback):
         self.run_dir, self.episodes_done = run_dir, episodes_done
         self._asynchronous = bool(config.asynchronous)
         print_line(f"{without_folder(config.agent)} on {without_folder(config.env)}, seed {config.seed}: {run_dir}")
+        self._bar.update(self._task, total=config.episodes, completed=episodes_done)
+        self._show()
 
     def on_episode(self, episode: Episode, progress: Progress) -> None:
         self.episodes_done = episode.episode
-        print_line(
-            f"episode {episode.episode}/{progress.episodes_total}  return {episode.return_:.4g}  "
-            + (f"{episode.robot}  " if episode.robot else "")
-            + f"{progress.steps_per_s:.3g} steps/s  {clock(progress.remaining_s)} left"
-            + ("  (random start)" if episode.phase is Phase.PREFILL else "")
-            + self._learning(episode)
-        )
-
-    def _learning(self, episode: Episode) -> str:
-        """Text with the updates per step of asynchronous learning; else empty."""
-        if not self._asynchronous or episode.updates_per_step is None:
-            return ""
-        return f"  {episode.updates_per_step:.3g} updates/step"
+        self._returns.append(episode.return_)
+        rate = f"{progress.steps_per_s:.3g} steps/s  {clock(progress.remaining_s)} left"
+        learning = ""
+        if self._asynchronous and episode.updates_per_step is not None:
+            learning = f"  {episode.updates_per_step:.3g} updates/step"
+        if self._is_live:
+            spark = sparkline(self._returns[-_SPARKLINE_EPISODES:])
+            shown: dict[str, Any] = {"value": f"{episode.return_:.4g}", "spark": spark, "rate": f"{rate}{learning}"}
+            self._bar.update(self._task, completed=episode.episode, **shown)
+            return
+        robot = f"{episode.robot}  " if episode.robot else ""
+        start = "  (random start)" if episode.phase is Phase.PREFILL else ""
+        line = f"episode {episode.episode}/{progress.episodes_total}  return {episode.return_:.4g}  "
+        print_line(f"{line}{robot}{rate}{start}{learning}")
 
     def on_link_lost(self, episode: int, length: int, error: BricksError) -> None:
         event = f"the link broke in episode {episode} after {counted(length, 'step')}" if length else "the robot is out of reach"
@@ -97,15 +105,20 @@ class LineProgress(Callback):
 
     def place(self, rng: np.random.Generator) -> None:
         """Ask for the robot to be placed, as :func:`place_robot`."""
+        self.close()  # or the bar would overwrite the question
         with self.quiet():
             place_robot(rng)
+        self._show()
 
     def on_end(self, result: RunResult) -> None:
         self.close()
 
     def note(self, line: str) -> None:
         """Print a line for the user, apart from the results."""
-        print_note(line)
+        if self._is_live:
+            self._bar.console.print(line, markup=False, highlight=False)
+        else:
+            print_note(line)
 
     def saved(self) -> str:
         """Text on what is saved if the run ends now."""
@@ -117,56 +130,12 @@ class LineProgress(Callback):
 
     def close(self) -> None:
         """Restore the terminal; may be called repeatedly."""
+        if self._is_live:
+            self._bar.stop()
 
-
-class LiveProgress(LineProgress):
-    """Progress as a bar, with a sparkline of the last returns."""
-
-    def __init__(self, hub: str = "virtual") -> None:
-        super().__init__(hub)
-        self._returns: list[float] = []
-        self._bar = Bars(
-            TextColumn("episode"),
-            MofNCompleteColumn(),
-            BarColumn(20),
-            TextColumn("return {task.fields[value]}  {task.fields[spark]}  {task.fields[rate]}", markup=False),
-        )
-        self._task = self._bar.add_task("", total=None, value="-", spark="", rate="")
-
-    def on_start(self, config: TrainConfig, run_dir: Path, episodes_done: int) -> None:
-        super().on_start(config, run_dir, episodes_done)
-        self._bar.update(self._task, total=config.episodes, completed=episodes_done)
-        self._bar.start()
-
-    def on_episode(self, episode: Episode, progress: Progress) -> None:
-        self.episodes_done = episode.episode
-        self._returns.append(episode.return_)
-        self._bar.update(
-            self._task,
-            completed=episode.episode,
-            value=f"{episode.return_:.4g}",
-            spark=sparkline(self._returns[-_SPARKLINE_EPISODES:]),
-            rate=f"{progress.steps_per_s:.3g} steps/s  {clock(progress.remaining_s)} left{self._learning(episode)}",
-        )
-
-    def note(self, line: str) -> None:
-        self._bar.console.print(line, markup=False, highlight=False)
-
-    def place(self, rng: np.random.Generator) -> None:
-        self._bar.stop()  # or it would overwrite the question
-        try:
-            super().place(rng)
-        finally:
-            if self.run_dir is not None:
-                self._bar.start()
-
-    def close(self) -> None:
-        self._bar.stop()
-
-
-def make_progress(hub: str) -> LineProgress:
-    """Progress display for standard output: live on a terminal, else lines."""
-    return LiveProgress(hub) if sys.stdout.isatty() else LineProgress(hub)
+    def _show(self) -> None:
+        if self._is_live and self.run_dir is not None:
+            self._bar.start()
 
 
 def clock(seconds: float) -> str:
@@ -217,23 +186,20 @@ class SeedsProgress(Bars):
 def train_seeds(config: TrainConfig, count: int, on: str | None = None) -> None:
     """Train ``count`` seeds and print their summary."""
     from bricksrl.evaluation import multi_seed
+    from bricksrl.evaluation.comparison import compare
 
     multi_seed.check_count(count)
     try:
         with SeedsProgress(range(config.seed, config.seed + count), config.episodes) as progress:
-            group = multi_seed.train_seeds(config, count, on=on, on_line=progress.tell)
+            multi_seed.train_seeds(config, count, on=on, on_line=progress.tell)
     except KeyboardInterrupt:
         folder = config.run_dir
         if folder is None or not folder.exists():
             raise Interrupted("no seed had started, so nothing was saved") from None
         resumes = f"`bricksrl resume {quoted(folder)}/seed-...` resumes a seed"
         raise Interrupted(f"what was trained is in {folder}; {resumes}") from None
-    interval = group.interval
-    spread = (
-        f"from {min(group.scores):.4g} to {max(group.scores):.4g}; 5 seeds or more give an interval"
-        if interval is None
-        else f"95 % interval: {interval.low:.4g} to {interval.high:.4g}"
-    )
-    print_line(f"return   {group.score:.4g}  (interquartile mean of {counted(count, 'seed')}; {spread})")
+    from bricksrl.cli.evaluate import print_comparison
+
+    print_comparison(compare(config.run_dir or ""))
     print_line(f"summary          {config.run_dir}/summary.json")
     print_line(f"learning curves  {config.run_dir}/learning_curves.png")

@@ -305,11 +305,11 @@ def run_training(
         can_drive: whether a human at the page may drive.
         film: whether to film the robot, before and after.
     """
-    from bricksrl.cli.progress import make_progress
+    from bricksrl.cli.progress import RunProgress
     from bricksrl.cli.teleop import quiet
     from bricksrl.cli.terminal import EmergencyStop
 
-    progress, stop = make_progress(config.hub), threading.Event()
+    progress, stop = RunProgress(config.hub), threading.Event()
     can_drive = can_drive and driver is None and config.num_envs == len(config.hubs) == 1
 
     def place(rng: np.random.Generator) -> None:

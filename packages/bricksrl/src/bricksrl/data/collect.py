@@ -70,22 +70,21 @@ def collect(
         episode_seed = int(np.random.SeedSequence([seed, number]).generate_state(1)[0] >> 1)
         env.set_seed(episode_seed)
         state = env.reset()
-        recorder.begin(about(env, name, seed=episode_seed, hub=hub))
-        episode = Rollout()
+        provenance, steps, episode = about(env, name, seed=episode_seed, hub=hub), list[Step](), Rollout()
         try:
             for frame in play(env, policy, state, driver=driver, reset_policy=reset_policy):
                 own = episode.add(frame, env)
                 if episode.is_lost:
                     raise ours.link_error
                 for step in own:
-                    recorder.add(step_of(step, env))
+                    steps.append(step_of(step, env))
                     on_frame(step)
             is_cut = ours.is_cut
-            success = None if is_cut else episode.success(env)
+            success = None if is_cut else episode.judged(env)[0]
         except BaseException:
-            recorder.commit(whole=False)
+            recorder.write(steps, dataclasses.replace(provenance, whole=False))
             raise
-        recorder.commit(success=success, whole=not is_cut)
+        recorder.write(steps, dataclasses.replace(provenance, success=success, whole=not is_cut))
         on_episode(recorder.rows[-1])
     return list(recorder.rows[first:])
 

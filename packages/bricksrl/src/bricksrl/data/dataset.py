@@ -77,8 +77,8 @@ class EpisodeRow:
 
     Attributes:
         start: first row of the episode in the dataset.
-        data_file: number of the file with its steps; ``data_sha256`` is the file's digest, ``None`` if none was recorded.
-        video_file, video_start_s, video_sha256: the same for its images.
+        data_file: number of the files with its steps and its images.
+        data_sha256, video_sha256: digests of the two; ``None`` if none was recorded.
         final_image: raw bytes of the image after the last step, which the video does not have.
         return_: sum of its rewards.
         statistics: statistics of its columns.
@@ -94,8 +94,6 @@ class EpisodeRow:
     data_sha256: str | None
     statistics: dict[str, Statistics]
     about: About
-    video_file: int = 0
-    video_start_s: float = 0.0
     video_sha256: str | None = None
     final_image: bytes | None = None
 
@@ -108,7 +106,6 @@ _COLUMNS = {
     "terminated": ("terminated", _BOOL),
     "interventions": ("interventions", _INT),
     "data_sha256": ("data/sha256", _TEXT),
-    "video_start_s": ("videos/{key}/from_timestamp", _FLOAT),
     "video_sha256": ("videos/{key}/sha256", _TEXT),
     "final_image": ("final/{key}", pa.binary()),
 }
@@ -218,7 +215,7 @@ class Dataset:
         rows, which `write_rows` writes."""
         description, key, at = self.description, self.description.image_key, self.data_files
         rows, tables, images = [], [], []
-        start, video_s = self.steps, 0.0
+        start = self.steps
         for number, episode in enumerate(episodes, len(self.rows)):
             length = len(episode.columns["index"])
             own = {"episode_index": np.full(length, number), "index": np.arange(start, start + length)}
@@ -235,8 +232,6 @@ class Dataset:
                 data_sha256=None,
                 statistics={name: column_statistics(values) for name, values in columns.items()},
                 about=episode.about,
-                video_file=at,
-                video_start_s=video_s,
             )
             if key is not None and episode.images is not None and episode.image_statistics is not None:
                 images.append(episode.images[:-1])
@@ -244,7 +239,6 @@ class Dataset:
                 row = replace(row, final_image=episode.images[-1].tobytes())
             rows.append(row)
             start += length
-            video_s += length / description.rate_hz
         data = to_parquet(pa.concat_tables(tables))
         write_durably(self.path("data", at), data)
         rows = [replace(row, data_sha256=hashlib.sha256(data).hexdigest()) for row in rows]
@@ -259,15 +253,17 @@ class Dataset:
         rows, at, key = self.rows[first:], self.row_files, self.description.image_key
         cells = {column: ([getattr(row, name) for row in rows], type_) for name, (column, type_) in _columns(key).items()}
         files = {"data": [row.data_file for row in rows], "meta/episodes": [at] * len(rows)}
-        files |= {} if key is None else {f"videos/{key}": [row.video_file for row in rows]}
+        files |= {} if key is None else {f"videos/{key}": files["data"]}
         for place, numbers in files.items():
             cells[f"{place}/chunk_index"] = [number // CHUNK_SIZE for number in numbers], _INT
             cells[f"{place}/file_index"] = [number % CHUNK_SIZE for number in numbers], _INT
         cells["tasks"] = [[self.description.env]] * len(rows), pa.list_(_TEXT)
         cells["dataset_to_index"] = [row.start + row.length for row in rows], _INT
         if key is not None:
-            ends_s = [row.video_start_s + row.length / self.description.rate_hz for row in rows]
-            cells[f"videos/{key}/to_timestamp"] = ends_s, _FLOAT
+            starts = {row.data_file: row.start for row in reversed(self.rows)}  # of each file
+            for name, length in (("from", 0), ("to", 1)):
+                ends = [row.start - starts[row.data_file] + length * row.length for row in rows]
+                cells[f"videos/{key}/{name}_timestamp"] = [end / self.description.rate_hz for end in ends], _FLOAT
         cells |= {name: ([getattr(row.about, name) for row in rows], type_) for name, type_ in _ABOUT.items()}
         cells |= {name: ([json.dumps(getattr(row.about, name)) for row in rows], _TEXT) for name in _ABOUT_JSON}
         for name, feature in self.description.features.items():
@@ -362,8 +358,6 @@ def _row(record: dict[str, Any], description: Description) -> EpisodeRow:
     key = description.image_key
     values = {name: record[column] for name, (column, _) in _columns(key).items()}
     values["data_file"] = _file(record, "data")
-    if key is not None:
-        values["video_file"] = _file(record, f"videos/{key}")
     about = {name: record[name] for name in _ABOUT if name in record}  # older datasets name no robot
     about |= {name: json.loads(record[name]) for name in _ABOUT_JSON}
     check_fields(About, about)

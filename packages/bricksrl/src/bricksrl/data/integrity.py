@@ -81,7 +81,7 @@ def _files(dataset: Dataset) -> Iterator[str]:
     known = {root / LOCK, root / "README.md", *(dataset.path(kind) for kind in ("info", "stats", "tasks", "description"))}
     known |= {dataset.path("episodes", number) for number in range(dataset.row_files)}
     for row in dataset.rows:
-        known |= {dataset.path("data", row.data_file), dataset.path("video", row.video_file)}
+        known |= {dataset.path("data", row.data_file), dataset.path("video", row.data_file)}
     for missing in (path for path in (dataset.path("stats"), dataset.path("tasks")) if not path.exists()):
         yield f"{missing} is missing; {repair}"
     recorded = read_all_rows(root, dataset.description)

@@ -133,22 +133,19 @@ class EpisodeReader:
         self.image_key = dataset.description.image_key if images else None
         self._dataset = dataset
         self._names = list(arrow_types(dataset.description) if names is None else names)
-        self._by_data_file: dict[int, list[EpisodeRow]] = defaultdict(list)
-        self._by_video_file: dict[int, list[EpisodeRow]] = defaultdict(list)
+        self._by_file: dict[int, list[EpisodeRow]] = defaultdict(list)
         for row in dataset.rows:
-            self._by_data_file[row.data_file].append(row)
-            self._by_video_file[row.video_file].append(row)
+            self._by_file[row.data_file].append(row)
         self._table, self._video = lru_cache(maxsize=1)(self._read_table), lru_cache(maxsize=1)(self._read_video)
 
     def read(self, row: EpisodeRow) -> Episode:
         """Read an episode. Raises DataError if a file of it is missing or damaged."""
-        dataset, start = self._dataset, self._by_data_file[row.data_file][0].start
-        table = self._table(row.data_file).slice(row.start - start, row.length)
+        dataset, start = self._dataset, row.start - self._by_file[row.data_file][0].start
+        table = self._table(row.data_file).slice(start, row.length)
         columns = from_table(table, dataset.description, self._names, dataset.path("data", row.data_file))
         if self.image_key is None:
             return Episode(row.about, columns)
-        start = row.start - self._by_video_file[row.video_file][0].start
-        images = self._video(row.video_file)[start : start + row.length]
+        images = self._video(row.data_file)[start : start + row.length]
         final = np.frombuffer(row.final_image or b"", np.uint8)
         if final.size != images[0].size:
             raise DataError(f"episode {row.episode} in {dataset.root} has no final image; restore meta/episodes")
@@ -157,7 +154,7 @@ class EpisodeReader:
 
     def _read_table(self, file: int) -> pa.Table:
         """Steps of the episodes in one file, checked against their rows."""
-        dataset, rows = self._dataset, self._by_data_file[file]
+        dataset, rows = self._dataset, self._by_file[file]
         path, lengths = dataset.path("data", file), [row.length for row in rows]
         table = read_parquet(path, digest=rows[0].data_sha256)
         table = table.slice(0, sum(lengths))  # episodes of an unfinished commit may follow
@@ -171,7 +168,7 @@ class EpisodeReader:
 
     def _read_video(self, file: int) -> NDArray[np.uint8]:
         """Images before the steps of the episodes in one file."""
-        dataset, rows = self._dataset, self._by_video_file[file]
+        dataset, rows = self._dataset, self._by_file[file]
         path = dataset.path("video", file)
         read_verified(path, rows[0].video_sha256)
         return decode(path, sum(row.length for row in rows), dataset.description.image_px)

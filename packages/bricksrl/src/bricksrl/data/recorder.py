@@ -68,9 +68,8 @@ class Recorder:
     """Recorder of episodes into a new or an existing dataset. Raises DataError if the folder holds something else or data of
     another robot, rate or shape, or is being recorded into.
 
-    `add` keeps a step in memory; `commit` writes the episode: its steps and images, then its row, then the index. If the program
-    is killed in between, only that episode is lost. Use it as a context manager: leaving commits the unfinished episode as an
-    interrupted one.
+    `write` writes an episode: its steps and images, then its row, then the index. If the program is killed in between, only that
+    episode is lost. Use it as a context manager: leaving releases the folder.
 
     Args:
         root: folder of the dataset, created with the first episode.
@@ -80,8 +79,6 @@ class Recorder:
         self.root = root
         self.description = description
         self._dataset = Dataset(root, description)
-        self._steps: list[Step] = []
-        self._about = About()
         self._lock: contextlib.ExitStack | None = None
         if root.exists() and not root.is_dir():
             raise DataError(f"{root} is a file; choose a folder for the dataset")
@@ -109,44 +106,25 @@ class Recorder:
         """Rows of the committed episodes, including those of earlier recordings."""
         return self._dataset.rows
 
-    def begin(self, about: About) -> None:
-        """Begin an episode; uncommitted steps are discarded."""
-        self._about = about
-        self._steps.clear()
-
-    def add(self, step: Step) -> None:
-        """Add a step to the episode."""
-        self._steps.append(step)
-
-    def commit(self, *, success: bool | None = None, whole: bool = True) -> None:
-        """Write the episode; when this returns it is on the disk. An episode without steps is not written.
-
-        Args:
-            success: success by the task.
-            whole: whether the episode ran to its end; if it was interrupted, its last step counts as truncated.
-        """
-        if not self._steps:
+    def write(self, steps: Sequence[Step], about: About) -> None:
+        """Write an episode; when this returns it is on the disk. An episode without steps is not written; the last step of one
+        that has no end counts as truncated."""
+        if not steps:
             return
-        if not (self._steps[-1].terminated or self._steps[-1].truncated):
-            self._steps[-1] = replace(self._steps[-1], truncated=True)
-            whole = False
+        if not (steps[-1].terminated or steps[-1].truncated):
+            steps, about = [*steps[:-1], replace(steps[-1], truncated=True)], replace(about, whole=False)
         camera = self.description.camera
-        if camera is not None and (self._steps[-1].next_image is None or any(step.image is None for step in self._steps)):
+        if camera is not None and (steps[-1].next_image is None or any(step.image is None for step in steps)):
             raise DataError(f"{self.root} is to hold images of {camera}, and a step has none; add them to each")
         if self._lock is None:
             self._open()
-        episode = new_episode(self._steps, replace(self._about, success=success, whole=whole), self.description)
-        self._dataset = self._dataset.write_episodes([episode]).write_rows(len(self.rows))
-        self._steps.clear()  # the row is on the disk: even if the index fails, the episode is not written again
+        self._dataset = self._dataset.write_episodes([new_episode(steps, about, self.description)]).write_rows(len(self.rows))
         self._dataset.write_index()
 
     def close(self) -> None:
-        """Commit the unfinished episode as an interrupted one, and release the folder."""
-        try:
-            self.commit(whole=False)
-        finally:
-            if self._lock is not None:
-                self._lock.close()
+        """Release the folder."""
+        if self._lock is not None:
+            self._lock.close()
 
     def __enter__(self) -> Self:
         return self

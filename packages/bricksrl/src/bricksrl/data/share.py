@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,7 +18,7 @@ from bricksrl.data.dataset import dataset_folder
 from bricksrl.data.integrity import check
 from bricksrl.data.schema import CODEBASE_VERSION
 from bricksrl.data.summary import Summary, summarise
-from bricksrl.errors import DataError, message_of, percent
+from bricksrl.errors import DataError, message_of
 from bricktwin.measure.session import read_log
 
 if TYPE_CHECKING:
@@ -40,12 +40,13 @@ def push_dataset(path: Path, repo: str, *, private: bool = False, licence: str =
     faults = check(root)
     if faults:
         raise DataError(f"{root} is not sound: {faults[0].detail}; see `bricksrl data check {root}`")
-    card = _card(summarise(root), licence)
-    with hub_client(repo) as api:
-        api.create_repo(repo, repo_type="dataset", private=private, exist_ok=True)
+    summary = summarise(root)
+    tags, files = ("LeRobot", "BricksRL", "reinforcement-learning"), "data/*/*.parquet"
+    title = f"{summary.env} on {summary.robot or 'no robot'}"
+    card = _card(title, "Recorded with BricksRL, in LeRobot's dataset format v3.0.", summary.rows(), tags, files, licence)
+    with _pushed(repo, f"{card}{_about_columns(summary)}", private) as api:
         hidden = "*/.*"
         api.upload_folder(repo_id=repo, repo_type="dataset", folder_path=str(root), allow_patterns=_FILES, ignore_patterns=hidden)
-        api.upload_file(path_or_fileobj=card.encode(), path_in_repo=CARD, repo_id=repo, repo_type="dataset")
         api.create_tag(repo, tag=CODEBASE_VERSION, repo_type="dataset", exist_ok=True)
         return f"{api.endpoint}/datasets/{repo}"
 
@@ -54,34 +55,25 @@ def push_log(path: Path, repo: str, *, private: bool = False, licence: str = "mi
     """Upload the log of a measured robot, as `bricktwin twin measure` writes it, to the hub as a dataset; returns its address.
     Raises TwinError if it is no such log, DataError as `push_dataset`."""
     log = read_log(path)
-    about = "".join(f"| {name} | {value} |\n" for name, value in log.about.items())
-    card = f"""---
-license: {licence}
-task_categories:
-- robotics
-tags:
-- BricksRL
-- system-identification
-configs:
-- config_name: default
-  data_files: log.jsonl
----
+    rows = [("robot", log.robot), ("answers of the hub", len(log.rows)), *log.about.items()]
+    about = (
+        "Measured by hand with `bricktwin twin measure`. After the first line, each is an answer of the hub: phase, its clock, "
+        "delay of the exchange, values."
+    )
+    tags = ("BricksRL", "system-identification")
+    card = _card(f"Two minutes with a {log.robot}", about, rows, tags, "log.jsonl", licence)
+    with _pushed(repo, card, private) as api:
+        api.upload_file(path_or_fileobj=path.read_bytes(), path_in_repo="log.jsonl", repo_id=repo, repo_type="dataset")
+        return f"{api.endpoint}/datasets/{repo}"
 
-# Two minutes with a {log.robot}
 
-Measured by hand with `bricktwin twin measure`. After the first line, each is an answer of the hub: phase, its clock, delay of
-the exchange, values.
-
-| | |
-|---|---|
-| robot | {log.robot} |
-| answers of the hub | {len(log.rows)} |
-{about}"""
+@contextmanager
+def _pushed(repo: str, card: str, private: bool) -> Iterator[HfApi]:
+    """The hub, with a repository of datasets that has the card."""
     with hub_client(repo) as api:
         api.create_repo(repo, repo_type="dataset", private=private, exist_ok=True)
-        for content, name in ((path.read_bytes(), "log.jsonl"), (card.encode(), CARD)):
-            api.upload_file(path_or_fileobj=content, path_in_repo=name, repo_id=repo, repo_type="dataset")
-        return f"{api.endpoint}/datasets/{repo}"
+        api.upload_file(path_or_fileobj=card.encode(), path_in_repo=CARD, repo_id=repo, repo_type="dataset")
+        yield api
 
 
 def pull_dataset(repo: str, out: Path, *, revision: str | None = None) -> Path:
@@ -144,39 +136,31 @@ def hub_client(repo: str) -> Iterator[HfApi]:
         raise DataError(f"the hub at {api.endpoint} cannot be reached ({message_of(error)}); try again with a network") from None
 
 
-def _card(summary: Summary, licence: str) -> str:
+def _card(title: str, about: str, rows: Iterable[tuple[str, object]], tags: Sequence[str], files: str, licence: str) -> str:
     """Card of a dataset, as Markdown."""
-    robot = summary.robot or "no robot"
-    success = "" if summary.success_rate is None else f"| success | {percent(summary.success_rate)} |\n"
-    camera = f"\nImages of the camera `{summary.camera}` are in `videos`, without loss.\n" if summary.camera else ""
+    listed, table = "".join(f"- {tag}\n" for tag in tags), "".join(f"| {name} | {value} |\n" for name, value in rows)
     return f"""---
 license: {licence}
 task_categories:
 - robotics
 tags:
-- LeRobot
-- BricksRL
-- reinforcement-learning
-configs:
+{listed}configs:
 - config_name: default
-  data_files: data/*/*.parquet
+  data_files: {files}
 ---
 
-# {summary.env} on {robot}
+# {title}
 
-Recorded with BricksRL, in LeRobot's dataset format v3.0.
+{about}
 
 | | |
 |---|---|
-| environment | {summary.env} |
-| robot | {robot} |
-| episodes | {summary.episodes} |
-| transitions | {summary.transitions} |
-| return | {summary.return_mean:.4g} ± {summary.return_std:.4g} |
-{success}| policy | {", ".join(f"{name} ({count})" for name, count in summary.policies.items())} |
-| steps by hand | {summary.interventions} |
-| steps a second | {summary.rate_hz:g} |
+{table}"""
 
+
+def _about_columns(summary: Summary) -> str:
+    camera = f"\nImages of the camera `{summary.camera}` are in `videos`, without loss.\n" if summary.camera else ""
+    return f"""
 - `observation.state`: {", ".join(summary.observation)}
 - `action`, in -1..1: {", ".join(summary.action)}
 - `next.observation.state`, `next.reward`, `next.terminated`, `next.truncated`: what followed

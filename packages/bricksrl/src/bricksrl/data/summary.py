@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from bricksrl.data.dataset import read_dataset
 from bricksrl.data.reader import read_columns
 from bricksrl.data.schema import ACTION, OBSERVATION
-from bricksrl.errors import counted
+from bricksrl.errors import counted, percent
 from bricksrl.plotting import DARK, INK, LIGHT, MUTED, STRONG, check_picture, new_figure, save
 
 if TYPE_CHECKING:
@@ -54,6 +55,19 @@ class Summary:
     observation: tuple[str, ...]
     action: tuple[str, ...]
     camera: str | None
+
+    def rows(self) -> Iterator[tuple[str, object]]:
+        """Labels and values of its numbers, for readers."""
+        yield from (("environment", self.env), ("robot", self.robot or "no robot"), ("steps a second", f"{self.rate_hz:g}"))
+        yield "episodes", f"{self.episodes}, broken off {self.broken_off}"
+        yield "transitions", self.transitions
+        yield "steps an episode", f"{self.length_mean:.1f}"
+        spread = f"from {self.return_min:.4g} to {self.return_max:.4g}"
+        yield "return", f"{self.return_mean:.4g} ± {self.return_std:.4g}  ({spread})"
+        if self.success_rate is not None:
+            yield "success", percent(self.success_rate)
+        yield "policy", ", ".join(f"{name} ({count})" for name, count in self.policies.items())
+        yield "steps by hand", self.interventions
 
     def to_json(self) -> str:
         """One JSON object on one line."""

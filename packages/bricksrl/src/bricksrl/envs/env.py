@@ -116,6 +116,7 @@ class HubEnv(RobotEnv, EnvBase):  # type: ignore[misc]
             raise DescriptionError(f"terminated of {task.id} is {terminated.tolist()}, not true or false; compare")
         episode.observation = observation
         episode.step_count += 1
+        episode.rewards.append(float(reward))
         if self._is_paused:
             episode.is_cut = True
             self._guarded(self._connected().link.rest)

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
     from brickhub.virtual.virtual_kit import VirtualRobot
     from bricksrl.envs.connection import Connection, Reconnect
+    from bricksrl.envs.robot_env import EpisodeState
     from bricksrl.envs.task import Task
 
 
@@ -64,6 +65,11 @@ class BricksEnv:
     @property
     def twin(self) -> VirtualRobot | None:
         """The virtual hub of a single robot; ``None`` for a real robot or none. A new seed makes a new one."""
+        return None
+
+    @property
+    def episode(self) -> EpisodeState | None:
+        """State of the present episode of a single robot; ``None`` without one, and while the robot is placed."""
         return None
 
     @property

@@ -16,11 +16,10 @@ import numpy as np
 
 from brickhub.cli.options import Flag, option, parsed
 from brickhub.fields import Range, check_fields
-from brickhub.hub.link.profiles import LinkProfile, profile
-from brickhub.hub.transport import Pipe
+from brickhub.hub.link.profiles import profile
 from brickhub.user_files import with_absolute_file
 from bricksrl.errors import DescriptionError
-from bricktwin.twin.physics import Physics, RandomPhysics, read_physics
+from bricktwin.twin.physics import Physics, read_physics
 
 
 def parse_option(text: str) -> tuple[str, Any]:
@@ -119,21 +118,6 @@ class EnvOptions(TransformOptions):
     def as_it_is(self) -> Self:
         """A copy without transforms."""
         return replace(self, **TRANSFORMS)
-
-    @property
-    def pipe(self) -> Pipe:
-        """The channel for input to the hub program."""
-        return Pipe.APP_DATA if self.app_data else Pipe.STDIN
-
-    @property
-    def physics_or_draw(self) -> Physics | RandomPhysics | None:
-        """The fixed physics, or a sampler of one for each episode."""
-        return RandomPhysics() if self.randomize else self.known_physics
-
-    @property
-    def link_profile(self) -> LinkProfile | None:
-        """The link in place of that of the physics; ``None`` for no other."""
-        return None if self.link is None else profile(self.link)
 
     @property
     def known_physics(self) -> Physics | None:

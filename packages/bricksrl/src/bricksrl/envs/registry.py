@@ -12,6 +12,8 @@ from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
 from brickhub.fields import check_value
+from brickhub.hub.link.profiles import profile
+from brickhub.hub.transport import Pipe
 from brickhub.hub.transports.address import parse_hub
 from brickhub.robot import Robot
 from brickhub.seed import check_seed
@@ -35,6 +37,7 @@ from bricksrl.envs.vision.camera import TwinCamera, VideoCamera
 from bricksrl.errors import DescriptionError, RunError, UnknownNameError, UnknownOptionError, counted, hint
 from bricktwin.robots import CART
 from bricktwin.twin.make_body import check_mujoco, make_body
+from bricktwin.twin.physics import RandomPhysics
 
 if TYPE_CHECKING:
     import numpy as np
@@ -42,7 +45,6 @@ if TYPE_CHECKING:
 
     from brickhub.hub.link.robot_link import RobotLink
     from brickhub.hub.transports.address import HubAddress
-    from bricksrl.envs.env import HubEnv
     from bricksrl.envs.robot_env import RobotEnv
 
 _log = logging.getLogger(__name__)
@@ -151,18 +153,14 @@ def make(
         return _transformed(simulation, options)
     if batch_size or device != "cpu" or kinematics is not None:
         raise DescriptionError(f"{env_id} is one robot; omit batch_size, device and kinematics")
+    of_robot = _connected(task, options, place)
+    from bricksrl.envs.env import HubEnv
+    from bricksrl.envs.own.own_env import OwnEnv
 
+    env = HubEnv(*of_robot, seed=seed) if task.base_env is None else OwnEnv(*of_robot, seed=seed)
     if address.is_virtual:
-        env = _hub_env(task)(task, _virtual(task, options), seed=seed)
         env.remake = functools.partial(make, env_id, options.as_it_is())
-        return _transformed(env, options)
-    _refuse_virtual(options)
-    return _transformed(_hub_env(task)(*_real(task, options, address, place), seed=seed), options)
-
-
-def _refuse_virtual(options: EnvOptions) -> None:
-    virtual = ("realtime", "randomize", "physics", "link")
-    options.refuse(virtual, "a real robot has its own time, physics and link; omit realtime, physics and link")
+    return _transformed(env, options)
 
 
 def _transformed(env: EnvBase, options: EnvOptions) -> EnvBase:
@@ -180,9 +178,12 @@ def _virtual(task: Task, options: EnvOptions) -> Callable[[int], Connection]:
     from brickhub.virtual.virtual_kit import virtual_robot
     from brickhub.virtual.virtual_transport import VirtualHub
 
+    physics = RandomPhysics() if options.randomize else options.known_physics
+    link = None if options.link is None else profile(options.link)
+
     def connect(twin_seed: int) -> Connection:
-        body = make_body(task.robot, scene=task.scene, physics=options.physics_or_draw, seed=twin_seed)
-        twin = virtual_robot(body, realtime=options.realtime, link=options.link_profile, seed=twin_seed)
+        body = make_body(task.robot, scene=task.scene, physics=physics, seed=twin_seed)
+        twin = virtual_robot(body, realtime=options.realtime, link=link, seed=twin_seed)
         if isinstance(twin, VirtualHub):
             twin.machine.panel.near |= {channel.wireless for channel in task.interface.channels if channel.wireless}
         camera = None if task.camera is None else TwinCamera(body, task.camera)
@@ -203,20 +204,26 @@ def make_robot(
 
     check_seed(seed)
     options = options or EnvOptions()
-    address, spec = parse_hub(options.hub), _spec(env_id)
+    spec = _spec(env_id)
     task = _build(env_id, spec, options.options)
     if spec.kinematics is not None or options.is_transformed or task.base_env is not None:
         return None
+    return RobotEnv(*_connected(task, options, place), seed=seed)
+
+
+def _connected(task: Task, options: EnvOptions, place: Placement | None) -> tuple[Task, Callable[[int], Connection]]:
+    """The task, with this computer's colours for a real robot, and connections to its robot, by a virtual one's seed."""
+    address = parse_hub(options.hub)
     if address.is_virtual:
-        return RobotEnv(task, _virtual(task, options), seed=seed)
-    _refuse_virtual(options)
-    return RobotEnv(*_real(task, options, address, place), seed=seed)
+        return task, _virtual(task, options)
+    unreal = ("realtime", "randomize", "physics", "link")
+    options.refuse(unreal, "a real robot has its own time, physics and link; omit realtime, physics and link")
+    return _real(task, options, address, place)
 
 
 def _real(
     task: Task, options: EnvOptions, address: HubAddress, place: Placement | None
 ) -> tuple[Task, Callable[[int], Connection]]:
-    """The task with this computer's colours, and its connection to a real robot."""
     from brickhub.hub.diagnostics.calibration import calibration_of
     from bricksrl.envs.vision.color_calibration import saved_red
 
@@ -238,14 +245,6 @@ def _real(
     return task, lambda _seed: connection
 
 
-def _hub_env(task: Task) -> type[HubEnv]:
-    """The class that runs a task on a robot."""
-    from bricksrl.envs.env import HubEnv
-    from bricksrl.envs.own.own_env import OwnEnv
-
-    return HubEnv if task.base_env is None else OwnEnv
-
-
 def _link(task: Task, options: EnvOptions, transport: Any, calibrate: Calibration | None = None) -> RobotLink:
     """Link over a transport to a hub, or over a radio to devices of LEGO's kits, as the robot has them."""
     from brickhub.hub.link.kit_link import KitLink
@@ -261,7 +260,8 @@ def _link(task: Task, options: EnvOptions, transport: Any, calibrate: Calibratio
             raise DescriptionError(f"{task.program} is a client of your own, which neither streams nor reads AppData; omit both")
         return ClientLink(transport, task.robot, task.interface, task.client)
     link_type = StreamingLink if options.streaming or task.streams else HubLink
-    return link_type(transport, task.robot, task.interface, pipe=options.pipe, calibrate=calibrate)
+    pipe = Pipe.APP_DATA if options.app_data else Pipe.STDIN
+    return link_type(transport, task.robot, task.interface, pipe=pipe, calibrate=calibrate)
 
 
 COPIES_PER_CORE = 8

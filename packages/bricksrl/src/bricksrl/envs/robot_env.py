@@ -39,6 +39,7 @@ class EpisodeState:
         tracker: position of the target; ``None`` for a task without a target.
         watch: the camera's view; ``None`` for a task without a camera.
         observation: the last one, as the task's functions get it.
+        rewards: of each step, for whoever shows them.
         task_observations: what success and metrics get after each step; only with a camera or a target.
         is_cut: whether a pause truncated the episode.
         measured_s: the link's clock when the last observation was measured; ``hub_time_s`` is the hub's.
@@ -53,6 +54,7 @@ class EpisodeState:
     watch: Watch | None = None
     observation: Any = ()
     step_count: int = 0
+    rewards: list[float] = field(default_factory=list)
     task_observations: list[Any] = field(default_factory=list)
     is_cut: bool = False
     hub_time_s: float = 0.0
@@ -132,6 +134,10 @@ class RobotEnv(BricksEnv):
     @property
     def is_paused(self) -> bool:
         return self._is_paused
+
+    @property
+    def episode(self) -> EpisodeState | None:
+        return self._episode
 
     @property
     def is_cut(self) -> bool:

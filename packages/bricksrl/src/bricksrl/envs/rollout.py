@@ -124,6 +124,7 @@ class Rollout:
         for step in own:
             if link_lost(step):
                 self.is_lost = True
+                frame["next", "link_lost"] = torch.ones(1, dtype=torch.bool)  # also where a transform leaves it out
                 break
             self.rewards.append(float(step["next", "reward"]))
             self.action_sizes.append(float(step["action"].abs().mean()))
@@ -140,23 +141,13 @@ class Rollout:
         """Sum of the rewards."""
         return float(torch.tensor(self.rewards).sum())
 
-    def success(self, env: EnvBase) -> bool | None:
-        """Success by the task, for the last episode of ``env``; ``None`` if ``env`` has no task or the episode no step."""
-        ours = interface_of(env)
-        if ours.task is None or not self.rewards:
-            return None
-        return success_of(ours.task, ours.task_observations(torch.stack(self.observations)))
-
     def judged(self, env: EnvBase) -> tuple[bool | None, dict[str, float]]:
-        """Success and metrics of a training episode; none after a lost link."""
-        return (None, {}) if self.is_lost else (self.success(env), self.metrics(env))
-
-    def metrics(self, env: EnvBase) -> dict[str, float]:
-        """Metrics by the task, for the last episode of ``env``; empty if ``env`` has no task or the episode no step."""
+        """Success and metrics by the task, for the last episode of ``env``; none after a lost link, without a task or a step."""
         ours = interface_of(env)
-        if ours.task is None or not self.rewards:
-            return {}
-        return {**metrics_of(ours.task, ours.task_observations(torch.stack(self.observations))), **ours.walk_metrics()}
+        if ours.task is None or self.is_lost or not self.rewards:
+            return None, {}
+        seen = ours.task_observations(torch.stack(self.observations))
+        return success_of(ours.task, seen), {**metrics_of(ours.task, seen), **ours.walk_metrics()}
 
 
 @dataclass(frozen=True)
@@ -190,7 +181,7 @@ def play_episodes(
             lost += episode.is_lost
             if lost == TRIES:
                 raise interface_of(env).link_error
-        yield EpisodeScore(episode.return_, len(episode.rewards), episode.action_size, episode.success(env), episode.metrics(env))
+        yield EpisodeScore(episode.return_, len(episode.rewards), episode.action_size, *episode.judged(env))
 
 
 def _play_copies(

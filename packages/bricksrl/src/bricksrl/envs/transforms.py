@@ -236,11 +236,17 @@ def changes_nothing(env: EnvBase) -> bool:
     base = base_of(env)
     if base is env:
         return True
+    paid, steps = _one_step(env)
+    return numbers_of(env) == numbers_of(base) and bool((paid == 1.0).all()) and steps == 1
+
+
+def _one_step(env: EnvBase) -> tuple[Tensor, int]:
+    """What a step behind the transforms pays where each of the environment's own pays 1, and the number of these."""
+    base = base_of(env)
     playback = Playback(base, lambda _: still(base).set("reward", torch.ones_like(base.reward_spec.zero())))
     view = over(env, playback)
-    paid = view.step(view.reset().update(view.full_action_spec.zero()))["next", "reward"]
-    is_same = numbers_of(env) == numbers_of(base) and bool((paid == 1.0).all())
-    return is_same and len(playback.played) == 2
+    paid: Tensor = view.step(view.reset().update(view.full_action_spec.zero()))["next", "reward"]
+    return paid, len(playback.played) - 1
 
 
 def has_running_statistics(env: EnvBase) -> bool:
@@ -250,11 +256,7 @@ def has_running_statistics(env: EnvBase) -> bool:
 
 def frames_per_step(env: EnvBase) -> int:
     """Steps of the environment in one of its transforms."""
-    base = base_of(env)
-    playback = Playback(base, lambda _: still(base))
-    view = over(env, playback)
-    view.step(view.reset().update(view.full_action_spec.zero()))
-    return len(playback.played) - 1
+    return _one_step(env)[1]
 
 
 def still(env: EnvBase) -> TensorDictBase:

@@ -105,7 +105,8 @@ def compare(paths: Sequence[Path | str] | Path | str) -> Comparison:
     evaluated = all(run.evaluation is not None for run in runs)
     by_config: dict[tuple[str, str], list[_Run]] = {}
     for run in runs:
-        by_config.setdefault((run.config.env, run.shared_config), []).append(run)
+        shared = json.dumps(run.compared, sort_keys=True, default=str)
+        by_config.setdefault((run.config.env, shared), []).append(run)
     groups = []
     for (env, _), members in sorted(by_config.items(), key=lambda item: item[0]):
         scores = tuple(run.evaluation if evaluated and run.evaluation is not None else run.curve[-1] for run in members)
@@ -145,12 +146,11 @@ class _Run:
         return cls(config, curve, episodes[-1].steps, score)
 
     @property
-    def shared_config(self) -> str:
-        """Part of the config that is equal for all runs of a group, as JSON."""
+    def compared(self) -> dict[str, Any]:
+        """Values of the config and of its settings that are equal for all runs of a group."""
         data = self.config.to_dict()
-        for name in ("env", *_NOT_COMPARED):
-            del data[name]
-        return json.dumps(data, sort_keys=True, default=str)
+        settings = data.pop("settings")
+        return {name: value for name, value in {**data, **settings}.items() if name not in _NOT_COMPARED}
 
 
 def _run_folders(paths: Sequence[Path | str]) -> Iterator[Path]:
@@ -173,15 +173,9 @@ def _label(run: _Run, runs: Sequence[_Run]) -> str:
     same = [other for other in runs if without_folder(other.config.agent) == agent]
     if len(same) == 1:
         return agent
-    own, others = _flat(run.config), [_flat(other.config) for other in same]
-    differing = [name for name in own if any(other.get(name) != own[name] for other in others)]
+    own = run.compared
+    differing = [name for name in own if any(other.compared.get(name) != own[name] for other in same)]
     return ", ".join([agent, *(f"{name}={own[name]}" for name in differing)])
-
-
-def _flat(config: TrainConfig) -> dict[str, Any]:
-    data = config.to_dict()
-    settings = data.pop("settings") or {}
-    return {name: value for name, value in {**data, **settings}.items() if name not in _NOT_COMPARED}
 
 
 def draw(path: Path | str, groups: Sequence[Group]) -> None:

@@ -154,7 +154,8 @@ def evaluate(
     if env is None or isinstance(env, str):
         env_id = with_absolute_file(env or origin.env)
         nominal, options = evaluation_options(origin, origin.env), evaluation_options(origin, env_id, **named)
-        _warn_without(nominal.options, env_id, options, named)
+        if left_out := [name for name in nominal.options if name not in options.options and "options" not in named]:
+            _log.warning("%s has no %s, which the training had; it is evaluated without", env_id, ", ".join(left_out))
         names = ("options", "physics", "randomize", "link")
         as_trained = env_id == origin.env and all(getattr(options, name) == getattr(nominal, name) for name in names)
         hub = options.hub
@@ -197,10 +198,3 @@ def evaluation_options(origin: Origin, env: str, **named: Any) -> EnvOptions:
     physics = None if named.get("randomize", False) else physics
     options = before.options if same_env else options_of(env, before.options)
     return replace(before, realtime=False, randomize=False, physics=physics, link=link, options=options).changed(**named)
-
-
-def _warn_without(trained: dict[str, Any], env: str, options: EnvOptions, named: dict[str, Any]) -> None:
-    """Warn of the options of a training that an environment does not have."""
-    left_out = [name for name in trained if name not in options.options and "options" not in named]
-    if left_out:
-        _log.warning("%s has no %s, which the training had; it is evaluated without", env, ", ".join(left_out))

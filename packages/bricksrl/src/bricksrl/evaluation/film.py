@@ -1,14 +1,14 @@
-"""Films of policies on virtual robots, with a room, captions and goals; of two policies side by side; of an arena's robots."""
+"""Films of virtual robots, with a room, captions and goals; of a run's policies; of an arena's robots."""
 
 from __future__ import annotations
 
 import subprocess
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from brickhub.files import check_writable
 from bricksrl.envs.env_interface import interface_of
@@ -19,47 +19,31 @@ if TYPE_CHECKING:
     from torchrl.envs import EnvBase
 
     from bricksrl.envs.connection import Connection
-    from bricksrl.envs.rollout import Policy
     from bricktwin.twin.mujoco_body import MujocoBody
-    from bricktwin.twin.render.opengl import Image, Renderer, VideoWriter
+    from bricktwin.twin.render.opengl import Image, Renderer
     from bricktwin.twin.render.video import Room
 
+SIZE, BUDGET_S = (1280, 720), 15.0
+"""Width and height in px, and the approximate time for drawing an episode; a small one reduces the frame rate."""
 QUICK_S = 0.03
 """Longest time to draw an image without shadows for shadows to be tried."""
-_LAST_S = 0.8
-"""Duration of the last image of an episode."""
+_FPS, _LAST_S = 25, 0.8
+"""Images a second, and how long the last one of an episode is shown."""
 _HOLDS = (1, 2, 3, 4)
 _NORMAL_SPEED_S, _SPEED = 12.0, 2.0
 """Longer episodes are shown twice as fast."""
-_ARENA_FRAME_MS, _RECORDED_FRAME_MS = 50, 80
-
-
-@dataclass(frozen=True)
-class FilmOptions:
-    """Options of a film.
-
-    Attributes:
-        title: caption of each image; by default the task's id.
-        episodes: number of episodes, shown one after the other.
-        seed: seed of the episodes.
-        size: width and height in px.
-        budget_s: approximate time for drawing; a small one reduces the frame rate.
-    """
-
-    title: str = ""
-    episodes: int = 1
-    seed: int = 1000
-    size: tuple[int, int] = (1280, 720)
-    budget_s: float = 40.0
+_ARENA_FRAME_MS = 50
+_SEED = 1000
+"""Seed of the episode of a run, the first of its evaluation."""
 
 
 @dataclass(frozen=True)
 class Film:
-    """A film, and the return and the distance forward (m; 0 unless the robot walks) of each of its episodes."""
+    """A film of an episode, its return and its distance forward (m; 0 unless the robot walks)."""
 
     path: Path
-    returns: tuple[float, ...]
-    forward_m: tuple[float, ...]
+    return_: float
+    forward_m: float
 
 
 def check_film(path: Path) -> None:
@@ -81,163 +65,114 @@ def check_filmable(env: EnvBase) -> None:
         )
 
 
-def film(
-    env: EnvBase, act: Policy, path: Path, options: FilmOptions | None = None, *, reset: Callable[[], None] = lambda: None
-) -> Film:
-    """Film a policy into an mp4 file.
-
-    Args:
-        env: an environment with a virtual robot that has a MuJoCo model.
-        reset: resets the policy's state at the start of each episode.
-
-    Raises:
-        RenderingUnavailableError: no OpenGL library works here.
-        TwinError: the environment has no such robot.
-    """
-    check_filmable(env)
-    from brickhub.seed import derive_seed
-    from bricksrl.envs.rollout import play, seed_episode
-    from bricksrl.envs.transforms import own_frames
-    from bricktwin.twin.mujoco_body import MujocoBody
-    from bricktwin.twin.render.opengl import VideoWriter
-    from bricktwin.twin.render.video import Filmed
-
-    options = options or FilmOptions()
-    returns, distances_m = [], []
-    with VideoWriter(path, 25.0) as video:
-        for number in range(1, options.episodes + 1):
-            seed_episode(env, derive_seed(options.seed, "evaluation", number))
-            start = env.reset()
-            twin = interface_of(env).twin
-            if twin is None or not isinstance(twin.body, MujocoBody):
-                raise TwinError(f"{env.task.id} has no virtual robot to film")
-            take = _Take(env, twin.body, options, number, start, video)
-            with closing(take.renderer):
-                twin.machine.body = Filmed(twin.machine.body, take.render, take.frame_ms, twin.machine.time_ms, take.show)
-                for frame in play(env, act, start, reset_policy=reset):
-                    rewards = [float(own["next", "reward"]) for own in own_frames(env, frame)]
-                    take.reward, take.total, take.step = rewards[-1], take.total + sum(rewards), take.step + len(rewards)
-                take.show(take.render(), round(25 * _LAST_S))
-            returns.append(take.total)
-            distances_m.append(take.forward_m)
-    return Film(path, tuple(returns), tuple(distances_m))
-
-
-@dataclass
-class _Take:
-    """Recording of one episode, drawn and written while the robot moves: an image every ``frame_ms`` of simulated time."""
-
-    env: EnvBase
-    body: MujocoBody
-    options: FilmOptions
-    number: int
-    start: Any
-    video: VideoWriter
-    total: float = 0.0
-    step: int = 0
-    reward: float = 0.0
-
-    def __post_init__(self) -> None:
-        from bricksrl.envs.transforms import own_state
-        from bricktwin.twin.render.video import Room
-
-        entries = zip(self.env.task.entries, own_state(self.env, self.start)["observation"].tolist(), strict=False)
-        goals = {entry.name.removesuffix("_goal"): angle for entry, angle in entries if entry.name.endswith("_goal")}
-        self.room: Room = Room(self.body, goals)
-        self.renderer, cost_s = self._renderer()
-        expected_s = self.env.task.max_steps / self.env.task.rate_hz
-        self.speed = _SPEED if expected_s > _NORMAL_SPEED_S else 1.0
-        affordable = max(1.0, self.options.budget_s / self.options.episodes / cost_s)
-        # At 25 images/s, an image covers 40 ms at speed 1; if that is too many to draw in the budget, each is held for longer.
-        self.hold = next((n for n in _HOLDS if expected_s * 25 / (n * self.speed) <= affordable), _HOLDS[-1])
-        self.frame_ms = round(40 * self.speed * self.hold)
-
-    def _renderer(self) -> tuple[Renderer, float]:
-        """A renderer, with shadows if they are fast enough, and its time per image."""
-        from bricktwin.twin.render.opengl import Renderer
-
-        width, height = self.options.size
-
-        def make(*, shadows: bool) -> tuple[Renderer, float]:
-            renderer = Renderer(
-                self.body, width, height, self.room.camera, shadows=shadows, smooth=shadows, decorate=self.room.decorate
-            )
-            renderer.render()
-            start_s = time.perf_counter()
-            renderer.render()
-            return renderer, time.perf_counter() - start_s
-
-        plain, cost_s = make(shadows=False)
-        if cost_s > QUICK_S:
-            return plain, cost_s
-        shaded, shaded_s = make(shadows=True)
-        if shaded_s > 2 * QUICK_S:
-            shaded.close()
-            return plain, cost_s
-        plain.close()
-        return shaded, shaded_s
-
-    def render(self) -> Image:
-        """One image with captions."""
-        from bricktwin.twin.render.video import captioned
-
-        self.room.follow()
-        image = self.renderer.render()
-        parts = [f"episode {self.number}"] if self.options.episodes > 1 else []
-        parts += [f"step {self.step}", f"reward {self.reward:.2f}", f"return {self.total:.1f}"]
-        if self.env.task.walks:
-            parts.append(f"distance {self.forward_m:.2f} m")
-        if self.speed != 1.0:
-            parts.append(f"{self.speed:g}x speed")
-        marks = self.room.metre_marks(*self.options.size)
-        return captioned(image, self.options.title or self.env.task.id, "   ".join(parts), marks)
-
-    @property
-    def forward_m(self) -> float:
-        """Distance forward so far; 0 unless the robot walks."""
-        return float(interface_of(self.env).walk_metrics().get("forward_m", 0.0))
-
-    def show(self, image: Image, times: int = 0) -> None:
-        """Add an image to the film, ``hold`` times by default."""
-        for _ in range(times or self.hold):
-            self.video.add(image)
-
-
 @contextmanager
-def filmed_env(env: EnvBase, path: Path | None, title: str) -> Iterator[None]:
-    """Film the virtual robot of an environment inside this context, however it ends; without a path do nothing. Raises TwinError
-    if there is no virtual robot to film, or the file is no mp4, RenderingUnavailableError if no OpenGL library works here."""
+def filmed_env(
+    env: EnvBase, path: Path | None, title: str, *, size: tuple[int, int] = SIZE, budget_s: float = BUDGET_S
+) -> Iterator[None]:
+    """Film the virtual robot of an environment inside this context, however it ends; without a path do nothing. Images are drawn
+    and written while it moves, from the start of each episode to its end. Raises TwinError if there is no virtual robot to film,
+    or the file is no mp4, RenderingUnavailableError if no OpenGL library works here."""
     if path is None:
         yield
         return
     from bricktwin.twin.mujoco_body import MujocoBody
-    from bricktwin.twin.render.opengl import Renderer, VideoWriter
+    from bricktwin.twin.render.opengl import VideoWriter
     from bricktwin.twin.render.video import Filmed, Room, captioned
 
     check_film(path)
     check_filmable(env)
-    size, number = (1280, 720), 0
-    video, renderers = VideoWriter(path, 1000 / _RECORDED_FRAME_MS), ExitStack()
+    ours, task, number = interface_of(env), env.task, 0
+    last: list[Image] = []
+    expected_s = task.max_steps / task.rate_hz
+    speed = _SPEED if expected_s > _NORMAL_SPEED_S else 1.0
+    video, renderers = VideoWriter(path, _FPS), ExitStack()
+
+    def end_episode() -> None:
+        for image in last * round(_FPS * _LAST_S):
+            video.add(image)
+        last.clear()
+        renderers.close()
 
     def install(connection: Connection) -> None:
         nonlocal number
         body = None if connection.twin is None else connection.twin.body
         if connection.twin is None or not isinstance(body, MujocoBody):
-            raise TwinError(f"{env.task.id} has no virtual robot to film; leave out --video")
-        renderers.close()  # that of the previous episode
-        number, machine, room = number + 1, connection.twin.machine, Room(body)
-        renderer = renderers.enter_context(Renderer(body, *size, room.camera, smooth=False, decorate=room.decorate))
+            raise TwinError(f"{task.id} has no virtual robot to film; leave out --video")
+        end_episode()
+        goals = [entry.name for entry in task.sampled_entries]
+        room = Room(body, {name.removesuffix("_goal"): 0.0 for name in goals if name.endswith("_goal")})
+        renderer, cost_s = _renderer(body, room, size)
+        renderers.callback(renderer.close)
+        # At 25 images/s, an image covers 40 ms at speed 1; if that is too many to draw in the budget, each is held for longer.
+        hold = next((n for n in _HOLDS if expected_s * _FPS / (n * speed) <= max(1.0, budget_s / cost_s)), _HOLDS[-1])
+        number, machine = number + 1, connection.twin.machine
 
         def render() -> Image:
+            parts = [f"episode {number}"]
+            if (episode := ours.episode) is not None:
+                drawn = zip(goals, episode.drawn, strict=True)
+                room.aim_for({name.removesuffix("_goal"): value for name, value in drawn if name.endswith("_goal")})
+                total, reward = sum(episode.rewards), episode.rewards[-1] if episode.rewards else 0.0
+                parts += [f"step {len(episode.rewards)}", f"reward {reward:.2f}", f"return {total:.1f}"]
+            if task.walks:
+                parts.append(f"distance {ours.walk_metrics().get('forward_m', 0.0):.2f} m")
+            if speed != 1.0:
+                parts.append(f"{speed:g}x speed")
             room.follow()
-            caption = f"episode {number}   {machine.time_ms / 1000:.1f} s"
-            return captioned(renderer.render(), title, caption, room.metre_marks(*size))
+            return captioned(renderer.render(), title, "   ".join(parts), room.metre_marks(*size))
 
-        machine.body = Filmed(machine.body, render, _RECORDED_FRAME_MS, machine.time_ms, video.add)
+        def show(image: Image) -> None:
+            if ours.episode is not None:  # else the robot is being placed
+                last[:] = [image]
+                for _ in range(hold):
+                    video.add(image)
 
-    with closing(video), renderers, ExitStack() as watch:
-        watch.callback(interface_of(env).watch(install))
+        machine.body = Filmed(machine.body, render, round(1000 / _FPS * speed * hold), machine.time_ms, show)
+
+    with closing(video), ExitStack() as watch:
+        watch.callback(end_episode)
+        watch.callback(ours.watch(install))
         yield
+
+
+def _renderer(body: MujocoBody, room: Room, size: tuple[int, int]) -> tuple[Renderer, float]:
+    """A renderer, with shadows if they are fast enough, and its time per image."""
+    from bricktwin.twin.render.opengl import Renderer
+
+    def make(*, shadows: bool) -> tuple[Renderer, float]:
+        renderer = Renderer(body, *size, room.camera, shadows=shadows, smooth=shadows, decorate=room.decorate)
+        renderer.render()
+        start_s = time.perf_counter()
+        renderer.render()
+        return renderer, time.perf_counter() - start_s
+
+    plain, cost_s = make(shadows=False)
+    if cost_s > QUICK_S:
+        return plain, cost_s
+    shaded, shaded_s = make(shadows=True)
+    chosen, other = ((shaded, shaded_s), plain) if shaded_s <= 2 * QUICK_S else ((plain, cost_s), shaded)
+    other.close()
+    return chosen
+
+
+def film_run(
+    run_dir: Path, which: str, path: Path, title: str, *, size: tuple[int, int] = SIZE, budget_s: float = BUDGET_S
+) -> Film:
+    """Film an episode of a policy of a run: ``first`` (untrained), ``best``, ``last``, or ``random`` actions. Raises RunError or
+    CheckpointError if there is no such run or policy, RenderingUnavailableError or TwinError as `filmed_env`."""
+    from bricksrl.envs.registry import make_env
+    from bricksrl.envs.rollout import play_episodes
+    from bricksrl.evaluation.evaluator import evaluation_options
+    from bricksrl.policies.policy import named_policies
+    from bricksrl.training.run_folder import RunFolder
+
+    origin = RunFolder(run_dir).origin()
+    with closing(make_env(origin.env, evaluation_options(origin, origin.env, hub="virtual"), seed=origin.seed)) as env:
+        check_filmable(env)
+        policy = named_policies(run_dir, env, _SEED)[which]()
+        with filmed_env(env, path, title, size=size, budget_s=budget_s):
+            (score,) = play_episodes(env, policy.act, 1, _SEED, reset_policy=policy.reset)
+    return Film(path, score.return_, score.metrics.get("forward_m", 0.0))
 
 
 def side_by_side(left: Path, right: Path, path: Path, height: int = 540) -> Path:
@@ -254,22 +189,6 @@ def side_by_side(left: Path, right: Path, path: Path, height: int = 540) -> Path
     if process.returncode:
         raise TwinError(f"{left} and {right} cannot be joined ({' '.join(process.stderr.split())[:120]}); make them again")
     return path
-
-
-def film_run(run_dir: Path, which: str, path: Path, options: FilmOptions, **changes: Any) -> Film:
-    """Film the policy of a run: ``first`` (untrained), ``best``, ``last``, or ``random`` actions. ``changes``: fields of
-    `EnvOptions` that differ from the training. Raises RunError or CheckpointError if there is no such run or policy,
-    RenderingUnavailableError or TwinError as :func:`film`."""
-    from bricksrl.envs.registry import make_env
-    from bricksrl.evaluation.evaluator import evaluation_options
-    from bricksrl.policies.policy import named_policies
-    from bricksrl.training.run_folder import RunFolder
-
-    origin = RunFolder(run_dir).origin()
-    filmed = evaluation_options(origin, origin.env, hub="virtual", **changes)
-    with closing(make_env(origin.env, filmed, seed=origin.seed)) as env:
-        policy = named_policies(run_dir, env, options.seed)[which]()
-        return film(env, policy.act, path, options, reset=policy.reset)
 
 
 def film_arena(env: EnvBase, policy: TensorDictModuleBase, path: Path, episodes: int, seed: int) -> None:

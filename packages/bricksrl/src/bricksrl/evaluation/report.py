@@ -14,7 +14,7 @@ from brickhub.files import quoted, write_durably
 from bricksrl.envs.reference_returns import REFERENCES, reference_lines
 from bricksrl.envs.registry import is_simulation
 from bricksrl.errors import RenderingUnavailableError, TwinError, counted, percent
-from bricksrl.evaluation.film import Film, FilmOptions, film_run, side_by_side
+from bricksrl.evaluation.film import Film, film_run, side_by_side
 from bricksrl.training.callbacks import Episode
 from bricksrl.training.curve import draw_learning_curve
 from bricksrl.training.run_folder import Origin, RunFolder
@@ -45,7 +45,7 @@ def film_before_and_after(run_dir: Path, env: str) -> Films:
     """Film an episode of a run's agent before training and one after, and join them side by side. Raises
     RenderingUnavailableError if no OpenGL library works here, TwinError if the environment has no virtual robot."""
     before, after = (
-        film_run(run_dir, which, run_dir / f"{name}.mp4", FilmOptions(f"{env} {name} learning", budget_s=FILM_BUDGET_S))
+        film_run(run_dir, which, run_dir / f"{name}.mp4", f"{env} {name} learning", budget_s=FILM_BUDGET_S)
         for which, name in (("first", "before"), ("last", "after"))
     )
     return Films(before, after, side_by_side(before.path, after.path, run_dir / "before_after.mp4"))
@@ -76,7 +76,7 @@ def write_report(run_dir: Path, episodes: Sequence[Episode], result: EvaluationR
         f'<img src="{_data_url(curve, "image/png")}" alt="learning curve">',
         f"<p>{_CURVE}{_REFERENCES if result.env in REFERENCES else ''}</p>",
         "<h2>Evaluation</h2>",
-        _table((html.escape(label), html.escape(value)) for label, value in _rows(result)),
+        _table((html.escape(label), html.escape(value)) for label, value in rows(result)),
         "<h2>Go on</h2>",
         _commands(run_dir, RunFolder(run_dir).origin(), result.trained_episodes),
     ]
@@ -102,8 +102,7 @@ def _lead(episodes: Sequence[Episode], result: EvaluationResult, films: Films | 
     walked = result.metrics.get("forward_m")
     if walked is not None:
         text += f". It walked <b>{walked:.2f} m</b> in an episode"
-        before = films.before.forward_m if films is not None else ()
-        text += f"; before it had learned, {sum(before) / len(before):.2f} m" if before else ""
+        text += "" if films is None else f"; before it had learned, {films.before.forward_m:.2f} m"
     return text + "."
 
 
@@ -116,22 +115,23 @@ def _film_part(films: Films | None, no_films: str) -> Iterable[str]:
     source = _data_url(films.both, "video/mp4") if small else html.escape(films.both.name)
     yield f'<video src="{source}" controls autoplay loop muted playsinline></video>'
     links = ", ".join(f'<a href="{path.name}">{path.name}</a>' for path in (films.before.path, films.after.path, films.both))
-    before, after = (f"{sum(film.returns) / len(film.returns):.4g}" for film in (films.before, films.after))
-    yield f"<p>Left before learning (return {before}), right after it (return {after}). The files: {links}.</p>"
+    before, after = films.before.return_, films.after.return_
+    yield f"<p>Left before learning (return {before:.4g}), right after it (return {after:.4g}). The files: {links}.</p>"
 
 
 _UNITS = {"_m_s": "m/s", "_deg_s": "deg/s", "_mm": "mm", "_m": "m", "_deg": "deg", "_pct": "%", "_px": "px"}
 """Units of metrics by ending of the name, longest endings first."""
 
 
-def _rows(result: EvaluationResult) -> Iterable[tuple[str, str]]:
+def rows(result: EvaluationResult) -> Iterable[tuple[str, str]]:
+    """Labels and texts of an evaluation, with its 95 % intervals."""
     interval = result.return_interval
     mean = f" (95 % interval of the mean: {interval.low:.4g} to {interval.high:.4g})" if interval is not None else ""
-    yield "return", f"{result.return_mean:.4g} ± {result.return_std:.3g}{mean}"
+    yield "return", f"{result.return_mean:.4g} ± {result.return_std:.4g}{mean}"
     if result.success_rate is not None:
         rate = result.success_interval
         bounds = f" (95 % interval of the rate: {percent(rate.low)} to {percent(rate.high)})" if rate is not None else ""
-        yield "success", f"{percent(result.success_rate)} of {counted(result.episodes, 'episode')}{bounds}"
+        yield "success", f"{round(result.success_rate * result.episodes)} of {counted(result.episodes, 'episode')}{bounds}"
     for name, value in result.metrics.items():
         yield labelled(name, value)
 

@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
+import ast
 import dataclasses
 import json
-import types
 import typing
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, TypeVar
 
+from brickhub.fields import check_fields
 from bricksrl.errors import DescriptionError, hint
 
 S = TypeVar("S")
+_WORDS = {"true": True, "yes": True, "false": False, "no": False, "none": None}
 
 
 def with_changes(settings: S, changes: Iterable[str]) -> S:
     """A copy of the settings, a frozen dataclass, with changes such as ``"learning_rate=3e-4"`` or ``"hidden=128,128"``. Raises
     DescriptionError if there is no such setting, or its value is invalid."""
-    texts: dict[str, str] = {}
+    texts = dict[str, Any]()
     for change in changes:
         name, equals, value = change.partition("=")
         if not equals:
@@ -39,40 +41,31 @@ def read_settings(path: Path, settings: S) -> S:
     table = data.get("settings", data) if isinstance(data, dict) else None
     if not isinstance(table, dict):
         raise DescriptionError(f'{path} holds no names and values; write settings as {{"learning_rate": 3e-4}}')
-    texts = {name: ",".join(map(str, value)) if isinstance(value, list) else str(value) for name, value in table.items()}
-    return _changed(settings, texts)
+    return _changed(settings, table)
 
 
-def _changed(settings: S, texts: dict[str, str]) -> S:
-    """A copy of the settings with values from texts, by name."""
-    hints = typing.get_type_hints(type(settings))
-    names = [field.name for field in dataclasses.fields(settings)]  # type: ignore[arg-type]
-    for name in texts:
+def _changed(settings: S, values: Mapping[str, Any]) -> S:
+    """A copy of the settings with other values, which may be texts."""
+    hints, names = typing.get_type_hints(type(settings)), [field.name for field in dataclasses.fields(settings)]  # type: ignore[arg-type]
+    for name in values:
         if name not in names:
             raise DescriptionError(f"there is no setting '{name}'{hint(name, names)}; choose one of {', '.join(names)}")
-    values = {name: _parsed(name, hints[name], text) for name, text in texts.items()}
-    changed: S = dataclasses.replace(settings, **values)  # type: ignore[type-var]
+    read = {name: _read(value, hints[name]) for name, value in values.items()}
+    check_fields(type(settings), read)
+    changed: S = dataclasses.replace(settings, **read)  # type: ignore[type-var]
     return changed
 
 
-def _parsed(name: str, type_: Any, text: str) -> Any:
-    origin = typing.get_origin(type_)
-    if origin in (types.UnionType, typing.Union):
-        rest = [option for option in typing.get_args(type_) if option is not type(None)]
-        return None if text.lower() == "none" else _parsed(name, rest[0], text)
-    if origin is Literal:
-        choices = typing.get_args(type_)
-        for choice in choices:
-            if text == str(choice):
-                return choice
-        raise DescriptionError(f"{name} is '{text}'; choose one of {', '.join(map(str, choices))}")
-    try:
-        if origin is tuple:
-            return tuple(typing.get_args(type_)[0](part) for part in text.strip("()[]").split(",") if part.strip())
-        if type_ is bool:
-            return {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}[text.lower()]
-        return type_(text)
-    except (ValueError, KeyError):
-        names = {int: "a whole number", float: "a number", bool: "true or false"}
-        expected = names.get(type_, "numbers, such as 256,256")
-        raise DescriptionError(f"{name} is '{text}'; give {expected}") from None
+def _read(value: Any, type_: Any) -> Any:
+    """A value, or the one that a text means, of an annotated type as far as it fits."""
+    types = (type_, *typing.get_args(type_))
+    if isinstance(value, str) and not (str in types or value in types):
+        try:
+            value = ast.literal_eval(value or "()")
+        except (ValueError, SyntaxError, MemoryError, RecursionError):
+            value = _WORDS.get(value.lower(), value)
+    if typing.get_origin(type_) is tuple and not isinstance(value, str):
+        return tuple(value) if isinstance(value, list | tuple) else (value,)
+    if type(value) is int and float in types:
+        return float(value)
+    return bool(value) if type_ is bool and value in (0, 1) else value

@@ -183,10 +183,7 @@ class Loop:
     def _record(self, playing: Playing, *, success: bool | None, whole: bool) -> None:
         """Write an episode into the dataset."""
         if self._recorder is not None and playing.about is not None:
-            self._recorder.begin(playing.about)
-            for step in playing.steps:
-                self._recorder.add(step)
-            self._recorder.commit(success=success, whole=whole)
+            self._recorder.write(playing.steps, replace(playing.about, success=success, whole=whole))
 
     def _close_recorder(self) -> None:
         """Record the incomplete episodes, and release the dataset."""

@@ -167,8 +167,6 @@ class OneRobot(Source):
             if self.is_recorded and not rollout.is_lost:
                 playing.steps += [step_of(step, self.env) for step in own]
             is_cut = interface_of(self.env).is_cut  # now, as an evaluation may follow
-            if rollout.is_lost:  # also where a transform leaves it out
-                frame["next", "link_lost"] = torch.ones(1, dtype=torch.bool)
             yield Moved(playing, frame, own[-1], rollout.is_lost, bool(frame["next", "done"]))
         if rollout.is_lost and phase is Phase.OFFLINE:
             raise interface_of(self.env).link_error  # a measurement has to be complete, and its updates are made once

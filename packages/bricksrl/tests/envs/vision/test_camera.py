@@ -35,7 +35,7 @@ from bricksrl.envs.vision.camera import (
     VisualGoal,
     Watch,
 )
-from bricksrl.envs.vision.frames import Frame, RedWindow, changed_part, distances_px, draw_disc, find_red, shrink
+from bricksrl.envs.vision.frames import Frame, RedWindow, distances_px, draw_disc, find_red, shrink
 from bricksrl.errors import BricksError, CameraError, DescriptionError, RenderingUnavailableError
 from bricktwin.robots import ROBO_ARM
 from bricktwin.twin.make_body import make_body
@@ -178,16 +178,6 @@ def test_camera_watch_equals_work_on_whole_frames(side: int, before: Any, after:
         found_px = distances_px(find_red(seen, GOAL.red), disc[0])
         assert watch.nearest_px == found_px.min(initial=100)
         assert watch.mean_px == (found_px.mean() if len(found_px) else watch.mean_px)
-
-
-@given(PARTS, st.integers(1, 80))
-def test_changed_part_holds_all_that_differs(parts: Any, width: int) -> None:
-    before, after = (frame_with(*(box(max(x, 0), max(y, 0), w, h) for x, y, w, h in some))[:, :width] for some in ([], parts))
-    rows, columns = changed_part(after, before)
-    differs = (after != before).any(-1)
-    assert differs.sum() == differs[rows, columns].sum()
-    for span, found in ((rows, np.flatnonzero(differs.any(1))), (columns, np.flatnonzero(differs.any(0)))):
-        assert len(found) == 0 or (found[0] - 3 < span.start <= found[0] and found[-1] < span.stop <= found[-1] + 4)
 
 
 def test_goal_is_drawn_after_search() -> None:

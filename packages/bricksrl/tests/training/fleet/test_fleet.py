@@ -54,7 +54,7 @@ class Harm(Callback):
 
     def on_episode(self, episode: Episode, progress: Progress) -> None:
         if episode.episode == 3:
-            self.fleet.cut("virtual-1", 2.0)
+            self.fleet.tell(self.fleet.members[0], "cut", 2.0)
         if episode.episode == 4:
             process = self.fleet.members[1].process
             if process is not None:
@@ -130,7 +130,7 @@ def test_fleet_resumes_and_stops_without_robots(run: tuple[Path, Harm]) -> None:
 
         def on_episode(self, episode: Episode, progress: Progress) -> None:
             for member in self.fleet.members:
-                self.fleet.cut(member.name, 1e6)
+                self.fleet.tell(member, "cut", 1e6)
 
     with pytest.raises(HubError, match="no robot of the fleet can be reached"):
         resume(path, Cut(), episodes=20)
@@ -180,8 +180,8 @@ class Stub:
     def begin_sending(self, member: Member) -> None:
         member.is_ready = True
 
-    def order(self, member: Member, episode: dict[str, Any]) -> None:
-        self.log.append(("order", member.number))
+    def tell(self, member: Member, kind: str, content: Any = None) -> None:
+        self.log.append((kind, member.number))
 
     def __getattr__(self, name: str) -> Any:
         return lambda *content, **named: self.log.append((name, content))
@@ -208,10 +208,10 @@ def test_first_episodes_start_together(tmp_path: Path) -> None:
     fleet._handle((three, "gone", "it died"))
     assert not stub.log, "the first one is still on its way"
     fleet._handle((one, "ready", None))
-    assert stub.log == [("order", 0), ("order", 1)]
+    assert stub.log == [("episode", 0), ("episode", 1)]
     three.process = cast("Any", "there again")
     fleet._handle((three, "ready", None))
-    assert stub.log[2:] == [("order", 2)], "and that one joins them at once"
+    assert stub.log[2:] == [("episode", 2)], "and that one joins them at once"
 
 
 def test_starting_process_gets_no_weights(tmp_path: Path) -> None:
@@ -244,7 +244,7 @@ def test_next_episode_starts_before_saving_last(tmp_path: Path) -> None:
     stub.log.clear()
     ended = fleet._handle((stub.members[0], "ended", (True, {}, False, False)))
     assert isinstance(ended, Ended) and ended.episode is not None and ended.episode.length == 1
-    assert stub.log == [("order", 0)]
+    assert stub.log == [("episode", 0)]
 
 
 def test_pause_reaches_robots_that_are_starting(tmp_path: Path) -> None:

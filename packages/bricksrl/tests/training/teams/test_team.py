@@ -26,7 +26,7 @@ def test_team_training_is_reproducible_and_saved(tmp_path: Path, agent: str) -> 
     team, again = train_team(config, SMALL, told.append), train_team(config, SMALL)
     assert told[-1].frames == 256
     for group in ("catcher", "runner"):
-        one, other = (found.learners[group].state_dict() for found in (team, again))
+        one, other = (found.learners[group].policy.state_dict() for found in (team, again))
         assert all(torch.equal(one[name], other[name]) for name in one)
     team.save(f"{tmp_path}/team.bin")
     loaded = load_team(f"{tmp_path}/team.bin")

@@ -80,7 +80,13 @@ class ArenaTask:
             raise DescriptionError(f"task {self.id} has {len(names)} robots and {len(self.interfaces)} interfaces; give one each")
         if sorted(name for group in self.groups.values() for name in group) != sorted(names):
             raise DescriptionError(f"task {self.id}: each of {', '.join(names)} belongs to one group; name it there once")
-        self._check_opponents()
+        for group, opponents in self.opponents.items():
+            if group not in self.groups:
+                raise DescriptionError(
+                    f"task {self.id}: opponents names '{group}', which is no group{hint(group, self.groups)}; name one that is"
+                )
+            for name in opponents.split(","):
+                self.script(name)
         for interface in self.interfaces:
             turns = [command for command in interface.commands if isinstance(command, RunAngle) and command.low == -command.high]
             wheels = [turn.motor for turn in turns]
@@ -88,16 +94,12 @@ class ArenaTask:
                 wanted = "RunAngle of the left and of the right wheel, as far back as forth, and the MotorAngle of both"
                 raise DescriptionError(f"task {self.id}: each robot needs {wanted}")
 
-    def _check_opponents(self) -> None:
-        known = ("random", *self.scripts)
-        for group, opponents in self.opponents.items():
-            if group not in self.groups:
-                raise DescriptionError(
-                    f"task {self.id}: opponents names '{group}', which is no group{hint(group, self.groups)}; name one that is"
-                )
-            for name in opponents.split(","):
-                if name not in known:
-                    raise DescriptionError(f"task {self.id}: there is no script '{name}'; choose {', '.join(known)}")
+    def script(self, name: str) -> Callable[[Tensor], Tensor]:
+        """The hand-written policy of a name, or ``random``. Raises DescriptionError if there is none."""
+        known = {"random": _random, **self.scripts}
+        if name not in known:
+            raise DescriptionError(f"task {self.id}: there is no script '{name}'; choose {', '.join(known)}")
+        return known[name]
 
     @property
     def robots(self) -> tuple[str, ...]:
@@ -107,6 +109,10 @@ class ArenaTask:
     def places(self, group: str) -> list[int]:
         """Indices of a group's robots among all robots."""
         return [self.robots.index(name) for name in self.groups[group]]
+
+
+def _random(observation: Tensor) -> Tensor:
+    return 2.0 * torch.rand(*observation.shape[:-1], 2, device=observation.device) - 1.0
 
 
 _ARGUMENTS = {"observe": ("state",), "reward": ("before", "after"), "terminated": ("state",), "success": ("state",)}

@@ -12,18 +12,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from bricksrl.envs.vision.frames import (
-    Frame,
-    Place,
-    RedWindow,
-    changed_part,
-    distances_px,
-    find_red,
-    hull,
-    red_part,
-    shrink,
-    shrink_part,
-)
+from bricksrl.envs.vision.frames import Frame, Place, RedWindow, distances_px, find_red, shrink
 from bricksrl.errors import CameraError, DescriptionError, RenderingUnavailableError
 
 if TYPE_CHECKING:
@@ -181,7 +170,7 @@ class VideoCamera:
 
 
 class Watch:
-    """Goal, image and distances of a camera over one episode. Only changes from the first frame are processed.
+    """Goal, image and distances of a camera over one episode.
 
     Args:
         view: the task's camera.
@@ -200,20 +189,14 @@ class Watch:
         self.goal = None if view.goal is None else view.goal.draw(rng)
         self.mean_px, self.nearest_px = 0.0, view.farthest_px
         self._disc = None if view.goal is None or self.goal is None else (self.goal, view.goal.radius_px)
-        self._first, self._first_image = frame, shrink(frame, view.image_px, self._disc)
-        self._red_part = None if view.goal is None else red_part(frame, view.goal.red)
-        self.image = self._first_image.copy()
+        self.image = shrink(frame, view.image_px, self._disc)
 
     def see(self, frame: Frame) -> None:
         """Update image and distances from the frame after a step."""
-        changed = changed_part(frame, self._first)
-        self.image = self._first_image.copy()
-        shrink_part(self.image, frame, changed, self._disc)
+        self.image = shrink(frame, self._view.image_px, self._disc)
         if self._view.goal is None or self.goal is None:
             return
-        rows, columns = changed if self._red_part is None else hull(changed, self._red_part)
-        goal = self.goal[0] - columns.start, self.goal[1] - rows.start
-        found_px = distances_px(find_red(frame[rows, columns], self._view.goal.red), goal)
+        found_px = distances_px(find_red(frame, self._view.goal.red), self.goal)
         self.nearest_px = self._view.farthest_px
         if len(found_px):
             self.mean_px, self.nearest_px = float(found_px.mean()), float(found_px.min())

@@ -1,4 +1,4 @@
-"""Operations on frames: detection of red objects, area-averaged images, and the part in which two frames differ.
+"""Operations on frames: detection of red objects, and area-averaged images.
 
 A frame is uint8 ``[height, width, 3]`` in RGB and is never drawn into. Positions are ``(x, y)`` in px of the frame, from its
 upper left corner.
@@ -20,8 +20,6 @@ Frame = NDArray[np.uint8]
 Place = tuple[int, int]
 Disc = tuple[Place, int]
 """Centre and radius in px."""
-Part = tuple[slice, slice]
-"""Rows and columns."""
 
 _GREEN = (0, 255, 0)
 _HUE_AROUND_RED_DEG = 60.0  # hues within this distance of 0 have red as the strongest channel
@@ -56,21 +54,6 @@ def find_red(frame: Frame, window: RedWindow) -> NDArray[np.float64]:
     """Centres of the bounding boxes of the red objects in a frame ``[height, width, 3]``: ``[objects, 2]``."""
     from scipy import ndimage
 
-    rows, columns = _red_pixels(frame, window)
-    if not len(rows):
-        return np.empty((0, 2))
-    top, left = int(rows.min()), int(columns.min())
-    mask = np.zeros((int(rows.max()) - top + 1, int(columns.max()) - left + 1), bool)
-    mask[rows - top, columns - left] = True
-    labels, _ = ndimage.label(mask, np.ones((3, 3)))
-    areas = np.bincount(labels[mask])
-    boxes = [box for label, box in enumerate(ndimage.find_objects(labels), 1) if areas[label] > window.area_px]
-    middles = [[left + (x.start + x.stop - 1) / 2, top + (y.start + y.stop - 1) / 2] for y, x in boxes]
-    return np.array(middles).reshape(-1, 2)
-
-
-def _red_pixels(frame: Frame, window: RedWindow) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Rows and columns of the pixels whose colour is in the window."""
     # Hue is computed only for the few pixels that are mostly red. For this, each value of the flat array is compared with the two
     # that follow it: memory is passed through in order, and every third result belongs to a red channel.
     flat = np.ascontiguousarray(frame).reshape(-1)
@@ -83,7 +66,17 @@ def _red_pixels(frame: Frame, window: RedWindow) -> tuple[NDArray[np.int64], NDA
     hue_deg = 60.0 * (second - third) / chroma
     low_deg, high_deg = window.hue_deg
     is_red = (chroma >= window.saturation * strongest) & (hue_deg >= low_deg) & (hue_deg <= high_deg)
-    return np.divmod(pixels[is_red], frame.shape[1])
+    rows, columns = np.divmod(pixels[is_red], frame.shape[1])
+    if not len(rows):
+        return np.empty((0, 2))
+    top, left = int(rows.min()), int(columns.min())
+    mask = np.zeros((int(rows.max()) - top + 1, int(columns.max()) - left + 1), bool)
+    mask[rows - top, columns - left] = True
+    labels, _ = ndimage.label(mask, np.ones((3, 3)))
+    areas = np.bincount(labels[mask])
+    boxes = [box for label, box in enumerate(ndimage.find_objects(labels), 1) if areas[label] > window.area_px]
+    middles = [[left + (x.start + x.stop - 1) / 2, top + (y.start + y.stop - 1) / 2] for y, x in boxes]
+    return np.array(middles).reshape(-1, 2)
 
 
 def distances_px(centres: NDArray[np.float64], goal: Place) -> NDArray[np.float64]:
@@ -94,31 +87,13 @@ def distances_px(centres: NDArray[np.float64], goal: Place) -> NDArray[np.float6
 def shrink(frame: Frame, side_px: int, disc: Disc | None = None) -> Frame:
     """Area-averaged image ``[side, side, 3]`` of the frame, in which small objects stay visible; ties are rounded to even.
     ``disc``: a green disc to draw into the image; the frame is not changed."""
-    image = np.empty((side_px, side_px, 3), np.uint8)
-    shrink_part(image, frame, (slice(0, frame.shape[0]), slice(0, frame.shape[1])), disc)
-    return image
-
-
-def shrink_part(image: Frame, frame: Frame, part: Part, disc: Disc | None = None) -> None:
-    """Redo the pixels of a shrunk image that show a part of the frame; the others stay as they are."""
-    (rows, new_rows), (columns, new_columns) = map(_whole_blocks, part, image.shape, frame.shape)
-    canvas = frame[rows, columns].astype(np.float32)
+    canvas = frame.astype(np.float32)
     if disc is not None:
-        (x, y), radius_px = disc
-        draw_disc(canvas, (x - columns.start, y - rows.start), radius_px)
-    # Sums of integers are exact: the image does not depend on which part is computed.
-    flat = _downsample(canvas, new_rows.stop - new_rows.start)
-    sums = _downsample(flat.swapaxes(0, 1).astype(float, order="C"), new_columns.stop - new_columns.start).swapaxes(0, 1)
-    weights = math.prod(old // math.gcd(new, old) for new, old in zip(image.shape[:2], frame.shape[:2], strict=True))
-    image[new_rows, new_columns] = np.rint(sums / weights)
-
-
-def _whole_blocks(span: slice, new_size: int, old_size: int) -> tuple[slice, slice]:
-    """The smallest range around a span of ``old_size`` pixels that becomes whole pixels, and those among ``new_size``."""
-    blocks = math.gcd(new_size, old_size)
-    first, last = span.start * blocks // old_size, -(-span.stop * blocks // old_size)
-    old, new = old_size // blocks, new_size // blocks
-    return slice(first * old, last * old), slice(first * new, last * new)
+        draw_disc(canvas, *disc)
+    flat = _downsample(canvas, side_px)  # sums of integers, which are exact
+    sums = _downsample(flat.swapaxes(0, 1).astype(float, order="C"), side_px).swapaxes(0, 1)
+    image: Frame = np.rint(sums / math.prod(size // math.gcd(side_px, size) for size in frame.shape[:2])).astype(np.uint8)
+    return image
 
 
 def _downsample(canvas: NDArray[Any], new_size: int) -> NDArray[Any]:
@@ -146,28 +121,3 @@ def draw_disc(canvas: NDArray[Any], centre: Place, radius_px: int) -> None:
     if part.size:
         down, right = np.arange(part.shape[0]) + (top - y), np.arange(part.shape[1]) + (left - x)
         part[down[:, None] ** 2 + right**2 <= radius_px**2] = _GREEN
-
-
-def changed_part(frame: Frame, before: Frame) -> Part:
-    """Part that contains every pixel in which two frames differ, a few px wider than needed at most; 1 px or more."""
-    height, width = frame.shape[:2]
-    word = math.gcd(8, width * 3)  # bytes that are compared at once
-    words, words_before = (np.ascontiguousarray(image).reshape(height, -1).view(f"u{word}") for image in (frame, before))
-    differs = words != words_before
-    rows, columns = (np.flatnonzero(differs.any(axis)).tolist() or [0] for axis in (1, 0))
-    left, right = columns[0] * word // 3, -(-(columns[-1] + 1) * word // 3)
-    return slice(rows[0], rows[-1] + 1), slice(left, right)
-
-
-def red_part(frame: Frame, window: RedWindow) -> Part | None:
-    """The smallest part that contains every pixel whose colour is in the window; ``None`` if there is none."""
-    rows, columns = _red_pixels(frame, window)
-    if not len(rows):
-        return None
-    return slice(int(rows.min()), int(rows.max()) + 1), slice(int(columns.min()), int(columns.max()) + 1)
-
-
-def hull(first: Part, second: Part) -> Part:
-    """The smallest part that contains both."""
-    rows, columns = (slice(min(a.start, b.start), max(a.stop, b.stop)) for a, b in zip(first, second, strict=True))
-    return rows, columns

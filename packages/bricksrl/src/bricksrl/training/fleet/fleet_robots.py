@@ -8,7 +8,6 @@ from __future__ import annotations
 import contextlib
 import threading
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
@@ -108,7 +107,7 @@ class Fleet(SpecsEnv):
         self.robots = len(self.members)
         self.events: SimpleQueue[Event] = SimpleQueue()
         self.is_paced = config.hub == "virtual" and not config.realtime
-        self._placer = None if place is None else _Placer(place, self._placed)
+        self._place, self._placing = place, threading.Lock()
         self._weights: dict[str, Tensor] | None = None
         self._is_paused = self._is_over = False
 
@@ -134,13 +133,9 @@ class Fleet(SpecsEnv):
         """Whether the robots are paused."""
         return self._is_paused
 
-    def cut(self, name: str, duration_s: float) -> None:
-        """Break a virtual robot's link for a time, for tests."""
-        self._send(next(member for member in self.members if member.name == name), "cut", duration_s)
-
     def _send_all(self, kind: str, content: Any = None) -> None:
         for member in self.members:
-            self._send(member, kind, content)
+            self.tell(member, kind, content)
 
     # ---- processes
 
@@ -168,17 +163,17 @@ class Fleet(SpecsEnv):
             "seed": derive_seed(self.config.seed, f"robot {member.name}", member.deaths),
             "is_recorded": self.config.record,
             "is_paced": self.is_paced,
-            "is_placed": self._placer is not None,
+            "is_placed": self._place is not None,
         }
-        self._send(member, "begin", begin)
+        self.tell(member, "begin", begin)
 
     def begin_sending(self, member: Member) -> None:
         """Send the weights to a new process, and include it in `send_weights`; it knows of no stop or pause before."""
         member.is_ready = True
         if self._is_over or self._is_paused:
-            self._send(member, "stop" if self._is_over else "pause")
+            self.tell(member, "stop" if self._is_over else "pause")
         if self._weights is not None:
-            self._send(member, "weights", self._weights)
+            self.tell(member, "weights", self._weights)
 
     def next_event(self, timeout_s: float) -> Event | None:
         """The next event of a robot, or ``None`` after the timeout. Restarts ended processes, but for those of robots that it
@@ -201,33 +196,32 @@ class Fleet(SpecsEnv):
                 return member, "given up", f"its process ended {times}, the last time with code {code}"
             member.restart_at_s = now_s + min(_RESTART_S * 2.0 ** (member.deaths - 1), _LONGEST_RESTART_S)
             return member, "gone", f"its process ended with code {code}"
-        if kind == "place" and self._placer is not None:
-            self._placer.ask(member)
+        if kind == "place":
+            threading.Thread(target=self._place_robot, args=(member,), name="placer", daemon=True).start()
         return member, kind, content
 
-    def _placed(self, member: Member, error: BaseException | None) -> None:
-        if error is None:
-            self._send(member, "placed")
-        else:
+    def _place_robot(self, member: Member) -> None:
+        """Have a robot placed, one after the other, by one person."""
+        assert self._place is not None  # noqa: S101  its process asks only then
+        import numpy as np
+
+        try:
+            with self._placing:
+                self._place(np.random.default_rng())
+        except BaseException as error:  # noqa: BLE001  raised again in the run's thread
             self.events.put((member, "unplaced", error))
-
-    def order(self, member: Member, episode: dict[str, Any]) -> None:
-        """Start an episode on a robot."""
-        self._send(member, "episode", episode)
-
-    def go_on(self, member: Member) -> None:
-        """Let a robot in simulated time make its next step."""
-        if self.is_paced:
-            self._send(member, "go")
+        else:
+            self.tell(member, "placed")
 
     def send_weights(self, weights: dict[str, Tensor]) -> None:
         """Send weights to all started processes: the pipe to a starting one would be full for seconds and block all robots."""
         self._weights = weights
         for member in self.members:
             if member.is_ready:
-                self._send(member, "weights", weights)
+                self.tell(member, "weights", weights)
 
-    def _send(self, member: Member, kind: str, content: Any = None) -> None:
+    def tell(self, member: Member, kind: str, content: Any = None) -> None:
+        """Send a message to a robot's process, if it is there."""
         if member.process is not None:
             with contextlib.suppress(OSError, ValueError):  # its reader reports the end
                 member.process.send(kind, content)
@@ -242,33 +236,4 @@ class Fleet(SpecsEnv):
         self._send_all("end")
         for member in self.members:
             self._reap(member)
-        if self._placer is not None:
-            self._placer.end()
         super().close(raise_if_closed=raise_if_closed)
-
-
-class _Placer:
-    """A thread that has robots placed one after the other, by one person."""
-
-    def __init__(self, place: Placement, report: Callable[[Member, BaseException | None], None]) -> None:
-        self._place, self._report = place, report
-        self._queue: SimpleQueue[Member | None] = SimpleQueue()
-        threading.Thread(target=self._work, name="placer", daemon=True).start()
-
-    def ask(self, member: Member) -> None:
-        self._queue.put(member)
-
-    def end(self) -> None:
-        self._queue.put(None)
-
-    def _work(self) -> None:
-        import numpy as np
-
-        rng = np.random.default_rng()
-        while (member := self._queue.get()) is not None:
-            try:
-                self._place(rng)
-            except BaseException as error:  # noqa: BLE001  raised again in the run's thread
-                self._report(member, error)
-            else:
-                self._report(member, None)

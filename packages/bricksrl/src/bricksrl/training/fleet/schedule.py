@@ -55,7 +55,8 @@ class FleetRobots(Source):
             yield event
             if isinstance(event, Moved):
                 self._send_weights()
-                self.env.go_on(self.env.members[event.playing.robot])
+                if self.env.is_paced:
+                    self.env.tell(self.env.members[event.playing.robot], "go")
             elif isinstance(event, Ended):
                 self._unsaved = 0
             else:
@@ -144,7 +145,7 @@ class FleetRobots(Source):
         playing.robot = member.number
         self.playing[member.number] = playing
         is_random = playing.phase is Phase.PREFILL
-        self.env.order(member, {"seed": playing.seed, "is_random": is_random, "policy": playing.policy})
+        self.env.tell(member, "episode", {"seed": playing.seed, "is_random": is_random, "policy": playing.policy})
 
     def _reassign(self) -> None:
         """Let idle robots take over the episodes of one that left."""

@@ -101,7 +101,6 @@ class Worker:
 
     def _episode(self, env: Any, actor: Learner, begin: dict[str, Any], order: dict[str, Any]) -> None:
         """One episode; ends early if the link breaks."""
-        import torch
         from torchrl.modules import RandomPolicy
 
         from bricksrl.data.collect import about, step_of
@@ -116,8 +115,6 @@ class Worker:
         for frame in play(env, policy, state, reset_policy=actor.reset_policy):
             before = len(rollout.rewards)
             own = rollout.add(frame, env)
-            if rollout.is_lost:
-                frame["next", "link_lost"] = torch.ones(1, dtype=torch.bool)
             steps = [step_of(step, env) for step in own] if begin["is_recorded"] and not rollout.is_lost else []
             parts = (frame,) if own[-1] is frame else (frame, own[-1])
             rows = [dict(part.exclude("link_lost").flatten_keys(".").items()) for part in parts]  # within an episode only

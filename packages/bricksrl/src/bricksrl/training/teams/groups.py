@@ -9,7 +9,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import torch
 from tensordict import TensorDict, TensorDictBase
@@ -27,9 +27,6 @@ if TYPE_CHECKING:
 
 TeamAgent = Literal["mappo", "ippo", "sac"]
 TEAM_AGENTS: tuple[TeamAgent, ...] = ("mappo", "ippo", "sac")
-Script = Callable[[Tensor], Tensor]
-"""Observations ``[*batch, n]`` to actions ``[*batch, m]``."""
-
 
 _PPO_BATCH, _SAC_BATCH = 4096, 256
 
@@ -61,7 +58,7 @@ class TeamSettings:
                 raise DescriptionError(f"{name} is {value}; give 1 or more")
 
 
-class GroupLearner:
+class GroupLearner(Protocol):
     """A learning group. ``policy``: ``(group, "observation")`` to ``(group, "action")``; explores under
     ``ExplorationType.RANDOM``."""
 
@@ -69,15 +66,6 @@ class GroupLearner:
 
     def learn(self, frames: TensorDictBase) -> dict[str, Tensor]:
         """Learn from frames ``[copies, time]``. Returns mean metrics."""
-        raise NotImplementedError
-
-    def state_dict(self) -> dict[str, Tensor]:
-        """State of the policy."""
-        return dict(self.policy.state_dict())
-
-    def load_state_dict(self, state: dict[str, Tensor]) -> None:
-        """Inverse of `state_dict`."""
-        self.policy.load_state_dict(state)
 
 
 class _Scaled(nn.Module):
@@ -95,7 +83,7 @@ class _Scaled(nn.Module):
         return out
 
 
-class PPOGroup(GroupLearner):
+class PPOGroup:
     """A group that learns by MAPPO or IPPO.
 
     Args:
@@ -166,7 +154,7 @@ class PPOGroup(GroupLearner):
         return {name: torch.stack(values).mean() for name, values in metrics.items()}
 
 
-class SACGroup(GroupLearner):
+class SACGroup:
     """A group of independent SAC learners with shared networks."""
 
     def __init__(self, group: str, robots: int, low: Tensor, high: Tensor, size: int, settings: TeamSettings) -> None:
@@ -222,17 +210,7 @@ class _RobotPolicy(nn.Module):
         return out
 
 
-def uniform(size: int) -> Script:
-    """Random actions."""
-    return lambda observation: 2.0 * torch.rand(*observation.shape[:-1], size, device=observation.device) - 1.0
-
-
-def scripted(group: str, script: Script) -> TensorDictModule:
-    """Policy of a scripted group."""
-    return TensorDictModule(script, [(group, "observation")], [(group, "action")])
-
-
-def alternating(scripts: Sequence[Script]) -> Script:
+def alternating(scripts: Sequence[Callable[[Tensor], Tensor]]) -> Callable[[Tensor], Tensor]:
     """Script ``k`` modulo their number for copy ``k``; the first one for a single environment."""
 
     def act(observation: Tensor) -> Tensor:
@@ -261,15 +239,11 @@ def make_group(env: EnvBase, group: str, agent: TeamAgent, settings: TeamSetting
 def team_policy(env: EnvBase, learners: Mapping[str, GroupLearner], scripts: Mapping[str, str]) -> TensorDictSequential:
     """Policy of all robots, by the groups' learners or scripts: a name, "random", or several separated by commas for the copies
     in turn. Raises DescriptionError if a group has neither, or there is no such script."""
-    known = {"random": uniform(2), **env.task.scripts}
     parts = []
     for group in env.task.groups:
         if group in learners:
             parts.append(learners[group].policy)
             continue
-        names = scripts.get(group, "").split(",")
-        for name in set(names) - set(known):
-            names_known = ", ".join(known)
-            raise DescriptionError(f"the group '{group}' of {env.task.id} has no script '{name}'; choose one of {names_known}")
-        parts.append(scripted(group, alternating([known[name] for name in names])))
+        script = alternating([env.task.script(name) for name in scripts.get(group, "").split(",")])
+        parts.append(TensorDictModule(script, [(group, "observation")], [(group, "action")]))
     return TensorDictSequential(*parts)

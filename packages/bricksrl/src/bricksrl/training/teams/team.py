@@ -72,7 +72,7 @@ class Team:
 
         plain = {**asdict(self.config), "agents": dict(self.config.agents), "scripts": dict(self.config.scripts)}
         own = {**asdict(self.settings), "hidden": list(self.settings.hidden)}
-        groups = {group: learner.state_dict() for group, learner in self.learners.items()}
+        groups = {group: dict(learner.policy.state_dict()) for group, learner in self.learners.items()}
         save_checkpoint(Path(path), {"config": plain, "settings": own, "groups": groups})
 
 
@@ -88,7 +88,7 @@ def load_team(path: Path | str, scripts: Mapping[str, str] | None = None) -> Tea
         settings = TeamSettings(**{**state["settings"], "hidden": tuple(state["settings"]["hidden"])})
         team = _new_team(make_arena(config.env), config, settings)
         for group, learner in team.learners.items():
-            learner.load_state_dict(state["groups"][group])
+            learner.policy.load_state_dict(state["groups"][group])
     except (KeyError, TypeError, RuntimeError) as error:
         raise CheckpointError(f"{path} has no team ({message_of(error, typed=True)}); choose another file or train one") from None
     return team
@@ -176,21 +176,16 @@ def play_team(env: EnvBase, policy: TensorDictModuleBase, episodes: int, seed: i
     import torch
     from torchrl.envs.utils import ExplorationType, set_exploration_type
 
+    from bricksrl.envs.rollout import play
+
     played = []
     for number in range(1, episodes + 1):
         env.set_seed(derive_seed(seed, "evaluation", number))
         torch.manual_seed(derive_seed(seed, "policy", number))
-        state, length, returns = env.reset(), 0, dict.fromkeys(env.task.groups, 0.0)
         with torch.no_grad(), set_exploration_type(ExplorationType.DETERMINISTIC):
-            while True:
-                frame = env.step(policy(state))
-                length += 1
-                if bool(frame["next", "link_lost"]):
-                    raise interface_of(env).link_error
-                for group in returns:
-                    returns[group] += float(frame["next", group, "reward"].mean())
-                if bool(frame["next", "done"]):
-                    break
-                state = env.step_mdp(frame)
-        played.append(TeamEpisode(bool(frame["next", "success"]), length, returns))
+            after = [frame["next"] for frame in play(env, policy)]
+        if bool(after[-1]["link_lost"]):
+            raise interface_of(env).link_error
+        returns = {group: sum(float(one[group, "reward"].mean()) for one in after) for group in env.task.groups}
+        played.append(TeamEpisode(bool(after[-1]["success"]), len(after), returns))
     return played
