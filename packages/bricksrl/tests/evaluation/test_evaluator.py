@@ -37,6 +37,14 @@ def run_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return train(config, env=Cart()).run_dir
 
 
+@pytest.fixture(scope="module")
+def spinning(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run on a robot with a flat battery."""
+    settings, folder = SACSettings(hidden=(8,), batch_size=8), tmp_path_factory.mktemp("spinning") / "run"
+    physics = Physics(battery_v=6.4)
+    return train(TrainConfig("Spinning-v0", episodes=1, settings=settings, physics=physics, record=False, run_dir=folder)).run_dir
+
+
 NOTHING = Interface((), (), Wait(1))
 
 
@@ -163,14 +171,6 @@ def test_few_episodes_have_no_interval(run_dir: Path) -> None:
     assert "interval of the mean" not in "\n".join(describe(result))
 
 
-@pytest.fixture(scope="module")
-def spinning(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run on a robot with a flat battery."""
-    settings, folder = SACSettings(hidden=(8,), batch_size=8), tmp_path_factory.mktemp("spinning") / "run"
-    physics = Physics(battery_v=6.4)
-    return train(TrainConfig("Spinning-v0", episodes=1, settings=settings, physics=physics, record=False, run_dir=folder)).run_dir
-
-
 def test_only_an_evaluation_under_the_conditions_of_the_training_counts(spinning: Path) -> None:
     for changes in ({"physics": Physics()}, {"randomize": True}):
         assert not evaluate(spinning, episodes=1, **changes).as_trained
@@ -186,14 +186,13 @@ def test_only_an_evaluation_under_the_conditions_of_the_training_counts(spinning
     assert "in 1 episode of evaluation" in (export_policy(spinning, spinning / "policy") / "README.md").read_text()
 
 
-def test_film_shows_the_evaluated_episodes(tmp_path: Path) -> None:
-    walker = train(TrainConfig("Walker-v1", episodes=1, seed=0, record=False, run_dir=tmp_path / "run")).run_dir
+def test_film_shows_the_evaluated_episodes(spinning: Path, tmp_path: Path) -> None:
     options = FilmOptions(episodes=1, size=(64, 48), seed=1000, budget_s=0.2)
     seen = set()
     for changes in ({}, {"physics": Physics(friction_scale=0.1, slope_deg=10.0)}, {"randomize": True}):
-        result = evaluate(walker, episodes=1, save=False, **changes)
+        result = evaluate(spinning, episodes=1, save=False, **changes)
         try:
-            filmed = film_run(walker, "last", tmp_path / "film.mp4", options, **changes)
+            filmed = film_run(spinning, "last", tmp_path / "film.mp4", options, **changes)
         except RenderingUnavailableError as error:
             pytest.skip(str(error))
         assert filmed.returns == pytest.approx(result.returns)
