@@ -9,7 +9,8 @@ PAGE := $(if $(DISPLAY)$(WAYLAND_DISPLAY)$(filter Darwin,$(shell uname -s)),--pa
 HOUSES := brickhub bricktwin bricksrl
 WORKSPACE := --editable packages/brickhub --editable packages/bricktwin --editable 'packages/bricksrl[dev]'
 PYTEST := $(BIN)/python -m pytest
-FAST := --numprocesses auto -m 'not realtime and not slow' --reruns 1 --only-rerun Timeout
+WORKERS = $(shell $(BIN)/python -c 'import os; print(os.cpu_count() or 1)')
+FAST = --numprocesses $(WORKERS) -m 'not realtime and not slow' --reruns 1 --only-rerun Timeout
 # They keep to a clock, wait most of the time, and come first where something else computes.
 CLOCK := --numprocesses 3 -m 'realtime and not slow' --reruns 2
 BESIDE := nice -n 10
