@@ -45,14 +45,14 @@ def options(request: pytest.FixtureRequest, tmp_path: Path) -> dict[str, Any]:
 
 
 def test_runs_carry_their_transforms(tmp_path: Path, options: dict[str, Any]) -> None:
-    whole = train(config(tmp_path / "whole", **options))
-    train(config(tmp_path / "part", episodes=1, **options))
-    resumed = resume(tmp_path / "part", episodes=2)
+    whole = train(config(tmp_path / "whole", episodes=3, **options))
+    train(config(tmp_path / "part", **options))
+    resumed = resume(tmp_path / "part", episodes=3)
     assert [episode.return_ for episode in resumed.episodes] == [episode.return_ for episode in whole.episodes]
-    assert [episode.length for episode in whole.episodes] == [100] * 2  # steps of the robot
+    assert [episode.length for episode in whole.episodes] == [100] * 3  # steps of the robot
     data = load(tmp_path / "whole")
-    assert data.observation.shape == (200, 7)  # its own observations and rewards
-    returns = torch.stack([data.reward[data.episode == number].sum() for number in range(2)])
+    assert data.observation.shape == (300, 7)  # its own observations and rewards
+    returns = torch.stack([data.reward[data.episode == number].sum() for number in range(3)])
     torch.testing.assert_close(returns, torch.tensor([episode.return_ for episode in whole.episodes]), atol=1e-2, rtol=0)
     judged = evaluate(tmp_path / "whole", episodes=2, save=False)
     assert judged.as_trained
@@ -81,7 +81,6 @@ def test_an_environment_with_transforms_is_trained_and_evaluated(tmp_path: Path)
     assert bricksrl.load_policy(tmp_path / "run", made()).shapes == {"observation": (14,)}
 
 
-@pytest.mark.usefixtures("forked_children")
 def test_copies_and_other_processes_have_the_transforms(tmp_path: Path) -> None:
     copies = train(config(tmp_path / "copies", num_envs=3, frame_stack=2))
     assert [episode.length for episode in copies.episodes] == [100] * 2
