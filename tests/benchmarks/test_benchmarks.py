@@ -44,7 +44,9 @@ def test_each_benchmark_is_listed(capsys: pytest.CaptureFixture[str]) -> None:
     assert modules == {one.module for one in BENCHMARKS.values()}
 
 
-@pytest.mark.parametrize(("name", "options"), [("link_fuzz", ["--seconds", "1"]), ("baselines", [])])
+@pytest.mark.parametrize(
+    ("name", "options"), [("link_fuzz", ["--seconds", "1"]), pytest.param("baselines", [], marks=pytest.mark.slow)]
+)
 def test_quick_form_runs(name: str, options: list[str], tmp_path: Path) -> None:
     command = [sys.executable, "-m", "benchmarks", name, "--quick", *options]
     variables = {**os.environ, "PYTHONPATH": os.pathsep.join((str(ROOT), *sys.path))}
@@ -81,6 +83,7 @@ def test_finished_parts_are_not_made_again(
     assert run([*words, "--again"]) == 0 and _returns(folder) == [0, 1]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="there are no process groups")
 def test_ctrl_c_keeps_no_training_that_it_has_ended(tmp_path: Path) -> None:
     options = ["--episodes", "60", "--seeds", "4", "--jobs", "2", "--folder", str(tmp_path / "parts")]

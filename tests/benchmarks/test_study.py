@@ -30,18 +30,23 @@ AFTER = (Condition("same", episodes=2), Condition("twin", "Walker-v0", {"physics
 
 
 def cells(quick: bool) -> tuple[Cell, ...]:
-    agents = {"sac": SMALL, "random": None}
+    agents = {"sac": (SMALL, AFTER), "random": (None, AFTER[:1])}
     return tuple(
-        Cell(agent, "WalkerSim-v0", {"env": "WalkerSim-v0", "agent": agent, "episodes": 2, "settings": settings}, AFTER)
-        for agent, settings in agents.items()
+        Cell(agent, "WalkerSim-v0", {"env": "WalkerSim-v0", "agent": agent, "episodes": 2, "settings": settings}, after)
+        for agent, (settings, after) in agents.items()
     )
 
 
-TOY = Study("toy", "A toy", 6, 6, seeds=5, cells=cells)
+def simulated(quick: bool) -> tuple[Cell, ...]:
+    return tuple(replace(cell, conditions=AFTER[:1]) for cell in cells(quick))
+
+
+TOY = Study("toy", "A toy", 6, 6, seeds=5, cells=simulated)
 
 
 def test_study_writes_tables_and_reuses_runs(tmp_path: Path) -> None:
-    page = run_study(TOY, tmp_path / "toy", quick=True, jobs=1)
+    toy = replace(TOY, cells=cells)
+    page = run_study(toy, tmp_path / "toy", quick=True, jobs=1)
     result = json.loads((tmp_path / "toy" / "study.json").read_text())
     assert [cell["row"] for cell in result["cells"]] == ["sac", "random"]
     found = result["cells"][0]["conditions"]
@@ -57,7 +62,7 @@ def test_study_writes_tables_and_reuses_runs(tmp_path: Path) -> None:
     untouched = folder.with_name("seed-1") / "outcome.json"
     before = untouched.stat().st_mtime_ns
     (folder / "outcome.json").unlink()  # as if it was killed before it had evaluated
-    run_study(TOY, tmp_path / "toy", quick=True, jobs=1)
+    run_study(toy, tmp_path / "toy", quick=True, jobs=1)
     times_s = result["cells"][0]["cpu_s"]
     assert all(0.0 < time_s < 600.0 for time_s in times_s)
     times_s[0] = None  # of a resumed run, only the last part is known
@@ -150,7 +155,7 @@ def test_page_shows_all_seeds_of_the_folder(tmp_path: Path) -> None:
 
 def test_failed_seed_is_reported_others_kept(tmp_path: Path) -> None:
     def broken(quick: bool) -> tuple[Cell, ...]:
-        return (cells(quick)[1], Cell("none", "Nowhere-v0", {"env": "Nowhere-v0", "settings": SMALL}, AFTER))
+        return (simulated(quick)[1], Cell("none", "Nowhere-v0", {"env": "Nowhere-v0", "settings": SMALL}, AFTER))
 
     with pytest.raises(RunError, match="2 of 4 runs failed; the first: none-Nowhere-v0 seed 0: there is no environment"):
         run_study(Study("b", "B", 6, 6, seeds=2, cells=broken), tmp_path / "b", jobs=1)

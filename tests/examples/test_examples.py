@@ -58,8 +58,8 @@ def test_own_robot_and_task(name: str, tmp_path: Path) -> None:
     path = EXAMPLES / f"{name}.py"
     assert lines_of_code(path) <= OWN_LINES
     assert [check for check in check_env(f"{path}") if check.outcome is Outcome.ERROR] == []
-    result = train(TrainConfig(str(path), episodes=3, run_dir=tmp_path / "run"))
-    assert len(result.episodes) == 3
+    result = train(TrainConfig(str(path), episodes=2, run_dir=tmp_path / "run"))
+    assert len(result.episodes) == 2
 
 
 def test_own_driving_robot_video(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""The README: its commands, its program, its test and its workflow do what it says."""
+"""The README and its page: their commands, program, test, workflow and link do what they say."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from brickhub.cli.command_table import LINE
 
 FOLDER = Path(__file__).parents[1]
 README = Readme(FOLDER / "README.md", "brickhub")
+PAGE = Readme(FOLDER.parents[1] / "docs" / "brickhub.md", "brickhub")
 
 
 @pytest.fixture
@@ -35,7 +36,8 @@ def cheap(words: list[str]) -> list[str]:
 
 
 def link() -> str:
-    return next(block for block in README.blocks("python") if "HubLink" in block)
+    (block,) = PAGE.blocks("python")
+    return block
 
 
 def test_what_is_shown_is_printed(reader: Path, capfd: pytest.CaptureFixture[str]) -> None:
@@ -45,8 +47,8 @@ def test_what_is_shown_is_printed(reader: Path, capfd: pytest.CaptureFixture[str
 
 
 def test_commands_run(reader: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    done = [words for words in README.commands if not needs_a_hub(words)]
-    assert len(done) >= 5
+    done = [words for words in README.commands + PAGE.commands if not needs_a_hub(words)]
+    assert len(done) >= 4
     for words in done:
         code = main(cheap(words))
         out, err = capfd.readouterr()
@@ -57,8 +59,8 @@ def test_commands_run(reader: Path, capfd: pytest.CaptureFixture[str]) -> None:
 
 
 def test_commands_for_hubs_exist() -> None:
-    assert {words[0] for words in README.listed} == set(LINE.commands)
-    for words in README.commands + README.listed:
+    assert {words[0] for words in PAGE.listed} == set(LINE.commands)
+    for words in README.commands + PAGE.commands + PAGE.listed:
         assert callable(parse(LINE, words).execute), words
 
 
@@ -72,7 +74,7 @@ def test_its_test_and_its_workflow_pass(reader: Path) -> None:
     assert done.returncode == 0 and "1 passed" in done.stdout, done.stdout
 
 
-def test_its_link_answers(capfd: pytest.CaptureFixture[str]) -> None:
+def test_the_link_answers(capfd: pytest.CaptureFixture[str]) -> None:
     exec(link(), {})  # noqa: S102
     angle, distance = eval(capfd.readouterr().out)  # noqa: S307
     assert abs(angle - 45) < 3 and distance == 2000.0

@@ -11,6 +11,7 @@ import hermetic  # noqa: F401  before anything else is imported
 import pytest
 from ble_fixtures import world  # noqa: F401  a fixture
 from forked import ForkServer
+from quick_files import quick_files  # noqa: F401  a fixture
 
 from bricksrl import child_process
 from bricksrl.envs import registry

@@ -29,10 +29,8 @@ def gradients(learner: Learner) -> list[Tensor | None]:
     return found
 
 
-@pytest.mark.parametrize(
-    ("agent", "changes"),
-    [("sac", {"n_step": 3}), ("td3", {}), *(pytest.param(name, {}, marks=pytest.mark.slow) for name in ("droq", "redq"))],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("agent", "changes"), [("sac", {"n_step": 3}), ("td3", {}), ("droq", {}), ("redq", {})])
 def test_compiled_losses_and_gradients_equal_eager(agent: str, changes: dict[str, Any]) -> None:
     learner = taught(make(agent, **changes))
     graph, loss, batch = compiled(learner), learner.loss, learner.memory.sample()  # type: ignore[union-attr]

@@ -144,6 +144,7 @@ def bold_iql() -> Learner:
     return learned("iql", 400, expectile=0.95, temperature=10.0)
 
 
+@pytest.mark.slow
 def test_iql_with_middle_expectile_finds_behaviour_values() -> None:
     agent = learned("iql", 400, expectile=0.5)
     found = values_of(agent, STARTS)

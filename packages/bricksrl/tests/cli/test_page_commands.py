@@ -47,7 +47,7 @@ def test_play_in_terminal_ends_with_a_lost_link(capfd):
 
 def test_play_in_terminal_plays_what_is_evaluated(tmp_path, capfd):
     run = str(tmp_path / "run")
-    assert main(["train", "RunAway-v0", "--episodes", "1", "--run", run]) == 0
+    assert main(["train", "RunAway-v0", "--episodes", "1", "--no-film", "--run", run]) == 0
     capfd.readouterr()
     assert main(["evaluate", run, "--episodes", "2", "--json"]) == 0
     returns = json.loads(capfd.readouterr().out)["returns"]

@@ -9,6 +9,7 @@ import re
 import shutil
 import signal
 import time
+from functools import partial
 from types import SimpleNamespace
 
 import imageio_ffmpeg
@@ -28,7 +29,7 @@ from bricksrl.envs import make
 from bricksrl.envs.reference_returns import REFERENCES
 from bricksrl.errors import RunError
 from bricksrl.evaluation import evaluate
-from bricksrl.evaluation.film import filmed_env
+from bricksrl.evaluation.film import FilmOptions, filmed_env
 from bricksrl.evaluation.report import write_report
 from bricksrl.training import RunFolder
 
@@ -68,6 +69,7 @@ def test_report_without_videos(trained):
 
 def test_report_with_videos(trained, tmp_path, monkeypatch):
     monkeypatch.setattr("bricksrl.evaluation.report.FILM_BUDGET_S", 0.5)
+    monkeypatch.setattr("bricksrl.evaluation.report.FilmOptions", partial(FilmOptions, size=(320, 180)))
     run_dir = tmp_path / "run"
     shutil.copytree(trained[0], run_dir)
     path, said = write_report(run_dir, RunFolder(run_dir).read_episodes(), evaluate(run_dir, episodes=1, save=False))
@@ -76,7 +78,7 @@ def test_report_with_videos(trained, tmp_path, monkeypatch):
     images = {}
     for name in ("before", "after", "before_after"):
         frames = read_video(run_dir / f"{name}.mp4")
-        assert frames.shape[1:] == ((540, 1920, 3) if name == "before_after" else (720, 1280, 3))
+        assert frames.shape[1:] == ((540, 1920, 3) if name == "before_after" else (180, 320, 3))
         assert imageio_ffmpeg.count_frames_and_secs(str(run_dir / f"{name}.mp4"))[1] >= 1
         images[name] = frames[:: max(1, len(frames) // 10)].astype(int)
     assert images["after"][0].std() > 5
@@ -352,6 +354,7 @@ def test_sparkline():
     assert sparkline([2.0, 2.0]) == "▅▅"
 
 
+@pytest.mark.slow  # the same of an environment is quick
 def test_missing_graphics_library_disables_pictures_only(bricksrl, tmp_path):
     process = bricksrl(
         "train", "Spinning-v0", "--agent", "random", "--episodes", "1", "--run", str(tmp_path / "run"), MUJOCO_GL="bogus"

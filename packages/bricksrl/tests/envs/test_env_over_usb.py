@@ -16,6 +16,7 @@ from brickhub.hub.program.generate import generate
 from bricksrl.envs import get_task
 
 
+@pytest.mark.realtime
 @pytest.mark.skipif(os.name != "posix", reason="pseudo terminals are a thing of POSIX")
 @pytest.mark.parametrize("streaming", [False, True])
 def test_address_to_moving_motors(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, streaming: bool) -> None:

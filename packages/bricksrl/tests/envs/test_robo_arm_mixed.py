@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 import math
 import os
-import subprocess
-import sys
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
@@ -16,6 +14,7 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
+from forked import ForkServer
 from gymnasium.utils.env_checker import check_env
 from tensordict import TensorDictBase
 from torchrl.envs import check_env_specs
@@ -217,11 +216,10 @@ def test_sac_learns_to_bring_the_ball_to_the_disc(tmp_path: Path) -> None:
     assert success >= 0.65
 
 
-def test_raycast_image_without_opengl() -> None:
+def test_raycast_image_without_opengl(forked: ForkServer, tmp_path: Path) -> None:
     program = f"import bricksrl, torch\ntorch.manual_seed(1)\nsteps = bricksrl.make('{ID}', seed=5).rollout(3)\n"
     program += "print(steps['next', 'reward'][0].item(), steps['image'][0].float().mean().item())"
-    environment = {**os.environ, "MUJOCO_GL": "disable"}
-    done = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True)
+    done = forked.run((), tmp_path, {**os.environ, "MUJOCO_GL": "disable"}, 120.0, script=program)
     cast_reward, cast_light = (float(number) for number in done.stdout.split())
     with torch.random.fork_rng():
         torch.manual_seed(1)

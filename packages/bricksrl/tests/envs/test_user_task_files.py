@@ -83,7 +83,7 @@ def test_option_of_a_users_file_is_one_everywhere(folder: Path, capsys: pytest.C
     gymnasium.reset(seed=0)
     assert [gymnasium.step(gymnasium.action_space.sample())[3] for _ in range(2)] == [False, True]
     gymnasium.close()
-    words = ("options.py:task", "--option", "steps=2", "--agent", "random", "--episodes", "1", "--run", "run")
+    words = ("options.py:task", "--option", "steps=2", "--agent", "random", "--episodes", "1", "--no-film", "--run", "run")
     assert main(["train", *words]) == 0
     assert [episode.length for episode in RunFolder("run").read_episodes()] == [2]
     assert evaluate("run", episodes=1).lengths == (2,)

@@ -38,6 +38,14 @@ def run_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return train(config, env=Cart()).run_dir
 
 
+@pytest.fixture(scope="module")
+def spinning(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run on a robot with a flat battery."""
+    settings, folder = SACSettings(hidden=(8,), batch_size=8), tmp_path_factory.mktemp("spinning") / "run"
+    physics = Physics(battery_v=6.4)
+    return train(TrainConfig("Spinning-v0", episodes=1, settings=settings, physics=physics, record=False, run_dir=folder)).run_dir
+
+
 NOTHING = Interface((), (), Wait(1))
 
 
@@ -164,14 +172,6 @@ def test_few_episodes_have_no_interval(run_dir: Path) -> None:
     assert "interval of the mean" not in "\n".join(describe(result))
 
 
-@pytest.fixture(scope="module")
-def spinning(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run on a robot with a flat battery."""
-    settings, folder = SACSettings(hidden=(8,), batch_size=8), tmp_path_factory.mktemp("spinning") / "run"
-    physics = Physics(battery_v=6.4)
-    return train(TrainConfig("Spinning-v0", episodes=1, settings=settings, physics=physics, record=False, run_dir=folder)).run_dir
-
-
 def test_only_an_evaluation_under_the_conditions_of_the_training_counts(spinning: Path) -> None:
     for changes in ({"physics": Physics()}, {"randomize": True}):
         assert not evaluate(spinning, episodes=1, **changes).as_trained
@@ -187,21 +187,20 @@ def test_only_an_evaluation_under_the_conditions_of_the_training_counts(spinning
     assert "in 1 episode of evaluation" in (export_policy(spinning, spinning / "policy") / "README.md").read_text()
 
 
-def test_film_shows_the_evaluated_episodes(tmp_path: Path) -> None:
-    walker = train(TrainConfig("Walker-v1", episodes=1, seed=0, record=False, run_dir=tmp_path / "run")).run_dir
+def test_film_shows_the_evaluated_episodes(spinning: Path, tmp_path: Path) -> None:
     path, small, seen = tmp_path / "film.mp4", {"size": (64, 48), "budget_s": 0.2}, []
     for changes in ({}, {"physics": Physics(friction_scale=0.1, slope_deg=10.0)}, {"randomize": True}):
         with ExitStack() as films:
-            on_env = partial(lambda films, env: films.enter_context(filmed_env(env, path, "walks", **small)), films)
+            on_env = partial(lambda films, env: films.enter_context(filmed_env(env, path, "spins", **small)), films)
             try:
-                seen.append(evaluate(walker, episodes=1, save=False, on_env=on_env, **changes).returns)
+                seen.append(evaluate(spinning, episodes=1, save=False, on_env=on_env, **changes).returns)
             except RenderingUnavailableError as error:
                 pytest.skip(str(error))
         assert path.stat().st_size > 0
         path.unlink()
     assert len(set(seen)) == 3
-    assert evaluate(walker, episodes=1, save=False).returns == seen[0], "to film changes nothing"
-    assert film_run(walker, "last", path, "walks", **small).return_ == pytest.approx(seen[0][0])
+    assert evaluate(spinning, episodes=1, save=False).returns == seen[0], "to film changes nothing"
+    assert film_run(spinning, "last", path, "spins", **small).return_ == pytest.approx(seen[0][0])
 
 
 def test_films_in_a_folder_of_any_name_are_joined(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

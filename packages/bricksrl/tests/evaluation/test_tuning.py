@@ -72,7 +72,7 @@ def test_diverged_trial_does_not_end_the_study(tmp_path: Path, monkeypatch: pyte
         return metrics
 
     monkeypatch.setattr(Learner, "make_updates", diverge)
-    tuned = Tuning("RoboArmSim-v0", "td3", steps=130, seeds=1, episodes=1)
+    tuned = Tuning("RoboArmSim-v0", "td3", steps=104, seeds=1, episodes=1)
     best = tune(tuned, tmp_path, 2, on_trial=lambda number, value, _: trials.append(value))
     assert trials[0] is None and trials[1] == best.value < 0
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -22,7 +23,8 @@ from bricksrl.training.config import settings_for
 
 
 def config(run_dir: Path) -> TrainConfig:
-    return TrainConfig("Walker-v1", episodes=2, seed=4, settings=settings_for("Walker-v1", "default", "sac"), run_dir=run_dir)
+    settings = replace(settings_for("Walker-v1", "default", "sac"), hidden=(16,), batch_size=16)
+    return TrainConfig("Walker-v1", episodes=2, seed=4, settings=settings, run_dir=run_dir)
 
 
 def test_watched_run_equals_unwatched(tmp_path: Path) -> None:

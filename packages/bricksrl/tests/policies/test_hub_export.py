@@ -171,8 +171,9 @@ def test_what_a_hub_cannot_know_is_refused(tmp_path: Path) -> None:
         export_program(tmp_path / "run", tmp_path / "spin.py")
 
 
-def test_a_distilled_network_acts_like_its_policy(tmp_path: Path) -> None:
+def test_a_distilled_network_acts_like_its_policy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A gait that was found in a simulation."""
+    monkeypatch.setattr(hub_network, "ROUNDS", 2)
     train(TrainConfig("WalkerSim-v0", "gait", episodes=1, record=False, run_dir=tmp_path / "run"))
     env = make("WalkerSim-v0", seed=0)
     policy = load_policy(tmp_path / "run", env)

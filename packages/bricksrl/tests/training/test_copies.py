@@ -38,7 +38,7 @@ def config(agent: str, run_dir: Path, **changes: Any) -> TrainConfig:
     )
 
 
-@pytest.mark.parametrize("agent", ["sac", "td3", "ppo"])
+@pytest.mark.parametrize("agent", ["sac", pytest.param("td3", marks=pytest.mark.slow), "ppo"])
 def test_all_copies_are_used_for_learning(tmp_path: Path, agent: str) -> None:
     result = train(config(agent, tmp_path / "run"))
     assert [episode.steps for episode in result.episodes] == [k * COPIES * ROUND for k in (1, 2, 3)]
@@ -57,20 +57,20 @@ def test_all_copies_are_used_for_learning(tmp_path: Path, agent: str) -> None:
 
 @pytest.mark.parametrize("agent", ["sac", "ppo"])
 def test_resumed_run_of_copies_is_bit_identical(tmp_path: Path, agent: str) -> None:
-    train(config(agent, tmp_path / "whole"))
+    train(config(agent, tmp_path / "whole", episodes=2))
     step = 40 if agent == "ppo" else 30
-    result = train(config(agent, tmp_path / "run"), Recorder((2, step), ctrl_c))
+    result = train(config(agent, tmp_path / "run", episodes=2), Recorder((2, step), ctrl_c))
     assert result.interrupted and len(result.episodes) == len(rows(tmp_path / "run")) == 1
     resume(tmp_path / "run")
     assert_same_run(tmp_path / "whole", tmp_path / "run")
 
 
 def test_wrapped_buffer_resumes(tmp_path: Path) -> None:
-    whole = config("sac", tmp_path / "whole")
-    whole = replace(whole, settings=replace(whole.settings, buffer_size=500, n_step=3))
+    whole = config("sac", tmp_path / "whole", episodes=2)
+    whole = replace(whole, settings=replace(whole.settings, buffer_size=300, n_step=3))
     train(whole)
-    train(replace(whole, run_dir=tmp_path / "run", episodes=2))
-    resume(tmp_path / "run", episodes=3)
+    train(replace(whole, run_dir=tmp_path / "run", episodes=1))
+    resume(tmp_path / "run", episodes=2)
     assert_same_run(tmp_path / "whole", tmp_path / "run")
 
 

@@ -74,6 +74,7 @@ def test_stop_during_an_evaluation_ends_the_run(config: TrainConfig, tmp_path: P
     assert_same_run(tmp_path / "whole", tmp_path / "run")
 
 
+@pytest.mark.usefixtures("forked_children")
 def test_asynchronous_run_keeps_the_policy_that_it_evaluated(config: TrainConfig, monkeypatch: pytest.MonkeyPatch) -> None:
     acted: list[list[torch.Tensor]] = []
 

@@ -43,7 +43,7 @@ def small(agent: str, **changes: Any) -> Any:
 
 @pytest.fixture
 def config(tmp_path: Path, data: str) -> TrainConfig:
-    return TrainConfig("Cart", "iql", 3, seed=4, settings=small("iql"), data=data, updates=100, run_dir=tmp_path / "run")
+    return TrainConfig("Cart", "iql", 3, seed=4, settings=small("iql"), data=data, updates=40, run_dir=tmp_path / "run")
 
 
 def test_offline_run_writes_files(config: TrainConfig) -> None:
@@ -59,7 +59,7 @@ def test_offline_run_writes_files(config: TrainConfig) -> None:
     found = evaluate(result.run_dir, Cart(), episodes=2)
     assert (found.agent, found.episodes) == ("iql", 2)
     state = load_checkpoint(folder.checkpoint_path)["agent"]
-    assert state["updates"] == 100
+    assert state["updates"] == 40
     assert "memory" not in state  # nothing of what it showed was kept
 
 
@@ -79,7 +79,7 @@ def test_lost_link_ends_offline_run_and_repeats_no_update(config: TrainConfig, s
     run_dir = config.run_dir
     assert run_dir is not None and len(rows(run_dir)) == 2
     assert resume(run_dir, env=Cart()).episodes[-1].episode == 3
-    assert load_checkpoint(run_dir / "checkpoint.bin")["agent"]["updates"] == 100
+    assert load_checkpoint(run_dir / "checkpoint.bin")["agent"]["updates"] == 40
 
 
 class Breaking(Cart):
@@ -105,7 +105,7 @@ def test_interrupted_and_resumed_run_ends_bit_identical(config: TrainConfig, tmp
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
-        ({"data": None}, "100 updates from data need data"),
+        ({"data": None}, "40 updates from data need data"),
         ({"updates": -1}, "updates is -1"),
         ({"updates": 2}, "2 updates cannot be spread over 3 episodes"),
     ],
@@ -156,7 +156,13 @@ def test_online_run_uses_dataset(config: TrainConfig, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("agent", "beside"), [("sac", False), ("td3", False), ("iql", False), ("sac", True), ("iql", True), ("cql", True)]
+    ("agent", "beside"),
+    [
+        ("sac", False),
+        ("sac", True),
+        ("iql", True),
+        *(pytest.param(*more, marks=pytest.mark.slow) for more in (("td3", False), ("iql", False), ("cql", True))),
+    ],
 )
 def test_warm_start_continues(tmp_path: Path, data: str, agent: str, beside: bool) -> None:
     """It acts as before at once, and stays as good while it learns on, with or without the dataset."""

@@ -111,6 +111,7 @@ def test_dataset_beside_the_users_buffer(redq: str, tmp_path: Path) -> None:
     assert result.episodes[-1].measures
 
 
+@pytest.mark.usefixtures("forked_children")
 def test_asynchronous_user_algorithm(redq: str, tmp_path: Path) -> None:
     result = train(TrainConfig("Cart", redq, 8, run_dir=tmp_path / "run", asynchronous=True), env=Cart())
     assert any(episode.measures.get("loss_qvalue", 0.0) > 0 for episode in result.episodes)

@@ -68,6 +68,7 @@ def test_paused_episode_is_not_whole(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("first_by_hand", "asynchronous"), [(0, False), (3, False), (3, True)])
+@pytest.mark.usefixtures("forked_children")
 def test_on_policy_agent_refuses_intervention(tmp_path: Path, first_by_hand: int, asynchronous: bool) -> None:
     steps = itertools.count()
 

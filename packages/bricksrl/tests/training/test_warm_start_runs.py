@@ -80,7 +80,7 @@ def test_transferred_policy_is_equal(runs: dict[str, str], before: str, after: s
         assert explored.std(0).max() > 0.01
 
 
-@pytest.mark.parametrize(("agent", "beside"), [("sac", True), ("sac", False), ("td3", True)])
+@pytest.mark.parametrize(("agent", "beside"), [("sac", True), ("sac", False), pytest.param("td3", True, marks=pytest.mark.slow)])
 def test_warm_started_run_does_not_collapse(runs: dict[str, str], data: str, tmp_path: Path, agent: str, beside: bool) -> None:
     """With new critics, an unconstrained actor would lose its policy."""
     before = evaluate(Path(runs["bc"]), episodes=20).return_mean

@@ -22,6 +22,7 @@ def log(bricktwin, tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_record_and_fit(bricktwin, log: Path) -> None:
     done = bricktwin("twin", "fit", str(log), "--parameters", "battery_v", "friction_scale")
     assert (done.code, done.err) == (0, "")
@@ -62,6 +63,8 @@ def test_robot_from_a_file(bricktwin, fails, tmp_path: Path) -> None:
     fails("twin", "fit", str(log), says="is of the robot 'my-robot', which is not built in; name its file")
     done = bricktwin("twin", "fit", str(log), "--robot", f"{robot}:ROBOT", "--parameters", "battery_v")
     assert done.code == 0 and "wheel_angle" in done.out
+    physics = log.with_suffix(".physics.json")
+    assert str(physics) in done.out and read_physics(physics).battery_v > 6.0
 
 
 def test_robot_does_not_move_if_the_log_cannot_be_written(fails, monkeypatch, tmp_path: Path) -> None:

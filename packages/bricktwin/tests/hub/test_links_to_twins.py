@@ -1,11 +1,12 @@
-"""Generated programs of all robot tasks, with link, hub, firmware and physics."""
+"""Generated programs of all robot tasks with link, hub, firmware and physics: what a body changes."""
 
 from __future__ import annotations
+
+import random
 
 import pytest
 from described import TASKS
 
-from brickhub.errors import HubError
 from brickhub.hub.link.lockstep import HubLink, LinkState
 from brickhub.hub.link.profiles import LinkProfile
 from brickhub.virtual.virtual_transport import VirtualHub
@@ -74,28 +75,8 @@ def test_joint_stays_in_range() -> None:
     assert low <= 70 + 8 and high <= 10 + 8 and grab <= -45 + 8
 
 
-def test_silent_host_stops_then_reading_restarts() -> None:
-    link, hub = connected("Spinning-v0")
-    link.read()
-    for _ in range(3):
-        link.act([100, 100])
-    hub.run_on_until(hub.machine.time_ms + 1500)
-    angle = hub.body.angle_mdeg("A")
-    hub.run_on_until(hub.machine.time_ms + 1000)
-    assert hub.body.angle_mdeg("A") == angle, "the watchdog has not stopped the motors"
-    hub.run_on_until(hub.machine.time_ms + 15_000)
-    with pytest.raises(HubError):
-        hub.write(b"x")
-    assert link.read().hub_time_ms < 1000
-
-
-def test_close_stops_robot() -> None:
-    link, hub = connected("Spinning-v0")
-    for _ in range(3):
-        link.act([100, 100])
-    link.close()
-    hub.machine.advance(3000)
-    angle = hub.body.angle_mdeg("A")
-    hub.machine.advance(1000)
-    assert hub.body.angle_mdeg("A") == angle
-    assert link.state is LinkState.DISCONNECTED
+def test_reset_during_a_program_puts_the_robot_into_its_scene() -> None:
+    link, hub = connected("RunAway-v0")
+    hub.reset(random.Random(0))
+    assert 190 < hub.body.distance_mm("C") < 320
+    assert link.read().values[-1] == pytest.approx(hub.body.distance_mm("C"), abs=20)

@@ -9,12 +9,19 @@ import pytest
 from plan_lines import BEAM, PLANS, pin, plan_of, solid_volume
 
 from brickhub.errors import PlanError
-from bricktwin.plans import catalogue
+from bricktwin.plans import booklet, catalogue
 from bricktwin.plans.booklet import pages_of, write_booklet
 from bricktwin.plans.picture import VIEWS, Canvas, View, surface_of
 from bricktwin.plans.plan import read_plan
 
 WHEEL = "0 FILE wheel.ldr\n1 71 0 0 0 1 0 0 0 1 0 0 0 1 39367p02.dat\n0 STEP\n1 71 0 0 20 1 0 0 0 1 0 0 0 1 3713.dat"
+
+
+@pytest.fixture
+def thumbnails(monkeypatch):
+    """Pages are drawn in small."""
+    for name in ("_STEP_SIZE", "_COVER_SIZE"):
+        monkeypatch.setattr(booklet, name, (190, 135))
 
 
 def test_every_part_is_drawn_at_its_size():
@@ -76,18 +83,18 @@ def test_new_parts_are_coloured_others_faded():
     assert red(faded) == 0
 
 
-def test_step_of_many_kinds_has_its_parts_on_pages_before(tmp_path):
+def test_step_of_many_kinds_has_its_parts_on_pages_before(thumbnails, tmp_path):
     kinds = [part for part in catalogue.parts() if part.family != "hubs"][:20]
     plan = plan_of(*(f"1 4 {100 * at} 0 0 1 0 0 0 1 0 0 0 1 {part.number}.dat" for at, part in enumerate(kinds)))
     assert [(page.head, len(page.items)) for page in pages_of(plan)][3:6] == [("1", 16), ("1", 4), ("1", 0)]
     write_booklet(plan, tmp_path / "robot.pdf")
 
 
-def test_title_with_dollars_is_no_formula(tmp_path):
+def test_title_with_dollars_is_no_formula(thumbnails, tmp_path):
     assert write_booklet(plan_of("0 Robot for $_$", BEAM), tmp_path / "robot.pdf") == 3
 
 
-def test_repeated_steps_share_a_page():
+def test_repeated_steps_share_a_page(thumbnails):
     turned = "1 16 100 0 0 -1 0 0 0 1 0 0 0 -1 wheel.ldr"
     plan = plan_of(
         "0 FILE car.ldr", "0 // A beam.", BEAM, "0 STEP", "1 16 0 0 0 1 0 0 0 1 0 0 0 1 wheel.ldr", turned, *WHEEL.split("\n")
@@ -98,7 +105,7 @@ def test_repeated_steps_share_a_page():
     assert [(item.count, item.text) for item in list(pages_of(plan))[-1].items] == [(2, "wheel")]
 
 
-def test_sub_assemblies_of_two_colours_have_pages_of_their_own():
+def test_sub_assemblies_of_two_colours_have_pages_of_their_own(thumbnails):
     other = "1 4 100 0 0 -1 0 0 0 1 0 0 0 -1 wheel.ldr"
     wheel = WHEEL.replace("1 71", "1 16").split("\n")
     plan = plan_of("0 FILE car.ldr", BEAM, "0 STEP", "1 1 0 0 0 1 0 0 0 1 0 0 0 1 wheel.ldr", other, *wheel)
@@ -114,7 +121,7 @@ def test_hidden_new_pin_is_outlined():
     assert orange(hidden) > orange(alone) + 20
 
 
-def test_cables_are_labelled_at_both_ends():
+def test_cables_are_labelled_at_both_ends(thumbnails):
     plan = read_plan(PLANS / "two_wheeler.ldr")
     page = list(pages_of(plan))[-1]
     assert [cable.port for cable in page.cables] == ["A", "C", "E"]
