@@ -1,4 +1,4 @@
-"""The hand-written controllers of `bricksrl.policies.scripted`, for TensorDicts without batch dimensions."""
+"""The hand-written controllers of `bricksrl.envs.tasks.scripted`, for TensorDicts without batch dimensions."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import torch
 from tensordict import TensorDictBase
 from torch import Tensor
 
-from bricksrl.policies import scripted
-from bricksrl.policies.scripted import ArrayPolicy
+from bricksrl.envs.tasks import scripted
+from bricksrl.envs.tasks.scripted import ArrayPolicy
 
 Controller = Callable[[TensorDictBase], Tensor]
 

@@ -74,10 +74,11 @@ def camera(result: Result) -> str:
     return f"{percent(marks[50])} and {percent(marks[100])}"
 
 
-def warm_start(result: Result) -> str:
-    """Median number of episodes."""
-    alone, data = (result["ways"][way]["episodes_median"] for way in ("alone", "data"))
-    return f"SAC alone {alone:g}, SAC with a dataset {data:g}"
+def teachers(result: Result) -> str:
+    """Least and last returns in shares of the gait's, in the worst run with demonstrations."""
+    runs = [run for run in result["runs"] if run["way"] == "demonstrations"]
+    least, last = (min(run[key] for run in runs) for key in ("least_of_gait", "last_of_gait"))
+    return f"{percent(least)} of the gait at least, {percent(last)} at the end"
 
 
 def realtime_learning(result: Result) -> str:
@@ -152,7 +153,7 @@ ROWS: tuple[tuple[str, str, Callable[[Result], str], str], ...] = (
         "bricksrl study sim-to-robot",
     ),
     ("camera_learning", "success rate of the camera task after 50 and 100 episodes, median of five seeds", camera, ""),
-    ("warm_start", "episodes until the Walker reaches a return of -25", warm_start, ""),
+    ("teachers", "SAC on the Walker with a gait's demonstrations, in 1,000 robot steps, the worst of five seeds", teachers, ""),
     ("realtime_learning", "updates done while the robot moves (`Walker-v0 --realtime`)", realtime_learning, ""),
     ("fleet", "four robots with one learner instead of one robot, until perfect episodes of RunAway", fleet, ""),
     ("arena", "Tag: episodes that the catcher wins after training (MAPPO, CPU time)", arena, ""),

@@ -40,7 +40,7 @@ class GaitSettings:
     """oscillators (legs held at phases), linear (feedback), or FILE.py:NAME; by default oscillators where there are legs."""
     trial_steps: Annotated[int, Range(1)] = 10
     """Steps of a trial."""
-    settle_steps: Annotated[int, NotNegative] = 3
+    settle_steps: Annotated[int, NotNegative] = 4
     """First steps of a trial, which do not count."""
     random_trials: Annotated[int, Range(1)] = 6
     """Trials spread over all numbers before the first proposal."""
