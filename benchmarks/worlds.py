@@ -3,9 +3,9 @@
     python -m benchmarks worlds
 
 Each seed searches for 300 robot steps on the nominal twin, and goes on from there for 60 s of robot time in each world, as
-`bricksrl train Walker-v1 --agent gait --from RUN` does. What can be had in a world is the best of 400 trials there: three quarters
-spread over all numbers, the others where the Gaussian process of the first ones has its highest hopes. All gaits are evaluated in
-the same five episodes.
+`bricksrl train Walker-v1 --agent gait --from RUN` does. What can be had in a world is the best of 400 trials there: three
+quarters spread over all numbers, the others where the Gaussian process of the first ones has its highest hopes. All gaits are
+evaluated in the same five episodes.
 
 And which time of a step suits which Bluetooth link: the speed of gaits that were searched for 75 s of robot time.
 """

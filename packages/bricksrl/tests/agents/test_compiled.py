@@ -6,13 +6,13 @@ from typing import Any
 
 import pytest
 import torch
-from bricksrl.agents.teachers import hold
 from small import learned, make, steps, taught
 from torch import Tensor
 
 from bricksrl.agents.compiled import CompiledGradients, compile_updates
 from bricksrl.agents.learner import Learner
 from bricksrl.agents.sac import ActorCriticLoss
+from bricksrl.agents.teachers import hold
 from bricksrl.errors import RunError
 
 

@@ -77,7 +77,7 @@ def test_losses_are_of_the_action_on_the_base() -> None:
 
 
 def test_residual_policies_are_saved_whole() -> None:
-    one, base = of_base()
+    one, _ = of_base()
     one.remember(steps(30))
     one.make_updates(3)
     other = make("sac", seed=8)
