@@ -68,7 +68,7 @@ class CQLLoss(CountedUpdates, SACLoss):
         uniform = torch.rand(count, rows, size, device=batch.action.device) * 2.0 - 1.0
         density = uniform.new_full((count, rows), -math.log(2.0) * size)
         out = self.actor(torch.cat((batch.features, batch.next_features)))
-        base = None if batch.base is None else torch.cat((batch.base, batch.next_base))
+        base = None if batch.base is None or batch.next_base is None else torch.cat((batch.base, batch.next_base))
         action, log_density = self.draw(out.expand(count, *out.shape), base)
         actions, densities = action.view(count, 2, rows, size), log_density.view(count, 2, rows)
         return torch.cat((uniform, *actions.unbind(1))), torch.cat((density, *densities.unbind(1)))
