@@ -40,7 +40,7 @@ class GaitSettings:
     """oscillators (legs held at phases), linear (feedback), or FILE.py:NAME; by default oscillators where there are legs."""
     trial_steps: Annotated[int, Range(1)] = 10
     """Steps of a trial."""
-    settle_steps: Annotated[int, NotNegative] = 4
+    settle_steps: Annotated[int, NotNegative] = 3
     """First steps of a trial, which do not count."""
     random_trials: Annotated[int, Range(1)] = 6
     """Trials spread over all numbers before the first proposal."""
@@ -173,9 +173,12 @@ class PolicySearch(Learner):
                 self._score(math.inf)
 
     def _score(self, highest: float) -> None:
-        """End the trial, with a score of at most the ``highest``."""
-        counted = self.rewards[self.settings.settle_steps :] or self.rewards
-        score = torch.tensor([min(highest, sum(counted) / len(counted))]).to(self.scores)
+        """End the trial, with a score of at most the ``highest``: a mean with less weight towards both ends (Bartlett's window),
+        as the reward goes up and down with each stride."""
+        counted = torch.tensor(self.rewards[self.settings.settle_steps :] or self.rewards)
+        places = torch.arange(1.0, len(counted) + 1)
+        weights = torch.minimum(places, places.flip(0))
+        score = ((counted * weights).sum() / weights.sum()).clamp_max(highest)[None].to(self.scores)
         self.numbers, self.scores = torch.cat((self.numbers, self.actor.trial[None])), torch.cat((self.scores, score))
         self.worlds = torch.cat((self.worlds, torch.tensor([self.world])))
         self.end_episodes()
