@@ -237,6 +237,21 @@ def test_a_run_goes_on_from_another(tmp_path: Path) -> None:
     assert torch.equal(second.scores[:10], first.scores)
 
 
+def test_a_search_elsewhere_has_an_optimism_of_its_own() -> None:
+    found = []
+    for changes in ({}, {"optimism": 0.0}, {"optimism_elsewhere": 20.0}):
+        learner = searcher()
+        for _ in range(8):
+            tried(learner, hill(learner.actor.trial))
+        learner.settings = dataclasses.replace(learner.settings, **changes)
+        learner.begin_elsewhere()
+        torch.manual_seed(3)
+        tried(learner, hill(learner.actor.trial))
+        found.append(learner.actor.trial.clone())
+    assert torch.equal(found[0], found[1])
+    assert not torch.equal(found[0], found[2])
+
+
 def test_copies_try_the_same_numbers_together(tmp_path: Path) -> None:
     result = train(TrainConfig("WalkerSim-v0", "gait", episodes=1, num_envs=3, record=False, run_dir=tmp_path / "run"))
     assert "trial_reward" in result.episodes[0].measures

@@ -46,6 +46,8 @@ class GaitSettings:
     """Trials spread over all numbers before the first proposal."""
     optimism: Annotated[float, NotNegative] = 2.0
     """Standard deviations by which an unknown score is taken to be better than expected."""
+    optimism_elsewhere: Annotated[float, NotNegative] = 0.7
+    """The same in another world, of which the earlier trials tell."""
     caution: Annotated[float, NotNegative] = 0.3
     """Standard deviations by which other numbers must be better than the best known to replace them."""
     tilt_deg: Annotated[float, Positive] = 35.0
@@ -212,7 +214,8 @@ class PolicySearch(Learner):
         else:
             candidates = self._candidates(entries, likeliest)
             means, deviations = posterior.at(embedded(candidates, entries))
-            self.actor.trial.copy_(candidates[(means + self.settings.optimism * deviations).argmax()])
+            optimism = self.settings.optimism_elsewhere if self.world else self.settings.optimism
+            self.actor.trial.copy_(candidates[(means + optimism * deviations).argmax()])
         best, _ = posterior.at(embedded(self.actor.best[None], entries))
         return {"trial_reward": self.scores[-1], "best_reward": best[0], "noise": posterior.noise}
 
