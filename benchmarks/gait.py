@@ -27,8 +27,8 @@ from benchmarks.stopping import StopWhen
 from bricksrl.agents.search.gait import PolicySearch, Posterior, bounds, embedded
 from bricksrl.training import TrainConfig, train
 
-STEPS, EPISODES, SEED = 300, 2, 4711
-"""Robot steps of a search; episodes of an evaluation, and its seed."""
+STEPS, EPISODES, SEED, FIRST_SEED = 300, 2, 4711, 100
+"""Robot steps of a search; episodes of an evaluation, and its seed; first seed of the searches, of which none chose a setting."""
 WALKER = "Walker-v1"
 PICTURES = Path(__file__).parent.parent / "docs" / "images"
 SIX_LEGS = f"{Path(__file__).parent.parent / 'examples' / '15_six_legs.py'}:WALK"
@@ -132,8 +132,9 @@ def main(session: Session) -> None:
     session.parser.add_argument("--on-hub", nargs="*", default=list(ON_HUB), choices=list(ON_HUB), metavar="KIND")
     args = session.parse()
     (reference,) = session.outcomes(trot, {"trot": ()})
-    walker = list(session.outcomes(search, {f"walker-{seed}": (WALKER, seed) for seed in range(args.seeds)}))
-    six = list(session.outcomes(search, {f"six-legs-{seed}": (SIX_LEGS, seed) for seed in range(args.six_legs_seeds)}))
+    walkers, sixes = (range(FIRST_SEED, FIRST_SEED + count) for count in (args.seeds, args.six_legs_seeds))
+    walker = list(session.outcomes(search, {f"walker-{seed}": (WALKER, seed) for seed in walkers}))
+    six = list(session.outcomes(search, {f"six-legs-{seed}": (SIX_LEGS, seed) for seed in sixes}))
     programs = list(session.outcomes(on_hub, {f"hub-{name.replace(' ', '-')}": ON_HUB[name] for name in args.on_hub}))
     if walker:
         draw(session.place_of(PICTURES) / "gait_landscape.png", walker)

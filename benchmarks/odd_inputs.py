@@ -52,7 +52,8 @@ VALUES = (
 FLAGS = {
     "train RoboArmSim-v0 --agent random --episodes 1": (
         "--agent", "--preset", "--settings", "--set", "--device", "--num-envs", "--eval-every", "--eval-episodes", "--stop-at",
-        "--episodes", "--seed", "--seeds", "--data", "--from", "--patience", "--hub", "--physics", "--option", "--take-over",
+        "--episodes", "--seed", "--seeds", "--from", "--base", "--demonstrations",
+        "--patience", "--hub", "--physics", "--option", "--take-over",
     ),
     "evaluate RUN --episodes 1": ("--env", "--episodes", "--seed", "--hub", "--physics"),
     "record RoboArmSim-v0 --episodes 1 --out NEW": ("--policy", "--episodes", "--seed", "--out", "--hub", "--option"),

@@ -1,4 +1,4 @@
-"""The hand-written controllers of `bricksrl.policies.scripted`, as policies of TorchRL."""
+"""The hand-written controllers of `bricksrl.envs.tasks.scripted`, as policies of TorchRL."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import torch
 from tensordict import TensorDictBase
 
 from bricksrl.envs.rollout import Policy
-from bricksrl.policies import scripted
-from bricksrl.policies.scripted import ArrayPolicy
+from bricksrl.envs.tasks import scripted
+from bricksrl.envs.tasks.scripted import ArrayPolicy
 
 
 def controller(policy: ArrayPolicy) -> Policy:

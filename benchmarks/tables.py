@@ -239,24 +239,43 @@ def offline(result: Result) -> str:
     return table(["dataset", *(f"{agent} (paper)" for agent in agents)], rows)
 
 
-def warm_start(result: Result) -> str:
-    """Episodes until the target return."""
-    ways = {
-        "alone": "SAC from scratch",
-        "data": "SAC, half of each batch from the dataset",
-        "start": "from an IQL agent trained on the dataset",
-        "policy": "SAC from the policy of a BC agent trained on the dataset, with the dataset",
-    }
+def teachers(result: Result) -> str:
+    """SAC with a gait as teacher: returns in shares of the gait's."""
+    names = {"demonstrations": "`--demonstrations`", "base": "`--base`", "alone": "no teacher"}
+    rows = []
+    for way, name in names.items():
+        runs = [run for run in result["runs"] if run["way"] == way]
+        if not runs:
+            continue
+        shares = [[value / run["gait"] for value in run["returns"]] for run in runs]
+        places = (0, 2, 5, len(shares[0]) - 1)
+        at = [f"{statistics.median(seed[min(place, len(seed) - 1)] for seed in shares):.2f}" for place in places]
+        explored = statistics.median(value / run["gait"] for run in runs for value in run["explored"])
+        falls = sum(run["falls"] for run in runs)
+        rows.append([name, str(len(runs)), *at, f"{min(map(min, shares)):.2f}", f"{explored:.2f}", str(falls)])
+    head = ["", "seeds", "at once", "after 200 steps", "500", "1,000", "the worst of all", "while it explores", "falls"]
+    return f"Returns in shares of the gait's, medians:\n\n{table(head, rows)}"
+
+
+def worlds(result: Result) -> str:
+    """Gaits in other worlds, and the time of a step."""
     rows = [
         [
-            ways[way],
-            str(len(entry["seeds"])),
-            f"{entry['episodes_median']:g}",
-            ", ".join(str(run["episodes"]) for run in entry["seeds"]),
+            *(name, number(row["best"]), number(statistics.fmean(row["before"])), number(statistics.fmean(row["after"]))),
+            f"{row['gain']:+.1f} ± {row['standard_error']:.1f}",
         ]
-        for way, entry in result["ways"].items()
+        for name, row in result["worlds"].items()
     ]
-    return table(["method", "seeds", "episodes to -25: median", "each seed"], rows)
+    share = result["regained"] / result["lost"] if result["lost"] else 1.0
+    rows.append(["all: lost, regained", f"{result['lost']:.1f}", "", f"{result['regained']:.1f}", percent(share)])
+    found = table(["world", "best of 400 trials there", "nominal gait", "after 60 s there", "gain"], rows)
+    if not result["steps"]:
+        return found
+    times = list(dict.fromkeys(row["step_ms"] for row in result["steps"]))
+    speeds = {(row["link"], row["step_ms"]): f"{1000 * row['speed_m_s']:.0f}" for row in result["steps"]}
+    links = dict.fromkeys(row["link"] for row in result["steps"])
+    steps = table(["link", *(f"{ms} ms" for ms in times)], [[link, *(speeds[link, ms] for ms in times)] for link in links])
+    return f"{found}\nSpeed in mm/s of a gait by the time of a step, `--option step_ms=...`, over each link:\n\n{steps}"
 
 
 def updates(result: Result) -> str:
@@ -538,6 +557,7 @@ SECTIONS: dict[str, tuple[str, Callable[[Result], str]]] = {
     "copies": ("Learning from many copies of WalkerSim-v0 at once, start-up included", copies),
     "race": ("Race to a return of -20 on WalkerSim-v0, start-up included", race),
     "gait": ("Gaits by policy search, and policies on the hub alone", gait),
+    "worlds": ("Gaits in other worlds, and the time of a step", worlds),
     "camera_learning": ("The camera task", camera),
     "seeds": ("Five seeds at once: parallel processes or stacked networks", seeds),
     "ablation": ("Ablation: each default setting set back to the paper's value", ablation),
@@ -545,7 +565,7 @@ SECTIONS: dict[str, tuple[str, Callable[[Result], str]]] = {
     "datasets": ("Datasets of 100 episodes", datasets),
     "offline": ("Offline learning, with the paper's settings and number of updates", offline),
     "offline_default": ("Offline learning, with the default settings", offline),
-    "warm_start": ("Warm start on Walker-v0", warm_start),
+    "teachers": ("SAC with a gait as its teacher, on Walker-v1", teachers),
     "updates": ("Cost of an update", updates),
     "cql_updates": ("Cost of a CQL update", cql_updates),
     "realtime_learning": ("Learning in parallel with a robot that takes real time", realtime_learning),

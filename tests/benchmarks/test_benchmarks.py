@@ -135,8 +135,8 @@ def test_parts_are_made_on_a_cluster(tmp_path: Path) -> None:
 
 
 def test_failed_part_is_one_line(tmp_path: Path) -> None:
-    words = ["warm_start", "--folder", str(tmp_path), "--data", str(tmp_path / "none"), "--ways", "data", "--seeds", "1"]
-    with pytest.raises(RunError, match=r"^data-40-5000-0: .*none"):
+    words = ["teachers", "--folder", str(tmp_path), "--ways", "alone", "--seeds", "1", "--episodes", "0"]
+    with pytest.raises(RunError, match=r"^alone-0-0: .*episodes is 0"):
         run(words)
 
 

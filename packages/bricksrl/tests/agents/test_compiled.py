@@ -11,8 +11,8 @@ from torch import Tensor
 
 from bricksrl.agents.compiled import CompiledGradients, compile_updates
 from bricksrl.agents.learner import Learner
-from bricksrl.agents.policy_transfer import transfer_policy
 from bricksrl.agents.sac import ActorCriticLoss
+from bricksrl.agents.teachers import hold
 from bricksrl.errors import RunError
 
 
@@ -70,13 +70,13 @@ def test_other_algorithms_cannot_be_compiled(agent: str) -> None:
 
 def test_anchored_policy_cannot_be_compiled() -> None:
     learner = make("sac")
-    transfer_policy(learner, make("td3"))
+    hold(learner)
     with pytest.raises(RunError, match="an anchored policy cannot be compiled"):
         compile_updates(learner)
     compiled = make("sac")
     compile_updates(compiled)
-    with pytest.raises(RunError, match="an anchored policy cannot be compiled"):
-        transfer_policy(compiled, make("td3"))
+    with pytest.raises(RunError, match="a policy that is taught cannot be compiled"):
+        hold(compiled)
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of its own, when it loads

@@ -67,12 +67,12 @@ def test_a_search_finds_the_top_of_a_landscape_in_thirty_trials_with_noise() -> 
 
 
 def test_scores_count_once_the_robot_has_settled() -> None:
-    learner = searcher(trial_steps=4, settle_steps=2)
-    for reward in (-9.0, -9.0, 1.0, 2.0):
+    learner = searcher(trial_steps=5, settle_steps=2)
+    for reward in (-9.0, -9.0, 1.0, 2.0, 4.0):
         learner.remember(frame(reward))
         assert not learner.actor.trial.isnan().any()
     metrics = learner.learn()
-    assert float(learner.scores[0]) == 1.5 == float(metrics["trial_reward"])
+    assert float(learner.scores[0]) == 2.25 == float(metrics["trial_reward"]), "what is in the middle counts most"
     assert tuple(metrics) == ("trial_reward", "best_reward", "noise")
 
 
@@ -235,6 +235,21 @@ def test_a_run_goes_on_from_another(tmp_path: Path) -> None:
     assert second.worlds.tolist() == [0] * 10 + [1] * 10
     assert torch.equal(second.numbers[10], first.actor.best)
     assert torch.equal(second.scores[:10], first.scores)
+
+
+def test_a_search_elsewhere_has_an_optimism_of_its_own() -> None:
+    found = []
+    for changes in ({}, {"optimism": 0.0}, {"optimism_elsewhere": 20.0}):
+        learner = searcher()
+        for _ in range(8):
+            tried(learner, hill(learner.actor.trial))
+        learner.settings = dataclasses.replace(learner.settings, **changes)
+        learner.begin_elsewhere()
+        torch.manual_seed(3)
+        tried(learner, hill(learner.actor.trial))
+        found.append(learner.actor.trial.clone())
+    assert torch.equal(found[0], found[1])
+    assert not torch.equal(found[0], found[2])
 
 
 def test_copies_try_the_same_numbers_together(tmp_path: Path) -> None:

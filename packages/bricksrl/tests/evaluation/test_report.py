@@ -62,7 +62,7 @@ def test_success_and_return_have_their_intervals() -> None:
     [
         (TrainConfig("RunAway-v0"), "bricksrl resume 'my run' --episodes 80 --page", True),
         (TrainConfig("WalkerSim-v0"), "bricksrl resume 'my run' --episodes 80 --page", False),
-        (TrainConfig("RunAway-v0", "bc", data="d", updates=100), "bricksrl train RunAway-v0 --agent sac --from 'my run'", True),
+        (TrainConfig("RunAway-v0", "bc", data="d", updates=100), "bricksrl train RunAway-v0 --demonstrations 'my run'", True),
     ],
 )
 def test_commands_suit_the_run(config: TrainConfig, longer: str, on_robot: bool) -> None:

@@ -19,11 +19,11 @@ from browser import chromium, tab
 
 import bricksrl
 from bricksrl.envs.registry import make_robot
+from bricksrl.envs.tasks.scripted import CONTROLLERS
 from bricksrl.errors import StoppedError
 from bricksrl.page.live import LivePage
 from bricksrl.page.play import play_on_page, resting_player
 from bricksrl.page.robot_play import play_robot
-from bricksrl.policies.scripted import CONTROLLERS
 
 MOVED = """
 import sys

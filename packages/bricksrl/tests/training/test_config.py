@@ -100,8 +100,8 @@ def test_values_of_another_type_raise(change: dict[str, Any]) -> None:
 
 
 def test_folders_may_be_paths() -> None:
-    config = TrainConfig(env="RunAway-v0", data=Path("datasets/walk"), start=Path("runs/walk"))  # type: ignore[arg-type]
-    assert (config.data, config.start) == ("datasets/walk", "runs/walk")
+    config = TrainConfig(env="RunAway-v0", demonstrations=Path("datasets/walk"), start=Path("runs/walk"))  # type: ignore[arg-type]
+    assert (config.demonstrations, config.start) == ("datasets/walk", "runs/walk")
 
 
 @pytest.mark.parametrize("config", ["RunAway-v0", None])

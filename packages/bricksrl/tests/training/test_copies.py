@@ -146,9 +146,8 @@ def test_copies_act_without_dropout(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(Dropout, "forward", noted)
     train(TrainConfig("WalkerSim-v0", "random", 1, run_dir=tmp_path / "data"))
     settings = replace(preset("default", "bc"), hidden=(8, 8), updates_per_step=0.1)
-    train(
-        TrainConfig("WalkerSim-v0", "bc", 1, num_envs=2, settings=settings, data=str(tmp_path / "data"), run_dir=tmp_path / "run")
-    )
+    shown = str(tmp_path / "data")
+    train(TrainConfig("WalkerSim-v0", "bc", 1, num_envs=2, settings=settings, demonstrations=shown, run_dir=tmp_path / "run"))
     assert set(seen) == {(True, True), (False, False)}
 
 

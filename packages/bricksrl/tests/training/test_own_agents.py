@@ -101,7 +101,14 @@ def test_user_algorithm_starts_from_its_earlier_run(redq: str, tmp_path: Path) -
 def test_dataset_beside_the_users_buffer(redq: str, tmp_path: Path) -> None:
     """Ours is mixed with a dataset, whatever the settings are; any other is refused."""
     train(TrainConfig("Cart", redq, episodes=2, run_dir=tmp_path / "first"), env=Cart())
-    config = TrainConfig("Cart", redq, episodes=2, data=str(tmp_path / "first"), run_dir=tmp_path / "second")
+    config = TrainConfig(
+        "Cart",
+        redq,
+        episodes=2,
+        start=str(tmp_path / "first"),
+        demonstrations=str(tmp_path / "first"),
+        run_dir=tmp_path / "second",
+    )
     with pytest.raises(RunError, match="has a replay buffer that cannot be mixed with a dataset; give it a"):
         train(config, env=Cart())
     buffer = "TransitionReplayBuffer(40, 8, ['observation'])"

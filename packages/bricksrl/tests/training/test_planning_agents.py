@@ -113,16 +113,18 @@ def test_intervention_resets_chunks(config: TrainConfig, tmp_path: Path) -> None
     with Recorder(tmp_path / "data", describe(env)) as recorder:
         collect(env, policy, recorder, 2, name="act", driver=driver, reset_policy=policy.reset)
     assert load(tmp_path / "data").action[2::5, 0].tolist() == pytest.approx([wanted] * 2, abs=1e-6)
-    train(replace(config, updates=0, episodes=1, start=str(config.run_dir), run_dir=tmp_path / "run"), env=env, driver=driver)
+    beside: Any = {"updates": 0, "data": None, "demonstrations": config.data}
+    train(replace(config, episodes=1, start=str(config.run_dir), run_dir=tmp_path / "run", **beside), env=env, driver=driver)
     assert load(tmp_path / "run").action[2, 0] == pytest.approx(wanted, abs=0.05)
 
 
 def test_continued_learning_does_not_collapse(config: TrainConfig, tmp_path: Path) -> None:
-    start = replace(config, updates=0, start=str(config.run_dir), episodes=4, run_dir=tmp_path / "next")
+    beside: Any = {"updates": 0, "data": None, "demonstrations": config.data}
+    start = replace(config, start=str(config.run_dir), episodes=4, run_dir=tmp_path / "next", **beside)
     result = train(start, env=Metronome())
     assert min(episode.return_ for episode in result.episodes) > -0.6
-    with pytest.raises(RunError, match="act needs a dataset"):
-        train(replace(start, data=None, run_dir=tmp_path / "none"), env=Metronome())
+    with pytest.raises(RunError, match="act needs demonstrations"):
+        train(replace(start, demonstrations=None, run_dir=tmp_path / "none"), env=Metronome())
 
 
 def test_shared_policy_resets_chunks_each_episode(

@@ -21,9 +21,9 @@ from torchrl.envs import EnvBase
 
 from bricksrl.agents import sac
 from bricksrl.agents.learner import Learner
-from bricksrl.agents.policy_transfer import CountedUpdates
 from bricksrl.agents.sac import Batch, Critics, SACLoss, SACSettings, location_and_scale
 from bricksrl.agents.settings import NotNegative, Positive, Range
+from bricksrl.agents.teachers import CountedUpdates
 
 MAX_FACTOR = 1e6
 """Maximum learned factor; source: the authors' code."""
@@ -68,7 +68,8 @@ class CQLLoss(CountedUpdates, SACLoss):
         uniform = torch.rand(count, rows, size, device=batch.action.device) * 2.0 - 1.0
         density = uniform.new_full((count, rows), -math.log(2.0) * size)
         out = self.actor(torch.cat((batch.features, batch.next_features)))
-        action, log_density = self.draw(out.expand(count, *out.shape))
+        base = None if batch.base is None or batch.next_base is None else torch.cat((batch.base, batch.next_base))
+        action, log_density = self.draw(out.expand(count, *out.shape), base)
         actions, densities = action.view(count, 2, rows, size), log_density.view(count, 2, rows)
         return torch.cat((uniform, *actions.unbind(1))), torch.cat((density, *densities.unbind(1)))
 
@@ -113,7 +114,8 @@ class CQLLoss(CountedUpdates, SACLoss):
             return super().actor_loss(batch)
         out = self.actor_outputs(batch.features)
         _, log_density = self.draw(out)
-        imitation = log_prob(out, self.settings.min_scale, batch.action).mean()
+        action = batch.action if batch.base is None else batch.action - batch.base
+        imitation = log_prob(out, self.settings.min_scale, action).mean()
         return {"loss_actor": self.alpha * log_density.mean() - imitation, **self.alpha_loss(log_density, batch.action.shape[-1])}
 
 

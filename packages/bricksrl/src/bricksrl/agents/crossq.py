@@ -42,7 +42,7 @@ class CrossQLoss(SACLoss):
         """Squared errors summed over the critics."""
         self.actor.eval()
         with torch.no_grad():
-            next_action, next_log_prob = self.draw(self.actor(batch.next_features))
+            next_action, next_log_prob = self.draw(self.actor(batch.next_features), batch.next_base)
         features = torch.cat((batch.features, batch.next_features))
         self.critics.train()
         values = self.critics(features, torch.cat((batch.action, next_action)))

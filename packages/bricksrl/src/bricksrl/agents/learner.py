@@ -12,7 +12,7 @@ from typing import Any
 import torch
 from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
-from torch import Tensor
+from torch import Tensor, nn
 from torchrl.data import ReplayBuffer
 from torchrl.envs import EnvBase
 from torchrl.envs.utils import ExplorationType, set_exploration_type
@@ -70,6 +70,7 @@ class Learner:
         begin: called with the stored transitions before the first update.
         gradients: replaces autograd; see `bricksrl.agents.compiled`.
         dataset: provides half of each batch, all of it while the memory is empty (RLPD, Ball et al., 2023).
+        base: frozen policy that the learned one's actions are added to.
         weights: newest weights of a policy trained elsewhere, for the next action; may be set from any thread.
     """
 
@@ -94,6 +95,7 @@ class Learner:
     gradients: Callable[[TensorDictBase, bool], TensorDictBase] | None = None
     updates: int = field(default=0, init=False)
     dataset: ReplayBuffer | None = field(default=None, init=False)
+    base: nn.Module | None = field(default=None, init=False)
     weights: deque[dict[str, Tensor]] = field(default_factory=lambda: deque(maxlen=1), init=False)
     due: float = field(default=0.0, init=False)
     _copy: TensorDictModuleBase | None = field(default=None, init=False)
@@ -157,9 +159,11 @@ class Learner:
 
     def see(self, frames: TensorDictBase) -> None:
         """Note the range of the observations in frames that are learned on: what is acted on is held within it."""
-        for encoder in (module for module in self.policy.modules() if isinstance(module, Encoder)):
-            encoder.see(frames)
-            encoder.see(frames["next"])
+        frozen = set() if self.base is None else set(self.base.modules())
+        for module in self.policy.modules():
+            if isinstance(module, Encoder) and module not in frozen:
+                module.see(frames)
+                module.see(frames["next"])
 
     def end_episodes(self, robot: int | None = None) -> None:
         """End the current episode of a robot, or of all: the next frame does not follow from the last."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 import copy
 import math
 from abc import abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal
 
 import torch
@@ -86,6 +86,9 @@ class Batch:
     next_features: Tensor
     discount: Tensor
     """Weight of the next state's value: 0 after termination, else gamma to the number of steps."""
+    base: Tensor | None = None
+    next_base: Tensor | None = None
+    """Actions ``[batch, m]`` of a base, if there is one, which the actor's are added to."""
 
 
 class ActorCriticLoss(LossModule):  # type: ignore[misc]
@@ -98,7 +101,8 @@ class ActorCriticLoss(LossModule):  # type: ignore[misc]
     def __init__(self, encoder: nn.Module, actor: nn.Module, critics: Critics, settings: OffPolicySettings) -> None:
         super().__init__()
         self.encoder, self.actor, self.critics, self.gamma = encoder, actor, critics, settings.gamma
-        self.anchor: nn.Module | None = None  # of a transferred policy
+        self.anchor: nn.Module | None = None  # of a policy that was taught
+        self.base: nn.Module | None = None
         is_smooth = isinstance(settings, CriticSettings) and settings.critic_loss == "smooth-l1"
         self.errors = smooth_errors if is_smooth else squared_errors
         keys = encoder_keys(encoder)
@@ -125,7 +129,8 @@ class ActorCriticLoss(LossModule):  # type: ignore[misc]
         steps = tensordict.get("steps_to_next_obs", None)
         gamma = self.gamma if steps is None else self.gamma ** steps.squeeze(-1)
         discount = gamma * (~after["terminated"].squeeze(-1)).to(features.dtype)
-        return Batch(features, tensordict["action"], after["reward"].squeeze(-1), next_features, discount)
+        batch = Batch(features, tensordict["action"], after["reward"].squeeze(-1), next_features, discount)
+        return batch if self.base is None else replace(batch, base=self.base(tensordict), next_base=self.base(after))
 
     def forward(self, tensordict: TensorDictBase) -> TensorDict:
         """All losses of a batch, and detached metrics; scalars."""
@@ -144,6 +149,11 @@ class ActorCriticLoss(LossModule):  # type: ignore[misc]
         features = features.detach()
         out: Tensor = self.actor(features)
         return out if self.anchor is None else self.anchor(features, out)
+
+
+def on_base(action: Tensor, base: Tensor | None) -> Tensor:
+    """An actor's action ``[*batch, m]`` added to that of a base, if there is one, within -1..1."""
+    return action if base is None else (base + action).clamp(-1.0, 1.0)
 
 
 def squared_errors(values: Tensor, target: Tensor) -> Tensor:
@@ -174,7 +184,7 @@ class SACLoss(ActorCriticLoss):
     @torch.no_grad()
     def target_qvalue(self, batch: Batch) -> Tensor:
         """Reward plus discounted soft value of the next state."""
-        next_action, next_log_prob = self.draw(self.actor(batch.next_features))
+        next_action, next_log_prob = self.draw(self.actor(batch.next_features), batch.next_base)
         return batch.reward + batch.discount * (self.next_qvalue(batch, next_action) - self.alpha * next_log_prob)
 
     def next_qvalue(self, batch: Batch, next_action: Tensor) -> Tensor:
@@ -189,7 +199,7 @@ class SACLoss(ActorCriticLoss):
 
     def actor_loss(self, batch: Batch) -> dict[str, Tensor]:
         """Losses of actor and temperature."""
-        action, log_prob = self.draw(self.actor_outputs(batch.features))
+        action, log_prob = self.draw(self.actor_outputs(batch.features), batch.base)
         values = self.critics(batch.features.detach(), action)
         value = values.amin(0) if self.settings.actor_q == "min" else values.mean(0)
         return {"loss_actor": (self.alpha * log_prob - value).mean(), **self.alpha_loss(log_prob, action.shape[-1])}
@@ -199,15 +209,16 @@ class SACLoss(ActorCriticLoss):
         entropy, target = -log_prob.detach().mean(), self.settings.target_entropy * action_size
         return {"loss_alpha": self.log_alpha * (entropy - target), "alpha": self.alpha, "entropy": entropy}
 
-    def draw(self, out: Tensor) -> tuple[Tensor, Tensor]:
-        """Action ``[*batch, m]`` and log-probability ``[*batch]`` from the actor's outputs: a faster ``TanhNormal``."""
+    def draw(self, out: Tensor, base: Tensor | None = None) -> tuple[Tensor, Tensor]:
+        """Action ``[*batch, m]`` and log-probability ``[*batch]`` from the actor's outputs: a faster ``TanhNormal``. The
+        probability is of what is added to a base."""
         loc, scale = location_and_scale(out, self.settings.min_scale)
         noise = torch.randn(*loc.shape, dtype=out.dtype, device=out.device)
         x = torch.addcmul(loc, scale, noise)
         # log of the normal density, less log(1 - tanh(x)^2) = 2 (log 2 - x - softplus(-2 x)), which stays finite for large x
         parts = noise.square() * 0.25 + scale.log() * 0.5 - x - functional.softplus(-2.0 * x)
         constant = loc.shape[-1] * (2.0 * math.log(2.0) + 0.5 * math.log(2.0 * math.pi))
-        return x.tanh(), -2.0 * parts.sum(-1) - constant
+        return on_base(x.tanh(), base), -2.0 * parts.sum(-1) - constant
 
 
 def location_and_scale(out: Tensor, min_scale: float) -> tuple[Tensor, Tensor]:

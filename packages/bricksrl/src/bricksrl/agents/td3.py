@@ -14,7 +14,7 @@ from torchrl.envs import EnvBase
 from bricksrl.agents.encoder import make_encoder
 from bricksrl.agents.learner import Learner, off_policy_learner
 from bricksrl.agents.networks import action_size, action_spec, deterministic_policy, make_body
-from bricksrl.agents.sac import ActorCriticLoss, Batch, Critics, PolyakUpdate
+from bricksrl.agents.sac import ActorCriticLoss, Batch, Critics, PolyakUpdate, on_base
 from bricksrl.agents.settings import CriticSettings, NotNegative, Positive, Range, TargetSettings
 
 
@@ -59,7 +59,7 @@ class TD3Loss(ActorCriticLoss):
     @torch.no_grad()
     def target_qvalue(self, batch: Batch) -> Tensor:
         """Reward plus discounted minimum value of the next state with a noisy action."""
-        action = self.target_actor(batch.next_features).tanh()
+        action = on_base(self.target_actor(batch.next_features).tanh(), batch.next_base)
         noise = (self.target_noise * torch.randn_like(action)).clamp_(-self.target_noise_clip, self.target_noise_clip)
         next_value: Tensor = self.target_critics(batch.next_features, (action + noise).clamp_(-1.0, 1.0)).amin(0)
         return batch.reward + batch.discount * next_value
@@ -77,7 +77,7 @@ class TD3Loss(ActorCriticLoss):
 
     def actor_loss(self, batch: Batch) -> dict[str, Tensor]:
         """The negated value of the actor's actions by the first critic."""
-        action = self.actor_outputs(batch.features).tanh()
+        action = on_base(self.actor_outputs(batch.features).tanh(), batch.base)
         values = self.critics[0](torch.cat((batch.features.detach(), action), -1))
         return {"loss_actor": -values.mean()}
 

@@ -28,9 +28,9 @@ if TYPE_CHECKING:
     from torchrl.envs import EnvBase
 
     from bricksrl.envs.task import Task
+    from bricksrl.envs.tasks.scripted import ArrayPolicy
     from bricksrl.page.live import LivePage
     from bricksrl.policies.policy import Player
-    from bricksrl.policies.scripted import ArrayPolicy
 
 _T = TypeVar("_T")
 

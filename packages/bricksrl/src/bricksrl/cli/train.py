@@ -53,9 +53,9 @@ class Train:
       bricksrl train Walker-v1 --page
       bricksrl train Spinning-v0 --episodes 15 --seed 3 --run runs/spin
       bricksrl train RunAway-v0 --preset paper
-      bricksrl train Walker-v0 --data datasets/walker
       bricksrl train Walker-v0 --from runs/first
-      bricksrl train Walker-v0 --agent sac --from runs/bc --data datasets/walker
+      bricksrl train Walker-v0 --base scripted
+      bricksrl train Walker-v0 --demonstrations datasets/walker
       bricksrl train Walker-v0 --set learning_rate=3e-4 --set hidden=128,128
       bricksrl train Walker-v0 --hub ble
       bricksrl train Walker-v0 --hub ble:A,ble:B
@@ -84,10 +84,12 @@ class Train:
     """Settings of the agent: default, or paper for those of the BricksRL paper. Default: default, or the settings of --from."""
     settings: Annotated[Path | None, option(metavar="FILE")] = None
     """Settings that replace those of the preset: a JSON file such as `bricksrl tune` writes."""
-    data: Annotated[Path | None, option(metavar="DIR")] = None
-    """Learn from this dataset too: half of each batch is drawn from it."""
     start: Annotated[Path | None, option(name="from", metavar="RUN")] = None
-    """Folder of a run to warm-start from: its agent continues to learn or, with another --agent, provides the initial policy."""
+    """Let the agent of this run go on learning, here or in another world."""
+    base: Annotated[str | None, option(metavar="RUN")] = None
+    """Add what is learned to the actions of a frozen policy: the folder of a run, or scripted for the hand-written controller."""
+    demonstrations: Annotated[Path | None, option(metavar="DIR")] = None
+    """Imitate a dataset first, and draw half of each batch from it; of a run its steps, with what its policy does in them."""
     resume: Annotated[Path | None, option(metavar="RUN")] = None
     """Resume this run, as `bricksrl resume` does, instead of starting a new one."""
     seeds: Annotated[int | None, option(metavar="N")] = None
@@ -168,8 +170,7 @@ class Train:
         from bricksrl.envs.registry import training_episodes
         from bricksrl.evaluation.settings_text import read_settings, with_changes
         from bricksrl.training import RunFolder
-        from bricksrl.training.config import settings_for
-        from bricksrl.training.restore import settings_like
+        from bricksrl.training.config import SCRIPTED, settings_for
 
         if self.asynchronous and self.synchronous:
             raise DescriptionError("a run is synchronous or asynchronous; choose one of the two")
@@ -179,7 +180,7 @@ class Train:
             settings = source.settings
         else:
             settings = settings_for(env, "default" if self.preset is None else self.preset, agent)
-            settings = settings if source is None or source.agent == agent else settings_like(source, settings)
+        base = self.base if source is None or self.base is not None else source.base
         if self.settings is not None:
             settings = read_settings(self.settings, settings)
         return TrainConfig(
@@ -191,7 +192,8 @@ class Train:
             seed=self.seed,
             asynchronous=True if self.asynchronous else False if self.synchronous else None,
             settings=with_changes(settings, self.changes),
-            data=None if self.data is None else str(self.data.absolute()),
+            base=base if base in (None, SCRIPTED) else str(Path(base).absolute()),
+            demonstrations=None if self.demonstrations is None else str(self.demonstrations.absolute()),
             start=None if self.start is None else str(self.start.absolute()),
             run_dir=run_folder(self.run, env, agent, self.seed),
         )
@@ -226,8 +228,7 @@ class TrainOffline:
     """Train an agent from a dataset alone, without the robot.
 
     The agent is tested in a few episodes, spread over the updates. The run folder is that of `bricksrl train`. To continue the
-    training on the robot, use `bricksrl train ENV --from RUN`, with the same agent or, with `--agent sac`, with another one that
-    starts from its policy.
+    training on the robot, use `bricksrl train ENV --from RUN`; `bricksrl train ENV --demonstrations RUN` teaches SAC its policy.
 
     Examples:
       bricksrl train-offline Walker-v0 --data datasets/walker

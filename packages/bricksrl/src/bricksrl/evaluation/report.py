@@ -152,7 +152,7 @@ def _commands(run_dir: Path, origin: Origin, trained_episodes: int) -> str:
     longer = f"bricksrl resume {run} --episodes {2 * trained_episodes} --page"
     commands = {
         "watch it, and compare it with how it began": f"bricksrl play {run} --page",
-        "let it learn for longer": f"bricksrl train {env} --agent sac --from {run}" if origin.is_offline else longer,
+        "let it learn for longer": f"bricksrl train {env} --demonstrations {run}" if origin.is_offline else longer,
         "count more episodes": f"bricksrl evaluate {run} --episodes 20",
         "on a LEGO robot": "" if is_simulation(origin.env) else f"bricksrl evaluate {run} --hub ble",
         "use the policy in a program of your own": f"bricksrl export {run} --out policy.pt2",

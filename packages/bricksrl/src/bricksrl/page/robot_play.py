@@ -10,10 +10,10 @@ import numpy as np
 
 from bricksrl.envs.robot_env import RobotEnv
 from bricksrl.envs.task import Task
+from bricksrl.envs.tasks.scripted import ArrayPolicy
 from bricksrl.errors import StoppedError
 from bricksrl.page.endless import play_endlessly
 from bricksrl.page.live import LivePage
-from bricksrl.policies.scripted import ArrayPolicy
 
 
 class Judge:

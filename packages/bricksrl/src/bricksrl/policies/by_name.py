@@ -10,8 +10,8 @@ import numpy as np
 
 from brickhub.tables import read_table
 from bricksrl.envs.task import Task
+from bricksrl.envs.tasks.scripted import CONTROLLERS, ArrayPolicy
 from bricksrl.policies.plain import PlainPolicy
-from bricksrl.policies.scripted import CONTROLLERS, ArrayPolicy
 
 FOLDER = Path(__file__).with_name("trained")
 TRAINED = {row["env"]: row for row in read_table(__package__, "trained/policies")}

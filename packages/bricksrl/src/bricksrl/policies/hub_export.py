@@ -75,11 +75,11 @@ def export_program(path: Path | str, out: Path, *, which: Which = "last", hidden
             raise RunError("a hub by itself sees no images, and is told no goal; export the policy of another task")
         policy = load_policy(path, env, which=which)
         channels = task.observed_channels
-        actor = next((module for module in policy.modules() if isinstance(module, StructuredActor)), None)
-        kind = "gait" if actor is not None and isinstance(actor.structure, Oscillators) else "network"
-        if actor is not None and isinstance(actor.structure, Oscillators):
-            source = actor.structure.hub_source(actor.best)
+        actor = next(policy.module.children(), None)  # a gait alone, not as a base
+        if isinstance(actor, StructuredActor) and isinstance(actor.structure, Oscillators):
+            kind, source = "gait", actor.structure.hub_source(actor.best)
         else:
+            kind = "network"
             network = HubNetwork(task.entries[: len(channels)], len(task.interface.commands), hidden)
             distil(env, policy, network, _SEED)
             source = network.hub_source()

@@ -22,7 +22,7 @@ from bricksrl.errors import DescriptionError
 if TYPE_CHECKING:
     from torchrl.envs import EnvBase
 
-    from bricksrl.policies.scripted import ArrayPolicy
+    from bricksrl.envs.tasks.scripted import ArrayPolicy
 
 
 class Policy(TensorDictModuleBase):  # type: ignore[misc]

@@ -42,13 +42,17 @@ def export_policy(run_dir: Path, out: Path, *, licence: str = "mit") -> Path:
     refuse_existing(out, RunError)
     folder = RunFolder(run_dir)
     config = folder.read_config()
+    if config.base is not None:
+        raise RunError(
+            "a shared policy comes without the run of its base; `bricksrl export RUN --out FILE` writes both to one file"
+        )
     with closing(make_env(config.env, config.robot, seed=config.seed)) as env:
         prepare(env)
         if has_running_statistics(env):
             raise RunError("a shared policy has no running statistics of a transform; train it with --normalize instead")
         trained = load_learner(run_dir, env)
     tensors = {name: tensor.contiguous() for name, tensor in trained.learner.policy_state().items()}
-    shared = portable(replace(one_robot(config), data=None, updates=0, start=None, compile=False).to_dict())
+    shared = portable(replace(one_robot(config), data=None, updates=0, start=None, demonstrations=None, compile=False).to_dict())
     about = {"bricksrl_policy": _VERSION, "episodes": trained.episodes, "config": shared}
     card = _card(shared["env"], shared["agent"], trained.episodes, folder.own_evaluation(trained.episodes), licence)
     with atomic_folder(out) as new:

@@ -20,6 +20,8 @@ from bricksrl.envs.options import EnvOptions
 from bricksrl.errors import BricksError, DescriptionError, RunError, UnknownNameError, counted
 from bricktwin.twin.physics import Physics
 
+SCRIPTED = "scripted"
+"""Base that is the hand-written controller of the environment."""
 Rule = tuple[Callable[["TrainConfig"], object], str]
 """When options do not go together, and what to say then."""
 
@@ -69,18 +71,25 @@ class TrainConfig(RunOptions, EnvOptions):
     settings: Any = None
     """Settings of the agent; by default of its preset "default"."""
     data: str | None = None
-    """Folder of a dataset, or of a run that recorded one, for half of each batch."""
+    """Folder of a dataset, or of a run that recorded one, to learn from without the robot."""
     updates: int = 0
-    """Updates from the data only, spread over the episodes, which only show what was learned; 0 learns on the robot."""
+    """Updates from the data, spread over the episodes, which only show what was learned; 0 learns on the robot."""
     start: str | None = None
-    """Folder of a run whose agent continues here. From another agent only the policy is used, with settings by
-    `bricksrl.training.restore.settings_like`."""
+    """Folder of a run whose agent continues here."""
+    base: str | None = None
+    """Frozen policy that the learned actions are added to: the folder of a run, or `SCRIPTED`."""
+    demonstrations: str | None = None
+    """Folder of a dataset, or of a run, that the actor imitates first, unless it has a ``start``, and that is half of each batch.
+    Of a run its recorded steps, with what its policy would have done in them."""
     run_dir: Path | None = None
     """New folder of the run; by default the first free one of ``runs/<env>-<agent>-seed-<seed>`` and the same with -2, -3, ..."""
 
     def __post_init__(self) -> None:
         check_seed(self.seed)
-        for name, type_ in (("run_dir", Path), ("data", str), ("start", str)):  # a string is as good as a path
+        for name, type_ in (
+            ("run_dir", Path),
+            *((name, str) for name in ("data", "start", "base", "demonstrations")),
+        ):  # a string is as good as a path
             if isinstance(getattr(self, name), Path | str):
                 object.__setattr__(self, name, type_(getattr(self, name)))
         super().__post_init__()
@@ -103,6 +112,11 @@ class TrainConfig(RunOptions, EnvOptions):
         if self.normalize and not hasattr(self.settings, "normalize"):
             raise DescriptionError(f"{self.agent} cannot normalize; give its settings a field normalize, or omit it")
         object.__setattr__(self, "settings", _plain(self.settings, **({"normalize": True} if self.normalize else {})))
+
+    @property
+    def dataset(self) -> str | None:
+        """Folder of what is learned from beside the robot's own steps."""
+        return self.demonstrations if self.data is None else self.data
 
     @property
     def hubs(self) -> tuple[str, ...]:
@@ -133,6 +147,8 @@ class TrainConfig(RunOptions, EnvOptions):
         try:
             settings = None if values is None else settings_from(data.get("agent", cls.agent), values)
             data = {**data, "settings": settings, "physics": None if physics is None else Physics.from_dict(physics)}
+            if not data.get("updates"):  # as earlier versions wrote it
+                data["demonstrations"] = data.pop("data", None) or data.get("demonstrations")
             return cls(**data, run_dir=run_dir)
         except UnknownNameError as error:  # says what to do
             raise RunError(f"the run needs what is not here: {error}") from None
@@ -161,6 +177,8 @@ _RULES: tuple[Rule, ...] = (
         "copies cannot be trained asynchronously; train synchronously, or omit num_envs",
     ),
     (lambda run: run.updates and run.data is None, "{updates} from data need data; give the folder of a dataset"),
+    (lambda run: run.data and not run.updates, "data without updates has no effect; give it as demonstrations"),
+    (lambda run: run.updates and run.demonstrations, "what learns from data alone takes no demonstrations; omit them"),
     (
         lambda run: 0 < run.updates < run.episodes,
         "{updates} cannot be spread over {episodes}; give fewer episodes",

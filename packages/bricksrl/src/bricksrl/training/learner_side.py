@@ -23,7 +23,7 @@ from torchrl.envs import EnvBase, TransformedEnv
 
 from brickhub.seed import derive_seed
 from bricksrl.agents.learner import Learner, means
-from bricksrl.agents.policy_transfer import restore
+from bricksrl.agents.teachers import restore
 from bricksrl.child_process import END, ChildProcess, Message, Send, leave, parent_channel
 from bricksrl.envs.env_interface import interface_of
 from bricksrl.envs.registry import get_task, make
@@ -120,7 +120,7 @@ class AsyncLearner:
             raise LearnerError(f"cannot start the learner's process ({error.strerror}); train synchronously") from None
         specs, layout = {name: getattr(env, name).cpu() for name in SPECS}, layout_of(env)
         has_task = interface_of(env).task is not None
-        if config.data is not None and isinstance(env, TransformedEnv) and not config.is_transformed:
+        if config.dataset is not None and isinstance(env, TransformedEnv) and not config.is_transformed:
             raise LearnerError("the learner's process does not know this environment's transforms; train synchronously")
         own = {name: state[name] for name in ("agent", "pace", "collected")}
         self._send("begin", {"config": config.to_dict(), "specs": specs, "layout": layout, "has_task": has_task, "state": own})
@@ -249,7 +249,7 @@ def serve(begin: dict[str, Any], inbox: Inbox, send: Send) -> None:
     asked, done = begin["state"]["pace"]["asked"], begin["state"]["pace"]["done"]
     config = TrainConfig.from_dict(begin["config"])
     torch.manual_seed(derive_seed(config.seed, "learner", asked))
-    if config.data is not None and config.is_transformed:  # the data goes through the transforms
+    if config.dataset is not None and config.is_transformed:  # the data goes through the transforms
         env = make(config.env, config.robot)
     else:
         env = SpecsEnv(begin["specs"], get_task(config.env, **config.options) if begin["has_task"] else None, begin["layout"])

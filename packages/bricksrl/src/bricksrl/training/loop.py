@@ -54,8 +54,8 @@ class Loop:
 
     def __post_init__(self, state: dict[str, Any]) -> None:
         self.actor = self.learner.actor
-        # an earlier policy is better than uniform actions
-        self.prefill_episodes = 0 if self.config.start is not None else self.actor.prefill_episodes
+        is_taught = any((self.config.start, self.config.base, self.config.demonstrations))  # which is better than uniform actions
+        self.prefill_episodes = 0 if is_taught else self.actor.prefill_episodes
         self.identity: dict[str, Any] = state["identity"]  # must be equal in a checkpoint and its run
         self.episodes = [Episode.from_dict(data) for data in state["episodes"]]  # complete ones
         self.best: float | None = state["best"]  # mean return of the best evaluation

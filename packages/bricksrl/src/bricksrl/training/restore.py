@@ -1,9 +1,8 @@
-"""Learners of runs: new, restored from a checkpoint, begun from another run, given a dataset; and their repeatable conditions."""
+"""Learners of runs: new, restored, begun from another run or with a teacher; and their repeatable conditions."""
 
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import logging
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
@@ -11,17 +10,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from brickhub.fields import check_fields
+from brickhub.files import quoted
 from brickhub.seed import derive_seed
 from bricksrl.agents import make_learner
 from bricksrl.errors import BricksError, CheckpointError, DataError, DescriptionError, DivergedError, RunError
 from bricksrl.training.callbacks import Episode
-from bricksrl.training.config import TrainConfig, portable
+from bricksrl.training.config import SCRIPTED, TrainConfig, portable
 from bricksrl.training.run_folder import RunFolder
 
 if TYPE_CHECKING:
+    from tensordict import TensorDict
     from torchrl.envs import EnvBase
 
     from bricksrl.agents.learner import Learner
+    from bricksrl.agents.teachers import Base
     from bricksrl.data import Episodes
 
 Which = Literal["last", "best"]
@@ -39,7 +41,7 @@ class Trained:
 def load_learner(run_dir: Path | str, env: EnvBase, *, which: Which = "last") -> Trained:
     """The learner of a run, on the CPU, for ``env``. Raises RunError if there is no run in the folder, CheckpointError if it is
     damaged, or the observation or action of ``env`` differs, DivergedError if its weights are not finite."""
-    from bricksrl.agents.policy_transfer import restore
+    from bricksrl.agents.teachers import restore
     from bricksrl.envs.transforms import load_transform_state
 
     folder = RunFolder(run_dir)
@@ -85,6 +87,10 @@ def make_learner_for(config: TrainConfig, env: EnvBase, device: str | None = Non
         from bricksrl.agents.compiled import compile_updates
 
         compile_updates(learner)
+    if config.base is not None:
+        from bricksrl.agents.teachers import add_base
+
+        add_base(learner, base_for(config, env))
     return learner
 
 
@@ -170,9 +176,13 @@ def _check_state(state: dict[str, Any]) -> None:
 
 
 def read_for(path: str, env: EnvBase, *, images: bool) -> Episodes:
-    """The dataset in a folder, or of a run, for an agent in ``env``. Raises DataError if it cannot be used there."""
+    """The dataset in a folder, or of a run, for an agent in ``env``; of a run that learned from data, that one. Raises DataError
+    if it cannot be used there."""
     from bricksrl.data import describe, load
 
+    folder = RunFolder(path)
+    if folder.config_path.exists():
+        path = folder.read_config().data or path
     data = load(path, images=images)
     for name in ("observation", "action"):
         names, own = ([entry.name for entry in getattr(source, name)] for source in (data.description, describe(env)))
@@ -184,25 +194,25 @@ def read_for(path: str, env: EnvBase, *, images: bool) -> Episodes:
     return data
 
 
-def attach_dataset(config: TrainConfig, learner: Learner, env: EnvBase) -> None:
-    """Give a learner the config's dataset; also needed when a run resumes. Raises DataError if the dataset cannot be used,
-    RunError if the agent cannot use a dataset, or needs one."""
+def attach_dataset(config: TrainConfig, learner: Learner, env: EnvBase) -> TensorDict | None:
+    """Give a learner the config's data or demonstrations, and return their frames ``[time]``; also needed when a run resumes.
+    Raises DataError if they cannot be used, RunError if the agent cannot use a dataset, or needs one."""
     from bricksrl.agents.bc import recorded_memory
     from bricksrl.agents.replay.buffer import TransitionReplayBuffer
     from bricksrl.envs.specs import observed_specs
     from bricksrl.envs.transforms import base_of, layout_of, through
 
-    if learner.imitates and config.data is None:
-        raise RunError(f"{config.agent} needs a dataset; give its folder as data")
-    if config.data is None:
-        return
+    if learner.imitates and config.dataset is None:
+        raise RunError(f"{config.agent} needs demonstrations; give their folder, or use `bricksrl train-offline`")
+    if config.dataset is None:
+        return None
     if learner.loss is None or learner.on_policy:
         raise RunError(f"the agent {config.agent} cannot use a dataset; choose another agent, or omit the data")
     if not (learner.memory is None or isinstance(learner.memory, TransitionReplayBuffer) or config.updates):
         remedy = "give it a bricksrl.agents.replay.buffer.TransitionReplayBuffer, or omit the data"
         raise RunError(f"{config.agent} has a replay buffer that cannot be mixed with a dataset; {remedy}")
     images = bool(layout_of(env).images) or "image" in observed_specs(base_of(env))
-    data = read_for(config.data, env, images=images)
+    data = read_for(config.dataset, env, images=images)
     frames = data.to_tensordict()
     frames["next", "done"][:-1] |= (data.episode[1:] != data.episode[:-1])[:, None]
     frames["next", "done"][-1] = True
@@ -214,39 +224,54 @@ def attach_dataset(config: TrainConfig, learner: Learner, env: EnvBase) -> None:
     else:
         size, keys = getattr(config.settings, "batch_size", 256), learner.policy.in_keys
         learner.dataset = recorded_memory(frames, size, keys, chunk=learner.chunk, device=learner.device)
+    return frames
 
 
-def warm_start(config: TrainConfig, learner: Learner, env: EnvBase) -> None:
-    """Copy the whole agent of the config's ``start`` run to a new learner; of another algorithm only the policy, see
-    `transfer_policy`. Raises RunError if there is no such run, CheckpointError if it does not fit."""
-    from bricksrl.agents.policy_transfer import PolicyFormError, restore, transfer_policy
+def warm_start(config: TrainConfig, learner: Learner, env: EnvBase, frames: TensorDict | None) -> None:
+    """Let a new learner go on from the config's ``start`` run, or imitate its demonstrations, whose ``frames`` are given; those
+    of a run with what its policy would have done. Raises RunError if there is no such run or the agent cannot be taught,
+    CheckpointError if they do not fit."""
+    from bricksrl.agents.teachers import imitate, restore
     from bricksrl.envs.transforms import load_transform_state
 
-    if config.start is None:
-        return
-    folder = RunFolder(config.start)
-    old_config = folder.read_config()
-    if old_config.agent == config.agent:
+    if config.start is not None:
+        folder = RunFolder(config.start)
+        old_config = folder.read_config()
+        if old_config.agent != config.agent:
+            remedy = f"take that agent, or let the run demonstrate: --demonstrations {quoted(config.start)}"
+            raise CheckpointError(f"{config.start} is {old_config.agent}'s, not {config.agent}'s; {remedy}")
+        if old_config.base != config.base:
+            raise CheckpointError(f"{config.start} adds to the base {old_config.base}, not to {config.base}; give its own")
         if old_config.to_dict()["settings"] != config.to_dict()["settings"]:  # a user's class differs each time it is loaded
             raise CheckpointError(f"the agent of {config.start} has other settings; go on with its own")
         state = load_state(folder, one_robot(old_config), env)
         restore(learner, state["agent"])
         load_transform_state(env, state["transforms"])
         learner.begin_elsewhere()  # episodes that ran in a fleet do not go on
-        return
-    try:
-        transfer_policy(learner, load_learner(folder.path, env).learner)
-    except PolicyFormError as error:
-        reason = f"the policy of {config.start}, which is {old_config.agent}'s, does not fit {config.agent}: {error}"
-        raise CheckpointError(f"{reason}; choose a matching agent and settings") from None
+    elif frames is not None and config.demonstrations is not None and not learner.imitates:
+        actions = frames["action"]
+        if RunFolder(config.demonstrations).config_path.exists():
+            teacher = load_learner(config.demonstrations, env).learner
+            teacher.reset_policy()
+            actions = teacher.exploit(frames.select(*teacher.policy.in_keys))["action"]
+        imitate(learner, frames, actions)
 
 
-def settings_like(before: TrainConfig, settings: Any) -> Any:
-    """Settings of another agent with a network of the same form as in ``before``."""
-    form = {"actor_layer_norm": False, **vars(before.settings)}
-    names = {field.name for field in dataclasses.fields(settings)} & form.keys()
-    names &= {"hidden", "angles", "goals", "network", "normalize", "actor_layer_norm"}
-    return dataclasses.replace(settings, **{name: form[name] for name in names})
+def base_for(config: TrainConfig, env: EnvBase) -> Base:
+    """The frozen policy of the config's ``base``: a run's, or the hand-written controller of its environment. Raises RunError if
+    there is none, or it has a memory, CheckpointError if it does not fit the environment."""
+    from bricksrl.agents.teachers import Base, Scripted
+    from bricksrl.envs.specs import observed_specs
+    from bricksrl.envs.tasks.scripted import CONTROLLERS
+
+    if config.base == SCRIPTED:
+        if config.env not in CONTROLLERS:
+            raise RunError(f"{config.env} has no hand-written controller; give the folder of a run as base")
+        return Base(Scripted(CONTROLLERS[config.env], list(observed_specs(env))))
+    policy = load_learner(str(config.base), env).learner.policy
+    if hasattr(policy, "reset"):
+        raise RunError(f"the policy of {config.base} depends on more than what it observes; choose another base")
+    return Base(policy)
 
 
 @contextlib.contextmanager

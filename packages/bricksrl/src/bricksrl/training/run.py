@@ -130,9 +130,9 @@ def _run_in(
     learner = make_learner_for(config, env)
     if len(config.hubs) > 1 and learner.on_policy:
         raise RunError(f"{config.agent} learns from what it does now; choose another agent for several robots")
-    attach_dataset(config, learner, env)
+    frames = attach_dataset(config, learner, env)
     if folder is None:
-        warm_start(config, learner, env)
+        warm_start(config, learner, env, frames)
         own = {"agent": learner.state_dict(), "pace": {"asked": 0, "done": 0}, "collected": []}
         state = {**own, **run_state(env, identity_of(config, env), [])}
     else:
@@ -162,7 +162,7 @@ def _learning(
     stack: ExitStack, config: TrainConfig, env: EnvBase, learner: Learner, state: dict[str, Any], signals: StopSignals
 ) -> LearnerSide:
     """The learner from a checkpoint's state, here or in another process until the end of the ``stack``."""
-    from bricksrl.agents.policy_transfer import restore
+    from bricksrl.agents.teachers import restore
     from bricksrl.training.learner_side import AsyncLearner, InLoopLearner
 
     if not config.asynchronous or learner.loss is None or config.updates:

@@ -46,6 +46,8 @@ class GaitSettings:
     """Trials spread over all numbers before the first proposal."""
     optimism: Annotated[float, NotNegative] = 2.0
     """Standard deviations by which an unknown score is taken to be better than expected."""
+    optimism_elsewhere: Annotated[float, NotNegative] = 0.7
+    """The same in another world, of which the earlier trials tell."""
     caution: Annotated[float, NotNegative] = 0.3
     """Standard deviations by which other numbers must be better than the best known to replace them."""
     tilt_deg: Annotated[float, Positive] = 35.0
@@ -173,9 +175,12 @@ class PolicySearch(Learner):
                 self._score(math.inf)
 
     def _score(self, highest: float) -> None:
-        """End the trial, with a score of at most the ``highest``."""
-        counted = self.rewards[self.settings.settle_steps :] or self.rewards
-        score = torch.tensor([min(highest, sum(counted) / len(counted))]).to(self.scores)
+        """End the trial, with a score of at most the ``highest``: a mean with less weight towards both ends (Bartlett's window),
+        as the reward goes up and down with each stride."""
+        counted = torch.tensor(self.rewards[self.settings.settle_steps :] or self.rewards)
+        places = torch.arange(1.0, len(counted) + 1)
+        weights = torch.minimum(places, places.flip(0))
+        score = ((counted * weights).sum() / weights.sum()).clamp_max(highest)[None].to(self.scores)
         self.numbers, self.scores = torch.cat((self.numbers, self.actor.trial[None])), torch.cat((self.scores, score))
         self.worlds = torch.cat((self.worlds, torch.tensor([self.world])))
         self.end_episodes()
@@ -209,7 +214,8 @@ class PolicySearch(Learner):
         else:
             candidates = self._candidates(entries, likeliest)
             means, deviations = posterior.at(embedded(candidates, entries))
-            self.actor.trial.copy_(candidates[(means + self.settings.optimism * deviations).argmax()])
+            optimism = self.settings.optimism_elsewhere if self.world else self.settings.optimism
+            self.actor.trial.copy_(candidates[(means + optimism * deviations).argmax()])
         best, _ = posterior.at(embedded(self.actor.best[None], entries))
         return {"trial_reward": self.scores[-1], "best_reward": best[0], "noise": posterior.noise}
 

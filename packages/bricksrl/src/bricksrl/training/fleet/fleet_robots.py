@@ -157,7 +157,9 @@ class Fleet(SpecsEnv):
             member.process = ChildProcess("bricksrl.training.fleet.worker", deliver)
         except OSError as error:
             raise LearnerError(f"cannot start the process of {member.name} ({error.strerror}); use fewer robots") from None
-        robot_config = replace(self.config, hub=member.hub, robots=1, asynchronous=False, run_dir=None, start=None, data=None)
+        robot_config = replace(
+            self.config, hub=member.hub, robots=1, asynchronous=False, run_dir=None, start=None, demonstrations=None
+        )
         begin = {
             "config": robot_config.to_dict(),
             "seed": derive_seed(self.config.seed, f"robot {member.name}", member.deaths),

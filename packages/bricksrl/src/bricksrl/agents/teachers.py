@@ -1,0 +1,196 @@
+"""Teachers: a frozen base that a policy adds to, or demonstrations that it imitates first; and the anchor that holds it there.
+
+New critics mislead the actor, and Adam's first steps are large: without a constraint what was taught is lost within an episode.
+An anchor therefore pulls the actor back to the policy that it began with, less over time: the constraint of offline agents
+(Fujimoto and Gu, 2021), relaxed on the robot (Beeson and Montana, 2022). Scaling by the value's gradient makes it independent of
+the reward scale.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import torch
+from tensordict import TensorDictBase
+from tensordict.nn import TensorDictModuleBase
+from torch import Tensor, nn
+from torchrl.envs.utils import ExplorationType, set_exploration_type
+
+from bricksrl.agents.encoder import encode
+from bricksrl.agents.learner import Learner
+from bricksrl.agents.sac import LEAST_SCALE, SCALE_SHIFT, ActorCriticLoss, SACLoss, on_base
+from bricksrl.envs.tasks.scripted import ArrayPolicy
+from bricksrl.errors import RunError
+
+STEPS = 2000
+"""Robot steps until the actor is free."""
+REACH, REACH_ON_BASE = 2.0, 0.4
+"""Distance from the first policy at that time, before the tanh; and of what is added to a base, where it is all that acts."""
+MARGIN = 1.2
+"""First standard deviation, relative to the minimum, at which it has no gradient."""
+ALPHA = 0.01
+"""Maximum initial temperature, so that entropy does not outweigh the policy."""
+UPDATES, ROWS = 2000, 256
+"""Updates of imitation, and rows of each."""
+
+
+class Base(nn.Module):
+    """A frozen policy, as a function from what is observed to its best actions ``[*batch, m]``."""
+
+    def __init__(self, policy: TensorDictModuleBase) -> None:
+        super().__init__()
+        self.policy = policy.eval().requires_grad_(False)
+        self.in_keys = list(policy.in_keys)
+
+    def forward(self, observed: TensorDictBase) -> Tensor:
+        with set_exploration_type(ExplorationType.DETERMINISTIC):
+            action: Tensor = self.policy(observed.select(*self.in_keys))["action"]
+        return action
+
+
+class Scripted(TensorDictModuleBase):  # type: ignore[misc]
+    """A hand-written controller of arrays, for TensorDicts of any batch."""
+
+    def __init__(self, policy: ArrayPolicy, keys: Sequence[str]) -> None:
+        super().__init__()
+        self.controller, self.in_keys, self.out_keys = policy, list(keys), ["action"]
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        rows = tensordict.select(*self.in_keys).reshape(-1).cpu()
+        acted = [self.controller({key: row[key].numpy().copy() for key in self.in_keys}) for row in rows]
+        action = torch.as_tensor(np.stack(acted), dtype=torch.float32, device=tensordict.device)
+        return tensordict.set("action", action.view(*tensordict.batch_size, -1))
+
+
+class Residual(TensorDictModuleBase):  # type: ignore[misc]
+    """A policy that adds the actions of a ``learned`` one to those of its base (Johannink et al., 2019), within -1..1."""
+
+    def __init__(self, base: Base, learned: TensorDictModuleBase) -> None:
+        super().__init__()
+        self.base, self.learned = base, learned
+        self.in_keys, self.out_keys = list(dict.fromkeys((*base.in_keys, *learned.in_keys))), ["action"]
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        base = self.base(tensordict)
+        return tensordict.set("action", on_base(self.learned(tensordict)["action"], base))
+
+
+def add_base(learner: Learner, base: Base) -> None:
+    """Let a new learner's actions be added to those of a base: nothing at first. Raises RunError as `hold` does."""
+    loss = _teachable(learner)
+    loss.base = learner.base = base.to(learner.device)
+    learner.policy = Residual(base, learner.policy)
+    with torch.no_grad():
+        for part in _layers(loss.actor)[-2:]:
+            part.zero_()
+    hold(learner)
+
+
+def imitate(learner: Learner, frames: TensorDictBase, actions: Tensor) -> None:
+    """Teach a new learner's actor the ``actions`` ``[time, m]`` for what ``frames`` ``[time]`` observe, by least squares, and
+    hold it there. Raises RunError as `hold` does."""
+    loss = _teachable(learner)
+    frames, actions = frames.to(learner.device), actions.to(learner.device)
+    optimizer = torch.optim.Adam([*loss.encoder.parameters(), *loss.actor.parameters()], fused=True)
+    was_training = loss.actor.training
+    loss.actor.train()
+    for _ in range(UPDATES):
+        rows = torch.randint(len(frames), (ROWS,), device=learner.device)
+        observed = frames[rows]
+        out = loss.actor(encode(loss.encoder, observed))[..., : actions.shape[-1]]
+        acted = on_base(out.tanh(), None if loss.base is None else loss.base(observed))
+        (acted - actions[rows]).square().mean().backward()
+        optimizer.step()
+        optimizer.zero_grad()
+    loss.actor.train(was_training)
+    hold(learner)
+
+
+@torch.no_grad()
+def hold(learner: Learner) -> None:
+    """Let a policy that was taught explore little, and anchor it. Raises RunError if the agent has no such policy."""
+    loss = _teachable(learner)
+    if isinstance(loss, SACLoss):
+        *_, weight, bias = _layers(loss.actor)
+        size = len(bias) // 2
+        weight[size:] = 0.0
+        bias[size:] = math.log(math.expm1(MARGIN * loss.settings.min_scale - LEAST_SCALE)) - SCALE_SHIFT
+        loss.log_alpha.clamp_(max=math.log(ALPHA))
+    if hasattr(loss, "target_actor"):
+        loss.target_actor.load_state_dict(loss.actor.state_dict())
+    anchor(learner)
+
+
+def anchor(learner: Learner) -> None:
+    """Hold the actor near its current policy for the updates of `STEPS` robot steps. Raises RunError if updates are compiled."""
+    loss = _teachable(learner)
+    if learner.gradients is not None:
+        raise RunError("a policy that is taught cannot be compiled; omit --compile")
+    outputs = len(_layers(loss.actor)[-1])
+    updates = max(1, round(STEPS * learner.updates_per_step / learner.actor_delay))
+    size = outputs // 2 if isinstance(loss, SACLoss) else outputs
+    loss.anchor = PolicyAnchor(loss.actor, size, updates, REACH if loss.base is None else REACH_ON_BASE)
+
+
+def restore(learner: Learner, state: dict[str, Any]) -> None:
+    """Restore `Learner.state_dict` of a learner that may be anchored. Raises CheckpointError as `Learner.load_state_dict` does,
+    RunError if an anchored one is compiled."""
+    loss = state.get("loss")
+    if isinstance(loss, dict) and any(str(name).startswith("anchor.") for name in loss):
+        anchor(learner)
+    learner.load_state_dict(state)
+
+
+class CountedUpdates:
+    """Module with the number of the actor's updates in its state."""
+
+    updates_made = 0
+
+    def get_extra_state(self) -> dict[str, int]:
+        """The number."""
+        return {"made": self.updates_made}
+
+    def set_extra_state(self, state: dict[str, int]) -> None:
+        """Inverse of `get_extra_state`."""
+        self.updates_made = int(state["made"])
+
+
+class PolicyAnchor(CountedUpdates, nn.Module):
+    """A decreasing pull of an actor's mean towards the current policy of ``actor``, until it is free after ``updates`` updates,
+    ``reach`` away. ``actor``: features to outputs; the first ``action_size`` are the mean before the tanh."""
+
+    def __init__(self, actor: nn.Module, action_size: int, updates: int, reach: float = REACH) -> None:
+        super().__init__()
+        self.policy = copy.deepcopy(actor).requires_grad_(False)
+        self._size, self._updates, self._reach = action_size, updates, reach
+
+    def forward(self, features: Tensor, out: Tensor) -> Tensor:
+        """The actor's outputs, whose gradient gets the pull. In equilibrium the distance is the one allowed by now."""
+        if not out.requires_grad or self.updates_made >= self._updates:
+            return out
+        self.updates_made += 1
+        reach = self._reach * self.updates_made / self._updates
+        offset = (out.detach() - self.policy(features))[..., : self._size]
+
+        def add_pull(gradient: Tensor) -> Tensor:
+            slope = gradient[..., : self._size]
+            pulled = slope + offset * (slope.square().mean().sqrt() / reach)
+            return torch.cat((pulled, gradient[..., self._size :]), -1)
+
+        out.register_hook(add_pull)
+        return out
+
+
+def _teachable(learner: Learner) -> ActorCriticLoss:
+    if not isinstance(learner.loss, ActorCriticLoss):
+        raise RunError("only sac, droq, redq, td3, crossq and cql can be taught; choose one of them")
+    return learner.loss
+
+
+def _layers(network: nn.Module) -> list[Tensor]:
+    """Parameters of the layers in order, weights before biases, outputs first."""
+    return [parameter for module in network.modules() for parameter in module.parameters(recurse=False)]
