@@ -14,13 +14,14 @@ from toys import Cart
 import bricksrl
 from bricksrl.agents import algorithm, preset
 from bricksrl.cli import main
-from bricksrl.errors import CheckpointError, DescriptionError, RunError, UnknownNameError
+from bricksrl.errors import CheckpointError, DescriptionError, UnknownNameError
 from bricksrl.evaluation import evaluate
 from bricksrl.evaluation.tuning import BEST, Tuning, propose, tune
 from bricksrl.policies import load_policy
 from bricksrl.training import RunFolder, TrainConfig, resume, train
 from bricksrl.training.checkpoint import load_checkpoint
 
+SEQUENCES = str(Path(__file__).parents[4] / "examples" / "16_sequences.py")
 EXAMPLE = Path(__file__).parents[4] / "examples" / "12_own_agent.py"
 
 REDQ = '''
@@ -99,23 +100,26 @@ def test_user_algorithm_starts_from_its_earlier_run(redq: str, tmp_path: Path) -
 
 
 def test_dataset_beside_the_users_buffer(redq: str, tmp_path: Path) -> None:
-    """Ours is mixed with a dataset, whatever the settings are; any other is refused."""
+    """Half of each batch with ours, whatever the settings are."""
     train(TrainConfig("Cart", redq, episodes=2, run_dir=tmp_path / "first"), env=Cart())
-    config = TrainConfig(
-        "Cart",
-        redq,
-        episodes=2,
-        start=str(tmp_path / "first"),
-        demonstrations=str(tmp_path / "first"),
-        run_dir=tmp_path / "second",
-    )
-    with pytest.raises(RunError, match="has a replay buffer that cannot be mixed with a dataset; give it a"):
-        train(config, env=Cart())
+    named = {"start": str(tmp_path / "first"), "demonstrations": str(tmp_path / "first"), "run_dir": tmp_path / "second"}
     buffer = "TransitionReplayBuffer(40, 8, ['observation'])"
     text = REDQ.replace("TensorDictReplayBuffer(storage=LazyTensorStorage(40), batch_size=8)", buffer)
     (tmp_path / "own.py").write_text(f"from bricksrl.agents.replay.buffer import TransitionReplayBuffer\n{text}")
-    result = train(config, env=Cart())
+    result = train(TrainConfig("Cart", redq, episodes=2, **named), env=Cart())
     assert result.episodes[-1].measures
+
+
+def test_sequences_are_learned_from_a_dataset_and_then_online(tmp_path: Path) -> None:
+    """What was recorded comes first in the user's own buffer, whose batches are slices of episodes."""
+    data, offline, online = (str(tmp_path / name) for name in ("data", "offline", "online"))
+    train(TrainConfig("WalkerSim-v0", "random", 2, seed=0, run_dir=Path(data)))
+    train(TrainConfig("WalkerSim-v0", SEQUENCES, data=data, updates=20, run_dir=Path(offline)))
+    result = train(TrainConfig("WalkerSim-v0", SEQUENCES, 1, start=offline, run_dir=Path(online)))
+    assert 0.0 < result.episodes[-1].measures["loss_action"] < 1.0
+    agents = [load_checkpoint(Path(run) / "checkpoint.bin")["agent"] for run in (offline, online)]
+    assert [len(agent["memory"]["rows"]["action"]) for agent in agents] == [200, 300]
+    assert [agent["updates"] for agent in agents] == [20, 120]
 
 
 @pytest.mark.usefixtures("forked_children")

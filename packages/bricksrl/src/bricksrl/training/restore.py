@@ -208,9 +208,6 @@ def attach_dataset(config: TrainConfig, learner: Learner, env: EnvBase) -> Tenso
         return None
     if learner.loss is None or learner.on_policy:
         raise RunError(f"the agent {config.agent} cannot use a dataset; choose another agent, or omit the data")
-    if not (learner.memory is None or isinstance(learner.memory, TransitionReplayBuffer) or config.updates):
-        remedy = "give it a bricksrl.agents.replay.buffer.TransitionReplayBuffer, or omit the data"
-        raise RunError(f"{config.agent} has a replay buffer that cannot be mixed with a dataset; {remedy}")
     images = bool(layout_of(env).images) or "image" in observed_specs(base_of(env))
     data = read_for(config.dataset, env, images=images)
     frames = data.to_tensordict()
@@ -221,6 +218,8 @@ def attach_dataset(config: TrainConfig, learner: Learner, env: EnvBase) -> Tenso
     if isinstance(learner.memory, TransitionReplayBuffer):
         learner.dataset = learner.memory.empty_like(max(2, len(frames)))
         learner.dataset.extend(frames)
+    elif learner.memory is not None and not learner.imitates:  # of a user, with batches of its own kind: it comes first
+        learner.remember(frames)
     else:
         size, keys = getattr(config.settings, "batch_size", 256), learner.policy.in_keys
         learner.dataset = recorded_memory(frames, size, keys, chunk=learner.chunk, device=learner.device)
