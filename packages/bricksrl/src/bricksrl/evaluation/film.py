@@ -141,9 +141,8 @@ class _Take:
         from bricksrl.envs.transforms import own_state
         from bricktwin.twin.render.video import Room
 
-        entries = zip(self.env.task.entries, own_state(self.env, self.start)["observation"].tolist(), strict=False)
-        goals = {entry.name.removesuffix("_goal"): angle for entry, angle in entries if entry.name.endswith("_goal")}
-        self.room: Room = Room(self.body, goals)
+        goal = self.env.task.goal(own_state(self.env, self.start)["observation"].tolist())
+        self.room: Room = Room(self.body, goal)
         self.renderer, cost_s = self._renderer()
         expected_s = self.env.task.max_steps / self.env.task.rate_hz
         self.speed = _SPEED if expected_s > _NORMAL_SPEED_S else 1.0

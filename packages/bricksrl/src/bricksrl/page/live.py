@@ -176,6 +176,7 @@ class LivePage(PageServer):
         self.board.update_status(speeds=list(SPEEDS), policies=list(self._policies))
         if task is not None:
             self.board.update_status(goal=task.summary, scores=scores_to_beat(task.id))
+            self._aim_for(())
         self._publish()
 
     def close(self) -> None:
@@ -265,6 +266,11 @@ class LivePage(PageServer):
         self.clear_reset()
         self._publish()
 
+    def _aim_for(self, observation: Sequence[float]) -> None:
+        """Show the goal of an observation."""
+        self.view.goal = None if self._task is None else self._task.goal(observation)
+        self.board.update_status(has_ghost=self.view.goal is not None)
+
     def show_step(self, frame: TensorDictBase) -> None:
         """Show a step, as returned by TorchRL's ``EnvBase.step``."""
         after = frame["next"]
@@ -277,6 +283,8 @@ class LivePage(PageServer):
         if reward is not None:
             self._rewards.add((reward,))
         self._channels.add(values)
+        if self._steps == 1:
+            self._aim_for(values)
         now_s = time.monotonic()
         if self._task is not None and self.view.connection is not None and self.view.connection.twin is None:
             sensed = {entry.name: value for entry, value in zip(self._task.entries, values, strict=False)}

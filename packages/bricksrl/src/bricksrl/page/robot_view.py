@@ -10,6 +10,7 @@ import math
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import mujoco
@@ -22,14 +23,15 @@ from brickhub.virtual.machine import Machine, Pace
 from brickhub.virtual.panel import Panel
 from bricksrl.errors import BricksError
 from bricksrl.page.board import Board
-from bricksrl.page.scene import Floats, Mesh, Scene, SceneBody, Shape, View, box, mesh_of, poses
+from bricksrl.page.scene import HIDDEN, Floats, Mesh, Scene, SceneBody, Shape, View, box, mesh_of, poses
 from bricktwin.twin.make_body import lies_on_bench
 from bricktwin.twin.models import lego
-from bricktwin.twin.models.mjcf import SHAPE_GROUP
+from bricktwin.twin.models.mjcf import SHAPE_GROUP, overview_of
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.physics import Physics
+from bricktwin.twin.scene import Goal
 from bricktwin.twin.scene import Scene as Surroundings
-from bricktwin.twin.sensed_pose import sensed_qpos
+from bricktwin.twin.sensed_pose import pose_at, sensed_qpos
 
 if TYPE_CHECKING:
     from bricksrl.envs.connection import Connection
@@ -42,6 +44,7 @@ _MAX_LAG_S, _MIN_LEAD_S = 0.05, 0.01
 """Lag beyond which the clock is restarted instead of catching up; least lead for which it waits."""
 _NO_MODEL = "This robot has no model to draw; its numbers are below."
 _GEOM = mujoco.mjtGeom
+_GHOST = (0.10, 0.62, 0.25, 0.45)
 _ARC = 6  # segments of a quarter of a circle
 _SPHERE = lego.box(2.0, 2.0, 2.0, 1.0, _ARC)
 PRIMITIVES: dict[int, Callable[[float, float, float], Mesh]] = {
@@ -125,7 +128,7 @@ def twin_scene(body: MujocoBody) -> tuple[Scene, list[int]]:
         shape = Shape(mesh, (red, green, blue, opacity), (px, py, pz), (w, qx, qy, qz), pattern)
         shapes.setdefault(int(model.geom_bodyid[geom]), []).append(shape)
     numbers = sorted(shapes)
-    view = View(target=(0.06, 0.0, 0.14), distance_m=0.95, yaw_deg=-50.0)
+    view = View(target=(0.06, 0.0, 0.13), distance_m=0.8, yaw_deg=-50.0)
     if model.njnt and model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE:
         chassis = int(model.jnt_bodyid[0])
         view = View(follow=numbers.index(chassis) if chassis in numbers else None)
@@ -144,22 +147,49 @@ def _triangles(model: mujoco.MjModel, mesh: int) -> Mesh:
 
 
 class Mirror:
-    """Model of a robot with a MuJoCo model, for drawing only: its joints are set, not simulated."""
+    """Model of a robot with a MuJoCo model, for drawing only: its joints are set, not simulated. The scene's last bodies are those
+    of a ghost of the robot, at its goal. ``overview``: see the whole of the surroundings from a fixed place."""
 
-    def __init__(self, robot: Robot, surroundings: Surroundings) -> None:
+    def __init__(self, robot: Robot, surroundings: Surroundings, *, overview: bool = False) -> None:
         self.body = MujocoBody(robot, surroundings, Physics(), 0)
-        self.scene, self._numbers = twin_scene(self.body)
+        scene, self._numbers = twin_scene(self.body)
+        roots, moving = self.body.model.body_rootid, self.body.model.body_weldid
+        own = [moving[number] != 0 and roots[number] == roots[self.body.chassis] for number in self._numbers]
+        ghosts = [
+            SceneBody(f"goal {body.name}", tuple(replace(shape, colour=_GHOST) for shape in body.shapes))
+            for body, is_own in zip(scene.bodies, own, strict=True)
+            if is_own
+        ]
+        view = scene.view
+        if overview:
+            target, distance_m = overview_of(surroundings)
+            view = View(target, 0.85 * distance_m)
+        self.scene = replace(scene, bodies=(*scene.bodies, *ghosts), view=view)
+        self._ghost_numbers = [number for number, is_own in zip(self._numbers, own, strict=True) if is_own]
+        self._ghost: MujocoBody | None = None
+        self._goal: Goal | None = None
+        self._ghost_poses = self._hidden = poses([(HIDDEN, 0.0, 0.0)] * len(ghosts))
 
-    def poses(self, qpos: NDArray[np.float64]) -> Floats:
-        """Poses ``[bodies, 7]`` of the scene's bodies at these joint positions."""
+    def poses(self, qpos: NDArray[np.float64], goal: Goal | None = None) -> Floats:
+        """Poses ``[bodies, 7]`` of the scene's bodies at these joint positions, and of the ghost, which is hidden without a goal."""
         data = self.body.data
         data.qpos[:] = qpos
         self.body.update_visuals()
-        return poses(data.xpos[self._numbers], data.xquat[self._numbers])
+        return np.concatenate([poses(data.xpos[self._numbers], data.xquat[self._numbers]), self._poses_at(goal)])
+
+    def _poses_at(self, goal: Goal | None) -> Floats:
+        if goal is None:
+            return self._hidden
+        if goal != self._goal:
+            self._goal = goal
+            self._ghost = ghost = self._ghost or MujocoBody(self.body.robot, self.body.scene, Physics(), 0)
+            pose_at(ghost, goal)
+            self._ghost_poses = poses(ghost.data.xpos[self._ghost_numbers], ghost.data.xquat[self._ghost_numbers])
+        return self._ghost_poses
 
 
 class RobotView:
-    """View of the present robot on a board.
+    """View of the present robot on a board. ``goal``: pose that it is to reach, if any; may be set at any time.
 
     Args:
         board: board to write to.
@@ -173,6 +203,7 @@ class RobotView:
         self._current: Mirror | None = None
         self._due_s = self._sensed_s = 0.0
         self.connection: Connection | None = None
+        self.goal: Goal | None = None
 
     def show(self, connection: Connection) -> None:
         """Show another robot."""
@@ -195,7 +226,7 @@ class RobotView:
             """Copy the joint positions; called in the thread that steps the robot."""
             if mirror is not None and isinstance(body, MujocoBody):
                 qpos = body.data.qpos.copy()
-                self._board.show_poses(lambda: mirror.poses(qpos))
+                self._board.show_poses(lambda: mirror.poses(qpos, self.goal))
             now_s = time.monotonic()
             if now_s >= self._due_s:
                 self._due_s = now_s + NUMBERS_S
@@ -219,7 +250,8 @@ class RobotView:
             self._sensed_s = math.inf
             self._board.update_status(no_scene=f"This robot cannot be drawn: {error}.")
             return
-        self._board.show_poses(lambda: mirror.poses(sensed_qpos(mirror.body, angles_deg, tilt_deg)))
+        goal = None if self.goal is None or self.goal.at_mm is not None else self.goal  # its place on the floor is unknown
+        self._board.show_poses(lambda: mirror.poses(sensed_qpos(mirror.body, angles_deg, tilt_deg), goal))
 
     def show_link(self) -> None:
         """Show the link's state and statistics, and a virtual robot's battery."""
@@ -242,7 +274,8 @@ class RobotView:
         """The mirror of a robot, cached; shows its scene if it is another one."""
         key = (robot.name, surroundings)
         if key not in self._mirrors:
-            self._mirrors[key] = Mirror(robot, surroundings)
+            has_place = self.goal is not None and self.goal.at_mm is not None
+            self._mirrors[key] = Mirror(robot, surroundings, overview=has_place)
         mirror = self._mirrors[key]
         if mirror is not self._current:
             self._current = mirror

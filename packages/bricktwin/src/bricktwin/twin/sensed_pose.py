@@ -1,4 +1,5 @@
-"""Pose of a real robot from its sensors: joints from motor angles, chassis from the tilt, feet or wheels on the floor."""
+"""Pose of a robot that is drawn only: of a real one from its sensors, joints from motor angles, chassis from the tilt, feet or
+wheels on the floor; of a ghost at its goal."""
 
 from __future__ import annotations
 
@@ -10,7 +11,8 @@ from numpy.typing import NDArray
 
 from bricktwin.twin.linkage import turn_joints
 from bricktwin.twin.models.mjcf import SHAPE_GROUP
-from bricktwin.twin.mujoco_body import MujocoBody
+from bricktwin.twin.mujoco_body import MujocoBody, Pose
+from bricktwin.twin.scene import Goal
 
 
 def sensed_qpos(body: MujocoBody, angles_deg: dict[str, float], tilt_deg: tuple[float, float]) -> NDArray[np.float64]:
@@ -39,6 +41,15 @@ def sensed_qpos(body: MujocoBody, angles_deg: dict[str, float], tilt_deg: tuple[
         _stand(model, data, tilt_deg)
     qpos: NDArray[np.float64] = data.qpos.copy()
     return qpos
+
+
+def pose_at(body: MujocoBody, goal: Goal) -> None:
+    """Put a body that is drawn only at a goal."""
+    if goal.angles_deg:
+        body.data.qpos[:] = sensed_qpos(body, dict(goal.angles_deg), (0.0, 0.0))
+    if goal.at_mm is not None:
+        body.put(Pose(goal.at_mm[0] / 1000, goal.at_mm[1] / 1000, goal.heading_deg))
+    body.update_visuals()
 
 
 def _stand(model: mujoco.MjModel, data: mujoco.MjData, tilt_deg: tuple[float, float]) -> None:

@@ -113,6 +113,7 @@ function showGoal() {
   const { goal, scores } = status, box = $("goal");
   box.hidden = !goal;
   box.firstChild.textContent = goal ?? "";
+  box.querySelector("small").hidden = !status.has_ghost;
   fill(box.lastChild, Object.entries(scores ?? {}).map(([name, value]) => `${name} ${short(value)}`), "div", (row, text) => {
     const [, name, value] = text.match(/^(.*) (\S+)$/);
     row.append(Object.assign(document.createElement("dt"), { textContent: name }), Object.assign(document.createElement("dd"), { textContent: value }));
@@ -209,7 +210,7 @@ function addRows(name, changes) {
 function makeChart(name, column, i, count) {
   const isReturn = name === "return", chart = new Chart($("charts"), column, { points: isReturn, unit: isReturn ? "episode" : "step" });
   chart.figure.dataset.series = `${name}/${i}`;
-  if (count === 1) chart.figure.classList.add("wide");
+  if (isReturn) chart.figure.classList.add("wide");
   return chart;
 }
 

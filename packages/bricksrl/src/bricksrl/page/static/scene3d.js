@@ -227,6 +227,7 @@ export class Scene3D {
     gl.useProgram(this.depth.id);
     gl.uniformMatrix4fv(this.depth.uniform("view"), false, sun);
     for (const { shape, model } of shapes) {
+      if (shape.colour[3] < 1) continue; // what is only meant throws no shadow
       gl.uniformMatrix4fv(this.depth.uniform("model"), false, model);
       shape.mesh.draw();
     }
@@ -240,10 +241,15 @@ export class Scene3D {
     if (this.floor !== null) this.drawFloor(view, sun, eye, target);
     if (transparent.length) {
       this.useProgram(this.solid, view, sun, eye);
+      gl.colorMask(false, false, false, false); // first the depths: only what is in front is then blended
+      for (const placed of transparent) this.drawShape(placed);
+      gl.colorMask(true, true, true, true);
+      gl.depthFunc(gl.LEQUAL);
       gl.enable(gl.BLEND);
       gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
       for (const placed of transparent) this.drawShape(placed);
       gl.disable(gl.BLEND);
+      gl.depthFunc(gl.LESS);
     }
     this.writeMetres(view, target);
   }
