@@ -1,13 +1,15 @@
-"""Pictures of the live page for the documentation, taken in a headless Chromium.
+"""Pictures of the live page, taken in a headless Chromium.
 
     python -m benchmarks page_pictures
 
-Writes ``docs/images/page.png``, a Walker in mid-training, and ``docs/images/page_phone.png``, a 2Wheeler driven by hand on a
-screen as wide as a phone's. Needs Chromium and some minutes.
+Writes for the documentation ``docs/images/page.png``, a Walker in mid-training, ``docs/images/page_phone.png``, a 2Wheeler driven
+by hand on a screen as wide as a phone's, and ``docs/images/start_page.png``; and for the start page a picture of each environment,
+drawn by the live page itself. Needs Chromium and some minutes.
 """
 
 from __future__ import annotations
 
+import io
 import re
 import shutil
 import subprocess
@@ -17,12 +19,17 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from PIL import Image
 from playwright.sync_api import Page, sync_playwright
 
 from benchmarks.session import Session
+from bricksrl.envs.registry import is_simulation, list_envs
 
 FOLDER = Path(__file__).parents[1] / "docs" / "images"
+ENVIRONMENTS = Path(__file__).parents[1] / "packages" / "bricksrl" / "src" / "bricksrl" / "page" / "pictures"
 FLAGS = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
+SIZE_PX = (480, 300)
+"""Of the picture of an environment."""
 EPISODES = 12
 """Of the training before the picture is taken."""
 
@@ -63,10 +70,28 @@ def take(page: Page, path: Path) -> None:
     page.screenshot(path=path)
 
 
+def take_environment(env_id: str, folder: Path) -> None:
+    """Take the picture of an environment, of its robot alone."""
+    with served(".", "demo", env_id) as url, tab(url, 656, 960) as page:
+        page.locator("#facts:has-text('episode')").wait_for()
+        page.wait_for_timeout(5_000)
+        page.evaluate("document.querySelectorAll('#facts, #view-buttons, #metres, #camera').forEach((one) => (one.style.opacity = 0))")
+        page.get_by_role("button", name="Pause", exact=True).click()
+        page.wait_for_timeout(4_000)
+        picture = Image.open(io.BytesIO(page.locator("#view").screenshot()))
+        picture.convert("RGB").resize(SIZE_PX).save(folder / f"{env_id}.jpg", quality=82)
+
+
 def main(session: Session) -> None:
-    """Take both pictures."""
+    """Take the pictures."""
     session.parse()
     pictures = session.place_of(FOLDER)
+    for env_id in list_envs():
+        if not is_simulation(env_id):
+            take_environment(env_id, session.place_of(ENVIRONMENTS))
+    with served(".", "page") as url, tab(url, 1280, 800) as page:
+        page.locator(".env img").last.wait_for()
+        page.screenshot(path=pictures / "start_page.png")
     with (
         tempfile.TemporaryDirectory() as folder,
         served(folder, "train", "Walker-v1", "--episodes", "60", "--page", "--no-record", "--run", "runs/walk") as url,

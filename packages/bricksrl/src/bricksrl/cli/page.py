@@ -72,6 +72,29 @@ def has_screen() -> bool:
 
 
 @dataclass(frozen=True)
+class ShowStart:
+    """Show the start page in the browser: environments to play, train and drive, runs to watch and compare, building plans, and
+    the hub check, all without typing. Runs are kept in the folder runs. Ctrl-C ends it, and what it has started.
+
+    Examples:
+      bricksrl page
+      bricksrl page --page-host 0.0.0.0
+    """
+
+    live_page: LivePageGroup = PageOptions()
+
+    def execute(self) -> None:
+        from bricksrl.page.start import StartPage
+
+        try:
+            with StartPage(Path.cwd(), self.live_page) as page:
+                announce(page.url)
+                threading.Event().wait()
+        except KeyboardInterrupt:
+            raise Interrupted from None
+
+
+@dataclass(frozen=True)
 class Demo:
     """Show a trained robot in the browser, at once and without training: a Walker, or the robot of another environment.
 

@@ -16,12 +16,11 @@ import numpy as np
 
 from brickhub.entry import Entry
 from bricksrl.envs.env_interface import BricksEnv, interface_of
-from bricksrl.envs.reference_returns import REFERENCES
 from bricksrl.errors import BricksError, StoppedError
 from bricksrl.page.board import MAX_EPISODES, Board
 from bricksrl.page.robot_view import NUMBERS_S, SPEEDS, RobotView
 from bricksrl.page.server import PageOptions, PageServer, chosen, is_finite
-from bricksrl.policies.by_name import TRAINED
+from bricksrl.policies.by_name import scores_to_beat
 from bricksrl.teleoperation import at_rest, pushed
 
 if TYPE_CHECKING:
@@ -108,13 +107,6 @@ def stick_map(commands: Sequence[Entry]) -> list[list[float]]:
     sideways = next((index for index, command in enumerate(commands) if command.name.startswith("turn")), 0)
     forward = int(sideways == 0)
     return [[float(index == sideways), float(index == forward)] for index in range(len(commands))]
-
-
-def scores_to_beat(env_id: str) -> dict[str, float]:
-    """Mean returns in an environment of ours: of random actions, a controller by hand, the paper, and the policy that comes with
-    it."""
-    trained = {"ours": float(TRAINED[env_id]["return"])} if env_id in TRAINED else {}
-    return {**REFERENCES.get(env_id, {}), **trained}
 
 
 class LivePage(PageServer):

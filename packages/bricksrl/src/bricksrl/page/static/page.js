@@ -2,34 +2,14 @@
 
 import { Scene3D } from "./scene3d.js";
 import { Chart, short } from "./charts.js";
+import { $, cleanAddress, connect, fill, press } from "./connection.js";
 
 const POSES = 1, IMAGE = 2, MIN_INTERVAL_MS = 60, REPEAT_MS = 300, REST_MS = 1500;
-const $ = (id) => document.getElementById(id);
-let socket = null, status = {}, scene = null, lost = false, retry_ms = 300;
+let status = {}, scene = null, lost = "";
 const charts = new Map();
 const pushes = { values: [], sent_ms: 0, active: false };
 
-// ---------------------------------------------------------------- connection
-
-function connect() {
-  socket = new WebSocket(`ws://${location.host}/ws`);
-  socket.binaryType = "arraybuffer";
-  socket.onopen = () => {
-    [lost, retry_ms] = [false, 300];
-    showState();
-  };
-  socket.onmessage = ({ data }) => (typeof data === "string" ? onMessage(JSON.parse(data)) : onBinary(data));
-  socket.onclose = ({ reason }) => {
-    lost = reason || "no connection";
-    showState();
-    setTimeout(connect, retry_ms);
-    retry_ms = Math.min(5000, retry_ms * 1.5);
-  };
-}
-
-function press(name, value = null) {
-  if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify({ press: name, value }));
-}
+// ---------------------------------------------------------------- messages
 
 function onMessage(message) {
   if (message.scene) loadScene(message.scene);
@@ -134,18 +114,6 @@ function showChoices(can) {
     option.value = option.textContent = name;
   });
   $("policy").value = status.policy ?? "";
-}
-
-// One child per name. The children are replaced only when the names change, or a press would lose its button.
-function fill(parent, names, tag, setUp) {
-  const key = JSON.stringify(names);
-  if (parent.dataset.names === key) return;
-  parent.dataset.names = key;
-  parent.replaceChildren(...names.map((name) => {
-    const child = document.createElement(tag);
-    setUp(child, name);
-    return child;
-  }));
 }
 
 function showFacts() {
@@ -354,11 +322,20 @@ addEventListener("keydown", (event) => {
   if (!event.repeat) press("stop");
 }, { capture: true });
 addEventListener("keyup", (event) => event.code === "Space" && event.preventDefault(), { capture: true });
-if (location.search) history.replaceState(null, "", "/"); // the token is in a cookie now
+cleanAddress();
+$("home-page").hidden = !sessionStorage.getItem("start");
+$("home-page").href = `http://${location.hostname}:${sessionStorage.getItem("start")}/`;
 try {
   scene = new Scene3D($("scene"), $("metres"));
 } catch (error) {
   console.warn(error);
 }
 makeArrows(makeStick());
-connect();
+connect({
+  onText: onMessage,
+  onBinary,
+  onChange: (reason) => {
+    lost = reason;
+    showState();
+  },
+});
