@@ -3,8 +3,8 @@
     python -m benchmarks page_pictures
 
 Writes for the documentation ``docs/images/page.png``, a Walker in mid-training, ``docs/images/page_phone.png``, a 2Wheeler driven
-by hand on a screen as wide as a phone's, and ``docs/images/start_page.png``; and for the start page a picture of each environment,
-drawn by the live page itself. Needs Chromium and some minutes.
+by hand on a screen as wide as a phone's, and ``docs/images/start_page.png``; and for the start page a picture of each
+environment, drawn by the live page itself. Needs Chromium and some minutes.
 """
 
 from __future__ import annotations
@@ -75,7 +75,9 @@ def take_environment(env_id: str, folder: Path) -> None:
     with served(".", "demo", env_id) as url, tab(url, 656, 960) as page:
         page.locator("#facts:has-text('episode')").wait_for()
         page.wait_for_timeout(5_000)
-        page.evaluate("document.querySelectorAll('#facts, #view-buttons, #metres, #camera').forEach((one) => (one.style.opacity = 0))")
+        page.evaluate(
+            "document.querySelectorAll('#facts, #view-buttons, #metres, #camera').forEach((one) => (one.style.opacity = 0))"
+        )
         page.get_by_role("button", name="Pause", exact=True).click()
         page.wait_for_timeout(4_000)
         picture = Image.open(io.BytesIO(page.locator("#view").screenshot()))

@@ -92,7 +92,7 @@ def test_twin_scene(robot, surroundings) -> None:
     walls = [shape for one in scene.bodies for shape in one.shapes if shape.pattern == "bricks"]
     assert len(walls) == (surroundings.wall_distance_mm is not None)
     assert len(scene.to_bytes()) < 2_000_000
-    mirror = Mirror(robot, surroundings)
+    mirror = Mirror(make_body(robot, scene=surroundings))
     body.data.qpos[-1] += 0.1
     body.update_visuals()
     seen = mirror.poses(body.data.qpos)
@@ -109,7 +109,7 @@ def test_goal_is_drawn_as_a_ghost_of_the_robot(env_id: str) -> None:
     assert (goal is None) == (env_id == "Walker-v1")
     if goal is None:
         return
-    mirror, body = Mirror(task.robot, task.scene, overview=True), make_body(task.robot, scene=task.scene)
+    mirror, body = Mirror(make_body(task.robot, scene=task.scene)), make_body(task.robot, scene=task.scene)
     pose_at(body, goal)
     names = [one.name for one in mirror.scene.bodies]
     seen = dict(zip(names, mirror.poses(body.data.qpos, goal), strict=True))
@@ -124,7 +124,7 @@ def test_goal_is_drawn_as_a_ghost_of_the_robot(env_id: str) -> None:
 @pytest.mark.parametrize("robot", [WALKER, TWO_WHEELER, ROBO_ARM])
 def test_pose_follows_sensors(robot) -> None:
     """Sensor values of one twin give another the same pose."""
-    body, mirror = make_body(robot), Mirror(robot, OPEN_FLOOR)
+    body, mirror = make_body(robot), Mirror(make_body(robot))
     for port, voltage in zip((motor.port for motor in robot.motors), (3000, -2500, 2000, -3500), strict=False):
         body.set_voltage(port, voltage)
     for time_ms in range(10, 600, 10):

@@ -97,8 +97,18 @@ def test_hub_check_and_plan_need_no_typing(browser: object, start: StartPage) ->
 
 @pytest.mark.parametrize(
     ("action", "value"),
-    [("train", "my_task.py"), ("play", "runs/x"), ("watch", "../x"), ("compare", ["x"]), ("booklet", "/etc/passwd"), ("shout", 1)]
-    + [("check", ["RunAway-v0", "ble:X --yes"]), ("check", None), ("drive", {"a": 1}), ("build", 3)],
+    [
+        ("train", "my_task.py"),
+        ("play", "runs/x"),
+        ("watch", "../x"),
+        ("compare", ["x"]),
+        ("booklet", "/etc/passwd"),
+        ("check", ["RunAway-v0", "ble:X --yes"]),
+        ("check", None),
+        ("drive", {"a": 1}),
+        ("game", 3),
+        ("shout", "Tag-v0"),
+    ],
 )
 def test_values_that_the_page_does_not_know_start_nothing(action: str, value: object, tmp_path: Path) -> None:
     def launch(*_: object) -> object:

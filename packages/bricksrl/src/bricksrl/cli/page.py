@@ -6,9 +6,10 @@ import functools
 import os
 import sys
 import threading
+import urllib.parse
 import webbrowser
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
@@ -21,7 +22,7 @@ from brickhub.files import folder_with
 from bricksrl.cli.terminal import load_learning, place_robot
 from bricksrl.envs.options import EnvOptions
 from bricksrl.errors import DescriptionError, RunError, StoppedError, counted
-from bricksrl.page.server import PageOptions
+from bricksrl.page.server import LOOPBACK, PageOptions
 from bricktwin.cli.plan_commands import PlanArgument, read_named_plan
 
 if TYPE_CHECKING:
@@ -52,8 +53,13 @@ def shown(address: PageOptions, page: bool) -> PageOptions | None:
 
 
 def announce(url: str) -> None:
-    """Print the address of a page, and open it if there is a screen."""
+    """Print the address of a page, for a phone in the network as a QR code too, and open it if there is a screen."""
     print_note(f"live page: {url}")
+    if urllib.parse.urlsplit(url).hostname not in LOOPBACK and sys.stderr is not None:
+        with suppress(ImportError):
+            import segno
+
+            segno.make(url, error="l").terminal(sys.stderr, compact=True)
     if has_screen():
         webbrowser.open(url)
 

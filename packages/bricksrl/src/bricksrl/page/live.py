@@ -91,6 +91,12 @@ class PageDriver:
             for c, value in zip(self.commands, values, strict=True)
         ]
 
+    def described(self) -> dict[str, Any]:
+        """What the page shows of it."""
+        names = [{"name": command.name, "unit": command.unit} for command in self.commands]
+        shown = {"commands": names, "stick": stick_map(self.commands), "pushes": self.pushes, "actions": self.actions()}
+        return {**shown, "in_charge": self.in_charge}
+
 
 def stick_map(commands: Sequence[Entry]) -> list[list[float]]:
     """Weights of the joystick's axes (right, forward) for each command: rows of two numbers.
@@ -209,8 +215,12 @@ class LivePage(PageServer):
                 self.driver.in_charge = bool(value)
             case "drive" if self.driver is not None:
                 self.driver.push(value)
-            case "left" if self.driver is not None:
-                self.driver.release()
+            case "pull" if not self._is_real:
+                self.view.hand.pull(value)
+            case "left":
+                self.view.hand.pull(None)
+                if self.driver is not None:
+                    self.driver.release()
         self._changed.set()
         self._publish()
 
@@ -229,6 +239,11 @@ class LivePage(PageServer):
     def is_stopped(self) -> bool:
         """True after an emergency stop, until `release`."""
         return self._halted.is_set()
+
+    @property
+    def is_driven(self) -> bool:
+        """Whether a human drives."""
+        return self.driver is not None and self.driver.in_charge
 
     def attach(self, env: EnvBase) -> None:
         """Show another environment."""
@@ -369,11 +384,11 @@ class LivePage(PageServer):
         """Speed of simulated time: 1 while a human drives, 0 (not paced here) for a robot in real time."""
         if self._is_real:
             return 0.0
-        return 1.0 if self.driver is not None and self.driver.in_charge else SPEEDS[self._speed]
+        return 1.0 if self.is_driven else SPEEDS[self._speed]
 
     def _publish(self) -> None:
         driver = self.driver
-        controls = ["stop", "pause", "reset"] + ([] if self._is_real else ["step", "speed"])
+        controls = ["stop", "pause", "reset"] + ([] if self._is_real else ["step", "speed", "pull"])
         controls += (["drive"] if driver is not None else []) + (["policy"] if len(self._policies) > 1 else [])
         if not self._is_ended:
             paused = self._paused or self._env.is_paused
@@ -382,9 +397,7 @@ class LivePage(PageServer):
         speed = "1x" if self._speed_factor == 1.0 else self._speed
         self.board.update_status(controls=controls, speed=speed, policy=self.policy, facts=dict(self._facts))
         if driver is not None:
-            names = [{"name": command.name, "unit": command.unit} for command in driver.commands]
-            drive = {"commands": names, "stick": stick_map(driver.commands), "pushes": driver.pushes, "actions": driver.actions()}
-            self.board.update_status(drive={**drive, "in_charge": driver.in_charge, "can_give_back": self._can_give_back})
+            self.board.update_status(drive={**driver.described(), "can_give_back": self._can_give_back})
 
     def finish(self, message: str = "") -> None:
         """Show that the run is over; the message is good news."""

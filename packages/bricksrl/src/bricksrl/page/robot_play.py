@@ -79,7 +79,7 @@ def play_robot(
     stop, judge, made = stop or threading.Event(), Judge(env.task), dict[str, ArrayPolicy]()
 
     def action_of(inputs: Mapping[str, Any]) -> Any:
-        if page.driver is not None and page.driver.in_charge:
+        if page.driver is not None and page.is_driven:
             return page.driver.shares()
         if page.policy not in made:
             made[page.policy] = policies[page.policy]()
@@ -99,8 +99,7 @@ def play_robot(
             page.hold(stop.is_set)
             if page.is_reset_requested:
                 return None
-            is_driven = page.driver is not None and page.driver.in_charge
-            if not is_driven and (judge.is_over or steps >= env.task.max_steps):
+            if not page.is_driven and (judge.is_over or steps >= env.task.max_steps):
                 return judge.end()
         raise StoppedError("the robot was stopped by hand")
 

@@ -23,6 +23,7 @@ from brickhub.virtual.machine import Machine, Pace
 from brickhub.virtual.panel import Panel
 from bricksrl.errors import BricksError
 from bricksrl.page.board import Board
+from bricksrl.page.hand import Hand
 from bricksrl.page.scene import HIDDEN, Floats, Mesh, Scene, SceneBody, Shape, View, box, mesh_of, poses
 from bricktwin.twin.make_body import lies_on_bench
 from bricktwin.twin.models import lego
@@ -67,6 +68,7 @@ class SteeredPace(Pace):
         halted: set when the robot is to stop.
         speed: returns simulated seconds per second, 0 for as fast as possible.
         update_view: called periodically to update the view.
+        on_loop: called each time.
         halt: called when halted; by default control returns to the host, which stops the program.
     """
 
@@ -76,17 +78,20 @@ class SteeredPace(Pace):
         halted: threading.Event,
         speed: Callable[[], float],
         update_view: Callable[[], None],
+        on_loop: Callable[[], None],
         halt: Callable[[], None] | None = None,
     ) -> None:
         super().__init__()
         self._halt = halt
         self._machine, self._halted, self._speed, self._update_view = machine, halted, speed, update_view
+        self._on_loop = on_loop
         self._view_due_s = 0.0
         self._last_speed = -1.0
         self._start_s, self._start_ms = 0.0, 0.0
 
     def keep(self, time_ms: float) -> None:
         """Update the view, and wait if simulated time is ahead."""
+        self._on_loop()
         now_s = time.monotonic()
         if now_s >= self._view_due_s:
             self._view_due_s = now_s + VIEW_PERIOD_S
@@ -147,35 +152,36 @@ def _triangles(model: mujoco.MjModel, mesh: int) -> Mesh:
 
 
 class Mirror:
-    """Model of a robot with a MuJoCo model, for drawing only: its joints are set, not simulated. The scene's last bodies are those
-    of a ghost of the robot, at its goal. ``overview``: see the whole of the surroundings from a fixed place."""
+    """Model of a robot with a MuJoCo model, for drawing only: its joints are set, not simulated. The scene's last bodies are
+    those of a ghost of the robot, at its goal.
 
-    def __init__(self, robot: Robot, surroundings: Surroundings, *, overview: bool = False) -> None:
-        self.body = MujocoBody(robot, surroundings, Physics(), 0)
-        scene, self._numbers = twin_scene(self.body)
+    Args:
+        body: the model, for this alone.
+        view: the first view; by default that of the robot.
+    """
+
+    def __init__(self, body: MujocoBody, view: View | None = None) -> None:
+        self.body = body
+        scene, self.numbers = twin_scene(self.body)
         roots, moving = self.body.model.body_rootid, self.body.model.body_weldid
-        own = [moving[number] != 0 and roots[number] == roots[self.body.chassis] for number in self._numbers]
+        own = [moving[number] != 0 and roots[number] == roots[self.body.chassis] for number in self.numbers]
         ghosts = [
             SceneBody(f"goal {body.name}", tuple(replace(shape, colour=_GHOST) for shape in body.shapes))
             for body, is_own in zip(scene.bodies, own, strict=True)
             if is_own
         ]
-        view = scene.view
-        if overview:
-            target, distance_m = overview_of(surroundings)
-            view = View(target, 0.85 * distance_m)
-        self.scene = replace(scene, bodies=(*scene.bodies, *ghosts), view=view)
-        self._ghost_numbers = [number for number, is_own in zip(self._numbers, own, strict=True) if is_own]
+        self.scene = replace(scene, bodies=(*scene.bodies, *ghosts), view=view or scene.view)
+        self._ghost_numbers = [number for number, is_own in zip(self.numbers, own, strict=True) if is_own]
         self._ghost: MujocoBody | None = None
         self._goal: Goal | None = None
         self._ghost_poses = self._hidden = poses([(HIDDEN, 0.0, 0.0)] * len(ghosts))
 
     def poses(self, qpos: NDArray[np.float64], goal: Goal | None = None) -> Floats:
-        """Poses ``[bodies, 7]`` of the scene's bodies at these joint positions, and of the ghost, which is hidden without a goal."""
+        """Poses ``[bodies, 7]`` of the scene's bodies at these joint positions; the ghost is hidden without a goal."""
         data = self.body.data
         data.qpos[:] = qpos
         self.body.update_visuals()
-        return np.concatenate([poses(data.xpos[self._numbers], data.xquat[self._numbers]), self._poses_at(goal)])
+        return np.concatenate([poses(data.xpos[self.numbers], data.xquat[self.numbers]), self._poses_at(goal)])
 
     def _poses_at(self, goal: Goal | None) -> Floats:
         if goal is None:
@@ -189,7 +195,11 @@ class Mirror:
 
 
 class RobotView:
-    """View of the present robot on a board. ``goal``: pose that it is to reach, if any; may be set at any time.
+    """View of the present robot on a board.
+
+    Attributes:
+        goal: pose that it is to reach, if any; may be set at any time.
+        hand: hand that pulls a virtual robot, or an object in its scene.
 
     Args:
         board: board to write to.
@@ -204,6 +214,7 @@ class RobotView:
         self._due_s = self._sensed_s = 0.0
         self.connection: Connection | None = None
         self.goal: Goal | None = None
+        self.hand = Hand()
 
     def show(self, connection: Connection) -> None:
         """Show another robot."""
@@ -211,14 +222,24 @@ class RobotView:
         if connection.twin is not None:
             self.show_machine(connection.twin.machine, body=connection.twin.body)
 
-    def show_machine(self, machine: Machine, halt: Callable[[], None] | None = None, body: Body | None = None) -> None:
-        """Show the robot of a machine; ``body`` is the robot's body if the machine has a proxy of it.
+    def show_machine(
+        self,
+        machine: Machine,
+        halt: Callable[[], None] | None = None,
+        body: Body | None = None,
+        mirror: Mirror | None = None,
+    ) -> None:
+        """Show the robot of a machine.
 
-        ``halt`` is as in :class:`SteeredPace`.
+        Args:
+            machine: its hub, which keeps the pace.
+            halt: as in :class:`SteeredPace`.
+            body: the robot's body if the machine has a proxy of it.
+            mirror: mirror of a world of several robots.
         """
-        body, mirror = machine.body if body is None else body, None
+        body = machine.body if body is None else body
         if isinstance(body, MujocoBody):
-            mirror = self._mirror(body.robot, body.scene)
+            mirror = self._use(mirror or self._mirror(body.robot, body.scene))
         else:
             self._board.update_status(no_scene=_NO_MODEL)
 
@@ -232,7 +253,11 @@ class RobotView:
                 self._due_s = now_s + NUMBERS_S
                 self._board.update_status(hub=panel_of(machine.panel))
 
-        machine.pace = SteeredPace(machine, self._halted, self._speed, update, halt)
+        def feel() -> None:
+            if mirror is not None and isinstance(body, MujocoBody):
+                self.hand.act(body, mirror.numbers)
+
+        machine.pace = SteeredPace(machine, self._halted, self._speed, update, feel, halt)
         update()
 
     def show_sensed(self, robot: Robot, scene: Surroundings, angles_deg: dict[str, float], tilt_deg: tuple[float, float]) -> None:
@@ -245,7 +270,7 @@ class RobotView:
             return
         self._sensed_s = now_s
         try:
-            mirror = self._mirror(robot, scene)
+            mirror = self._use(self._mirror(robot, scene))
         except BricksError as error:  # the real robot goes on, and nothing is tried again
             self._sensed_s = math.inf
             self._board.update_status(no_scene=f"This robot cannot be drawn: {error}.")
@@ -271,12 +296,18 @@ class RobotView:
         self._board.update_status(link=facts)
 
     def _mirror(self, robot: Robot, surroundings: Surroundings) -> Mirror:
-        """The mirror of a robot, cached; shows its scene if it is another one."""
+        """The mirror of a robot, cached."""
         key = (robot.name, surroundings)
         if key not in self._mirrors:
-            has_place = self.goal is not None and self.goal.at_mm is not None
-            self._mirrors[key] = Mirror(robot, surroundings, overview=has_place)
-        mirror = self._mirrors[key]
+            view = None
+            if self.goal is not None and self.goal.at_mm is not None:  # the place and the starts are to be seen at once
+                target, distance_m = overview_of(surroundings)
+                view = View(target, 0.85 * distance_m)
+            self._mirrors[key] = Mirror(MujocoBody(robot, surroundings, Physics(), 0), view)
+        return self._mirrors[key]
+
+    def _use(self, mirror: Mirror) -> Mirror:
+        """Show the scene of a mirror if it is another one."""
         if mirror is not self._current:
             self._current = mirror
             self._board.show_scene(mirror.scene, lambda: mirror.poses(mirror.body.data.qpos))

@@ -167,6 +167,11 @@ class PageServer:
     def __exit__(self, *_: object) -> None:
         self.close()
 
+    @property
+    def is_watched(self) -> bool:
+        """Whether a browser shows the page."""
+        return self._connections > 0
+
     def close(self) -> None:
         """Close the connections and stop serving; closing twice does nothing."""
         if self._loop is not None and self._closing is not None:

@@ -15,10 +15,10 @@ import threading
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+from bricksrl.envs.arenas import ARENAS, get_arena_task
 from bricksrl.envs.registry import is_simulation, list_envs
 from bricksrl.errors import BricksError, PageError
 from bricksrl.page.board import Board
@@ -30,7 +30,7 @@ from bricktwin.robots import ROBOTS
 HUBS = ("virtual", "ble", "usb")
 PLANS = tuple({robot.model: name for name, robot in reversed(ROBOTS.items()) if robot.model}.values())[::-1]
 """Robots that have a building plan of their own."""
-_ON_STAGE = ("play", "drive", "watch", "build")
+_ON_STAGE = ("play", "drive", "game", "watch", "build")
 """Actions of which one ends the one before."""
 _MAX_JOBS, _MAX_LINES, _MAX_RUNS, _MAX_POINTS, _LAST_EPISODES = 12, 60, 30, 60, 5
 _REFRESH_S, _END_S = 1.0, 8.0
@@ -106,7 +106,8 @@ class StartPage(PageServer):
         self._results = tempfile.TemporaryDirectory(prefix="bricksrl-page-")
         self._envs = {env_id: summary for env_id, summary in list_envs().items() if not is_simulation(env_id)}
         shown = sorted(self._envs.items(), key=lambda item: item[0] not in TRAINED)
-        cards = [{"env": env_id, "summary": summary} for env_id, summary in shown]
+        cards = [{"env": env_id, "summary": summary, "actions": ["play", "train", "drive"]} for env_id, summary in shown]
+        cards += [{"env": env_id, "summary": get_arena_task(env_id).summary, "actions": ["game"]} for env_id in ARENAS]
         self.board.update_status(title="BricksRL", cards=cards, plans=list(PLANS), hubs=list(HUBS))
         self._publish()
 
@@ -155,8 +156,10 @@ class StartPage(PageServer):
                 words = [action, chosen("environment", value, self._envs), *(("--page",) if action == "play" else ())]
             case "train":
                 env = chosen("environment", value, self._envs)
-                run, seed = f"{env.lower()}-{datetime.now():%m%d-%H%M%S}", sum(one["env"] == env for one in self._runs())  # noqa: DTZ005
-                words = ["train", env, "--page", "--no-film", "--seed", str(seed), "--run", f"runs/{run}"]
+                seed = sum(one["env"] == env for one in self._runs())  # or the same run would come again
+                words = ["train", env, "--page", "--no-film", "--seed", str(seed)]
+            case "game":
+                words = ["team", chosen("arena", value, ARENAS), "--page"]
             case "watch":
                 words = ["play", self._run(value), "--page"]
             case "compare":

@@ -1,19 +1,20 @@
 // Connection to the server of a page: messages from it, presses to it, and the port of the start page that it was opened from.
 
 export const $ = (id) => document.getElementById(id);
-let socket = null, retry_ms = 300;
+let socket = null, retry_ms = 300, ended = "";
 
 // onText: a message; onBinary: an array; onChange: "" while connected, else the reason why not.
 export function connect(handlers) {
   socket = new WebSocket(`ws://${location.host}/ws`);
   socket.binaryType = "arraybuffer";
   socket.onopen = () => {
-    retry_ms = 300;
+    [retry_ms, ended] = [300, ""];
     handlers.onChange("");
   };
   socket.onmessage = ({ data }) => (typeof data === "string" ? handlers.onText(JSON.parse(data)) : handlers.onBinary?.(data));
   socket.onclose = ({ reason }) => {
-    handlers.onChange(reason || "no connection");
+    ended ||= reason; // the server's last word
+    handlers.onChange(ended || "no connection");
     setTimeout(() => connect(handlers), retry_ms);
     retry_ms = Math.min(5000, retry_ms * 1.5);
   };

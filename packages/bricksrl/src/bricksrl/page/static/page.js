@@ -55,7 +55,7 @@ function showImage(rgb, width, height) {
 // ---------------------------------------------------------------- status
 
 function showState() {
-  const chip = $("state"), state = lost ? "lost" : status.state ?? "waiting";
+  const chip = $("state"), state = lost ? (lost === "no connection" ? "lost" : "finished") : status.state ?? "waiting";
   chip.textContent = lost || (state === "stopped" ? "STOPPED" : state);
   chip.className = `chip ${state}`;
   chip.hidden = !chip.textContent;
@@ -80,9 +80,13 @@ function show() {
   for (const id of ["pause", "resume", "step"]) $(id).disabled = state === "stopped" || state === "finished";
   $("control").hidden = !["pause", "step", "reset", "speed", "policy"].some((name) => can.has(name));
   showChoices(can);
+  if (scene) scene.onPull = can.has("pull") ? showPull : null;
+  $("hint").hidden = !can.has("pull") || pulled.isKnown || Boolean(status.no_scene) || !scene;
+  showConsole();
   showFacts();
   showHub();
-  showDrive(can.has("drive"));
+  showSeats();
+  showDrive(can.has("drive") || Boolean(status.seats));
   showOwnSliders();
   $("no-scene").hidden = !status.no_scene && scene !== null;
   $("no-scene").textContent = scene === null ? "This browser has no WebGL 2, so the robot cannot be drawn." : status.no_scene ?? "";
@@ -114,6 +118,15 @@ function showChoices(can) {
     option.value = option.textContent = name;
   });
   $("policy").value = status.policy ?? "";
+}
+
+// What a program prints; the view follows the last line unless somebody reads further up.
+function showConsole() {
+  const box = $("console"), text = status.console ?? "", isAtEnd = box.scrollTop + box.clientHeight > box.scrollHeight - 20;
+  box.hidden = status.console === undefined;
+  if (box.textContent === text) return;
+  box.textContent = text;
+  if (isAtEnd) box.scrollTop = box.scrollHeight;
 }
 
 function showFacts() {
@@ -191,9 +204,35 @@ function sortCharts() {
 
 // ---------------------------------------------------------------- driving
 
+// In an arena, each visitor takes the seat of one robot, which is then the only one that this page drives.
+let seat = sessionStorage.getItem("seat");
+
+function showSeats() {
+  const { seats } = status;
+  $("seats").hidden = !seats;
+  $("driving").hidden = Boolean(seats);
+  if (!seats) return;
+  if (!(seat in seats)) seat = null;
+  status.drive = seat && seats[seat];
+  fill($("seats"), Object.keys(seats), "button", (button, name) => {
+    Object.assign(button, { type: "button", textContent: `Drive the ${name}` });
+    button.onclick = () => {
+      if (seat) pressRobot("take_over", false);
+      seat = seat === name ? null : name;
+      sessionStorage.setItem("seat", seat ?? "");
+      if (seat) pressRobot("take_over", true);
+      show();
+    };
+  });
+  for (const button of $("seats").children) button.setAttribute("aria-pressed", String(button.textContent === `Drive the ${seat}`));
+}
+
+const pressRobot = (name, value) => press(seat ? `${name}:${seat}` : name, value);
+
 function showDrive(canDrive) {
   $("drive").hidden = !canDrive;
-  if (!canDrive) return;
+  document.querySelector(".sticks").hidden = !status.drive;
+  if (!canDrive || !status.drive) return;
   const { commands, in_charge, can_give_back } = status.drive;
   $("take-over").hidden = !can_give_back;
   $("take-over").setAttribute("aria-pressed", String(in_charge));
@@ -236,7 +275,7 @@ function push(values) {
 function send() {
   pushes.sent_ms = Date.now();
   pushes.active = pushes.values.some((value) => value !== 0);
-  press("drive", pushes.values);
+  pressRobot("drive", pushes.values);
 }
 
 setInterval(() => {
@@ -284,6 +323,30 @@ function makeArrows(move) {
   });
   addEventListener("keyup", (event) => down.delete(event.key) && follow());
   addEventListener("blur", () => down.size && (down.clear(), follow()));
+}
+
+// ---------------------------------------------------------------- pulling
+
+// A pull is repeated while it lasts, as the robot moves on below a pointer that rests.
+const pulled = { sent_ms: 0, again: null };
+
+function showPull(body, point, from, to) {
+  const line = $("pull");
+  clearTimeout(pulled.again);
+  line.hidden = body < 0;
+  if (body < 0) return press("pull");
+  pulled.isKnown = true;
+  if (from) {
+    line.style.left = `${from[0]}px`;
+    line.style.top = `${from[1]}px`;
+    line.style.width = `${Math.hypot(to[0] - from[0], to[1] - from[1])}px`;
+    line.style.transform = `rotate(${Math.atan2(to[1] - from[1], to[0] - from[0])}rad)`;
+  }
+  if (Date.now() - pulled.sent_ms >= MIN_INTERVAL_MS) {
+    pulled.sent_ms = Date.now();
+    press("pull", [body, ...point]);
+  }
+  pulled.again = setTimeout(() => scene.pull(body, ...to), MIN_INTERVAL_MS);
 }
 
 // Sliders of the program that shows the scene, such as the steps of a building plan.

@@ -2,18 +2,19 @@
 
 import { $, cleanAddress, connect, element, fill, press } from "./connection.js";
 
-const DOES = { play: "plays", drive: "is driven", train: "learns", watch: "is shown", compare: "are compared", build: "is built", booklet: "gets its booklet", check: "is checked" };
+const TEXTS = { play: "Play", train: "Train", drive: "Drive", game: "Play together" };
+const DOES = { play: "plays", drive: "is driven", game: "is played", train: "learns", watch: "is shown", compare: "are compared", build: "is built", booklet: "gets its booklet", check: "is checked" };
 let status = {}, awaited = null;
 const chosen = new Set();
 
 function show() {
   $("message").hidden = !status.message;
   $("message").textContent = status.message ?? "";
-  fill($("envs"), status.cards ?? [], "article", (card, { env, summary }) => {
+  fill($("envs"), status.cards ?? [], "article", (card, { env, summary, actions }) => {
     card.className = "env";
     card.setAttribute("aria-label", env);
     const picture = element("img", { src: `${env}.jpg`, alt: "", loading: "lazy" });
-    const buttons = [["Play", "play"], ["Train", "train"], ["Drive", "drive"]].map(([text, action]) => starter(text, action, env));
+    const buttons = actions.map((action) => starter(TEXTS[action], action, env));
     buttons[0].className = "main";
     card.append(picture, element("h3", { textContent: env }), element("p", { textContent: summary }), element("div", { className: "row" }, ...buttons));
   });
@@ -21,7 +22,7 @@ function show() {
   fill($("build").querySelector("ul"), status.plans ?? [], "li", (item, plan) => {
     item.append(element("b", { textContent: plan }), starter("Step by step in 3D", "build", plan), starter("Booklet (PDF)", "booklet", plan));
   });
-  fill($("check-env"), (status.cards ?? []).map(({ env }) => env), "option", (option, name) => (option.textContent = name));
+  fill($("check-env"), (status.cards ?? []).filter(({ actions }) => actions.includes("drive")).map(({ env }) => env), "option", (option, name) => (option.textContent = name));
   fill($("check-hub"), status.hubs ?? [], "option", (option, name) => {
     option.value = name;
     option.textContent = { virtual: "virtual", ble: "Bluetooth", usb: "USB cable" }[name] ?? name;
