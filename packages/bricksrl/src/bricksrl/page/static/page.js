@@ -231,6 +231,7 @@ const pressRobot = (name, value) => press(seat ? `${name}:${seat}` : name, value
 
 function showDrive(canDrive) {
   $("drive").hidden = !canDrive;
+  document.body.classList.toggle("driven", Boolean(canDrive && status.drive?.in_charge));
   document.querySelector(".sticks").hidden = !status.drive;
   if (!canDrive || !status.drive) return;
   const { commands, in_charge, can_give_back } = status.drive;
