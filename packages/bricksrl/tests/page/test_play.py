@@ -57,7 +57,7 @@ def test_nothing_resets_while_a_human_drives() -> None:
                 over.set()
 
         page.show_step = show
-        page.begin = lambda: steps.clear()
+        page.begin = steps.clear
         with pytest.raises(StoppedError):
             play_on_page(env, page, {"": lambda: resting_player(env)}, stop=over)
         assert len(steps) == 2 * env.task.max_steps + 1

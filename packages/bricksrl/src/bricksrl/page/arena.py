@@ -35,7 +35,7 @@ class ArenaPage(LivePage):
         robots = zip(task.robots, task.interfaces, strict=True)
         self._arena, self.drivers = task, {name: PageDriver(interface.commands) for name, interface in robots}
         super().__init__(task.id, subtitle, speed="1x", options=options)
-        self.board.update_status(goal=task.summary)
+        self.board.update_status(goal=task.doc.strip().partition("\n")[0])
 
     def attach(self, env: Any) -> None:
         """Show another arena."""

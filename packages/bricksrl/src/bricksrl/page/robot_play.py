@@ -96,7 +96,9 @@ def play_robot(
             previous, observation = observation, env.move(action.tolist())
             judge.see(previous, action, observation)
             steps += 1
-            page.show_outcome(observation[seen].tolist(), judge.rewards[-1] if judge.rewards else None, judge.total, **env.image())
+            page.show_outcome(
+                observation[seen].tolist(), judge.rewards[-1] if judge.rewards else None, judge.total, **env.image()
+            )
             page.hold(stop.is_set)
             if page.is_reset_requested:
                 return None

@@ -1,7 +1,6 @@
 """Start page: environments, runs, building plans and the hub check, without a command typed.
 
-Each press starts the command of the same name in a process of its own; its page is opened, its lines are shown. Values of presses
-are only ever chosen from names that the page itself knows.
+A press starts the command of its row in a process of its own. Values of presses are only chosen from names that the page knows.
 """
 
 from __future__ import annotations
@@ -13,44 +12,66 @@ import sys
 import tempfile
 import threading
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from bricksrl.envs.arenas import ARENAS, get_arena_task
+from bricksrl.envs.arenas import ARENAS, arena_summary
 from bricksrl.envs.registry import is_simulation, list_envs
-from bricksrl.errors import BricksError, PageError
+from bricksrl.errors import BricksError
 from bricksrl.page.board import Board
 from bricksrl.page.server import PageOptions, PageServer, chosen
 from bricksrl.policies.by_name import TRAINED
 from bricksrl.training.run_folder import RunFolder
 from bricktwin.robots import ROBOTS
 
-HUBS = ("virtual", "ble", "usb")
-PLANS = tuple({robot.model: name for name, robot in reversed(ROBOTS.items()) if robot.model}.values())[::-1]
-"""Robots that have a building plan of their own."""
-_ON_STAGE = ("play", "drive", "game", "watch", "build")
-"""Actions of which one ends the one before."""
 _MAX_JOBS, _MAX_LINES, _MAX_RUNS, _MAX_POINTS, _LAST_EPISODES = 12, 60, 30, 60, 5
 _REFRESH_S, _END_S = 1.0, 8.0
 _PAGE_LINE = re.compile(r"live page: (\S+)")
 
 
+@dataclass(frozen=True)
+class Action:
+    """Action of the page.
+
+    Attributes:
+        kind: kind of the names that it is for.
+        words: its command, before and after the names.
+        out: ending of the file that it writes.
+        has_page, is_alone: whether it has a page of its own, and ends the one before.
+    """
+
+    kind: str
+    words: tuple[str, ...]
+    options: tuple[str, ...] = ()
+    out: str = ""
+    has_page: bool = True
+    is_alone: bool = True
+
+
+ACTIONS = {
+    "play": Action("environment", ("play",), ("--page",)),
+    "drive": Action("environment", ("drive",)),
+    "train": Action("environment", ("train",), ("--page", "--no-film"), is_alone=False),
+    "game": Action("arena", ("team",), ("--page",)),
+    "watch": Action("run", ("play",), ("--page",)),
+    "compare": Action("run", ("compare",), out="png", has_page=False, is_alone=False),
+    "build": Action("plan", ("plan", "show")),
+    "booklet": Action("plan", ("plan", "steps"), out="pdf", has_page=False, is_alone=False),
+    **{
+        f"check {hub}": Action("environment", ("hub", "check"), ("--hub", hub, "--yes"), has_page=False)
+        for hub in ("virtual", "ble", "usb")
+    },
+}
+_OUTPUTS = {"png": "image/png", "pdf": "application/pdf"}
 Launch = Callable[[Sequence[str], Path], "subprocess.Popen[str]"]
 
 
 def launch(words: Sequence[str], folder: Path) -> subprocess.Popen[str]:
     """Start a command of ``bricksrl`` in a folder, with all that it says on one pipe; Ctrl-C does not reach it."""
-    return subprocess.Popen(  # noqa: S603  our own interpreter
-        [sys.executable, "-u", "-m", "bricksrl", *words],
-        cwd=folder,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        start_new_session=True,
-    )
+    command, said = [sys.executable, "-u", "-m", "bricksrl", *words], {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
+    return subprocess.Popen(command, cwd=folder, stdin=subprocess.DEVNULL, text=True, start_new_session=True, **said)  # type: ignore[call-overload,no-any-return]  # noqa: S603  our own interpreter
 
 
 @dataclass
@@ -72,12 +93,8 @@ class Job:
             else:
                 self.lines.append(line.rstrip())
 
-    @property
-    def is_running(self) -> bool:
-        return self.process.poll() is None
-
     def end(self) -> None:
-        """Ask it to end as Ctrl-C does, and kill it if it does not."""
+        """Ask it to end, and kill it if it does not."""
         self.process.terminate()
         try:
             self.process.wait(_END_S)
@@ -101,14 +118,15 @@ class StartPage(PageServer):
 
     def __init__(self, folder: Path, options: PageOptions | None = None, launch: Launch = launch) -> None:
         super().__init__(Board(), self._press, lambda: None, options)
-        self._folder, self._launch, self._jobs = folder, launch, list[Job]()
-        self._ended = threading.Event()
+        self._folder, self._launch, self._jobs, self._ended = folder, launch, list[Job](), threading.Event()
         self._results = tempfile.TemporaryDirectory(prefix="bricksrl-page-")
         self._envs = {env_id: summary for env_id, summary in list_envs().items() if not is_simulation(env_id)}
-        shown = sorted(self._envs.items(), key=lambda item: item[0] not in TRAINED)
-        cards = [{"env": env_id, "summary": summary, "actions": ["play", "train", "drive"]} for env_id, summary in shown]
-        cards += [{"env": env_id, "summary": get_arena_task(env_id).summary, "actions": ["game"]} for env_id in ARENAS]
-        self.board.update_status(title="BricksRL", cards=cards, plans=list(PLANS), hubs=list(HUBS))
+        self._plans = list({robot.model: name for name, robot in reversed(ROBOTS.items()) if robot.model}.values())
+        cards = [
+            {"env": env_id, "summary": self._envs[env_id]} for env_id in sorted(self._envs, key=lambda one: one not in TRAINED)
+        ]
+        games = [{"env": env_id, "summary": arena_summary(env_id), "is_arena": True} for env_id in ARENAS]
+        self.board.update_status(title="BricksRL", cards=[*cards, *games], plans=self._plans)
         self._publish()
 
     def __enter__(self) -> StartPage:
@@ -127,71 +145,42 @@ class StartPage(PageServer):
     def file(self, name: str) -> tuple[str, bytes] | None:
         """Files of the page, and results of its jobs."""
         results = {path.name: path for path in Path(self._results.name).iterdir()}
-        if name not in results:
-            return super().file(name or "start.html")
-        return {".png": "image/png", ".pdf": "application/pdf"}[results[name].suffix], results[name].read_bytes()
+        if name in results:
+            return _OUTPUTS[name.rpartition(".")[2]], results[name].read_bytes()
+        return super().file(name or "start.html")
 
-    # ---------------------------------------------------------------- presses
-
-    def _press(self, action: str, value: Any) -> None:
+    def _press(self, name: str, value: Any) -> None:
         message = ""
         try:
-            if action == "end":
-                for job in self._jobs:
-                    if job.number == value:
-                        job.end()
-            elif action != "left":
-                self._do(action, value)
+            if name == "end":
+                self._end(job for job in self._jobs if job.number == value)
+            elif name != "left":
+                self._begin(chosen("button", name, ACTIONS), value if isinstance(value, list) else [value])
         except BricksError as error:
             message = str(error)
         self.board.update_status(message=message)
         self._publish()
 
-    def _do(self, action: str, value: Any) -> None:
-        """Start the command of a press. Raises PageError for one that the page does not have."""
-        names = value if isinstance(value, list) else [value]
-        about = ", ".join(map(str, names))
-        match action:
-            case "play" | "drive":
-                words = [action, chosen("environment", value, self._envs), *(("--page",) if action == "play" else ())]
-            case "train":
-                env = chosen("environment", value, self._envs)
-                seed = sum(one["env"] == env for one in self._runs())  # or the same run would come again
-                words = ["train", env, "--page", "--no-film", "--seed", str(seed)]
-            case "game":
-                words = ["team", chosen("arena", value, ARENAS), "--page"]
-            case "watch":
-                words = ["play", self._run(value), "--page"]
-            case "compare":
-                words = ["compare", *map(self._run, names), "--out", f"{self._results.name}/{self._next}.png"]
-            case "build":
-                words = ["plan", "show", chosen("plan", value, PLANS)]
-            case "booklet":
-                words = ["plan", "steps", chosen("plan", value, PLANS), "--out", f"{self._results.name}/{self._next}.pdf"]
-            case "check":
-                env, hub = (*names, "", "")[:2]
-                words = ["hub", "check", chosen("environment", env, self._envs), "--hub", chosen("hub", hub, HUBS), "--yes"]
-            case _:
-                raise PageError(f"the page has no button {action!r:.40}; reload it")
-        if action in _ON_STAGE:
-            for job in self._jobs:
-                if job.action in _ON_STAGE:
-                    job.end()
-        if "--page" in words or action in _ON_STAGE:
-            words += ["--page-host", self._options.page_host]
-        job = Job(self._next, action, about, self._launch(words, self._folder))
+    def _end(self, jobs: Iterable[Job]) -> None:
+        for job in jobs:
+            job.end()
+
+    def _begin(self, name: str, values: list[Any]) -> None:
+        """Start the command of an action for names. Raises PageError for those that the page does not know."""
+        action, runs = ACTIONS[name], self._runs()
+        known = {"environment": self._envs, "arena": ARENAS, "plan": self._plans, "run": [run["name"] for run in runs]}
+        names = [chosen(action.kind, value, known[action.kind]) for value in values]
+        number = 1 + max((job.number for job in self._jobs), default=0)
+        words = [*action.words, *(f"runs/{one}" if action.kind == "run" else one for one in names), *action.options]
+        words += ["--out", f"{self._results.name}/{number}.{action.out}"] if action.out else []
+        words += ["--page-host", self._options.page_host] if action.has_page else []
+        if name == "train":  # or the same run would come again
+            words += ["--seed", f"{sum(run['env'] in names for run in runs)}"]
+        if action.is_alone:
+            self._end(job for job in self._jobs if ACTIONS[job.action].is_alone)
+        job = Job(number, name, ", ".join(names), self._launch(words, self._folder))
         self._jobs = [*self._jobs, job][-_MAX_JOBS:]
         threading.Thread(target=job.listen, name="bricksrl-page-job", daemon=True).start()
-
-    @property
-    def _next(self) -> int:
-        """Number of the next job."""
-        return 1 + max((job.number for job in self._jobs), default=0)
-
-    def _run(self, name: Any) -> str:
-        return f"runs/{chosen('run', name, [run['name'] for run in self._runs()])}"
-
-    # ---------------------------------------------------------------- what is shown
 
     def _refresh(self) -> None:
         while not self._ended.wait(_REFRESH_S):
@@ -209,7 +198,9 @@ class StartPage(PageServer):
             with contextlib.suppress(BricksError):
                 origin, returns = run.origin(), [episode.return_ for episode in run.read_episodes()]
                 last = returns[-_LAST_EPISODES:]
+                about = {"env": origin.env, "agent": origin.agent, "episodes": len(returns)}
                 points = returns[:: 1 + len(returns) // _MAX_POINTS]
-                about = {"env": origin.env, "agent": origin.agent, "episodes": len(returns), "points": points}
-                found.append({"name": config.parent.name, **about, "return": sum(last) / len(last) if last else None})
+                found.append(
+                    {**about, "name": run.path.name, "points": points, "return": sum(last) / len(last) if last else None}
+                )
         return found

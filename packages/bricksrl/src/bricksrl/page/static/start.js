@@ -10,11 +10,11 @@ const chosen = new Set();
 function show() {
   $("message").hidden = !status.message;
   $("message").textContent = status.message ?? "";
-  fill($("envs"), status.cards ?? [], "article", (card, { env, summary, actions }) => {
+  fill($("envs"), status.cards ?? [], "article", (card, { env, summary, is_arena }) => {
     card.className = "env";
     card.setAttribute("aria-label", env);
     const picture = element("img", { src: `${env}.jpg`, alt: "", loading: "lazy" });
-    const buttons = actions.map((action) => starter(TEXTS[action], action, env));
+    const buttons = (is_arena ? ["game"] : ["play", "train", "drive"]).map((action) => starter(TEXTS[action], action, env));
     buttons[0].className = "main";
     card.append(picture, element("h3", { textContent: env }), element("p", { textContent: summary }), element("div", { className: "row" }, ...buttons));
   });
@@ -22,11 +22,7 @@ function show() {
   fill($("build").querySelector("ul"), status.plans ?? [], "li", (item, plan) => {
     item.append(element("b", { textContent: plan }), starter("Step by step in 3D", "build", plan), starter("Booklet (PDF)", "booklet", plan));
   });
-  fill($("check-env"), (status.cards ?? []).filter(({ actions }) => actions.includes("drive")).map(({ env }) => env), "option", (option, name) => (option.textContent = name));
-  fill($("check-hub"), status.hubs ?? [], "option", (option, name) => {
-    option.value = name;
-    option.textContent = { virtual: "virtual", ble: "Bluetooth", usb: "USB cable" }[name] ?? name;
-  });
+  fill($("check-env"), (status.cards ?? []).filter(({ is_arena }) => !is_arena).map(({ env }) => env), "option", (option, name) => (option.textContent = name));
   showJobs();
 }
 
@@ -75,9 +71,9 @@ function showJobs() {
   fill($("jobs"), jobs.map(({ number }) => number), "article", (card, number) => {
     const job = jobs.find((one) => one.number === number);
     card.className = "job";
-    card.dataset.action = job.action;
+    card.dataset.action = job.action.split(" ")[0];
     const end = element("button", { type: "button", textContent: "End", onclick: () => press("end", number) });
-    const title = element("b", { textContent: `${job.about} ${DOES[job.action]}` });
+    const title = element("b", { textContent: `${job.about} ${DOES[job.action.split(" ")[0]]}` });
     card.append(element("div", { className: "row" }, title, element("span", { className: "chip" }), element("a", { className: "main", textContent: "Open" }), end), element("pre", {}));
   });
   jobs.forEach((job, i) => {
@@ -118,7 +114,7 @@ function address(url) {
 }
 
 $("compare").onclick = () => start("compare", [...chosen]);
-$("check-start").onclick = () => start("check", [$("check-env").value, $("check-hub").value]);
+$("check-start").onclick = () => start(`check ${$("check-hub").value}`, $("check-env").value);
 cleanAddress();
 connect({
   onText: (message) => {
