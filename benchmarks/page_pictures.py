@@ -3,8 +3,9 @@
     python -m benchmarks page_pictures
 
 Writes for the documentation ``docs/images/page.png``, a Walker in mid-training, ``docs/images/page_phone.png``, a 2Wheeler driven
-by hand on a screen as wide as a phone's, and ``docs/images/start_page.png``; and for the start page a picture of each
-environment, drawn by the live page itself. Needs Chromium and some minutes.
+by hand on a screen as wide as a phone's, ``docs/images/page_goal.png``, the bay of Park, ``docs/images/page_tag.png``, a phone
+that drives the runner, and ``docs/images/start_page.png``; and for the start page a picture of each environment, drawn by the
+live page itself. Needs Chromium and some minutes.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from bricksrl.envs.registry import is_simulation, list_envs
 FOLDER = Path(__file__).parents[1] / "docs" / "images"
 ENVIRONMENTS = Path(__file__).parents[1] / "packages" / "bricksrl" / "src" / "bricksrl" / "page" / "pictures"
 FLAGS = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
+OVERLAYS = "#facts, #view-buttons, #metres, #camera, #hint"
 SIZE_PX = (480, 300)
 """Of the picture of an environment."""
 EPISODES = 12
@@ -75,13 +77,28 @@ def take_environment(env_id: str, folder: Path) -> None:
     with served(".", "demo", env_id) as url, tab(url, 656, 960) as page:
         page.locator("#facts:has-text('episode')").wait_for()
         page.wait_for_timeout(5_000)
-        page.evaluate(
-            "document.querySelectorAll('#facts, #view-buttons, #metres, #camera').forEach((one) => (one.style.opacity = 0))"
-        )
-        page.get_by_role("button", name="Pause", exact=True).click()
+        take_view(page, folder / f"{env_id}.jpg")
+
+
+def take_arena(env_id: str, robot: str, phone: Path | None, alone: Path) -> None:
+    """Take the pictures of an arena: on a phone that drives one robot, and of the robots alone."""
+    with served(".", "team", env_id, "--page") as url, tab(url, 390, 844) as page:
+        page.locator("#facts:has-text('step')").wait_for()
+        page.get_by_role("button", name=f"Drive the {robot}", exact=True).click()
         page.wait_for_timeout(4_000)
-        picture = Image.open(io.BytesIO(page.locator("#view").screenshot()))
-        picture.convert("RGB").resize(SIZE_PX).save(folder / f"{env_id}.jpg", quality=82)
+        if phone is not None:
+            page.screenshot(path=phone)
+        page.set_viewport_size({"width": 656, "height": 960})
+        take_view(page, alone)
+
+
+def take_view(page: Page, path: Path) -> None:
+    """Take the picture of the robot alone, at rest."""
+    page.evaluate(f"document.querySelectorAll('{OVERLAYS}').forEach((one) => (one.style.opacity = 0))")
+    page.get_by_role("button", name="Pause", exact=True).click()
+    page.wait_for_timeout(4_000)
+    picture = Image.open(io.BytesIO(page.locator("#view").screenshot()))
+    picture.convert("RGB").resize(SIZE_PX).save(path, quality=82)
 
 
 def main(session: Session) -> None:
@@ -91,6 +108,11 @@ def main(session: Session) -> None:
     for env_id in list_envs():
         if not is_simulation(env_id):
             take_environment(env_id, session.place_of(ENVIRONMENTS))
+    take_arena("Tag-v0", "runner", pictures / "page_tag.png", ENVIRONMENTS / "Tag-v0.jpg")
+    take_arena("Carry-v0", "left", None, ENVIRONMENTS / "Carry-v0.jpg")
+    with served(".", "demo", "Park-v0") as url, tab(url, 1280, 800) as page:
+        page.wait_for_timeout(5_000)
+        take(page, pictures / "page_goal.png")
     with served(".", "page") as url, tab(url, 1280, 800) as page:
         page.locator(".env img").last.wait_for()
         page.screenshot(path=pictures / "start_page.png")

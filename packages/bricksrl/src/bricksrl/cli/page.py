@@ -294,15 +294,21 @@ def _on_page(
     episodes: int | None = None,
 ) -> None:
     """Show an environment, or a robot without TorchRL, played by `play_on_page` or `play_robot`."""
-    from bricksrl.cli.terminal import EmergencyStop
     from bricksrl.page.live import LivePage
 
     page = LivePage(env_id, subtitle, task=env.task, in_charge=in_charge, policies=tuple(policies), speed="1x", options=address)
+    play_until_stopped(env, page, lambda stop: play(env, page, policies, episodes=episodes, stop=stop))
+
+
+def play_until_stopped(env: Any, page: LivePage, play: Callable[[threading.Event], list[float]]) -> None:
+    """Serve a page while an environment is played on it; Ctrl-C, or the event that ``play`` is given, ends it."""
+    from bricksrl.cli.terminal import EmergencyStop
+
     try:
         with page, EmergencyStop(stop := threading.Event(), print_note) as emergency_stop:
             announce(page.url)
             emergency_stop.attach(env)
-            returns = play(env, page, policies, episodes=episodes, stop=stop)
+            returns = play(stop)
     except (KeyboardInterrupt, StoppedError):
         raise Interrupted from None
     print_line(f"{counted(len(returns), 'episode')}, mean return {sum(returns) / len(returns):.4g}")

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from tyro.conf import Positional, UseAppendAction
 
 from brickhub.cli.options import option, refuse_ignored
-from brickhub.cli.terminal import Interrupted, print_line, print_note
+from brickhub.cli.terminal import Interrupted, print_line
 from brickhub.files import check_writable, folder_with, quoted
-from bricksrl.cli.page import LivePageGroup, announce, shown
+from bricksrl.cli.page import LivePageGroup, play_until_stopped, shown
 from bricksrl.cli.terminal import load_learning
 from bricksrl.cli.train import run_folder
-from bricksrl.errors import RenderingUnavailableError, RunError, StoppedError, UnknownNameError, counted, percent
+from bricksrl.errors import RenderingUnavailableError, RunError, UnknownNameError, counted, percent
 from bricksrl.page.server import PageOptions
 
 if TYPE_CHECKING:
@@ -194,18 +194,12 @@ def _latest_policy(env: str) -> tuple[TensorDictModuleBase, str]:
 
 def _show(env_id: str, policy: TensorDictModuleBase, by: str, address: PageOptions) -> None:
     """Play in the browser until Ctrl-C."""
-    from bricksrl.cli.terminal import EmergencyStop
     from bricksrl.envs.arenas import make_arena
     from bricksrl.page.arena import ArenaPage, play_arena
 
-    env, stop = make_arena(env_id), threading.Event()
-    try:
-        with closing(env), ArenaPage(env.task, by, address) as page, EmergencyStop(stop, print_note) as emergency_stop:
-            announce(page.url)
-            emergency_stop.attach(env)
-            play_arena(env, page, policy, stop=stop)
-    except (KeyboardInterrupt, StoppedError):
-        raise Interrupted from None
+    with closing(make_arena(env_id)) as env:
+        page = ArenaPage(env.task, by, address)
+        play_until_stopped(env, page, lambda stop: play_arena(env, page, policy, stop=stop))
 
 
 def _kept(folder: Path) -> str:
