@@ -396,7 +396,7 @@ def test_program_prints_on_its_page_which_stays(browser: object) -> None:
         assert not staying.is_alive()
 
 
-def test_arrow_keys_drive(browser: object) -> None:
+def test_arrow_keys_and_gamepad_drive(browser: object) -> None:
     with playing("Spinning-v0", by_hand=True) as played, tab(browser, played.page.url) as page:
         page.wait_for_selector("#scene[data-frames]")
         page.keyboard.down("ArrowUp")
@@ -406,6 +406,10 @@ def test_arrow_keys_drive(browser: object) -> None:
         page.keyboard.down("ArrowLeft")
         until(lambda: played.page.driver.pushes[0] < -0.8 < 0.8 < played.page.driver.pushes[1], "left")
         page.keyboard.up("ArrowLeft")
+        until(lambda: played.page.driver.pushes == [0.0, 0.0], "let go")
+        page.evaluate("navigator.getGamepads = () => [null, { axes: [0.05, -1, 0, 0] }]")
+        until(lambda: min(played.page.driver.pushes) > 0.8, "the gamepad: forward")
+        page.evaluate("navigator.getGamepads = () => [null, { axes: [0.05, 0, 0, 0] }]")
         until(lambda: played.page.driver.pushes == [0.0, 0.0], "let go")
 
 

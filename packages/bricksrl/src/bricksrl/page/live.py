@@ -38,6 +38,10 @@ _STEP_S = 0.1
 """Step time of a simulation without a robot, at speed 1."""
 
 
+_TURNS = {"turn": 1.0, "rotation": -1.0}
+"""Beginnings of names of commands that turn a robot or an arm, and their sign for a turn to the right, clockwise from above."""
+
+
 class PageDriver:
     """Human at the page, as a driver of the rollout, called at each step in the thread that steps the robot.
 
@@ -110,9 +114,10 @@ def stick_map(commands: Sequence[Entry]) -> list[list[float]]:
         return [[side * way, way] for side, way in zip(sides, ways, strict=True)]
     if len(commands) == 1:
         return [[0.0, 1.0]]
-    sideways = next((index for index, command in enumerate(commands) if command.name.startswith("turn")), 0)
+    turns = [next((sign for name, sign in _TURNS.items() if command.name.startswith(name)), 0.0) for command in commands]
+    sideways = next((index for index, sign in enumerate(turns) if sign), 0)
     forward = int(sideways == 0)
-    return [[float(index == sideways), float(index == forward)] for index in range(len(commands))]
+    return [[(turns[index] or 1.0) * (index == sideways), float(index == forward)] for index in range(len(commands))]
 
 
 class LivePage(PageServer):

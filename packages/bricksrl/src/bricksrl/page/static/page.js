@@ -4,7 +4,7 @@ import { Scene3D } from "./scene3d.js";
 import { Chart, short } from "./charts.js";
 import { $, cleanAddress, connect, fill, press } from "./connection.js";
 
-const POSES = 1, IMAGE = 2, MIN_INTERVAL_MS = 60, REPEAT_MS = 300, REST_MS = 1500;
+const POSES = 1, IMAGE = 2, MIN_INTERVAL_MS = 60, REPEAT_MS = 300, REST_MS = 1500, IDLE_AXIS = 0.12;
 let status = {}, scene = null, lost = "";
 const charts = new Map();
 const pushes = { values: [], sent_ms: 0, active: false };
@@ -326,6 +326,18 @@ function makeArrows(move) {
   addEventListener("blur", () => down.size && (down.clear(), follow()));
 }
 
+// The left stick of a gamepad pushes the stick too.
+function makeGamepad(move) {
+  let isPushed = false;
+  setInterval(() => {
+    const pad = [...(navigator.getGamepads?.() ?? [])].find(Boolean);
+    const [x, y] = pad && status.drive?.in_charge ? pad.axes.map((value) => (Math.abs(value) < IDLE_AXIS ? 0 : value)) : [0, 0];
+    if (!x && !y && !isPushed) return;
+    isPushed = pushes.held = Boolean(x || y);
+    move(x, -y);
+  }, MIN_INTERVAL_MS);
+}
+
 // ---------------------------------------------------------------- pulling
 
 // A pull is repeated while it lasts, as the robot moves on below a pointer that rests.
@@ -394,7 +406,9 @@ try {
 } catch (error) {
   console.warn(error);
 }
-makeArrows(makeStick());
+const moveStick = makeStick();
+makeArrows(moveStick);
+makeGamepad(moveStick);
 connect({
   onText: onMessage,
   onBinary,

@@ -78,7 +78,7 @@ function showJobs() {
   });
   jobs.forEach((job, i) => {
     const card = $("jobs").children[i], [, chip, link, end] = card.firstChild.children, pre = card.querySelector("pre");
-    const isRunning = job.code === null, state = isRunning ? (job.url || job.lines.length ? "running" : "starting") : job.code === 0 || job.code < 0 ? "done" : "failed";
+    const isRunning = job.code === null, state = isRunning ? (job.url || job.lines.length ? "running" : "starting") : [0, 130].includes(job.code) || job.code < 0 ? "done" : "failed";
     card.classList.toggle("over", !isRunning);
     chip.textContent = state;
     chip.className = `chip ${{ done: "finished", failed: "stopped" }[state] ?? ""}`;
