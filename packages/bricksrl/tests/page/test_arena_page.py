@@ -69,6 +69,7 @@ def test_two_visitors_drive_a_robot_each(browser: object) -> None:
                 visitor.wait_for_selector("#scene[data-frames]")
                 visitor.get_by_role("button", name=f"Drive the {robot}", exact=True).click()
                 until(lambda robot=robot: page.drivers[robot].in_charge, "one drives")
+            until(lambda: page._steps > 2, "they play")
             assert phone.evaluate("document.documentElement.scrollWidth") <= 390
             before = rest()
             phone.locator("#stick").scroll_into_view_if_needed()
