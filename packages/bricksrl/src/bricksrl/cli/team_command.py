@@ -82,7 +82,7 @@ class TrainTeam:
             raise RunError("a team that only plays has an arena; omit ARENA or --play")
         address = shown(self.live_page, self.page)
         if self.page:
-            refuse_ignored(self, ("--page", "--play", "--page-host", "--page-port"), "with --page")
+            refuse_ignored(self, ("--env", "--page", "--play", "--page-host", "--page-port"), "with --page")
         elif self.play is not None:
             refuse_ignored(self, ("--play", "--seed", "--episodes"), "with --play")
         load_learning()
