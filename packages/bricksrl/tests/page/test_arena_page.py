@@ -62,7 +62,7 @@ def test_two_visitors_drive_a_robot_each(browser: object) -> None:
                     return places_m()
             raise AssertionError("they do not rest")
 
-        thread = threading.Thread(target=play)
+        thread = threading.Thread(target=play, daemon=True)
         thread.start()
         with tab(browser, page.url, 390, 844) as phone, tab(browser, page.url, 1280, 800) as other:
             for visitor, robot in ((phone, "runner"), (other, "catcher")):
