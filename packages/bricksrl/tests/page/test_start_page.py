@@ -50,6 +50,14 @@ def walk(browser: object, url: str, width: int = 1280, height: int = 800) -> Ite
     assert not errors
 
 
+def until(page: object, condition: str) -> None:
+    """Wait until JavaScript is true; the page forbids Playwright's own way, by ``eval``."""
+    limit_s = time.monotonic() + TIMEOUT_MS / 1000
+    while not page.evaluate(condition):
+        assert time.monotonic() < limit_s, condition
+        page.wait_for_timeout(100)
+
+
 def button(place: object, name: str) -> object:
     return place.get_by_role("button", name=name, exact=True)
 
@@ -59,7 +67,7 @@ def test_class_trains_plays_and_compares_without_typing(browser: object, start: 
         for number in (1, 2):
             button(page.get_by_label("RunAway-v0"), "Train").click()
             page.wait_for_selector("#scene[data-frames]")
-            page.wait_for_function("document.querySelector(\"figure[data-series='return/0']\")?.dataset.count >= 2")
+            until(page, "document.querySelector(\"figure[data-series='return/0']\")?.dataset.count >= 2")
             page.get_by_role("link", name="Start").click()
             page.locator(".job", has_text="RunAway-v0 learns").first.get_by_role("button", name="End").click()
             page.locator(f".job:has-text('learns'):has(.chip:text-is('done')) >> nth={number - 1}").wait_for()
@@ -69,7 +77,7 @@ def test_class_trains_plays_and_compares_without_typing(browser: object, start: 
             box.check()
         button(page, "Compare").click()
         page.locator("img.result").wait_for()
-        page.wait_for_function("document.querySelector('img.result').naturalWidth > 300")
+        until(page, "document.querySelector('img.result').naturalWidth > 300")
         assert "RunAway-v0" in page.locator(".job[data-action=compare] pre").inner_text()
         button(page.locator("#runs li").first, "Watch").click()
         page.wait_for_selector("#scene[data-frames]")

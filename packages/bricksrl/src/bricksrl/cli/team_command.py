@@ -198,7 +198,7 @@ def _show(env_id: str, policy: TensorDictModuleBase, by: str, address: PageOptio
     from bricksrl.page.arena import ArenaPage, play_arena
 
     with closing(make_arena(env_id)) as env:
-        page = ArenaPage(env.task, by, address)
+        page = ArenaPage(env.task, f"without a driver: {by}", address)
         play_until_stopped(env, page, lambda stop: play_arena(env, page, policy, stop=stop))
 
 

@@ -42,7 +42,7 @@ class ArenaPage(LivePage):
         super().attach(env)
         self._is_paced_here = False  # the first robot's hub keeps the pace of all
         half_m = max(self._arena.arena.half_size_m or (_OPEN_HALF_M,))
-        mirror = Mirror(ArenaWorld(self._arena.arena).bodies[0], View((0.0, 0.0, 0.0), 2.0 * half_m + 0.6, -90.0, 45.0))
+        mirror = Mirror(ArenaWorld(self._arena.arena).bodies[0], View((0.0, 0.0, 0.0), 2.0 * half_m + 0.8, -90.0, 48.0))
         self.view.show_machine(env.hub(self._arena.robots[0]).machine, body=env.world.bodies[0], mirror=mirror)
         self.board.update_status(no_scene="")
 
@@ -75,7 +75,9 @@ class ArenaPage(LivePage):
 
     def _publish(self) -> None:
         super()._publish()
-        self.board.update_status(seats={name: driver.described() for name, driver in self.drivers.items()})
+        colors = {robot.name: robot.color for robot in self._arena.arena.robots}
+        seats = {name: {**driver.described(), "color": colors[name]} for name, driver in self.drivers.items()}
+        self.board.update_status(seats=seats)
 
 
 def play_arena(

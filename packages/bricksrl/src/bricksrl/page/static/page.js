@@ -216,6 +216,7 @@ function showSeats() {
   status.drive = seat && seats[seat];
   fill($("seats"), Object.keys(seats), "button", (button, name) => {
     Object.assign(button, { type: "button", textContent: `Drive the ${name}` });
+    button.style.borderBottom = `8px solid rgb(${seats[name].color.map((share) => 255 * share)})`;
     button.onclick = () => {
       if (seat) pressRobot("take_over", false);
       seat = seat === name ? null : name;
@@ -231,6 +232,7 @@ const pressRobot = (name, value) => press(seat ? `${name}:${seat}` : name, value
 
 function showDrive(canDrive) {
   $("drive").hidden = !canDrive;
+  document.body.classList.toggle("arena", Boolean(status.seats));
   document.body.classList.toggle("driven", Boolean(canDrive && status.drive?.in_charge));
   document.querySelector(".sticks").hidden = !status.drive;
   if (!canDrive || !status.drive) return;
