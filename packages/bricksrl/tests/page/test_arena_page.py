@@ -33,6 +33,7 @@ def until(condition: Callable[[], bool], what: str) -> None:
         time.sleep(0.02)
 
 
+@pytest.mark.slow
 def test_two_visitors_drive_a_robot_each(browser: object) -> None:
     """A phone drives the runner, another browser the catcher; each moves its own robot alone."""
     task = dataclasses.replace(get_arena_task("Tag-v0"), max_steps=100_000)

@@ -348,6 +348,7 @@ def test_robot_is_on_the_screen_of_a_phone_held_across(browser: object, played: 
         assert page.evaluate("document.documentElement.scrollWidth") <= 740
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("width", "height"), [(1280, 800), (390, 844), (844, 390)])
 def test_robot_is_pulled_as_long_as_it_is_held(browser: object, width: int, height: int) -> None:
     """The same robot with the same seed stays where it is without."""

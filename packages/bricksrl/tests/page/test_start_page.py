@@ -62,6 +62,7 @@ def button(place: object, name: str) -> object:
     return place.get_by_role("button", name=name, exact=True)
 
 
+@pytest.mark.slow
 def test_class_trains_plays_and_compares_without_typing(browser: object, start: StartPage, tmp_path: Path) -> None:
     with walk(browser, start.url) as page:
         for number in (1, 2):
@@ -90,6 +91,7 @@ def test_class_trains_plays_and_compares_without_typing(browser: object, start: 
         page.locator(".job:has-text('is shown') .chip:text-is('done')").wait_for()
 
 
+@pytest.mark.slow
 def test_hub_check_and_plan_need_no_typing(browser: object, start: StartPage) -> None:
     with walk(browser, start.url, 390, 844) as page:
         assert page.evaluate("document.documentElement.scrollWidth") <= 390
