@@ -67,10 +67,9 @@ class ProgramPage(PageServer):
             self.board.update_status(state="finished", controls=[], note="The program has ended.")
         until_s = time.monotonic() + opening_s
         with contextlib.suppress(KeyboardInterrupt):
-            while time.monotonic() < until_s:
+            while (is_watched := self.is_watched) or time.monotonic() < until_s:
+                until_s = max(until_s, time.monotonic() + _RELOAD_S * is_watched)
                 time.sleep(_POLL_S)
-                if self.is_watched:
-                    until_s = max(until_s, time.monotonic() + _RELOAD_S)
 
     def stop(self) -> None:
         """End the program at the next control loop; its motors coast."""
