@@ -15,7 +15,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from bricksrl.envs.arenas import ARENAS, arena_summary
 from bricksrl.envs.registry import is_simulation, list_envs
@@ -70,8 +70,15 @@ Launch = Callable[[Sequence[str], Path], "subprocess.Popen[str]"]
 
 def launch(words: Sequence[str], folder: Path) -> subprocess.Popen[str]:
     """Start a command of ``bricksrl`` in a folder, with all that it says on one pipe; Ctrl-C does not reach it."""
-    command, said = [sys.executable, "-u", "-m", "bricksrl", *words], {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
-    return subprocess.Popen(command, cwd=folder, stdin=subprocess.DEVNULL, text=True, start_new_session=True, **said)  # type: ignore[call-overload,no-any-return]  # noqa: S603  our own interpreter
+    return subprocess.Popen(  # noqa: S603  our own interpreter
+        [sys.executable, "-u", "-m", "bricksrl", *words],
+        cwd=folder,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    )
 
 
 @dataclass
@@ -129,7 +136,7 @@ class StartPage(PageServer):
         self.board.update_status(title="BricksRL", cards=[*cards, *games], plans=self._plans)
         self._publish()
 
-    def __enter__(self) -> StartPage:
+    def __enter__(self) -> Self:
         super().__enter__()
         self._start("bricksrl-page-jobs", self._refresh)
         return self
@@ -168,7 +175,8 @@ class StartPage(PageServer):
     def _begin(self, name: str, values: list[Any]) -> None:
         """Start the command of an action for names. Raises PageError for those that the page does not know."""
         action, runs = ACTIONS[name], self._runs()
-        known = {"environment": self._envs, "arena": ARENAS, "plan": self._plans, "run": [run["name"] for run in runs]}
+        known: dict[str, Iterable[str]] = {"environment": self._envs, "arena": ARENAS, "plan": self._plans}
+        known["run"] = [run["name"] for run in runs]
         names = [chosen(action.kind, value, known[action.kind]) for value in values]
         number = 1 + max((job.number for job in self._jobs), default=0)
         words = [*action.words, *(f"runs/{one}" if action.kind == "run" else one for one in names), *action.options]
