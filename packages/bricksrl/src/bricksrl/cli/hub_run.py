@@ -70,7 +70,12 @@ class Run(run.Run):
         if self.video is not None or self.realtime:
             raise DescriptionError("the page has a pace of its own; leave out --page, or --video and --realtime")
         page = stack.enter_context(self._page)
-        stack.push(lambda error, *_: None if error else page.stay(_OPENING_S if has_screen() else 0.0))
+
+        def stay(error: object, *_: object) -> None:
+            if error is None:
+                page.stay(_OPENING_S if has_screen() else 0.0)
+
+        stack.push(stay)
         announce(page.url)
         return cast(BinaryIO, Told(sys.stdout.buffer, page.tell)), cast(TextIO, Told(sys.stderr, page.tell))
 
