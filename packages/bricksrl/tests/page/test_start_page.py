@@ -100,6 +100,7 @@ def test_hub_check_and_plan_need_no_typing(browser: object, start: StartPage) ->
         button(page, "Check").click()
         page.locator(".job[data-action=check] .chip:text-is('done')").wait_for()
         assert "battery" in page.locator(".job[data-action=check] pre").inner_text()
+        assert page.evaluate("document.documentElement.scrollWidth") <= 390, "long lines are wrapped"
         button(page.locator("#build li", has_text="walker"), "Step by step in 3D").click()
         page.wait_for_selector("#scene[data-frames]")
         page.get_by_role("slider", name="Step").wait_for()
