@@ -1,9 +1,11 @@
-"""Pictures of the live page for the documentation, taken in a headless Chromium.
+"""Pictures of the live page, taken in a headless Chromium.
 
     python -m benchmarks page_pictures
 
-Writes ``docs/images/page.png``, a Walker in mid-training, and ``docs/images/page_phone.png``, a 2Wheeler driven by hand on a
-screen as wide as a phone's. Needs Chromium and some minutes.
+Writes for the documentation ``docs/images/page.png``, a Walker in mid-training, ``docs/images/page_phone.png``, a 2Wheeler driven
+by hand on a screen as wide as a phone's, ``docs/images/page_goal.png``, the bay of Park, ``docs/images/page_tag.png``, a phone
+that drives the runner, and ``docs/images/start_page.png``; and for the start page a picture of each environment, drawn as in
+films. Needs Chromium, OpenGL and some minutes.
 """
 
 from __future__ import annotations
@@ -14,15 +16,29 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+from bricksrl.policies.scripted import CONTROLLERS
+from PIL import Image
 from playwright.sync_api import Page, sync_playwright
 
 from benchmarks.session import Session
+from bricksrl.envs.arenas import ARENAS, get_arena_task
+from bricksrl.envs.registry import is_simulation, list_envs, make_robot
+from bricktwin.twin.arena import ArenaWorld
+from bricktwin.twin.mujoco_body import MujocoBody
+from bricktwin.twin.render.opengl import Renderer
+from bricktwin.twin.render.video import Room
 
 FOLDER = Path(__file__).parents[1] / "docs" / "images"
+ENVIRONMENTS = Path(__file__).parents[1] / "packages" / "bricksrl" / "src" / "bricksrl" / "page" / "pictures"
 FLAGS = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
+SEED, STEPS = 3, 2
+SIZE_PX = (480, 300)
+"""Of the picture of an environment."""
 EPISODES = 12
 """Of the training before the picture is taken."""
 
@@ -63,10 +79,62 @@ def take(page: Page, path: Path) -> None:
     page.screenshot(path=path)
 
 
+def draw_environment(env_id: str, path: Path) -> None:
+    """Draw an environment after some steps of its controller, with its goal, as films do, from the front if nothing is ahead."""
+    with closing(make_robot(env_id, seed=SEED)) as env:
+        observation, act = env.begin().observation, CONTROLLERS.get(env_id)
+        room = Room(env.twin.body, env.task.goal(observation.tolist()))
+        for _ in range(STEPS if act is not None and not env.task.images else 0):
+            observation = env.move(np.clip(act({"observation": observation}), -1.0, 1.0).tolist())
+        has_wall = env.task.scene.wall_distance_mm is not None  # which would hide the robot
+        room.camera.azimuth = 62.0 if has_wall else 125.0
+        room.camera.distance *= 0.9 if has_wall else 0.68
+        for _ in range(100):
+            room.follow()
+        draw(env.twin.body, room.camera, path, room.decorate)
+
+
+def draw(body: MujocoBody, camera: Any, path: Path, decorate: Any = None) -> None:
+    """Draw a robot's world as a picture of an environment."""
+    width, height = SIZE_PX
+    with Renderer(body, 2 * width, 2 * height, camera, shadows=True, decorate=decorate) as renderer:
+        Image.fromarray(renderer.render()).resize(SIZE_PX, Image.Resampling.LANCZOS).save(path, quality=82)
+
+
+def draw_arena(env_id: str, path: Path) -> None:
+    """Draw the robots of an arena at their starts."""
+    world = ArenaWorld(get_arena_task(env_id).arena)
+    world.place(np.random.default_rng(SEED))
+    world.bodies[0].update_visuals()
+    draw(world.bodies[0], "arena", path)
+
+
+def take_arena(env_id: str, robot: str, path: Path) -> None:
+    """Take the picture of an arena on a phone that drives one robot."""
+    with served(".", "team", env_id, "--page") as url, tab(url, 390, 844) as page:
+        page.locator("#facts:has-text('step')").wait_for()
+        page.get_by_role("button", name=f"Drive the {robot}", exact=True).click()
+        page.wait_for_timeout(4_000)
+        page.screenshot(path=path)
+
+
 def main(session: Session) -> None:
-    """Take both pictures."""
+    """Take the pictures."""
     session.parse()
     pictures = session.place_of(FOLDER)
+    environments = session.place_of(ENVIRONMENTS)
+    for env_id in list_envs():
+        if not is_simulation(env_id):
+            draw_environment(env_id, environments / f"{env_id}.jpg")
+    for env_id in ARENAS:
+        draw_arena(env_id, environments / f"{env_id}.jpg")
+    take_arena("Tag-v0", "runner", pictures / "page_tag.png")
+    with served(".", "demo", "Park-v0") as url, tab(url, 1280, 800) as page:
+        page.wait_for_timeout(5_000)
+        take(page, pictures / "page_goal.png")
+    with served(".", "page") as url, tab(url, 1280, 800) as page:
+        page.locator(".env img").last.wait_for()
+        page.screenshot(path=pictures / "start_page.png")
     with (
         tempfile.TemporaryDirectory() as folder,
         served(folder, "train", "Walker-v1", "--episodes", "60", "--page", "--no-record", "--run", "runs/walk") as url,

@@ -12,7 +12,7 @@ import pytest
 from bricksrl import make
 from bricksrl.cli import main
 from bricksrl.cli.app import parse
-from bricksrl.cli.page import DriveRobot, Play, _in_terminal, has_screen
+from bricksrl.cli.page import DriveRobot, Play, _in_terminal, announce, has_screen
 from bricksrl.errors import HubError
 from bricksrl.policies.policy import Player
 
@@ -99,6 +99,9 @@ def test_program_on_page(tmp_path, capfd):
         (("record", "RunAway-v0", "--out", "x", "--explore"), "--explore has no effect with the policy 'random'"),
         (("record", "RunAway-v0", "--out", "x", "--policy", "gamepad", "--take-over", "keyboard"), "omit --take-over"),
         (("train-offline", "RunAway-v0", "--data", "x", "--page-port", "1"), "--page-port has no effect without --page"),
+        (("team", "Tag-v0", "--page", "--frames", "9"), "--frames has no effect with --page; omit it"),
+        (("team", "Tag-v0", "--page-port", "9000"), "--page-port has no effect without --page; omit it"),
+        (("page", "--page-host", "256.0.0.1"), "name another host"),
         (("evaluate", "x", "--video", "x.gif"), "end it in .mp4"),
     ],
 )
@@ -109,10 +112,24 @@ def test_errors_print_one_line(fails, tmp_path, monkeypatch, arguments, says):
 
 
 def test_page_is_local_by_default():
-    for words in (["drive", "Spinning-v0"], ["play", "runs/spin", "--page"], ["train", "Walker-v1", "--page"]):
+    for words in (
+        ["drive", "Spinning-v0"],
+        ["play", "runs/spin", "--page"],
+        ["train", "Walker-v1", "--page"],
+        ["page"],
+        ["team", "Tag-v0", "--page"],
+    ):
         options = parse(words).live_page
         assert (options.page_host, options.page_port) == ("127.0.0.1", None)
     assert isinstance(parse(["drive", "Spinning-v0"]), DriveRobot) and isinstance(parse(["play", "runs/spin"]), Play)
+
+
+def test_phone_in_the_network_gets_a_qr_code(capfd):
+    pytest.importorskip("segno")
+    announce("http://127.0.0.1:8090/?token=x")
+    assert capfd.readouterr().err.count("\n") == 1
+    announce("http://192.168.1.20:8090/?token=x")
+    assert len(set(map(len, capfd.readouterr().err.splitlines()[2:]))) == 1
 
 
 def test_no_browser_without_display(monkeypatch):

@@ -90,7 +90,7 @@ def test_driver_stick() -> None:
     drive = [Entry("drive_speed", -100.0, 100.0, "mm/s"), Entry("turn_rate", -60.0, 60.0, "deg/s")]
     assert stick_map(drive) == [[0.0, 1.0], [1.0, 0.0]] and stick_map(drive[::-1]) == [[1.0, 0.0], [0.0, 1.0]]
     arm = [Entry(name, -1.0, 1.0) for name in ("rotation", "low", "high", "grab")]
-    assert stick_map(arm) == [[1.0, 0.0], [0.0, 1.0], [0.0, 0.0], [0.0, 0.0]]
+    assert stick_map(arm) == [[-1.0, 0.0], [0.0, 1.0], [0.0, 0.0], [0.0, 0.0]], "an arm to the right, seen from behind"
 
 
 def test_numbers_that_json_lacks_are_null() -> None:

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import http.server
+import itertools
 import threading
 import time
 import urllib.error
 import urllib.request
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 
+import numpy as np
 import pytest
 from browser import chromium, tab
 
 import bricksrl
+from bricksrl.envs.rollout import play
 from bricksrl.page.live import LivePage
 from bricksrl.page.play import play_on_page, resting_player
+from bricksrl.page.program import ProgramPage
 from bricksrl.policies.policy import random_player
 
 pytestmark = pytest.mark.realtime
@@ -344,7 +348,56 @@ def test_robot_is_on_the_screen_of_a_phone_held_across(browser: object, played: 
         assert page.evaluate("document.documentElement.scrollWidth") <= 740
 
 
-def test_arrow_keys_drive(browser: object) -> None:
+@pytest.mark.slow
+@pytest.mark.parametrize(("width", "height"), [(1280, 800), (390, 844), (844, 390)])
+def test_robot_is_pulled_as_long_as_it_is_held(browser: object, width: int, height: int) -> None:
+    """The same robot with the same seed stays where it is without."""
+    with playing("Spinning-v0", by_hand=True) as played, tab(browser, played.page.url, width, height) as page:
+        page.wait_for_selector("#scene[data-frames]")
+        box = page.locator("#scene").bounding_box()
+        x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+        page.mouse.move(x, y)
+        page.mouse.down()
+        page.mouse.move(x + 60, y + 10, steps=4)
+        page.locator("#pull").wait_for()
+
+        def place_m(env: object) -> object:
+            return env.twin.body.data.qpos[:2].copy()
+
+        steps = played.steps
+        until(lambda: played.steps > steps + 10, "it is pulled")
+        assert page.locator("#hint").is_hidden(), "who knows it is not told again"
+        page.mouse.up()
+        until(lambda: not played.env.twin.body.data.xfrc_applied.any(), "let go")
+        count, there = played.steps, place_m(played.env)
+        with closing(bricksrl.make("Spinning-v0", seed=0)) as alone:
+            list(itertools.islice(play(alone, resting_player(alone).act, alone.reset()), min(count, 50)))
+            assert np.linalg.norm(place_m(alone)) < 0.002 < 0.04 < np.linalg.norm(there)
+        page.mouse.move(box["x"] + 12, box["y"] + box["height"] - 12)
+        page.mouse.down()
+        page.mouse.move(box["x"] + 80, box["y"] + box["height"] - 12)
+        assert page.locator("#pull").is_hidden(), "beside the robot, the view turns"
+        page.mouse.up()
+
+
+def test_program_prints_on_its_page_which_stays(browser: object) -> None:
+    with ProgramPage("main.py") as program, tab(browser, program.url) as page:
+        program.tell("hello\n")
+        program.tell("world\n")
+        page.locator("#console:has-text('hello')").wait_for()
+        staying = threading.Thread(target=program.stay, args=(0.0,))
+        staying.start()
+        state_is(page, "finished")
+        page.locator("#message.note:has-text('has ended')").wait_for()
+        assert page.locator("#console").inner_text() == "hello\nworld\n" and page.locator("#stop").is_hidden()
+        page.wait_for_timeout(1_000)
+        assert staying.is_alive(), "as long as somebody looks"
+        page.goto("about:blank")
+        staying.join(30)
+        assert not staying.is_alive()
+
+
+def test_arrow_keys_and_gamepad_drive(browser: object) -> None:
     with playing("Spinning-v0", by_hand=True) as played, tab(browser, played.page.url) as page:
         page.wait_for_selector("#scene[data-frames]")
         page.keyboard.down("ArrowUp")
@@ -354,6 +407,10 @@ def test_arrow_keys_drive(browser: object) -> None:
         page.keyboard.down("ArrowLeft")
         until(lambda: played.page.driver.pushes[0] < -0.8 < 0.8 < played.page.driver.pushes[1], "left")
         page.keyboard.up("ArrowLeft")
+        until(lambda: played.page.driver.pushes == [0.0, 0.0], "let go")
+        page.evaluate("navigator.getGamepads = () => [null, { axes: [0.05, -1, 0, 0] }]")
+        until(lambda: min(played.page.driver.pushes) > 0.8, "the gamepad: forward")
+        page.evaluate("navigator.getGamepads = () => [null, { axes: [0.05, 0, 0, 0] }]")
         until(lambda: played.page.driver.pushes == [0.0, 0.0], "let go")
 
 

@@ -12,12 +12,13 @@ import numpy as np
 import pytest
 
 from brickhub.robot import DriveBase, HubKind, Motor, Robot
+from bricksrl.envs.registry import get_task
 from bricksrl.errors import PageError
 from bricksrl.page.board import Board
 from bricksrl.page.robot_view import PRIMITIVES, Mirror, RobotView, twin_scene
 from bricksrl.page.scene import HIDDEN, Mesh, Scene, SceneBody, Shape, box, poses
 from bricktwin.robots import ROBO_ARM, TWO_WHEELER, WALKER, plans
-from bricktwin.twin.linkage import sensed_qpos
+from bricktwin.twin.linkage import pose_at, sensed_qpos
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.scene import OPEN_FLOOR
 from bricktwin.twin.scene import Scene as Surroundings
@@ -91,16 +92,39 @@ def test_twin_scene(robot, surroundings) -> None:
     walls = [shape for one in scene.bodies for shape in one.shapes if shape.pattern == "bricks"]
     assert len(walls) == (surroundings.wall_distance_mm is not None)
     assert len(scene.to_bytes()) < 2_000_000
-    mirror = Mirror(robot, surroundings)
+    mirror = Mirror(make_body(robot, scene=surroundings))
     body.data.qpos[-1] += 0.1
     body.update_visuals()
-    assert np.allclose(mirror.poses(body.data.qpos), poses(body.data.xpos[numbers], body.data.xquat[numbers]))
+    seen = mirror.poses(body.data.qpos)
+    assert np.allclose(seen[: len(numbers)], poses(body.data.xpos[numbers], body.data.xquat[numbers]))
+    assert np.isnan(seen[len(numbers) :, 0]).all(), "a ghost without a goal is hidden"
+
+
+@pytest.mark.parametrize("env_id", ["RoboArm-v0", "Park-v0", "Walker-v1"])
+def test_goal_is_drawn_as_a_ghost_of_the_robot(env_id: str) -> None:
+    """One that has reached its goal is where its ghost is."""
+    task = get_task(env_id)
+    observation = [0.5 * (entry.low + entry.high) for entry in task.entries]
+    goal = task.goal(observation)
+    assert (goal is None) == (env_id == "Walker-v1")
+    if goal is None:
+        return
+    mirror, body = Mirror(make_body(task.robot, scene=task.scene)), make_body(task.robot, scene=task.scene)
+    pose_at(body, goal)
+    names = [one.name for one in mirror.scene.bodies]
+    seen = dict(zip(names, mirror.poses(body.data.qpos, goal), strict=True))
+    ghosts = [name for name in names if name.startswith("goal ")]
+    assert len(ghosts) > 1 and {s.colour[3] for one in mirror.scene.bodies if one.name in ghosts for s in one.shapes} == {0.45}
+    for name in ghosts:
+        assert np.allclose(seen[name], seen[name.removeprefix("goal ")], atol=1e-5)
+    away = mirror.poses(make_body(task.robot, scene=task.scene).data.qpos, goal)
+    assert np.array_equal(away[-1], seen[names[-1]]), "it stays while the robot moves"
 
 
 @pytest.mark.parametrize("robot", [WALKER, TWO_WHEELER, ROBO_ARM])
 def test_pose_follows_sensors(robot) -> None:
     """Sensor values of one twin give another the same pose."""
-    body, mirror = make_body(robot), Mirror(robot, OPEN_FLOOR)
+    body, mirror = make_body(robot), Mirror(make_body(robot))
     for port, voltage in zip((motor.port for motor in robot.motors), (3000, -2500, 2000, -3500), strict=False):
         body.set_voltage(port, voltage)
     for time_ms in range(10, 600, 10):
@@ -138,7 +162,7 @@ def shown(robot: Robot) -> Board:
 def test_real_robot_is_drawn_from_plan_or_drive_base(robot: Robot) -> None:
     board = shown(robot)
     assert "no_scene" not in board.status[1]
-    assert callable(board.poses[1]) and np.isfinite(board.poses[1]()).all()
+    assert callable(board.poses[1]) and np.isfinite(board.poses[1]()[0]).all()
 
 
 @pytest.mark.parametrize(

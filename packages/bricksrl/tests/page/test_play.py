@@ -10,7 +10,7 @@ import pytest
 import bricksrl
 from bricksrl.errors import PageError, StoppedError
 from bricksrl.page.live import LivePage
-from bricksrl.page.play import play_on_page
+from bricksrl.page.play import play_on_page, resting_player
 from bricksrl.page.program import ProgramPage
 from bricksrl.policies.policy import Player
 
@@ -45,3 +45,19 @@ def test_reset_pressed_before_a_stop_does_not_start_the_robot_again() -> None:
         with pytest.raises(StoppedError):
             play_on_page(env, page, {"": lambda: Player(act)}, stop=over)
         timers[0].join()
+
+
+def test_nothing_resets_while_a_human_drives() -> None:
+    with closing(bricksrl.make("RunAway-v0", seed=0)) as env:
+        page, over, steps = LivePage("RunAway-v0", task=env.task, in_charge=True), threading.Event(), list[int]()
+
+        def show(_frame: object) -> None:
+            steps.append(page._steps)
+            if len(steps) > 2 * env.task.max_steps:
+                over.set()
+
+        page.show_step = show
+        page.begin = steps.clear
+        with pytest.raises(StoppedError):
+            play_on_page(env, page, {"": lambda: resting_player(env)}, stop=over)
+        assert len(steps) == 2 * env.task.max_steps + 1

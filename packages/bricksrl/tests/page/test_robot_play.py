@@ -68,6 +68,20 @@ def test_whole_episode_has_its_return():
     assert page.board.status[1]["facts"]["return"] == pytest.approx(total)
 
 
+def test_controller_sees_what_an_agent_sees():
+    """Two further entries are for the task's functions alone."""
+    env, page = played("RoboArm_mixed-v0", policies=("one",))
+    stop = threading.Event()
+
+    def act(state):
+        assert state["observation"].shape == (3,) and state["image"].ndim == 3
+        stop.set()
+        return CONTROLLERS["RoboArm_mixed-v0"](state)
+
+    with closing(env), pytest.raises(StoppedError):
+        play_robot(env, page, {"one": lambda: act}, stop=stop)
+
+
 def test_nothing_resets_while_one_drives():
     env, page = played("RunAway-v0", in_charge=True)
     steps, stop = 2 * env.task.max_steps, threading.Event()

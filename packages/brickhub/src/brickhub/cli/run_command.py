@@ -8,7 +8,7 @@ from collections.abc import Callable
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, BinaryIO, TextIO
 
 from tyro.conf import Positional, UseAppendAction
 
@@ -86,7 +86,7 @@ class Run:
 
         address, program = parse_hub(self.hub), load_program(self.file)  # which raises before a film begins
         is_for_kit = imports(program, LEGO_PACKAGE)
-        out, err, stdin = sys.stdout.buffer, sys.stderr, sys.stdin
+        stdin = sys.stdin
         if isinstance(stdin, io.TextIOWrapper):
             stdin.reconfigure(errors="surrogateescape")  # a program may be given any bytes
         if address.is_virtual:
@@ -95,6 +95,7 @@ class Run:
 
             source = None if stdin is None or stdin.isatty() else stdin
             with ExitStack() as stack:
+                out, err = self.streams(stack)
                 if is_for_kit:
                     body, operation = self.body(stack), self._operation(stack)
                     return run_kit_file(self.file, body, stderr=err, time_limit_s=self.time_limit_s, operation=operation)
@@ -115,7 +116,8 @@ class Run:
         if is_for_kit:
             raise DescriptionError("LEGO's devices run no programs; run it on this computer: python " + str(self.file))
         with closing(address.transport()) as transport:
-            return run_program(transport, program, stdout=out, stderr=err, stdin=stdin, time_limit_s=self.time_limit_s)
+            out = sys.stdout.buffer
+            return run_program(transport, program, stdout=out, stderr=sys.stderr, stdin=stdin, time_limit_s=self.time_limit_s)
 
     def body(self, stack: ExitStack) -> Body | None:
         """Body of the virtual robot; ``None`` for the bench that adapts to the program. ``stack`` closes what it needs."""
@@ -126,6 +128,10 @@ class Run:
 
         target = find(self.robot)
         return None if target.robot is BENCH else target.make_body()
+
+    def streams(self, stack: ExitStack) -> tuple[BinaryIO, TextIO]:
+        """Streams for what the program prints, and for its traceback; ``stack`` closes what they need."""
+        return sys.stdout.buffer, sys.stderr
 
     def attend(self, stack: ExitStack) -> Callable[[Machine], None] | None:
         """Function that is given the machine before the program starts; ``stack`` closes what it needs."""

@@ -36,6 +36,7 @@ Examples:
         "tune": "bricksrl.cli.tune:Tune",
         "study": "bricksrl.cli.tune:StudyCommand",
         "evaluate": "bricksrl.cli.evaluate:Evaluate",
+        "page": "bricksrl.cli.page:ShowStart",
         "demo": "bricksrl.cli.page:Demo",
         "play": "bricksrl.cli.page:Play",
         "drive": "bricksrl.cli.page:DriveRobot",

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import functools
+import sys
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, BinaryIO, TextIO, cast
 
 from brickhub.cli.options import option
-from bricksrl.cli.page import LivePageGroup, PageFlag, announce, shown
+from bricksrl.cli.page import LivePageGroup, PageFlag, announce, has_screen, shown
 from bricksrl.errors import DescriptionError
 from bricksrl.page.server import PageOptions
 from bricktwin.cli import run_command as run
@@ -16,6 +18,10 @@ from bricktwin.cli import run_command as run
 if TYPE_CHECKING:
     from brickhub.virtual.body import Body
     from brickhub.virtual.machine import Machine
+    from bricksrl.page.program import ProgramPage
+
+_OPENING_S = 15.0
+"""Time for a browser to open, after which the page of a program that has ended closes if nobody looks at it."""
 
 
 @dataclass(frozen=True)
@@ -50,13 +56,28 @@ class Run(run.Run):
         drawn = replace(self, robot=run.ROBOT_OF_FILMS) if self.page and self.robot is None else self
         return super(Run, drawn).body(stack)
 
-    def attend(self, stack: ExitStack) -> Callable[[Machine], None] | None:
-        if not self.page:
-            return None
-        if self.video is not None or self.realtime:
-            raise DescriptionError("the page has a pace of its own; leave out --page, or --video and --realtime")
+    @functools.cached_property
+    def _page(self) -> ProgramPage:
         from bricksrl.page.program import ProgramPage
 
-        page = stack.enter_context(ProgramPage(self.file.name, self.live_page))
+        return ProgramPage(self.file.name, self.live_page)
+
+    def streams(self, stack: ExitStack) -> tuple[BinaryIO, TextIO]:
+        from bricksrl.page.program import Told
+
+        if not self.page:
+            return super().streams(stack)
+        if self.video is not None or self.realtime:
+            raise DescriptionError("the page has a pace of its own; leave out --page, or --video and --realtime")
+        page = stack.enter_context(self._page)
+
+        def stay(error: object, *_: object) -> None:
+            if error is None:
+                page.stay(_OPENING_S if has_screen() else 0.0)
+
+        stack.push(stay)
         announce(page.url)
-        return page.attend
+        return cast(BinaryIO, Told(sys.stdout.buffer, page.tell)), cast(TextIO, Told(sys.stderr, page.tell))
+
+    def attend(self, stack: ExitStack) -> Callable[[Machine], None] | None:
+        return self._page.attend if self.page else None

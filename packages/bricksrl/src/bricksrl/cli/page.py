@@ -6,9 +6,10 @@ import functools
 import os
 import sys
 import threading
+import urllib.parse
 import webbrowser
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
@@ -21,7 +22,7 @@ from brickhub.files import folder_with
 from bricksrl.cli.terminal import load_learning, place_robot
 from bricksrl.envs.options import EnvOptions
 from bricksrl.errors import DescriptionError, RunError, StoppedError, counted
-from bricksrl.page.server import PageOptions
+from bricksrl.page.server import LOOPBACK, PageOptions
 from bricktwin.cli.plan_commands import PlanArgument, read_named_plan
 
 if TYPE_CHECKING:
@@ -52,8 +53,13 @@ def shown(address: PageOptions, page: bool) -> PageOptions | None:
 
 
 def announce(url: str) -> None:
-    """Print the address of a page, and open it if there is a screen."""
+    """Print the address of a page, for a phone in the network as a QR code too, and open it if there is a screen."""
     print_note(f"live page: {url}")
+    if urllib.parse.urlsplit(url).hostname not in LOOPBACK and sys.stderr is not None:
+        with suppress(ImportError):
+            import segno
+
+            segno.make(url, error="l").terminal(sys.stderr, compact=True)
     if has_screen():
         webbrowser.open(url)
 
@@ -69,6 +75,29 @@ def has_screen() -> bool:
     if sys.stderr is None or not sys.stderr.isatty() or os.environ.get("SSH_CONNECTION"):
         return False
     return sys.platform in ("win32", "darwin") or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+@dataclass(frozen=True)
+class ShowStart:
+    """Show the start page in the browser: environments to play, train and drive, runs to watch and compare, building plans, and
+    the hub check, all without typing. Runs are kept in the folder runs. Ctrl-C ends it, and what it has started.
+
+    Examples:
+      bricksrl page
+      bricksrl page --page-host 0.0.0.0
+    """
+
+    live_page: LivePageGroup = PageOptions()
+
+    def execute(self) -> None:
+        from bricksrl.page.start import StartPage
+
+        try:
+            with StartPage(Path.cwd(), self.live_page) as page:
+                announce(page.url)
+                threading.Event().wait()
+        except KeyboardInterrupt:
+            raise Interrupted from None
 
 
 @dataclass(frozen=True)
@@ -265,15 +294,21 @@ def _on_page(
     episodes: int | None = None,
 ) -> None:
     """Show an environment, or a robot without TorchRL, played by `play_on_page` or `play_robot`."""
-    from bricksrl.cli.terminal import EmergencyStop
     from bricksrl.page.live import LivePage
 
     page = LivePage(env_id, subtitle, task=env.task, in_charge=in_charge, policies=tuple(policies), speed="1x", options=address)
+    play_until_stopped(env, page, lambda stop: play(env, page, policies, episodes=episodes, stop=stop))
+
+
+def play_until_stopped(env: Any, page: LivePage, play: Callable[[threading.Event], list[float]]) -> None:
+    """Serve a page while an environment is played on it; Ctrl-C, or the event that ``play`` is given, ends it."""
+    from bricksrl.cli.terminal import EmergencyStop
+
     try:
         with page, EmergencyStop(stop := threading.Event(), print_note) as emergency_stop:
             announce(page.url)
             emergency_stop.attach(env)
-            returns = play(env, page, policies, episodes=episodes, stop=stop)
+            returns = play(stop)
     except (KeyboardInterrupt, StoppedError):
         raise Interrupted from None
     print_line(f"{counted(len(returns), 'episode')}, mean return {sum(returns) / len(returns):.4g}")

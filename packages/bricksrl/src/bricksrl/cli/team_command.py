@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -12,11 +13,15 @@ from tyro.conf import Positional, UseAppendAction
 from brickhub.cli.options import option, refuse_ignored
 from brickhub.cli.terminal import Interrupted, print_line
 from brickhub.files import check_writable, folder_with, quoted
+from bricksrl.cli.page import LivePageGroup, play_until_stopped, shown
 from bricksrl.cli.terminal import load_learning
 from bricksrl.cli.train import run_folder
 from bricksrl.errors import RenderingUnavailableError, RunError, UnknownNameError, counted, percent
+from bricksrl.page.server import PageOptions
 
 if TYPE_CHECKING:
+    from tensordict.nn import TensorDictModuleBase
+
     from bricksrl.training.teams.team import Team, TeamConfig, TeamProgress
 
 TEAM_FILE, FILM_FILE = "team.bin", "film.mp4"
@@ -40,6 +45,7 @@ class TrainTeam:
       bricksrl team Tag-v0
       bricksrl team Tag-v0 --agent sac --learn runner
       bricksrl team --play runs/tag
+      bricksrl team Tag-v0 --page --page-host 0.0.0.0
       bricksrl team Carry-v0
     """
 
@@ -61,6 +67,10 @@ class TrainTeam:
     """Folder to write to, which must not exist; by default runs/<arena>-<agent>-<seed>-<time>."""
     play: Annotated[Path | None, option(metavar="DIR")] = None
     """Play with the team of this folder instead of training one."""
+    page: Annotated[
+        bool, option(help="Play in the browser instead of training: each visitor, as on a phone, may drive a robot.")
+    ] = False
+    live_page: LivePageGroup = PageOptions()
 
     def execute(self) -> None:
         from bricksrl.envs.arenas import ARENAS
@@ -70,17 +80,28 @@ class TrainTeam:
             raise RunError(f"episodes is {self.episodes}; give 1 or more")
         if self.play is not None and self.env is not None:
             raise RunError("a team that only plays has an arena; omit ARENA or --play")
-        if self.play is not None:
+        address = shown(self.live_page, self.page)
+        if self.page:
+            refuse_ignored(self, ("--env", "--page", "--play", "--page-host", "--page-port"), "with --page")
+        elif self.play is not None:
             refuse_ignored(self, ("--play", "--seed", "--episodes"), "with --play")
         load_learning()
         if self.play is not None:
             if not (self.play / TEAM_FILE).exists():
                 remedy = f"name {folder_with(self.play, TEAM_FILE)}, which `bricksrl team ARENA` writes"
                 raise RunError(f"there is no team in {self.play}; {remedy}")
-            self._play(load_team(self.play / TEAM_FILE), None)
+            team = load_team(self.play / TEAM_FILE)
+            if address is None:
+                self._play(team, None)
+            else:
+                _show(team.config.env, team.policy, str(self.play), address)
             return
         if self.env is None:
             raise RunError(f"name an arena to train in ({', '.join(ARENAS)}), or a folder to --play")
+        if address is not None:
+            policy, by = _latest_policy(self.env)
+            _show(self.env, policy, by, address)
+            return
         config = self.config(self.env)
         folder = run_folder(self.run, self.env, next(iter(config.agents.values())), self.seed)
         if folder.exists():
@@ -153,6 +174,32 @@ class TrainTeam:
             except RenderingUnavailableError as error:
                 print_line(f"film            none: {error}")
         env.close()
+
+
+def _latest_policy(env: str) -> tuple[TensorDictModuleBase, str]:
+    """Policy of the latest team of an arena in the folder ``runs``, and what it is: by its scripts where none is trained."""
+    from bricksrl.envs.arenas import get_arena_task, make_arena
+    from bricksrl.training.run_folder import file_name
+    from bricksrl.training.teams.groups import team_policy
+    from bricksrl.training.teams.team import load_team
+
+    task = get_arena_task(env)
+    teams = sorted(Path("runs").glob(f"{file_name(env)}-*/{TEAM_FILE}"), key=lambda path: path.stat().st_mtime)
+    if teams:
+        return load_team(teams[-1]).policy, str(teams[-1].parent)
+    default = next(iter(task.scripts), "random")
+    scripts = {group: task.opponents.get(group, default).partition(",")[0] for group in task.groups}
+    return team_policy(make_arena(env), {}, scripts), "by script"
+
+
+def _show(env_id: str, policy: TensorDictModuleBase, by: str, address: PageOptions) -> None:
+    """Play in the browser until Ctrl-C."""
+    from bricksrl.envs.arenas import make_arena
+    from bricksrl.page.arena import ArenaPage, play_arena
+
+    with closing(make_arena(env_id)) as env:
+        page = ArenaPage(env.task, f"without a driver: {by}", address)
+        play_until_stopped(env, page, lambda stop: play_arena(env, page, policy, stop=stop))
 
 
 def _kept(folder: Path) -> str:

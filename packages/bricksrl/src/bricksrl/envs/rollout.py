@@ -39,6 +39,7 @@ def play(
     *,
     driver: Driver | None = None,
     reset_policy: Callable[[], None] = lambda: None,
+    goes_on: Callable[[], bool] = lambda: False,
 ) -> Iterator[TensorDictBase]:
     """Play one episode and yield its frames, as ``EnvBase.step`` returns them: observation and action, and "next" the outcome.
     Raises HubError if the robot cannot be reached at the start of the episode.
@@ -48,6 +49,7 @@ def play(
         driver: asked first at each step; "intervention" then tells whether the action was the driver's.
         reset_policy: called when the next observation does not follow from the policy's last action: at the start of the
             episode, and when the driver chose an action.
+        goes_on: asked at the end of the episode: whether the robot goes on without a reset, as while a human drives.
     """
     state = env.reset() if start is None else start
     reset_policy()
@@ -60,7 +62,7 @@ def play(
         if driver is not None:
             state["intervention"] = torch.tensor(driver_action is not None)
         frame = env.step(state)
-        done = bool(frame["next", "done"])
+        done = bool(frame["next", "done"]) and not goes_on()
         yield frame
         state = env.step_mdp(frame)
 

@@ -23,7 +23,7 @@ from bricksrl.envs.odometry import Target, wheels
 from bricksrl.envs.own.base_env import BaseEnv
 from bricksrl.envs.vision.camera import CameraView
 from bricksrl.errors import DescriptionError
-from bricktwin.twin.scene import OPEN_FLOOR, Scene
+from bricktwin.twin.scene import OPEN_FLOOR, Goal, Scene
 
 if TYPE_CHECKING:
     import numpy as np
@@ -190,6 +190,16 @@ class Task:
     def has_hidden_entries(self) -> bool:
         """Whether success and metrics may get more than the agent sees."""
         return self.camera is not None or self.target is not None
+
+    def goal(self, observation: Sequence[float]) -> Goal | None:
+        """Pose that the robot is to reach by an observation ``[n]``, to be drawn: of motors, each with an entry such as
+        ``low_goal``, or the target's; ``None`` if there is none."""
+        values = dict(zip((entry.name for entry in self.entries), observation, strict=False))
+        goals = {motor.name: values[name] for motor in self.robot.motors if (name := f"{motor.name}_goal") in values}
+        place = None if self.target is None else self.target.place
+        if not goals and place is None:
+            return None
+        return Goal(goals) if place is None else Goal(goals, (place.x_mm, place.y_mm), place.heading_deg)
 
     @property
     def task_entries(self) -> tuple[Entry, ...]:

@@ -99,8 +99,7 @@ def filmed_env(
         if connection.twin is None or not isinstance(body, MujocoBody):
             raise TwinError(f"{task.id} has no virtual robot to film; leave out --video")
         end_episode()
-        goals = [entry.name for entry in task.sampled_entries]
-        room = Room(body, {name.removesuffix("_goal"): 0.0 for name in goals if name.endswith("_goal")})
+        room = Room(body, task.goal([0.0] * len(task.entries)))  # until one is drawn
         renderer, cost_s = _renderer(body, room, size)
         renderers.callback(renderer.close)
         # At 25 images/s, an image covers 40 ms at speed 1; if that is too many to draw in the budget, each is held for longer.
@@ -110,8 +109,7 @@ def filmed_env(
         def render() -> Image:
             parts = [f"episode {number}"]
             if (episode := ours.episode) is not None:
-                drawn = zip(goals, episode.drawn, strict=True)
-                room.aim_for({name.removesuffix("_goal"): value for name, value in drawn if name.endswith("_goal")})
+                room.aim_for(task.goal(episode.observation.tolist()))
                 total, reward = sum(episode.rewards), episode.rewards[-1] if episode.rewards else 0.0
                 parts += [f"step {len(episode.rewards)}", f"reward {reward:.2f}", f"return {total:.1f}"]
             if task.walks:

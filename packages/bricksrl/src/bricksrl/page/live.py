@@ -16,12 +16,11 @@ import numpy as np
 
 from brickhub.entry import Entry
 from bricksrl.envs.env_interface import BricksEnv, interface_of
-from bricksrl.envs.reference_returns import REFERENCES
 from bricksrl.errors import BricksError, StoppedError
 from bricksrl.page.board import MAX_EPISODES, Board
 from bricksrl.page.robot_view import NUMBERS_S, SPEEDS, RobotView
 from bricksrl.page.server import PageOptions, PageServer, chosen, is_finite
-from bricksrl.policies.by_name import TRAINED
+from bricksrl.policies.by_name import scores_to_beat
 from bricksrl.teleoperation import at_rest, pushed
 
 if TYPE_CHECKING:
@@ -37,6 +36,10 @@ PUSH_TIMEOUT_S = 1.5
 _POLL_S = 0.05
 _STEP_S = 0.1
 """Step time of a simulation without a robot, at speed 1."""
+
+
+_TURNS = {"turn": 1.0, "rotation": -1.0}
+"""Beginnings of names of commands that turn a robot or an arm, and their sign for a turn to the right, clockwise from above."""
 
 
 class PageDriver:
@@ -92,6 +95,12 @@ class PageDriver:
             for c, value in zip(self.commands, values, strict=True)
         ]
 
+    def described(self) -> dict[str, Any]:
+        """What the page shows of it."""
+        names = [{"name": command.name, "unit": command.unit} for command in self.commands]
+        shown = {"commands": names, "stick": stick_map(self.commands), "pushes": self.pushes, "actions": self.actions()}
+        return {**shown, "in_charge": self.in_charge}
+
 
 def stick_map(commands: Sequence[Entry]) -> list[list[float]]:
     """Weights of the joystick's axes (right, forward) for each command: rows of two numbers.
@@ -105,16 +114,10 @@ def stick_map(commands: Sequence[Entry]) -> list[list[float]]:
         return [[side * way, way] for side, way in zip(sides, ways, strict=True)]
     if len(commands) == 1:
         return [[0.0, 1.0]]
-    sideways = next((index for index, command in enumerate(commands) if command.name.startswith("turn")), 0)
+    turns = [next((sign for name, sign in _TURNS.items() if command.name.startswith(name)), 0.0) for command in commands]
+    sideways = next((index for index, sign in enumerate(turns) if sign), 0)
     forward = int(sideways == 0)
-    return [[float(index == sideways), float(index == forward)] for index in range(len(commands))]
-
-
-def scores_to_beat(env_id: str) -> dict[str, float]:
-    """Mean returns in an environment of ours: of random actions, a controller by hand, the paper, and the policy that comes with
-    it."""
-    trained = {"ours": float(TRAINED[env_id]["return"])} if env_id in TRAINED else {}
-    return {**REFERENCES.get(env_id, {}), **trained}
+    return [[(turns[index] or 1.0) * (index == sideways), float(index == forward)] for index in range(len(commands))]
 
 
 class LivePage(PageServer):
@@ -176,6 +179,7 @@ class LivePage(PageServer):
         self.board.update_status(speeds=list(SPEEDS), policies=list(self._policies))
         if task is not None:
             self.board.update_status(goal=task.summary, scores=scores_to_beat(task.id))
+            self._aim_for(())
         self._publish()
 
     def close(self) -> None:
@@ -216,8 +220,12 @@ class LivePage(PageServer):
                 self.driver.in_charge = bool(value)
             case "drive" if self.driver is not None:
                 self.driver.push(value)
-            case "left" if self.driver is not None:
-                self.driver.release()
+            case "pull" if not self._is_real:
+                self.view.hand.pull(value)
+            case "left":
+                self.view.hand.pull(None)
+                if self.driver is not None:
+                    self.driver.release()
         self._changed.set()
         self._publish()
 
@@ -236,6 +244,11 @@ class LivePage(PageServer):
     def is_stopped(self) -> bool:
         """True after an emergency stop, until `release`."""
         return self._halted.is_set()
+
+    @property
+    def is_driven(self) -> bool:
+        """Whether a human drives."""
+        return self.driver is not None and self.driver.in_charge
 
     def attach(self, env: EnvBase) -> None:
         """Show another environment."""
@@ -265,6 +278,11 @@ class LivePage(PageServer):
         self.clear_reset()
         self._publish()
 
+    def _aim_for(self, observation: Sequence[float]) -> None:
+        """Show the goal of an observation."""
+        self.view.goal = None if self._task is None else self._task.goal(observation)
+        self.board.update_status(has_ghost=self.view.goal is not None)
+
     def show_step(self, frame: TensorDictBase) -> None:
         """Show a step, as returned by TorchRL's ``EnvBase.step``."""
         after = frame["next"]
@@ -277,6 +295,8 @@ class LivePage(PageServer):
         if reward is not None:
             self._rewards.add((reward,))
         self._channels.add(values)
+        if self._steps == 1:
+            self._aim_for(values)
         now_s = time.monotonic()
         if self._task is not None and self.view.connection is not None and self.view.connection.twin is None:
             sensed = {entry.name: value for entry, value in zip(self._task.entries, values, strict=False)}
@@ -369,11 +389,11 @@ class LivePage(PageServer):
         """Speed of simulated time: 1 while a human drives, 0 (not paced here) for a robot in real time."""
         if self._is_real:
             return 0.0
-        return 1.0 if self.driver is not None and self.driver.in_charge else SPEEDS[self._speed]
+        return 1.0 if self.is_driven else SPEEDS[self._speed]
 
     def _publish(self) -> None:
         driver = self.driver
-        controls = ["stop", "pause", "reset"] + ([] if self._is_real else ["step", "speed"])
+        controls = ["stop", "pause", "reset"] + ([] if self._is_real else ["step", "speed", "pull"])
         controls += (["drive"] if driver is not None else []) + (["policy"] if len(self._policies) > 1 else [])
         if not self._is_ended:
             paused = self._paused or self._env.is_paused
@@ -382,9 +402,7 @@ class LivePage(PageServer):
         speed = "1x" if self._speed_factor == 1.0 else self._speed
         self.board.update_status(controls=controls, speed=speed, policy=self.policy, facts=dict(self._facts))
         if driver is not None:
-            names = [{"name": command.name, "unit": command.unit} for command in driver.commands]
-            drive = {"commands": names, "stick": stick_map(driver.commands), "pushes": driver.pushes, "actions": driver.actions()}
-            self.board.update_status(drive={**drive, "in_charge": driver.in_charge, "can_give_back": self._can_give_back})
+            self.board.update_status(drive={**driver.described(), "can_give_back": self._can_give_back})
 
     def finish(self, message: str = "") -> None:
         """Show that the run is over; the message is good news."""

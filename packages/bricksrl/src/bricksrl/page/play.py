@@ -118,7 +118,8 @@ def _episode(env: EnvBase, page: LivePage, player: Callable[[], Player], stop: t
     start = env.reset()
     page.note(episode=number)
     page.hold(stop.is_set)
-    for frame in play(env, lambda s: player().act(s), start, driver=page.driver, reset_policy=lambda: player().reset()):
+    policy, again = (lambda s: player().act(s)), (lambda: player().reset())
+    for frame in play(env, policy, start, driver=page.driver, reset_policy=again, goes_on=lambda: page.is_driven):
         if link_lost(frame):
             raise interface_of(env).link_error
         page.show_step(frame)

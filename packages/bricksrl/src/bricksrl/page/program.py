@@ -1,8 +1,11 @@
-"""Live page of a program on a virtual hub: the robot, its hub, and a stop button."""
+"""Live page of a program on a virtual hub: the robot, its hub, what the program prints, and a stop button."""
 
 from __future__ import annotations
 
+import contextlib
 import threading
+import time
+from collections.abc import Callable
 from typing import Any
 
 from brickhub.virtual.machine import Machine
@@ -10,6 +13,26 @@ from brickhub.virtual.run import stop_program
 from bricksrl.page.board import Board
 from bricksrl.page.robot_view import SPEEDS, RobotView
 from bricksrl.page.server import PageOptions, PageServer, chosen
+
+_MAX_CHARACTERS = 8000
+"""Length of the shown end of what a program prints."""
+_POLL_S, _RELOAD_S = 0.2, 3.0
+
+
+class Told:
+    """A stream whose text, or bytes, are shown by a function too."""
+
+    def __init__(self, stream: Any, show: Callable[[str], None]) -> None:
+        self._stream, self._show = stream, show
+
+    def write(self, said: Any) -> int:
+        """Write to the stream, and show it."""
+        self._show(said if isinstance(said, str) else said.decode(errors="replace"))
+        return int(self._stream.write(said))
+
+    def flush(self) -> None:
+        """Flush the stream."""
+        self._stream.flush()
 
 
 class ProgramPage(PageServer):
@@ -22,15 +45,31 @@ class ProgramPage(PageServer):
 
     def __init__(self, title: str, options: PageOptions | None = None) -> None:
         super().__init__(Board(), self._press, self.stop, options)
-        self._halted, self._speed = threading.Event(), "1x"
+        self._halted, self._speed, self._said = threading.Event(), "1x", ""
         self._view = RobotView(self.board, self._halted, lambda: SPEEDS[self._speed])
         self.board.update_status(title=title, subtitle="a program on a virtual hub", state="waiting", speeds=list(SPEEDS))
-        self.board.update_status(controls=["stop", "speed"], speed=self._speed)
+        self.board.update_status(controls=["stop", "speed", "pull"], speed=self._speed)
 
     def attend(self, machine: Machine) -> None:
         """Show the robot of a machine; called as `Operation.attend`."""
         self._view.show_machine(machine, stop_program)
         self.board.update_status(state="running")
+
+    def tell(self, text: str) -> None:
+        """Show text in the page's console."""
+        self._said = (self._said + text)[-_MAX_CHARACTERS:]
+        self.board.update_status(console=self._said)
+
+    def stay(self, opening_s: float) -> None:
+        """Once the program has ended, stay as long as somebody looks at the page, at least until a browser can be open; Ctrl-C
+        ends it."""
+        if not self._halted.is_set():
+            self.board.update_status(state="finished", controls=[], note="The program has ended.")
+        until_s = time.monotonic() + opening_s
+        with contextlib.suppress(KeyboardInterrupt):
+            while (is_watched := self.is_watched) or time.monotonic() < until_s:
+                until_s = max(until_s, time.monotonic() + _RELOAD_S * is_watched)
+                time.sleep(_POLL_S)
 
     def stop(self) -> None:
         """End the program at the next control loop; its motors coast."""
@@ -38,6 +77,8 @@ class ProgramPage(PageServer):
         self.board.update_status(state="stopped", message="The program was stopped by hand.")
 
     def _press(self, name: str, value: Any) -> None:
+        if name in ("pull", "left"):
+            self._view.hand.pull(value)
         if name == "speed":
             self._speed = chosen("speed", value, SPEEDS)
             self.board.update_status(speed=self._speed)

@@ -77,9 +77,10 @@ def play_robot(
 ) -> list[float]:
     """Play as `bricksrl.page.play.play_on_page`, with policies of arrays. While a human drives, only a reset ends an episode."""
     stop, judge, made = stop or threading.Event(), Judge(env.task), dict[str, ArrayPolicy]()
+    seen = slice(len(env.task.entries))  # without what only the task's functions get
 
     def action_of(inputs: Mapping[str, Any]) -> Any:
-        if page.driver is not None and page.driver.in_charge:
+        if page.driver is not None and page.is_driven:
             return page.driver.shares()
         if page.policy not in made:
             made[page.policy] = policies[page.policy]()
@@ -91,16 +92,17 @@ def play_robot(
         page.note(episode=number)
         page.hold(stop.is_set)
         while not page.is_stopped and not stop.is_set():
-            action = np.clip(action_of({"observation": observation.copy()} | env.image()), -1.0, 1.0)
+            action = np.clip(action_of({"observation": observation[seen].copy()} | env.image()), -1.0, 1.0)
             previous, observation = observation, env.move(action.tolist())
             judge.see(previous, action, observation)
             steps += 1
-            page.show_outcome(observation.tolist(), judge.rewards[-1] if judge.rewards else None, judge.total, **env.image())
+            page.show_outcome(
+                observation[seen].tolist(), judge.rewards[-1] if judge.rewards else None, judge.total, **env.image()
+            )
             page.hold(stop.is_set)
             if page.is_reset_requested:
                 return None
-            is_driven = page.driver is not None and page.driver.in_charge
-            if not is_driven and (judge.is_over or steps >= env.task.max_steps):
+            if not page.is_driven and (judge.is_over or steps >= env.task.max_steps):
                 return judge.end()
         raise StoppedError("the robot was stopped by hand")
 

@@ -10,6 +10,7 @@ import math
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import mujoco
@@ -22,13 +23,15 @@ from brickhub.virtual.machine import Machine, Pace
 from brickhub.virtual.panel import Panel
 from bricksrl.errors import BricksError
 from bricksrl.page.board import Board
-from bricksrl.page.scene import Floats, Mesh, Scene, SceneBody, Shape, View, box, mesh_of, poses
+from bricksrl.page.hand import Hand
+from bricksrl.page.scene import HIDDEN, Floats, Mesh, Scene, SceneBody, Shape, View, box, mesh_of, poses
 from bricktwin.plans import shapes as solids
-from bricktwin.twin.linkage import sensed_qpos
+from bricktwin.twin.linkage import pose_at, sensed_qpos
 from bricktwin.twin.make_body import lies_on_bench
-from bricktwin.twin.models.mjcf import SHAPE_GROUP
+from bricktwin.twin.models.mjcf import SHAPE_GROUP, overview_of
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.physics import Physics
+from bricktwin.twin.scene import Goal
 from bricktwin.twin.scene import Scene as Surroundings
 
 if TYPE_CHECKING:
@@ -42,6 +45,7 @@ _MAX_LAG_S, _MIN_LEAD_S = 0.05, 0.01
 """Lag beyond which the clock is restarted instead of catching up; least lead for which it waits."""
 _NO_MODEL = "This robot has no model to draw; its numbers are below."
 _GEOM = mujoco.mjtGeom
+_GHOST = (0.10, 0.62, 0.25, 0.45)
 _ARC = 6  # segments of a quarter of a circle
 _SPHERE = solids.box(2.0, 2.0, 2.0, 1.0, _ARC)
 PRIMITIVES: dict[int, Callable[[float, float, float], Mesh]] = {
@@ -64,6 +68,7 @@ class SteeredPace(Pace):
         halted: set when the robot is to stop.
         speed: returns simulated seconds per second, 0 for as fast as possible.
         update_view: called periodically to update the view.
+        on_loop: called each time.
         halt: called when halted; by default control returns to the host, which stops the program.
     """
 
@@ -73,17 +78,20 @@ class SteeredPace(Pace):
         halted: threading.Event,
         speed: Callable[[], float],
         update_view: Callable[[], None],
+        on_loop: Callable[[], None],
         halt: Callable[[], None] | None = None,
     ) -> None:
         super().__init__()
         self._halt = halt
         self._machine, self._halted, self._speed, self._update_view = machine, halted, speed, update_view
+        self._on_loop = on_loop
         self._view_due_s = 0.0
         self._last_speed = -1.0
         self._start_s, self._start_ms = 0.0, 0.0
 
     def keep(self, time_ms: float) -> None:
         """Update the view, and wait if simulated time is ahead."""
+        self._on_loop()
         now_s = time.monotonic()
         if now_s >= self._view_due_s:
             self._view_due_s = now_s + VIEW_PERIOD_S
@@ -125,7 +133,7 @@ def twin_scene(body: MujocoBody) -> tuple[Scene, list[int]]:
         shape = Shape(mesh, (red, green, blue, opacity), (px, py, pz), (w, qx, qy, qz), pattern)
         shapes.setdefault(int(model.geom_bodyid[geom]), []).append(shape)
     numbers = sorted(shapes)
-    view = View(target=(0.06, 0.0, 0.14), distance_m=0.95, yaw_deg=-50.0)
+    view = View(target=(0.06, 0.0, 0.13), distance_m=0.8, yaw_deg=-50.0)
     if model.njnt and model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE:
         chassis = int(model.jnt_bodyid[0])
         view = View(follow=numbers.index(chassis) if chassis in numbers else None)
@@ -144,22 +152,54 @@ def _triangles(model: mujoco.MjModel, mesh: int) -> Mesh:
 
 
 class Mirror:
-    """Model of a robot with a MuJoCo model, for drawing only: its joints are set, not simulated."""
+    """Model of a robot with a MuJoCo model, for drawing only: its joints are set, not simulated. The scene's last bodies are
+    those of a ghost of the robot, at its goal.
 
-    def __init__(self, robot: Robot, surroundings: Surroundings) -> None:
-        self.body = MujocoBody(robot, surroundings, Physics(), 0)
-        self.scene, self._numbers = twin_scene(self.body)
+    Args:
+        body: the model, for this alone.
+        view: the first view; by default that of the robot.
+    """
 
-    def poses(self, qpos: NDArray[np.float64]) -> Floats:
-        """Poses ``[bodies, 7]`` of the scene's bodies at these joint positions."""
+    def __init__(self, body: MujocoBody, view: View | None = None) -> None:
+        self.body = body
+        scene, self.numbers = twin_scene(self.body)
+        roots, moving = self.body.model.body_rootid, self.body.model.body_weldid
+        own = [moving[number] != 0 and roots[number] == roots[self.body.chassis] for number in self.numbers]
+        ghosts = [
+            SceneBody(f"goal {body.name}", tuple(replace(shape, colour=_GHOST) for shape in body.shapes))
+            for body, is_own in zip(scene.bodies, own, strict=True)
+            if is_own
+        ]
+        self.scene = replace(scene, bodies=(*scene.bodies, *ghosts), view=view or scene.view)
+        self._ghost_numbers = [number for number, is_own in zip(self.numbers, own, strict=True) if is_own]
+        self._ghost: MujocoBody | None = None
+        self._goal: Goal | None = None
+        self._ghost_poses = self._hidden = poses([(HIDDEN, 0.0, 0.0)] * len(ghosts))
+
+    def poses(self, qpos: NDArray[np.float64], goal: Goal | None = None) -> Floats:
+        """Poses ``[bodies, 7]`` of the scene's bodies at these joint positions; the ghost is hidden without a goal."""
         data = self.body.data
         data.qpos[:] = qpos
         self.body.update_visuals()
-        return poses(data.xpos[self._numbers], data.xquat[self._numbers])
+        return np.concatenate([poses(data.xpos[self.numbers], data.xquat[self.numbers]), self._poses_at(goal)])
+
+    def _poses_at(self, goal: Goal | None) -> Floats:
+        if goal is None:
+            return self._hidden
+        if goal != self._goal:
+            self._goal = goal
+            self._ghost = ghost = self._ghost or MujocoBody(self.body.robot, self.body.scene, Physics(), 0)
+            pose_at(ghost, goal)
+            self._ghost_poses = poses(ghost.data.xpos[self._ghost_numbers], ghost.data.xquat[self._ghost_numbers])
+        return self._ghost_poses
 
 
 class RobotView:
     """View of the present robot on a board.
+
+    Attributes:
+        goal: pose that it is to reach, if any; may be set at any time.
+        hand: hand that pulls a virtual robot, or an object in its scene.
 
     Args:
         board: board to write to.
@@ -173,6 +213,8 @@ class RobotView:
         self._current: Mirror | None = None
         self._due_s = self._sensed_s = 0.0
         self.connection: Connection | None = None
+        self.goal: Goal | None = None
+        self.hand = Hand()
 
     def show(self, connection: Connection) -> None:
         """Show another robot."""
@@ -180,14 +222,24 @@ class RobotView:
         if connection.twin is not None:
             self.show_machine(connection.twin.machine, body=connection.twin.body)
 
-    def show_machine(self, machine: Machine, halt: Callable[[], None] | None = None, body: Body | None = None) -> None:
-        """Show the robot of a machine; ``body`` is the robot's body if the machine has a proxy of it.
+    def show_machine(
+        self,
+        machine: Machine,
+        halt: Callable[[], None] | None = None,
+        body: Body | None = None,
+        mirror: Mirror | None = None,
+    ) -> None:
+        """Show the robot of a machine.
 
-        ``halt`` is as in :class:`SteeredPace`.
+        Args:
+            machine: its hub, which keeps the pace.
+            halt: as in :class:`SteeredPace`.
+            body: the robot's body if the machine has a proxy of it.
+            mirror: mirror of a world of several robots.
         """
-        body, mirror = machine.body if body is None else body, None
+        body = machine.body if body is None else body
         if isinstance(body, MujocoBody):
-            mirror = self._mirror(body.robot, body.scene)
+            mirror = self._use(mirror or self._mirror(body.robot, body.scene))
         else:
             self._board.update_status(no_scene=_NO_MODEL)
 
@@ -195,13 +247,17 @@ class RobotView:
             """Copy the joint positions; called in the thread that steps the robot."""
             if mirror is not None and isinstance(body, MujocoBody):
                 qpos = body.data.qpos.copy()
-                self._board.show_poses(lambda: mirror.poses(qpos))
+                self._board.show_poses(lambda: mirror.poses(qpos, self.goal))
             now_s = time.monotonic()
             if now_s >= self._due_s:
                 self._due_s = now_s + NUMBERS_S
                 self._board.update_status(hub=panel_of(machine.panel))
 
-        machine.pace = SteeredPace(machine, self._halted, self._speed, update, halt)
+        def feel() -> None:
+            if mirror is not None and isinstance(body, MujocoBody):
+                self.hand.act(body, mirror.numbers)
+
+        machine.pace = SteeredPace(machine, self._halted, self._speed, update, feel, halt)
         update()
 
     def show_sensed(self, robot: Robot, scene: Surroundings, angles_deg: dict[str, float], tilt_deg: tuple[float, float]) -> None:
@@ -214,12 +270,13 @@ class RobotView:
             return
         self._sensed_s = now_s
         try:
-            mirror = self._mirror(robot, scene)
+            mirror = self._use(self._mirror(robot, scene))
         except BricksError as error:  # the real robot goes on, and nothing is tried again
             self._sensed_s = math.inf
             self._board.update_status(no_scene=f"This robot cannot be drawn: {error}.")
             return
-        self._board.show_poses(lambda: mirror.poses(sensed_qpos(mirror.body, angles_deg, tilt_deg)))
+        goal = None if self.goal is None or self.goal.at_mm is not None else self.goal  # its place on the floor is unknown
+        self._board.show_poses(lambda: mirror.poses(sensed_qpos(mirror.body, angles_deg, tilt_deg), goal))
 
     def show_link(self) -> None:
         """Show the link's state and statistics, and a virtual robot's battery."""
@@ -239,11 +296,18 @@ class RobotView:
         self._board.update_status(link=facts)
 
     def _mirror(self, robot: Robot, surroundings: Surroundings) -> Mirror:
-        """The mirror of a robot, cached; shows its scene if it is another one."""
+        """The mirror of a robot, cached."""
         key = (robot.name, surroundings)
         if key not in self._mirrors:
-            self._mirrors[key] = Mirror(robot, surroundings)
-        mirror = self._mirrors[key]
+            view = None
+            if self.goal is not None and self.goal.at_mm is not None:  # the place and the starts are to be seen at once
+                target, distance_m = overview_of(surroundings)
+                view = View(target, 0.85 * distance_m)
+            self._mirrors[key] = Mirror(MujocoBody(robot, surroundings, Physics(), 0), view)
+        return self._mirrors[key]
+
+    def _use(self, mirror: Mirror) -> Mirror:
+        """Show the scene of a mirror if it is another one."""
         if mirror is not self._current:
             self._current = mirror
             self._board.show_scene(mirror.scene, lambda: mirror.poses(mirror.body.data.qpos))

@@ -40,7 +40,8 @@ NUMBERS_S = 0.2
 """Period of its updates of numbers."""
 PORTS = range(8090, 8110)
 """Ports tried in order if none is given."""
-_CONTENT_TYPES = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
+_TEXT = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
+_CONTENT_TYPES = {**{ending: f"{kind}; charset=utf-8" for ending, kind in _TEXT.items()}, "jpg": "image/jpeg"}
 _MAX_CONNECTIONS, _MAX_MESSAGE_BYTES, _MAX_SHOWN = 12, 4096, 40
 _START_TIMEOUT_S, _JOIN_TIMEOUT_S = 10.0, 5.0
 
@@ -166,6 +167,11 @@ class PageServer:
     def __exit__(self, *_: object) -> None:
         self.close()
 
+    @property
+    def is_watched(self) -> bool:
+        """Whether a browser shows the page."""
+        return self._connections > 0
+
     def close(self) -> None:
         """Close the connections and stop serving; closing twice does nothing."""
         if self._loop is not None and self._closing is not None:
@@ -202,6 +208,10 @@ class PageServer:
             for connection in list(server.connections):
                 await connection.close(1001, "the run has ended")
 
+    def file(self, name: str) -> tuple[str, bytes] | None:
+        """Content type and bytes of a file of the page; ``None`` if there is no such file."""
+        return _file(name or "index.html")
+
     def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
         """Response to a request; ``None`` accepts a WebSocket."""
         path = urllib.parse.urlsplit(request.path).path
@@ -218,7 +228,7 @@ class PageServer:
             if version != self._scene[0] and scene is not None:
                 self._scene = (version, scene.to_bytes())
             content_type, data = "application/octet-stream", self._scene[1]
-        elif (file := _file("index.html" if path == "/" else path[1:])) is not None:
+        elif (file := self.file(path[1:])) is not None:
             content_type, data = file
         else:
             status, data = http.HTTPStatus.NOT_FOUND, b"there is no such file here\n"
@@ -308,12 +318,11 @@ def _own_address() -> str:
 
 
 def _file(name: str) -> tuple[str, bytes] | None:
-    """Content type and bytes of a file of the page; ``None`` if there is no such file."""
+    """Content type and bytes of a file of the package; ``None`` if there is no such file."""
     content_type = _CONTENT_TYPES.get(name.rpartition(".")[2])
-    folder = importlib.resources.files("bricksrl.page") / "static"
-    if content_type is None or "/" in name or "\\" in name or name not in {file.name for file in folder.iterdir()}:
-        return None
-    return f"{content_type}; charset=utf-8", (folder / name).read_bytes()
+    folders = [importlib.resources.files("bricksrl.page") / folder for folder in ("static", "pictures")]
+    files = {file.name: file for folder in folders for file in folder.iterdir()}
+    return None if content_type is None or name not in files else (content_type, files[name].read_bytes())
 
 
 # ---------------------------------------------------------------- values of presses, which may be anything that JSON can say
@@ -321,11 +330,11 @@ def _file(name: str) -> tuple[str, bytes] | None:
 
 def chosen(noun: str, value: object, names: Iterable[str]) -> str:
     """The value, one of the names. Raises PageError if it is none of them."""
-    *others, last = names
-    if isinstance(value, str) and value in (*others, last):
+    known = list(names)
+    if isinstance(value, str) and value in known:
         return value
-    known = f"{', '.join(others)} or {last}" if others else last
-    raise PageError(f"there is no {noun} {value!r:.{_MAX_SHOWN}}; choose {known}")
+    choice = " or ".join(filter(None, (", ".join(known[:-1]), *known[-1:])))
+    raise PageError(f"there is no {noun} {value!r:.{_MAX_SHOWN}}; choose {choice or 'nothing yet'}")
 
 
 def is_finite(value: object) -> TypeGuard[int | float]:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from brickhub.tables import read_table
+from bricksrl.envs.reference_returns import REFERENCES
 from bricksrl.envs.task import Task
 from bricksrl.envs.tasks.scripted import CONTROLLERS, ArrayPolicy
 from bricksrl.policies.plain import PlainPolicy
@@ -16,6 +17,13 @@ from bricksrl.policies.plain import PlainPolicy
 FOLDER = Path(__file__).with_name("trained")
 TRAINED = {row["env"]: row for row in read_table(__package__, "trained/policies")}
 """Settings and mean return of each trained policy, by its environment."""
+
+
+def scores_to_beat(env_id: str) -> dict[str, float]:
+    """Mean returns in an environment of ours: of random actions, a controller by hand, the paper, and the policy that comes with
+    it."""
+    trained = {"ours": float(TRAINED[env_id]["return"])} if env_id in TRAINED else {}
+    return {**REFERENCES.get(env_id, {}), **trained}
 
 
 def path_of(env_id: str) -> Path:

@@ -1,5 +1,5 @@
 """Linkages: joints of a model that are turned without forces, while rods, gears and loops hold, as those of a real robot from its
-sensors: joints from motor angles, chassis from the tilt, feet or wheels on the floor.
+sensors: joints from motor angles, chassis from the tilt, feet or wheels on the floor; and of a ghost at its goal.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ from bricktwin.plans.mechanism.articulation import Articulation
 from bricktwin.plans.shapes import X_AXIS, Y_AXIS
 from bricktwin.twin.models.mjcf import SHAPE_GROUP, quaternion
 from bricktwin.twin.models.turning import TurningParts, add_coupling, add_loop, add_rod, add_spinner
-from bricktwin.twin.mujoco_body import MujocoBody
+from bricktwin.twin.mujoco_body import MujocoBody, Pose
+from bricktwin.twin.scene import Goal
 
 _TURN_RAD = 0.25
 """Largest turn between two solutions, so that a linkage does not flip."""
@@ -148,6 +149,15 @@ def sensed_qpos(body: MujocoBody, angles_deg: dict[str, float], tilt_deg: tuple[
         _stand(model, data, tilt_deg)
     qpos: Floats = data.qpos.copy()
     return qpos
+
+
+def pose_at(body: MujocoBody, goal: Goal) -> None:
+    """Put a body that is drawn only at a goal."""
+    if goal.angles_deg:
+        body.data.qpos[:] = sensed_qpos(body, dict(goal.angles_deg), (0.0, 0.0))
+    if goal.at_mm is not None:
+        body.put(Pose(goal.at_mm[0] / 1000, goal.at_mm[1] / 1000, goal.heading_deg))
+    body.update_visuals()
 
 
 def _stand(model: mujoco.MjModel, data: mujoco.MjData, tilt_deg: tuple[float, float]) -> None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from brickhub.errors import TwinError
 from brickhub.virtual.stimuli import Reading
-from bricktwin.twin.objects import Block, Mark, Object, Solid
+from bricktwin.twin.objects import Block, Mark, Object, Point, Solid
 
 FLOOR = (0.82, 0.82, 0.84)
 """Reflectance of red, green and blue light of the bare floor."""
@@ -94,3 +94,18 @@ def _check_range(name: str, bounds: tuple[float, float], lowest: float, highest:
 
 
 OPEN_FLOOR = Scene()
+
+
+@dataclass(frozen=True)
+class Goal:
+    """Pose that a robot is to reach, drawn as its ghost.
+
+    Attributes:
+        angles_deg: goal angles of its motors, by name.
+        at_mm: goal position on the floor; ``None`` for a robot that is to go nowhere.
+        heading_deg: heading there, clockwise from x.
+    """
+
+    angles_deg: Mapping[str, float] = field(default_factory=dict)
+    at_mm: Point | None = None
+    heading_deg: float = 0.0

@@ -10,7 +10,7 @@ from bricktwin.robots import ROBO_ARM, TWO_WHEELER, WALKER
 from bricktwin.twin.make_body import make_body
 from bricktwin.twin.render.opengl import Image, Renderer
 from bricktwin.twin.render.video import Room, captioned
-from bricktwin.twin.scene import Scene
+from bricktwin.twin.scene import Goal, Scene
 
 SIZE = (320, 180)
 
@@ -47,7 +47,7 @@ def test_camera_follows_with_metre_labels() -> None:
 
 def test_ghost_is_at_goal() -> None:
     plain, _ = drawn(ROBO_ARM)
-    ghost, _ = drawn(ROBO_ARM, {"rotation": 90.0, "low": 60.0, "high": -90.0, "grab": -100.0})
+    ghost, _ = drawn(ROBO_ARM, Goal({"rotation": 90.0, "low": 60.0, "high": -90.0, "grab": -100.0}))
     green = (ghost[..., 1].astype(int) - ghost[..., 0] > 40) & (plain[..., 1].astype(int) - plain[..., 0] < 20)
     assert green.sum() > 100
     assert (ghost[-20:] == plain[-20:]).all(), "the floor before it is as it was"

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ast
 import functools
 import importlib
+import importlib.resources
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -29,6 +31,12 @@ def get_arena_task(env_id: str) -> ArenaTask:
     module, _, name = ARENAS[env_id].partition(":")
     task: ArenaTask = getattr(importlib.import_module(f"bricksrl.envs.arenas.{module}"), name)
     return task
+
+
+def arena_summary(env_id: str) -> str:
+    """First line of an arena's description, without its import, which loads torch."""
+    source = importlib.resources.files(__name__) / f"{ARENAS[env_id].partition(':')[0]}.py"
+    return (ast.get_docstring(ast.parse(source.read_text())) or "").partition("\n")[0]
 
 
 def make_arena(

@@ -2,34 +2,14 @@
 
 import { Scene3D } from "./scene3d.js";
 import { Chart, short } from "./charts.js";
+import { $, cleanAddress, connect, fill, press } from "./connection.js";
 
-const POSES = 1, IMAGE = 2, MIN_INTERVAL_MS = 60, REPEAT_MS = 300, REST_MS = 1500;
-const $ = (id) => document.getElementById(id);
-let socket = null, status = {}, scene = null, lost = false, retry_ms = 300;
+const POSES = 1, IMAGE = 2, MIN_INTERVAL_MS = 60, REPEAT_MS = 300, REST_MS = 1500, IDLE_AXIS = 0.12;
+let status = {}, scene = null, lost = "";
 const charts = new Map();
 const pushes = { values: [], sent_ms: 0, active: false };
 
-// ---------------------------------------------------------------- connection
-
-function connect() {
-  socket = new WebSocket(`ws://${location.host}/ws`);
-  socket.binaryType = "arraybuffer";
-  socket.onopen = () => {
-    [lost, retry_ms] = [false, 300];
-    showState();
-  };
-  socket.onmessage = ({ data }) => (typeof data === "string" ? onMessage(JSON.parse(data)) : onBinary(data));
-  socket.onclose = ({ reason }) => {
-    lost = reason || "no connection";
-    showState();
-    setTimeout(connect, retry_ms);
-    retry_ms = Math.min(5000, retry_ms * 1.5);
-  };
-}
-
-function press(name, value = null) {
-  if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify({ press: name, value }));
-}
+// ---------------------------------------------------------------- messages
 
 function onMessage(message) {
   if (message.scene) loadScene(message.scene);
@@ -75,7 +55,7 @@ function showImage(rgb, width, height) {
 // ---------------------------------------------------------------- status
 
 function showState() {
-  const chip = $("state"), state = lost ? "lost" : status.state ?? "waiting";
+  const chip = $("state"), state = lost ? (lost === "no connection" ? "lost" : "finished") : status.state ?? "waiting";
   chip.textContent = lost || (state === "stopped" ? "STOPPED" : state);
   chip.className = `chip ${state}`;
   chip.hidden = !chip.textContent;
@@ -100,9 +80,13 @@ function show() {
   for (const id of ["pause", "resume", "step"]) $(id).disabled = state === "stopped" || state === "finished";
   $("control").hidden = !["pause", "step", "reset", "speed", "policy"].some((name) => can.has(name));
   showChoices(can);
+  if (scene) scene.onPull = can.has("pull") ? showPull : null;
+  $("hint").hidden = !can.has("pull") || pulled.isKnown || Boolean(status.no_scene) || !scene;
+  showConsole();
   showFacts();
   showHub();
-  showDrive(can.has("drive"));
+  showSeats();
+  showDrive(can.has("drive") || Boolean(status.seats));
   showOwnSliders();
   $("no-scene").hidden = !status.no_scene && scene !== null;
   $("no-scene").textContent = scene === null ? "This browser has no WebGL 2, so the robot cannot be drawn." : status.no_scene ?? "";
@@ -113,6 +97,7 @@ function showGoal() {
   const { goal, scores } = status, box = $("goal");
   box.hidden = !goal;
   box.firstChild.textContent = goal ?? "";
+  box.querySelector("small").hidden = !status.has_ghost;
   fill(box.lastChild, Object.entries(scores ?? {}).map(([name, value]) => `${name} ${short(value)}`), "div", (row, text) => {
     const [, name, value] = text.match(/^(.*) (\S+)$/);
     row.append(Object.assign(document.createElement("dt"), { textContent: name }), Object.assign(document.createElement("dd"), { textContent: value }));
@@ -135,16 +120,13 @@ function showChoices(can) {
   $("policy").value = status.policy ?? "";
 }
 
-// One child per name. The children are replaced only when the names change, or a press would lose its button.
-function fill(parent, names, tag, setUp) {
-  const key = JSON.stringify(names);
-  if (parent.dataset.names === key) return;
-  parent.dataset.names = key;
-  parent.replaceChildren(...names.map((name) => {
-    const child = document.createElement(tag);
-    setUp(child, name);
-    return child;
-  }));
+// What a program prints; the view follows the last line unless somebody reads further up.
+function showConsole() {
+  const box = $("console"), text = status.console ?? "", isAtEnd = box.scrollTop + box.clientHeight > box.scrollHeight - 20;
+  box.hidden = status.console === undefined;
+  if (box.textContent === text) return;
+  box.textContent = text;
+  if (isAtEnd) box.scrollTop = box.scrollHeight;
 }
 
 function showFacts() {
@@ -209,7 +191,7 @@ function addRows(name, changes) {
 function makeChart(name, column, i, count) {
   const isReturn = name === "return", chart = new Chart($("charts"), column, { points: isReturn, unit: isReturn ? "episode" : "step" });
   chart.figure.dataset.series = `${name}/${i}`;
-  if (count === 1) chart.figure.classList.add("wide");
+  if (isReturn) chart.figure.classList.add("wide");
   return chart;
 }
 
@@ -222,9 +204,38 @@ function sortCharts() {
 
 // ---------------------------------------------------------------- driving
 
+// In an arena, each visitor takes the seat of one robot, which is then the only one that this page drives.
+let seat = sessionStorage.getItem("seat");
+
+function showSeats() {
+  const { seats } = status;
+  $("seats").hidden = !seats;
+  $("driving").hidden = Boolean(seats);
+  if (!seats) return;
+  if (!(seat in seats)) seat = null;
+  status.drive = seat && seats[seat];
+  fill($("seats"), Object.keys(seats), "button", (button, name) => {
+    Object.assign(button, { type: "button", textContent: `Drive the ${name}` });
+    button.style.borderBottom = `8px solid rgb(${seats[name].color.map((share) => 255 * share)})`;
+    button.onclick = () => {
+      if (seat) pressRobot("take_over", false);
+      seat = seat === name ? null : name;
+      sessionStorage.setItem("seat", seat ?? "");
+      if (seat) pressRobot("take_over", true);
+      show();
+    };
+  });
+  for (const button of $("seats").children) button.setAttribute("aria-pressed", String(button.textContent === `Drive the ${seat}`));
+}
+
+const pressRobot = (name, value) => press(seat ? `${name}:${seat}` : name, value);
+
 function showDrive(canDrive) {
   $("drive").hidden = !canDrive;
-  if (!canDrive) return;
+  document.body.classList.toggle("arena", Boolean(status.seats));
+  document.body.classList.toggle("driven", Boolean(canDrive && status.drive?.in_charge));
+  document.querySelector(".sticks").hidden = !status.drive;
+  if (!canDrive || !status.drive) return;
   const { commands, in_charge, can_give_back } = status.drive;
   $("take-over").hidden = !can_give_back;
   $("take-over").setAttribute("aria-pressed", String(in_charge));
@@ -267,7 +278,7 @@ function push(values) {
 function send() {
   pushes.sent_ms = Date.now();
   pushes.active = pushes.values.some((value) => value !== 0);
-  press("drive", pushes.values);
+  pressRobot("drive", pushes.values);
 }
 
 setInterval(() => {
@@ -317,6 +328,42 @@ function makeArrows(move) {
   addEventListener("blur", () => down.size && (down.clear(), follow()));
 }
 
+// The left stick of a gamepad pushes the stick too.
+function makeGamepad(move) {
+  let isPushed = false;
+  setInterval(() => {
+    const pad = [...(navigator.getGamepads?.() ?? [])].find(Boolean);
+    const [x, y] = pad && status.drive?.in_charge ? pad.axes.map((value) => (Math.abs(value) < IDLE_AXIS ? 0 : value)) : [0, 0];
+    if (!x && !y && !isPushed) return;
+    isPushed = pushes.held = Boolean(x || y);
+    move(x, -y);
+  }, MIN_INTERVAL_MS);
+}
+
+// ---------------------------------------------------------------- pulling
+
+// A pull is repeated while it lasts, as the robot moves on below a pointer that rests.
+const pulled = { sent_ms: 0, again: null };
+
+function showPull(body, point, from, to) {
+  const line = $("pull");
+  clearTimeout(pulled.again);
+  line.hidden = body < 0;
+  if (body < 0) return press("pull");
+  pulled.isKnown = true;
+  if (from) {
+    line.style.left = `${from[0]}px`;
+    line.style.top = `${from[1]}px`;
+    line.style.width = `${Math.hypot(to[0] - from[0], to[1] - from[1])}px`;
+    line.style.transform = `rotate(${Math.atan2(to[1] - from[1], to[0] - from[0])}rad)`;
+  }
+  if (Date.now() - pulled.sent_ms >= MIN_INTERVAL_MS) {
+    pulled.sent_ms = Date.now();
+    press("pull", [body, ...point]);
+  }
+  pulled.again = setTimeout(() => scene.pull(body, ...to), MIN_INTERVAL_MS);
+}
+
 // Sliders of the program that shows the scene, such as the steps of a building plan.
 function showOwnSliders() {
   const sliders = status.sliders ?? [], box = $("own-sliders");
@@ -353,11 +400,22 @@ addEventListener("keydown", (event) => {
   if (!event.repeat) press("stop");
 }, { capture: true });
 addEventListener("keyup", (event) => event.code === "Space" && event.preventDefault(), { capture: true });
-if (location.search) history.replaceState(null, "", "/"); // the token is in a cookie now
+cleanAddress();
+$("home-page").hidden = !sessionStorage.getItem("start");
+$("home-page").href = `http://${location.hostname}:${sessionStorage.getItem("start")}/`;
 try {
   scene = new Scene3D($("scene"), $("metres"));
 } catch (error) {
   console.warn(error);
 }
-makeArrows(makeStick());
-connect();
+const moveStick = makeStick();
+makeArrows(moveStick);
+makeGamepad(moveStick);
+connect({
+  onText: onMessage,
+  onBinary,
+  onChange: (reason) => {
+    lost = reason;
+    showState();
+  },
+});

@@ -77,6 +77,7 @@ void main() {}`;
 
 const SKY = [0.935, 0.945, 0.96];
 const SUNWARD = normalised([-0.32, -0.42, 0.85]);
+const ANGLE = 0.65;
 const SHADOW_PX = 1024;
 const SLOW_MS = 40;
 const STILL_MS = 400;
@@ -135,6 +136,7 @@ export class Scene3D {
       new Int8Array(buffer, start + normals, 4 * vertices),
       new Uint32Array(buffer, start + faces, 3 * triangles)));
     this.bodies = header.bodies.map((body) => ({
+      isMovable: body.name !== "world" && !body.name.startsWith("goal "),
       shapes: body.shapes.map((shape) => ({
         mesh: this.meshes[shape.mesh],
         colour: shape.colour,
@@ -214,7 +216,7 @@ export class Scene3D {
     this.frames += 1;
     canvas.dataset.frames = this.frames;
     const target = this.target(), eye = this.eye(target);
-    const view = multiply(perspective(0.65, width / height, this.view.distance_m / 60, 40), lookAt(eye, target));
+    const view = this.camera(target);
     const reach = Math.max(0.45, Math.min(1.2, this.view.distance_m));
     const sunEye = target.map((value, i) => value + 3 * SUNWARD[i]);
     const sun = multiply(orthographic(reach, 1.0, 5.0), lookAt(sunEye, target));
@@ -227,6 +229,7 @@ export class Scene3D {
     gl.useProgram(this.depth.id);
     gl.uniformMatrix4fv(this.depth.uniform("view"), false, sun);
     for (const { shape, model } of shapes) {
+      if (shape.colour[3] < 1) continue; // what is only meant throws no shadow
       gl.uniformMatrix4fv(this.depth.uniform("model"), false, model);
       shape.mesh.draw();
     }
@@ -240,10 +243,15 @@ export class Scene3D {
     if (this.floor !== null) this.drawFloor(view, sun, eye, target);
     if (transparent.length) {
       this.useProgram(this.solid, view, sun, eye);
+      gl.colorMask(false, false, false, false); // first the depths: only what is in front is then blended
+      for (const placed of transparent) this.drawShape(placed);
+      gl.colorMask(true, true, true, true);
+      gl.depthFunc(gl.LEQUAL);
       gl.enable(gl.BLEND);
       gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
       for (const placed of transparent) this.drawShape(placed);
       gl.disable(gl.BLEND);
+      gl.depthFunc(gl.LESS);
     }
     this.writeMetres(view, target);
   }
@@ -324,9 +332,55 @@ export class Scene3D {
     });
   }
 
-  // One finger or the left button turns, two fingers or another button move, wheel and pinch zoom, a double click resets the view.
+  // Number of the body at a point of the canvas (px), -1 if there is none.
+  bodyAt(x, y) {
+    const near_px = 0.07 * this.pixelsPerMetre(this.target());
+    let [best, nearest_px] = [-1, Math.max(22, near_px)];
+    this.bodies.forEach(({ isMovable }, i) => {
+      const at = isMovable && this.poses && this.pixelOf(i);
+      const away_px = at ? Math.hypot(at[0] - x, at[1] - y) : Infinity;
+      if (away_px < nearest_px) [best, nearest_px] = [i, away_px];
+    });
+    return best;
+  }
+
+  // Place of a body on the canvas, px.
+  pixelOf(body) {
+    const point = this.poses.subarray(7 * body, 7 * body + 3);
+    if (Number.isNaN(point[0])) return null;
+    const at = project(this.camera(this.target()), point), { clientWidth, clientHeight } = this.canvas;
+    return at && [(at[0] * 0.5 + 0.5) * clientWidth, (0.5 - at[1] * 0.5) * clientHeight];
+  }
+
+  pixelsPerMetre(point) {
+    const view = this.camera(this.target()), [x, y, z] = point, at = project(view, point), above = project(view, [x, y, z + 0.01]);
+    return at && above ? (Math.hypot(at[0] - above[0], at[1] - above[1]) * this.canvas.clientHeight) / 0.02 : 0;
+  }
+
+  // Point in a plane above the floor (m) at a point of the canvas (px).
+  floorPoint(x, y, height_m) {
+    const target = this.target(), eye = this.eye(target), { clientWidth, clientHeight } = this.canvas, ratio = clientWidth / clientHeight;
+    const back = normalised(eye.map((value, i) => value - target[i])), right = normalised(cross([0, 0, 1], back)), up = cross(back, right);
+    const f = focal(ANGLE, ratio), across = ((2 * x) / clientWidth - 1) * (ratio / f), down = (1 - (2 * y) / clientHeight) / f;
+    const ray = back.map((value, i) => across * right[i] + down * up[i] - value);
+    const way = (height_m - eye[2]) / Math.min(ray[2], -0.05); // not beyond the horizon
+    return [eye[0] + way * ray[0], eye[1] + way * ray[1]];
+  }
+
+  camera(target) {
+    const { clientWidth, clientHeight } = this.canvas;
+    return multiply(perspective(ANGLE, clientWidth / clientHeight, this.view.distance_m / 60, 40), lookAt(this.eye(target), target));
+  }
+
+  // What moves is pulled where `onPull` is set, with a body's number and a point, or null when it is let go.
+  pull(body, x, y) {
+    this.onPull(body, this.floorPoint(x, y, this.poses[7 * body + 2]), this.pixelOf(body), [x, y]);
+  }
+
+  // One finger or the left button pulls what moves, or turns, two fingers or another button move, wheel and pinch zoom, a double click resets the view.
   listen() {
     const canvas = this.canvas, pointers = new Map();
+    let held = -1;
     canvas.addEventListener("contextmenu", (event) => event.preventDefault());
     canvas.addEventListener("dblclick", () => this.home());
     canvas.addEventListener("wheel", (event) => {
@@ -336,11 +390,20 @@ export class Scene3D {
     canvas.addEventListener("pointerdown", (event) => {
       canvas.setPointerCapture(event.pointerId);
       pointers.set(event.pointerId, [event.clientX, event.clientY]);
+      held = this.onPull && event.button === 0 && pointers.size === 1 ? this.bodyAt(event.offsetX, event.offsetY) : -1;
+      if (held >= 0) this.pull(held, event.offsetX, event.offsetY);
     });
-    for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, (event) => pointers.delete(event.pointerId));
+    for (const end of ["pointerup", "pointercancel"]) {
+      canvas.addEventListener(end, (event) => {
+        pointers.delete(event.pointerId);
+        if (held >= 0) this.onPull(-1);
+        held = -1;
+      });
+    }
     canvas.addEventListener("pointermove", (event) => {
       const before = pointers.get(event.pointerId);
       if (!before) return;
+      if (held >= 0) return this.pull(held, event.offsetX, event.offsetY);
       const now = [event.clientX, event.clientY], change = [now[0] - before[0], now[1] - before[1]];
       if (pointers.size === 2) {
         const other = [...pointers].find(([id]) => id !== event.pointerId)[1];
@@ -364,7 +427,7 @@ export class Scene3D {
   }
 
   pan(x, y) {
-    const yaw = (this.view.yaw_deg * Math.PI) / 180, step = (0.65 * this.view.distance_m) / this.canvas.clientHeight;
+    const yaw = (this.view.yaw_deg * Math.PI) / 180, step = (ANGLE * this.view.distance_m) / this.canvas.clientHeight;
     this.view.target[0] += step * (Math.sin(yaw) * x - Math.cos(yaw) * y);
     this.view.target[1] += step * (-Math.cos(yaw) * x - Math.sin(yaw) * y);
     this.requestDraw();
@@ -437,9 +500,13 @@ function multiply(first, second) {
   return out;
 }
 
+// On a narrow screen the angle is that of its width, so that a phone shows as much as a wide screen.
+function focal(angle, ratio) {
+  return (1 / Math.tan(angle / 2)) * Math.min(1, ratio * 0.9);
+}
+
 function perspective(angle, ratio, near, far) {
-  // On a narrow screen the angle is that of its width, so that a phone shows as much as a wide screen.
-  const f = (1 / Math.tan(angle / 2)) * Math.min(1, ratio * 0.9);
+  const f = focal(angle, ratio);
   return new Float32Array([f / ratio, 0, 0, 0, 0, f, 0, 0, 0, 0, (far + near) / (near - far), -1, 0, 0, (2 * far * near) / (near - far), 0]);
 }
 

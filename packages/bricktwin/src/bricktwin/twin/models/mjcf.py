@@ -201,11 +201,11 @@ def add_surroundings(spec: mujoco.MjSpec, scene: Scene) -> None:
         )
     target, distance_m = ((-0.62, 0.1, 0.0), 1.95) if scene.wall_distance_mm is not None else ((0.0, 0.0, 0.0), 1.1)
     if scene.objects:
-        target, distance_m = _overview_of(scene)
+        target, distance_m = overview_of(scene)
     add_camera(world, "overview", target, (-0.18, -1.0, 0.72), distance_m)
 
 
-def _overview_of(scene: Scene) -> tuple[Triple, float]:
+def overview_of(scene: Scene) -> tuple[Triple, float]:
     """Centre of the objects and the robot's start area (m), and a camera distance that shows all of them."""
     points_mm = list(zip(*scene.start_mm, strict=True))
     for item in scene.objects:

@@ -21,10 +21,11 @@ from PIL import Image, ImageDraw, ImageFont
 from brickhub.errors import TwinError
 from brickhub.virtual.body import Body
 from bricktwin.drawing import import_matplotlib
-from bricktwin.twin.linkage import sensed_qpos
+from bricktwin.twin.linkage import pose_at
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.physics import Physics
 from bricktwin.twin.render.opengl import Renderer, VideoWriter
+from bricktwin.twin.scene import Goal
 
 Pixels = NDArray[np.uint8]
 _INK, _MUTED, _BACKGROUND, _OPACITY = (31, 36, 48), (73, 81, 94), (255, 255, 255), 205
@@ -78,41 +79,43 @@ class Room:
 
     Args:
         body: the robot.
-        goal_deg: goal angles of its motors, by name; ``None`` for a robot without such a goal.
+        goal: pose that a ghost shows; ``None`` for a robot without such a goal.
 
     Attributes:
         camera: camera for a renderer; :meth:`follow` aims it.
     """
 
-    def __init__(self, body: MujocoBody, goal_deg: dict[str, float] | None = None) -> None:
-        self._body = body
+    def __init__(self, body: MujocoBody, goal: Goal | None = None) -> None:
+        self._body, self._place = body, None if goal is None else goal.at_mm
         self.camera = mujoco.MjvCamera()
         self.camera.type = mujoco.mjtCamera.mjCAMERA_FREE
         self._moves = body.model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE
-        self.camera.distance = 0.62 if self._moves else 0.72
+        self.camera.distance = 0.72 if not self._moves else 0.62 if self._place is None else 1.1
         self.camera.azimuth, self.camera.elevation = 62.0, -21.0  # from behind, so that no wall ahead hides the robot
         self._target = np.array(self._robot())
         self.camera.lookat[:] = self._target
-        self._ghost = MujocoBody(body.robot, body.scene, Physics(), 0) if goal_deg else None
         self._option = mujoco.MjvOption()
-        self.aim_for(goal_deg or {})
+        self._ghost = None if goal is None else MujocoBody(body.robot, body.scene, Physics(), 0)
+        self._goal: Goal | None = None
+        self.aim_for(goal)
 
-    def aim_for(self, goal_deg: dict[str, float]) -> None:
-        """Set the goal that the ghost shows."""
-        if self._ghost is not None:
-            self._ghost.data.qpos[:] = sensed_qpos(self._ghost, goal_deg, (0.0, 0.0))
-            self._ghost.update_visuals()
+    def aim_for(self, goal: Goal | None) -> None:
+        """Let the ghost, if there is one, show another goal."""
+        if self._ghost is not None and goal is not None and goal != self._goal:
+            self._goal = goal
+            pose_at(self._ghost, goal)
 
     def follow(self) -> None:
-        """Move the camera's target towards the robot, smoothly."""
+        """Move the camera's target towards the robot, or the middle between it and the place where it is to go, smoothly."""
         self._target += _LAG * (np.array(self._robot()) - self._target)
         self.camera.lookat[:] = self._target
 
     def _robot(self) -> tuple[float, float, float]:
         if not self._moves:
             return 0.04, 0.0, 0.13
-        x, y = self._body.data.qpos[:2]
-        return float(x), float(y), 0.07
+        x, y = self._body.data.qpos[:2].tolist()
+        goal_x, goal_y = (x, y) if self._place is None else (value / 1000 for value in self._place)
+        return (x + goal_x) / 2, (y + goal_y) / 2, 0.07
 
     def decorate(self, scene: mujoco.MjvScene) -> None:
         """Add walls, metre lines and ghost to a scene."""

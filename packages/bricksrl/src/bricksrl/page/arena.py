@@ -1,0 +1,115 @@
+"""Arena on the page: each visitor may drive one of its robots; the others follow their policies."""
+
+from __future__ import annotations
+
+import threading
+from typing import TYPE_CHECKING, Any
+
+from bricksrl.envs.env_interface import interface_of
+from bricksrl.errors import StoppedError
+from bricksrl.page.endless import play_endlessly
+from bricksrl.page.live import LivePage, PageDriver
+from bricksrl.page.robot_view import Mirror
+from bricksrl.page.scene import View
+from bricksrl.page.server import PageOptions
+from bricktwin.twin.arena import ArenaWorld
+
+if TYPE_CHECKING:
+    from tensordict import TensorDictBase
+    from tensordict.nn import TensorDictModuleBase
+
+    from bricksrl.envs.arenas.arena_env import ArenaEnv
+    from bricksrl.envs.arenas.arena_task import ArenaTask
+
+_OPEN_HALF_M = 0.7
+"""Half size of the part of an open floor that is seen at first."""
+
+
+class ArenaPage(LivePage):
+    """Page of several robots in one world, served while entered. ``drivers``: the humans who drive them, by the robots' names.
+
+    A press names the robot that it is for: ``drive:runner``.
+    """
+
+    def __init__(self, task: ArenaTask, subtitle: str = "", options: PageOptions | None = None) -> None:
+        robots = zip(task.robots, task.interfaces, strict=True)
+        self._arena, self.drivers = task, {name: PageDriver(interface.commands) for name, interface in robots}
+        super().__init__(task.id, subtitle, speed="1x", options=options)
+        self.board.update_status(goal=task.doc.strip().partition("\n")[0])
+
+    def attach(self, env: Any) -> None:
+        """Show another arena."""
+        super().attach(env)
+        self._is_paced_here = False  # the first robot's hub keeps the pace of all
+        half_m = max(self._arena.arena.half_size_m or (_OPEN_HALF_M,))
+        mirror = Mirror(ArenaWorld(self._arena.arena).bodies[0], View((0.0, 0.0, 0.0), 2.0 * half_m + 0.8, -90.0, 48.0))
+        self.view.show_machine(env.hub(self._arena.robots[0]).machine, body=env.world.bodies[0], mirror=mirror)
+        self.board.update_status(no_scene="")
+
+    def steered(self, state: TensorDictBase) -> TensorDictBase:
+        """A state with actions, those of driven robots replaced by the drivers'."""
+        for group, names in self._arena.groups.items():
+            actions = state[group, "action"]
+            for index, name in enumerate(names):
+                if self.drivers[name].in_charge:
+                    actions[..., index, :] = actions.new_tensor(self.drivers[name].shares())
+        return state
+
+    @property
+    def is_driven(self) -> bool:
+        return any(driver.in_charge for driver in self.drivers.values())
+
+    def _press(self, name: str, value: Any) -> None:
+        action, _, robot = name.partition(":")
+        if action == "left":
+            for driver in self.drivers.values():
+                driver.release()
+        if robot not in self.drivers:
+            super()._press(name, value)
+            return
+        if action == "drive":
+            self.drivers[robot].push(value)
+        elif action == "take_over":
+            self.drivers[robot].in_charge = bool(value)
+        self._publish()
+
+    def _publish(self) -> None:
+        super()._publish()
+        colors = {robot.name: robot.color for robot in self._arena.arena.robots}
+        seats = {name: {**driver.described(), "color": colors[name]} for name, driver in self.drivers.items()}
+        self.board.update_status(seats=seats)
+
+
+def play_arena(
+    env: ArenaEnv, page: ArenaPage, policy: TensorDictModuleBase, *, episodes: int | None = None, stop: threading.Event
+) -> list[float]:
+    """Play as `bricksrl.page.play.play_on_page`; returns the mean returns of the first group's robots."""
+    import torch
+    from torchrl.envs.utils import ExplorationType, set_exploration_type
+
+    group = next(iter(env.task.groups))
+
+    def episode(number: str) -> float | None:
+        state, total, steps = env.reset(), 0.0, 0
+        page.note(episode=number)
+        page.hold(stop.is_set)
+        while not page.is_stopped and not stop.is_set():
+            frame = env.step(page.steered(policy(state)))
+            after = frame["next"]
+            if bool(after["link_lost"]):
+                raise interface_of(env).link_error
+            reward, steps = float(after[group, "reward"].mean()), steps + 1
+            total += reward
+            page.show_outcome([], reward, total)
+            page.hold(stop.is_set)
+            if page.is_reset_requested:
+                return None
+            if bool(after["done"]):
+                outcome = f"succeeds after {steps} steps" if bool(after["success"]) else "does not succeed"
+                page.board.update_status(note=f"Episode {number}: {group} {outcome}.")
+                return total
+            state = env.step_mdp(frame)
+        raise StoppedError("the robots were stopped by hand")
+
+    with torch.no_grad(), set_exploration_type(ExplorationType.DETERMINISTIC):
+        return play_endlessly(env, page, episode, episodes=episodes, stop=stop)

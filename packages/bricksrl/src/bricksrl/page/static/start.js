@@ -1,0 +1,130 @@
+// Start page: cards of environments, runs, plans and jobs. All state is the server's.
+
+import { $, cleanAddress, connect, element, fill, press } from "./connection.js";
+
+const TEXTS = { play: "Play", train: "Train", drive: "Drive", game: "Play together" };
+const DOES = { play: "plays", drive: "is driven", game: "is played", train: "learns", watch: "is shown", compare: "are compared", build: "is built", booklet: "gets its booklet", check: "is checked" };
+let status = {}, awaited = null;
+const chosen = new Set();
+
+function show() {
+  $("message").hidden = !status.message;
+  $("message").textContent = status.message ?? "";
+  fill($("envs"), status.cards ?? [], "article", (card, { env, summary, is_arena }) => {
+    card.className = "env";
+    card.setAttribute("aria-label", env);
+    const picture = element("img", { src: `${env}.jpg`, alt: "", loading: "lazy" });
+    const buttons = (is_arena ? ["game"] : ["play", "train", "drive"]).map((action) => starter(TEXTS[action], action, env));
+    buttons[0].className = "main";
+    card.append(picture, element("h3", { textContent: env }), element("p", { textContent: summary }), element("div", { className: "row" }, ...buttons));
+  });
+  showRuns();
+  fill($("build").querySelector("ul"), status.plans ?? [], "li", (item, plan) => {
+    item.append(element("b", { textContent: plan }), starter("Step by step in 3D", "build", plan), starter("Booklet (PDF)", "booklet", plan));
+  });
+  fill($("check-env"), (status.cards ?? []).filter(({ is_arena }) => !is_arena).map(({ env }) => env), "option", (option, name) => (option.textContent = name));
+  showJobs();
+}
+
+// A button that starts a job, and opens its page once there is one.
+function starter(text, action, about) {
+  const button = element("button", { type: "button", textContent: text });
+  button.onclick = () => start(action, about);
+  return button;
+}
+
+function start(action, about) {
+  awaited = { action, after: Math.max(0, ...(status.jobs ?? []).map(({ number }) => number)) };
+  press(action, about);
+  scrollTo(0, 0);
+}
+
+function showRuns() {
+  const runs = status.runs ?? [], section = $("runs");
+  section.querySelector(".hint").hidden = runs.length > 0;
+  section.querySelector(".row").hidden = runs.length < 2;
+  fill(section.querySelector("ul"), runs, "li", (item, run) => {
+    const box = element("input", { type: "checkbox", checked: chosen.has(run.name) });
+    box.setAttribute("aria-label", `Compare ${run.name}`);
+    box.onchange = () => {
+      box.checked ? chosen.add(run.name) : chosen.delete(run.name);
+      $("compare").disabled = chosen.size < 2;
+    };
+    const about = element("small", { textContent: `${run.agent}, ${run.episodes} episodes · ${run.name}` });
+    const score = element("output", { textContent: run.return === null ? "" : run.return.toPrecision(3), title: "mean return of the last episodes" });
+    item.append(element("label", {}, box, element("span", {}, element("b", { textContent: run.env }), about)), curve(run.points), score, starter("Watch", "watch", run.name));
+  });
+}
+
+function curve(points) {
+  const svg = document.createElementNS("http://www.w3.org/2000/svg", "svg"), line = document.createElementNS(svg.namespaceURI, "polyline");
+  const low = Math.min(...points), span = Math.max(...points) - low || 1;
+  svg.setAttribute("viewBox", "0 0 100 40");
+  svg.setAttribute("preserveAspectRatio", "none");
+  line.setAttribute("points", points.map((value, i) => `${(100 * i) / Math.max(1, points.length - 1)},${37 - (34 * (value - low)) / span}`).join(" "));
+  svg.append(line);
+  return svg;
+}
+
+function showJobs() {
+  const jobs = status.jobs ?? [];
+  fill($("jobs"), jobs.map(({ number }) => number), "article", (card, number) => {
+    const job = jobs.find((one) => one.number === number);
+    card.className = "job";
+    card.dataset.action = job.action.split(" ")[0];
+    const end = element("button", { type: "button", textContent: "End", onclick: () => press("end", number) });
+    const title = element("b", { textContent: `${job.about} ${DOES[job.action.split(" ")[0]]}` });
+    card.append(element("div", { className: "row" }, title, element("span", { className: "chip" }), element("a", { className: "main", textContent: "Open" }), end), element("pre", {}));
+  });
+  jobs.forEach((job, i) => {
+    const card = $("jobs").children[i], [, chip, link, end] = card.firstChild.children, pre = card.querySelector("pre");
+    const isRunning = job.code === null, state = isRunning ? (job.url || job.lines.length ? "running" : "starting") : [0, 130].includes(job.code) || job.code < 0 ? "done" : "failed";
+    card.classList.toggle("over", !isRunning);
+    chip.textContent = state;
+    chip.className = `chip ${{ done: "finished", failed: "stopped" }[state] ?? ""}`;
+    link.hidden = !(isRunning && job.url);
+    if (job.url) link.href = address(job.url);
+    end.hidden = !isRunning;
+    const text = job.lines.join("\n");
+    if (pre.textContent !== text) {
+      pre.textContent = text;
+      pre.scrollTop = pre.scrollHeight;
+    }
+    showResult(card, job);
+    if (isRunning && job.url && awaited?.action === job.action && job.number > awaited.after) {
+      awaited = null;
+      location.assign(address(job.url));
+    }
+  });
+}
+
+// The picture of a comparison, and the booklet.
+function showResult(card, { action, number, code }) {
+  if (code !== 0 || card.querySelector(".result")) return;
+  if (action === "compare") card.append(element("img", { className: "result", src: `${number}.png`, alt: "Learning curves" }));
+  if (action === "booklet") card.append(element("a", { className: "result main", href: `${number}.pdf`, target: "_blank", textContent: "Open the booklet" }));
+}
+
+// A job's page, by the name under which this page was reached, told where to come back to.
+function address(url) {
+  const to = new URL(url);
+  to.hostname = location.hostname;
+  to.hash = `start=${location.port || 80}`;
+  return to.href;
+}
+
+$("compare").onclick = () => start("compare", [...chosen]);
+$("check-start").onclick = () => start(`check ${$("check-hub").value}`, $("check-env").value);
+cleanAddress();
+connect({
+  onText: (message) => {
+    if (!message.status) return;
+    status = message.status;
+    show();
+  },
+  onChange: (reason) => {
+    $("state").hidden = !reason;
+    $("state").textContent = reason;
+    $("state").className = "chip lost";
+  },
+});

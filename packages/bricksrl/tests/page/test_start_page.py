@@ -1,0 +1,155 @@
+"""The start page in a real browser: what a class does without a command typed."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from browser import TIMEOUT_MS, chromium
+from forked import Forked, ForkServer
+
+from bricksrl.page.server import PageOptions
+from bricksrl.page.start import StartPage
+
+pytestmark = pytest.mark.realtime
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[object]:
+    with chromium() as started:
+        yield started
+
+
+@pytest.fixture
+def start(forked: ForkServer, tmp_path: Path) -> Iterator[StartPage]:
+    def launch(words: Sequence[str], folder: Path) -> Forked:
+        read, write = os.pipe()
+        with Path(os.devnull).open() as nothing, os.fdopen(write, "w") as said:
+            process = forked.start(words, (nothing, said, said), folder=str(folder), environment=dict(os.environ))
+        process.stdout = os.fdopen(read)
+        return process
+
+    with StartPage(tmp_path, PageOptions(), launch) as page:
+        yield page
+
+
+@contextmanager
+def walk(browser: object, url: str, width: int = 1280, height: int = 800) -> Iterator[object]:
+    """A tab that goes from page to page of this computer, and must show no script errors."""
+    context = browser.new_context(viewport={"width": width, "height": height})
+    page, errors = context.new_page(), list[str]()
+    page.set_default_timeout(TIMEOUT_MS)
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    page.goto(url)
+    yield page
+    context.close()
+    assert not errors
+
+
+def until(page: object, condition: str) -> None:
+    """Wait until JavaScript is true; the page forbids Playwright's own way, by ``eval``."""
+    limit_s = time.monotonic() + TIMEOUT_MS / 1000
+    while not page.evaluate(condition):
+        assert time.monotonic() < limit_s, condition
+        page.wait_for_timeout(100)
+
+
+def button(place: object, name: str) -> object:
+    return place.get_by_role("button", name=name, exact=True)
+
+
+@pytest.mark.slow
+def test_class_trains_plays_and_compares_without_typing(browser: object, start: StartPage, tmp_path: Path) -> None:
+    with walk(browser, start.url) as page:
+        for number in (1, 2):
+            button(page.get_by_label("RunAway-v0"), "Train").click()
+            page.wait_for_selector("#scene[data-frames]")
+            until(page, "document.querySelector(\"figure[data-series='return/0']\")?.dataset.count >= 2")
+            page.get_by_role("link", name="Start").click()
+            page.locator(".job", has_text="RunAway-v0 learns").first.get_by_role("button", name="End").click()
+            page.locator(f".job:has-text('learns'):has(.chip:text-is('done')) >> nth={number - 1}").wait_for()
+        assert len(list((tmp_path / "runs").iterdir())) == 2
+        page.locator("#runs li").nth(1).wait_for()
+        for box in page.locator("#runs input").all():
+            box.check()
+        button(page, "Compare").click()
+        page.locator("img.result").wait_for()
+        until(page, "document.querySelector('img.result').naturalWidth > 300")
+        assert "RunAway-v0" in page.locator(".job[data-action=compare] pre").inner_text()
+        button(page.locator("#runs li").first, "Watch").click()
+        page.wait_for_selector("#scene[data-frames]")
+        page.wait_for_selector("[data-fact=return]")
+        page.get_by_role("link", name="Start").click()
+        button(page.get_by_label("Walker-v1"), "Play").click()
+        page.wait_for_selector("#scene[data-frames]")
+        assert page.locator("#title").inner_text() == "Walker-v1"
+        page.get_by_role("link", name="Start").click()
+        page.locator(".job:has-text('is shown') .chip:text-is('done')").wait_for()
+
+
+@pytest.mark.slow
+def test_hub_check_and_plan_need_no_typing(browser: object, start: StartPage) -> None:
+    with walk(browser, start.url, 390, 844) as page:
+        assert page.evaluate("document.documentElement.scrollWidth") <= 390
+        page.get_by_role("combobox", name="Environment").select_option("RunAway-v0")
+        page.get_by_role("combobox", name="Hub").select_option("virtual")
+        button(page, "Check").click()
+        page.locator(".job[data-action=check] .chip:text-is('done')").wait_for()
+        assert "battery" in page.locator(".job[data-action=check] pre").inner_text()
+        assert page.evaluate("document.documentElement.scrollWidth") <= 390, "long lines are wrapped"
+        button(page.locator("#build li", has_text="walker"), "Step by step in 3D").click()
+        page.wait_for_selector("#scene[data-frames]")
+        page.get_by_role("slider", name="Step").wait_for()
+
+
+@pytest.mark.parametrize(
+    ("action", "value"),
+    [
+        ("train", "my_task.py"),
+        ("play", "runs/x"),
+        ("watch", "../x"),
+        ("compare", ["x"]),
+        ("booklet", "/etc/passwd"),
+        ("check ble:X", "RunAway-v0"),
+        ("check ble", None),
+        ("drive", {"a": 1}),
+        ("game", 3),
+        ("shout", "Tag-v0"),
+    ],
+)
+def test_values_that_the_page_does_not_know_start_nothing(action: str, value: object, tmp_path: Path) -> None:
+    def launch(*_: object) -> object:
+        raise AssertionError("something was started")
+
+    page = StartPage(tmp_path, launch=launch)
+    page._press(action, value)
+    status = page.board.status[1]
+    assert status["message"] and not status["jobs"]
+    page.close()
+
+
+def test_jobs_end_with_the_page(start: StartPage) -> None:
+    start._press("drive", "Spinning-v0")
+    (job,) = start._jobs
+    limit_s = time.monotonic() + 60
+    while not job.url:
+        assert time.monotonic() < limit_s, list(job.lines)
+        time.sleep(0.05)
+    start._press("play", "Spinning-v0")
+    assert job.process.poll() is not None, "one robot is on the stage at a time"
+    start.close()
+    assert None not in [one.process.poll() for one in start._jobs]
+
+
+def test_each_environment_has_a_picture(tmp_path: Path) -> None:
+    page = StartPage(tmp_path)
+    for card in page.board.status[1]["cards"]:
+        kind, data = page.file(f"{card['env']}.jpg")
+        assert kind == "image/jpeg" and 3_000 < len(data) < 60_000
+    assert set(page.board.status[1]["plans"]) == {"two-wheeler", "walker", "robo-arm"}
+    assert page.file("../start.py") is None and page.file("") == page.file("start.html")
+    page.close()
