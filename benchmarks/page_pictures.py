@@ -21,13 +21,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from bricksrl.policies.scripted import CONTROLLERS
 from PIL import Image
 from playwright.sync_api import Page, sync_playwright
 
 from benchmarks.session import Session
 from bricksrl.envs.arenas import ARENAS, get_arena_task
 from bricksrl.envs.registry import is_simulation, list_envs, make_robot
+from bricksrl.envs.tasks.scripted import CONTROLLERS
+from bricksrl.errors import BricksError
 from bricktwin.twin.arena import ArenaWorld
 from bricktwin.twin.mujoco_body import MujocoBody
 from bricktwin.twin.render.opengl import Renderer
@@ -81,17 +82,21 @@ def take(page: Page, path: Path) -> None:
 
 def draw_environment(env_id: str, path: Path) -> None:
     """Draw an environment after some steps of its controller, with its goal, as films do, from the front if nothing is ahead."""
-    with closing(make_robot(env_id, seed=SEED)) as env:
+    env = make_robot(env_id, seed=SEED)
+    if env is None:
+        raise BricksError(f"{env_id} has no robot to draw; give one that has")
+    with closing(env):
         observation, act = env.begin().observation, CONTROLLERS.get(env_id)
-        room = Room(env.twin.body, env.task.goal(observation.tolist()))
+        body: Any = None if env.twin is None else env.twin.body
+        room = Room(body, env.task.goal(observation.tolist()))
         for _ in range(STEPS if act is not None and not env.task.images else 0):
-            observation = env.move(np.clip(act({"observation": observation}), -1.0, 1.0).tolist())
+            observation = env.move(np.clip((act or CONTROLLERS[env_id])({"observation": observation}), -1.0, 1.0).tolist())
         has_wall = env.task.scene.wall_distance_mm is not None  # which would hide the robot
         room.camera.azimuth = 62.0 if has_wall else 125.0
         room.camera.distance *= 0.9 if has_wall else 0.68
         for _ in range(100):
             room.follow()
-        draw(env.twin.body, room.camera, path, room.decorate)
+        draw(body, room.camera, path, room.decorate)
 
 
 def draw(body: MujocoBody, camera: Any, path: Path, decorate: Any = None) -> None:

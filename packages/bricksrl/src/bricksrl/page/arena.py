@@ -33,7 +33,10 @@ class ArenaPage(LivePage):
 
     def __init__(self, task: ArenaTask, subtitle: str = "", options: PageOptions | None = None) -> None:
         robots = zip(task.robots, task.interfaces, strict=True)
-        self._arena, self.drivers = task, {name: PageDriver(interface.commands) for name, interface in robots}
+        self._arena, self.drivers = (
+            task,
+            {name: PageDriver([command.entry for command in interface.commands]) for name, interface in robots},
+        )
         super().__init__(task.id, subtitle, speed="1x", options=options)
         self.board.update_status(goal=task.doc.strip().partition("\n")[0])
 

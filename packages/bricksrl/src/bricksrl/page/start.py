@@ -83,7 +83,7 @@ def launch(words: Sequence[str], folder: Path) -> subprocess.Popen[str]:
 
 @dataclass
 class Job:
-    """A command in a process of its own, with its lines and the address of its page."""
+    """A command in a process of its own, with its lines, which it reads itself, and the address of its page."""
 
     number: int
     action: str
@@ -92,13 +92,18 @@ class Job:
     url: str = ""
     lines: deque[str] = field(default_factory=lambda: deque(maxlen=_MAX_LINES))
 
+    def __post_init__(self) -> None:
+        self.reader = threading.Thread(target=self.listen, name="bricksrl-page-job", daemon=True)
+        self.reader.start()
+
     def listen(self) -> None:
         """Read its lines until it ends."""
-        for line in self.process.stdout or ():
-            if (match := _PAGE_LINE.search(line)) is not None:
-                self.url = match[1]
-            else:
-                self.lines.append(line.rstrip())
+        with self.process:
+            for line in self.process.stdout or ():
+                if (match := _PAGE_LINE.search(line)) is not None:
+                    self.url = match[1]
+                else:
+                    self.lines.append(line.rstrip())
 
     def end(self) -> None:
         """Ask it to end, and kill it if it does not."""
@@ -107,6 +112,7 @@ class Job:
             self.process.wait(_END_S)
         except subprocess.TimeoutExpired:
             self.process.kill()
+        self.reader.join()
 
     def described(self) -> dict[str, Any]:
         """What the page shows of it."""
@@ -188,7 +194,6 @@ class StartPage(PageServer):
             self._end(job for job in self._jobs if ACTIONS[job.action].is_alone)
         job = Job(number, name, ", ".join(names), self._launch(words, self._folder))
         self._jobs = [*self._jobs, job][-_MAX_JOBS:]
-        threading.Thread(target=job.listen, name="bricksrl-page-job", daemon=True).start()
 
     def _refresh(self) -> None:
         while not self._ended.wait(_REFRESH_S):
