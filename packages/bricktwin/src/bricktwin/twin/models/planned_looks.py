@@ -12,9 +12,10 @@ import numpy as np
 from brickhub.errors import TwinError
 from bricktwin.plans.catalogue import colour_of
 from bricktwin.plans.geometry import MM_PER_LDU, Floats
+from bricktwin.plans.looks import TINTS, Tint
 from bricktwin.plans.mechanism.kinematics import TO_TWIN
+from bricktwin.plans.meshes import offset_points, surface_of
 from bricktwin.plans.part import DeviceKind, Part
-from bricktwin.plans.picture import COARSE, TINTS, Tint, offset_points, surface_of
 from bricktwin.plans.plan import Placed, Plan
 from bricktwin.twin import ldraw
 from bricktwin.twin.models import lego
@@ -93,7 +94,7 @@ def _shapes(placed: Placed, *, only_turning: bool) -> list[tuple[str, Shape]]:
 @functools.lru_cache(maxsize=512)
 def _of_catalogue(part: Part) -> dict[Tint, Shape]:
     """Our shapes of a part."""
-    surface = surface_of(part, COARSE)
+    surface = surface_of(part)
     low, high = part.bounds
     # Smaller by the clearance between parts, so that no two surfaces coincide.
     triangles = surface.triangles * (1.0 - _CLEARANCE / np.maximum(high - low, 10.0))
