@@ -36,7 +36,7 @@ _WIDTH, _HEIGHT = 8.27, 5.83
 """Inches."""
 _LIFE_SIZE = MM_PER_LDU / 25.4 * DPI * OVERSAMPLING
 """Rays per LDU of a picture as large as the parts."""
-_SCALES = tuple(_LIFE_SIZE * 1.15 * 0.87**step for step in range(30))
+_SCALES = tuple(_LIFE_SIZE * 1.15 * 0.84**step for step in range(30))
 """Few scales, so that the parts of many steps are drawn once."""
 _COLOURS = 64
 _HTML_DPI = 150
@@ -265,7 +265,7 @@ def _scene(figure: Figure, page: Page, step: Instruction, floor: float, paper: t
         _arrows(figure, page.inset, inner, step.inset)
     _compass(figure, step.scene.view, (_WIDTH - 0.85, _HEIGHT - 0.62))
     if step.is_turned:
-        _turn_mark(figure, step.scene.view, (_WIDTH - 2.0, _HEIGHT - 0.5))
+        _turn_mark(figure, step.scene.view, (_WIDTH - 2.7, _HEIGHT - 0.42))
 
 
 def _text(figure: Figure, x: float, y: float, text: str, size: float, **style: Any) -> None:

@@ -25,6 +25,8 @@ _MIN_POINTS = 2
 """Minimum number of points inside."""
 _MAX_PAIRS, _MAX_COMPARED = 200, 50_000
 """Limits of the collision search."""
+_MAX_QUERIES, _MAX_ITEMS = 6000, 60
+"""Limits of the search for paths: collision queries per plan, parts per step."""
 
 
 class Occupancy:
@@ -32,12 +34,12 @@ class Occupancy:
 
     Attributes:
         low, high: [n, 3], bounds of each part in the plan's frame.
-        queries: number of calls of `is_free`.
+        queries: number of calls of `is_free`; ``most_queries``: above it, no further paths are searched.
     """
 
-    def __init__(self, parts: Sequence[Placed]) -> None:
+    def __init__(self, parts: Sequence[Placed], most_queries: int = _MAX_QUERIES) -> None:
         self._parts = parts
-        self.queries = 0
+        self.queries, self.most_queries = 0, most_queries
         self.low: Floats = np.array([placed.bounds[0] for placed in parts]).reshape(-1, 3)
         self.high: Floats = np.array([placed.bounds[1] for placed in parts]).reshape(-1, 3)
 
@@ -83,8 +85,6 @@ class Occupancy:
         return any(np.count_nonzero(target.part.blocks(sample, _MARGIN, holes)) >= _MIN_POINTS for sample in (inner[::23], inner))
 
 
-_MAX_QUERIES, _MAX_ITEMS = 6000, 60
-"""Limits of the search: collision queries per plan, parts per step."""
 _PATH_LDU = (5.0, 11.0, 17.0, 24.0, 34.0, 46.0, 70.0, 110.0, 170.0)
 """Distances at which a path is checked; 5 LDU is more than the tolerance of the collision test."""
 
@@ -152,7 +152,7 @@ def step_faults(
         loose = tuple(part for part in new if part not in held and not plan.parts[part].part.is_loose)
         if loose:
             yield StepFault(step, loose, Fault.UNCONNECTED)
-        if len(step.new) + len(step.joined) > _MAX_ITEMS or occupancy.queries > _MAX_QUERIES:
+        if len(step.new) + len(step.joined) > _MAX_ITEMS or occupancy.queries > occupancy.most_queries:
             yield StepFault(step, (step.new or step.joined[0])[:1], Fault.UNCHECKED)
         elif blocked := moves_of(step, after, occupancy, links)[1]:
             yield StepFault(step, blocked, Fault.BLOCKED)
@@ -170,7 +170,7 @@ def moves_of(step: Step, after: set[int], occupancy: Occupancy, links: _Links) -
     is_first = sum(map(len, items)) == len(after)
     removed: list[Move] = []
     remaining = list(items[1:] if is_first else items)  # in the first step, the first item lies on the table
-    while remaining and occupancy.queries <= _MAX_QUERIES:
+    while remaining and occupancy.queries <= occupancy.most_queries:
         for group in _groups(remaining, links):
             parts = [part for item in group for part in item]
             others = present.copy()

@@ -6,6 +6,7 @@ an arrow; the view is turned, or all that hides a part is left out of a smaller 
 
 from __future__ import annotations
 
+import itertools
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -21,12 +22,15 @@ from bricktwin.plans.plan import Placed, Plan, Step
 
 MAX_KINDS, MAX_PIECES, MIN_VISIBLE = 4, 8, 0.25
 """Most kinds and pieces of a step, and the smallest share of a part that its picture shows."""
-_ENOUGH = 0.45
-"""Smallest visible share of all parts for which the view is not turned."""
+_ENOUGH, _HIDDEN = 0.45, 0.33
+"""Smallest visible share of all parts for which the view is not turned, and below which a part counts as hidden, while a view is
+tried out with few rays."""
+_MAX_QUERIES = 40_000
+"""Collisions that are tested for a booklet, which bounds its time; what comes after has no arrows."""
 _TRIAL_ZOOM = 0.8
 """Rays per LDU where a view is tried out."""
 _GAP, _FAR, _MAX_TRIES, _MAX_ARROWS = 28.0, 60.0, 12, 4
-"""Distance from a part that is drawn on its way to its hole, and from its place if it is in none; how often a larger one is tried;
+"""Distance of a part on its way from its hole, and from its place if it is in none; how often a larger one is tried;
 arrows of one move."""
 
 Arrow = tuple[Floats, Floats]
@@ -111,7 +115,7 @@ class _Author:
     joints: Mapping[int, list[tuple[Connection, Site, int, Site]]] = field(init=False)
 
     def __post_init__(self) -> None:
-        self.occupancy = Occupancy(self.plan.parts)
+        self.occupancy = Occupancy(self.plan.parts, _MAX_QUERIES)
         links = connections(self.plan.parts)
         self.links = links_of(self.plan.parts, links)
         joints: dict[int, list[tuple[Connection, Site, int, Site]]] = defaultdict(list)
@@ -126,7 +130,7 @@ class _Author:
         moves, _ = moves_of(step, after, self.occupancy, self.links)
         before = after - {part for move in moves for part in move.parts}
         note = step.note
-        for few in self._split(moves, len(step.assembly)):
+        for few in self._split(moves, len(step.assembly), before):
             for instruction in self._shown(few, frozenset(before), step, times):
                 turned = instruction.scene.view != self.view
                 self.view = instruction.scene.view
@@ -143,23 +147,29 @@ class _Author:
                 note = ""
             before |= {part for move in few for part in move.parts}
 
-    def _split(self, moves: Sequence[Move], depth: int) -> list[list[Move]]:
+    def _split(self, moves: Sequence[Move], depth: int, before: set[int]) -> list[list[Move]]:
         """Moves in order, at most four kinds and eight pieces at once, about as many each time. What is moved together stays
         together if it is as few."""
         pieces: list[Move] = []
         for move in moves:
             pieces += [move] if self._is_few([move], depth) else [Move((item,), move.outward) for item in move.items]
-        splits = [self._filled(pieces, depth, most) for most in range(1, MAX_PIECES + 1)]
+        splits = [self._filled(pieces, depth, most, before) for most in range(1, MAX_PIECES + 1)]
         return next(split for split in splits if len(split) == len(splits[-1]))
 
-    def _filled(self, moves: Sequence[Move], depth: int, most: int) -> list[list[Move]]:
-        """Moves in order, so many pieces at once unless one move has more."""
+    def _filled(self, moves: Sequence[Move], depth: int, most: int, before: set[int]) -> list[list[Move]]:
+        """Moves in order, so many pieces at once unless one move has more. What only the next ones hold comes with them."""
         split: list[list[Move]] = []
         for move in moves:
             if split and self._is_few([*split[-1], move], depth) and sum(len(m.items) for m in (*split[-1], move)) <= most:
                 split[-1].append(move)
-            else:
-                split.append([move])
+                continue
+            few = [move]
+            while split and len(split[-1]) > 1 and self._is_few([split[-1][-1], *few], depth):
+                there = before.union(*(m.parts for m in itertools.chain.from_iterable(split) if m is not split[-1][-1]))
+                if any(other in there for part in split[-1][-1].parts for other, _ in self.links.get(part, ())):
+                    break
+                few.insert(0, split[-1].pop())
+            split.append(few)
         return split
 
     def _is_few(self, moves: Sequence[Move], depth: int) -> bool:
@@ -188,7 +198,7 @@ class _Author:
             picture = self.studio.picture(shown, view, _TRIAL_ZOOM)
             shares = [picture.visible(item) for item in items]
             if best is None or min(shares) > best[0] + 0.05:
-                hidden = [item for item, share in zip(items, shares, strict=True) if share < MIN_VISIBLE]
+                hidden = [item for item, share in zip(items, shares, strict=True) if share < _HIDDEN]
                 best = (min(shares), Scene(tuple(shown), view, arrows, bright), hidden)
             if best[0] >= _ENOUGH:
                 break
@@ -224,7 +234,7 @@ class _Author:
         return [Shown(self.plan.parts[part], shift) for part, shift in shifts.items()], tuple(arrows)
 
     def _ways(self, move: Move, shifts: Mapping[int, Floats]) -> list[Arrow]:
-        """Where pins and holes of a move begin [3], and where those that they belong to end: one pair for each line, at most 4."""
+        """Where pins and holes of a move begin [3], and where those that they belong to end: a pair for each line, at most 4."""
         ways: dict[tuple[float, ...], Arrow] = {}
         for part in move.parts:
             for link, site, other, other_site in self.joints.get(part, ()):

@@ -70,7 +70,7 @@ def look_of(part: Part) -> tuple[Piece, ...]:
     own = _own_looks().get(part.number, ())
     pieces = [*own] if any(piece.tint is Tint.MAIN for piece in own) else [*_solids(part), *own]
     pieces += [Piece(solid, Tint.TURNING) for solid in part.turning]
-    pieces += [Piece(_stud(site)) for site in part.sites if site.fit is Fit.STUD]
+    pieces += [Piece(cylinder(site.centre, site.axis, site.length, _STUD_RADIUS)) for site in part.sites if site.fit is Fit.STUD]
     pieces += [piece for site in part.sites if site.fit is Fit.AXLE for piece in map(Piece, _cross(site, *_BLADE, site.length))]
     pieces += [piece for site in part.sites if _is_pin(site) for piece in _pin(site)]
     if part.gears and part.gears[0].form not in (GearForm.RACK, GearForm.WORM):
@@ -135,13 +135,16 @@ def _hole(site: Site) -> list[Solid]:
     return [through, *(cylinder(end, site.axis, depth, _RECESS_RADIUS) for end in ends)]
 
 
+def hole_ends(site: Site, offset: float) -> list[Solid]:
+    """Solids that fill a hole and stand out of both of its ends."""
+    if site.fit is Fit.AXLE_HOLE:
+        return _cross(site, *_BLADE, site.length + 2 * offset)
+    return [cylinder(site.centre, site.axis, site.length + 2 * offset, _PIN_RADIUS)]
+
+
 def _along(site: Site, offset: float) -> Triple:
     """A point on the axis of a site."""
     return triple(np.array(site.centre) + offset * np.array(site.axis))
-
-
-def _stud(site: Site) -> Solid:
-    return cylinder(site.centre, site.axis, site.length, _STUD_RADIUS)
 
 
 def _pin(site: Site) -> Iterator[Piece]:

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bricktwin.plans.geometry import Floats, Form, Solid, circle_sides, frame_of
-from bricktwin.plans.looks import Tint, look_of, solids_meet
-from bricktwin.plans.part import Fit, Part, Site
+from bricktwin.plans.geometry import Floats, Form, Solid, circle_sides
+from bricktwin.plans.looks import Piece, Tint, hole_ends, look_of, solids_meet
+from bricktwin.plans.part import Part
 
 _CHORD_ERROR = 0.3
 """Largest distance of a circle from the polygon that is drawn for it."""
@@ -35,28 +35,35 @@ class Surface:
 @functools.lru_cache(maxsize=1024)
 def surface_of(part: Part) -> Surface:
     """The surface of a part in its own frame; holes are dark discs and crosses at their ends."""
-    look = look_of(part)
-    solids = [piece.solid for piece in look]
-    pieces = list(zip(_without_hidden(solids, [_solid(solid) for solid in solids]), [piece.tint for piece in look], strict=True))
-    pieces += [(_hole(site), Tint.DARK) for site in part.holes]
-    triangles = np.concatenate([piece for piece, _ in pieces])
-    return Surface(triangles, np.concatenate([np.full(len(piece), int(tint)) for piece, tint in pieces]))
+    pieces = [*look_of(part), *(Piece(plug, Tint.DARK) for site in part.holes for plug in hole_ends(site, _DISC_OFFSET))]
+    solids = [piece.solid for piece in pieces]
+    visible = _without_hidden(solids, [_solid(solid) for solid in solids])
+    tints = [np.full(len(triangles), int(piece.tint)) for piece, triangles in zip(pieces, visible, strict=True)]
+    return Surface(np.concatenate(visible), np.concatenate(tints))
 
 
 def _solid(solid: Solid) -> Floats:
-    sides = circle_sides(solid.half[0], _CHORD_ERROR)
+    """Triangles [n, 3, 3] of a solid: a profile of (radius, height), each up to 1, all around its third axis."""
+    sides, phase, scale = circle_sides(solid.half[0], _CHORD_ERROR), 0.0, np.array([solid.half[0], solid.half[0], solid.half[2]])
+    profile = [(0.0, -1.0), (1.0, -1.0), (1.0, 1.0), (0.0, 1.0)]
     if solid.form is Form.BOX:
-        local = _box(solid.half)
-    elif solid.form is Form.CYLINDER:
-        local = _revolved([(0, -1), (1, -1), (1, 1), (0, 1)], solid.half[0], solid.half[2], sides)
+        sides, phase, scale = 4, math.pi / 4, np.array(solid.half) * [math.sqrt(2), math.sqrt(2), 1.0]
     elif solid.form is Form.RING:
         inner = solid.half[1] / solid.half[0]
-        local = _revolved([(inner, -1), (1, -1), (1, 1), (inner, 1), (inner, -1)], solid.half[0], solid.half[2], sides)
-    else:
+        profile = [(inner, -1.0), (1.0, -1.0), (1.0, 1.0), (inner, 1.0), (inner, -1.0)]
+    elif solid.form is Form.BALL:
         angles = [math.pi * step / 10 - math.pi / 2 for step in range(11)]
-        local = _revolved([(math.cos(angle), math.sin(angle)) for angle in angles], solid.half[0], solid.half[0], sides)
-    faces = _tube_outward(local, solid.half[0], solid.half[1]) if solid.form is Form.RING else _outward(local)
-    return np.asarray(faces @ np.array(solid.axes) + np.array(solid.centre))
+        profile = [(math.cos(angle), math.sin(angle)) for angle in angles]
+    turns = phase + np.arange(sides + 1) * 2 * math.pi / sides
+    rings = [np.column_stack([r * np.cos(turns), r * np.sin(turns), np.full(sides + 1, z)]) * scale for r, z in profile]
+    faces = []
+    for (low, (low_radius, _)), (high, (high_radius, _)) in itertools.pairwise(zip(rings, profile, strict=True)):
+        if low_radius > _ON_AXIS:
+            faces.append(np.stack([low[:-1], low[1:], high[1:]], axis=1))
+        if high_radius > _ON_AXIS:
+            faces.append(np.stack([low[:-1], high[1:], high[:-1]], axis=1))
+    triangles = np.concatenate(faces) @ np.array(solid.axes) + np.array(solid.centre)
+    return triangles if np.linalg.det(solid.axes) > 0 else triangles[:, ::-1]
 
 
 def _without_hidden(solids: Sequence[Solid], surfaces: list[Floats]) -> list[Floats]:
@@ -86,68 +93,3 @@ def offset_points(triangles: Floats, distance: float) -> Floats:
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
     return np.concatenate([centres, centres + _SPREAD * (triangles - centres)], axis=1) + distance * normals[:, None]
-
-
-def _outward(triangles: Floats) -> Floats:
-    """Triangles of a convex solid around the origin, turned counter-clockwise from outside."""
-    return _facing(triangles, triangles.mean(axis=1))
-
-
-def _tube_outward(triangles: Floats, outer: float, inner: float) -> Floats:
-    """Triangles of a tube around the third axis, turned outwards: inside the tube, towards the axis."""
-    centres = triangles.mean(axis=1)
-    directions = centres * np.array([1.0, 1.0, 0.0])
-    directions[np.hypot(centres[:, 0], centres[:, 1]) < (outer + inner) / 2] *= -1.0
-    is_end = np.ptp(triangles[:, :, 2], axis=1) < 1e-9
-    directions[is_end] = centres[is_end] * np.array([0.0, 0.0, 1.0])
-    return _facing(triangles, directions)
-
-
-def _facing(triangles: Floats, directions: Floats) -> Floats:
-    """Triangles turned to face ``directions`` [n, 3]."""
-    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    is_turned = np.einsum("ij,ij->i", normals, directions) < 0.0
-    return np.where(is_turned[:, None, None], triangles[:, ::-1], triangles)
-
-
-def _box(half: tuple[float, float, float]) -> Floats:
-    corners = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)], dtype=float) * half
-    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    return _outward(np.array([corners[[a, b, c]] for q in quads for a, b, c in ((q[0], q[1], q[2]), (q[0], q[2], q[3]))]))
-
-
-def _revolved(profile: list[tuple[float, float]], radius: float, half: float, sides: int) -> Floats:
-    """Surface of revolution: a profile of (radius, height), each 0..1, around the third axis."""
-    angles = np.arange(sides + 1) * 2 * math.pi / sides
-    rings = [
-        np.column_stack([r * radius * np.cos(angles), r * radius * np.sin(angles), np.full(sides + 1, z * half)])
-        for r, z in profile
-    ]
-    faces = []
-    for (low, (low_radius, _)), (high, (high_radius, _)) in itertools.pairwise(zip(rings, profile, strict=True)):
-        if low_radius > _ON_AXIS:
-            faces.append(np.stack([low[:-1], low[1:], high[1:]], axis=1))
-        if high_radius > _ON_AXIS:
-            faces.append(np.stack([low[:-1], high[1:], high[:-1]], axis=1))
-    return np.concatenate(faces)
-
-
-def _polygon(radius: float, height: float, sides: int) -> Floats:
-    """Disc across the third axis."""
-    angles = np.arange(sides) * 2 * math.pi / sides
-    rim = np.column_stack([radius * np.cos(angles), radius * np.sin(angles), np.full(sides, height)])
-    return np.stack([np.broadcast_to(rim[0], (sides - 2, 3)), rim[1:-1], rim[2:]], axis=1)
-
-
-def _placed(local: Floats, site_axis: tuple[float, float, float], centre: tuple[float, float, float]) -> Floats:
-    return np.asarray(local @ np.array(frame_of(site_axis)) + np.array(centre))
-
-
-def _hole(site: Site) -> Floats:
-    """Dark shapes at both ends of a hole: discs for pins, crosses for axles."""
-    half = site.length / 2 + _DISC_OFFSET
-    if site.fit is Fit.HOLE:
-        discs = [_polygon(6.0, z * half, circle_sides(6.0, _CHORD_ERROR)) for z in (-1.0, 1.0)]
-        return _placed(_outward(np.concatenate(discs)), site.axis, site.centre)
-    blades = np.concatenate([_box((6.0, 2.0, half)), _box((2.0, 6.0, half))])
-    return _placed(blades, site.axis, site.centre)

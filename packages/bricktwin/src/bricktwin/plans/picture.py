@@ -110,23 +110,25 @@ class _Rays(NamedTuple):
         across = [row[0] * self.x + row[1] * self.y[:, None] - middle for row, middle in zip(turned, centre, strict=True)]
         along = turned[:, 2]
         if solid.form is Form.BOX:
-            return [_common(_slab(across[k], along[k], solid.half[k]) for k in range(3))]
+            return [_common(*(_slab(across[k], along[k], solid.half[k]) for k in range(3)))]
         if solid.form is Form.BALL:
             return [_round(across, along, solid.half[0])]
         ends = _slab(across[2], along[2], solid.half[2])
-        outer = _common((_round(across[:2], along[:2], solid.half[0]), ends))
+        outer = _common(_round(across[:2], along[:2], solid.half[0]), ends)
         if solid.form is Form.CYLINDER:
             return [outer]
-        inner = _common((_round(across[:2], along[:2], solid.half[1]), ends))
+        inner = _common(_round(across[:2], along[:2], solid.half[1]), ends)
         is_bored = inner.enter < inner.leave
         near = _Spans(outer.enter, np.where(is_bored, inner.enter, outer.leave))
         return [near, _Spans(np.where(is_bored, inner.leave, np.inf), outer.leave)]
 
 
-def _common(spans: Iterable[_Spans]) -> _Spans:
+def _common(first: _Spans, *others: _Spans) -> _Spans:
     """Where all spans are."""
-    enters, leaves = zip(*spans, strict=True)
-    return _Spans(np.maximum.reduce(enters), np.minimum.reduce(leaves))
+    enter, leave = first
+    for other in others:
+        enter, leave = np.maximum(enter, other.enter), np.minimum(leave, other.leave)
+    return _Spans(enter, leave)
 
 
 def _slab(across: Floats, along: float, half: float) -> _Spans:
@@ -288,31 +290,25 @@ class Picture:
 
     def pixels(self, bright: set[int] | None, paper: tuple[float, float, float]) -> Pixels:
         """The picture [h, w, 3] on paper of a colour; ``bright``: parts in full colour, the others fade; ``None`` fades none."""
-        tones = self._tones()[self.owner, self.tint]
-        image = np.clip(tones * self.shade[..., None], 0, 1)
-        is_bright = np.ones(self.owner.shape, dtype=bool) if bright is None else np.isin(self.owner, list(bright))
-        image[~is_bright] = _FADED * _FADE_TO + (1 - _FADED) * image[~is_bright]
-        image[self.owner < 0] = paper
-        is_line = self.edge.copy()
-        for first, second in _neighbours():
-            differs = self.owner[first] != self.owner[second]
-            is_line[first] |= differs
-            is_line[second] |= differs
-        is_dark = tones.max(axis=-1) < _BLACK
-        dark = np.where(is_bright & (self.owner >= 0), np.where(is_dark & self.edge, _LIGHT_EDGE, _EDGE), _FADED_EDGE)
-        for first, second in _neighbours():  # a line beside a bright part is dark
-            dark[first] = np.minimum(dark[first], np.where(is_bright[second] & (self.owner[second] >= 0), _EDGE, 1.0))
-        image[is_line] = dark[is_line][:, None]
-        height, width = (side - side % OVERSAMPLING for side in self.owner.shape)
-        blocks = image[:height, :width].reshape(height // OVERSAMPLING, OVERSAMPLING, width // OVERSAMPLING, OVERSAMPLING, 3)
-        return np.asarray(np.round(blocks.mean(axis=(1, 3)) * 255), dtype=np.uint8)
-
-    def _tones(self) -> Floats:
-        """Red, green, blue in 0..1 of each part and material [parts + 1, materials, 3]; the last row is that of no part."""
-        tones = np.ones((max(self.colours, default=0) + 2, len(Tint), 3))
+        count = max(self.colours, default=0) + 2  # the last is no part
+        tones, white = np.zeros((2, count, len(Tint), 3), dtype=np.float32)
+        line, light = np.full((2, count), _FADED_EDGE, dtype=np.float32)
         for part, code in self.colours.items():
             tones[part] = [TINTS.get(tint, np.maximum(colour_of(code).rgb, _DARKEST)) for tint in Tint]
-        return tones
+            if bright is None or part in bright:
+                line[part], light[part] = _EDGE, _LIGHT_EDGE if tones[part, 0].max() < _BLACK else _EDGE
+            else:
+                tones[part], white[part] = (1 - _FADED) * tones[part], _FADED * _FADE_TO
+        white[-1], line[-1] = paper, 1.0
+        image = np.minimum(white[self.owner, self.tint] + tones[self.owner, self.tint] * self.shade[..., None], 1.0)
+        image[self.edge] = light[self.owner[self.edge], None]
+        for first, second in _neighbours():  # a line around a bright part is dark
+            rows, columns = np.nonzero(self.owner[first] != self.owner[second])
+            dark = np.minimum(line[self.owner[first][rows, columns]], line[self.owner[second][rows, columns]])[:, None]
+            image[first][rows, columns] = np.minimum(image[first][rows, columns], dark)
+            image[second][rows, columns] = np.minimum(image[second][rows, columns], dark)
+        parts = [image[row::OVERSAMPLING, column::OVERSAMPLING] for row, column in np.ndindex(OVERSAMPLING, OVERSAMPLING)]
+        return np.asarray(sum(parts) * np.float32(255 / len(parts)) + np.float32(0.5), dtype=np.uint8)
 
 
 class Studio:
