@@ -90,9 +90,9 @@ def write_booklet(plan: Plan, path: Path) -> int:
     if not plan.parts:
         raise PlanError(f"{plan.path} has no part that the catalogue knows; run `bricktwin plan check` on it")
     check_writable(path)
-    pages = list(pages_of(plan))
-    write_durably(path, _pdf(plan, pages) if path.suffix.lower() == ".pdf" else _html(plan, pages))
-    return len(pages)
+    data, count = (_pdf if path.suffix.lower() == ".pdf" else _html)(plan, pages_of(plan))
+    write_durably(path, data)
+    return count
 
 
 def pages_of(plan: Plan) -> Iterator[Page]:
@@ -185,7 +185,8 @@ def _cables(plan: Plan) -> tuple[Cable, ...]:
     return tuple(cables)
 
 
-def _pdf(plan: Plan, pages: Sequence[Page]) -> bytes:
+def _pdf(plan: Plan, pages: Iterable[Page]) -> tuple[bytes, int]:
+    """The booklet and its number of pages. A page's picture is large: they are drawn one after the other."""
     import_matplotlib()
     from matplotlib import rc_context
     from matplotlib.backends.backend_pdf import PdfPages
@@ -194,10 +195,10 @@ def _pdf(plan: Plan, pages: Sequence[Page]) -> bytes:
     with rc_context({"text.parse_math": False}), PdfPages(buffer, metadata=metadata) as pdf:
         for number, page in enumerate(pages, 1):
             pdf.savefig(_figure(page, number))
-    return buffer.getvalue()
+    return buffer.getvalue(), number
 
 
-def _html(plan: Plan, pages: Sequence[Page]) -> bytes:
+def _html(plan: Plan, pages: Iterable[Page]) -> tuple[bytes, int]:
     """The same pages as pictures, with their text for those who cannot see them."""
     import_matplotlib()
     from matplotlib import rc_context
@@ -213,7 +214,7 @@ def _html(plan: Plan, pages: Sequence[Page]) -> bytes:
         body.append(f'<section><img alt="{html.escape(". ".join(filter(None, texts)))}" src="{source}"></section>')
     style = "body{margin:auto;max-width:80em}section{break-after:page;border-bottom:1px solid #ccc}img{width:100%}"
     head = f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{html.escape(plan.title)}</title><style>{style}</style>'
-    return f"{head}<body>{''.join(body)}</body></html>\n".encode()
+    return f"{head}<body>{''.join(body)}</body></html>\n".encode(), len(body)
 
 
 def _figure(page: Page, number: int) -> Figure:

@@ -256,7 +256,7 @@ class _Author:
         """The end [3] of a site in a direction."""
         placed = self.plan.parts[part]
         along = placed.rotation @ np.array(site.axis)
-        return placed.point(site.centre) + along * (np.sign(along @ direction) * site.length / 2)
+        return np.asarray(placed.point(site.centre) + along * (np.sign(along @ direction) * site.length / 2))
 
     def _is_clear(self, move: Move, shift: Floats, others: Mapping[int, Floats]) -> bool:
         """Whether the moved parts' boxes overlap none of others, moved too."""

@@ -63,7 +63,7 @@ def _solid(solid: Solid) -> Floats:
         if high_radius > _ON_AXIS:
             faces.append(np.stack([low[:-1], high[1:], high[:-1]], axis=1))
     triangles = np.concatenate(faces) @ np.array(solid.axes) + np.array(solid.centre)
-    return triangles if np.linalg.det(solid.axes) > 0 else triangles[:, ::-1]
+    return np.asarray(triangles if np.linalg.det(solid.axes) > 0 else triangles[:, ::-1])
 
 
 def _without_hidden(solids: Sequence[Solid], surfaces: list[Floats]) -> list[Floats]:

@@ -10,7 +10,7 @@ import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,8 @@ from bricktwin.plans.looks import TINTS, Tint, look_of
 from bricktwin.plans.part import Part
 from bricktwin.plans.plan import Placed
 
-Ints = NDArray[np.int64]
+Reals = NDArray[np.floating[Any]]
+Ints = NDArray[np.integer[Any]]
 Pixels = NDArray[np.uint8]
 OVERSAMPLING = 2
 """Rays per pixel and axis."""
@@ -36,6 +37,8 @@ _FADED, _FADE_TO, _FADED_EDGE = 0.52, 0.95, 0.50
 _DARKEST, _BLACK, _EDGE, _LIGHT_EDGE = 0.12, 0.25, 0.10, 0.50
 """Smallest component of a colour; below ``_BLACK``, lines are light."""
 _MAX_PASSES = 12
+_MAX_POINTS = 40_000_000
+"""Points of the sprites that are kept, ten bytes each."""
 _Window = tuple[slice, slice]
 """Rows and columns."""
 
@@ -78,9 +81,9 @@ class Sprite:
 
     left: int
     top: int
-    depth: NDArray[np.float32]
-    shade: NDArray[np.float32]
-    tint: NDArray[np.uint8]
+    depth: Reals
+    shade: Reals
+    tint: Pixels
     edge: Bools
 
     @property
@@ -92,16 +95,16 @@ class Sprite:
 class _Spans(NamedTuple):
     """Where rays enter and leave a convex solid; a ray that misses it enters behind where it leaves."""
 
-    enter: Floats
-    leave: Floats
+    enter: Reals
+    leave: Reals
 
 
 class _Rays(NamedTuple):
     """Rays through a grid of points: columns [w] and rows [h] in LDU; ``axes``: right, down, away in the part's frame."""
 
-    x: Floats
-    y: Floats
-    axes: Floats
+    x: Reals
+    y: Reals
+    axes: Reals
 
     def spans(self, solid: Solid) -> list[_Spans]:
         """Where they are in a solid: for a ring, before and behind its bore."""
@@ -131,7 +134,7 @@ def _common(first: _Spans, *others: _Spans) -> _Spans:
     return _Spans(enter, leave)
 
 
-def _slab(across: Floats, along: float, half: float) -> _Spans:
+def _slab(across: Reals, along: float, half: float) -> _Spans:
     if abs(along) < 1e-7:
         inside = np.abs(across) < half
         return _Spans(np.where(inside, -np.inf, np.inf), np.where(inside, np.inf, -np.inf))
@@ -139,7 +142,7 @@ def _slab(across: Floats, along: float, half: float) -> _Spans:
     return _Spans(middle - reach, middle + reach)
 
 
-def _round(across: Sequence[Floats], along: Floats, radius: float) -> _Spans:
+def _round(across: Sequence[Reals], along: Reals, radius: float) -> _Spans:
     """Where rays are in a ball (three coordinates) or an endless cylinder (two)."""
     square = float(along @ along)
     distance = sum(value * value for value in across) - radius**2
@@ -151,7 +154,7 @@ def _round(across: Sequence[Floats], along: Floats, radius: float) -> _Spans:
     return _Spans(np.where(reach > 0, middle - root, np.inf), np.where(reach > 0, middle + root, -np.inf))
 
 
-def sprite_of(part: Part, axes: Floats, zoom: float) -> Sprite:
+def sprite_of(part: Part, axes: Reals, zoom: float) -> Sprite:
     """Draw a part. ``axes``: right, down, away in the part's frame [3, 3]; ``zoom``: rays per LDU."""
     look = look_of(part)
     boxes = [_pixel_box(piece.solid, axes, zoom) for piece in look]
@@ -178,7 +181,7 @@ def sprite_of(part: Part, axes: Floats, zoom: float) -> Sprite:
     return _shaded(left, top, depth, source, sources, axes, zoom)
 
 
-def _pixel_box(solid: Solid, axes: Floats, zoom: float) -> tuple[int, int, int, int]:
+def _pixel_box(solid: Solid, axes: Reals, zoom: float) -> tuple[int, int, int, int]:
     """First and last + 1 column and row of a solid: left, top, right, bottom."""
     points = solid.corners() @ axes[:2].T * zoom
     left, top = np.floor(points.min(axis=0)).astype(int).tolist()
@@ -186,12 +189,12 @@ def _pixel_box(solid: Solid, axes: Floats, zoom: float) -> tuple[int, int, int, 
     return left, top, max(right, left + 1), max(bottom, top + 1)
 
 
-def _rays(left: int, top: int, right: int, bottom: int, axes: Floats, zoom: float) -> _Rays:
+def _rays(left: int, top: int, right: int, bottom: int, axes: Reals, zoom: float) -> _Rays:
     """The rays through these columns and rows."""
     return _Rays((np.arange(left, right, dtype=np.float32) + 0.5) / zoom, (np.arange(top, bottom) + np.float32(0.5)) / zoom, axes)
 
 
-def _first_material(span: _Spans, cuts: Sequence[tuple[_Window, _Spans]]) -> tuple[Floats, Ints]:
+def _first_material(span: _Spans, cuts: Sequence[tuple[_Window, _Spans]]) -> tuple[Reals, Ints]:
     """Where rays meet the material of a solid (infinite if nowhere), and the index of the cut that they come out of, -1 for none.
     Each cut has the window of the rays that may meet it."""
     at, cut_by = span.enter.copy(), np.full(span.enter.shape, -1)
@@ -207,7 +210,7 @@ def _first_material(span: _Spans, cuts: Sequence[tuple[_Window, _Spans]]) -> tup
 
 
 def _shaded(
-    left: int, top: int, depth: Floats, source: Ints, sources: Sequence[tuple[Solid, Tint, bool]], axes: Floats, zoom: float
+    left: int, top: int, depth: Reals, source: Ints, sources: Sequence[tuple[Solid, Tint, bool]], axes: Reals, zoom: float
 ) -> Sprite:
     """The sprite of rays that meet these sources: solids, their material, and whether the rays come out of them."""
     normals, tint = np.zeros((*depth.shape, 3), dtype=np.float32), np.zeros(depth.shape, dtype=np.uint8)
@@ -218,7 +221,7 @@ def _shaded(
         rows, columns = np.unravel_index(order[bounds[number] : bounds[number + 1]], depth.shape)
         if len(rows):
             seen = np.column_stack([(columns + left + 0.5) / zoom, (rows + top + 0.5) / zoom, depth[rows, columns]])
-            outward = solid.normals(seen @ axes) @ axes.T * (-1.0 if is_cut else 1.0)
+            outward = solid.normals(np.asarray(seen @ axes, dtype=float)) @ axes.T * (-1.0 if is_cut else 1.0)
             normals[rows, columns], tint[rows, columns] = outward, material
             shade[rows, columns] = (_AMBIENT + _DIFFUSE * np.maximum(outward @ _LIGHT, -0.4)) * (_HOLLOW if is_cut else 1.0)
     is_edge = np.zeros(depth.shape, dtype=bool)
@@ -259,10 +262,10 @@ class Picture:
     zoom: float
     left: int
     top: int
-    depth: NDArray[np.float32]
+    depth: Reals
     owner: Ints
-    tint: NDArray[np.uint8]
-    shade: NDArray[np.float32]
+    tint: Pixels
+    shade: Reals
     edge: Bools
     alone: Mapping[int, int]
     colours: Mapping[int, int]
@@ -325,12 +328,12 @@ class Studio:
             x, y, away = axes @ (placed.position + shift)
             sprite = self._sprite(placed, axes @ placed.rotation, zoom)
             places.append((placed, sprite, round(x * zoom) + sprite.left, round(y * zoom) + sprite.top, away))
-        left, top = (min(place[end] for place in places) - margin for end in (2, 3))
+        left, top = min(place[2] for place in places) - margin, min(place[3] for place in places) - margin
         width = max(x + sprite.depth.shape[1] for _, sprite, x, _, _ in places) + margin - left
         height = max(y + sprite.depth.shape[0] for _, sprite, _, y, _ in places) + margin - top
         width, height = (side + -side % OVERSAMPLING for side in (width, height))
         depth = np.full((height, width), np.inf, dtype=np.float32)
-        owner, tint = np.full((height, width), -1), np.zeros((height, width), dtype=np.uint8)
+        owner, tint = np.full((height, width), -1, dtype=np.int32), np.zeros((height, width), dtype=np.uint8)
         shade, edge = np.ones((height, width), dtype=np.float32), np.zeros((height, width), dtype=bool)
         for placed, sprite, x, y, away in places:
             rows, columns = sprite.depth.shape
@@ -348,7 +351,10 @@ class Studio:
     def _sprite(self, placed: Placed, axes: Floats, zoom: float) -> Sprite:
         key = (placed.part.number, axes.round(4).tobytes(), zoom)
         if key not in self._sprites:
-            self._sprites[key] = sprite_of(placed.part, axes, zoom)
+            sprite = sprite_of(placed.part, axes, zoom)
+            if sum(kept.depth.size for kept in self._sprites.values()) + sprite.depth.size > _MAX_POINTS:
+                self._sprites.clear()
+            self._sprites[key] = sprite
         return self._sprites[key]
 
 
