@@ -149,7 +149,7 @@ def _step_page(plan: Plan, studio: Studio, step: Instruction, number: int) -> Pa
         bar = parts[0] if is_part and _modules(parts[0]) else None
         items.append(Item(_part_picture(studio, parts, (1.5, 0.62)), len(group), text, bar))
     bars = sum(item.bar is not None for item in items)
-    inches = (5.7, 4.95 - 0.36 * bars - (0.25 if step.note else 0.0))
+    inches = (5.7, 4.7 - 0.36 * bars - (0.25 if step.note else 0.0))
     picture = _fitted(studio, step.scene.shown, step.scene.view, inches)
     inset = None if step.inset is None else _fitted(studio, step.inset.shown, step.inset.view, (1.7, 1.5))
     return Page(str(number), step.note, picture, tuple(items), step, inset)
@@ -255,7 +255,7 @@ def _figure(page: Page, number: int) -> Figure:
 def _scene(figure: Figure, page: Page, step: Instruction, floor: float, paper: tuple[float, float, float]) -> None:
     """The picture of a step with its arrows, the inset, the compass and the mark of a turned view."""
     assert page.picture is not None  # noqa: S101
-    middle = (2.3 + (_WIDTH - 2.3 - 0.3) / 2, floor + (_HEIGHT - 0.55 - floor) / 2)
+    middle = (2.3 + (_WIDTH - 2.3 - 0.3) / 2, floor + (_HEIGHT - 0.8 - floor) / 2)
     corner = _put(figure, page.picture, set(step.scene.bright), paper, middle)
     _arrows(figure, page.picture, corner, step.scene)
     if page.inset is not None and step.inset is not None:
@@ -264,9 +264,9 @@ def _scene(figure: Figure, page: Page, step: Instruction, floor: float, paper: t
         _box(figure, (place[0] - 0.1, place[1] - 0.1, width + 0.2, height + 0.2), _PAPER, "0.35")
         inner = _put(figure, page.inset, set(step.inset.bright), _PAPER, (place[0] + width / 2, place[1] + height / 2))
         _arrows(figure, page.inset, inner, step.inset)
-    _compass(figure, step.scene.view, (_WIDTH - 0.85, _HEIGHT - 0.62))
+    _compass(figure, step.scene.view, (_WIDTH - 0.85, _HEIGHT - 0.5))
     if step.is_turned:
-        _turn_mark(figure, step.scene.view, (_WIDTH - 2.7, _HEIGHT - 0.42))
+        _turn_mark(figure, step.scene.view, (_WIDTH - 2.7, _HEIGHT - 0.36))
 
 
 def _text(figure: Figure, x: float, y: float, text: str, size: float, **style: Any) -> None:

@@ -37,7 +37,7 @@ _FADED, _FADE_TO, _FADED_EDGE = 0.52, 0.95, 0.50
 _DARKEST, _BLACK, _EDGE, _LIGHT_EDGE = 0.12, 0.25, 0.10, 0.50
 """Smallest component of a colour; below ``_BLACK``, lines are light."""
 _MAX_PASSES = 12
-_MAX_POINTS = 40_000_000
+_MAX_POINTS = 25_000_000
 """Points of the sprites that are kept, ten bytes each."""
 _Window = tuple[slice, slice]
 """Rows and columns."""
