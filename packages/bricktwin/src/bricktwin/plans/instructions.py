@@ -27,11 +27,10 @@ _ENOUGH, _HIDDEN = 0.45, 0.33
 tried out with few rays."""
 _MAX_QUERIES = 40_000
 """Collisions that are tested for a booklet, which bounds its time; what comes after has no arrows."""
-_TRIAL_ZOOM = 0.8
+_TRIAL_ZOOM = 1.3
 """Rays per LDU where a view is tried out."""
-_GAP, _FAR, _MAX_TRIES, _MAX_ARROWS = 28.0, 60.0, 12, 4
-"""Distance of a part on its way from its hole, and from its place if it is in none; how often a larger one is tried;
-arrows of one move."""
+_GAP, _MAX_TRIES, _MAX_ARROWS = 28.0, 12, 4
+"""Distance of a part on its way from its hole, how often a larger one is tried, and arrows of one move."""
 
 Arrow = tuple[Floats, Floats]
 """Start and end [3]."""
@@ -166,7 +165,8 @@ class _Author:
             few = [move]
             while split and len(split[-1]) > 1 and self._is_few([split[-1][-1], *few], depth):
                 there = before.union(*(m.parts for m in itertools.chain.from_iterable(split) if m is not split[-1][-1]))
-                if any(other in there for part in split[-1][-1].parts for other, _ in self.links.get(part, ())):
+                joined = {other for part in split[-1][-1].parts for other, _ in self.links.get(part, ())}
+                if joined & there or not joined:
                     break
                 few.insert(0, split[-1].pop())
             split.append(few)
@@ -220,8 +220,8 @@ class _Author:
         arrows: list[Arrow] = []
         for move in moves:
             shift = np.zeros(3)
-            if move.outward.any() and shifts:
-                ways = self._ways(move, shifts)
+            ways = self._ways(move, shifts) if move.outward.any() else []
+            if ways:
                 distance = max(float((end - start) @ move.outward) for start, end in ways) + _GAP
                 on_way = {part: other for part, other in shifts.items() if part not in before}
                 for _ in range(_MAX_TRIES):
@@ -246,9 +246,6 @@ class _Author:
                     key = tuple((line / 4).round() + 0.0)
                     if key not in ways or (end - ways[key][1]) @ move.outward > 0:
                         ways[key] = (start, end)
-        if not ways:
-            middle = np.mean([np.mean(self.plan.parts[part].bounds, axis=0) for part in move.parts], axis=0)
-            return [(middle, middle + move.outward * (_FAR - _GAP))]
         found = [ways[key] for key in sorted(ways)]
         return found if len(found) <= _MAX_ARROWS else [found[0], found[-1]]
 
