@@ -16,9 +16,10 @@ from bricksrl.page.scene import HIDDEN, Floats, Mesh, Scene, SceneBody, Shape, V
 from bricksrl.page.server import PageOptions, PageServer, is_finite
 from bricktwin.plans.catalogue import colour_of
 from bricktwin.plans.geometry import M_PER_LDU
+from bricktwin.plans.looks import TINTS, Tint
 from bricktwin.plans.mechanism.kinematics import TO_TWIN
+from bricktwin.plans.meshes import surface_of
 from bricktwin.plans.part import Part
-from bricktwin.plans.picture import TINTS, Tint, surface_of
 from bricktwin.plans.plan import Plan
 from bricktwin.plans.planned_robot import PlannedRobot, planned
 from bricktwin.plans.shapes import shape_of

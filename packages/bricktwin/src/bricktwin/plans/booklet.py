@@ -1,7 +1,5 @@
-"""Building instructions as PDF or HTML: cover, parts list, one page per step, cables. No LDraw library, no OpenGL.
-
-In a step the new parts are coloured and the others faded. Hidden new parts, and pins, axles and bushes behind other new parts,
-have an orange outline. On the page of cables both ends have the letter of the port.
+"""Building instructions as PDF or HTML: cover, parts, a page for each step, cables. A5 landscape; printed at 100 %, bars are as
+long as the parts. No LDraw library, no OpenGL.
 """
 
 from __future__ import annotations
@@ -10,11 +8,10 @@ import base64
 import html
 import io
 import textwrap
-from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from PIL import Image
@@ -22,60 +19,67 @@ from PIL import Image
 from brickhub.errors import PlanError
 from brickhub.files import check_writable, write_durably
 from bricktwin.drawing import import_matplotlib
-from bricktwin.plans.geometry import MM_PER_LDU
-from bricktwin.plans.part import DeviceKind, Part
+from bricktwin.plans.geometry import MM_PER_LDU, Floats
+from bricktwin.plans.instructions import Instruction, Scene, instructions, placed_items
+from bricktwin.plans.part import DeviceKind, Fit
 from bricktwin.plans.parts_list import parts_list
-from bricktwin.plans.picture import VIEWS, Canvas, Pixels, View, draw
-from bricktwin.plans.plan import Placed, Plan, Step
+from bricktwin.plans.picture import OVERSAMPLING, VIEWS, Picture, Pixels, Shown, Studio, View, extent
+from bricktwin.plans.plan import Placed, Plan
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.figure import Figure
 
-_STEP_SIZE, _COVER_SIZE, _PART_SIZE = (760, 540), (820, 560), (150, 110)
-_MIN_VISIBLE = 0.35
-"""Minimum visible share of the new parts in the default view; below it another view is chosen."""
-_MIN_FASTENER_VISIBLE, _FASTENERS = 0.25, ("pins", "axles", "bushes")
-"""Families, and the visible share below which a new part of them is outlined."""
-_PART_ZOOM = 2.4
-_NOTE_WIDTH = 120
-"""Characters per line of a note."""
-_COLOURS = 64
-_PARTS_PER_PAGE, _PARTS_BESIDE_PICTURE = 16, 8
-_MODULE_IN = 8 / 25.4
-_CABLE = "#c2410c"
 FORMATS = (".pdf", ".html")
+DPI = 300
+_WIDTH, _HEIGHT = 8.27, 5.83
+"""Inches."""
+_LIFE_SIZE = MM_PER_LDU / 25.4 * DPI * OVERSAMPLING
+"""Rays per LDU of a picture as large as the parts."""
+_SCALES = tuple(_LIFE_SIZE * 1.15 * 0.84**step for step in range(30))
+"""Few scales, so that the parts of many steps are drawn once."""
+_COLOURS = 64
+_HTML_DPI = 150
+_LIST_COLUMNS, _LIST_ROWS = 6, 3
+_NOTE_WIDTH = 112
+"""Characters per line of a note."""
+_ARROW, _CABLE = "#d9480f", "#c2410c"
+_PAPER, _BOX, _SUB_ASSEMBLY = (1.0, 1.0, 1.0), (0.886, 0.933, 0.969), (1.0, 0.965, 0.843)
+"""Colours of pages, of boxes with parts, and of sub-assemblies."""
+_BEAM_WIDTH_MM, _AXLE_WIDTH_MM, _MODULE_MM = 7.2, 4.6, 8.0
 
 
 @dataclass(frozen=True)
 class Item:
-    """A kind of part on a page: picture, text, count."""
+    """A kind of part, or a sub-assembly: picture, count, text; ``bar``: what is drawn at 1:1, or ``None``."""
 
-    picture: Pixels
+    picture: Picture
     count: int
     text: str
-    axle: int = 0
+    bar: Placed | None = None
 
 
 @dataclass(frozen=True)
 class Cable:
-    """A cable: port, text, and positions of port and device in the picture (pixels from the left and top)."""
+    """A cable: port, text, and the positions of port and device in the plan [3]."""
 
     port: str
     text: str
-    ends: tuple[tuple[float, float], tuple[float, float]]
+    ends: tuple[Floats, Floats]
 
 
 @dataclass(frozen=True)
 class Page:
-    """A page: a picture or ``None``, items or lines of text, cables, and lengths of axles in modules, drawn at 1:1."""
+    """A page: a title or a step, with items, and lines of text below a picture."""
 
     head: str
     note: str
-    picture: Pixels | None
-    items: tuple[Item, ...]
+    picture: Picture | None = None
+    items: tuple[Item, ...] = ()
+    instruction: Instruction | None = None
+    inset: Picture | None = None
     lines: tuple[str, ...] = ()
     cables: tuple[Cable, ...] = ()
-    axles: tuple[int, ...] = ()
 
 
 def write_booklet(plan: Plan, path: Path) -> int:
@@ -86,104 +90,85 @@ def write_booklet(plan: Plan, path: Path) -> int:
     if not plan.parts:
         raise PlanError(f"{plan.path} has no part that the catalogue knows; run `bricktwin plan check` on it")
     check_writable(path)
-    pages = list(pages_of(plan))
-    data = _pdf(plan, pages) if path.suffix.lower() == ".pdf" else _html(plan, pages).encode()
+    data, count = (_pdf if path.suffix.lower() == ".pdf" else _html)(plan, pages_of(plan))
     write_durably(path, data)
-    return len(pages)
+    return count
 
 
 def pages_of(plan: Plan) -> Iterator[Page]:
     """All pages in order."""
-    entries = parts_list(plan)
-    text = f"{len(plan.parts)} parts of {len(entries)} kinds and colours · {len(plan.steps)} steps · {plan.mass_g:.0f} g"
-    yield Page(plan.title, text, draw(plan.parts, _COVER_SIZE), ())
-    for start in range(0, len(entries), _PARTS_PER_PAGE):
-        items = tuple(
-            Item(_part_picture(part, colour.code), entry.count, f"{part.name}\n{part.number} · {colour.name}")
-            for entry in entries[start : start + _PARTS_PER_PAGE]
-            for part, colour in [(entry.part, entry.colour)]
+    studio = Studio()
+    entries, steps = parts_list(plan), list(instructions(plan, studio))
+    everything = _at_rest(plan.parts)
+    text = f"{len(plan.parts)} parts of {len(entries)} kinds and colours · {len(steps)} steps · {plan.mass_g:.0f} g"
+    yield Page(plan.title, text, _fitted(studio, everything, VIEWS[0], (7.4, 4.3)))
+    samples = {(placed.part, placed.colour): placed for placed in plan.parts}
+    items = [
+        Item(
+            _part_picture(studio, [samples[entry.part, entry.colour.code]], (1.05, 0.8)),
+            entry.count,
+            f"{textwrap.fill(entry.part.name, 22)}\n{entry.part.number}\n{entry.colour.name}",
         )
-        yield Page("Parts", "", None, items)
-    kinds = [_kind(plan, step) for step in plan.steps]
-    for number, (kind, times) in enumerate(Counter(kinds).items(), 1):
-        yield from _step_pages(plan, plan.steps[kinds.index(kind)], number, times)
-    canvas = Canvas(_STEP_SIZE, VIEWS[3], plan.parts, plan.parts)
-    cables = _cables(plan, canvas)
+        for entry in entries
+    ]
+    for start in range(0, len(items), _LIST_COLUMNS * _LIST_ROWS):
+        yield Page("Parts", "", items=tuple(items[start : start + _LIST_COLUMNS * _LIST_ROWS]))
+    for number, step in enumerate(steps, 1):
+        yield _step_page(plan, studio, step, number)
+    cables = _cables(plan)
     if cables:
         note = "Plug in the cables last, and keep them away from moving parts."
-        yield Page("Cables", note, canvas.picture(set()), (), tuple(cable.text for cable in cables), cables)
+        picture = _fitted(studio, everything, VIEWS[3], (7.6, 4.55 - 0.22 * len(cables)))
+        yield Page("Cables", note, picture, lines=tuple(cable.text for cable in cables), cables=cables)
 
 
-def _kind(plan: Plan, step: Step) -> tuple[object, ...]:
-    """Key of a repeatable step: the model of its sub-assembly, its index there, and the colours of the parts until then."""
-    if not step.assembly:
-        return ("", step.index)
-    colours = (plan.parts[part].colour for part in sorted(plan.present_parts(step)))
-    return (step.assembly[-1].rpartition(":")[0], step.number, *colours)
+def _at_rest(parts: Iterable[Placed]) -> list[Shown]:
+    return [Shown(placed, np.zeros(3)) for placed in parts]
 
 
-def _part_picture(part: Part, colour: int) -> Pixels:
-    """Picture of one part, at most as large as in the assembly."""
-    turn = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]) if part.family == "beams" else np.eye(3)
-    placed = Placed(0, part, colour, turn, np.zeros(3), 0, 0, ())
-    return Canvas(_PART_SIZE, VIEWS[0], [placed], [placed], _PART_ZOOM).picture()
+def _fitted(studio: Studio, shown: Sequence[Shown], view: View, inches: tuple[float, float], largest: float = 1.15) -> Picture:
+    """A picture that fits into a width and height, at most so many times as large as the parts."""
+    width, height = extent(shown, view)
+    room = min(inches[0] / width, inches[1] / height) * DPI * OVERSAMPLING
+    zoom = next((scale for scale in _SCALES if scale <= min(room, largest * _LIFE_SIZE * 1.001)), _SCALES[-1])
+    return studio.picture(shown, view, zoom)
 
 
-def _step_pages(plan: Plan, step: Step, number: int, times: int) -> Iterator[Page]:
-    """Page of a step, after pages of its parts if they are many; repeated steps share one, so pages have their own numbers."""
-    new = [plan.parts[index] for index in step.new]
-    joined = [plan.parts[index] for group in step.joined for index in group]
-    bright = {placed.index for placed in (*new, *joined)}
-    present = [plan.parts[index] for index in sorted(plan.present_parts(step))]
-    view, picture = _best_view(present, bright, set(step.new))
-    title = f" · {_title(step.assembly[-1])}" if step.assembly else ""
-    title += f", {times} times" if times > 1 else ""
-    hint = "" if view == VIEWS[0] else " (the model is turned)"
-    counts = Counter((placed.part, placed.colour) for placed in new)
-    items = [Item(_part_picture(part, colour), count, part.name, part.length) for (part, colour), count in counts.items()]
-    groups = [[plan.parts[index] for index in group] for group in step.joined]
-    names = [(_title(parts[0].assembly[len(step.assembly)]), *(placed.colour for placed in parts)) for parts in groups]
-    for name, count in Counter(names).items():
-        items.append(Item(draw(groups[names.index(name)], _PART_SIZE), count, str(name[0])))
-    axles = tuple(sorted({item.axle for item in items if 0 < item.axle <= 16}))
-    if len(items) > _PARTS_BESIDE_PICTURE:
-        for start in range(0, len(items), _PARTS_PER_PAGE):
-            yield Page(f"{number}{title}", "", None, tuple(items[start : start + _PARTS_PER_PAGE]))
-        items = []
-    yield Page(f"{number}{title}", step.note + hint, picture, tuple(items), axles=axles)
+def _part_picture(studio: Studio, parts: Sequence[Placed], inches: tuple[float, float]) -> Picture:
+    """Picture of a part as it lies in the model, or of a sub-assembly."""
+    return _fitted(studio, _at_rest(parts), VIEWS[0], inches, 0.87)
 
 
-def _title(assembly: str) -> str:
+def _step_page(plan: Plan, studio: Studio, step: Instruction, number: int) -> Page:
+    """The page of a step."""
+    items = []
+    for kind, group in placed_items(plan, step).items():
+        parts = group[0]
+        is_part = len(parts[0].assembly) == len(step.assembly)
+        text = parts[0].part.name if is_part else _title(str(kind[0]))
+        bar = parts[0] if is_part and _modules(parts[0]) else None
+        items.append(Item(_part_picture(studio, parts, (1.5, 0.62)), len(group), text, bar))
+    bars = sum(item.bar is not None for item in items)
+    inches = (5.7, 4.7 - 0.36 * bars - (0.25 if step.note else 0.0))
+    picture = _fitted(studio, step.scene.shown, step.scene.view, inches)
+    inset = None if step.inset is None else _fitted(studio, step.inset.shown, step.inset.view, (1.7, 1.5))
+    return Page(str(number), step.note, picture, tuple(items), step, inset)
+
+
+def _title(name: str) -> str:
     """Title of a sub-assembly."""
-    return assembly.rpartition(":")[0].removesuffix(".ldr").replace("_", " ")
+    return name.removesuffix(".ldr").replace("_", " ")
 
 
-def _best_view(present: list[Placed], bright: set[int], new: set[int]) -> tuple[View, Pixels]:
-    """The default view, or the one that shows the new parts best if they are hidden there."""
-    best: list[tuple[float, View, Canvas, Canvas]] = []
-    for view in VIEWS:
-        canvas = Canvas(_STEP_SIZE, view, present, present)
-        ghosts = Canvas(_STEP_SIZE, view, present, [placed for placed in present if placed.index in bright])
-        share = canvas.visible(bright) / max(ghosts.visible(bright), 1)
-        if not best or share > best[-1][0] + 0.05:
-            best.append((share, view, canvas, ghosts))
-        if best[-1][0] > _MIN_VISIBLE:
-            break
-    _, view, canvas, ghosts = best[-1]
-    fasteners = _hidden_fasteners([placed for placed in present if placed.index in new], present, view, canvas)
-    return view, canvas.picture(bright, (ghosts, *fasteners))
+def _modules(placed: Placed) -> int:
+    """Length of an axle or a straight beam in modules, else 0."""
+    low, high = placed.part.bounds
+    sizes = sorted(high - low)
+    is_straight = placed.part.family == "beams" and sizes[1] < 21.0
+    return placed.part.length or (round(float(sizes[2]) / 20) if is_straight else 0)
 
 
-def _hidden_fasteners(new: list[Placed], present: list[Placed], view: View, canvas: Canvas) -> tuple[Canvas, ...]:
-    """The barely visible fasteners on a canvas of their own, if any."""
-    fasteners = [placed for placed in new if placed.part.family in _FASTENERS]
-    alone = Canvas(canvas.size, view, present, fasteners)
-    visible = {placed.index: (canvas.visible({placed.index}), alone.visible({placed.index})) for placed in fasteners}
-    hidden = [placed for placed in fasteners if visible[placed.index][0] < _MIN_FASTENER_VISIBLE * visible[placed.index][1]]
-    return (Canvas(canvas.size, view, present, hidden),) if hidden else ()
-
-
-def _cables(plan: Plan, canvas: Canvas) -> tuple[Cable, ...]:
+def _cables(plan: Plan) -> tuple[Cable, ...]:
     """Cables of all motors and sensors."""
     hubs = plan.devices(DeviceKind.HUB)
     positions = dict(hubs[0].electric.ports) if hubs else {}
@@ -192,118 +177,267 @@ def _cables(plan: Plan, canvas: Canvas) -> tuple[Cable, ...]:
         if placed.port is None or placed.port not in positions:
             continue
         device, socket = placed.electric, hubs[0].point(positions[placed.port])
-        distance_mm = float(np.linalg.norm(socket - placed.point(device.plug))) * MM_PER_LDU
+        plug = placed.point(device.plug)
+        distance_mm = float(np.linalg.norm(socket - plug)) * MM_PER_LDU
         name = f" '{placed.device}'" if placed.device else ""
         text = f"Port {placed.port}: {placed.part.name}{name}, {distance_mm:.0f} mm away; its cable has {device.cable_mm:.0f} mm"
-        middle = placed.point(np.mean(placed.part.bounds, axis=0))
-        (x, y), (x2, y2) = canvas.pixel_of(np.stack([socket, middle])).tolist()
-        cables.append(Cable(placed.port, text, ((x, y), (x2, y2))))
+        cables.append(Cable(placed.port, text, (socket, plug)))
     return tuple(cables)
 
 
-def _pdf(plan: Plan, pages: Iterable[Page]) -> bytes:
+def _pdf(plan: Plan, pages: Iterable[Page]) -> tuple[bytes, int]:
+    """The booklet and its number of pages. A page's picture is large: they are drawn one after the other."""
     import_matplotlib()
     from matplotlib import rc_context
     from matplotlib.backends.backend_pdf import PdfPages
-    from matplotlib.figure import Figure
 
     buffer, metadata = io.BytesIO(), {"Title": plan.title, "Creator": "BricksRL", "CreationDate": None}
     with rc_context({"text.parse_math": False}), PdfPages(buffer, metadata=metadata) as pdf:
         for number, page in enumerate(pages, 1):
-            figure = Figure(figsize=(8.27, 5.83), dpi=110)
-            _lay_out(figure, page, number)
-            pdf.savefig(figure)
-    return buffer.getvalue()
+            pdf.savefig(_figure(page, number))
+    return buffer.getvalue(), number
 
 
-def _lay_out(figure: Figure, page: Page, number: int) -> None:
-    """Draw a page on an A5 landscape figure."""
-    from matplotlib.patches import Rectangle
+def _html(plan: Plan, pages: Iterable[Page]) -> tuple[bytes, int]:
+    """The same pages as pictures, with their text for those who cannot see them."""
+    import_matplotlib()
+    from matplotlib import rc_context
 
-    is_list = page.picture is None
-    figure.text(0.03, 0.93, page.head, fontsize=24 if len(page.head) < 20 else 16, weight="bold", va="center")
-    figure.text(0.03, 0.045, textwrap.fill(page.note, _NOTE_WIDTH), fontsize=9, va="center")
-    figure.text(0.975, 0.045, f"{number}", fontsize=9, ha="right", va="center", color="0.4")
-    if page.picture is not None:
-        left = 0.26 if page.items else 0.05
-        axes = figure.add_axes((left, 0.08 + 0.045 * len(page.lines), 0.98 - left, 0.82 - 0.045 * len(page.lines)))
-        axes.imshow(_indexed(page.picture).convert("RGB"), interpolation="none")
-        axes.set_axis_off()
-        badge = {"boxstyle": "circle,pad=0.2", "facecolor": "white", "edgecolor": _CABLE, "linewidth": 0.8}
-        for cable in page.cables:
-            axes.plot(*zip(*cable.ends, strict=True), color=_CABLE, linewidth=1.0)
-            for x, y in cable.ends:
-                axes.text(x, y, cable.port, fontsize=7, weight="bold", ha="center", va="center", bbox=badge)
-    for row, line in enumerate(reversed(page.lines)):
-        figure.text(0.05, 0.09 + 0.045 * row, line, fontsize=10, va="center")
-    columns = 4 if is_list else 1
-    height = 0.205 if is_list else min(0.175, 0.74 / max(len(page.items), 1))
-    for index, item in enumerate(page.items):
-        x, y = 0.03 + 0.24 * (index % columns), 0.86 - height * (index // columns + 1)
-        axes = figure.add_axes((x, y + 0.05, 0.17 if is_list else 0.20, height - 0.055))
-        axes.imshow(_indexed(item.picture).convert("RGB"), interpolation="none")
-        axes.set_axis_off()
-        figure.text(x, y + 0.025, f"{item.count} x", fontsize=11, weight="bold", va="center")
-        figure.text(
-            x + 0.031 + 0.014 * len(str(item.count)),
-            y + 0.025,
-            item.text,
-            fontsize=7.5 if is_list else 8,
-            va="center",
-            linespacing=1.1,
-        )
-    for row, length in enumerate(page.axles):
-        width = length * _MODULE_IN / 8.27
-        figure.add_artist(Rectangle((0.97 - width, 0.92 - 0.05 * row), width, 0.024, facecolor="0.25", edgecolor="none"))
-        figure.text(0.96 - width, 0.932 - 0.05 * row, f"{length}, 1:1", fontsize=8, ha="right", va="center")
-
-
-def _html(plan: Plan, pages: Iterable[Page]) -> str:
     body = []
-    for page in pages:
-        parts = [f"<h2>{html.escape(page.head)}</h2>"]
-        figures = "".join(
-            f'<figure><img alt="" src="{_source(item.picture)}"><figcaption><b>{item.count} x</b> '
-            f"{html.escape(item.text).replace(chr(10), '<br>')}</figcaption></figure>"
-            for item in page.items
-        )
-        if figures:
-            parts.append(f"<div class=items>{figures}</div>")
-        if page.picture is not None:
-            parts.append(_drawing(page.head, page.picture, page.cables))
-        parts += [f"<p>{html.escape(line)}</p>" for line in (*page.lines, *([page.note] if page.note else []))]
-        body.append(f"<section>{''.join(parts)}</section>")
-    style = (
-        "body{font-family:sans-serif;max-width:60em;margin:auto;padding:0 .8em}"
-        "section{break-after:page;border-bottom:1px solid #ccc}"
-        ".items{display:flex;flex-wrap:wrap}figure{margin:.5em}img{max-width:100%}"
-    )
+    for number, page in enumerate(pages, 1):
+        buffer, png = io.BytesIO(), io.BytesIO()
+        with rc_context({"text.parse_math": False}):
+            _figure(page, number).savefig(buffer, format="png", dpi=_HTML_DPI)
+        Image.open(buffer).convert("RGB").quantize(2 * _COLOURS, dither=Image.Dither.NONE).save(png, format="png", optimize=True)
+        texts = [page.head, *(f"{item.count} x {item.text}" for item in page.items), *page.lines, page.note]
+        source = f"data:image/png;base64,{base64.b64encode(png.getvalue()).decode()}"
+        body.append(f'<section><img alt="{html.escape(". ".join(filter(None, texts)))}" src="{source}"></section>')
+    style = "body{margin:auto;max-width:80em}section{break-after:page;border-bottom:1px solid #ccc}img{width:100%}"
     head = f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{html.escape(plan.title)}</title><style>{style}</style>'
-    return f"{head}<body>{''.join(body)}</body></html>\n"
+    return f"{head}<body>{''.join(body)}</body></html>\n".encode(), len(body)
 
 
-def _drawing(head: str, picture: Pixels, cables: tuple[Cable, ...]) -> str:
-    """A picture with its cables as SVG."""
-    height, width = picture.shape[:2]
-    lines = []
-    for cable in cables:
-        (x, y), (x2, y2) = cable.ends
-        lines.append(f'<path d="M{x:.0f} {y:.0f}L{x2:.0f} {y2:.0f}" stroke="{_CABLE}"/>')
-        lines += [
-            f'<circle cx="{x:.0f}" cy="{y:.0f}" r="9" fill="#fff" stroke="{_CABLE}"/>'
-            f'<text x="{x:.0f}" y="{y + 4:.0f}" font-size="12" text-anchor="middle">{html.escape(cable.port)}</text>'
-            for x, y in cable.ends
-        ]
-    image = f'<image width="{width}" height="{height}" href="{_source(picture)}"/>'
-    return f'<svg role="img" aria-label="{html.escape(head)}" viewBox="0 0 {width} {height}">{image}{"".join(lines)}</svg>'
+def _figure(page: Page, number: int) -> Figure:
+    """Draw a page."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(_WIDTH, _HEIGHT), dpi=DPI)
+    step = page.instruction
+    paper = _SUB_ASSEMBLY if step is not None and step.assembly else _PAPER
+    if step is not None and step.assembly:
+        _box(figure, (0.12, 0.12, _WIDTH - 0.24, _HEIGHT - 0.24), paper, "#b08900")
+        title = _title(step.assembly[-1].rpartition(":")[0]) + (f"  ·  build it {step.times} times" if step.times > 1 else "")
+        _text(figure, 2.35, _HEIGHT - 0.38, title, 12, weight="bold")
+    _text(figure, 0.32, _HEIGHT - 0.48, page.head, 30 if step else 22, weight="bold")
+    _text(figure, _WIDTH - 0.28, 0.3, f"{number}", 8, ha="right", color="0.45")
+    note = textwrap.fill(page.note, _NOTE_WIDTH)
+    _text(figure, 0.32, 0.3, note, 9)
+    if step is None and page.items:
+        _part_list(figure, page.items)
+    elif step is not None:
+        bars = [item.bar for item in page.items if item.bar is not None]
+        floor = 0.5 + 0.36 * len(bars) + (0.2 if "\n" in note else 0.0)
+        _item_column(figure, page.items)
+        for row, bar in enumerate(reversed(bars)):
+            _life_size(figure, bar, 0.62 + 0.36 * row)
+        _scene(figure, page, step, floor, paper)
+    if page.picture is not None and step is None:
+        floor = 0.55 + 0.22 * len(page.lines)
+        corner = _put(figure, page.picture, None, _PAPER, (_WIDTH / 2, floor + (_HEIGHT - 0.75 - floor) / 2))
+        _compass(figure, page.picture.view, (_WIDTH - 0.85, floor + 0.3))
+        for row, line in enumerate(reversed(page.lines)):
+            _text(figure, 0.4, 0.6 + 0.22 * row, line, 9)
+        for cable in page.cables:
+            _cable(figure, page.picture, corner, cable)
+    return figure
 
 
-def _source(picture: Pixels) -> str:
-    buffer = io.BytesIO()
-    _indexed(picture).save(buffer, format="png", optimize=True)
-    return f"data:image/png;base64,{base64.b64encode(buffer.getvalue()).decode()}"
+def _scene(figure: Figure, page: Page, step: Instruction, floor: float, paper: tuple[float, float, float]) -> None:
+    """The picture of a step with its arrows, the inset, the compass and the mark of a turned view."""
+    assert page.picture is not None  # noqa: S101
+    middle = (2.3 + (_WIDTH - 2.3 - 0.3) / 2, floor + (_HEIGHT - 0.8 - floor) / 2)
+    corner = _put(figure, page.picture, set(step.scene.bright), paper, middle)
+    _arrows(figure, page.picture, corner, step.scene)
+    if page.inset is not None and step.inset is not None:
+        width, height = (side / DPI for side in page.inset.size)
+        place = (_WIDTH - 0.45 - width, floor + 0.15)
+        _box(figure, (place[0] - 0.1, place[1] - 0.1, width + 0.2, height + 0.2), _PAPER, "0.35")
+        inner = _put(figure, page.inset, set(step.inset.bright), _PAPER, (place[0] + width / 2, place[1] + height / 2))
+        _arrows(figure, page.inset, inner, step.inset)
+    _compass(figure, step.scene.view, (_WIDTH - 0.85, _HEIGHT - 0.5))
+    if step.is_turned:
+        _turn_mark(figure, step.scene.view, (_WIDTH - 2.7, _HEIGHT - 0.36))
 
 
-def _indexed(picture: Pixels) -> Image.Image:
-    """A picture with few colours, a third of the bytes."""
-    return Image.fromarray(np.ascontiguousarray(picture)).quantize(_COLOURS, dither=Image.Dither.NONE)
+def _text(figure: Figure, x: float, y: float, text: str, size: float, **style: Any) -> None:
+    """Text at a position in inches."""
+    above = len(figure.get_children())
+    figure.text(x / _WIDTH, y / _HEIGHT, text, fontsize=size, zorder=above, linespacing=1.15, **{"va": "center", **style})
+
+
+def _box(figure: Figure, rectangle: tuple[float, float, float, float], face: tuple[float, float, float], edge: str) -> None:
+    """A box with round corners: left, bottom, width, height in inches."""
+    from matplotlib.patches import FancyBboxPatch
+
+    left, bottom, width, height = rectangle
+    style = "round,pad=0,rounding_size=0.09"
+    patch = FancyBboxPatch((left, bottom), width, height, style, facecolor=face, edgecolor=edge, linewidth=0.8)
+    _add(figure, patch)
+
+
+def _add(figure: Figure, artist: Artist) -> None:
+    """Add an artist in inches, above all that is there."""
+    artist.set_transform(figure.dpi_scale_trans)
+    artist.set_zorder(len(figure.get_children()))
+    figure.add_artist(artist)
+
+
+def _line(figure: Figure, points: Sequence[tuple[float, float]], colour: str, width: float) -> None:
+    """A line through points in inches."""
+    from matplotlib.lines import Line2D
+
+    x, y = zip(*points, strict=True)
+    _add(figure, Line2D(x, y, color=colour, linewidth=width))
+
+
+def _arrow(
+    figure: Figure,
+    start: tuple[float, float],
+    end: tuple[float, float],
+    colour: str,
+    width: float,
+    bend: float = 0,
+    style: str = "-",
+) -> None:
+    """An arrow between points in inches."""
+    from matplotlib.patches import FancyArrowPatch
+
+    for edge, line in (("white", width + 1.6), (colour, width)):
+        patch = FancyArrowPatch(
+            start,
+            end,
+            arrowstyle="-|>",
+            mutation_scale=4.5 * width,
+            connectionstyle=f"arc3,rad={bend}",
+            color=edge,
+            linewidth=line,
+            linestyle=style,
+            shrinkA=0,
+            shrinkB=0,
+        )
+        _add(figure, patch)
+
+
+def _put(
+    figure: Figure, picture: Picture, bright: set[int] | None, paper: tuple[float, float, float], middle: tuple[float, float]
+) -> tuple[float, float]:
+    """Put a picture's middle somewhere, in inches. Returns its upper left corner."""
+    width, height = (side / DPI for side in picture.size)
+    left, top = middle[0] - width / 2, middle[1] + height / 2
+    axes = figure.add_axes((left / _WIDTH, (top - height) / _HEIGHT, width / _WIDTH, height / _HEIGHT))
+    axes.set_zorder(len(figure.get_children()))
+    axes.imshow(_indexed(picture.pixels(bright, paper), paper), interpolation="none", aspect="auto")
+    axes.set_axis_off()
+    return left, top
+
+
+def _indexed(pixels: Pixels, paper: tuple[float, float, float]) -> Pixels:
+    """A picture with few colours, a third of the bytes; the paper keeps its own."""
+    few = np.asarray(Image.fromarray(pixels).quantize(_COLOURS, dither=Image.Dither.NONE).convert("RGB")).copy()
+    blank = np.round(np.array(paper) * 255).astype(np.uint8)
+    few[(pixels == blank).all(axis=-1)] = blank
+    return few
+
+
+def _inches(picture: Picture, corner: tuple[float, float], point: Floats) -> tuple[float, float]:
+    """Where a point [3] of the plan is on the page."""
+    x, y = picture.pixel_of(point)
+    return corner[0] + x / DPI, corner[1] - y / DPI
+
+
+def _cable(figure: Figure, picture: Picture, corner: tuple[float, float], cable: Cable) -> None:
+    """A cable with the letter of its port at both ends."""
+    ends = [_inches(picture, corner, end) for end in cable.ends]
+    _line(figure, ends, "white", 3.0)
+    _line(figure, ends, _CABLE, 1.4)
+    badge = {"boxstyle": "circle,pad=0.2", "facecolor": "white", "edgecolor": _CABLE, "linewidth": 0.9}
+    for x, y in ends:
+        _text(figure, x, y, cable.port, 7, weight="bold", ha="center", bbox=badge)
+
+
+def _arrows(figure: Figure, picture: Picture, corner: tuple[float, float], scene: Scene) -> None:
+    for start, end in scene.arrows:
+        is_hidden = np.mean([picture.hides(start + (end - start) * share) for share in np.linspace(0.0, 0.9, 7)]) > 0.5
+        way = (_inches(picture, corner, start), _inches(picture, corner, end))
+        _arrow(figure, *way, "0.4" if is_hidden else _ARROW, 0.9 if is_hidden else 1.6, style="--" if is_hidden else "-")
+
+
+def _compass(figure: Figure, view: View, middle: tuple[float, float]) -> None:
+    """The robot's front and right in a view; in a plan they are z and x."""
+    right, front = ((view.axes[:2] @ np.eye(3)[axis]) * np.array([0.42, -0.42]) for axis in (0, 2))
+    corners = [np.array(middle) + (i * right + j * front) * 0.45 for i, j in ((-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1))]
+    _line(figure, [(float(x), float(y)) for x, y in corners], "0.6", 0.8)
+    for direction, name, colour in ((right, "right", "#1864ab"), (front, "front", "0.3")):
+        tip = np.array(middle) + direction
+        _arrow(figure, middle, (float(tip[0]), float(tip[1])), colour, 1.2)
+        label = np.array(middle) + direction * 1.12 + np.array([0.03 * np.sign(direction[0]), 0.05 * np.sign(direction[1])])
+        align = "left" if direction[0] > 0 else "right"
+        _text(figure, float(label[0]), float(label[1]), name, 7, ha=align, color=colour, weight="bold")
+
+
+def _turn_mark(figure: Figure, view: View, middle: tuple[float, float]) -> None:
+    """Two arrows in a circle, and from where the robot is seen now."""
+    x, y = middle
+    _arrow(figure, (x - 0.16, y - 0.05), (x + 0.16, y - 0.05), "0.2", 1.4, 0.6)
+    _arrow(figure, (x + 0.16, y + 0.05), (x - 0.16, y + 0.05), "0.2", 1.4, 0.6)
+    sides = ["behind" if abs(view.turn_deg) > 90 else "the front", "left" if view.turn_deg > 0 else "right"]
+    _text(
+        figure,
+        x,
+        y - 0.3,
+        ", ".join(["from " + sides[0], sides[1], *["below"] * (view.tilt_deg < 0)]),
+        7,
+        ha="center",
+        color="0.2",
+    )
+
+
+def _item_column(figure: Figure, items: Sequence[Item]) -> None:
+    """The box with the items of a step."""
+    height = 0.98
+    top = _HEIGHT - 0.85
+    _box(figure, (0.28, top - height * len(items) - 0.06, 1.85, height * len(items) + 0.06), _BOX, "#7a9bb8")
+    for row, item in enumerate(items):
+        y = top - height * (row + 1)
+        _put(figure, item.picture, None, _BOX, (1.2, y + 0.6))
+        _text(figure, 0.4, y + 0.13, f"{item.count}x", 11, weight="bold")
+        _text(figure, 0.55 + 0.1 * len(str(item.count)), y + 0.13, textwrap.shorten(item.text, 27), 7.5)
+
+
+def _part_list(figure: Figure, items: Sequence[Item]) -> None:
+    width, height = (_WIDTH - 0.6) / _LIST_COLUMNS, 1.6
+    for index, item in enumerate(items):
+        x, y = 0.32 + width * (index % _LIST_COLUMNS), _HEIGHT - 0.8 - height * (index // _LIST_COLUMNS + 1)
+        _box(figure, (x, y + 0.04, width - 0.1, height - 0.1), _BOX, "#7a9bb8")
+        _put(figure, item.picture, None, _BOX, (x + width / 2 - 0.05, y + 1.0))
+        _text(figure, x + 0.08, y + height - 0.2, f"{item.count}x", 12, weight="bold")
+        _text(figure, x + 0.08, y + 0.1, item.text, 7, va="bottom")
+
+
+def _life_size(figure: Figure, placed: Placed, y: float) -> None:
+    """An axle or a straight beam at its real length, its modules marked."""
+    from matplotlib.patches import Circle
+
+    modules, is_axle = _modules(placed), placed.part.family == "axles"
+    width = (_AXLE_WIDTH_MM if is_axle else _BEAM_WIDTH_MM) / 25.4
+    length, pitch, left = modules * _MODULE_MM / 25.4, _MODULE_MM / 25.4, 2.35
+    if left + length > _WIDTH - 0.3:
+        left = 0.3
+    _box(figure, (left, y - width / 2, length, width), (0.93, 0.93, 0.93), "0.2")
+    for module in range(modules):
+        if is_axle and module:
+            _line(figure, [(left + module * pitch, y - width / 2), (left + module * pitch, y + width / 2)], "0.55", 0.6)
+        elif not is_axle and any(site.fit is Fit.HOLE for site in placed.part.sites):
+            hole = Circle((left + (module + 0.5) * pitch, y), 2.4 / 25.4, facecolor="white", edgecolor="0.2", linewidth=0.7)
+            _add(figure, hole)
+    _text(figure, left + length + 0.08, y, f"{modules}   1:1", 8, weight="bold")

@@ -25,6 +25,8 @@ _MIN_POINTS = 2
 """Minimum number of points inside."""
 _MAX_PAIRS, _MAX_COMPARED = 200, 50_000
 """Limits of the collision search."""
+_MAX_QUERIES, _MAX_ITEMS = 6000, 60
+"""Limits of the search for paths: collision queries per plan, parts per step."""
 
 
 class Occupancy:
@@ -32,12 +34,12 @@ class Occupancy:
 
     Attributes:
         low, high: [n, 3], bounds of each part in the plan's frame.
-        queries: number of calls of `is_free`.
+        queries: number of calls of `is_free`; ``most_queries``: above it, no further paths are searched.
     """
 
-    def __init__(self, parts: Sequence[Placed]) -> None:
+    def __init__(self, parts: Sequence[Placed], most_queries: int = _MAX_QUERIES) -> None:
         self._parts = parts
-        self.queries = 0
+        self.queries, self.most_queries = 0, most_queries
         self.low: Floats = np.array([placed.bounds[0] for placed in parts]).reshape(-1, 3)
         self.high: Floats = np.array([placed.bounds[1] for placed in parts]).reshape(-1, 3)
 
@@ -83,8 +85,6 @@ class Occupancy:
         return any(np.count_nonzero(target.part.blocks(sample, _MARGIN, holes)) >= _MIN_POINTS for sample in (inner[::23], inner))
 
 
-_MAX_QUERIES, _MAX_ITEMS = 6000, 60
-"""Limits of the search: collision queries per plan, parts per step."""
 _PATH_LDU = (5.0, 11.0, 17.0, 24.0, 34.0, 46.0, 70.0, 110.0, 170.0)
 """Distances at which a path is checked; 5 LDU is more than the tolerance of the collision test."""
 
@@ -106,22 +106,45 @@ class StepFault(NamedTuple):
 
 
 _Links = Mapping[int, list[tuple[int, Floats]]]
-"""The connections of each part: the other part, and the direction [3]."""
+"""The connections of each part: the other part, and the direction [3] in which the part is drawn out of it, or off it."""
+
+
+class Move(NamedTuple):
+    """Items of a step that are put in place together: new parts, one each, and the parts of sub-assemblies.
+
+    Attributes:
+        outward: free direction [3] away from their place; zero for what lies on the table, and where none is known.
+    """
+
+    items: tuple[tuple[int, ...], ...]
+    outward: Floats
+
+    @property
+    def parts(self) -> list[int]:
+        """All parts."""
+        return [part for item in self.items for part in item]
+
+
+def links_of(parts: Sequence[Placed], connections: Iterable[Connection]) -> _Links:
+    """The connections of each part. A pin, which has a collar, is drawn out to the side where most of it is."""
+    links: dict[int, list[tuple[int, Floats]]] = defaultdict(list)
+    for link in connections:
+        inside = float((np.mean(parts[link.male].bounds, axis=0) - link.point) @ link.axis) < 0.0
+        outward = link.axis * (-1.0 if inside else 1.0)
+        links[link.male].append((link.female, outward))
+        links[link.female].append((link.male, -outward))
+    return links
 
 
 def step_faults(
     plan: Plan, connections: Sequence[Connection], occupancy: Occupancy, groups: Sequence[frozenset[int]] = ()
 ) -> Iterator[StepFault]:
     """All steps that fail. Parts with unmodelled connections count as connected, and so do groups around unknown parts."""
-    graph = neighbours(connections, groups)
-    links: dict[int, list[tuple[int, Floats]]] = defaultdict(list)
-    for link in connections:
-        links[link.male].append((link.female, link.axis))
-        links[link.female].append((link.male, link.axis))
+    graph, links = neighbours(connections, groups), links_of(plan.parts, connections)
     built: dict[tuple[str, ...], set[int]] = defaultdict(set)
     for step in plan.steps:
-        before, items = built[step.assembly], [(part,) for part in step.new] + list(step.joined)
-        new = [part for item in items for part in item]
+        before = built[step.assembly]
+        new = [part for item in (step.new, *step.joined) for part in item]
         built[step.assembly] = after = before | set(new)
         start = min(before) if before else max(new, key=lambda part: plan.parts[part].part.mass_g)
         nodes = after | set(range(-len(groups), 0))
@@ -129,31 +152,47 @@ def step_faults(
         loose = tuple(part for part in new if part not in held and not plan.parts[part].part.is_loose)
         if loose:
             yield StepFault(step, loose, Fault.UNCONNECTED)
-        if len(items) > _MAX_ITEMS or occupancy.queries > _MAX_QUERIES:
-            yield StepFault(step, items[0][:1], Fault.UNCHECKED)
-        elif blocked := _blocked(items, after, occupancy, links):
+        if len(step.new) + len(step.joined) > _MAX_ITEMS or occupancy.queries > occupancy.most_queries:
+            yield StepFault(step, (step.new or step.joined[0])[:1], Fault.UNCHECKED)
+        elif blocked := moves_of(step, after, occupancy, links)[1]:
             yield StepFault(step, blocked, Fault.BLOCKED)
 
 
-def _blocked(items: Sequence[tuple[int, ...]], after: set[int], occupancy: Occupancy, links: _Links) -> tuple[int, ...]:
-    """Parts of a step without a free straight path."""
+def moves_of(step: Step, after: set[int], occupancy: Occupancy, links: _Links) -> tuple[list[Move], tuple[int, ...]]:
+    """The moves of a step in building order, and its parts without a free straight path, which come first.
+
+    Args:
+        after: parts of the assembly after the step.
+    """
+    items = [(part,) for part in step.new] + list(step.joined)
     present = np.zeros(len(occupancy.low), dtype=bool)
     present[list(after)] = True
-    is_first = len(items) == len(after)
+    is_first = sum(map(len, items)) == len(after)
+    removed: list[Move] = []
     remaining = list(items[1:] if is_first else items)  # in the first step, the first item lies on the table
-    while remaining and occupancy.queries <= _MAX_QUERIES:
+    while remaining and occupancy.queries <= occupancy.most_queries:
         for group in _groups(remaining, links):
             parts = [part for item in group for part in item]
             others = present.copy()
             others[parts] = False
-            paths = ([direction * distance for distance in _PATH_LDU] for direction in _directions(parts, links))
-            if any(all(occupancy.is_free(parts, others, shift) for shift in path) for path in paths):
+            outward = _free_direction(parts, others, occupancy, links)
+            if outward is not None:
+                removed.append(Move(tuple(group), outward))
                 present = others
                 remaining = [item for item in remaining if item not in group]
                 break
         else:
             break
-    return tuple(part for item in remaining for part in item)
+    still = [Move((item,), np.zeros(3)) for item in (items[:1] if is_first else []) + remaining]
+    return still + removed[::-1], tuple(part for item in remaining for part in item)
+
+
+def _free_direction(parts: Sequence[int], others: Bools, occupancy: Occupancy, links: _Links) -> Floats | None:
+    """The first direction [3] in which parts can be removed from others."""
+    for direction in _directions(parts, links):
+        if all(occupancy.is_free(parts, others, direction * distance) for distance in _PATH_LDU):
+            return direction
+    return None
 
 
 def _groups(remaining: Sequence[tuple[int, ...]], links: _Links) -> Iterator[list[tuple[int, ...]]]:
@@ -172,7 +211,7 @@ def _groups(remaining: Sequence[tuple[int, ...]], links: _Links) -> Iterator[lis
 def _directions(parts: Sequence[int], links: _Links) -> list[Floats]:
     """Directions to try: along the connections, then along the plan's axes."""
     directions: list[Floats] = []
-    for axis in [axis for part in parts for _, axis in links[part]] + list(np.eye(3)):
+    for axis in [axis for part in parts for other, axis in links[part] if other not in parts] + list(np.eye(3)):
         if not any(abs(float(axis @ direction)) > 0.999 for direction in directions):
             directions.append(axis)
     return [sign * direction for direction in directions for sign in (1.0, -1.0)]

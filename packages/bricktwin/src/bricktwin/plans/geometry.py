@@ -79,6 +79,24 @@ class Solid:
             return np.asarray((np.hypot(local[:, 0], local[:, 1]) < half[0]) & (np.abs(local[:, 2]) < half[2]))
         return np.asarray(np.linalg.norm(local, axis=1) < half[0])
 
+    def normals(self, points: Floats) -> Floats:
+        """Outward normals [n, 3] at points [n, 3] on the surface: of the face that is nearest."""
+        axes = np.array(self.axes)
+        local = (points - np.array(self.centre)) @ axes.T
+        if self.form is Form.BALL:
+            return np.asarray(local @ axes / np.maximum(np.linalg.norm(local, axis=1, keepdims=True), 1e-9))
+        normals, rows = np.zeros_like(local), np.arange(len(local))
+        if self.form is Form.BOX:
+            face = np.argmin(np.array(self.half) - np.abs(local), axis=1)
+            normals[rows, face] = np.sign(local[rows, face])
+            return np.asarray(normals @ axes)
+        radius = np.maximum(np.hypot(local[:, 0], local[:, 1]), 1e-9)
+        gaps = [np.abs(self.half[2] - np.abs(local[:, 2])), np.abs(self.half[0] - radius)]
+        face = np.argmin([*gaps, np.abs(radius - self.half[1])] if self.form is Form.RING else gaps, axis=0)
+        sides = local[:, :2] / radius[:, None] * np.where(face == 2, -1.0, 1.0)[:, None]
+        normals[:, :2], normals[:, 2] = np.where((face == 0)[:, None], 0.0, sides), np.where(face == 0, np.sign(local[:, 2]), 0.0)
+        return np.asarray(normals @ axes)
+
     def samples(self, spacing: float, depth: float) -> Floats:
         """Points [n, 3] that fill the solid up to ``depth`` below its surface."""
         half = np.maximum(np.array(self.half) - depth, 0.0)

@@ -1,151 +1,195 @@
-"""Looks of a plan's parts: our meshes or those of an installed LDraw library, also of shafts that turn visually only."""
+"""The look of a part: solids with their materials, and the empty spaces that are cut out of them. LDraw units, the part's frame.
+
+Two drawings follow from it: the pictures of a booklet (`picture`, by rays) and the meshes of a twin (`meshes`, by triangles).
+"""
 
 from __future__ import annotations
 
+import enum
 import functools
-from collections.abc import Callable, Iterable
-from pathlib import Path
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
-from bricktwin.plans import drawings, ldraw_library
-from bricktwin.plans.catalogue import colour_of
-from bricktwin.plans.drawings import colour_name
-from bricktwin.plans.geometry import MM_PER_LDU, Floats
-from bricktwin.plans.mechanism.kinematics import TO_TWIN
-from bricktwin.plans.part import DeviceKind, Part
-from bricktwin.plans.picture import COARSE, TINTS, Tint, offset_points, surface_of
-from bricktwin.plans.plan import Placed, Plan
-from bricktwin.plans.shapes import Shape, shape_of
+from brickhub.tables import read_table
+from bricktwin.plans.catalogue import part_notation
+from bricktwin.plans.geometry import MM_PER_LDU, Form, Solid, Triple, cylinder, frame_of, ring, triple
+from bricktwin.plans.part import HOLE_RADIUS, Fit, Gear, GearForm, Part, Site
 
-_CLEARANCE = 0.5
-"""LDU: 0.1 mm on each side of a part."""
-_BEND = 80.0
-"""LDU: how far a cable's curve is pulled away from its ends."""
-_SPOKED_MM = 40.0
-"""Diameter from which a wheel is drawn with spokes."""
-_DETAILED: dict[str, tuple[Callable[[], drawings.Piece], tuple[int, int, int]]] = {
-    "prime": (drawings.hub, (3, -1, -2)),
-    "spike-medium": (drawings.medium_motor_case, (-3, -2, -1)),
-    "UltrasonicSensor": (drawings.ultrasonic_sensor, (-3, 1, -2)),
+_STUD_RADIUS, _PIN_RADIUS, _BORE_RADIUS, _COLLAR_RADIUS = 6.0, 6.0, 4.0, 7.8
+_RECESS_RADIUS, _RECESS_DEPTH = 8.0, 2.0
+"""The wider ends of a pin hole."""
+_BLADE, _CROSS = (6.0, 2.2), (6.2, 2.4)
+"""Half length and half width of an axle's blade, and of the cross that it goes into."""
+_TOOTH_HEIGHT, _TOOTH_DEPTH = 2.2, 2.8
+"""Height of teeth above the pitch circle, and below it."""
+_RUBBER = 0.4
+"""Rings of a wheel that are wider than this share of its diameter are its tyre."""
+_CABLE_RADIUS, _CABLE_LENGTH = 5.0, 14.0
+
+
+class Tint(enum.IntEnum):
+    """Materials of a surface."""
+
+    MAIN = 0
+    DARK = 1
+    TURNING = 2
+    FACE = 3
+    WHITE = 4
+    GREY = 5
+    TEAL = 6
+    LIT = 7
+
+
+TINTS = {
+    Tint.DARK: (0.16, 0.17, 0.19),
+    Tint.TURNING: (0.45, 0.47, 0.50),
+    Tint.FACE: (0.10, 0.11, 0.13),
+    Tint.WHITE: (0.93, 0.93, 0.92),
+    Tint.GREY: (0.66, 0.68, 0.70),
+    Tint.TEAL: (0.02, 0.60, 0.62),
+    Tint.LIT: (1.00, 0.90, 0.45),
 }
-"""Our drawings of electric parts, and the signed axes of the catalogue's parts that are x, y and z there (1 is a part's x)."""
-_WHEEL_AXES = (-1, -3, -2)
+"""Red, green and blue, in 0..1, of the materials that do not have the part's colour."""
 
 
-def looks_of(
-    plan: Plan, parts: Iterable[int], origin_m: Floats, *, axes: Floats | None = None, shafts: Iterable[int] = ()
-) -> drawings.Piece:
-    """Looks of parts of a plan in the frame of their body, mm.
+@dataclass(frozen=True)
+class Piece:
+    """A solid, its material, and what is cut out of it."""
 
-    Args:
-        parts: indices of the parts.
-        origin_m: the body's origin [3] in the twin's axes.
-        axes: the body's axes as rows [3, 3]; by default the twin's.
-        shafts: indices of motors of which only the turning output is drawn; it is left out otherwise.
-    """
-    frame = (np.eye(3) if axes is None else axes) @ TO_TWIN
-    shift = (np.eye(3) if axes is None else axes) @ origin_m * 1000
-    shapes: list[tuple[str, Shape]] = []
-    placed_parts = [plan.parts[part] for part in parts]
-    motors = [plan.parts[motor] for motor in shafts]
-    for placed, is_shaft in [*((part, False) for part in placed_parts), *((motor, True) for motor in motors)]:
-        turn = frame @ placed.rotation
-        can_hide = not is_shaft and ldraw_library.folder() is None  # the shapes of a library are not those of our solids
-        low, high = placed.bounds
-        near = [part for part in placed_parts if can_hide and (part.bounds[0] <= high).all() and (low <= part.bounds[1]).all()]
-        for colour, shape in _shapes(placed, only_turning=is_shaft):
-            visible = _uncovered(placed, shape, [part for part in near if part is not placed])
-            points = (visible.points @ turn.T + frame @ placed.position) * MM_PER_LDU - shift
-            if len(visible.faces):
-                shapes.append((colour, Shape(points, visible.normals @ turn.T, visible.faces)))
-    return drawings.Piece(tuple(shapes))
+    solid: Solid
+    tint: Tint = Tint.MAIN
+    cuts: tuple[Solid, ...] = ()
 
 
-def _uncovered(placed: Placed, shape: Shape, others: list[Placed]) -> Shape:
-    """A shape of a part without the triangles that other parts hide, which have material just outside."""
-    samples = offset_points(placed.to_plan(shape.points)[shape.faces], _CLEARANCE)
-    covered = np.zeros(samples.shape[:2], dtype=bool)
-    for other in others:
-        points = other.to_part(samples.reshape(-1, 3))
-        for solid in other.part.solids:
-            covered |= solid.contains(points, 0.0).reshape(covered.shape)
-    visible = shape.faces[~covered.all(axis=1)]
-    used, faces = np.unique(visible, return_inverse=True)
-    return Shape(shape.points[used], shape.normals[used], faces.reshape(visible.shape).astype(np.int32))
+@functools.lru_cache(maxsize=1024)
+def look_of(part: Part) -> tuple[Piece, ...]:
+    """The pieces of a part."""
+    own = _own_looks().get(part.number, ())
+    pieces = [*own] if any(piece.tint is Tint.MAIN for piece in own) else [*_solids(part), *own]
+    pieces += [Piece(solid, Tint.TURNING) for solid in part.turning]
+    pieces += [Piece(cylinder(site.centre, site.axis, site.length, _STUD_RADIUS)) for site in part.sites if site.fit is Fit.STUD]
+    pieces += [piece for site in part.sites if site.fit is Fit.AXLE for piece in map(Piece, _cross(site, *_BLADE, site.length))]
+    pieces += [piece for site in part.sites if _is_pin(site) for piece in _pin(site)]
+    if part.gears and part.gears[0].form not in (GearForm.RACK, GearForm.WORM):
+        pieces += [Piece(tooth) for tooth in _teeth(part)]
+    holes = [cut for site in part.holes for cut in _hole(site)]
+    cut = [Piece(piece.solid, piece.tint, (*piece.cuts, *(h for h in holes if solids_meet(piece.solid, h)))) for piece in pieces]
+    return (*cut, *_cable(part))
 
 
-def _shapes(placed: Placed, *, only_turning: bool) -> list[tuple[str, Shape]]:
-    """Coloured shapes of a part in its frame, in LDraw units."""
-    main = colour_of(placed.colour).rgb
-    if not only_turning and (root := ldraw_library.folder()) is not None and (shapes := _of_library(placed.part, root)):
-        return [(colour or colour_name(main), shape) for colour, shape in shapes]
-    device = placed.part.device
-    is_motor = device is not None and device.kind is DeviceKind.MOTOR
-    if not only_turning and (detailed := _detailed(placed.part)):
-        return detailed
-    by_tint = _of_catalogue(placed.part).items()
-    shown = [(tint, shape) for tint, shape in by_tint if not is_motor or only_turning is (tint is Tint.TURNING)]
-    return [(colour_name(TINTS.get(tint, main)), shape) for tint, shape in shown]
+@functools.cache
+def _own_looks() -> dict[str, tuple[Piece, ...]]:
+    """Pieces of the parts that are in ``looks.csv``."""
+    looks: dict[str, tuple[Piece, ...]] = {}
+    for row in read_table("bricktwin.plans.catalogue", "looks"):
+        solids, notches = part_notation.solids(row["solids"])
+        pieces = tuple(Piece(solid, Tint[row["tint"].upper()], _cuts(number, notches)) for number, solid in enumerate(solids))
+        for part in row["numbers"].split():
+            looks[part] = (*looks.get(part, ()), *pieces)
+    return looks
 
 
-@functools.lru_cache(maxsize=512)
-def _of_catalogue(part: Part) -> dict[Tint, Shape]:
-    """Our shapes of a part."""
-    surface = surface_of(part, COARSE)
-    low, high = part.bounds
-    # Smaller by the clearance between parts, so that no two surfaces coincide.
-    triangles = surface.triangles * (1.0 - _CLEARANCE / np.maximum(high - low, 10.0))
-    shapes = {tint: shape_of(triangles[surface.tints == int(tint)]) for tint in Tint}
-    return {tint: shape for tint, shape in shapes.items() if shape is not None}
+def _solids(part: Part) -> Iterator[Piece]:
+    """The solids of the catalogue, without those of pins, axles and a gear's teeth, which have looks of their own."""
+    bars = [cylinder(s.centre, s.axis, s.length, _PIN_RADIUS) for s in part.sites if s.fit is Fit.AXLE or _is_pin(s)]
+    rubber = 0.0 if part.family == "tyres" else _RUBBER * part.wheel_mm / MM_PER_LDU if part.wheel_mm > 50 else math.inf
+    for number, solid in enumerate(part.solids):
+        cuts = _cuts(number, part.notches)
+        if part.family == "gears" and number == 0 and part.gears[0].form not in (GearForm.RACK, GearForm.WORM):
+            root = min(solid.half[0], _root(part.gears[0]))
+            yield Piece(Solid(solid.form, solid.centre, (root, root, solid.half[2]), solid.axes), Tint.MAIN, cuts)
+        elif solid not in bars:
+            is_rubber = solid.form is Form.RING and solid.half[0] > rubber
+            yield Piece(solid, Tint.DARK if is_rubber else Tint.MAIN, cuts)
 
 
-@functools.lru_cache(maxsize=64)
-def _detailed(part: Part) -> list[tuple[str, Shape]]:
-    """Our detailed shapes of a hub, motor, sensor or wheel, without a motor's output; empty if there are none."""
-    device = part.device.name if part.device is not None else ""
-    if device in _DETAILED:
-        make, axes = _DETAILED[device]
-        drawing = make()
-    elif part.wheel_mm > _SPOKED_MM:
-        drawing, axes = drawings.wheel(part.wheel_mm), _WHEEL_AXES
-    else:
-        return []
-    turn = np.zeros((3, 3))  # from the part's axes to ours
-    for row, axis in enumerate(axes):
-        turn[row, abs(axis) - 1] = np.sign(axis)
-    points = np.concatenate([shape.points for _, shape in drawing.shapes]) @ turn / MM_PER_LDU
-    low, high = part.bounds
-    case = part.solids[0].corners()
-    low, high = (case.min(axis=0), case.max(axis=0)) if device else (low, high)
-    shift = (low + high - points.min(axis=0) - points.max(axis=0)) / 2
-    return [
-        (colour, Shape(shape.points @ turn / MM_PER_LDU + shift, shape.normals @ turn, shape.faces))
-        for colour, shape in drawing.shapes
-    ]
+def _cuts(number: int, notches: tuple[tuple[int, Solid], ...]) -> tuple[Solid, ...]:
+    return tuple(notch for count, notch in notches if number < count)
 
 
-@functools.lru_cache(maxsize=256)
-def _of_library(part: Part, root: Path) -> tuple[tuple[str, Shape], ...]:
-    """Shapes of a part in an LDraw library by colour, "" for its main colour; empty if it has none."""
-    found = (ldraw_library.triangles_of(root, f"{number}.dat") for number in (part.number, *part.aliases))
-    by_colour = next(filter(None, found), {})
-    shapes = {code: shape_of(triangles) for code, triangles in by_colour.items()}
-    names = {code: "" if code == ldraw_library.MAIN_COLOUR else colour_name(ldraw_library.rgba(root, code)) for code in shapes}
-    return tuple((names[code], shape) for code, shape in shapes.items() if shape is not None)
+def _is_pin(site: Site) -> bool:
+    return site.fit in (Fit.PIN, Fit.FRICTION_PIN)
 
 
-def cables_of(plan: Plan, parts: Iterable[int], origin_m: Floats) -> list[drawings.Piece]:
-    """Cables between the hub and the motors and sensors on the same body, in that body's frame, mm."""
-    devices = [(plan.parts[part], plan.parts[part].part.device) for part in parts]
-    hub = next((placed for placed, device in devices if device is not None and device.kind is DeviceKind.HUB), None)
-    sockets = dict(hub.part.device.ports) if hub is not None and hub.part.device is not None else {}
-    cables = []
-    for placed, device in devices:
-        if hub is None or placed is hub or device is None or placed.port not in sockets:
-            continue
-        socket, plug = np.array(sockets[placed.port]), np.array(device.plug)
-        outward, back = np.sign(socket) * [_BEND, 0.0, 0.0], np.sign(plug) * [0.0, 0.0, _BEND]
-        line = np.concatenate([hub.to_plan(np.stack([socket, socket + outward])), placed.to_plan(np.stack([plug + back, plug]))])
-        cables.append(drawings.cable([(x, y, z) for x, y, z in (line @ TO_TWIN.T * MM_PER_LDU - origin_m * 1000).tolist()]))
-    return cables
+def _frame(site: Site) -> tuple[Triple, Triple, Triple]:
+    """Axes of a site: the arm of its cross, across, along."""
+    if site.arm is None:
+        return frame_of(site.axis)
+    return site.arm, triple(np.cross(site.axis, site.arm)), site.axis
+
+
+def _cross(site: Site, length: float, width: float, along: float) -> list[Solid]:
+    """The two blades of a cross; half length and half width of one, and their length along the axis."""
+    return [Solid(Form.BOX, site.centre, (x, y, along / 2), _frame(site)) for x, y in ((length, width), (width, length))]
+
+
+def _hole(site: Site) -> list[Solid]:
+    """The empty space of a hole."""
+    if site.fit is Fit.AXLE_HOLE:
+        return _cross(site, *_CROSS, site.length + 1.0)
+    through, depth = cylinder(site.centre, site.axis, site.length + 1.0, HOLE_RADIUS), _RECESS_DEPTH + 0.5
+    ends = [_along(site, side * (site.length + 1.0 - depth) / 2) for side in (-1, 1)] if site.length > 3 * depth else []
+    return [through, *(cylinder(end, site.axis, depth, _RECESS_RADIUS) for end in ends)]
+
+
+def hole_ends(site: Site, offset: float) -> list[Solid]:
+    """Solids that fill a hole and stand out of both of its ends."""
+    if site.fit is Fit.AXLE_HOLE:
+        return _cross(site, *_BLADE, site.length + 2 * offset)
+    return [cylinder(site.centre, site.axis, site.length + 2 * offset, _PIN_RADIUS)]
+
+
+def _along(site: Site, offset: float) -> Triple:
+    """A point on the axis of a site."""
+    return triple(np.array(site.centre) + offset * np.array(site.axis))
+
+
+def _pin(site: Site) -> Iterator[Piece]:
+    """A pin: hollow, its ends slit, with a collar a module from them."""
+    frame, half = frame_of(site.axis), site.length / 2
+    slits = tuple(Solid(Form.BOX, _along(site, side * half), (1.3, 9.0, 8.0), frame) for side in (-1, 1))
+    yield Piece(ring(site.centre, site.axis, site.length, _PIN_RADIUS, _BORE_RADIUS), Tint.MAIN, slits)
+    collars = (0.0,) if site.length == 40 else (-10.0, 10.0) if site.length > 40 else ()
+    for offset in collars:
+        yield Piece(ring(_along(site, offset), site.axis, 2.4, _COLLAR_RADIUS, _BORE_RADIUS))
+
+
+def _root(gear: Gear) -> float:
+    """Radius between the teeth of a gear."""
+    return gear.pitch_radius - _TOOTH_DEPTH
+
+
+def _teeth(part: Part) -> Iterator[Solid]:
+    """The teeth of a gear, and the ring that they stand on."""
+    gear = part.gears[0]
+    width = min(gear.width, 2 * part.solids[0].half[2]) if part.family == "gears" else gear.width
+    root, tip = _root(gear), gear.pitch_radius + _TOOTH_HEIGHT
+    if part.family == "gears":
+        yield ring(gear.centre, gear.axis, width, root, max(root - 4.0, 5.0))
+    first, second, axis = (np.array(direction) for direction in frame_of(gear.axis))
+    for tooth in range(gear.teeth):
+        angle = 2 * math.pi * tooth / gear.teeth
+        out = math.cos(angle) * first + math.sin(angle) * second
+        centre = triple(np.array(gear.centre) + out * (root - 1.0 + tip) / 2)
+        size = ((tip - root + 1.0) / 2, 0.23 * 2 * math.pi * 1.25, width / 2)
+        yield Solid(Form.BOX, centre, size, (triple(out), triple(np.cross(axis, out)), triple(axis)))
+
+
+def _cable(part: Part) -> Iterator[Piece]:
+    """The beginning of a device's cable, out of the side that its exit is nearest to."""
+    if part.device is not None and part.device.cable_mm > 0:
+        low, high = part.bounds
+        exits = (np.array(part.device.plug) - (low + high) / 2) / (high - low)
+        axis = int(np.argmax(np.abs(exits)))
+        direction = triple(np.sign(exits[axis]) * np.eye(3)[axis])
+        start = np.array(part.device.plug) + np.array(direction) * _CABLE_LENGTH / 2
+        yield Piece(cylinder(triple(start), direction, _CABLE_LENGTH, _CABLE_RADIUS), Tint.DARK)
+
+
+def solids_meet(solid: Solid, other: Solid) -> bool:
+    """Whether the bounding boxes of two solids touch."""
+    first, second = solid.corners(), other.corners()
+    return bool(((first.min(axis=0) <= second.max(axis=0)) & (second.min(axis=0) <= first.max(axis=0))).all())

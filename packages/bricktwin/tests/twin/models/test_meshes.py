@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from bricktwin.plans import catalogue
 from bricktwin.plans.geometry import circle_sides
-from bricktwin.plans.picture import COARSE, surface_of
+from bricktwin.plans.meshes import surface_of
 from bricktwin.plans.shapes import Shape, block, cylinder, ring, turned
 
 SHAPES = {
@@ -41,13 +41,7 @@ def test_polygon_is_nowhere_far_from_its_circle(radius: float, chord_error: floa
     assert sides == 10 or radius * (1 - np.cos(np.pi / (sides - 1))) > chord_error * (1 - 1e-9)
 
 
-def test_moving_robots_have_fewer_triangles_than_booklets() -> None:
-    coarse, detailed = (sum(len(surface_of(part, *error).triangles) for part in catalogue.parts()) for error in ((COARSE,), ()))
-    assert coarse < 0.8 * detailed
-
-
-@pytest.mark.parametrize("error", [(), (COARSE,)])
-def test_surfaces_have_no_triangles_without_area(error: tuple[float, ...]) -> None:
+def test_surfaces_have_no_triangles_without_area() -> None:
     for part in catalogue.parts():
-        a, b, c = np.moveaxis(surface_of(part, *error).triangles, 1, 0)
+        a, b, c = np.moveaxis(surface_of(part).triangles, 1, 0)
         assert np.linalg.norm(np.cross(b - a, c - a), axis=1).min(initial=1.0) > 1e-6, part.number

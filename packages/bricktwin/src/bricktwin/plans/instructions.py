@@ -1,0 +1,275 @@
+"""What the steps of a booklet show: few parts each, apart from their places, in a view that hides none of them. LDraw units.
+
+A step of the plan is split where it has too many parts for one picture. What is put in place is drawn outside, on its way, with
+an arrow; the view is turned, or all that hides a part is left out of a smaller picture, until a quarter of each part can be seen.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from bricktwin.plans.building import Move, Occupancy, links_of, moves_of
+from bricktwin.plans.connections import Connection, connections
+from bricktwin.plans.geometry import Floats
+from bricktwin.plans.part import Site
+from bricktwin.plans.picture import VIEWS, Shown, Studio, View
+from bricktwin.plans.plan import Placed, Plan, Step
+
+MAX_KINDS, MAX_PIECES, MIN_VISIBLE = 4, 8, 0.25
+"""Most kinds and pieces of a step, and the smallest share of a part that its picture shows."""
+_ENOUGH, _HIDDEN = 0.45, 0.33
+"""Smallest visible share of all parts for which the view is not turned, and below which a part counts as hidden, while a view is
+tried out with few rays."""
+_MAX_QUERIES = 40_000
+"""Collisions that are tested for a booklet, which bounds its time; what comes after has no arrows."""
+_TRIAL_ZOOM = 1.3
+"""Rays per LDU where a view is tried out."""
+_GAP, _MAX_TRIES, _MAX_ARROWS = 28.0, 12, 4
+"""Distance of a part on its way from its hole, how often a larger one is tried, and arrows of one move."""
+
+Arrow = tuple[Floats, Floats]
+"""Start and end [3]."""
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A picture to draw.
+
+    Attributes:
+        arrows: from what is put in place to where it belongs.
+        bright: parts in full colour.
+    """
+
+    shown: tuple[Shown, ...]
+    view: View
+    arrows: tuple[Arrow, ...]
+    bright: frozenset[int]
+
+
+@dataclass(frozen=True)
+class Instruction:
+    """A step of a booklet.
+
+    Attributes:
+        moves: what is put in place, in this order.
+        before: parts that are there before.
+        assembly: as in ``Placed.assembly``; empty for the robot itself.
+        times: how often the sub-assembly is built.
+        is_turned: whether the view differs from that of the step before.
+        inset: a picture of the parts that the large one hides.
+    """
+
+    moves: tuple[Move, ...]
+    before: frozenset[int]
+    assembly: tuple[str, ...]
+    times: int
+    note: str
+    scene: Scene
+    is_turned: bool = False
+    inset: Scene | None = None
+
+    @property
+    def items(self) -> list[tuple[int, ...]]:
+        """New parts, one each, and the parts of sub-assemblies."""
+        return [item for move in self.moves for item in move.items]
+
+
+def instructions(plan: Plan, studio: Studio) -> Iterator[Instruction]:
+    """The steps of a booklet in order. A sub-assembly that is built several times is shown once."""
+    kinds = [_kind(plan, step) for step in plan.steps]
+    author = _Author(plan, studio)
+    for kind, times in Counter(kinds).items():
+        yield from author.instructions(plan.steps[kinds.index(kind)], times)
+
+
+def _kind(plan: Plan, step: Step) -> tuple[object, ...]:
+    """Key of a repeatable step: the model of its sub-assembly, its index there, and the colours of the parts until then."""
+    if not step.assembly:
+        return ("", step.index)
+    colours = (plan.parts[part].colour for part in sorted(plan.present_parts(step)))
+    return (step.assembly[-1].rpartition(":")[0], step.number, *colours)
+
+
+def kind_of(plan: Plan, item: tuple[int, ...], depth: int) -> tuple[object, ...]:
+    """Key of equal items of an assembly at a depth of nesting: parts, or sub-assemblies."""
+    parts = [plan.parts[part] for part in item]
+    own = parts[0].assembly[depth:]
+    name = own[0].rpartition(":")[0] if own else parts[0].part.number
+    return (name, *(placed.colour for placed in parts))
+
+
+@dataclass
+class _Author:
+    """Writes the instructions of a plan's steps, one after the other."""
+
+    plan: Plan
+    studio: Studio
+    view: View = VIEWS[0]
+    occupancy: Occupancy = field(init=False)
+    joints: Mapping[int, list[tuple[Connection, Site, int, Site]]] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.occupancy = Occupancy(self.plan.parts, _MAX_QUERIES)
+        links = connections(self.plan.parts)
+        self.links = links_of(self.plan.parts, links)
+        joints: dict[int, list[tuple[Connection, Site, int, Site]]] = defaultdict(list)
+        for link in links:
+            joints[link.male].append((link, link.male_site, link.female, link.female_site))
+            joints[link.female].append((link, link.female_site, link.male, link.male_site))
+        self.joints = joints
+
+    def instructions(self, step: Step, times: int) -> Iterator[Instruction]:
+        """The instructions of a step of the plan."""
+        after = self.plan.present_parts(step)
+        moves, _ = moves_of(step, after, self.occupancy, self.links)
+        before = after - {part for move in moves for part in move.parts}
+        note = step.note
+        for few in self._split(moves, len(step.assembly), before):
+            for instruction in self._shown(few, frozenset(before), step, times):
+                turned = instruction.scene.view != self.view
+                self.view = instruction.scene.view
+                yield Instruction(
+                    instruction.moves,
+                    instruction.before,
+                    step.assembly,
+                    times,
+                    note,
+                    instruction.scene,
+                    turned,
+                    instruction.inset,
+                )
+                note = ""
+            before |= {part for move in few for part in move.parts}
+
+    def _split(self, moves: Sequence[Move], depth: int, before: set[int]) -> list[list[Move]]:
+        """Moves in order, at most four kinds and eight pieces at once, about as many each time. What is moved together stays
+        together if it is as few."""
+        pieces: list[Move] = []
+        for move in moves:
+            pieces += [move] if self._is_few([move], depth) else [Move((item,), move.outward) for item in move.items]
+        splits = [self._filled(pieces, depth, most, before) for most in range(1, MAX_PIECES + 1)]
+        return next(split for split in splits if len(split) == len(splits[-1]))
+
+    def _filled(self, moves: Sequence[Move], depth: int, most: int, before: set[int]) -> list[list[Move]]:
+        """Moves in order, so many pieces at once unless one move has more. What only the next ones hold comes with them."""
+        split: list[list[Move]] = []
+        for move in moves:
+            if split and self._is_few([*split[-1], move], depth) and sum(len(m.items) for m in (*split[-1], move)) <= most:
+                split[-1].append(move)
+                continue
+            few = [move]
+            while split and len(split[-1]) > 1 and self._is_few([split[-1][-1], *few], depth):
+                there = before.union(*(m.parts for m in itertools.chain.from_iterable(split) if m is not split[-1][-1]))
+                joined = {other for part in split[-1][-1].parts for other, _ in self.links.get(part, ())}
+                if joined & there or not joined:
+                    break
+                few.insert(0, split[-1].pop())
+            split.append(few)
+        return split
+
+    def _is_few(self, moves: Sequence[Move], depth: int) -> bool:
+        items = [item for move in moves for item in move.items]
+        return len(items) <= MAX_PIECES and len({kind_of(self.plan, item, depth) for item in items}) <= MAX_KINDS
+
+    def _shown(self, moves: Sequence[Move], before: frozenset[int], step: Step, times: int) -> Iterator[Instruction]:
+        """An instruction for some moves, or two if some of their parts cannot be seen."""
+        scene, hidden = self._best_scene(moves, before)
+        if hidden and len(moves) > 1:
+            half = len(moves) // 2
+            yield from self._shown(moves[:half], before, step, times)
+            placed = before | {part for move in moves[:half] for part in move.parts}
+            yield from self._shown(moves[half:], frozenset(placed), step, times)
+        else:
+            inset = self._inset(moves, before, hidden) if hidden else None
+            yield Instruction(tuple(moves), before, step.assembly, times, "", scene, inset=inset)
+
+    def _best_scene(self, moves: Sequence[Move], before: frozenset[int]) -> tuple[Scene, list[tuple[int, ...]]]:
+        """The scene that shows the moves best, and the items that are hidden in it. The view is not turned without need."""
+        shown, arrows = self._apart(moves, before)
+        bright = frozenset(part for move in moves for part in move.parts)
+        items = [item for move in moves for item in move.items]
+        best: tuple[float, Scene, list[tuple[int, ...]]] | None = None
+        for view in dict.fromkeys((VIEWS[0], self.view, *VIEWS)):
+            picture = self.studio.picture(shown, view, _TRIAL_ZOOM)
+            shares = [picture.visible(item) for item in items]
+            if best is None or min(shares) > best[0] + 0.05:
+                hidden = [item for item, share in zip(items, shares, strict=True) if share < _HIDDEN]
+                best = (min(shares), Scene(tuple(shown), view, arrows, bright), hidden)
+            if best[0] >= _ENOUGH:
+                break
+        assert best is not None  # noqa: S101
+        return best[1:]
+
+    def _inset(self, moves: Sequence[Move], before: frozenset[int], hidden: Sequence[tuple[int, ...]]) -> Scene:
+        """The hidden items with what they touch, or alone."""
+        parts = {part for item in hidden for part in item}
+        touched = frozenset(other for part in parts for other, _ in self.links.get(part, ()) if other in before)
+        few = [Move(tuple(item for item in move.items if item in hidden), move.outward) for move in moves]
+        few = [move for move in few if move.items]
+        scene, still_hidden = self._best_scene(few, touched)
+        return self._best_scene(few, frozenset())[0] if still_hidden else scene
+
+    def _apart(self, moves: Sequence[Move], before: frozenset[int]) -> tuple[list[Shown], tuple[Arrow, ...]]:
+        """All parts, those of the moves on their way, and arrows to their places."""
+        shifts: dict[int, Floats] = {part: np.zeros(3) for part in before}
+        arrows: list[Arrow] = []
+        for move in moves:
+            shift = np.zeros(3)
+            ways = self._ways(move, shifts) if move.outward.any() else []
+            if ways:
+                distance = max(float((end - start) @ move.outward) for start, end in ways) + _GAP
+                on_way = {part: other for part, other in shifts.items() if part not in before}
+                for _ in range(_MAX_TRIES):
+                    if self._is_clear(move, move.outward * distance, on_way):
+                        break
+                    distance += _GAP
+                shift = move.outward * distance
+                arrows += [(start + shift, end) for start, end in ways]
+            shifts.update(dict.fromkeys(move.parts, shift))
+        return [Shown(self.plan.parts[part], shift) for part, shift in shifts.items()], tuple(arrows)
+
+    def _ways(self, move: Move, shifts: Mapping[int, Floats]) -> list[Arrow]:
+        """Where pins and holes of a move begin [3], and where those that they belong to end: a pair for each line, at most 4."""
+        ways: dict[tuple[float, ...], Arrow] = {}
+        for part in move.parts:
+            for link, site, other, other_site in self.joints.get(part, ()):
+                if other in shifts:
+                    along = float(link.point @ move.outward)
+                    line = link.point - along * move.outward
+                    start = line + move.outward * float(self._end(part, site, -move.outward) @ move.outward)
+                    end = line + move.outward * float((self._end(other, other_site, move.outward) + shifts[other]) @ move.outward)
+                    key = tuple((line / 4).round() + 0.0)
+                    if key not in ways or (end - ways[key][1]) @ move.outward > 0:
+                        ways[key] = (start, end)
+        found = [ways[key] for key in sorted(ways)]
+        return found if len(found) <= _MAX_ARROWS else [found[0], found[-1]]
+
+    def _end(self, part: int, site: Site, direction: Floats) -> Floats:
+        """The end [3] of a site in a direction."""
+        placed = self.plan.parts[part]
+        along = placed.rotation @ np.array(site.axis)
+        return np.asarray(placed.point(site.centre) + along * (np.sign(along @ direction) * site.length / 2))
+
+    def _is_clear(self, move: Move, shift: Floats, others: Mapping[int, Floats]) -> bool:
+        """Whether the moved parts' boxes overlap none of others, moved too."""
+        if not others:
+            return True
+        where = np.array(list(others.values()))
+        low, high = self.occupancy.low[list(others)] + where, self.occupancy.high[list(others)] + where
+        return not any(
+            ((self.occupancy.low[part] + shift < high) & (low < self.occupancy.high[part] + shift)).all(axis=1).any()
+            for part in move.parts
+        )
+
+
+def placed_items(plan: Plan, instruction: Instruction) -> dict[tuple[object, ...], list[list[Placed]]]:
+    """The items of a step by kind."""
+    found: dict[tuple[object, ...], list[list[Placed]]] = defaultdict(list)
+    for item in instruction.items:
+        found[kind_of(plan, item, len(instruction.assembly))].append([plan.parts[part] for part in item])
+    return found
