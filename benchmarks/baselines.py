@@ -21,6 +21,7 @@ from benchmarks.paper import RETURNS, SUCCESS
 from benchmarks.scripted import CONTROLLERS
 from benchmarks.session import Session
 from brickhub.seed import derive_seed
+from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.rollout import seed_episode
 from bricksrl.evaluation.statistics import mean, stratified_bootstrap_interval, wilson_interval
 
@@ -48,9 +49,11 @@ def episode(env: Any, policy: Callable[[TensorDictBase], Tensor]) -> tuple[float
     return total, bool(env.task.success(observed)), walk
 
 
-def measure(env_id: str, policy: Callable[[TensorDictBase], Tensor], episodes: int) -> dict[str, Any]:
+def measure(
+    env_id: str, policy: Callable[[TensorDictBase], Tensor], episodes: int, options: EnvOptions | None = None
+) -> dict[str, Any]:
     """Results over episodes, each with its own seed."""
-    env = bricksrl.make(env_id, seed=SEED)
+    env = bricksrl.make(env_id, options, seed=SEED)
     torch.manual_seed(SEED)
     runs = []
     for number in range(episodes):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from brickhub.hub.interface import DriveSpeed, DriveTurnRate, Interface, MotorAngle, RunAngle, SensorReading, UntilDone, Wait
 from brickhub.hub.link.kit_link import KitLink
-from brickhub.hub.link.profiles import PROFILES
+from brickhub.hub.link.profiles import PROFILES, LinkProfile
 from brickhub.robot import Direction, DriveBase, KitKind, Motor, PoweredUpSensor, Robot, SensorKind
 from brickhub.virtual.bench_body import BenchBody
 from brickhub.virtual.virtual_kit import VirtualKit
@@ -25,9 +25,9 @@ DRIVE = Interface((DriveSpeed(-200, 200), DriveTurnRate(-90, 90)), ANGLES, Wait(
 TURN = Interface((RunAngle("left", -360, 360, 400), RunAngle("arm", -360, 360, 400)), ANGLES, UntilDone(3000))
 
 
-def connected(interface: Interface = DRIVE) -> tuple[VirtualKit, KitLink]:
+def connected(interface: Interface = DRIVE, profile: LinkProfile = PROFILES["mac"]) -> tuple[VirtualKit, KitLink]:
     """A robot and an open link to it."""
-    kit = VirtualKit(BenchBody(ROBOT, readings={"light": lambda angles: 50.0}), link=PROFILES["mac"])
+    kit = VirtualKit(BenchBody(ROBOT, readings={"light": lambda angles: 50.0}), link=profile)
     link = KitLink(kit, ROBOT, interface)
     link.open()
     return kit, link
