@@ -14,8 +14,8 @@ import pytest
 from kit_world import DRIVE, TURN, connected
 
 from brickhub.errors import HubError, HubNotFoundError, HubTimeoutError, StoppedError
-from brickhub.hub.kit_estimates import FULL_SPEED_DEG_S, SUPERVISION_S
 from brickhub.hub.interface import Wait
+from brickhub.hub.kit_estimates import FULL_SPEED_DEG_S, SUPERVISION_S
 from brickhub.hub.link.kit_link import HOLD_S, PERIOD_MS, KitLink
 from brickhub.hub.link.profiles import LinkProfile
 from brickhub.hub.link.states import LinkState
