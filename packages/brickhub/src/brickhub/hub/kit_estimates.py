@@ -31,7 +31,7 @@ ESTIMATES = (
     ("Color Sensor", "sees as that of SPIKE; raw values up to 255", "LEGO's example: red is over 128"),
     ("levers", f"turn by {FULL_LEVER_DEG} degrees at 100 %", "nothing"),
     ("first notification", "comes with the answer to its request", "LEGO's comment: within 0.2 s"),
-    ("Bluetooth", "carries packets at connection events, as that of a hub", "the twin's physics"),
+    ("Bluetooth", "carries packets at connection events, as that of a hub; none gets lost", "the twin's physics"),
     ("lost link", f"the last command goes on to its end; after {SUPERVISION_S:g} s the motors coast", "LEGO's comment"),
     ("connection card", "a virtual device has the card that a program asks for", "so that programs run unchanged"),
 )
