@@ -18,6 +18,7 @@ from benchmarks.paper import RETURNS, SUCCESS
 from benchmarks.scripted import CONTROLLERS
 from benchmarks.session import Session
 from brickhub.seed import derive_seed
+from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.rollout import Policy, Rollout, play, seed_episode
 from bricksrl.evaluation.statistics import mean, stratified_bootstrap_interval, wilson_interval
 
@@ -37,9 +38,9 @@ def episode(env: Any, policy: Policy) -> tuple[float, bool, dict[str, float]]:
     return rollout.return_, bool(rollout.judged(env)[0]), env.walk_metrics()
 
 
-def measure(env_id: str, policy: Policy, episodes: int) -> dict[str, Any]:
+def measure(env_id: str, policy: Policy, episodes: int, options: EnvOptions | None = None) -> dict[str, Any]:
     """Results over episodes, each with its own seed."""
-    env = bricksrl.make(env_id, seed=SEED)
+    env = bricksrl.make(env_id, options, seed=SEED)
     torch.manual_seed(SEED)
     runs = []
     for number in range(episodes):

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from brickhub.hub.interface import DriveSpeed, DriveTurnRate, Interface, MotorAngle, RunAngle, SensorReading, UntilDone, Wait
 from brickhub.hub.kit_protocol import COMMANDS, REPORTS
 from brickhub.hub.link.kit_link import KitLink
-from brickhub.hub.link.profiles import PROFILES
+from brickhub.hub.link.profiles import PROFILES, LinkProfile
 from brickhub.robot import Direction, DriveBase, KitKind, Motor, PoweredUpSensor, Robot, SensorKind
 from brickhub.virtual.bench_body import BenchBody
 from brickhub.virtual.virtual_kit import VirtualKit
@@ -46,9 +46,9 @@ def reports_in(notification: bytes) -> Iterator[tuple[str, dict[str, int]]]:
         position += layout.struct.size
 
 
-def connected(interface: Interface = DRIVE) -> tuple[VirtualKit, KitLink]:
+def connected(interface: Interface = DRIVE, profile: LinkProfile = PROFILES["mac"]) -> tuple[VirtualKit, KitLink]:
     """A robot and an open link to it."""
-    kit = VirtualKit(BenchBody(ROBOT, readings={"light": lambda angles: 50.0}), link=PROFILES["mac"])
+    kit = VirtualKit(BenchBody(ROBOT, readings={"light": lambda angles: 50.0}), link=profile)
     link = KitLink(kit, ROBOT, interface)
     link.open()
     return kit, link

@@ -66,7 +66,7 @@ OWN = {
         m.motor_run(speed=60)
         time.sleep(1)
         m.motor_stop()
-        assert 19 <= len(seen) <= 24 and seen == sorted(seen) and seen[-1] > 300, seen
+        assert 19 <= len(seen) <= 30 and seen == sorted(seen) and seen[-1] > 300, seen
     """,
     "positions": """
         m = le.SingleMotor()

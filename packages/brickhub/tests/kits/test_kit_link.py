@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import random
+import subprocess
+import sys
 import threading
 from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from kit_world import DRIVE, TURN, connected
 
 from brickhub.errors import HubError, HubNotFoundError, HubTimeoutError, StoppedError
+from brickhub.hub.interface import Wait
 from brickhub.hub.kit_protocol import FULL_SPEED_DEG_S, SUPERVISION_S
 from brickhub.hub.link.kit_link import HOLD_S, PERIOD_MS, KitLink
+from brickhub.hub.link.profiles import LinkProfile
 from brickhub.hub.link.states import LinkState
 from brickhub.virtual.virtual_kit import VirtualKit
 
@@ -47,6 +53,24 @@ def test_steps_keep_their_time_and_readings_are_fresh(driving: tuple[VirtualKit,
     assert link.now_s() - started_s == pytest.approx(2.0, abs=0.04)
     assert max(reading.age_s for reading in readings) <= 2 * PERIOD_MS / 1000
     assert [device.reports > 120 for device in link.devices.values()] == [True] * 3
+
+
+@pytest.mark.parametrize(("interval_ms", "step_ms"), [(15.0, 60), (45.0, 90)])
+def test_step_ends_with_reports_made_under_its_commands(interval_ms: float, step_ms: int) -> None:
+    _, link = connected(replace(DRIVE, settle=Wait(60)), LinkProfile(interval_ms))
+    with link:
+        link.act((0, 0))
+        started_s = link.now_s()
+        for _ in range(10):
+            link.act((200, 0))
+        assert link.now_s() - started_s == pytest.approx(10 * step_ms / 1000, abs=0.02)
+
+
+def test_python_ends_with_an_open_link() -> None:
+    program = (
+        "import kit_world\n_, link = kit_world.connected()\nclass Owner:\n  def __del__(self): link.close()\nowner = Owner()"
+    )
+    assert subprocess.run([sys.executable, "-c", program], cwd=Path(__file__).parent, timeout=30, check=False).returncode == 0
 
 
 def test_speed_is_a_whole_percent(driving: tuple[VirtualKit, KitLink]) -> None:

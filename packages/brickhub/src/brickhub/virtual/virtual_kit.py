@@ -21,7 +21,7 @@ from brickhub.hub.link.profiles import LinkProfile
 from brickhub.virtual.body import Body, Rng
 from brickhub.virtual.kit_device import KitDevice, devices_of
 from brickhub.virtual.machine import CONTROL_LOOP_MS, Machine, Pace
-from brickhub.virtual.virtual_transport import PLACEMENT_MS, VirtualHub
+from brickhub.virtual.virtual_transport import PLACEMENT_MS, Radio, VirtualHub
 
 _T = TypeVar("_T")
 _IDLE_S = 1.0
@@ -33,12 +33,12 @@ _TURNS = 6
 class Peer:
     """Device as LEGO's package sees it: its name and address, and the packets on their way to it and back.
 
-    They travel at connection events. ``lost_ms``: simulated time since which nothing gets through.
+    They travel at connection events. ``lost_ms``: simulated time since which nothing gets through. ``seed``: of their delays.
     """
 
-    def __init__(self, kit: VirtualKit, device: KitDevice) -> None:
+    def __init__(self, kit: VirtualKit, device: KitDevice, seed: int) -> None:
         self.device, self.name, self.address = device, device.name, device.address
-        self._kit = kit
+        self._kit, self._radio = kit, Radio(seed)
         self._down: deque[tuple[float, bytes]] = deque()
         self._up: deque[tuple[float, bytes]] = deque()
         self._notify: Callable[[Any, bytes], Any] | None = None
@@ -68,7 +68,7 @@ class Peer:
         with self._kit.awake:
             self._kit.check_stopped()
             if self._kit.in_reach():
-                self._down.append((self._kit.next_event_ms(), packet))
+                self._down.append((self._radio.to_hub_ms(self._kit.machine.time_ms, self._kit.link), packet))
             self._kit.wake()
 
     def disconnect(self) -> None:
@@ -96,8 +96,8 @@ class Peer:
                 device.receive(packet)
         if device.is_connected:
             device.update()
-        due_ms = self._kit.next_event_ms()
-        if not is_lost:
+        if device.outbox and not is_lost:
+            due_ms = self._radio.to_computer_ms(now_ms, self._kit.link)
             self._up.extend((due_ms, packet) for packet in device.outbox)
         device.outbox.clear()
         arrived = []
@@ -115,6 +115,8 @@ class VirtualKit:
         body: a bench, or a twin of ``bricktwin.twin``.
         realtime: run in real time.
         sensor_ports: ports of its color sensors, if its description does not say so.
+        link: delays and losses of its links; ``None`` for those of the body.
+        seed: their seed.
 
     Attributes:
         peers: its devices.
@@ -124,12 +126,18 @@ class VirtualKit:
     """
 
     def __init__(
-        self, body: Body, *, realtime: bool = False, sensor_ports: Iterable[str] | None = None, link: LinkProfile | None = None
+        self,
+        body: Body,
+        *,
+        realtime: bool = False,
+        sensor_ports: Iterable[str] | None = None,
+        link: LinkProfile | None = None,
+        seed: int = 0,
     ) -> None:
         self.robot, self.body, self.machine = body.robot, body, Machine(body)
         ports = [sensor.port for sensor in body.robot.sensors] if sensor_ports is None else sensor_ports
         devices = devices_of(self.machine, parts(body.robot.hub, self.machine.servos, ports))
-        self.peers = [Peer(self, device) for device in devices]
+        self.peers = [Peer(self, device, seed * len(devices) + number) for number, device in enumerate(devices)]
         self.in_reach: Callable[[], bool] = lambda: True
         self._link = link
         self.awake = threading.Condition()
@@ -168,13 +176,8 @@ class VirtualKit:
 
     @property
     def link(self) -> LinkProfile:
-        """The link that was given, or the body's. Devices have its interval; they lose and delay nothing."""
+        """The link that was given, or the body's, of each device; no packet of theirs is lost for good."""
         return self._link or self.body.link
-
-    def next_event_ms(self) -> float:
-        """Time of the next connection event."""
-        interval_ms = round(self.link.interval_ms)
-        return (self.machine.time_ms // interval_ms + 1) * interval_ms if interval_ms else self.machine.time_ms
 
     def check_stopped(self) -> None:
         """Raise SystemExit in a program that is to end, at the time limit or by Ctrl-C."""
@@ -286,7 +289,7 @@ VirtualRobot = VirtualHub | VirtualKit
 
 def virtual_robot(body: Body, *, realtime: bool = False, link: LinkProfile | None = None, seed: int = 0) -> VirtualRobot:
     """The virtual hub, or the virtual devices of LEGO's kits, of a robot's body. ``link``: in place of the body's, with its
-    random ``seed`` for a hub."""
+    random ``seed``."""
     if body.robot.hub.model.runs_programs:
         return VirtualHub(body, realtime=realtime, link=link, seed=seed)
-    return VirtualKit(body, realtime=realtime, link=link)
+    return VirtualKit(body, realtime=realtime, link=link, seed=seed)

@@ -1,12 +1,14 @@
 """Link to the devices of LEGO's kits, through LEGO's own package.
 
 No program of ours runs on a device, and so no watchdog: it gets only commands that end by themselves, at the latest 0.4 s after
-the step. Speeds are whole percents there. A device reports by itself, up to 67 times a second; a reading is its latest report.
+the step. Speeds are whole percents there. A device reports by itself, up to 67 times a second; a reading is its latest report. A
+step ends with reports that were made under its commands, as that of a hub: those of the second connection event after it began.
 """
 
 from __future__ import annotations
 
 import asyncio
+import atexit
 import contextlib
 import logging
 import math
@@ -40,19 +42,22 @@ Move = tuple[float, float | None]
 
 
 class _Device:
-    """One device, connected or not: LEGO's object, and when its last report came."""
+    """One device, connected or not: LEGO's object, when its last report came, and the last one of a connection event before."""
 
     def __init__(self, part: KitPart, radio: Radio) -> None:
         self.part, self._radio = part, radio
         self.lego: Any = vars(lego_package(is_silent=True))[part.product.title.replace(" ", "")]()
-        self.arrived_s = -math.inf
+        self.arrived_s = self.before_s = -math.inf
         self.reports = 0
         self.lego.set_notification_callback(self._report)
 
     def _report(self, _notification: object) -> None:
         if not self.reports:
             asyncio.get_running_loop().set_exception_handler(_note)
-        self.arrived_s = self._radio.now_s()
+        now_s = self._radio.now_s()
+        if now_s - self.arrived_s > PERIOD_MS / 2000:  # those of one event come at once, and are made further apart
+            self.before_s = self.arrived_s
+        self.arrived_s = now_s
         self.reports += 1
 
     def connect(self) -> None:
@@ -133,6 +138,7 @@ class KitLink(RobotLink):
                 if not device.lego.connected:
                     device.connect()
             self._opened_s, self._due_s = self.now_s(), -math.inf
+            atexit.register(self.close)  # before the package ends its thread, which it could not start again
             self.state = after(self.state, Cause.OPENED)
 
     def read(self) -> Reading:
@@ -168,7 +174,7 @@ class KitLink(RobotLink):
                 self._radio.sleep(max(0.0, self._due_s - self.now_s()))
             else:
                 self._await_moves(started_s + settle.longest_ms / 1000)
-            self._await_reports(started_s)
+            self._await_reports(started_s, under_commands=True)
             self._check_halted()
             return self._reading(started_s)
 
@@ -205,6 +211,7 @@ class KitLink(RobotLink):
             if device.lego.connected:
                 device.disconnect()
         self.state = LinkState.DISCONNECTED
+        atexit.unregister(self.close)
 
     # ---- inside
 
@@ -263,10 +270,11 @@ class KitLink(RobotLink):
     def _age_s(self, device: _Device) -> float:
         return self.now_s() - device.arrived_s
 
-    def _await_reports(self, since_s: float) -> None:
-        """Wait until each device has reported after a time. Raises HubDisconnectedError or HubTimeoutError if one is lost."""
+    def _await_reports(self, since_s: float, *, under_commands: bool = False) -> None:
+        """Wait until each device has reported after a time, or under the commands that were given then. Raises
+        HubDisconnectedError or HubTimeoutError if one is lost."""
         for device in self.devices.values():
-            while device.arrived_s <= since_s:
+            while (device.before_s if under_commands else device.arrived_s) <= since_s:
                 if not device.lego.connected:
                     raise errors.HubDisconnectedError(f"the {device.part.product.title} is gone; bring it near, and call open()")
                 if self._age_s(device) > _SILENCE_S:
