@@ -160,7 +160,7 @@ def test_wrong_arguments_print_one_line(fails, arguments, says):
         ("train-offline WalkerSim-v0 --data no --run a --seed -1", "seed is -1"),
         ("evaluate no --seed -1", "seed is -1"),
         ("train-offline WalkerSim-v0 --data no --updates 0", "updates is 0"),
-        ("train WalkerSim-v0 --set target_entropy=nan --run a", "target_entropy is nan"),
+        ("train WalkerSim-v0 --set target_entropy=nan --run a", "target_entropy is 'nan'"),
         ("train TD --set entropy=nan --run a", "no environment 'TD'"),
         ("train RoboArm-v0 --option threshold=5 --run a", "no option threshold; it has sparse, threshold_deg"),
         ("train RunAway-v0 --option colour=red --run a", "no option colour; it has ends_at_wall"),
