@@ -114,7 +114,7 @@ def test_sequences_are_learned_from_a_dataset_and_then_online(tmp_path: Path) ->
     """What was recorded comes first in the user's own buffer, whose batches are slices of episodes."""
     data, offline, online = (str(tmp_path / name) for name in ("data", "offline", "online"))
     train(TrainConfig("WalkerSim-v0", "random", 2, seed=0, run_dir=Path(data)))
-    train(TrainConfig("WalkerSim-v0", SEQUENCES, data=data, updates=20, run_dir=Path(offline)))
+    train(TrainConfig("WalkerSim-v0", SEQUENCES, 1, data=data, updates=20, run_dir=Path(offline)))
     result = train(TrainConfig("WalkerSim-v0", SEQUENCES, 1, start=offline, run_dir=Path(online)))
     assert 0.0 < result.episodes[-1].measures["loss_action"] < 1.0
     agents = [load_checkpoint(Path(run) / "checkpoint.bin")["agent"] for run in (offline, online)]

@@ -152,7 +152,7 @@ class TrainConfig(RunOptions, EnvOptions):
             return cls(**data, run_dir=run_dir)
         except UnknownNameError as error:  # says what to do
             raise RunError(f"the run needs what is not here: {error}") from None
-        except (BricksError, TypeError) as error:
+        except (AttributeError, BricksError, TypeError) as error:
             raise RunError(f"the config is invalid: {error}; restore the file or start a new run") from None
 
 
