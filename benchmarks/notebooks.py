@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import os
 import re
 import subprocess
 import tempfile
@@ -24,7 +25,7 @@ from benchmarks.session import Session
 
 FOLDER = Path(__file__).parents[1] / "docs" / "tutorials"
 _EMBEDDED = re.compile(r'(?<=data:video/mp4;base64,)[^"]+')
-_FILM = ("-an", "-c:v", "libx264", "-crf", "33", "-preset", "veryslow", "-pix_fmt", "yuv420p", "-movflags", "+faststart")
+_FILM = ("-an", "-c:v", "libx264", "-crf", "37", "-preset", "veryslow", "-pix_fmt", "yuv420p", "-movflags", "+faststart")
 
 
 def digest(notebook: nbformat.NotebookNode) -> str:
@@ -52,11 +53,17 @@ def execute(notebook: nbformat.NotebookNode) -> None:
             notebook, timeout=None, kernel_name="python3", resources={"metadata": {"path": folder}}, record_timing=False
         )
         client.force_raise_errors = True
-        client.execute()
-    for data in (output.data for cell in notebook.cells for output in cell.get("outputs", []) if "data" in output):
-        if "text/html" in data:
+        client.execute(env={**os.environ, "RL_LOGGING_LEVEL": "WARNING"})  # TorchRL logs to the standard output
+    store(notebook)
+
+
+def store(notebook: nbformat.NotebookNode) -> None:
+    """Make the outputs of a notebook fit for storing: small films, nothing that the kernel says of this machine."""
+    for cell in (cell for cell in notebook.cells if cell.cell_type == "code"):
+        cell.outputs = [output for output in cell.outputs if output.get("name") != "stderr"]
+        for data in (output.data for output in cell.outputs if "text/html" in output.get("data", {})):
             data["text/html"] = _EMBEDDED.sub(
-                lambda found: base64.b64encode(smaller(base64.b64decode(found[0]))).decode(), data["text/html"]
+                lambda film: base64.b64encode(smaller(base64.b64decode(film[0]))).decode(), data["text/html"]
             )
     notebook.metadata["executed"] = digest(notebook)
 

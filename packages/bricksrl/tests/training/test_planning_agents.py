@@ -157,6 +157,7 @@ def test_video_resets_chunks_each_episode(tmp_path: Path) -> None:
     options = FilmOptions(episodes=2, size=(64, 48), budget_s=2.0)
     try:
         film(env, act, tmp_path / "film.mp4", options, reset=lambda: calls.append("reset"))
+        env.reset()  # nothing is drawn any more
     except RenderingUnavailableError as error:
         pytest.skip(str(error))
     finally:

@@ -112,7 +112,8 @@ def film(
             if twin is None or not isinstance(twin.body, MujocoBody):
                 raise TwinError(f"{env.task.id} has no virtual robot to film")
             take = _Take(env, twin.body, options, number, start, video)
-            with closing(take.renderer):
+            with closing(take.renderer), ExitStack() as after:
+                after.callback(setattr, twin.machine, "body", twin.machine.body)
                 twin.machine.body = Filmed(twin.machine.body, take.render, take.frame_ms, twin.machine.time_ms, take.show)
                 for frame in play(env, act, start, reset_policy=reset):
                     rewards = [float(own["next", "reward"]) for own in own_frames(env, frame)]
