@@ -1,40 +1,54 @@
-"""GIFs of robots before and after learning, for the README, from the films of runs.
+"""GIFs of robots, for the documentation: before and after learning, from the films of runs, and of each environment.
 
     bricksrl train Walker-v1 --episodes 20 --seed 0 --run runs/walker
     python -m benchmarks moving_pictures runs/walker
+    python -m benchmarks moving_pictures Walker-v1 Park-v0
 
-Writes ``docs/images/<environment>_learning.gif``, with as many pixels and colours as fit into a megabyte. A film may be given
-instead of a run.
+Writes ``docs/images/<environment>_learning.gif`` of a run, with as many pixels and colours as fit into a megabyte, and
+``docs/images/<environment>.gif`` of an environment, with those that fit into 400 kB: the first seconds of
+an episode of the policy that comes with it, or of its controller. A film may be given instead of a run.
 """
 
 from __future__ import annotations
 
 import io
+import tempfile
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import imageio_ffmpeg
 import numpy as np
+import torch
 from PIL import Image
 
+import bricksrl
 from benchmarks.session import Session
+from bricksrl.evaluation.film import filmed_env
+from bricksrl.policies.by_name import array_policies
 from bricksrl.training import RunFolder
 
+if TYPE_CHECKING:
+    from tensordict import TensorDictBase
+
 FOLDER = Path(__file__).parents[1] / "docs" / "images"
-MAX_BYTES = 1_000_000
+MAX_BYTES, ENV_MAX_BYTES = 1_000_000, 400_000
 SIZES = ((640, 96), (560, 64), (480, 48), (400, 32), (320, 24), (256, 16))
 """Width in px and number of colours, the best first."""
-FPS, LONGEST_S = 6.0, 9.0
+EPISODES = {"RoboArm-v0": 3, "RoboArm_mixed-v0": 3}
+"""Of an environment, where one is short."""
+FPS, LONGEST_S, ENV_LONGEST_S = 6.0, 9.0, 6.0
 
 
-def frames(video: Path) -> Iterator[Image.Image]:
-    """Images of a film, :data:`FPS` per second, of its first :data:`LONGEST_S` seconds."""
+def frames(video: Path, longest_s: float) -> Iterator[Image.Image]:
+    """Images of a film, :data:`FPS` per second, of its first ``longest_s`` seconds."""
     reader = imageio_ffmpeg.read_frames(str(video))
     video_info = next(reader)
     width, height = video_info["size"]
     step = video_info["fps"] / FPS
     for number, frame in enumerate(reader):
-        if number >= LONGEST_S * video_info["fps"]:
+        if number >= longest_s * video_info["fps"]:
             break
         if int(number / step) != int((number - 1) / step) or number == 0:
             yield Image.fromarray(np.frombuffer(frame, np.uint8).reshape(height, width, 3))
@@ -58,17 +72,47 @@ def gif(pictures: list[Image.Image], width: int, colours: int) -> bytes:
     return data.getvalue()
 
 
+def film_env(env_id: str, path: Path) -> list[Image.Image]:
+    """Film the best policy that an environment has, and return what it saw by a camera, in each step."""
+    seen = []
+    with closing(bricksrl.make(env_id, seed=0)) as env:
+        *_, make_policy = array_policies(env_id, env.task, 0).values()
+        policy = make_policy()
+
+        def act(state: TensorDictBase) -> TensorDictBase:
+            arrays = {name: state[name].numpy().copy() for name in {"observation", "image"} & set(state.keys())}
+            if "image" in arrays:
+                seen.append(Image.fromarray(arrays["image"]))
+            return state.set("action", torch.as_tensor(policy(arrays), dtype=torch.float32))
+
+        with filmed_env(env, path, env_id, size=(640, 360)):
+            for _ in range(EPISODES.get(env_id, 1)):
+                env.rollout(env.task.max_steps, act)
+    return seen
+
+
 def main(session: Session) -> None:
     parser = session.parser
-    parser.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="folder of a run that was filmed, or a film")
-    for run in session.parse().runs:
-        is_film = run.suffix == ".mp4"
-        pictures = list(frames(run if is_film else run / "before_after.mp4"))
-        name = run.stem if is_film else f"{RunFolder(run).read_config().env.lower().replace('-', '_')}_learning"
+    parser.add_argument("sources", nargs="+", metavar="RUN", help="folder of a run that was filmed, a film, or an environment")
+    for source in session.parse().sources:
+        path, most, longest_s, seen = Path(source), MAX_BYTES, LONGEST_S, list[Image.Image]()
+        with tempfile.TemporaryDirectory() as folder:
+            if source in bricksrl.list_envs():
+                name, path = source.lower().replace("-", "_"), Path(folder) / "film.mp4"
+                most, longest_s = ENV_MAX_BYTES, ENV_LONGEST_S
+                seen = film_env(source, path)
+            elif path.suffix == ".mp4":
+                name = path.stem
+            else:
+                name = f"{RunFolder(path).read_config().env.lower().replace('-', '_')}_learning"
+                path /= "before_after.mp4"
+            pictures = list(frames(path, longest_s))
+        for number, picture in enumerate(pictures if seen else ()):
+            picture.paste(seen[number * len(seen) // len(pictures)].resize((160, 160)), (470, 190))
         for width, colours in SIZES:
             data = gif(pictures, width, colours)
-            if len(data) < MAX_BYTES:
+            if len(data) < most:
                 break
         path = session.place_of(FOLDER) / f"{name}.gif"
         path.write_bytes(data)
-        print(f"{path}: {len(data) / 1000:.0f} kB, {width} px wide, {colours} colours, {len(pictures)} pictures")
+        print(f"{path}: {len(data) / 1000:.0f} kB, {width} px wide, {colours} colours, {len(pictures)} pictures", flush=True)

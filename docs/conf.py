@@ -54,8 +54,10 @@ def environments() -> str:
 
     parts = ["# Environments\n", "Each description comes from its task. `bricksrl list --json` prints them for programs.\n"]
     for env_id, summary in list_envs().items():
+        picture = f"images/{env_id.lower().replace('-', '_')}.gif"
+        shown = f"![An episode of {env_id}](../{picture})\n\n" if (DOCS / picture).exists() else ""  # a simulation has no robot
         body = re.sub(r"^## ", "### ", get_task(env_id).doc.partition("\n")[2].strip(), flags=re.MULTILINE)
-        parts.append(f"## {env_id}\n\n{summary}\n\n{body}\n")
+        parts.append(f"## {env_id}\n\n{summary}\n\n{shown}{body}\n")
     return "\n".join(parts)
 
 

@@ -125,6 +125,7 @@ def filmed_env(
                 for _ in range(hold):
                     video.add(image)
 
+        renderers.callback(setattr, machine, "body", machine.body)
         machine.body = Filmed(machine.body, render, round(1000 / _FPS * speed * hold), machine.time_ms, show)
 
     with closing(video), ExitStack() as watch:
