@@ -29,7 +29,7 @@ from bricksrl.envs import make
 from bricksrl.envs.reference_returns import REFERENCES
 from bricksrl.errors import RunError
 from bricksrl.evaluation import evaluate
-from bricksrl.evaluation.film import FilmOptions, filmed_env
+from bricksrl.evaluation.film import film_run, filmed_env
 from bricksrl.evaluation.report import write_report
 from bricksrl.training import RunFolder
 
@@ -69,7 +69,7 @@ def test_report_without_videos(trained):
 
 def test_report_with_videos(trained, tmp_path, monkeypatch):
     monkeypatch.setattr("bricksrl.evaluation.report.FILM_BUDGET_S", 0.5)
-    monkeypatch.setattr("bricksrl.evaluation.report.FilmOptions", partial(FilmOptions, size=(320, 180)))
+    monkeypatch.setattr("bricksrl.evaluation.report.film_run", partial(film_run, size=(320, 180)))
     run_dir = tmp_path / "run"
     shutil.copytree(trained[0], run_dir)
     path, said = write_report(run_dir, RunFolder(run_dir).read_episodes(), evaluate(run_dir, episodes=1, save=False))

@@ -1,4 +1,4 @@
-"""Steps of a booklet, and the pictures of each: few parts, apart from their places, in a view that hides none of them. LDraw units.
+"""Steps of a booklet and their pictures: few parts, apart from their places, in a view that hides none of them. LDraw units.
 
 A step of the plan is split where it has too many parts for one picture. What is put in place is drawn outside, on its way, with
 an arrow; the view is turned, or all that hides a part is left out of a smaller picture, until a quarter of each part can be seen.
