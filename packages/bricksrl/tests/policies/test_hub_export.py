@@ -127,7 +127,7 @@ def test_a_gait_is_exported_walks_alone_and_stops_with_the_button(
     assert run_file(path, body, stdout=out, stderr=err, time_limit_s=5.0, operation=operation) == 0
     assert "SystemExit" in err.getvalue()
     lines = out.getvalue().decode().splitlines()
-    assert len(lines) == 9
+    assert len(lines) == 7, "steps as long as over the link"
     assert all(len(line.split()) == 1 + 7 + 4 for line in lines)
     assert all(-1000 <= int(word) <= 0 for line in lines for word in line.split()[8:])
 
@@ -136,7 +136,8 @@ def test_a_gait_is_exported_walks_alone_and_stops_with_the_button(
 def test_what_the_hub_walks_alone_is_worth_what_the_policy_is(gait: Path, tmp_path: Path) -> None:
     made = export_program(gait, tmp_path / "walk.py")
     assert made.kind == "gait"
-    assert made.hub_return == pytest.approx(made.policy_return, abs=0.15 * abs(made.policy_return) + 3.0)
+    assert 50 <= made.age_ms <= 80, "what an exchange over the link takes"
+    assert made.hub_return == pytest.approx(made.policy_return, rel=0.05)
     assert made.program_bytes + made.heap_bytes < 8192
 
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
+from statistics import fmean, median
 from typing import TYPE_CHECKING, Any
 
 import torch
@@ -30,6 +32,8 @@ from bricksrl.training.restore import Which, reproducible
 from bricktwin.twin.make_body import make_body
 
 if TYPE_CHECKING:
+    from tensordict import TensorDictBase
+
     from brickhub.hub.transport import HubProgram
     from bricksrl.envs.task import Task
 
@@ -44,12 +48,14 @@ class HubExport:
 
     Attributes:
         kind: "gait" for the policy itself, "network" for a distilled one.
+        age_ms: age of an observation when its commands start, as over the policy's link: a moving robot is elsewhere by then.
         program_bytes, heap_bytes: of the compiled program, and of its objects.
         computing_ms: longest time between what it observes and its commands, by what a product costs (`HubModel.product_us`).
         policy_return, hub_return: means over `EPISODES` episodes.
     """
 
     kind: str
+    age_ms: int
     program_bytes: int
     heap_bytes: int
     computing_ms: int
@@ -75,6 +81,15 @@ def export_program(path: Path | str, out: Path, *, which: Which = "last", hidden
             raise RunError("a hub by itself sees no images, and is told no goal; export the policy of another task")
         policy = load_policy(path, env, which=which)
         channels = task.observed_channels
+        ends_s = list[float]()
+
+        def timed(state: TensorDictBase) -> TensorDictBase:
+            if (episode := interface_of(env).episode) is not None:  # a simulation without a link has none
+                ends_s.append(episode.hub_time_s)
+            return policy(state)
+
+        before = [episode.return_ for episode in play_episodes(env, timed, EPISODES, _SEED, reset_policy=policy.reset)]
+        age_ms = _age_ms(ends_s, task.interface.settle.fixed_ms)
         actor = next(policy.module.children(), None)  # a gait alone, not as a base
         if isinstance(actor, StructuredActor) and isinstance(actor.structure, Oscillators):
             kind, source = "gait", actor.structure.hub_source(actor.best)
@@ -83,19 +98,25 @@ def export_program(path: Path | str, out: Path, *, which: Which = "last", hidden
             network = HubNetwork(task.entries[: len(channels)], len(task.interface.commands), hidden)
             distil(env, policy, network, _SEED)
             source = network.hub_source()
-        program = generate_alone(task.robot, task.interface, channels, source, f"a {kind} that learned {task.id}")
+        program = generate_alone(task.robot, task.interface, channels, source, f"a {kind} that learned {task.id}", age_ms)
         blob = program_blob(compile_program(program), task.robot.hub)
-        before = [episode.return_ for episode in play_episodes(env, policy, EPISODES, _SEED, reset_policy=policy.reset)]
-    played = [play_alone(program, task, derive_seed(_SEED, "hub", number)) for number in range(EPISODES)]
-    computing_ms, heap_bytes = (max(getattr(episode, name) for episode in played) for name in ("computing_ms", "heap_bytes"))
+    alone = [play_alone(program, task, derive_seed(_SEED, "hub", number)) for number in range(EPISODES)]
+    computing_ms, heap_bytes = (max(getattr(episode, name) for episode in alone) for name in ("computing_ms", "heap_bytes"))
     if computing_ms > task.interface.settle.longest_ms:
         limit = f"a step of {task.id} takes {task.interface.settle.longest_ms} ms"
         raise RunError(f"the program computes for {computing_ms} ms, and {limit}; give fewer hidden units")
     if len(blob) + heap_bytes > task.robot.hub.model.program_bytes:
         raise RunError(f"the program and its objects need {len(blob) + heap_bytes} bytes; give fewer hidden units")
     write_durably(out, program.source.encode())
-    means = (sum(values) / EPISODES for values in (before, [episode.return_ for episode in played]))
-    return HubExport(kind, len(blob), heap_bytes, computing_ms, *means)
+    policy_return, hub_return = fmean(before), fmean(episode.return_ for episode in alone)
+    return HubExport(kind, age_ms, len(blob), heap_bytes, computing_ms, policy_return, hub_return)
+
+
+def _age_ms(ends_s: list[float], step_ms: int | None) -> int:
+    """Age of an observation when its commands start, from the times when steps ended. Where a step lasts until all moves have
+    ended, the robot stands, and an observation does not age."""
+    steps_s = [after - before for before, after in itertools.pairwise(ends_s)]
+    return 0 if step_ms is None or not steps_s else round(1000 * median(steps_s)) - step_ms
 
 
 class _Over(HostStop):

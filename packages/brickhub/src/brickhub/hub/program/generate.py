@@ -105,13 +105,16 @@ def generate(robot: Robot, interface: Interface, pipe: Pipe = Pipe.STDIN) -> Hub
     return HubProgram(source, int.from_bytes(program_hash, "little"), pipe)
 
 
-def generate_alone(robot: Robot, interface: Interface, observed: Sequence[int], policy: str, origin: str) -> HubProgram:
+def generate_alone(
+    robot: Robot, interface: Interface, observed: Sequence[int], policy: str, origin: str, age_ms: int
+) -> HubProgram:
     """Generate a program with which ``robot`` acts by itself, without a host, until the center button is pressed.
 
     Args:
         observed: indices of the channels that the policy observes, in its order.
         policy: MicroPython that defines ``act(observed)``: actions in -1..1 for the observed numbers, in their units.
         origin: what the policy is, for the header.
+        age_ms: age of an observation when its commands start, as over the link that the policy learned with.
 
     Raises:
         DescriptionError: robot and interface do not match.
@@ -125,6 +128,7 @@ def generate_alone(robot: Robot, interface: Interface, observed: Sequence[int], 
     constants = [
         f"UNTIL_DONE = {settle.fixed_ms is None}  # a step ends when all moves have ended",
         f"SETTLE_MS = {settle.longest_ms}  # and after this time in any case",
+        f"AGE_MS = {age_ms}  # age of an observation when its commands start",
         f"SPANS = {tuple(spans)}  # middle and half of each command's range, times its scale",
     ]
     parts = ["\n".join(constants) + "\n", *_joint_part(robot, interface), _devices(robot, interface)]

@@ -32,9 +32,11 @@ def live():
             observed = observe()
             seen_ms = CLOCK.time()
             commands = [round(middle + half * action) for (middle, half), action in zip(SPANS, act(observed))]
+            computed_ms = CLOCK.time() - seen_ms
+            wait(max(0, AGE_MS - computed_ms))
             started_ms = CLOCK.time()
             start_moves(commands)
-            print(started_ms - seen_ms, *observed, *commands)
+            print(computed_ms, *observed, *commands)
             settle(started_ms)
     finally:
         stop_motors()
