@@ -23,7 +23,7 @@ from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.reference_returns import REFERENCES
 from bricksrl.envs.registry import make
 
-EPISODES = {"LineFollow-v0": 20, "Park-v0": 20, "Spinning-v0": 8}
+EPISODES = {"LineFollow-v0": 20, "Park-v0": 20, "Spinning-v0": 15}
 ROBOTS: dict[str, dict[str, Any]] = {"hub": {"streaming": True}, "cart": {"options": {"robot": "cart"}}}
 _SCRIPTED_EPISODES, _TIMED_STEPS = 10, 50
 
@@ -52,7 +52,7 @@ def main(session: Session) -> None:
     parser = session.parser
     parser.add_argument("--envs", nargs="+", default=list(EPISODES), choices=list(EPISODES))
     parser.add_argument("--seeds", type=int, default=5)
-    parser.add_argument("--episodes", type=int, help="instead of 20, and 8 of Spinning-v0")
+    parser.add_argument("--episodes", type=int, help="instead of 20, and 15 of Spinning-v0")
     args = session.parse()
     counts = {env_id: args.episodes or EPISODES[env_id] for env_id in args.envs}
     parts = list(itertools.product(range(args.seeds), counts, ROBOTS))

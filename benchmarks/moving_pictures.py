@@ -79,11 +79,11 @@ def film_env(env_id: str, path: Path) -> list[Image.Image]:
         *_, make_policy = array_policies(env_id, env.task, 0).values()
         policy = make_policy()
 
-        def act(state: TensorDictBase) -> TensorDictBase:
-            arrays = {name: state[name].numpy().copy() for name in {"observation", "image"} & set(state.keys())}
+        def act(tensordict: TensorDictBase) -> TensorDictBase:  # by its argument TorchRL knows a policy
+            arrays = {name: tensordict[name].numpy().copy() for name in {"observation", "image"} & set(tensordict.keys())}
             if "image" in arrays:
                 seen.append(Image.fromarray(arrays["image"]))
-            return state.set("action", torch.as_tensor(policy(arrays), dtype=torch.float32))
+            return tensordict.set("action", torch.as_tensor(policy(arrays), dtype=torch.float32))
 
         with filmed_env(env, path, env_id, size=(640, 360)):
             for _ in range(EPISODES.get(env_id, 1)):

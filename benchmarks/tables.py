@@ -508,12 +508,16 @@ def kit_learning(result: Result) -> str:
     """Tasks on the cart of LEGO's kits, next to a robot with a hub."""
     rows = []
     for env_id, entry in result["environments"].items():
-        cart, hub = entry["cart"], entry["hub"]
-        success = f"{percent(cart['success_rate'])} ({percent(hub['success_rate'])})"
-        share = number(entry["share_of_return"])
-        on_cart = within(cart["return_mean"], cart["return_interval"], len(entry["seeds"]["cart"]))
-        rows.append([env_id, str(len(entry["seeds"]["cart"])), on_cart, number(hub["return_mean"]), share, success])
-    return table(["task", "seeds", "return on the cart", "on the robot with a hub", "share", "success (with a hub)"], rows)
+        cart, hub, seeds = entry["cart"], entry["hub"], len(entry["seeds"]["cart"])
+        learned = [within(each["return_mean"], each["return_interval"], seeds) for each in (cart, hub)]
+        pairs = ["{} ({})".format(*(show(each[key]) for each in (cart, hub))) for key, show in _ON_BOTH.items()]
+        shares = number(entry["share_of_return"]), number(entry["share_of_score"])
+        rows.append([f"`{env_id}`", f"{seeds} x {entry['episodes']}", *pairs, *learned, *shares])
+    head = ["task", "seeds x episodes", "ms a step (with a hub)", "by hand (with a hub)", "success of SAC (with a hub)"]
+    return table([*head, "SAC on the cart", "with a hub", "share", "from random actions on"], rows)
+
+
+_ON_BOTH: dict[str, Callable[[Any], str]] = {"step_ms": str, "scripted_return": number, "success_rate": percent}
 
 
 def kit_programs(result: Result) -> str:
