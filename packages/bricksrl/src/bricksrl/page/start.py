@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import re
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -132,7 +133,7 @@ class StartPage(PageServer):
     def __init__(self, folder: Path, options: PageOptions | None = None, launch: Launch = launch) -> None:
         super().__init__(Board(), self._press, lambda: None, options)
         self._folder, self._launch, self._jobs, self._ended = folder, launch, list[Job](), threading.Event()
-        self._results = tempfile.TemporaryDirectory(prefix="bricksrl-page-")
+        self._results: Path | None = None
         self._envs = {env_id: summary for env_id, summary in list_envs().items() if not is_simulation(env_id)}
         self._plans = list({robot.model: name for name, robot in reversed(ROBOTS.items()) if robot.model}.values())
         cards = [
@@ -144,6 +145,7 @@ class StartPage(PageServer):
 
     def __enter__(self) -> Self:
         super().__enter__()
+        self._results = Path(tempfile.mkdtemp(prefix="bricksrl-page-"))
         self._start("bricksrl-page-jobs", self._refresh)
         return self
 
@@ -153,11 +155,12 @@ class StartPage(PageServer):
         for job in self._jobs:
             job.end()
         super().close()
-        self._results.cleanup()
+        if self._results is not None:
+            shutil.rmtree(self._results, ignore_errors=True)
 
     def file(self, name: str) -> tuple[str, bytes] | None:
         """Files of the page, and results of its jobs."""
-        results = {path.name: path for path in Path(self._results.name).iterdir()}
+        results = {} if self._results is None else {path.name: path for path in self._results.iterdir()}
         if name in results:
             return _OUTPUTS[name.rpartition(".")[2]], results[name].read_bytes()
         return super().file(name or "start.html")
@@ -186,7 +189,7 @@ class StartPage(PageServer):
         names = [chosen(action.kind, value, known[action.kind]) for value in values]
         number = 1 + max((job.number for job in self._jobs), default=0)
         words = [*action.words, *(f"runs/{one}" if action.kind == "run" else one for one in names), *action.options]
-        words += ["--out", f"{self._results.name}/{number}.{action.out}"] if action.out else []
+        words += ["--out", f"{self._results}/{number}.{action.out}"] if action.out else []
         words += ["--page-host", self._options.page_host] if action.has_page else []
         if name == "train":  # or the same run would come again
             words += ["--seed", f"{sum(run['env'] in names for run in runs)}"]
