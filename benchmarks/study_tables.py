@@ -10,6 +10,7 @@ import numpy as np
 
 from benchmarks import paper
 from benchmarks.session import Benchmark
+from brickhub.hub.link.profiles import PROFILES
 from bricksrl.envs.registry import training_episodes
 from bricktwin.twin.physics import Physics, RandomPhysics
 
@@ -92,6 +93,8 @@ _RATES = "An episode takes the same time at every rate, and has more steps at a 
 ON_THE_ROBOT = ("RunAway-v0", "Spinning-v0", "Walker-v0", "RoboArm-v0", "RoboArm_mixed-v0")
 IN_SIMULATION = {"WalkerSim-v0": "Walker-v0", "RoboArmSim-v0": "RoboArm-v0"}
 PAPER_AGENTS = ("td3", "sac", "droq", "random")
+DROQ_EPISODES = {"Walker-v0": 27, "WalkerSim-v0": 27, "RoboArm-v0": 40, "RoboArmSim-v0": 40}
+"""Episodes of DroQ with the paper's settings where the paper's would take hours; its curve is flat before they end."""
 
 
 def _episodes(env: str, quick: bool) -> int:
@@ -148,7 +151,13 @@ def _paper_settings(quick: bool) -> tuple[Cell, ...]:
         for name, (step_ms, of) in rates.items()
         for agent in (() if quick else of)
     )
-    return _agents(quick, agents, preset="paper") + at_rates
+    cells = _agents(quick, agents, preset="paper") + at_rates
+    return tuple(_shortened(cell) if cell.row == "droq" and cell.config["env"] in DROQ_EPISODES else cell for cell in cells)
+
+
+def _shortened(cell: Cell) -> Cell:
+    """A cell of DroQ, which makes 20 updates a step, with fewer episodes, and compiled."""
+    return replace(cell, config={**cell.config, "episodes": DROQ_EPISODES[cell.config["env"]], "compile": True})
 
 
 def drawn_twins(count: int = DRAWN_TWINS) -> list[Physics]:
@@ -190,6 +199,15 @@ def _sim_to_robot(quick: bool) -> tuple[Cell, ...]:
         options = {"randomize": True} if env == test_env else {}
         cells.append(Cell("sac", env, {"env": env, "episodes": _episodes(env, quick), **options}, tuple(conditions)))
     return tuple(cells)
+
+
+def _drawn_worlds(quick: bool) -> tuple[Cell, ...]:
+    """A Walker that learned in drawn worlds, in others, and in the nominal one over each link."""
+    drawn = drawn_twins(2 if quick else DRAWN_TWINS)
+    worlds = [Condition(f"world {n}", named={"physics": one, "link": "linux"}, episodes=2) for n, one in enumerate(drawn, 1)]
+    links = [Condition(f"nominal, {link}", named={"link": link}, episodes=5) for link in PROFILES]
+    config = {"env": "Walker-v1", "episodes": 2 if quick else 40, "randomize": True}
+    return (Cell("sac", "Walker-v1", config, (*worlds, *links)),)
 
 
 def _communication(quick: bool) -> tuple[Cell, ...]:
@@ -243,6 +261,7 @@ STUDIES = (
         note=_RATES,
         heads=("exchange", "rate and interval of the link"),
     ),
+    Study("drawn-worlds", "The Walker in drawn worlds and over each link", 15, 2, cells=_drawn_worlds, seeds=3, metrics=_WALK),
     Study("strategies", "Strategies on RunAway-v0", 30, 2, cells=_strategies, metrics=_STRATEGY),
     Study("robot-time", "Robot minutes to a working policy", 30, 2, cells=_robot_time, metrics=_STEPS, note=_STOPPED),
 )
