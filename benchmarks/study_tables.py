@@ -151,8 +151,15 @@ def _paper_settings(quick: bool) -> tuple[Cell, ...]:
         for name, (step_ms, of) in rates.items()
         for agent in (() if quick else of)
     )
-    cells = _agents(quick, agents, preset="paper") + at_rates
+    longer = () if quick else (_longer_spinning(),)
+    cells = _agents(quick, agents, preset="paper") + at_rates + longer
     return tuple(_shortened(cell) if cell.row == "droq" and cell.config["env"] in DROQ_EPISODES else cell for cell in cells)
+
+
+def _longer_spinning() -> Cell:
+    """TD3 with twice the paper's episodes: do the seeds that turn one way only learn the other?"""
+    conditions = (_played(5, False), _played(20, False))
+    return _cell("td3", "Spinning-v0", False, conditions, "Spinning-v0, 30 episodes", preset="paper", episodes=30)
 
 
 def _shortened(cell: Cell) -> Cell:

@@ -15,6 +15,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from benchmarks.claims import claims
 from benchmarks.formatting import number, table, within
 from benchmarks.registry import GROUPS
 from benchmarks.session import RESULTS, Session, duration
@@ -32,6 +33,7 @@ README = ROOT / "README.md"
 BENCHMARKS_PAGE = ROOT / "docs" / "benchmarks.md"
 VIRTUAL_HUB_PAGE = ROOT / "docs" / "virtual_hub.md"
 ARCHITECTURE_PAGE = ROOT / "docs" / "architecture.md"
+PAPER_PAGE = ROOT / "docs" / "paper.md"
 SHOWN_MARKS = (250, 500, 1000, 2500, 7500)
 """Robot steps that the page shows; the results have more."""
 PROGRAMS = {
@@ -648,12 +650,19 @@ def architecture(text: str) -> str:
     return BLOCK.sub(lambda _: f"\n{table(['value', 'files', 'in the order of its way'], rows)}\n", text)
 
 
+def paper_page(text: str) -> str:
+    """The page of the paper with its claims beside today's results."""
+    cells = json.loads((RESULTS / "study_paper.json").read_text())["cells"]
+    return BLOCK.sub(lambda _: f"\n{claims(cells)}\n", text)
+
+
 def main(session: Session) -> None:
     """Write, or check."""
     session.parser.add_argument("--check", action="store_true")
     args = session.parse()
     pages = {PAGE: page(), STUDIES_PAGE: studies()}
     blocks = {README: readme, BENCHMARKS_PAGE: commands, VIRTUAL_HUB_PAGE: virtual_hub, ARCHITECTURE_PAGE: architecture}
+    blocks[PAPER_PAGE] = paper_page
     for path, written in blocks.items():
         pages[path] = written(path.read_text(encoding="utf-8"))
     for path, text in pages.items():
