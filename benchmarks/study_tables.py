@@ -268,7 +268,7 @@ STUDIES = (
         note=_RATES,
         heads=("exchange", "rate and interval of the link"),
     ),
-    Study("drawn-worlds", "The Walker in drawn worlds and over each link", 15, 2, cells=_drawn_worlds, seeds=3, metrics=_WALK),
+    Study("drawn-worlds", "The Walker in drawn worlds and over each link", 20, 2, cells=_drawn_worlds, metrics=_WALK),
     Study("strategies", "Strategies on RunAway-v0", 30, 2, cells=_strategies, metrics=_STRATEGY),
     Study("robot-time", "Robot minutes to a working policy", 30, 2, cells=_robot_time, metrics=_STEPS, note=_STOPPED),
 )
