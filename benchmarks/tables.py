@@ -442,6 +442,20 @@ def motors(result: Result) -> str:
     return table(["motor at 7.2 V", "free, rpm (sheet)", "loaded, rpm (sheet)", "stall, Ncm (sheet)", "of"], rows)
 
 
+def transforms(result: Result) -> str:
+    """What is learned behind transforms."""
+    rows = []
+    for name, entry in result["transforms"].items():
+        apart = within(entry["difference"], entry["interval"]) if "interval" in entry else ""
+        rows.append([f"`{name}`", str(len(entry["returns"])), number(statistics.fmean(entry["returns"])), apart])
+    text = table(["transform", "seeds", "return", "difference to plain"], rows)
+    return text + (
+        f"\n`{result['env']}`, returns of the environment itself after {result['steps']} steps of the robot; a step of the agent "
+        "is two of the robot with FrameSkip, so it made half of the updates. Three frames are thrice the inputs, and a reward of a "
+        "tenth is little beside the entropy that SAC seeks: both learn more slowly.\n"
+    )
+
+
 def resets(result: Result) -> str:
     """Starts at rest, and falls of a trained Walker."""
     rows = [
@@ -572,6 +586,7 @@ SECTIONS: dict[str, tuple[str, Callable[[Result], str]]] = {
     "worlds": ("Gaits in other worlds, and the time of a step", worlds),
     "camera_learning": ("The camera task", camera),
     "seeds": ("Five seeds at once: parallel processes or stacked networks", seeds),
+    "transforms": ("SAC behind TorchRL's transforms", transforms),
     "ablation": ("Ablation: each default setting set back to the paper's value", ablation),
     "literature": ("What the literature offers, at equal robot steps", literature),
     "datasets": ("Datasets of 100 episodes", datasets),
