@@ -450,9 +450,9 @@ def transforms(result: Result) -> str:
         rows.append([f"`{name}`", str(len(entry["returns"])), number(statistics.fmean(entry["returns"])), apart])
     text = table(["transform", "seeds", "return", "difference to plain"], rows)
     return text + (
-        f"\n`{result['env']}`, returns of the environment itself after {result['steps']} steps of the robot; a step of the agent "
-        "is two of the robot with FrameSkip, so it made half of the updates. Three frames are thrice the inputs, and a reward of a "
-        "tenth is little beside the entropy that SAC seeks: both learn more slowly.\n"
+        f"\n`{result['env']}`, returns of the environment itself after {result['steps']} steps of the robot. With FrameSkip an\n"
+        "agent's step is two of the robot, so it made half of the updates. Three frames, and a reward of a tenth, are learned\n"
+        "more slowly.\n"
     )
 
 
