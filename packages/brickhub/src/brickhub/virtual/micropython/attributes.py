@@ -9,7 +9,7 @@ from __future__ import annotations
 import builtins
 import inspect
 from collections.abc import Callable
-from types import BuiltinFunctionType, FunctionType, GeneratorType, ModuleType
+from types import BuiltinFunctionType, FunctionType, GeneratorType, MethodType, ModuleType
 from typing import Any
 
 from brickhub.virtual.micropython.containers import HubDict, HubSet
@@ -202,18 +202,49 @@ def directory(value: Any) -> list[str]:
 
 
 def with_keywords(function: Any) -> Any:
-    """A callable that accepts keyword arguments, which few builtins do. Raises TypeError if it accepts none."""
-    if isinstance(function, FunctionType):
-        code = function.__code__
-        named = code.co_argcount - code.co_posonlyargcount + code.co_kwonlyargcount
-        refuses = function.__module__.startswith(FIRMWARE) and not (named or code.co_flags & inspect.CO_VARKEYWORDS)
-    elif isinstance(function, type):
-        refuses = function in _KINDS_WITHOUT_KEYWORDS
+    """A callable that refuses wrong keyword arguments as on a hub. Few builtins accept any; the firmware's functions look for
+    those that they require first (``mp_arg_parse_all``)."""
+    if isinstance(function, type):
+        if function in _KINDS_WITHOUT_KEYWORDS:
+            return _without_keywords(function)
+        called: Any = function.__init__ if type(function) is type else None
     else:
-        refuses = type(function) is BuiltinFunctionType and function.__name__ not in _WITH_KEYWORDS
-    if refuses:
-        raise TypeError("function doesn't take keyword arguments")
-    return function
+        called = function.__func__ if isinstance(function, MethodType) else function
+    if type(called) is BuiltinFunctionType and called.__name__ not in _WITH_KEYWORDS:
+        return _without_keywords(function)
+    called = inspect.unwrap(called) if isinstance(called, FunctionType) else called
+    if not isinstance(called, FunctionType) or not called.__module__.startswith(FIRMWARE):
+        return function
+    code, flags = called.__code__, called.__code__.co_flags
+    bound = called is not function
+    if not flags & inspect.CO_VARKEYWORDS and code.co_argcount - code.co_posonlyargcount + code.co_kwonlyargcount == bound:
+        return _without_keywords(function)
+    if flags & (inspect.CO_VARARGS | inspect.CO_VARKEYWORDS) or code.co_posonlyargcount or code.co_kwonlyargcount:
+        return function
+    names, optional = code.co_varnames[bound : code.co_argcount], len(called.__defaults__ or ())
+
+    def call(*args: Any, **kwargs: Any) -> Any:
+        for name in names[len(args) : len(names) - optional]:
+            if name not in kwargs:
+                raise TypeError(f"'{name}' argument required")
+        if len(args) > len(names):
+            raise TypeError("extra positional arguments given")
+        if kwargs.keys() - {*names[len(args) :]}:
+            raise TypeError("extra keyword arguments given")
+        return function(*args, **kwargs)
+
+    return call
+
+
+def _without_keywords(function: Any) -> Any:
+    """The function, as one that refuses keyword arguments."""
+
+    def call(*args: Any, **kwargs: Any) -> Any:
+        if kwargs:
+            raise TypeError("function doesn't take keyword arguments")
+        return function(*args)
+
+    return call
 
 
 class Manager:

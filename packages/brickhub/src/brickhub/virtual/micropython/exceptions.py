@@ -107,8 +107,14 @@ _RULES: tuple[tuple[type[BaseException], str, str | Callable[[re.Match[str]], st
     (TypeError,
      r".*(?:argument|Value) after \* must be an iterable, not (.*)|argument of type '(.*)' is not (?:a container or )?iterable",
      r"'\1\2' object isn't iterable"),
-    (TypeError, r"cannot unpack non-iterable (.*) object", r"'\1' object isn't iterable"),
+    (TypeError, r"cannot unpack non-iterable (.*) object|can't extend bytearray with (.*)", r"'\1\2' object isn't iterable"),
     (TypeError, r"must be real number, not (.*)", r"can't convert \1 to float"),
+    (TypeError, r"slice indices must be integers or None .*", "can't convert float to int"),  # mostly `values[len(values) / 2 :]`
+    (TypeError, r"complex\(\) (?:first )?argument must be a string or a number, not '?(\w*)'?", r"can't convert \1 to complex"),
+    (ValueError, r"complex\(\) arg is a malformed string", "invalid syntax for number"),
+    (TypeError, r"cannot create ('.*' instances)", r"can't create \1"),
+    (TypeError, r"object\(\) takes no arguments", "function takes 0 positional arguments but 1 were given"),
+    (TypeError, r"map\(\) must have at least two arguments\.", "function missing 1 required positional arguments"),
     (TypeError, r"(?:encoding|errors) without a string argument|bytes\(\) takes at most 3 .*", "wrong number of arguments"),
     (TypeError, r"type\(\) (takes 1 or 3 arguments)", r"type \1"),
     (TypeError, r"\w+\(\) argument \d+ must be str, not (\w+)|ord\(\) expected string of length 1, but (\w+) found",
@@ -270,11 +276,6 @@ def _call_message(message: str, namespaces: Sequence[Mapping[str, object]], erro
         values = [value for trace in traces for value in local_values(trace.tb_frame)]
         values += [value for names in namespaces for value in names.values()]
         function = next((value for value in values if is_own(value) and value.__qualname__ == name), None)
-    if function is None:
-        if "keyword argument" in problem and traces and (first := _first_missing(traces[-1].tb_frame.f_locals)):
-            return f"'{first}' argument required"
-        if "multiple values for argument" in problem:
-            return "extra keyword arguments given"
     if multiple := re.fullmatch(r"got multiple values for (?:keyword )?argument '(.*)'", problem):
         return f"function got multiple values for argument '{multiple[1]}'"
     if function is None:
@@ -303,15 +304,6 @@ def _call_message(message: str, namespaces: Sequence[Mapping[str, object]], erro
             return f"function missing required positional argument #{code.co_varnames.index(missing[2]) + cells}"
         return f"{function.__name__}() takes {required} positional arguments but {required - int(missing[1])} were given"
     return message
-
-
-def _first_missing(values: Mapping[str, Any]) -> str | None:
-    """First missing argument of a firmware method, by the local variables of its caller; ``None`` if there is no such call."""
-    if not {"method", "args", "kwargs"} <= values.keys():
-        return None
-    method = values["method"]
-    required = method.__code__.co_varnames[1 : method.__code__.co_argcount - len(method.__defaults__ or ())]
-    return next((name for name in required[len(values["args"]) :] if name not in values["kwargs"]), None)
 
 
 def _language_call_message(name: str, problem: str, frame: FrameType) -> str | None:

@@ -18,8 +18,8 @@ from brickhub.virtual.micropython.exceptions import CATCHABLE, SwitchedOff, is_n
 from brickhub.virtual.micropython.floats import SMALL_MAX, SMALL_MIN, int_from_float, read_float, to_single
 from brickhub.virtual.micropython.iterables import ITERABLE_CONVERSIONS, ITERABLE_FUNCTIONS, add_in_place, is_dropped, sort
 from brickhub.virtual.micropython.memory import check_allocation
-from brickhub.virtual.micropython.streams import HubBytearray
-from brickhub.virtual.micropython.text import format_text, format_value, percent, representation, text, to_number
+from brickhub.virtual.micropython.streams import HubBytearray, as_bytes
+from brickhub.virtual.micropython.text import format_text, format_value, percent, representation, text, to_number, type_name
 
 _EXACT_INT_MAX = 2**24
 _BASES = {"0b": 2, "0o": 8, "0x": 16}
@@ -91,6 +91,8 @@ def to_int(*args: Any) -> Any:
             return int_from_float(value)
         if not isinstance(value, str | bytes | bytearray):
             return small(int(to_number(value, "int")))
+    elif args and not isinstance(args[0], str | bytes):
+        raise TypeError(f"can't convert '{type_name(type(args[0]))}' object to str implicitly")
     try:
         if args and isinstance(args[0], str | bytes | bytearray):
             args = (_digits(args[0]), *args[1:])
@@ -292,7 +294,7 @@ CONVERSIONS: dict[Any, Callable[..., Any]] = {
     int: to_int,
     float: to_float,
     slice: _to_slice,
-    str: lambda *args: text(args[0]) if len(args) == 1 else str(*args),
+    str: lambda *args: text(args[0]) if len(args) == 1 else as_bytes(args[0]).decode() if args else "",
 }
 """Calls of builtin classes as on a hub."""
 
