@@ -39,7 +39,7 @@ _OPERATORS = {
 _UNARY = {"-": "__neg__", "+": "__pos__", "~": "__invert__", "abs()": "__abs__"}
 _CLASS_NAMES = (
     (r"\bbuiltin_function_or_method\b", "function"), (r"(?<!attribute ')\b\w+_iterator\b", "iterator"),
-    (r"\b\w+_reverseiterator\b", "reversed"), (r"'ellipsis'", "''"), (r"^byte(?= indices)", "bytes"),
+    (r"\b\w+_reverseiterator\b", "reversed"), (r"(?<=['\"])ellipsis(?=['\"])|(?<=convert )ellipsis(?= to)", ""), (r"^byte(?= indices)", "bytes"),
     (r"(?<!attribute )(?<!argument )(['\"])method(?=['\"])", r"\1bound_method"), (r"(?<=convert )method(?= to)", "bound_method"),
 )  # fmt: skip
 """Names of classes that differ on a hub."""
@@ -90,7 +90,8 @@ def _types(operator: str, left: str, right: str) -> str:
     """Refusal of two operands; a truth value refuses as the number that it is, but not on the right of a comparison."""
     left = "int" if left == "bool" else left
     right = "int" if right == "bool" and operator not in _COMPARISONS else right
-    return f"unsupported types for {_OPERATORS.get(operator, operator)}: '{left}', '{right}'"
+    is_nameless = left == "int" and right in ("float", "complex") and operator in ("&=", "|=", "^=")
+    return f"unsupported types for {'' if is_nameless else _OPERATORS.get(operator, operator)}: '{left}', '{right}'"
 
 
 def _argument_count(name: str, arguments: str) -> int:
@@ -148,7 +149,8 @@ _RULES: tuple[tuple[type[BaseException], str, str | Callable[[re.Match[str]], st
     (IndexError, r"index out of bounds on dimension 1", "memoryview index out of range"),
     (TypeError, r"cannot modify read-only memory", "'memoryview' object doesn't support item assignment"),
     (TypeError, r"cannot delete memory", "'memoryview' object doesn't support item deletion"),
-    (TypeError, r"memoryview: a bytes-like object is required, .*", "object with buffer protocol required"),
+    (TypeError, r"memoryview: a bytes-like object is required, .*|can't concat .* to bytearray|decoding to str: .*",
+     "object with buffer protocol required"),
     (IndexError, r"index out of range", "bytes index out of range"),
     (IndexError, r"Replacement index \d+ out of range.*", "tuple index out of range"),
     (ValueError, r"not enough values to unpack \(expected .*, got (.*)\)", r"need more than \1 values to unpack"),

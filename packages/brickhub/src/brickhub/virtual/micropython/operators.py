@@ -184,13 +184,25 @@ def _ascii_method(name: str) -> Callable[..., Any]:
 
 
 def _contains(item: Any, container: Any) -> bool:
-    """``item in container``; bytes have text in them, and no number above 255. A number in a number is an operation."""
+    """``item in container``; bytes have text in them, and nothing that is neither data nor a byte. A number in a number is an
+    operation."""
+    if isinstance(container, bytes):
+        return _is_part(item, container)
+    if isinstance(container, memoryview) and isinstance(item, int | float):
+        raise NotImplementedError
     if type(item) is int and type(container) in (int, float, complex):
         raise TypeError(f"unsupported types for : 'int', '{type(container).__name__}'")
-    if isinstance(container, bytes) and isinstance(item, str):
-        return item.encode() in container
-    is_byte = not isinstance(container, bytes) or not isinstance(item, int) or 0 <= item <= 255
-    return is_byte and item in container
+    if type(container) is bool or (type(item) is bool and type(container) is int):
+        if isinstance(item, int | float | complex):
+            raise TypeError(f"unsupported types for __contains__: 'int', '{type(item).__name__.replace('bool', 'int')}'")
+        container = int(container)
+    return item in container
+
+
+def _is_part(item: Any, data: bytes) -> bool:
+    if isinstance(item, int):
+        return 0 <= item <= 255 and item in data
+    return isinstance(item, str | bytes | bytearray | memoryview) and as_bytes(item) in data
 
 
 def _ordered(operation: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
@@ -251,13 +263,13 @@ def _product(a: Any, b: Any) -> Any:
 
 def _bitwise(operation: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
     """Truth values are numbers; dicts and classes have no union."""
-    name = operation.__name__.strip("_").removeprefix("i")
+    symbol = {"and": "&", "or": "|", "xor": "^"}[operation.__name__.strip("_").removeprefix("i")]
 
     def operate(a: Any, b: Any) -> Any:
         if type(a) is bool and type(b) is bool:
             return int(operation(a, b))
-        if isinstance(a, dict | type) and isinstance(b, dict | type):
-            raise TypeError(f"unsupported types for __{name}__: '{type(a).__name__}', '{type(b).__name__}'")
+        if isinstance(a, dict | type) or isinstance(b, type):
+            raise TypeError(f"unsupported operand type(s) for {symbol}: '{type(a).__name__}' and '{type(b).__name__}'")
         return operation(a, b)
 
     return operate
@@ -331,6 +343,8 @@ def operators(namespaces: Sequence[Mapping[str, object]]) -> dict[str, Any]:
     def modulo(a: Any, b: Any) -> Any:
         if isinstance(a, str | bytes):
             return percent(a, b)
+        if isinstance(a, bytearray):
+            raise TypeError(f"unsupported operand type(s) for %: 'bytearray' and '{type(b).__name__}'")
         a, b = _operands(a, b)
         return normalize(a % b)
 
