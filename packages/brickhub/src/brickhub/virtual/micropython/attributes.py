@@ -217,7 +217,8 @@ def with_keywords(function: Any) -> Any:
         return function
     code, flags = called.__code__, called.__code__.co_flags
     bound = called is not function
-    if not flags & inspect.CO_VARKEYWORDS and code.co_argcount - code.co_posonlyargcount + code.co_kwonlyargcount == bound:
+    first = max(code.co_posonlyargcount, bound)
+    if first == code.co_argcount and not (code.co_kwonlyargcount or flags & inspect.CO_VARKEYWORDS):
         return _without_keywords(function)
     if flags & (inspect.CO_VARARGS | inspect.CO_VARKEYWORDS) or code.co_posonlyargcount or code.co_kwonlyargcount:
         return function

@@ -166,13 +166,13 @@ _RULES: tuple[tuple[type[BaseException], str, str | Callable[[re.Match[str]], st
      lambda m: f"function expected at most {_argument_count(m[1], m[2])} arguments, got {_argument_count(m[1], m[3])}"),
     (TypeError, r"(\w+) expected (\d+) arguments?, got (\d+)",
      lambda m: f"function takes {_argument_count(m[1], m[2])} positional arguments but {_argument_count(m[1], m[3])} were given"),
-    (TypeError, r"Hub(?:Dict|Set)\.\w+\(\) takes from \d+ to (\d+) positional arguments but (\d+) were given",
+    (TypeError, r"Hub(?:Dict|Set|Bytearray)\.\w+\(\) takes from \d+ to (\d+) positional arguments but (\d+) were given",
      r"function expected at most \1 arguments, got \2"),
-    (TypeError, r"Hub(?:Dict|Set)\.\w+\(\) takes (\d+) positional arguments? but (\d+) were given",
+    (TypeError, r"Hub(?:Dict|Set|Bytearray)\.\w+\(\) takes (\d+) positional arguments? but (\d+) were given",
      r"function takes \1 positional arguments but \2 were given"),
     (TypeError, r"HubDict\.(?:pop|setdefault|fromkeys)\(\) missing 1 required positional argument: .*",
      "function missing 1 required positional arguments"),
-    (TypeError, r"HubSet\.\w+\(\) missing 1 required positional argument: .*",
+    (TypeError, r"Hub(?:Set|Bytearray)\.\w+\(\) missing 1 required positional argument: .*",
      "function takes 2 positional arguments but 1 were given"),
     (TypeError, r"sequence item \d+: expected .*", "join expects a list of str/bytes objects consistent with self object"),
     (TypeError, r"'(.*)' object cannot be interpreted as an integer|argument should be integer or None, not '(.*)'",
@@ -282,7 +282,8 @@ def _call_message(message: str, namespaces: Sequence[Mapping[str, object]], erro
         return f"function got multiple values for argument '{multiple[1]}'"
     if function is None:
         if name.endswith("<lambda>") and (given := re.match(r"takes (\d+) positional .* but (\d+) w", problem)):
-            return f"<lambda>() takes {given[1]} positional arguments but {given[2]} were given"
+            label = "function" if "_module." in name else "<lambda>()"
+            return f"{label} takes {given[1]} positional arguments but {given[2]} were given"
         of_language = _language_call_message(name, problem, traces[-1].tb_frame) if traces else None
         return of_language or _builtin_call_message(problem, name.startswith("tools_module")) or message
     if keyword := re.fullmatch(r"got an unexpected keyword argument '(.*)'", problem):

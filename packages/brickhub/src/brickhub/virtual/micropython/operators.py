@@ -158,7 +158,7 @@ def _from_bytes(kind: Any, *args: Any, **kwargs: Any) -> Any:
         return kind.from_bytes(*args, **kwargs)
     _refuse_keywords(kwargs)
     is_little = args[1:] and args[1] == "little"
-    return small(int.from_bytes(args[0], "little" if is_little else "big") & 0xFFFFFFFF)
+    return small(int.from_bytes(as_bytes(args[0]), "little" if is_little else "big") & 0xFFFFFFFF)
 
 
 def _ascii_method(name: str) -> Callable[..., Any]:

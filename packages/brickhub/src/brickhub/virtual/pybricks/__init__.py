@@ -48,7 +48,7 @@ def modules(machine: Machine, console: Console) -> Modules:
         language += [module("io", {}, BytesIO, IOBase, StringIO), system.gc_module(heap.statistics)]
         language += [system.micropython_module(terminal, heap.statistics)]
         language += [system.select_module(machine.advance_to_alarm, machine.charge_call)]
-        language += [system.sys_module(terminal, firmware.version, hub.model.machine)]
+        language += [system.sys_module(terminal, firmware.build, hub.model.machine)]
     result |= {part.__name__: part for part in language}
     result |= {f"u{part.__name__}": part for part in language if part.__name__ in U_PREFIXED}
     machine.branch(None)
