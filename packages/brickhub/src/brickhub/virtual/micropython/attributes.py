@@ -204,12 +204,11 @@ def directory(value: Any) -> list[str]:
 def with_keywords(function: Any) -> Any:
     """A callable that refuses wrong keyword arguments as on a hub. Few builtins accept any; the firmware's functions look for
     those that they require first (``mp_arg_parse_all``)."""
-    if isinstance(function, type):
-        if function in _KINDS_WITHOUT_KEYWORDS:
-            return _without_keywords(function)
-        called: Any = function.__init__ if type(function) is type else None
-    else:
-        called = function.__func__ if isinstance(function, MethodType) else function
+    is_class = isinstance(function, type)
+    if is_class and function in _KINDS_WITHOUT_KEYWORDS:
+        return _without_keywords(function)
+    method = function.__func__ if isinstance(function, MethodType) else function
+    called: Any = function.__init__ if is_class else method
     if type(called) is BuiltinFunctionType and called.__name__ not in _WITH_KEYWORDS:
         return _without_keywords(function)
     called = inspect.unwrap(called) if isinstance(called, FunctionType) else called

@@ -39,7 +39,8 @@ _OPERATORS = {
 _UNARY = {"-": "__neg__", "+": "__pos__", "~": "__invert__", "abs()": "__abs__"}
 _CLASS_NAMES = (
     (r"\bbuiltin_function_or_method\b", "function"), (r"(?<!attribute ')\b\w+_iterator\b", "iterator"),
-    (r"\b\w+_reverseiterator\b", "reversed"), (r"(?<=['\"])ellipsis(?=['\"])|(?<=convert )ellipsis(?= to)", ""), (r"^byte(?= indices)", "bytes"),
+    (r"\b\w+_reverseiterator\b", "reversed"), (r"(?<=['\"])ellipsis(?=['\"])|(?<=convert )ellipsis(?= to)", ""),
+    (r"^byte(?= indices)", "bytes"),
     (r"(?<!attribute )(?<!argument )(['\"])method(?=['\"])", r"\1bound_method"), (r"(?<=convert )method(?= to)", "bound_method"),
 )  # fmt: skip
 """Names of classes that differ on a hub."""

@@ -11,6 +11,7 @@ from brickhub.virtual.micropython import system
 from brickhub.virtual.micropython.memory import Heap, check_of_calls, most_nested_calls
 from brickhub.virtual.micropython.numbers import math_module, module, random_module, struct_module
 from brickhub.virtual.micropython.streams import BytesIO, Console, IOBase, StringIO
+from brickhub.virtual.micropython.transform import COMPREHENSIONS
 from brickhub.virtual.pybricks.context import Context
 from brickhub.virtual.pybricks.hubs import hubs_module
 from brickhub.virtual.pybricks.iodevices import iodevices_module
@@ -53,7 +54,8 @@ def modules(machine: Machine, console: Console) -> Modules:
     result |= {f"u{part.__name__}": part for part in language if part.__name__ in U_PREFIXED}
     machine.branch(None)
     hooks: dict[str, Any] = {"@tick": machine.turn_loop, "@turn": machine.turn}
-    hooks |= {"@branch": machine.branch, "@element": machine.branch, "@callee": check_of_calls(most_nested_calls(hub))}
+    hooks |= dict.fromkeys(("@branch", *COMPREHENSIONS), machine.branch)
+    hooks["@callee"] = check_of_calls(most_nested_calls(hub))
     importable = Modules(result, hooks, heap.namespaces, hub.model.missing)
     importable.product = machine.charge_product
     return importable
