@@ -83,7 +83,7 @@ def _number_functions(normalize: Callable[[Any], Any], power: Callable[[Any, Any
             return int_from_float(round(value)) if math.isfinite(value) else int_from_float(value)
         if type(value) is int:  # a truth value is none on a hub
             raise NotImplementedError
-        scale = 10.0**digits
+        scale = normalize(10.0**digits)
         scaled = normalize(value * scale)
         if math.isfinite(scaled):
             scaled = math.copysign(round(scaled), scaled)
