@@ -13,7 +13,7 @@ from types import BuiltinFunctionType, FunctionType, GeneratorType, MethodType, 
 from typing import Any
 
 from brickhub.virtual.micropython.containers import HubDict, HubSet
-from brickhub.virtual.micropython.exceptions import CATCHABLE, FIRMWARE, SwitchedOff, function_name, is_native
+from brickhub.virtual.micropython.exceptions import CATCHABLE, FIRMWARE, HubOSError, SwitchedOff, function_name, is_native
 from brickhub.virtual.micropython.iterables import is_dropped
 from brickhub.virtual.micropython.streams import BytesIO, HubBytearray
 from brickhub.virtual.micropython.text import type_name
@@ -37,7 +37,7 @@ _PRESENT: dict[type, str] = {
     bytes: _SEQUENCE_TEXT,
     HubBytearray: _SEQUENCE_TEXT + " append extend",
     int: "to_bytes from_bytes",
-    bool: "to_bytes from_bytes",
+    bool: "",
     float: "",
     complex: "real imag",
     range: "start stop step",
@@ -46,6 +46,7 @@ _PRESENT: dict[type, str] = {
     GeneratorType: "send throw close",
     BytesIO: "read readinto readline write seek tell flush close getvalue",
     BaseException: "args",
+    HubOSError: "args errno",
     list: "append clear copy count extend index insert pop remove reverse sort",
     tuple: "count index",
     HubDict: "clear copy fromkeys get items keys pop popitem setdefault update values",
