@@ -184,7 +184,7 @@ class HubKind(_Kind):
         call_bytes=232,
         has_accelerometer=True,
         has_float=False,
-        missing=("bytearray", "complex", "enumerate", "float", "input", "memoryview", "reversed", "set", *_RARE_DEVICES),
+        missing=("bytearray", "complex", "enumerate", "float", "input", "memoryview", "open", "reversed", "set", *_RARE_DEVICES),
     )
 
 

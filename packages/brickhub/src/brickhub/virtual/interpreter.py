@@ -12,8 +12,9 @@ from brickhub.virtual.micropython.compiler import compile_source
 from brickhub.virtual.micropython.exceptions import reword
 from brickhub.virtual.micropython.numbers import module
 from brickhub.virtual.micropython.streams import Console
+from brickhub.virtual.micropython.transform import COMPREHENSIONS
 
-_NO_HOOKS: dict[str, Callable[..., Any]] = dict.fromkeys(("@turn", "@branch", "@element", "@callee"), lambda value: value)
+_NO_HOOKS: dict[str, Callable[..., Any]] = dict.fromkeys(("@turn", "@branch", *COMPREHENSIONS, "@callee"), lambda value: value)
 _NO_HOOKS["@tick"] = lambda: None
 
 
@@ -23,8 +24,8 @@ class Modules(dict[str, ModuleType]):
     Attributes:
         hooks: functions that the transformed program calls: ``@tick`` at each iteration of a ``while`` loop, so that simulated
             time passes in one that does not wait; and some that return their argument: ``@turn`` at each iteration of a ``for``
-            loop, ``@branch`` and ``@element`` with the value on which a program branches, ``@callee`` with a function that may be
-            calling itself. That one raises RuntimeError if the stack is full.
+            loop, ``@branch`` and those of `COMPREHENSIONS` with the value on which a program branches, ``@callee`` with a
+            function that may be calling itself. That one raises RuntimeError if the stack is full.
         product: called after each product of floats, so that simulated time passes in a program that computes much.
         missing_builtins: builtin names that the hub does not have.
         find_module: returns a module of the program by its name, or ``None``.

@@ -240,7 +240,7 @@ class Observer:
 
     def window_speed(self, window_ms: int) -> int:
         """Mean measured speed over a window, mdeg/s. Raises ValueError for one shorter than a tick or longer than 300 ms."""
-        ticks = (window_ms + 2) // 5
+        ticks = (window_ms + 2) // 5 & 0xFF  # in eight bits
         if not 1 <= ticks <= _HISTORY:
             raise RefusedError("the window is out of range")
         return trunc((self.history[-1] - self.history[-1 - ticks]) * 1000 / (ticks * 5))

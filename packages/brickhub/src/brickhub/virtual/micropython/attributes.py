@@ -9,11 +9,11 @@ from __future__ import annotations
 import builtins
 import inspect
 from collections.abc import Callable
-from types import BuiltinFunctionType, FunctionType, GeneratorType, ModuleType
+from types import BuiltinFunctionType, FunctionType, GeneratorType, MethodType, ModuleType
 from typing import Any
 
 from brickhub.virtual.micropython.containers import HubDict, HubSet
-from brickhub.virtual.micropython.exceptions import CATCHABLE, FIRMWARE, SwitchedOff, function_name, is_native
+from brickhub.virtual.micropython.exceptions import CATCHABLE, FIRMWARE, HubOSError, SwitchedOff, function_name, is_native
 from brickhub.virtual.micropython.iterables import is_dropped
 from brickhub.virtual.micropython.streams import BytesIO, HubBytearray
 from brickhub.virtual.micropython.text import type_name
@@ -37,7 +37,7 @@ _PRESENT: dict[type, str] = {
     bytes: _SEQUENCE_TEXT,
     HubBytearray: _SEQUENCE_TEXT + " append extend",
     int: "to_bytes from_bytes",
-    bool: "to_bytes from_bytes",
+    bool: "",
     float: "",
     complex: "real imag",
     range: "start stop step",
@@ -46,6 +46,7 @@ _PRESENT: dict[type, str] = {
     GeneratorType: "send throw close",
     BytesIO: "read readinto readline write seek tell flush close getvalue",
     BaseException: "args",
+    HubOSError: "args errno",
     list: "append clear copy count extend index insert pop remove reverse sort",
     tuple: "count index",
     HubDict: "clear copy fromkeys get items keys pop popitem setdefault update values",
@@ -202,18 +203,49 @@ def directory(value: Any) -> list[str]:
 
 
 def with_keywords(function: Any) -> Any:
-    """A callable that accepts keyword arguments, which few builtins do. Raises TypeError if it accepts none."""
-    if isinstance(function, FunctionType):
-        code = function.__code__
-        named = code.co_argcount - code.co_posonlyargcount + code.co_kwonlyargcount
-        refuses = function.__module__.startswith(FIRMWARE) and not (named or code.co_flags & inspect.CO_VARKEYWORDS)
-    elif isinstance(function, type):
-        refuses = function in _KINDS_WITHOUT_KEYWORDS
-    else:
-        refuses = type(function) is BuiltinFunctionType and function.__name__ not in _WITH_KEYWORDS
-    if refuses:
-        raise TypeError("function doesn't take keyword arguments")
-    return function
+    """A callable that refuses wrong keyword arguments as on a hub. Few builtins accept any; the firmware's functions look for
+    those that they require first (``mp_arg_parse_all``)."""
+    is_class = isinstance(function, type)
+    if is_class and function in _KINDS_WITHOUT_KEYWORDS:
+        return _without_keywords(function)
+    method = function.__func__ if isinstance(function, MethodType) else function
+    called: Any = function.__init__ if is_class else method
+    if type(called) is BuiltinFunctionType and called.__name__ not in _WITH_KEYWORDS:
+        return _without_keywords(function)
+    called = inspect.unwrap(called) if isinstance(called, FunctionType) else called
+    if not isinstance(called, FunctionType) or not called.__module__.startswith(FIRMWARE):
+        return function
+    code, flags = called.__code__, called.__code__.co_flags
+    bound = called is not function
+    first = max(code.co_posonlyargcount, bound)
+    if first == code.co_argcount and not (code.co_kwonlyargcount or flags & inspect.CO_VARKEYWORDS):
+        return _without_keywords(function)
+    if flags & (inspect.CO_VARARGS | inspect.CO_VARKEYWORDS) or code.co_posonlyargcount or code.co_kwonlyargcount:
+        return function
+    names, optional = code.co_varnames[bound : code.co_argcount], len(called.__defaults__ or ())
+
+    def call(*args: Any, **kwargs: Any) -> Any:
+        for name in names[len(args) : len(names) - optional]:
+            if name not in kwargs:
+                raise TypeError(f"'{name}' argument required")
+        if len(args) > len(names):
+            raise TypeError("extra positional arguments given")
+        if kwargs.keys() - {*names[len(args) :]}:
+            raise TypeError("extra keyword arguments given")
+        return function(*args, **kwargs)
+
+    return call
+
+
+def _without_keywords(function: Any) -> Any:
+    """The function, as one that refuses keyword arguments."""
+
+    def call(*args: Any, **kwargs: Any) -> Any:
+        if kwargs:
+            raise TypeError("function doesn't take keyword arguments")
+        return function(*args)
+
+    return call
 
 
 class Manager:

@@ -19,11 +19,11 @@ from brickhub.virtual.micropython.iterables import sorted_list
 from brickhub.virtual.micropython.numbers import module
 from brickhub.virtual.micropython.operators import CONVERSIONS, operators
 from brickhub.virtual.micropython.streams import Console, HubBytearray, as_bytes, write_text
-from brickhub.virtual.micropython.text import representation, text, to_number
+from brickhub.virtual.micropython.text import format_value, percent, representation, text, to_number
 
 _UNCHANGED = """
-    all any bin bool bytes callable chr classmethod complex enumerate float hex int len list max memoryview min
-    object oct ord range reversed slice str tuple type zip
+    all any bool bytes callable chr classmethod complex enumerate float int len list max memoryview min
+    object ord range reversed slice str tuple type zip
 """.split()  # noqa: SIM905  a list would take a line for each
 
 _ENTER, _CTRL_C, _CTRL_D, _BACKSPACES = "\r", "\x03", "\x04", "\b\x7f"
@@ -83,7 +83,7 @@ def _number_functions(normalize: Callable[[Any], Any], power: Callable[[Any, Any
             return int_from_float(round(value)) if math.isfinite(value) else int_from_float(value)
         if type(value) is int:  # a truth value is none on a hub
             raise NotImplementedError
-        scale = 10.0**digits
+        scale = normalize(10.0**digits)
         scaled = normalize(value * scale)
         if math.isfinite(scaled):
             scaled = math.copysign(round(scaled), scaled)
@@ -102,6 +102,18 @@ def _number_functions(normalize: Callable[[Any], Any], power: Callable[[Any, Any
         return normalize(abs(value))
 
     return _named(sum_, round_, divmod_, pow_, abs_)
+
+
+def bin_(value: Any, /) -> str:
+    return format_value(value, "#b")
+
+
+def hex_(value: Any, /) -> str:
+    return str(percent("%#x", value))
+
+
+def oct_(value: Any, /) -> str:
+    return str(percent("%#o", value))
 
 
 def map_(function: Any, *values: Iterable[Any]) -> Any:
@@ -264,6 +276,6 @@ def locals_() -> Any:
 
 
 _FUNCTIONS = _named(
-    *(map_, next_, iter_, open_, id_, hash_, getattr_, dir_, hasattr_, isinstance_, issubclass_, setattr_),
+    *(bin_, hex_, oct_, map_, next_, iter_, open_, id_, hash_, getattr_, dir_, hasattr_, isinstance_, issubclass_, setattr_),
     *(eval_, exec_, globals_, locals_),
 )

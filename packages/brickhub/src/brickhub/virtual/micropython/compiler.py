@@ -14,7 +14,7 @@ from typing import Any
 from brickhub.hub.program.compile import cross_compile
 from brickhub.hub.program.syntax import TEXT, deep_recursion, parse
 from brickhub.virtual.micropython.floats import SMALL_MAX
-from brickhub.virtual.micropython.transform import called_name, transform
+from brickhub.virtual.micropython.transform import COMPREHENSIONS, called_name, transform
 
 _Function = ast.FunctionDef | ast.AsyncFunctionDef
 _Comprehension = ast.ListComp | ast.SetComp | ast.DictComp | ast.GeneratorExp
@@ -165,6 +165,7 @@ def compile_string(source: str, mode: str = "exec") -> CodeType:
     try:
         code = compile_source(source.strip() if mode == "eval" else source, STRING, mode)
     except SyntaxError as error:
+        error.lineno = min(error.lineno or 1, source.count("\n") + 1)
         if len(error.args) > 1:  # from CPython: the hub's has a message only
             error.args = ("invalid syntax",) if mode == "eval" else error.args[:1]
             error.msg = error.args[0]
@@ -199,10 +200,11 @@ def _recursive_names(tree: ast.AST) -> set[str]:
 
 
 def _with_names_of_hub(code: CodeType, mangled: re.Pattern[str] | None, words: frozenset[str]) -> CodeType:
-    """Name list comprehensions, which `transform` makes generators, as a hub does, and undo name mangling, which it does not
+    """Name comprehensions, which `transform` makes generators, as a hub does, and undo name mangling, which it does not
     have, of names that are not among the ``words`` of the source."""
     constants = tuple(_with_names_of_hub(c, mangled, words) if isinstance(c, CodeType) else c for c in code.co_consts)
-    code = code.replace(co_consts=constants, co_name="<listcomp>" if "@element" in code.co_names else code.co_name)
+    names_of_hub = (f"<{name[1:]}>" for name in COMPREHENSIONS if name in code.co_names)
+    code = code.replace(co_consts=constants, co_name=next(names_of_hub, code.co_name))
     if mangled is None:
         return code
 

@@ -49,8 +49,8 @@ def hash_of(value: Any) -> int | None:
     if isinstance(value, complex):
         return _small(_float_hash(value.real) ^ _float_hash(value.imag))
     hash(value)
-    if isinstance(value, range):
-        raise TypeError("unhashable type: 'range'")
+    if isinstance(value, range | memoryview):
+        raise TypeError(f"unhashable type: '{type(value).__name__}'")
     if isinstance(value, tuple):
         parts = [hash_of(part) for part in value]
         return None if None in parts else _small(sum(part for part in parts if part is not None))

@@ -39,7 +39,8 @@ _OPERATORS = {
 _UNARY = {"-": "__neg__", "+": "__pos__", "~": "__invert__", "abs()": "__abs__"}
 _CLASS_NAMES = (
     (r"\bbuiltin_function_or_method\b", "function"), (r"(?<!attribute ')\b\w+_iterator\b", "iterator"),
-    (r"\b\w+_reverseiterator\b", "reversed"), (r"'ellipsis'", "''"), (r"^byte(?= indices)", "bytes"),
+    (r"\b\w+_reverseiterator\b", "reversed"), (r"(?<=['\"])ellipsis(?=['\"])|(?<=convert )ellipsis(?= to)", ""),
+    (r"^byte(?= indices)", "bytes"),
     (r"(?<!attribute )(?<!argument )(['\"])method(?=['\"])", r"\1bound_method"), (r"(?<=convert )method(?= to)", "bound_method"),
 )  # fmt: skip
 """Names of classes that differ on a hub."""
@@ -90,7 +91,8 @@ def _types(operator: str, left: str, right: str) -> str:
     """Refusal of two operands; a truth value refuses as the number that it is, but not on the right of a comparison."""
     left = "int" if left == "bool" else left
     right = "int" if right == "bool" and operator not in _COMPARISONS else right
-    return f"unsupported types for {_OPERATORS.get(operator, operator)}: '{left}', '{right}'"
+    is_nameless = left == "int" and right in ("float", "complex") and operator in ("&=", "|=", "^=")
+    return f"unsupported types for {'' if is_nameless else _OPERATORS.get(operator, operator)}: '{left}', '{right}'"
 
 
 def _argument_count(name: str, arguments: str) -> int:
@@ -107,8 +109,14 @@ _RULES: tuple[tuple[type[BaseException], str, str | Callable[[re.Match[str]], st
     (TypeError,
      r".*(?:argument|Value) after \* must be an iterable, not (.*)|argument of type '(.*)' is not (?:a container or )?iterable",
      r"'\1\2' object isn't iterable"),
-    (TypeError, r"cannot unpack non-iterable (.*) object", r"'\1' object isn't iterable"),
+    (TypeError, r"cannot unpack non-iterable (.*) object|can't extend bytearray with (.*)", r"'\1\2' object isn't iterable"),
     (TypeError, r"must be real number, not (.*)", r"can't convert \1 to float"),
+    (TypeError, r"slice indices must be integers or None .*", "can't convert float to int"),  # mostly `values[len(values) / 2 :]`
+    (TypeError, r"complex\(\) (?:first )?argument must be a string or a number, not '?(\w*)'?", r"can't convert \1 to complex"),
+    (ValueError, r"complex\(\) arg is a malformed string", "invalid syntax for number"),
+    (TypeError, r"cannot create ('.*' instances)", r"can't create \1"),
+    (TypeError, r"object\(\) takes no arguments", "function takes 0 positional arguments but 1 were given"),
+    (TypeError, r"map\(\) must have at least two arguments\.", "function missing 1 required positional arguments"),
     (TypeError, r"(?:encoding|errors) without a string argument|bytes\(\) takes at most 3 .*", "wrong number of arguments"),
     (TypeError, r"type\(\) (takes 1 or 3 arguments)", r"type \1"),
     (TypeError, r"\w+\(\) argument \d+ must be str, not (\w+)|ord\(\) expected string of length 1, but (\w+) found",
@@ -142,7 +150,8 @@ _RULES: tuple[tuple[type[BaseException], str, str | Callable[[re.Match[str]], st
     (IndexError, r"index out of bounds on dimension 1", "memoryview index out of range"),
     (TypeError, r"cannot modify read-only memory", "'memoryview' object doesn't support item assignment"),
     (TypeError, r"cannot delete memory", "'memoryview' object doesn't support item deletion"),
-    (TypeError, r"memoryview: a bytes-like object is required, .*", "object with buffer protocol required"),
+    (TypeError, r"memoryview: a bytes-like object is required, .*|can't concat .* to bytearray|decoding to str: .*",
+     "object with buffer protocol required"),
     (IndexError, r"index out of range", "bytes index out of range"),
     (IndexError, r"Replacement index \d+ out of range.*", "tuple index out of range"),
     (ValueError, r"not enough values to unpack \(expected .*, got (.*)\)", r"need more than \1 values to unpack"),
@@ -158,13 +167,13 @@ _RULES: tuple[tuple[type[BaseException], str, str | Callable[[re.Match[str]], st
      lambda m: f"function expected at most {_argument_count(m[1], m[2])} arguments, got {_argument_count(m[1], m[3])}"),
     (TypeError, r"(\w+) expected (\d+) arguments?, got (\d+)",
      lambda m: f"function takes {_argument_count(m[1], m[2])} positional arguments but {_argument_count(m[1], m[3])} were given"),
-    (TypeError, r"Hub(?:Dict|Set)\.\w+\(\) takes from \d+ to (\d+) positional arguments but (\d+) were given",
+    (TypeError, r"Hub(?:Dict|Set|Bytearray)\.\w+\(\) takes from \d+ to (\d+) positional arguments but (\d+) were given",
      r"function expected at most \1 arguments, got \2"),
-    (TypeError, r"Hub(?:Dict|Set)\.\w+\(\) takes (\d+) positional arguments? but (\d+) were given",
+    (TypeError, r"Hub(?:Dict|Set|Bytearray)\.\w+\(\) takes (\d+) positional arguments? but (\d+) were given",
      r"function takes \1 positional arguments but \2 were given"),
     (TypeError, r"HubDict\.(?:pop|setdefault|fromkeys)\(\) missing 1 required positional argument: .*",
      "function missing 1 required positional arguments"),
-    (TypeError, r"HubSet\.\w+\(\) missing 1 required positional argument: .*",
+    (TypeError, r"Hub(?:Set|Bytearray)\.\w+\(\) missing 1 required positional argument: .*",
      "function takes 2 positional arguments but 1 were given"),
     (TypeError, r"sequence item \d+: expected .*", "join expects a list of str/bytes objects consistent with self object"),
     (TypeError, r"'(.*)' object cannot be interpreted as an integer|argument should be integer or None, not '(.*)'",
@@ -270,16 +279,12 @@ def _call_message(message: str, namespaces: Sequence[Mapping[str, object]], erro
         values = [value for trace in traces for value in local_values(trace.tb_frame)]
         values += [value for names in namespaces for value in names.values()]
         function = next((value for value in values if is_own(value) and value.__qualname__ == name), None)
-    if function is None:
-        if "keyword argument" in problem and traces and (first := _first_missing(traces[-1].tb_frame.f_locals)):
-            return f"'{first}' argument required"
-        if "multiple values for argument" in problem:
-            return "extra keyword arguments given"
     if multiple := re.fullmatch(r"got multiple values for (?:keyword )?argument '(.*)'", problem):
         return f"function got multiple values for argument '{multiple[1]}'"
     if function is None:
         if name.endswith("<lambda>") and (given := re.match(r"takes (\d+) positional .* but (\d+) w", problem)):
-            return f"<lambda>() takes {given[1]} positional arguments but {given[2]} were given"
+            label = "function" if "_module." in name else "<lambda>()"
+            return f"{label} takes {given[1]} positional arguments but {given[2]} were given"
         of_language = _language_call_message(name, problem, traces[-1].tb_frame) if traces else None
         return of_language or _builtin_call_message(problem, name.startswith("tools_module")) or message
     if keyword := re.fullmatch(r"got an unexpected keyword argument '(.*)'", problem):
@@ -303,15 +308,6 @@ def _call_message(message: str, namespaces: Sequence[Mapping[str, object]], erro
             return f"function missing required positional argument #{code.co_varnames.index(missing[2]) + cells}"
         return f"{function.__name__}() takes {required} positional arguments but {required - int(missing[1])} were given"
     return message
-
-
-def _first_missing(values: Mapping[str, Any]) -> str | None:
-    """First missing argument of a firmware method, by the local variables of its caller; ``None`` if there is no such call."""
-    if not {"method", "args", "kwargs"} <= values.keys():
-        return None
-    method = values["method"]
-    required = method.__code__.co_varnames[1 : method.__code__.co_argcount - len(method.__defaults__ or ())]
-    return next((name for name in required[len(values["args"]) :] if name not in values["kwargs"]), None)
 
 
 def _language_call_message(name: str, problem: str, frame: FrameType) -> str | None:

@@ -58,13 +58,20 @@ def math_module() -> ModuleType:
         return call
 
     def to_integer(function: Callable[[float], int]) -> Callable[[Any], int]:
-        def call(x: Any) -> int:
+        def call(x: Any, /) -> int:
             x = _as_float(x)
             return int_from_float(float(function(x)) if math.isfinite(x) else x)
 
         return call
 
-    def log(x: Any, base: Any = None) -> float:
+    def test(function: Callable[[float], bool]) -> Callable[[Any], bool]:
+        return lambda x, /: function(_as_float(x))
+
+    def ldexp(mantissa: Any, exponent: Any, /) -> float:
+        expect_int(exponent)
+        return to_single(math.ldexp(_as_float(mantissa), exponent))
+
+    def log(x: Any, base: Any = None, /) -> float:
         x = _as_float(x)
         if x <= 0 or (base is not None and _as_float(base) <= 0):
             raise ValueError("math domain error")
@@ -76,14 +83,13 @@ def math_module() -> ModuleType:
         name: rounded(getattr(math, name))
         for name in ["sin", "asin", "cos", "acos", "tan", "atan", "exp", "sqrt", "fabs", *_BINARY_FUNCTIONS]
     }
-    names.update({name: getattr(math, name) for name in ("isfinite", "isinf", "isnan")})
+    names |= {name: test(getattr(math, name)) for name in ("isfinite", "isinf", "isnan")}
     names["degrees"] = lambda x, /: to_single(_as_float(x) * _DEGREES)
     names["radians"] = lambda x, /: to_single(_as_float(x) * _RADIANS)
-    names["ldexp"] = lambda m, p: to_single(math.ldexp(_as_float(m), p))
-    names["frexp"] = lambda x: math.frexp(_as_float(x))
-    names["modf"] = lambda x: tuple(map(to_single, math.modf(_as_float(x))))
+    names["frexp"] = lambda x, /: math.frexp(_as_float(x))
+    names["modf"] = lambda x, /: tuple(map(to_single, math.modf(_as_float(x))))
     names |= {name: to_integer(getattr(math, name)) for name in ("ceil", "floor", "trunc")}
-    return module("math", {**names, "e": to_single(math.e), "pi": _PI}, log)
+    return module("math", {**names, "e": to_single(math.e), "pi": _PI}, ldexp, log)
 
 
 class _Yasmarang:
@@ -145,7 +151,7 @@ def random_module(clock_us: int) -> ModuleType:
         return a + source.below(b - a + 1)
 
     def choice(values: Sequence[Any], /) -> Any:
-        if not values:
+        if not len(values):
             raise IndexError
         return values[source.below(len(values))]
 
@@ -163,7 +169,10 @@ def random_module(clock_us: int) -> ModuleType:
 class _Layout:
     """A format string as a hub reads it: native ``l`` has 4 bytes; values wrap around."""
 
-    def __init__(self, text: str) -> None:
+    def __init__(self, text: Any) -> None:
+        if not isinstance(text, str | bytes):
+            raise TypeError(f"can't convert '{type(text).__name__}' object to str implicitly")
+        text = text.decode() if isinstance(text, bytes) else text
         if not re.fullmatch(r"[@<>!]?(\d*[xbBhHiIlLqQPOsefd])*", text):
             raise ValueError("bad typecode")
         order = text[:1] if text[:1] in "@<>!" and text[:1] else "@"
@@ -229,10 +238,7 @@ def struct_module() -> ModuleType:
         except TypeError:
             return unpack_from(fmt, as_bytes(data), offset)
 
-    def unpack(fmt: str, data: bytes, /) -> tuple[Any, ...]:
-        return unpack_from(fmt, data)
-
     def calcsize(fmt: str, /) -> int:
         return cached_layout(fmt).struct.size
 
-    return module("struct", {}, pack, pack_into, unpack, unpack_from, calcsize)
+    return module("struct", {"unpack": unpack_from}, pack, pack_into, unpack_from, calcsize)

@@ -18,8 +18,8 @@ from brickhub.virtual.micropython.exceptions import CATCHABLE, SwitchedOff, is_n
 from brickhub.virtual.micropython.floats import SMALL_MAX, SMALL_MIN, int_from_float, read_float, to_single
 from brickhub.virtual.micropython.iterables import ITERABLE_CONVERSIONS, ITERABLE_FUNCTIONS, add_in_place, is_dropped, sort
 from brickhub.virtual.micropython.memory import check_allocation
-from brickhub.virtual.micropython.streams import HubBytearray
-from brickhub.virtual.micropython.text import format_text, format_value, percent, representation, text, to_number
+from brickhub.virtual.micropython.streams import HubBytearray, as_bytes
+from brickhub.virtual.micropython.text import format_text, format_value, percent, representation, text, to_number, type_name
 
 _EXACT_INT_MAX = 2**24
 _BASES = {"0b": 2, "0o": 8, "0x": 16}
@@ -91,6 +91,8 @@ def to_int(*args: Any) -> Any:
             return int_from_float(value)
         if not isinstance(value, str | bytes | bytearray):
             return small(int(to_number(value, "int")))
+    elif args and not isinstance(args[0], str | bytes):
+        raise TypeError(f"can't convert '{type_name(type(args[0]))}' object to str implicitly")
     try:
         if args and isinstance(args[0], str | bytes | bytearray):
             args = (_digits(args[0]), *args[1:])
@@ -156,7 +158,7 @@ def _from_bytes(kind: Any, *args: Any, **kwargs: Any) -> Any:
         return kind.from_bytes(*args, **kwargs)
     _refuse_keywords(kwargs)
     is_little = args[1:] and args[1] == "little"
-    return small(int.from_bytes(args[0], "little" if is_little else "big") & 0xFFFFFFFF)
+    return small(int.from_bytes(as_bytes(args[0]), "little" if is_little else "big") & 0xFFFFFFFF)
 
 
 def _ascii_method(name: str) -> Callable[..., Any]:
@@ -182,13 +184,25 @@ def _ascii_method(name: str) -> Callable[..., Any]:
 
 
 def _contains(item: Any, container: Any) -> bool:
-    """``item in container``; bytes have text in them, and no number above 255. A number in a number is an operation."""
+    """``item in container``; bytes have text in them, and nothing that is neither data nor a byte. A number in a number is an
+    operation."""
+    if isinstance(container, bytes):
+        return _is_part(item, container)
+    if isinstance(container, memoryview) and isinstance(item, int | float):
+        raise NotImplementedError
     if type(item) is int and type(container) in (int, float, complex):
         raise TypeError(f"unsupported types for : 'int', '{type(container).__name__}'")
-    if isinstance(container, bytes) and isinstance(item, str):
-        return item.encode() in container
-    is_byte = not isinstance(container, bytes) or not isinstance(item, int) or 0 <= item <= 255
-    return is_byte and item in container
+    if type(container) is bool or (type(item) is bool and type(container) is int):
+        if isinstance(item, int | float | complex):
+            raise TypeError(f"unsupported types for __contains__: 'int', '{type(item).__name__.replace('bool', 'int')}'")
+        container = int(container)
+    return item in container
+
+
+def _is_part(item: Any, data: bytes) -> bool:
+    if isinstance(item, int):
+        return 0 <= item <= 255 and item in data
+    return isinstance(item, str | bytes | bytearray | memoryview) and as_bytes(item) in data
 
 
 def _ordered(operation: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
@@ -249,13 +263,13 @@ def _product(a: Any, b: Any) -> Any:
 
 def _bitwise(operation: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
     """Truth values are numbers; dicts and classes have no union."""
-    name = operation.__name__.strip("_").removeprefix("i")
+    symbol = {"and": "&", "or": "|", "xor": "^"}[operation.__name__.strip("_").removeprefix("i")]
 
     def operate(a: Any, b: Any) -> Any:
         if type(a) is bool and type(b) is bool:
             return int(operation(a, b))
-        if isinstance(a, dict | type) and isinstance(b, dict | type):
-            raise TypeError(f"unsupported types for __{name}__: '{type(a).__name__}', '{type(b).__name__}'")
+        if isinstance(a, dict | type) or isinstance(b, type):
+            raise TypeError(f"unsupported operand type(s) for {symbol}: '{type(a).__name__}' and '{type(b).__name__}'")
         return operation(a, b)
 
     return operate
@@ -292,7 +306,7 @@ CONVERSIONS: dict[Any, Callable[..., Any]] = {
     int: to_int,
     float: to_float,
     slice: _to_slice,
-    str: lambda *args: text(args[0]) if len(args) == 1 else str(*args),
+    str: lambda *args: text(args[0]) if len(args) == 1 else as_bytes(args[0]).decode() if args else "",
 }
 """Calls of builtin classes as on a hub."""
 
@@ -329,6 +343,8 @@ def operators(namespaces: Sequence[Mapping[str, object]]) -> dict[str, Any]:
     def modulo(a: Any, b: Any) -> Any:
         if isinstance(a, str | bytes):
             return percent(a, b)
+        if isinstance(a, bytearray):
+            raise TypeError(f"unsupported operand type(s) for %: 'bytearray' and '{type(b).__name__}'")
         a, b = _operands(a, b)
         return normalize(a % b)
 

@@ -31,8 +31,10 @@ class HubBytearray(bytearray):
     __slots__ = ()
 
     def __init__(self, source: Any = b"", *encoding: Any) -> None:
+        if isinstance(source, bool):
+            raise TypeError("'bool' object isn't iterable")
         if isinstance(source, int):
-            check_allocation(source)
+            check_allocation(source & 0xFFFFFFFF)
         super().__init__(_low_bytes(source), *encoding)
 
     def __setitem__(self, index: Any, value: Any) -> None:

@@ -17,7 +17,7 @@ from brickhub.virtual.micropython.containers import HubDict
 from brickhub.virtual.micropython.exceptions import ERROR_NAMES, HubOSError, ProgramInterrupt
 from brickhub.virtual.micropython.floats import to_single
 from brickhub.virtual.micropython.memory import BLOCK_BYTES
-from brickhub.virtual.micropython.numbers import module
+from brickhub.virtual.micropython.numbers import expect_int, module
 from brickhub.virtual.micropython.operators import to_float, to_int
 from brickhub.virtual.micropython.streams import Console, Stream, as_bytes, part_of, write_text
 from brickhub.virtual.micropython.text import format_traceback, representation, text
@@ -251,7 +251,7 @@ def _pollable(stream: Any) -> FileIO:
     return stream
 
 
-def sys_module(terminal: Terminal, version: str, machine: str) -> ModuleType:
+def sys_module(terminal: Terminal, build: str, machine: str) -> ModuleType:
     stdout = TextIOWrapper(1, terminal)
 
     def print_exception(error: object, file: Any = stdout) -> None:
@@ -263,7 +263,7 @@ def sys_module(terminal: Terminal, version: str, machine: str) -> ModuleType:
         "stderr": TextIOWrapper(2, terminal),
         "path": ["", ".frozen"],
         "argv": [],
-        "version": f"3.4.0; Pybricks MicroPython v{version}",
+        "version": f"3.4.0; Pybricks MicroPython {build}",
         "version_info": (3, 4, 0),
         "implementation": ("micropython", (1, 26, 0, ""), machine, 0x2306),
         "byteorder": "little",
@@ -296,6 +296,7 @@ def micropython_module(terminal: Terminal, memory: Callable[[], tuple[int, int]]
     state = {"level": 0, "locks": 0}
 
     def kbd_intr(character: int) -> None:
+        expect_int(character)
         terminal.interrupt = character
 
     def opt_level(level: int | None = None) -> int | None:
@@ -369,4 +370,9 @@ def json_module() -> ModuleType:
     def dump(value: Any, stream: Any, /, *, separators: tuple[str, str] | None = None) -> None:
         write_text(stream, dumps(value, separators=separators))
 
-    return module("json", {"load": lambda stream: loads(stream.read())}, dumps, loads, dump)
+    def load(stream: Any, /) -> Any:
+        if not hasattr(stream, "read"):
+            raise HubOSError("stream operation not supported")
+        return loads(stream.read())
+
+    return module("json", {}, dumps, loads, dump, load)

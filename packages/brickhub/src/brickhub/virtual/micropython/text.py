@@ -231,7 +231,7 @@ def format_value(value: object, spec: str) -> str:
     if not is_number and align == "=":
         raise ValueError("'=' alignment not allowed in string format specifier")
     if is_number or code not in ("", "s"):
-        raise ValueError(f"unknown format code '{code}' for object of type '{type(value).__name__}'")
+        raise ValueError(f"unknown format code '{code}' for object of type '{type_name(type(value))}'")
     if not isinstance(value, str | bytes):
         raise TypeError(f"can't convert '{type(value).__name__}' object to str implicitly")
     characters = value if isinstance(value, str) else value.decode("latin-1")

@@ -42,6 +42,8 @@ _TOP_DOWN = (
     *(ast.AsyncFunctionDef, ast.GeneratorExp, ast.ListComp, ast.DictComp, ast.SetComp),
 )
 """Nodes of which a part is looked at before it is transformed; of all others the parts come first."""
+COMPREHENSIONS = ("@listcomp", "@dictcomp", "@setcomp")
+"""Functions that return their argument, an element; the hub's names of the functions that they are called in, after ``@``."""
 _EMITTERS = ("micropython.native", "micropython.viper", "micropython.bytecode")
 # The hub's compiler keeps the iterator of `async for x in name` in the variable `name` itself.
 _FOR = """
@@ -274,19 +276,20 @@ class _Transformer(ast.NodeTransformer):
         node.elt = call(branch, node.elt, at=node.elt)
         return node
 
-    def visit_ListComp(self, node: ast.ListComp) -> ast.expr:
+    def visit_ListComp(self, node: ast.ListComp, element: str = "@listcomp") -> ast.expr:
         """A function of its own as on a hub, which a list comprehension of CPython is no more from 3.12 on."""
         if any(isinstance(part, ast.Await) for part in ast.walk(node)):
             return self.visit_GeneratorExp(node)
         generator = ast.copy_location(ast.GeneratorExp(node.elt, node.generators), node)
-        return call("@listof", self.visit_GeneratorExp(generator, "@element"), at=node)
+        return call("@listof", self.visit_GeneratorExp(generator, element), at=node)
 
     def visit_DictComp(self, node: ast.DictComp) -> ast.expr:
         pairs = ast.ListComp(ast.Tuple([node.value, node.key], ast.Load()), node.generators)
-        return call("@dictof", self.visit_ListComp(ast.copy_location(pairs, node)), at=node)
+        return call("@dictof", self.visit_ListComp(ast.copy_location(pairs, node), "@dictcomp"), at=node)
 
     def visit_SetComp(self, node: ast.SetComp) -> ast.expr:
-        return call("@setof", self.visit_ListComp(ast.copy_location(ast.ListComp(node.elt, node.generators), node)), at=node)
+        elements = ast.copy_location(ast.ListComp(node.elt, node.generators), node)
+        return call("@setof", self.visit_ListComp(elements, "@setcomp"), at=node)
 
     def visit_comprehension(self, node: ast.comprehension) -> ast.comprehension:
         node.ifs = [call("@branch", test, at=test) for test in node.ifs]

@@ -11,6 +11,7 @@ from brickhub.virtual.micropython import system
 from brickhub.virtual.micropython.memory import Heap, check_of_calls, most_nested_calls
 from brickhub.virtual.micropython.numbers import math_module, module, random_module, struct_module
 from brickhub.virtual.micropython.streams import BytesIO, Console, IOBase, StringIO
+from brickhub.virtual.micropython.transform import COMPREHENSIONS
 from brickhub.virtual.pybricks.context import Context
 from brickhub.virtual.pybricks.hubs import hubs_module
 from brickhub.virtual.pybricks.iodevices import iodevices_module
@@ -48,12 +49,13 @@ def modules(machine: Machine, console: Console) -> Modules:
         language += [module("io", {}, BytesIO, IOBase, StringIO), system.gc_module(heap.statistics)]
         language += [system.micropython_module(terminal, heap.statistics)]
         language += [system.select_module(machine.advance_to_alarm, machine.charge_call)]
-        language += [system.sys_module(terminal, firmware.version, hub.model.machine)]
+        language += [system.sys_module(terminal, firmware.build, hub.model.machine)]
     result |= {part.__name__: part for part in language}
     result |= {f"u{part.__name__}": part for part in language if part.__name__ in U_PREFIXED}
     machine.branch(None)
     hooks: dict[str, Any] = {"@tick": machine.turn_loop, "@turn": machine.turn}
-    hooks |= {"@branch": machine.branch, "@element": machine.branch, "@callee": check_of_calls(most_nested_calls(hub))}
+    hooks |= dict.fromkeys(("@branch", *COMPREHENSIONS), machine.branch)
+    hooks["@callee"] = check_of_calls(most_nested_calls(hub))
     importable = Modules(result, hooks, heap.namespaces, hub.model.missing)
     importable.product = machine.charge_product
     return importable

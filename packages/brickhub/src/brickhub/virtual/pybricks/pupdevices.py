@@ -19,7 +19,7 @@ from brickhub.virtual.firmware.servo import Servo
 from brickhub.virtual.machine import CONTROL_LOOP_MS, Machine
 from brickhub.virtual.micropython.floats import to_single
 from brickhub.virtual.micropython.numbers import module
-from brickhub.virtual.pybricks.arguments import expect, expect_type, get_array, get_int, os_error
+from brickhub.virtual.pybricks.arguments import expect, expect_type, get_array, get_int, os_error, percentage
 from brickhub.virtual.pybricks.context import Awaited, Context, Native, bind, classes, firmware_errors
 from brickhub.virtual.pybricks.device_modes import reports_angle
 from brickhub.virtual.pybricks.parameters import Direction, Stop
@@ -299,8 +299,8 @@ class Motor(_BaseMotor):
         return self._finish() if wait else None
 
     def run_until_stalled(self, speed: Any, then: Any = Stop.COAST, duty_limit: Any = None) -> Any:
-        limit = None if duty_limit is None else max(0, min(100, get_int(duty_limit)))
-        self._servo.run_until_stalled(get_int(speed), completion(then), limit)
+        speed_deg_s, stop = get_int(speed), completion(then)
+        self._servo.run_until_stalled(speed_deg_s, stop, None if duty_limit is None else percentage(duty_limit))
         return self._finish(returns_angle=True)
 
     def _finish(self, returns_angle: bool = False, ends_by_time: bool = False) -> Any:

@@ -31,6 +31,8 @@ class Device(Native):
     """
 
     _kind: SensorKind
+    _read_first: tuple[str, ...] = ()
+    """Modes that the constructor reads."""
     _device_modes: DeviceModes
 
     def __init__(self, port: Any) -> None:
@@ -42,6 +44,9 @@ class Device(Native):
         while not self._is_ready():
             self._machine.advance(_START_MS)
         self._plug = Plug(self._machine, self._letter)
+        for mode in self._read_first:
+            self._set_mode(mode)
+            self._finish(None)
 
     def _is_plugged_in(self) -> bool:
         self._device_modes = SENSOR_MODES[self._kind]
@@ -195,12 +200,11 @@ class ColorSensor(_ColorDevice):
     """SPIKE color sensor."""
 
     _kind = SensorKind.COLOR
+    _read_first = ("RGB I",)
 
     def __init__(self, port: Any) -> None:
         super().__init__(port)
         self.lights = LightArray(self, 3)
-        self._set_mode("RGB I")
-        self._finish(None)
 
     def hsv(self, surface: Any = True) -> Any:
         return self._hsv(surface)
@@ -236,6 +240,7 @@ class ForceSensor(Device):
     """A button on a spring, fully pressed at 10 N."""
 
     _kind = SensorKind.FORCE
+    _read_first = ("CALIB", "FRAW")
 
     force = _reading("FRAW", lambda self: to_single(self._plug.force_mn() / 1000), "force_n")
     distance = _reading("FRAW", lambda self: to_single(self._moved_um() / 1000), "moved_mm")
@@ -253,6 +258,7 @@ class InfraredSensor(Device):
     """WeDo 2.0 motion sensor."""
 
     _kind = SensorKind.INFRARED
+    _read_first = ("LPF2-COUNT", "LPF2-CAL")
 
     def __init__(self, port: Any) -> None:
         super().__init__(port)

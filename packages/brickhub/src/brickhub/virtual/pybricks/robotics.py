@@ -13,7 +13,7 @@ from brickhub.virtual.firmware.control import OnCompletion
 from brickhub.virtual.firmware.servo import Servo
 from brickhub.virtual.micropython.floats import to_single
 from brickhub.virtual.micropython.numbers import module
-from brickhub.virtual.pybricks.arguments import expect, expect_type, get_int, get_scaled, os_error, truncated
+from brickhub.virtual.pybricks.arguments import expect, expect_type, get_int, get_scaled, os_error, percentage, truncated
 from brickhub.virtual.pybricks.context import Awaited, Context, Native, bind, firmware_errors
 from brickhub.virtual.pybricks.parameters import Stop
 from brickhub.virtual.pybricks.pupdevices import Control, Motor, acceleration_pair, acceleration_value, completion, magnitude
@@ -174,7 +174,7 @@ class Car(Native):
             raise ValueError("drive_motors and steer_motor must be different")
         if len(set(map(id, self._drive))) < len(self._drive):
             raise ValueError("drive_motors must be unique")
-        limit = self._steer.settings.max_torque * max(0, min(100, get_int(torque_limit))) // 100
+        limit = self._steer.settings.max_torque * percentage(torque_limit) // 100
         left = self._end_stop(-_STEERING_SPEED_DEG_S, limit)
         right = self._end_stop(_STEERING_SPEED_DEG_S, limit)
         self._max_angle = int((right - left) / 2)

@@ -30,6 +30,9 @@ class StopWatch(Native):
     def time(self) -> int:
         return (self._machine.time_ms if self._pause is None else self._pause) - self._start
 
+    def running(self) -> bool:
+        return self._pause is None
+
     def pause(self) -> None:
         if self._pause is None:
             self._pause = self._machine.time_ms
