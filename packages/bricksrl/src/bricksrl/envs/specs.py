@@ -224,7 +224,8 @@ def observed_specs(env: EnvBase) -> dict[str, Any]:
     """Specs, without batch, of all that an agent observes. Raises DescriptionError for one that no agent can read."""
     specs = {}
     for key, spec in specs_of(env, "observation").items():
-        if key in EPISODE_KEYS or key.startswith("_"):
+        is_empty = isinstance(spec, Composite) and not list(spec.keys(True, True))  # its parts have other names now
+        if key in EPISODE_KEYS or key.startswith("_") or is_empty:
             continue
         if isinstance(spec, Composite) or spec.dtype is None or not 0 < len(spec.shape) <= 3:
             kind = type(spec).__name__ if isinstance(spec, Composite) or spec.dtype is None else f"shape {list(spec.shape)}"
