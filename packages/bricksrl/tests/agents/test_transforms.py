@@ -28,6 +28,7 @@ from torchrl.envs import (
     SqueezeTransform,
     StepCounter,
     Timer,
+    ToTensorImage,
     TrajCounter,
     Transform,
     TransformedEnv,
@@ -222,6 +223,15 @@ def test_transforms_make_readable_what_no_agent_reads() -> None:
     out, angle = ExcludeTransform("said", "wide"), RenameTransform([("arm", "angle")], ["angle"])
     env = TransformedEnv(Odd(), Compose(UnsqueezeTransform(-1, in_keys=["x"], out_keys=["x"]), angle, out))
     assert layout_of(env).names == ("x_0", "arm.angle_0", "arm.angle_1")
+
+
+def test_running_statistics_of_an_image_keep_the_units_of_a_vector() -> None:
+    env = TransformedEnv(Sight(), Compose(ToTensorImage(in_keys=["image"]), VecNormV2(in_keys=["image"])))
+    both = TransformedEnv(Sight(), Compose(ToTensorImage(in_keys=["image"]), VecNormV2(in_keys=["image", *KEYS])))
+    for one in (env, both):
+        prepare(one)
+        assert layout_of(one).names == ("observation_0", "observation_1")
+        assert one.rollout(3)["next", "image"].shape == (3, 3, 32, 32)
 
 
 def test_images_alone_and_several_are_read() -> None:

@@ -160,7 +160,7 @@ class KeepUnits(Transform):  # type: ignore[misc]
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
         chain = self.__dict__["_container"]().transforms
         statistics = copy.copy(chain[list(chain).index(self) - 1])  # in a copy of the chain its own
-        statistics.in_keys, statistics.out_keys = map(list, zip(*self.kept, strict=True))  # not of a reward
+        statistics.in_keys, statistics.out_keys = ([pair[end] for pair in self.kept] for end in (0, 1))  # not of a reward
         before = statistics.denorm(next_tensordict)
         for (key, out), kept in self.kept.items():
             if out in next_tensordict:
