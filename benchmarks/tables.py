@@ -170,6 +170,14 @@ def camera(result: Result) -> str:
     return table(["agent", "seeds", "episodes in total", "success: median (range)", "CPU time"], rows)
 
 
+def transforms_camera(result: Result) -> str:
+    """Success of the camera task from the image, and from numbers made of it."""
+    rows = []
+    for name, rates in result["success"].items():
+        rows.append([name, str(result["episodes"]), percent(sum(rates) / len(rates)), ", ".join(map(percent, rates))])
+    return table(["SAC reads", "episodes", "success: mean", "of each seed"], rows)
+
+
 def seeds(result: Result) -> str:
     """Many seeds at once: one process per seed, or one program with stacked networks."""
     at_a_time, rows = result["processes"], []
@@ -585,6 +593,7 @@ SECTIONS: dict[str, tuple[str, Callable[[Result], str]]] = {
     "gait": ("Gaits by policy search, and policies on the hub alone", gait),
     "worlds": ("Gaits in other worlds, and the time of a step", worlds),
     "camera_learning": ("The camera task", camera),
+    "transforms_camera": ("The camera task through 64 numbers of a random convolution", transforms_camera),
     "seeds": ("Five seeds at once: parallel processes or stacked networks", seeds),
     "transforms": ("SAC behind TorchRL's transforms", transforms),
     "ablation": ("Ablation: each default setting set back to the paper's value", ablation),
@@ -610,7 +619,7 @@ SECTIONS: dict[str, tuple[str, Callable[[Result], str]]] = {
     "kit_programs": ("Virtual devices of LEGO's kits, behind LEGO's package", kit_programs),
 }
 
-COMMANDS = {"offline_default": "offline --preset default"}
+COMMANDS = {"offline_default": "offline --preset default", "transforms_camera": "transforms --camera --seeds 3 --episodes 100"}
 """Benchmarks of sections that have another name."""
 
 

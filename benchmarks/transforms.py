@@ -1,10 +1,14 @@
 """Transforms: what SAC learns behind TorchRL's transforms, compared with none.
 
     python -m benchmarks transforms
+    python -m benchmarks transforms --camera --seeds 3 --episodes 100
 
 On WalkerSim-v0, with each transform and ``--seeds`` seeds, ``--steps`` steps of the robot. The number of a seed is the mean
 return of ``--episodes`` episodes without exploration, of the environment itself: not scaled, each step of the robot counted. A
 transform is compared with the plain run by the 95 % interval (Welch) of the difference of means.
+
+``--camera``: on RoboArm_mixed-v0, 64 numbers of a frozen random convolution in place of the image, beside the image itself; the
+number of a seed is the rate of success after ``--camera-episodes`` episodes.
 """
 
 from __future__ import annotations
@@ -15,12 +19,17 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from tensordict import TensorDictBase
+from torch import Tensor, nn
+from torchrl.data import Composite, Unbounded
 from torchrl.envs import (
     CatFrames,
     Compose,
     EnvBase,
+    ExcludeTransform,
     FrameSkipTransform,
     ObservationNorm,
+    ObservationTransform,
     RewardScaling,
     SqueezeTransform,
     Transform,
@@ -35,6 +44,7 @@ from bricksrl.evaluation.evaluator import evaluate
 from bricksrl.training import TrainConfig, train
 
 ENV, KEYS = "WalkerSim-v0", ["observation"]
+CAMERA_ENV, EMBEDDED, IMAGE_PX = "RoboArm_mixed-v0", 64, 64
 
 
 def drawn_statistics() -> Transform:
@@ -43,6 +53,34 @@ def drawn_statistics() -> Transform:
     return ObservationNorm(seen.mean(0), seen.std(0).clamp_min(1.0), in_keys=KEYS, standard_normal=True)
 
 
+class RandomConvolution(ObservationTransform):  # type: ignore[misc]
+    """``EMBEDDED`` numbers of a frozen convolution, drawn by a seed, of each image ``[side, side, 3]``."""
+
+    def __init__(self, seed: int) -> None:
+        super().__init__(in_keys=["image"], out_keys=["embedding"])
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(seed)
+            layers = (nn.Conv2d(3, 16, 8, 4), nn.ReLU(), nn.Conv2d(16, 4, 6, 3), nn.Flatten())  # 4 maps of 4 x 4
+            self.network = nn.Sequential(*layers).requires_grad_(False)
+
+    def _apply_transform(self, image: Tensor) -> Tensor:
+        pixels = image.reshape(-1, IMAGE_PX, IMAGE_PX, 3).movedim(-1, 1) / 255
+        numbers: Tensor = self.network(pixels).view(*image.shape[:-3], EMBEDDED)
+        return numbers
+
+    def _reset(self, _tensordict: TensorDictBase, tensordict_reset: TensorDictBase) -> TensorDictBase:
+        return self._call(tensordict_reset)
+
+    def transform_observation_spec(self, observation_spec: Composite) -> Composite:
+        spec = observation_spec.clone()
+        spec["embedding"] = Unbounded((*spec.shape, EMBEDDED))
+        return spec
+
+
+CAMERA_TRANSFORMS: dict[str, Callable[[int], Transform] | None] = {
+    "image": None,
+    "embedding": lambda seed: Compose(RandomConvolution(seed), ExcludeTransform("image")),
+}
 TRANSFORMS: dict[str, Callable[[], Transform] | None] = {
     "plain": None,
     "ObservationNorm": drawn_statistics,
@@ -69,6 +107,20 @@ def run(name: str, steps: int, episodes: int, seed: int) -> float:
         return evaluate(run_dir, environment(name, seed), episodes=episodes, save=False).return_mean
 
 
+def camera_run(name: str, episodes: int, evaluated: int, seed: int) -> float:
+    """Rate of success after so many episodes in the camera task."""
+
+    def environment() -> EnvBase:
+        make, env = CAMERA_TRANSFORMS[name], bricksrl.make(CAMERA_ENV, seed=seed)
+        return env if make is None else TransformedEnv(env, make(seed))
+
+    with tempfile.TemporaryDirectory() as folder:
+        run_dir = Path(folder) / "run"
+        train(TrainConfig(CAMERA_ENV, "sac", episodes, seed=seed, run_dir=run_dir, record=False), env=environment())
+        rate = evaluate(run_dir, environment(), episodes=evaluated, save=False).success_rate
+    return rate or 0.0
+
+
 def difference(values: list[float], plain: list[float]) -> tuple[float, float, float]:
     """Difference of means, and its 95 % interval (Welch)."""
     from scipy import stats
@@ -84,7 +136,15 @@ def main(session: Session) -> None:
     session.parser.add_argument("--seeds", type=int, default=10)
     session.parser.add_argument("--steps", type=int, default=1000)
     session.parser.add_argument("--episodes", type=int, default=20)
+    session.parser.add_argument("--camera", action="store_true", help="measure the camera task instead")
+    session.parser.add_argument("--camera-episodes", type=int, default=250)
     args = session.parse()
+    if args.camera:
+        trained = args.camera_episodes
+        cells = {f"{name}-{trained}-{args.episodes}": (name, trained, args.episodes) for name in CAMERA_TRANSFORMS}
+        rates = dict(zip(CAMERA_TRANSFORMS, session.by_seed(camera_run, cells, args.seeds).values(), strict=True))
+        session.write({"env": CAMERA_ENV, "episodes": trained, "success": rates}, "_camera")
+        return
     size = args.steps, args.episodes
     cells = {f"{name.replace(' ', '-')}-{args.steps}-{args.episodes}": (name, *size) for name in args.transforms}
     returns = dict(zip(args.transforms, session.by_seed(run, cells, args.seeds).values(), strict=True))

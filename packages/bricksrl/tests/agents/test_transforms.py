@@ -8,23 +8,34 @@ from collections.abc import Callable
 
 import pytest
 import torch
+from small import Sight
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 from torchrl.data import Bounded, Composite, NonTensor, Unbounded
 from torchrl.envs import (
+    ActionDiscretizer,
     CatFrames,
     Compose,
     DoubleToFloat,
     DTypeCastTransform,
     EnvBase,
+    ExcludeTransform,
+    InitTracker,
     ObservationNorm,
+    ObservationTransform,
     RenameTransform,
     RewardScaling,
     SqueezeTransform,
+    StepCounter,
+    Timer,
+    ToTensorImage,
+    TrajCounter,
     Transform,
     TransformedEnv,
     UnsqueezeTransform,
+    VecNorm,
     VecNormV2,
+    gSDENoise,
 )
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
@@ -73,6 +84,26 @@ class Embedding(Transform):
         return observation_spec
 
 
+class Noisy(ObservationTransform):
+    """Adds noise to each number, of 5 degrees."""
+
+    def __init__(self) -> None:
+        super().__init__(in_keys=KEYS, out_keys=KEYS)
+
+    def _apply_transform(self, observation: Tensor) -> Tensor:
+        return observation + 5.0 * torch.randn_like(observation)
+
+    def _reset(self, _tensordict: TensorDictBase, tensordict_reset: TensorDictBase) -> TensorDictBase:
+        return self._call(tensordict_reset)
+
+
+class Forgetful(Noisy):
+    """Leaves half of the vector out, and says nothing in its spec."""
+
+    def _apply_transform(self, observation: Tensor) -> Tensor:
+        return observation[..., :4]
+
+
 def arm(*transforms: Transform) -> EnvBase:
     env = TransformedEnv(bricksrl.make("RoboArmSim-v0", seed=3), Compose(*transforms))
     prepare(env)
@@ -97,11 +128,14 @@ UNCHANGED: dict[str, Callable[[], list[Transform]]] = {
     "as a matrix": lambda: [UnsqueezeTransform(-1, in_keys=KEYS)],
     "normalised": lambda: [ObservationNorm(torch.linspace(-90, 90, 8), torch.linspace(20, 90, 8), KEYS, standard_normal=True)],
     "running statistics": lambda: [VecNormV2(in_keys=KEYS)],
+    "running statistics of the reward too": lambda: [VecNorm(in_keys=[*KEYS, "reward"])],
+    "noted by TorchRL": lambda: [Timer(), StepCounter(), InitTracker(), gSDENoise(state_dim=8, action_dim=4)],
     "frozen statistics": lambda: [VecNormV2(in_keys=KEYS), RewardScaling(0.0, 0.1)],
     "double and float": lambda: [DTypeCastTransform(torch.float32, torch.float64, in_keys=KEYS), DoubleToFloat(in_keys=KEYS)],
 }
 
 
+@pytest.mark.filterwarnings("ignore::FutureWarning")
 @pytest.mark.parametrize("name", UNCHANGED)
 def test_angles_and_goals_survive_where_the_numbers_do(name: str) -> None:
     env = arm(*UNCHANGED[name]())
@@ -129,6 +163,13 @@ def test_an_own_transform_keeps_what_it_keeps() -> None:
     assert (layout.goals, layout.scale, layout.offset) == (((0, 2), (1, 3)), (-0.25,) * 4, (3.0,) * 4)
 
 
+def test_noise_and_rounding_change_no_meaning() -> None:
+    before = layout_of(bricksrl.make("RoboArmSim-v0"))
+    rounded = DTypeCastTransform(torch.float32, torch.int32, in_keys=KEYS)
+    for layout in (layout_of(arm(Noisy())), layout_of(arm(rounded))):
+        assert (layout.wraps, layout.goals) == (before.wraps, before.goals)
+
+
 def test_numbers_of_several_vectors_are_read() -> None:
     made, own, layout = features(arm(Embedding()))
     assert layout.keys == ["observation", "embedding"]
@@ -147,6 +188,50 @@ def test_what_no_agent_reads_is_an_error() -> None:
     env.observation_spec = Composite(image=Bounded(0, 1, (3, 20, 30)))
     with pytest.raises(DescriptionError, match="'image' of shape"):
         layout_of(env)
+
+
+@pytest.mark.parametrize(
+    ("transform", "says"),
+    [
+        (lambda: ExcludeTransform(*KEYS), "nothing that an agent observes"),
+        (lambda: ObservationNorm(in_keys=KEYS), "ObservationNorm fails .*init_stats"),
+        (TrajCounter, "TrajCounter fails"),
+        (Forgetful, r"'observation' \[4\]; correct transform_observation_spec"),
+        (lambda: ActionDiscretizer(3), "gives no such action .*int64"),
+        (lambda: RenameTransform(["reward"], ["pay"]), "no 'action' or no 'reward'"),
+    ],
+)
+def test_what_no_agent_learns_behind_is_refused_by_name(transform: Callable[[], Transform], says: str) -> None:
+    env = TransformedEnv(bricksrl.make("RoboArmSim-v0", seed=3), transform())
+    with pytest.raises(DescriptionError, match=says):
+        make_learner("sac", env)
+
+
+class Odd(Sight):
+    """Observes a scalar, text, a part of a group, and an image that is no square, and is told nothing else."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        wide = Bounded(0, 255, (3, 20, 30), dtype=torch.uint8)
+        self.observation_spec = Composite(x=Bounded(-1, 1, ()), said=NonTensor(()), arm=Composite(angle=Unbounded(2)), wide=wide)
+
+    def _jump(self) -> TensorDict:
+        return self.observation_spec.rand()
+
+
+def test_transforms_make_readable_what_no_agent_reads() -> None:
+    out, angle = ExcludeTransform("said", "wide"), RenameTransform([("arm", "angle")], ["angle"])
+    env = TransformedEnv(Odd(), Compose(UnsqueezeTransform(-1, in_keys=["x"], out_keys=["x"]), angle, out))
+    assert layout_of(env).names == ("x_0", "arm.angle_0", "arm.angle_1")
+
+
+def test_running_statistics_of_an_image_keep_the_units_of_a_vector() -> None:
+    env = TransformedEnv(Sight(), Compose(ToTensorImage(in_keys=["image"]), VecNormV2(in_keys=["image"])))
+    both = TransformedEnv(Sight(), Compose(ToTensorImage(in_keys=["image"]), VecNormV2(in_keys=["image", *KEYS])))
+    for one in (env, both):
+        prepare(one)
+        assert layout_of(one).names == ("observation_0", "observation_1")
+        assert one.rollout(3)["next", "image"].shape == (3, 3, 32, 32)
 
 
 def test_images_alone_and_several_are_read() -> None:

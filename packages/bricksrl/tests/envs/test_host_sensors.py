@@ -270,6 +270,12 @@ def test_reading_of_a_twin_is_repeatable_and_has_its_rate() -> None:
     assert len(set(episodes[2])) < 5, "a reading stays until the next one is due"
 
 
+def test_mistake_in_a_twin_is_no_lost_link() -> None:
+    says = r"the twin of a sensor 'clock' gives 3\.0; let it give a number each for tick"
+    with closing(with_sensor(Clock(), twin=lambda _: 3.0)) as env, pytest.raises(DescriptionError, match=says):
+        env.reset()
+
+
 def test_second_camera_is_an_image_of_its_own() -> None:
     view = CameraView("chase", width_px=160, height_px=120, image_px=32)
     register(replace(SPINNING, id="Filmed-v0", max_steps=2, sensors=(second_camera(view),)))

@@ -129,6 +129,21 @@ def test_asynchronous_user_algorithm(redq: str, tmp_path: Path) -> None:
     assert load_checkpoint(tmp_path / "run" / "checkpoint.bin")["agent"]["updates"] > 0
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "problem"),
+    [
+        ("Linear(n, units)", "Linear(n + 1, units)", "mat1 and mat2"),
+        ("Linear(units, 1)", "Linear(units, 2)", "size of tensor"),
+        (", batch_size=8", "", "batch_size not specified"),
+        ("distribution_class=TanhNormal", "out_keys=['act'], distribution_class=TanhNormal", 'key "action" not found'),
+    ],
+)
+def test_failure_of_a_users_algorithm_is_told(redq: str, tmp_path: Path, old: str, new: str, problem: str) -> None:
+    (tmp_path / "own.py").write_text(REDQ.replace(old, new))
+    with pytest.raises(DescriptionError, match=f"own.py:make_redq fails .*{problem}"):
+        train(TrainConfig("Cart", redq, 2, run_dir=tmp_path / "run"), env=Cart())
+
+
 @pytest.mark.slow
 def test_example_agent_learns_tunes_and_shares(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run, agent = tmp_path / "run", str(EXAMPLE)

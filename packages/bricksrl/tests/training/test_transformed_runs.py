@@ -8,12 +8,17 @@ from typing import Any
 
 import pytest
 import torch
-from torchrl.envs import CatFrames, TransformedEnv
+from tensordict import TensorDictBase
+from torchrl.data import Bounded, Composite
+from torchrl.envs import CatFrames, Compose, RewardSum, SerialEnv, StepCounter, TransformedEnv
+from toys import Cart
 
 import bricksrl
+from brickhub.seed import derive_seed
 from bricksrl.agents import preset
 from bricksrl.data import load
-from bricksrl.errors import DescriptionError, RunError
+from bricksrl.envs.rollout import seed_episode
+from bricksrl.errors import DataError, DescriptionError, RunError
 from bricksrl.evaluation.evaluator import evaluate
 from bricksrl.policies.export import export_model
 from bricksrl.training import TrainConfig, resume, train
@@ -21,7 +26,13 @@ from bricksrl.training.run_folder import RunFolder
 
 SMALL = replace(preset("default", "sac"), hidden=(16, 16), updates_per_step=0.2)
 TRANSFORM = """
-from torchrl.envs import Compose, RenameTransform, RewardScaling, TransformedEnv, VecNormV2
+from torchrl.envs import Compose, ObservationNorm, RenameTransform, RewardScaling, TransformedEnv, VecNormV2
+
+def drawn(env):
+    statistics = ObservationNorm(in_keys=["observation"], standard_normal=True)
+    env = TransformedEnv(env, statistics)
+    statistics.init_stats(20)
+    return env
 
 def transform(env):
     named = RenameTransform(["observation"], ["seen"])
@@ -33,13 +44,14 @@ def config(run_dir: Path, **named: Any) -> TrainConfig:
     return TrainConfig(**{"env": "WalkerSim-v0", "episodes": 2, "settings": SMALL, "run_dir": run_dir, **named})
 
 
-@pytest.fixture(params=["stacked", "own", "normalized"])
+@pytest.fixture(params=["stacked", "own", "drawn", "normalized"])
 def options(request: pytest.FixtureRequest, tmp_path: Path) -> dict[str, Any]:
     file = tmp_path / "mine.py"
     file.write_text(TRANSFORM)
     return {
         "stacked": {"frame_stack": 3, "frame_skip": 2},
         "own": {"transform": str(file)},
+        "drawn": {"transform": f"{file}:drawn"},
         "normalized": {"normalize": True},
     }[request.param]
 
@@ -80,6 +92,65 @@ def test_an_environment_with_transforms_is_trained_and_evaluated(tmp_path: Path)
     train(config(tmp_path / "run"), env=made())
     assert evaluate(tmp_path / "run", made(), episodes=1, save=False).episodes == 1
     assert bricksrl.load_policy(tmp_path / "run", made()).shapes == {"observation": (14,)}
+
+
+class WideCart(Cart):
+    """A cart whose actions are millimetres."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.action_spec = Bounded(-50.0, 150.0, (1,))
+        self.most_mm = 0.0
+
+    def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
+        self.most_mm = max(self.most_mm, float(tensordict["action"]))
+        return super()._step(tensordict.set("action", tensordict["action"] / 100.0))
+
+
+def test_actions_of_another_range_are_scaled(tmp_path: Path) -> None:
+    env, data, named = WideCart(), tmp_path / "data", {"env": "Wide", "agent": "td3"}
+    settings = replace(preset("default", "td3"), hidden=(16, 16), updates_per_step=0.5)
+    train(config(data, episodes=5, settings=settings, **named), env=env)
+    assert 100.0 < env.most_mm <= 150.0
+    assert load(data).action.max() == pytest.approx(env.most_mm)
+    run = train(config(tmp_path / "run", settings=settings, data=str(data), updates=4, **named), env=WideCart())
+    assert len(run.episodes) == 2
+    judged = evaluate(data, WideCart(), episodes=1, seed=3, save=False)
+    env = WideCart()
+    seed_episode(env, derive_seed(3, "evaluation", 1))
+    frames = env.rollout(8, bricksrl.load_policy(data, env))
+    assert float(frames["next", "reward"].sum()) == pytest.approx(judged.return_mean, abs=1e-4)
+
+
+class Elsewhere(Cart):
+    """A cart that observes under another name."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.observation_spec = Composite(state=self.observation_spec["observation"])
+
+    def _reset(self, tensordict: TensorDictBase | None = None, **kwargs: Any) -> TensorDictBase:
+        return super()._reset(tensordict).rename_key_("observation", "state")
+
+    def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
+        return super()._step(tensordict).rename_key_("observation", "state")
+
+
+def test_what_no_dataset_holds_is_not_recorded(tmp_path: Path) -> None:
+    train(config(tmp_path / "run", env="Elsewhere"), env=Elsewhere())
+    assert not (tmp_path / "run" / "data").exists()
+    train(config(tmp_path / "data", env="Cart"), env=Cart())
+    with pytest.raises(DataError, match="no data hold what Elsewhere observes"):
+        train(config(tmp_path / "offline", env="Elsewhere", data=str(tmp_path / "data"), updates=4), env=Elsewhere())
+
+
+def test_copies_of_an_own_environment(tmp_path: Path) -> None:
+    def copies() -> TransformedEnv:
+        return TransformedEnv(SerialEnv(2, Cart), Compose(RewardSum(), StepCounter()))
+
+    run = train(config(tmp_path / "run", env="Cart"), env=copies())
+    assert all(0 < episode.length <= 8 for episode in run.episodes)
+    assert evaluate(tmp_path / "run", copies(), episodes=3, save=False).episodes == 3
 
 
 def test_copies_and_other_processes_have_the_transforms(tmp_path: Path) -> None:

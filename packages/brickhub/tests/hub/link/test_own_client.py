@@ -10,7 +10,14 @@ from pathlib import Path
 import pytest
 from described import TWO_WHEELER
 
-from brickhub.errors import DescriptionError, HubProgramError, HubProtocolError, HubTimeoutError, ProgramError
+from brickhub.errors import (
+    DescriptionError,
+    HubProgramError,
+    HubProtocolError,
+    HubTimeoutError,
+    ProgramError,
+    ProgramStoppedError,
+)
 from brickhub.hub.interface import ClientChannel, ClientCommand, Interface, UntilDone
 from brickhub.hub.link.lockstep import HubLink, LinkState
 from brickhub.hub.link.own_client import ClientLink, OwnClient
@@ -79,8 +86,21 @@ def test_silence_ends_the_step_as_lost(tmp_path: Path) -> None:
 def test_another_size_of_the_answer_is_told(tmp_path: Path) -> None:
     link, _ = linked(tmp_path, LOOP.replace('pack("!fb", motor.angle(), count)', 'pack("!fbf", motor.angle(), count, 0)'))
     link.open()
-    link.read()
     with pytest.raises(HubProtocolError, match="client.py sent more than an answer '!fb'; correct one of them"):
+        link.read()
+
+
+def test_what_is_no_number_and_an_end_are_told(tmp_path: Path) -> None:
+    link, _ = linked(tmp_path, LOOP.replace("motor.angle()", 'float("nan") if count else 0'))
+    link.open()
+    link.read()
+    with pytest.raises(HubProtocolError, match=r"client.py answers \[nan, 1.0\], which are not all numbers; correct it"):
+        link.act([1.0, 1])
+    link, _ = linked(tmp_path, LOOP.replace("while True", "for _ in range(2)"))
+    link.open()
+    link.read()
+    link.act([1.0, 1])
+    with pytest.raises(ProgramStoppedError, match="client.py has ended; let it answer in a loop without end"):
         link.act([1.0, 1])
 
 

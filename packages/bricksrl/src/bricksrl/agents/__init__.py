@@ -7,7 +7,7 @@ import inspect
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from typing import TYPE_CHECKING, Any
 
-from brickhub.user_files import is_reference, load_object
+from brickhub.user_files import is_reference, line_of_user, load_object
 from bricksrl.errors import BricksError, DescriptionError, UnknownNameError, hint, message_of
 
 if TYPE_CHECKING:
@@ -165,9 +165,11 @@ def make_learner(agent: str, env: EnvBase, settings: Any = None, device: str = "
     from bricksrl.agents.learner import Learner
     from bricksrl.agents.replay.augmentation import augmentations
     from bricksrl.agents.settings import OffPolicySettings
-    from bricksrl.envs.transforms import layout_of, prepare
+    from bricksrl.envs.transforms import layout_of, prepare, with_unit_actions
 
     chosen = algorithm(agent)
+    if with_unit_actions(env) is not env:
+        raise DescriptionError("the actions have another range than -1..1; give TransformedEnv(env, ActionScaling())")
     prepare(env)
     images = bool(layout_of(env).images)
     settings = preset("default", agent, images=images) if settings is None else settings
@@ -183,7 +185,8 @@ def make_learner(agent: str, env: EnvBase, settings: Any = None, device: str = "
     except Exception as error:
         if not (is_reference(agent) or vars(settings).get("network")):
             raise
-        raise DescriptionError(f"{agent} cannot be built ({message_of(error, typed=True)}); correct it") from error
+        what = f"{message_of(error, typed=True)}{line_of_user(error)}"
+        raise DescriptionError(f"{agent} cannot be built ({what}); correct it") from error
     if not isinstance(learner, Learner):
         raise DescriptionError(f"{agent} builds a {type(learner).__name__}; let it return a bricksrl.agents.learner.Learner")
     if isinstance(settings, OffPolicySettings) and learner.memory is not None:

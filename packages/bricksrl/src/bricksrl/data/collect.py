@@ -92,9 +92,10 @@ def collect(
 def step_of(transition: TensorDictBase, env: EnvBase) -> Step:
     """Step from a transition of TorchRL's ``EnvBase.step``, copied, since the environment may reuse its tensors. ``env``:
     environment of the transition; its ``timing``, if any, is recorded."""
-    after, timing = transition["next"], interface_of(env).timing
+    after, ours = transition["next"], interface_of(env)
+    timing, has_image = ours.timing, ours.task is not None and "image" in after
     times: dict[str, Any] = {} if timing is None else {"age_s": timing.age_s, "hub_time_s": timing.hub_time_s}
-    images = {} if "image" not in after else {"image": _numbers(transition["image"]), "next_image": _numbers(after["image"])}
+    images = {"image": _numbers(transition["image"]), "next_image": _numbers(after["image"])} if has_image else {}
     return Step(
         observation=_numbers(transition["observation"]),
         action=_numbers(transition["action"]),

@@ -186,23 +186,29 @@ def play_episodes(
         yield EpisodeScore(episode.return_, len(episode.rewards), episode.action_size, *episode.judged(env))
 
 
+def longest_of(env: EnvBase) -> int:
+    """Steps of an episode at most; those of a round of copies where no task says it."""
+    task = interface_of(env).task
+    return 100 if task is None else task.max_steps
+
+
 def _play_copies(
     env: EnvBase, policy: Policy, episodes: int, seed: int, reset_policy: Callable[[], None]
 ) -> Iterator[EpisodeScore]:
     """The first episode of each copy, repeated until ``episodes`` are played. A task that judges more than the agent sees, such
     as the true pose of a robot in another process, gives no success and no metrics."""
-    copies, task = env.batch_size.numel(), env.task
+    copies, task = env.batch_size.numel(), interface_of(env).task
+    judge = None if task is None or task.has_hidden_entries else task
     for start in range(0, episodes, copies):
         seed_episode(env, derive_seed(seed, "evaluation", 1 + start))
         reset_policy()
-        rollout = env.rollout(task.max_steps, policy, break_when_any_done=False).cpu()
+        rollout = env.rollout(longest_of(env), policy, break_when_any_done=False).cpu()
         frames, sizes = rollout["next"], rollout["action"].abs().mean(-1)
         done = frames["done"].squeeze(-1)
         lengths = torch.where(done.any(-1), done.int().argmax(-1) + 1, done.shape[-1])
         for copy in range(min(copies, episodes - start)):
             episode = frames[copy, : int(lengths[copy])]
-            judged = None if task.has_hidden_entries else episode["observation"]
-            success = None if judged is None else success_of(task, judged)
-            numbers = {} if judged is None else metrics_of(task, judged)
+            success = None if judge is None else success_of(judge, episode["observation"])
+            numbers = {} if judge is None else metrics_of(judge, episode["observation"])
             size = float(sizes[copy, : len(episode)].mean())
             yield EpisodeScore(float(episode["reward"].sum()), len(episode), size, success, numbers)

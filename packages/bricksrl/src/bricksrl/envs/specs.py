@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import traceback
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,12 +12,13 @@ from typing import Any
 import torch
 from torch import Tensor
 from torchrl.data.tensor_specs import Binary, Bounded, BoundedContinuous, Composite, Unbounded
-from torchrl.envs import EnvBase
+from torchrl.envs import Compose, EnvBase, Transform
 
 from brickhub.entry import Entry
+from brickhub.user_files import line_of_user
 from bricksrl.envs.env_interface import BricksEnv
 from bricksrl.envs.task import Task
-from bricksrl.errors import BricksError, DescriptionError
+from bricksrl.errors import BricksError, DescriptionError, message_of
 
 
 def clamped(action: Tensor, shape: Sequence[int], env_id: str) -> Tensor:
@@ -146,15 +148,16 @@ def set_vector_specs(env: EnvBase, task: Task) -> None:
     env.done_spec = end_specs(batch, device)
 
 
-def spec_entries(spec: Any, prefix: str) -> tuple[Entry, ...]:
-    """Entries of a spec; where it has none, numbered ones with its bounds, infinite where it has none."""
+def spec_entries(spec: Any, prefix: str | tuple[str, ...]) -> tuple[Entry, ...]:
+    """Entries of a spec; where it has none, numbered ones with its bounds, infinite where it has none. ``prefix``: its key."""
     entries: tuple[Entry, ...] = getattr(spec, "entries", ())
     space, n = getattr(spec, "space", None), spec.shape.numel()
     if len(entries) == n:
         return entries
     ends = [getattr(space, end, None) for end in ("low", "high")]
     low, high = ([without] * n if end is None else end.flatten().tolist() for end, without in zip(ends, (-inf, inf), strict=True))
-    return tuple(Entry(f"{prefix}_{i}", low[i], high[i]) for i in range(n))
+    name = prefix if isinstance(prefix, str) else ".".join(prefix)
+    return tuple(Entry(f"{name}_{i}", low[i], high[i]) for i in range(n))
 
 
 @dataclass(frozen=True)
@@ -191,19 +194,42 @@ class ImageShape:
         return cls(key, side, channels, is_last, *((low, high) if inf > high > low > -inf else (0.0, 1.0)))
 
 
-EPISODE_KEYS = ("link_lost", "episode_reward", "step_count", "is_init", "traj_count")
-"""What is observed of the course of an episode rather than of the robot, by us and by TorchRL's transforms; no agent reads it."""
+EPISODE_KEYS = ("link_lost", "episode_reward", "step_count", "is_init", "traj_count", "time_step", "time_policy", "time_reset")
+"""What is noted of the course of an episode, by us and by TorchRL's transforms; no agent reads it, nor what begins with "_"."""
+
+
+def transform_failure(error: Exception) -> DescriptionError:
+    """The error of a transform that raised, by the name of its class."""
+    within = (frame.f_locals.get("self") for frame, _ in traceback.walk_tb(error.__traceback__))
+    names = [type(one).__name__ for one in within if isinstance(one, Transform) and not isinstance(one, Compose)]
+    what = f"{message_of(error, typed=True)}{line_of_user(error)}"
+    return DescriptionError(f"{(names or ['the transform'])[-1]} fails ({what}); correct it, or omit it")
+
+
+def specs_of(env: EnvBase, kind: str) -> Composite:
+    """Specs, without batch, of a kind: observation, action, reward. Raises DescriptionError if a transform fails on them."""
+    try:
+        return getattr(env, f"full_{kind}_spec_unbatched")
+    except Exception as error:
+        raise transform_failure(error) from error
+
+
+def given_specs(env: EnvBase) -> dict[Any, Any]:
+    """Specs, without batch, of all numbers that an environment gives to its transforms, whether an agent can read them or not."""
+    specs = specs_of(env, "observation").items(True, True)
+    return {key: spec for key, spec in specs if spec.dtype is not None and key not in EPISODE_KEYS}
 
 
 def observed_specs(env: EnvBase) -> dict[str, Any]:
     """Specs, without batch, of all that an agent observes. Raises DescriptionError for one that no agent can read."""
     specs = {}
-    for key, spec in env.full_observation_spec_unbatched.items():
-        if key in EPISODE_KEYS:
+    for key, spec in specs_of(env, "observation").items():
+        is_empty = isinstance(spec, Composite) and not list(spec.keys(True, True))  # its parts have other names now
+        if key in EPISODE_KEYS or key.startswith("_") or is_empty:
             continue
         if isinstance(spec, Composite) or spec.dtype is None or not 0 < len(spec.shape) <= 3:
             kind = type(spec).__name__ if isinstance(spec, Composite) or spec.dtype is None else f"shape {list(spec.shape)}"
-            raise DescriptionError(f"an agent reads no '{key}' ({kind}); leave it out, as by TorchRL's ExcludeTransform")
+            raise DescriptionError(f"an agent reads no '{key}' ({kind}); rename its parts, or leave it out (ExcludeTransform)")
         specs[str(key)] = spec
     return specs
 

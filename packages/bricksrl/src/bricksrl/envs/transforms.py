@@ -15,16 +15,28 @@ from math import inf
 from typing import TYPE_CHECKING, Any
 
 import torch
-from tensordict import TensorDictBase
+from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 from torch.nn.parameter import Parameter, UninitializedBuffer, is_lazy
 from torchrl import set_auto_unwrap_transformed_env
-from torchrl.envs import CatFrames, Compose, EnvBase, FrameSkipTransform, Transform, TransformedEnv, VecNorm, VecNormV2
+from torchrl.envs import ActionScaling, CatFrames, Compose, EnvBase, FrameSkipTransform, Transform, TransformedEnv, VecNorm
+from torchrl.envs.transforms import VecNormV2
 
 from brickhub.entry import Entry
-from brickhub.user_files import load_object
+from brickhub.user_files import line_of_user, load_object
 from bricksrl.envs.env_interface import interface_of
-from bricksrl.envs.specs import SPECS, ImageShape, Number, ObservationLayout, SpecsEnv, observed_specs, spec_entries
+from bricksrl.envs.specs import (
+    SPECS,
+    ImageShape,
+    Number,
+    ObservationLayout,
+    SpecsEnv,
+    given_specs,
+    observed_specs,
+    spec_entries,
+    specs_of,
+    transform_failure,
+)
 from bricksrl.errors import DataError, DescriptionError, message_of
 
 if TYPE_CHECKING:
@@ -34,8 +46,9 @@ _TRIES, _STEPS = 8, (2, 24)
 """Random episodes, and their steps; the longer ones if a number is the same in all short ones, as it is of an earlier step."""
 RUNNING = (VecNorm, VecNormV2)
 """Transforms by running statistics, which can be undone (``denorm``) and frozen."""
-_TOLERANCE = 1e-4
-"""Largest deviation from a linear function, in standard deviations: that of single precision."""
+_TOLERANCE, _ROUNDING = 1e-4, 0.1
+"""Largest deviations, in standard deviations: from a linear function, that of single precision; from an entry itself, that of
+whole numbers and half precision."""
 
 
 def base_of(env: EnvBase) -> EnvBase:
@@ -60,9 +73,16 @@ def layout_of(env: EnvBase) -> ObservationLayout:
     that no agent can read."""
     if isinstance(env, SpecsEnv) and env.layout is not None:
         return env.layout
+    chain, known = transforms_of(env), env.__dict__.get("_known", ())
+    if chain and chain in known:  # to try them takes time
+        return known[1]  # type: ignore[no-any-return]
     specs, vectors = observed_specs(env), numbers_of(env)
+    if not specs:
+        raise DescriptionError("there is nothing that an agent observes; leave a vector or an image")
     images = tuple(ImageShape.of(key, spec) for key, spec in specs.items() if key not in vectors)
-    return ObservationLayout.of_numbers(vectors, [tuple(specs[key].shape) for key in vectors], images)
+    layout = ObservationLayout.of_numbers(vectors, [tuple(specs[key].shape) for key in vectors], images)
+    env.__dict__["_known"] = chain, layout
+    return layout
 
 
 class Tap(Transform):  # type: ignore[misc]
@@ -139,7 +159,9 @@ class KeepUnits(Transform):  # type: ignore[misc]
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
         chain = self.__dict__["_container"]().transforms
-        before = chain[list(chain).index(self) - 1].denorm(next_tensordict)  # in a copy of the chain by its own statistics
+        statistics = copy.copy(chain[list(chain).index(self) - 1])  # in a copy of the chain its own
+        statistics.in_keys, statistics.out_keys = ([pair[end] for pair in self.kept] for end in (0, 1))  # not of a reward
+        before = statistics.denorm(next_tensordict)
         for (key, out), kept in self.kept.items():
             if out in next_tensordict:
                 value = next_tensordict[out]
@@ -166,6 +188,20 @@ def prepare(env: EnvBase) -> None:
         if not (isinstance(inner, TransformedEnv) or inner.batch_size or isinstance(next(iter(chain), None), Tap)):
             _insert(env, 0, Tap())
         env = inner
+
+
+def with_unit_actions(env: EnvBase) -> EnvBase:
+    """An environment whose actions are in -1..1, by TorchRL's ``ActionScaling`` where they have another range. Raises
+    DescriptionError for actions that no agent gives, and without a reward."""
+    action, reward = (specs_of(env, kind).get(kind, None) for kind in ("action", "reward"))
+    if action is None or reward is None:
+        raise DescriptionError("the environment has no 'action' or no 'reward'; let its transforms keep these names")
+    if len(action.shape) != 1 or action.dtype != torch.float32:
+        kind = f"{type(action).__name__} {list(action.shape)}, {action.dtype}"
+        raise DescriptionError(f"an agent gives no such action ({kind}); let it take float32 [n] with a range")
+    if bool((action.space.low == -1.0).all() and (action.space.high == 1.0).all()):
+        return env
+    return env.append_transform(ActionScaling()) if isinstance(env, TransformedEnv) else TransformedEnv(env, ActionScaling())
 
 
 def _chain(env: TransformedEnv) -> list[Transform]:
@@ -224,7 +260,7 @@ def over(env: EnvBase, playback: Playback, *, is_tried: bool = False) -> EnvBase
 def numbers_of(env: EnvBase) -> dict[str, list[Number]]:
     """The numbers of each vector of an environment, through its transforms. Raises DescriptionError for an observation that no
     agent reads."""
-    vectors = _vectors(env)
+    vectors = _vectors(observed_specs(env))
     if not isinstance(env, TransformedEnv) or not vectors:
         return {key: [Number(entry) for entry in entries] for key, entries in vectors.items()}
     given, seen, entries = _tried(env, list(vectors))
@@ -236,11 +272,11 @@ def changes_nothing(env: EnvBase) -> bool:
     base = base_of(env)
     if base is env:
         return True
-    paid, steps = _one_step(env)
+    paid, steps = one_step(env)
     return numbers_of(env) == numbers_of(base) and bool((paid == 1.0).all()) and steps == 1
 
 
-def _one_step(env: EnvBase) -> tuple[Tensor, int]:
+def one_step(env: EnvBase) -> tuple[Tensor, int]:
     """What a step behind the transforms pays where each of the environment's own pays 1, and the number of these."""
     base = base_of(env)
     playback = Playback(base, lambda _: still(base).set("reward", torch.ones_like(base.reward_spec.zero())))
@@ -249,31 +285,22 @@ def _one_step(env: EnvBase) -> tuple[Tensor, int]:
     return paid, len(playback.played) - 1
 
 
-def has_running_statistics(env: EnvBase) -> bool:
-    """Whether what observations mean changes while an agent learns."""
-    return any(isinstance(transform, RUNNING) and not transform.frozen for transform in transforms_of(env))
-
-
-def frames_per_step(env: EnvBase) -> int:
-    """Steps of the environment in one of its transforms."""
-    return _one_step(env)[1]
-
-
 def still(env: EnvBase) -> TensorDictBase:
     """An outcome of nothing: zeros, which end nothing."""
     outcome: TensorDictBase = env.full_observation_spec.zero().update(env.full_done_spec.zero())
     return outcome.set("reward", env.reward_spec.zero())
 
 
-def _vectors(env: EnvBase) -> dict[str, tuple[Entry, ...]]:
-    return {key: spec_entries(spec, key) for key, spec in observed_specs(env).items() if len(spec.shape) < 3}
+def _vectors(specs: dict[Any, Any]) -> dict[Any, tuple[Entry, ...]]:
+    return {key: spec_entries(spec, key) for key, spec in specs.items() if len(spec.shape) < 3}
 
 
 def _tried(env: EnvBase, wanted: list[str]) -> tuple[Tensor, dict[str, Tensor], list[Entry]]:
     """Random observations ``[tries, frames, entries]`` of the environment, what its transforms make of the last ones,
     ``[tries, numbers]`` for each key, and the entries. Raises DescriptionError if a transform fails."""
     base = base_of(env)
-    vectors, ends = _vectors(base), {key: _ends(key, spec) for key, spec in observed_specs(base).items()}
+    specs = given_specs(base)
+    vectors, ends = _vectors(specs), {key: _ends(spec) for key, spec in specs.items()}
     given, seen = list[Tensor](), dict[str, list[Tensor]]()
     for steps in _STEPS:
         given, seen = [], {key: [] for key in wanted}
@@ -288,9 +315,12 @@ def _tried(env: EnvBase, wanted: list[str]) -> tuple[Tensor, dict[str, Tensor], 
                     for _ in range(steps):
                         state = view.step(view.rand_action(state))["next"]
                 except Exception as error:
-                    raise DescriptionError(f"the transforms fail ({message_of(error, typed=True)}); correct them") from error
-            given.append(torch.stack([torch.cat([_flat(row[key], base) for key in vectors]) for row in playback.played]))
+                    raise transform_failure(error) from error
+            rows = [[torch.zeros(0), *(_flat(row[key], base) for key in vectors)] for row in playback.played]  # or images alone
+            given.append(torch.stack([torch.cat(row) for row in rows]))
             for key in wanted:
+                if (shape := state[key].shape) != env.full_observation_spec[key].shape:
+                    raise DescriptionError(f"the transforms make a '{key}' {list(shape)}; correct transform_observation_spec")
                 seen[key].append(_flat(state[key], env))
         if all(bool((torch.stack(values) != values[0]).any(0).all()) for values in seen.values()):
             break
@@ -298,14 +328,11 @@ def _tried(env: EnvBase, wanted: list[str]) -> tuple[Tensor, dict[str, Tensor], 
     return torch.stack(given), {key: torch.stack(values) for key, values in seen.items()}, entries
 
 
-def _ends(key: str, spec: Any) -> tuple[Tensor, Tensor]:
+def _ends(spec: Any) -> tuple[Tensor, Tensor]:
     """Bounds that random values are drawn from."""
-    if len(spec.shape) == 3:
-        image = ImageShape.of(key, spec)
-        return torch.tensor(image.low), torch.tensor(image.high)
-    entries = [(e.low, e.high) if e.high - e.low < inf else (-1.0, 1.0) for e in spec_entries(spec, key)]
-    low, high = torch.tensor(entries).T
-    return low.view(spec.shape), high.view(spec.shape)
+    low, high = (getattr(spec.space, end, torch.full(spec.shape, inf)) for end in ("low", "high"))
+    is_bounded = (high - low).isfinite()
+    return torch.where(is_bounded, low, -1.0), torch.where(is_bounded, high, 1.0)
 
 
 def _random_outcome(env: EnvBase, ends: dict[str, tuple[Tensor, Tensor]], generator: torch.Generator, _: int) -> TensorDictBase:
@@ -333,15 +360,18 @@ def _numbers(given: Tensor, seen: Tensor, entries: Sequence[Entry], key: str) ->
     slope = covariance / variance.clamp_min(1e-12)
     rest = (y[:, None] - x[:, :, None] * slope).square().sum(0).sqrt()
     size = y.square().sum(0).sqrt()
-    found = (rest <= _TOLERANCE * size) & (size > 1e-9) & (slope.abs() > 1e-9)
+    is_same = (seen[:, None] - given.flatten(1)[:, :, None]).square().sum(0).sqrt() <= _ROUNDING * size
+    found = ((rest <= _TOLERANCE * size) & (slope.abs() > 1e-9) | is_same) & (size > 1e-9)
     numbers = []
     for j in range(seen.shape[1]):
         index = next(iter(found[:, j].nonzero().flatten().tolist()), None)
         if index is None:
             numbers.append(Number(Entry(f"{key}_{j}")))
             continue
-        scale = _exact(float(slope[index, j]))
-        offset = _exact(float(seen[:, j].mean() - scale * given.flatten(1)[:, index].mean()), float(size[j]))
+        scale, offset = 1.0, 0.0
+        if not is_same[index, j]:
+            scale = _exact(float(slope[index, j]))
+            offset = _exact(float(seen[:, j].mean() - scale * given.flatten(1)[:, index].mean()), float(size[j]))
         numbers.append(Number(entries[index % n], scale, offset, frames - 1 - index // n))
     return numbers
 
@@ -363,6 +393,7 @@ def through(env: EnvBase, frames: TensorDictBase) -> TensorDictBase:
     given = frames.select(*base.full_observation_spec.keys(), "action", "next", strict=False)
     playback = Playback(base, lambda _: still(base))
     view = over(env, playback)
+    none, full = (view.transform.inv(TensorDict(action=torch.full_like(given["action"][0], x)))["action"] for x in (0.0, 1.0))
     made = []
     for end in (frames["next", "done"].view(-1).nonzero().flatten() + 1).tolist():
         episode = given[start:end]
@@ -373,9 +404,9 @@ def through(env: EnvBase, frames: TensorDictBase) -> TensorDictBase:
         state = view.reset()
         while len(playback.played) <= len(episode):
             place = len(playback.played) - 1
-            out = view.step(state.set("action", episode[place]["action"]))
+            out = view.step(state.set("action", (episode[place]["action"] - none) / (full - none)))
             taken = episode[place : len(playback.played) - 1]["action"]
-            if not torch.equal(torch.stack(playback.acted)[: len(taken)], taken):
+            if not torch.allclose(torch.stack(playback.acted)[: len(taken)], taken, atol=1e-4):
                 raise DataError("the data has other actions than these transforms would give; record with them, or omit them")
             made.append(out)
             state = view.step_mdp(out)
@@ -397,6 +428,7 @@ def transform_state(env: EnvBase) -> dict[str, Any]:
 
 def load_transform_state(env: EnvBase, state: dict[str, Any], *, frozen: bool = False) -> None:
     """Inverse of `transform_state`; ``frozen``: statistics do not run on."""
+    env.__dict__.pop("_known", None)
     for place, transform in enumerate(transforms_of(env)):
         own = transform.state_dict(keep_vars=True)
         part = {name.partition(".")[2]: value for name, value in state.items() if name.startswith(f"{place}.")}
@@ -421,14 +453,17 @@ def unaffected(env: EnvBase) -> Iterator[None]:
 def transformed(env: EnvBase, options: EnvOptions) -> EnvBase:
     """An environment with the transforms of its options, prepared for an agent. Raises DescriptionError if a user's transform is
     none, or raises."""
-    for reference in filter(None, (options.transform,)):
-        found = load_object(reference, "transform")
-        try:
-            env = TransformedEnv(env, found) if isinstance(found, Transform) else found(env)
-        except Exception as error:
-            raise DescriptionError(f"{reference} cannot be applied ({message_of(error, typed=True)}); correct it") from error
+    if options.transform is not None:
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(0)  # what it draws, such as a frozen network, is the same wherever it is made
+            found = load_object(options.transform, "transform")
+            try:
+                env = TransformedEnv(env, found) if isinstance(found, Transform) else found(env)
+            except Exception as error:
+                what = f"{message_of(error, typed=True)}{line_of_user(error)}"
+                raise DescriptionError(f"{options.transform} cannot be applied ({what}); correct it") from error
         if not isinstance(env, EnvBase):
-            raise DescriptionError(f"{reference} gives a {type(env).__name__}; let it return a torchrl.envs.TransformedEnv")
+            raise DescriptionError(f"{options.transform} gives a {type(env).__name__}; let it return a TransformedEnv")
     if options.frame_skip > 1:
         env = TransformedEnv(env, FrameSkip(options.frame_skip))
     if options.frame_stack > 1:
@@ -436,6 +471,7 @@ def transformed(env: EnvBase, options: EnvOptions) -> EnvBase:
         stacks = {dim: [key for key, spec in specs.items() if _stack_dim(key, spec) == dim] for dim in (-1, -3)}
         stacked = [CatFrames(options.frame_stack, dim, in_keys=keys) for dim, keys in stacks.items() if keys]
         env = TransformedEnv(env, Compose(*stacked))
+    env = with_unit_actions(env)
     prepare(env)
     return env
 

@@ -146,6 +146,7 @@ def evaluate(
     check_seed(seed)
     from brickhub.seed import derive_seed
     from bricksrl.envs.rollout import play_episodes
+    from bricksrl.envs.transforms import with_unit_actions
     from bricksrl.training.restore import reproducible
 
     origin = RunFolder(run_dir).origin()
@@ -161,10 +162,11 @@ def evaluate(
         hub = options.hub
         side_by_side = is_simulation(env_id) and hub == "virtual" and not options.realtime
         in_chunks = hasattr(algorithm(origin.agent).settings, "chunk")
-        copies = min(episodes, MAX_COPIES) if side_by_side and not (in_chunks or options.is_transformed) else 1
+        in_turn = in_chunks or options.is_transformed or is_reference(origin.agent)  # which may read specs with a batch
+        copies = min(episodes, MAX_COPIES) if side_by_side and not in_turn else 1
         env = own = make_env(env_id, options, copies, seed=origin.seed, place=place)
     else:
-        task = interface_of(env).task
+        env, task = with_unit_actions(env), interface_of(env).task
         as_trained = task is None or is_reference(env_id) or task.id == env_id  # the task of a file has an id of its own
     try:
         if on_env is not None:

@@ -38,12 +38,12 @@ def load_policy(path: Path | str, env: EnvBase | None = None, *, which: Which = 
     path, given = Path(path), env
     if which != "last" and is_policy(path):
         raise RunError(f"{path} holds the policy of one checkpoint; take the last one")
-    from bricksrl.envs.transforms import base_of, transformed
+    from bricksrl.envs.transforms import base_of, transformed, with_unit_actions
 
     with closing(make_env_of(path)) if env is None else nullcontext(env) as env:
         options, base = config_of(path).robot, base_of(env)
-        takes_own = options.is_transformed and (base is env or given is None)
-        trained = transformed(env, options) if takes_own and base is env else env
+        trained = transformed(env, options) if base is env else with_unit_actions(env)
+        takes_own = trained is not base and (base is env or given is None)
         learner = load_shared(path, trained) if is_policy(path) else load_learner(path, trained, which=which).learner
         return Policy(learner.policy, base, trained) if takes_own else Policy(learner.policy, trained)
 

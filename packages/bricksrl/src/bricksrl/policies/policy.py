@@ -16,7 +16,7 @@ from torch import Tensor
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from bricksrl.envs import rollout
-from bricksrl.envs.transforms import Playback, base_of, frames_per_step, layout_of, over, still
+from bricksrl.envs.transforms import Playback, base_of, layout_of, one_step, over, still
 from bricksrl.errors import DescriptionError
 
 if TYPE_CHECKING:
@@ -79,17 +79,20 @@ class PolicyTransforms:
     """The transforms of a policy's training, on the observations that it is given one after the other."""
 
     def __init__(self, env: EnvBase) -> None:
-        self._env, self._skip = env, frames_per_step(env)
+        self._env, self._skip = env, one_step(env)[1]
         self._given: deque[TensorDictBase] = deque()
+        self._last: TensorDictBase
         self._playback: Playback
         self.view: EnvBase | None = None
 
     def action(self, module: TensorDictModuleBase, given: TensorDictBase) -> Tensor:
-        """The module's action behind the transforms; between two steps of theirs its last one."""
+        """The module's action behind the transforms, as the environment gets it; between two steps of theirs its last one."""
         base, batch = base_of(self._env), given.batch_size
 
         def outcome(_: int) -> TensorDictBase:
-            return still(base).expand(*batch, *base.batch_size).clone().update(self._given.popleft())
+            if self._given:  # else the transforms step in their reset, where nothing more is observed
+                self._last = self._given.popleft()
+            return still(base).expand(*batch, *base.batch_size).clone().update(self._last)
 
         self._given.append(given)
         if self.view is None or self._playback.batch_size != batch:
@@ -100,7 +103,7 @@ class PolicyTransforms:
         elif len(self._given) == self._skip:
             self._acted = module(self.view.step(self._acted)["next"])
             del self._playback.played[:-1]
-        action: Tensor = self._acted["action"]
+        action: Tensor = self.view.transform.inv(self._acted.clone())["action"]
         return action
 
 

@@ -36,7 +36,7 @@ def export_policy(run_dir: Path, out: Path, *, licence: str = "mit") -> Path:
     from safetensors.torch import save
 
     from bricksrl.envs.registry import make_env
-    from bricksrl.envs.transforms import has_running_statistics, prepare
+    from bricksrl.envs.transforms import prepare, transform_state
     from bricksrl.training.restore import load_learner, one_robot
 
     refuse_existing(out, RunError)
@@ -48,9 +48,10 @@ def export_policy(run_dir: Path, out: Path, *, licence: str = "mit") -> Path:
         )
     with closing(make_env(config.env, config.robot, seed=config.seed)) as env:
         prepare(env)
-        if has_running_statistics(env):
-            raise RunError("a shared policy has no running statistics of a transform; train it with --normalize instead")
-        trained = load_learner(run_dir, env)
+        made = transform_state(env)
+        trained, kept = load_learner(run_dir, env), transform_state(env)
+        if kept.keys() != made.keys() or any(str(kept[name]) != str(made[name]) for name in kept):
+            raise RunError("a shared policy has no statistics that a transform measured; train it with --normalize instead")
     tensors = {name: tensor.contiguous() for name, tensor in trained.learner.policy_state().items()}
     shared = portable(replace(one_robot(config), data=None, updates=0, start=None, demonstrations=None, compile=False).to_dict())
     about = {"bricksrl_policy": _VERSION, "episodes": trained.episodes, "config": shared}

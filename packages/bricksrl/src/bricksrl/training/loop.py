@@ -20,7 +20,8 @@ from bricksrl.agents.learner import means
 from bricksrl.data.recorder import Recorder
 from bricksrl.data.schema import describe
 from bricksrl.envs.rollout import Driver, play_episodes
-from bricksrl.envs.transforms import unaffected
+from bricksrl.envs.specs import given_specs
+from bricksrl.envs.transforms import base_of, unaffected
 from bricksrl.errors import BricksError, DescriptionError, HubError
 from bricksrl.training.callbacks import WINDOW, Callback, Episode, Phase, Progress, RunResult
 from bricksrl.training.config import TrainConfig
@@ -59,6 +60,7 @@ class Loop:
         self.identity: dict[str, Any] = state["identity"]  # must be equal in a checkpoint and its run
         self.episodes = [Episode.from_dict(data) for data in state["episodes"]]  # complete ones
         self.best: float | None = state["best"]  # mean return of the best evaluation
+        is_held = "observation" in given_specs(base_of(self.env))  # by a dataset
         make = FleetRobots if isinstance(self.env, Fleet) else Copies if self.env.batch_size else OneRobot
         self.source: Source = make(
             env=self.env,
@@ -69,7 +71,7 @@ class Loop:
             next_episode=self._next_episode,
             hub=self.config.hub,
             patience_s=self.config.patience_s,
-            is_recorded=self.config.record and not self.config.updates and not self.env.batch_size,
+            is_recorded=self.config.record and is_held and not self.config.updates and not self.env.batch_size,
         )
         self._started = len(self.episodes)  # episodes, complete or not
         self._ended_s = 0.0  # time of the last one's end

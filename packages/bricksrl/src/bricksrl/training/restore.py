@@ -42,14 +42,12 @@ def load_learner(run_dir: Path | str, env: EnvBase, *, which: Which = "last") ->
     """The learner of a run, on the CPU, for ``env``. Raises RunError if there is no run in the folder, CheckpointError if it is
     damaged, or the observation or action of ``env`` differs, DivergedError if its weights are not finite."""
     from bricksrl.agents.teachers import restore
-    from bricksrl.envs.transforms import load_transform_state
 
     folder = RunFolder(run_dir)
     config = folder.read_config()
+    state = load_state(folder, config, env, which=which, frozen=True)
     learner = make_learner_for(config, env, device="cpu")
-    state = load_state(folder, config, env, which=which)
     restore(learner, {key: value for key, value in state["agent"].items() if key != "memory"})
-    load_transform_state(env, state["transforms"], frozen=True)
     check_weights(learner)
     return Trained(learner, len(state["episodes"]))
 
@@ -115,8 +113,12 @@ def run_state(env: EnvBase, identity: dict[str, Any], episodes: list[Episode], b
     return {**state, "generator": torch.get_rng_state(), "transforms": transform_state(env)}
 
 
-def load_state(folder: RunFolder, config: TrainConfig, env: EnvBase, *, which: Which = "last") -> dict[str, Any]:
-    """A verified checkpoint of a run. Raises CheckpointError if it is damaged, missing, or of another run or environment."""
+def load_state(
+    folder: RunFolder, config: TrainConfig, env: EnvBase, *, which: Which = "last", frozen: bool = False
+) -> dict[str, Any]:
+    """A verified checkpoint of a run; what its transforms have kept, those of ``env`` get, ``frozen`` or to run on. Raises
+    CheckpointError if it is damaged, missing, or of another run or environment."""
+    from bricksrl.envs.transforms import load_transform_state, prepare
     from bricksrl.training.checkpoint import load_checkpoint
 
     if which not in get_args(Which):
@@ -124,7 +126,11 @@ def load_state(folder: RunFolder, config: TrainConfig, env: EnvBase, *, which: W
     if which == "best" and not folder.best_path.exists():
         raise CheckpointError(f"the run in {folder.path} has no best checkpoint; train with evaluations, or take the last one")
     path = folder.checkpoint_path if which == "last" else folder.best_path
-    state, identity = load_checkpoint(path), identity_of(config, env)
+    state = load_checkpoint(path)
+    prepare(env)
+    with contextlib.suppress(AttributeError, LookupError, RuntimeError, TypeError, ValueError):  # others: their layout differs
+        load_transform_state(env, state["transforms"], frozen=frozen)
+    identity = identity_of(config, env)
     differs = _differences(state.get("identity"), identity, config)
     if differs and differs <= {"layout", "action_size"}:
         raise CheckpointError(f"{folder.path} learned in {config.env}; choose an environment with its observations and actions")
@@ -199,7 +205,7 @@ def attach_dataset(config: TrainConfig, learner: Learner, env: EnvBase) -> Tenso
     Raises DataError if they cannot be used, RunError if the agent cannot use a dataset, or needs one."""
     from bricksrl.agents.bc import recorded_memory
     from bricksrl.agents.replay.buffer import TransitionReplayBuffer
-    from bricksrl.envs.specs import observed_specs
+    from bricksrl.envs.specs import given_specs
     from bricksrl.envs.transforms import base_of, layout_of, through
 
     if learner.imitates and config.dataset is None:
@@ -208,11 +214,17 @@ def attach_dataset(config: TrainConfig, learner: Learner, env: EnvBase) -> Tenso
         return None
     if learner.loss is None or learner.on_policy:
         raise RunError(f"the agent {config.agent} cannot use a dataset; choose another agent, or omit the data")
-    images = bool(layout_of(env).images) or "image" in observed_specs(base_of(env))
+    given = given_specs(base_of(env))
+    if "observation" not in given:
+        raise DataError(f"no data hold what {config.env} observes; learn without data")
+    images = bool(layout_of(env).images) or "image" in given
     data = read_for(config.dataset, env, images=images)
     frames = data.to_tensordict()
     frames["next", "done"][:-1] |= (data.episode[1:] != data.episode[:-1])[:, None]
     frames["next", "done"][-1] = True
+    for key, spec in given.items():
+        if key not in frames or frames[key].shape[1:] != spec.shape:
+            raise DataError(f"no data hold the '{key}' {list(spec.shape)} that {config.env} observes; learn without data")
     frames = through(env, frames)
     learner.see(frames)
     if isinstance(learner.memory, TransitionReplayBuffer):

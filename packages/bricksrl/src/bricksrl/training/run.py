@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from brickhub.files import only_writer, remove_unfinished
-from bricksrl.errors import DescriptionError, RunError, counted
+from brickhub.user_files import is_reference, line_of_user
+from bricksrl.errors import BricksError, DescriptionError, RunError, counted, message_of
 from bricksrl.training.callbacks import Callback, CallbackList, RunResult
 from bricksrl.training.config import TrainConfig
 from bricksrl.training.restore import attach_dataset, identity_of, load_state, make_learner_for, run_state, warm_start
@@ -103,6 +104,7 @@ def _run(
     if env is not None and env.batch_size and not {"episode_reward", "step_count"} <= set(env.full_observation_spec.keys()):
         raise RunError("copies of your own need TorchRL's RewardSum and StepCounter; add them, or omit env and give num_envs")
     from brickhub.seed import derive_seed
+    from bricksrl.envs.transforms import with_unit_actions
     from bricksrl.training.restore import reproducible
 
     callback = callback or Callback()
@@ -114,9 +116,17 @@ def _run(
         if env is None:
             env = _make_env(config, place)
             stack.callback(env.close, raise_if_closed=False)
+        else:
+            env = with_unit_actions(env)
         stack.enter_context(reproducible(derive_seed(config.seed, "agent")))
         signals = stack.enter_context(StopSignals(stop or threading.Event()))
-        return _run_in(env, config, folder, callback, signals, driver)
+        try:
+            return _run_in(env, config, folder, callback, signals, driver)
+        except Exception as error:
+            if isinstance(error, BricksError) or not is_reference(config.agent):
+                raise
+            what = f"{message_of(error, typed=True)}{line_of_user(error)}"
+            raise DescriptionError(f"{config.agent} fails ({what}); correct it") from error
 
 
 def _run_in(
@@ -127,6 +137,7 @@ def _run_in(
     from bricksrl.envs.transforms import load_transform_state
     from bricksrl.training.loop import Loop
 
+    state = {} if folder is None else load_state(folder, config, env)
     learner = make_learner_for(config, env)
     if len(config.hubs) > 1 and learner.on_policy:
         raise RunError(f"{config.agent} learns from what it does now; choose another agent for several robots")
@@ -136,7 +147,6 @@ def _run_in(
         own = {"agent": learner.state_dict(), "pace": {"asked": 0, "done": 0}, "collected": []}
         state = {**own, **run_state(env, identity_of(config, env), [])}
     else:
-        state = load_state(folder, config, env)
         load_transform_state(env, state["transforms"])
     callback.on_env(env)
     callback.on_learner(learner)

@@ -21,7 +21,7 @@ from torchrl.modules import RandomPolicy
 
 from bricksrl.data.collect import about, step_of
 from bricksrl.envs.env_interface import interface_of
-from bricksrl.envs.rollout import Driver, Rollout, play, seed_episode
+from bricksrl.envs.rollout import Driver, Rollout, longest_of, play, seed_episode
 from bricksrl.errors import RunError
 from bricksrl.training.callbacks import Callback, Episode, Phase
 
@@ -187,7 +187,7 @@ class Copies(Source):
     def play(self, playing: Playing, start: TensorDictBase) -> Iterator[Moved | Ended]:
         ended, lengths, returns = (torch.zeros((), device=self.env.device) for _ in range(3))
         policy = RandomPolicy(self.env.full_action_spec) if playing.phase is Phase.PREFILL else self.actor.acting
-        for frames in collect_round(self.env, policy, self.env.task.max_steps, self.actor.frames_per_batch):
+        for frames in collect_round(self.env, policy, longest_of(self.env), self.actor.frames_per_batch):
             playing.length += frames.shape[-1]
             yield Moved(playing, frames, frames)
             after = frames["next"]

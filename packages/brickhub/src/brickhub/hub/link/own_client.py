@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from brickhub.errors import DescriptionError, HubProtocolError
+from brickhub.errors import DescriptionError, HubProtocolError, ProgramStoppedError
 from brickhub.hub.interface import Interface
 from brickhub.hub.link.lockstep import HubLink
 from brickhub.hub.link.robot_link import Reading
@@ -146,11 +146,17 @@ class ClientLink(HubLink):
         return frame
 
     def _send(self, frame: bytes) -> None:
+        self._require_no_more()
+        self._sent_s = self.now_s()
+        try:
+            for start in range(0, len(frame), WRITE_BYTES):
+                self._transport.write(frame[start : start + WRITE_BYTES])
+        except ProgramStoppedError:
+            raise ProgramStoppedError(f"{self.program.name} has ended; let it answer in a loop without end") from None
+
+    def _require_no_more(self) -> None:
         if self._frames or self._answers.rest:
             raise HubProtocolError(f"{self.program.name} sent more than an answer '{self._client.answer}'; correct one of them")
-        self._sent_s = self.now_s()
-        for start in range(0, len(frame), WRITE_BYTES):
-            self._transport.write(frame[start : start + WRITE_BYTES])
 
     def _receive(self, frame: bytes, longest_move_s: float, known_move_s: float | None) -> Reading:
         """The answer to a command, which is sent once only. Raises HubTimeoutError if none comes."""
@@ -159,8 +165,10 @@ class ClientLink(HubLink):
         if not isinstance(answer, DataFrame):
             problem = f"{self.program.name} sent {len(self._answers.rest)} bytes and no answer '{self._client.answer}'"
             raise self._timeout_error(problem, limit_s)
+        self._require_no_more()
         round_trip_s, running_s = self.now_s() - self._sent_s, self.now_s() - self._started_s
         self.statistics.record(round_trip_s, 0.0)
-        return Reading(
-            tuple(map(float, struct.unpack(self._client.answer, answer.payload))), round(1000 * running_s), round_trip_s
-        )
+        values = tuple(map(float, struct.unpack(self._client.answer, answer.payload)))
+        if not all(map(math.isfinite, values)):
+            raise HubProtocolError(f"{self.program.name} answers {list(values)}, which are not all numbers; correct it")
+        return Reading(values, round(1000 * running_s), round_trip_s)

@@ -7,6 +7,7 @@ world takes its place, at the end of a step and at most as often as the sensor's
 from __future__ import annotations
 
 import math
+import reprlib
 import threading
 import time
 from collections.abc import Callable
@@ -97,10 +98,14 @@ class HostSensor:
             if getattr(reading, "shape", None) != (self.image_px, self.image_px, 3):
                 raise SensorError(f"sensor '{self.name}' gives no image of {self.image_px} x {self.image_px} px in three colors")
             return reading
-        values = tuple(map(float, reading))
+        try:
+            values = tuple(map(float, reading))
+        except (TypeError, ValueError):
+            values = ()
         if len(values) != len(self.entries) or not all(map(math.isfinite, values)):
             expected = ", ".join(entry.name for entry in self.entries)
-            raise SensorError(f"sensor '{self.name}' gives {list(values)}; let it give a number each for {expected}")
+            given = list(values) or reprlib.repr(reading)
+            raise SensorError(f"sensor '{self.name}' gives {given}; let it give a number each for {expected}")
         return values
 
 
@@ -118,7 +123,10 @@ class TwinReader:
     def latest(self) -> tuple[Any, float]:
         now_s = self._world.now_s()
         if now_s - self._read_s >= 1.0 / self.sensor.rate_hz:
-            self._newest, self._read_s = self.sensor.checked(self._twin(self._world)), now_s
+            try:
+                self._newest, self._read_s = self.sensor.checked(self._twin(self._world)), now_s
+            except SensorError as error:  # no lost link, which would be tried again
+                raise DescriptionError(f"the twin of a {error}") from None
         return self._newest, now_s - self._read_s
 
     def close(self) -> None:
@@ -177,7 +185,7 @@ class ThreadReader:
                 device.close()
         except SensorError as error:
             self._error = error
-        except Exception as error:  # noqa: BLE001 - a device of the user's may raise anything
+        except BaseException as error:  # noqa: BLE001 - a device of the user's may raise anything
             self._error = SensorError(f"sensor '{self.sensor.name}' failed ({message_of(error, typed=True)}); plug it in")
         is_over.set()
         has_come.set()

@@ -20,7 +20,8 @@ def encode_images(env: EnvBase, encoder: Literal["vip", "r3m"], *, weights_dir: 
     The weights are downloaded once and cached.
 
     Args:
-        weights_dir: cache folder; by default that of ``torch.hub``.
+        weights_dir: folder of the weights, by default that of ``torch.hub``; ``model.pt`` (VIP) and ``r3m_18.pt`` (R3M) are not
+            downloaded if they are there.
     """
     from torchrl import envs
 
@@ -32,10 +33,11 @@ def encode_images(env: EnvBase, encoder: Literal["vip", "r3m"], *, weights_dir: 
     folder = None if weights_dir is None else str(weights_dir)
     try:
         encode = getattr(envs, transform)(network, in_keys=["image"], out_keys=["embedding"], download=True, download_path=folder)
-    except ImportError:
-        raise EncoderError(f"{encoder} needs torchvision; install it: pip install 'bricksrl[encoders]'") from None
-    except (OSError, RuntimeError) as error:  # no connection, no disk space, invalid weights
+    except (ImportError, OSError, RuntimeError) as error:  # also no connection, no disk space, invalid weights
         reason = message_of(error, 120)
-        message = f"the weights of {encoder} cannot be fetched ({reason}); go online once, or name a weights_dir"
+        if "torchvision" in reason:
+            message = f"{encoder} needs a torchvision for this torch ({reason}); install it: pip install 'bricksrl[encoders]'"
+        else:
+            message = f"the weights of {encoder} cannot be fetched ({reason}); go online once, or name a weights_dir"
         raise EncoderError(message) from error
     return envs.TransformedEnv(env, encode)

@@ -91,7 +91,7 @@ class Fleet(SpecsEnv):
     def __init__(self, config: TrainConfig, place: Placement | None = None) -> None:
         from brickhub.hub.transports.address import parse_hub
         from bricksrl.envs.registry import is_simulation, make
-        from bricksrl.envs.transforms import has_running_statistics, layout_of, prepare
+        from bricksrl.envs.transforms import RUNNING, layout_of, prepare, transforms_of
 
         if is_simulation(config.env):
             raise RunError(f"{config.env} is a simulation without a robot; train copies of it with num_envs")
@@ -99,7 +99,7 @@ class Fleet(SpecsEnv):
             parse_hub(hub)
         env = make(config.env, replace(EnvOptions(), options=config.options, **config.transforms))
         prepare(env)
-        if has_running_statistics(env):
+        if any(isinstance(transform, RUNNING) and not transform.frozen for transform in transforms_of(env)):
             raise RunError("the robots of a fleet would have different statistics; give --normalize, or omit the transform")
         super().__init__({name: getattr(env, name).clone() for name in SPECS}, env.task, layout_of(env))
         env.close(raise_if_closed=False)
