@@ -149,10 +149,7 @@ def test_offline_agent_learns_from_data(tmp_path: Path, data: str, agent: str, l
     [
         ("sac", False),
         ("sac", True),
-        *(
-            pytest.param(*more, marks=pytest.mark.slow)
-            for more in (("td3", False), ("iql", True), ("iql", False), ("cql", True))
-        ),
+        *(pytest.param(*more, marks=pytest.mark.slow) for more in (("td3", False), ("iql", True), ("iql", False), ("cql", True))),
     ],
 )
 def test_warm_start_continues(tmp_path: Path, data: str, agent: str, beside: bool) -> None:
