@@ -61,14 +61,14 @@ def served(folder: str, *arguments: str) -> Iterator[str]:
 
 
 @contextmanager
-def tab(url: str, width: int, height: int) -> Iterator[Page]:
-    """The page in a browser of this size."""
+def tab(url: str, width: int, height: int, shows: str = "#scene") -> Iterator[Page]:
+    """The page in a browser of this size, once it shows an element."""
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=list(FLAGS))
         page = browser.new_context(viewport={"width": width, "height": height}).new_page()
         page.set_default_timeout(600_000)
         page.goto(url)
-        page.wait_for_selector("#scene")
+        page.locator(shows).last.wait_for()
         yield page
         browser.close()
 
@@ -137,8 +137,7 @@ def main(session: Session) -> None:
     with served(".", "demo", "Park-v0") as url, tab(url, 1280, 800) as page:
         page.wait_for_timeout(5_000)
         take(page, pictures / "page_goal.png")
-    with served(".", "page") as url, tab(url, 1280, 800) as page:
-        page.locator(".env img").last.wait_for()
+    with served(".", "page") as url, tab(url, 1280, 800, ".env img") as page:
         page.screenshot(path=pictures / "start_page.png")
     with (
         tempfile.TemporaryDirectory() as folder,

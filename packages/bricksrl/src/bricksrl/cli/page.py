@@ -133,7 +133,7 @@ class Demo:
             raise DescriptionError(f"{self.env} has no robot to show; `bricksrl demo` shows a Walker")
         policies = _array_policies(self.env, env.task, self.policy, self.seed)
         with closing(env):
-            _on_page(self.live_page, env, self.env, play_robot, policies, subtitle="trained before", episodes=self.episodes)
+            _on_page(self.live_page, env, self.env, play_robot, policies, subtitle="comes with BricksRL", episodes=self.episodes)
 
 
 @dataclass(frozen=True)
