@@ -40,7 +40,7 @@ FLAGS = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader
 SEED, STEPS = 3, 2
 SIZE_PX = (480, 300)
 """Of the picture of an environment."""
-EPISODES = 12
+EPISODES = 6
 """Of the training before the picture is taken."""
 
 
