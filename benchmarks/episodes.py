@@ -23,7 +23,8 @@ from benchmarks.session import Session
 from bricksrl.envs.registry import get_task, is_simulation, list_envs
 from bricksrl.errors import RunError
 from bricksrl.page.robot_view import Mirror
-from bricktwin.twin.make_body import make_body
+from bricktwin.twin.mujoco_body import MujocoBody
+from bricktwin.twin.physics import Physics
 
 if TYPE_CHECKING:
     from tensordict import TensorDictBase
@@ -57,7 +58,7 @@ class Shots:
 
 
 def mirror_of(task: Task) -> Mirror:
-    return Mirror(make_body(task.robot, scene=task.scene))
+    return Mirror(MujocoBody(task.robot, task.scene, Physics(), 0))
 
 
 def packed(data: bytes) -> str:
