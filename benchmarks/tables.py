@@ -343,6 +343,17 @@ def race(result: Result) -> str:
     return table(head, rows)
 
 
+def other_library(result: Result) -> str:
+    """Another library's agent by the page's example."""
+    rows = []
+    for way, runs in result["runs"].items():
+        means = [run["mean"] for run in runs]
+        mean = sum(means) / len(means)
+        found = f"{number(mean)} [{min(means):.1f} to {max(means):.1f}]"
+        rows.append([way, str(len(runs)), found, f"{mean / result['trot']:.2f}"])
+    return table(["observations", "seeds", f"return after {result['steps']:,} steps", "share of the hand-written trot's"], rows)
+
+
 def cql_updates(result: Result) -> str:
     """CPU milliseconds per CQL update."""
     rows = [[name, f"{cpu_ms:.1f}", f"{1e3 / cpu_ms:.1f}"] for name, cpu_ms in result["cpu_ms"].items()]
@@ -590,6 +601,7 @@ SECTIONS: dict[str, tuple[str, Callable[[Result], str]]] = {
     "learning": ("Learning in the simulations, evaluated without exploration", learning),
     "copies": ("Learning from many copies of WalkerSim-v0 at once, start-up included", copies),
     "race": ("Race to a return of -20 on WalkerSim-v0, start-up included", race),
+    "other_library": ("Stable-Baselines3's SAC on Walker-v1, by the example of the page on other libraries", other_library),
     "gait": ("Gaits by policy search, and policies on the hub alone", gait),
     "worlds": ("Gaits in other worlds, and the time of a step", worlds),
     "camera_learning": ("The camera task", camera),

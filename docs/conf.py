@@ -8,9 +8,11 @@ import os
 import re
 import sys
 from pathlib import Path
+from typing import Any
 
 DOCS = Path(__file__).parent
 sys.path[:0] = [str(DOCS.parent / "packages" / house / "src") for house in ("brickhub", "bricktwin", "bricksrl")]
+sys.path.append(str(DOCS.parent))
 
 import bricksrl
 from brickhub.cli.app import CommandLine
@@ -19,7 +21,7 @@ project = "BricksRL"
 author = "The BricksRL developers"
 release = bricksrl.__version__
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode"]
-exclude_patterns = ["_build"]
+exclude_patterns = ["_build", "episodes"]
 suppress_warnings = ["ref.python"]  # some names, such as `make`, are in two modules
 html_theme = "furo"
 html_title = "BricksRL"
@@ -42,6 +44,14 @@ def outside(_app: object, _name: str, source: list[str]) -> None:
     source[0] = re.sub(r"\]\(\.\./(README|CONTRIBUTING|CHANGELOG|SECURITY)\.md\)", rf"]({SOURCE}/\1.md)", source[0])
 
 
+TURNED = """```{{raw}} html
+<iframe src="../episodes/{0}.html" title="{0}, to turn" loading="lazy" style="width: 100%; height: 400px; border: 0"></iframe>
+```
+
+"""
+"""An episode in 3D, on a page of its own."""
+
+
 def write(path: Path, text: str) -> None:
     """A generated page, written when it changed."""
     if not path.exists() or path.read_text(encoding="utf-8") != text:
@@ -56,6 +66,8 @@ def environments() -> str:
     for env_id, summary in list_envs().items():
         picture = f"images/{env_id.lower().replace('-', '_')}.gif"
         shown = f"![An episode of {env_id}](../{picture})\n\n" if (DOCS / picture).exists() else ""  # a simulation has no robot
+        if (DOCS / "episodes" / f"{env_id}.json").exists():
+            shown += TURNED.format(env_id)
         body = re.sub(r"^## ", "### ", get_task(env_id).doc.partition("\n")[2].strip(), flags=re.MULTILINE)
         parts.append(f"## {env_id}\n\n{summary}\n\n{shown}{body}\n")
     return "\n".join(parts)
@@ -87,8 +99,14 @@ def help_of(line: CommandLine, words: list[str]) -> str:
     return re.sub(r"\x1b\[[0-9;]*m", "", text.getvalue()).rstrip()
 
 
-def generate(_app: object) -> None:
+def generate(app: Any) -> None:
     """Pages that follow from the package."""
+    from benchmarks.episodes import page_of
+
+    episodes = Path(app.outdir) / "episodes"
+    episodes.mkdir(parents=True, exist_ok=True)
+    for path in (DOCS / "episodes").glob("*.json"):
+        write(episodes / f"{path.stem}.html", page_of(path))
     write(DOCS / "reference/environments.md", environments())
     write(DOCS / "reference/cli.md", commands())
 

@@ -1,8 +1,9 @@
-"""Wheels of the three distributions, installed from a local folder into empty environments."""
+"""Wheels of the three distributions, collected and installed as docs/start.md says, into empty environments."""
 
 from __future__ import annotations
 
 import os
+import shlex
 import shutil
 import subprocess
 import sys
@@ -70,19 +71,31 @@ class Environment:
         return sum(path.stat().st_size for path in files) / 1e6
 
 
+def documented(command: str) -> list[str]:
+    """Arguments of the command of docs/start.md for a class without internet that begins so; packages of others are left out."""
+    lines = (ROOT / "docs" / "start.md").read_text(encoding="utf-8").splitlines()
+    return [*shlex.split(next(line for line in lines if line.startswith(command)))[1:], "--no-deps", "--quiet"]
+
+
 @pytest.fixture(scope="module")
 def wheels(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The wheels that `make wheels` builds."""
-    folder = tmp_path_factory.mktemp("wheels")
-    copies = tmp_path_factory.mktemp("packages")  # so that no build is left in the tree
+    """The folder `bundle` in a copy of the repository, so that no build is left in the tree."""
+    clone = tmp_path_factory.mktemp("clone")
+    ignored = shutil.ignore_patterns("build", "*.egg-info", "__pycache__")
     for house in HOUSES:
-        shutil.copytree(
-            ROOT / "packages" / house, copies / house, ignore=shutil.ignore_patterns("build", "*.egg-info", "__pycache__")
-        )
-    options = ("--quiet", "--disable-pip-version-check", "--no-deps", "--wheel-dir", str(folder))
-    subprocess.run([sys.executable, "-m", "pip", "wheel", *options, *(f"./{house}" for house in HOUSES)], cwd=copies, check=True)
+        shutil.copytree(ROOT / "packages" / house, clone / "packages" / house, ignore=ignored)
+    shutil.copy(ROOT / "constraints.txt", clone)
+    subprocess.run([sys.executable, *documented("python -m pip wheel")], cwd=clone, check=True)
+    folder = clone / "bundle"
     assert sorted(path.name.partition("-")[0] for path in folder.glob("*.whl")) == sorted(HOUSES)
     return folder
+
+
+def test_a_class_installs_without_a_network(wheels: Path, tmp_path: Path) -> None:
+    environment = Environment(tmp_path / "env", wheels)
+    environment.run("python", *documented("python -m pip install --no-index"), "brickhub", "bricktwin", folder=wheels.parent)
+    told = environment.run("bricksrl", "--version", PYTHONPATH=sysconfig.get_path("purelib"))
+    assert told.startswith("bricksrl")
 
 
 def test_wheels_hold_their_files(wheels: Path) -> None:

@@ -17,6 +17,12 @@ LARGEST = 2**24
 """Largest number where nothing else is said, as values come from files."""
 
 
+def check_count(name: str, count: int | None) -> None:
+    """Raise DescriptionError unless it is 1 or more, and no more than can be meant; ``None`` is not checked."""
+    if count is not None and not 1 <= count <= LARGEST:
+        raise DescriptionError(f"{name} is {count}; give 1 or more, and up to {LARGEST:,}")
+
+
 @dataclass(frozen=True)
 class Range:
     """Numbers from ``low`` to ``high``, as limits in an annotation; ``above`` excludes ``low``, ``below`` excludes ``high``."""

@@ -304,6 +304,7 @@ def test_incomplete_video_keeps_temporary_name(tmp_path: Path) -> None:
         (["train", "RunAway-v0", "--agent", ""], "no agent ''"),
         (["train", "RunAway-v0", "--preset", ""], "no preset ''"),
         (["train", "RunAway-v0", "--episodes", "9" * 30], "give 1 or more, and up to 16,777,216"),
+        (["record", "RoboArmSim-v0", "--out", "new", "--episodes", "9" * 40], "give 1 or more, and up to 16,777,216"),
         (["train", "WalkerSim-v0", "--seeds", "1000000"], "give 2 to 1000"),
         (["train", "WalkerSim-v0", "--seeds", "9" * 40], "give 2 to 1000"),
         (["train", "WalkerSim-v0", "--set", f"hidden={','.join(['16384'] * 8)}"], "weights a network; give up to"),

@@ -380,6 +380,37 @@ def test_robot_is_pulled_as_long_as_it_is_held(browser: object, width: int, heig
         page.mouse.up()
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("width", "height"), [(1280, 800), (390, 844), (844, 390)])
+def test_wall_is_pulled_against_the_robot(browser: object, width: int, height: int) -> None:
+    """The same robot with the same seed stays where it is without."""
+    with playing("RunAway-v0", by_hand=True) as played, tab(browser, played.page.url, width, height) as page:
+        page.wait_for_selector("#scene[data-frames]")
+        until(lambda: played.steps > 0, "the episode has begun")
+        data = played.env.twin.body.data
+        wall_m, start_m = data.mocap_pos[0].copy(), data.qpos[:2].copy()
+        box = page.locator("#scene").bounding_box()
+        page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+        page.mouse.wheel(0, 600)  # farther away, so that more of the wall is seen
+        number = [body.name for body in played.page.view._current.scene.bodies].index("wall")
+        for y in np.arange(0.15, 0.95, 0.04):
+            page.mouse.move(box["x"] + 0.7 * box["width"], box["y"] + y * box["height"])
+            page.mouse.down()
+            page.wait_for_timeout(150)
+            if (played.page.view.hand._pull or [-1])[0] == number:
+                break
+            page.mouse.up()
+        page.mouse.move(box["x"] + 0.2 * box["width"], box["y"] + y * box["height"], steps=4)
+        until(lambda: np.linalg.norm(data.mocap_pos[0] - wall_m) > 0.3, "the wall comes")
+        until(lambda: np.linalg.norm(data.qpos[:2] - start_m) > 0.05, "it pushes the robot")
+        page.mouse.up()
+        count, there_m = played.steps, data.qpos[:2].copy()
+        with closing(bricksrl.make("RunAway-v0", seed=0)) as alone:
+            list(itertools.islice(play(alone, resting_player(alone).act, alone.reset()), min(count, 20)))
+            rests_m = alone.twin.body.data.qpos[:2]
+            assert np.linalg.norm(rests_m - start_m) < 0.005 < 0.04 < np.linalg.norm(there_m - rests_m)
+
+
 def test_program_prints_on_its_page_which_stays(browser: object) -> None:
     with ProgramPage("main.py") as program, tab(browser, program.url) as page:
         program.tell("hello\n")

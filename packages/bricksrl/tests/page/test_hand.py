@@ -58,3 +58,22 @@ def test_hand_of_a_closed_tab_lets_go(monkeypatch) -> None:
     monkeypatch.setattr(time, "monotonic", lambda: later_s)
     hand.act(body, mirror.numbers)
     assert not body.data.xfrc_applied.any()
+
+
+def test_wall_keeps_its_grip_pushes_the_robot_and_is_put_back() -> None:
+    scene = Scene(wall_distance_mm=(250.0, 250.0))
+    body, mirror, hand = make_body(TWO_WHEELER, scene=scene), Mirror(make_body(TWO_WHEELER, scene=scene)), Hand()
+    number = [one.name for one in mirror.scene.bodies].index("wall")
+    body.reset(np.random.default_rng(0))
+    robot_m, wall_m = body.data.qpos[:2].copy(), body.data.mocap_pos[0].copy()
+    for time_ms in range(5, 1500, 5):
+        hand.pull([number, 0.4 if time_ms == 5 else -0.1, 0.5])
+        hand.act(body, mirror.numbers)
+        body.advance_to(time_ms)
+    moved_m = body.data.mocap_pos[0] - wall_m
+    assert moved_m == pytest.approx([-0.5, 0.0, 0.0], abs=1e-6)
+    assert body.data.qpos[0] < robot_m[0] - 0.1
+    drawn = mirror.poses(body.data.qpos, None, body.data.mocap_pos)[number]
+    assert drawn[:2] == pytest.approx(wall_m[:2] + moved_m[:2], abs=1e-6)
+    body.reset(np.random.default_rng(0))
+    assert (body.data.mocap_pos[0] == wall_m).all() and body.data.qpos[:2] == pytest.approx(robot_m, abs=1e-3)

@@ -87,7 +87,7 @@ def test_twin_scene(robot, surroundings) -> None:
     body = make_body(robot, scene=surroundings)
     scene, numbers = twin_scene(body)
     names = [one.name for one in scene.bodies]
-    assert ("world" in names) == (surroundings.wall_distance_mm is not None)
+    assert ("wall" in names) == (surroundings.wall_distance_mm is not None)
     assert all(one.shapes for one in scene.bodies)
     walls = [shape for one in scene.bodies for shape in one.shapes if shape.pattern == "bricks"]
     assert len(walls) == (surroundings.wall_distance_mm is not None)

@@ -18,6 +18,7 @@ from tyro.conf import OmitArgPrefixes, Positional
 
 from brickhub.cli.options import option, refuse_ignored
 from brickhub.cli.terminal import Interrupted, print_line, print_note
+from brickhub.fields import check_count
 from brickhub.files import folder_with
 from bricksrl.cli.terminal import load_learning, place_robot
 from bricksrl.envs.options import EnvOptions
@@ -126,13 +127,13 @@ class Demo:
         from bricksrl.envs.registry import make_robot
         from bricksrl.page.robot_play import play_robot
 
-        _check_episodes(self.episodes)
+        check_count("episodes", self.episodes)
         env = make_robot(self.env, seed=self.seed)
         if env is None:
             raise DescriptionError(f"{self.env} has no robot to show; `bricksrl demo` shows a Walker")
         policies = _array_policies(self.env, env.task, self.policy, self.seed)
         with closing(env):
-            _on_page(self.live_page, env, self.env, play_robot, policies, subtitle="trained before", episodes=self.episodes)
+            _on_page(self.live_page, env, self.env, play_robot, policies, subtitle="comes with BricksRL", episodes=self.episodes)
 
 
 @dataclass(frozen=True)
@@ -168,7 +169,7 @@ class Play:
         from bricksrl.envs.registry import make_robot
 
         address = shown(self.live_page, self.page)
-        _check_episodes(self.episodes)
+        check_count("episodes", self.episodes)
         folder = Path(self.target)
         is_run = folder.is_dir()
         if not is_run and len(folder.parts) > 1 and not is_reference(self.target):
@@ -193,11 +194,6 @@ class Play:
                 _on_page(address, env, env_id, play_on_page, players, subtitle=subtitle, episodes=self.episodes)
             else:
                 _in_terminal(env, list(players.values())[-1](), self.episodes, self.seed)
-
-
-def _check_episodes(episodes: int | None) -> None:
-    if episodes is not None and episodes < 1:
-        raise DescriptionError(f"episodes is {episodes}; give 1 or more")
 
 
 def _array_policies(env_id: str, task: Task, policy: str | None, seed: int) -> dict[str, Callable[[], ArrayPolicy]]:

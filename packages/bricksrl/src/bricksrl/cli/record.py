@@ -13,6 +13,7 @@ from tyro.conf import Positional
 
 from brickhub.cli.options import Flag, option
 from brickhub.cli.terminal import Interrupted, print_line, print_note
+from brickhub.fields import check_count
 from brickhub.files import quoted
 from brickhub.seed import check_seed
 from bricksrl.cli.page import LivePageGroup, PageFlag, RobotGroup, run_on_page, shown
@@ -74,8 +75,7 @@ class Record:
         from bricksrl.data.schema import describe
         from bricksrl.envs import get_task
 
-        if self.episodes < 1:
-            raise DataError(f"episodes is {self.episodes}; record at least 1")
+        check_count("episodes", self.episodes)
         check_seed(self.seed)
         self._check_policy()
         task = get_task(self.env, **self.robot.options)

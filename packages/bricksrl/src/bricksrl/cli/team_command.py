@@ -12,6 +12,7 @@ from tyro.conf import Positional, UseAppendAction
 
 from brickhub.cli.options import option, refuse_ignored
 from brickhub.cli.terminal import Interrupted, print_line
+from brickhub.fields import check_count
 from brickhub.files import check_writable, folder_with, quoted
 from bricksrl.cli.page import LivePageGroup, play_until_stopped, shown
 from bricksrl.cli.terminal import load_learning
@@ -76,8 +77,7 @@ class TrainTeam:
         from bricksrl.envs.arenas import ARENAS
         from bricksrl.training.teams.team import load_team
 
-        if self.episodes < 1:
-            raise RunError(f"episodes is {self.episodes}; give 1 or more")
+        check_count("episodes", self.episodes)
         if self.play is not None and self.env is not None:
             raise RunError("a team that only plays has an arena; omit ARENA or --play")
         address = shown(self.live_page, self.page)

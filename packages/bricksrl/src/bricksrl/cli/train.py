@@ -147,7 +147,7 @@ class Train:
 
     def _check(self, env: str) -> None:
         """Refuse what is wrong before torch is loaded, which takes seconds."""
-        from brickhub.fields import LARGEST
+        from brickhub.fields import check_count
         from brickhub.hub.transports.address import parse_hub
         from brickhub.seed import check_seed
         from bricksrl.agents import check_agent
@@ -159,8 +159,7 @@ class Train:
             check_agent(self.agent)
         for hub in self.robot.hub.split(","):
             parse_hub(hub.strip())
-        if self.episodes is not None and self.episodes < 1:
-            raise RunError(f"episodes is {self.episodes}; give 1 or more, and up to {LARGEST:,}")
+        check_count("episodes", self.episodes)
         if self.run is not None and self.run.exists():
             raise RunError(f"{self.run} exists already; resume that run or choose another folder")
 

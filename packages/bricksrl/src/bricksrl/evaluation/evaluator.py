@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from brickhub.fields import check_count
 from brickhub.files import write_durably
 from brickhub.seed import check_seed
 from brickhub.user_files import is_reference, with_absolute_file
@@ -136,13 +137,12 @@ def evaluate(
             and has those options of the training that ``env`` has; a warning in the log names the others.
 
     Raises:
-        RunError: there is no run in the folder, or ``episodes`` is below 1.
-        DescriptionError: the seed is invalid.
+        RunError: there is no run in the folder.
+        DescriptionError: the number of episodes or the seed is invalid.
         CheckpointError: the checkpoint is damaged, or ``env`` has other observations or actions than the training.
         DivergedError: the weights of the agent are not finite.
     """
-    if episodes < 1:
-        raise RunError(f"episodes is {episodes}; evaluate at least 1")
+    check_count("episodes", episodes)
     check_seed(seed)
     from brickhub.seed import derive_seed
     from bricksrl.envs.rollout import play_episodes

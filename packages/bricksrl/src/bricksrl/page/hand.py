@@ -7,6 +7,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from bricksrl.page.server import is_finite
 from bricktwin.twin.mujoco_body import MujocoBody
@@ -18,6 +19,8 @@ _RATE_S = 15.0
 tyres have a friction of 1."""
 _MOST_WEIGHTS = 2.0
 """Largest force, as a multiple of the weight of what is pulled."""
+_STEP_M = 0.002
+"""Largest step of what has no mass, in each of the hub's control loops of 5 ms: it pushes a robot and does not jump over it."""
 
 
 class Hand:
@@ -26,6 +29,7 @@ class Hand:
     def __init__(self) -> None:
         self._pull: tuple[int, float, float, float] | None = None
         self._held = -1
+        self._grip_m: NDArray[np.float64] | None = None
 
     def pull(self, value: Any) -> None:
         """Pull a body, by its number in the drawn scene, towards x and y (m); other values let go."""
@@ -39,9 +43,15 @@ class Hand:
             data.xfrc_applied[self._held] = 0.0
             self._held = -1
         if pull is None or not 0 <= pull[0] < len(numbers) or time.monotonic() - pull[3] > TIMEOUT_S:
-            self._pull = None
+            self._pull = self._grip_m = None
             return
         number, model = numbers[pull[0]], body.model
+        if (mocap := int(model.body_mocapid[number])) >= 0:  # what has no mass, such as a wall, comes at once
+            if self._grip_m is None:
+                self._grip_m = np.array(pull[1:3]) - data.mocap_pos[mocap, :2]
+            way = np.array(pull[1:3]) - self._grip_m - data.mocap_pos[mocap, :2]
+            data.mocap_pos[mocap, :2] += way * min(1.0, _STEP_M / max(float(np.linalg.norm(way)), 1e-9))
+            return
         root = int(model.body_rootid[number])
         root = self._held = root if model.body_weldid[root] else number  # a part of what stands on a fixed base
         velocity = np.empty(6)

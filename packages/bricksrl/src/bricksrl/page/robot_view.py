@@ -37,6 +37,7 @@ from bricktwin.twin.scene import Scene as Surroundings
 if TYPE_CHECKING:
     from bricksrl.envs.connection import Connection
 
+Floats64 = NDArray[np.float64]
 SPEEDS = {"1x": 1.0, "10x": 10.0, "max": 0.0}
 """Speeds of simulated time; 0 is as fast as possible."""
 VIEW_PERIOD_S, NUMBERS_S = 0.04, 0.2
@@ -176,10 +177,13 @@ class Mirror:
         self._goal: Goal | None = None
         self._ghost_poses = self._hidden = poses([(HIDDEN, 0.0, 0.0)] * len(ghosts))
 
-    def poses(self, qpos: NDArray[np.float64], goal: Goal | None = None) -> Floats:
-        """Poses ``[bodies, 7]`` of the scene's bodies at these joint positions; the ghost is hidden without a goal."""
+    def poses(self, qpos: Floats64, goal: Goal | None = None, moved_m: Floats64 | None = None) -> Floats:
+        """Poses ``[bodies, 7]`` of the scene's bodies at these joint positions, and places ``[n, 3]`` of what a hand moves;
+        without a goal the ghost is hidden."""
         data = self.body.data
         data.qpos[:] = qpos
+        if moved_m is not None:
+            data.mocap_pos[:] = moved_m
         self.body.update_visuals()
         return np.concatenate([poses(data.xpos[self.numbers], data.xquat[self.numbers]), self._poses_at(goal)])
 
@@ -246,8 +250,8 @@ class RobotView:
         def update() -> None:
             """Copy the joint positions; called in the thread that steps the robot."""
             if mirror is not None and isinstance(body, MujocoBody):
-                qpos = body.data.qpos.copy()
-                self._board.show_poses(lambda: mirror.poses(qpos, self.goal))
+                qpos, moved_m = body.data.qpos.copy(), body.data.mocap_pos.copy()
+                self._board.show_poses(lambda: mirror.poses(qpos, self.goal, moved_m))
             now_s = time.monotonic()
             if now_s >= self._due_s:
                 self._due_s = now_s + NUMBERS_S

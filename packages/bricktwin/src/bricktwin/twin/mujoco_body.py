@@ -243,7 +243,8 @@ class MujocoBody:
                 refuse_overlap(self.model, self.data, self.scene)
 
     def _reset_blocks(self, rng: Rng) -> None:
-        """Put pushable blocks back to their start positions."""
+        """Put pushable blocks, and what a hand has moved, back to their start positions."""
+        self.data.mocap_pos[:] = self.model.body_pos[self.model.body_mocapid >= 0]
         for address, block in zip(self._block_addresses, self.scene.pushable.values(), strict=True):
             self._qpos[address : address + 7] = self.model.qpos0[address : address + 7]
             if any(block.spread_mm):
@@ -260,9 +261,9 @@ class MujocoBody:
     def face_wall(self, distance_mm: float, heading_deg: float) -> None:
         """Put the robot on the floor with its first ultrasonic sensor at this distance from the scene's wall."""
         self.put(Pose(0.0, 0.0, heading_deg))
-        wall = self.model.geom("wall")
+        face_m = self.model.body("wall").pos[0] - self.model.geom("wall").size[0]
         sonar_m = self._base.in_world(next(iter(self._sonars.values()))[0])
-        self._qpos[0] = wall.pos[0] - wall.size[0] - distance_mm / 1000 - sonar_m[0]
+        self._qpos[0] = face_m - distance_mm / 1000 - sonar_m[0]
         self._qpos[1] = -sonar_m[1]
 
     def put(self, start: Pose) -> None:

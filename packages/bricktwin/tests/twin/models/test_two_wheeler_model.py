@@ -81,7 +81,7 @@ def test_mesh_normals_point_outwards() -> None:
 
 
 def test_wall_only_in_scene_with_wall() -> None:
-    assert model().geom("wall").pos[0] > 0
+    assert model().body("wall").pos[0] > 0
     with pytest.raises(KeyError):
         load_model(TWO_WHEELER, OPEN_FLOOR).compile().geom("wall")
 

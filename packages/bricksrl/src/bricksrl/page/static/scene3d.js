@@ -332,16 +332,23 @@ export class Scene3D {
     });
   }
 
-  // Number of the body at a point of the canvas (px), -1 if there is none.
+  // Number of the body near a point of the canvas (px), or else of that which is seen there, such as a wall; -1 if there is none.
   bodyAt(x, y) {
     const near_px = 0.07 * this.pixelsPerMetre(this.target());
     let [best, nearest_px] = [-1, Math.max(22, near_px)];
-    this.bodies.forEach(({ isMovable }, i) => {
-      const at = isMovable && this.poses && this.pixelOf(i);
-      const away_px = at ? Math.hypot(at[0] - x, at[1] - y) : Infinity;
+    const [eye, ray] = this.sight(x, y);
+    let [seen, nearest_m] = [-1, Infinity];
+    this.bodies.forEach(({ isMovable, shapes }, i) => {
+      if (!isMovable || !this.poses) return;
+      const at = this.pixelOf(i), away_px = at ? Math.hypot(at[0] - x, at[1] - y) : Infinity;
       if (away_px < nearest_px) [best, nearest_px] = [i, away_px];
+      const pose = this.poses.subarray(7 * i, 7 * i + 7), frame = rigid(pose, pose.subarray(3));
+      for (const { mesh, transform } of shapes) {
+        const way_m = wayTo(mesh.box, multiply(frame, transform), eye, ray);
+        if (way_m < nearest_m) [seen, nearest_m] = [i, way_m];
+      }
     });
-    return best;
+    return best < 0 ? seen : best;
   }
 
   // Place of a body on the canvas, px.
@@ -357,13 +364,17 @@ export class Scene3D {
     return at && above ? (Math.hypot(at[0] - above[0], at[1] - above[1]) * this.canvas.clientHeight) / 0.02 : 0;
   }
 
-  // Point in a plane above the floor (m) at a point of the canvas (px).
-  floorPoint(x, y, height_m) {
+  // Eye (m) and direction of the line of sight through a point of the canvas (px).
+  sight(x, y) {
     const target = this.target(), eye = this.eye(target), { clientWidth, clientHeight } = this.canvas, ratio = clientWidth / clientHeight;
     const back = normalised(eye.map((value, i) => value - target[i])), right = normalised(cross([0, 0, 1], back)), up = cross(back, right);
     const f = focal(ANGLE, ratio), across = ((2 * x) / clientWidth - 1) * (ratio / f), down = (1 - (2 * y) / clientHeight) / f;
-    const ray = back.map((value, i) => across * right[i] + down * up[i] - value);
-    const way = (height_m - eye[2]) / Math.min(ray[2], -0.05); // not beyond the horizon
+    return [eye, back.map((value, i) => across * right[i] + down * up[i] - value)];
+  }
+
+  // Point in a plane above the floor (m) at a point of the canvas (px).
+  floorPoint(x, y, height_m) {
+    const [eye, ray] = this.sight(x, y), way = (height_m - eye[2]) / Math.min(ray[2], -0.05); // not beyond the horizon
     return [eye[0] + way * ray[0], eye[1] + way * ray[1]];
   }
 
@@ -468,6 +479,7 @@ function mesh(gl, points, normals, faces) {
   gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, faces, gl.STATIC_DRAW);
   gl.bindVertexArray(null);
   return {
+    box: box(points),
     draw() {
       gl.bindVertexArray(array);
       gl.drawElements(gl.TRIANGLES, faces.length, gl.UNSIGNED_INT, 0);
@@ -477,6 +489,28 @@ function mesh(gl, points, normals, faces) {
       buffers.forEach((buffer) => gl.deleteBuffer(buffer));
     },
   };
+}
+
+// Smallest and largest coordinates of points.
+function box(points) {
+  const low = [Infinity, Infinity, Infinity], high = low.map((value) => -value);
+  points.forEach((value, i) => {
+    low[i % 3] = Math.min(low[i % 3], value);
+    high[i % 3] = Math.max(high[i % 3], value);
+  });
+  return { low, high };
+}
+
+// Way along a ray to a box in a frame, infinite if it misses: the ray is between both sides of each axis at once.
+function wayTo({ low, high }, frame, eye, ray) {
+  let [from, to] = [0, Infinity];
+  for (let axis = 0; axis < 3; axis++) {
+    const along = (v) => frame[4 * axis] * v[0] + frame[4 * axis + 1] * v[1] + frame[4 * axis + 2] * v[2];
+    const start = along(eye.map((value, i) => value - frame[12 + i])), speed = along(ray) || 1e-9;
+    const sides = [(low[axis] - start) / speed, (high[axis] - start) / speed];
+    [from, to] = [Math.max(from, Math.min(...sides)), Math.min(to, Math.max(...sides))];
+  }
+  return from < to ? from : Infinity;
 }
 
 function rigid([x, y, z], [w, a, b, c]) {

@@ -182,18 +182,20 @@ def add_surroundings(spec: mujoco.MjSpec, scene: Scene) -> None:
         conaffinity=1,
     )
     if scene.wall_distance_mm is not None:
-        world.add_geom(
+        # Only a hand at the page moves it.
+        wall = world.add_body(name="wall", mocap=True, pos=[WALL_X_M + _WALL_HALF_SIZE[0], 0.0, _WALL_HALF_SIZE[2]])
+        wall.add_geom(
             name="wall",
             type=mujoco.mjtGeom.mjGEOM_BOX,
-            pos=[WALL_X_M + _WALL_HALF_SIZE[0], 0.0, _WALL_HALF_SIZE[2]],
             size=list(_WALL_HALF_SIZE),
             rgba=[*_BRICK, 1.0],
+            mass=0.0,
             **OBSTACLE,
         )
         # A box stretches its texture over each side; a plane in front of it repeats it.
-        world.add_geom(
+        wall.add_geom(
             type=mujoco.mjtGeom.mjGEOM_PLANE,
-            pos=[WALL_X_M - 0.0005, 0.0, _WALL_HALF_SIZE[2]],
+            pos=[-_WALL_HALF_SIZE[0] - 0.0005, 0.0, 0.0],
             size=[*_WALL_HALF_SIZE[1:], 0.1],
             quat=[0.5, -0.5, -0.5, 0.5],
             material="bricks",
