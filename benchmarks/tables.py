@@ -400,11 +400,12 @@ def realtime_factor(result: Result) -> str:
             f"{entry['steps_per_cpu_s']:.0f}",
             f"{entry['mj_step_factor']:.0f}",
             f"{entry['ratio']:.2f}",
+            *([f"{entry['times_before']:.2f}"] if result["before"] else []),
         ]
         for env, entry in result["environments"].items()
     ]
     head = ["environment", "times real time", "steps per CPU second", "`mj_step` alone, times real time", "total over `mj_step`"]
-    return table(head, rows)
+    return table([*head, *([f"times the speed of {result['before']}"] if result["before"] else [])], rows)
 
 
 def simulation_speed(result: Result) -> str:
