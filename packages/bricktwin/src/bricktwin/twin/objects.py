@@ -37,6 +37,7 @@ COLORS: dict[str, Size] = {
 _COMPLEX = np.array((1.0, 1.0j))
 """Points times this are complex numbers, which NumPy adds and multiplies faster than pairs."""
 _ROUNDING_MM = 1e-6
+"""More than the rounding error of a distance on the floor."""
 
 
 @dataclass(frozen=True)

@@ -208,7 +208,7 @@ class WorldSenses:
     def surface(self, eye_m: Floats, gaze: Floats) -> tuple[float, float, float]:
         """Colour (hue in deg, saturation and value in %) that a sensor at ``eye_m`` sees along ``gaze`` in its light."""
         distance_m, geom = self._ray(eye_m, gaze)
-        floor_m = -eye_m[2] / gaze[2] if gaze[2] < -1e-6 else math.inf
+        floor_m = float(-eye_m[2] / gaze[2]) if gaze[2] < -1e-6 else math.inf
         if floor_m < distance_m:
             rgb, distance_m = self._floor(eye_m + floor_m * gaze, floor_m), floor_m
         elif geom >= 0:
@@ -233,7 +233,7 @@ class WorldSenses:
     def distance_mm(self, eye_m: Floats, gaze: Floats) -> float:
         """Distance to the nearest surface along ``gaze``, including the floor; infinite if there is none."""
         distance_m, _ = self._ray(eye_m, gaze)
-        floor_m = -eye_m[2] / gaze[2] if gaze[2] < -1e-6 else math.inf
+        floor_m = float(-eye_m[2] / gaze[2]) if gaze[2] < -1e-6 else math.inf
         nearest_m = min(distance_m, floor_m)
         return nearest_m * 1000.0 if nearest_m < _MAX_DISTANCE_M else math.inf
 
