@@ -506,13 +506,12 @@ def measured_robots(result: Result) -> str:
     robots = result["robots"]
     head = ["error", *(f"{row['robot']}, {row['robot_time_s']:.0f} s" for row in robots), "allowed"]
     rows = [[name, *(f"{row['errors'][name]:.3g}" for row in robots), f"{limit:g}"] for name, limit in result["limits"].items()]
-    late = ["exchanges over 150 ms, of a session (of 10,000)", *("{} ({})".format(*row["late"]) for row in robots), ""]
-    return f"{table(head, [*rows, late])}\n{_LATE}"
+    return f"{table(head, rows)}\n{_LATE}"
 
 
 _LATE = """\
 Over the link `mac` one exchange in 9,000 takes over 150 ms: two sessions in three see none, so their share cannot be told from
-two minutes. With the jitter and the bursts of the virtual link taken as known, the losses seen would give it within a factor of
+two minutes. With the bursts of the virtual link taken as known, the losses seen would give it within a factor of
 two in two sessions of three (counted: in none); bursts of a real link are not known, so `twin measure` tells what it has seen.
 """
 
