@@ -2,6 +2,10 @@
 
     python -m benchmarks realtime_factor
     python -m benchmarks realtime_factor --envs Walker-v1 RunAway-v0
+    git worktree add ../before 81c92bce && python -m benchmarks realtime_factor --before ../before
+
+With ``--before`` the same robots run in another tree too, a piece here and a piece there, which tells changes of the code from
+those of the load.
 
 The result also has the speed of MuJoCo alone, from a replay of the same ``mj_step`` calls with the same states and voltages, and
 the ratio of the total time to it. Random actions, in pieces that are replayed immediately, so that other load affects both;
@@ -11,8 +15,12 @@ medians over the pieces. Takes about a minute.
 from __future__ import annotations
 
 import copy
+import os
 import statistics
+import subprocess
+import sys
 import time
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from unittest import mock
 
@@ -93,10 +101,53 @@ class Runner:
         return time.process_time() - started_s
 
 
-def measure(env_id: str) -> dict[str, Any]:
-    """Medians over the pieces, and the ratio of each."""
+_WORKER = """
+import sys, time, bricksrl, torch
+torch.set_num_threads(1)
+torch.manual_seed(0)
+env = bricksrl.make(sys.argv[1], seed=0)
+state = env.reset()
+for line in sys.stdin:
+    actions = [env.action_spec.rand() for _ in range(int(line))]
+    cpu_s, simulated_s = time.process_time(), env.twin.now_s()
+    for action in actions:
+        state["action"] = action
+        _, state = env.step_and_maybe_reset(state)
+    print((env.twin.now_s() - simulated_s) / (time.process_time() - cpu_s), flush=True)
+"""
+
+
+class Before:
+    """The same robot in another tree."""
+
+    def __init__(self, tree: Path, env_id: str) -> None:
+        paths = os.pathsep.join(map(str, (tree / "src", *tree.glob("packages/*/src"))))
+        self._process = subprocess.Popen(  # noqa: S603 - the code of a tree that the caller names
+            [sys.executable, "-c", _WORKER, env_id],
+            cwd=tree,
+            env={**os.environ, "PYTHONPATH": paths},
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+
+    def factor(self, steps: int) -> float:
+        """Simulated seconds per CPU second of so many steps."""
+        assert self._process.stdin is not None and self._process.stdout is not None
+        print(steps, file=self._process.stdin, flush=True)
+        return float(self._process.stdout.readline())
+
+    def close(self) -> None:
+        """End its process."""
+        self._process.communicate()
+
+
+def measure(env_id: str, tree: Path | None = None) -> dict[str, Any]:
+    """Medians over the pieces, and the ratio of each; ``tree``: one to compare with."""
     torch.manual_seed(0)
     recorded, timed = Runner(env_id), Runner(env_id)
+    before = None if tree is None else Before(tree, env_id)
+    times_before = []
     draw, steps, pieces = recorded.env.action_spec.rand, 10, []
     for _ in range(PIECES + 1):
         actions = [draw() for _ in range(steps)]
@@ -106,12 +157,17 @@ def measure(env_id: str) -> dict[str, Any]:
         cpu_s, physics_s = timed.run(actions), recorder.again()
         piece = (timed.simulated_s / cpu_s, steps / cpu_s, timed.simulated_s / physics_s, cpu_s / physics_s)
         pieces.append(piece)
+        times_before += [] if before is None else [piece[0] / before.factor(steps)]
         steps = round(steps * PIECE_SIMULATED_S / timed.simulated_s)
     recorded.env.close()
     timed.env.close()
+    if before is not None:
+        before.close()
     names = ("realtime_factor", "steps_per_cpu_s", "mj_step_factor", "ratio")
     columns = dict(zip(names, zip(*pieces[1:], strict=True), strict=True))  # the first piece warms up
     medians: dict[str, Any] = {name: round(statistics.median(column), 2) for name, column in columns.items()}
+    if times_before:
+        medians["times_before"] = round(statistics.median(times_before[1:]), 2)
     return {**medians, "ratios": [round(ratio, 2) for ratio in sorted(columns["ratio"])]}
 
 
@@ -120,10 +176,14 @@ def main(session: Session) -> None:
     virtual = [env_id for env_id in list_envs() if "Sim-" not in env_id]
     parser = session.parser
     parser.add_argument("--envs", nargs="+", default=virtual, choices=virtual)
+    parser.add_argument("--before", type=Path, metavar="TREE", help="checkout of another commit to compare with")
+    args = session.parse()
     torch.set_num_threads(1)
     results: dict[str, Any] = {}
-    for env_id in session.parse().envs:
-        results[env_id] = measure(env_id)
+    for env_id in args.envs:
+        results[env_id] = measure(env_id, args.before and args.before.resolve())
         print(env_id, results[env_id], flush=True)
     if list(results) == virtual or session.is_apart:
-        session.write({"environments": results})
+        head = ["git", "-C", str(args.before), "log", "-1", "--format=%h of %cs"]
+        before = args.before and subprocess.check_output(head, text=True).strip()  # noqa: S603
+        session.write({"before": before, "environments": results})

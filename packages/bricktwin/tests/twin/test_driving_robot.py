@@ -201,6 +201,8 @@ def test_line_can_be_followed() -> None:
     along = np.array([(0.0, 0.0), (399.0, 200.0), (0.0, 400.0), (-399.0, 200.0), (-100.0, 0.0)])
     assert line.covers(along).all() and not line.covers(along * 1.1 + (0.0, 25.0)).any()
     assert not Line(((0, 0), (100, 0), (100, 100))).covers(np.array([(50.0, 50.0)])).any(), "it is not closed"
+    twice = Line(((0, 0), (0, 0), (100, 0)), width_mm=20)
+    assert twice.covers(np.array([(0.0, 10.1), (0.0, 9.9), (100.0, -9.9), (110.1, 0.0)])).tolist() == [False, True, True, False]
 
 
 def test_reflection_decreases_with_distance() -> None:

@@ -164,6 +164,11 @@ class WireFormat:
             wire.append(round(min(max(number * command.scale, _INT16_LOW), _INT16_HIGH)))
         return struct.pack(self.action_format, *wire)
 
+    @staticmethod
+    def hub_time_ms(payload: bytes) -> int:
+        """Hub's clock (0..65535 ms) of an answer."""
+        return int.from_bytes(payload[:2], "little")
+
     def decode_answer(self, payload: bytes) -> tuple[int, tuple[float, ...]]:
         """Hub's clock (0..65535 ms) and the channels ``[n_channels]`` in their units, rounded to float32."""
         time_ms, *numbers = struct.unpack(self.answer_format, payload)

@@ -233,7 +233,8 @@ class Machine:
 
     def turn(self, value: Any) -> Any:
         """``value``, for one iteration of a loop that ends by itself."""
-        self.branch(None)
+        if not (self._is_ahead or self._is_stopping):
+            self.branch(None)
         self._branches_to_check -= 1
         if self._branches_to_check < 0:
             self._branches_to_check = self.check_memory()

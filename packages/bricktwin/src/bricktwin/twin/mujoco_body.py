@@ -338,8 +338,9 @@ class MujocoBody:
             power_w += voltages[motor] * torques[motor] * amperes_per_nm
         before_v, physics = self._terminal_v, self.physics
         self._terminal_v = terminal_v = physics.battery_v - physics.battery_ohm * power_w / before_v
+        change = terminal_v / before_v
         for motor, _ in self._amperes:
-            voltages[motor] *= terminal_v / before_v
+            voltages[motor] *= change
         self._average_v += (terminal_v - self._average_v) / _LOADS_PER_AVERAGE
         self.battery_mv = int(self._average_v * 1000.0 + 0.5)
 
@@ -420,8 +421,10 @@ class MujocoBody:
 
     def angular_velocity_deg_s(self) -> tuple[float, float, float]:
         """Gyroscope in the frame of the hub, with noise, scale error and drift; counter-clockwise about each axis is positive."""
-        noise = self.physics.gyro_noise_deg_s * self._noise.standard_normal(3) - self.physics.gyro_drift_deg_min / 60.0
-        x, y, z = (np.degrees(self._base.angular_velocity()) * self._gyro_scale + noise).tolist()
+        scale, noise_deg_s, drift_deg_s = self._gyro_scale, self.physics.gyro_noise_deg_s, self.physics.gyro_drift_deg_min / 60.0
+        rates, noise = self._base.angular_velocity().tolist(), self._noise.standard_normal(3).tolist()
+        # NumPy is slow for three values.
+        x, y, z = (math.degrees(rate) * scale + (noise_deg_s * a - drift_deg_s) for rate, a in zip(rates, noise, strict=True))
         return x, y, z
 
     def acceleration_mm_s2(self) -> tuple[float, float, float]:

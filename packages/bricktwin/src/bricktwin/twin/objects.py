@@ -36,6 +36,8 @@ COLORS: dict[str, Size] = {
 """Reflectance of red, green and blue light, by colour name."""
 _COMPLEX = np.array((1.0, 1.0j))
 """Points times this are complex numbers, which NumPy adds and multiplies faster than pairs."""
+_ROUNDING_MM = 1e-6
+"""More than the rounding error of a distance on the floor."""
 
 
 @dataclass(frozen=True)
@@ -66,19 +68,22 @@ class Line:
         return points[:-1], points[1:]
 
     @cached_property
-    def _segments(self) -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.complex128], Floats]:
-        """Start, direction, its conjugate and its squared length of each segment as complex numbers, ``[n]`` each."""
+    def _segments(self) -> tuple[NDArray[np.complex128], NDArray[np.complex128], Floats]:
+        """Start, rotation to the x axis, and length of each segment as complex numbers, ``[3, n]``, its middle, and how far from
+        there it covers something, ``[n]`` each."""
         starts, ends = (points @ _COMPLEX for points in self.ends_mm)
-        directions = ends - starts
-        return starts, directions, directions.conj(), np.maximum(np.abs(directions) ** 2, 1e-9)
+        lengths, turns = np.abs(ends - starts), np.exp(-1j * np.angle(ends - starts))
+        return np.stack([starts, turns, lengths]), (starts + ends) / 2, (lengths + self.width_mm) / 2 + _ROUNDING_MM
 
     def covers(self, points_mm: Floats) -> NDArray[np.bool_]:
-        """Whether points ``[n, 2]`` are on it; ``[n]``."""
-        starts, directions, conjugates, squares = self._segments
-        offsets = (points_mm @ _COMPLEX)[:, None] - starts
-        fraction = np.clip((offsets * conjugates).real / squares, 0.0, 1.0)
-        distance = np.abs(offsets - fraction * directions)
-        covered: NDArray[np.bool_] = distance.min(1) <= self.width_mm / 2
+        """Whether points ``[n, 2]`` are on it; ``[n]``. Only segments that may reach the points are looked at closely."""
+        segments, middles, reaches = self._segments
+        points = points_mm @ _COMPLEX
+        spread_mm = np.maximum.reduce(np.abs(points - points[0]))
+        starts, turns, lengths = segments[:, np.abs(middles - points[0]) <= reaches + spread_mm]
+        offsets = (points[:, None] - starts) * turns
+        nearest = np.minimum(np.maximum(offsets.real, 0.0), lengths.real)
+        covered: NDArray[np.bool_] = np.logical_or.reduce(np.abs(offsets - nearest) <= self.width_mm / 2, 1)
         return covered
 
 

@@ -194,7 +194,7 @@ class WorldSenses:
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, scene: Scene) -> None:
         self._model, self._data, self._scene = model, data, scene
-        self._marks = scene.marks[::-1]
+        self._marks = [(mark, np.array(COLORS[mark.color])) for mark in scene.marks]
         self._lamps = [item for item in scene.objects if isinstance(item, Lamp)]
         self._colors = {int(model.geom(f"object_{number}").id): COLORS[item.color] for number, item in enumerate(scene.solids)}
         self._obstacles = np.zeros(6, np.uint8)
@@ -203,19 +203,20 @@ class WorldSenses:
         number = np.arange(_POINTS) + 0.5
         angle, radius = number * math.pi * (3.0 - math.sqrt(5.0)), np.sqrt(number / _POINTS)
         self._disc = np.stack([radius * np.cos(angle), radius * np.sin(angle)], -1)
+        self._bare_floor = np.full((_POINTS, 3), FLOOR)
 
     def surface(self, eye_m: Floats, gaze: Floats) -> tuple[float, float, float]:
         """Colour (hue in deg, saturation and value in %) that a sensor at ``eye_m`` sees along ``gaze`` in its light."""
         distance_m, geom = self._ray(eye_m, gaze)
-        floor_m = -eye_m[2] / gaze[2] if gaze[2] < -1e-6 else math.inf
+        floor_m = float(-eye_m[2] / gaze[2]) if gaze[2] < -1e-6 else math.inf
         if floor_m < distance_m:
             rgb, distance_m = self._floor(eye_m + floor_m * gaze, floor_m), floor_m
         elif geom >= 0:
-            rgb = np.array(self._colors.get(geom, _WALL_COLOR))
+            rgb = self._colors.get(geom, _WALL_COLOR)
         else:
             return 0.0, 0.0, 0.0
         brightness = min(1.0, (_FULL_LIGHT_MM / max(distance_m * 1000.0, 1e-6)) ** 2)
-        hue, saturation, value = colorsys.rgb_to_hsv(*np.clip(rgb * brightness, 0.0, 1.0).tolist())
+        hue, saturation, value = colorsys.rgb_to_hsv(*(min(max(part * brightness, 0.0), 1.0) for part in rgb))
         return hue * 360.0, saturation * 100.0, value * 100.0
 
     def ambient(self, eye_m: Floats, gaze: Floats) -> float:
@@ -232,26 +233,22 @@ class WorldSenses:
     def distance_mm(self, eye_m: Floats, gaze: Floats) -> float:
         """Distance to the nearest surface along ``gaze``, including the floor; infinite if there is none."""
         distance_m, _ = self._ray(eye_m, gaze)
-        floor_m = -eye_m[2] / gaze[2] if gaze[2] < -1e-6 else math.inf
+        floor_m = float(-eye_m[2] / gaze[2]) if gaze[2] < -1e-6 else math.inf
         nearest_m = min(distance_m, floor_m)
         return nearest_m * 1000.0 if nearest_m < _MAX_DISTANCE_M else math.inf
 
     def _ray(self, eye_m: Floats, gaze: Floats) -> tuple[float, int]:
         """Distance (m) and geometry of the first obstacle along a ray; infinite and -1 if there is none."""
-        geom = np.full(1, -1, np.int32)
+        geom = np.empty(1, np.int32)
         distance_m = mujoco.mj_ray(self._model, self._data, eye_m, gaze, self._obstacles, True, -1, geom)
         return (math.inf, -1) if distance_m < 0 else (float(distance_m), int(geom[0]))
 
-    def _floor(self, point_m: Floats, distance_m: float) -> Floats:
+    def _floor(self, point_m: Floats, distance_m: float) -> tuple[float, float, float]:
         """Mean colour of the spot on the floor at ``point_m`` that is seen from a distance."""
         radius_mm = _SPOT_MM + _SPOT_RATIO * distance_m * 1000.0
         points_mm = point_m[:2] * 1000.0 + radius_mm * self._disc
-        rgb, open_points = np.full((_POINTS, 3), FLOOR), np.ones(_POINTS, bool)
-        for mark in self._marks:  # the uppermost first
-            covered = open_points & mark.covers(points_mm)
-            rgb[covered] = COLORS[mark.color]
-            open_points &= ~covered
-            if not open_points.any():
-                break
-        mean: Floats = np.add.reduce(rgb) / _POINTS
-        return mean
+        rgb = self._bare_floor.copy()
+        for mark, color in self._marks:  # the uppermost last
+            rgb[mark.covers(points_mm)] = color
+        red, green, blue = (np.add.reduce(rgb) / _POINTS).tolist()
+        return red, green, blue

@@ -293,7 +293,8 @@ class HubLink(RobotLink):
         for number, time_s in enumerate(repeat_times_s(known_move_s, watchdog_s)):
             answer = self._wait_for(self._is_answer, self._sent_s + min(time_s, limit_s) - self.now_s())
             if isinstance(answer, protocol.DataFrame):
-                reading = self._reading(answer, self._sent_s, known_move_s or 0.0)
+                self._compare_clocks(answer, self._sent_s + (known_move_s or 0.0))
+                reading = self._reading(answer, self.now_s() - self._sent_s)
                 self.statistics.record(reading.round_trip_s, reading.age_s)
                 return reading
             if max(time_s, self.now_s() - self._sent_s) >= limit_s:
@@ -303,13 +304,15 @@ class HubLink(RobotLink):
             self._write(frame if is_overdue or number % REPEATS_PER_WATCHDOG == 0 else _watchdog_frame(self._watchdog_ms))
         raise self._timeout_error("the hub did not answer", limit_s)
 
-    def _reading(self, answer: protocol.DataFrame, started_s: float, move_s: float) -> Reading:
-        """Reading from an answer that has just arrived, to a command sent at ``started_s`` that takes at least ``move_s``."""
-        arrived_s = self.now_s()
+    def _compare_clocks(self, answer: protocol.DataFrame, not_before_s: float) -> None:
+        """Compare the clocks by an answer that has just arrived; its sensors were read after ``not_before_s``."""
+        self._clock.compare(self._clock.unwrap(self.wire.hub_time_ms(answer.payload)), not_before_s, self.now_s())
+
+    def _reading(self, answer: protocol.DataFrame, round_trip_s: float) -> Reading:
+        """Reading from the newest answer, as old as it is now."""
         wrapped_ms, values = self.wire.decode_answer(answer.payload)
         time_ms = self._clock.unwrap(wrapped_ms)
-        self._clock.compare(time_ms, started_s + move_s, arrived_s)
-        return Reading(values, time_ms, arrived_s - started_s, self._clock.age_s(time_ms, arrived_s))
+        return Reading(values, time_ms, round_trip_s, self._clock.age_s(time_ms, self.now_s()))
 
     @contextlib.contextmanager
     def _fault_with_cause(self) -> Iterator[None]:

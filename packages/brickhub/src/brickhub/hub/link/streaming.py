@@ -13,7 +13,6 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Iterable
-from dataclasses import replace
 from typing import Any
 
 from brickhub.errors import DescriptionError
@@ -80,12 +79,13 @@ class StreamingLink(HubLink):
         """Collect observations until the step is over and there is one under this command."""
         alive_s = self._watchdog_ms / 1000 / _SENDS_PER_WATCHDOG
         give_up_s = self._due_s + self._timeout_s
-        newest: Reading | None = None
+        newest: DataFrame | None = None
+        arrived_s = started_s
         next_send_s = started_s
         for _ in range(_WAITS_PER_STEP):  # bounded, in case the transport's clock stands still
             now_s = self.now_s() + _TICK_S
             if newest is not None and now_s >= self._due_s and not self._frames:
-                return replace(newest, age_s=self._clock.age_s(newest.hub_time_ms, self.now_s()))
+                return self._reading(newest, arrived_s - started_s)
             if now_s >= give_up_s:
                 break
             if now_s >= next_send_s:
@@ -97,6 +97,8 @@ class StreamingLink(HubLink):
             wake_s = min(next_send_s, give_up_s if newest is None else self._due_s)
             answer = self._wait_for(self._is_answer, wake_s - self.now_s())
             if isinstance(answer, DataFrame):
-                reading = self._reading(answer, started_s, 0.0)
-                newest = reading if newest is None else replace(reading, round_trip_s=newest.round_trip_s)
+                if newest is None:
+                    arrived_s = self.now_s()
+                newest = answer
+                self._compare_clocks(answer, started_s)
         raise self._timeout_error("the hub sent no observation", give_up_s - started_s)

@@ -21,7 +21,7 @@ def _to_bytes(values: Any) -> Any:
         raise TypeError("'bool' object isn't iterable")
     if isinstance(values, int):
         check_allocation(values + 1)
-    elif not isinstance(values, str | bytes | bytearray | memoryview):
+    elif not isinstance(values, str | bytes | bytearray | memoryview | list | tuple):
         values = items_of(values, item_bytes=1)
     return bytes(values)
 

@@ -266,6 +266,8 @@ def _bitwise(operation: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
     symbol = {"and": "&", "or": "|", "xor": "^"}[operation.__name__.strip("_").removeprefix("i")]
 
     def operate(a: Any, b: Any) -> Any:
+        if type(a) is int and type(b) is int:
+            return operation(a, b)
         if type(a) is bool and type(b) is bool:
             return int(operation(a, b))
         if isinstance(a, dict | type) or isinstance(b, type):

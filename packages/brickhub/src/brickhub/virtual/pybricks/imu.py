@@ -75,7 +75,7 @@ def _project(value: _Vector, axis: Any) -> float:
 
 
 def _dot(a: _Vector, b: _Vector) -> float:
-    return sum(x * y for x, y in zip(a, b, strict=True))
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 class IMU(Native):
